@@ -1,0 +1,1 @@
+//! Builds contact levels of detail: surface convex decomposition and hierarchy of convex hulls.

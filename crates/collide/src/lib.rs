@@ -1,0 +1,1 @@
+//! Contact queries between hierarchies of convex hulls, and contact clustering.

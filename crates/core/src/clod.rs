@@ -1,0 +1,116 @@
+//! The dual hierarchy of contact levels of detail (§3.2): at once a multiresolution representation of an object and
+//! a bounding volume hierarchy of convex hulls, laid out for the query that reads it.
+//!
+//! Nodes are stored root first and level by level, so that the children of a node, and the nodes of a level, are
+//! contiguous. A node's hull vertices are contiguous too, extreme points first.
+
+use std::ops::Range;
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+/// Index of a node that is not there: the root's parent.
+pub const NO_NODE: u32 = u32::MAX;
+
+/// A hierarchy of contact levels of detail. Lengths in metres, in the object's own frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Clod {
+    /// Levels, the full mesh (index 0) first, the root's level last.
+    pub levels: Vec<Level>,
+    /// Nodes, the root first, level by level down to the leaves (level 0).
+    pub nodes: Vec<Node>,
+    /// Hull vertices of all nodes, m.
+    pub vertices: Vec<DVec3>,
+    /// D, the support area (m²) of each hull vertex (§3.3.5).
+    pub support_areas: Vec<f64>,
+    /// Surface triangles of all patches, as indices into the node's own hull vertices.
+    pub triangles: Vec<[u32; 3]>,
+    /// What the hierarchy was built from.
+    pub source: Source,
+}
+
+/// The mesh that a hierarchy was built from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Source {
+    /// Vertices of the mesh.
+    pub vertices: u32,
+    /// Triangles of the mesh.
+    pub triangles: u32,
+    /// Whether the mesh is closed, 2-manifold and consistently oriented, so that inside and outside are defined.
+    pub solid: bool,
+    /// Radius of the mesh's bounding sphere about its [`center`](Self::center), m.
+    pub bounding_radius: f64,
+    /// Centre of the bounding sphere, m.
+    pub center: DVec3,
+    /// Volume, m³; 0 when the mesh is not solid.
+    pub volume: f64,
+    /// Centre of mass at uniform density, m; the bounding sphere's centre when the mesh is not solid.
+    pub center_of_mass: DVec3,
+    /// Inertia tensor about the centre of mass, mesh axes, for unit mass (m²): a solid's, or the bounding ball's when
+    /// the mesh is not solid.
+    pub unit_inertia: glam::DMat3,
+}
+
+/// One level of detail.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Level {
+    /// The level's nodes.
+    pub nodes: Range<u32>,
+    /// Triangles of the level's mesh; for a free level, those of the coarsest level that is not free.
+    pub triangles: u32,
+    /// r: resolution of the level, 1/m (§3.3.3). For a free level that of the coarsest level that is not free.
+    pub resolution: f64,
+    /// Whether the level was made by unconstrained merging: it completes the hierarchy and cannot report contacts.
+    pub free: bool,
+}
+
+/// A convex hull and, unless its level is free, the convex surface patch it encloses.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Node {
+    /// Parent node, or [`NO_NODE`].
+    pub parent: u32,
+    /// Child nodes; empty for a leaf.
+    pub children: Range<u32>,
+    /// Index into [`Clod::levels`].
+    pub level: u32,
+    /// Hull vertices: a range of [`Clod::vertices`], the [`extreme`](Self::extreme) ones first.
+    pub vertices: Range<u32>,
+    /// How many of the vertices are extreme points of the hull. The others are patch vertices that lie on its faces.
+    pub extreme: u32,
+    /// The patch's triangles, which are real surface: a range of [`Clod::triangles`]; empty for a free node. Hull faces
+    /// not covered by them are virtual.
+    pub triangles: Range<u32>,
+    /// Centre of a bounding sphere of the hull, m.
+    pub center: DVec3,
+    /// Radius of that sphere, m.
+    pub radius: f64,
+    /// s: surface deviation of the patch from the original mesh, m (§3.3.5).
+    pub deviation: f64,
+    /// h: maximum directed Hausdorff distance from the descendants' hulls to this one, m (§3.3.5).
+    pub hausdorff: f64,
+    /// Whether the hull was verified not to protrude from the object (§3.3.1, global constraint), so that a witness on a
+    /// virtual face can be left to a neighbouring patch.
+    pub contained: bool,
+    /// Whether the patch covers the whole hull (a closed convex component): no face is virtual.
+    pub all_real: bool,
+}
+
+impl Clod {
+    /// Index of the root node.
+    pub const ROOT: u32 = 0;
+
+    /// All hull vertices of a node, m, extreme points first.
+    pub fn hull(&self, node: &Node) -> &[DVec3] {
+        &self.vertices[node.vertices.start as usize..node.vertices.end as usize]
+    }
+
+    /// The extreme points of a node's hull, m.
+    pub fn extreme(&self, node: &Node) -> &[DVec3] {
+        &self.hull(node)[..node.extreme as usize]
+    }
+
+    /// The surface triangles of a node's patch, as indices into [`hull`](Self::hull).
+    pub fn patch(&self, node: &Node) -> &[[u32; 3]] {
+        &self.triangles[node.triangles.start as usize..node.triangles.end as usize]
+    }
+}

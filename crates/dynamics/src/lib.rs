@@ -1,0 +1,1 @@
+//! Dynamics of the grasped body: implicit integration, virtual coupling and penalty contact.

@@ -1,0 +1,204 @@
+//! Procedural benchmark models: the objects of the dissertation's Tables 3.2 and 4.1 and of §5.5.3, generated
+//! deterministically at any resolution.
+//!
+//! Every model is a closed 2-manifold, consistently oriented (outwards), without self-intersections, in metres.
+
+mod ball_joint;
+mod block;
+mod cad_part;
+mod cup;
+mod ellipsoid;
+mod file;
+mod gear;
+mod golf_ball;
+mod golf_club;
+mod hammer;
+mod jaws;
+mod spoon;
+mod torus;
+
+use palpate_core::TriMesh;
+
+/// A built-in model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Model {
+    /// Lower jaw: gums and teeth in an arch, bounded by a 6 cm sphere (Table 3.2).
+    LowerJaw,
+    /// Upper jaw, whose teeth interdigitate with the lower jaw's (Table 3.2).
+    UpperJaw,
+    /// Ball half of the interlocking ball joint (Table 3.2).
+    BallJointBall,
+    /// Socket half of the interlocking ball joint (Table 3.2).
+    BallJointSocket,
+    /// Golf club head with hosel and shaft (Table 3.2).
+    GolfClub,
+    /// Golf ball with some 330 dimples (Table 3.2).
+    GolfBall,
+    /// Cup with a handle, radius 8 cm (Table 3.2, §5.5.3).
+    Cup,
+    /// Spoon, 20 cm long (Table 3.2, §5.5.2).
+    Spoon,
+    /// The cup of §5.5.3, at low resolution.
+    CupLow,
+    /// The spoon of §5.5.3, at low resolution.
+    SpoonLow,
+    /// The convex ellipsoid that explores the golf ball in §3.5.2.
+    Ellipsoid,
+    /// Textured block (Table 4.1).
+    Block,
+    /// Textured gear (Table 4.1).
+    Gear,
+    /// Textured hammer (Table 4.1).
+    Hammer,
+    /// Textured CAD part (Table 4.1).
+    CadPart,
+    /// File (the hand tool), cross-cut (Table 4.1).
+    File,
+    /// Helicoidal torus (Table 4.1).
+    Torus,
+}
+
+/// Why a model was not generated.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ModelError {
+    /// No built-in model has this name.
+    #[error("no built-in model is called '{name}'; the names are: {known}")]
+    Unknown {
+        /// The name given.
+        name: String,
+        /// The names there are.
+        known: String,
+    },
+    /// What follows `@` is not a number of triangles.
+    #[error("'{text}' is not a number of triangles; write for example {model}@20000")]
+    BadCount {
+        /// The model's name.
+        model: &'static str,
+        /// What was given for a number.
+        text: String,
+    },
+    /// The number of triangles is out of the model's range.
+    #[error("{model} can be generated with {min} to {max} triangles, not {asked}")]
+    OutOfRange {
+        /// The model's name.
+        model: &'static str,
+        /// Triangles asked for.
+        asked: usize,
+        /// Fewest triangles.
+        min: usize,
+        /// Most triangles.
+        max: usize,
+    },
+}
+
+/// Most triangles that any model is generated with.
+pub const MAX_TRIANGLES: usize = 20_000_000;
+
+impl Model {
+    /// All models, in the order of the tables.
+    pub const ALL: [Self; 17] = [
+        Self::LowerJaw,
+        Self::UpperJaw,
+        Self::BallJointBall,
+        Self::BallJointSocket,
+        Self::GolfClub,
+        Self::GolfBall,
+        Self::Cup,
+        Self::Spoon,
+        Self::CupLow,
+        Self::SpoonLow,
+        Self::Ellipsoid,
+        Self::Block,
+        Self::Gear,
+        Self::Hammer,
+        Self::CadPart,
+        Self::File,
+        Self::Torus,
+    ];
+
+    /// The name by which the command line knows the model.
+    pub const fn name(self) -> &'static str {
+        self.entry().0
+    }
+
+    /// The number of triangles in the dissertation's tables.
+    pub const fn default_triangles(self) -> usize {
+        self.entry().1
+    }
+
+    /// What the model is, in a few words.
+    pub const fn description(self) -> &'static str {
+        self.entry().2
+    }
+
+    const fn entry(self) -> (&'static str, usize, &'static str) {
+        match self {
+            Self::LowerJaw => ("lower-jaw", 40_180, "lower jaw, an arch of teeth (Table 3.2)"),
+            Self::UpperJaw => ("upper-jaw", 47_339, "upper jaw, interdigitates with the lower (Table 3.2)"),
+            Self::BallJointBall => ("ball-joint-ball", 137_060, "ball half of a ball joint (Table 3.2)"),
+            Self::BallJointSocket => ("ball-joint-socket", 137_060, "socket half of a ball joint (Table 3.2)"),
+            Self::GolfClub => ("golf-club", 104_888, "golf club head and shaft (Table 3.2)"),
+            Self::GolfBall => ("golf-ball", 177_876, "golf ball with dimples (Table 3.2)"),
+            Self::Cup => ("cup", 64_000, "cup with handle (Table 3.2)"),
+            Self::Spoon => ("spoon", 86_016, "spoon, 20 cm (Table 3.2)"),
+            Self::CupLow => ("cup-low", 4_000, "cup of §5.5.3"),
+            Self::SpoonLow => ("spoon-low", 1_344, "spoon of §5.5.3"),
+            Self::Ellipsoid => ("ellipsoid", 2_000, "convex ellipsoid of §3.5.2"),
+            Self::Block => ("block", 65_536, "textured block (Table 4.1)"),
+            Self::Gear => ("gear", 25_600, "textured gear (Table 4.1)"),
+            Self::Hammer => ("hammer", 433_152, "textured hammer (Table 4.1)"),
+            Self::CadPart => ("cad-part", 658_432, "textured CAD part (Table 4.1)"),
+            Self::File => ("file", 285_824, "cross-cut file (Table 4.1)"),
+            Self::Torus => ("torus", 128_000, "helicoidal torus (Table 4.1)"),
+        }
+    }
+
+    /// Generates the model with about `triangles` triangles (within 2 %, or the nearest the model's structure allows).
+    ///
+    /// # Errors
+    /// If `triangles` is fewer than the model's shape needs, or more than [`MAX_TRIANGLES`].
+    pub fn generate(self, triangles: usize) -> Result<TriMesh, ModelError> {
+        let (min, build): (usize, fn(usize) -> TriMesh) = match self {
+            Self::LowerJaw => (jaws::MIN_TRIANGLES, jaws::lower),
+            Self::UpperJaw => (jaws::MIN_TRIANGLES, jaws::upper),
+            Self::BallJointBall => (ball_joint::MIN_TRIANGLES, ball_joint::ball),
+            Self::BallJointSocket => (ball_joint::MIN_TRIANGLES, ball_joint::socket),
+            Self::GolfClub => (golf_club::MIN_TRIANGLES, golf_club::build),
+            Self::GolfBall => (golf_ball::MIN_TRIANGLES, golf_ball::build),
+            Self::Cup | Self::CupLow => (cup::MIN_TRIANGLES, cup::build),
+            Self::Spoon | Self::SpoonLow => (spoon::MIN_TRIANGLES, spoon::build),
+            Self::Ellipsoid => (ellipsoid::MIN_TRIANGLES, ellipsoid::build),
+            Self::Block => (block::MIN_TRIANGLES, block::build),
+            Self::Gear => (gear::MIN_TRIANGLES, gear::build),
+            Self::Hammer => (hammer::MIN_TRIANGLES, hammer::build),
+            Self::CadPart => (cad_part::MIN_TRIANGLES, cad_part::build),
+            Self::File => (file::MIN_TRIANGLES, file::build),
+            Self::Torus => (torus::MIN_TRIANGLES, torus::build),
+        };
+        if !(min..=MAX_TRIANGLES).contains(&triangles) {
+            return Err(ModelError::OutOfRange { model: self.name(), asked: triangles, min, max: MAX_TRIANGLES });
+        }
+        Ok(build(triangles))
+    }
+
+    /// Reads `NAME` or `NAME@TRIANGLES`: the model and the number of triangles asked for.
+    ///
+    /// # Errors
+    /// If there is no such model, or what follows `@` is not a number.
+    pub fn parse(text: &str) -> Result<(Self, usize), ModelError> {
+        let (name, count) = match text.split_once('@') {
+            Some((name, count)) => (name, Some(count)),
+            None => (text, None),
+        };
+        let model = Self::ALL.into_iter().find(|model| model.name() == name).ok_or_else(|| {
+            ModelError::Unknown { name: name.to_owned(), known: Self::ALL.map(Self::name).join(", ") }
+        })?;
+        let triangles = match count {
+            None => model.default_triangles(),
+            Some(text) => text
+                .parse()
+                .map_err(|_| ModelError::BadCount { model: model.name(), text: text.to_owned() })?,
+        };
+        Ok((model, triangles))
+    }
+}

@@ -1,0 +1,1 @@
+//! Haptic textures: directional penetration depth on CPU and GPU.

@@ -1,0 +1,1 @@
+//! WGSL compute kernels of the palpate haptic rendering engine.
