@@ -4,10 +4,15 @@
 //! Nodes are stored root first and level by level, so that the children of a node, and the nodes of a level, are
 //! contiguous. A node's hull vertices are contiguous too, extreme points first.
 
+mod format;
+mod validation;
+
 use std::ops::Range;
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
+
+pub use format::ClodError;
 
 /// Index of a node that is not there: the root's parent.
 pub const NO_NODE: u32 = u32::MAX;
@@ -112,5 +117,41 @@ impl Clod {
     /// The surface triangles of a node's patch, as indices into [`hull`](Self::hull).
     pub fn patch(&self, node: &Node) -> &[[u32; 3]] {
         &self.triangles[node.triangles.start as usize..node.triangles.end as usize]
+    }
+
+    /// Radius of the bounding sphere of the mesh that the hierarchy was built from, m.
+    pub fn bounding_radius(&self) -> f64 {
+        self.source.bounding_radius
+    }
+
+    /// The nodes of a level, by its index in [`levels`](Self::levels).
+    pub fn level(&self, level: usize) -> &[Node] {
+        let nodes = &self.levels[level].nodes;
+        &self.nodes[nodes.start as usize..nodes.end as usize]
+    }
+
+    /// The nodes of the full mesh, level 0.
+    pub fn leaves(&self) -> &[Node] {
+        self.level(0)
+    }
+
+    /// The children of a node; empty for a leaf.
+    pub fn children(&self, node: &Node) -> &[Node] {
+        &self.nodes[node.children.start as usize..node.children.end as usize]
+    }
+
+    /// D, the support areas (m²) of a node's hull vertices, in the order of [`hull`](Self::hull).
+    pub fn support_areas(&self, node: &Node) -> &[f64] {
+        &self.support_areas[node.vertices.start as usize..node.vertices.end as usize]
+    }
+
+    /// Memory that the hierarchy takes, in bytes, apart from spare capacity.
+    pub fn total_bytes(&self) -> usize {
+        size_of::<Self>()
+            + size_of_val(&*self.levels)
+            + size_of_val(&*self.nodes)
+            + size_of_val(&*self.vertices)
+            + size_of_val(&*self.support_areas)
+            + size_of_val(&*self.triangles)
     }
 }

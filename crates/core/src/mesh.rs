@@ -1,7 +1,17 @@
-//! Indexed triangle meshes.
+//! Indexed triangle meshes, their connectivity, mass properties and validation.
+
+mod adjacency;
+mod bounding;
+mod mass;
+mod validation;
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
+
+pub use adjacency::{Adjacency, EdgeKind, HalfEdge, NO_NEIGHBOUR};
+pub use bounding::Sphere;
+pub use mass::MassProperties;
+pub use validation::{FirstOffenders, OffendingEdge, ValidationReport};
 
 /// An indexed triangle mesh. Counter-clockwise triangles face outwards.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -23,26 +33,78 @@ pub enum MeshError {
         /// Number of vertices in the mesh.
         vertices: usize,
     },
-    /// More vertices or triangles than 32-bit indices can name.
-    #[error("the mesh has {count} {what}, more than the {} that 32-bit indices can name", u32::MAX)]
+    /// More vertices than 32-bit indices can name, or more triangles than have half-edges that 32-bit indices can name.
+    #[error("the mesh has {count} {what}; at most {limit} are supported: split or simplify it")]
     TooLarge {
         /// `"vertices"` or `"triangles"`.
         what: &'static str,
         /// How many there are.
         count: usize,
+        /// How many there may be.
+        limit: usize,
     },
+    /// A triangle has a vertex that is infinite or not a number.
+    #[error(
+        "vertex {vertex} of triangle {triangle} has a coordinate that is not a finite number: repair the mesh"
+    )]
+    NonFinite {
+        /// Index of the first such triangle.
+        triangle: usize,
+        /// Its first such vertex.
+        vertex: u32,
+    },
+    /// The surface has a border, so that it encloses no volume.
+    #[error(
+        "the surface is open at the edge between vertices {} and {} of triangle {triangle}: \
+         only a closed surface has mass properties; close its holes (repair may do)", edge[0], edge[1]
+    )]
+    Open {
+        /// The edge's vertices.
+        edge: [u32; 2],
+        /// A triangle at the edge.
+        triangle: usize,
+    },
+    /// Neighbouring triangles face opposite sides.
+    #[error(
+        "the triangles at the edge between vertices {} and {}, triangle {triangle} among them, do not agree on which \
+         side is outside: orient them consistently (repair may do)", edge[0], edge[1]
+    )]
+    Misoriented {
+        /// The edge's vertices.
+        edge: [u32; 2],
+        /// A triangle at the edge.
+        triangle: usize,
+    },
+    /// The mesh has no triangle of positive area, or encloses a volume indistinguishable from zero.
+    #[error("the mesh encloses no volume: it needs the surface of a solid, not a sheet or nothing at all")]
+    NoVolume,
+    /// The triangles of a closed surface face inwards.
+    #[error("the enclosed volume is negative: the triangles face inwards; reverse them all (repair does)")]
+    Inverted,
+    /// A density that is not a positive finite number.
+    #[error("the density must be a positive finite number of kg/m³")]
+    BadDensity,
+    /// The mass properties do not fit into 64-bit floating-point numbers.
+    #[error("the mesh's volume or inertia is too large or too small a number: scale the mesh to metres")]
+    OutOfRange,
 }
+
+/// The most triangles a mesh may have: each has three half-edges, named by 32-bit indices of which the last is reserved.
+const MAX_TRIANGLES: usize = (u32::MAX / 3) as usize - 1;
 
 impl TriMesh {
     /// A mesh from vertex positions (m) and triangles of vertex indices.
     ///
     /// # Errors
-    /// If a triangle names a vertex that is not there, or there are 2³² − 1 or more vertices or triangles.
+    /// If a triangle names a vertex that is not there, or there are 2³² − 1 or more vertices or a third as many triangles.
     /// Nothing else is required of the mesh: see the validation report for the rest.
     pub fn new(vertices: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Result<Self, MeshError> {
-        for (what, count) in [("vertices", vertices.len()), ("triangles", triangles.len())] {
-            if count >= u32::MAX as usize {
-                return Err(MeshError::TooLarge { what, count });
+        for (what, count, limit) in [
+            ("vertices", vertices.len(), u32::MAX as usize - 1),
+            ("triangles", triangles.len(), MAX_TRIANGLES),
+        ] {
+            if count > limit {
+                return Err(MeshError::TooLarge { what, count, limit });
             }
         }
         for (triangle, corners) in triangles.iter().enumerate() {

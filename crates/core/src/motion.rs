@@ -77,7 +77,10 @@ impl Mul for Pose {
 
     /// Composition: `(a * b)` places b's local frame inside a's.
     fn mul(self, inner: Self) -> Self {
-        Self { translation: self.transform_point(inner.translation), rotation: self.rotation * inner.rotation }
+        Self {
+            translation: self.transform_point(inner.translation),
+            rotation: self.rotation * inner.rotation,
+        }
     }
 }
 

@@ -1,0 +1,204 @@
+//! Connectivity of a triangle mesh: its edges, the triangles at each edge, the neighbour across each side of a
+//! triangle, and the triangles around each vertex.
+//!
+//! Half-edges are grouped by counting sort on their lower vertex, then sorted within the small group of each vertex:
+//! linear in the number of triangles for bounded valence, and deterministic. Any mesh is accepted: an edge may belong to
+//! any number of triangles. Triangles that name a vertex twice have no sides to share and take no part.
+
+use super::TriMesh;
+
+/// What stands in [`Adjacency::neighbours`] where there is no single neighbour.
+pub const NO_NEIGHBOUR: u32 = u32::MAX;
+
+/// A side of a triangle, directed along its orientation: side `k` runs from corner `k` to corner `k + 1` (mod 3).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct HalfEdge(u32);
+
+impl HalfEdge {
+    /// Side `side` (0, 1 or 2) of a triangle.
+    pub const fn new(triangle: u32, side: u32) -> Self {
+        Self(3 * triangle + side)
+    }
+
+    /// The triangle that the side belongs to.
+    pub const fn triangle(self) -> u32 {
+        self.0 / 3
+    }
+
+    /// Which of the triangle's sides it is: 0, 1 or 2. It starts at the corner of that number.
+    pub const fn side(self) -> u32 {
+        self.0 % 3
+    }
+}
+
+/// How many triangles meet at an edge.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EdgeKind {
+    /// One.
+    Boundary,
+    /// Two, which run along the edge in opposite directions: they agree on which side is outside.
+    Manifold,
+    /// Two, which run along the edge in the same direction: they disagree on which side is outside.
+    Misoriented,
+    /// Three or more.
+    NonManifold,
+}
+
+/// The connectivity of a [`TriMesh`], made by [`TriMesh::adjacency`].
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Adjacency {
+    edges: Vec<[u32; 2]>,
+    edge_starts: Vec<u32>,
+    edge_sides: Vec<HalfEdge>,
+    kinds: Vec<EdgeKind>,
+    triangle_edges: Vec<[u32; 3]>,
+    neighbours: Vec<[u32; 3]>,
+    vertex_starts: Vec<u32>,
+    vertex_triangles: Vec<u32>,
+}
+
+/// Whether a triangle names a vertex twice.
+pub(super) fn is_collapsed([a, b, c]: [u32; 3]) -> bool {
+    a == b || b == c || c == a
+}
+
+/// Exclusive prefix sums in place: turns counts (with one spare entry at the end) into starts.
+fn starts_from_counts(counts: &mut [u32]) {
+    let mut sum = 0;
+    for count in counts {
+        sum += std::mem::replace(count, sum);
+    }
+}
+
+impl TriMesh {
+    /// The mesh's connectivity. Linear time and memory in the number of vertices and triangles; deterministic.
+    pub fn adjacency(&self) -> Adjacency {
+        let triangles = self.triangles();
+        let vertex_count = self.vertices().len();
+        let sides = || {
+            triangles.iter().enumerate().filter(|(_, corners)| !is_collapsed(**corners)).flat_map(
+                |(t, corners)| {
+                    (0..3).map(move |k| (HalfEdge::new(t as u32, k as u32), corners[k], corners[(k + 1) % 3]))
+                },
+            )
+        };
+
+        // A triangle has one side that starts at each of its corners, so that the same pass serves the vertices.
+        let mut vertex_starts = vec![0u32; vertex_count + 1];
+        let mut group_starts = vec![0u32; vertex_count + 1];
+        for (_, from, to) in sides() {
+            vertex_starts[from as usize] += 1;
+            group_starts[from.min(to) as usize] += 1;
+        }
+        starts_from_counts(&mut vertex_starts);
+        starts_from_counts(&mut group_starts);
+        let side_count = group_starts[vertex_count] as usize;
+
+        let mut vertex_triangles = vec![0u32; side_count];
+        let mut grouped = vec![0u64; side_count];
+        let mut vertex_next = vertex_starts.clone();
+        let mut group_next = group_starts.clone();
+        for (side, from, to) in sides() {
+            let slot = &mut vertex_next[from as usize];
+            vertex_triangles[*slot as usize] = side.triangle();
+            *slot += 1;
+            let slot = &mut group_next[from.min(to) as usize];
+            grouped[*slot as usize] = u64::from(from.max(to)) << 32 | u64::from(side.0);
+            *slot += 1;
+        }
+
+        let mut adjacency = Adjacency {
+            edges: Vec::with_capacity(side_count / 2),
+            edge_starts: Vec::with_capacity(side_count / 2 + 1),
+            edge_sides: Vec::with_capacity(side_count),
+            kinds: Vec::with_capacity(side_count / 2),
+            triangle_edges: vec![[NO_NEIGHBOUR; 3]; triangles.len()],
+            neighbours: vec![[NO_NEIGHBOUR; 3]; triangles.len()],
+            vertex_starts,
+            vertex_triangles,
+        };
+        for low in 0..vertex_count {
+            let group = &mut grouped[group_starts[low] as usize..group_starts[low + 1] as usize];
+            group.sort_unstable();
+            for edge in group.chunk_by(|a, b| a >> 32 == b >> 32) {
+                adjacency.push_edge(triangles, [low as u32, (edge[0] >> 32) as u32], edge);
+            }
+        }
+        adjacency.edge_starts.push(adjacency.edge_sides.len() as u32);
+        adjacency
+    }
+}
+
+impl Adjacency {
+    fn push_edge(&mut self, triangles: &[[u32; 3]], vertices: [u32; 2], keys: &[u64]) {
+        let index = self.edges.len() as u32;
+        let first = self.edge_sides.len();
+        self.edges.push(vertices);
+        self.edge_starts.push(first as u32);
+        self.edge_sides.extend(keys.iter().map(|key| HalfEdge(*key as u32)));
+        let sides = &self.edge_sides[first..];
+        for side in sides {
+            self.triangle_edges[side.triangle() as usize][side.side() as usize] = index;
+        }
+        let start = |side: HalfEdge| triangles[side.triangle() as usize][side.side() as usize];
+        self.kinds.push(match *sides {
+            [_] => EdgeKind::Boundary,
+            [a, b] => {
+                self.neighbours[a.triangle() as usize][a.side() as usize] = b.triangle();
+                self.neighbours[b.triangle() as usize][b.side() as usize] = a.triangle();
+                if start(a) == start(b) { EdgeKind::Misoriented } else { EdgeKind::Manifold }
+            }
+            _ => EdgeKind::NonManifold,
+        });
+    }
+
+    /// The edges as pairs of vertices, the lower first, in ascending order. Each edge is there once, however many
+    /// triangles share it.
+    pub fn edges(&self) -> &[[u32; 2]] {
+        &self.edges
+    }
+
+    /// The triangle sides that lie at an edge, in ascending order of the triangle.
+    pub fn edge_sides(&self, edge: u32) -> &[HalfEdge] {
+        let edge = edge as usize;
+        &self.edge_sides[self.edge_starts[edge] as usize..self.edge_starts[edge + 1] as usize]
+    }
+
+    /// How many triangles meet at an edge, and whether two that do agree in orientation.
+    pub fn edge_kind(&self, edge: u32) -> EdgeKind {
+        self.kinds[edge as usize]
+    }
+
+    /// The kinds of all [`edges`](Self::edges), in their order.
+    pub fn edge_kinds(&self) -> &[EdgeKind] {
+        &self.kinds
+    }
+
+    /// The edge between two vertices, in either order, if there is one.
+    pub fn edge_between(&self, a: u32, b: u32) -> Option<u32> {
+        self.edges.binary_search(&[a.min(b), a.max(b)]).ok().map(|edge| edge as u32)
+    }
+
+    /// The edge at each side of each triangle; [`NO_NEIGHBOUR`] for a triangle that names a vertex twice.
+    pub fn triangle_edges(&self) -> &[[u32; 3]] {
+        &self.triangle_edges
+    }
+
+    /// The other triangle at each side of each triangle, where exactly two share the edge (even if they disagree in
+    /// orientation); [`NO_NEIGHBOUR`] at a boundary or a non-manifold edge.
+    pub fn neighbours(&self) -> &[[u32; 3]] {
+        &self.neighbours
+    }
+
+    /// The triangle across side `side` (from corner `side` to the next) of a triangle, where exactly two share the edge.
+    pub fn neighbour(&self, triangle: u32, side: u32) -> Option<u32> {
+        let other = self.neighbours[triangle as usize][side as usize];
+        (other != NO_NEIGHBOUR).then_some(other)
+    }
+
+    /// The triangles around a vertex, in ascending order; without those that name a vertex twice.
+    pub fn vertex_triangles(&self, vertex: u32) -> &[u32] {
+        let vertex = vertex as usize;
+        &self.vertex_triangles[self.vertex_starts[vertex] as usize..self.vertex_starts[vertex + 1] as usize]
+    }
+}
