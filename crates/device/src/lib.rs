@@ -1,1 +1,60 @@
-//! Haptic devices for palpate: the device trait, an emulated device with a hand, and replay.
+//! Haptic devices for palpate: the [`HapticDevice`] trait, an emulated device held by an emulated hand
+//! (EmulatedDevice), and replay of a recorded motion ([`ReplayDevice`]).
+//!
+//! SI units throughout. Poses, twists and wrenches are those of the handle's reference point, in the device's own
+//! axes, whose origin is the centre of the workspace. A wrench written to a device is the wrench that the device
+//! applies to the user's hand.
+//!
+//! Between opening and closing, `read` and `write` neither allocate, lock, log nor panic.
+
+mod error;
+mod specification;
+mod state;
+
+pub use error::{DeviceError, PathError};
+use palpate_core::Wrench;
+pub use specification::{Axes, Specification};
+pub use state::{DeviceState, Status};
+
+/// A device that reports how its handle moves and applies a wrench to the hand that holds it.
+///
+/// A device is driven by one thread: read, compute, write, once a period. Implementations write a zero wrench when
+/// they are closed and when they are dropped.
+pub trait HapticDevice: Send {
+    /// What the device is and what it can do.
+    fn specification(&self) -> &Specification;
+
+    /// The handle's motion at the driver's time `now` (s; from 0, never running back).
+    ///
+    /// The pose and the twist are always finite. A time that is not finite or lies before an earlier one gives the
+    /// state of the earlier one with [`Status::CLOCK`] set. Events since the previous read are in
+    /// [`DeviceState::status`]. Fails once the device is closed or lost.
+    fn read(&mut self, now: f64) -> Result<DeviceState, DeviceError>;
+
+    /// Asks for `wrench` (N, N·m, about the handle's reference point) on the hand until the next write.
+    ///
+    /// A wrench beyond the device's peaks is clipped; a wrench that is not finite is refused and zero written in its
+    /// place. Either sets a flag in the next state read. Fails once the device is closed or lost.
+    fn write(&mut self, wrench: &Wrench) -> Result<(), DeviceError>;
+
+    /// Writes a zero wrench and gives the device up. Closing twice is no error.
+    fn close(&mut self) -> Result<(), DeviceError>;
+}
+
+impl<D: HapticDevice + ?Sized> HapticDevice for Box<D> {
+    fn specification(&self) -> &Specification {
+        (**self).specification()
+    }
+
+    fn read(&mut self, now: f64) -> Result<DeviceState, DeviceError> {
+        (**self).read(now)
+    }
+
+    fn write(&mut self, wrench: &Wrench) -> Result<(), DeviceError> {
+        (**self).write(wrench)
+    }
+
+    fn close(&mut self) -> Result<(), DeviceError> {
+        (**self).close()
+    }
+}

@@ -1,0 +1,80 @@
+//! Why a device or a recorded motion could not be used. Each message says what, where, and what to do.
+
+use std::path::PathBuf;
+
+use thiserror::Error;
+
+/// Why a device could not be opened or used.
+#[derive(Debug, Error)]
+pub enum DeviceError {
+    /// No device goes by this address.
+    #[error("no device `{address}`; there are {known}")]
+    Unknown {
+        /// The address asked for.
+        address: String,
+        /// The addresses there are.
+        known: String,
+    },
+    /// A parameter lies outside what it may be.
+    #[error("{parameter} is {value}; give {expected}")]
+    Parameter {
+        /// The parameter, with its unit.
+        parameter: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it may be.
+        expected: String,
+    },
+    /// The device was closed before.
+    #[error("the device `{name}` is closed; open it again")]
+    Closed {
+        /// The device's name.
+        name: &'static str,
+    },
+    /// The motion to play or to follow could not be used.
+    #[error(transparent)]
+    Path(#[from] PathError),
+}
+
+/// Why a recorded motion could not be read, used or written.
+#[derive(Debug, Error)]
+pub enum PathError {
+    /// The file could not be opened, read or written.
+    #[error("{}: {source}; check that the file is there and may be {access}", file.display())]
+    Io {
+        /// The file.
+        file: PathBuf,
+        /// What was to be done with it: "read" or "written".
+        access: &'static str,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// A line of the file is not a sample of a motion.
+    #[error("{what} at {}:{line}; {remedy}", file.display())]
+    Line {
+        /// What is wrong.
+        what: String,
+        /// The file.
+        file: PathBuf,
+        /// The line in it, from 1.
+        line: u64,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// A sample given in memory is not one of a motion.
+    #[error("{what} at sample {sample}; {remedy}")]
+    Sample {
+        /// What is wrong.
+        what: String,
+        /// Which sample, from 0.
+        sample: usize,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// There is no sample.
+    #[error("the motion{} holds no sample; it needs at least one", file.as_ref().map(|f| format!(" in {}", f.display())).unwrap_or_default())]
+    Empty {
+        /// The file, where there is one.
+        file: Option<PathBuf>,
+    },
+}

@@ -1,0 +1,62 @@
+//! What a device is and what it can do.
+
+use serde::{Deserialize, Serialize};
+
+/// Which of the six axes something holds for: x, y, z of translation and of rotation, in the device's axes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Axes {
+    /// Translation along x, y, z.
+    pub translation: [bool; 3],
+    /// Rotation about x, y, z.
+    pub rotation: [bool; 3],
+}
+
+impl Axes {
+    /// All six.
+    pub const ALL: Self = Self { translation: [true; 3], rotation: [true; 3] };
+    /// Translation only.
+    pub const TRANSLATION: Self = Self { translation: [true; 3], rotation: [false; 3] };
+    /// None.
+    pub const NONE: Self = Self { translation: [false; 3], rotation: [false; 3] };
+
+    /// How many axes it holds for.
+    pub fn count(&self) -> usize {
+        self.translation.iter().chain(&self.rotation).filter(|&&axis| axis).count()
+    }
+}
+
+/// What a device is and what it can do. A limit that the device does not set is infinite (`null` in JSON); an ability
+/// that it lacks is zero.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Specification {
+    /// Make and model.
+    pub name: String,
+    /// Largest force for a moment, N; a longer one is clipped to it.
+    pub peak_force: f64,
+    /// Force that can be kept up without overheating, N.
+    pub continuous_force: f64,
+    /// Largest torque for a moment, N·m.
+    pub peak_torque: f64,
+    /// Torque that can be kept up without overheating, N·m.
+    pub continuous_torque: f64,
+    /// Largest stiffness that the device renders stably at 1 kHz, N/m.
+    pub stiffness: f64,
+    /// Largest angular stiffness that the device renders stably at 1 kHz, N·m/rad.
+    pub angular_stiffness: f64,
+    /// Largest virtual damping that the device renders stably together with `stiffness`, N·s/m.
+    pub damping: f64,
+    /// Largest virtual angular damping together with `angular_stiffness`, N·m·s/rad.
+    pub angular_damping: f64,
+    /// Radius of the workspace around the device's origin, m.
+    pub workspace_radius: f64,
+    /// Smallest change of position that is sensed, m; 0 when sensing is not quantised.
+    pub encoder_step: f64,
+    /// Smallest change of orientation that is sensed, rad.
+    pub angular_encoder_step: f64,
+    /// How far the reported twist lags behind the handle, s.
+    pub velocity_delay: f64,
+    /// The axes whose motion is reported; the others read zero.
+    pub sensed: Axes,
+    /// The axes along and about which a wrench reaches the hand; other components of a wrench are dropped.
+    pub actuated: Axes,
+}
