@@ -1,0 +1,89 @@
+//! What can go wrong while a mesh file is read: each message is one line that says what, where and what to do.
+
+use std::path::PathBuf;
+
+/// Why a mesh file was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum LoadError {
+    /// The file, or one that it names, could not be read.
+    #[error("{}: cannot be read ({source}); check the path and its permissions", .file.display())]
+    Read {
+        /// The file that could not be read.
+        file: PathBuf,
+        /// What the operating system said.
+        source: std::io::Error,
+    },
+    /// The extension is not one of a supported format.
+    #[error("{}: {what}; use a file named .obj, .gltf, .glb, .stl or .ply", .file.display())]
+    UnknownFormat {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong with its name.
+        what: String,
+    },
+    /// The scale is not a number that lengths can be multiplied by.
+    #[error("{}: the scale {scale} is not usable; give a finite number above zero (0.001 for a file in millimetres)", .file.display())]
+    Scale {
+        /// The file that was to be scaled.
+        file: PathBuf,
+        /// The scale asked for.
+        scale: f64,
+    },
+    /// The file does not follow its format.
+    #[error("{}: {place}: {reason}; {remedy}", .file.display())]
+    Malformed {
+        /// The file.
+        file: PathBuf,
+        /// Where in the file: a line, an element, a byte offset.
+        place: String,
+        /// What is wrong there.
+        reason: String,
+        /// What to do about it.
+        remedy: &'static str,
+    },
+    /// The file uses a part of its format that is not read here.
+    #[error("{}: uses {feature}, which is not supported; {remedy}", .file.display())]
+    Unsupported {
+        /// The file.
+        file: PathBuf,
+        /// Name of the feature or extension.
+        feature: String,
+        /// What to do about it.
+        remedy: &'static str,
+    },
+    /// The file holds no surface.
+    #[error("{}: has no triangles ({found}); export the model as a surface mesh", .file.display())]
+    NoTriangles {
+        /// The file.
+        file: PathBuf,
+        /// What it holds instead.
+        found: String,
+    },
+    /// A triangle uses a vertex with a coordinate that is infinite or not a number.
+    #[error(
+        "{}: vertex {vertex}, used by triangle {triangle}, is at ({x}, {y}, {z}); correct it, or drop such triangles with --repair",
+        .file.display()
+    )]
+    NonFinite {
+        /// The file.
+        file: PathBuf,
+        /// Index of the vertex in file order, from 0.
+        vertex: usize,
+        /// Index of the first triangle that uses it, from 0.
+        triangle: usize,
+        /// Its x coordinate.
+        x: f64,
+        /// Its y coordinate.
+        y: f64,
+        /// Its z coordinate.
+        z: f64,
+    },
+    /// More vertices or triangles than 32-bit indices can name.
+    #[error("{}: {source}; split the model", .file.display())]
+    TooLarge {
+        /// The file.
+        file: PathBuf,
+        /// Which, and how many.
+        source: palpate_core::mesh::MeshError,
+    },
+}

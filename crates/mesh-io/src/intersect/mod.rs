@@ -1,0 +1,111 @@
+//! Which triangles cross: of one mesh with itself, or of two placed meshes.
+//!
+//! Decided exactly (Shewchuk's adaptive predicates, crate `robust`), so that a model that is reported free of
+//! self-intersections is so to the last bit of its coordinates. A bounding-volume hierarchy finds the candidates.
+
+mod broad;
+mod triangles;
+
+use broad::Boxes;
+use glam::DVec3;
+use palpate_core::{Pose, TriMesh};
+use rayon::prelude::*;
+
+use crate::weld::equal_positions;
+
+/// The pairs of triangles of a mesh that intersect.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct SelfIntersections {
+    /// How many pairs.
+    pub count: usize,
+    /// The first of them in lexicographic order: two triangle indices, the smaller first.
+    pub first: Option<[u32; 2]>,
+}
+
+/// Counts the pairs of triangles of a mesh that intersect in more than the vertices and the edge that they share.
+pub fn self_intersections(mesh: &TriMesh) -> SelfIntersections {
+    let mut vertices = mesh.vertices().to_vec();
+    normalise(&mut vertices);
+    let same = equal_positions(&vertices);
+    let ids: Vec<[u32; 3]> = mesh.triangles().iter().map(|t| t.map(|v| same[v as usize])).collect();
+    let corners = |t: usize| ids[t].map(|v| vertices[v as usize]);
+    let boxes = Boxes::new(ids.len(), corners);
+    let tree = boxes.tree();
+    (0..ids.len())
+        .into_par_iter()
+        .map_init(Vec::new, |candidates, i| {
+            boxes.overlapping(i, &boxes, &tree, candidates);
+            let mut found = SelfIntersections::default();
+            for &j in candidates.iter().filter(|&&j| j as usize > i) {
+                if triangles::cross(&corners(i), &ids[i], &corners(j as usize), &ids[j as usize]) {
+                    found.count += 1;
+                    let pair = [i as u32, j];
+                    found.first = Some(found.first.map_or(pair, |first| first.min(pair)));
+                }
+            }
+            found
+        })
+        .reduce(SelfIntersections::default, |a, b| SelfIntersections {
+            count: a.count + b.count,
+            first: match (a.first, b.first) {
+                (Some(a), Some(b)) => Some(a.min(b)),
+                (a, b) => a.or(b),
+            },
+        })
+}
+
+/// The pairs of triangles, one of each of two placed meshes, that have a point in common; touching counts.
+///
+/// Each pair is a triangle of `a` and one of `b`. At most `limit` pairs are returned: the first in lexicographic order.
+/// The vertices of both are rounded once, when they are brought to world axes by the poses; from there on it is exact.
+pub fn intersecting_pairs(
+    a: &TriMesh,
+    pose_a: &Pose,
+    b: &TriMesh,
+    pose_b: &Pose,
+    limit: usize,
+) -> Vec<[u32; 2]> {
+    let placed = |mesh: &TriMesh, pose: &Pose| -> Vec<DVec3> {
+        mesh.vertices().iter().map(|v| pose.transform_point(*v)).collect()
+    };
+    let mut vertices = placed(a, pose_a);
+    vertices.extend(placed(b, pose_b));
+    normalise(&mut vertices);
+    let (vertices_a, vertices_b) = vertices.split_at(a.vertices().len());
+    let corners_a = |t: usize| a.triangles()[t].map(|v| vertices_a[v as usize]);
+    let corners_b = |t: usize| b.triangles()[t].map(|v| vertices_b[v as usize]);
+    let boxes_a = Boxes::new(a.triangles().len(), corners_a);
+    let boxes_b = Boxes::new(b.triangles().len(), corners_b);
+    let tree = boxes_b.tree();
+    let mut pairs = Vec::new();
+    let mut candidates = Vec::new();
+    for i in 0..a.triangles().len() {
+        boxes_a.overlapping(i, &boxes_b, &tree, &mut candidates);
+        candidates.sort_unstable();
+        for &j in &candidates {
+            if pairs.len() == limit {
+                return pairs;
+            }
+            if triangles::meet(&corners_a(i), &corners_b(j as usize)) {
+                pairs.push([i as u32, j]);
+            }
+        }
+    }
+    pairs
+}
+
+/// Brings the largest finite coordinate to between 1/2 and 1 by a power of two, which rounds nothing: the predicates
+/// and the f32 boxes then neither overflow nor underflow.
+fn normalise(vertices: &mut [DVec3]) {
+    let largest =
+        vertices.iter().filter(|v| v.is_finite()).map(|v| v.abs().max_element()).fold(0.0_f64, f64::max);
+    if largest == 0.0 {
+        return;
+    }
+    // In two steps, since the factor itself can lie outside the range of f64.
+    let exponent = largest.log2().floor() as i32 + 1;
+    let half = exponent / 2;
+    for v in vertices {
+        *v = *v * 2.0_f64.powi(-half) * 2.0_f64.powi(half - exponent);
+    }
+}

@@ -1,0 +1,73 @@
+//! Exact welding: vertices at bitwise equal positions become one (−0 counts as 0).
+//!
+//! STL repeats every corner, and OBJ and glTF exporters split vertices along seams of normals and texture coordinates.
+//! Nothing is moved: no tolerance is used, so that two surfaces that nearly touch stay two.
+
+use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hasher};
+
+use glam::DVec3;
+use palpate_core::TriMesh;
+
+/// Joins vertices at equal positions (−0 counts as 0) and drops those that no triangle uses.
+///
+/// The new vertices are in the order of first use by position in the old vertex list; triangles keep their order and
+/// number, also those that become degenerate. Vertices with a coordinate that is not a number are joined by bit pattern.
+pub fn weld(mesh: &TriMesh) -> TriMesh {
+    let same = equal_positions(mesh.vertices());
+    let mut used = vec![false; mesh.vertices().len()];
+    for corner in mesh.triangles().iter().flatten() {
+        used[same[*corner as usize] as usize] = true;
+    }
+    renumber(mesh, &same, &used)
+}
+
+/// For each vertex, the index of the first vertex at the same position.
+pub(crate) fn equal_positions(vertices: &[DVec3]) -> Vec<u32> {
+    let mut first: HashMap<[u64; 3], u32, BuildHasherDefault<BitsHasher>> =
+        HashMap::with_capacity_and_hasher(vertices.len(), BuildHasherDefault::default());
+    vertices
+        .iter()
+        .enumerate()
+        // Adding 0 turns −0 into 0 and leaves every other number alone.
+        .map(|(i, v)| *first.entry(v.to_array().map(|x| (x + 0.0).to_bits())).or_insert(i as u32))
+        .collect()
+}
+
+/// The mesh with each corner moved to `target` of its vertex, keeping only the `kept` vertices (in their order).
+/// Every target of a corner must be kept.
+pub(crate) fn renumber(mesh: &TriMesh, target: &[u32], kept: &[bool]) -> TriMesh {
+    let mut number = vec![u32::MAX; kept.len()];
+    let mut vertices = Vec::new();
+    for (i, v) in mesh.vertices().iter().enumerate().filter(|&(i, _)| kept[i]) {
+        number[i] = vertices.len() as u32;
+        vertices.push(*v);
+    }
+    let triangles = mesh.triangles().iter().map(|t| t.map(|v| number[target[v as usize] as usize])).collect();
+    TriMesh::new(vertices, triangles)
+        .expect("a renumbered mesh has no more vertices or triangles than before")
+}
+
+/// A fixed hash of coordinate bits: the map is only probed, never walked, and the default SipHash dominates welding.
+/// Multiply and fold, after wyhash; crafted collisions would cost time only as far as the file is large.
+#[derive(Default)]
+pub(crate) struct BitsHasher(u64);
+
+impl Hasher for BitsHasher {
+    fn write(&mut self, bytes: &[u8]) {
+        for chunk in bytes.chunks(8) {
+            let mut word = [0; 8];
+            word[..chunk.len()].copy_from_slice(chunk);
+            self.write_u64(u64::from_le_bytes(word));
+        }
+    }
+
+    fn write_u64(&mut self, word: u64) {
+        let wide = u128::from(self.0 ^ word ^ 0xa076_1d64_78bd_642f) * 0xe703_7ed1_a0b4_28db;
+        self.0 = (wide as u64) ^ ((wide >> 64) as u64);
+    }
+
+    fn finish(&self) -> u64 {
+        self.0
+    }
+}
