@@ -1,1 +1,9 @@
-//! Builds contact levels of detail: surface convex decomposition and hierarchy of convex hulls.
+//! Builds contact levels of detail (§3.2, §3.3): the surface convex decomposition of a mesh, and the hierarchy of convex
+//! hulls over it.
+//!
+//! [`build`] is offline work: it allocates freely, may use all cores, and gives the same bytes for the same mesh and
+//! options whatever the number of threads.
+
+mod build;
+
+pub use build::{BuildError, BuildOptions, Stage, build};
