@@ -8,11 +8,15 @@
 //! Between opening and closing, `read` and `write` neither allocate, lock, log nor panic.
 
 mod error;
+mod path;
+mod path_file;
 mod specification;
 mod state;
 
 pub use error::{DeviceError, PathError};
 use palpate_core::Wrench;
+pub use path::{Interpolation, Keyframe, MotionPath, PathPoint};
+pub use path_file::PATH_HEADER;
 pub use specification::{Axes, Specification};
 pub use state::{DeviceState, Status};
 

@@ -1,0 +1,221 @@
+//! Recorded motions as text: a header `t,px,py,pz,qx,qy,qz,qw`, then a line a sample with seconds, metres and a unit
+//! quaternion. Numbers are written with as many digits as it takes to read the same number back.
+//!
+//! Lines are split here, without a CSV parser: an error then names the line that an editor shows, a line's length is
+//! bounded, and a stray quotation mark cannot swallow the rest of the file. No field needs quoting.
+
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, BufWriter, Read, Write};
+use std::path::Path;
+
+use glam::{DQuat, DVec3};
+use palpate_core::Pose;
+
+use crate::PathError;
+use crate::path::{Interpolation, Keyframe, MotionPath, checked};
+
+/// The first line of a recorded motion.
+pub const PATH_HEADER: &str = "t,px,py,pz,qx,qy,qz,qw";
+
+const COLUMNS: usize = 8;
+/// Eight numbers take some 200 bytes; a line beyond this is no sample, and may be a whole binary file.
+const MAX_LINE: u64 = 4096;
+
+impl MotionPath {
+    /// Reads a recorded motion from a file.
+    pub fn load(file: &Path, interpolation: Interpolation) -> Result<Self, PathError> {
+        let open =
+            File::open(file).map_err(|source| PathError::Io { file: file.into(), access: "read", source })?;
+        Self::read(BufReader::with_capacity(1 << 16, open), file, interpolation)
+    }
+
+    /// Reads a recorded motion; `file` is what errors call the input.
+    pub fn read(
+        mut input: impl BufRead,
+        file: &Path,
+        interpolation: Interpolation,
+    ) -> Result<Self, PathError> {
+        let mut keyframes: Vec<Keyframe> = Vec::new();
+        let mut line = Vec::new();
+        let mut number = 0;
+        let mut header_seen = false;
+        loop {
+            line.clear();
+            let taken = input
+                .by_ref()
+                .take(MAX_LINE + 1)
+                .read_until(b'\n', &mut line)
+                .map_err(|source| PathError::Io { file: file.into(), access: "read", source })?;
+            if taken == 0 {
+                break;
+            }
+            number += 1;
+            let refuse =
+                |what: String, remedy| PathError::Line { what, file: file.into(), line: number, remedy };
+            if line.len() as u64 > MAX_LINE {
+                return Err(refuse(
+                    format!("a line of more than {MAX_LINE} bytes"),
+                    "give a text file with one sample a line",
+                ));
+            }
+            let text = std::str::from_utf8(&line).map_err(|_| {
+                refuse("bytes that are not UTF-8 text".into(), "give a text file, not a binary one")
+            })?;
+            let text = text.trim_start_matches('\u{feff}').trim();
+            if text.is_empty() {
+                continue;
+            }
+            if !header_seen {
+                if !text.split(',').map(str::trim).eq(PATH_HEADER.split(',')) {
+                    return Err(refuse(
+                        format!("header `{}`", text.chars().take(80).collect::<String>()),
+                        "let the file begin with the line t,px,py,pz,qx,qy,qz,qw",
+                    ));
+                }
+                header_seen = true;
+                continue;
+            }
+            let keyframe =
+                parse(text).map_err(|what| refuse(what, "give eight numbers: t,px,py,pz,qx,qy,qz,qw"))?;
+            let keyframe = checked(keyframe, keyframes.last().map(|keyframe| keyframe.time))
+                .map_err(|refusal| refuse(refusal.what, refusal.remedy))?;
+            keyframes.push(keyframe);
+        }
+        if keyframes.is_empty() {
+            return Err(PathError::Empty { file: Some(file.into()) });
+        }
+        Ok(Self::from_checked(keyframes, interpolation))
+    }
+
+    /// Writes the samples to a file.
+    pub fn save(&self, file: &Path) -> Result<(), PathError> {
+        let write = || {
+            let mut out = BufWriter::new(File::create(file)?);
+            self.write(&mut out)?;
+            out.flush()
+        };
+        write().map_err(|source| PathError::Io { file: file.into(), access: "written", source })
+    }
+
+    /// Writes the samples.
+    pub fn write(&self, mut out: impl Write) -> io::Result<()> {
+        writeln!(out, "{PATH_HEADER}")?;
+        for Keyframe { time, pose: Pose { translation: p, rotation: q } } in self.keyframes() {
+            writeln!(out, "{time},{},{},{},{},{},{},{}", p.x, p.y, p.z, q.x, q.y, q.z, q.w)?;
+        }
+        Ok(())
+    }
+}
+
+fn parse(text: &str) -> Result<Keyframe, String> {
+    let mut numbers = [0.0; COLUMNS];
+    let mut count = 0;
+    for field in text.split(',') {
+        let field = field.trim();
+        if let Some(number) = numbers.get_mut(count) {
+            *number = field
+                .parse()
+                .map_err(|_| format!("`{}` is not a number", field.chars().take(40).collect::<String>()))?;
+        }
+        count += 1;
+    }
+    if count != COLUMNS {
+        return Err(format!("{count} fields"));
+    }
+    let [time, px, py, pz, qx, qy, qz, qw] = numbers;
+    Ok(Keyframe { time, pose: Pose::new(DVec3::new(px, py, pz), DQuat::from_xyzw(qx, qy, qz, qw)) })
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::rngs::StdRng;
+    use rand::{RngExt, SeedableRng};
+
+    use super::*;
+
+    fn read(text: &[u8]) -> Result<MotionPath, String> {
+        MotionPath::read(text, Path::new("hand.csv"), Interpolation::Smooth)
+            .map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn what_is_written_reads_back_bit_for_bit() {
+        let mut rng = StdRng::seed_from_u64(11);
+        let keyframes = (0..500)
+            .map(|i| {
+                let mut number = || rng.random_range(-2.0..2.0);
+                let pose = Pose::new(
+                    DVec3::new(number(), number(), number()),
+                    DQuat::from_xyzw(number(), number(), number(), number()).normalize(),
+                );
+                Keyframe { time: f64::from(i) * 0.001 + 1.0 / 3.0, pose }
+            })
+            .collect();
+        let path = MotionPath::new(keyframes, Interpolation::Smooth).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("path.csv");
+        path.save(&file).unwrap();
+        assert_eq!(MotionPath::load(&file, Interpolation::Smooth).unwrap(), path);
+    }
+
+    #[test]
+    fn blank_lines_carriage_returns_spaces_and_a_byte_order_mark_are_read_over() {
+        let path = read(
+            "\u{feff}t, px,py,pz,qx,qy,qz,qw\r\n\r\n0, 1,2,3, 0,0,0,1\r\n\n 1,1,2,3,0,0,0,-1".as_bytes(),
+        );
+        assert_eq!(path.unwrap().keyframes().len(), 2);
+    }
+
+    #[test]
+    fn errors_name_the_file_and_the_line() {
+        let head = "t,px,py,pz,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n\n";
+        for (row, expected) in [
+            ("1,0,0,0,0,0,0", "7 fields at hand.csv:4; give eight numbers"),
+            ("1,0,0,0,0,0,0,1,0", "9 fields at hand.csv:4"),
+            ("1,0,zero,0,0,0,0,1", "`zero` is not a number at hand.csv:4"),
+            ("1,0,nan,0,0,0,0,1", "position [0, NaN, 0] at hand.csv:4; give finite metres"),
+            ("0,0,0,0,0,0,0,1", "time 0 s after 0 s at hand.csv:4; sort"),
+            ("1,0,0,0,0,0,0,2", "of length 2 at hand.csv:4; give unit quaternions"),
+            ("inf,0,0,0,0,0,0,1", "time inf s at hand.csv:4"),
+            ("1,\"0\n", "not a number at hand.csv:4"),
+        ] {
+            let message = read(format!("{head}{row}\n").as_bytes()).unwrap_err();
+            assert!(message.contains(expected), "{message}");
+        }
+        assert!(read(b"").unwrap_err().contains("hand.csv holds no sample"));
+        assert!(read(b"t,px,py,pz,qx,qy,qz,qw\n").unwrap_err().contains("hand.csv holds no sample"));
+        assert!(read(b"0,0,0,0,0,0,0,1\n").unwrap_err().contains("header `0,0,0,0,0,0,0,1` at hand.csv:1"));
+        assert!(read(&[0xff, 0xfe, 0x00]).unwrap_err().contains("not UTF-8 text at hand.csv:1"));
+        assert!(read(&vec![b' '; 1 << 20]).unwrap_err().contains("more than 4096 bytes at hand.csv:1"));
+        let missing =
+            MotionPath::load(Path::new("no/such.csv"), Interpolation::Smooth).unwrap_err().to_string();
+        assert!(missing.starts_with("no/such.csv: "), "{missing}");
+    }
+
+    #[test]
+    fn random_bytes_and_broken_rows_never_panic() {
+        let mut rng = StdRng::seed_from_u64(12);
+        let alphabet = b"0123456789+-.eE,\n\r \"infNa\xff";
+        for _ in 0..20_000 {
+            let mut text = b"t,px,py,pz,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n".to_vec();
+            text.extend((0..rng.random_range(0..60)).map(|_| alphabet[rng.random_range(0..alphabet.len())]));
+            if let Ok(path) = read(&text) {
+                assert!(path.at(rng.random_range(-1.0..10.0)).pose.is_valid());
+            }
+        }
+    }
+
+    #[test]
+    fn a_million_rows_are_read() {
+        let mut text = String::from("t,px,py,pz,qx,qy,qz,qw\n");
+        for i in 0..1_000_000 {
+            use std::fmt::Write;
+            writeln!(text, "{},0.1,{},0.3,0,0,0,1", f64::from(i) * 1e-3, f64::from(i) * 1e-6).unwrap();
+        }
+        let path = read(text.as_bytes()).unwrap();
+        assert_eq!(path.keyframes().len(), 1_000_000);
+        let point = path.at(500.0005);
+        assert!((point.pose.translation.y - 0.500_000_5).abs() < 1e-12);
+        assert!((point.twist.linear.y - 1e-3).abs() < 1e-9);
+    }
+}
