@@ -1,0 +1,139 @@
+//! The spring law that stops growing where the device can push no harder (§5.3.3, Fig. 5.4).
+//!
+//! Three pieces, joined with continuous slope: linear while the force is under [`LINEAR_SHARE`] of the limit, a cubic
+//! Hermite piece, and the constant limit. The cubic starts with the spring's own slope and ends flat; the end of its
+//! range is placed where it needs no third-order term, so that the slope falls linearly from k to 0: the law is concave
+//! and the tangent stiffness (Eq. 5.31) is never above k nor below 0.
+
+use glam::DVec3;
+use palpate_core::Wrench;
+
+/// Share of the limit up to which the spring is linear.
+const LINEAR_SHARE: f64 = 0.75;
+
+/// Magnitude and slope of the force of a spring of `stiffness` at a `deviation` ≥ 0, limited to `limit`.
+///
+/// Units are the caller's (N/m, m, N or N·m/rad, rad, N·m). An infinite limit leaves the spring linear; a limit that is
+/// zero, negative or NaN gives no force.
+pub fn spring_force(stiffness: f64, deviation: f64, limit: f64) -> (f64, f64) {
+    let linear = stiffness * deviation;
+    if limit == f64::INFINITY {
+        return (linear, stiffness);
+    }
+    if limit.is_nan() || limit <= 0.0 {
+        return (0.0, 0.0);
+    }
+    if linear <= LINEAR_SHARE * limit {
+        return (linear, stiffness);
+    }
+    // With the share s, the Hermite piece from (s, s), slope 1, to (2 − s, 1), slope 0, is a parabola.
+    let width = 2.0 * (1.0 - LINEAR_SHARE);
+    let t = (linear / limit - LINEAR_SHARE) / width;
+    if t >= 1.0 {
+        return (limit, 0.0);
+    }
+    (limit * (LINEAR_SHARE + width * t * (1.0 - 0.5 * t)), stiffness * (1.0 - t))
+}
+
+/// Energy (J) held in the spring of [`spring_force`] at a `deviation` ≥ 0: the integral of its law.
+pub(crate) fn spring_energy(stiffness: f64, deviation: f64, limit: f64) -> f64 {
+    let linear = stiffness * deviation;
+    if limit == f64::INFINITY {
+        return 0.5 * linear * deviation;
+    }
+    if limit.is_nan() || limit <= 0.0 {
+        return 0.0;
+    }
+    if linear <= LINEAR_SHARE * limit {
+        return 0.5 * linear * deviation;
+    }
+    let width = 2.0 * (1.0 - LINEAR_SHARE);
+    let t = ((linear / limit - LINEAR_SHARE) / width).min(1.0);
+    let bent = width * t * (LINEAR_SHARE + width * t * (0.5 - t / 6.0));
+    let flat = (linear / limit - LINEAR_SHARE - width).max(0.0);
+    limit * limit / stiffness * (0.5 * LINEAR_SHARE * LINEAR_SHARE + bent + flat)
+}
+
+/// The wrench with the magnitudes of its force and torque limited to `max_force` (N) and `max_torque` (N·m), each by
+/// the law of [`spring_force`] and each keeping its direction: unchanged up to three quarters of the limit, smooth
+/// beyond. What is not finite becomes zero, for this is the last function before a motor.
+pub fn saturate(wrench: &Wrench, max_force: f64, max_torque: f64) -> Wrench {
+    Wrench { force: limited(wrench.force, max_force), torque: limited(wrench.torque, max_torque) }
+}
+
+fn limited(vector: DVec3, limit: f64) -> DVec3 {
+    if !vector.is_finite() {
+        return DVec3::ZERO;
+    }
+    let largest = vector.abs().max_element();
+    if largest == 0.0 {
+        return DVec3::ZERO;
+    }
+    // Scaled first, so that the length of a huge finite vector does not overflow.
+    let scaled = vector / largest;
+    let direction = scaled / scaled.length();
+    let magnitude = (largest * scaled.length()).min(f64::MAX);
+    let (magnitude_out, _) = spring_force(1.0, magnitude, limit);
+    if magnitude_out == magnitude { vector } else { direction * magnitude_out }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn law_is_linear_then_concave_then_flat_with_continuous_slope() {
+        let (k, limit) = (200.0, 3.0);
+        let mut previous = (0.0, k);
+        for i in 0..=3000 {
+            let deviation = f64::from(i) * 1e-5;
+            let (force, slope) = spring_force(k, deviation, limit);
+            assert!(force <= k * deviation + 1e-15 && force <= limit);
+            assert!((0.0..=k).contains(&slope) && slope <= previous.1 + 1e-12, "slope rises at {deviation}");
+            assert!(force >= previous.0, "force falls at {deviation}");
+            assert!(previous.1 - slope < k * 0.01, "slope jumps at {deviation}");
+            previous = (force, slope);
+        }
+        assert_eq!(spring_force(k, 0.01, limit), (2.0, k));
+        assert_eq!(spring_force(k, 0.02, limit), (limit, 0.0));
+    }
+
+    #[test]
+    fn slope_is_the_derivative() {
+        let h = 1e-7;
+        for deviation in [0.001, 0.0115, 0.013, 0.016, 0.0184, 0.03] {
+            let f = |d| spring_force(200.0, d, 3.0).0;
+            let difference = (f(deviation + h) - f(deviation - h)) / (2.0 * h);
+            assert!((difference - spring_force(200.0, deviation, 3.0).1).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn energy_is_the_integral_of_the_force() {
+        let h = 1e-6;
+        for deviation in [0.001, 0.0115, 0.013, 0.016, 0.0184, 0.03] {
+            let e = |d| spring_energy(200.0, d, 3.0);
+            let difference = (e(deviation + h) - e(deviation - h)) / (2.0 * h);
+            assert!((difference - spring_force(200.0, deviation, 3.0).0).abs() < 1e-6, "at {deviation}");
+        }
+        assert_eq!(spring_energy(200.0, 0.1, f64::INFINITY), 1.0);
+    }
+
+    #[test]
+    fn saturation_keeps_direction_limits_magnitude_and_refuses_nonsense() {
+        let wrench = Wrench::new(DVec3::new(3.0, -4.0, 12.0), DVec3::new(0.001, 0.0, 0.0));
+        let out = saturate(&wrench, 3.3, 0.1);
+        assert!((out.force.length() - 3.3).abs() < 1e-12);
+        assert!(out.force.cross(wrench.force).length() < 1e-12 && out.force.dot(wrench.force) > 0.0);
+        assert_eq!(out.torque, wrench.torque);
+        assert_eq!(saturate(&wrench, f64::INFINITY, f64::INFINITY), wrench);
+        let huge = Wrench::new(DVec3::splat(1e308), DVec3::splat(-1e308));
+        let out = saturate(&huge, 3.3, 0.1);
+        assert!((out.force.length() - 3.3).abs() < 1e-12 && (out.torque.length() - 0.1).abs() < 1e-12);
+        let nan = Wrench::new(DVec3::new(f64::NAN, 1.0, 0.0), DVec3::splat(f64::INFINITY));
+        assert_eq!(saturate(&nan, 3.3, 0.1), Wrench::ZERO);
+        for limit in [0.0, -1.0, f64::NAN] {
+            assert_eq!(saturate(&wrench, limit, limit), Wrench::ZERO);
+        }
+    }
+}

@@ -1,0 +1,392 @@
+//! One haptic frame of the grasped body: semi-implicit backward Euler in six unknowns (§5.2.2).
+//!
+//! Backward Euler on momentum and placement, with h the time step, n and 0 the end and the start of it:
+//!
+//! m (v_n − v_0) = h F_n,   I(R_n) ω_n − I(R_0) ω_0 = h T_n,   x_n = x_0 + h v_n,   R_n = exp(h ω_n*) R_0,
+//!
+//! where I(R) = R I Rᵀ. The dissertation linearises this (Eq. 5.6) in thirteen variables; here the placement follows from
+//! the velocity, so (Δv, Δω) is all there is to solve for:
+//!
+//! (A − h ∂f/∂(v, ω) − h² ∂f/∂(x, φ)) (Δv, Δω) = h (f_0 + h ∂f/∂(x, φ) (v_0, ω_0)) − (0, (E − 1) I_0 ω_0)
+//!
+//! with f the wrench and E = exp(h ω_0*). On the left A is the mass for v; for ω it is the derivative of the carried
+//! momentum I(R_n) ω_n = exp(h ω_n*) I_0 ω_n, for exp(h ω_n*) leaves ω_n itself in place:
+//! A_ω = E I_0 − (E I_0 ω_0)* h J_l(h ω_0). To first order in h this is the gyroscopic torque −ω × I ω with its
+//! Jacobian; whole, it keeps the momentum of a free body to second order, and backward Euler then gives the free body
+//! no energy.
+//!
+//! # Unilateral contact
+//!
+//! A contact is in the system, with its spring and damper linearised at the start, if at the *end* of the step it is
+//! both closed (δ + d > 0) and pushing (λ > 0), as the linear system predicts them. The set is found by iteration: guess
+//! from the motion at the start velocity, solve, compare, solve again. Two rules make it end: a contact that is open at
+//! the start and that its own force would keep open is left to the next step (the damper's force jumps at closing, so
+//! that neither answer is consistent); and after [`FREE_SOLVES`] solves contacts only leave the set. Whatever the outcome,
+//! no contact attracts: one whose predicted force is negative is never in the solution that is used.
+//!
+//! # Geometric stiffness
+//!
+//! A force that keeps its direction while its lever arm turns makes a torque whose derivative F* a* is never
+//! semidefinite: pressed along a long tool it is an inverted pendulum. Where that instability is faster than the step,
+//! the linear system predicts nothing (it flips the sign of the motion). So the symmetric part of the matrix is tested to
+//! exceed half the mass matrix, and if it does not, the step is taken without those terms (and without the turning of
+//! the dampers' arms), which leaves springs, dampers and mass. Consistency to first order does not need them.
+
+use glam::{DMat3, DVec3};
+use palpate_core::{Pose, Twist, Wrench};
+
+use crate::body::{Body, BodyState};
+use crate::contact::{ContactState, LinearContactModel, MAX_CLUSTERS};
+use crate::coupling::{CouplingLinearisation, DeviceMotion, VirtualCoupling};
+use crate::jacobian::Block6;
+use crate::linear_solve::{is_positive_definite, solve};
+use crate::rotation::{exponential, skew, skew_skew};
+
+/// Solves in which contacts may both join and leave the active set.
+const FREE_SOLVES: u32 = 6;
+
+/// The most 6×6 systems that one step solves: the free ones, and one for each contact that may leave, and the last.
+pub const MAX_SOLVES: u32 = FREE_SOLVES + MAX_CLUSTERS as u32 + 1;
+
+/// Why a step was not taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum HeldBecause {
+    /// The time step is not positive and finite.
+    TimeStep,
+    /// The device's pose or twist is not finite, or its quaternion not of unit length.
+    Device,
+    /// The body's state is not finite, or its quaternion not of unit length. The state cannot be held; see
+    /// [`semi_implicit_step`].
+    State,
+    /// The linear system is singular, or something that went into it is not finite: a gain, a contact, gravity, the body.
+    Singular,
+    /// The system was solved but the state or a wrench it leads to is not finite.
+    Overflow,
+}
+
+/// How a step went.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct StepStatus {
+    /// Set if no step was taken: the state is held and the wrenches are zero.
+    pub held: Option<HeldBecause>,
+    /// The set of pushing contacts was still changing when the step ended; no contact attracts even so, but one may have
+    /// been left out for this step.
+    pub active_set_unsettled: bool,
+    /// The step was taken without geometric stiffness, because with it the linear system was not a prediction.
+    pub geometric_stiffness_dropped: bool,
+    /// Number of 6×6 systems solved, at most [`MAX_SOLVES`].
+    pub solves: u32,
+}
+
+impl StepStatus {
+    /// Whether the step was taken and its contacts settled.
+    pub fn is_ok(&self) -> bool {
+        self.held.is_none() && !self.active_set_unsettled
+    }
+}
+
+/// The outcome of one haptic frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step {
+    /// The body at the end of the step.
+    pub state: BodyState,
+    /// The coupling's wrench **on the device**, about the handle's origin, at the new state (§5.3.3): −F_c and
+    /// −(k_θ u_c + b_θ (ω_h − ω)). It is what the user is to feel: pushed into a wall, it points out of the wall.
+    /// [`crate::saturate`] fits it to what the device can make.
+    pub coupling: Wrench,
+    /// The coupling's wrench **on the body**, about its centre of mass, at the new state.
+    pub coupling_on_body: Wrench,
+    /// The contacts' wrench on the body, about its centre of mass, at the new state.
+    pub contact: Wrench,
+    /// Bit i is set if contact i pushed during the step.
+    pub active: u32,
+    /// How the step went.
+    pub status: StepStatus,
+}
+
+/// Advances the body by `dt` (s) under the coupling, the contacts and `gravity` (m/s²), and evaluates at the new state
+/// the wrench for the device.
+///
+/// The device is taken to stand at its sampled pose, with its sampled velocity, for the whole step. Nothing is allocated;
+/// nothing panics. If an input is not usable or the result would not be finite, the state is returned as it came, both
+/// wrenches are zero, and [`StepStatus::held`] says why; the caller decides how the device's wrench fades. A state that
+/// is itself not finite cannot be held: the body is then put, at rest, where the coupling is relaxed (or at the
+/// identity, if the device's pose is not usable either).
+pub fn semi_implicit_step(
+    body: &Body,
+    state: &BodyState,
+    device: &DeviceMotion,
+    coupling: &VirtualCoupling,
+    contacts: &LinearContactModel,
+    gravity: DVec3,
+    dt: f64,
+) -> Step {
+    if !state.is_valid() {
+        let relaxed = coupling.relaxed_pose(&device.pose);
+        let pose = if relaxed.is_valid() { relaxed } else { Pose::IDENTITY };
+        return Step::held(&BodyState::at_rest(pose), HeldBecause::State);
+    }
+    if !device.is_valid() {
+        return Step::held(state, HeldBecause::Device);
+    }
+    if !(dt > 0.0 && dt.is_finite()) {
+        return Step::held(state, HeldBecause::TimeStep);
+    }
+
+    let system = System::new(body, state, device, coupling, contacts, gravity, dt);
+    let Some((change, active, status)) = system.solve() else {
+        return Step::held(state, HeldBecause::Singular);
+    };
+
+    let twist =
+        Twist { linear: state.twist.linear + change.linear, angular: state.twist.angular + change.angular };
+    let next = BodyState { pose: state.pose.moved(&twist, dt), twist };
+    if !next.is_valid() {
+        return Step::held(state, HeldBecause::Overflow);
+    }
+    let (coupling_on_body, on_device) = coupling.wrenches(&next, device);
+    let contact = contacts.wrench(&next);
+    if !(coupling_on_body.is_finite() && on_device.is_finite() && contact.is_finite()) {
+        return Step::held(state, HeldBecause::Overflow);
+    }
+    Step { state: next, coupling: on_device, coupling_on_body, contact, active, status }
+}
+
+impl Step {
+    fn held(state: &BodyState, why: HeldBecause) -> Self {
+        Self {
+            state: *state,
+            coupling: Wrench::ZERO,
+            coupling_on_body: Wrench::ZERO,
+            contact: Wrench::ZERO,
+            active: 0,
+            status: StepStatus { held: Some(why), ..StepStatus::default() },
+        }
+    }
+}
+
+/// The matrix and right-hand side of a linear system in (Δv, Δω).
+#[derive(Clone, Copy)]
+struct Linear {
+    matrix: [[f64; 6]; 6],
+    right: [f64; 6],
+}
+
+impl Linear {
+    /// Adds `scale` · `block` to the matrix.
+    fn add_block(&mut self, block: &Block6, scale: f64) {
+        self.add(0, 0, &block.force_linear, scale);
+        self.add(0, 3, &block.force_angular, scale);
+        self.add(3, 0, &block.torque_linear, scale);
+        self.add(3, 3, &block.torque_angular, scale);
+    }
+
+    fn add(&mut self, row: usize, column: usize, block: &DMat3, scale: f64) {
+        let columns = block.to_cols_array_2d();
+        for i in 0..3 {
+            for j in 0..3 {
+                self.matrix[row + i][column + j] += scale * columns[j][i];
+            }
+        }
+    }
+
+    fn add_right(&mut self, force: DVec3, torque: DVec3, scale: f64) {
+        for (entry, value) in self.right.iter_mut().zip(six(force, torque)) {
+            *entry += scale * value;
+        }
+    }
+}
+
+fn six(first: DVec3, second: DVec3) -> [f64; 6] {
+    [first.x, first.y, first.z, second.x, second.y, second.z]
+}
+
+fn dot(a: &[f64; 6], b: &[f64; 6]) -> f64 {
+    a.iter().zip(b).map(|(x, y)| x * y).sum()
+}
+
+/// Everything that one step's linear systems are made of.
+struct System<'a> {
+    contacts: &'a LinearContactModel,
+    seen: [ContactState; MAX_CLUSTERS],
+    velocity: [f64; 6],
+    angular: DVec3,
+    dt: f64,
+    mass: f64,
+    inertia: DMat3,
+    /// Mass, carried momentum, coupling stiffness and damping, gravity: all but contacts and geometric stiffness.
+    base: Linear,
+    /// The coupling's geometric stiffness (force, torque) by φ.
+    geometric: (DMat3, DMat3),
+}
+
+impl<'a> System<'a> {
+    fn new(
+        body: &Body,
+        state: &BodyState,
+        device: &DeviceMotion,
+        coupling: &VirtualCoupling,
+        contacts: &'a LinearContactModel,
+        gravity: DVec3,
+        dt: f64,
+    ) -> Self {
+        let rotation = DMat3::from_quat(state.pose.rotation);
+        let inertia = rotation * body.inertia * rotation.transpose();
+        let CouplingLinearisation { on_body, material, geometric } = coupling.linearise(state, device);
+
+        let mut base = Linear { matrix: [[0.0; 6]; 6], right: [0.0; 6] };
+        for i in 0..3 {
+            base.matrix[i][i] = body.mass;
+        }
+        let (gained, momentum_by_spin) = carried_momentum(&inertia, state.twist.angular, dt);
+        base.add(3, 3, &momentum_by_spin, 1.0);
+        base.add_block(&material.twist, -dt);
+        base.add_block(&material.pose, -dt * dt);
+
+        let drift = material.pose.apply(&state.twist);
+        base.add_right(on_body.force + gravity * body.mass, on_body.torque, dt);
+        base.add_right(drift.force, drift.torque, dt * dt);
+        base.add_right(DVec3::ZERO, gained, -1.0);
+
+        let mut seen = [ContactState::default(); MAX_CLUSTERS];
+        for (at, c) in seen.iter_mut().zip(contacts.constraints()) {
+            *at = c.at(state, &rotation);
+        }
+        Self {
+            contacts,
+            seen,
+            velocity: six(state.twist.linear, state.twist.angular),
+            angular: state.twist.angular,
+            dt,
+            mass: body.mass,
+            inertia,
+            base,
+            geometric,
+        }
+    }
+
+    /// The row by which the contact's force at the end of the step depends on the velocity then:
+    /// h ∂λ/∂(x, φ) + ∂λ/∂(v, ω), and the first of the two summands alone.
+    fn force_rows(&self, i: usize, geometric: bool) -> ([f64; 6], [f64; 6]) {
+        let (c, at) = (&self.contacts.constraints()[i], &self.seen[i]);
+        let mut by_turn = at.moment * c.stiffness;
+        if geometric {
+            by_turn += c.swept(at, self.angular);
+        }
+        let pose = six(c.normal * (c.stiffness * self.dt), by_turn * self.dt);
+        let twist = six(c.normal * c.damping, at.moment * c.damping);
+        (std::array::from_fn(|k| pose[k] + twist[k]), pose)
+    }
+
+    /// Spring and damper of contact i at the start, before the clamp, N.
+    fn unclamped_force(&self, i: usize) -> f64 {
+        let (c, at) = (&self.contacts.constraints()[i], &self.seen[i]);
+        c.stiffness * at.overlap + c.damping * at.rate
+    }
+
+    fn assemble(&self, active: u32, geometric: bool) -> Linear {
+        let h = self.dt;
+        let mut linear = self.base;
+        let mut turning = self.geometric.1;
+        for (i, c) in self.contacts.constraints().iter().enumerate() {
+            if active & (1 << i) == 0 {
+                continue;
+            }
+            let at = &self.seen[i];
+            let direction = six(c.normal, at.moment);
+            let (row, pose_row) = self.force_rows(i, geometric);
+            let force = self.unclamped_force(i) + dot(&pose_row, &self.velocity);
+            for (a, matrix_row) in linear.matrix.iter_mut().enumerate() {
+                let scaled = h * direction[a];
+                for (entry, value) in matrix_row.iter_mut().zip(&row) {
+                    *entry += scaled * value;
+                }
+                linear.right[a] -= scaled * force;
+            }
+            turning += skew_skew(c.normal * -c.normal_force(at), at.arm);
+        }
+        if geometric {
+            linear.add(0, 3, &self.geometric.0, -h * h);
+            linear.add(3, 3, &turning, -h * h);
+            linear.add_right(self.geometric.0 * self.angular, turning * self.angular, h * h);
+        }
+        linear
+    }
+
+    /// Whether the symmetric part of the matrix exceeds half the mass matrix.
+    fn predicts(&self, matrix: &[[f64; 6]; 6]) -> bool {
+        let mut symmetric: [[f64; 6]; 6] =
+            std::array::from_fn(|i| std::array::from_fn(|j| 0.5 * (matrix[i][j] + matrix[j][i])));
+        let inertia = self.inertia.to_cols_array_2d();
+        for i in 0..3 {
+            symmetric[i][i] -= 0.5 * self.mass;
+            for j in 0..3 {
+                symmetric[3 + i][3 + j] -= 0.5 * inertia[i][j];
+            }
+        }
+        is_positive_definite(symmetric)
+    }
+
+    /// The contacts that are closed and pushing at the end of the step for a velocity change, and those of them that
+    /// are closed.
+    fn predict(&self, change: &[f64; 6], geometric: bool) -> (u32, u32) {
+        let velocity: [f64; 6] = std::array::from_fn(|k| self.velocity[k] + change[k]);
+        let (mut pushing, mut closed) = (0, 0);
+        for (i, c) in self.contacts.constraints().iter().enumerate() {
+            let at = &self.seen[i];
+            let overlap = at.overlap + self.dt * dot(&six(c.normal, at.moment), &velocity);
+            if overlap <= 0.0 {
+                continue;
+            }
+            closed |= 1 << i;
+            let (row, pose_row) = self.force_rows(i, geometric);
+            let force = self.unclamped_force(i) + dot(&pose_row, &self.velocity) + dot(&row, change);
+            if force > 0.0 {
+                pushing |= 1 << i;
+            }
+        }
+        (pushing, closed)
+    }
+
+    fn solve(&self) -> Option<(Twist, u32, StepStatus)> {
+        let mut status = StepStatus::default();
+        let closed_at_start = self.seen[..self.contacts.constraints().len()]
+            .iter()
+            .enumerate()
+            .fold(0_u32, |set, (i, at)| if at.overlap > 0.0 { set | 1 << i } else { set });
+        let mut geometric = true;
+        let mut left_for_next = 0_u32;
+        let (mut active, _) = self.predict(&[0.0; 6], geometric);
+        loop {
+            let mut linear = self.assemble(active, geometric);
+            if geometric && !self.predicts(&linear.matrix) {
+                geometric = false;
+                status.geometric_stiffness_dropped = true;
+                linear = self.assemble(active, false);
+            }
+            status.solves += 1;
+            let change = solve(linear.matrix, linear.right)?;
+            let (pushing, closed) = self.predict(&change, geometric);
+            left_for_next |= active & !closed & !closed_at_start;
+            let wanted = pushing & !left_for_next;
+            let next = if status.solves < FREE_SOLVES { wanted } else { wanted & active };
+            if next == active || status.solves >= MAX_SOLVES {
+                status.active_set_unsettled = wanted != active;
+                let [vx, vy, vz, wx, wy, wz] = change;
+                let change = Twist { linear: DVec3::new(vx, vy, vz), angular: DVec3::new(wx, wy, wz) };
+                return Some((change, active, status));
+            }
+            active = next;
+        }
+    }
+}
+
+/// The momentum exp(h ω*) I ω that a body spinning at ω carries over the step, less I ω, and the derivative of the former
+/// by ω.
+fn carried_momentum(inertia: &DMat3, angular: DVec3, dt: f64) -> (DVec3, DMat3) {
+    let (turn, left) = exponential(angular * dt);
+    let momentum = *inertia * angular;
+    let gained = turn * momentum;
+    let derivative = *inertia + turn * *inertia - skew(momentum + gained) * left * dt;
+    (gained, derivative)
+}
