@@ -2,6 +2,7 @@
 
 mod adjacency;
 mod bounding;
+mod double_double;
 mod mass;
 mod validation;
 
@@ -81,6 +82,11 @@ pub enum MeshError {
     /// The triangles of a closed surface face inwards.
     #[error("the enclosed volume is negative: the triangles face inwards; reverse them all (repair does)")]
     Inverted,
+    /// The volume is positive as a whole, but the second moments are not those of a body.
+    #[error(
+        "part of the surface faces inwards, more than can be cavities: reverse the shells that do (repair may do)"
+    )]
+    PartlyInverted,
     /// A density that is not a positive finite number.
     #[error("the density must be a positive finite number of kg/m³")]
     BadDensity,

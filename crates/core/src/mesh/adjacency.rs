@@ -71,6 +71,12 @@ fn starts_from_counts(counts: &mut [u32]) {
 }
 
 impl TriMesh {
+    /// The vertices that a triangle's side runs from and to.
+    pub fn half_edge(&self, side: HalfEdge) -> [u32; 2] {
+        let corners = self.triangles[side.triangle() as usize];
+        [corners[side.side() as usize], corners[(side.side() as usize + 1) % 3]]
+    }
+
     /// The mesh's connectivity. Linear time and memory in the number of vertices and triangles; deterministic.
     pub fn adjacency(&self) -> Adjacency {
         let triangles = self.triangles();
@@ -194,6 +200,34 @@ impl Adjacency {
     pub fn neighbour(&self, triangle: u32, side: u32) -> Option<u32> {
         let other = self.neighbours[triangle as usize][side as usize];
         (other != NO_NEIGHBOUR).then_some(other)
+    }
+
+    /// The connected component of each triangle, numbered from 0 in the order of their first triangles, and how many there are.
+    /// Triangles are connected across edges, however many share one; meeting at a vertex alone does not connect.
+    /// [`NO_NEIGHBOUR`] for a triangle that names a vertex twice.
+    pub fn components(&self) -> (Vec<u32>, u32) {
+        let mut component = vec![NO_NEIGHBOUR; self.triangle_edges.len()];
+        let mut count = 0;
+        let mut pending = Vec::new();
+        for seed in 0..component.len() {
+            if component[seed] != NO_NEIGHBOUR || self.triangle_edges[seed][0] == NO_NEIGHBOUR {
+                continue;
+            }
+            component[seed] = count;
+            pending.push(seed);
+            while let Some(t) = pending.pop() {
+                for edge in self.triangle_edges[t] {
+                    for other in self.edge_sides(edge).iter().map(|side| side.triangle() as usize) {
+                        if component[other] == NO_NEIGHBOUR {
+                            component[other] = count;
+                            pending.push(other);
+                        }
+                    }
+                }
+            }
+            count += 1;
+        }
+        (component, count)
     }
 
     /// The triangles around a vertex, in ascending order; without those that name a vertex twice.

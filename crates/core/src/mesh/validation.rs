@@ -1,21 +1,34 @@
 //! What is wrong with a mesh, if anything.
+//!
+//! Conventions, where usage differs:
+//! - A triangle that names a vertex twice has no sides: it counts as degenerate and otherwise takes no part. Triangles
+//!   without area and duplicates do take part, so that a duplicate makes its edges non-manifold.
+//! - *Closed* means that each edge belongs to exactly two triangles. A mesh with an edge of four triangles encloses a volume
+//!   but is not closed in this sense, since there is no saying which of them are neighbours.
+//! - *Oriented* is judged at edges of two triangles, where it is defined.
+//! - Components are connected across edges; meeting at a vertex alone does not connect.
 
 use serde::Serialize;
 
-use super::TriMesh;
+use super::adjacency::is_collapsed;
+use super::{Adjacency, EdgeKind, TriMesh};
 
-/// Counts of everything that a mesh may have wrong with it, made by [`TriMesh::validate`].
+/// A triangle is without area when its height over its longest side is below this multiple of the bounding radius. Some
+/// thousand times the rounding of a coordinate: the direction of such a triangle's normal is noise.
+const NEGLIGIBLE_HEIGHT: f64 = 1e-12;
+
+/// What is wrong with a mesh, made by [`TriMesh::validate`]: counts, and the first element of each kind.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct ValidationReport {
     /// Vertices that a triangle refers to.
     pub vertices: usize,
     /// Triangles, degenerate ones included.
     pub triangles: usize,
-    /// Whether every edge belongs to exactly two triangles.
+    /// Whether there are triangles, and every edge belongs to exactly two.
     pub closed: bool,
     /// Whether no edge belongs to more than two triangles, and the triangles around each vertex form one fan.
     pub manifold: bool,
-    /// Whether no two triangles run along a shared edge in the same direction.
+    /// Whether no two triangles that share an edge disagree on which side is outside.
     pub oriented: bool,
     /// Edges of one triangle.
     pub boundary_edges: usize,
@@ -23,13 +36,14 @@ pub struct ValidationReport {
     pub nonmanifold_edges: usize,
     /// Edges of two triangles that disagree on which side is outside.
     pub misoriented_edges: usize,
-    /// Vertices whose triangles do not form a single fan.
+    /// Fans of triangles (connected across edges at the vertex) beyond the first, summed over the vertices: how many vertices
+    /// must be added for each fan to have its own.
     pub nonmanifold_vertices: usize,
     /// Triangles that name a vertex twice or have no area.
     pub degenerate: usize,
     /// Those of the degenerate triangles that have three different vertices.
     pub zero_area: usize,
-    /// Triangles that have the same vertices as an earlier one.
+    /// Triangles with the same vertices as an earlier one, in whatever order.
     pub duplicate: usize,
     /// Vertices with a coordinate that is not a finite number.
     pub nonfinite: usize,
@@ -39,7 +53,9 @@ pub struct ValidationReport {
     pub components: usize,
     /// Radius of the [bounding sphere](TriMesh::bounding_sphere), m.
     pub bounding_radius: f64,
-    /// Signed volume, m³.
+    /// Signed volume, m³: negative when the triangles face inwards. For a surface with a border, or one that is not oriented,
+    /// the sum of the signed tetrahedra that the triangles span with the origin. Triangles with a vertex that is not
+    /// finite are left out.
     pub volume: f64,
     /// The first offending element of each kind found.
     pub first: FirstOffenders,
@@ -54,31 +70,32 @@ pub struct OffendingEdge {
     pub triangle: u32,
 }
 
-/// The first offending element of each kind, where there is one.
+/// The first offending element of each kind, where there is one: vertices and triangles by index, edges in order of
+/// their first triangle. Absent kinds are left out when serialized.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct FirstOffenders {
-    /// The first boundary edge.
+    /// An edge of one triangle.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub boundary_edge: Option<OffendingEdge>,
-    /// The first edge of three or more triangles.
+    /// An edge of three or more triangles.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub nonmanifold_edge: Option<OffendingEdge>,
-    /// The first edge whose two triangles disagree on which side is outside.
+    /// An edge whose two triangles disagree on which side is outside.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub misoriented_edge: Option<OffendingEdge>,
-    /// The first vertex whose triangles do not form a single fan.
+    /// A vertex whose triangles form more than one fan.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub nonmanifold_vertex: Option<u32>,
-    /// The first degenerate triangle.
+    /// A triangle that names a vertex twice or has no area.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub degenerate: Option<u32>,
-    /// The first triangle that repeats an earlier one.
+    /// A triangle that repeats an earlier one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub duplicate: Option<u32>,
-    /// The first vertex with a coordinate that is not a finite number.
+    /// A vertex with a coordinate that is not a finite number.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub nonfinite: Option<u32>,
-    /// The first vertex that no triangle refers to.
+    /// A vertex that no triangle refers to.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unreferenced: Option<u32>,
 }
@@ -91,9 +108,165 @@ impl ValidationReport {
     }
 }
 
-impl TriMesh {
-    /// Looks for everything that may be wrong with the mesh.
-    pub fn validate(&self) -> ValidationReport {
-        ValidationReport { vertices: self.vertices().len(), ..ValidationReport::default() }
+/// Counts elements and remembers the first.
+struct Tally<T> {
+    count: usize,
+    first: Option<T>,
+}
+
+impl<T> Tally<T> {
+    fn of(elements: impl Iterator<Item = T>) -> Self {
+        let mut elements = elements;
+        let first = elements.next();
+        Self { count: usize::from(first.is_some()) + elements.count(), first }
     }
+}
+
+impl TriMesh {
+    /// Looks for everything that may be wrong with the mesh, apart from self-intersection. Any mesh is accepted; the time is
+    /// that of a few sorts of its triangles.
+    pub fn validate(&self) -> ValidationReport {
+        let adjacency = self.adjacency();
+        let bounding_radius = self.bounding_sphere().radius;
+        let indices = |flags: Vec<bool>| {
+            Tally::of((0..).zip(flags).filter(|(_, flag)| *flag).map(|(i, _): (u32, _)| i))
+        };
+
+        let mut unused = vec![true; self.vertices.len()];
+        for &v in self.triangles.iter().flatten() {
+            unused[v as usize] = false;
+        }
+        let unreferenced = indices(unused);
+        let nonfinite = indices(self.vertices.iter().map(|p| !p.is_finite()).collect());
+
+        let collapsed = self.triangles.iter().filter(|corners| is_collapsed(**corners)).count();
+        let degenerate = indices(
+            (0..self.triangles.len())
+                .map(|t| {
+                    is_collapsed(self.triangles[t])
+                        || self.has_no_area(t, bounding_radius)
+                })
+                .collect(),
+        );
+        let duplicate = indices(self.repeats_earlier());
+
+        let edges = |kind: EdgeKind| offending_edges(&adjacency, kind);
+        let boundary = edges(EdgeKind::Boundary);
+        let nonmanifold = edges(EdgeKind::NonManifold);
+        let misoriented = edges(EdgeKind::Misoriented);
+        let (nonmanifold_vertices, first_nonmanifold_vertex) = self.extra_fans(&adjacency);
+
+        ValidationReport {
+            vertices: self.vertices.len() - unreferenced.count,
+            triangles: self.triangles.len(),
+            closed: !adjacency.edges().is_empty() && boundary.count == 0 && nonmanifold.count == 0,
+            manifold: nonmanifold.count == 0 && nonmanifold_vertices == 0,
+            oriented: misoriented.count == 0,
+            boundary_edges: boundary.count,
+            nonmanifold_edges: nonmanifold.count,
+            misoriented_edges: misoriented.count,
+            nonmanifold_vertices,
+            degenerate: degenerate.count,
+            zero_area: degenerate.count - collapsed,
+            duplicate: duplicate.count,
+            nonfinite: nonfinite.count,
+            unreferenced: unreferenced.count,
+            components: adjacency.components().1 as usize,
+            bounding_radius,
+            volume: self.signed_volume(&adjacency),
+            first: FirstOffenders {
+                boundary_edge: boundary.first,
+                nonmanifold_edge: nonmanifold.first,
+                misoriented_edge: misoriented.first,
+                nonmanifold_vertex: first_nonmanifold_vertex,
+                degenerate: degenerate.first,
+                duplicate: duplicate.first,
+                nonfinite: nonfinite.first,
+                unreferenced: unreferenced.first,
+            },
+        }
+    }
+
+    /// Whether a triangle's height over its longest side is negligible beside the bounding radius (m). Not so if a corner is
+    /// not finite: that is another complaint.
+    fn has_no_area(&self, triangle: usize, bounding_radius: f64) -> bool {
+        let [a, b, c] = self.corners(triangle);
+        if a == b || b == c || c == a {
+            return true;
+        }
+        // In units of the radius, so that squares stay within the range of f64.
+        let [u, v, w] = [b - a, c - a, c - b].map(|side| side / bounding_radius);
+        let longest = u.length_squared().max(v.length_squared()).max(w.length_squared()).sqrt();
+        u.cross(v).length() <= NEGLIGIBLE_HEIGHT * longest
+    }
+
+    /// For each triangle, whether an earlier one has the same three vertices.
+    fn repeats_earlier(&self) -> Vec<bool> {
+        let mut sorted: Vec<([u32; 3], u32)> = (self.triangles.iter().zip(0..))
+            .filter(|(corners, _)| !is_collapsed(**corners))
+            .map(|(corners, t)| {
+                let mut corners = *corners;
+                corners.sort_unstable();
+                (corners, t)
+            })
+            .collect();
+        sorted.sort_unstable();
+        let mut repeats = vec![false; self.triangles.len()];
+        for same in sorted.chunk_by(|a, b| a.0 == b.0) {
+            for (_, t) in &same[1..] {
+                repeats[*t as usize] = true;
+            }
+        }
+        repeats
+    }
+
+    /// The number of fans beyond the first over all vertices, and the first vertex that has more than one.
+    fn extra_fans(&self, adjacency: &Adjacency) -> (usize, Option<u32>) {
+        let mut extra = 0;
+        let mut first = None;
+        // The fan of each of the vertex's triangles, as a union-find forest, and the (other vertex, triangle) of each of its sides.
+        let mut parent: Vec<usize> = Vec::new();
+        let mut spokes: Vec<(u32, usize)> = Vec::new();
+        for vertex in 0..self.vertices.len() as u32 {
+            let around = adjacency.vertex_triangles(vertex);
+            parent.clear();
+            parent.extend(0..around.len());
+            spokes.clear();
+            for (i, t) in around.iter().enumerate() {
+                spokes.extend(self.triangles[*t as usize].iter().filter(|v| **v != vertex).map(|v| (*v, i)));
+            }
+            spokes.sort_unstable();
+            let mut fans = around.len();
+            for pair in spokes.windows(2).filter(|pair| pair[0].0 == pair[1].0) {
+                let (a, b) = (root(&mut parent, pair[0].1), root(&mut parent, pair[1].1));
+                if a != b {
+                    parent[a.max(b)] = a.min(b);
+                    fans -= 1;
+                }
+            }
+            if fans > 1 {
+                extra += fans - 1;
+                first = first.or(Some(vertex));
+            }
+        }
+        (extra, first)
+    }
+}
+
+/// The root of an element's tree in a union-find forest; shortens the path to it.
+fn root(parent: &mut [usize], mut element: usize) -> usize {
+    while parent[element] != element {
+        parent[element] = parent[parent[element]];
+        element = parent[element];
+    }
+    element
+}
+
+fn offending_edges(adjacency: &Adjacency, kind: EdgeKind) -> Tally<OffendingEdge> {
+    let of_kind = (0..).zip(adjacency.edge_kinds()).filter(|(_, k)| **k == kind);
+    let found = of_kind.map(|(edge, _): (u32, _)| OffendingEdge {
+        vertices: adjacency.edges()[edge as usize],
+        triangle: adjacency.edge_sides(edge)[0].triangle(),
+    });
+    Tally { count: found.clone().count(), first: found.min_by_key(|edge| (edge.triangle, edge.vertices)) }
 }
