@@ -1,0 +1,97 @@
+//! The surface of a box divided into cells, with windows: the common topology of plates, bars and blocks.
+
+use palpate_core::glam::DVec3;
+
+use crate::stitched::Stitched;
+
+/// A rectangular opening in the bottom or top of a lattice: the cells from `low` up to below `high`.
+#[derive(Clone, Copy)]
+pub(crate) struct Window {
+    pub(crate) low: [usize; 2],
+    pub(crate) high: [usize; 2],
+}
+
+impl Window {
+    /// Vertices along its border.
+    pub(crate) const fn border(&self) -> usize {
+        2 * (self.high[0] - self.low[0] + self.high[1] - self.low[1])
+    }
+
+    const fn cells(&self) -> usize {
+        (self.high[0] - self.low[0]) * (self.high[1] - self.low[1])
+    }
+
+    const fn holds_cell(&self, i: usize, j: usize) -> bool {
+        self.low[0] <= i && i < self.high[0] && self.low[1] <= j && j < self.high[1]
+    }
+
+    const fn holds_node(&self, i: usize, j: usize) -> bool {
+        self.low[0] < i && i < self.high[0] && self.low[1] < j && j < self.high[1]
+    }
+
+    /// The nodes along the border, from the low corner along the first axis, then the second, and back.
+    pub(crate) fn nodes(&self) -> impl Iterator<Item = [usize; 2]> {
+        let ([i0, j0], [i1, j1]) = (self.low, self.high);
+        (i0..i1)
+            .map(move |i| [i, j0])
+            .chain((j0..j1).map(move |j| [i1, j]))
+            .chain((i0 + 1..=i1).rev().map(move |i| [i, j1]))
+            .chain((j0 + 1..=j1).rev().map(move |j| [i0, j]))
+    }
+}
+
+/// The cells of a box along its three axes, and its windows, which pierce both bottom and top at the same cells.
+pub(crate) struct BoxLattice {
+    pub(crate) cells: [usize; 3],
+    pub(crate) windows: Vec<Window>,
+}
+
+/// The borders of a window in the finished surface, in the order of [`Window::nodes`].
+pub(crate) struct Borders {
+    pub(crate) bottom: Vec<u32>,
+    pub(crate) top: Vec<u32>,
+}
+
+impl BoxLattice {
+    /// Number of triangles, without what fills the windows.
+    pub(crate) fn triangles(&self) -> usize {
+        let [a, b, c] = self.cells;
+        4 * (a * b + b * c + c * a) - 4 * self.windows.iter().map(Window::cells).sum::<usize>()
+    }
+
+    /// Adds the surface to a mesh. `place` gets the node, from 0 to the number of cells along each axis.
+    pub(crate) fn build(&self, mesh: &mut Stitched, place: impl Fn([usize; 3]) -> DVec3) -> Vec<Borders> {
+        let [a, b, c] = self.cells;
+        let mut sheets = [vec![u32::MAX; (a + 1) * (b + 1)], vec![u32::MAX; (a + 1) * (b + 1)]];
+        let at = |i: usize, j: usize| i * (b + 1) + j;
+        for (sheet, k) in sheets.iter_mut().zip([0, c]) {
+            for i in 0..=a {
+                for j in 0..=b {
+                    if !self.windows.iter().any(|window| window.holds_node(i, j)) {
+                        sheet[at(i, j)] = mesh.vertex(place([i, j, k]));
+                    }
+                }
+            }
+            for i in 0..a {
+                for j in 0..b {
+                    if self.windows.iter().any(|window| window.holds_cell(i, j)) {
+                        continue;
+                    }
+                    let quad = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)].map(|(i, j)| sheet[at(i, j)]);
+                    let [p, q, r, s] = quad;
+                    mesh.quad(if k == 0 { [s, r, q, p] } else { quad });
+                }
+            }
+        }
+        let rim = Window { low: [0, 0], high: [a, b] };
+        let nodes: Vec<[usize; 2]> = rim.nodes().collect();
+        let of = |sheet: &[u32], window: &Window| window.nodes().map(|[i, j]| sheet[at(i, j)]).collect();
+        let (first, last): (Vec<u32>, Vec<u32>) = (of(&sheets[0], &rim), of(&sheets[1], &rim));
+        let below_top = mesh.tube(&first, c - 1, |row, index| place([nodes[index][0], nodes[index][1], row]));
+        mesh.band(&below_top, &last);
+        self.windows
+            .iter()
+            .map(|window| Borders { bottom: of(&sheets[0], window), top: of(&sheets[1], window) })
+            .collect()
+    }
+}

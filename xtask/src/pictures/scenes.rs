@@ -1,0 +1,65 @@
+//! From where, and in what colour, each model is drawn.
+
+use std::error::Error;
+
+use glam::DVec3;
+use image::RgbImage;
+use palpate_models::Model;
+
+use super::raster::{self, Item, View};
+
+const BONE: [f32; 3] = [0.90, 0.86, 0.74];
+const PORCELAIN: [f32; 3] = [0.62, 0.74, 0.85];
+const STEEL: [f32; 3] = [0.66, 0.69, 0.73];
+const BRASS: [f32; 3] = [0.80, 0.66, 0.38];
+const CLAY: [f32; 3] = [0.78, 0.50, 0.38];
+const WHITE: [f32; 3] = [0.90, 0.90, 0.90];
+
+/// The direction that shows a model best. Models stand with z upwards.
+pub fn view(model: Model) -> View {
+    let (azimuth, elevation) = match model {
+        Model::LowerJaw => (-90.0, 40.0),
+        Model::UpperJaw => (-90.0, -35.0),
+        Model::BallJointBall | Model::BallJointSocket => (-60.0, 20.0),
+        Model::GolfClub => (-60.0, 20.0),
+        Model::Cup | Model::CupLow => (-55.0, 28.0),
+        Model::Spoon | Model::SpoonLow => (-65.0, 32.0),
+        Model::Block => (-60.0, 30.0),
+        Model::Gear => (-60.0, 40.0),
+        Model::Hammer => (-70.0, 25.0),
+        Model::CadPart => (-50.0, 30.0),
+        Model::File => (-65.0, 45.0),
+        Model::Torus => (-70.0, 40.0),
+        Model::GolfBall | Model::Ellipsoid => (-60.0, 25.0),
+    };
+    View::from_degrees(azimuth, elevation)
+}
+
+/// A colour (linear RGB, 0 to 1) that suits the model.
+pub fn color(model: Model) -> [f32; 3] {
+    match model {
+        Model::LowerJaw | Model::UpperJaw => BONE,
+        Model::Cup | Model::CupLow => PORCELAIN,
+        Model::GolfBall => WHITE,
+        Model::BallJointBall | Model::Gear => BRASS,
+        Model::Torus | Model::Block | Model::Ellipsoid => CLAY,
+        Model::BallJointSocket
+        | Model::GolfClub
+        | Model::Spoon
+        | Model::SpoonLow
+        | Model::Hammer
+        | Model::CadPart
+        | Model::File => STEEL,
+    }
+}
+
+/// The picture at the head of the README: the two jaws in contact.
+pub fn touching_jaws() -> Result<RgbImage, Box<dyn Error>> {
+    let lower = Model::LowerJaw.generate(Model::LowerJaw.default_triangles())?;
+    let upper = Model::UpperJaw.generate(Model::UpperJaw.default_triangles())?;
+    let items = [
+        Item::new(&lower, BONE),
+        Item { translation: DVec3::ZERO, ..Item::new(&upper, PORCELAIN) },
+    ];
+    Ok(raster::render(&items, &View::from_degrees(-75.0, 8.0)))
+}
