@@ -5,6 +5,7 @@
 
 mod ball_joint;
 mod block;
+mod box_lattice;
 mod cad_part;
 mod cup;
 mod ellipsoid;
@@ -12,9 +13,15 @@ mod file;
 mod gear;
 mod golf_ball;
 mod golf_club;
+mod halfedge;
 mod hammer;
 mod jaws;
+mod relief;
+mod remesh;
 mod spoon;
+mod stitched;
+mod surface;
+mod tetrahedra;
 mod torus;
 
 use palpate_core::TriMesh;
