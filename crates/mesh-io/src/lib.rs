@@ -2,6 +2,7 @@
 
 mod error;
 mod intersect;
+mod polygon;
 mod repair;
 mod weld;
 mod write;

@@ -14,14 +14,16 @@ pub(super) struct Boxes {
 }
 
 impl Boxes {
-    /// Boxes of `count` triangles. A triangle with a coordinate that is not finite gets an empty box, which overlaps nothing.
-    pub(super) fn new(count: usize, corners: impl Fn(usize) -> [DVec3; 3]) -> Self {
+    /// Boxes of `count` triangles. A triangle that is to be left out, or has a coordinate that is not finite, gets an empty
+    /// box, which overlaps nothing.
+    pub(super) fn new(count: usize, corners: impl Fn(usize) -> Option<[DVec3; 3]>) -> Self {
         let empty = [DVec3::INFINITY, DVec3::NEG_INFINITY];
         let boxes = (0..count)
-            .map(|t| {
-                let [a, b, c] = corners(t);
-                let finite = a.is_finite() && b.is_finite() && c.is_finite();
-                if finite { [a.min(b).min(c), a.max(b).max(c)] } else { empty }
+            .map(|t| match corners(t) {
+                Some([a, b, c]) if a.is_finite() && b.is_finite() && c.is_finite() => {
+                    [a.min(b).min(c), a.max(b).max(c)]
+                }
+                _ => empty,
             })
             .collect();
         Self { boxes }

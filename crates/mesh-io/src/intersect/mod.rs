@@ -11,6 +11,8 @@ use glam::DVec3;
 use palpate_core::{Pose, TriMesh};
 use rayon::prelude::*;
 
+pub(crate) use triangles::{Plane, collinear};
+
 use crate::weld::equal_positions;
 
 /// The pairs of triangles of a mesh that intersect.
@@ -22,14 +24,21 @@ pub struct SelfIntersections {
     pub first: Option<[u32; 2]>,
 }
 
-/// Counts the pairs of triangles of a mesh that intersect in more than the vertices and the edge that they share.
+/// Counts the pairs of triangles of a mesh that intersect in more than what they share; touching counts.
+///
+/// Two triangles share the vertices that are at bitwise equal positions, whether or not the mesh is welded. Those that
+/// share none intersect if they have a point in common. Those that share one vertex do if they have any other point in
+/// common. Those that share an edge do if one is folded flat onto the other. Duplicates (three shared vertices) and
+/// degenerate triangles (without area, or with a coordinate that is not finite) are defects of other kinds and are left
+/// out here. Runs in parallel; the result does not depend on the number of threads. Takes O(n log n) for a surface; a soup
+/// in which all pairs intersect takes O(n²).
 pub fn self_intersections(mesh: &TriMesh) -> SelfIntersections {
     let mut vertices = mesh.vertices().to_vec();
     normalise(&mut vertices);
     let same = equal_positions(&vertices);
     let ids: Vec<[u32; 3]> = mesh.triangles().iter().map(|t| t.map(|v| same[v as usize])).collect();
     let corners = |t: usize| ids[t].map(|v| vertices[v as usize]);
-    let boxes = Boxes::new(ids.len(), corners);
+    let boxes = Boxes::new(ids.len(), |t| Some(corners(t)).filter(|&[a, b, c]| !collinear(a, b, c)));
     let tree = boxes.tree();
     (0..ids.len())
         .into_par_iter()
@@ -74,8 +83,8 @@ pub fn intersecting_pairs(
     let (vertices_a, vertices_b) = vertices.split_at(a.vertices().len());
     let corners_a = |t: usize| a.triangles()[t].map(|v| vertices_a[v as usize]);
     let corners_b = |t: usize| b.triangles()[t].map(|v| vertices_b[v as usize]);
-    let boxes_a = Boxes::new(a.triangles().len(), corners_a);
-    let boxes_b = Boxes::new(b.triangles().len(), corners_b);
+    let boxes_a = Boxes::new(a.triangles().len(), |t| Some(corners_a(t)));
+    let boxes_b = Boxes::new(b.triangles().len(), |t| Some(corners_b(t)));
     let tree = boxes_b.tree();
     let mut pairs = Vec::new();
     let mut candidates = Vec::new();

@@ -13,8 +13,10 @@ use robust::{Coord, Coord3D};
 /// - no shared vertex: whether they have a point in common, touching included;
 /// - one: whether the edge of one opposite to that vertex meets the other. This is whether they have any other point in
 ///   common, since a common segment that starts in the shared vertex ends on such an edge;
-/// - two: whether they lie in one plane on the same side of the shared edge;
-/// - three: they are the same triangle, and do.
+/// - two: whether they lie in one plane on the same side of the shared edge, that is, are folded flat onto each other;
+/// - three: no. Duplicate triangles are a defect of their own kind, and counted as such.
+///
+/// Both triangles must have an area.
 pub(super) fn cross(a: &[DVec3; 3], a_ids: &[u32; 3], b: &[DVec3; 3], b_ids: &[u32; 3]) -> bool {
     let shared_a = a_ids.map(|v| b_ids.contains(&v));
     match shared_a.iter().filter(|&&s| s).count() {
@@ -35,7 +37,7 @@ pub(super) fn cross(a: &[DVec3; 3], a_ids: &[u32; 3], b: &[DVec3; 3], b_ids: &[u
                     side != 0 && side == plane.orient(p, q, b[j])
                 })
         }
-        _ => true,
+        _ => false,
     }
 }
 
@@ -115,9 +117,12 @@ pub(crate) fn collinear(a: DVec3, b: DVec3, c: DVec3) -> bool {
 
 /// A coordinate plane to project on, which is done without rounding.
 #[derive(Clone, Copy)]
-enum Plane {
+pub(crate) enum Plane {
+    /// Seen along z.
     Xy,
+    /// Seen along x.
     Yz,
+    /// Seen along y.
     Zx,
 }
 
@@ -125,7 +130,7 @@ impl Plane {
     const ALL: [Self; 3] = [Self::Xy, Self::Yz, Self::Zx];
 
     /// On which side of the line ab the point c lies in the projection: 1 left, −1 right, 0 on it.
-    fn orient(self, a: DVec3, b: DVec3, c: DVec3) -> i8 {
+    pub(crate) fn orient(self, a: DVec3, b: DVec3, c: DVec3) -> i8 {
         let [a, b, c] = [a, b, c].map(|v| match self {
             Self::Xy => Coord { x: v.x, y: v.y },
             Self::Yz => Coord { x: v.y, y: v.z },
