@@ -2,7 +2,8 @@
 //! a bounding volume hierarchy of convex hulls, laid out for the query that reads it.
 //!
 //! Nodes are stored root first and level by level, so that the children of a node, and the nodes of a level, are
-//! contiguous. A node's hull vertices are contiguous too, extreme points first.
+//! contiguous. A node's hull vertices are contiguous too, extreme points first; vertices and triangles stand in the order of
+//! the nodes that they belong to, and nodes share none. [`Clod::validate`] lists all that queries rely on.
 
 mod format;
 mod validation;
@@ -24,11 +25,11 @@ pub struct Clod {
     pub levels: Vec<Level>,
     /// Nodes, the root first, level by level down to the leaves (level 0).
     pub nodes: Vec<Node>,
-    /// Hull vertices of all nodes, m.
+    /// Hull vertices of all nodes, in the nodes' order, m. A vertex that several hulls have is there once for each.
     pub vertices: Vec<DVec3>,
     /// D, the support area (m²) of each hull vertex (§3.3.5).
     pub support_areas: Vec<f64>,
-    /// Surface triangles of all patches, as indices into the node's own hull vertices.
+    /// Surface triangles of all patches, in the nodes' order, as indices into the node's own hull vertices.
     pub triangles: Vec<[u32; 3]>,
     /// What the hierarchy was built from.
     pub source: Source,
@@ -74,7 +75,7 @@ pub struct Level {
 pub struct Node {
     /// Parent node, or [`NO_NODE`].
     pub parent: u32,
-    /// Child nodes; empty for a leaf.
+    /// Child nodes, one level finer; empty for a leaf.
     pub children: Range<u32>,
     /// Index into [`Clod::levels`].
     pub level: u32,

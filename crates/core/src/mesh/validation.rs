@@ -142,10 +142,7 @@ impl TriMesh {
         let collapsed = self.triangles.iter().filter(|corners| is_collapsed(**corners)).count();
         let degenerate = indices(
             (0..self.triangles.len())
-                .map(|t| {
-                    is_collapsed(self.triangles[t])
-                        || self.has_no_area(t, bounding_radius)
-                })
+                .map(|t| is_collapsed(self.triangles[t]) || self.has_no_area(t, bounding_radius))
                 .collect(),
         );
         let duplicate = indices(self.repeats_earlier());
