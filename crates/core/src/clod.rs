@@ -6,6 +6,8 @@
 //! the nodes that they belong to, and nodes share none. [`Clod::validate`] lists all that queries rely on.
 
 mod format;
+#[cfg(test)]
+mod tests;
 mod validation;
 
 use std::ops::Range;
