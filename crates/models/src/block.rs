@@ -51,7 +51,11 @@ pub(crate) fn build(triangles: usize) -> TriMesh {
         };
         // A valley at the middle of the bottom and a crest at the middle of the top: stacked blocks interlock.
         let ridge = ridges * side(2) * relief::ridges(plain[1] / PITCH) * inside(0) * inside(1);
-        DVec3::new(plain[0] + side(0) * dimple(1, 2), plain[1] + side(1) * dimple(0, 2), plain[2] + ridge * side(2))
+        DVec3::new(
+            plain[0] + side(0) * dimple(1, 2),
+            plain[1] + side(1) * dimple(0, 2),
+            plain[2] + ridge * side(2),
+        )
     });
     mesh.finish(1e-3)
 }

@@ -3,42 +3,7 @@
 use palpate_core::glam::DVec3;
 
 use crate::stitched::Stitched;
-
-/// A rectangular opening in the bottom or top of a lattice: the cells from `low` up to below `high`.
-#[derive(Clone, Copy)]
-pub(crate) struct Window {
-    pub(crate) low: [usize; 2],
-    pub(crate) high: [usize; 2],
-}
-
-impl Window {
-    /// Vertices along its border.
-    pub(crate) const fn border(&self) -> usize {
-        2 * (self.high[0] - self.low[0] + self.high[1] - self.low[1])
-    }
-
-    const fn cells(&self) -> usize {
-        (self.high[0] - self.low[0]) * (self.high[1] - self.low[1])
-    }
-
-    const fn holds_cell(&self, i: usize, j: usize) -> bool {
-        self.low[0] <= i && i < self.high[0] && self.low[1] <= j && j < self.high[1]
-    }
-
-    const fn holds_node(&self, i: usize, j: usize) -> bool {
-        self.low[0] < i && i < self.high[0] && self.low[1] < j && j < self.high[1]
-    }
-
-    /// The nodes along the border, from the low corner along the first axis, then the second, and back.
-    pub(crate) fn nodes(&self) -> impl Iterator<Item = [usize; 2]> {
-        let ([i0, j0], [i1, j1]) = (self.low, self.high);
-        (i0..i1)
-            .map(move |i| [i, j0])
-            .chain((j0..j1).map(move |j| [i1, j]))
-            .chain((i0 + 1..=i1).rev().map(move |i| [i, j1]))
-            .chain((j0 + 1..=j1).rev().map(move |j| [i0, j]))
-    }
-}
+use crate::window::Window;
 
 /// The cells of a box along its three axes, and its windows, which pierce both bottom and top at the same cells.
 pub(crate) struct BoxLattice {

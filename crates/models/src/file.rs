@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 use palpate_core::{TriMesh, glam::DVec3};
 
 use crate::box_lattice::BoxLattice;
+use crate::path::stations;
 use crate::relief::{self, smooth_step};
 use crate::stitched::{Stitched, cells, fit};
 
@@ -34,26 +35,6 @@ fn section(x: f64) -> (f64, f64) {
     )
 }
 
-/// Stations along x: closer together where the file is narrow, so that cells keep their shape.
-fn stations(count: usize) -> Vec<f64> {
-    const FINE: usize = 2000;
-    let mut reached = vec![0.0; FINE + 1];
-    let at = |index: f64| -TANG + (TANG + BLADE) * index / FINE as f64;
-    for index in 0..FINE {
-        reached[index + 1] = reached[index] + (WIDTH / section(at(index as f64 + 0.5)).0).sqrt();
-    }
-    let mut index = 0;
-    (0..=count)
-        .map(|station| {
-            let goal = reached[FINE] * station as f64 / count as f64;
-            while index + 1 < FINE && reached[index + 1] < goal {
-                index += 1;
-            }
-            at(index as f64 + ((goal - reached[index]) / (reached[index + 1] - reached[index])).clamp(0.0, 1.0))
-        })
-        .collect()
-}
-
 /// One row of teeth a turn of `phase`, 0 to 1: a slow rise and a steep fall.
 fn tooth(phase: f64) -> f64 {
     let angle = TAU * phase;
@@ -71,7 +52,8 @@ pub(crate) fn build(triangles: usize) -> TriMesh {
         windows: Vec::new(),
     };
     let lattice = fit(triangles, area, plan, BoxLattice::triangles);
-    let stations = stations(lattice.cells[0]);
+    // Closer together where the file is narrow, so that cells keep their shape.
+    let stations = stations(-TANG, BLADE, lattice.cells[0], |x| (WIDTH / section(x).0).sqrt());
     let height = HEIGHT * relief::resolved(PITCH, WIDTH / lattice.cells[1] as f64);
 
     let mut mesh = Stitched::default();
@@ -89,7 +71,8 @@ pub(crate) fn build(triangles: usize) -> TriMesh {
             })
             .product();
         let edge = 0.5 * width - y.abs();
-        let toothed = smooth_step(4.0, 9.0, x) * smooth_step(0.3, 2.0, BLADE - x) * smooth_step(0.3, 1.6, edge);
+        let toothed =
+            smooth_step(4.0, 9.0, x) * smooth_step(0.3, 2.0, BLADE - x) * smooth_step(0.3, 1.6, edge);
         let on_face = if up.abs() == 1.0 { up } else { 0.0 };
         DVec3::new(x, y, 0.5 * thickness * up + on_face * height * cut * toothed)
     });

@@ -7,7 +7,7 @@ use palpate_core::{TriMesh, glam::DVec3};
 
 use crate::block;
 use crate::relief::{self, smooth_step};
-use crate::stitched::{Cap, Stitched, cells, fit};
+use crate::stitched::{Cap, Stitched, cells, fit, reversed};
 
 pub(crate) const MIN_TRIANGLES: usize = 400;
 
@@ -75,11 +75,7 @@ pub(crate) fn build(triangles: usize) -> TriMesh {
     for (rim, side) in [(top, 1.0), (bottom, -1.0)] {
         // The lower side is seen from below: its rings run the other way.
         let mirrored = |turn: f64| if side < 0.0 { (1.0 - turn).fract() } else { turn };
-        let rim: Vec<u32> = if side < 0.0 {
-            std::iter::once(rim[0]).chain(rim[1..].iter().rev().copied()).collect()
-        } else {
-            rim
-        };
+        let rim = if side < 0.0 { reversed(&rim) } else { rim };
         let inner = mesh.tube(&rim, plan.margin, |row, index| {
             let radius = 1.0 - (1.0 - WEB) * row as f64 / plan.margin as f64;
             place(radius, mirrored(turn(index)), side * half, side)

@@ -16,6 +16,8 @@ mod golf_club;
 mod halfedge;
 mod hammer;
 mod jaws;
+mod lathe;
+mod path;
 mod relief;
 mod remesh;
 mod spoon;
@@ -23,6 +25,7 @@ mod stitched;
 mod surface;
 mod tetrahedra;
 mod torus;
+mod window;
 
 use palpate_core::TriMesh;
 
@@ -143,7 +146,9 @@ impl Model {
             Self::LowerJaw => ("lower-jaw", 40_180, "lower jaw, an arch of teeth (Table 3.2)"),
             Self::UpperJaw => ("upper-jaw", 47_339, "upper jaw, interdigitates with the lower (Table 3.2)"),
             Self::BallJointBall => ("ball-joint-ball", 137_060, "ball half of a ball joint (Table 3.2)"),
-            Self::BallJointSocket => ("ball-joint-socket", 137_060, "socket half of a ball joint (Table 3.2)"),
+            Self::BallJointSocket => {
+                ("ball-joint-socket", 137_060, "socket half of a ball joint (Table 3.2)")
+            }
             Self::GolfClub => ("golf-club", 104_888, "golf club head and shaft (Table 3.2)"),
             Self::GolfBall => ("golf-ball", 177_876, "golf ball with dimples (Table 3.2)"),
             Self::Cup => ("cup", 64_000, "cup with handle (Table 3.2)"),
@@ -183,7 +188,12 @@ impl Model {
             Self::Torus => (torus::MIN_TRIANGLES, torus::build),
         };
         if !(min..=MAX_TRIANGLES).contains(&triangles) {
-            return Err(ModelError::OutOfRange { model: self.name(), asked: triangles, min, max: MAX_TRIANGLES });
+            return Err(ModelError::OutOfRange {
+                model: self.name(),
+                asked: triangles,
+                min,
+                max: MAX_TRIANGLES,
+            });
         }
         Ok(build(triangles))
     }

@@ -93,7 +93,8 @@ impl Stitched {
         // Start from the vertex of `to` nearest to the middle of the first edge of `from`.
         let start = middle(from.1, 0);
         let distance = |turn: f64| (turn - start - (turn - start).round()).abs();
-        let nearest = (0..count_to).min_by(|a, b| distance(to.1[*a]).total_cmp(&distance(to.1[*b]))).unwrap_or(0);
+        let nearest =
+            (0..count_to).min_by(|a, b| distance(to.1[*a]).total_cmp(&distance(to.1[*b]))).unwrap_or(0);
         let shift = (start - to.1[nearest]).round();
         let (mut index_from, mut index_to) = (0, nearest);
         while index_from < count_from || index_to < nearest + count_to {
@@ -114,7 +115,8 @@ impl Stitched {
     /// (1 at the ring, 0 at the centre) and the turn.
     pub(crate) fn cap(&mut self, ring: &[u32], shape: &Cap, place: impl Fn(f64, f64) -> DVec3) {
         let mut outer = ring.to_vec();
-        let mut outer_turns: Vec<f64> = (0..ring.len()).map(|index| index as f64 / ring.len() as f64).collect();
+        let mut outer_turns: Vec<f64> =
+            (0..ring.len()).map(|index| index as f64 / ring.len() as f64).collect();
         for (index, &count) in shape.counts.iter().enumerate() {
             let radius = 1.0 - (index + 1) as f64 / (shape.counts.len() + 1) as f64;
             // Half a step off on every second ring: triangles, where rings are equally divided, rather than right angles.
@@ -135,6 +137,11 @@ impl Stitched {
         let vertices = self.vertices.into_iter().map(|vertex| unit * vertex).collect();
         TriMesh::new(vertices, self.triangles).expect("patches refer to their own vertices")
     }
+}
+
+/// The ring the other way round, from the same vertex.
+pub(crate) fn reversed(ring: &[u32]) -> Vec<u32> {
+    ring[..1].iter().chain(ring[1..].iter().rev()).copied().collect()
 }
 
 /// How a disc is divided: the numbers of vertices of its inner rings, from the border to the centre.

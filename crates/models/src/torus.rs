@@ -22,7 +22,8 @@ pub(crate) fn build(triangles: usize) -> TriMesh {
     let plan = |edge: f64, stretch: f64| {
         (cells(TAU * MAJOR, edge / stretch, 3), cells(TAU * MINOR, edge * stretch, 3))
     };
-    let (along, around) = fit(triangles, TAU * MAJOR * TAU * MINOR, plan, |(along, around)| 2 * along * around);
+    let (along, around) =
+        fit(triangles, TAU * MAJOR * TAU * MINOR, plan, |(along, around)| 2 * along * around);
     let edge = (TAU * (MAJOR + MINOR) / along as f64).max(TAU * MINOR / around as f64);
     let wavelength = TAU / (AROUND_TUBE / MINOR).hypot(AROUND_AXIS / MAJOR);
     let amplitude = AMPLITUDE * relief::resolved(wavelength, edge);
