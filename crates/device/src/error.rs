@@ -26,11 +26,8 @@ pub enum DeviceError {
         expected: String,
     },
     /// The device was closed before.
-    #[error("the device `{name}` is closed; open it again")]
-    Closed {
-        /// The device's name.
-        name: &'static str,
-    },
+    #[error("the device is closed; open it again")]
+    Closed,
     /// The motion to play or to follow could not be used.
     #[error(transparent)]
     Path(#[from] PathError),
@@ -72,9 +69,13 @@ pub enum PathError {
         remedy: &'static str,
     },
     /// There is no sample.
-    #[error("the motion{} holds no sample; it needs at least one", file.as_ref().map(|f| format!(" in {}", f.display())).unwrap_or_default())]
+    #[error("{} holds no sample; a motion needs at least one", named(file))]
     Empty {
         /// The file, where there is one.
         file: Option<PathBuf>,
     },
+}
+
+fn named(file: &Option<PathBuf>) -> String {
+    file.as_ref().map_or_else(|| "the motion".into(), |file| file.display().to_string())
 }

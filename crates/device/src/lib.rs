@@ -1,5 +1,5 @@
 //! Haptic devices for palpate: the [`HapticDevice`] trait, an emulated device held by an emulated hand
-//! (EmulatedDevice), and replay of a recorded motion ([`ReplayDevice`]).
+//! ([`EmulatedDevice`]), and replay of a recorded motion ([`ReplayDevice`]).
 //!
 //! SI units throughout. Poses, twists and wrenches are those of the handle's reference point, in the device's own
 //! axes, whose origin is the centre of the workspace. A wrench written to a device is the wrench that the device
@@ -7,38 +7,50 @@
 //!
 //! Between opening and closing, `read` and `write` neither allocate, lock, log nor panic.
 
+mod emulated;
 mod error;
+mod hand;
+mod mechanics;
 mod path;
 mod path_file;
+mod presets;
+mod registry;
+mod replay;
+mod sensing;
 mod specification;
 mod state;
 
+pub use emulated::{EmulatedDevice, Emulation};
 pub use error::{DeviceError, PathError};
+pub use hand::{Hand, IntendedPath};
+pub use mechanics::Handle;
 use palpate_core::Wrench;
 pub use path::{Interpolation, Keyframe, MotionPath, PathPoint};
 pub use path_file::PATH_HEADER;
+pub use registry::{Listing, list, open};
+pub use replay::ReplayDevice;
 pub use specification::{Axes, Specification};
 pub use state::{DeviceState, Status};
 
 /// A device that reports how its handle moves and applies a wrench to the hand that holds it.
 ///
-/// A device is driven by one thread: read, compute, write, once a period. Implementations write a zero wrench when
-/// they are closed and when they are dropped.
+/// A device is driven by one thread: read, compute, write, once a period. Implementations write a zero wrench
+/// when they are closed and when they are dropped.
 pub trait HapticDevice: Send {
     /// What the device is and what it can do.
     fn specification(&self) -> &Specification;
 
     /// The handle's motion at the driver's time `now` (s; from 0, never running back).
     ///
-    /// The pose and the twist are always finite. A time that is not finite or lies before an earlier one gives the
-    /// state of the earlier one with [`Status::CLOCK`] set. Events since the previous read are in
+    /// The pose and the twist are always finite. A time that is not finite or lies before an earlier one gives
+    /// the state of the earlier one with [`Status::CLOCK`] set. Events since the previous read are in
     /// [`DeviceState::status`]. Fails once the device is closed or lost.
     fn read(&mut self, now: f64) -> Result<DeviceState, DeviceError>;
 
     /// Asks for `wrench` (N, N·m, about the handle's reference point) on the hand until the next write.
     ///
-    /// A wrench beyond the device's peaks is clipped; a wrench that is not finite is refused and zero written in its
-    /// place. Either sets a flag in the next state read. Fails once the device is closed or lost.
+    /// A wrench beyond the device's peaks is clipped; a wrench that is not finite is refused and zero written
+    /// in its place. Either sets a flag in the next state read. Fails once the device is closed or lost.
     fn write(&mut self, wrench: &Wrench) -> Result<(), DeviceError>;
 
     /// Writes a zero wrench and gives the device up. Closing twice is no error.

@@ -1,14 +1,15 @@
 //! A motion given by samples of a pose over time, as a curve with a pose and a twist at every instant.
 //!
-//! Between two samples the position is a cubic Hermite curve and the orientation is q(t) = exp(w(t)) q₀, where the
-//! rotation vector w (world axes) is a cubic Hermite curve from 0 to the short way round to the next sample. The twist
-//! is the exact derivative of the curve: with the left Jacobian J of the rotation group, ω = J(w) ẇ. (J and its inverse: T. D. Barfoot,
+//! Between two samples the position is a cubic Hermite curve and the orientation is q(t) = exp(w(t)) q₀, where
+//! the rotation vector w (world axes) is a cubic Hermite curve from 0 to the short way round to the next
+//! sample. The twist is the exact derivative of the curve: with the left Jacobian J of the rotation group, ω =
+//! J(w) ẇ. (J and its inverse: T. D. Barfoot,
 //! *State Estimation for Robotics*, 2017, §7.1.)
 //!
-//! [`Interpolation::Smooth`] takes the twist at a sample from a parabola through it and its neighbours (a central
-//! difference where the spacing is even), at most three times as fast as the slower of the two segments that meet there: a
-//! hold stays a hold, and unevenly spaced samples cannot fling the curve away. The twist is then continuous. [`Interpolation::Linear`] takes each
-//! segment's own mean twist (lerp and slerp).
+//! [`Interpolation::Smooth`] takes the twist at a sample from a parabola through it and its neighbours (a
+//! central difference where the spacing is even), at most three times as fast as the slower of the two segments
+//! that meet there: a hold stays a hold, and unevenly spaced samples cannot fling the curve away. The twist is
+//! then continuous. [`Interpolation::Linear`] takes each segment's own mean twist (lerp and slerp).
 
 use glam::{DQuat, DVec3};
 use palpate_core::{Pose, Twist};
@@ -21,8 +22,9 @@ const MAX_POSITION: f64 = 1e6;
 const MIN_SPACING: f64 = 1e-9;
 /// How far a quaternion's length may be from 1 and still pass as rounded; it is normalised.
 const UNIT_TOLERANCE: f64 = 1e-3;
-/// A twist at a sample is at most this many times as fast as the slower segment: the bound up to which a cubic
-/// between two equal slopes stays monotonic (F. N. Fritsch and R. E. Carlson, 1980).
+/// A twist at a sample is at most this many times as fast as the slower segment: up to there a cubic between
+/// values that grow stays monotonic (F. N. Fritsch and R. E. Carlson, *Monotone piecewise cubic interpolation*,
+/// 1980).
 const SPEED_RATIO: f64 = 3.0;
 
 /// A pose at a time.
@@ -55,7 +57,8 @@ pub struct PathPoint {
     pub ended: bool,
 }
 
-/// A motion given by samples. Its clock starts at its first sample; before that and after the last one it stands still.
+/// A motion given by samples. Its clock starts at its first sample; before that and after the last one it
+/// stands still.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MotionPath {
     keyframes: Vec<Keyframe>,
@@ -64,8 +67,8 @@ pub struct MotionPath {
 }
 
 impl MotionPath {
-    /// A path through `keyframes`, which must be at least one, finite, of strictly growing time and with unit quaternions
-    /// (to 1e-3; they are normalised).
+    /// A path through `keyframes`, which must be at least one, finite, of strictly growing time and with unit
+    /// quaternions (to 1e-3; they are normalised).
     pub fn new(mut keyframes: Vec<Keyframe>, interpolation: Interpolation) -> Result<Self, PathError> {
         let mut previous = None;
         for (sample, keyframe) in keyframes.iter_mut().enumerate() {
@@ -103,7 +106,8 @@ impl MotionPath {
         self.at_near(elapsed, &mut 0)
     }
 
-    /// As [`at`](Self::at); `segment` is where the previous point lay and makes the search for the next one short.
+    /// As [`at`](Self::at); `segment` is where the previous point lay and makes the search for the next one
+    /// short.
     pub fn at_near(&self, elapsed: f64, segment: &mut usize) -> PathPoint {
         let frames = &self.keyframes;
         let last = frames.len() - 1;
@@ -163,8 +167,7 @@ pub(crate) struct Refusal {
 /// The sample with its quaternion normalised, if it can follow a sample at time `previous`.
 pub(crate) fn checked(mut keyframe: Keyframe, previous: Option<f64>) -> Result<Keyframe, Refusal> {
     let Keyframe { time, pose } = keyframe;
-    // NaN fails the comparisons too.
-    if !(time.abs() <= MAX_TIME) {
+    if time.is_nan() || time.abs() > MAX_TIME {
         return Err(Refusal { what: format!("time {time} s"), remedy: "give finite seconds, at most 1e9" });
     }
     if let Some(previous) = previous
@@ -175,14 +178,14 @@ pub(crate) fn checked(mut keyframe: Keyframe, previous: Option<f64>) -> Result<K
             remedy: "sort the samples by time and drop repeated ones (1 ns apart at least)",
         });
     }
-    if !(pose.translation.abs().max_element() <= MAX_POSITION) || pose.translation.is_nan() {
+    if pose.translation.is_nan() || pose.translation.abs().max_element() > MAX_POSITION {
         return Err(Refusal {
             what: format!("position {}", pose.translation),
             remedy: "give finite metres, at most 1e6",
         });
     }
     let length = pose.rotation.length();
-    if !((length - 1.0).abs() <= UNIT_TOLERANCE) {
+    if length.is_nan() || (length - 1.0).abs() > UNIT_TOLERANCE {
         return Err(Refusal {
             what: format!("quaternion {} of length {length}", pose.rotation),
             remedy: "give unit quaternions in the order x, y, z, w",

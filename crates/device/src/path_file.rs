@@ -1,8 +1,8 @@
-//! Recorded motions as text: a header `t,px,py,pz,qx,qy,qz,qw`, then a line a sample with seconds, metres and a unit
-//! quaternion. Numbers are written with as many digits as it takes to read the same number back.
+//! Recorded motions as text: a header `t,px,py,pz,qx,qy,qz,qw`, then a line a sample with seconds, metres and a
+//! unit quaternion. Numbers are written with as many digits as it takes to read the same number back.
 //!
-//! Lines are split here, without a CSV parser: an error then names the line that an editor shows, a line's length is
-//! bounded, and a stray quotation mark cannot swallow the rest of the file. No field needs quoting.
+//! Lines are split here, without a CSV parser: an error then names the line that an editor shows, a line's
+//! length is bounded, and a stray quotation mark cannot swallow the rest of the file. No field needs quoting.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, BufWriter, Read, Write};

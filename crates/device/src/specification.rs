@@ -25,8 +25,8 @@ impl Axes {
     }
 }
 
-/// What a device is and what it can do. A limit that the device does not set is infinite (`null` in JSON); an ability
-/// that it lacks is zero.
+/// What a device is and what it can do. A limit that the device does not set is infinite (`null` in JSON); an
+/// ability that it lacks is zero.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Specification {
     /// Make and model.

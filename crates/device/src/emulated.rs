@@ -1,0 +1,347 @@
+//! A device emulated with the hand that holds it.
+//!
+//! The handle (mass, damping, Coulomb friction), held by a hand that follows an intended path, moves under the
+//! wrench written last, held between writes as an amplifier holds it. Encoders round what is read, and the
+//! force and the torque are clipped to the device's peaks: the driver meets the delays, the rounding and the
+//! limits that it would meet on the real device. The figures of the presets are approximate; see
+//! [`Emulation::preset`].
+//!
+//! Time advances in whole substeps, counted from the driver's time 0: the states depend on the times of the
+//! writes, not on how often the device is read between them, and two runs with the same calls are equal bit for
+//! bit. A read simulates at most [`Emulation::catch_up`] seconds; time beyond that is left out, for the handle
+//! and the hand alike, and counted in [`EmulatedDevice::skipped_time`].
+//!
+//! There is no end stop: a handle that leaves the workspace sets [`Status::OUTSIDE_WORKSPACE`] and moves on.
+
+use glam::DVec3;
+use palpate_core::{Pose, Twist, Wrench};
+
+use crate::hand::{Hand, IntendedPath};
+use crate::mechanics::{self, Handle};
+use crate::sensing::Encoders;
+use crate::{DeviceError, DeviceState, HapticDevice, Specification, Status, presets};
+
+/// The largest value of a mechanical parameter that passes as one (in its SI unit): beyond it lies a slip of
+/// units.
+const MAX_PARAMETER: f64 = 1e6;
+
+/// What to emulate.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Emulation {
+    /// The device's abilities; its peaks, encoder steps, delay and axes are what the emulation keeps to.
+    pub specification: Specification,
+    /// The handle's mechanics.
+    pub handle: Handle,
+    /// The hand that holds it.
+    pub hand: Hand,
+    /// Length of an integration step, s.
+    pub substep: f64,
+    /// The longest time that one read simulates, s.
+    pub catch_up: f64,
+}
+
+impl Default for Emulation {
+    /// The Phantom Premium 1.5 6DOF.
+    fn default() -> Self {
+        presets::preset("premium-1.5").expect("the default preset is in the list")
+    }
+}
+
+impl Emulation {
+    /// The emulation of a device that there is: one of [`Emulation::presets`].
+    ///
+    /// Peak force, torque, stiffness and workspace are the maker's; the rest are typical figures of the class,
+    /// not measurements of a unit.
+    pub fn preset(name: &str) -> Option<Self> {
+        presets::preset(name)
+    }
+
+    /// Name of each preset with a line about it.
+    pub fn presets() -> impl Iterator<Item = (&'static str, &'static str)> {
+        presets::PRESETS.into_iter()
+    }
+
+    /// Starts the emulation with the handle at rest where the hand means to be at time 0.
+    pub fn open(self, path: impl Into<IntendedPath>) -> Result<EmulatedDevice, DeviceError> {
+        self.check()?;
+        let mut hand_path = HandPath::new(path.into())?;
+        hand_path.advance(0.0);
+        let pose = hand_path.pose;
+        let encoders = Encoders::new(&self.specification, self.substep, &pose);
+        Ok(EmulatedDevice {
+            encoders,
+            hand_path,
+            pose,
+            twist: Twist::ZERO,
+            wrench: Wrench::ZERO,
+            work: 0.0,
+            now: 0.0,
+            ticks: 0,
+            skipped: 0,
+            max_steps: (self.catch_up / self.substep).round().max(1.0) as u64,
+            events: Status::OK,
+            buttons: 0,
+            closed: false,
+            emulation: self,
+        })
+    }
+
+    fn check(&self) -> Result<(), DeviceError> {
+        let Self { specification: s, handle, hand, substep, catch_up } = self;
+        let positive = [("handle mass (kg)", handle.mass), ("handle inertia (kg·m²)", handle.inertia)];
+        let not_negative = [
+            ("handle damping (N·s/m)", handle.damping),
+            ("handle friction (N)", handle.friction),
+            ("handle angular damping (N·m·s/rad)", handle.angular_damping),
+            ("handle angular friction (N·m)", handle.angular_friction),
+            ("hand mass (kg)", hand.mass),
+            ("hand damping (N·s/m)", hand.damping),
+            ("hand stiffness (N/m)", hand.stiffness),
+            ("hand inertia (kg·m²)", hand.inertia),
+            ("hand angular damping (N·m·s/rad)", hand.angular_damping),
+            ("hand angular stiffness (N·m/rad)", hand.angular_stiffness),
+        ];
+        let steps =
+            [("encoder step (m)", s.encoder_step), ("angular encoder step (rad)", s.angular_encoder_step)];
+        let limits = [
+            ("peak force (N)", s.peak_force),
+            ("peak torque (N·m)", s.peak_torque),
+            ("workspace radius (m)", s.workspace_radius),
+        ];
+        let within = |(parameter, value): (&'static str, f64), low: f64, high: f64, zero: bool| {
+            if (low..=high).contains(&value) || (zero && value == 0.0) {
+                return Ok(());
+            }
+            let or_zero = if zero && low > 0.0 { "0 or " } else { "" };
+            let expected = format!("{or_zero}a number from {low:e} to {high:e}");
+            Err(DeviceError::Parameter { parameter, value, expected })
+        };
+        positive.into_iter().try_for_each(|p| within(p, 1e-9, MAX_PARAMETER, false))?;
+        not_negative.into_iter().try_for_each(|p| within(p, 0.0, MAX_PARAMETER, true))?;
+        steps.into_iter().try_for_each(|p| within(p, 1e-9, 1.0, true))?;
+        limits.into_iter().try_for_each(|p| within(p, 0.0, f64::INFINITY, true))?;
+        within(("velocity delay (s)", s.velocity_delay), 0.0, 1.0, true)?;
+        within(("substep (s)", *substep), 1e-6, 1e-2, false)?;
+        within(("catch-up (s)", *catch_up), *substep, 10.0, false)
+    }
+}
+
+/// The hand's path with the last point of it that was finite.
+#[derive(Debug)]
+struct HandPath {
+    path: IntendedPath,
+    segment: usize,
+    pose: Pose,
+    twist: Twist,
+    status: Status,
+}
+
+impl HandPath {
+    fn new(path: IntendedPath) -> Result<Self, DeviceError> {
+        if let IntendedPath::Still(pose) = &path {
+            // The same conditions as for a sample of a recorded path.
+            let keyframe = crate::Keyframe { time: 0.0, pose: *pose };
+            let path = crate::MotionPath::new(vec![keyframe], crate::Interpolation::Linear)?;
+            let pose = path.keyframes()[0].pose;
+            return Ok(Self {
+                path: IntendedPath::Still(pose),
+                segment: 0,
+                pose,
+                twist: Twist::ZERO,
+                status: Status::OK,
+            });
+        }
+        Ok(Self { path, segment: 0, pose: Pose::IDENTITY, twist: Twist::ZERO, status: Status::OK })
+    }
+
+    fn advance(&mut self, time: f64) {
+        self.status = Status::OK;
+        match &mut self.path {
+            IntendedPath::Still(_) => {}
+            IntendedPath::Recorded(path) => {
+                let point = path.at_near(time, &mut self.segment);
+                (self.pose, self.twist) = (point.pose, point.twist);
+                if point.ended {
+                    self.status = Status::ENDED;
+                }
+            }
+            IntendedPath::Function(function) => {
+                let (pose, twist) = function(time);
+                if pose.is_valid() && twist.is_finite() {
+                    (self.pose, self.twist) = (pose, twist);
+                } else {
+                    self.twist = Twist::ZERO;
+                    self.status = Status::HELD;
+                }
+            }
+        }
+    }
+}
+
+/// An emulated device, held by an emulated hand. Made by [`Emulation::open`].
+#[derive(Debug)]
+pub struct EmulatedDevice {
+    emulation: Emulation,
+    encoders: Encoders,
+    hand_path: HandPath,
+    pose: Pose,
+    twist: Twist,
+    wrench: Wrench,
+    work: f64,
+    now: f64,
+    /// Substeps since the driver's time 0, and how many of them were left out.
+    ticks: u64,
+    skipped: u64,
+    max_steps: u64,
+    events: Status,
+    buttons: u32,
+    closed: bool,
+}
+
+impl EmulatedDevice {
+    /// What is emulated.
+    pub fn emulation(&self) -> &Emulation {
+        &self.emulation
+    }
+
+    /// Where the handle truly is and how it moves: what [`read`](HapticDevice::read) reports is rounded and late.
+    pub fn handle(&self) -> (Pose, Twist) {
+        (self.pose, self.twist)
+    }
+
+    /// Where the hand means to be.
+    pub fn intended(&self) -> (Pose, Twist) {
+        (self.hand_path.pose, self.hand_path.twist)
+    }
+
+    /// The wrench on the hand now, after clipping, N and N·m.
+    pub fn applied_wrench(&self) -> Wrench {
+        self.wrench
+    }
+
+    /// The energy that the written wrenches have given to handle and hand, J. What renders a passive object
+    /// can, from rest, never have given more than it was given: this stays below the noise of sampling.
+    pub fn work(&self) -> f64 {
+        self.work
+    }
+
+    /// Time left out because reads were further apart than [`Emulation::catch_up`], s.
+    pub fn skipped_time(&self) -> f64 {
+        self.skipped as f64 * self.emulation.substep
+    }
+
+    /// Presses the buttons whose bits are set, and lets go of the others.
+    pub fn set_buttons(&mut self, buttons: u32) {
+        self.buttons = buttons;
+    }
+
+    fn advance(&mut self, now: f64) {
+        let dt = self.emulation.substep;
+        // A time that is a multiple of the substep may come out a rounding below it. The cast saturates.
+        let target = (now / dt + 1e-6) as u64;
+        let mut steps = target.saturating_sub(self.ticks);
+        if steps > self.max_steps {
+            self.skipped = self.skipped.saturating_add(steps - self.max_steps);
+            self.ticks = target - self.max_steps;
+            steps = self.max_steps;
+            self.events |= Status::GAP;
+        }
+        for _ in 0..steps {
+            self.ticks += 1;
+            self.substep(dt);
+        }
+    }
+
+    fn substep(&mut self, dt: f64) {
+        self.hand_path.advance((self.ticks - self.skipped) as f64 * dt);
+        self.events |= self.hand_path.status;
+        let intended = (&self.hand_path.pose, &self.hand_path.twist);
+        let Emulation { handle, hand, .. } = &self.emulation;
+        let (pose, twist) =
+            mechanics::step(handle, hand, (&self.pose, &self.twist), &self.wrench, intended, dt);
+        if pose.is_valid() && twist.is_finite() {
+            (self.pose, self.twist) = (pose, twist);
+            self.work += self.wrench.power(&twist) * dt;
+        } else {
+            self.twist = Twist::ZERO;
+            self.events |= Status::HELD;
+        }
+        self.encoders.sample(&self.pose);
+    }
+}
+
+impl HapticDevice for EmulatedDevice {
+    fn specification(&self) -> &Specification {
+        &self.emulation.specification
+    }
+
+    fn read(&mut self, now: f64) -> Result<DeviceState, DeviceError> {
+        if self.closed {
+            return Err(DeviceError::Closed);
+        }
+        if now.is_finite() && now >= self.now {
+            self.now = now;
+            self.advance(now);
+        } else {
+            self.events |= Status::CLOCK;
+        }
+        let mut status = std::mem::take(&mut self.events) | self.hand_path.status;
+        if self.pose.translation.length() > self.emulation.specification.workspace_radius {
+            status |= Status::OUTSIDE_WORKSPACE;
+        }
+        let (pose, twist) = self.encoders.reading();
+        let time = (self.ticks as f64 * self.emulation.substep).min(self.now);
+        Ok(DeviceState { time, pose, twist, buttons: self.buttons, status })
+    }
+
+    fn write(&mut self, wrench: &Wrench) -> Result<(), DeviceError> {
+        if self.closed {
+            return Err(DeviceError::Closed);
+        }
+        let specification = &self.emulation.specification;
+        self.wrench = if wrench.is_finite() {
+            let force = DVec3::select(specification.actuated.translation.into(), wrench.force, DVec3::ZERO);
+            let torque = DVec3::select(specification.actuated.rotation.into(), wrench.torque, DVec3::ZERO);
+            let (force, force_clipped) = clipped(force, specification.peak_force);
+            let (torque, torque_clipped) = clipped(torque, specification.peak_torque);
+            if force_clipped {
+                self.events |= Status::FORCE_CLIPPED;
+            }
+            if torque_clipped {
+                self.events |= Status::TORQUE_CLIPPED;
+            }
+            Wrench::new(force, torque)
+        } else {
+            self.events |= Status::WRENCH_REFUSED;
+            Wrench::ZERO
+        };
+        Ok(())
+    }
+
+    fn close(&mut self) -> Result<(), DeviceError> {
+        self.wrench = Wrench::ZERO;
+        self.closed = true;
+        Ok(())
+    }
+}
+
+impl Drop for EmulatedDevice {
+    fn drop(&mut self) {
+        // Closing an emulated device cannot fail.
+        let _ = self.close();
+    }
+}
+
+/// The vector, shortened to `peak`, and whether it was.
+fn clipped(vector: DVec3, peak: f64) -> (DVec3, bool) {
+    let size = vector.abs().max_element();
+    if size == 0.0 {
+        return (vector, false);
+    }
+    // Scaled first: the square of a large finite component is not finite.
+    let scaled = vector / size;
+    if scaled.length() * size <= peak { (vector, false) } else { (scaled.normalize() * peak, true) }
+}
+
+#[cfg(test)]
+mod tests;

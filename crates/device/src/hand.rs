@@ -1,0 +1,142 @@
+//! The hand that holds an emulated handle: a mass, damper and spring, in translation and in rotation, between
+//! the handle and the path that the user means to follow.
+//!
+//! One person's hand and arm as measured: 0.554 kg, 6.45 N·s/m, 135 N/m (van Beek et al., 2015), here
+//! [`Hand::ARM`]. The lighter grips and the angular values span the ranges usual in the literature on grip
+//! impedance; they are not one person's.
+
+use palpate_core::{Pose, Twist};
+use serde::{Deserialize, Serialize};
+
+use crate::path::MotionPath;
+
+/// A hand's passive impedance, held rigidly to the handle.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Hand {
+    /// Mass that moves with the handle, kg.
+    pub mass: f64,
+    /// Damping towards the intended velocity, N·s/m.
+    pub damping: f64,
+    /// Stiffness towards the intended position, N/m.
+    pub stiffness: f64,
+    /// Rotational inertia that turns with the handle, kg·m², the same about every axis.
+    pub inertia: f64,
+    /// Angular damping towards the intended angular velocity, N·m·s/rad.
+    pub angular_damping: f64,
+    /// Angular stiffness towards the intended orientation, N·m/rad.
+    pub angular_stiffness: f64,
+}
+
+impl Hand {
+    /// No hand: the handle is let go.
+    pub const NONE: Self = Self {
+        mass: 0.0,
+        damping: 0.0,
+        stiffness: 0.0,
+        inertia: 0.0,
+        angular_damping: 0.0,
+        angular_stiffness: 0.0,
+    };
+    /// Fingertips.
+    pub const LIGHT: Self = Self {
+        mass: 0.05,
+        damping: 2.0,
+        stiffness: 100.0,
+        inertia: 1e-4,
+        angular_damping: 0.005,
+        angular_stiffness: 0.3,
+    };
+    /// A relaxed pen grip.
+    pub const GRIP: Self = Self {
+        mass: 0.1,
+        damping: 5.0,
+        stiffness: 300.0,
+        inertia: 1e-3,
+        angular_damping: 0.02,
+        angular_stiffness: 1.0,
+    };
+    /// A tight grip.
+    pub const FIRM: Self = Self {
+        mass: 0.2,
+        damping: 10.0,
+        stiffness: 700.0,
+        inertia: 3e-3,
+        angular_damping: 0.05,
+        angular_stiffness: 3.0,
+    };
+    /// Hand and arm moving together.
+    pub const ARM: Self = Self {
+        mass: 0.554,
+        damping: 6.45,
+        stiffness: 135.0,
+        inertia: 3e-3,
+        angular_damping: 0.05,
+        angular_stiffness: 3.0,
+    };
+
+    /// The hands that have a name.
+    pub const PRESETS: [(&'static str, Self); 5] = [
+        ("none", Self::NONE),
+        ("light", Self::LIGHT),
+        ("grip", Self::GRIP),
+        ("firm", Self::FIRM),
+        ("arm", Self::ARM),
+    ];
+
+    /// The hand of that name.
+    pub fn preset(name: &str) -> Option<Self> {
+        Self::PRESETS.iter().find(|(known, _)| *known == name).map(|&(_, hand)| hand)
+    }
+}
+
+impl Default for Hand {
+    fn default() -> Self {
+        Self::GRIP
+    }
+}
+
+/// Where the hand means to go, by seconds since the start, in the device's axes.
+pub enum IntendedPath {
+    /// To stay at one pose.
+    Still(Pose),
+    /// To follow samples, and hold the last.
+    Recorded(MotionPath),
+    /// To follow a function of time that gives a pose and its derivative. A result that is not finite is passed
+    /// over for the last one that was. A function that allocates makes reading the device allocate.
+    Function(Box<dyn FnMut(f64) -> (Pose, Twist) + Send>),
+}
+
+impl Default for IntendedPath {
+    fn default() -> Self {
+        Self::Still(Pose::IDENTITY)
+    }
+}
+
+impl From<Pose> for IntendedPath {
+    fn from(pose: Pose) -> Self {
+        Self::Still(pose)
+    }
+}
+
+impl From<MotionPath> for IntendedPath {
+    fn from(path: MotionPath) -> Self {
+        Self::Recorded(path)
+    }
+}
+
+impl IntendedPath {
+    /// Follows `function`, which gives the pose and its derivative at a time in s.
+    pub fn function(function: impl FnMut(f64) -> (Pose, Twist) + Send + 'static) -> Self {
+        Self::Function(Box::new(function))
+    }
+}
+
+impl std::fmt::Debug for IntendedPath {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Still(pose) => f.debug_tuple("Still").field(pose).finish(),
+            Self::Recorded(path) => f.debug_tuple("Recorded").field(&path.keyframes().len()).finish(),
+            Self::Function(_) => f.write_str("Function"),
+        }
+    }
+}
