@@ -1,1 +1,1 @@
-//! Examples.
+//! The examples of palpate are programs: `cargo run --release --example jaws`.

@@ -1,1 +1,32 @@
-//! Integration tests of the palpate haptic rendering engine.
+//! What the integration tests share: the optional test data, and brute force to compare clever answers with.
+
+pub mod brute_force;
+
+use std::path::PathBuf;
+
+use palpate::mesh_io::{LoadOptions, load};
+use palpate::TriMesh;
+
+/// A file of the optional test data, which lies in `shared` beside the repository; says that the test is skipped, and
+/// gives `None`, when it is absent.
+#[allow(clippy::print_stderr)] // A skipped test has to say so.
+pub fn shared(path: &str) -> Option<PathBuf> {
+    let file = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared")).join(path);
+    if file.exists() {
+        return Some(file);
+    }
+    eprintln!("skipped: {} is absent", file.display());
+    None
+}
+
+/// A mesh of the optional test data, exactly welded.
+///
+/// # Panics
+/// If the file is there but cannot be loaded.
+pub fn shared_mesh(path: &str) -> Option<TriMesh> {
+    let file = shared(path)?;
+    match load(&file, &LoadOptions::default()) {
+        Ok(loaded) => Some(loaded.mesh),
+        Err(error) => panic!("{error}"),
+    }
+}

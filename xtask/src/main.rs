@@ -1,1 +1,78 @@
-fn main() {}
+//! Project tasks: `cargo xtask test`, `cargo xtask ci`, `cargo xtask pictures`.
+
+#![allow(clippy::print_stdout, clippy::print_stderr)] // Tasks report to a person at a terminal.
+
+mod pictures;
+mod vulkan;
+
+use std::process::{Command, ExitCode};
+
+use clap::{Parser, Subcommand};
+
+#[derive(Parser)]
+#[command(about = "Project tasks of palpate")]
+struct Arguments {
+    #[command(subcommand)]
+    task: Task,
+}
+
+#[derive(Subcommand)]
+enum Task {
+    /// Runs every test; first installs a software Vulkan driver where one is missing and that is possible.
+    Test,
+    /// Runs what CI runs: the tests, rustfmt, clippy, the documentation and the dependency bans.
+    Ci,
+    /// Draws the built-in models.
+    Pictures(pictures::Arguments),
+}
+
+/// What went wrong, for a person to read.
+type Failure = Box<dyn std::error::Error>;
+
+fn main() -> ExitCode {
+    let result = match Arguments::parse().task {
+        Task::Test => test(),
+        Task::Ci => ci(),
+        Task::Pictures(arguments) => pictures::run(&arguments),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("xtask: {failure}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn test() -> Result<(), Failure> {
+    vulkan::ensure_driver()?;
+    cargo(&["test", "--workspace", "--locked"], &[])?;
+    // Hostile files once more without debug assertions and overflow checks: both builds must refuse them cleanly.
+    cargo(&["test", "--release", "--locked", "--package", "palpate-cli", "--test", "hostile_files"], &[])
+}
+
+fn ci() -> Result<(), Failure> {
+    cargo(&["fmt", "--all", "--check"], &[])?;
+    test()?;
+    cargo(&["clippy", "--workspace", "--all-targets", "--locked", "--", "-D", "warnings"], &[])?;
+    cargo(&["check", "--package", "palpate-texture-pd", "--no-default-features", "--locked"], &[])?;
+    cargo(&["doc", "--workspace", "--no-deps", "--locked"], &[("RUSTDOCFLAGS", "-D warnings")])?;
+    if !Command::new("cargo").args(["deny", "--version"]).output().is_ok_and(|output| output.status.success()) {
+        cargo(&["install", "cargo-deny", "--version", "0.20.2", "--locked"], &[])?;
+    }
+    cargo(&["deny", "check", "bans", "licenses", "sources"], &[])
+}
+
+/// Runs cargo in the workspace root and echoes the command line.
+fn cargo(arguments: &[&str], environment: &[(&str, &str)]) -> Result<(), Failure> {
+    let shown = format!("cargo {}", arguments.join(" "));
+    println!("\n$ {shown}");
+    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+    let status = Command::new("cargo")
+        .args(arguments)
+        .envs(environment.iter().copied())
+        .current_dir(root)
+        .status()
+        .map_err(|error| format!("`{shown}` could not be started: {error}"))?;
+    if status.success() { Ok(()) } else { Err(format!("`{shown}` failed ({status})").into()) }
+}

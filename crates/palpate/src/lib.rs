@@ -1,1 +1,42 @@
-//! 6-DoF haptic rendering: feel one complex mesh touching another, force and torque at 1 kHz.
+//! palpate: 6-DoF haptic rendering. A user holds a device, the device holds a virtual object, and palpate computes the
+//! force and torque of touching other objects, at 1 kHz.
+//!
+//! A session is a [`HapticRenderer`]: an [`Object`] in the hand, a [`Scene`] around it, a [`device::HapticDevice`] and
+//! [`Settings`]. It runs in real time ([`HapticRenderer::run_realtime`]), on a simulated clock and reproducibly
+//! ([`HapticRenderer::run_lockstep`]), or in the loops of a host ([`HapticRenderer::into_loops`]).
+//!
+//! The parts are crates of their own, re-exported here: [`core`], [`collide`], [`dynamics`], [`device`], and offline
+//! [`mesh_io`], [`models`] and [`clod_build`].
+
+mod cache;
+mod contact_loop;
+pub mod explore;
+mod haptic_loop;
+mod lockstep;
+mod object;
+mod realtime;
+mod record;
+mod renderer;
+mod scene;
+mod session;
+mod settings;
+mod telemetry;
+
+pub use contact_loop::{ContactLoop, ContactUpdate};
+pub use haptic_loop::HapticLoop;
+pub use lockstep::ContactTiming;
+pub use object::{NamedMesh, Object, OpenError, OpenOptions, open_mesh};
+pub use palpate_clod_build as clod_build;
+pub use palpate_collide as collide;
+pub use palpate_core as core;
+pub use palpate_core::{Contact, Pose, TriMesh, Twist, Wrench, glam};
+pub use palpate_device as device;
+pub use palpate_dynamics as dynamics;
+pub use palpate_mesh_io as mesh_io;
+pub use palpate_models as models;
+pub use record::{COLUMNS, Record, RecordWriter};
+pub use renderer::{HapticRenderer, RendererError};
+pub use scene::{Placed, Scene};
+pub use session::{Clock, ContactSummary, HapticSummary, Session, Summary};
+pub use settings::{Settings, SettingsError};
+pub use telemetry::{ContactTelemetry, Events, HapticTelemetry, Percentiles, Times};

@@ -1,1 +1,81 @@
-//! Self-contained HTML reports with plots of palpate recordings.
+//! Self-contained HTML reports of palpate sessions: what was measured, and plots over time.
+
+mod plot;
+mod series;
+
+use std::fmt::Write;
+
+use palpate::{Record, Summary};
+
+pub use plot::PlotError;
+
+/// What a report is about.
+#[derive(Clone, Copy, Debug)]
+pub struct Report<'a> {
+    /// Title, for example "upper-jaw against lower-jaw".
+    pub title: &'a str,
+    /// The command that made it.
+    pub command: &'a str,
+    /// What the session measured of itself.
+    pub summary: &'a Summary,
+    /// The recording, in order of time.
+    pub records: &'a [Record],
+}
+
+impl Report<'_> {
+    /// The report as one HTML document without references to other files.
+    ///
+    /// # Errors
+    /// If a plot cannot be drawn.
+    pub fn to_html(&self) -> Result<String, PlotError> {
+        let mut plots = String::new();
+        for figure in series::figures(self.records) {
+            plots.push_str("<figure>");
+            plots.push_str(&plot::draw(&figure)?);
+            let _ = write!(plots, "<figcaption>{}</figcaption></figure>\n", escape(figure.caption));
+        }
+        let mut rows = String::new();
+        for (name, value) in measured(self.summary) {
+            let _ = writeln!(rows, "<tr><th>{}</th><td>{}</td></tr>", escape(name), escape(&value));
+        }
+        Ok(format!(
+            include_str!("report.html"),
+            title = escape(self.title),
+            command = escape(self.command),
+            rows = rows,
+            plots = plots,
+        ))
+    }
+}
+
+/// What a session measured, as rows of a name and a value for a person to read.
+pub fn measured(summary: &Summary) -> Vec<(&'static str, String)> {
+    let Summary { haptic, contact, .. } = summary;
+        let mut rows = vec![
+        ("duration", format!("{:.3} s", summary.seconds)),
+        ("haptic rate", format!("{:.1} Hz, {} steps", haptic.rate_hz, haptic.steps)),
+        ("missed deadlines", haptic.missed_deadlines.to_string()),
+        ("haptic step", percentiles(&haptic.step_ns, "ns")),
+        ("wake-up lateness", percentiles(&haptic.wake_us, "µs")),
+        ("scheduling of the haptic thread", haptic.scheduling.clone()),
+        ("contact rate", format!("{:.1} Hz", contact.rate_hz)),
+        ("contact query", percentiles(&contact.query_us, "µs")),
+        ("deepest penetration", format!("{:.4} mm", 1e3 * summary.depth_max)),
+        ("largest coupling force", format!("{:.3} N", summary.coupling_force_max)),
+        ("smallest energy at the device port", format!("{:.6} J", summary.energy_min_j)),
+    ];
+    rows.extend(summary.stages.iter().map(|(&stage, why)| (stage, why.clone())));
+    let events = serde_json::to_value(summary.events).unwrap_or_default();
+    let counted = events.as_object().into_iter().flatten().filter(|(_, count)| count.as_u64() != Some(0));
+    let counted: Vec<String> = counted.map(|(name, count)| format!("{name}: {count}")).collect();
+    rows.push(("events", if counted.is_empty() { "none".to_owned() } else { counted.join(", ") }));
+    rows
+}
+
+fn percentiles(p: &palpate::Percentiles, unit: &str) -> String {
+    format!("median {:.1}, p99 {:.1}, p99.9 {:.1}, max {:.1} {unit}", p.p50, p.p99, p.p999, p.max)
+}
+
+fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}

@@ -1,0 +1,286 @@
+//! What can be asked of `palpate`.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+use palpate::{OpenOptions, Settings};
+
+#[derive(Parser)]
+#[command(name = "palpate", version, about = "6-DoF haptic rendering: feel one mesh touching another")]
+pub struct Arguments {
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+#[derive(Subcommand)]
+pub enum Command {
+    /// List the built-in models
+    Models(ModelsArguments),
+    /// Write a built-in model as a mesh file
+    Export(ExportArguments),
+    /// Report what a mesh is: counts, closed, 2-manifold, oriented, self-intersections, size
+    Check(CheckArguments),
+    /// Build the hierarchy of a mesh
+    Build(BuildArguments),
+    /// Show the levels of a hierarchy
+    Inspect(InspectArguments),
+    /// Replay a trajectory of a probe and time the contact queries
+    Query(QueryArguments),
+    /// Render: feel a probe touching a scene through a device
+    Run(RunArguments),
+    /// List the devices and what they can do
+    Devices(DevicesArguments),
+}
+
+/// Where the machine-readable result goes.
+#[derive(Args)]
+pub struct Json {
+    /// Print the result as JSON, or write it to FILE
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
+    pub json: Option<PathBuf>,
+}
+
+/// How a mesh is read.
+#[derive(Args)]
+pub struct Reading {
+    /// Metres per unit of the file: 0.001 for millimetres
+    #[arg(long, default_value_t = 1.0, value_name = "S")]
+    pub scale: f64,
+    /// Drop degenerate and duplicate triangles and make the orientation consistent
+    #[arg(long)]
+    pub repair: bool,
+}
+
+impl Reading {
+    pub fn options(&self) -> OpenOptions {
+        OpenOptions { scale: self.scale, repair: self.repair, ..OpenOptions::default() }
+    }
+}
+
+#[derive(Args)]
+pub struct ModelsArguments {
+    #[command(flatten)]
+    pub json: Json,
+}
+
+#[derive(Args)]
+pub struct ExportArguments {
+    /// Built-in model, NAME or NAME@TRIANGLES
+    pub model: String,
+    /// OBJ file to write
+    #[arg(short, long, value_name = "FILE.obj")]
+    pub output: PathBuf,
+}
+
+#[derive(Args)]
+pub struct CheckArguments {
+    /// Mesh file (.obj .glb .gltf .stl .ply) or built-in model
+    pub mesh: String,
+    #[command(flatten)]
+    pub reading: Reading,
+    #[command(flatten)]
+    pub json: Json,
+}
+
+#[derive(Args)]
+pub struct BuildArguments {
+    /// Mesh file (.obj .glb .gltf .stl .ply) or built-in model
+    pub mesh: String,
+    /// Hierarchy to write
+    #[arg(short, long, value_name = "FILE.clod")]
+    pub output: PathBuf,
+    #[command(flatten)]
+    pub reading: Reading,
+    #[command(flatten)]
+    pub json: Json,
+}
+
+#[derive(Args)]
+pub struct InspectArguments {
+    /// Hierarchy (.clod), mesh file or built-in model
+    pub hierarchy: String,
+    #[command(flatten)]
+    pub json: Json,
+}
+
+#[derive(Args)]
+pub struct QueryArguments {
+    /// The object that moves: mesh file, .clod file or built-in model
+    pub probe: String,
+    /// The object that it touches
+    pub scene: String,
+    /// Poses of the probe in the scene's frame: CSV with the header t,px,py,pz,qx,qy,qz,qw
+    #[arg(long, value_name = "T.csv")]
+    pub trajectory: PathBuf,
+    /// Report contacts closer than this: metres, or a percentage of the probe's bounding radius such as 1%
+    #[arg(long, value_name = "D")]
+    pub tolerance: Length,
+    /// Report contacts at full resolution; this version has no other
+    #[arg(long)]
+    pub exact: bool,
+    /// Start every query from the root; this version always does
+    #[arg(long)]
+    pub cold: bool,
+    /// Stiffness of the penalty force, N/m
+    #[arg(long, default_value_t = 1000.0, value_name = "K")]
+    pub stiffness: f64,
+    /// Number of contact clusters
+    #[arg(long, default_value_t = 5, value_name = "N")]
+    pub clusters: usize,
+    /// Write every contact, before clustering
+    #[arg(long, value_name = "FILE.csv")]
+    pub contacts: Option<PathBuf>,
+    #[command(flatten)]
+    pub reading: Reading,
+    #[command(flatten)]
+    pub json: Json,
+}
+
+#[derive(Args)]
+pub struct RunArguments {
+    /// The object in the hand: mesh file, .clod file or built-in model
+    pub probe: String,
+    /// The object that it touches
+    pub scene: String,
+    /// emulated, emulated:PRESET or replay:T.csv (poses of the probe)
+    #[arg(long, default_value = "emulated")]
+    pub device: String,
+    /// How long to render, s
+    #[arg(long, default_value_t = 10.0)]
+    pub seconds: f64,
+    /// Simulated clock, one thread, reproducible bit by bit
+    #[arg(long)]
+    pub lockstep: bool,
+    /// Contact queries a second under --lockstep, Hz
+    #[arg(long, default_value_t = 500.0, value_name = "HZ", requires = "lockstep")]
+    pub contact_rate: f64,
+    /// Write one row a haptic step
+    #[arg(long, value_name = "FILE.csv")]
+    pub record: Option<PathBuf>,
+    /// Write a self-contained HTML report
+    #[arg(long, value_name = "FILE.html")]
+    pub report: Option<PathBuf>,
+    #[command(flatten)]
+    pub physics: Physics,
+    #[command(flatten)]
+    pub reading: Reading,
+    #[command(flatten)]
+    pub json: Json,
+}
+
+/// Physical settings, SI units.
+#[derive(Args)]
+pub struct Physics {
+    /// Mass of the grasped object, kg [default: 0.1]
+    #[arg(long)]
+    mass: Option<f64>,
+    /// Contact stiffness, N/m [default: 2000]
+    #[arg(long)]
+    contact_stiffness: Option<f64>,
+    /// Contact damping, N·s/m [default: critical]
+    #[arg(long)]
+    contact_damping: Option<f64>,
+    /// Stiffness of the virtual coupling, N/m [default: half of what the device renders stably]
+    #[arg(long)]
+    coupling_stiffness: Option<f64>,
+    /// Damping of the virtual coupling, N·s/m [default: critical]
+    #[arg(long)]
+    coupling_damping: Option<f64>,
+    /// Angular stiffness of the virtual coupling, N·m/rad [default: half of what the device renders stably]
+    #[arg(long)]
+    angular_stiffness: Option<f64>,
+    /// Angular damping of the virtual coupling, N·m·s/rad [default: critical]
+    #[arg(long)]
+    angular_damping: Option<f64>,
+    /// Distance at which contact begins: metres, or a percentage of the probe's radius [default: 1%]
+    #[arg(long, value_name = "D")]
+    tolerance: Option<Length>,
+    /// Number of contact clusters, 1 to 16 [default: 5]
+    #[arg(long)]
+    clusters: Option<usize>,
+    /// Rate of the haptic loop, Hz [default: 1000]
+    #[arg(long)]
+    rate: Option<f64>,
+}
+
+impl Physics {
+    /// The settings for a probe of the given bounding radius, m.
+    pub fn settings(&self, radius: f64) -> Settings {
+        let default = Settings::default();
+        Settings {
+            rate: self.rate.unwrap_or(default.rate),
+            mass: self.mass.unwrap_or(default.mass),
+            contact_stiffness: self.contact_stiffness.unwrap_or(default.contact_stiffness),
+            contact_damping: self.contact_damping,
+            coupling_stiffness: self.coupling_stiffness,
+            coupling_damping: self.coupling_damping,
+            angular_stiffness: self.angular_stiffness,
+            angular_damping: self.angular_damping,
+            tolerance: self.tolerance.map(|tolerance| tolerance.metres(radius)),
+            clusters: self.clusters.unwrap_or(default.clusters),
+            ..default
+        }
+    }
+}
+
+#[derive(Args)]
+pub struct DevicesArguments {
+    #[command(flatten)]
+    pub json: Json,
+}
+
+/// A length: metres, or a fraction of the probe's bounding radius.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Length {
+    /// Metres.
+    Metres(f64),
+    /// Fraction of the probe's bounding radius.
+    OfRadius(f64),
+}
+
+impl Length {
+    /// The length in metres for a probe of the given bounding radius, m.
+    pub fn metres(self, radius: f64) -> f64 {
+        match self {
+            Self::Metres(length) => length,
+            Self::OfRadius(fraction) => fraction * radius,
+        }
+    }
+}
+
+impl std::str::FromStr for Length {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let (number, percent) = match text.strip_suffix('%') {
+            Some(number) => (number, true),
+            None => (text, false),
+        };
+        match number.trim().parse::<f64>() {
+            Ok(value) if value.is_finite() && value >= 0.0 => {
+                Ok(if percent { Self::OfRadius(value / 100.0) } else { Self::Metres(value) })
+            }
+            _ => Err("give metres, such as 0.001, or a percentage of the probe's radius, such as 1%".to_owned()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_arguments_are_consistent() {
+        use clap::CommandFactory;
+        Arguments::command().debug_assert();
+    }
+
+    #[test]
+    fn lengths_are_metres_or_percent_of_the_radius() {
+        assert_eq!("0.002".parse::<Length>().map(|l| l.metres(7.0)), Ok(0.002));
+        assert_eq!("2.5%".parse::<Length>().map(|l| l.metres(2.0)), Ok(0.05));
+        for refused in ["", "-1", "nan", "1cm", "%"] {
+            assert!(refused.parse::<Length>().is_err(), "{refused}");
+        }
+    }
+}

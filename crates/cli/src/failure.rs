@@ -1,0 +1,66 @@
+//! Why a command ended without a result: one line.
+
+use std::fmt;
+use std::io;
+use std::path::Path;
+
+/// An error whose message says what, where and what to do.
+#[derive(Debug)]
+pub enum Failure {
+    /// Standard output was closed by whoever reads it.
+    ClosedPipe,
+    /// Anything else.
+    Message(String),
+}
+
+impl Failure {
+    /// A file could not be written.
+    pub fn writing(path: &Path, error: impl fmt::Display) -> Self {
+        Self::Message(format!("{} could not be written: {error}", path.display()))
+    }
+
+    /// Whether whoever reads standard output had enough.
+    pub fn is_closed_pipe(&self) -> bool {
+        matches!(self, Self::ClosedPipe)
+    }
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::ClosedPipe => f.write_str("standard output was closed"),
+            // One line, whatever a message from elsewhere holds.
+            Self::Message(message) => f.write_str(&message.split_whitespace().collect::<Vec<_>>().join(" ")),
+        }
+    }
+}
+
+impl From<io::Error> for Failure {
+    fn from(error: io::Error) -> Self {
+        if error.kind() == io::ErrorKind::BrokenPipe {
+            Self::ClosedPipe
+        } else {
+            Self::Message(error.to_string())
+        }
+    }
+}
+
+macro_rules! from_error {
+    ($($error:ty),*) => {$(
+        impl From<$error> for Failure {
+            fn from(error: $error) -> Self {
+                Self::Message(error.to_string())
+            }
+        }
+    )*};
+}
+
+from_error!(
+    palpate::OpenError,
+    palpate::RendererError,
+    palpate::device::DeviceError,
+    palpate::device::PathError,
+    palpate::models::ModelError,
+    palpate::clod_build::BuildError,
+    palpate_report::PlotError
+);

@@ -1,0 +1,56 @@
+//! Progress bars on a terminal's standard error; nothing where it is not a terminal.
+
+use indicatif::{ProgressBar, ProgressStyle};
+use palpate::clod_build::Stage;
+
+/// A bar from 0 to 1 with the name of what is going on.
+pub fn bar(what: &str) -> ProgressBar {
+    let bar = ProgressBar::new(1000).with_message(what.to_owned());
+    if let Ok(style) = ProgressStyle::with_template("{msg:40} {bar:30} {percent:>3} %") {
+        bar.set_style(style);
+    }
+    bar
+}
+
+/// Shows the stages of a build on a bar.
+pub fn of_build<'a>(bar: &'a ProgressBar, name: &'a str) -> impl FnMut(Stage, f64) + 'a {
+    let mut shown = None;
+    move |stage, fraction| {
+        if shown != Some(stage) {
+            bar.set_message(format!("{name}: {}", stage_name(stage)));
+            shown = Some(stage);
+        }
+        set(bar, fraction);
+    }
+}
+
+/// Moves a bar to a fraction from 0 to 1.
+pub fn set(bar: &ProgressBar, fraction: f64) {
+    bar.set_position((1000.0 * fraction.clamp(0.0, 1.0)) as u64);
+}
+
+fn stage_name(stage: Stage) -> &'static str {
+    match stage {
+        Stage::Mesh => "mesh",
+        Stage::Decomposition => "convex decomposition",
+        Stage::Hierarchy => "hierarchy",
+        Stage::Parameters => "parameters",
+    }
+}
+
+/// Opens an object with a progress bar, and prints the loader's warnings.
+pub fn open(argument: &str, options: &palpate::OpenOptions) -> Result<palpate::Object, palpate::OpenError> {
+    let bar = bar(argument);
+    let opened = palpate::Object::open(argument, options, &mut of_build(&bar, argument));
+    bar.finish_and_clear();
+    let (object, warnings) = opened?;
+    warn(argument, &warnings);
+    Ok(object)
+}
+
+/// Prints warnings about `argument`.
+pub fn warn(argument: &str, warnings: &[String]) {
+    for warning in warnings {
+        eprintln!("palpate: {argument}: warning: {warning}");
+    }
+}

@@ -1,0 +1,142 @@
+//! Whatever file it is given, each command ends in time with a result or a one-line error: never a panic.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+const LIMIT: Duration = Duration::from_secs(20);
+
+/// Runs `palpate`; its exit code and standard error.
+fn palpate(arguments: &[&str], folder: &Path) -> (i32, String) {
+    let begun = Instant::now();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_palpate"))
+        .args(arguments)
+        .env("XDG_CACHE_HOME", folder)
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the binary starts");
+    // Read beside waiting, so that a full pipe does not look like a hang.
+    let mut pipe = child.stderr.take().expect("piped");
+    let reader = std::thread::spawn(move || std::io::read_to_string(&mut pipe));
+    let status = loop {
+        if let Some(status) = child.try_wait().expect("waiting") {
+            break status;
+        }
+        if begun.elapsed() > LIMIT {
+            child.kill().expect("kill");
+            panic!("palpate {arguments:?} took longer than {LIMIT:?}");
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    };
+    let stderr = reader.join().expect("reader").expect("UTF-8");
+    (status.code().unwrap_or_else(|| panic!("palpate {arguments:?} died: {status}; {stderr}")), stderr)
+}
+
+/// Ends well: 0 with a result, or 1 with one line that names the trouble.
+fn ends_well(arguments: &[&str], folder: &Path) -> i32 {
+    let (code, stderr) = palpate(arguments, folder);
+    let errors: Vec<&str> = stderr.lines().filter(|line| !line.contains(": warning: ")).collect();
+    match code {
+        0 => assert!(errors.is_empty(), "palpate {arguments:?}: {stderr}"),
+        1 => assert!(errors.len() == 1 && errors[0].starts_with("palpate: "), "palpate {arguments:?}: {stderr}"),
+        _ => panic!("palpate {arguments:?} exited with {code}: {stderr}"),
+    }
+    assert!(!stderr.contains("panicked"), "palpate {arguments:?}: {stderr}");
+    code
+}
+
+fn every_command(file: &str, folder: &Path) {
+    let trajectory = folder.join("trajectory.csv");
+    std::fs::write(&trajectory, "t,px,py,pz,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n0.001,0,0,0.001,0,0,0,1\n").expect("write");
+    let trajectory = trajectory.to_str().expect("UTF-8");
+    let clod = folder.join("out.clod");
+    let clod = clod.to_str().expect("UTF-8");
+    ends_well(&["check", file, "--json"], folder);
+    ends_well(&["check", file, "--repair"], folder);
+    let built = ends_well(&["build", file, "-o", clod], folder);
+    ends_well(&["build", file, "-o", clod, "--repair"], folder);
+    ends_well(&["inspect", file], folder);
+    if built == 0 {
+        ends_well(&["inspect", clod, "--json"], folder);
+        ends_well(
+            &["query", file, "ellipsoid", "--trajectory", trajectory, "--tolerance", "1%", "--json"],
+            folder,
+        );
+        ends_well(&["run", "ellipsoid", file, "--lockstep", "--seconds", "0.05", "--json"], folder);
+    }
+}
+
+fn shared(path: &str) -> Option<PathBuf> {
+    let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared")).join(path);
+    if !folder.exists() {
+        eprintln!("skipped: {} is absent", folder.display());
+        return None;
+    }
+    Some(folder)
+}
+
+fn files_in(folder: &Path) -> Vec<String> {
+    let entries = folder.read_dir().expect("folder").map(|entry| entry.expect("entry").path());
+    let mut files: Vec<String> = entries
+        .filter(|path| path.is_file() && path.extension().is_none_or(|extension| extension != "md"))
+        .map(|path| path.to_str().expect("UTF-8").to_owned())
+        .collect();
+    files.sort();
+    files
+}
+
+#[test]
+fn nasty_meshes_end_well() {
+    let Some(folder) = shared("models/nasty") else { return };
+    let temporary = tempfile::tempdir().expect("temporary folder");
+    let files = files_in(&folder);
+    assert!(files.len() >= 9, "{files:?}");
+    for file in files {
+        every_command(&file, temporary.path());
+    }
+}
+
+#[test]
+fn nasty_loader_files_end_well() {
+    let Some(folder) = shared("models/nasty/loader") else { return };
+    let temporary = tempfile::tempdir().expect("temporary folder");
+    let files = files_in(&folder);
+    assert!(files.len() >= 50, "{files:?}");
+    for file in files {
+        every_command(&file, temporary.path());
+    }
+}
+
+#[test]
+fn made_up_trouble_ends_well() {
+    let temporary = tempfile::tempdir().expect("temporary folder");
+    let folder = temporary.path();
+    let write = |name: &str, bytes: &[u8]| {
+        let path = folder.join(name);
+        std::fs::write(&path, bytes).expect("write");
+        path.to_str().expect("UTF-8").to_owned()
+    };
+    for (name, bytes) in [
+        ("empty.obj", &b""[..]),
+        ("empty.stl", b""),
+        ("empty.glb", b""),
+        ("empty.ply", b""),
+        ("empty.clod", b""),
+        ("noise.clod", &[0x5a; 300]),
+        ("noise.stl", &[0xff; 300]),
+        ("range.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 99\n"),
+        ("overflow.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 99999999999999999999\n"),
+        ("nan.obj", b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"),
+        ("huge.obj", b"v 1e308 0 0\nv -1e308 1e308 0\nv 0 1 1e308\nf 1 2 3\n"),
+        ("tiny.obj", b"v 1e-300 0 0\nv 0 1e-300 0\nv 0 0 1e-300\nf 1 2 3\n"),
+        ("point.obj", b"v 0 0 0\nv 0 0 0\nv 0 0 0\nf 1 2 3\n"),
+        ("flat.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"),
+        ("what.xyz", b"v 0 0 0"),
+    ] {
+        every_command(&write(name, bytes), folder);
+    }
+    every_command("no/such/file.obj", folder);
+    every_command(folder.to_str().expect("UTF-8"), folder);
+}

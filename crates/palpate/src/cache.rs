@@ -1,0 +1,54 @@
+//! Built hierarchies, kept in the user's cache folder (`palpate` in it) under a name derived from the mesh.
+//!
+//! A cache that cannot be read or written is as good as none: the hierarchy is built, and the session goes on.
+
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::path::PathBuf;
+
+use palpate_clod_build::{BuildError, BuildOptions, Stage};
+use palpate_core::{Clod, TriMesh};
+
+/// The hierarchy of `mesh`, from the cache if it is there, else built and kept.
+pub(crate) fn build_or_load(
+    mesh: &TriMesh,
+    options: &BuildOptions,
+    progress: &mut dyn FnMut(Stage, f64),
+) -> Result<Clod, BuildError> {
+    let path = path_of(mesh, options);
+    if let Some(clod) = path.as_ref().and_then(|path| Clod::load(path).ok()).filter(|clod| made_from(clod, mesh)) {
+        return Ok(clod);
+    }
+    let clod = palpate_clod_build::build(mesh, options, progress)?;
+    if let Some(path) = path {
+        keep(&clod, &path);
+    }
+    Ok(clod)
+}
+
+/// Where the hierarchy of `mesh` is kept: the name holds the crate's version and a hash of the mesh and the options.
+fn path_of(mesh: &TriMesh, options: &BuildOptions) -> Option<PathBuf> {
+    let mut hasher = DefaultHasher::new();
+    format!("{options:?}").hash(&mut hasher);
+    mesh.triangles().hash(&mut hasher);
+    for vertex in mesh.vertices() {
+        vertex.to_array().map(f64::to_bits).hash(&mut hasher);
+    }
+    let name = format!("{}-{:016x}.clod", env!("CARGO_PKG_VERSION"), hasher.finish());
+    Some(dirs::cache_dir()?.join("palpate").join(name))
+}
+
+/// A guard against a hash collision and a stale file.
+fn made_from(clod: &Clod, mesh: &TriMesh) -> bool {
+    clod.source.vertices as usize == mesh.vertices().len() && clod.source.triangles as usize == mesh.triangles().len()
+}
+
+/// Writes the file under another name first, so that a session that ends meanwhile leaves no half a file.
+fn keep(clod: &Clod, path: &std::path::Path) {
+    let Some(folder) = path.parent() else { return };
+    let partial = path.with_extension(format!("{}.partial", std::process::id()));
+    let written = std::fs::create_dir_all(folder).is_ok() && clod.save(&partial).is_ok();
+    if !(written && std::fs::rename(&partial, path).is_ok()) {
+        // Nothing to be done about a partial file that cannot be removed either.
+        drop(std::fs::remove_file(&partial));
+    }
+}

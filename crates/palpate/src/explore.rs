@@ -1,0 +1,100 @@
+//! A path for an emulated hand that has been told nothing else: come from above, press, scrub and twist, withdraw.
+
+use std::f64::consts::TAU;
+
+use palpate_collide::{ContactQuery, QuerySettings};
+use palpate_core::Pose;
+use palpate_core::glam::{DQuat, DVec3};
+
+use crate::object::Object;
+use crate::scene::Scene;
+
+/// Length of one exploration, s; longer paths repeat it.
+pub const CYCLE: f64 = 10.0;
+
+/// Time between the poses of a path, s.
+const INTERVAL: f64 = 0.01;
+/// Most steps of the descent to first touch.
+const MAX_DESCENT: usize = 4000;
+
+/// Lengths of the movement as fractions of the probe's bounding radius.
+const CLEARANCE: f64 = 0.1;
+const PRESS: f64 = 0.03;
+const SCRUB: f64 = 0.1;
+/// Amplitude of the twisting about the vertical, rad.
+const TWIST: f64 = 0.05;
+
+/// Intended poses of the probe's mesh frame for `seconds`, as (time in s, pose): the probe comes down the world's z axis
+/// onto the middle of the scene, presses 3 % of its radius past first touch, scrubs and twists, and withdraws.
+pub fn path(probe: &Object, scene: &Scene, seconds: f64) -> Vec<(f64, Pose)> {
+    let touch = first_touch(probe, scene);
+    let radius = probe.bounding_radius();
+    let center = probe.clod.source.center;
+    let samples = (seconds.max(0.0) / INTERVAL).ceil() as usize + 1;
+    (0..samples)
+        .map(|sample| {
+            let time = sample as f64 * INTERVAL;
+            let phase = time.rem_euclid(CYCLE) / CYCLE;
+            // Down in the first fifth, pressed for three, up in the last.
+            let down = smooth_step(phase / 0.2).min(smooth_step((1.0 - phase) / 0.2));
+            let rubbing = ((phase - 0.2) / 0.6).clamp(0.0, 1.0);
+            let offset = DVec3::new(
+                SCRUB * (2.0 * TAU * rubbing).sin(),
+                SCRUB * (3.0 * TAU * rubbing).sin(),
+                CLEARANCE - (CLEARANCE + PRESS) * down,
+            ) * radius;
+            let rotation = DQuat::from_rotation_z(TWIST * (2.0 * TAU * rubbing).sin());
+            let translation = touch + offset + center - rotation * center;
+            (time, Pose::new(translation, rotation))
+        })
+        .collect()
+}
+
+/// Where the mesh frame of the probe, unrotated, is when it first touches the scene on its way down.
+///
+/// Conservative advancement: each step is no longer than the distance that the query reports.
+fn first_touch(probe: &Object, scene: &Scene) -> DVec3 {
+    let radius = probe.bounding_radius();
+    let center = probe.clod.source.center;
+    let spheres = scene.objects().iter().map(|placed| {
+        let source = &placed.object.clod.source;
+        (placed.pose.transform_point(source.center), source.bounding_radius)
+    });
+    let (low, high) = spheres.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), (center, radius)| {
+        (low.min(center - radius), high.max(center + radius))
+    });
+    if !(low.is_finite() && high.is_finite()) {
+        return -center;
+    }
+    let middle = 0.5 * (low + high);
+    let top = DVec3::new(middle.x, middle.y, high.z + radius) - center;
+    let bottom = middle.z - center.z;
+    let settings = QuerySettings::new(0.1 * radius);
+    let mut queries: Vec<ContactQuery> =
+        scene.objects().iter().map(|placed| ContactQuery::new(&probe.clod, &placed.object.clod)).collect();
+    let mut position = top;
+    for _ in 0..MAX_DESCENT {
+        let pose = Pose::from_translation(position);
+        let nearest = scene
+            .objects()
+            .iter()
+            .zip(&mut queries)
+            .map(|(placed, query)| {
+                query.run(&probe.clod, &pose, &placed.object.clod, &placed.pose, &settings);
+                let distances = query.contacts().iter().map(|found| -found.contact.depth);
+                distances.fold(settings.tolerance, f64::min)
+            })
+            .fold(settings.tolerance, f64::min);
+        if nearest < 1e-4 * radius || position.z < bottom {
+            break;
+        }
+        position.z -= nearest;
+    }
+    position
+}
+
+/// 0 below 0, 1 above 1, smooth between.
+fn smooth_step(x: f64) -> f64 {
+    let x = x.clamp(0.0, 1.0);
+    x * x * (3.0 - 2.0 * x)
+}

@@ -1,0 +1,77 @@
+//! The lockstep driver: both loops in one thread on a simulated clock, so that a session is reproducible bit by bit.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use crate::record::Record;
+use crate::renderer::HapticRenderer;
+use crate::session::{Clock, Session};
+
+/// How fast the contact loop is made out to be, relative to the simulated clock.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ContactTiming {
+    /// Contact queries a second, Hz; at most the haptic rate.
+    pub rate: f64,
+    /// Time from the state that a query sees to its result, s.
+    pub latency: f64,
+}
+
+impl ContactTiming {
+    /// Queries at `rate` (Hz), each taking its whole period, as a thread that is never idle does.
+    pub fn busy(rate: f64) -> Self {
+        Self { rate, latency: 1.0 / rate }
+    }
+}
+
+impl HapticRenderer {
+    /// Renders `seconds` of simulated time, or until `stop` is set. Each step's record goes to `sink`, whose first error ends
+    /// the session.
+    ///
+    /// The result depends on nothing but the arguments. Step and query times in the telemetry are measured ones.
+    ///
+    /// # Errors
+    /// Only what `sink` returns.
+    pub fn run_lockstep<E>(
+        mut self,
+        seconds: f64,
+        timing: ContactTiming,
+        stop: &AtomicBool,
+        mut sink: impl FnMut(&Record) -> Result<(), E>,
+    ) -> Result<Session, E> {
+        let steps = steps_in(seconds, self.period);
+        let query_period = (1.0 / timing.rate).max(self.period);
+        let (mut queries, mut arriving) = (0u64, None);
+        let mut result = Ok(());
+        for step in 1..=steps {
+            let now = step as f64 * self.period;
+            // Half a period of slack absorbs the rounding of products of the period.
+            let slack = 0.5 * self.period;
+            if arriving.is_none() && (step - 1) as f64 * self.period + slack >= queries as f64 * query_period {
+                let seen = (step - 1) as f64 * self.period;
+                let begun = std::time::Instant::now();
+                let update = self.contact.step(self.haptic.body_state(), seen);
+                self.contact.telemetry_mut().query.record(begun.elapsed().as_nanos() as u64);
+                arriving = Some((seen + timing.latency, update));
+                queries += 1;
+            }
+            if let Some((_, update)) = arriving.filter(|(arrival, _)| now + slack > *arrival) {
+                self.haptic.update_contacts(&update);
+                arriving = None;
+            }
+            let begun = std::time::Instant::now();
+            let record = self.haptic.step_device(self.device.as_mut(), now, self.period);
+            self.haptic.telemetry_mut().step.record(begun.elapsed().as_nanos() as u64);
+            result = sink(&record);
+            if result.is_err() || stop.load(Ordering::Acquire) {
+                break;
+            }
+        }
+        let seconds = self.haptic.telemetry().steps as f64 * self.period;
+        let session = Session::close(self, seconds, Clock::Simulated);
+        result.map(|()| session)
+    }
+}
+
+/// Whole periods in a time; none in a negative one.
+pub(crate) fn steps_in(seconds: f64, period: f64) -> u64 {
+    (seconds / period).round().max(0.0) as u64
+}

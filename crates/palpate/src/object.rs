@@ -1,0 +1,187 @@
+//! Objects ready to be touched: a hierarchy from a `.clod` file, a mesh file or a built-in model's name.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use palpate_clod_build::{BuildError, BuildOptions, Stage};
+use palpate_core::clod::ClodError;
+use palpate_core::{Clod, TriMesh};
+use palpate_mesh_io::{LoadError, LoadOptions};
+use palpate_models::{Model, ModelError};
+
+use crate::cache;
+
+/// An object that can be grasped or put into the scene. Cheap to clone.
+#[derive(Clone, Debug)]
+pub struct Object {
+    /// What the object was made from: a file's path or a model's name.
+    pub name: String,
+    /// The hierarchy that contact queries read.
+    pub clod: Arc<Clod>,
+}
+
+/// How [`Object::open`] reads and builds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OpenOptions {
+    /// Factor that turns the file's lengths into metres.
+    pub scale: f64,
+    /// Whether to drop degenerate and duplicate triangles and make the orientation consistent.
+    pub repair: bool,
+    /// Whether to look for, and keep, the built hierarchy in the user's cache folder.
+    pub cache: bool,
+}
+
+impl Default for OpenOptions {
+    fn default() -> Self {
+        Self { scale: 1.0, repair: false, cache: true }
+    }
+}
+
+/// Why an object could not be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum OpenError {
+    /// A mesh file was refused.
+    #[error(transparent)]
+    Mesh(#[from] LoadError),
+    /// The argument is neither a file nor a built-in model.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// A mesh is too large for its indices.
+    #[error(transparent)]
+    Size(#[from] palpate_core::mesh::MeshError),
+    /// A hierarchy could not be built from the mesh.
+    #[error("{name}: {source}")]
+    Build {
+        /// The object's name.
+        name: String,
+        /// Why.
+        source: BuildError,
+    },
+    /// A `.clod` file was refused.
+    #[error("{path}: {source}")]
+    Clod {
+        /// The file.
+        path: String,
+        /// Why.
+        source: ClodError,
+    },
+    /// A mesh was needed, but a `.clod` file holds none.
+    #[error("{path} is a hierarchy, not a mesh; give the mesh file or the built-in model it was built from")]
+    NotAMesh {
+        /// The file.
+        path: String,
+    },
+    /// An option that only a mesh can follow was given with a `.clod` file.
+    #[error("{path} is already built; give --scale and --repair when building it")]
+    AlreadyBuilt {
+        /// The file.
+        path: String,
+    },
+}
+
+/// A mesh with where it came from.
+#[derive(Clone, Debug)]
+pub struct NamedMesh {
+    /// A file's path or a model's name.
+    pub name: String,
+    /// The mesh, exactly welded, m.
+    pub mesh: TriMesh,
+    /// Doubts that the loader had, for the user to read.
+    pub warnings: Vec<String>,
+}
+
+/// Reads a mesh file or generates a built-in model (`NAME` or `NAME@TRIANGLES`).
+///
+/// # Errors
+/// If the file or the model's name is refused, or `argument` is a `.clod` file.
+pub fn open_mesh(argument: &str, options: &OpenOptions) -> Result<NamedMesh, OpenError> {
+    if is_clod(argument) {
+        return Err(OpenError::NotAMesh { path: argument.to_owned() });
+    }
+    if names_file(argument) {
+        let load = LoadOptions { scale: options.scale, repair: options.repair, ..LoadOptions::default() };
+        let loaded = palpate_mesh_io::load(Path::new(argument), &load)?;
+        return Ok(NamedMesh { name: argument.to_owned(), mesh: loaded.mesh, warnings: loaded.warnings });
+    }
+    let (model, triangles) = Model::parse(argument)?;
+    let mut mesh = model.generate(triangles)?;
+    if options.scale != 1.0 {
+        mesh = scaled(mesh, options.scale, argument)?;
+    }
+    Ok(NamedMesh { name: argument.to_owned(), mesh, warnings: Vec::new() })
+}
+
+impl Object {
+    /// Opens `argument`, a `.clod` file, a mesh file (.obj .glb .gltf .stl .ply) or a built-in model (`NAME` or
+    /// `NAME@TRIANGLES`), building its hierarchy where it has none. `progress` is told the stage and how much of it is
+    /// done (0 to 1).
+    ///
+    /// # Errors
+    /// If the argument is refused: the error says what, where and what to do.
+    pub fn open(
+        argument: &str,
+        options: &OpenOptions,
+        progress: &mut dyn FnMut(Stage, f64),
+    ) -> Result<(Self, Vec<String>), OpenError> {
+        if is_clod(argument) {
+            if options.repair || options.scale != 1.0 {
+                return Err(OpenError::AlreadyBuilt { path: argument.to_owned() });
+            }
+            let clod = Clod::load(Path::new(argument))
+                .map_err(|source| OpenError::Clod { path: argument.to_owned(), source })?;
+            return Ok((Self { name: argument.to_owned(), clod: Arc::new(clod) }, Vec::new()));
+        }
+        let NamedMesh { name, mesh, warnings } = open_mesh(argument, options)?;
+        let clod = if options.cache {
+            cache::build_or_load(&mesh, &BuildOptions::default(), progress)
+        } else {
+            palpate_clod_build::build(&mesh, &BuildOptions::default(), progress)
+        }
+        .map_err(|source| OpenError::Build { name: name.clone(), source })?;
+        Ok((Self { name, clod: Arc::new(clod) }, warnings))
+    }
+
+    /// Opens a built-in model, from the cache where it was built before.
+    ///
+    /// # Errors
+    /// If there is no such model, or it has no such size.
+    pub fn model(name: &str) -> Result<Self, OpenError> {
+        Self::open(name, &OpenOptions::default(), &mut |_, _| {}).map(|(object, _)| object)
+    }
+
+    /// An object from a mesh that the host already has, m.
+    ///
+    /// # Errors
+    /// If no hierarchy can be built from the mesh.
+    pub fn from_mesh(name: &str, mesh: &TriMesh) -> Result<Self, OpenError> {
+        let clod = palpate_clod_build::build(mesh, &BuildOptions::default(), &mut |_, _| {})
+            .map_err(|source| OpenError::Build { name: name.to_owned(), source })?;
+        Ok(Self { name: name.to_owned(), clod: Arc::new(clod) })
+    }
+
+    /// Radius of the bounding sphere, m.
+    pub fn bounding_radius(&self) -> f64 {
+        self.clod.bounding_radius()
+    }
+}
+
+fn scaled(mesh: TriMesh, scale: f64, name: &str) -> Result<TriMesh, OpenError> {
+    if !(scale.is_finite() && scale > 0.0) {
+        return Err(LoadError::Scale { file: name.into(), scale }.into());
+    }
+    let vertices = mesh.vertices().iter().map(|&vertex| vertex * scale).collect();
+    Ok(TriMesh::new(vertices, mesh.triangles().to_vec())?)
+}
+
+fn extension(argument: &str) -> Option<String> {
+    Path::new(argument).extension().map(|extension| extension.to_string_lossy().to_lowercase())
+}
+
+fn is_clod(argument: &str) -> bool {
+    extension(argument).as_deref() == Some("clod")
+}
+
+/// Whether the argument means a file: it has a file name's extension or a folder in it, or there is such a file.
+fn names_file(argument: &str) -> bool {
+    extension(argument).is_some() || argument.contains(std::path::is_separator) || Path::new(argument).exists()
+}

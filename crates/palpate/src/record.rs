@@ -1,0 +1,98 @@
+//! What a session leaves behind: one row a haptic step.
+
+use std::fs::File;
+use std::io::{self, Write};
+use std::path::Path;
+
+use palpate_core::{Pose, Wrench};
+use serde::Serialize;
+
+/// The state of one haptic step. Poses are those of the frames themselves in the world; SI units, world axes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Record {
+    /// Time since the start, s.
+    pub time: f64,
+    /// Pose of the device as it was read.
+    pub device: Pose,
+    /// Pose of the grasped object's mesh frame after the step.
+    pub object: Pose,
+    /// Wrench sent to the device: force, and torque about the device's origin.
+    pub coupling: Wrench,
+    /// Contact wrench on the grasped object: force, and torque about its centre of mass.
+    pub contact: Wrench,
+    /// Deepest penetration that the latest contact query found, m; 0 when disjoint.
+    pub depth: f64,
+    /// Contacts of that query, before clustering.
+    pub contacts: u32,
+    /// Age of the contact model in use, s; NaN before the first.
+    pub model_age: f64,
+}
+
+/// Column names of a recording, in order.
+pub const COLUMNS: [&str; 30] = [
+    "t", "device_px", "device_py", "device_pz", "device_qx", "device_qy", "device_qz", "device_qw", "object_px",
+    "object_py", "object_pz", "object_qx", "object_qy", "object_qz", "object_qw", "coupling_fx", "coupling_fy",
+    "coupling_fz", "coupling_tx", "coupling_ty", "coupling_tz", "contact_fx", "contact_fy", "contact_fz", "contact_tx",
+    "contact_ty", "contact_tz", "depth", "contacts", "model_age",
+];
+
+/// Writes a recording as CSV: the header [`COLUMNS`], then a row a step, in full precision, so that reading it back gives
+/// the same numbers.
+#[derive(Debug)]
+pub struct RecordWriter<W: Write> {
+    out: csv::Writer<W>,
+}
+
+impl RecordWriter<File> {
+    /// A recording in a new file.
+    ///
+    /// # Errors
+    /// If the file cannot be created or written.
+    pub fn create(path: &Path) -> io::Result<Self> {
+        Self::new(File::create(path)?)
+    }
+}
+
+impl<W: Write> RecordWriter<W> {
+    /// A recording to anything that can be written to.
+    ///
+    /// # Errors
+    /// If the header cannot be written.
+    pub fn new(out: W) -> io::Result<Self> {
+        let mut out = csv::Writer::from_writer(out);
+        out.write_record(COLUMNS)?;
+        Ok(Self { out })
+    }
+
+    /// Adds a row.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn write(&mut self, row: &Record) -> io::Result<()> {
+        let pose = |p: &Pose| {
+            let (x, q) = (p.translation, p.rotation);
+            [x.x, x.y, x.z, q.x, q.y, q.z, q.w]
+        };
+        let wrench = |w: &Wrench| [w.force.x, w.force.y, w.force.z, w.torque.x, w.torque.y, w.torque.z];
+        let numbers = std::iter::once(row.time)
+            .chain(pose(&row.device))
+            .chain(pose(&row.object))
+            .chain(wrench(&row.coupling))
+            .chain(wrench(&row.contact))
+            .chain([row.depth]);
+        for number in numbers {
+            self.out.write_field(number.to_string())?;
+        }
+        self.out.write_field(row.contacts.to_string())?;
+        self.out.write_field(row.model_age.to_string())?;
+        Ok(self.out.write_record(None::<&[u8]>)?)
+    }
+
+    /// Writes what is still held back; to be called at the end, so that an error is not lost.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn finish(mut self) -> io::Result<()> {
+        self.out.flush()
+    }
+}

@@ -1,0 +1,162 @@
+//! What is left of a session when it has ended.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use crate::renderer::HapticRenderer;
+use crate::telemetry::{ContactTelemetry, Events, HapticTelemetry, Percentiles};
+
+/// Which clock a session ran by.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Clock {
+    /// Real time; says how the haptic thread was scheduled.
+    Real {
+        /// The scheduling class obtained, and why no better one.
+        scheduling: String,
+    },
+    /// Simulated time.
+    Simulated,
+}
+
+/// An ended session.
+#[derive(Clone, Debug)]
+pub struct Session {
+    /// How long it lasted, s.
+    pub seconds: f64,
+    /// Which clock it ran by.
+    pub clock: Clock,
+    /// What the haptic loop measured.
+    pub haptic: HapticTelemetry,
+    /// What the contact loop measured.
+    pub contact: ContactTelemetry,
+    /// Which stages the scene switched on or off, and why.
+    pub stages: BTreeMap<&'static str, String>,
+}
+
+/// The machine-readable summary of a session.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Summary {
+    /// Duration, s.
+    pub seconds: f64,
+    /// The haptic loop.
+    pub haptic: HapticSummary,
+    /// The contact loop.
+    pub contact: ContactSummary,
+    /// Deepest penetration, m.
+    pub depth_max: f64,
+    /// Largest coupling force, N.
+    pub coupling_force_max: f64,
+    /// Smallest energy absorbed at the device port, J.
+    pub energy_min_j: f64,
+    /// Which stages ran, and why.
+    pub stages: BTreeMap<&'static str, String>,
+    /// Counts of events.
+    pub events: Events,
+}
+
+/// The haptic loop in a [`Summary`].
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct HapticSummary {
+    /// Steps a second, Hz.
+    pub rate_hz: f64,
+    /// Steps.
+    pub steps: u64,
+    /// Periods skipped.
+    pub missed_deadlines: u64,
+    /// Duration of a step, ns.
+    pub step_ns: Percentiles,
+    /// Lateness of the wake-up, µs.
+    pub wake_us: Percentiles,
+    /// How the thread was scheduled; `lockstep` on a simulated clock.
+    pub scheduling: String,
+}
+
+/// The contact loop in a [`Summary`].
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ContactSummary {
+    /// Queries a second, Hz.
+    pub rate_hz: f64,
+    /// Duration of a query with clustering and linearisation, µs.
+    pub query_us: Percentiles,
+}
+
+impl Session {
+    /// Closes the device and keeps what was measured.
+    pub(crate) fn close(mut renderer: HapticRenderer, seconds: f64, clock: Clock) -> Self {
+        let stages = renderer.stages();
+        if renderer.device.close().is_err() {
+            renderer.haptic.telemetry_mut().events.device_refused += 1;
+        }
+        let haptic = renderer.haptic.telemetry().clone();
+        let contact = renderer.contact.telemetry().clone();
+        Self { seconds, clock, haptic, contact, stages }
+    }
+
+    /// The machine-readable summary.
+    pub fn summary(&self) -> Summary {
+        let (haptic, contact) = (&self.haptic, &self.contact);
+        let rate = |count: u64| if self.seconds > 0.0 { count as f64 / self.seconds } else { 0.0 };
+        let scheduling = match &self.clock {
+            Clock::Real { scheduling } => scheduling.clone(),
+            Clock::Simulated => "lockstep".to_owned(),
+        };
+        let mut events = haptic.events;
+        events.contact_overflow = contact.events.contact_overflow;
+        events.not_converged = contact.events.not_converged;
+        events.model_dropped = contact.events.model_dropped;
+        Summary {
+            seconds: self.seconds,
+            haptic: HapticSummary {
+                rate_hz: rate(haptic.steps),
+                steps: haptic.steps,
+                missed_deadlines: haptic.missed_deadlines,
+                step_ns: haptic.step.percentiles(1.0),
+                wake_us: haptic.wake.percentiles(1000.0),
+                scheduling,
+            },
+            contact: ContactSummary {
+                rate_hz: rate(contact.query.count()),
+                query_us: contact.query.percentiles(1000.0),
+            },
+            depth_max: haptic.depth_max,
+            coupling_force_max: haptic.coupling_force_max,
+            energy_min_j: haptic.energy_min,
+            stages: self.stages.clone(),
+            events,
+        }
+    }
+}
+
+impl HapticRenderer {
+    /// Which stages of the pipeline the scene needs, and why.
+    pub fn stages(&self) -> BTreeMap<&'static str, String> {
+        let mut stages = BTreeMap::new();
+        let objects = self.scene().objects().len();
+        let query = match objects {
+            0 => "off: the scene is empty".to_owned(),
+            1 => "on: one scene object".to_owned(),
+            n => format!("on: {n} scene objects"),
+        };
+        stages.insert("contact query", query);
+        for (role, object) in std::iter::once(("probe", self.probe()))
+            .chain(self.scene().objects().iter().map(|placed| ("scene", &placed.object)))
+        {
+            let leaves = object.clod.leaves().len();
+            let what = if leaves == 1 {
+                format!("{role} {}: off, one convex hull", object.name)
+            } else {
+                format!("{role} {}: on, {leaves} convex patches in {} levels", object.name, object.clod.levels.len())
+            };
+            let entry: &mut String = stages.entry("hierarchy").or_default();
+            if !entry.is_empty() {
+                entry.push_str("; ");
+            }
+            entry.push_str(&what);
+        }
+        stages.insert("clustering", format!("on beyond {} contacts", self.settings().clusters));
+        stages.insert("textures", "off: no object has a haptic texture".to_owned());
+        stages.insert("friction", "off: not in this version".to_owned());
+        stages
+    }
+}

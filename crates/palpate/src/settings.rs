@@ -1,0 +1,102 @@
+//! The physical settings of a session, in SI units.
+
+use palpate_core::Pose;
+use serde::{Deserialize, Serialize};
+
+/// What a session renders with. Values that are `None` are derived from the grasped object and the device: see
+/// [`Settings::resolve`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Settings {
+    /// Rate of the haptic loop, Hz.
+    pub rate: f64,
+    /// Mass of the grasped object, kg.
+    pub mass: f64,
+    /// Contact stiffness k, N/m, of each contact cluster.
+    pub contact_stiffness: f64,
+    /// Contact damping b, N·s/m; by default critical for the grasped mass on one cluster.
+    pub contact_damping: Option<f64>,
+    /// Stiffness of the virtual coupling k_c, N/m; by default what the device's limits allow.
+    pub coupling_stiffness: Option<f64>,
+    /// Damping of the virtual coupling b_c, N·s/m; by default critical.
+    pub coupling_damping: Option<f64>,
+    /// Angular stiffness of the virtual coupling k_θ, N·m/rad; by default what the device's limits allow.
+    pub angular_stiffness: Option<f64>,
+    /// Angular damping of the virtual coupling b_θ, N·m·s/rad; by default critical for the smallest principal inertia.
+    pub angular_damping: Option<f64>,
+    /// Distance tolerance d of the contact query, m; by default 1 % of the grasped object's bounding radius.
+    pub tolerance: Option<f64>,
+    /// K: how many representative contacts there may be (§5.4.2).
+    pub clusters: usize,
+    /// The grasp: where the device holds the object, and the device's axes there, in the mesh's frame; by default the
+    /// centre of mass with the mesh's axes.
+    pub grasp: Option<Pose>,
+    /// Age of the newest contact model, s, from which the wrench fades out, to nothing at twice this age.
+    pub contact_timeout: f64,
+}
+
+impl Default for Settings {
+    /// 1 kHz, 100 g, 2 kN/m contacts and K = 5 clusters, the values of §5.5.
+    fn default() -> Self {
+        Self {
+            rate: 1000.0,
+            mass: 0.1,
+            contact_stiffness: 2000.0,
+            contact_damping: None,
+            coupling_stiffness: None,
+            coupling_damping: None,
+            angular_stiffness: None,
+            angular_damping: None,
+            tolerance: None,
+            clusters: 5,
+            grasp: None,
+            contact_timeout: 0.5,
+        }
+    }
+}
+
+/// A setting that was refused.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{name} is {value}; give {expected}")]
+pub struct SettingsError {
+    /// The setting's name.
+    pub name: &'static str,
+    /// What was given.
+    pub value: f64,
+    /// What would do.
+    pub expected: &'static str,
+}
+
+impl Settings {
+    /// Refuses values that no physical object or device can have.
+    ///
+    /// # Errors
+    /// Names the first setting out of range.
+    pub fn check(&self) -> Result<(), SettingsError> {
+        let positive = [
+            ("mass", Some(self.mass), "kilograms from 1e-5 to 1e4", 1e-5..=1e4),
+            ("rate", Some(self.rate), "a rate from 10 to 20000 Hz", 10.0..=20_000.0),
+            ("contact-stiffness", Some(self.contact_stiffness), "N/m from 0 to 1e8", 0.0..=1e8),
+            ("contact-damping", self.contact_damping, "N·s/m from 0 to 1e6", 0.0..=1e6),
+            ("coupling-stiffness", self.coupling_stiffness, "N/m from 0 to 1e7", 0.0..=1e7),
+            ("coupling-damping", self.coupling_damping, "N·s/m from 0 to 1e6", 0.0..=1e6),
+            ("angular-stiffness", self.angular_stiffness, "N·m/rad from 0 to 1e6", 0.0..=1e6),
+            ("angular-damping", self.angular_damping, "N·m·s/rad from 0 to 1e6", 0.0..=1e6),
+            ("tolerance", self.tolerance, "metres above 0", f64::MIN_POSITIVE..=f64::MAX),
+            ("contact timeout", Some(self.contact_timeout), "seconds above 0", f64::MIN_POSITIVE..=f64::MAX),
+            ("clusters", Some(self.clusters as f64), CLUSTER_RANGE, 1.0..=palpate_dynamics::MAX_CLUSTERS as f64),
+        ];
+        for (name, value, expected, range) in positive {
+            if let Some(value) = value.filter(|value| !range.contains(value)) {
+                return Err(SettingsError { name, value, expected });
+            }
+        }
+        if let Some(grasp) = self.grasp.filter(|grasp| !grasp.is_valid()) {
+            let value = grasp.rotation.length();
+            return Err(SettingsError { name: "grasp rotation's length", value, expected: "a finite pose with a unit quaternion" });
+        }
+        Ok(())
+    }
+}
+
+const CLUSTER_RANGE: &str = "a number of clusters from 1 to 16";
+const _: () = assert!(palpate_dynamics::MAX_CLUSTERS == 16, "CLUSTER_RANGE names the limit");

@@ -1,0 +1,108 @@
+//! What a session measures of itself: histograms of times, extremes of forces, counts of events.
+
+use hdrhistogram::Histogram;
+use serde::Serialize;
+
+/// Times in nanoseconds, from 1 ns to 100 s with three significant digits. Recording never allocates.
+#[derive(Clone, Debug)]
+pub struct Times(Histogram<u64>);
+
+impl Times {
+    /// An empty histogram; allocates once.
+    pub fn new() -> Self {
+        // The bounds are constants that the histogram accepts.
+        #[allow(clippy::expect_used)]
+        Self(Histogram::new_with_bounds(1, 100_000_000_000, 3).expect("constant bounds"))
+    }
+
+    /// Adds a time, ns; longer ones than 100 s count as 100 s.
+    pub fn record(&mut self, nanoseconds: u64) {
+        self.0.saturating_record(nanoseconds.max(1));
+    }
+
+    /// How many times were recorded.
+    pub fn count(&self) -> u64 {
+        self.0.len()
+    }
+
+    /// Percentiles, in nanoseconds divided by `unit`.
+    pub fn percentiles(&self, unit: f64) -> Percentiles {
+        let at = |quantile| self.0.value_at_quantile(quantile) as f64 / unit;
+        Percentiles { p50: at(0.5), p99: at(0.99), p999: at(0.999), max: self.0.max() as f64 / unit }
+    }
+}
+
+impl Default for Times {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Percentiles of a histogram.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Percentiles {
+    /// Median.
+    pub p50: f64,
+    /// 99th percentile.
+    pub p99: f64,
+    /// 99.9th percentile.
+    pub p999: f64,
+    /// Largest.
+    pub max: f64,
+}
+
+/// How often something out of the ordinary happened. Every event is counted, none is logged from the loop.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Events {
+    /// The device reported a non-finite pose or an error; its last good state was held.
+    pub device_refused: u64,
+    /// The device has no more to give: a replayed path came to its end.
+    pub device_ended: u64,
+    /// The step had no finite solution; the object's state was held.
+    pub step_refused: u64,
+    /// The wrench was limited to what the device can render.
+    pub saturated: u64,
+    /// The contact model was too old and the wrench was faded.
+    pub faded: u64,
+    /// A contact query ran out of room and reported fewer contacts than there are.
+    pub contact_overflow: u64,
+    /// A pair of convex hulls did not converge in a contact query.
+    pub not_converged: u64,
+    /// A contact model was lost because the haptic loop had not fetched the earlier ones.
+    pub model_dropped: u64,
+    /// Rows of the recording were lost because the recorder could not keep up.
+    pub record_dropped: u64,
+}
+
+/// What the haptic loop measured.
+#[derive(Clone, Debug, Default)]
+pub struct HapticTelemetry {
+    /// Haptic steps.
+    pub steps: u64,
+    /// Periods skipped because the loop woke too late for them.
+    pub missed_deadlines: u64,
+    /// Duration of a step, device included.
+    pub step: Times,
+    /// Lateness of the wake-up.
+    pub wake: Times,
+    /// Deepest penetration that a contact query reported, m.
+    pub depth_max: f64,
+    /// Largest coupling force, N.
+    pub coupling_force_max: f64,
+    /// Energy that has flowed from the device into the session, J, and its smallest value so far: a session that stays
+    /// above −(what its sampling can create) is passive at the device port.
+    pub energy: f64,
+    /// The smallest value of [`energy`](Self::energy), J.
+    pub energy_min: f64,
+    /// Events.
+    pub events: Events,
+}
+
+/// What the contact loop measured.
+#[derive(Clone, Debug, Default)]
+pub struct ContactTelemetry {
+    /// Contact query with clustering and linearisation.
+    pub query: Times,
+    /// Events.
+    pub events: Events,
+}

@@ -1,0 +1,75 @@
+//! Draws a figure as SVG.
+
+use plotters::prelude::*;
+
+use crate::series::{Curve, Figure};
+
+/// A plot could not be drawn.
+#[derive(Debug, thiserror::Error)]
+#[error("a plot could not be drawn: {0}")]
+pub struct PlotError(String);
+
+const SIZE: (u32, u32) = (960, 260);
+const COLOURS: [RGBColor; 2] = [RGBColor(31, 96, 168), RGBColor(205, 97, 30)];
+
+pub(crate) fn draw(figure: &Figure) -> Result<String, PlotError> {
+    let mut svg = String::new();
+    draw_into(&mut svg, figure).map_err(|error| PlotError(error.to_string()))?;
+    Ok(svg)
+}
+
+fn draw_into(svg: &mut String, figure: &Figure) -> Result<(), Box<dyn std::error::Error>> {
+    let finite: Vec<Curve> = figure.curves.iter().map(only_finite).collect();
+    let points = || finite.iter().flat_map(|curve| &curve.points);
+    let (start, end) = range(points().map(|point| point.0));
+    let (_, top) = range(points().map(|point| point.1));
+    let root = SVGBackend::with_string(svg, SIZE).into_drawing_area();
+    let mut chart = ChartBuilder::on(&root)
+        .margin(8)
+        .x_label_area_size(34)
+        .y_label_area_size(64)
+        .build_cartesian_2d(start..end, 0.0..1.05 * top)?;
+    chart
+        .configure_mesh()
+        .light_line_style(WHITE)
+        .bold_line_style(RGBColor(227, 232, 237))
+        .axis_style(RGBColor(90, 107, 123))
+        .label_style(("sans-serif", 13))
+        .x_desc("s")
+        .y_desc(figure.axis)
+        .draw()?;
+    for (curve, colour) in finite.into_iter().zip(COLOURS) {
+        let Curve { name, points } = curve;
+        chart
+            .draw_series(LineSeries::new(points, &colour))?
+            .label(name)
+            .legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], colour));
+    }
+    if figure.curves.len() > 1 {
+        chart
+            .configure_series_labels()
+            .position(SeriesLabelPosition::UpperRight)
+            .background_style(WHITE.mix(0.8))
+            .label_font(("sans-serif", 13))
+            .draw()?;
+    }
+    root.present()?;
+    drop(chart);
+    drop(root);
+    Ok(())
+}
+
+fn only_finite(curve: &Curve) -> Curve {
+    let points = curve.points.iter().copied().filter(|(x, y)| x.is_finite() && y.is_finite());
+    Curve { name: curve.name, points: points.collect() }
+}
+
+/// The least and greatest of `values`, widened where an axis would have no length.
+fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
+    match (low.is_finite(), high > low) {
+        (true, true) => (low, if high > 0.0 { high } else { 1.0 }),
+        (true, false) => (low, low.max(0.0) + 1.0),
+        _ => (0.0, 1.0),
+    }
+}

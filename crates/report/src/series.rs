@@ -1,0 +1,138 @@
+//! The curves of a report, taken from a recording.
+
+use palpate::Record;
+
+/// One curve.
+pub(crate) struct Curve {
+    pub name: &'static str,
+    pub points: Vec<(f64, f64)>,
+}
+
+/// One plot over time.
+pub(crate) struct Figure {
+    pub caption: &'static str,
+    pub axis: &'static str,
+    pub curves: Vec<Curve>,
+}
+
+/// Width of the windows in which rates are counted, s.
+const RATE_WINDOW: f64 = 0.1;
+/// Most points kept of a curve: a screen shows no more.
+const MOST_POINTS: usize = 1600;
+
+pub(crate) fn figures(records: &[Record]) -> Vec<Figure> {
+    let curve = |name, value: &dyn Fn(&Record) -> f64| Curve {
+        name,
+        points: thin(records.iter().map(|record| (record.time, value(record))).collect()),
+    };
+    vec![
+        Figure {
+            caption: "Deepest penetration that the contact query reported.",
+            axis: "mm",
+            curves: vec![curve("penetration", &|r| 1e3 * r.depth)],
+        },
+        Figure {
+            caption: "Force sent to the device, and contact force on the grasped object.",
+            axis: "N",
+            curves: vec![
+                curve("coupling", &|r| r.coupling.force.length()),
+                curve("contact", &|r| r.contact.force.length()),
+            ],
+        },
+        Figure {
+            caption: "Torque sent to the device, about its origin.",
+            axis: "mN·m",
+            curves: vec![curve("coupling", &|r| 1e3 * r.coupling.torque.length())],
+        },
+        Figure {
+            caption: "How far the grasped object stays behind the device: distance of their frames' origins.",
+            axis: "mm",
+            curves: vec![curve("deviation", &|r| {
+                1e3 * (r.device.translation - r.object.translation).length()
+            })],
+        },
+        Figure {
+            caption: "Contacts found, before clustering.",
+            axis: "contacts",
+            curves: vec![curve("contacts", &|r| f64::from(r.contacts))],
+        },
+        Figure {
+            caption: "Haptic steps and contact models a second, in windows of 0.1 s.",
+            axis: "Hz",
+            curves: vec![
+                Curve { name: "haptic", points: rate(records.iter().map(|record| record.time)) },
+                Curve { name: "contact", points: rate(model_times(records)) },
+            ],
+        },
+    ]
+}
+
+/// When each contact model was first in use.
+fn model_times(records: &[Record]) -> impl Iterator<Item = f64> + '_ {
+    let mut last = f64::NAN;
+    records.iter().filter_map(move |record| {
+        let made = record.time - record.model_age;
+        // The same model seen a step later gives the same time but for rounding.
+        let fresh = made.is_finite() && !((made - last).abs() < 1e-9);
+        last = if made.is_finite() { made } else { last };
+        fresh.then_some(record.time)
+    })
+}
+
+/// Events a second in windows of [`RATE_WINDOW`], at the middle of each; the last, incomplete window is left out.
+fn rate(times: impl Iterator<Item = f64>) -> Vec<(f64, f64)> {
+    let mut counts: Vec<u32> = Vec::new();
+    for time in times {
+        let window = (time / RATE_WINDOW).max(0.0) as usize;
+        if counts.len() <= window {
+            counts.resize(window + 1, 0);
+        }
+        counts[window] += 1;
+    }
+    counts.pop();
+    let point = |(window, count): (usize, &u32)| {
+        ((window as f64 + 0.5) * RATE_WINDOW, f64::from(*count) / RATE_WINDOW)
+    };
+    counts.iter().enumerate().map(point).collect()
+}
+
+/// Keeps the least and the greatest value of each run of points, so that no peak is lost.
+fn thin(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
+    if points.len() <= MOST_POINTS {
+        return points;
+    }
+    let run = points.len().div_ceil(MOST_POINTS / 2);
+    let by_value = |a: &&(f64, f64), b: &&(f64, f64)| a.1.total_cmp(&b.1);
+    points
+        .chunks(run)
+        .flat_map(|chunk| {
+            let extremes = [chunk.iter().min_by(by_value), chunk.iter().max_by(by_value)];
+            let mut kept: Vec<(f64, f64)> = extremes.into_iter().flatten().copied().collect();
+            kept.sort_by(|a, b| a.0.total_cmp(&b.0));
+            kept
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thinning_keeps_peaks_and_order() {
+        let mut points: Vec<(f64, f64)> = (0..100_000).map(|i| (f64::from(i), 0.0)).collect();
+        points[54_321].1 = 7.0;
+        points[99_999].1 = -3.0;
+        let kept = thin(points);
+        assert!(kept.len() <= MOST_POINTS + 2, "{}", kept.len());
+        assert!(kept.contains(&(54_321.0, 7.0)) && kept.contains(&(99_999.0, -3.0)));
+        assert!(kept.is_sorted_by(|a, b| a.0 <= b.0));
+    }
+
+    #[test]
+    fn rate_counts_events_a_second() {
+        let rates = rate((1..=1000).map(|i| f64::from(i) * 1e-3 - 1e-6));
+        assert_eq!(rates.len(), 9);
+        assert!(rates.iter().all(|&(_, hz)| (hz - 1000.0).abs() < 1e-9), "{rates:?}");
+    }
+}

@@ -1,0 +1,158 @@
+//! Full-resolution contact queries on real meshes, against brute force over all pairs of triangles.
+
+use std::collections::{HashMap, HashSet};
+
+use palpate::clod_build::{BuildOptions, build};
+use palpate::collide::{ContactQuery, QuerySettings};
+use palpate::core::Clod;
+use palpate::core::clod::Node;
+use palpate::glam::{DQuat, DVec3};
+use palpate::mesh_io::intersecting_pairs;
+use palpate::{Pose, TriMesh};
+use palpate_tests::brute_force::{self, nearest_on_triangle, triangle_distance};
+use palpate_tests::shared_mesh;
+
+struct Body {
+    mesh: TriMesh,
+    clod: Clod,
+    radius: f64,
+}
+
+impl Body {
+    fn load(path: &str) -> Option<Self> {
+        let mesh = shared_mesh(path)?;
+        let clod = build(&mesh, &BuildOptions::default(), &mut |_, _| {}).expect(path);
+        let radius = clod.bounding_radius();
+        Some(Self { mesh, clod, radius })
+    }
+
+    fn patch(&self, node: u32, pose: &Pose) -> Vec<[DVec3; 3]> {
+        let node: &Node = &self.clod.nodes[node as usize];
+        let hull = self.clod.hull(node);
+        let corner = |local: u32| pose.transform_point(hull[local as usize]);
+        self.clod.patch(node).iter().map(|triangle| triangle.map(corner)).collect()
+    }
+
+    /// The leaf that each triangle of the mesh belongs to.
+    fn leaf_of_triangle(&self) -> Vec<u32> {
+        let bits = |corners: [DVec3; 3]| {
+            let mut keys = corners.map(|corner| corner.to_array().map(|x| (x + 0.0).to_bits()));
+            keys.sort_unstable();
+            keys
+        };
+        let mut leaf_of = HashMap::new();
+        let leaves = &self.clod.levels[0].nodes;
+        for index in leaves.clone() {
+            for corners in self.patch(index, &Pose::IDENTITY) {
+                leaf_of.insert(bits(corners), index);
+            }
+        }
+        (0..self.mesh.triangles().len()).map(|triangle| leaf_of[&bits(self.mesh.corners(triangle))]).collect()
+    }
+}
+
+/// Poses of the probe: some where the bodies are disjoint and near, some where they intersect.
+fn check(probe_path: &str, scene_path: &str, poses: &[Pose]) {
+    let (Some(probe), Some(scene)) = (Body::load(probe_path), Body::load(scene_path)) else { return };
+    let tolerance = 0.05 * probe.radius;
+    let eps = 1e-6 * probe.radius;
+    let settings = QuerySettings::new(tolerance);
+    let mut query = ContactQuery::new(&probe.clod, &scene.clod);
+    let (probe_leaf, scene_leaf) = (probe.leaf_of_triangle(), scene.leaf_of_triangle());
+    let (mut disjoint, mut intersecting) = (0, 0);
+    for (index, pose) in poses.iter().enumerate() {
+        let outcome = query.run(&probe.clod, pose, &scene.clod, &Pose::IDENTITY, &settings);
+        assert!(!outcome.overflow && outcome.not_converged == 0, "pose {index}: {outcome:?}");
+        for found in query.contacts() {
+            let contact = &found.contact;
+            assert!((contact.normal.length() - 1.0).abs() < 1e-9, "pose {index}: {contact:?}");
+            assert!(contact.depth >= -tolerance - eps, "pose {index}: {contact:?}");
+        }
+        let crossing = intersecting_pairs(&probe.mesh, pose, &scene.mesh, &Pose::IDENTITY, usize::MAX);
+        if crossing.is_empty() {
+            disjoint += 1;
+            check_disjoint(index, pose, &probe, &scene, &query, outcome.smallest_distance, tolerance, eps);
+        } else {
+            intersecting += 1;
+            let found: HashSet<(u32, u32)> =
+                query.contacts().iter().map(|found| (found.probe_node, found.scene_node)).collect();
+            for &[a, b] in &crossing {
+                let pair = (probe_leaf[a as usize], scene_leaf[b as usize]);
+                assert!(found.contains(&pair), "pose {index}: triangles {a} and {b} intersect without a contact");
+            }
+        }
+    }
+    assert!(disjoint >= 3 && intersecting >= 2, "{disjoint} disjoint and {intersecting} intersecting poses");
+}
+
+#[allow(clippy::too_many_arguments)] // Local to this test.
+fn check_disjoint(
+    index: usize,
+    pose: &Pose,
+    probe: &Body,
+    scene: &Body,
+    query: &ContactQuery,
+    smallest: Option<f64>,
+    tolerance: f64,
+    eps: f64,
+) {
+    let truth = brute_force::distance(&probe.mesh, pose, &scene.mesh, &Pose::IDENTITY, tolerance);
+    match (truth, smallest) {
+        (None, None) => {}
+        (Some(truth), Some(found)) => {
+            assert!((truth - found).abs() < eps, "pose {index}: distance {found}, brute force {truth}");
+        }
+        // At the very tolerance either answer is right.
+        (Some(d), None) | (None, Some(d)) => assert!((d - tolerance).abs() < eps, "pose {index}: {d}"),
+    }
+    for found in query.contacts() {
+        let contact = &found.contact;
+        assert!(contact.depth <= 0.0, "pose {index}: depth {} of disjoint bodies", contact.depth);
+        let patches = [probe.patch(found.probe_node, pose), scene.patch(found.scene_node, &Pose::IDENTITY)];
+        let mut exact = f64::INFINITY;
+        for a in &patches[0] {
+            for b in &patches[1] {
+                exact = exact.min(triangle_distance(a, b).0);
+            }
+        }
+        assert!((exact + contact.depth).abs() < eps, "pose {index}: {contact:?}, brute force {exact}");
+        for (point, patch) in [(contact.point, &patches[0]), (contact.scene_point, &patches[1])] {
+            let off = patch.iter().map(|t| nearest_on_triangle(point, t).distance(point)).fold(f64::MAX, f64::min);
+            assert!(off < eps, "pose {index}: a contact point is {off} m off its patch");
+        }
+        let gap = contact.point + contact.normal * -contact.depth - contact.scene_point;
+        assert!(gap.length() < eps, "pose {index}: {contact:?}");
+    }
+}
+
+#[test]
+fn dental_casts_agree_with_brute_force() {
+    // Stored in a common occlusal frame, not intersecting; the upper cast is lifted and pressed along z.
+    let poses: Vec<Pose> = [2e-3, 1e-3, 3e-4, 0.0, -3e-4, -8e-4, -2e-3]
+        .into_iter()
+        .enumerate()
+        .map(|(i, lift)| {
+            let turn = DQuat::from_scaled_axis(DVec3::new(0.002, -0.001, 0.003) * i as f64);
+            Pose::new(DVec3::new(1e-4 * i as f64, 0.0, lift), turn)
+        })
+        .collect();
+    check("models/good/dental_cast_upper.obj", "models/good/dental_cast_lower.obj", &poses);
+}
+
+#[test]
+fn spoon_in_mug_agrees_with_brute_force() {
+    let Some(mug) = shared_mesh("models/good/ycb_mug.obj") else { return };
+    let Some(spoon) = shared_mesh("models/good/ycb_spoon.obj") else { return };
+    let center = mug.bounding_sphere().center;
+    let tail = spoon.bounding_sphere().center;
+    // Upright over the mug's middle, then moved towards the wall and down to the floor.
+    let upright = DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2);
+    let poses: Vec<Pose> = [0.0, 0.008, 0.016, 0.020, 0.024, 0.028, 0.032, 0.036, 0.040, 0.044]
+        .into_iter()
+        .map(|sideways| {
+            let at = center + DVec3::new(sideways, 0.3 * sideways, 0.06 - 0.3 * sideways);
+            Pose::new(at - upright * tail, upright)
+        })
+        .collect();
+    check("models/good/ycb_spoon.obj", "models/good/ycb_mug.obj", &poses);
+}

@@ -1,0 +1,124 @@
+//! Sessions on a simulated clock: reproducible, stable, and true to what the hand does.
+
+use std::convert::Infallible;
+use std::sync::atomic::AtomicBool;
+
+use palpate::{
+    ContactTiming, HapticRenderer, Object, Pose, Record, RecordWriter, Scene, Session, Settings, explore,
+};
+
+/// A session of an ellipsoid exploring a coarse golf ball.
+fn explore_golf_ball(seconds: f64, settings: Settings) -> (Vec<Record>, Session) {
+    let probe = Object::model("ellipsoid@2000").expect("ellipsoid");
+    let ball = Object::model("golf-ball@20000").expect("golf ball");
+    let scene = Scene::new().with(ball, Pose::IDENTITY);
+    let device = explore::open_device("emulated", &probe, &scene, seconds).expect("emulated device");
+    let renderer = HapticRenderer::new(probe, scene, device, settings).expect("renderer");
+    let mut records = Vec::new();
+    let session = renderer
+        .run_lockstep(seconds, ContactTiming::busy(400.0), &AtomicBool::new(false), |row| {
+            records.push(*row);
+            Ok::<_, Infallible>(())
+        })
+        .expect("the sink never fails");
+    (records, session)
+}
+
+fn csv(records: &[Record]) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut writer = RecordWriter::new(&mut bytes).expect("memory");
+    for record in records {
+        writer.write(record).expect("memory");
+    }
+    writer.finish().expect("memory");
+    bytes
+}
+
+#[test]
+fn two_runs_give_the_same_bytes() {
+    let (first, _) = explore_golf_ball(4.0, Settings::default());
+    let (second, _) = explore_golf_ball(4.0, Settings::default());
+    assert_eq!(first.len(), 4000);
+    assert!(csv(&first) == csv(&second), "two lockstep recordings differ");
+}
+
+#[test]
+fn touching_is_felt_and_bounded() {
+    let (records, session) = explore_golf_ball(10.0, Settings::default());
+    let summary = session.summary();
+    let radius = Object::model("ellipsoid@2000").expect("ellipsoid").bounding_radius();
+    assert_eq!(summary.haptic.steps, 10_000);
+    assert!(records.iter().any(|row| row.contacts > 0), "the probe never came near the ball");
+    let pressed: Vec<&Record> = records.iter().filter(|row| (3.0..7.0).contains(&row.time)).collect();
+    let mean = pressed.iter().map(|row| row.coupling.force.z).sum::<f64>() / pressed.len() as f64;
+    assert!(mean > 0.02, "pressing down on the ball pushes the hand up: {mean} N");
+    assert!(summary.depth_max < 0.1 * radius, "penetration {} m of radius {radius} m", summary.depth_max);
+    assert_eq!(summary.events.step_refused, 0);
+    assert_eq!(summary.events.device_refused, 0);
+    assert_eq!(summary.events.faded, 0);
+    for row in &records {
+        assert!(row.object.is_valid() && row.coupling.is_finite() && row.contact.is_finite(), "{row:?}");
+    }
+    // At rest on the ball, what the device gives the object is what the ball takes.
+    let last = records.last().expect("rows");
+    assert!(last.contact.force.length() < 1e-9, "withdrawn, but {:?}", last.contact);
+}
+
+#[test]
+fn free_space_is_quiet() {
+    let probe = Object::model("ellipsoid@2000").expect("ellipsoid");
+    let scene = Scene::new();
+    let device = explore::open_device("emulated", &probe, &scene, 2.0).expect("emulated device");
+    let renderer = HapticRenderer::new(probe, scene, device, Settings::default()).expect("renderer");
+    let session = renderer
+        .run_lockstep(2.0, ContactTiming::busy(1000.0), &AtomicBool::new(false), |row| {
+            assert_eq!(row.contact.force.length(), 0.0);
+            Ok::<_, Infallible>(())
+        })
+        .expect("the sink never fails");
+    assert!(session.summary().stages["contact query"].starts_with("off"));
+    assert!(session.summary().coupling_force_max < 0.5, "{:?}", session.summary());
+}
+
+#[test]
+fn a_replayed_probe_comes_where_its_path_says() {
+    // A kinematic device through free space: the object follows within what the coupling's spring gives way.
+    let probe = Object::model("spoon@5000").expect("spoon");
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let file = folder.path().join("path.csv");
+    let mut text = String::from("t,px,py,pz,qx,qy,qz,qw\n");
+    for i in 0..=200 {
+        let t = f64::from(i) * 0.01;
+        let x = 0.02 * (std::f64::consts::TAU * 0.5 * t).sin();
+        text.push_str(&format!("{t},{x},0,0,0,0,0,1\n"));
+    }
+    std::fs::write(&file, text).expect("temporary file");
+    let scene = Scene::new();
+    let device = explore::open_device(&format!("replay:{}", file.display()), &probe, &scene, 2.0).expect("replay");
+    let settings = Settings { mass: 0.01, ..Settings::default() };
+    let renderer = HapticRenderer::new(probe, scene, device, settings).expect("renderer");
+    let mut worst: f64 = 0.0;
+    renderer
+        .run_lockstep(2.0, ContactTiming::busy(1000.0), &AtomicBool::new(false), |row| {
+            worst = worst.max((row.device.translation - row.object.translation).length());
+            Ok::<_, Infallible>(())
+        })
+        .expect("the sink never fails");
+    assert!(worst < 1e-3, "the object lags {worst} m behind");
+}
+
+#[test]
+fn bad_settings_are_refused_by_name() {
+    for (settings, name) in [
+        (Settings { mass: 0.0, ..Settings::default() }, "mass"),
+        (Settings { mass: f64::NAN, ..Settings::default() }, "mass"),
+        (Settings { rate: 0.0, ..Settings::default() }, "rate"),
+        (Settings { clusters: 0, ..Settings::default() }, "clusters"),
+        (Settings { clusters: 17, ..Settings::default() }, "clusters"),
+        (Settings { tolerance: Some(0.0), ..Settings::default() }, "tolerance"),
+        (Settings { coupling_stiffness: Some(-1.0), ..Settings::default() }, "coupling-stiffness"),
+    ] {
+        let error = settings.check().expect_err(name);
+        assert!(error.to_string().starts_with(name), "{error}");
+    }
+}

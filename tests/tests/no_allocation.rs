@@ -1,0 +1,76 @@
+//! The real-time path does not allocate: 100,000 haptic steps, and contact steps in steady state.
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+use palpate::{HapticRenderer, Object, Pose, Scene, Settings, explore};
+
+thread_local! {
+    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
+}
+
+struct Counting;
+
+// SAFETY: every call is handed to the system allocator unchanged; the counter is a const-initialised thread local without a
+// destructor, so counting never allocates.
+#[expect(unsafe_code, reason = "a global allocator cannot be written without")]
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.with(|count| count.set(count.get() + 1));
+        // SAFETY: the caller's promises are passed on.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: the caller's promises are passed on.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+
+    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        ALLOCATIONS.with(|count| count.set(count.get() + 1));
+        // SAFETY: the caller's promises are passed on.
+        unsafe { System.realloc(pointer, layout, size) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+fn allocations_in(work: impl FnOnce()) -> u64 {
+    let before = ALLOCATIONS.with(Cell::get);
+    work();
+    ALLOCATIONS.with(Cell::get) - before
+}
+
+#[test]
+fn the_loops_do_not_allocate() {
+    assert!(allocations_in(|| drop(std::hint::black_box(vec![1u8]))) > 0, "the counter counts");
+
+    let probe = Object::model("spoon@5000").expect("spoon");
+    let cup = Object::model("cup@5000").expect("cup");
+    let scene = Scene::new().with(cup, Pose::IDENTITY);
+    let seconds = 100.0;
+    let device = explore::open_device("emulated", &probe, &scene, seconds).expect("emulated device");
+    let renderer = HapticRenderer::new(probe, scene, device, Settings::default()).expect("renderer");
+    let (mut haptic, mut contact, mut device) = renderer.into_loops();
+
+    let (mut in_haptic, mut in_contact, mut touched) = (0, 0, false);
+    for step in 1..=100_000 {
+        let now = f64::from(step) * 1e-3;
+        if step % 4 == 0 {
+            let mut update = None;
+            let count = allocations_in(|| update = Some(contact.step(haptic.body_state(), now)));
+            // The exploration repeats every ten seconds: the first lets the workspaces grow to the scene.
+            in_contact += if now > explore::CYCLE { count } else { 0 };
+            let update = update.expect("a contact step ran");
+            touched |= update.contacts > 5;
+            in_haptic += allocations_in(|| haptic.update_contacts(&update));
+        }
+        in_haptic += allocations_in(|| {
+            std::hint::black_box(haptic.step_device(device.as_mut(), now, 1e-3));
+        });
+    }
+    assert!(touched, "the spoon never touched the cup, so nothing was tested");
+    assert_eq!(in_haptic, 0, "allocations in 100,000 haptic steps");
+    assert_eq!(in_contact, 0, "allocations in contact steps after the first ten seconds");
+}
