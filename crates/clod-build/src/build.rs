@@ -1,6 +1,26 @@
 //! From a mesh to its hierarchy: the order of the steps, what can be asked of them and why they may refuse.
 
+use std::f64::consts::FRAC_PI_2;
+
+use glam::{DMat3, DVec3};
+use palpate_core::clod::Source;
+use palpate_core::mesh::{Adjacency, NO_NEIGHBOUR};
 use palpate_core::{Clod, TriMesh};
+use rayon::prelude::*;
+
+use crate::convexity::Patch;
+use crate::decomposition::{Decomposition, decompose};
+use crate::hierarchy::merge_to_root;
+use crate::layout::{Parts, lay_out};
+use crate::parameters::{finest_resolution, support_areas};
+use crate::surface::Surface;
+
+/// Edges shorter than this fraction of the bounding radius join copies of a vertex.
+const NEGLIGIBLE: f64 = 1e-9;
+
+/// Lengths (m) from the reciprocal of this to this are accepted: their fifth powers, which inertia needs, are far within the
+/// range of f64.
+const LARGEST_LENGTH: f64 = 1e50;
 
 /// What can be chosen about a build.
 #[derive(Clone, Debug, PartialEq)]
@@ -46,25 +66,44 @@ pub enum BuildError {
     },
     /// A vertex of a triangle is not finite.
     #[error(
-        "vertex {vertex} at ({x}, {y}, {z}) is not finite: run with --repair to drop the triangles that use it"
+        "triangle {triangle} uses vertex {vertex} at {position}, which is not finite: run with --repair to drop such triangles"
     )]
     NonFinite {
-        /// Index of the first such vertex.
+        /// Index of the first such triangle.
+        triangle: usize,
+        /// Index of the vertex.
         vertex: usize,
-        /// Its x coordinate, m.
-        x: f64,
-        /// Its y coordinate, m.
-        y: f64,
-        /// Its z coordinate, m.
-        z: f64,
+        /// Where it is, m.
+        position: DVec3,
     },
-    /// All vertices of the triangles coincide.
+    /// The mesh is a single point, or too small, large or far away for arithmetic.
     #[error(
-        "all {triangles} triangles have shrunk to one point, so the mesh has no size: check its units and the scale it was loaded with"
+        "the {triangles} triangles are bounded by a sphere of radius {radius} m, {distance} m from the origin, where lengths \
+         have to be between 1e-50 and 1e50 m: check the mesh's units and the scale it was loaded with"
     )]
-    NoExtent {
+    Extent {
         /// How many triangles there are.
         triangles: usize,
+        /// Radius of the bounding sphere, m.
+        radius: f64,
+        /// Distance of its centre from the origin, m.
+        distance: f64,
+    },
+    /// Every triangle names a vertex twice.
+    #[error(
+        "each of the {triangles} triangles names a vertex twice, so there is no surface: check the file that the mesh came from"
+    )]
+    NoSurface {
+        /// How many triangles there are.
+        triangles: usize,
+    },
+    /// The hierarchy would need more hull vertices than 32-bit indices can name.
+    #[error(
+        "the hierarchy needs {hull_vertices} hull vertices, more than 32-bit indices can name: simplify the mesh, or build its parts as separate objects"
+    )]
+    TooLarge {
+        /// How many it needs.
+        hull_vertices: usize,
     },
     /// An option is out of range.
     #[error("the build option `{option}` is {value}, but has to be {wanted}")]
@@ -93,6 +132,133 @@ pub fn build(
     options: &BuildOptions,
     progress: &mut dyn FnMut(Stage, f64),
 ) -> Result<Clod, BuildError> {
-    let _ = (options, progress);
-    Err(BuildError::Empty { vertices: mesh.vertices().len() })
+    options.check()?;
+    let (center, radius) = check_extent(mesh)?;
+
+    progress(Stage::Mesh, 0.0);
+    let solid = mesh.validate().is_solid();
+    let adjacency = mesh.adjacency();
+    let surface = Surface::new(mesh, center, radius);
+    progress(Stage::Mesh, 1.0);
+
+    let tolerance = options.tolerance * radius * surface.scale;
+    let decomposition =
+        decompose(&surface, &adjacency, tolerance, &mut |done| progress(Stage::Decomposition, done));
+    let contained: Vec<bool> =
+        decomposition.patches.par_iter().map(|patch| solid && lies_inside(&surface, patch)).collect();
+    let all_real: Vec<bool> =
+        (0..decomposition.patches.len()).map(|patch| is_closed(&decomposition, patch, &adjacency)).collect();
+    progress(Stage::Decomposition, 1.0);
+
+    let levels = merge_to_root(&surface.points, &decomposition, &adjacency, &mut |done| {
+        progress(Stage::Hierarchy, done);
+    });
+    progress(Stage::Hierarchy, 1.0);
+
+    progress(Stage::Parameters, 0.0);
+    let parts = Parts {
+        mesh,
+        decomposition: &decomposition,
+        levels: &levels,
+        support_areas: &support_areas(
+            mesh,
+            &adjacency,
+            options.support_distance * radius,
+            options.support_cone,
+        ),
+        resolution: finest_resolution(mesh, &adjacency, NEGLIGIBLE * radius),
+        contained: &contained,
+        all_real: &all_real,
+        scale: surface.scale,
+        center,
+    };
+    let hull_vertices: usize = levels.iter().flatten().map(|cluster| cluster.extreme.len()).sum();
+    if hull_vertices + 3 * mesh.triangles().len() >= u32::MAX as usize {
+        return Err(BuildError::TooLarge { hull_vertices });
+    }
+    let clod = lay_out(&parts, source_of(mesh, solid, center, radius));
+    progress(Stage::Parameters, 1.0);
+    Ok(clod)
+}
+
+impl BuildOptions {
+    fn check(&self) -> Result<(), BuildError> {
+        for (option, value, range, wanted) in [
+            ("tolerance", self.tolerance, 0.0..=0.1, "between 0 and 0.1 of the bounding radius"),
+            ("support_distance", self.support_distance, 1e-9..=1e9, "between 1e-9 and 1e9 bounding radii"),
+            ("support_cone", self.support_cone, 0.0..=FRAC_PI_2, "between 0 and π/2 rad"),
+        ] {
+            if !range.contains(&value) {
+                return Err(BuildError::Option { option, value, wanted });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The bounding sphere of a mesh that has something to build from.
+fn check_extent(mesh: &TriMesh) -> Result<(DVec3, f64), BuildError> {
+    let (vertices, triangles) = (mesh.vertices(), mesh.triangles());
+    if triangles.is_empty() {
+        return Err(BuildError::Empty { vertices: vertices.len() });
+    }
+    if let Some((triangle, vertex)) = triangles
+        .iter()
+        .enumerate()
+        .flat_map(|(t, corners)| corners.map(|v| (t, v as usize)))
+        .find(|(_, v)| !vertices[*v].is_finite())
+    {
+        return Err(BuildError::NonFinite { vertex, triangle, position: vertices[vertex] });
+    }
+    let sphere = mesh.bounding_sphere();
+    if !(1.0 / LARGEST_LENGTH..=LARGEST_LENGTH).contains(&sphere.radius)
+        || sphere.center.abs().max_element() > LARGEST_LENGTH
+    {
+        return Err(BuildError::Extent {
+            triangles: triangles.len(),
+            radius: sphere.radius,
+            distance: sphere.center.length(),
+        });
+    }
+    if triangles.iter().all(|[a, b, c]| a == b || b == c || c == a) {
+        return Err(BuildError::NoSurface { triangles: triangles.len() });
+    }
+    Ok((sphere.center, sphere.radius))
+}
+
+/// Whether the hull of a patch lies inside a solid. No surface reaches into its interior, so that one point in there
+/// speaks for all; a hull without an interior is part of the surface.
+fn lies_inside(surface: &Surface, patch: &Patch) -> bool {
+    let middle =
+        patch.extreme.iter().map(|v| surface.points[*v as usize]).sum::<DVec3>() / patch.extreme.len() as f64;
+    patch.flat || surface.winding_number(middle).is_some_and(|turns| turns > 0)
+}
+
+/// Whether a patch has no boundary, so that it covers its whole hull.
+fn is_closed(decomposition: &Decomposition, patch: usize, adjacency: &Adjacency) -> bool {
+    let own = &decomposition.patches[patch];
+    !own.flat
+        && own.triangles.iter().all(|t| {
+            adjacency.neighbours()[*t as usize]
+                .iter()
+                .all(|n| *n != NO_NEIGHBOUR && decomposition.patch_of[*n as usize] == patch as u32)
+        })
+}
+
+fn source_of(mesh: &TriMesh, solid: bool, center: DVec3, radius: f64) -> Source {
+    let mass = if solid { mesh.mass_properties(1.0).ok() } else { None };
+    let (volume, center_of_mass, unit_inertia) = match mass {
+        Some(m) => (m.volume, m.center_of_mass, m.inertia * (1.0 / m.mass)),
+        None => (0.0, center, DMat3::from_diagonal(DVec3::splat(0.4 * radius * radius))),
+    };
+    Source {
+        vertices: mesh.vertices().len() as u32,
+        triangles: mesh.triangles().len() as u32,
+        solid: mass.is_some(),
+        bounding_radius: radius,
+        center,
+        volume,
+        center_of_mass,
+        unit_inertia,
+    }
 }

@@ -5,5 +5,13 @@
 //! options whatever the number of threads.
 
 mod build;
+mod convexity;
+mod decomposition;
+mod enclosing;
+mod hierarchy;
+mod hull;
+mod layout;
+mod parameters;
+mod surface;
 
 pub use build::{BuildError, BuildOptions, Stage, build};

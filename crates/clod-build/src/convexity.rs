@@ -1,0 +1,278 @@
+//! What makes a convex surface patch (§3.3.1), and the test whether two of them make one together.
+//!
+//! A patch is a set of triangles that all lie on the surface of its convex hull: the plane of each has the whole patch
+//! below it. That implies the local constraint, that interior edges are convex (Eq. 3.2), but not the other way round: all
+//! edges of a spiral ramp are convex. The global constraint is that the hull does not protrude from the object. Where its
+//! real faces lie on the surface, with the object below them, the hull lies inside the object exactly if no surface
+//! reaches into its interior. Ehmann and Lin (2001) test the virtual faces against the surface and so miss a component
+//! that lies wholly inside of the hull, such as a small cavity; here the interior itself is tested.
+//!
+//! All heights are taken with one tolerance: a triangle may have other vertices of its patch that far above its plane, and
+//! other surface may reach that deep into the hull. A hull that is thinner is flat: it has no interior.
+//!
+//! Both constraints are monotone. What fails for two patches fails for any larger two that contain them.
+
+use glam::DVec3;
+
+use crate::hull::{Hull, HullBuilder, Plane, Shape};
+use crate::surface::{ReachBuffers, Surface};
+
+/// The height, in unit coordinates, below which hulls drop points: about what rounding does to the predicates' inputs.
+pub(crate) const HULL_THICKNESS: f64 = 1e-14;
+
+/// Pairs of triangles and vertices beyond which supporting planes are checked by walking on the hull.
+const WALK_FROM: usize = 4_000_000;
+
+/// A convex surface patch.
+#[derive(Clone, Debug)]
+pub(crate) struct Patch {
+    /// Its triangles, as indices into the mesh.
+    pub triangles: Vec<u32>,
+    /// Mesh vertices: the extreme points of its hull.
+    pub extreme: Vec<u32>,
+    /// Bounds of the hull, in unit coordinates.
+    pub bounds: (DVec3, DVec3),
+    /// Whether the hull has no interior, up to the tolerance.
+    pub flat: bool,
+    /// Its largest triangle.
+    pub lead: u32,
+}
+
+/// The hull of two patches that may be joined.
+pub(crate) struct Join {
+    extreme: Vec<u32>,
+    bounds: (DVec3, DVec3),
+    flat: bool,
+}
+
+/// Buffers of the joining test.
+#[derive(Debug, Default)]
+pub(crate) struct JoinBuffers {
+    hulls: HullBuilder,
+    reach: ReachBuffers,
+    vertices: Vec<u32>,
+    points: Vec<DVec3>,
+}
+
+/// The convexity test on one surface.
+#[derive(Debug)]
+pub(crate) struct Convexity<'a> {
+    surface: &'a Surface,
+    /// The tolerance, in unit coordinates.
+    tolerance: f64,
+    /// The planes that stand for the triangles: see [`dependable_planes`].
+    planes: Vec<Plane>,
+}
+
+impl<'a> Convexity<'a> {
+    /// Prepares the test; `neighbours` are the triangles across the sides of each, or `u32::MAX`.
+    pub fn new(surface: &'a Surface, neighbours: &[[u32; 3]], tolerance: f64) -> Self {
+        Self { surface, tolerance, planes: dependable_planes(surface, neighbours, tolerance) }
+    }
+
+    /// The patch of a single triangle.
+    pub fn single(&self, triangle: u32) -> Patch {
+        let mut extreme = self.surface.triangles[triangle as usize].to_vec();
+        extreme.sort_unstable();
+        extreme.dedup();
+        let corners = self.surface.corners(triangle);
+        Patch { triangles: vec![triangle], extreme, bounds: bounds_of(&corners), flat: true, lead: triangle }
+    }
+
+    /// The hull of two patches together, if that is a convex patch.
+    pub fn join(
+        &self,
+        a: &Patch,
+        b: &Patch,
+        mine: impl Fn(u32) -> bool,
+        buffers: &mut JoinBuffers,
+    ) -> Option<Join> {
+        let (lead_a, lead_b) = (self.planes[a.lead as usize], self.planes[b.lead as usize]);
+        if lead_a.normal == DVec3::ZERO || lead_b.normal == DVec3::ZERO {
+            return None;
+        }
+        // The planes of the largest triangles decide most cases.
+        let brute_force =
+            a.triangles.len() * b.extreme.len() + b.triangles.len() * a.extreme.len() <= WALK_FROM;
+        if !self.below(b, &lead_a) || !self.below(a, &lead_b) {
+            return None;
+        }
+        if brute_force {
+            let supports =
+                |a: &Patch, b: &Patch| a.triangles.iter().all(|t| self.below(b, &self.planes[*t as usize]));
+            if !supports(a, b) || !supports(b, a) {
+                return None;
+            }
+        }
+        let bounds = (a.bounds.0.min(b.bounds.0), a.bounds.1.max(b.bounds.1));
+        let flat_on = |patch: &Patch, plane: &Plane| {
+            patch.extreme.iter().all(|v| plane.height(self.point(*v)) >= -self.tolerance)
+        };
+        let lead = if self.area(a.lead) >= self.area(b.lead) { &lead_a } else { &lead_b };
+        let flat = a.flat && b.flat && flat_on(a, lead) && flat_on(b, lead);
+        if flat && lead_a.normal.dot(lead_b.normal) <= 0.0 {
+            // Two sides of a sheet, or of a crack: the vertices cannot tell which.
+            return None;
+        }
+
+        let JoinBuffers { hulls, reach, vertices, points } = buffers;
+        vertices.clear();
+        vertices.extend_from_slice(&a.extreme);
+        vertices.extend_from_slice(&b.extreme);
+        vertices.sort_unstable();
+        vertices.dedup();
+        points.clear();
+        points.extend(vertices.iter().map(|v| self.point(*v)));
+        let hull = hulls.hull(points, HULL_THICKNESS);
+        if !brute_force && !self.supports_by_walking(&[a, b], &hull, vertices, points) {
+            return None;
+        }
+        if !flat
+            && hull.shape == Shape::Polytope
+            && self.surface.reaches_into(hull.planes(points), bounds, self.tolerance, mine, reach)
+        {
+            return None;
+        }
+        let extreme = hull.extreme.iter().map(|k| vertices[*k as usize]).collect();
+        Some(Join { extreme, bounds, flat })
+    }
+
+    /// The patch that two become.
+    pub fn joined(&self, a: Patch, b: Patch, join: Join) -> Patch {
+        let lead = if self.area(a.lead) >= self.area(b.lead) { a.lead } else { b.lead };
+        let (mut triangles, mut others) = (a.triangles, b.triangles);
+        if triangles.len() < others.len() {
+            std::mem::swap(&mut triangles, &mut others);
+        }
+        triangles.append(&mut others);
+        Patch { triangles, extreme: join.extreme, bounds: join.bounds, flat: join.flat, lead }
+    }
+
+    fn point(&self, vertex: u32) -> DVec3 {
+        self.surface.points[vertex as usize]
+    }
+
+    fn area(&self, triangle: u32) -> f64 {
+        let [a, b, c] = self.surface.corners(triangle);
+        (b - a).cross(c - a).length()
+    }
+
+    fn below(&self, patch: &Patch, plane: &Plane) -> bool {
+        patch.extreme.iter().all(|v| plane.height(self.point(*v)) <= self.tolerance)
+    }
+
+    /// Whether the planes of all triangles have the hull below them: from a vertex of the hull that is near, walk to ever
+    /// higher neighbours.
+    fn supports_by_walking(
+        &self,
+        patches: &[&Patch],
+        hull: &Hull,
+        vertices: &[u32],
+        points: &[DVec3],
+    ) -> bool {
+        let mut starts = vec![0u32; points.len() + 1];
+        for v in hull.faces.iter().flatten() {
+            starts[*v as usize + 1] += 1;
+        }
+        for k in 0..points.len() {
+            starts[k + 1] += starts[k];
+        }
+        let mut neighbours = vec![0u32; 3 * hull.faces.len()];
+        let mut fill = starts.clone();
+        for face in &hull.faces {
+            for k in 0..3 {
+                let slot = &mut fill[face[k] as usize];
+                neighbours[*slot as usize] = face[(k + 1) % 3];
+                *slot += 1;
+            }
+        }
+        let Some(first) = hull.faces.first().map(|f| f[0]) else { return true };
+        let mut last = first;
+        for &t in patches.iter().flat_map(|p| &p.triangles) {
+            let plane = self.planes[t as usize];
+            let near = self.surface.triangles[t as usize].iter().find_map(|v| {
+                let k = vertices.binary_search(v).ok()?;
+                (starts[k] < starts[k + 1]).then_some(k as u32)
+            });
+            let mut here = near.unwrap_or(last);
+            let mut height = plane.height(points[here as usize]);
+            loop {
+                let around = &neighbours[starts[here as usize] as usize..starts[here as usize + 1] as usize];
+                let mut next = here;
+                for &n in around {
+                    let h = plane.height(points[n as usize]);
+                    if h > height {
+                        (next, height) = (n, h);
+                    }
+                }
+                if next == here {
+                    break;
+                }
+                here = next;
+            }
+            if height > self.tolerance {
+                return false;
+            }
+            last = here;
+        }
+        true
+    }
+}
+
+/// The planes that triangles are held to. The normal of a triangle that is narrower than the tolerance says nothing: it
+/// takes that of the neighbour across its longest side, whose plane it lies in as far as the tolerance can tell. Triangles
+/// without an area or such a neighbour get a zero normal, and remain alone.
+fn dependable_planes(surface: &Surface, neighbours: &[[u32; 3]], tolerance: f64) -> Vec<Plane> {
+    let width = |t: usize| {
+        let corners = surface.corners(t as u32);
+        let (side, longest) = longest_side(&corners);
+        let area = (corners[1] - corners[0]).cross(corners[2] - corners[0]).length();
+        (side, if longest > 0.0 { area / longest } else { 0.0 })
+    };
+    let mut planes = surface.planes.clone();
+    let mut narrow: Vec<(usize, usize)> = (0..planes.len())
+        .filter_map(|t| {
+            let (side, width) = width(t);
+            (width <= tolerance).then_some((t, side))
+        })
+        .collect();
+    let mut dependable = vec![true; planes.len()];
+    for (t, _) in &narrow {
+        dependable[*t] = false;
+    }
+    // A fan of narrow triangles is lent a plane from its rim inwards, a few at most.
+    for _ in 0..4 {
+        let mut lent = Vec::new();
+        narrow.retain(|&(t, side)| {
+            let other = neighbours[t][side];
+            if other == u32::MAX || !dependable[other as usize] {
+                return true;
+            }
+            lent.push((t, planes[other as usize].normal));
+            false
+        });
+        for (t, normal) in lent {
+            let offset =
+                surface.corners(t as u32).iter().map(|p| normal.dot(*p)).fold(f64::NEG_INFINITY, f64::max);
+            planes[t] = Plane { normal, offset };
+            dependable[t] = true;
+        }
+    }
+    planes
+}
+
+fn longest_side(corners: &[DVec3; 3]) -> (usize, f64) {
+    let mut best = (0, 0.0);
+    for k in 0..3 {
+        let length = corners[k].distance(corners[(k + 1) % 3]);
+        if length > best.1 {
+            best = (k, length);
+        }
+    }
+    best
+}
+
+/// The smallest axis-aligned box around points.
+pub(crate) fn bounds_of(points: &[DVec3]) -> (DVec3, DVec3) {
+    points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(*p), high.max(*p)))
+}

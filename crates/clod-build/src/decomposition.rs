@@ -1,0 +1,165 @@
+//! Surface convex decomposition (§3.3.1): a partition of the triangles into convex surface patches.
+//!
+//! Ehmann and Lin (2001) grow one patch after the other from a seed, a triangle at a time, and so have to update a hull
+//! that may be large for every triangle. Here every triangle starts as a patch, and neighbouring patches are joined while
+//! the union is one. Patches of like size are joined first, so that the work is O(n log n) hull points even where the
+//! object is convex; and since what fails for two patches fails for all that contain them (see
+//! [`convexity`](crate::convexity)), each pair is tested once and the failures are inherited. The same test serves the
+//! merging of patches during simplification.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use palpate_core::mesh::{Adjacency, EdgeKind};
+
+use crate::convexity::{Convexity, JoinBuffers, Patch};
+use crate::surface::Surface;
+
+/// The patch of a triangle that names a vertex twice.
+pub(crate) const NO_PATCH: u32 = u32::MAX;
+
+/// A neighbouring patch.
+#[derive(Clone, Copy, Debug)]
+struct Link {
+    patch: u32,
+    /// Whether the two were found not to make one patch.
+    blocked: bool,
+}
+
+/// A patch with its neighbours, in ascending order.
+#[derive(Debug)]
+struct Member {
+    patch: Patch,
+    links: Vec<Link>,
+}
+
+/// The convex surface patches of a mesh; each of its triangles belongs to exactly one, but for those that name a vertex
+/// twice: they add no surface and belong to none.
+#[derive(Debug)]
+pub(crate) struct Decomposition {
+    /// The patches.
+    pub patches: Vec<Patch>,
+    /// Which patch each triangle belongs to, or [`NO_PATCH`].
+    pub patch_of: Vec<u32>,
+}
+
+/// Decomposes a surface; `tolerance` in its unit coordinates.
+pub(crate) fn decompose(
+    surface: &Surface,
+    adjacency: &Adjacency,
+    tolerance: f64,
+    progress: &mut dyn FnMut(f64),
+) -> Decomposition {
+    let count = surface.triangles.len();
+    let convexity = Convexity::new(surface, adjacency.neighbours(), tolerance);
+    let collapsed = |t: u32| {
+        let [a, b, c] = surface.triangles[t as usize];
+        a == b || b == c || c == a
+    };
+    let mut patch_of: Vec<u32> = (0..count as u32).map(|t| if collapsed(t) { NO_PATCH } else { t }).collect();
+    let mut members: Vec<Option<Member>> = (0..count as u32)
+        .map(|t| {
+            if collapsed(t) {
+                return None;
+            }
+            let mut links: Vec<Link> = (0..3)
+                .filter(|side| {
+                    let edge = adjacency.triangle_edges()[t as usize][*side as usize];
+                    edge != u32::MAX && adjacency.edge_kind(edge) == EdgeKind::Manifold
+                })
+                .filter_map(|side| adjacency.neighbour(t, side))
+                .map(|patch| Link { patch, blocked: false })
+                .collect();
+            links.sort_unstable_by_key(|link| link.patch);
+            links.dedup_by_key(|link| link.patch);
+            Some(Member { patch: convexity.single(t), links })
+        })
+        .collect();
+
+    let mut queue = BinaryHeap::new();
+    for a in 0..count as u32 {
+        for link in members[a as usize].iter().flat_map(|m| &m.links).filter(|link| link.patch > a) {
+            queue.push(Reverse((size(&members, a, link.patch), a, link.patch)));
+        }
+    }
+    let mut buffers = JoinBuffers::default();
+    let (mut done, mut next_report) = (0, 0);
+    while let Some(Reverse((_, a, b))) = queue.pop() {
+        done += 1;
+        if done >= next_report {
+            progress(f64::from(done) / (f64::from(done) + queue.len() as f64));
+            next_report = done + 4096;
+        }
+        let (Some(first), Some(second)) = (&members[a as usize], &members[b as usize]) else { continue };
+        let mine = |t: u32| [a, b, NO_PATCH].contains(&patch_of[t as usize]);
+        match convexity.join(&first.patch, &second.patch, mine, &mut buffers) {
+            None => {
+                block(&mut members, a, b);
+                block(&mut members, b, a);
+            }
+            Some(join) => {
+                let (Some(first), Some(second)) = (members[a as usize].take(), members[b as usize].take())
+                else {
+                    continue;
+                };
+                let new = members.len() as u32;
+                let patch = convexity.joined(first.patch, second.patch, join);
+                for t in &patch.triangles {
+                    patch_of[*t as usize] = new;
+                }
+                let links = united(&first.links, &second.links, a, b);
+                for link in &links {
+                    if let Some(other) = &mut members[link.patch as usize] {
+                        other.links.retain(|l| l.patch != a && l.patch != b);
+                        other.links.push(Link { patch: new, blocked: link.blocked });
+                    }
+                }
+                members.push(Some(Member { patch, links }));
+                let open: Vec<u32> = members[new as usize]
+                    .iter()
+                    .flat_map(|m| &m.links)
+                    .filter(|link| !link.blocked)
+                    .map(|link| link.patch)
+                    .collect();
+                for other in open {
+                    queue.push(Reverse((size(&members, other, new), other, new)));
+                }
+            }
+        }
+    }
+
+    let mut patches: Vec<Patch> = members.into_iter().flatten().map(|m| m.patch).collect();
+    for patch in &mut patches {
+        patch.triangles.sort_unstable();
+    }
+    patches.sort_unstable_by_key(|p| p.triangles[0]);
+    for (k, patch) in patches.iter().enumerate() {
+        for t in &patch.triangles {
+            patch_of[*t as usize] = k as u32;
+        }
+    }
+    Decomposition { patches, patch_of }
+}
+
+/// How many triangles two patches have together: the smallest unions are tried first. (Preferring patches with few open
+/// neighbours, or compact unions, changes the number of patches by less than 1 % and 4 %.)
+fn size(members: &[Option<Member>], a: u32, b: u32) -> usize {
+    [a, b].iter().flat_map(|k| &members[*k as usize]).map(|member| member.patch.triangles.len()).sum()
+}
+
+fn block(members: &mut [Option<Member>], a: u32, b: u32) {
+    if let Some(member) = &mut members[a as usize] {
+        for link in member.links.iter_mut().filter(|link| link.patch == b) {
+            link.blocked = true;
+        }
+    }
+}
+
+/// The neighbours of a and b together, blocked where either was.
+fn united(first: &[Link], second: &[Link], a: u32, b: u32) -> Vec<Link> {
+    let mut links: Vec<Link> =
+        first.iter().chain(second).filter(|link| link.patch != a && link.patch != b).copied().collect();
+    links.sort_unstable_by_key(|link| (link.patch, !link.blocked));
+    links.dedup_by_key(|link| link.patch);
+    links
+}

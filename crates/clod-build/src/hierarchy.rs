@@ -1,0 +1,175 @@
+//! Pairwise merging of patches up to a single root (§3.3.3): the free levels of detail.
+//!
+//! In each pass neighbours are paired, those with the smallest common bounding sphere first, so that hulls grow little;
+//! who finds no partner passes up as an only child. Pieces of surface that have merged to one node wait until there are
+//! more of them than of other nodes, and are then paired by proximity. The hull of a pair is that of the children's
+//! extreme points, without a limit on their number: it contains its descendants up to rounding, so that their directed
+//! Hausdorff distance h is 0.
+
+use glam::DVec3;
+use palpate_core::mesh::Adjacency;
+use rayon::prelude::*;
+
+use crate::convexity::HULL_THICKNESS;
+use crate::decomposition::Decomposition;
+use crate::enclosing::smallest_sphere;
+use crate::hull::HullBuilder;
+
+/// Up to this many pieces all pairs are candidates; beyond, those near each other along a space-filling curve.
+const ALL_PAIRS_UP_TO: usize = 256;
+
+/// How far along the curve candidates lie.
+const CURVE_WINDOW: usize = 8;
+
+/// A hull of the hierarchy.
+#[derive(Clone, Debug)]
+pub(crate) struct Cluster {
+    /// Its extreme points, as mesh vertices.
+    pub extreme: Vec<u32>,
+    /// Centre of its smallest bounding sphere, in unit coordinates.
+    pub center: DVec3,
+    /// Radius of that sphere, in unit coordinates.
+    pub radius: f64,
+    /// One or two clusters of the level below; none for a patch.
+    pub children: Vec<u32>,
+}
+
+/// The levels, patches first, the root's last.
+pub(crate) fn merge_to_root(
+    points: &[DVec3],
+    decomposition: &Decomposition,
+    adjacency: &Adjacency,
+    progress: &mut dyn FnMut(f64),
+) -> Vec<Vec<Cluster>> {
+    let leaves: Vec<Cluster> = decomposition
+        .patches
+        .par_iter()
+        .map(|patch| {
+            let (center, radius) = smallest_sphere(&gather(points, &patch.extreme));
+            Cluster { extreme: patch.extreme.clone(), center, radius, children: Vec::new() }
+        })
+        .collect();
+    let mut links = patch_links(decomposition, adjacency);
+    let mut levels = vec![leaves];
+    while let Some(level) = levels.last()
+        && level.len() > 1
+    {
+        let partner = pair(level, &links);
+        let mut parents: Vec<Vec<u32>> = Vec::with_capacity(level.len() / 2 + 1);
+        let mut parent_of = vec![0u32; level.len()];
+        for (k, &other) in partner.iter().enumerate() {
+            let k = k as u32;
+            if other < k {
+                continue;
+            }
+            parent_of[k as usize] = parents.len() as u32;
+            parent_of[other as usize] = parents.len() as u32;
+            parents.push(if other == k { vec![k] } else { vec![k, other] });
+        }
+        let next: Vec<Cluster> = parents
+            .par_iter()
+            .map_init(HullBuilder::default, |hulls, children| parent(points, level, children, hulls))
+            .collect();
+        let mut next_links: Vec<(u32, u32)> = links
+            .iter()
+            .map(|(a, b)| (parent_of[*a as usize], parent_of[*b as usize]))
+            .filter(|(a, b)| a != b)
+            .map(|(a, b)| (a.min(b), a.max(b)))
+            .collect();
+        next_links.par_sort_unstable();
+        next_links.dedup();
+        links = next_links;
+        progress(1.0 - (next.len() as f64).log2() / (levels[0].len() as f64).log2());
+        levels.push(next);
+    }
+    levels
+}
+
+fn gather(points: &[DVec3], vertices: &[u32]) -> Vec<DVec3> {
+    vertices.iter().map(|v| points[*v as usize]).collect()
+}
+
+/// Pairs of patches with a common edge, the smaller index first, in ascending order.
+fn patch_links(decomposition: &Decomposition, adjacency: &Adjacency) -> Vec<(u32, u32)> {
+    let patch = |t: u32| decomposition.patch_of[t as usize];
+    let mut links = Vec::new();
+    for edge in 0..adjacency.edges().len() as u32 {
+        let sides = adjacency.edge_sides(edge);
+        for side in &sides[1..] {
+            let (a, b) = (patch(sides[0].triangle()), patch(side.triangle()));
+            if a != b {
+                links.push((a.min(b), a.max(b)));
+            }
+        }
+    }
+    links.par_sort_unstable();
+    links.dedup();
+    links
+}
+
+/// The partner of each cluster: itself where it has none.
+fn pair(level: &[Cluster], links: &[(u32, u32)]) -> Vec<u32> {
+    let mut connected = vec![false; level.len()];
+    for &(a, b) in links {
+        connected[a as usize] = true;
+        connected[b as usize] = true;
+    }
+    let pieces: Vec<u32> = (0..level.len() as u32).filter(|k| !connected[*k as usize]).collect();
+    let mut candidates: Vec<(u32, u32)> = links.to_vec();
+    if 2 * pieces.len() > level.len() {
+        candidates.extend(near_pieces(level, pieces));
+    }
+    let mut ranked: Vec<(f64, u32, u32)> = candidates
+        .into_par_iter()
+        .map(|(a, b)| (common_radius(&level[a as usize], &level[b as usize]), a, b))
+        .collect();
+    ranked.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+    let mut partner: Vec<u32> = (0..level.len() as u32).collect();
+    for (_, a, b) in ranked {
+        if partner[a as usize] == a && partner[b as usize] == b {
+            partner[a as usize] = b;
+            partner[b as usize] = a;
+        }
+    }
+    partner
+}
+
+/// The radius of the smallest sphere around the spheres of two clusters.
+fn common_radius(a: &Cluster, b: &Cluster) -> f64 {
+    let between = a.center.distance(b.center);
+    (0.5 * (between + a.radius + b.radius)).max(a.radius).max(b.radius)
+}
+
+/// Candidate pairs among clusters that are not connected to others.
+fn near_pieces(level: &[Cluster], mut pieces: Vec<u32>) -> Vec<(u32, u32)> {
+    let window = if pieces.len() <= ALL_PAIRS_UP_TO { pieces.len() } else { CURVE_WINDOW };
+    pieces.sort_by_cached_key(|k| (curve(level[*k as usize].center), *k));
+    let mut pairs = Vec::new();
+    for (k, &a) in pieces.iter().enumerate() {
+        pairs.extend(pieces[k + 1..].iter().take(window).map(|&b| (a.min(b), a.max(b))));
+    }
+    pairs
+}
+
+/// Place along the Z-order curve through the cube from -1 to 1, 21 bits an axis.
+fn curve(p: DVec3) -> u64 {
+    let spread = |x: f64| {
+        let cell = ((x + 1.0) * f64::from(1 << 20)).clamp(0.0, f64::from((1 << 21) - 1)) as u64;
+        (0..21).fold(0u64, |bits, k| bits | (cell >> k & 1) << (3 * k))
+    };
+    spread(p.x) | spread(p.y) << 1 | spread(p.z) << 2
+}
+
+fn parent(points: &[DVec3], level: &[Cluster], children: &[u32], hulls: &mut HullBuilder) -> Cluster {
+    if let [only] = *children {
+        let child = &level[only as usize];
+        return Cluster { children: vec![only], ..child.clone() };
+    }
+    let mut vertices: Vec<u32> = children.iter().flat_map(|k| &level[*k as usize].extreme).copied().collect();
+    vertices.sort_unstable();
+    vertices.dedup();
+    let hull = hulls.hull(&gather(points, &vertices), HULL_THICKNESS);
+    let extreme: Vec<u32> = hull.extreme.iter().map(|k| vertices[*k as usize]).collect();
+    let (center, radius) = smallest_sphere(&gather(points, &extreme));
+    Cluster { extreme, center, radius, children: children.to_vec() }
+}

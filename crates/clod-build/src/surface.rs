@@ -1,0 +1,264 @@
+//! The mesh as the decomposition sees it: in coordinates of unit size about the origin, with the planes of its triangles
+//! and a tree of boxes over them.
+//!
+//! Coordinates are those of the mesh less the centre of its bounding sphere, times a power of two, so that they lose
+//! nothing beyond that one subtraction, and tolerances can be plain numbers. The tree is our own, in f64 and split at
+//! medians: `obvhs` holds its boxes in f32, which would have to be widened for exactness, and the traversal here needs
+//! more than a box or ray test at each node (see [`Surface::reaches_into`]).
+
+use glam::DVec3;
+use palpate_core::TriMesh;
+
+use crate::hull::Plane;
+
+const LEAF_TRIANGLES: usize = 4;
+
+#[derive(Clone, Copy, Debug)]
+struct BoxNode {
+    low: DVec3,
+    high: DVec3,
+    /// First triangle of a leaf (in `order`), or the index of the second child; the first child follows its parent.
+    first: u32,
+    /// Triangles of a leaf, 0 for an inner node.
+    count: u32,
+}
+
+/// A mesh in unit coordinates with its spatial index.
+#[derive(Debug)]
+pub(crate) struct Surface {
+    /// Vertices in unit coordinates.
+    pub points: Vec<DVec3>,
+    /// Triangles as vertex indices.
+    pub triangles: Vec<[u32; 3]>,
+    /// The triangles' planes; a zero normal for a degenerate triangle.
+    pub planes: Vec<Plane>,
+    /// Unit coordinates are metres times this.
+    pub scale: f64,
+    nodes: Vec<BoxNode>,
+    order: Vec<u32>,
+}
+
+/// The buffers of [`Surface::reaches_into`].
+#[derive(Debug, Default)]
+pub(crate) struct ReachBuffers {
+    active: Vec<Plane>,
+    stack: Vec<(u32, u32, u32)>,
+    clipped: Vec<DVec3>,
+    spare: Vec<DVec3>,
+}
+
+impl Surface {
+    /// Indexes a mesh with a bounding sphere of radius above 0.
+    pub fn new(mesh: &TriMesh, center: DVec3, radius: f64) -> Self {
+        let scale = 2f64.powi(-(radius.log2().ceil() as i32));
+        let points: Vec<DVec3> = mesh.vertices().iter().map(|p| (*p - center) * scale).collect();
+        let triangles = mesh.triangles().to_vec();
+        let planes = triangles.iter().map(|t| plane_of(t.map(|v| points[v as usize]))).collect();
+        let mut surface = Self { points, triangles, planes, scale, nodes: Vec::new(), order: Vec::new() };
+        let middles: Vec<DVec3> = (0..surface.triangles.len() as u32)
+            .map(|t| surface.corners(t).iter().sum::<DVec3>() / 3.0)
+            .collect();
+        let mut order: Vec<u32> = (0..surface.triangles.len() as u32).collect();
+        surface.nodes.reserve(order.len());
+        surface.split(&middles, &mut order, 0);
+        surface.order = order;
+        surface
+    }
+
+    /// The corners of a triangle, in unit coordinates.
+    pub fn corners(&self, triangle: u32) -> [DVec3; 3] {
+        self.triangles[triangle as usize].map(|v| self.points[v as usize])
+    }
+
+    fn split(&mut self, middles: &[DVec3], order: &mut [u32], first: u32) {
+        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        let (mut near, mut far) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for &t in order.iter() {
+            for p in self.corners(t) {
+                (low, high) = (low.min(p), high.max(p));
+            }
+            (near, far) = (near.min(middles[t as usize]), far.max(middles[t as usize]));
+        }
+        let node = self.nodes.len();
+        self.nodes.push(BoxNode { low, high, first, count: order.len() as u32 });
+        if order.len() <= LEAF_TRIANGLES {
+            return;
+        }
+        let spread = far - near;
+        let axis = spread.max_position();
+        let half = order.len() / 2;
+        order.select_nth_unstable_by(half, |a, b| {
+            middles[*a as usize][axis].total_cmp(&middles[*b as usize][axis]).then(a.cmp(b))
+        });
+        let (left, right) = order.split_at_mut(half);
+        self.split(middles, left, first);
+        (self.nodes[node].first, self.nodes[node].count) = (self.nodes.len() as u32, 0);
+        self.split(middles, right, first + half as u32);
+    }
+
+    /// Whether any triangle that is not to be skipped reaches deeper than `depth` into a convex polytope: has a point more
+    /// than `depth` below all of its planes. `low` and `high` bound the polytope.
+    ///
+    /// On the way down the tree, the planes that a box lies wholly below are dropped, and a box that lies above one of
+    /// them is left: near the leaves few planes are left to test, however many faces the polytope has.
+    pub fn reaches_into(
+        &self,
+        planes: impl Iterator<Item = Plane>,
+        (low, high): (DVec3, DVec3),
+        depth: f64,
+        skip: impl Fn(u32) -> bool,
+        buffers: &mut ReachBuffers,
+    ) -> bool {
+        let ReachBuffers { active, stack, clipped, spare } = buffers;
+        active.clear();
+        active.extend(planes.map(|p| Plane { normal: p.normal, offset: p.offset - depth }));
+        stack.clear();
+        stack.push((0, 0, active.len() as u32));
+        while let Some((index, start, end)) = stack.pop() {
+            let node = self.nodes[index as usize];
+            if node.low.cmpgt(high).any() || node.high.cmplt(low).any() {
+                continue;
+            }
+            // What lies above the stack's ranges belongs to nodes that are done with.
+            active.truncate(end as usize);
+            let middle = 0.5 * (node.low + node.high);
+            let half = 0.5 * (node.high - node.low);
+            let mut outside = false;
+            for k in start..end {
+                let plane = active[k as usize];
+                let height = plane.height(middle);
+                let reach = plane.normal.abs().dot(half);
+                if height - reach >= 0.0 {
+                    outside = true;
+                    break;
+                }
+                if height + reach >= 0.0 {
+                    active.push(plane);
+                }
+            }
+            if outside {
+                continue;
+            }
+            let (start, end) = (end, active.len() as u32);
+            if node.count == 0 {
+                stack.push((node.first, start, end));
+                stack.push((index + 1, start, end));
+                continue;
+            }
+            let leaf = node.first as usize..(node.first + node.count) as usize;
+            for &t in &self.order[leaf] {
+                if skip(t) {
+                    continue;
+                }
+                let corners = self.corners(t);
+                let planes = &active[start as usize..end as usize];
+                if planes.iter().any(|p| corners.iter().all(|c| p.height(*c) >= 0.0)) {
+                    continue;
+                }
+                if cuts(&corners, planes, clipped, spare) {
+                    return true;
+                }
+            }
+        }
+        false
+    }
+}
+
+/// Directions without a pattern, to be tried one after the other.
+const RAYS: [DVec3; 4] = [
+    DVec3::new(0.483_177_129, 0.262_349_887, 0.835_304_761),
+    DVec3::new(-0.719_532_871, 0.601_128_313, 0.347_720_917),
+    DVec3::new(0.211_934_117, -0.911_383_549, 0.352_812_733),
+    DVec3::new(-0.357_391_273, -0.204_817_739, -0.911_218_457),
+];
+
+impl Surface {
+    /// How often the surface winds around a point: 1 inside of a closed surface that faces outwards, 0 outside. `None` if
+    /// no ray from the point can tell, since all pass too near to edges.
+    pub fn winding_number(&self, point: DVec3) -> Option<i32> {
+        RAYS.iter().find_map(|ray| self.crossings(point, *ray))
+    }
+
+    /// How many more times a ray leaves the surface than it enters.
+    fn crossings(&self, from: DVec3, ray: DVec3) -> Option<i32> {
+        let inverse = ray.recip();
+        let mut stack = vec![0u32];
+        let mut sum = 0;
+        while let Some(index) = stack.pop() {
+            let node = &self.nodes[index as usize];
+            let (s, t) = ((node.low - from) * inverse, (node.high - from) * inverse);
+            let (enter, leave) = (s.min(t).max_element(), s.max(t).min_element());
+            // Widened by more than rounding, so that no triangle on the border is missed.
+            if enter > leave + 1e-12 || leave < -1e-12 {
+                continue;
+            }
+            if node.count == 0 {
+                stack.extend([node.first, index + 1]);
+                continue;
+            }
+            for &t in &self.order[node.first as usize..(node.first + node.count) as usize] {
+                let corners = self.corners(t).map(|c| c - from);
+                let sides: [f64; 3] =
+                    std::array::from_fn(|k| ray.dot(corners[k].cross(corners[(k + 1) % 3])));
+                let longest = (0..3).map(|k| corners[k].distance(corners[(k + 1) % 3])).fold(0.0, f64::max);
+                let doubt = 1e-14 * longest.max(1e-14) * corners[0].length().max(longest);
+                if sides.iter().any(|x| *x > doubt) && sides.iter().any(|x| *x < -doubt) {
+                    continue;
+                }
+                if (corners[1] - corners[0]).cross(corners[2] - corners[0]).dot(ray).abs() <= 3.0 * doubt {
+                    // Seen edge on: in doubt unless it is behind.
+                    if corners.iter().all(|c| ray.dot(*c) < 0.0) {
+                        continue;
+                    }
+                    return None;
+                }
+                let along: f64 = (0..3).map(|k| sides[(k + 1) % 3] * ray.dot(corners[k])).sum::<f64>()
+                    / sides.iter().sum::<f64>();
+                if sides.iter().any(|x| x.abs() <= doubt) {
+                    if along < 0.0 {
+                        continue;
+                    }
+                    return None;
+                }
+                if along > 0.0 {
+                    sum += if sides[0] > 0.0 { 1 } else { -1 };
+                }
+            }
+        }
+        Some(sum)
+    }
+}
+
+/// The plane of a triangle; with a zero normal where the corners are too nearly on a line to tell.
+fn plane_of([a, b, c]: [DVec3; 3]) -> Plane {
+    let longest = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());
+    if (b - a).cross(c - a).length() > 1e-12 * longest {
+        Plane::through([a, b, c])
+    } else {
+        Plane { normal: DVec3::ZERO, offset: 0.0 }
+    }
+}
+
+/// Whether a polygon has points below all planes: Sutherland and Hodgman's clipping.
+fn cuts(polygon: &[DVec3], planes: &[Plane], clipped: &mut Vec<DVec3>, spare: &mut Vec<DVec3>) -> bool {
+    clipped.clear();
+    clipped.extend_from_slice(polygon);
+    for plane in planes {
+        spare.clear();
+        for k in 0..clipped.len() {
+            let (p, q) = (clipped[k], clipped[(k + 1) % clipped.len()]);
+            let (hp, hq) = (plane.height(p), plane.height(q));
+            if hp < 0.0 {
+                spare.push(p);
+            }
+            if (hp < 0.0) != (hq < 0.0) {
+                spare.push(p + (q - p) * (hp / (hp - hq)));
+            }
+        }
+        std::mem::swap(clipped, spare);
+        if clipped.is_empty() {
+            return false;
+        }
+    }
+    true
+}
