@@ -22,6 +22,16 @@ pub fn weld(mesh: &TriMesh) -> TriMesh {
     renumber(mesh, &same, &used)
 }
 
+/// Drops the vertices that no triangle uses; nothing else changes.
+pub(crate) fn drop_unreferenced(mesh: &TriMesh) -> TriMesh {
+    let itself: Vec<u32> = (0..mesh.vertices().len() as u32).collect();
+    let mut used = vec![false; itself.len()];
+    for corner in mesh.triangles().iter().flatten() {
+        used[*corner as usize] = true;
+    }
+    renumber(mesh, &itself, &used)
+}
+
 /// For each vertex, the index of the first vertex at the same position.
 pub(crate) fn equal_positions(vertices: &[DVec3]) -> Vec<u32> {
     let mut first: HashMap<[u64; 3], u32, BuildHasherDefault<BitsHasher>> =

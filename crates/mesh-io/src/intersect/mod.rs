@@ -105,7 +105,7 @@ pub fn intersecting_pairs(
 
 /// Brings the largest finite coordinate to between 1/2 and 1 by a power of two, which rounds nothing: the predicates
 /// and the f32 boxes then neither overflow nor underflow.
-fn normalise(vertices: &mut [DVec3]) {
+pub(crate) fn normalise(vertices: &mut [DVec3]) {
     let largest =
         vertices.iter().filter(|v| v.is_finite()).map(|v| v.abs().max_element()).fold(0.0_f64, f64::max);
     if largest == 0.0 {

@@ -1,0 +1,154 @@
+//! From a file to a mesh: choosing the reader, units, finiteness, welding and repair.
+
+use std::fs;
+use std::path::Path;
+
+use glam::DVec3;
+use palpate_core::TriMesh;
+
+use crate::{LoadError, RepairSummary, gltf_scene, obj, ply, repair, stl, weld};
+
+/// Bounding radii (m) between which a mesh raises no doubt about its unit: what a hand-held device can render, from a
+/// grain of sand to a room.
+const PLAUSIBLE_RADIUS: std::ops::RangeInclusive<f64> = 1e-4..=10.0;
+
+/// How a mesh file is read.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LoadOptions {
+    /// Metres per unit of the file: 0.001 for one in millimetres. Finite and above zero; 1 by default.
+    pub scale: f64,
+    /// Whether vertices at bitwise equal positions are joined ([`weld`]); true by default.
+    pub weld: bool,
+    /// Whether the mesh is repaired ([`repair`]); false by default. Repair welds, whatever `weld` says.
+    pub repair: bool,
+}
+
+impl Default for LoadOptions {
+    fn default() -> Self {
+        Self { scale: 1.0, weld: true, repair: false }
+    }
+}
+
+/// A mesh as loaded, and what there is to say about it.
+#[derive(Clone, Debug)]
+pub struct LoadedMesh {
+    /// The mesh, m. Every vertex is finite and used by a triangle.
+    pub mesh: TriMesh,
+    /// Vertices in the file (for glTF: placed in the scene), before welding, whether used or not.
+    pub raw_vertices: usize,
+    /// Notes for the user, one line each: skipped content, a doubtful unit.
+    pub warnings: Vec<String>,
+    /// What was repaired, when repair was asked for.
+    pub repairs: Option<RepairSummary>,
+}
+
+/// A surface as it stands in the file.
+#[derive(Default)]
+pub(crate) struct Surface {
+    /// In the file's unit; may be infinite or not a number.
+    pub vertices: Vec<DVec3>,
+    /// Indices of `vertices`, all in range.
+    pub triangles: Vec<[u32; 3]>,
+    pub warnings: Vec<String>,
+}
+
+/// Loads a mesh file; the extension (in either case) names the format: .obj, .gltf, .glb, .stl or .ply.
+///
+/// The triangles keep the order of the file (for glTF, that of the scene's nodes, depth first). Degenerate and duplicate
+/// triangles are kept unless repair is asked for. Files of more than some 100 MB are read whole into memory.
+///
+/// # Errors
+/// See [`LoadError`]. A triangle with a coordinate that is not finite (also after scaling) is an error unless repair is
+/// asked for, which drops it.
+pub fn load(path: &Path, options: &LoadOptions) -> Result<LoadedMesh, LoadError> {
+    if !(options.scale.is_finite() && options.scale > 0.0) {
+        return Err(LoadError::Scale { file: path.into(), scale: options.scale });
+    }
+    let Some(extension) = path.extension() else {
+        return Err(LoadError::UnknownFormat { file: path.into(), what: "has no extension".into() });
+    };
+    let extension = extension.to_string_lossy().to_ascii_lowercase();
+    let read: fn(&[u8], &Path) -> Result<Surface, LoadError> = match extension.as_str() {
+        "obj" => obj::read,
+        "gltf" => gltf_scene::read_gltf,
+        "glb" => gltf_scene::read_glb,
+        "stl" => stl::read,
+        "ply" => ply::read,
+        _ => {
+            let what = format!("the extension {extension:?} names no supported format");
+            return Err(LoadError::UnknownFormat { file: path.into(), what });
+        }
+    };
+    let bytes = read_file(path)?;
+    if bytes.is_empty() {
+        return Err(LoadError::NoTriangles { file: path.into(), found: "the file is empty".into() });
+    }
+    finish(read(&bytes, path)?, path, options)
+}
+
+/// The bytes of a regular file: a device or a pipe might never end.
+pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, LoadError> {
+    let failed = |source| LoadError::Read { file: path.into(), source };
+    if !fs::metadata(path).map_err(failed)?.is_file() {
+        return Err(failed(std::io::Error::other("not a regular file")));
+    }
+    fs::read(path).map_err(failed)
+}
+
+fn finish(surface: Surface, path: &Path, options: &LoadOptions) -> Result<LoadedMesh, LoadError> {
+    let Surface { mut vertices, triangles, mut warnings } = surface;
+    let raw_vertices = vertices.len();
+    let none = |found| LoadError::NoTriangles { file: path.into(), found };
+    if triangles.is_empty() {
+        let mut found = format!("{raw_vertices} vertices");
+        for warning in &warnings {
+            found.push_str("; ");
+            found.push_str(warning);
+        }
+        return Err(none(found));
+    }
+    if options.scale != 1.0 {
+        vertices.iter_mut().for_each(|v| *v *= options.scale);
+    }
+    if !options.repair {
+        for (triangle, corners) in triangles.iter().enumerate() {
+            if let Some(&vertex) = corners.iter().find(|v| !vertices[**v as usize].is_finite()) {
+                let DVec3 { x, y, z } = vertices[vertex as usize];
+                return Err(LoadError::NonFinite {
+                    file: path.into(),
+                    vertex: vertex as usize,
+                    triangle,
+                    x,
+                    y,
+                    z,
+                });
+            }
+        }
+    }
+    let mut mesh = TriMesh::new(vertices, triangles)
+        .map_err(|source| LoadError::TooLarge { file: path.into(), source })?;
+    mesh = if options.weld || options.repair { weld::weld(&mesh) } else { weld::drop_unreferenced(&mesh) };
+    let mut repairs = None;
+    if options.repair {
+        let before = mesh.triangles().len();
+        let (repaired, summary) = repair::repair(&mesh);
+        if repaired.triangles().is_empty() {
+            return Err(none(format!("all {before} in the file are degenerate or not finite")));
+        }
+        if summary.nonfinite_triangles > 0 {
+            warnings.push(format!(
+                "dropped {} triangles with a coordinate that is infinite or not a number",
+                summary.nonfinite_triangles
+            ));
+        }
+        (mesh, repairs) = (repaired, Some(summary));
+    }
+    let radius = mesh.bounding_sphere().radius;
+    if !PLAUSIBLE_RADIUS.contains(&radius) {
+        let other = if radius > 1.0 { options.scale * 0.001 } else { options.scale * 1000.0 };
+        warnings.push(format!(
+            "the bounding radius of {radius:.3e} m suggests a wrong unit: try --scale {other}"
+        ));
+    }
+    Ok(LoadedMesh { mesh, raw_vertices, warnings, repairs })
+}
