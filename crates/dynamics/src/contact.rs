@@ -272,3 +272,169 @@ impl PlaneConstraint {
         at.arm.cross(self.normal.cross(angular)) * self.damping
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
+
+    use super::*;
+    use crate::differences::{
+        random_direction, random_pose, random_twist, random_vector, relative_error, wrench_jacobian,
+    };
+
+    fn random_contact(rng: &mut StdRng, at: &Pose) -> Contact {
+        let point = at.translation + random_vector(rng, 0.1);
+        let normal = random_direction(rng);
+        let depth = rng.random_range(-0.004..0.004);
+        Contact { point, scene_point: point - normal * depth, normal, depth }
+    }
+
+    fn random_parameters(rng: &mut StdRng) -> ContactParameters {
+        ContactParameters {
+            stiffness: rng.random_range(100.0..1e4),
+            damping: rng.random_range(0.0..20.0),
+            tolerance: rng.random_range(0.0..0.005),
+        }
+    }
+
+    #[test]
+    fn jacobian_equals_central_differences_away_from_the_clamp() {
+        let seed = 41;
+        let mut rng = StdRng::seed_from_u64(seed);
+        let mut checked = 0;
+        for case in 0..2000 {
+            let found_at = random_pose(&mut rng, 0.5);
+            let parameters = random_parameters(&mut rng);
+            let contacts: Vec<_> =
+                (0..rng.random_range(1..6)).map(|_| random_contact(&mut rng, &found_at)).collect();
+            let model = LinearContactModel::from_contacts(contacts, &found_at, &parameters, 0.0);
+            // The body has moved and turned since the contacts were found.
+            let pose = found_at.moved(&random_twist(&mut rng, 0.002, 0.5), 1.0);
+            let state = BodyState { pose, twist: random_twist(&mut rng, 0.1, 2.0) };
+            // Differences reach 6e-4 rad, 6e-4 m and 0.2 m/s: keep all contacts on one side of the clamp.
+            let rotation = DMat3::from_quat(pose.rotation);
+            let margin =
+                0.003 * (parameters.stiffness + 40.0 * parameters.damping) + 1.0 * parameters.damping;
+            let clear = model.constraints().iter().all(|c| {
+                let at = c.at(&state, &rotation);
+                let force = c.stiffness * at.overlap + c.damping * at.rate;
+                at.overlap.abs() > 0.003 && (at.overlap < 0.0 || force.abs() > margin)
+            });
+            if !clear {
+                continue;
+            }
+            let response = model.evaluate(&state);
+            assert!((response.wrench - model.wrench(&state)).force.length() < 1e-9);
+            if response.active == 0 {
+                continue;
+            }
+            checked += 1;
+            let expected = wrench_jacobian(|s| model.wrench(s), &state);
+            let error = relative_error(&response.jacobian, &expected);
+            assert!(error < 1e-6, "seed {seed}, case {case}: relative error {error}");
+        }
+        assert!(checked > 200, "only {checked} cases were away from the clamp");
+    }
+
+    #[test]
+    fn force_at_the_pose_of_the_query_is_stiffness_times_depth_and_tolerance() {
+        let seed = 42;
+        let mut rng = StdRng::seed_from_u64(seed);
+        for case in 0..1000 {
+            let pose = random_pose(&mut rng, 0.5);
+            let parameters = random_parameters(&mut rng);
+            let mut contact = random_contact(&mut rng, &pose);
+            // Even where the two points do not lie along the normal, as for a cluster's representative.
+            contact.scene_point += random_vector(&mut rng, 0.001);
+            let model = LinearContactModel::from_contacts([contact], &pose, &parameters, 0.0);
+            let wrench = model.wrench(&BodyState::at_rest(pose));
+            let size = (parameters.stiffness * (contact.depth + parameters.tolerance)).max(0.0);
+            let expected = Wrench::from_force_at(contact.normal * -size, contact.point - pose.translation);
+            assert!((wrench.force - expected.force).length() < 1e-11, "seed {seed}, case {case}");
+            assert!((wrench.torque - expected.torque).length() < 1e-11, "seed {seed}, case {case}");
+        }
+    }
+
+    #[test]
+    fn no_contact_attracts_in_any_state() {
+        let seed = 43;
+        let mut rng = StdRng::seed_from_u64(seed);
+        let (mut pushed, mut clamped) = (0, 0);
+        for case in 0..20_000 {
+            let pose = random_pose(&mut rng, 0.5);
+            let parameters = random_parameters(&mut rng);
+            let contact = random_contact(&mut rng, &pose);
+            let model = LinearContactModel::from_contacts([contact], &pose, &parameters, 0.0);
+            let state = BodyState {
+                pose: pose.moved(&random_twist(&mut rng, 0.01, 0.3), 1.0),
+                twist: random_twist(&mut rng, 1.0, 20.0),
+            };
+            let along = model.wrench(&state).force.dot(contact.normal);
+            assert!(along <= 0.0, "seed {seed}, case {case}: attracts with {along} N");
+            let at = model.constraints()[0].at(&state, &DMat3::from_quat(state.pose.rotation));
+            if at.overlap <= 0.0 {
+                assert_eq!(along, 0.0, "seed {seed}, case {case}: open contact pushes");
+            } else if along == 0.0 {
+                clamped += 1;
+                assert_eq!(model.evaluate(&state).jacobian, WrenchJacobian::ZERO);
+            }
+            pushed += usize::from(along < 0.0);
+        }
+        assert!(pushed > 5000 && clamped > 500, "{pushed} pushed, {clamped} clamped");
+    }
+
+    #[test]
+    fn a_full_model_keeps_the_deepest_and_says_so() {
+        let pose = Pose::IDENTITY;
+        let parameters = ContactParameters { stiffness: 1.0, damping: 0.0, tolerance: 0.0 };
+        let contact = |i: usize| Contact {
+            point: DVec3::ZERO,
+            scene_point: DVec3::ZERO,
+            normal: DVec3::Z,
+            // 7 and 25 are coprime: every depth from 0 to 24 once, out of order.
+            depth: ((i * 7) % 25) as f64,
+        };
+        let model = LinearContactModel::from_contacts((0..25).map(contact), &pose, &parameters, 3.0);
+        let mut kept: Vec<_> = model.constraints().iter().map(|c| -c.scene_point.z).collect();
+        kept.sort_by(f64::total_cmp);
+        assert_eq!(kept, (9..25).map(f64::from).collect::<Vec<_>>());
+        assert_eq!((model.overflow(), model.refused()), (9, 0));
+        assert_eq!(model.total_stiffness(), MAX_CLUSTERS as f64);
+        assert_eq!(model.age(3.25), 0.25);
+    }
+
+    #[test]
+    fn contacts_that_are_not_finite_are_refused() {
+        let parameters = ContactParameters { stiffness: 1.0, damping: 0.0, tolerance: 0.0 };
+        let good = Contact { point: DVec3::X, scene_point: DVec3::X, normal: DVec3::Z, depth: 0.5 };
+        let bad = [
+            Contact { point: DVec3::NAN, ..good },
+            Contact { normal: DVec3::ZERO, ..good },
+            Contact { normal: DVec3::NAN, ..good },
+            Contact { depth: f64::INFINITY, ..good },
+        ];
+        let model = LinearContactModel::from_contacts(
+            bad.into_iter().chain([good]),
+            &Pose::IDENTITY,
+            &parameters,
+            0.0,
+        );
+        assert_eq!((model.constraints().len(), model.refused()), (1, 4));
+    }
+
+    #[test]
+    fn displacement_is_the_furthest_motion_of_a_contact_point() {
+        let parameters = ContactParameters { stiffness: 1.0, damping: 0.0, tolerance: 0.0 };
+        let contact =
+            |x| Contact { point: DVec3::X * x, scene_point: DVec3::ZERO, normal: DVec3::Z, depth: 0.0 };
+        let model = LinearContactModel::from_contacts(
+            [contact(0.1), contact(-0.3)],
+            &Pose::IDENTITY,
+            &parameters,
+            0.0,
+        );
+        assert_eq!(model.displacement(&Pose::IDENTITY), 0.0);
+        let turned = Pose::new(DVec3::ZERO, glam::DQuat::from_rotation_z(std::f64::consts::PI));
+        assert!((model.displacement(&turned) - 0.6).abs() < 1e-15);
+    }
+}

@@ -222,3 +222,170 @@ fn tangent_stiffness(stiffness: f64, deviation: DVec3, limit: f64) -> DMat3 {
     let secant = force / length;
     DMat3::from_diagonal(DVec3::splat(secant)) + outer(axis, axis) * (slope - secant)
 }
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
+
+    use super::*;
+    use crate::differences::{
+        random_direction, random_pose, random_twist, random_vector, relative_error, wrench_jacobian,
+    };
+
+    fn random_coupling(rng: &mut StdRng) -> VirtualCoupling {
+        VirtualCoupling {
+            linear_stiffness: rng.random_range(50.0..2000.0),
+            linear_damping: rng.random_range(0.1..5.0),
+            angular_stiffness: rng.random_range(0.05..5.0),
+            angular_damping: rng.random_range(1e-4..0.01),
+            grasp: random_pose(rng, 0.1),
+            max_force: f64::INFINITY,
+            max_torque: f64::INFINITY,
+        }
+    }
+
+    /// A device displaced from the body's grasp frame by a random offset and by `angle` about a random axis.
+    fn device_at(
+        rng: &mut StdRng,
+        coupling: &VirtualCoupling,
+        state: &BodyState,
+        angle: f64,
+    ) -> DeviceMotion {
+        let grasp = state.pose * coupling.grasp;
+        let turn = DQuat::from_scaled_axis(random_direction(rng) * angle);
+        let pose =
+            Pose::new(grasp.translation + random_vector(rng, 0.05), (turn * grasp.rotation).normalize());
+        DeviceMotion { pose, twist: random_twist(rng, 0.3, 3.0) }
+    }
+
+    #[test]
+    #[expect(clippy::print_stdout, reason = "a measured figure, shown by --nocapture")]
+    fn jacobian_equals_central_differences_at_any_rotation() {
+        let seed = 31;
+        let mut rng = StdRng::seed_from_u64(seed);
+        let mut worst: f64 = 0.0;
+        for case in 0..600 {
+            let mut coupling = random_coupling(&mut rng);
+            let state =
+                BodyState { pose: random_pose(&mut rng, 0.5), twist: random_twist(&mut rng, 0.3, 5.0) };
+            let angle = [0.0, 1e-7, 1e-3, 0.1, 0.5, 1.5, 2.5, 2.9, 3.0][case % 9];
+            if case % 3 == 0 {
+                // No smaller than the lever arm: the differences then never meet the kink at a zero arm.
+                coupling.grasp.translation += DVec3::splat(0.05);
+            }
+            let device = device_at(&mut rng, &coupling, &state, angle);
+            let found = coupling.evaluate(&state, &device).jacobian;
+            let expected = wrench_jacobian(|s| coupling.wrenches(s, &device).0, &state);
+            let error = relative_error(&found, &expected);
+            assert!(error < 1e-6, "seed {seed}, case {case}, angle {angle}: relative error {error}");
+            worst = worst.max(error);
+        }
+        println!("worst relative error {worst:.2e}");
+    }
+
+    #[test]
+    fn jacobian_of_saturated_springs_equals_central_differences() {
+        let seed = 32;
+        let mut rng = StdRng::seed_from_u64(seed);
+        let mut bent = 0;
+        for case in 0..600 {
+            let mut coupling = random_coupling(&mut rng);
+            let state =
+                BodyState { pose: random_pose(&mut rng, 0.5), twist: random_twist(&mut rng, 0.3, 5.0) };
+            let angle = rng.random_range(0.2..2.5);
+            let device = device_at(&mut rng, &coupling, &state, angle);
+            let offset = coupling.deviation(&state, &device).offset.length();
+            // Limits from far beyond to far below the present deviation: linear, bent and flat. The differences must
+            // not straddle a joint, where the law has no second derivative.
+            let share = [0.2, 0.65, 0.85, 1.0, 1.15, 1.5][case % 6];
+            coupling.max_force = coupling.linear_stiffness * offset / share;
+            coupling.max_torque = coupling.angular_stiffness * angle / share;
+            if offset < 0.03 {
+                continue;
+            }
+            bent += usize::from((0.75..1.25).contains(&share));
+            let found = coupling.evaluate(&state, &device).jacobian;
+            let expected = wrench_jacobian(|s| coupling.wrenches(s, &device).0, &state);
+            let error = relative_error(&found, &expected);
+            assert!(error < 1e-6, "seed {seed}, case {case}, share {share}: relative error {error}");
+        }
+        assert!(bent > 100, "only {bent} cases on the bent piece");
+    }
+
+    #[test]
+    fn signs_pull_the_body_to_the_device_and_the_device_to_the_body() {
+        let body = Body::new(0.1, DMat3::from_diagonal(DVec3::splat(1e-4))).unwrap();
+        let coupling = VirtualCoupling::critically_damped(&body, Pose::IDENTITY, 100.0, 2.0);
+        let state = BodyState::default();
+        let device =
+            DeviceMotion::at_rest(Pose::new(DVec3::X * 0.01, DQuat::from_scaled_axis(DVec3::Z * 0.25)));
+        let (on_body, on_device) = coupling.wrenches(&state, &device);
+        assert!((on_body.force - DVec3::X).length() < 1e-12);
+        assert!((on_body.torque - DVec3::Z * 0.5).length() < 1e-12);
+        assert_eq!(on_device, -on_body);
+    }
+
+    #[test]
+    fn force_at_a_grasp_off_centre_makes_a_torque_about_the_centre_of_mass_only() {
+        let body = Body::new(0.1, DMat3::from_diagonal(DVec3::splat(1e-4))).unwrap();
+        let grasp = Pose::from_translation(DVec3::Y * 0.2);
+        let coupling = VirtualCoupling::critically_damped(&body, grasp, 100.0, 2.0);
+        // Body turned a quarter about z: the grasp point lies at −x.
+        let state =
+            BodyState::at_rest(Pose::new(DVec3::ZERO, DQuat::from_rotation_z(std::f64::consts::FRAC_PI_2)));
+        let held = state.pose * grasp;
+        let device = DeviceMotion::at_rest(Pose::new(held.translation + DVec3::Y * 0.01, held.rotation));
+        let (on_body, on_device) = coupling.wrenches(&state, &device);
+        assert!((on_body.force - DVec3::Y).length() < 1e-12);
+        assert!((on_body.torque - DVec3::Z * -0.2).length() < 1e-12);
+        assert!((on_device.force + DVec3::Y).length() < 1e-12 && on_device.torque.length() < 1e-12);
+    }
+
+    #[test]
+    fn relaxed_coupling_exerts_nothing_wherever_it_holds() {
+        let seed = 33;
+        let mut rng = StdRng::seed_from_u64(seed);
+        for _ in 0..200 {
+            let (body, device) = (random_pose(&mut rng, 0.5), random_pose(&mut rng, 0.5));
+            let mut coupling = random_coupling(&mut rng);
+            coupling.grasp = VirtualCoupling::grasp_at(&body, &device);
+            let (on_body, _) = coupling.wrenches(&BodyState::at_rest(body), &DeviceMotion::at_rest(device));
+            assert!(on_body.force.length() < 1e-11 && on_body.torque.length() < 1e-12, "seed {seed}");
+            let relaxed = coupling.relaxed_pose(&device);
+            assert!((relaxed.translation - body.translation).length() < 1e-14, "seed {seed}");
+        }
+    }
+
+    #[test]
+    fn spring_wrench_is_the_gradient_of_the_energy() {
+        let seed = 34;
+        let mut rng = StdRng::seed_from_u64(seed);
+        for case in 0..200 {
+            let mut coupling = random_coupling(&mut rng);
+            (coupling.linear_damping, coupling.angular_damping) = (0.0, 0.0);
+            (coupling.max_force, coupling.max_torque) =
+                (rng.random_range(1.0..30.0), rng.random_range(0.1..2.0));
+            let state = BodyState::at_rest(random_pose(&mut rng, 0.5));
+            let device = device_at(&mut rng, &coupling, &state, 1.2);
+            let motion = random_twist(&mut rng, 0.05, 1.0);
+            let energy = |s| {
+                let moved = BodyState::at_rest(state.pose.moved(&motion, s));
+                coupling.potential_energy(&moved, &device)
+            };
+            let h = 1e-5;
+            let slope = (energy(h) - energy(-h)) / (2.0 * h);
+            let power = coupling.wrenches(&state, &device).0.power(&motion);
+            assert!((slope + power).abs() < 1e-6 * (1.0 + power.abs()), "seed {seed}, case {case}");
+        }
+    }
+
+    #[test]
+    fn default_damping_is_critical() {
+        let body = Body::new(0.04, DMat3::from_diagonal(DVec3::new(1e-5, 2e-5, 2.5e-5))).unwrap();
+        let grasp = Pose::from_translation(DVec3::X * 0.05);
+        let c = VirtualCoupling::critically_damped(&body, grasp, 400.0, 0.9);
+        assert!((c.linear_damping - 8.0).abs() < 1e-12);
+        // About the grasp point the z moment is 2.5e-5 + 0.04 · 0.05² = 1.25e-4.
+        assert!((c.angular_damping - 2.0 * (0.9_f64 * 1.25e-4).sqrt()).abs() < 1e-15);
+    }
+}

@@ -48,6 +48,8 @@
 mod body;
 mod contact;
 mod coupling;
+#[cfg(test)]
+mod differences;
 mod jacobian;
 mod linear_solve;
 mod rotation;

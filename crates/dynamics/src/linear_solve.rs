@@ -46,10 +46,11 @@ pub fn is_positive_definite<const N: usize>(mut matrix: [[f64; N]; N]) -> bool {
             return false;
         }
         let inverse = 1.0 / pivot;
-        for row in column + 1..N {
-            let factor = matrix[row][column] * inverse;
+        let below: [f64; N] = std::array::from_fn(|k| matrix[k][column]);
+        for (row, entries) in matrix.iter_mut().enumerate().skip(column + 1) {
+            let factor = below[row] * inverse;
             for k in column + 1..=row {
-                matrix[row][k] -= factor * matrix[k][column];
+                entries[k] -= factor * below[k];
             }
         }
     }

@@ -1,0 +1,199 @@
+//! Whatever comes in, a step gives finite numbers and says when it was not taken.
+
+#![allow(clippy::print_stdout, reason = "measured figures, shown by --nocapture")]
+
+use palpate_core::glam::{DMat3, DQuat, DVec3};
+use palpate_core::{Contact, Pose, Twist};
+use palpate_dynamics::{
+    Body, BodyState, ContactParameters, DeviceMotion, HeldBecause, LinearContactModel, MAX_SOLVES,
+    PlaneConstraint, Step, VirtualCoupling, semi_implicit_step,
+};
+use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
+
+struct Inputs {
+    body: Body,
+    state: BodyState,
+    device: DeviceMotion,
+    coupling: VirtualCoupling,
+    contacts: LinearContactModel,
+    gravity: DVec3,
+    dt: f64,
+}
+
+impl Inputs {
+    fn usable() -> Self {
+        let body = Body::new(0.05, DMat3::from_diagonal(DVec3::new(1e-5, 2e-5, 2.5e-5))).unwrap();
+        let state = BodyState {
+            pose: Pose::new(DVec3::new(0.1, 0.0, -0.2), DQuat::from_rotation_y(0.4)),
+            twist: Twist::new(DVec3::X * 0.1, DVec3::Y),
+        };
+        let contact = Contact {
+            point: state.pose.translation + DVec3::Z * 0.02,
+            scene_point: state.pose.translation + DVec3::Z * 0.019,
+            normal: DVec3::Z,
+            depth: 0.001,
+        };
+        let parameters = ContactParameters { stiffness: 1000.0, damping: 1.0, tolerance: 0.001 };
+        Self {
+            body,
+            state,
+            device: DeviceMotion::at_rest(state.pose),
+            coupling: VirtualCoupling::critically_damped(&body, Pose::IDENTITY, 200.0, 0.6),
+            contacts: LinearContactModel::from_contacts([contact], &state.pose, &parameters, 0.0),
+            gravity: DVec3::NEG_Z * 9.81,
+            dt: 1e-3,
+        }
+    }
+
+    fn step(&self) -> Step {
+        let i = self;
+        let step =
+            semi_implicit_step(&i.body, &i.state, &i.device, &i.coupling, &i.contacts, i.gravity, i.dt);
+        assert!(step.state.is_valid(), "{:?}", step.status);
+        assert!(step.coupling.is_finite() && step.coupling_on_body.is_finite() && step.contact.is_finite());
+        assert!(step.status.solves <= MAX_SOLVES);
+        if step.status.held.is_some() && i.state.is_valid() {
+            assert_eq!(step.state, i.state, "a step that was not taken moved the body");
+        }
+        step
+    }
+}
+
+fn with(change: impl FnOnce(&mut Inputs)) -> Option<HeldBecause> {
+    let mut inputs = Inputs::usable();
+    change(&mut inputs);
+    inputs.step().status.held
+}
+
+#[test]
+fn usable_inputs_are_used() {
+    assert_eq!(with(|_| ()), None);
+}
+
+#[test]
+fn an_unusable_device_holds_the_body() {
+    for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        assert_eq!(with(|i| i.device.pose.translation.y = bad), Some(HeldBecause::Device));
+        assert_eq!(with(|i| i.device.pose.rotation.w = bad), Some(HeldBecause::Device));
+        assert_eq!(with(|i| i.device.twist.linear.x = bad), Some(HeldBecause::Device));
+        assert_eq!(with(|i| i.device.twist.angular.z = bad), Some(HeldBecause::Device));
+    }
+    assert_eq!(
+        with(|i| i.device.pose.rotation = DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0)),
+        Some(HeldBecause::Device)
+    );
+}
+
+#[test]
+fn an_unusable_time_step_holds_the_body() {
+    for bad in [0.0, -1e-3, f64::NAN, f64::INFINITY] {
+        assert_eq!(with(|i| i.dt = bad), Some(HeldBecause::TimeStep));
+    }
+}
+
+#[test]
+fn an_unusable_state_is_replaced_by_the_relaxed_one() {
+    for bad in [f64::NAN, f64::INFINITY] {
+        let mut inputs = Inputs::usable();
+        inputs.state.twist.angular.x = bad;
+        let step = inputs.step();
+        assert_eq!(step.status.held, Some(HeldBecause::State));
+        assert_eq!(step.state.twist, Twist::ZERO);
+        assert!((step.state.pose.translation - inputs.device.pose.translation).length() < 1e-15);
+        inputs.device.pose.translation.x = bad;
+        assert_eq!(inputs.step().state, BodyState::default());
+    }
+}
+
+#[test]
+fn unusable_gains_contacts_and_gravity_hold_the_body() {
+    for bad in [f64::NAN, f64::INFINITY] {
+        assert_eq!(with(|i| i.coupling.linear_stiffness = bad), Some(HeldBecause::Singular));
+        assert_eq!(with(|i| i.coupling.angular_damping = bad), Some(HeldBecause::Singular));
+        assert_eq!(with(|i| i.coupling.grasp.translation.x = bad), Some(HeldBecause::Singular));
+        assert_eq!(with(|i| i.gravity.z = bad), Some(HeldBecause::Singular));
+        assert_eq!(with(|i| i.body.mass = bad), Some(HeldBecause::Singular));
+        assert_eq!(with(|i| i.body.inertia.x_axis.x = bad), Some(HeldBecause::Singular));
+        let constraint = PlaneConstraint {
+            point: DVec3::Z * bad,
+            scene_point: DVec3::ZERO,
+            normal: DVec3::Z,
+            stiffness: 1000.0,
+            damping: 0.0,
+            tolerance: 0.0,
+        };
+        // A contact with a position that is no number is never closed, so it may also do nothing.
+        let _ = with(|i| assert!(i.contacts.push(constraint)));
+    }
+    let body_without_mass = |i: &mut Inputs| {
+        i.body.mass = 0.0;
+        i.coupling.linear_stiffness = 0.0;
+        i.coupling.linear_damping = 0.0;
+        i.contacts = LinearContactModel::empty(&Pose::IDENTITY, 0.0);
+    };
+    assert_eq!(with(body_without_mass), Some(HeldBecause::Singular));
+}
+
+#[test]
+fn numbers_that_overflow_hold_the_body() {
+    let too_far = |i: &mut Inputs| {
+        (i.state.twist, i.dt) = (Twist::new(DVec3::X * 1e300, DVec3::ZERO), 1e10);
+        (i.coupling.linear_stiffness, i.coupling.linear_damping) = (0.0, 0.0);
+        i.contacts = LinearContactModel::empty(&Pose::IDENTITY, 0.0);
+    };
+    assert_eq!(with(too_far), Some(HeldBecause::Overflow));
+}
+
+#[test]
+fn numbers_of_any_size_give_finite_numbers() {
+    let seed = 71;
+    let mut rng = StdRng::seed_from_u64(seed);
+    let (mut taken, mut held) = (0, 0);
+    for case in 0..100_000 {
+        let widest = [3.0, 30.0, 300.0][case % 3];
+        let mut any = || {
+            let special = [0.0, f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::MIN_POSITIVE, f64::MAX];
+            if rng.random_bool(0.002) {
+                return special[rng.random_range(0..special.len())];
+            }
+            let size: f64 = 10_f64.powf(rng.random_range(-widest..widest));
+            if rng.random_bool(0.5) { size } else { -size }
+        };
+        let mut inputs = Inputs::usable();
+        let mut vector = || DVec3::new(any(), any(), any());
+        (inputs.state.pose.translation, inputs.device.pose.translation) = (vector(), vector());
+        inputs.state.twist = Twist::new(vector(), vector());
+        inputs.device.twist = Twist::new(vector(), vector());
+        inputs.gravity = vector();
+        inputs.coupling.grasp.translation = vector();
+        let (point, scene_point, normal) = (vector(), vector(), vector());
+        inputs.coupling.linear_stiffness = any();
+        inputs.coupling.linear_damping = any();
+        inputs.coupling.angular_stiffness = any();
+        inputs.coupling.angular_damping = any();
+        inputs.coupling.max_force = any();
+        inputs.coupling.max_torque = any();
+        let constraint = PlaneConstraint {
+            point,
+            scene_point,
+            normal,
+            stiffness: any(),
+            damping: any(),
+            tolerance: any(),
+        };
+        inputs.contacts.push(constraint);
+        let contact = Contact { point, scene_point, normal, depth: any() };
+        let parameters = ContactParameters { stiffness: any(), damping: any(), tolerance: any() };
+        let more = LinearContactModel::from_contacts([contact], &inputs.state.pose, &parameters, any());
+        for c in more.constraints() {
+            inputs.contacts.push(*c);
+        }
+        inputs.dt = any().abs();
+        match inputs.step().status.held {
+            None => taken += 1,
+            Some(_) => held += 1,
+        }
+    }
+    println!("seed {seed}: {taken} steps taken, {held} held");
+    assert!(taken > 1000 && held > 1000);
+}
