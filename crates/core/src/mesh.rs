@@ -4,6 +4,8 @@ mod adjacency;
 mod bounding;
 mod double_double;
 mod mass;
+#[cfg(test)]
+mod test_shapes;
 mod validation;
 
 use glam::DVec3;
@@ -136,5 +138,18 @@ impl TriMesh {
     /// The corner positions (m) of a triangle.
     pub fn corners(&self, triangle: usize) -> [DVec3; 3] {
         self.triangles[triangle].map(|v| self.vertices[v as usize])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn indices_out_of_range_are_refused() {
+        let refused = TriMesh::new(vec![DVec3::ZERO; 3], vec![[0, 1, 2], [0, 3, 1]]).unwrap_err();
+        assert_eq!(refused, MeshError::IndexOutOfRange { triangle: 1, vertex: 3, vertices: 3 });
+        assert!(refused.to_string().contains("triangle 1"));
+        assert!(TriMesh::new(vec![], vec![]).is_ok());
     }
 }

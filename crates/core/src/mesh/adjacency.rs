@@ -236,3 +236,103 @@ impl Adjacency {
         &self.vertex_triangles[self.vertex_starts[vertex] as usize..self.vertex_starts[vertex + 1] as usize]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use rand::{RngExt, SeedableRng, rngs::StdRng};
+
+    use super::super::test_shapes::{cuboid, sphere, tangle, tetrahedron, together};
+    use super::*;
+
+    #[test]
+    fn a_tetrahedron_is_fully_connected() {
+        let adjacency = tetrahedron().adjacency();
+        assert_eq!(adjacency.edges(), [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]);
+        assert!(adjacency.edge_kinds().iter().all(|kind| *kind == EdgeKind::Manifold));
+        // Triangle [0, 2, 1] meets [0, 3, 2] at 0–2, [1, 2, 3] at 2–1 and [0, 1, 3] at 1–0.
+        assert_eq!(adjacency.neighbours()[0], [2, 3, 1]);
+        assert_eq!(adjacency.vertex_triangles(3), [1, 2, 3]);
+        assert_eq!(adjacency.edge_between(3, 1), Some(4));
+        assert_eq!(adjacency.edge_between(1, 1), None);
+        assert_eq!(adjacency.components(), (vec![0; 4], 1));
+    }
+
+    #[test]
+    fn a_closed_surface_has_the_edges_that_euler_counts() {
+        let mesh = sphere(1.0, 4);
+        let adjacency = mesh.adjacency();
+        assert_eq!(mesh.vertices().len() + mesh.triangles().len(), adjacency.edges().len() + 2);
+    }
+
+    #[test]
+    fn components_are_numbered_in_order() {
+        let block = cuboid(glam::DVec3::ZERO, glam::DVec3::ONE);
+        let (labels, count) = together(&[tetrahedron(), block, tetrahedron()]).adjacency().components();
+        assert_eq!(count, 3);
+        assert_eq!(labels, [vec![0; 4], vec![1; 12], vec![2; 4]].concat());
+    }
+
+    #[test]
+    fn any_tangle_agrees_with_a_dictionary_of_edges() {
+        const SEED: u64 = 22;
+        let random = &mut StdRng::seed_from_u64(SEED);
+        for round in 0..2000 {
+            let (vertices, triangles) = (random.random_range(1..12), random.random_range(0..25));
+            let mesh = tangle(random, vertices, triangles);
+            let adjacency = mesh.adjacency();
+            let mut expected: BTreeMap<[u32; 2], Vec<HalfEdge>> = BTreeMap::new();
+            for (t, corners) in mesh.triangles().iter().enumerate() {
+                let collapsed = is_collapsed(*corners);
+                assert_eq!(adjacency.triangle_edges()[t][0] == NO_NEIGHBOUR, collapsed);
+                for k in (0..3).filter(|_| !collapsed) {
+                    let (a, b) = (corners[k], corners[(k + 1) % 3]);
+                    expected.entry([a.min(b), a.max(b)]).or_default().push(HalfEdge::new(t as u32, k as u32));
+                }
+            }
+            let context = format!("seed {SEED}, round {round}: {:?}", mesh.triangles());
+            assert!(adjacency.edges().iter().eq(expected.keys()), "{context}");
+            for (edge, (vertices, sides)) in (0..).zip(&expected) {
+                assert_eq!(adjacency.edge_sides(edge), sides, "{context}");
+                assert_eq!(adjacency.edge_between(vertices[1], vertices[0]), Some(edge));
+                let kind = match **sides {
+                    [_] => EdgeKind::Boundary,
+                    [a, b] if mesh.half_edge(a) == mesh.half_edge(b) => EdgeKind::Misoriented,
+                    [_, _] => EdgeKind::Manifold,
+                    _ => EdgeKind::NonManifold,
+                };
+                assert_eq!(adjacency.edge_kind(edge), kind, "{context}");
+                for side in sides {
+                    let (t, k) = (side.triangle(), side.side());
+                    assert_eq!(adjacency.triangle_edges()[t as usize][k as usize], edge, "{context}");
+                    let other = sides.iter().find(|other| *other != side).map(|other| other.triangle());
+                    assert_eq!(adjacency.neighbour(t, k), other.filter(|_| sides.len() == 2), "{context}");
+                }
+            }
+            for v in 0..vertices {
+                let around: Vec<u32> = (0u32..)
+                    .zip(mesh.triangles())
+                    .filter(|(_, corners)| corners.contains(&v) && !is_collapsed(**corners))
+                    .map(|(t, _)| t)
+                    .collect();
+                assert_eq!(adjacency.vertex_triangles(v), around, "{context}");
+            }
+            let (labels, count) = adjacency.components();
+            for sides in expected.values() {
+                let label = |side: &HalfEdge| labels[side.triangle() as usize];
+                assert!(sides.iter().all(|side| label(side) == label(&sides[0])), "{context}");
+            }
+            // Labels that edges join are equal; that no more are is a matter of how many there are.
+            let mut parents: Vec<usize> = (0..triangles).collect();
+            let mut separate =
+                mesh.triangles().iter().filter(|corners| !is_collapsed(**corners)).count() as u32;
+            for pair in expected.values().flat_map(|sides| sides.windows(2)) {
+                let [a, b] = [pair[0], pair[1]].map(|side| parents[side.triangle() as usize]);
+                separate -= u32::from(a != b);
+                parents.iter_mut().filter(|p| **p == b).for_each(|p| *p = a);
+            }
+            assert_eq!(count, separate, "{context}");
+        }
+    }
+}

@@ -30,13 +30,20 @@ impl Sphere {
         // Halved before they are added, and measured in units of the box, so that neither huge nor tiny coordinates
         // leave the range of f64 on the way.
         let center = low * 0.5 + high * 0.5;
-        let unit = (high * 0.5 - low * 0.5).max_element();
-        if unit == 0.0 {
+        let half_extent = (high * 0.5 - low * 0.5).max_element();
+        if half_extent == 0.0 {
             return Self { center, radius: 0.0 };
         }
+        let unit = power_of_two_near(half_extent);
         let reach = finite.map(|p| ((p - center) / unit).length_squared()).fold(0.0, f64::max).sqrt();
         Self { center, radius: unit * reach }
     }
+}
+
+/// A power of two within a factor of two of a positive length, so that dividing by it rounds nothing; within the
+/// range where it and its reciprocal are normal numbers.
+pub(super) fn power_of_two_near(length: f64) -> f64 {
+    2f64.powi(length.log2().floor().clamp(-1021.0, 1021.0) as i32)
 }
 
 impl TriMesh {
@@ -51,5 +58,49 @@ impl TriMesh {
         Sphere::about_box(
             self.vertices.iter().zip(referenced).filter(|(_, used)| **used).map(|(position, _)| *position),
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng, rngs::StdRng};
+
+    use super::super::test_shapes::{cuboid, tangle};
+    use super::*;
+
+    #[test]
+    fn a_box_reaches_its_corners() {
+        let sphere = cuboid(DVec3::new(1.0, 2.0, 3.0), DVec3::new(3.0, 6.0, 7.0)).bounding_sphere();
+        assert_eq!(sphere, Sphere { center: DVec3::new(2.0, 4.0, 5.0), radius: 3.0 });
+    }
+
+    #[test]
+    fn only_finite_vertices_of_triangles_count() {
+        let mut vertices = vec![DVec3::X, DVec3::NEG_X, DVec3::ZERO, DVec3::NAN, DVec3::Y * f64::INFINITY];
+        vertices.push(DVec3::splat(100.0));
+        let mesh = TriMesh::new(vertices, vec![[0, 1, 2], [3, 4, 2]]).unwrap();
+        assert_eq!(mesh.bounding_sphere(), Sphere { center: DVec3::ZERO, radius: 1.0 });
+        assert_eq!(TriMesh::default().bounding_sphere(), Sphere::default());
+        let nothing_finite = TriMesh::new(vec![DVec3::NAN; 3], vec![[0, 1, 2]]).unwrap();
+        assert_eq!(nothing_finite.bounding_sphere(), Sphere::default());
+    }
+
+    #[test]
+    fn it_encloses_every_vertex_and_touches_one_at_any_scale() {
+        const SEED: u64 = 21;
+        let random = &mut StdRng::seed_from_u64(SEED);
+        for _ in 0..200 {
+            let count = random.random_range(1..30);
+            let mesh = tangle(random, count, 20);
+            let unit = mesh.bounding_sphere();
+            let used = mesh.triangles().iter().flatten().map(|v| mesh.vertices()[*v as usize]);
+            let farthest = used.map(|p| p.distance(unit.center)).fold(0.0, f64::max);
+            assert!((farthest - unit.radius).abs() <= 1e-15 * unit.radius, "seed {SEED}");
+            for exponent in [-1000, -500, 500, 1000] {
+                let scale = 2f64.powi(exponent);
+                let scaled = super::super::test_shapes::mapped(&mesh, |p| p * scale).bounding_sphere();
+                assert!((scaled.radius / scale - unit.radius).abs() <= 1e-14 * unit.radius, "seed {SEED}");
+            }
+        }
     }
 }

@@ -267,3 +267,186 @@ fn offending_edges(adjacency: &Adjacency, kind: EdgeKind) -> Tally<OffendingEdge
     });
     Tally { count: found.clone().count(), first: found.min_by_key(|edge| (edge.triangle, edge.vertices)) }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+    use rand::{RngExt, SeedableRng, rngs::StdRng};
+
+    use super::super::test_shapes::{cuboid, mapped, reversed, sphere, tangle, tetrahedron, together};
+    use super::*;
+
+    fn block() -> TriMesh {
+        cuboid(DVec3::ZERO, DVec3::new(1.0, 2.0, 3.0))
+    }
+
+    fn with_triangles(mesh: &TriMesh, change: impl FnOnce(&mut Vec<[u32; 3]>)) -> ValidationReport {
+        let mut triangles = mesh.triangles().to_vec();
+        change(&mut triangles);
+        TriMesh::new(mesh.vertices().to_vec(), triangles).unwrap().validate()
+    }
+
+    #[test]
+    fn solids_have_nothing_wrong() {
+        for mesh in [block(), tetrahedron(), sphere(0.02, 3), together(&[block(), tetrahedron()])] {
+            let report = mesh.validate();
+            assert!(report.is_solid(), "{report:?}");
+            assert_eq!(report.first, FirstOffenders::default());
+            let wrong = [report.degenerate, report.duplicate, report.nonfinite, report.nonmanifold_vertices];
+            assert_eq!(wrong, [0; 4]);
+        }
+        let report = block().validate();
+        assert_eq!((report.vertices, report.triangles, report.components), (8, 12, 1));
+        assert_eq!((report.volume, report.bounding_radius), (6.0, 14f64.sqrt() / 2.0));
+    }
+
+    #[test]
+    fn each_defect_is_counted_and_its_first_element_named() {
+        let mesh = block();
+        let report = with_triangles(&mesh, |t| {
+            t.remove(4);
+        });
+        assert!(!report.closed && report.manifold && report.oriented);
+        assert_eq!(report.boundary_edges, 3);
+        // Triangle 4, [0, 1, 5], leaves the sides of 3, [1, 7, 5], and of two later ones open.
+        let first = OffendingEdge { vertices: [1, 5], triangle: 3 };
+        assert_eq!(report.first.boundary_edge, Some(first));
+
+        let report = with_triangles(&mesh, |t| t[7].swap(0, 1));
+        assert!(report.closed && report.manifold && !report.oriented && !report.is_solid());
+        assert_eq!(report.misoriented_edges, 3);
+
+        let report = with_triangles(&mesh, |t| t.push([t[3][1], t[3][0], t[3][2]]));
+        assert_eq!((report.duplicate, report.first.duplicate, report.nonmanifold_edges), (1, Some(12), 3));
+        assert!(!report.closed && !report.manifold && report.oriented);
+        assert_eq!(report.first.nonmanifold_edge.unwrap().triangle, 2);
+
+        let report = with_triangles(&mesh, |t| t.extend([[5, 5, 2], [0, 1, 0]]));
+        assert_eq!((report.degenerate, report.zero_area, report.first.degenerate), (2, 0, Some(12)));
+        assert!(report.is_solid() && report.triangles == 14);
+
+        let report = reversed(&mesh).validate();
+        assert!(report.closed && report.manifold && report.oriented && !report.is_solid());
+        assert_eq!(report.volume, -6.0);
+    }
+
+    #[test]
+    fn fans_that_meet_at_a_vertex_are_counted() {
+        // Three tetrahedra that share vertex 0.
+        let parts = [DVec3::ONE, DVec3::new(-1.0, -1.0, 1.0), DVec3::new(1.0, -1.0, -1.0)];
+        let three = together(&parts.map(|signs| mapped(&tetrahedron(), |p| p * signs)));
+        let triangles = three.triangles().iter().map(|t| t.map(|v| if v % 4 == 0 { 0 } else { v })).collect();
+        let report = TriMesh::new(three.vertices().to_vec(), triangles).unwrap().validate();
+        assert_eq!((report.nonmanifold_vertices, report.first.nonmanifold_vertex), (2, Some(0)));
+        assert!(report.closed && !report.manifold && report.components == 3);
+        assert_eq!((report.vertices, report.unreferenced, report.first.unreferenced), (10, 2, Some(4)));
+    }
+
+    #[test]
+    fn triangles_without_area_are_found_at_any_scale() {
+        for scale in [1e-200, 1e-12, 1.0, 1e200] {
+            let vertices =
+                [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.5, 1e-9, 0.0], [0.2, 0.9, 0.1]];
+            let vertices = vertices.iter().map(|p| DVec3::from_array(*p) * scale).collect();
+            let mesh = TriMesh::new(vertices, vec![[0, 1, 4], [0, 1, 3], [0, 1, 2]]).unwrap();
+            let report = mesh.validate();
+            // A height of 1e-9 is thin, but more than rounding.
+            assert_eq!(
+                (report.degenerate, report.zero_area, report.first.degenerate),
+                (1, 1, Some(2)),
+                "{scale}"
+            );
+        }
+        let point = TriMesh::new(vec![DVec3::ONE; 3], vec![[0, 1, 2]]).unwrap();
+        assert_eq!(point.validate().zero_area, 1);
+    }
+
+    #[test]
+    fn fans_and_duplicates_agree_with_plain_counting() {
+        const SEED: u64 = 41;
+        let random = &mut StdRng::seed_from_u64(SEED);
+        let mut fans_seen = 0;
+        for round in 0..1000 {
+            let (vertices, triangles) = (random.random_range(3..12), random.random_range(0..25));
+            let mesh = tangle(random, vertices, triangles);
+            let report = mesh.validate();
+            let sound: Vec<[u32; 3]> =
+                mesh.triangles().iter().copied().filter(|t| !is_collapsed(*t)).collect();
+            let mut extra = 0;
+            for v in 0..vertices {
+                let mut fans: Vec<Vec<[u32; 3]>> = Vec::new();
+                for t in sound.iter().filter(|t| t.contains(&v)) {
+                    let touches =
+                        |fan: &Vec<[u32; 3]>| fan.iter().any(|o| t.iter().any(|w| *w != v && o.contains(w)));
+                    let (joined, mut apart): (Vec<_>, Vec<_>) = fans.into_iter().partition(touches);
+                    apart.push([joined.concat(), vec![*t]].concat());
+                    fans = apart;
+                }
+                extra += fans.len().saturating_sub(1);
+            }
+            fans_seen += extra;
+            assert_eq!(report.nonmanifold_vertices, extra, "seed {SEED}, round {round}");
+            let sorted = |mut t: [u32; 3]| {
+                t.sort_unstable();
+                t
+            };
+            let repeats =
+                (0..sound.len()).filter(|i| sound[..*i].iter().any(|t| sorted(*t) == sorted(sound[*i])));
+            assert_eq!(report.duplicate, repeats.count(), "seed {SEED}, round {round}");
+        }
+        assert!(fans_seen > 100);
+    }
+
+    #[test]
+    fn any_numbers_are_accepted_and_the_report_is_finite() {
+        const SEED: u64 = 42;
+        let random = &mut StdRng::seed_from_u64(SEED);
+        let odd =
+            [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 0.0, -0.0, 1e308, -1.7e308, 5e-324, 1e-300, 1.0];
+        for _ in 0..2000 {
+            let coordinate = |random: &mut StdRng| odd[random.random_range(0..odd.len())];
+            let vertices: Vec<DVec3> =
+                (0..6).map(|_| DVec3::from_array([0; 3].map(|_| coordinate(random)))).collect();
+            let nonfinite = vertices.iter().filter(|p| !p.is_finite()).count();
+            let triangles =
+                (0..random.random_range(0..12)).map(|_| [0; 3].map(|_| random.random_range(0..6))).collect();
+            let mesh = TriMesh::new(vertices, triangles).unwrap();
+            let report = mesh.validate();
+            assert_eq!(report.nonfinite, nonfinite, "seed {SEED}");
+            assert!(report.volume.is_finite(), "seed {SEED}: {mesh:?}");
+            assert!(!report.bounding_radius.is_nan(), "seed {SEED}: {mesh:?}");
+            if let Ok(properties) = mesh.mass_properties(1000.0) {
+                assert!(properties.mass > 0.0 && properties.inertia.is_finite(), "seed {SEED}: {mesh:?}");
+            }
+        }
+        let report = TriMesh::default().validate();
+        assert!(!report.closed && report.manifold && report.oriented && report.components == 0);
+    }
+
+    #[test]
+    fn the_json_has_the_documented_fields() {
+        let report = with_triangles(&block(), |t| t.truncate(11));
+        let json = serde_json::to_value(&report).unwrap();
+        for field in [
+            "vertices",
+            "triangles",
+            "closed",
+            "manifold",
+            "oriented",
+            "boundary_edges",
+            "nonmanifold_edges",
+            "misoriented_edges",
+            "degenerate",
+            "duplicate",
+            "nonfinite",
+            "components",
+            "bounding_radius",
+            "volume",
+        ] {
+            assert!(json[field].is_number() || json[field].is_boolean(), "{field}: {json}");
+        }
+        let first = json["first"].as_object().unwrap();
+        assert_eq!(first.keys().collect::<Vec<_>>(), ["boundary_edge"]);
+        assert_eq!(json["first"]["boundary_edge"]["vertices"], serde_json::json!([4, 6]), "{json}");
+    }
+}
