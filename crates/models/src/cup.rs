@@ -139,7 +139,7 @@ impl Plan {
         let columns = (window.high[0] - window.low[0]) as f64;
         let half =
             DVec2::new(0.5 * columns * TAU * outer(center.y) / self.lathe.around as f64, 0.5 * (high - low));
-        Opening { center, half, radii: JOINT, reach: 1.9 }
+        Opening { center, middle: center, half, radii: JOINT, reach: 1.9 }
     }
 }
 

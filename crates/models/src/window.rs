@@ -41,7 +41,10 @@ impl Window {
 /// A window whose border is drawn out into an ellipse, the grid around it giving way: coordinates are lengths on the
 /// plain surface.
 pub(crate) struct Opening {
+    /// Middle of the window on the plain grid.
     pub(crate) center: DVec2,
+    /// Middle of the ellipse.
+    pub(crate) middle: DVec2,
     /// Half the window's size on the plain grid.
     pub(crate) half: DVec2,
     /// Half axes of the ellipse.
@@ -60,7 +63,8 @@ impl Opening {
         }
         let part = (distance - 1.0) / (self.reach - 1.0);
         let on_square = scaled / distance;
-        self.center + (self.radii * circle(on_square)).lerp(self.reach * self.half * on_square, part)
+        let border = self.middle + self.radii * circle(on_square);
+        border.lerp(self.center + self.reach * self.half * on_square, part)
     }
 
     /// Direction, on the unit circle, of a node on the window's border or outside it.
@@ -89,6 +93,7 @@ mod tests {
     fn an_opening_is_round_and_leaves_the_rest_alone() {
         let opening = Opening {
             center: DVec2::new(1.0, 2.0),
+            middle: DVec2::new(1.2, 1.9),
             half: DVec2::new(2.0, 3.0),
             radii: DVec2::new(2.5, 2.5),
             reach: 2.0,
@@ -99,7 +104,7 @@ mod tests {
         let mut last: Option<DVec2> = None;
         for [i, j] in window.nodes().chain([[0, 0]]) {
             let plain = DVec2::new(i as f64 - 1.0, j as f64 - 1.0);
-            let moved = opening.displace(plain) - opening.center;
+            let moved = opening.displace(plain) - opening.middle;
             assert!((moved.length() - 2.5).abs() < 1e-12, "{plain} comes to lie {moved} from the centre");
             assert!(moved.distance(2.5 * opening.direction(plain)) < 1e-12);
             turns += last.map_or(0.0, |last| last.angle_to(moved)) / std::f64::consts::TAU;
