@@ -53,6 +53,17 @@ pub enum Stage {
     Parameters,
 }
 
+impl std::fmt::Display for Stage {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Mesh => "mesh",
+            Self::Decomposition => "convex decomposition",
+            Self::Hierarchy => "hierarchy",
+            Self::Parameters => "parameters",
+        })
+    }
+}
+
 /// Why a hierarchy could not be built.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum BuildError {

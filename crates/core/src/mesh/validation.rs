@@ -98,6 +98,9 @@ pub struct FirstOffenders {
     /// A vertex that no triangle refers to.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unreferenced: Option<u32>,
+    /// Two triangles that intersect. Validation does not look for them; whoever does (palpate-mesh-io) may fill this in.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub self_intersection: Option<[u32; 2]>,
 }
 
 impl ValidationReport {
@@ -180,6 +183,7 @@ impl TriMesh {
                 duplicate: duplicate.first,
                 nonfinite: nonfinite.first,
                 unreferenced: unreferenced.first,
+                self_intersection: None,
             },
         }
     }
