@@ -1,8 +1,23 @@
-//! Contact clustering (§5.4.2).
+//! Contact clustering (§5.4.2, Algorithms 5.4.1–5.4.4, Eqs 5.32–5.36): K-means over the contact points **p** with weights
+//! δ + d, seeded by the clusters of the previous call.
+//!
+//! Departures. The previous representatives are kept in the probe's frame, so that the seeds follow its motion. Lloyd's
+//! iteration is bounded, since a fixed point of floating-point sums need not be reached (Alg. 5.4.1's `until`). A
+//! cluster whose weights are all 0 (every δ = −d) takes the plain mean, one whose normals cancel takes the normal of
+//! its deepest contact, and a cluster that ends up empty is dropped. Clusters come out by decreasing δ.
+//!
+//! The closest pairs of Algorithm 5.4.2 are found by keeping every old cluster's nearest contact and renewing it only when
+//! another cluster has taken it: the same pairs in the same order, mostly in O(n K).
 
+use palpate_core::glam::DVec3;
 use palpate_core::{Contact, Pose};
 
 use crate::PatchContact;
+
+/// Bound on Lloyd's iterations.
+const MAX_ITERATIONS: u32 = 64;
+
+const NONE: u32 = u32::MAX;
 
 /// A cluster of contacts: the representative contact, and what it stands for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,27 +32,268 @@ pub struct Cluster {
 #[derive(Clone, Debug)]
 pub struct Clustering {
     capacity: usize,
+    /// Old representatives in the probe's frame, by decreasing δ.
+    previous: Vec<DVec3>,
+    /// The same in world axes, with each one's nearest free contact and the squared distance.
+    seeds: Vec<Seed>,
+    /// S.p of the new clusters.
+    centers: Vec<Accumulated>,
+    /// Per contact: its cluster.
+    assigned: Vec<u32>,
+    /// Per contact: squared distance to the nearest representative while seeding; negative once it is one itself.
+    nearest: Vec<f64>,
     clusters: Vec<Cluster>,
+    iterations: u32,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Seed {
+    point: DVec3,
+    contact: u32,
+    distance: f64,
+}
+
+/// A cluster while it is being formed.
+#[derive(Clone, Copy, Debug)]
+struct Accumulated {
+    point: DVec3,
+    weighted: DVec3,
+    plain: DVec3,
+    weight: f64,
+    count: usize,
+}
+
+impl Accumulated {
+    fn at(point: DVec3) -> Self {
+        Self { point, weighted: DVec3::ZERO, plain: DVec3::ZERO, weight: 0.0, count: 0 }
+    }
 }
 
 impl Clustering {
-    /// A workspace for at most `k` clusters.
+    /// A workspace for at most `k` clusters (K), at least one.
     pub fn new(k: usize) -> Self {
-        Self { capacity: k, clusters: Vec::with_capacity(k) }
+        let capacity = k.max(1);
+        Self {
+            capacity,
+            previous: Vec::with_capacity(capacity),
+            seeds: Vec::with_capacity(capacity),
+            centers: Vec::with_capacity(capacity),
+            assigned: Vec::new(),
+            nearest: Vec::new(),
+            clusters: Vec::with_capacity(capacity),
+            iterations: 0,
+        }
     }
 
-    /// Clusters the contacts of one query.
+    /// Clusters the contacts of one query, found with tolerance d (m), at the probe's pose. Deterministic: equal input gives
+    /// equal output after equal history. Allocates only when there are more contacts than ever before.
     pub fn run(&mut self, contacts: &[PatchContact], tolerance: f64, probe_pose: &Pose) -> &[Cluster] {
-        let _ = (tolerance, probe_pose);
         self.clusters.clear();
-        for contact in contacts.iter().take(self.capacity) {
-            self.clusters.push(Cluster { contact: contact.contact, weight: contact.contact.depth + tolerance });
+        self.centers.clear();
+        self.assigned.clear();
+        self.nearest.clear();
+        self.iterations = 0;
+        if contacts.len() <= self.capacity {
+            self.clusters.extend(
+                contacts
+                    .iter()
+                    .map(|contact| Cluster { contact: contact.contact, weight: weight(contact, tolerance) }),
+            );
+        } else {
+            self.assigned.resize(contacts.len(), NONE);
+            self.nearest.resize(contacts.len(), f64::INFINITY);
+            self.seed_from_previous(contacts, probe_pose);
+            self.seed_furthest(contacts);
+            self.iterate(contacts, tolerance);
+            self.represent(contacts, tolerance);
         }
+        // Sorting by insertion: K is small, and equal depths keep their order.
+        for index in 1..self.clusters.len() {
+            let mut at = index;
+            while at > 0 && self.clusters[at - 1].contact.depth < self.clusters[at].contact.depth {
+                self.clusters.swap(at - 1, at);
+                at -= 1;
+            }
+        }
+        let to_probe = probe_pose.inverse();
+        self.previous.clear();
+        self.previous.extend(self.clusters.iter().map(|c| to_probe.transform_point(c.contact.point)));
         &self.clusters
+    }
+
+    /// The clusters of the last call, by decreasing δ.
+    pub fn clusters(&self) -> &[Cluster] {
+        &self.clusters
+    }
+
+    /// Lloyd's iterations of the last call.
+    pub fn iterations(&self) -> u32 {
+        self.iterations
+    }
+
+    /// Per contact of the last call, the cluster it was assigned to while iterating; empty when there were no more contacts
+    /// than clusters. The numbers are those of [`Self::clusters`] before sorting.
+    #[cfg(test)]
+    fn assignment(&self) -> &[u32] {
+        &self.assigned
     }
 
     /// Forgets the previous representatives.
     pub fn reset(&mut self) {
+        self.previous.clear();
         self.clusters.clear();
     }
+
+    /// First part of Algorithm 5.4.2: old clusters hand over to the contacts nearest to them, closest pair first.
+    fn seed_from_previous(&mut self, contacts: &[PatchContact], probe_pose: &Pose) {
+        self.seeds.clear();
+        for &point in self.previous.iter().take(self.capacity) {
+            let point = probe_pose.transform_point(point);
+            let mut seed = Seed { point, contact: NONE, distance: f64::INFINITY };
+            seed.renew(contacts, &self.nearest);
+            self.seeds.push(seed);
+        }
+        while !self.seeds.is_empty() {
+            let mut best = 0;
+            for index in 1..self.seeds.len() {
+                if self.seeds[index].distance < self.seeds[best].distance {
+                    best = index;
+                }
+            }
+            let seed = self.seeds.remove(best);
+            if seed.contact == NONE {
+                continue;
+            }
+            self.add_center(contacts, seed.contact as usize);
+            for other in &mut self.seeds {
+                if other.contact == seed.contact {
+                    other.renew(contacts, &self.nearest);
+                }
+            }
+        }
+    }
+
+    /// Second part of Algorithm 5.4.2: the remaining clusters start at the contacts furthest from those there are. The
+    /// first of all starts at the deepest contact.
+    fn seed_furthest(&mut self, contacts: &[PatchContact]) {
+        while self.centers.len() < self.capacity {
+            let mut best = (NONE, f64::NEG_INFINITY);
+            for (index, contact) in (0u32..).zip(contacts) {
+                let merit = if self.centers.is_empty() {
+                    contact.contact.depth
+                } else {
+                    self.nearest[index as usize]
+                };
+                if merit > best.1 {
+                    best = (index, merit);
+                }
+            }
+            if best.0 == NONE || (!self.centers.is_empty() && best.1 < 0.0) {
+                break;
+            }
+            self.add_center(contacts, best.0 as usize);
+        }
+    }
+
+    fn add_center(&mut self, contacts: &[PatchContact], index: usize) {
+        let point = contacts[index].contact.point;
+        self.centers.push(Accumulated::at(point));
+        for (nearest, contact) in self.nearest.iter_mut().zip(contacts) {
+            *nearest = nearest.min(contact.contact.point.distance_squared(point));
+        }
+        self.nearest[index] = -1.0;
+    }
+
+    /// Lloyd's method: Algorithms 5.4.3 and 5.4.4 in turn, until nothing changes.
+    fn iterate(&mut self, contacts: &[PatchContact], tolerance: f64) {
+        for _ in 0..MAX_ITERATIONS {
+            self.iterations += 1;
+            for center in &mut self.centers {
+                *center = Accumulated::at(center.point);
+            }
+            let mut moved = false;
+            for (contact, assigned) in contacts.iter().zip(&mut self.assigned) {
+                let point = contact.contact.point;
+                let mut best = (0, f64::INFINITY);
+                for (index, center) in (0u32..).zip(&self.centers) {
+                    let distance = center.point.distance_squared(point);
+                    if distance < best.1 {
+                        best = (index, distance);
+                    }
+                }
+                moved |= *assigned != best.0;
+                *assigned = best.0;
+                let center = &mut self.centers[best.0 as usize];
+                let weight = weight(contact, tolerance);
+                center.weighted += weight * point;
+                center.plain += point;
+                center.weight += weight;
+                center.count += 1;
+            }
+            for center in &mut self.centers {
+                if center.weight > 0.0 {
+                    center.point = center.weighted / center.weight;
+                } else if center.count > 0 {
+                    center.point = center.plain / center.count as f64;
+                }
+            }
+            // Equal assignments give equal representatives.
+            if !moved {
+                break;
+            }
+        }
+    }
+
+    /// Eqs 5.34–5.36, once the clusters have settled.
+    fn represent(&mut self, contacts: &[PatchContact], tolerance: f64) {
+        for (index, center) in (0u32..).zip(&self.centers) {
+            if center.count == 0 {
+                continue;
+            }
+            let (mut depth, mut normal) = (0.0, DVec3::ZERO);
+            let mut deepest: Option<&Contact> = None;
+            for (contact, _) in contacts.iter().zip(&self.assigned).filter(|(_, s)| **s == index) {
+                let share = if center.weight > 0.0 {
+                    weight(contact, tolerance) / center.weight
+                } else {
+                    1.0 / center.count as f64
+                };
+                let contact = &contact.contact;
+                depth += share * contact.depth;
+                normal += share * contact.normal;
+                if deepest.is_none_or(|deepest| contact.depth > deepest.depth) {
+                    deepest = Some(contact);
+                }
+            }
+            let fallback = deepest.map_or(DVec3::Z, |contact| contact.normal);
+            let normal = if normal.length() > 1e-6 { normal.normalize() } else { fallback };
+            self.clusters.push(Cluster {
+                contact: Contact {
+                    point: center.point,
+                    scene_point: center.point - depth * normal,
+                    normal,
+                    depth,
+                },
+                weight: center.weight,
+            });
+        }
+    }
+}
+
+impl Seed {
+    /// Finds the nearest contact that is no representative yet.
+    fn renew(&mut self, contacts: &[PatchContact], nearest: &[f64]) {
+        (self.contact, self.distance) = (NONE, f64::INFINITY);
+        for ((index, contact), nearest) in (0u32..).zip(contacts).zip(nearest) {
+            let distance = contact.contact.point.distance_squared(self.point);
+            if *nearest >= 0.0 && distance < self.distance {
+                (self.contact, self.distance) = (index, distance);
+            }
+        }
+    }
+}
+
+/// δ + d, m.
+fn weight(contact: &PatchContact, tolerance: f64) -> f64 {
+    (contact.contact.depth + tolerance).max(0.0)
 }

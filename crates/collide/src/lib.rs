@@ -2,13 +2,17 @@
 //!
 //! [`ContactQuery`] descends both hierarchies in tandem and reports a [`PatchContact`] for every pair of convex surface
 //! patches that come within the tolerance, or penetrate. [`Clustering`] condenses them to a few representatives.
-//! The convex queries below them work on plain point sets.
+//! The queries between two convex hulls that it rests on are in [`convex`].
 //!
 //! Guarantees: everything is f64; the caller owns the workspaces; a query takes no lock, does not panic, and allocates
 //! only while it exceeds the sizes reached before.
 
-pub mod clustering;
-pub mod query;
+mod clustering;
+pub mod convex;
+mod leaf;
+mod overlap;
+mod patch;
+mod query;
 
 pub use clustering::{Cluster, Clustering};
 pub use query::{ContactQuery, PatchContact, QueryOutcome, QuerySettings};

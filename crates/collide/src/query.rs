@@ -1,13 +1,35 @@
-//! The contact query between two hierarchies (§3.4.1).
+//! The contact query Q(A, B, d) between two hierarchies at full resolution (§3.4.1).
+//!
+//! Both hierarchies are descended in tandem from their roots. A pair of nodes is dropped when its bounding spheres, or
+//! then its hulls, are further apart than d + h(a) + h(b) (Eq. 3.5); otherwise the larger node is split, down to pairs
+//! of leaves, whose contacts are reported. As §3.4.1 has it, they are a superset of the local minima of the distance
+//! where the objects are disjoint, and local penetration depths where they overlap.
+//!
+//! Departures: hull queries above the leaves only decide whether a pair is within reach, and stop as soon as either bound
+//! on the distance settles it; nodes with a single child are passed through.
 
+use palpate_core::glam::DVec3;
 use palpate_core::{Clod, Contact, Pose};
+
+use crate::convex::{Hull, Limits, Placement, Separation, Start, SupportTree, gjk};
+use crate::leaf::{LeafQuery, Reach};
+use crate::patch::Patch;
+
+/// Separations and depths are found to this fraction of the size of the hulls involved.
+const PRECISION: f64 = 1e-12;
+
+/// Contacts that a new workspace has room for.
+const CONTACTS: usize = 1 << 14;
+
+const NO_TREE: u32 = u32::MAX;
 
 /// What a query asks for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct QuerySettings {
-    /// d: surfaces closer than this are in contact, m.
+    /// d: surfaces closer than this are in contact, m. Not negative.
     pub tolerance: f64,
-    /// Never allocate: contacts beyond the reserved capacity are dropped and [`QueryOutcome::overflow`] is set.
+    /// Never allocate: contacts beyond the reserved capacity are dropped, and [`QueryOutcome::overflow`] says so. Otherwise
+    /// (the default) the buffer grows, and [`QueryOutcome::reallocated`] says so.
     pub fixed_capacity: bool,
 }
 
@@ -32,38 +54,163 @@ pub struct PatchContact {
 /// What a query found and what it cost.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct QueryOutcome {
-    /// Number of contacts reported.
+    /// Contacts found, whether or not there was room for them.
     pub contacts: usize,
-    /// Smallest separation distance found within the tolerance, m; 0 when something penetrates, `None` without contacts.
+    /// Smallest separation distance within the tolerance, m; 0 when something penetrates, `None` without contacts.
     pub smallest_distance: Option<f64>,
-    /// Largest depth, m: negative when all contacts are separated; `None` without contacts.
+    /// Largest depth δ, m: negative when all contacts are separated; `None` without contacts.
     pub deepest: Option<f64>,
-    /// Pairs of nodes visited.
+    /// Pairs of nodes whose bounding spheres were within reach.
     pub visited: usize,
-    /// Convex queries made.
+    /// Pairs of leaves among them that were examined for contacts.
+    pub leaf_pairs: usize,
+    /// Convex queries made, pairs of triangles included.
     pub convex_queries: usize,
-    /// Convex queries that did not converge.
+    /// Convex queries whose answer may be off by more than the precision. Such pairs are never dropped.
     pub not_converged: usize,
-    /// Whether contacts were dropped for want of capacity.
+    /// Pairs of leaves that had to be decided triangle by triangle.
+    pub by_triangles: usize,
+    /// Most pairs that waited on the stack at once.
+    pub stack_high_water: usize,
+    /// Whether contacts were dropped for want of capacity: [`ContactQuery::reserve`] more.
     pub overflow: bool,
-    /// Whether a buffer had to grow during this query.
+    /// Whether a buffer grew during this query: it was larger than any before.
     pub reallocated: bool,
+    /// The query was refused, and nothing was found: a pose or the tolerance is not finite, the tolerance is negative, or
+    /// the hierarchies are not those that the workspace was made for.
+    pub refused: bool,
 }
 
-/// The workspace of a contact query.
+/// The workspace of a contact query. It belongs to the pair of hierarchies that it was made for.
 #[derive(Clone, Debug)]
 pub struct ContactQuery {
+    probe: Tree,
+    scene: Tree,
+    stack: Vec<(u32, u32)>,
+    leaf: LeafQuery,
     contacts: Vec<PatchContact>,
+}
+
+/// What the descent reads of a hierarchy, packed.
+#[derive(Clone, Debug)]
+struct Tree {
+    nodes: Vec<Packed>,
+    supports: Vec<SupportTree>,
+    /// Bound on any coordinate, m.
+    coordinates: f64,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Packed {
+    center: DVec3,
+    radius: f64,
+    hausdorff: f64,
+    first_child: u32,
+    last_child: u32,
+    /// Index into [`Tree::supports`], or [`NO_TREE`].
+    support: u32,
+}
+
+impl Packed {
+    fn is_leaf(&self) -> bool {
+        self.first_child == self.last_child
+    }
+}
+
+impl Tree {
+    fn new(clod: &Clod) -> Self {
+        let mut supports = Vec::new();
+        let nodes = clod
+            .nodes
+            .iter()
+            .map(|node| {
+                let points = clod.extreme(node);
+                let support = if points.len() >= SupportTree::WORTHWHILE {
+                    supports.push(SupportTree::new(points));
+                    supports.len() as u32 - 1
+                } else {
+                    NO_TREE
+                };
+                Packed {
+                    center: node.center,
+                    radius: node.radius,
+                    hausdorff: node.hausdorff,
+                    first_child: node.children.start,
+                    last_child: node.children.end,
+                    support,
+                }
+            })
+            .collect();
+        let coordinates = clod.vertices.iter().map(|v| v.abs().max_element()).fold(0.0, f64::max);
+        Self { nodes, supports, coordinates }
+    }
+
+    fn fits(&self, clod: &Clod) -> bool {
+        self.nodes.len() == clod.nodes.len() && !self.nodes.is_empty()
+    }
+
+    fn support(&self, node: u32) -> Option<&SupportTree> {
+        self.supports.get(self.nodes[node as usize].support as usize)
+    }
+
+    fn hull<'a>(&'a self, clod: &'a Clod, node: u32) -> Hull<'a> {
+        Hull::with_tree(clod.extreme(&clod.nodes[node as usize]), self.support(node))
+    }
+
+    fn patch<'a>(&'a self, clod: &'a Clod, node: u32) -> Patch<'a> {
+        Patch::of_node(clod, &clod.nodes[node as usize], self.support(node))
+    }
+
+    /// The first descendant that is a leaf or has several children.
+    fn pass_through(&self, mut node: u32) -> u32 {
+        loop {
+            let Packed { first_child, last_child, .. } = self.nodes[node as usize];
+            if last_child != first_child + 1 {
+                return node;
+            }
+            node = first_child;
+        }
+    }
+
+    /// Most nodes that can wait on the stack below any node: siblings along one path from root to leaf.
+    fn path_width(&self) -> usize {
+        let mut width = vec![0usize; self.nodes.len()];
+        for (index, node) in self.nodes.iter().enumerate().rev() {
+            let below = (node.first_child..node.last_child).map(|c| width[c as usize]).max().unwrap_or(0);
+            width[index] = below + (node.last_child - node.first_child) as usize;
+        }
+        width.first().copied().unwrap_or(0)
+    }
 }
 
 impl ContactQuery {
     /// A workspace for queries between two hierarchies.
     pub fn new(probe: &Clod, scene: &Clod) -> Self {
-        let _ = (probe, scene);
-        Self { contacts: Vec::new() }
+        let (probe, scene) = (Tree::new(probe), Tree::new(scene));
+        let stack = Vec::with_capacity(probe.path_width() + scene.path_width() + 1);
+        Self { probe, scene, stack, leaf: LeafQuery::default(), contacts: Vec::with_capacity(CONTACTS) }
+    }
+
+    /// Makes room for a number of contacts, so that queries with up to as many do not allocate for them.
+    pub fn reserve(&mut self, contacts: usize) {
+        self.contacts.reserve(contacts.saturating_sub(self.contacts.len()));
+    }
+
+    /// Bytes of memory held by the workspace.
+    pub fn bytes(&self) -> usize {
+        let tree = |tree: &Tree| {
+            tree.nodes.capacity() * size_of::<Packed>()
+                + tree.supports.iter().map(SupportTree::bytes).sum::<usize>()
+        };
+        tree(&self.probe)
+            + tree(&self.scene)
+            + self.stack.capacity() * size_of::<(u32, u32)>()
+            + self.contacts.capacity() * size_of::<PatchContact>()
     }
 
     /// Finds the contacts between the probe and the scene object at the given poses (object frame to world).
+    ///
+    /// The cost grows with the number of leaf pairs within the tolerance.
     pub fn run(
         &mut self,
         probe: &Clod,
@@ -72,13 +219,115 @@ impl ContactQuery {
         scene_pose: &Pose,
         settings: &QuerySettings,
     ) -> QueryOutcome {
-        let _ = (probe, probe_pose, scene, scene_pose, settings);
         self.contacts.clear();
-        QueryOutcome::default()
+        let mut outcome = QueryOutcome::default();
+        let tolerance = settings.tolerance;
+        let valid = probe_pose.is_valid() && scene_pose.is_valid();
+        if !valid || !tolerance.is_finite() || tolerance < 0.0 || !self.fits(probe, scene) {
+            outcome.refused = true;
+            return outcome;
+        }
+        let placement = Placement::between(probe_pose, scene_pose);
+        let rounding = 4.0
+            * f64::EPSILON
+            * (self.probe.coordinates + self.scene.coordinates + placement.translation.abs().max_element());
+        let buffers = self.leaf.capacity() + self.contacts.capacity() + self.stack.capacity();
+        (self.leaf.convex_queries, self.leaf.not_converged, self.leaf.by_triangles) = (0, 0, 0);
+
+        self.stack.clear();
+        let roots = (self.probe.pass_through(Clod::ROOT), self.scene.pass_through(Clod::ROOT));
+        if self.spheres_reach(roots, &placement, tolerance) {
+            self.stack.push(roots);
+        }
+        while let Some((a, b)) = self.stack.pop() {
+            outcome.visited += 1;
+            let (node_a, node_b) = (self.probe.nodes[a as usize], self.scene.nodes[b as usize]);
+            let precision = PRECISION * (node_a.radius + node_b.radius) + rounding;
+            if node_a.is_leaf() && node_b.is_leaf() {
+                outcome.leaf_pairs += 1;
+                let (patch_a, patch_b) = (self.probe.patch(probe, a), self.scene.patch(scene, b));
+                let reach = Reach { placement: &placement, tolerance, precision };
+                self.leaf.run(&patch_a, &patch_b, &reach);
+                for contact in &self.leaf.contacts {
+                    outcome.count(contact);
+                    if settings.fixed_capacity && self.contacts.len() == self.contacts.capacity() {
+                        outcome.overflow = true;
+                    } else {
+                        self.contacts.push(PatchContact {
+                            contact: placed(contact, probe_pose),
+                            probe_node: a,
+                            scene_node: b,
+                        });
+                    }
+                }
+                continue;
+            }
+            outcome.convex_queries += 1;
+            let reach = tolerance + node_a.hausdorff + node_b.hausdorff;
+            let limits = Limits { beyond: reach, enough: reach, precision };
+            let axis = node_a.center - placement.point(node_b.center);
+            let (hull_a, hull_b) = (self.probe.hull(probe, a), self.scene.hull(scene, b));
+            let found = gjk::distance(&hull_a, &hull_b, &placement, Start::Axis(axis), &limits);
+            if found.separation == Separation::Beyond {
+                continue;
+            }
+            if node_b.is_leaf() || (!node_a.is_leaf() && node_a.radius >= node_b.radius) {
+                for child in (node_a.first_child..node_a.last_child).rev() {
+                    let pair = (self.probe.pass_through(child), b);
+                    if self.spheres_reach(pair, &placement, tolerance) {
+                        self.stack.push(pair);
+                    }
+                }
+            } else {
+                for child in (node_b.first_child..node_b.last_child).rev() {
+                    let pair = (a, self.scene.pass_through(child));
+                    if self.spheres_reach(pair, &placement, tolerance) {
+                        self.stack.push(pair);
+                    }
+                }
+            }
+            outcome.stack_high_water = outcome.stack_high_water.max(self.stack.len());
+        }
+        outcome.convex_queries += self.leaf.convex_queries;
+        outcome.not_converged = self.leaf.not_converged;
+        outcome.by_triangles = self.leaf.by_triangles;
+        outcome.reallocated =
+            self.leaf.capacity() + self.contacts.capacity() + self.stack.capacity() != buffers;
+        outcome
     }
 
-    /// The contacts of the last query, in world axes.
+    fn fits(&self, probe: &Clod, scene: &Clod) -> bool {
+        self.probe.fits(probe) && self.scene.fits(scene)
+    }
+
+    fn spheres_reach(&self, (a, b): (u32, u32), placement: &Placement, tolerance: f64) -> bool {
+        let (a, b) = (&self.probe.nodes[a as usize], &self.scene.nodes[b as usize]);
+        let reach = a.radius + b.radius + tolerance + a.hausdorff + b.hausdorff;
+        // A little slack for rounding in the spheres.
+        a.center.distance_squared(placement.point(b.center)) <= reach * reach * (1.0 + 1e-9)
+    }
+
+    /// The contacts of the last query, in world axes, in the order of the descent.
     pub fn contacts(&self) -> &[PatchContact] {
         &self.contacts
+    }
+}
+
+impl QueryOutcome {
+    fn count(&mut self, contact: &Contact) {
+        self.contacts += 1;
+        let distance = contact.distance();
+        self.smallest_distance = Some(self.smallest_distance.map_or(distance, |d| d.min(distance)));
+        self.deepest = Some(self.deepest.map_or(contact.depth, |d| d.max(contact.depth)));
+    }
+}
+
+/// A contact in a body's frame, in world axes.
+fn placed(contact: &Contact, pose: &Pose) -> Contact {
+    Contact {
+        point: pose.transform_point(contact.point),
+        scene_point: pose.transform_point(contact.scene_point),
+        normal: pose.transform_vector(contact.normal),
+        depth: contact.depth,
     }
 }

@@ -1,0 +1,182 @@
+//! Distance between two convex hulls: the algorithm of Gilbert, Johnson and Keerthi (1988), as the dissertation's §3.4.1
+//! cites it, with van den Bergen's bounds (1999).
+//!
+//! Every iteration gives a lower bound on the distance (the separation along the current axis) and an upper one (the
+//! current point's length), so a caller that only asks "further than d?" is answered as soon as either bound
+//! settles it. The search ends when the bounds meet to within [`Limits::precision`], or when no vertex brings the
+//! origin closer; the iterations are bounded, and a gap left then is reported as [`Separation::NotConverged`].
+
+use palpate_core::glam::DVec3;
+
+use super::{Hull, Placement, Simplex, Vertex};
+
+/// Bound on the iterations. Polyhedra need a few; round hulls of thousands of vertices some thirty.
+const MAX_ITERATIONS: u32 = 128;
+
+/// A final gap between the bounds of this many times the precision is still a converged distance: it is where rounding
+/// keeps needle-like simplices.
+const GAP: f64 = 100.0;
+
+/// What a distance query has to find out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// Stop as soon as the hulls are known to be further apart than this, m.
+    pub beyond: f64,
+    /// Stop as soon as the hulls are known to be at most this far apart, m; negative: find the distance itself.
+    pub enough: f64,
+    /// Bounds that differ by less are equal, and hulls closer than this touch, m.
+    pub precision: f64,
+}
+
+/// Where the search starts.
+#[derive(Clone, Copy, Debug)]
+pub enum Start<'a> {
+    /// A guess of the vector from b to a, in a's frame.
+    Axis(DVec3),
+    /// The simplex of an earlier query between the same hulls, at another placement.
+    Simplex(&'a Simplex),
+}
+
+/// How two hulls lie to each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Separation {
+    /// Further apart than [`Limits::beyond`].
+    Beyond,
+    /// Apart, and not further than that.
+    Within,
+    /// Touching or overlapping.
+    Overlapping,
+    /// The iterations ran out; the distance found is only an upper bound.
+    NotConverged,
+}
+
+/// The answer of a distance query.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Distance {
+    /// How the hulls lie to each other.
+    pub separation: Separation,
+    /// Distance (an upper bound, exact unless the search was stopped early), m. For hulls beyond the limit it is infinite
+    /// when the first axis already separates them.
+    pub distance: f64,
+    /// Lower bound on the distance, m; 0 when overlapping.
+    pub lower: f64,
+    /// The vector from b to a between the nearest points found, in a's frame, m.
+    pub axis: DVec3,
+    /// Vertices and weights of the nearest points; the origin's surroundings when overlapping.
+    pub simplex: Simplex,
+    /// Iterations made.
+    pub iterations: u32,
+}
+
+impl Distance {
+    /// The nearest points on a and on b, both in a's frame, m.
+    pub fn witnesses(&self, a: &Hull, b: &Hull, placement: &Placement) -> (DVec3, DVec3) {
+        let (mut on_a, mut on_b) = (DVec3::ZERO, DVec3::ZERO);
+        for (vertex, &weight) in self.simplex.vertices().iter().zip(self.simplex.weights()) {
+            on_a += weight * a.points()[vertex.a as usize];
+            on_b += weight * b.points()[vertex.b as usize];
+        }
+        (on_a, placement.point(on_b))
+    }
+}
+
+/// The vertex of a − b that lies furthest in a direction (of any length, a's frame).
+pub(super) fn support(a: &Hull, b: &Hull, placement: &Placement, direction: DVec3) -> Vertex {
+    let on_a = a.support(direction);
+    let on_b = b.support(-placement.direction_to_b(direction));
+    difference(a, b, placement, on_a, on_b)
+}
+
+fn difference(a: &Hull, b: &Hull, placement: &Placement, on_a: u32, on_b: u32) -> Vertex {
+    Vertex {
+        difference: a.points()[on_a as usize] - placement.point(b.points()[on_b as usize]),
+        a: on_a,
+        b: on_b,
+    }
+}
+
+/// Finds the distance between hull a and hull b as placed, as far as `limits` asks for it.
+pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits: &Limits) -> Distance {
+    let mut found = Distance {
+        separation: Separation::NotConverged,
+        distance: f64::INFINITY,
+        lower: 0.0,
+        axis: DVec3::ZERO,
+        simplex: Simplex::default(),
+        iterations: 0,
+    };
+    match start {
+        Start::Axis(axis) => found.axis = axis,
+        Start::Simplex(cached) => {
+            let (last_a, last_b) = (a.points().len() as u32 - 1, b.points().len() as u32 - 1);
+            for vertex in cached.vertices() {
+                let vertex = difference(a, b, placement, vertex.a.min(last_a), vertex.b.min(last_b));
+                if !found.simplex.contains(&vertex) {
+                    found.simplex.push(vertex);
+                }
+            }
+            if found.simplex.len > 0 {
+                let Some(nearest) = found.simplex.reduce() else {
+                    return overlapping(found);
+                };
+                found.axis = nearest;
+                found.distance = nearest.length();
+                if found.distance <= limits.precision {
+                    return overlapping(found);
+                }
+            }
+        }
+    }
+    if found.axis.length_squared() < f64::MIN_POSITIVE {
+        found.axis = DVec3::X;
+    }
+    while found.iterations < MAX_ITERATIONS {
+        if found.distance <= limits.enough {
+            found.separation = Separation::Within;
+            return found;
+        }
+        found.iterations += 1;
+        let vertex = support(a, b, placement, -found.axis);
+        let lower = found.axis.dot(vertex.difference) / found.axis.length();
+        found.lower = found.lower.max(lower);
+        if lower > limits.beyond {
+            found.separation = Separation::Beyond;
+            return found;
+        }
+        if found.distance - lower <= limits.precision || found.simplex.contains(&vertex) {
+            break;
+        }
+        let mut simplex = found.simplex;
+        simplex.push(vertex);
+        let Some(nearest) = simplex.reduce() else {
+            found.simplex = simplex;
+            return overlapping(found);
+        };
+        let length = nearest.length();
+        if length <= limits.precision {
+            found.simplex = simplex;
+            return overlapping(found);
+        }
+        if length >= found.distance {
+            break;
+        }
+        found.simplex = simplex;
+        found.axis = nearest;
+        found.distance = length;
+    }
+    found.separation = if found.distance - found.lower > GAP * limits.precision {
+        Separation::NotConverged
+    } else if found.distance > limits.beyond {
+        Separation::Beyond
+    } else {
+        Separation::Within
+    };
+    found
+}
+
+fn overlapping(mut found: Distance) -> Distance {
+    found.separation = Separation::Overlapping;
+    found.distance = 0.0;
+    found.lower = 0.0;
+    found
+}

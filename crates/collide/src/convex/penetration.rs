@@ -1,0 +1,362 @@
+//! Penetration depth of two overlapping convex hulls: the shortest translation that separates them.
+//!
+//! The expanding polytope algorithm (van den Bergen 2001): a polytope inside the Minkowski difference a − b grows towards
+//! the boundary point that is nearest to the origin. Departures: the first tetrahedron is built from support points
+//! spread in all directions rather than from the last GJK simplex, so that touching and flat hulls need no care (the
+//! origin may start outside it; faces that see it have negative distances and grow first); a Minkowski difference
+//! that is itself flat has depth 0 across its plane; and since the extent of a − b along *any* direction is an upper
+//! bound on the depth, the smallest one seen is kept as the answer, whatever becomes of the polytope numerically.
+
+use palpate_core::glam::DVec3;
+
+use super::gjk::support;
+use super::{Hull, Placement, Vertex, nearest_on_triangle};
+
+/// Vertices that the polytope can hold.
+const MAX_VERTICES: usize = 256;
+/// A closed triangulated surface over that many vertices has fewer faces than this.
+const MAX_FACES: usize = 2 * MAX_VERTICES;
+const NONE: u16 = u16::MAX;
+
+/// The answer of a penetration query. Points and directions are in a's frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Penetration {
+    /// Depth along [`normal`](Self::normal), m: how far b has to move along it for the hulls to touch only. 0 when they
+    /// touch or the Minkowski difference is flat; negative when the hulls are in fact apart along the normal.
+    pub depth: f64,
+    /// Unit normal, pointing out of a.
+    pub normal: DVec3,
+    /// The point of a that lies deepest in b, m.
+    pub on_a: DVec3,
+    /// The point of b that lies deepest in a, m.
+    pub on_b: DVec3,
+    /// How far the depth may lie above the least one, m.
+    pub gap: f64,
+    /// Whether the gap closed to within the precision asked for.
+    pub converged: bool,
+    /// Whether the Minkowski difference is flat (or less): then the opposite normal would do as well.
+    pub flat: bool,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Face {
+    vertices: [u16; 3],
+    /// Neighbour across the edge from vertex i to vertex i + 1.
+    neighbours: [u16; 3],
+    normal: DVec3,
+    /// Distance of the plane from the origin; infinite for a sliver without a plane.
+    distance: f64,
+    alive: bool,
+    visible: bool,
+}
+
+/// The workspace of [`penetration`](Polytope::penetration): the growing polytope. Allocates once.
+#[derive(Clone, Debug)]
+pub struct Polytope {
+    vertices: Vec<Vertex>,
+    faces: Vec<Face>,
+    free: Vec<u16>,
+    /// Visible faces of the current expansion.
+    visible: Vec<u16>,
+    /// Edges of its horizon: first and second vertex, and the face beyond with its edge.
+    horizon: Vec<(u16, u16, u16, u8)>,
+    /// New face that starts at a vertex.
+    starts: Vec<u16>,
+}
+
+impl Default for Polytope {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Polytope {
+    /// An empty workspace.
+    pub fn new() -> Self {
+        Self {
+            vertices: Vec::with_capacity(MAX_VERTICES),
+            faces: Vec::with_capacity(MAX_FACES),
+            free: Vec::with_capacity(MAX_FACES),
+            visible: Vec::with_capacity(MAX_FACES),
+            horizon: Vec::with_capacity(MAX_FACES),
+            starts: vec![NONE; MAX_VERTICES],
+        }
+    }
+
+    /// Depth and direction of the penetration of hull a and hull b as placed, to within `precision` (m). Hulls that do
+    /// not overlap give a depth that is not positive.
+    pub fn penetration(&mut self, a: &Hull, b: &Hull, placement: &Placement, precision: f64) -> Penetration {
+        let mut best = Candidate { extent: f64::INFINITY, normal: DVec3::X, face: [0; 3] };
+        if let Err(flat_normal) = self.first_tetrahedron(a, b, placement, precision) {
+            let forward = support(a, b, placement, flat_normal);
+            let backward = support(a, b, placement, -flat_normal);
+            let (vertex, normal) =
+                if forward.difference.dot(flat_normal) <= -backward.difference.dot(flat_normal) {
+                    (forward, flat_normal)
+                } else {
+                    (backward, -flat_normal)
+                };
+            self.vertices.clear();
+            self.vertices.push(vertex);
+            best = Candidate { extent: vertex.difference.dot(normal), normal, face: [0; 3] };
+            return self.answer(a, b, placement, &best, precision, 0.0, true, true);
+        }
+        let (mut gap, mut converged) = (f64::INFINITY, false);
+        while let Some(index) = self.nearest_face() {
+            let Face { normal, distance, vertices, .. } = self.faces[index as usize];
+            let vertex = support(a, b, placement, normal);
+            let extent = vertex.difference.dot(normal);
+            if extent < best.extent {
+                best = Candidate { extent, normal, face: vertices };
+            }
+            gap = best.extent - distance;
+            if gap <= precision {
+                converged = true;
+                break;
+            }
+            let known = self.vertices.iter().any(|v| v.a == vertex.a && v.b == vertex.b);
+            if known || self.vertices.len() == MAX_VERTICES || !self.expand(index, vertex, precision) {
+                // A known vertex beyond its own face, or a torn horizon: rounding. The gap tells how much it matters.
+                break;
+            }
+        }
+        self.answer(a, b, placement, &best, precision, gap.max(0.0), converged, false)
+    }
+
+    #[expect(clippy::too_many_arguments)]
+    fn answer(
+        &self,
+        a: &Hull,
+        b: &Hull,
+        placement: &Placement,
+        best: &Candidate,
+        precision: f64,
+        gap: f64,
+        converged: bool,
+        flat: bool,
+    ) -> Penetration {
+        // Of coplanar faces, the one that the origin projects into has the points that belong together.
+        let near = |face: [u16; 3]| {
+            let corners = face.map(|v| self.vertices[v as usize]);
+            let [p, q, r] = corners.map(|v| v.difference);
+            let weights = nearest_on_triangle(p, q, r);
+            ((weights[0] * p + weights[1] * q + weights[2] * r).length_squared(), corners, weights)
+        };
+        let on_plane = |face: &&Face| {
+            face.alive
+                && face.vertices.iter().all(|v| {
+                    let height = self.vertices[*v as usize].difference.dot(best.normal);
+                    best.extent - height <= 64.0 * precision
+                })
+        };
+        let mut nearest = near(best.face);
+        for (index, face) in self.faces.iter().filter(on_plane).enumerate() {
+            let other = near(face.vertices);
+            if index == 0 || other.0 < nearest.0 {
+                nearest = other;
+            }
+        }
+        let (_, corners, weights) = nearest;
+        let (mut on_a, mut on_b) = (DVec3::ZERO, DVec3::ZERO);
+        for (vertex, weight) in corners.iter().zip(weights) {
+            on_a += weight * a.points()[vertex.a as usize];
+            on_b += weight * b.points()[vertex.b as usize];
+        }
+        Penetration {
+            depth: best.extent,
+            normal: best.normal,
+            on_a,
+            on_b: placement.point(on_b),
+            gap,
+            converged,
+            flat,
+        }
+    }
+
+    fn nearest_face(&self) -> Option<u16> {
+        let mut best = (None, f64::INFINITY);
+        for (index, face) in (0u16..).zip(&self.faces) {
+            if face.alive && face.distance < best.1 {
+                best = (Some(index), face.distance);
+            }
+        }
+        best.0
+    }
+
+    /// Builds a tetrahedron of support points, or gives the normal of the plane (or of one of the planes) that the whole
+    /// Minkowski difference lies in.
+    fn first_tetrahedron(
+        &mut self,
+        a: &Hull,
+        b: &Hull,
+        placement: &Placement,
+        precision: f64,
+    ) -> Result<(), DVec3> {
+        self.vertices.clear();
+        self.faces.clear();
+        self.free.clear();
+        let mut ends = [Vertex::default(); 2];
+        let mut extent = -1.0;
+        for axis in DVec3::AXES {
+            let (high, low) = (support(a, b, placement, axis), support(a, b, placement, -axis));
+            let length = high.difference.distance_squared(low.difference);
+            if length > extent {
+                extent = length;
+                ends = [high, low];
+            }
+        }
+        let [first, second] = ends;
+        let along = second.difference - first.difference;
+        if along.length() <= precision {
+            return Err(DVec3::X);
+        }
+        let along = along.normalize();
+        let (side, up) = along.any_orthonormal_pair();
+        let mut third = (first, 0.0);
+        for direction in [side, -side, up, -up] {
+            let vertex = support(a, b, placement, direction);
+            let height = (vertex.difference - first.difference).reject_from_normalized(along).length();
+            if height > third.1 {
+                third = (vertex, height);
+            }
+        }
+        if third.1 <= precision {
+            return Err(side);
+        }
+        let (third, _) = third;
+        let normal = along.cross(third.difference - first.difference).normalize();
+        let (above, below) = (support(a, b, placement, normal), support(a, b, placement, -normal));
+        let height = |v: &Vertex| (v.difference - first.difference).dot(normal);
+        let (high, low) = (height(&above), -height(&below));
+        if high.max(low) <= precision {
+            return Err(normal);
+        }
+        // `first, second, third` is counter-clockwise seen from `normal`; the apex goes to the other side of the base.
+        if low >= high {
+            self.vertices.extend([first, second, third, below]);
+        } else {
+            self.vertices.extend([first, third, second, above]);
+        }
+        for (vertices, neighbours) in [
+            ([0, 1, 2], [1, 2, 3]), // base; edge 01 to face 1, 12 to face 2, 20 to face 3
+            ([1, 0, 3], [0, 3, 2]),
+            ([2, 1, 3], [0, 1, 3]),
+            ([0, 2, 3], [0, 2, 1]),
+        ] {
+            let face = self.face(vertices, neighbours);
+            self.faces.push(face);
+        }
+        Ok(())
+    }
+
+    fn face(&self, vertices: [u16; 3], neighbours: [u16; 3]) -> Face {
+        let [p, q, r] = vertices.map(|v| self.vertices[v as usize].difference);
+        let normal = (q - p).cross(r - p);
+        let longest = (q - p).length_squared().max((r - p).length_squared()).max((r - q).length_squared());
+        let (normal, distance) = if normal.length_squared() > 1e-28 * longest * longest {
+            let normal = normal.normalize();
+            (normal, normal.dot(p).max(normal.dot(q)).max(normal.dot(r)))
+        } else {
+            (DVec3::ZERO, f64::INFINITY)
+        };
+        Face { vertices, neighbours, normal, distance, alive: true, visible: false }
+    }
+
+    /// Replaces the faces that see the new vertex by a fan around it. `false`, with the polytope unusable, if these
+    /// faces do not form a disc.
+    fn expand(&mut self, start: u16, vertex: Vertex, precision: f64) -> bool {
+        let apex = self.vertices.len() as u16;
+        self.vertices.push(vertex);
+        self.visible.clear();
+        self.horizon.clear();
+        self.visible.push(start);
+        self.faces[start as usize].visible = true;
+        let mut next = 0;
+        while next < self.visible.len() {
+            let index = self.visible[next];
+            next += 1;
+            let face = self.faces[index as usize];
+            for edge in 0..3 {
+                let beyond = face.neighbours[edge];
+                let across = &mut self.faces[beyond as usize];
+                if across.visible {
+                    continue;
+                }
+                // A sliver goes with its visible neighbour.
+                if across.normal.dot(vertex.difference) > across.distance + 0.01 * precision
+                    || across.distance == f64::INFINITY
+                {
+                    across.visible = true;
+                    self.visible.push(beyond);
+                }
+            }
+        }
+        for &index in &self.visible {
+            let face = self.faces[index as usize];
+            for edge in 0..3 {
+                let beyond = face.neighbours[edge];
+                let across = &self.faces[beyond as usize];
+                if across.visible {
+                    continue;
+                }
+                let (from, to) = (face.vertices[edge], face.vertices[(edge + 1) % 3]);
+                let Some(back) = (0..3).find(|&e| across.vertices[e] == to && across.neighbours[e] == index)
+                else {
+                    return false;
+                };
+                self.horizon.push((from, to, beyond, back as u8));
+            }
+        }
+        if self.horizon.len() < 3 {
+            return false;
+        }
+        for &index in &self.visible {
+            let face = &mut self.faces[index as usize];
+            face.alive = false;
+            face.visible = false;
+            self.free.push(index);
+        }
+        for &(from, to, ..) in &self.horizon {
+            self.starts[from as usize] = NONE;
+            self.starts[to as usize] = NONE;
+        }
+        for step in 0..self.horizon.len() {
+            let (from, to, beyond, back) = self.horizon[step];
+            let face = self.face([from, to, apex], [beyond, NONE, NONE]);
+            let index = match self.free.pop() {
+                Some(index) => {
+                    self.faces[index as usize] = face;
+                    index
+                }
+                None if self.faces.len() < MAX_FACES => {
+                    self.faces.push(face);
+                    (self.faces.len() - 1) as u16
+                }
+                None => return false,
+            };
+            self.faces[beyond as usize].neighbours[back as usize] = index;
+            if self.starts[from as usize] != NONE {
+                return false;
+            }
+            self.starts[from as usize] = index;
+        }
+        for step in 0..self.horizon.len() {
+            let (from, to, ..) = self.horizon[step];
+            let (index, next) = (self.starts[from as usize], self.starts[to as usize]);
+            if next == NONE || self.faces[next as usize].vertices[0] != to {
+                return false;
+            }
+            self.faces[index as usize].neighbours[1] = next;
+            self.faces[next as usize].neighbours[2] = index;
+        }
+        true
+    }
+}
+
+/// A direction tried, with the extent of a − b along it.
+struct Candidate {
+    extent: f64,
+    normal: DVec3,
+    /// Vertices of the face whose normal it is.
+    face: [u16; 3],
+}

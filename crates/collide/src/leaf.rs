@@ -1,0 +1,239 @@
+//! Contacts between two leaf patches (§3.4.1, §5.4.1).
+//!
+//! Separated hulls: the nearest points are a contact when both lie on real surface facing the other object. If one lies on
+//! a virtual face and both hulls are contained in their solids, the segment between the points leaves a solid through
+//! a neighbouring patch that is closer, and the pair is dropped. Otherwise, or when parallel features leave the
+//! nearest points undetermined, the triangles themselves decide.
+//!
+//! Overlapping hulls: when both are contained, so do the solids, and [`overlap`](crate::overlap) finds the contact. Otherwise
+//! the patches must truly touch first: a triangle of one must intersect a triangle of the other, or the other's hull
+//! if that is contained. If not, pairs of triangles within the tolerance are separated contacts.
+//!
+//! Of the pairs of triangles only local minima are reported: those whose nearest points are not closer to another triangle
+//! of the same patch.
+
+use palpate_core::Contact;
+use palpate_core::glam::DVec3;
+
+use crate::convex::{Distance, Limits, Placement, Polytope, Separation, Start, gjk};
+use crate::overlap::overlap;
+use crate::patch::{Patch, Surface, distance_to_triangle, separated};
+
+/// Buffers for the contacts of one pair of leaves, with counts over a whole query.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct LeafQuery {
+    pub polytope: Polytope,
+    /// Contacts of the pair, in the probe's frame.
+    pub contacts: Vec<Contact>,
+    /// Pairs of triangles within the tolerance: contact, and the triangle of each patch.
+    near: Vec<(Contact, u32, u32)>,
+    pub convex_queries: usize,
+    pub not_converged: usize,
+    /// Pairs that had to be decided triangle by triangle.
+    pub by_triangles: usize,
+}
+
+/// The pair's circumstances.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Reach<'a> {
+    pub placement: &'a Placement,
+    /// d, m.
+    pub tolerance: f64,
+    /// Smallest length that is told from zero, m.
+    pub precision: f64,
+}
+
+impl LeafQuery {
+    /// Bytes of buffer in use, for telling whether a query allocated.
+    pub fn capacity(&self) -> usize {
+        self.contacts.capacity() + self.near.capacity()
+    }
+
+    /// Finds the contacts of a pair of leaf patches. They are left in [`contacts`](Self::contacts).
+    pub fn run(&mut self, a: &Patch, b: &Patch, reach: &Reach) {
+        self.contacts.clear();
+        let axis = a.center - reach.placement.point(b.center);
+        let found = self.distance(a, b, axis, reach);
+        let sheet = (a.two_sided && !a.is_single_triangle()) || (b.two_sided && !b.is_single_triangle());
+        match found.separation {
+            Separation::Beyond => {}
+            Separation::Overlapping if sheet || !a.contained || !b.contained => {
+                let flat = a.is_single_triangle() && b.is_single_triangle();
+                if flat || self.triangles(a, b, reach) {
+                    self.penetrating(a, b, &found, reach);
+                }
+            }
+            Separation::Overlapping => self.penetrating(a, b, &found, reach),
+            Separation::Within | Separation::NotConverged if sheet => {
+                self.triangles(a, b, reach);
+            }
+            Separation::Within | Separation::NotConverged => {
+                let (on_a, on_b) = witnesses(a, b, &found);
+                let contact = separated(on_a, reach.placement.point(on_b));
+                let at_a = a.surface_at(on_a, contact.normal, reach.precision);
+                let at_b =
+                    b.surface_at(on_b, -reach.placement.direction_to_b(contact.normal), reach.precision);
+                match (at_a, at_b) {
+                    (Surface::Front, Surface::Front) => self.contacts.push(contact),
+                    (Surface::Virtual, _) | (_, Surface::Virtual)
+                        if !(a.contained && b.contained)
+                            || ambiguous(a, b, contact.normal, reach.placement) =>
+                    {
+                        self.triangles(a, b, reach);
+                    }
+                    _ => {}
+                }
+            }
+        }
+    }
+
+    fn distance(&mut self, a: &Patch, b: &Patch, axis: DVec3, reach: &Reach) -> Distance {
+        self.convex_queries += 1;
+        let limits = Limits { beyond: reach.tolerance, enough: -1.0, precision: reach.precision };
+        let found = gjk::distance(&a.hull, &b.hull, reach.placement, Start::Axis(axis), &limits);
+        self.not_converged += usize::from(found.separation == Separation::NotConverged);
+        found
+    }
+
+    fn penetrating(&mut self, a: &Patch, b: &Patch, found: &Distance, reach: &Reach) {
+        self.convex_queries += 1;
+        let (touch, _) = witnesses(a, b, found);
+        let (contact, sure) = overlap(a, b, reach.placement, touch, &mut self.polytope, reach.precision);
+        self.not_converged += usize::from(!sure);
+        self.contacts.push(contact);
+    }
+
+    /// Decides the pair by its triangles. `true` if the patches penetrate; otherwise the separated contacts are reported.
+    fn triangles(&mut self, a: &Patch, b: &Patch, reach: &Reach) -> bool {
+        self.by_triangles += 1;
+        self.near.clear();
+        let placement = reach.placement;
+        for (i, &on_a) in (0u32..).zip(a.triangles) {
+            let corners_a = a.corners(on_a);
+            let one = a.single(&corners_a);
+            if !reaches(one.center, one.radius, placement.point(b.center), b.radius, reach.tolerance) {
+                continue;
+            }
+            for (j, &on_b) in (0u32..).zip(b.triangles) {
+                let corners_b = b.corners(on_b);
+                let other = b.single(&corners_b);
+                let center = placement.point(other.center);
+                if !reaches(one.center, one.radius, center, other.radius, reach.tolerance) {
+                    continue;
+                }
+                let found = self.distance(&one, &other, one.center - center, reach);
+                match found.separation {
+                    Separation::Beyond => {}
+                    Separation::Overlapping => return true,
+                    Separation::Within | Separation::NotConverged => {
+                        let (p, q) = witnesses(&one, &other, &found);
+                        let contact = separated(p, placement.point(q));
+                        let n = contact.normal;
+                        if one.faces(one.normal([0, 1, 2]), n)
+                            && other.faces(other.normal([0, 1, 2]), -placement.direction_to_b(n))
+                        {
+                            self.near.push((contact, i, j));
+                        }
+                    }
+                }
+            }
+        }
+        if a.contained != b.contained && self.sunk(a, b, reach) {
+            return true;
+        }
+        for index in 0..self.near.len() {
+            let (contact, i, j) = self.near[index];
+            if local_minimum(a, b, &contact, [i, j], reach) && !self.repeated(&contact, reach) {
+                self.contacts.push(contact);
+            }
+        }
+        false
+    }
+
+    /// Whether a triangle of the patch that is not contained lies (partly) inside the hull of the one that is.
+    fn sunk(&mut self, a: &Patch, b: &Patch, reach: &Reach) -> bool {
+        let touching = Reach { tolerance: 0.0, ..*reach };
+        let (loose, hull_is_a) = if a.contained { (b, true) } else { (a, false) };
+        loose.triangles.iter().any(|&triangle| {
+            let corners = loose.corners(triangle);
+            let one = loose.single(&corners);
+            let found = if hull_is_a {
+                self.distance(a, &one, a.center - reach.placement.point(one.center), &touching)
+            } else {
+                self.distance(&one, b, one.center - reach.placement.point(b.center), &touching)
+            };
+            found.separation == Separation::Overlapping
+        })
+    }
+
+    /// Whether an equal contact was reported for this pair already: triangles that share the nearest vertex or edge.
+    fn repeated(&self, contact: &Contact, reach: &Reach) -> bool {
+        let same = 16.0 * reach.precision;
+        self.contacts.iter().any(|other| {
+            other.point.distance(contact.point) <= same
+                && other.scene_point.distance(contact.scene_point) <= same
+        })
+    }
+}
+
+/// The nearest points, each in its own body's frame.
+fn witnesses(a: &Patch, b: &Patch, found: &Distance) -> (DVec3, DVec3) {
+    found.witnesses(&a.hull, &b.hull, &Placement::IDENTITY)
+}
+
+fn reaches(a: DVec3, radius_a: f64, b: DVec3, radius_b: f64, tolerance: f64) -> bool {
+    let reach = radius_a + radius_b + tolerance;
+    a.distance_squared(b) <= reach * reach * (1.0 + 1e-12)
+}
+
+/// Whether other triangles of the patches at the contact's points undercut the pair `[i, j]`.
+fn local_minimum(a: &Patch, b: &Patch, contact: &Contact, [i, j]: [u32; 2], reach: &Reach) -> bool {
+    let same = 1e-9 * (a.radius + b.radius) + reach.precision;
+    let distance = contact.distance() - same;
+    let to_b = |p: DVec3| reach.placement.direction_to_b(p - reach.placement.translation);
+    let (q_in_b, p_in_b) = (to_b(contact.scene_point), to_b(contact.point));
+    let undercut_a = (0u32..).zip(a.triangles).any(|(index, &triangle)| {
+        index != i
+            && a.lies_on(contact.point, triangle, same)
+            && distance_to_triangle(a.corners(triangle), contact.scene_point) < distance
+    });
+    let undercut_b = || {
+        (0u32..).zip(b.triangles).any(|(index, &triangle)| {
+            index != j
+                && b.lies_on(q_in_b, triangle, same)
+                && distance_to_triangle(b.corners(triangle), p_in_b) < distance
+        })
+    };
+    !undercut_a && !undercut_b()
+}
+
+/// Whether the hulls' features along a normal (a's frame) are parallel, so that their nearest points are not unique.
+fn ambiguous(a: &Patch, b: &Patch, normal: DVec3, placement: &Placement) -> bool {
+    let on_a = Feature::of(a.hull.points(), normal, a.radius);
+    let on_b = Feature::of(b.hull.points(), -placement.direction_to_b(normal), b.radius);
+    match (on_a, on_b) {
+        (Feature::Vertex, _) | (_, Feature::Vertex) => false,
+        (Feature::Edge(u), Feature::Edge(v)) => u.cross(placement.direction(v)).length() < 1e-6,
+        _ => true,
+    }
+}
+
+/// The feature of a hull that lies furthest in a direction.
+enum Feature {
+    Vertex,
+    /// With its unit direction.
+    Edge(DVec3),
+    Face,
+}
+
+impl Feature {
+    fn of(points: &[DVec3], direction: DVec3, radius: f64) -> Self {
+        let top = points.iter().map(|p| p.dot(direction)).fold(f64::NEG_INFINITY, f64::max);
+        let mut ends = points.iter().filter(|p| p.dot(direction) >= top - 1e-7 * radius);
+        match (ends.next(), ends.next(), ends.next()) {
+            (Some(p), Some(q), None) => Self::Edge((*q - *p).normalize_or_zero()),
+            (Some(_), Some(_), Some(_)) => Self::Face,
+            _ => Self::Vertex,
+        }
+    }
+}

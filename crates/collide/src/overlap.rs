@@ -1,0 +1,178 @@
+//! The contact between two patches whose hulls overlap: a direction that real surface can be pushed out along, and the
+//! penetration depth along it.
+//!
+//! §3.4.1 takes the localized penetration depth of the two convex pieces. Of the directions that could separate two hulls,
+//! only those count whose features are real surface facing the other object; a hull's virtual faces would often
+//! offer a shorter but meaningless way out, sideways or backwards through a thin patch. For patches of a few triangles
+//! all candidate directions are tried: the normals of real faces, and the common normals of two real edges that support
+//! their hulls there. For larger ones the expanding polytope gives the least depth of all, and if its features are
+//! not real the real faces alone are tried.
+//!
+//! The depth is that of the two patches only. Where an object has sunk in by more than a patch is thick, it is a lower
+//! bound on the distance to the surface.
+
+use palpate_core::Contact;
+use palpate_core::glam::DVec3;
+
+use crate::convex::{Placement, Polytope};
+use crate::patch::{Patch, Surface};
+
+/// Patches with at most this product of triangle counts have all their directions tried.
+const FEW_TRIANGLE_PAIRS: usize = 16;
+/// Upper bound on the vertices of either patch for that.
+const FEW_VERTICES: usize = 24;
+
+/// The best direction so far: first by whether both sides face each other, then by depth.
+struct Best {
+    contact: Option<Contact>,
+    facing: bool,
+    /// Depths that differ by less are equal, and the earlier one stays, m.
+    precision: f64,
+}
+
+impl Best {
+    fn offer(&mut self, facing: bool, depth: f64, normal: DVec3, points: impl FnOnce(f64) -> (DVec3, DVec3)) {
+        let better = match &self.contact {
+            None => true,
+            Some(best) => {
+                (facing && !self.facing)
+                    || (facing == self.facing && depth.max(0.0) < best.depth - self.precision)
+            }
+        };
+        if better {
+            // Hulls that only touch are apart by rounding.
+            let depth = depth.max(0.0);
+            let (point, scene_point) = points(depth);
+            self.contact = Some(Contact { point, scene_point, normal, depth });
+            self.facing = facing;
+        }
+    }
+}
+
+/// The contact between patches whose hulls overlap or touch, in a's frame, and whether it is exact as far as it goes.
+/// `touch` is a point that both hulls share.
+pub(crate) fn overlap(
+    a: &Patch,
+    b: &Patch,
+    placement: &Placement,
+    touch: DVec3,
+    polytope: &mut Polytope,
+    precision: f64,
+) -> (Contact, bool) {
+    let mut best = Best { contact: None, facing: false, precision: 16.0 * precision };
+    let few = a.triangles.len() * b.triangles.len() <= FEW_TRIANGLE_PAIRS
+        && a.vertices.len() <= FEW_VERTICES
+        && b.vertices.len() <= FEW_VERTICES;
+    if few {
+        faces(a, b, placement, &mut best);
+        edges(a, b, placement, &mut best);
+        if let (true, Some(contact)) = (best.facing, best.contact) {
+            return (contact, true);
+        }
+    }
+    let least = polytope.penetration(&a.hull, &b.hull, placement, precision);
+    let sides = if least.flat { [least.normal, -least.normal] } else { [least.normal; 2] };
+    for normal in sides {
+        let (on_a, on_b) = if least.flat { (touch, touch) } else { (least.on_a, least.on_b) };
+        let seen_from_a = a.surface_at(on_a, normal, precision);
+        let back = placement.direction_to_b(on_b - placement.translation);
+        let seen_from_b = b.surface_at(back, -placement.direction_to_b(normal), precision);
+        if (seen_from_a, seen_from_b) == (Surface::Front, Surface::Front) {
+            best.offer(true, least.depth, normal, |depth| (on_a, on_a - depth * normal));
+        }
+    }
+    if best.contact.is_none() || !best.facing {
+        faces(a, b, placement, &mut best);
+    }
+    let raw = || Contact {
+        point: least.on_a,
+        scene_point: least.on_a - least.depth.max(0.0) * least.normal,
+        normal: least.normal,
+        depth: least.depth.max(0.0),
+    };
+    // Only triangles without area leave no real direction at all.
+    (best.contact.unwrap_or_else(raw), least.converged || least.gap <= 1e-6 * (a.radius + b.radius))
+}
+
+/// Tries the normals of both patches' triangles: how far the other hull reaches below their planes.
+fn faces(a: &Patch, b: &Patch, placement: &Placement, best: &mut Best) {
+    for &triangle in a.triangles {
+        let outward = a.normal(triangle);
+        for normal in if a.two_sided { [outward, -outward] } else { [outward, DVec3::ZERO] } {
+            if normal == DVec3::ZERO {
+                continue;
+            }
+            let in_b = placement.direction_to_b(normal);
+            let deepest = b.hull.support(-in_b);
+            let on_b = placement.point(b.hull.points()[deepest as usize]);
+            let top = a.hull.points()[a.hull.support(normal) as usize];
+            best.offer(b.vertex_faces(deepest, -in_b), (top - on_b).dot(normal), normal, |depth| {
+                (on_b + depth * normal, on_b)
+            });
+        }
+    }
+    for &triangle in b.triangles {
+        let outward = b.normal(triangle);
+        for in_b in if b.two_sided { [outward, -outward] } else { [outward, DVec3::ZERO] } {
+            if in_b == DVec3::ZERO {
+                continue;
+            }
+            let normal = -placement.direction(in_b);
+            let deepest = a.hull.support(normal);
+            let on_a = a.hull.points()[deepest as usize];
+            let top = placement.point(b.hull.points()[b.hull.support(in_b) as usize]);
+            best.offer(a.vertex_faces(deepest, normal), (on_a - top).dot(normal), normal, |depth| {
+                (on_a, on_a - depth * normal)
+            });
+        }
+    }
+}
+
+/// Tries the common normals of two triangle edges, one of each patch, that support their hulls along it.
+fn edges(a: &Patch, b: &Patch, placement: &Placement, best: &mut Best) {
+    let mut placed = [DVec3::ZERO; FEW_VERTICES];
+    let placed = &mut placed[..b.vertices.len()];
+    for (target, &vertex) in placed.iter_mut().zip(b.vertices) {
+        *target = placement.point(vertex);
+    }
+    for &on_a in a.triangles {
+        let normal_a = a.normal(on_a);
+        for &on_b in b.triangles {
+            let normal_b = placement.direction(b.normal(on_b));
+            for (i, j) in [(0, 1), (1, 2), (2, 0)] {
+                let (p, q) = (a.vertices[on_a[i] as usize], a.vertices[on_a[j] as usize]);
+                for (k, l) in [(0, 1), (1, 2), (2, 0)] {
+                    let (r, s) = (placed[on_b[k] as usize], placed[on_b[l] as usize]);
+                    let across = (q - p).cross(s - r);
+                    let length = across.length();
+                    if length <= 1e-9 * p.distance(q) * r.distance(s) {
+                        continue;
+                    }
+                    for normal in [across / length, -across / length] {
+                        if !a.faces(normal_a, normal) || !b.faces(normal_b, -normal) {
+                            continue;
+                        }
+                        let (edge_a, edge_b) = (normal.dot(p), normal.dot(r));
+                        let supports =
+                            a.hull.points().iter().all(|v| normal.dot(*v) <= edge_a + best.precision)
+                                && placed.iter().all(|v| normal.dot(*v) >= edge_b - best.precision);
+                        if supports {
+                            best.offer(true, edge_a - edge_b, normal, |depth| {
+                                let on_a = nearest_on_line(p, q, r, s);
+                                (on_a, on_a - depth * normal)
+                            });
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The point of segment pq that is nearest to the line through r and s.
+fn nearest_on_line(p: DVec3, q: DVec3, r: DVec3, s: DVec3) -> DVec3 {
+    let (u, v, w) = (q - p, s - r, p - r);
+    let (uu, uv, vv) = (u.dot(u), u.dot(v), v.dot(v));
+    let t = (uv * v.dot(w) - vv * u.dot(w)) / (uu * vv - uv * uv);
+    p + u * t.clamp(0.0, 1.0)
+}

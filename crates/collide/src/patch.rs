@@ -1,0 +1,149 @@
+//! Which part of a hull is real surface.
+//!
+//! The hull of a convex surface patch has real faces, the patch's triangles, and virtual ones, as in SWIFT++ (Ehmann and
+//! Lin 2001). The dissertation does not say what to do with a witness point on a virtual face; here a witness counts
+//! when it lies on a triangle that faces the other object. A solid's triangle seen from behind is no place of
+//! contact: the solid itself is in between. An open mesh has no inside, and both sides of its triangles count.
+
+use palpate_core::clod::Node;
+use palpate_core::glam::DVec3;
+use palpate_core::{Clod, Contact};
+
+use crate::convex::{Hull, SupportTree, nearest_on_triangle};
+
+/// A witness within this fraction of a patch's radius of a triangle lies on it.
+const ON_TRIANGLE: f64 = 1e-9;
+
+/// Sine of the angle by which a triangle may be turned away and still count as facing.
+pub(crate) const FACING: f64 = 1e-9;
+
+/// A convex surface patch with its hull, in its body's frame.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Patch<'a> {
+    pub hull: Hull<'a>,
+    /// Hull vertices and the patch's other vertices.
+    pub vertices: &'a [DVec3],
+    pub triangles: &'a [[u32; 3]],
+    pub center: DVec3,
+    pub radius: f64,
+    /// The triangles cover the hull.
+    pub all_real: bool,
+    /// The hull lies in the solid that the patch bounds.
+    pub contained: bool,
+    /// The mesh bounds no solid.
+    pub two_sided: bool,
+}
+
+/// What lies at a point of a hull.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Surface {
+    /// A triangle that faces the direction asked about.
+    Front,
+    /// Triangles, all turned away.
+    Back,
+    /// No triangle.
+    Virtual,
+}
+
+impl<'a> Patch<'a> {
+    pub fn of_node(clod: &'a Clod, node: &'a Node, tree: Option<&'a SupportTree>) -> Self {
+        let solid = clod.source.solid;
+        // A single triangle's hull is the triangle.
+        let contained = node.contained || node.all_real || node.triangles.len() == 1;
+        Self {
+            hull: Hull::with_tree(clod.extreme(node), tree),
+            vertices: clod.hull(node),
+            triangles: clod.patch(node),
+            center: node.center,
+            radius: node.radius,
+            all_real: node.all_real && solid,
+            contained: contained && solid,
+            two_sided: !solid,
+        }
+    }
+
+    /// One triangle of the patch, as a patch of its own with its corners in `corners`.
+    pub fn single<'b>(&self, corners: &'b [DVec3; 3]) -> Patch<'b> {
+        let center = (corners[0] + corners[1] + corners[2]) / 3.0;
+        let radius = corners.iter().map(|c| c.distance_squared(center)).fold(0.0, f64::max).sqrt();
+        Patch {
+            hull: Hull::new(corners),
+            vertices: corners,
+            triangles: &[[0, 1, 2]],
+            center,
+            radius,
+            all_real: false,
+            contained: !self.two_sided,
+            two_sided: self.two_sided,
+        }
+    }
+
+    pub fn corners(&self, triangle: [u32; 3]) -> [DVec3; 3] {
+        triangle.map(|v| self.vertices[v as usize])
+    }
+
+    /// Whether the hull is nothing but real surface (of either side).
+    pub fn is_single_triangle(&self) -> bool {
+        self.triangles.len() == 1 && self.vertices.len() == 3
+    }
+
+    /// Unit outward normal of a triangle; zero for one without area.
+    pub fn normal(&self, triangle: [u32; 3]) -> DVec3 {
+        let [p, q, r] = self.corners(triangle);
+        (q - p).cross(r - p).normalize_or_zero()
+    }
+
+    /// Whether a triangle with this normal can be touched from the side that `direction` points to.
+    pub fn faces(&self, normal: DVec3, direction: DVec3) -> bool {
+        self.two_sided || normal.dot(direction) >= -FACING
+    }
+
+    /// What lies at a point of the hull (body frame, m), seen from a direction (unit, body axes).
+    pub fn surface_at(&self, point: DVec3, direction: DVec3, precision: f64) -> Surface {
+        if self.all_real {
+            return Surface::Front;
+        }
+        let reach = ON_TRIANGLE * self.radius + precision;
+        let mut surface = Surface::Virtual;
+        for &triangle in self.triangles {
+            if !self.lies_on(point, triangle, reach) {
+                continue;
+            }
+            if self.faces(self.normal(triangle), direction) {
+                return Surface::Front;
+            }
+            surface = Surface::Back;
+        }
+        surface
+    }
+
+    /// Whether a point (body frame, m) is within `reach` of a triangle.
+    pub fn lies_on(&self, point: DVec3, triangle: [u32; 3], reach: f64) -> bool {
+        let [p, q, r] = self.corners(triangle);
+        let (low, high) = (p.min(q).min(r) - reach, p.max(q).max(r) + reach);
+        if point.cmplt(low).any() || point.cmpgt(high).any() {
+            return false;
+        }
+        distance_to_triangle([p, q, r], point) <= reach
+    }
+
+    /// Whether some triangle at vertex `vertex` of the hull can be touched from a direction (unit, body axes).
+    pub fn vertex_faces(&self, vertex: u32, direction: DVec3) -> bool {
+        self.two_sided
+            || self.triangles.iter().any(|t| t.contains(&vertex) && self.normal(*t).dot(direction) >= -FACING)
+    }
+}
+
+/// Distance from a point to a triangle.
+pub(crate) fn distance_to_triangle(corners: [DVec3; 3], point: DVec3) -> f64 {
+    let [p, q, r] = corners.map(|c| c - point);
+    let [u, v, w] = nearest_on_triangle(p, q, r);
+    (u * p + v * q + w * r).length()
+}
+
+/// A contact in the probe's frame from the two nearest points of separated surfaces.
+pub(crate) fn separated(on_a: DVec3, on_b: DVec3) -> Contact {
+    let gap = on_b - on_a;
+    let distance = gap.length();
+    Contact { point: on_a, scene_point: on_b, normal: gap / distance, depth: -distance }
+}
