@@ -61,8 +61,11 @@ pub(crate) fn read_glb(bytes: &[u8], path: &Path) -> Result<Surface, LoadError> 
         });
     }
     // The crate subtracts the header's size from this unchecked.
-    if u64::from(length) != bytes.len() as u64 || length < 20 {
+    if u64::from(length) != bytes.len() as u64 {
         return Err(bad("header", format!("announces {length} bytes, but the file has {}", bytes.len())));
+    }
+    if bytes.len() < 20 {
+        return Err(bad("header", "nothing follows it".into()));
     }
     let glb = Glb::from_slice(bytes).map_err(|e| bad("chunks", one_line(&e.to_string())))?;
     read_scene(&glb.json, glb.bin.as_deref(), path)
@@ -120,12 +123,12 @@ struct Skipped {
 impl Skipped {
     fn warn(&self, root: &Root, warnings: &mut Vec<String>) {
         for (count, what) in [
-            (self.points, "point primitives skipped: they are no surface"),
-            (self.lines, "line primitives skipped: they are no surface"),
-            (self.leftover, "primitives have corners left over after the last triangle, which are ignored"),
+            (self.points, "point primitives skipped, being no surface"),
+            (self.lines, "line primitives skipped, being no surface"),
+            (self.leftover, "primitives with corners left over after the last triangle, which are ignored"),
         ] {
             if count > 0 {
-                warnings.push(format!("{count} {what}"));
+                warnings.push(format!("{what}: {count}"));
             }
         }
         if self.morphed || root.nodes.iter().any(|node| node.skin.is_some() && node.mesh.is_some()) {

@@ -136,15 +136,17 @@ fn finish(surface: Surface, path: &Path, options: &LoadOptions) -> Result<Loaded
             return Err(none(format!("all {before} in the file are degenerate or not finite")));
         }
         if summary.nonfinite_triangles > 0 {
+            let count = summary.nonfinite_triangles;
             warnings.push(format!(
-                "dropped {} triangles with a coordinate that is infinite or not a number",
-                summary.nonfinite_triangles
+                "triangles with a coordinate that is infinite or not a number dropped: {count}"
             ));
         }
         (mesh, repairs) = (repaired, Some(summary));
     }
     let radius = mesh.bounding_sphere().radius;
-    if !PLAUSIBLE_RADIUS.contains(&radius) {
+    if radius == 0.0 {
+        warnings.push("all triangles lie in one point".into());
+    } else if !PLAUSIBLE_RADIUS.contains(&radius) {
         let other = if radius > 1.0 { options.scale * 0.001 } else { options.scale * 1000.0 };
         warnings.push(format!(
             "the bounding radius of {radius:.3e} m suggests a wrong unit: try --scale {other}"

@@ -114,7 +114,7 @@ pub(crate) fn read(bytes: &[u8], path: &Path) -> Result<Surface, LoadError> {
     for (&start, end) in faces.iter().zip(ends) {
         skipped.cut(&corners[start..end], &vertices, &mut triangles);
     }
-    Ok(Surface { vertices, triangles, warnings: skipped.warnings() })
+    Ok(Surface { vertices, triangles, warnings: skipped.warnings("line") })
 }
 
 /// What a reader left out or could not do justice to.
@@ -153,27 +153,28 @@ impl Skipped {
         }
     }
 
-    pub(crate) fn warnings(&self) -> Vec<String> {
-        let mut warnings = Vec::new();
-        let mut note = |count: usize, what: String| {
-            if count > 0 {
-                warnings.push(format!("{count} {what}"));
-            }
-        };
-        note(self.lines, "line elements skipped: they are no surface".into());
-        note(self.points, "point elements skipped: they are no surface".into());
-        note(self.freeform, "free-form curves or surfaces skipped: convert them to polygons".into());
+    /// One line for each kind of thing skipped. `place` is what `incomplete` counts: lines or faces.
+    pub(crate) fn warnings(&self, place: &str) -> Vec<String> {
         let first = self.incomplete.first().copied().unwrap_or(0);
-        note(
-            self.incomplete.len(),
-            format!("faces of fewer than three corners skipped, the first at {first}"),
-        );
-        note(self.collapsed, "polygons of fewer than three different corners skipped".into());
-        note(
-            self.fans,
-            "polygons cross or touch themselves or have no area: cut into a fan, check the result".into(),
-        );
-        warnings
+        [
+            (self.lines, "line elements skipped, being no surface".into()),
+            (self.points, "point elements skipped, being no surface".into()),
+            (self.freeform, "free-form curves or surfaces skipped (convert them to polygons)".into()),
+            (
+                self.incomplete.len(),
+                format!("faces of fewer than three corners skipped, the first at {place} {first}"),
+            ),
+            (self.collapsed, "polygons of fewer than three different corners skipped".into()),
+            (
+                self.fans,
+                "polygons that cross or touch themselves or have no area cut into fans (check the result)"
+                    .into(),
+            ),
+        ]
+        .into_iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, what)| format!("{what}: {count}"))
+        .collect()
     }
 }
 
@@ -212,8 +213,8 @@ pub(crate) fn parse_number(word: &[u8]) -> Option<f64> {
 
 /// A word of a file, for a message: short, and on one line.
 pub(crate) fn quoted(word: &[u8]) -> String {
-    let shown = String::from_utf8_lossy(&word[..word.len().min(24)]);
-    if word.len() > 24 {
+    let shown = String::from_utf8_lossy(&word[..word.len().min(48)]);
+    if word.len() > 48 {
         format!("\"{}…\"", shown.escape_debug())
     } else {
         format!("\"{}\"", shown.escape_debug())

@@ -199,7 +199,7 @@ pub(crate) fn read(bytes: &[u8], path: &Path) -> Result<Surface, LoadError> {
     for (&start, end) in faces.iter().zip(ends) {
         skipped.cut(&corners[start..end], &surface.vertices, &mut surface.triangles);
     }
-    surface.warnings = skipped.warnings();
+    surface.warnings = skipped.warnings("face");
     Ok(surface)
 }
 

@@ -118,3 +118,113 @@ pub(crate) fn normalise(vertices: &mut [DVec3]) {
         *v = *v * 2.0_f64.powi(-half) * 2.0_f64.powi(half - exponent);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::DQuat;
+    use rand::rngs::StdRng;
+    use rand::{RngExt, SeedableRng};
+
+    use super::*;
+
+    fn soup(random: &mut StdRng, triangles: usize, size: f64) -> TriMesh {
+        let mut vertices = Vec::new();
+        for _ in 0..triangles {
+            let middle = DVec3::from_array(std::array::from_fn(|_| random.random_range(-1.0..1.0)));
+            vertices.extend((0..3).map(|_| {
+                // A coarse grid makes vertices coincide and triangles share edges.
+                let offset = DVec3::from_array(std::array::from_fn(|_| random.random_range(-size..size)));
+                ((middle + offset) * 16.0).round() / 16.0
+            }));
+        }
+        let count = vertices.len() as u32;
+        TriMesh::new(vertices, (0..count / 3).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect()).unwrap()
+    }
+
+    #[test]
+    fn counts_as_all_against_all_do() {
+        let seed = 11;
+        let mut random = StdRng::seed_from_u64(seed);
+        for size in [0.1, 0.3, 1.0] {
+            let mesh = soup(&mut random, 400, size);
+            let ids = equal_positions(mesh.vertices());
+            let id = |t: usize| mesh.triangles()[t].map(|v| ids[v as usize]);
+            let flat = |t: usize| {
+                let [a, b, c] = mesh.corners(t);
+                collinear(a, b, c)
+            };
+            let mut expected = SelfIntersections::default();
+            for i in 0..400 {
+                for j in i + 1..400 {
+                    let crosses = triangles::cross(&mesh.corners(i), &id(i), &mesh.corners(j), &id(j));
+                    if crosses && !flat(i) && !flat(j) {
+                        expected.count += 1;
+                        expected.first = expected.first.or(Some([i as u32, j as u32]));
+                    }
+                }
+            }
+            assert!(expected.count > 10, "seed {seed}: {expected:?}");
+            assert_eq!(self_intersections(&mesh), expected, "seed {seed}, size {size}");
+            assert_eq!(
+                self_intersections(&crate::weld(&mesh)),
+                expected,
+                "welding changes nothing; seed {seed}"
+            );
+        }
+    }
+
+    #[test]
+    fn pairs_of_placed_meshes_are_those_of_all_against_all() {
+        let seed = 13;
+        let mut random = StdRng::seed_from_u64(seed);
+        let (a, b) = (soup(&mut random, 150, 0.3), soup(&mut random, 150, 0.3));
+        let pose_a =
+            Pose::new(DVec3::new(0.1, -0.2, 0.3), DQuat::from_scaled_axis(DVec3::new(0.3, 1.0, -0.5)));
+        let pose_b = Pose::from_translation(DVec3::new(0.2, 0.0, 0.0));
+        let placed = |mesh: &TriMesh, pose: &Pose, t: usize| mesh.corners(t).map(|p| pose.transform_point(p));
+        let mut expected = Vec::new();
+        for i in 0..150 {
+            for j in 0..150 {
+                if triangles::meet(&placed(&a, &pose_a, i), &placed(&b, &pose_b, j)) {
+                    expected.push([i as u32, j as u32]);
+                }
+            }
+        }
+        assert!(expected.len() > 50, "seed {seed}");
+        assert_eq!(intersecting_pairs(&a, &pose_a, &b, &pose_b, usize::MAX), expected);
+        assert_eq!(intersecting_pairs(&a, &pose_a, &b, &pose_b, 7), expected[..7]);
+        let far = Pose::from_translation(DVec3::splat(10.0));
+        assert!(intersecting_pairs(&a, &pose_a, &b, &far, usize::MAX).is_empty());
+    }
+
+    /// A power of two changes no sign, up to the ends of the range of f64.
+    #[test]
+    fn the_unit_does_not_matter() {
+        let mesh = soup(&mut StdRng::seed_from_u64(17), 300, 0.3);
+        let expected = self_intersections(&mesh);
+        for factor in [2.0_f64.powi(-900), 2.0_f64.powi(900)] {
+            let vertices = mesh.vertices().iter().map(|v| *v * factor).collect();
+            let scaled = TriMesh::new(vertices, mesh.triangles().to_vec()).unwrap();
+            assert_eq!(self_intersections(&scaled), expected, "{factor:e}");
+        }
+    }
+
+    #[test]
+    fn odd_meshes_have_no_intersections() {
+        let none = SelfIntersections::default();
+        assert_eq!(self_intersections(&TriMesh::default()), none);
+        let at_origin = TriMesh::new(vec![DVec3::ZERO; 3], vec![[0, 1, 2], [0, 0, 0]]).unwrap();
+        assert_eq!(self_intersections(&at_origin), none);
+        let mut vertices = vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::splat(f64::NAN)];
+        let broken =
+            TriMesh::new(vertices.clone(), vec![[0, 1, 3], [1, 2, 3], [0, 1, 2], [2, 0, 1]]).unwrap();
+        assert_eq!(
+            self_intersections(&broken),
+            none,
+            "duplicates and what is not finite are not counted here"
+        );
+        vertices[3] = DVec3::new(0.5, 0.5, 0.0);
+        let folded = TriMesh::new(vertices, vec![[0, 1, 2], [1, 0, 3]]).unwrap();
+        assert_eq!(self_intersections(&folded), SelfIntersections { count: 1, first: Some([0, 1]) });
+    }
+}

@@ -24,8 +24,12 @@ pub(super) fn cross(a: &[DVec3; 3], a_ids: &[u32; 3], b: &[DVec3; 3], b_ids: &[u
         1 => {
             let i = shared_a.iter().position(|&s| s).unwrap_or(0);
             let j = b_ids.iter().position(|v| *v == a_ids[i]).unwrap_or(0);
-            segment_meets_triangle(a[(i + 1) % 3], a[(i + 2) % 3], b)
-                || segment_meets_triangle(b[(j + 1) % 3], b[(j + 2) % 3], a)
+            let (a_next, a_last) = (a[(i + 1) % 3], a[(i + 2) % 3]);
+            let (b_next, b_last) = (b[(j + 1) % 3], b[(j + 2) % 3]);
+            if Plane::ALL.iter().any(|plane| plane.part_at(a[i], [a_next, a_last], [b_next, b_last])) {
+                return false;
+            }
+            segment_meets_triangle(a_next, a_last, b) || segment_meets_triangle(b_next, b_last, a)
         }
         2 => {
             let i = shared_a.iter().position(|&s| !s).unwrap_or(0);
@@ -41,13 +45,14 @@ pub(super) fn cross(a: &[DVec3; 3], a_ids: &[u32; 3], b: &[DVec3; 3], b_ids: &[u
     }
 }
 
-/// Whether two triangles have a point in common.
+/// Whether two triangles have a point in common. Either may be without area.
 pub(super) fn meet(a: &[DVec3; 3], b: &[DVec3; 3]) -> bool {
-    let apart = |t: &[DVec3; 3], u: &[DVec3; 3]| {
+    let one_sided = |t: &[DVec3; 3], u: &[DVec3; 3]| {
         let side = orient(t[0], t[1], t[2], u[0]);
         side != 0 && u[1..].iter().all(|v| orient(t[0], t[1], t[2], *v) == side)
     };
-    if apart(a, b) || apart(b, a) {
+    // Triangles of flat regions are in one plane far more often than they meet, and `orient3d` is slow to find a zero.
+    if Plane::ALL.iter().any(|plane| plane.part(a, b)) || one_sided(a, b) || one_sided(b, a) {
         return false;
     }
     (0..3).any(|i| segment_meets_triangle(a[i], a[(i + 1) % 3], b))
@@ -139,6 +144,27 @@ impl Plane {
         sign(robust::orient2d(a, b, c))
     }
 
+    /// Whether the line through an edge of one triangle parts their projections, so that they have no point in common.
+    fn part(self, a: &[DVec3; 3], b: &[DVec3; 3]) -> bool {
+        let parts = |t: &[DVec3; 3], u: &[DVec3; 3]| {
+            (0..3).any(|i| {
+                let (p, q, r) = (t[i], t[(i + 1) % 3], t[(i + 2) % 3]);
+                let other_side = -self.orient(p, q, r);
+                other_side != 0 && u.iter().all(|x| self.orient(p, q, *x) == other_side)
+            })
+        };
+        parts(a, b) || parts(b, a)
+    }
+
+    /// Whether an edge at `v` parts the projections of the triangles v a₀ a₁ and v b₀ b₁, so that they have only v in common.
+    fn part_at(self, v: DVec3, a: [DVec3; 2], b: [DVec3; 2]) -> bool {
+        let parts = |[p, q]: [DVec3; 2], u: [DVec3; 2]| {
+            let other_side = -self.orient(v, p, q);
+            other_side != 0 && u.iter().all(|x| self.orient(v, p, *x) == other_side)
+        };
+        parts(a, b) || parts([a[1], a[0]], b) || parts(b, a) || parts([b[1], b[0]], a)
+    }
+
     /// Whether the projections of the segments pq and rs, all four points in one plane, have a point in common.
     fn segments_meet(self, p: DVec3, q: DVec3, r: DVec3, s: DVec3) -> bool {
         let (r_side, s_side) = (self.orient(p, q, r), self.orient(p, q, s));
@@ -150,5 +176,128 @@ impl Plane {
             return true;
         }
         p.min(q).cmple(r.max(s)).all() && r.min(s).cmple(p.max(q)).all()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::rngs::StdRng;
+    use rand::{RngExt, SeedableRng};
+
+    use super::*;
+
+    type Point = [i64; 3];
+
+    fn cross_product(a: Point, b: Point) -> Point {
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    }
+
+    fn minus(a: Point, b: Point) -> Point {
+        [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+    }
+
+    /// The separating-axis theorem in whole numbers: two closed convex polygons are disjoint if and only if they are apart along
+    /// a normal of a face of their Minkowski difference: a normal of either, a product of two edges, or (when both lie in
+    /// one plane) a normal of an edge within it.
+    fn apart(a: &[Point], b: &[Point]) -> bool {
+        let edges =
+            |p: &[Point]| -> Vec<Point> { (0..p.len()).map(|i| minus(p[(i + 1) % p.len()], p[i])).collect() };
+        // The way from one to the other stands in where all edges are parallel.
+        let all: Vec<Point> = edges(a).into_iter().chain(edges(b)).chain([minus(b[0], a[0])]).collect();
+        let mut axes: Vec<Point> = vec![[1, 0, 0], [0, 1, 0], [0, 0, 1]];
+        axes.extend(all.iter().copied());
+        for e in &all {
+            for f in &all {
+                let normal = cross_product(*e, *f);
+                axes.push(normal);
+                axes.extend(all.iter().map(|g| cross_product(normal, *g)));
+            }
+        }
+        axes.iter().any(|axis| {
+            let along = |p: &Point| p[0] * axis[0] + p[1] * axis[1] + p[2] * axis[2];
+            let range =
+                |p: &[Point]| (p.iter().map(along).min().unwrap(), p.iter().map(along).max().unwrap());
+            let ((low_a, high_a), (low_b, high_b)) = (range(a), range(b));
+            high_a < low_b || high_b < low_a
+        })
+    }
+
+    fn real(p: Point) -> DVec3 {
+        DVec3::new(p[0] as f64, p[1] as f64, p[2] as f64)
+    }
+
+    /// Random triangles on a small grid, where touching, coplanar, folded and degenerate cases abound.
+    #[test]
+    fn agrees_with_separating_axes_in_whole_numbers() {
+        let seed = 7;
+        let mut random = StdRng::seed_from_u64(seed);
+        let mut outcomes = [[0; 2]; 3];
+        for case in 0..60_000 {
+            // Flat, shallow and full grids.
+            let size = [[4, 4, 1], [4, 4, 2], [5, 5, 5]][case % 3];
+            let mut point = || -> Point { size.map(|n| random.random_range(0..n)) };
+            let a = [point(), point(), point()];
+            let b = [point(), point(), point()];
+            let (ra, rb) = (a.map(real), b.map(real));
+            let expected = !apart(&a, &b);
+            assert_eq!(meet(&ra, &rb), expected, "seed {seed}, case {case}: {a:?} {b:?}");
+            assert_eq!(meet(&rb, &ra), expected, "seed {seed}, case {case}: {a:?} {b:?}");
+            let id = |p: Point| ((p[0] * 5 + p[1]) * 5 + p[2]) as u32;
+            let (ia, ib) = (a.map(id), b.map(id));
+            if collinear(ra[0], ra[1], ra[2]) || collinear(rb[0], rb[1], rb[2]) {
+                continue;
+            }
+            let shared: Vec<Point> = a.iter().copied().filter(|p| b.contains(p)).collect();
+            let expected = match *shared {
+                [] => !apart(&a, &b),
+                // Away from the shared corner, what is left of each triangle is a trapezium; in the limit the common points
+                // of two triangles that share only a corner reach the far edge of one.
+                [v] => {
+                    let far =
+                        |t: &[Point; 3]| -> Vec<Point> { t.iter().copied().filter(|p| *p != v).collect() };
+                    !apart(&far(&a), &b) || !apart(&far(&b), &a)
+                }
+                // Folded: shrunk towards the shared edge's far side (tenfold grid), both still have a point in common.
+                [p, q] => {
+                    let towards = |t: &[Point; 3]| -> [Point; 3] {
+                        let apex = *t.iter().find(|x| **x != p && **x != q).unwrap();
+                        let middle = [0, 1, 2].map(|k| p[k] + q[k]);
+                        // Scaled by 40; the base is moved a little towards the apex from the edge's middle half.
+                        let base = |end: Point| {
+                            [0, 1, 2].map(|k| 10 * (middle[k] + 2 * end[k]) + (apex[k] - end[k]))
+                        };
+                        [base(p), base(q), [0, 1, 2].map(|k| 40 * apex[k])]
+                    };
+                    let flat = {
+                        let normal = cross_product(
+                            minus(q, p),
+                            minus(a.into_iter().find(|x| !shared.contains(x)).unwrap(), p),
+                        );
+                        let d = minus(b.into_iter().find(|x| !shared.contains(x)).unwrap(), p);
+                        normal[0] * d[0] + normal[1] * d[1] + normal[2] * d[2] == 0
+                    };
+                    flat && !apart(&towards(&a), &towards(&b))
+                }
+                _ => false,
+            };
+            assert_eq!(cross(&ra, &ia, &rb, &ib), expected, "seed {seed}, case {case}: {a:?} {b:?}");
+            if shared.len() < 3 {
+                outcomes[shared.len()][usize::from(expected)] += 1;
+            }
+        }
+        assert!(outcomes.iter().flatten().all(|&n| n > 200), "every outcome must be met: {outcomes:?}");
+    }
+
+    /// One unit in the last place decides.
+    #[test]
+    fn tells_touching_from_a_hair_apart() {
+        let floor = [DVec3::ZERO, DVec3::X, DVec3::Y];
+        let above = |z: f64| [DVec3::new(0.2, 0.2, z), DVec3::new(0.3, 0.2, 1.0), DVec3::new(0.2, 0.3, 1.0)];
+        assert!(meet(&floor, &above(0.0)));
+        assert!(!meet(&floor, &above(f64::MIN_POSITIVE)));
+        let beyond =
+            |x: f64| [DVec3::new(x, 0.0, 0.0), DVec3::new(2.0, 0.0, -1.0), DVec3::new(2.0, 0.0, 1.0)];
+        assert!(meet(&floor, &beyond(1.0)));
+        assert!(!meet(&floor, &beyond(1.0 + f64::EPSILON)));
     }
 }
