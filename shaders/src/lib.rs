@@ -1,1 +1,68 @@
 //! WGSL compute kernels of the palpate haptic rendering engine.
+//!
+//! A package of its own, because cargo ships only the files below a package's root. Every file in `wgsl/` is a
+//! constant here and listed in [`SHADERS`] with its entry points; a test validates each with naga, which needs
+//! no GPU. The crate that runs a kernel keeps a twin of each entry point for the CPU, and a test there that
+//! fails when one is missing.
+
+/// A WGSL file and what can be dispatched from it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shader {
+    /// Name of the file, without its ending.
+    pub name: &'static str,
+    /// The WGSL text.
+    pub source: &'static str,
+    /// Its compute entry points.
+    pub entry_points: &'static [&'static str],
+}
+
+/// Directional penetration depth of pairs of height patches (§4.4.1, Eq. 4.10).
+///
+/// Bindings of group 0: 0, uniform `{ pairs: u32, texels: u32 }`; 1, storage, bits of the f32 heights (m); 2,
+/// storage, for each pair the first height of A and of B; 3, storage to write, for each pair `{ depth: f32,
+/// texel: u32 }`. One workgroup a pair, numbered along x and then y.
+pub const DIRECTIONAL_DEPTH: Shader = Shader {
+    name: "directional_depth",
+    source: include_str!("../wgsl/directional_depth.wgsl"),
+    entry_points: &["directional_depth"],
+};
+
+/// Every shader.
+pub const SHADERS: &[Shader] = &[DIRECTIONAL_DEPTH];
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+    use std::path::Path;
+
+    use naga::ShaderStage;
+    use naga::valid::{Capabilities, ValidationFlags, Validator};
+
+    use super::*;
+
+    #[test]
+    fn every_shader_parses_and_is_valid() {
+        for shader in SHADERS {
+            let module = naga::front::wgsl::parse_str(shader.source)
+                .unwrap_or_else(|error| panic!("{}: {}", shader.name, error.emit_to_string(shader.source)));
+            // No capability beyond what every WebGPU device has.
+            Validator::new(ValidationFlags::all(), Capabilities::empty())
+                .validate(&module)
+                .unwrap_or_else(|error| panic!("{}: {}", shader.name, error.emit_to_string(shader.source)));
+            let found: Vec<_> = module.entry_points.iter().map(|entry| entry.name.as_str()).collect();
+            assert_eq!(found, shader.entry_points, "entry points of {}", shader.name);
+            assert!(module.entry_points.iter().all(|entry| entry.stage == ShaderStage::Compute));
+        }
+    }
+
+    #[test]
+    fn every_file_is_listed_and_entry_points_are_told_apart_by_name() {
+        let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/wgsl"));
+        let files: BTreeSet<String> =
+            folder.read_dir().unwrap().map(|file| file.unwrap().file_name().into_string().unwrap()).collect();
+        let listed: BTreeSet<String> = SHADERS.iter().map(|shader| format!("{}.wgsl", shader.name)).collect();
+        assert_eq!(files, listed);
+        let entry_points: Vec<_> = SHADERS.iter().flat_map(|shader| shader.entry_points).collect();
+        assert_eq!(entry_points.iter().collect::<BTreeSet<_>>().len(), entry_points.len());
+    }
+}
