@@ -17,7 +17,7 @@ use palpate_core::{Pose, Twist, Wrench};
 
 use crate::body::{Body, BodyState, principal_moments};
 use crate::jacobian::{Block6, WrenchJacobian, outer};
-use crate::rotation::{inverse_right_jacobian, skew, skew_skew};
+use crate::rotation::{cross_columns, inverse_right_jacobian, skew, skew_skew};
 use crate::saturation::{spring_energy, spring_force};
 
 /// Where the haptic device is in the virtual world and how it moves.
@@ -167,33 +167,48 @@ impl VirtualCoupling {
     pub(crate) fn linearise(&self, state: &BodyState, device: &DeviceMotion) -> CouplingLinearisation {
         let d = self.deviation(state, device);
         let arm = skew(d.arm);
-        let stiffness = tangent_stiffness(self.linear_stiffness, d.offset, self.max_force);
-        let turning = tangent_stiffness(self.angular_stiffness, d.turn, self.max_torque)
-            * inverse_right_jacobian(d.turn);
-        let by_turn = stiffness * arm;
-        let pose = Block6 {
-            force_linear: -stiffness,
-            force_angular: by_turn,
-            torque_linear: -(arm * stiffness),
-            torque_angular: arm * by_turn - turning,
+        let arm_squared = skew_skew(d.arm, d.arm);
+        // The tangent stiffness is secant · 1 + bend · û ûᵀ, û along the deviation. Of S, S a*, a* S and a* S a* the part
+        // in ûûᵀ is there only beyond the linear range.
+        let (secant, bend, axis) = tangent_stiffness(self.linear_stiffness, d.offset, self.max_force);
+        let mut pose = Block6 {
+            force_linear: scalar(-secant),
+            force_angular: arm * secant,
+            torque_linear: arm * -secant,
+            torque_angular: arm_squared * secant,
         };
-        let damping = self.linear_damping;
-        let damped_arm = arm * damping;
+        if bend != 0.0 {
+            let lever = d.arm.cross(axis);
+            pose.force_linear -= outer(axis, axis) * bend;
+            pose.force_angular -= outer(axis, lever) * bend;
+            pose.torque_linear -= outer(lever, axis) * bend;
+            pose.torque_angular -= outer(lever, lever) * bend;
+        }
+        // Likewise S_θ J_r⁻¹, where ûᵀ J_r⁻¹ = ûᵀ.
+        let (secant, bend, axis) = tangent_stiffness(self.angular_stiffness, d.turn, self.max_torque);
+        pose.torque_angular -= inverse_right_jacobian(d.turn) * secant;
+        if bend != 0.0 {
+            pose.torque_angular -= outer(axis, axis) * bend;
+        }
+        let damped_arm = arm * self.linear_damping;
         let twist = Block6 {
-            force_linear: DMat3::from_diagonal(DVec3::splat(-damping)),
+            force_linear: scalar(-self.linear_damping),
             force_angular: damped_arm,
             torque_linear: -damped_arm,
-            torque_angular: skew_skew(d.arm, d.arm) * damping
-                - DMat3::from_diagonal(DVec3::splat(self.angular_damping)),
+            torque_angular: arm_squared * self.linear_damping - scalar(self.angular_damping),
         };
         // The damper sees the arm turn too: −b_c ω* (∂a/∂φ), the term that Eq. 5.23 lacks.
-        let swept = skew(state.twist.angular) * damped_arm;
+        let swept = skew_skew(state.twist.angular * self.linear_damping, d.arm);
         CouplingLinearisation {
             on_body: Wrench { force: d.force, torque: d.arm.cross(d.force) + d.couple },
             material: WrenchJacobian { pose, twist },
-            geometric: (swept, arm * swept + skew_skew(d.force, d.arm)),
+            geometric: (swept, cross_columns(d.arm, &swept) + skew_skew(d.force, d.arm)),
         }
     }
+}
+
+fn scalar(value: f64) -> DMat3 {
+    DMat3::from_diagonal(DVec3::splat(value))
 }
 
 /// The spring's force (or torque) for a deviation.
@@ -208,19 +223,19 @@ fn spring(stiffness: f64, deviation: DVec3, limit: f64) -> DVec3 {
     deviation * (spring_force(stiffness, length, limit).0 / length)
 }
 
-/// Eq. 5.31: the derivative of [`spring`] by the deviation, f′ along it and f/ρ across it.
-fn tangent_stiffness(stiffness: f64, deviation: DVec3, limit: f64) -> DMat3 {
+/// Eq. 5.31: the derivative of [`spring`] by the deviation is f′ along it and f/ρ across it, returned as the f/ρ that is
+/// in all directions, what f′ is more than that, and the direction.
+fn tangent_stiffness(stiffness: f64, deviation: DVec3, limit: f64) -> (f64, f64, DVec3) {
     if limit == f64::INFINITY {
-        return DMat3::from_diagonal(DVec3::splat(stiffness));
+        return (stiffness, 0.0, DVec3::ZERO);
     }
     let length = deviation.length();
     let (force, slope) = spring_force(stiffness, length, limit);
     if length == 0.0 {
-        return DMat3::from_diagonal(DVec3::splat(slope));
+        return (slope, 0.0, DVec3::ZERO);
     }
-    let axis = deviation / length;
     let secant = force / length;
-    DMat3::from_diagonal(DVec3::splat(secant)) + outer(axis, axis) * (slope - secant)
+    (secant, slope - secant, deviation / length)
 }
 
 #[cfg(test)]

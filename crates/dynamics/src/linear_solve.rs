@@ -1,8 +1,12 @@
 //! Dense linear systems of a few unknowns, in fixed arrays.
 
+// Rows are worked on whole, also left of the pivot where nothing is read again: loops of constant length take packed
+// instructions and no bounds checks, and cost less than the shorter ones.
+
 /// The solution of `matrix` · x = `right` by LU factorisation with partial pivoting, or `None` if the matrix is singular
 /// to rounding or holds what is not finite.
 pub fn solve<const N: usize>(mut matrix: [[f64; N]; N], mut right: [f64; N]) -> Option<[f64; N]> {
+    let mut inverse_pivots = [0.0; N];
     for column in 0..N {
         let mut pivot = column;
         for row in column + 1..N {
@@ -10,47 +14,52 @@ pub fn solve<const N: usize>(mut matrix: [[f64; N]; N], mut right: [f64; N]) -> 
                 pivot = row;
             }
         }
-        matrix.swap(column, pivot);
-        right.swap(column, pivot);
-        let value = matrix[column][column];
+        if pivot != column {
+            matrix.swap(column, pivot);
+            right.swap(column, pivot);
+        }
+        let pivot_row = matrix[column];
+        let pivot_right = right[column];
+        let value = pivot_row[column];
         if value == 0.0 || !value.is_finite() {
             return None;
         }
         let inverse = 1.0 / value;
-        let (upper, lower) = matrix.split_at_mut(column + 1);
-        let pivot_row = &upper[column];
-        for (row, entries) in lower.iter_mut().enumerate() {
-            let factor = entries[column] * inverse;
-            for k in column + 1..N {
-                entries[k] -= factor * pivot_row[k];
+        inverse_pivots[column] = inverse;
+        for row in column + 1..N {
+            let factor = matrix[row][column] * inverse;
+            for (entry, above) in matrix[row].iter_mut().zip(&pivot_row) {
+                *entry -= factor * above;
             }
-            right[column + 1 + row] -= factor * right[column];
+            right[row] -= factor * pivot_right;
         }
     }
     for row in (0..N).rev() {
-        let mut sum = right[row];
-        for k in row + 1..N {
-            sum -= matrix[row][k] * right[k];
+        let value = right[row] * inverse_pivots[row];
+        if !value.is_finite() {
+            return None;
         }
-        right[row] = sum / matrix[row][row];
+        right[row] = value;
+        for above in 0..row {
+            right[above] -= matrix[above][row] * value;
+        }
     }
-    right.iter().all(|x| x.is_finite()).then_some(right)
+    Some(right)
 }
 
-/// Whether a symmetric matrix, of which only the lower triangle is read, is positive definite, by the signs of the
-/// pivots of its LDLᵀ factorisation.
+/// Whether a symmetric matrix is positive definite, by the signs of the pivots of its LDLᵀ factorisation.
 pub fn is_positive_definite<const N: usize>(mut matrix: [[f64; N]; N]) -> bool {
     for column in 0..N {
-        let pivot = matrix[column][column];
+        let pivot_row = matrix[column];
+        let pivot = pivot_row[column];
         if pivot.is_nan() || pivot <= 0.0 {
             return false;
         }
         let inverse = 1.0 / pivot;
-        let below: [f64; N] = std::array::from_fn(|k| matrix[k][column]);
-        for (row, entries) in matrix.iter_mut().enumerate().skip(column + 1) {
-            let factor = below[row] * inverse;
-            for k in column + 1..=row {
-                entries[k] -= factor * below[k];
+        for row in column + 1..N {
+            let factor = pivot_row[row] * inverse;
+            for (entry, above) in matrix[row].iter_mut().zip(&pivot_row) {
+                *entry -= factor * above;
             }
         }
     }

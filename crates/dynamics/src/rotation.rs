@@ -17,6 +17,11 @@ pub(crate) fn skew_skew(a: DVec3, b: DVec3) -> DMat3 {
     DMat3::from_cols(b * a.x, b * a.y, b * a.z) - DMat3::from_diagonal(DVec3::splat(a.dot(b)))
 }
 
+/// The matrix product a* m: the cross product of a with each column.
+pub(crate) fn cross_columns(a: DVec3, m: &DMat3) -> DMat3 {
+    DMat3::from_cols(a.cross(m.x_axis), a.cross(m.y_axis), a.cross(m.z_axis))
+}
+
 /// Below this θ² the coefficients come from five terms of their series, whose remainder is below rounding.
 const SERIES_BELOW: f64 = 0.01;
 
@@ -137,5 +142,6 @@ mod tests {
         let (a, b) = (DVec3::new(1.0, -2.0, 0.5), DVec3::new(0.3, 4.0, -1.0));
         assert!(distance(skew_skew(a, b), skew(a) * skew(b)) < 1e-14);
         assert!((skew(a) * b - a.cross(b)).length() < 1e-15);
+        assert!(distance(cross_columns(a, &skew(b)), skew(a) * skew(b)) < 1e-14);
     }
 }

@@ -36,11 +36,11 @@ use glam::{DMat3, DVec3};
 use palpate_core::{Pose, Twist, Wrench};
 
 use crate::body::{Body, BodyState};
-use crate::contact::{ContactState, LinearContactModel, MAX_CLUSTERS};
+use crate::contact::{ContactState, LinearContactModel, MAX_CLUSTERS, PlaneConstraint};
 use crate::coupling::{CouplingLinearisation, DeviceMotion, VirtualCoupling};
 use crate::jacobian::Block6;
 use crate::linear_solve::{is_positive_definite, solve};
-use crate::rotation::{exponential, skew, skew_skew};
+use crate::rotation::{cross_columns, exponential, skew_skew};
 
 /// Solves in which contacts may both join and leave the active set.
 const FREE_SOLVES: u32 = 6;
@@ -133,7 +133,7 @@ pub fn semi_implicit_step(
         return Step::held(state, HeldBecause::TimeStep);
     }
 
-    let system = System::new(body, state, device, coupling, contacts, gravity, dt);
+    let mut system = System::new(body, state, device, coupling, contacts, gravity, dt);
     let Some((change, active, status)) = system.solve() else {
         return Step::held(state, HeldBecause::Singular);
     };
@@ -189,9 +189,9 @@ impl Linear {
         }
     }
 
-    fn add_right(&mut self, force: DVec3, torque: DVec3, scale: f64) {
+    fn add_right(&mut self, force: DVec3, torque: DVec3) {
         for (entry, value) in self.right.iter_mut().zip(six(force, torque)) {
-            *entry += scale * value;
+            *entry += value;
         }
     }
 }
@@ -204,25 +204,66 @@ fn dot(a: &[f64; 6], b: &[f64; 6]) -> f64 {
     a.iter().zip(b).map(|(x, y)| x * y).sum()
 }
 
+/// A contact as the step's linear systems see it.
+#[derive(Clone, Copy, Default)]
+struct Pressing {
+    /// The direction of the contact's wrench, n and a × n; by it the velocity gives δ̇.
+    direction: [f64; 6],
+    /// The row by which λ at the end of the step depends on the velocity then: h ∂λ/∂(x, φ) + ∂λ/∂(v, ω).
+    row: [f64; 6],
+    /// δ + d at the end of the step if the velocity does not change, m.
+    overlap: f64,
+    /// λ at the end of the step if the velocity does not change, before the clamp, N.
+    force: f64,
+    /// a, and F_p at the start, of which the geometric stiffness is made.
+    arm: DVec3,
+    pull: DVec3,
+}
+
+impl Pressing {
+    fn new(c: &PlaneConstraint, at: &ContactState, twist: &Twist, dt: f64, geometric: bool) -> Self {
+        let mut by_turn = at.moment * c.stiffness;
+        let mut force = c.stiffness * (at.overlap + dt * at.rate) + c.damping * at.rate;
+        if geometric {
+            let swept = c.swept(at, twist.angular);
+            by_turn += swept;
+            force += dt * swept.dot(twist.angular);
+        }
+        Self {
+            direction: six(c.normal, at.moment),
+            row: six(c.normal * (dt * c.stiffness + c.damping), by_turn * dt + at.moment * c.damping),
+            overlap: at.overlap + dt * at.rate,
+            force,
+            arm: at.arm,
+            pull: c.normal * -c.normal_force(at),
+        }
+    }
+}
+
 /// Everything that one step's linear systems are made of.
 struct System<'a> {
     contacts: &'a LinearContactModel,
-    seen: [ContactState; MAX_CLUSTERS],
-    velocity: [f64; 6],
-    angular: DVec3,
+    rotation: DMat3,
+    state: &'a BodyState,
+    pressing: [Pressing; MAX_CLUSTERS],
+    /// Bit i is set if contact i is closed at the start.
+    closed_at_start: u32,
     dt: f64,
     mass: f64,
     inertia: DMat3,
     /// Mass, carried momentum, coupling stiffness and damping, gravity: all but contacts and geometric stiffness.
     base: Linear,
     /// The coupling's geometric stiffness (force, torque) by φ.
-    geometric: (DMat3, DMat3),
+    turning: (DMat3, DMat3),
+    /// Whether geometric stiffness is in.
+    geometric: bool,
 }
 
 impl<'a> System<'a> {
+    #[inline]
     fn new(
         body: &Body,
-        state: &BodyState,
+        state: &'a BodyState,
         device: &DeviceMotion,
         coupling: &VirtualCoupling,
         contacts: &'a LinearContactModel,
@@ -231,7 +272,8 @@ impl<'a> System<'a> {
     ) -> Self {
         let rotation = DMat3::from_quat(state.pose.rotation);
         let inertia = rotation * body.inertia * rotation.transpose();
-        let CouplingLinearisation { on_body, material, geometric } = coupling.linearise(state, device);
+        let CouplingLinearisation { on_body, material, geometric: turning } =
+            coupling.linearise(state, device);
 
         let mut base = Linear { matrix: [[0.0; 6]; 6], right: [0.0; 6] };
         for i in 0..3 {
@@ -243,71 +285,62 @@ impl<'a> System<'a> {
         base.add_block(&material.pose, -dt * dt);
 
         let drift = material.pose.apply(&state.twist);
-        base.add_right(on_body.force + gravity * body.mass, on_body.torque, dt);
-        base.add_right(drift.force, drift.torque, dt * dt);
-        base.add_right(DVec3::ZERO, gained, -1.0);
+        let force = on_body.force + gravity * body.mass + drift.force * dt;
+        let torque = on_body.torque + drift.torque * dt;
+        base.add_right(force * dt, torque * dt - gained);
 
-        let mut seen = [ContactState::default(); MAX_CLUSTERS];
-        for (at, c) in seen.iter_mut().zip(contacts.constraints()) {
-            *at = c.at(state, &rotation);
-        }
-        Self {
+        let mut system = Self {
             contacts,
-            seen,
-            velocity: six(state.twist.linear, state.twist.angular),
-            angular: state.twist.angular,
+            rotation,
+            state,
+            pressing: [Pressing::default(); MAX_CLUSTERS],
+            closed_at_start: 0,
             dt,
             mass: body.mass,
             inertia,
             base,
-            geometric,
+            turning,
+            geometric: true,
+        };
+        system.see_contacts();
+        system
+    }
+
+    fn see_contacts(&mut self) {
+        for (i, c) in self.contacts.constraints().iter().enumerate() {
+            let at = c.at(self.state, &self.rotation);
+            self.closed_at_start |= u32::from(at.overlap > 0.0) << i;
+            self.pressing[i] = Pressing::new(c, &at, &self.state.twist, self.dt, self.geometric);
         }
     }
 
-    /// The row by which the contact's force at the end of the step depends on the velocity then:
-    /// h ∂λ/∂(x, φ) + ∂λ/∂(v, ω), and the first of the two summands alone.
-    fn force_rows(&self, i: usize, geometric: bool) -> ([f64; 6], [f64; 6]) {
-        let (c, at) = (&self.contacts.constraints()[i], &self.seen[i]);
-        let mut by_turn = at.moment * c.stiffness;
-        if geometric {
-            by_turn += c.swept(at, self.angular);
-        }
-        let pose = six(c.normal * (c.stiffness * self.dt), by_turn * self.dt);
-        let twist = six(c.normal * c.damping, at.moment * c.damping);
-        (std::array::from_fn(|k| pose[k] + twist[k]), pose)
+    fn pressing(&self) -> &[Pressing] {
+        &self.pressing[..self.contacts.constraints().len()]
     }
 
-    /// Spring and damper of contact i at the start, before the clamp, N.
-    fn unclamped_force(&self, i: usize) -> f64 {
-        let (c, at) = (&self.contacts.constraints()[i], &self.seen[i]);
-        c.stiffness * at.overlap + c.damping * at.rate
-    }
-
-    fn assemble(&self, active: u32, geometric: bool) -> Linear {
+    #[inline]
+    fn assemble(&self, active: u32) -> Linear {
         let h = self.dt;
         let mut linear = self.base;
-        let mut turning = self.geometric.1;
-        for (i, c) in self.contacts.constraints().iter().enumerate() {
+        let mut turning = self.turning.1;
+        for (i, c) in self.pressing().iter().enumerate() {
             if active & (1 << i) == 0 {
                 continue;
             }
-            let at = &self.seen[i];
-            let direction = six(c.normal, at.moment);
-            let (row, pose_row) = self.force_rows(i, geometric);
-            let force = self.unclamped_force(i) + dot(&pose_row, &self.velocity);
-            for (a, matrix_row) in linear.matrix.iter_mut().enumerate() {
-                let scaled = h * direction[a];
-                for (entry, value) in matrix_row.iter_mut().zip(&row) {
-                    *entry += scaled * value;
+            for a in 0..6 {
+                let scaled = h * c.direction[a];
+                for b in 0..6 {
+                    linear.matrix[a][b] += scaled * c.row[b];
                 }
-                linear.right[a] -= scaled * force;
+                linear.right[a] -= scaled * c.force;
             }
-            turning += skew_skew(c.normal * -c.normal_force(at), at.arm);
+            turning += skew_skew(c.pull, c.arm);
         }
-        if geometric {
-            linear.add(0, 3, &self.geometric.0, -h * h);
+        if self.geometric {
+            let angular = self.state.twist.angular;
+            linear.add(0, 3, &self.turning.0, -h * h);
             linear.add(3, 3, &turning, -h * h);
-            linear.add_right(self.geometric.0 * self.angular, turning * self.angular, h * h);
+            linear.add_right(self.turning.0 * angular * (h * h), turning * angular * (h * h));
         }
         linear
     }
@@ -315,12 +348,11 @@ impl<'a> System<'a> {
     /// Whether the symmetric part of the matrix exceeds half the mass matrix.
     fn predicts(&self, matrix: &[[f64; 6]; 6]) -> bool {
         let mut symmetric: [[f64; 6]; 6] =
-            std::array::from_fn(|i| std::array::from_fn(|j| 0.5 * (matrix[i][j] + matrix[j][i])));
-        let inertia = self.inertia.to_cols_array_2d();
-        for i in 0..3 {
-            symmetric[i][i] -= 0.5 * self.mass;
-            for j in 0..3 {
-                symmetric[3 + i][3 + j] -= 0.5 * inertia[i][j];
+            std::array::from_fn(|i| std::array::from_fn(|j| matrix[i][j] + matrix[j][i]));
+        for (i, entries) in self.inertia.to_cols_array_2d().iter().enumerate() {
+            symmetric[i][i] -= self.mass;
+            for (j, value) in entries.iter().enumerate() {
+                symmetric[3 + i][3 + j] -= value;
             }
         }
         is_positive_definite(symmetric)
@@ -328,45 +360,33 @@ impl<'a> System<'a> {
 
     /// The contacts that are closed and pushing at the end of the step for a velocity change, and those of them that
     /// are closed.
-    fn predict(&self, change: &[f64; 6], geometric: bool) -> (u32, u32) {
-        let velocity: [f64; 6] = std::array::from_fn(|k| self.velocity[k] + change[k]);
+    fn predict(&self, change: &[f64; 6]) -> (u32, u32) {
         let (mut pushing, mut closed) = (0, 0);
-        for (i, c) in self.contacts.constraints().iter().enumerate() {
-            let at = &self.seen[i];
-            let overlap = at.overlap + self.dt * dot(&six(c.normal, at.moment), &velocity);
-            if overlap <= 0.0 {
-                continue;
-            }
-            closed |= 1 << i;
-            let (row, pose_row) = self.force_rows(i, geometric);
-            let force = self.unclamped_force(i) + dot(&pose_row, &self.velocity) + dot(&row, change);
-            if force > 0.0 {
-                pushing |= 1 << i;
-            }
+        for (i, c) in self.pressing().iter().enumerate() {
+            let is_closed = c.overlap + self.dt * dot(&c.direction, change) > 0.0;
+            let pushes = c.force + dot(&c.row, change) > 0.0;
+            closed |= u32::from(is_closed) << i;
+            pushing |= u32::from(is_closed && pushes) << i;
         }
         (pushing, closed)
     }
 
-    fn solve(&self) -> Option<(Twist, u32, StepStatus)> {
+    fn solve(&mut self) -> Option<(Twist, u32, StepStatus)> {
         let mut status = StepStatus::default();
-        let closed_at_start = self.seen[..self.contacts.constraints().len()]
-            .iter()
-            .enumerate()
-            .fold(0_u32, |set, (i, at)| if at.overlap > 0.0 { set | 1 << i } else { set });
-        let mut geometric = true;
         let mut left_for_next = 0_u32;
-        let (mut active, _) = self.predict(&[0.0; 6], geometric);
+        let (mut active, _) = self.predict(&[0.0; 6]);
         loop {
-            let mut linear = self.assemble(active, geometric);
-            if geometric && !self.predicts(&linear.matrix) {
-                geometric = false;
+            let mut linear = self.assemble(active);
+            if self.geometric && !self.predicts(&linear.matrix) {
+                self.geometric = false;
                 status.geometric_stiffness_dropped = true;
-                linear = self.assemble(active, false);
+                self.see_contacts();
+                linear = self.assemble(active);
             }
             status.solves += 1;
             let change = solve(linear.matrix, linear.right)?;
-            let (pushing, closed) = self.predict(&change, geometric);
-            left_for_next |= active & !closed & !closed_at_start;
+            let (pushing, closed) = self.predict(&change);
+            left_for_next |= active & !closed & !self.closed_at_start;
             let wanted = pushing & !left_for_next;
             let next = if status.solves < FREE_SOLVES { wanted } else { wanted & active };
             if next == active || status.solves >= MAX_SOLVES {
@@ -386,7 +406,7 @@ fn carried_momentum(inertia: &DMat3, angular: DVec3, dt: f64) -> (DVec3, DMat3) 
     let (turn, left) = exponential(angular * dt);
     let momentum = *inertia * angular;
     let gained = turn * momentum;
-    let derivative = *inertia + turn * *inertia - skew(momentum + gained) * left * dt;
+    let derivative = *inertia + turn * *inertia - cross_columns((momentum + gained) * dt, &left);
     (gained, derivative)
 }
 
@@ -399,6 +419,7 @@ mod tests {
     use super::*;
     use crate::contact::ContactParameters;
     use crate::differences::{derivative, largest, random_pose, random_twist, random_vector};
+    use crate::rotation::skew;
 
     /// An inertia like that of a solid of uneven shape, turned to arbitrary axes.
     fn random_inertia(rng: &mut StdRng, size: f64) -> DMat3 {
@@ -541,10 +562,10 @@ mod tests {
                 tolerance: 0.001,
             };
             let model = LinearContactModel::from_contacts(contacts, &state.pose, &parameters, 0.0);
-            let system = System::new(&body, &state, &device, &coupling, &model, DVec3::ZERO, 1e-3);
+            let mut system = System::new(&body, &state, &device, &coupling, &model, DVec3::ZERO, 1e-3);
             let (change, active, status) = system.solve().expect("regular");
             let change = six(change.linear, change.angular);
-            let (pushing, _) = system.predict(&change, !status.geometric_stiffness_dropped);
+            let (pushing, _) = system.predict(&change);
             assert_eq!(active & !pushing, 0, "seed {seed}, case {case}: an active contact attracts");
             most = most.max(status.solves);
             unsettled += usize::from(status.active_set_unsettled);
