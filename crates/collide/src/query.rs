@@ -62,6 +62,9 @@ pub struct QueryOutcome {
     pub deepest: Option<f64>,
     /// Pairs of nodes whose bounding spheres were within reach.
     pub visited: usize,
+    /// Size of the front of the bounding volume test tree (§3.4.2): pairs at which the descent ended, being out of reach or
+    /// leaves.
+    pub front: usize,
     /// Pairs of leaves among them that were examined for contacts.
     pub leaf_pairs: usize,
     /// Convex queries made, pairs of triangles included.
@@ -186,9 +189,14 @@ impl Tree {
 impl ContactQuery {
     /// A workspace for queries between two hierarchies.
     pub fn new(probe: &Clod, scene: &Clod) -> Self {
+        Self::with_capacity(probe, scene, CONTACTS)
+    }
+
+    /// A workspace with room for a number of contacts.
+    pub fn with_capacity(probe: &Clod, scene: &Clod, contacts: usize) -> Self {
         let (probe, scene) = (Tree::new(probe), Tree::new(scene));
         let stack = Vec::with_capacity(probe.path_width() + scene.path_width() + 1);
-        Self { probe, scene, stack, leaf: LeafQuery::default(), contacts: Vec::with_capacity(CONTACTS) }
+        Self { probe, scene, stack, leaf: LeafQuery::default(), contacts: Vec::with_capacity(contacts) }
     }
 
     /// Makes room for a number of contacts, so that queries with up to as many do not allocate for them.
@@ -238,6 +246,8 @@ impl ContactQuery {
         let roots = (self.probe.pass_through(Clod::ROOT), self.scene.pass_through(Clod::ROOT));
         if self.spheres_reach(roots, &placement, tolerance) {
             self.stack.push(roots);
+        } else {
+            outcome.front = 1;
         }
         while let Some((a, b)) = self.stack.pop() {
             outcome.visited += 1;
@@ -245,6 +255,7 @@ impl ContactQuery {
             let precision = PRECISION * (node_a.radius + node_b.radius) + rounding;
             if node_a.is_leaf() && node_b.is_leaf() {
                 outcome.leaf_pairs += 1;
+                outcome.front += 1;
                 let (patch_a, patch_b) = (self.probe.patch(probe, a), self.scene.patch(scene, b));
                 let reach = Reach { placement: &placement, tolerance, precision };
                 self.leaf.run(&patch_a, &patch_b, &reach);
@@ -269,6 +280,7 @@ impl ContactQuery {
             let (hull_a, hull_b) = (self.probe.hull(probe, a), self.scene.hull(scene, b));
             let found = gjk::distance(&hull_a, &hull_b, &placement, Start::Axis(axis), &limits);
             if found.separation == Separation::Beyond {
+                outcome.front += 1;
                 continue;
             }
             if node_b.is_leaf() || (!node_a.is_leaf() && node_a.radius >= node_b.radius) {
@@ -276,6 +288,8 @@ impl ContactQuery {
                     let pair = (self.probe.pass_through(child), b);
                     if self.spheres_reach(pair, &placement, tolerance) {
                         self.stack.push(pair);
+                    } else {
+                        outcome.front += 1;
                     }
                 }
             } else {
@@ -283,6 +297,8 @@ impl ContactQuery {
                     let pair = (a, self.scene.pass_through(child));
                     if self.spheres_reach(pair, &placement, tolerance) {
                         self.stack.push(pair);
+                    } else {
+                        outcome.front += 1;
                     }
                 }
             }
