@@ -69,10 +69,15 @@ impl LeafQuery {
             }
             Separation::Within | Separation::NotConverged => {
                 let (on_a, on_b) = witnesses(a, b, &found);
-                let contact = separated(on_a, reach.placement.point(on_b));
-                let at_a = a.surface_at(on_a, contact.normal, reach.precision);
-                let at_b =
-                    b.surface_at(on_b, -reach.placement.direction_to_b(contact.normal), reach.precision);
+                let (contact, slack) =
+                    separated(on_a, reach.placement.point(on_b), found.axis, reach.precision);
+                let at_a = a.surface_at(on_a, contact.normal, slack, reach.precision);
+                let at_b = b.surface_at(
+                    on_b,
+                    -reach.placement.direction_to_b(contact.normal),
+                    slack,
+                    reach.precision,
+                );
                 match (at_a, at_b) {
                     (Surface::Front, Surface::Front) => self.contacts.push(contact),
                     (Surface::Virtual, _) | (_, Surface::Virtual)
@@ -127,10 +132,10 @@ impl LeafQuery {
                     Separation::Overlapping => return true,
                     Separation::Within | Separation::NotConverged => {
                         let (p, q) = witnesses(&one, &other, &found);
-                        let contact = separated(p, placement.point(q));
+                        let (contact, slack) = separated(p, placement.point(q), found.axis, reach.precision);
                         let n = contact.normal;
-                        if one.faces(one.normal([0, 1, 2]), n)
-                            && other.faces(other.normal([0, 1, 2]), -placement.direction_to_b(n))
+                        if one.faces(one.normal([0, 1, 2]), n, slack)
+                            && other.faces(other.normal([0, 1, 2]), -placement.direction_to_b(n), slack)
                         {
                             self.near.push((contact, i, j));
                         }

@@ -15,7 +15,7 @@ use palpate_core::Contact;
 use palpate_core::glam::DVec3;
 
 use crate::convex::{Placement, Polytope};
-use crate::patch::{Patch, Surface};
+use crate::patch::{FACING, Patch, Surface};
 
 /// Patches with at most this product of triangle counts have all their directions tried.
 const FEW_TRIANGLE_PAIRS: usize = 16;
@@ -74,9 +74,9 @@ pub(crate) fn overlap(
     let sides = if least.flat { [least.normal, -least.normal] } else { [least.normal; 2] };
     for normal in sides {
         let (on_a, on_b) = if least.flat { (touch, touch) } else { (least.on_a, least.on_b) };
-        let seen_from_a = a.surface_at(on_a, normal, precision);
+        let seen_from_a = a.surface_at(on_a, normal, FACING, precision);
         let back = placement.direction_to_b(on_b - placement.translation);
-        let seen_from_b = b.surface_at(back, -placement.direction_to_b(normal), precision);
+        let seen_from_b = b.surface_at(back, -placement.direction_to_b(normal), FACING, precision);
         if (seen_from_a, seen_from_b) == (Surface::Front, Surface::Front) {
             best.offer(true, least.depth, normal, |depth| (on_a, on_a - depth * normal));
         }
@@ -149,7 +149,7 @@ fn edges(a: &Patch, b: &Patch, placement: &Placement, best: &mut Best) {
                         continue;
                     }
                     for normal in [across / length, -across / length] {
-                        if !a.faces(normal_a, normal) || !b.faces(normal_b, -normal) {
+                        if !a.faces(normal_a, normal, FACING) || !b.faces(normal_b, -normal, FACING) {
                             continue;
                         }
                         let (edge_a, edge_b) = (normal.dot(p), normal.dot(r));

@@ -93,13 +93,15 @@ impl<'a> Patch<'a> {
         (q - p).cross(r - p).normalize_or_zero()
     }
 
-    /// Whether a triangle with this normal can be touched from the side that `direction` points to.
-    pub fn faces(&self, normal: DVec3, direction: DVec3) -> bool {
-        self.two_sided || normal.dot(direction) >= -FACING
+    /// Whether a triangle with this normal can be touched from the side that `direction` (unit, known to within the angle
+    /// `slack`) points to.
+    pub fn faces(&self, normal: DVec3, direction: DVec3, slack: f64) -> bool {
+        self.two_sided || normal.dot(direction) >= -slack
     }
 
-    /// What lies at a point of the hull (body frame, m), seen from a direction (unit, body axes).
-    pub fn surface_at(&self, point: DVec3, direction: DVec3, precision: f64) -> Surface {
+    /// What lies at a point of the hull (body frame, m), seen from a direction (unit, body axes, known to within
+    /// the angle `slack`).
+    pub fn surface_at(&self, point: DVec3, direction: DVec3, slack: f64, precision: f64) -> Surface {
         if self.all_real {
             return Surface::Front;
         }
@@ -109,7 +111,7 @@ impl<'a> Patch<'a> {
             if !self.lies_on(point, triangle, reach) {
                 continue;
             }
-            if self.faces(self.normal(triangle), direction) {
+            if self.faces(self.normal(triangle), direction, slack) {
                 return Surface::Front;
             }
             surface = Surface::Back;
@@ -141,9 +143,10 @@ pub(crate) fn distance_to_triangle(corners: [DVec3; 3], point: DVec3) -> f64 {
     (u * p + v * q + w * r).length()
 }
 
-/// A contact in the probe's frame from the two nearest points of separated surfaces.
-pub(crate) fn separated(on_a: DVec3, on_b: DVec3) -> Contact {
-    let gap = on_b - on_a;
-    let distance = gap.length();
-    Contact { point: on_a, scene_point: on_b, normal: gap / distance, depth: -distance }
+/// A contact in the probe's frame from the two nearest points of separated surfaces, and the vector from b to a between
+/// them, whose direction may be known better than from the points; with the angle to which it is known.
+pub(crate) fn separated(on_a: DVec3, on_b: DVec3, axis: DVec3, precision: f64) -> (Contact, f64) {
+    let distance = on_a.distance(on_b);
+    let contact = Contact { point: on_a, scene_point: on_b, normal: -axis.normalize(), depth: -distance };
+    (contact, FACING + 1e-3 * precision / distance)
 }

@@ -17,6 +17,9 @@ const MAX_ITERATIONS: u32 = 128;
 /// keeps needle-like simplices.
 const GAP: f64 = 100.0;
 
+/// Size of the hulls times rounding error, over the square of the precision.
+const ROUNDING: f64 = 1e9;
+
 /// What a distance query has to find out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
@@ -119,7 +122,7 @@ pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits:
                 let Some(nearest) = found.simplex.reduce() else {
                     return overlapping(found);
                 };
-                found.axis = nearest;
+                found.axis = found.simplex.axis(nearest);
                 found.distance = nearest.length();
                 if found.distance <= limits.precision {
                     return overlapping(found);
@@ -161,10 +164,13 @@ pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits:
             break;
         }
         found.simplex = simplex;
-        found.axis = nearest;
+        found.axis = simplex.axis(nearest);
         found.distance = length;
     }
-    found.separation = if found.distance - found.lower > GAP * limits.precision {
+    // The axis between hulls that almost touch at a vertex or an edge is known to rounding / distance only, and so is the
+    // lower bound, but not the distance itself.
+    let rounding = ROUNDING * limits.precision * limits.precision / found.distance;
+    found.separation = if found.distance - found.lower > GAP * limits.precision + rounding {
         Separation::NotConverged
     } else if found.distance > limits.beyond {
         Separation::Beyond

@@ -80,6 +80,24 @@ impl Simplex {
     }
 }
 
+impl Simplex {
+    /// The direction of the nearest point, with its length. For a triangle that is its normal, which keeps its accuracy when
+    /// the nearest point is so close to the origin that its own direction is lost in rounding.
+    pub(super) fn axis(&self, nearest: DVec3) -> DVec3 {
+        if self.len != 3 {
+            return nearest;
+        }
+        let [a, b, c, _] = self.vertices.map(|v| v.difference);
+        let (ab, ac) = (b - a, c - a);
+        let normal = ab.cross(ac);
+        let (area, distance) = (normal.length_squared(), nearest.length_squared());
+        if area <= distance * ab.length_squared().max(ac.length_squared()) {
+            return nearest;
+        }
+        normal * (distance / area).sqrt().copysign(normal.dot(a))
+    }
+}
+
 fn on_segment(a: DVec3, b: DVec3) -> [f64; 2] {
     let edge = b - a;
     let along = -a.dot(edge);
