@@ -27,7 +27,7 @@ pub(crate) fn build(triangles: usize) -> TriMesh {
         cells: [
             cells(SIZE[0], edge * stretch, 2),
             cells(SIZE[1], edge / stretch, 2),
-            cells(SIZE[2], edge, 1),
+            cells(SIZE[2], edge * stretch.powi(3), 1),
         ],
         windows: Vec::new(),
     };

@@ -15,7 +15,7 @@ use crate::box_lattice::BoxLattice;
 use crate::path::Path;
 use crate::relief::{self, smooth_step};
 use crate::stitched::{Stitched, cells, fit};
-use crate::window::{Opening, Window};
+use crate::window::{Opening, Window, disc};
 
 pub(crate) const MIN_TRIANGLES: usize = 8_000;
 
@@ -56,8 +56,8 @@ fn holes() -> Vec<Hole> {
     let face = 0.5 * THICKNESS;
     let counterbored = |x: f64, y: f64| Hole {
         center: DVec2::new(x, y),
-        half: 8.0,
-        room: 14.0,
+        half: 9.0,
+        room: 12.5,
         profile: [(11.0, face), (10.0, face - 1.0), (10.0, face - 6.0), (6.0, face - 6.0), (6.0, 1.0 - face), (7.0, -face)]
             .map(DVec2::from)
             .to_vec(),
@@ -72,12 +72,12 @@ fn holes() -> Vec<Hole> {
     };
     let bore = LENGTH - WALL + BORE;
     vec![
-        counterbored(24.0, -34.0),
-        counterbored(24.0, 34.0),
+        counterbored(24.0, -35.0),
+        counterbored(24.0, 35.0),
         Hole {
             center: DVec2::new(55.0, 0.0),
             half: 13.0,
-            room: 24.0,
+            room: 22.0,
             profile: [
                 (17.5, face),
                 (15.8, face + 1.7),
@@ -167,14 +167,11 @@ impl Plan {
     /// The opening of a hole whose profile meets the face at a radius.
     fn opening(&self, hole: &Hole, window: &Window, radius: f64) -> Opening {
         let (low, high) = (self.plain(window.low), self.plain(window.high));
-        let (center, half) = (0.5 * (low + high), 0.5 * (high - low));
-        // On a coarse grid the window is larger than wished, and the room with it.
-        let reach = (hole.room / half.max_element()).max(radius / half.min_element() * 1.08).max(1.15);
-        Opening { center, middle: hole.center, half, radii: DVec2::splat(radius), reach }
+        Opening::new([low, high], window.size(), hole.center, DVec2::splat(radius), hole.room)
     }
 }
 
-/// Draws the corners of the flat plate out into quarter discs (the elliptical grid mapping).
+/// Draws the corners of the flat plate out into quarter discs .
 fn round_corners(at: DVec2) -> DVec2 {
     let middle = DVec2::new(0.5 * LENGTH, 0.0);
     let from = at - middle;
@@ -183,10 +180,7 @@ fn round_corners(at: DVec2) -> DVec2 {
     if local.min_element() <= 0.0 {
         return at;
     }
-    let round = DVec2::new(
-        local.x * (1.0 - 0.5 * local.y * local.y).sqrt(),
-        local.y * (1.0 - 0.5 * local.x * local.x).sqrt(),
-    );
+    let round = disc(local);
     middle + (block + CORNER * round) * from.signum()
 }
 

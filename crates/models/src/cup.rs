@@ -32,6 +32,8 @@ const HANDLE_REACH: f64 = 34.0;
 /// Half axes of the handle, along the wall's circumference and across; and where it meets the wall.
 const HANDLE: DVec2 = DVec2::new(6.5, 4.2);
 const JOINT: DVec2 = DVec2::new(8.0, 7.5);
+/// How far from the handle's middle the wall's grid gives way to it.
+const JOINT_ROOM: f64 = 13.0;
 /// Length over which the handle widens towards the wall.
 const FLARE: f64 = 5.0;
 
@@ -98,7 +100,7 @@ struct Plan {
 impl Plan {
     fn new(edge: f64, stretch: f64) -> Self {
         let around = cells(TAU * RIM, edge * stretch, 12);
-        let profile = Profile::new(pieces(), edge / stretch);
+        let profile = Profile::new(pieces(), edge / stretch, 2);
         let (first, rows) = profile.piece(OUTER_WALL);
         let step = pieces()[OUTER_WALL].length() / rows as f64;
         // Windows of an even number of cells, centred on a column and on a row.
@@ -137,9 +139,9 @@ impl Plan {
         let (low, high) = (height(window.low[1]), height(window.high[1]));
         let center = DVec2::new(0.0, 0.5 * (low + high));
         let columns = (window.high[0] - window.low[0]) as f64;
-        let half =
-            DVec2::new(0.5 * columns * TAU * outer(center.y) / self.lathe.around as f64, 0.5 * (high - low));
-        Opening { center, middle: center, half, radii: JOINT, reach: 1.9 }
+        let half = 0.5 * columns * TAU * outer(center.y) / self.lathe.around as f64;
+        let corners = [DVec2::new(-half, low), DVec2::new(half, high)];
+        Opening::new(corners, window.size(), center, JOINT, JOINT_ROOM)
     }
 }
 
@@ -190,7 +192,7 @@ pub(crate) fn build(triangles: usize) -> TriMesh {
 
     join_handle(&mut mesh, &plan, &openings, &body.windows);
     // The bounding sphere of the cup as drawn here, measured on the finished mesh, has a radius of this many mm.
-    const BOUNDING_RADIUS: f64 = 80.0;
+    const BOUNDING_RADIUS: f64 = 78.9;
     mesh.finish(0.08 / BOUNDING_RADIUS)
 }
 

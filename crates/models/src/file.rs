@@ -18,7 +18,7 @@ const WIDTH: f64 = 24.0;
 const THICKNESS: f64 = 5.5;
 /// Distance between teeth and their height, mm.
 const PITCH: f64 = 2.6;
-const HEIGHT: f64 = 0.55;
+const HEIGHT: f64 = 0.7;
 /// Directions of the two cuts against the x axis, degrees: the first cut is the flatter.
 const CUTS: [f64; 2] = [48.0, -62.0];
 

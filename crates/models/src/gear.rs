@@ -18,7 +18,7 @@ const WIDTH: f64 = 18.0;
 /// Radius, as a part of the whole, up to which the sides feel nothing of the teeth.
 const WEB: f64 = 0.80;
 /// Depth of the recesses in the sides, mm.
-const RECESS: f64 = 1.6;
+const RECESS: f64 = 1.4;
 
 /// How the gear is divided.
 struct Plan {
@@ -88,9 +88,9 @@ pub(crate) fn build(triangles: usize) -> TriMesh {
 /// Depth of the relief of the sides, 0 to 1: openings between six spokes, and a bore in the hub.
 fn sunken(radius: f64, turn: f64) -> f64 {
     let between = |low: f64, high: f64| {
-        smooth_step(low - 0.03, low + 0.03, radius) * (1.0 - smooth_step(high - 0.03, high + 0.03, radius))
+        smooth_step(low - 0.05, low + 0.05, radius) * (1.0 - smooth_step(high - 0.05, high + 0.05, radius))
     };
     // Distance from the middle line of the nearest spoke, as a part of the whole radius.
     let spoke = (TAU / 6.0 * ((6.0 * turn) - (6.0 * turn).round())).abs() * radius;
-    between(0.40, 0.72) * smooth_step(0.07, 0.13, spoke) + between(-1.0, 0.18)
+    between(0.40, 0.74) * smooth_step(0.05, 0.14, spoke) + between(-1.0, 0.17)
 }

@@ -32,6 +32,8 @@ const HANDLE_END: f64 = -265.0;
 const END_ROUNDING: f64 = 9.0;
 /// Half axes of the handle where it meets the head: along x and along y.
 const JOINT: DVec2 = DVec2::new(11.5, 9.0);
+/// How far from the handle's middle the head's grid gives way to it.
+const JOINT_ROOM: f64 = 16.0;
 /// The knurled part of the handle.
 const GRIP: [f64; 2] = [-250.0, -135.0];
 /// Ridges around the grip in each of the two directions, the length along the grip of one ridge, and half its height.
@@ -88,7 +90,7 @@ struct Plan {
 impl Plan {
     fn new(edge: f64, stretch: f64) -> Self {
         let around = cells(TAU * BODY, edge * stretch, 8).next_multiple_of(2);
-        let profile = Profile::new(pieces(), edge / stretch);
+        let profile = Profile::new(pieces(), edge / stretch, 1);
         let (first, rows) = profile.piece(BODY_PIECE);
         let step = 2.0 * BODY_HALF / rows as f64;
         let arc = TAU * BODY / around as f64;
@@ -101,13 +103,9 @@ impl Plan {
             high: [around / 2 + half_columns, middle + half_rows],
         };
         let center = DVec2::new(0.0, -BODY_HALF + (middle - first) as f64 * step);
-        let opening = Opening {
-            center,
-            middle: center,
-            half: DVec2::new(half_columns as f64 * arc, half_rows as f64 * step),
-            radii: DVec2::new(BODY * (JOINT.y / BODY).asin(), JOINT.x),
-            reach: 1.7,
-        };
+        let half = DVec2::new(half_columns as f64 * arc, half_rows as f64 * step);
+        let radii = DVec2::new(BODY * (JOINT.y / BODY).asin(), JOINT.x);
+        let opening = Opening::new([center - half, center + half], window.size(), center, radii, JOINT_ROOM);
         let border = window.border();
         Self {
             lathe: Lathe { around, rows: profile.rows(), windows: vec![window] },

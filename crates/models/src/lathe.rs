@@ -13,10 +13,10 @@ pub(crate) struct Profile {
 }
 
 impl Profile {
-    /// Divides the curves into steps of about `edge`.
-    pub(crate) fn new(pieces: Vec<Path>, edge: f64) -> Self {
+    /// Divides the curves into steps of about `edge`, each into at least `fewest`.
+    pub(crate) fn new(pieces: Vec<Path>, edge: f64, fewest: usize) -> Self {
         let divide = |path: Path| {
-            let steps = cells(path.length(), edge, 1);
+            let steps = cells(path.length(), edge, fewest);
             (path, steps)
         };
         Self { pieces: pieces.into_iter().map(divide).collect() }

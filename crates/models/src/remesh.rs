@@ -105,7 +105,8 @@ impl<'a, S: Surface> Remesher<'a, S> {
 
     /// Records the surface's normal and the wanted size at a new vertex.
     fn learn(&mut self, position: DVec3) {
-        self.normals.push(self.surface.gradient(position).normalize_or(DVec3::Z));
+        let value = self.surface.value(position);
+        self.normals.push(self.surface.gradient(position, value).normalize_or(DVec3::Z));
         self.sizes.push(self.surface.sizing(position));
     }
 
@@ -113,7 +114,7 @@ impl<'a, S: Surface> Remesher<'a, S> {
     fn project(&self, mut p: DVec3, reach: f64) -> Option<(DVec3, DVec3)> {
         let close = 1e-5 * reach;
         let mut value = self.surface.value(p);
-        let mut gradient = self.surface.gradient(p);
+        let mut gradient = self.surface.gradient(p, value);
         for _ in 0..8 {
             if value.abs() <= close {
                 break;
@@ -136,7 +137,10 @@ impl<'a, S: Surface> Remesher<'a, S> {
                 }
                 step *= 0.5;
             }
-            gradient = self.surface.gradient(p);
+            // After a tiny step the gradient is still good.
+            if step.length() > 0.03 * reach || value.abs() > close {
+                gradient = self.surface.gradient(p, value);
+            }
         }
         (value.abs() <= 0.02 * reach).then(|| gradient.try_normalize().map(|n| (p, n)))?
     }
@@ -179,10 +183,12 @@ impl<'a, S: Surface> Remesher<'a, S> {
     fn move_to(&mut self, v: u32, position: DVec3) -> bool {
         let reach = self.length * self.sizes[v as usize];
         let Some((there, normal)) = self.project(position, reach) else { return false };
-        let before = self.fit(v, self.at(v), self.normals[v as usize], None);
         let after = self.fit(v, there, normal, None);
-        if after.0 < UPRIGHT.min(before.0) || after.1 < before.1.min(0.5) {
-            return false;
+        if after.0 < UPRIGHT || after.1 < 0.5 {
+            let before = self.fit(v, self.at(v), self.normals[v as usize], None);
+            if after.0 < UPRIGHT.min(before.0) || after.1 < before.1.min(0.5) {
+                return false;
+            }
         }
         self.mesh.positions[v as usize] = there;
         self.normals[v as usize] = normal;

@@ -14,12 +14,16 @@ use crate::box_lattice::BoxLattice;
 use crate::path::stations;
 use crate::relief::smooth_step;
 use crate::stitched::{Stitched, cells, fit};
+use crate::window::disc;
 
 pub(crate) const MIN_TRIANGLES: usize = 250;
 
 const LENGTH: f64 = 200.0;
+/// Distance of the rim's middle line from the spoon's two ends.
+const INSET: [f64; 2] = [0.75, 1.1];
 /// The bowl: its widest place, half its width and its depth, mm. The bowl's front is half an ellipse.
 const BOWL: f64 = 31.0;
+const BOWL_LENGTH: f64 = BOWL - INSET[0];
 const BOWL_HALF_WIDTH: f64 = 19.5;
 const BOWL_DEPTH: f64 = 8.5;
 /// End of the bowl, and half the width of the neck.
@@ -27,7 +31,7 @@ const NECK: f64 = 74.0;
 const NECK_HALF_WIDTH: f64 = 2.6;
 /// Half the width of the end of the handle, which is rounded.
 const END_HALF_WIDTH: f64 = 7.5;
-const END: f64 = LENGTH - END_HALF_WIDTH;
+const END: f64 = LENGTH - INSET[1] - END_HALF_WIDTH;
 
 /// Half the width of the sheet between the rounded ends.
 fn half_width(x: f64) -> f64 {
@@ -45,18 +49,15 @@ fn thickness(x: f64) -> f64 {
 
 /// Plan position of a node, and the direction out of the sheet for nodes on its border.
 ///
-/// `along` runs from 0 at the tip to [`LENGTH`] at the end of the handle on the middle line, `across` from -1 to 1. At both
-/// rounded ends a square is drawn out into a disc (the elliptical grid mapping), so that there is no pole.
+/// `along` is x on the middle line, `across` from -1 to 1. At both
+/// rounded ends a square is drawn out into a disc, so that there is no pole.
 fn plan(along: f64, across: f64) -> (DVec2, DVec2) {
     let round = |center: f64, half: DVec2, forward: f64| {
-        let unit = DVec2::new(
-            forward * (1.0 - 0.5 * across * across).sqrt(),
-            across * (1.0 - 0.5 * forward * forward).sqrt(),
-        );
+        let unit = disc(DVec2::new(forward, across));
         (DVec2::new(center, 0.0) + half * unit, (unit / half).normalize_or_zero())
     };
     if along < BOWL {
-        round(BOWL, DVec2::new(BOWL, BOWL_HALF_WIDTH), (along - BOWL) / BOWL)
+        round(BOWL, DVec2::new(BOWL_LENGTH, BOWL_HALF_WIDTH), (along - BOWL) / BOWL_LENGTH)
     } else if along > END {
         round(END, DVec2::splat(END_HALF_WIDTH), (along - END) / END_HALF_WIDTH)
     } else {
@@ -70,7 +71,7 @@ fn plan(along: f64, across: f64) -> (DVec2, DVec2) {
 fn height(at: DVec2) -> f64 {
     let DVec2 { x, y } = at;
     let handle = 17.0 * smooth_step(0.35 * NECK, 165.0, x) - 5.0 * ((x - 150.0).max(0.0) / 50.0).powi(2);
-    let front = ((BOWL - x).max(0.0) / BOWL).powi(2);
+    let front = ((BOWL - x).max(0.0) / BOWL_LENGTH).powi(2);
     let rear =
         ((half_width(x.max(BOWL)) - NECK_HALF_WIDTH) / (BOWL_HALF_WIDTH - NECK_HALF_WIDTH)).clamp(0.0, 1.0);
     let bowl = if x < BOWL {
@@ -99,7 +100,7 @@ fn lattice(edge: f64, stretch: f64) -> BoxLattice {
 pub(crate) fn build(triangles: usize) -> TriMesh {
     let lattice = fit(triangles, 9000.0, lattice, BoxLattice::triangles);
     // Closer together where the spoon is narrow, so that cells keep their shape.
-    let stations = stations(0.0, LENGTH, lattice.cells[0], |x| half_width(x.clamp(BOWL, END)).powf(-0.5));
+    let stations = stations(INSET[0], LENGTH - INSET[1], lattice.cells[0], |x| half_width(x.clamp(BOWL, END)).powf(-0.5));
     let mut mesh = Stitched::default();
     lattice.build(&mut mesh, |[i, j, k]| {
         let (at, outward) = plan(stations[i], 2.0 * j as f64 / lattice.cells[1] as f64 - 1.0);

@@ -160,11 +160,6 @@ impl Cap {
         Self { border, counts: (1..steps).map(count).collect() }
     }
 
-    /// A flat round disc with about equilateral triangles.
-    pub(crate) fn regular(border: usize) -> Self {
-        Self::new(border, (border as f64 / std::f64::consts::TAU * 1.1).round() as usize)
-    }
-
     /// Number of triangles.
     pub(crate) fn triangles(&self) -> usize {
         self.border + 2 * self.counts.iter().sum::<usize>()

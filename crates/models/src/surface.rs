@@ -32,16 +32,11 @@ pub(crate) trait Surface {
     /// Upper bound of the field's magnitude divided by the distance to the surface.
     const STEEPNESS: f64 = 2.0;
 
-    /// The field's gradient, by differences over a regular tetrahedron.
-    fn gradient(&self, p: DVec3) -> DVec3 {
+    /// The field's gradient where it has the given value, by forward differences.
+    fn gradient(&self, p: DVec3, value: f64) -> DVec3 {
         let e = 1e-3 * self.feature();
-        let corners = [
-            DVec3::new(1.0, -1.0, -1.0),
-            DVec3::new(-1.0, -1.0, 1.0),
-            DVec3::new(-1.0, 1.0, -1.0),
-            DVec3::new(1.0, 1.0, 1.0),
-        ];
-        corners.into_iter().map(|c| c * self.value(p + e * c)).sum::<DVec3>() / (4.0 * e)
+        let along = |axis: DVec3| self.value(p + e * axis) - value;
+        DVec3::new(along(DVec3::X), along(DVec3::Y), along(DVec3::Z)) / e
     }
 }
 

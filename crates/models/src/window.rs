@@ -19,6 +19,11 @@ impl Window {
         (self.high[0] - self.low[0]) * (self.high[1] - self.low[1])
     }
 
+    /// Cells along each axis.
+    pub(crate) const fn size(&self) -> [usize; 2] {
+        [self.high[0] - self.low[0], self.high[1] - self.low[1]]
+    }
+
     pub(crate) const fn holds_cell(&self, i: usize, j: usize) -> bool {
         self.low[0] <= i && i < self.high[0] && self.low[1] <= j && j < self.high[1]
     }
@@ -54,6 +59,22 @@ pub(crate) struct Opening {
 }
 
 impl Opening {
+    /// An ellipse about `middle` for a window with the given low and high corner on the plain grid, in `cells` cells. The grid
+    /// gives way up to `room` from the window's middle, and on a coarse grid as far as it must to keep its cells open.
+    pub(crate) fn new(
+        [low, high]: [DVec2; 2],
+        cells: [usize; 2],
+        middle: DVec2,
+        radii: DVec2,
+        room: f64,
+    ) -> Self {
+        let (center, half) = (0.5 * (low + high), 0.5 * (high - low));
+        let step = 2.0 * half / DVec2::new(cells[0] as f64, cells[1] as f64);
+        let needed = ((middle - center).abs() + radii + 0.7 * step) / half;
+        let reach = (room / half.max_element()).max(needed.max_element());
+        Self { center, middle, half, radii, reach }
+    }
+
     /// Where a point of the plain grid outside the window comes to lie.
     pub(crate) fn displace(&self, point: DVec2) -> DVec2 {
         let scaled = (point - self.center) / self.half;
@@ -71,6 +92,13 @@ impl Opening {
     pub(crate) fn direction(&self, point: DVec2) -> DVec2 {
         circle((point - self.center) / self.half)
     }
+}
+
+/// Draws the square from -1 to 1 out into the unit disc, concentric squares into concentric circles (P. Shirley and
+/// K. Chiu 1997). Each axis stays where it is, and cells keep their area: none is crushed at the corners.
+pub(crate) fn disc(in_square: DVec2) -> DVec2 {
+    let size = in_square.abs().max_element();
+    if size == 0.0 { DVec2::ZERO } else { size * circle(in_square / size) }
 }
 
 /// The point of the unit circle for a direction that is spaced evenly along a square.
