@@ -8,15 +8,19 @@ use palpate_core::mesh::{Adjacency, NO_NEIGHBOUR};
 use palpate_core::{Clod, TriMesh};
 use rayon::prelude::*;
 
-use crate::convexity::Patch;
+use crate::convexity::{HULL_THICKNESS, Patch};
 use crate::decomposition::{Decomposition, decompose};
 use crate::hierarchy::merge_to_root;
+use crate::hull::{HullBuilder, Plane};
 use crate::layout::{Parts, lay_out};
 use crate::parameters::{finest_resolution, support_areas};
 use crate::surface::Surface;
 
 /// Edges shorter than this fraction of the bounding radius join copies of a vertex.
 const NEGLIGIBLE: f64 = 1e-9;
+
+/// Faces of a thin hull below which a point inside of it is looked for.
+const MAX_FACES_TRIED: usize = 64;
 
 /// Lengths (m) from the reciprocal of this to this are accepted: their fifth powers, which inertia needs, are far within the
 /// range of f64.
@@ -155,8 +159,13 @@ pub fn build(
     let tolerance = options.tolerance * radius * surface.scale;
     let decomposition =
         decompose(&surface, &adjacency, tolerance, &mut |done| progress(Stage::Decomposition, done));
-    let contained: Vec<bool> =
-        decomposition.patches.par_iter().map(|patch| solid && lies_inside(&surface, patch)).collect();
+    let contained: Vec<bool> = decomposition
+        .patches
+        .par_iter()
+        .map_init(HullBuilder::default, |hulls, patch| {
+            solid && lies_inside(&surface, patch, tolerance, hulls)
+        })
+        .collect();
     let all_real: Vec<bool> =
         (0..decomposition.patches.len()).map(|patch| is_closed(&decomposition, patch, &adjacency)).collect();
     progress(Stage::Decomposition, 1.0);
@@ -237,12 +246,32 @@ fn check_extent(mesh: &TriMesh) -> Result<(DVec3, f64), BuildError> {
     Ok((sphere.center, sphere.radius))
 }
 
-/// Whether the hull of a patch lies inside a solid. No surface reaches into its interior, so that one point in there
-/// speaks for all; a hull without an interior is part of the surface.
-fn lies_inside(surface: &Surface, patch: &Patch) -> bool {
-    let middle =
-        patch.extreme.iter().map(|v| surface.points[*v as usize]).sum::<DVec3>() / patch.extreme.len() as f64;
-    patch.flat || surface.winding_number(middle).is_some_and(|turns| turns > 0)
+/// Whether the hull of a patch lies inside a solid. No surface reaches deeper into it than the tolerance, so that one point
+/// deeper than that speaks for all; a hull without such a point is part of the surface.
+fn lies_inside(surface: &Surface, patch: &Patch, tolerance: f64, hulls: &mut HullBuilder) -> bool {
+    if patch.flat {
+        return true;
+    }
+    let points: Vec<DVec3> = patch.extreme.iter().map(|v| surface.points[*v as usize]).collect();
+    let planes: Vec<Plane> = hulls.hull(&points, HULL_THICKNESS).planes(&points).collect();
+    let depth = |p: DVec3| planes.iter().map(|plane| -plane.height(p)).fold(f64::INFINITY, f64::min);
+    let below_faces = patch.triangles.iter().take(MAX_FACES_TRIED).map(|t| {
+        let plane = surface.planes[*t as usize];
+        let thickness = points.iter().map(|p| -plane.height(*p)).fold(0.0, f64::max);
+        surface.corners(*t).iter().sum::<DVec3>() / 3.0 - 0.5 * thickness * plane.normal
+    });
+    let middle = points.iter().sum::<DVec3>() / points.len() as f64;
+    let mut deepest = (middle, depth(middle));
+    // In a hull that is thick nearly everywhere the middle is deep enough; in a sheet it may be near the surface.
+    if deepest.1 <= 4.0 * tolerance {
+        for p in below_faces {
+            let depth = depth(p);
+            if depth > deepest.1 {
+                deepest = (p, depth);
+            }
+        }
+    }
+    deepest.1 <= tolerance || surface.winding_number(deepest.0).is_some_and(|turns| turns > 0)
 }
 
 /// Whether a patch has no boundary, so that it covers its whole hull.

@@ -15,7 +15,7 @@
 use glam::DVec3;
 
 use crate::hull::{Hull, HullBuilder, Plane, Shape};
-use crate::surface::{ReachBuffers, Surface};
+use crate::surface::{ReachBuffers, Surface, bounds_of};
 
 /// The height, in unit coordinates, below which hulls drop points: about what rounding does to the predicates' inputs.
 pub(crate) const HULL_THICKNESS: f64 = 1e-14;
@@ -79,7 +79,7 @@ impl<'a> Convexity<'a> {
         Patch { triangles: vec![triangle], extreme, bounds: bounds_of(&corners), flat: true, lead: triangle }
     }
 
-    /// The hull of two patches together, if that is a convex patch.
+    /// The hull of two patches together, if that is a convex patch; `mine` are the triangles of the two.
     pub fn join(
         &self,
         a: &Patch,
@@ -92,19 +92,15 @@ impl<'a> Convexity<'a> {
             return None;
         }
         // The planes of the largest triangles decide most cases.
-        let brute_force =
-            a.triangles.len() * b.extreme.len() + b.triangles.len() * a.extreme.len() <= WALK_FROM;
-        if !self.below(b, &lead_a) || !self.below(a, &lead_b) {
+        let supports =
+            |a: &Patch, b: &Patch| a.triangles.iter().all(|t| self.below(b, &self.planes[*t as usize]));
+        let pairs = a.triangles.len() * b.extreme.len() + b.triangles.len() * a.extreme.len();
+        if !self.below(b, &lead_a)
+            || !self.below(a, &lead_b)
+            || pairs <= WALK_FROM && !(supports(a, b) && supports(b, a))
+        {
             return None;
         }
-        if brute_force {
-            let supports =
-                |a: &Patch, b: &Patch| a.triangles.iter().all(|t| self.below(b, &self.planes[*t as usize]));
-            if !supports(a, b) || !supports(b, a) {
-                return None;
-            }
-        }
-        let bounds = (a.bounds.0.min(b.bounds.0), a.bounds.1.max(b.bounds.1));
         let flat_on = |patch: &Patch, plane: &Plane| {
             patch.extreme.iter().all(|v| plane.height(self.point(*v)) >= -self.tolerance)
         };
@@ -114,17 +110,51 @@ impl<'a> Convexity<'a> {
             // Two sides of a sheet, or of a crack: the vertices cannot tell which.
             return None;
         }
+        let bounds = (a.bounds.0.min(b.bounds.0), a.bounds.1.max(b.bounds.1));
+        let walk: &[&[u32]] = if pairs > WALK_FROM { &[&a.triangles, &b.triangles] } else { &[] };
+        buffers.vertices.clear();
+        buffers.vertices.extend_from_slice(&a.extreme);
+        buffers.vertices.extend_from_slice(&b.extreme);
+        let extreme = self.hull(walk, bounds, flat, mine, buffers)?;
+        Some(Join { extreme, bounds, flat })
+    }
 
+    /// Many triangles at once as a patch, if they are one and not flat.
+    pub fn whole(
+        &self,
+        triangles: &[u32],
+        mine: impl Fn(u32) -> bool,
+        buffers: &mut JoinBuffers,
+    ) -> Option<Patch> {
+        buffers.vertices.clear();
+        buffers.vertices.extend(triangles.iter().flat_map(|t| self.surface.triangles[*t as usize]));
+        let corners: Vec<DVec3> = buffers.vertices.iter().map(|v| self.point(*v)).collect();
+        let bounds = bounds_of(&corners);
+        let extreme = self.hull(&[triangles], bounds, false, mine, buffers)?;
+        let lead = *triangles.iter().max_by(|a, b| self.area(**a).total_cmp(&self.area(**b)))?;
+        let plane = self.planes[lead as usize];
+        let dependable = triangles.iter().all(|t| self.planes[*t as usize].normal != DVec3::ZERO);
+        let flat = extreme.iter().all(|v| plane.height(self.point(*v)) >= -self.tolerance);
+        (dependable && !flat).then(|| Patch { triangles: triangles.to_vec(), extreme, bounds, flat, lead })
+    }
+
+    /// The extreme points of the vertices in the buffers, if their hull does not protrude, and the planes of the
+    /// triangles to be walked to have all of it below them.
+    fn hull(
+        &self,
+        walk: &[&[u32]],
+        bounds: (DVec3, DVec3),
+        flat: bool,
+        mine: impl Fn(u32) -> bool,
+        buffers: &mut JoinBuffers,
+    ) -> Option<Vec<u32>> {
         let JoinBuffers { hulls, reach, vertices, points } = buffers;
-        vertices.clear();
-        vertices.extend_from_slice(&a.extreme);
-        vertices.extend_from_slice(&b.extreme);
         vertices.sort_unstable();
         vertices.dedup();
         points.clear();
         points.extend(vertices.iter().map(|v| self.point(*v)));
         let hull = hulls.hull(points, HULL_THICKNESS);
-        if !brute_force && !self.supports_by_walking(&[a, b], &hull, vertices, points) {
+        if !walk.is_empty() && !self.supports_by_walking(walk, &hull, vertices, points) {
             return None;
         }
         if !flat
@@ -133,8 +163,16 @@ impl<'a> Convexity<'a> {
         {
             return None;
         }
-        let extreme = hull.extreme.iter().map(|k| vertices[*k as usize]).collect();
-        Some(Join { extreme, bounds, flat })
+        Some(hull.extreme.iter().map(|k| vertices[*k as usize]).collect())
+    }
+
+    /// Whether each of two triangles with a common edge lies below the other's plane (Eq. 3.2).
+    pub fn is_convex(&self, a: u32, b: u32) -> bool {
+        let below = |a: u32, b: u32| {
+            let plane = &self.planes[a as usize];
+            self.surface.corners(b).iter().all(|p| plane.height(*p) <= self.tolerance)
+        };
+        below(a, b) && below(b, a)
     }
 
     /// The patch that two become.
@@ -163,13 +201,7 @@ impl<'a> Convexity<'a> {
 
     /// Whether the planes of all triangles have the hull below them: from a vertex of the hull that is near, walk to ever
     /// higher neighbours.
-    fn supports_by_walking(
-        &self,
-        patches: &[&Patch],
-        hull: &Hull,
-        vertices: &[u32],
-        points: &[DVec3],
-    ) -> bool {
+    fn supports_by_walking(&self, walk: &[&[u32]], hull: &Hull, vertices: &[u32], points: &[DVec3]) -> bool {
         let mut starts = vec![0u32; points.len() + 1];
         for v in hull.faces.iter().flatten() {
             starts[*v as usize + 1] += 1;
@@ -188,7 +220,7 @@ impl<'a> Convexity<'a> {
         }
         let Some(first) = hull.faces.first().map(|f| f[0]) else { return true };
         let mut last = first;
-        for &t in patches.iter().flat_map(|p| &p.triangles) {
+        for &t in walk.iter().copied().flatten() {
             let plane = self.planes[t as usize];
             let near = self.surface.triangles[t as usize].iter().find_map(|v| {
                 let k = vertices.binary_search(v).ok()?;
@@ -270,9 +302,4 @@ fn longest_side(corners: &[DVec3; 3]) -> (usize, f64) {
         }
     }
     best
-}
-
-/// The smallest axis-aligned box around points.
-pub(crate) fn bounds_of(points: &[DVec3]) -> (DVec3, DVec3) {
-    points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(*p), high.max(*p)))
 }

@@ -76,13 +76,31 @@ pub(crate) fn decompose(
         })
         .collect();
 
+    let mut buffers = JoinBuffers::default();
+    for piece in closed_convex_pieces(&convexity, adjacency, count as u32) {
+        let member = patch_of[piece[0] as usize];
+        for t in &piece {
+            patch_of[*t as usize] = member;
+        }
+        let mine = |t: u32| [member, NO_PATCH].contains(&patch_of[t as usize]);
+        if let Some(patch) = convexity.whole(&piece, mine, &mut buffers) {
+            for t in &piece {
+                members[*t as usize] = None;
+            }
+            members[member as usize] = Some(Member { patch, links: Vec::new() });
+        } else {
+            for t in &piece {
+                patch_of[*t as usize] = *t;
+            }
+        }
+    }
+
     let mut queue = BinaryHeap::new();
     for a in 0..count as u32 {
         for link in members[a as usize].iter().flat_map(|m| &m.links).filter(|link| link.patch > a) {
             queue.push(Reverse((size(&members, a, link.patch), a, link.patch)));
         }
     }
-    let mut buffers = JoinBuffers::default();
     let (mut done, mut next_report) = (0, 0);
     while let Some(Reverse((_, a, b))) = queue.pop() {
         done += 1;
@@ -139,6 +157,40 @@ pub(crate) fn decompose(
         }
     }
     Decomposition { patches, patch_of }
+}
+
+/// The connected pieces of surface that are closed and all of whose edges are convex: most are one patch, and a large one
+/// is found much faster whole than triangle by triangle.
+fn closed_convex_pieces(convexity: &Convexity<'_>, adjacency: &Adjacency, count: u32) -> Vec<Vec<u32>> {
+    let mut seen = vec![false; count as usize];
+    let mut pieces = Vec::new();
+    for first in 0..count {
+        if std::mem::replace(&mut seen[first as usize], true) {
+            continue;
+        }
+        let mut piece = vec![first];
+        let (mut done, mut closed_convex) = (0, true);
+        while let Some(&t) = piece.get(done) {
+            done += 1;
+            for side in 0..3 {
+                let edge = adjacency.triangle_edges()[t as usize][side as usize];
+                let Some(other) = adjacency.neighbour(t, side) else {
+                    closed_convex = false;
+                    continue;
+                };
+                closed_convex = closed_convex
+                    && adjacency.edge_kind(edge) == EdgeKind::Manifold
+                    && convexity.is_convex(t, other);
+                if !std::mem::replace(&mut seen[other as usize], true) {
+                    piece.push(other);
+                }
+            }
+        }
+        if closed_convex {
+            pieces.push(piece);
+        }
+    }
+    pieces
 }
 
 /// How many triangles two patches have together: the smallest unions are tried first. (Preferring patches with few open

@@ -1,7 +1,7 @@
 //! Pairwise merging of patches up to a single root (§3.3.3): the free levels of detail.
 //!
-//! In each pass neighbours are paired, those with the smallest common bounding sphere first, so that hulls grow little;
-//! who finds no partner passes up as an only child. Pieces of surface that have merged to one node wait until there are
+//! In each pass neighbours are paired, those with the smallest common bounding sphere first, so that hulls grow little; then
+//! those left over that have a neighbour in common; who finds no partner passes up as an only child. Pieces of surface that have merged to one node wait until there are
 //! more of them than of other nodes, and are then paired by proximity. The hull of a pair is that of the children's
 //! extreme points, without a limit on their number: it contains its descendants up to rounding, so that their directed
 //! Hausdorff distance h is 0.
@@ -119,19 +119,51 @@ fn pair(level: &[Cluster], links: &[(u32, u32)]) -> Vec<u32> {
     if 2 * pieces.len() > level.len() {
         candidates.extend(near_pieces(level, pieces));
     }
+    let mut partner: Vec<u32> = (0..level.len() as u32).collect();
+    pair_smallest(level, candidates, &mut partner);
+    // Around a large patch, such as a flat side with a row of teeth, many have no other neighbour: only one of them would
+    // find a partner in each pass. The rest are paired with each other.
+    let rest = pairs_with_a_common_neighbour(level, links, &partner);
+    pair_smallest(level, rest, &mut partner);
+    partner
+}
+
+/// Pairs the candidates that have no partner yet, the smallest first.
+fn pair_smallest(level: &[Cluster], candidates: Vec<(u32, u32)>, partner: &mut [u32]) {
     let mut ranked: Vec<(f64, u32, u32)> = candidates
         .into_par_iter()
         .map(|(a, b)| (common_radius(&level[a as usize], &level[b as usize]), a, b))
         .collect();
     ranked.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
-    let mut partner: Vec<u32> = (0..level.len() as u32).collect();
     for (_, a, b) in ranked {
         if partner[a as usize] == a && partner[b as usize] == b {
             partner[a as usize] = b;
             partner[b as usize] = a;
         }
     }
-    partner
+}
+
+/// Candidate pairs among clusters without a partner: those near each other around the same neighbour.
+fn pairs_with_a_common_neighbour(
+    level: &[Cluster],
+    links: &[(u32, u32)],
+    partner: &[u32],
+) -> Vec<(u32, u32)> {
+    let alone = |k: u32| partner[k as usize] == k;
+    let mut around: Vec<(u32, u64, u32)> = links
+        .iter()
+        .flat_map(|&(a, b)| [(a, b), (b, a)])
+        .filter(|(_, k)| alone(*k))
+        .map(|(hub, k)| (hub, curve(level[k as usize].center), k))
+        .collect();
+    around.par_sort_unstable();
+    let mut pairs = Vec::new();
+    for siblings in around.chunk_by(|a, b| a.0 == b.0) {
+        for (k, &(_, _, a)) in siblings.iter().enumerate() {
+            pairs.extend(siblings[k + 1..].iter().take(CURVE_WINDOW).map(|&(_, _, b)| (a.min(b), a.max(b))));
+        }
+    }
+    pairs
 }
 
 /// The radius of the smallest sphere around the spheres of two clusters.

@@ -151,6 +151,10 @@ impl Surface {
                     continue;
                 }
                 let corners = self.corners(t);
+                let (from, to) = bounds_of(&corners);
+                if from.cmpgt(high).any() || to.cmplt(low).any() {
+                    continue;
+                }
                 let planes = &active[start as usize..end as usize];
                 if planes.iter().any(|p| corners.iter().all(|c| p.height(*c) >= 0.0)) {
                     continue;
@@ -227,6 +231,11 @@ impl Surface {
         }
         Some(sum)
     }
+}
+
+/// The smallest axis-aligned box around points.
+pub(crate) fn bounds_of(points: &[DVec3]) -> (DVec3, DVec3) {
+    points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(*p), high.max(*p)))
 }
 
 /// The plane of a triangle; with a zero normal where the corners are too nearly on a line to tell.
