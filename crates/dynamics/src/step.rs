@@ -200,42 +200,34 @@ fn six(first: DVec3, second: DVec3) -> [f64; 6] {
     [first.x, first.y, first.z, second.x, second.y, second.z]
 }
 
-fn dot(a: &[f64; 6], b: &[f64; 6]) -> f64 {
-    a.iter().zip(b).map(|(x, y)| x * y).sum()
-}
-
-/// A contact as the step's linear systems see it.
+/// A contact as the step's linear systems see it. Its wrench is along (n, a × n), which also takes the velocity to δ̇.
 #[derive(Clone, Copy, Default)]
 struct Pressing {
-    /// The direction of the contact's wrench, n and a × n; by it the velocity gives δ̇.
-    direction: [f64; 6],
-    /// The row by which λ at the end of the step depends on the velocity then: h ∂λ/∂(x, φ) + ∂λ/∂(v, ω).
-    row: [f64; 6],
+    /// a.
+    arm: DVec3,
+    /// a × n.
+    moment: DVec3,
+    /// h ∂(b δ̇)/∂φ, or zero without geometric stiffness.
+    swept: DVec3,
     /// δ + d at the end of the step if the velocity does not change, m.
     overlap: f64,
     /// λ at the end of the step if the velocity does not change, before the clamp, N.
     force: f64,
-    /// a, and F_p at the start, of which the geometric stiffness is made.
-    arm: DVec3,
-    pull: DVec3,
+    /// λ at the start, N.
+    force_at_start: f64,
 }
 
 impl Pressing {
     fn new(c: &PlaneConstraint, at: &ContactState, twist: &Twist, dt: f64, geometric: bool) -> Self {
-        let mut by_turn = at.moment * c.stiffness;
-        let mut force = c.stiffness * (at.overlap + dt * at.rate) + c.damping * at.rate;
-        if geometric {
-            let swept = c.swept(at, twist.angular);
-            by_turn += swept;
-            force += dt * swept.dot(twist.angular);
-        }
+        let swept = if geometric { c.swept(at, twist.angular) * dt } else { DVec3::ZERO };
+        let overlap = at.overlap + dt * at.rate;
         Self {
-            direction: six(c.normal, at.moment),
-            row: six(c.normal * (dt * c.stiffness + c.damping), by_turn * dt + at.moment * c.damping),
-            overlap: at.overlap + dt * at.rate,
-            force,
             arm: at.arm,
-            pull: c.normal * -c.normal_force(at),
+            moment: at.moment,
+            swept,
+            overlap,
+            force: c.stiffness * overlap + c.damping * at.rate + swept.dot(twist.angular),
+            force_at_start: c.normal_force(at),
         }
     }
 }
@@ -289,7 +281,7 @@ impl<'a> System<'a> {
         let torque = on_body.torque + drift.torque * dt;
         base.add_right(force * dt, torque * dt - gained);
 
-        let mut system = Self {
+        Self {
             contacts,
             rotation,
             state,
@@ -301,12 +293,12 @@ impl<'a> System<'a> {
             base,
             turning,
             geometric: true,
-        };
-        system.see_contacts();
-        system
+        }
     }
 
+    /// Looks at the contacts from the start of the step.
     fn see_contacts(&mut self) {
+        self.closed_at_start = 0;
         for (i, c) in self.contacts.constraints().iter().enumerate() {
             let at = c.at(self.state, &self.rotation);
             self.closed_at_start |= u32::from(at.overlap > 0.0) << i;
@@ -314,8 +306,9 @@ impl<'a> System<'a> {
         }
     }
 
-    fn pressing(&self) -> &[Pressing] {
-        &self.pressing[..self.contacts.constraints().len()]
+    /// The contacts with the planes they are with.
+    fn pressing(&self) -> impl Iterator<Item = (usize, (&PlaneConstraint, &Pressing))> {
+        self.contacts.constraints().iter().zip(&self.pressing).enumerate()
     }
 
     #[inline]
@@ -323,18 +316,20 @@ impl<'a> System<'a> {
         let h = self.dt;
         let mut linear = self.base;
         let mut turning = self.turning.1;
-        for (i, c) in self.pressing().iter().enumerate() {
+        for (i, (c, p)) in self.pressing() {
             if active & (1 << i) == 0 {
                 continue;
             }
-            for a in 0..6 {
-                let scaled = h * c.direction[a];
-                for b in 0..6 {
-                    linear.matrix[a][b] += scaled * c.row[b];
+            let gain = h * c.stiffness + c.damping;
+            let direction = six(c.normal * h, p.moment * h);
+            let row = six(c.normal * gain, p.moment * gain + p.swept);
+            for ((entries, right), along) in linear.matrix.iter_mut().zip(&mut linear.right).zip(direction) {
+                for (entry, value) in entries.iter_mut().zip(&row) {
+                    *entry += along * value;
                 }
-                linear.right[a] -= scaled * c.force;
+                *right -= along * p.force;
             }
-            turning += skew_skew(c.pull, c.arm);
+            turning += skew_skew(c.normal * -p.force_at_start, p.arm);
         }
         if self.geometric {
             let angular = self.state.twist.angular;
@@ -360,11 +355,13 @@ impl<'a> System<'a> {
 
     /// The contacts that are closed and pushing at the end of the step for a velocity change, and those of them that
     /// are closed.
-    fn predict(&self, change: &[f64; 6]) -> (u32, u32) {
+    fn predict(&self, change: &Twist) -> (u32, u32) {
         let (mut pushing, mut closed) = (0, 0);
-        for (i, c) in self.pressing().iter().enumerate() {
-            let is_closed = c.overlap + self.dt * dot(&c.direction, change) > 0.0;
-            let pushes = c.force + dot(&c.row, change) > 0.0;
+        for (i, (c, p)) in self.pressing() {
+            let rate = c.normal.dot(change.linear) + p.moment.dot(change.angular);
+            let gain = self.dt * c.stiffness + c.damping;
+            let is_closed = p.overlap + self.dt * rate > 0.0;
+            let pushes = p.force + gain * rate + p.swept.dot(change.angular) > 0.0;
             closed |= u32::from(is_closed) << i;
             pushing |= u32::from(is_closed && pushes) << i;
         }
@@ -374,7 +371,8 @@ impl<'a> System<'a> {
     fn solve(&mut self) -> Option<(Twist, u32, StepStatus)> {
         let mut status = StepStatus::default();
         let mut left_for_next = 0_u32;
-        let (mut active, _) = self.predict(&[0.0; 6]);
+        self.see_contacts();
+        let (mut active, _) = self.predict(&Twist::ZERO);
         loop {
             let mut linear = self.assemble(active);
             if self.geometric && !self.predicts(&linear.matrix) {
@@ -384,15 +382,14 @@ impl<'a> System<'a> {
                 linear = self.assemble(active);
             }
             status.solves += 1;
-            let change = solve(linear.matrix, linear.right)?;
+            let [vx, vy, vz, wx, wy, wz] = solve(linear.matrix, linear.right)?;
+            let change = Twist { linear: DVec3::new(vx, vy, vz), angular: DVec3::new(wx, wy, wz) };
             let (pushing, closed) = self.predict(&change);
             left_for_next |= active & !closed & !self.closed_at_start;
             let wanted = pushing & !left_for_next;
             let next = if status.solves < FREE_SOLVES { wanted } else { wanted & active };
             if next == active || status.solves >= MAX_SOLVES {
                 status.active_set_unsettled = wanted != active;
-                let [vx, vy, vz, wx, wy, wz] = change;
-                let change = Twist { linear: DVec3::new(vx, vy, vz), angular: DVec3::new(wx, wy, wz) };
                 return Some((change, active, status));
             }
             active = next;
@@ -564,7 +561,6 @@ mod tests {
             let model = LinearContactModel::from_contacts(contacts, &state.pose, &parameters, 0.0);
             let mut system = System::new(&body, &state, &device, &coupling, &model, DVec3::ZERO, 1e-3);
             let (change, active, status) = system.solve().expect("regular");
-            let change = six(change.linear, change.angular);
             let (pushing, _) = system.predict(&change);
             assert_eq!(active & !pushing, 0, "seed {seed}, case {case}: an active contact attracts");
             most = most.max(status.solves);
