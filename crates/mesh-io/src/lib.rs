@@ -1,4 +1,21 @@
-//! Mesh files for palpate: OBJ, glTF, STL and PLY loading, welding, repair and self-intersection checks.
+//! Mesh files for palpate: OBJ, glTF, STL and PLY loading, exact welding, repair, and exact intersection checks.
+//!
+//! ```no_run
+//! use palpate_mesh_io::{LoadOptions, load, self_intersections};
+//!
+//! // A model in millimetres.
+//! let options = LoadOptions { scale: 0.001, ..LoadOptions::default() };
+//! let loaded = load("bracket.stl".as_ref(), &options)?;
+//! loaded.warnings.iter().for_each(|warning| eprintln!("{warning}"));
+//! assert_eq!(self_intersections(&loaded.mesh).count, 0);
+//! # Ok::<(), palpate_mesh_io::LoadError>(())
+//! ```
+//!
+//! Files come from anywhere: whatever the bytes, [`load`] returns a mesh or one line that says what is wrong, where, and
+//! what to do. It does not panic, its memory is bounded by the size of the files (and for glTF, whose nodes
+//! can repeat a mesh, by a limit of its own), and no file is walked recursively. No parser needs to be fenced off: those
+//! of other crates that are used (JSON and GLB of `gltf`, binary STL of `stl_io`) are handed nothing whose lengths have not
+//! been checked, and indices, counts and offsets are always resolved here.
 
 mod error;
 mod gltf_scene;

@@ -117,3 +117,157 @@ impl Facing {
         self.up * self.plane.orient(a, b, c)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashMap;
+
+    use glam::{DQuat, DVec2};
+    use rand::rngs::StdRng;
+    use rand::{RngExt, SeedableRng};
+
+    use super::*;
+
+    /// Cuts a flat polygon and checks what makes a cut right: as many triangles as there should be, all turning the polygon's
+    /// way, adding up to its area, and with its outline as their outline, edge by edge.
+    fn check(outline: &[DVec2], case: &str) {
+        let n = outline.len();
+        let area = |p: &[DVec2]| (0..p.len()).map(|i| p[i].perp_dot(p[(i + 1) % p.len()])).sum::<f64>() / 2.0;
+        let whole = area(outline);
+        let tilted = DQuat::from_scaled_axis(DVec3::new(0.4, -1.1, 0.3));
+        for (place, turn) in [
+            ("flat", DQuat::IDENTITY),
+            ("upside down", DQuat::from_rotation_x(std::f64::consts::PI)),
+            ("tilted", tilted),
+        ] {
+            let vertices: Vec<DVec3> = outline.iter().map(|p| turn * p.extend(0.0)).collect();
+            let polygon: Vec<u32> = (0..n as u32).collect();
+            let mut triangles = Vec::new();
+            assert_eq!(triangulate(&polygon, &vertices, &mut triangles), Cut::Covered, "{case}, {place}");
+            assert_eq!(triangles.len(), n - 2, "{case}, {place}");
+            let mut edges: HashMap<[u32; 2], i32> = HashMap::new();
+            let mut sum = 0.0;
+            for &[a, b, c] in &triangles {
+                let part = area(&[a, b, c].map(|i| outline[i as usize])) * whole.signum();
+                assert!(part > -1e-12, "{case}, {place}: a triangle is turned over");
+                sum += part;
+                for [from, to] in [[a, b], [b, c], [c, a]] {
+                    *edges.entry([from.min(to), from.max(to)]).or_default() += if from < to { 1 } else { -1 };
+                }
+            }
+            assert!((sum - whole.abs()).abs() < 1e-9, "{case}, {place}: {sum} of {whole}");
+            edges.retain(|_, sum| *sum != 0);
+            let expected: HashMap<[u32; 2], i32> = (0..n as u32)
+                .map(|i| (i, (i + 1) % n as u32))
+                .map(|(a, b)| ([a.min(b), a.max(b)], if a < b { 1 } else { -1 }))
+                .collect();
+            assert_eq!(edges, expected, "{case}, {place}");
+        }
+    }
+
+    fn points(list: &[[f64; 2]]) -> Vec<DVec2> {
+        list.iter().map(|&p| p.into()).collect()
+    }
+
+    #[test]
+    fn concave_and_straight_corners() {
+        let dart = points(&[[0.0, 0.0], [2.0, 1.0], [0.0, 2.0], [1.0, 1.0]]);
+        let comb = points(&[
+            [0., 0.],
+            [5., 0.],
+            [5., 3.],
+            [4., 3.],
+            [4., 1.],
+            [3., 1.],
+            [3., 3.],
+            [2., 3.],
+            [2., 1.],
+            [1., 1.],
+            [1., 3.],
+            [0., 3.],
+        ]);
+        let split_sides =
+            points(&[[0., 0.], [1., 0.], [2., 0.], [2., 1.], [2., 2.], [1., 2.], [0., 2.], [0., 1.]]);
+        // A square with a square hole, joined to the outside by a cut that is passed twice.
+        let holed = points(&[
+            [0., 0.],
+            [4., 0.],
+            [4., 4.],
+            [0., 4.],
+            [0., 0.],
+            [1., 1.],
+            [1., 3.],
+            [3., 3.],
+            [3., 1.],
+            [1., 1.],
+        ]);
+        for (case, outline) in
+            [("dart", dart), ("comb", comb), ("split sides", split_sides), ("holed", holed)]
+        {
+            for start in 0..outline.len() {
+                let mut outline = outline.clone();
+                outline.rotate_left(start);
+                check(&outline, &format!("{case} from {start}"));
+                outline.reverse();
+                check(&outline, &format!("{case} backwards from {start}"));
+            }
+        }
+    }
+
+    #[test]
+    fn random_stars() {
+        let seed = 5;
+        let mut random = StdRng::seed_from_u64(seed);
+        for case in 0..300 {
+            let n = random.random_range(4..60);
+            let outline: Vec<DVec2> = (0..n)
+                .map(|i| {
+                    let angle = std::f64::consts::TAU * f64::from(i) / f64::from(n);
+                    DVec2::from_angle(angle) * random.random_range(0.1..1.0)
+                })
+                .collect();
+            check(&outline, &format!("seed {seed}, case {case}"));
+        }
+    }
+
+    #[test]
+    fn what_is_no_outline_becomes_a_fan() {
+        let mut triangles = Vec::new();
+        let line: Vec<DVec3> = (0..5).map(|i| DVec3::X * f64::from(i)).collect();
+        assert_eq!(triangulate(&[0, 1, 2, 3, 4], &line, &mut triangles), Cut::Fan);
+        assert_eq!(triangles, [[0, 1, 2], [0, 2, 3], [0, 3, 4]]);
+        triangles.clear();
+        let nan = vec![DVec3::NAN; 4];
+        assert_eq!(triangulate(&[0, 1, 2, 3], &nan, &mut triangles), Cut::Fan);
+        assert_eq!(triangles.len(), 2);
+        triangles.clear();
+        let star: Vec<DVec3> = (0..5)
+            .map(|i| DVec2::from_angle(f64::from(i) * 0.8 * std::f64::consts::PI).extend(0.0))
+            .collect();
+        triangulate(&[0, 1, 2, 3, 4], &star, &mut triangles);
+        assert_eq!(triangles.len(), 3);
+    }
+
+    /// A hostile outline: a comb of a hundred thousand teeth must not take a hundred thousand squared.
+    #[test]
+    fn large_outlines_are_cut_in_time() {
+        let teeth = 100_000;
+        let mut vertices = vec![DVec3::new(f64::from(teeth), -1.0, 0.0), DVec3::new(0.0, -1.0, 0.0)];
+        vertices.extend((0..teeth).flat_map(|i| {
+            [DVec3::new(f64::from(i) + 0.5, 1.0, 0.0), DVec3::new(f64::from(i) + 0.7, 0.0, 0.0)]
+        }));
+        let polygon: Vec<u32> = (0..vertices.len() as u32).collect();
+        let mut triangles = Vec::new();
+        let start = std::time::Instant::now();
+        assert_eq!(triangulate(&polygon, &vertices, &mut triangles), Cut::Fan);
+        assert_eq!(triangles.len(), vertices.len() - 2);
+        // A circle of as many corners is convex, and no work.
+        let circle: Vec<DVec3> = (0..teeth)
+            .map(|i| DVec2::from_angle(f64::from(i) / f64::from(teeth) * std::f64::consts::TAU).extend(0.0))
+            .collect();
+        triangles.clear();
+        let polygon: Vec<u32> = (0..circle.len() as u32).collect();
+        assert_eq!(triangulate(&polygon, &circle, &mut triangles), Cut::Covered);
+        assert!(start.elapsed().as_secs_f64() < 5.0);
+    }
+}

@@ -239,3 +239,115 @@ fn bounds(mesh: &TriMesh, members: &[u32]) -> [DVec3; 2] {
         .flat_map(|&t| mesh.corners(t as usize))
         .fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], p| [low.min(p), high.max(p)])
 }
+
+#[cfg(test)]
+mod tests {
+    use rand::rngs::StdRng;
+    use rand::{RngExt, SeedableRng};
+
+    use super::*;
+
+    const QUADS: [[u32; 4]; 6] =
+        [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+
+    /// Adds a cube to a mesh's lists, facing outwards.
+    fn cube(
+        vertices: &mut Vec<DVec3>,
+        triangles: &mut Vec<[u32; 3]>,
+        center: DVec3,
+        half: f64,
+        inwards: bool,
+    ) {
+        let first = vertices.len() as u32;
+        let sign = |i: u32, bit: u32| if i >> bit & 1 == 1 { half } else { -half };
+        vertices.extend((0..8).map(|i| center + DVec3::new(sign(i, 0), sign(i, 1), sign(i, 2))));
+        for [a, b, c, d] in QUADS.map(|q| q.map(|v| first + v)) {
+            triangles.extend(if inwards { [[a, c, b], [a, d, c]] } else { [[a, b, c], [a, c, d]] });
+        }
+    }
+
+    fn cubes(list: &[(f64, f64, bool)]) -> TriMesh {
+        let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
+        for &(x, half, inwards) in list {
+            cube(&mut vertices, &mut triangles, DVec3::X * x, half, inwards);
+        }
+        TriMesh::new(vertices, triangles).unwrap()
+    }
+
+    fn volume(mesh: &TriMesh) -> f64 {
+        (0..mesh.triangles().len()).map(|t| mesh.corners(t)).map(|[a, b, c]| a.dot(b.cross(c)) / 6.0).sum()
+    }
+
+    #[test]
+    fn counts_what_it_drops() {
+        let mesh = cubes(&[(0.0, 1.0, false)]);
+        let mut vertices = mesh.vertices().to_vec();
+        vertices.extend([DVec3::NAN, DVec3::new(0.0, -1.0, -1.0), DVec3::splat(9.0)]);
+        let mut triangles = mesh.triangles().to_vec();
+        // Not finite; two corners the same; three on a line; a copy, and one turned over.
+        triangles.extend([[0, 1, 8], [3, 3, 4], [0, 1, 9], [2, 3, 0], [3, 2, 0]]);
+        let (repaired, summary) = repair(&TriMesh::new(vertices, triangles).unwrap());
+        let expected = RepairSummary {
+            nonfinite_triangles: 1,
+            degenerate_triangles: 2,
+            duplicate_triangles: 2,
+            unreferenced_vertices: 3,
+            ..RepairSummary::default()
+        };
+        assert_eq!(summary, expected);
+        assert_eq!(repaired, mesh);
+    }
+
+    #[test]
+    fn any_turning_of_triangles_is_undone() {
+        let seed = 29;
+        let mut random = StdRng::seed_from_u64(seed);
+        let mesh = cubes(&[(0.0, 1.0, false), (5.0, 2.0, false)]);
+        for case in 0..200 {
+            let turned =
+                mesh.triangles().iter().map(|&[a, b, c]| if random.random() { [a, c, b] } else { [a, b, c] });
+            let (repaired, summary) = repair(&with_triangles(&mesh, turned.collect()));
+            assert_eq!(summary.nonorientable_components, 0);
+            let bounds = repaired
+                .adjacency()
+                .edge_kinds()
+                .iter()
+                .all(|k| *k == palpate_core::mesh::EdgeKind::Manifold);
+            assert!(bounds, "seed {seed}, case {case}: some edge is misoriented");
+            assert!((volume(&repaired) - 72.0).abs() < 1e-9, "seed {seed}, case {case}");
+        }
+    }
+
+    #[test]
+    fn cavities_stay_and_bodies_face_outwards() {
+        for (name, shells, expected, inverted) in [
+            ("inside out", vec![(0.0, 1.0, true)], 8.0, 1),
+            ("hollow", vec![(0.0, 2.0, false), (0.0, 1.0, true)], 56.0, 0),
+            ("hollow, inside out", vec![(0.0, 2.0, true), (0.0, 1.0, false)], 56.0, 2),
+            ("two bodies, one inside out", vec![(0.0, 2.0, false), (9.0, 1.0, true)], 72.0, 1),
+            (
+                "a body in a cavity",
+                vec![(0.0, 3.0, false), (0.0, 2.0, true), (0.0, 1.0, false)],
+                216.0 - 64.0 + 8.0,
+                0,
+            ),
+            ("overlapping, not inside", vec![(0.0, 2.0, false), (2.0, 1.0, true)], 72.0, 1),
+        ] {
+            let (repaired, summary) = repair(&cubes(&shells));
+            assert!((volume(&repaired) - expected).abs() < 1e-9, "{name}: {}", volume(&repaired));
+            assert_eq!(summary.inverted_components, inverted, "{name}");
+        }
+    }
+
+    #[test]
+    fn a_moebius_strip_is_named() {
+        // Five triangles in a ring: a strip with an odd number of half turns.
+        let vertices =
+            (0..5).map(|i| DVec3::new(f64::from(i), f64::from(i * i), f64::from(i * i * i))).collect();
+        let strip = TriMesh::new(vertices, (0..5).map(|i| [i, (i + 1) % 5, (i + 2) % 5]).collect()).unwrap();
+        let (repaired, summary) = repair(&strip);
+        assert_eq!(summary.nonorientable_components, 1);
+        assert_eq!(repaired.triangles().len(), 5);
+        assert_eq!(repair(&TriMesh::default()), (TriMesh::default(), RepairSummary::default()));
+    }
+}

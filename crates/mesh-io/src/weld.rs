@@ -81,3 +81,42 @@ impl Hasher for BitsHasher {
         self.0
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use rand::rngs::StdRng;
+    use rand::{RngExt, SeedableRng};
+
+    use super::*;
+
+    #[test]
+    fn joins_zeros_and_drops_the_unused() {
+        let v = |x: f64, y: f64| DVec3::new(x, y, 0.0);
+        let vertices = vec![
+            v(9.0, 9.0),
+            v(0.0, 0.0),
+            v(1.0, 0.0),
+            v(-0.0, 1.0),
+            v(0.0, -0.0),
+            v(0.0, 1.0),
+            v(1.0, f64::EPSILON),
+        ];
+        let mesh = TriMesh::new(vertices, vec![[1, 2, 3], [5, 4, 6], [4, 1, 2]]).unwrap();
+        let welded = weld(&mesh);
+        assert_eq!(welded.vertices(), [v(0.0, 0.0), v(1.0, 0.0), v(0.0, 1.0), v(1.0, f64::EPSILON)]);
+        assert_eq!(welded.triangles(), [[0, 1, 2], [2, 0, 3], [0, 0, 1]]);
+        assert_eq!(weld(&welded), welded);
+    }
+
+    #[test]
+    fn agrees_with_comparing_all_with_all() {
+        let seed = 3;
+        let mut random = StdRng::seed_from_u64(seed);
+        let vertices: Vec<DVec3> = (0..2000)
+            .map(|_| DVec3::from_array(std::array::from_fn(|_| f64::from(random.random_range(-4..4)) * -0.5)))
+            .collect();
+        let plain: Vec<u32> =
+            vertices.iter().map(|v| vertices.iter().position(|w| w == v).unwrap() as u32).collect();
+        assert_eq!(equal_positions(&vertices), plain, "seed {seed}");
+    }
+}

@@ -20,3 +20,23 @@ pub fn write_obj(mesh: &TriMesh, mut out: impl Write) -> io::Result<()> {
     }
     out.flush()
 }
+
+#[cfg(test)]
+mod tests {
+    use palpate_core::glam::DVec3;
+
+    use super::*;
+
+    #[test]
+    fn numbers_survive_to_the_last_bit() {
+        let awkward = DVec3::new(0.1 + 0.2, -1e-310, 1.7976931348623157e308);
+        let mesh = TriMesh::new(vec![awkward, DVec3::ZERO, DVec3::ONE / 3.0], vec![[2, 1, 0]]).unwrap();
+        let mut bytes = Vec::new();
+        write_obj(&mesh, &mut bytes).unwrap();
+        let read = crate::obj::read(&bytes, std::path::Path::new("memory")).unwrap();
+        assert_eq!(
+            (read.vertices.as_slice(), read.triangles.as_slice()),
+            (mesh.vertices(), mesh.triangles())
+        );
+    }
+}

@@ -1,5 +1,7 @@
 //! Loading against the figures of the models that lie beside the repository, when they do.
 
+#![expect(clippy::print_stdout, reason = "what each file gave, and what was skipped, is the test's report")]
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
