@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
-use palpate::device::{EmulatedDevice, EmulatedSettings, Interpolation, Keyframe, MotionPath};
+use palpate::device::{Emulation, Interpolation, Keyframe, MotionPath};
 use palpate::glam::DVec3;
 use palpate::models::CLOSED_JAWS;
 use palpate::{ContactTiming, HapticRenderer, Object, OpenOptions, Pose, RecordWriter, Scene, Settings};
@@ -41,7 +41,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let upper = open("upper-jaw")?;
     let lower = open("lower-jaw")?;
     let path = MotionPath::new(chewing(arguments.seconds), Interpolation::Smooth)?;
-    let device = EmulatedDevice::new(EmulatedSettings::default(), path)?;
+    let device = Emulation::default().open(path)?;
     let scene = Scene::new().with(lower, Pose::IDENTITY);
     let renderer = HapticRenderer::new(upper, scene, Box::new(device), Settings::default())?;
 

@@ -5,7 +5,7 @@ pub mod brute_force;
 use std::path::PathBuf;
 
 use palpate::mesh_io::{LoadOptions, load};
-use palpate::TriMesh;
+use palpate::{Object, OpenOptions, TriMesh};
 
 /// A file of the optional test data, which lies in `shared` beside the repository; says that the test is skipped, and
 /// gives `None`, when it is absent.
@@ -27,6 +27,18 @@ pub fn shared_mesh(path: &str) -> Option<TriMesh> {
     let file = shared(path)?;
     match load(&file, &LoadOptions::default()) {
         Ok(loaded) => Some(loaded.mesh),
+        Err(error) => panic!("{error}"),
+    }
+}
+
+/// A built-in model with its hierarchy built anew, whatever the user's cache holds.
+///
+/// # Panics
+/// If there is no such model.
+pub fn model(name: &str) -> Object {
+    let options = OpenOptions { cache: false, ..OpenOptions::default() };
+    match Object::open(name, &options, &mut |_, _| {}) {
+        Ok((object, _)) => object,
         Err(error) => panic!("{error}"),
     }
 }

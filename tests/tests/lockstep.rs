@@ -4,13 +4,14 @@ use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
 
 use palpate::{
-    ContactTiming, HapticRenderer, Object, Pose, Record, RecordWriter, Scene, Session, Settings, explore,
+    ContactTiming, HapticRenderer, Pose, Record, RecordWriter, Scene, Session, Settings, explore,
 };
+use palpate_tests::model;
 
 /// A session of an ellipsoid exploring a coarse golf ball.
 fn explore_golf_ball(seconds: f64, settings: Settings) -> (Vec<Record>, Session) {
-    let probe = Object::model("ellipsoid@2000").expect("ellipsoid");
-    let ball = Object::model("golf-ball@20000").expect("golf ball");
+    let probe = model("ellipsoid@2000");
+    let ball = model("golf-ball@20000");
     let scene = Scene::new().with(ball, Pose::IDENTITY);
     let device = explore::open_device("emulated", &probe, &scene, seconds).expect("emulated device");
     let renderer = HapticRenderer::new(probe, scene, device, settings).expect("renderer");
@@ -46,7 +47,7 @@ fn two_runs_give_the_same_bytes() {
 fn touching_is_felt_and_bounded() {
     let (records, session) = explore_golf_ball(10.0, Settings::default());
     let summary = session.summary();
-    let radius = Object::model("ellipsoid@2000").expect("ellipsoid").bounding_radius();
+    let radius = model("ellipsoid@2000").bounding_radius();
     assert_eq!(summary.haptic.steps, 10_000);
     assert!(records.iter().any(|row| row.contacts > 0), "the probe never came near the ball");
     let pressed: Vec<&Record> = records.iter().filter(|row| (3.0..7.0).contains(&row.time)).collect();
@@ -66,7 +67,7 @@ fn touching_is_felt_and_bounded() {
 
 #[test]
 fn free_space_is_quiet() {
-    let probe = Object::model("ellipsoid@2000").expect("ellipsoid");
+    let probe = model("ellipsoid@2000");
     let scene = Scene::new();
     let device = explore::open_device("emulated", &probe, &scene, 2.0).expect("emulated device");
     let renderer = HapticRenderer::new(probe, scene, device, Settings::default()).expect("renderer");
@@ -83,7 +84,7 @@ fn free_space_is_quiet() {
 #[test]
 fn a_replayed_probe_comes_where_its_path_says() {
     // A kinematic device through free space: the object follows within what the coupling's spring gives way.
-    let probe = Object::model("spoon@5000").expect("spoon");
+    let probe = model("spoon@5000");
     let folder = tempfile::tempdir().expect("temporary folder");
     let file = folder.path().join("path.csv");
     let mut text = String::from("t,px,py,pz,qx,qy,qz,qw\n");

@@ -3,7 +3,8 @@
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-use palpate::{HapticRenderer, Object, Pose, Scene, Settings, explore};
+use palpate::{HapticRenderer, Pose, Scene, Settings, explore};
+use palpate_tests::model;
 
 thread_local! {
     static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
@@ -46,8 +47,8 @@ fn allocations_in(work: impl FnOnce()) -> u64 {
 fn the_loops_do_not_allocate() {
     assert!(allocations_in(|| drop(std::hint::black_box(vec![1u8]))) > 0, "the counter counts");
 
-    let probe = Object::model("spoon@5000").expect("spoon");
-    let cup = Object::model("cup@5000").expect("cup");
+    let probe = model("spoon@5000");
+    let cup = model("cup@5000");
     let scene = Scene::new().with(cup, Pose::IDENTITY);
     let seconds = 100.0;
     let device = explore::open_device("emulated", &probe, &scene, seconds).expect("emulated device");

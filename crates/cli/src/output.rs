@@ -42,8 +42,11 @@ impl Table {
 
     fn print(&self) -> Result<(), Failure> {
         let columns = self.0.iter().map(Vec::len).max().unwrap_or(0);
-        let width = |column| self.0.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count()).max();
-        let widths: Vec<usize> = (0..columns).map(|column| width(column).unwrap_or(0)).collect();
+        let width = |column: usize| {
+            let cells = self.0.iter().filter_map(|row| row.get(column));
+            cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
+        };
+        let widths: Vec<usize> = (0..columns).map(width).collect();
         let mut out = stdout().lock();
         for row in &self.0 {
             let cells: Vec<String> = row.iter().zip(&widths).map(|(cell, width)| format!("{cell:<width$}")).collect();

@@ -17,7 +17,7 @@ pub fn of_build<'a>(bar: &'a ProgressBar, name: &'a str) -> impl FnMut(Stage, f6
     let mut shown = None;
     move |stage, fraction| {
         if shown != Some(stage) {
-            bar.set_message(format!("{name}: {}", stage_name(stage)));
+            bar.set_message(format!("{name}: {stage}"));
             shown = Some(stage);
         }
         set(bar, fraction);
@@ -27,15 +27,6 @@ pub fn of_build<'a>(bar: &'a ProgressBar, name: &'a str) -> impl FnMut(Stage, f6
 /// Moves a bar to a fraction from 0 to 1.
 pub fn set(bar: &ProgressBar, fraction: f64) {
     bar.set_position((1000.0 * fraction.clamp(0.0, 1.0)) as u64);
-}
-
-fn stage_name(stage: Stage) -> &'static str {
-    match stage {
-        Stage::Mesh => "mesh",
-        Stage::Decomposition => "convex decomposition",
-        Stage::Hierarchy => "hierarchy",
-        Stage::Parameters => "parameters",
-    }
 }
 
 /// Opens an object with a progress bar, and prints the loader's warnings.

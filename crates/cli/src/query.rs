@@ -90,7 +90,7 @@ pub fn run(arguments: &QueryArguments) -> Result<(), Failure> {
     if let Some((path, mut file)) = contacts_file {
         file.flush().map_err(|error| Failure::writing(path, error))?;
     }
-    let memory = probe.clod.total_bytes() + scene.clod.total_bytes() + query.workspace_bytes();
+    let memory = probe.clod.total_bytes() + scene.clod.total_bytes() + query.bytes();
     let replay = Replay { summary: summarise(&poses, memory), poses };
     output::result(&arguments.json, &replay, |table| {
         let Summary { poses, median_us, p99_us, max_us, front_median, front_max, contacts_median, memory_bytes } =

@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 use palpate_collide::{ContactQuery, QuerySettings};
 use palpate_core::Pose;
 use palpate_core::glam::{DQuat, DVec3};
+use palpate_device::{DeviceError, Emulation, HapticDevice, Interpolation, Keyframe, MotionPath};
 
 use crate::object::Object;
 use crate::scene::Scene;
@@ -24,9 +25,34 @@ const SCRUB: f64 = 0.1;
 /// Amplitude of the twisting about the vertical, rad.
 const TWIST: f64 = 0.05;
 
-/// Intended poses of the probe's mesh frame for `seconds`, as (time in s, pose): the probe comes down the world's z axis
+/// Opens a device by its address, as [`palpate_device::open`] does, except that the hand of an emulated one
+/// (`emulated`, `emulated:PRESET`) explores `scene` with `probe` for `seconds`.
+///
+/// # Errors
+/// If there is no such device, or it cannot be opened.
+pub fn open_device(
+    address: &str,
+    probe: &Object,
+    scene: &Scene,
+    seconds: f64,
+) -> Result<Box<dyn HapticDevice>, DeviceError> {
+    let emulation = match address.strip_prefix("emulated") {
+        Some("") => Some(Emulation::default()),
+        Some(preset) => preset.strip_prefix(':').and_then(Emulation::preset),
+        None => None,
+    };
+    match emulation {
+        Some(emulation) => {
+            let path = MotionPath::new(path(probe, scene, seconds), Interpolation::Smooth)?;
+            Ok(Box::new(emulation.open(path)?))
+        }
+        None => palpate_device::open(address),
+    }
+}
+
+/// Intended poses of the probe's mesh frame for `seconds`: the probe comes down the world's z axis
 /// onto the middle of the scene, presses 3 % of its radius past first touch, scrubs and twists, and withdraws.
-pub fn path(probe: &Object, scene: &Scene, seconds: f64) -> Vec<(f64, Pose)> {
+pub fn path(probe: &Object, scene: &Scene, seconds: f64) -> Vec<Keyframe> {
     let touch = first_touch(probe, scene);
     let radius = probe.bounding_radius();
     let center = probe.clod.source.center;
@@ -45,7 +71,7 @@ pub fn path(probe: &Object, scene: &Scene, seconds: f64) -> Vec<(f64, Pose)> {
             ) * radius;
             let rotation = DQuat::from_rotation_z(TWIST * (2.0 * TAU * rubbing).sin());
             let translation = touch + offset + center - rotation * center;
-            (time, Pose::new(translation, rotation))
+            Keyframe { time, pose: Pose::new(translation, rotation) }
         })
         .collect()
 }

@@ -8,6 +8,11 @@
 //! The parts are crates of their own, re-exported here: [`core`], [`collide`], [`dynamics`], [`device`], and offline
 //! [`mesh_io`], [`models`] and [`clod_build`].
 
+/// The README, whose example is a test.
+#[cfg(doctest)]
+#[doc = include_str!("../../../README.md")]
+struct Readme;
+
 mod cache;
 mod contact_loop;
 pub mod explore;

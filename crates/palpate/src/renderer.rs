@@ -116,6 +116,15 @@ impl HapticRenderer {
     }
 }
 
+/// Stiffness of the coupling where the device sets no limit: the upper values of §5.5.1, N/m and N·m/rad.
+const STIFFNESS: f64 = 500.0;
+const ANGULAR_STIFFNESS: f64 = 3.0;
+
+/// Half of what the device renders stably; `otherwise` where it sets no limit, or renders nothing along these axes.
+fn default_stiffness(device: f64, otherwise: f64) -> f64 {
+    if device > 0.0 && device.is_finite() { 0.5 * device } else { otherwise }
+}
+
 /// The coupling that the settings ask for, the rest chosen for the body and the device.
 fn coupling(
     settings: &Settings,
@@ -123,8 +132,9 @@ fn coupling(
     specification: &palpate_device::Specification,
     grasp: Pose,
 ) -> VirtualCoupling {
-    let linear = settings.coupling_stiffness.unwrap_or(0.5 * specification.stiffness);
-    let angular = settings.angular_stiffness.unwrap_or(0.5 * specification.angular_stiffness);
+    let linear = settings.coupling_stiffness.unwrap_or(default_stiffness(specification.stiffness, STIFFNESS));
+    let angular =
+        settings.angular_stiffness.unwrap_or(default_stiffness(specification.angular_stiffness, ANGULAR_STIFFNESS));
     let mut coupling = VirtualCoupling::critically_damped(body, grasp, linear, angular);
     if let Some(damping) = settings.coupling_damping {
         coupling.linear_damping = damping;

@@ -1,0 +1,64 @@
+//! Time of a contact query and of clustering its contacts: the upper jaw on the lower one, along a recorded trajectory.
+//!
+//! `cargo bench -p palpate-benches --bench contact_query`. An iteration of `contact_query/jaws` runs through all poses; the
+//! throughput is in poses. `contact_query/jaws_closed` is the pose with the most contacts alone.
+
+#![allow(missing_docs, reason = "a benchmark")]
+
+use std::hint::black_box;
+use std::path::Path;
+
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use palpate::collide::{Clustering, ContactQuery, QuerySettings};
+use palpate::device::{Interpolation, MotionPath};
+use palpate::{Object, Pose};
+
+/// Poses of the trajectory that are used: every tenth.
+const STRIDE: usize = 10;
+/// Tolerance as a fraction of the probe's radius.
+const TOLERANCE: f64 = 0.01;
+/// Number of contact clusters (§5.5.1).
+const CLUSTERS: usize = 5;
+
+fn jaws(criterion: &mut Criterion) {
+    let probe = Object::model("upper-jaw").expect("upper jaw");
+    let scene = Object::model("lower-jaw").expect("lower jaw");
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/trajectories/jaws.csv");
+    let path = MotionPath::load(Path::new(file), Interpolation::Linear).expect("trajectory");
+    let poses: Vec<Pose> = path.keyframes().iter().step_by(STRIDE).map(|keyframe| keyframe.pose).collect();
+    let settings = QuerySettings::new(TOLERANCE * probe.bounding_radius());
+    let mut query = ContactQuery::new(&probe.clod, &scene.clod);
+    let mut run = |pose: &Pose| {
+        query.run(&probe.clod, pose, &scene.clod, &Pose::IDENTITY, &settings);
+        query.contacts().to_vec()
+    };
+    let closed = poses.iter().map(|pose| (run(pose), *pose)).max_by_key(|(contacts, _)| contacts.len());
+    let (contacts, closed) = closed.expect("the trajectory has poses");
+
+    let mut group = criterion.benchmark_group("contact_query");
+    group.throughput(Throughput::Elements(poses.len() as u64)).sample_size(10);
+    let mut query = ContactQuery::new(&probe.clod, &scene.clod);
+    group.bench_function("jaws", |bencher| {
+        bencher.iter(|| {
+            for pose in &poses {
+                black_box(query.run(&probe.clod, pose, &scene.clod, &Pose::IDENTITY, &settings));
+            }
+        });
+    });
+    group.throughput(Throughput::Elements(1));
+    group.bench_function("jaws_closed", |bencher| {
+        bencher.iter(|| black_box(query.run(&probe.clod, &closed, &scene.clod, &Pose::IDENTITY, &settings)));
+    });
+    group.finish();
+
+    let mut clustering = Clustering::new(CLUSTERS);
+    let mut group = criterion.benchmark_group("clustering");
+    group.throughput(Throughput::Elements(contacts.len() as u64));
+    group.bench_function("jaws_closed", |bencher| {
+        bencher.iter(|| black_box(clustering.run(&contacts, settings.tolerance, &closed).len()));
+    });
+    group.finish();
+}
+
+criterion_group!(benches, jaws);
+criterion_main!(benches);
