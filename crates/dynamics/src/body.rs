@@ -68,8 +68,8 @@ impl Body {
     ///
     /// # Errors
     ///
-    /// A mass that is not positive, an inertia that is not finite, symmetric and positive definite, or one that breaks
-    /// the triangle inequality of principal moments by more than rounding.
+    /// A mass that is not positive, an inertia that is not finite, symmetric and positive definite, or one
+    /// that breaks the triangle inequality of principal moments by more than rounding.
     pub fn new(mass: f64, inertia: DMat3) -> Result<Self, BodyError> {
         if !(mass > 0.0 && mass.is_finite()) {
             return Err(BodyError::Mass { mass });
@@ -98,7 +98,8 @@ impl Body {
         principal_moments(&self.inertia)
     }
 
-    /// The inertia about the body point at `arm` (m, body axes) from the centre of mass: the parallel-axis rule, kg·m².
+    /// The inertia about the body point at `arm` (m, body axes) from the centre of mass: the parallel-axis
+    /// rule, kg·m².
     pub fn inertia_about(&self, arm: DVec3) -> DMat3 {
         let square = DMat3::from_cols(arm * arm.x, arm * arm.y, arm * arm.z);
         self.inertia + (DMat3::IDENTITY * arm.length_squared() - square) * self.mass
@@ -117,8 +118,8 @@ impl Body {
     }
 }
 
-/// Eigenvalues of a symmetric matrix in ascending order, by cyclic Jacobi rotations, which keep the relative accuracy
-/// of small eigenvalues where the closed form loses it.
+/// Eigenvalues of a symmetric matrix in ascending order, by cyclic Jacobi rotations, which keep the relative
+/// accuracy of small eigenvalues where the closed form loses it.
 pub(crate) fn principal_moments(matrix: &DMat3) -> DVec3 {
     let scale = matrix.to_cols_array().iter().fold(0.0, |m: f64, x| m.max(x.abs()));
     if scale == 0.0 || !scale.is_finite() {

@@ -1,13 +1,15 @@
-//! Penalty contacts as plane constraints, in the form the contact thread hands to the haptic thread (§5.2.4, §5.4.3).
+//! Penalty contacts as plane constraints, in the form the contact thread hands to the haptic thread (§5.2.4,
+//! §5.4.3).
 //!
-//! Each contact is the plane through p₀ with normal n, fixed in the world, against the point r of the body. With
-//! a = R r, δ = n · (x + a − p₀) and δ̇ = n · (v + ω × a), the force along the normal is
+//! Each contact is the plane through p₀ with normal n, fixed in the world, against the point r of the body.
+//! With a = R r, δ = n · (x + a − p₀) and δ̇ = n · (v + ω × a), the force along the normal is
 //!
 //! λ = k (δ + d) + b δ̇ while both δ + d > 0 and λ > 0, else 0;  F_p = −λ n,  T_p = a × F_p.
 //!
-//! Departures from Eq. 5.37–5.38: the lever arm of the damper is in world axes, and contact is unilateral: no force
-//! while δ + d ≤ 0, and the damper never makes it attract. The model keeps the constraints, not their Taylor expansion
-//! (Eq. 5.14), so force, clamp and derivatives are those of the body's present placement however far it has moved.
+//! Departures from Eq. 5.37–5.38: the lever arm of the damper is in world axes, and contact is unilateral: no
+//! force while δ + d ≤ 0, and the damper never makes it attract. The model keeps the constraints, not their
+//! Taylor expansion (Eq. 5.14), so force, clamp and derivatives are those of the body's present placement
+//! however far it has moved.
 //!
 //! The stiffness that the body feels is at most the number of constraints times k, and that number is at most
 //! [`MAX_CLUSTERS`]: this is what the clustering of §5.4.2 is for.
@@ -89,8 +91,8 @@ pub struct ContactResponse {
     pub active: u32,
 }
 
-/// The latest contacts, from which the haptic thread evaluates force and derivatives on its own: fixed size, `Copy`,
-/// nothing on the heap.
+/// The latest contacts, from which the haptic thread evaluates force and derivatives on its own: fixed size,
+/// `Copy`, nothing on the heap.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinearContactModel {
     constraints: [PlaneConstraint; MAX_CLUSTERS],
@@ -114,11 +116,13 @@ impl LinearContactModel {
         }
     }
 
-    /// The model of `contacts` found while the body was at `pose`, stamped with `time` (s, the caller's clock).
+    /// The model of `contacts` found while the body was at `pose`, stamped with `time` (s, the caller's
+    /// clock).
     ///
-    /// At that pose each contact pushes with k (δ + d) exactly, δ being the depth it came with: the plane is put at
-    /// p − δ n (Eq. 5.36) even where the contact's own p₀ differs. Beyond [`MAX_CLUSTERS`] the shallowest are left out
-    /// ([`Self::overflow`]); a contact that is not finite or has no normal is refused ([`Self::refused`]).
+    /// At that pose each contact pushes with k (δ + d) exactly, δ being the depth it came with: the plane is
+    /// put at p − δ n (Eq. 5.36) even where the contact's own p₀ differs. Beyond [`MAX_CLUSTERS`] the
+    /// shallowest are left out ([`Self::overflow`]); a contact that is not finite or has no normal is refused
+    /// ([`Self::refused`]).
     pub fn from_contacts(
         contacts: impl IntoIterator<Item = Contact>,
         pose: &Pose,
@@ -207,8 +211,8 @@ impl LinearContactModel {
         &self.pose
     }
 
-    /// The furthest that any contact's point on the body has moved since the contacts were found, m (0 without
-    /// contacts). Plane constraints hold for motions small against the features of the scene.
+    /// The furthest that any contact's point on the body has moved since the contacts were found, m (0
+    /// without contacts). Plane constraints hold for motions small against the features of the scene.
     pub fn displacement(&self, pose: &Pose) -> f64 {
         self.constraints().iter().fold(0.0, |most: f64, c| {
             most.max((pose.transform_point(c.point) - self.pose.transform_point(c.point)).length())

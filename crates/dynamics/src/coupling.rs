@@ -6,11 +6,12 @@
 //! - T_c = a × F_c + k_θ u_c + b_θ (ω_h − ω)                  (Eq. 5.16),
 //! - u_c the rotation vector of the short way round from the grasp frame R q_c to the device frame (Eq. 5.17–5.19).
 //!
-//! Departures: Eq. 5.15 prints the lever arm in body axes; Eq. 5.18 lacks a normalisation; the derivatives are by
-//! rotation vector, not quaternion, and Eq. 5.25 gives way to −J_r⁻¹(u_c) (see the crate's `rotation` module). Both
-//! springs may saturate (Eq. 5.30–5.31); the dampers do not.
+//! Departures: Eq. 5.15 prints the lever arm in body axes; Eq. 5.18 lacks a normalisation; the derivatives
+//! are by rotation vector, not quaternion, and Eq. 5.25 gives way to −J_r⁻¹(u_c) (see the crate's `rotation`
+//! module). Both springs may saturate (Eq. 5.30–5.31); the dampers do not.
 //!
-//! Near ‖u_c‖ = π the short way round changes sides and the torque with it: a grasp must be given up before that.
+//! Near ‖u_c‖ = π the short way round changes sides and the torque with it: a grasp must be given up before
+//! that.
 
 use glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Pose, Twist, Wrench};
@@ -52,8 +53,8 @@ pub struct VirtualCoupling {
     pub angular_stiffness: f64,
     /// b_θ, N·m·s/rad.
     pub angular_damping: f64,
-    /// The device frame in the body frame when grasped: the coupling position **c** about the centre of mass, m, and the
-    /// coupling orientation q_c, both in body axes.
+    /// The device frame in the body frame when grasped: the coupling position **c** about the centre of mass,
+    /// m, and the coupling orientation q_c, both in body axes.
     pub grasp: Pose,
     /// Limit of the linear spring's force, N; infinite for a linear spring.
     pub max_force: f64,
@@ -77,7 +78,8 @@ pub(crate) struct CouplingLinearisation {
     pub on_body: Wrench,
     /// Stiffness and damping: symmetric part negative semidefinite.
     pub material: WrenchJacobian,
-    /// By φ alone, from the turning of the lever arm under a constant force and velocity (force, torque): indefinite.
+    /// By φ alone, from the turning of the lever arm under a constant force and velocity (force, torque):
+    /// indefinite.
     pub geometric: (DMat3, DMat3),
 }
 
@@ -92,12 +94,12 @@ struct Deviation {
 }
 
 impl VirtualCoupling {
-    /// A coupling of the given stiffnesses (N/m, N·m/rad), damped critically for `body` held at `grasp`, with springs
-    /// that do not saturate.
+    /// A coupling of the given stiffnesses (N/m, N·m/rad), damped critically for `body` held at `grasp`, with
+    /// springs that do not saturate.
     ///
-    /// b_c = 2 √(k_c m); b_θ = 2 √(k_θ J) with J the largest principal moment of inertia about the grasp point, for
-    /// that is where the linear spring holds the body. The translation of the centre of mass is then damped critically,
-    /// and so is the slowest rotation; the others are overdamped.
+    /// b_c = 2 √(k_c m); b_θ = 2 √(k_θ J) with J the largest principal moment of inertia about the grasp
+    /// point, for that is where the linear spring holds the body. The translation of the centre of mass is
+    /// then damped critically, and so is the slowest rotation; the others are overdamped.
     pub fn critically_damped(
         body: &Body,
         grasp: Pose,
@@ -116,7 +118,8 @@ impl VirtualCoupling {
         }
     }
 
-    /// The grasp frame that holds a body at `body` by a device at `device`, each in the world (§5.3.1, Fig. 5.3a).
+    /// The grasp frame that holds a body at `body` by a device at `device`, each in the world (§5.3.1, Fig.
+    /// 5.3a).
     pub fn grasp_at(body: &Pose, device: &Pose) -> Pose {
         body.inverse() * *device
     }
@@ -168,8 +171,8 @@ impl VirtualCoupling {
         let d = self.deviation(state, device);
         let arm = skew(d.arm);
         let arm_squared = skew_skew(d.arm, d.arm);
-        // The tangent stiffness is secant · 1 + bend · û ûᵀ, û along the deviation. Of S, S a*, a* S and a* S a* the part
-        // in ûûᵀ is there only beyond the linear range.
+        // The tangent stiffness is secant · 1 + bend · û ûᵀ, û along the deviation. Of S, S a*, a* S and a* S
+        // a* the part in ûûᵀ is there only beyond the linear range.
         let (secant, bend, axis) = tangent_stiffness(self.linear_stiffness, d.offset, self.max_force);
         let mut pose = Block6 {
             force_linear: scalar(-secant),
@@ -223,8 +226,8 @@ fn spring(stiffness: f64, deviation: DVec3, limit: f64) -> DVec3 {
     deviation * (spring_force(stiffness, length, limit).0 / length)
 }
 
-/// Eq. 5.31: the derivative of [`spring`] by the deviation is f′ along it and f/ρ across it, returned as the f/ρ that is
-/// in all directions, what f′ is more than that, and the direction.
+/// Eq. 5.31: the derivative of [`spring`] by the deviation is f′ along it and f/ρ across it, returned as the
+/// f/ρ that is in all directions, what f′ is more than that, and the direction.
 fn tangent_stiffness(stiffness: f64, deviation: DVec3, limit: f64) -> (f64, f64, DVec3) {
     if limit == f64::INFINITY {
         return (stiffness, 0.0, DVec3::ZERO);
@@ -310,8 +313,8 @@ mod tests {
             let angle = rng.random_range(0.2..2.5);
             let device = device_at(&mut rng, &coupling, &state, angle);
             let offset = coupling.deviation(&state, &device).offset.length();
-            // Limits from far beyond to far below the present deviation: linear, bent and flat. The differences must
-            // not straddle a joint, where the law has no second derivative.
+            // Limits from far beyond to far below the present deviation: linear, bent and flat. The
+            // differences must not straddle a joint, where the law has no second derivative.
             let share = [0.2, 0.65, 0.85, 1.0, 1.15, 1.5][case % 6];
             coupling.max_force = coupling.linear_stiffness * offset / share;
             coupling.max_torque = coupling.angular_stiffness * angle / share;

@@ -35,7 +35,8 @@ impl Block6 {
         }
     }
 
-    /// The outer product of a wrench direction (force part, torque part) with a row (linear part, angular part).
+    /// The outer product of a wrench direction (force part, torque part) with a row (linear part, angular
+    /// part).
     pub(crate) fn outer(wrench: (DVec3, DVec3), row: (DVec3, DVec3)) -> Self {
         Self {
             force_linear: outer(wrench.0, row.0),

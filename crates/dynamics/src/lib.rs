@@ -1,18 +1,19 @@
-//! Dynamics of the grasped body: implicit integration, virtual coupling and penalty contact (Otaduy 2004, chapter 5).
+//! Dynamics of the grasped body: implicit integration, virtual coupling and penalty contact (Otaduy 2004,
+//! chapter 5).
 //!
-//! One haptic frame is one call of [`semi_implicit_step`]: it takes the body ([`Body`], [`BodyState`]), the sampled
-//! device ([`DeviceMotion`]), the spring between them ([`VirtualCoupling`]) and the latest contacts
-//! ([`LinearContactModel`]), and gives the body's next state and the wrench for the device. The step allocates nothing,
-//! takes no lock, never panics and never gives NaN: what it cannot compute it refuses, with the state held and a
-//! reason in [`StepStatus`].
+//! One haptic frame is one call of [`semi_implicit_step`]: it takes the body ([`Body`], [`BodyState`]), the
+//! sampled device ([`DeviceMotion`]), the spring between them ([`VirtualCoupling`]) and the latest contacts
+//! ([`LinearContactModel`]), and gives the body's next state and the wrench for the device. The step
+//! allocates nothing, takes no lock, never panics and never gives NaN: what it cannot compute it refuses,
+//! with the state held and a reason in [`StepStatus`].
 //!
 //! # Conventions
 //!
-//! Positions are of the body's centre of mass; body axes are the mesh's axes moved to it. All wrenches on the body are
-//! about the centre of mass, in world axes. Orientation increments are right-handed rotation vectors φ in world axes,
-//! R ← exp(φ*) R, so a state has six coordinates to differentiate by, (x, φ), and six velocities, (v, ω); the
-//! dissertation uses a quaternion and momenta, thirteen in all. The test `thirteen_variables` holds this crate's step
-//! against that formulation.
+//! Positions are of the body's centre of mass; body axes are the mesh's axes moved to it. All wrenches on the
+//! body are about the centre of mass, in world axes. Orientation increments are right-handed rotation vectors
+//! φ in world axes, R ← exp(φ*) R, so a state has six coordinates to differentiate by, (x, φ), and six
+//! velocities, (v, ω); the dissertation uses a quaternion and momenta, thirteen in all. The test
+//! `thirteen_variables` holds this crate's step against that formulation.
 //!
 //! ```
 //! use palpate_core::{Contact, Pose, glam::{DMat3, DVec3}};

@@ -1,10 +1,10 @@
 //! Dense linear systems of a few unknowns, in fixed arrays.
 
-// Rows are worked on whole, also left of the pivot where nothing is read again: loops of constant length take packed
-// instructions and no bounds checks, and cost less than the shorter ones.
+// Rows are worked on whole, also left of the pivot where nothing is read again: loops of constant length take
+// packed instructions and no bounds checks, and cost less than the shorter ones.
 
-/// The solution of `matrix` · x = `right` by LU factorisation with partial pivoting, or `None` if the matrix is singular
-/// to rounding or holds what is not finite.
+/// The solution of `matrix` · x = `right` by LU factorisation with partial pivoting, or `None` if the matrix
+/// is singular to rounding or holds what is not finite.
 pub fn solve<const N: usize>(mut matrix: [[f64; N]; N], mut right: [f64; N]) -> Option<[f64; N]> {
     let mut inverse_pivots = [0.0; N];
     for column in 0..N {

@@ -1,9 +1,9 @@
 //! The rotation group's exponential and its derivatives, in rotation vectors (rad).
 //!
-//! With u* the matrix of the cross product by u (Eq. A.5) and θ = ‖u‖:
-//! exp(u*) = 1 + a u* + b u*², a = sin θ / θ, b = (1 − cos θ) / θ²; exp((u + δ)*) ≈ exp((J_l(u) δ)*) exp(u*) with
-//! J_l = 1 + b u* + c u*², c = (1 − a) / θ²; and log(exp(u*) exp(δ*)) ≈ u + J_r⁻¹(u) δ. These take the place of the
-//! quaternion derivatives of §A.2.5 and of Eq. 5.25, which is wrong as printed.
+//! With u* the matrix of the cross product by u (Eq. A.5) and θ = ‖u‖: exp(u*) = 1 + a u* + b u*², a = sin θ
+//! / θ, b = (1 − cos θ) / θ²; exp((u + δ)*) ≈ exp((J_l(u) δ)*) exp(u*) with J_l = 1 + b u* + c u*², c = (1 −
+//! a) / θ²; and log(exp(u*) exp(δ*)) ≈ u + J_r⁻¹(u) δ. These take the place of the quaternion derivatives of
+//! §A.2.5 and of Eq. 5.25, which is wrong as printed.
 
 use glam::{DMat3, DVec3};
 
@@ -39,8 +39,8 @@ fn coefficients(t: f64) -> (f64, f64, f64) {
     (a, (1.0 - cosine) / t, (1.0 - a) / t)
 }
 
-/// exp(u*) − 1: what a rotation by `u` (rad) adds to a vector. The 1 is left out so that small rotations keep their
-/// digits.
+/// exp(u*) − 1: what a rotation by `u` (rad) adds to a vector. The 1 is left out so that small rotations keep
+/// their digits.
 pub fn rotation_minus_identity(u: DVec3) -> DMat3 {
     let (a, b, _) = coefficients(u.length_squared());
     skew(u) * a + skew_skew(u, u) * b
@@ -61,8 +61,9 @@ pub(crate) fn exponential(u: DVec3) -> (DMat3, DMat3) {
 
 /// J_r⁻¹(u): the derivative of log(exp(u*) exp(δ*)) by δ at 0.
 ///
-/// J_r⁻¹ = 1 + u*/2 + e u*², e = (1 − (θ/2) cot(θ/2)) / θ², which is regular up to and including θ = π, the end of
-/// the short way round. Its symmetric part is positive semidefinite there: across the axis it is (θ/2) cot(θ/2).
+/// J_r⁻¹ = 1 + u*/2 + e u*², e = (1 − (θ/2) cot(θ/2)) / θ², which is regular up to and including θ = π, the
+/// end of the short way round. Its symmetric part is positive semidefinite there: across the axis it is (θ/2)
+/// cot(θ/2).
 pub fn inverse_right_jacobian(u: DVec3) -> DMat3 {
     let t = u.length_squared();
     let e = if t < SERIES_BELOW {

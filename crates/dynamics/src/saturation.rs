@@ -1,9 +1,9 @@
 //! The spring law that stops growing where the device can push no harder (§5.3.3, Fig. 5.4).
 //!
-//! Three pieces, joined with continuous slope: linear while the force is under [`LINEAR_SHARE`] of the limit, a cubic
-//! Hermite piece, and the constant limit. The cubic starts with the spring's own slope and ends flat; the end of its
-//! range is placed where it needs no third-order term, so that the slope falls linearly from k to 0: the law is concave
-//! and the tangent stiffness (Eq. 5.31) is never above k nor below 0.
+//! Three pieces, joined with continuous slope: linear while the force is under [`LINEAR_SHARE`] of the limit,
+//! a cubic Hermite piece, and the constant limit. The cubic starts with the spring's own slope and ends flat;
+//! the end of its range is placed where it needs no third-order term, so that the slope falls linearly from k
+//! to 0: the law is concave and the tangent stiffness (Eq. 5.31) is never above k nor below 0.
 
 use glam::DVec3;
 use palpate_core::Wrench;
@@ -13,8 +13,8 @@ const LINEAR_SHARE: f64 = 0.75;
 
 /// Magnitude and slope of the force of a spring of `stiffness` at a `deviation` ≥ 0, limited to `limit`.
 ///
-/// Units are the caller's (N/m, m, N or N·m/rad, rad, N·m). An infinite limit leaves the spring linear; a limit that is
-/// zero, negative or NaN gives no force.
+/// Units are the caller's (N/m, m, N or N·m/rad, rad, N·m). An infinite limit leaves the spring linear; a
+/// limit that is zero, negative or NaN gives no force.
 pub fn spring_force(stiffness: f64, deviation: f64, limit: f64) -> (f64, f64) {
     let linear = stiffness * deviation;
     if limit == f64::INFINITY {
@@ -54,9 +54,9 @@ pub(crate) fn spring_energy(stiffness: f64, deviation: f64, limit: f64) -> f64 {
     limit * limit / stiffness * (0.5 * LINEAR_SHARE * LINEAR_SHARE + bent + flat)
 }
 
-/// The wrench with the magnitudes of its force and torque limited to `max_force` (N) and `max_torque` (N·m), each by
-/// the law of [`spring_force`] and each keeping its direction: unchanged up to three quarters of the limit, smooth
-/// beyond. What is not finite becomes zero, for this is the last function before a motor.
+/// The wrench with the magnitudes of its force and torque limited to `max_force` (N) and `max_torque` (N·m),
+/// each by the law of [`spring_force`] and each keeping its direction: unchanged up to three quarters of the
+/// limit, smooth beyond. What is not finite becomes zero, for this is the last function before a motor.
 pub fn saturate(wrench: &Wrench, max_force: f64, max_torque: f64) -> Wrench {
     Wrench { force: limited(wrench.force, max_force), torque: limited(wrench.torque, max_torque) }
 }

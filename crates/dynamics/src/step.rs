@@ -4,33 +4,35 @@
 //!
 //! m (v_n − v_0) = h F_n,   I(R_n) ω_n − I(R_0) ω_0 = h T_n,   x_n = x_0 + h v_n,   R_n = exp(h ω_n*) R_0,
 //!
-//! where I(R) = R I Rᵀ. The dissertation linearises this (Eq. 5.6) in thirteen variables; here the placement follows from
-//! the velocity, so (Δv, Δω) is all there is to solve for:
+//! where I(R) = R I Rᵀ. The dissertation linearises this (Eq. 5.6) in thirteen variables; here the placement
+//! follows from the velocity, so (Δv, Δω) is all there is to solve for:
 //!
 //! (A − h ∂f/∂(v, ω) − h² ∂f/∂(x, φ)) (Δv, Δω) = h (f_0 + h ∂f/∂(x, φ) (v_0, ω_0)) − (0, (E − 1) I_0 ω_0)
 //!
-//! with f the wrench and E = exp(h ω_0*). On the left A is the mass for v; for ω it is the derivative of the carried
-//! momentum I(R_n) ω_n = exp(h ω_n*) I_0 ω_n, for exp(h ω_n*) leaves ω_n itself in place:
-//! A_ω = E I_0 − (E I_0 ω_0)* h J_l(h ω_0). To first order in h this is the gyroscopic torque −ω × I ω with its
-//! Jacobian; whole, it keeps the momentum of a free body to second order, and backward Euler then gives the free body
-//! no energy.
+//! with f the wrench and E = exp(h ω_0*). On the left A is the mass for v; for ω it is the derivative of the
+//! carried momentum I(R_n) ω_n = exp(h ω_n*) I_0 ω_n, for exp(h ω_n*) leaves ω_n itself in place: A_ω = E I_0
+//! − (E I_0 ω_0)* h J_l(h ω_0). To first order in h this is the gyroscopic torque −ω × I ω with its Jacobian;
+//! whole, it keeps the momentum of a free body to second order, and a free body gains no energy but for the
+//! error of the linearisation (the test in `tests/motion.rs` allows 1e-6 of it a step, at 100 rad/s).
 //!
 //! # Unilateral contact
 //!
-//! A contact is in the system, with its spring and damper linearised at the start, if at the *end* of the step it is
-//! both closed (δ + d > 0) and pushing (λ > 0), as the linear system predicts them. The set is found by iteration: guess
-//! from the motion at the start velocity, solve, compare, solve again. Two rules make it end: a contact that is open at
-//! the start and that its own force would keep open is left to the next step (the damper's force jumps at closing, so
-//! that neither answer is consistent); and after [`FREE_SOLVES`] solves contacts only leave the set. Whatever the outcome,
-//! no contact attracts: one whose predicted force is negative is never in the solution that is used.
+//! A contact is in the system, with its spring and damper linearised at the start, if at the *end* of the
+//! step it is both closed (δ + d > 0) and pushing (λ > 0), as the linear system predicts them. The set is
+//! found by iteration: guess from the motion at the start velocity, solve, compare, solve again. Two rules
+//! make it end: a contact that is open at the start and that its own force would keep open is left to the
+//! next step (the damper's force jumps at closing, so that neither answer is consistent); and after
+//! [`FREE_SOLVES`] solves contacts only leave the set. Whatever the outcome, no contact attracts: one whose
+//! predicted force is negative is never in the solution that is used.
 //!
 //! # Geometric stiffness
 //!
 //! A force that keeps its direction while its lever arm turns makes a torque whose derivative F* a* is never
-//! semidefinite: pressed along a long tool it is an inverted pendulum. Where that instability is faster than the step,
-//! the linear system predicts nothing (it flips the sign of the motion). So the symmetric part of the matrix is tested to
-//! exceed half the mass matrix, and if it does not, the step is taken without those terms (and without the turning of
-//! the dampers' arms), which leaves springs, dampers and mass. Consistency to first order does not need them.
+//! semidefinite: pressed along a long tool it is an inverted pendulum. Where that instability is faster than
+//! the step, the linear system predicts nothing (it flips the sign of the motion). So the symmetric part of
+//! the matrix is tested to exceed half the mass matrix, and if it does not, the step is taken without those
+//! terms (and without the turning of the dampers' arms), which leaves springs, dampers and mass. Consistency
+//! to first order does not need them.
 
 use glam::{DMat3, DVec3};
 use palpate_core::{Pose, Twist, Wrench};
@@ -45,7 +47,8 @@ use crate::rotation::{cross_columns, exponential, skew_skew};
 /// Solves in which contacts may both join and leave the active set.
 const FREE_SOLVES: u32 = 6;
 
-/// The most 6×6 systems that one step solves: the free ones, and one for each contact that may leave, and the last.
+/// The most 6×6 systems that one step solves: the free ones, and one for each contact that may leave, and the
+/// last.
 pub const MAX_SOLVES: u32 = FREE_SOLVES + MAX_CLUSTERS as u32 + 1;
 
 /// Why a step was not taken.
@@ -58,7 +61,8 @@ pub enum HeldBecause {
     /// The body's state is not finite, or its quaternion not of unit length. The state cannot be held; see
     /// [`semi_implicit_step`].
     State,
-    /// The linear system is singular, or something that went into it is not finite: a gain, a contact, gravity, the body.
+    /// The linear system is singular, or something that went into it is not finite: a gain, a contact,
+    /// gravity, the body.
     Singular,
     /// The system was solved but the state or a wrench it leads to is not finite.
     Overflow,
@@ -69,10 +73,11 @@ pub enum HeldBecause {
 pub struct StepStatus {
     /// Set if no step was taken: the state is held and the wrenches are zero.
     pub held: Option<HeldBecause>,
-    /// The set of pushing contacts was still changing when the step ended; no contact attracts even so, but one may have
-    /// been left out for this step.
+    /// The set of pushing contacts was still changing when the step ended; no contact attracts even so, but
+    /// one may have been left out for this step.
     pub active_set_unsettled: bool,
-    /// The step was taken without geometric stiffness, because with it the linear system was not a prediction.
+    /// The step was taken without geometric stiffness, because with it the linear system was not a
+    /// prediction.
     pub geometric_stiffness_dropped: bool,
     /// Number of 6×6 systems solved, at most [`MAX_SOLVES`].
     pub solves: u32,
@@ -90,9 +95,9 @@ impl StepStatus {
 pub struct Step {
     /// The body at the end of the step.
     pub state: BodyState,
-    /// The coupling's wrench **on the device**, about the handle's origin, at the new state (§5.3.3): −F_c and
-    /// −(k_θ u_c + b_θ (ω_h − ω)). It is what the user is to feel: pushed into a wall, it points out of the wall.
-    /// [`crate::saturate`] fits it to what the device can make.
+    /// The coupling's wrench **on the device**, about the handle's origin, at the new state (§5.3.3): −F_c
+    /// and −(k_θ u_c + b_θ (ω_h − ω)). It is what the user is to feel: pushed into a wall, it points out of
+    /// the wall. [`crate::saturate`] fits it to what the device can make.
     pub coupling: Wrench,
     /// The coupling's wrench **on the body**, about its centre of mass, at the new state.
     pub coupling_on_body: Wrench,
@@ -104,14 +109,14 @@ pub struct Step {
     pub status: StepStatus,
 }
 
-/// Advances the body by `dt` (s) under the coupling, the contacts and `gravity` (m/s²), and evaluates at the new state
-/// the wrench for the device.
+/// Advances the body by `dt` (s) under the coupling, the contacts and `gravity` (m/s²), and evaluates at the
+/// new state the wrench for the device.
 ///
-/// The device is taken to stand at its sampled pose, with its sampled velocity, for the whole step. Nothing is allocated;
-/// nothing panics. If an input is not usable or the result would not be finite, the state is returned as it came, both
-/// wrenches are zero, and [`StepStatus::held`] says why; the caller decides how the device's wrench fades. A state that
-/// is itself not finite cannot be held: the body is then put, at rest, where the coupling is relaxed (or at the
-/// identity, if the device's pose is not usable either).
+/// The device is taken to stand at its sampled pose, with its sampled velocity, for the whole step. Nothing
+/// is allocated; nothing panics. If an input is not usable or the result would not be finite, the state is
+/// returned as it came, both wrenches are zero, and [`StepStatus::held`] says why; the caller decides how the
+/// device's wrench fades. A state that is itself not finite cannot be held: the body is then put, at rest,
+/// where the coupling is relaxed (or at the identity, if the device's pose is not usable either).
 pub fn semi_implicit_step(
     body: &Body,
     state: &BodyState,
@@ -200,7 +205,8 @@ fn six(first: DVec3, second: DVec3) -> [f64; 6] {
     [first.x, first.y, first.z, second.x, second.y, second.z]
 }
 
-/// A contact as the step's linear systems see it. Its wrench is along (n, a × n), which also takes the velocity to δ̇.
+/// A contact as the step's linear systems see it. Its wrench is along (n, a × n), which also takes the
+/// velocity to δ̇.
 #[derive(Clone, Copy, Default)]
 struct Pressing {
     /// a.
@@ -243,7 +249,8 @@ struct System<'a> {
     dt: f64,
     mass: f64,
     inertia: DMat3,
-    /// Mass, carried momentum, coupling stiffness and damping, gravity: all but contacts and geometric stiffness.
+    /// Mass, carried momentum, coupling stiffness and damping, gravity: all but contacts and geometric
+    /// stiffness.
     base: Linear,
     /// The coupling's geometric stiffness (force, torque) by φ.
     turning: (DMat3, DMat3),
@@ -353,8 +360,8 @@ impl<'a> System<'a> {
         is_positive_definite(symmetric)
     }
 
-    /// The contacts that are closed and pushing at the end of the step for a velocity change, and those of them that
-    /// are closed.
+    /// The contacts that are closed and pushing at the end of the step for a velocity change, and those of
+    /// them that are closed.
     fn predict(&self, change: &Twist) -> (u32, u32) {
         let (mut pushing, mut closed) = (0, 0);
         for (i, (c, p)) in self.pressing() {
@@ -397,8 +404,8 @@ impl<'a> System<'a> {
     }
 }
 
-/// The momentum exp(h ω*) I ω that a body spinning at ω carries over the step, less I ω, and the derivative of the former
-/// by ω.
+/// The momentum exp(h ω*) I ω that a body spinning at ω carries over the step, less I ω, and the derivative
+/// of the former by ω.
 fn carried_momentum(inertia: &DMat3, angular: DVec3, dt: f64) -> (DVec3, DMat3) {
     let (turn, left) = exponential(angular * dt);
     let momentum = *inertia * angular;
@@ -571,7 +578,8 @@ mod tests {
             "most solves {most}, unsettled {unsettled} and geometric stiffness dropped {dropped} of {cases}"
         );
         assert!(most <= MAX_SOLVES);
-        // The bound is for the record: random heaps of stiff contacts are harsher than any that a query reports.
+        // The bound is for the record: random heaps of stiff contacts are harsher than any that a query
+        // reports.
         assert!(unsettled * 50 < cases, "{unsettled} of {cases} active sets did not settle");
     }
 }

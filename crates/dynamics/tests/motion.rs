@@ -1,5 +1,5 @@
-//! Motions with known answers: free bodies, springs, resting and pressed contact, stiff and light bodies, tools that
-//! buckle.
+//! Motions with known answers: free bodies, springs, resting and pressed contact, stiff and light bodies,
+//! tools that buckle.
 
 #![allow(clippy::print_stdout, reason = "measured figures, shown by --nocapture")]
 
@@ -35,7 +35,8 @@ fn free_step(body: &Body, state: &BodyState, gravity: DVec3, dt: f64) -> BodySta
     step.state
 }
 
-/// A contact of the body point at `arm` (m, world axes, from the centre of mass) with a plane at `depth` behind it.
+/// A contact of the body point at `arm` (m, world axes, from the centre of mass) with a plane at `depth`
+/// behind it.
 fn contact(pose: &Pose, arm: DVec3, normal: DVec3, depth: f64) -> Contact {
     let point = pose.translation + arm;
     Contact { point, scene_point: point - normal * depth, normal, depth }
@@ -119,7 +120,8 @@ fn a_free_body_spun_about_any_axis_never_gains_energy() {
             assert!(next <= energy * (1.0 + 1e-6), "seed {seed}, case {case}: {energy} J to {next} J");
             energy = next;
         }
-        // It settles towards rotation about its largest moment, at the same momentum: never below that energy.
+        // It settles towards rotation about its largest moment, at the same momentum: never below that
+        // energy.
         assert!(energy > 0.3 * start, "seed {seed}, case {case}");
     }
 }
@@ -365,8 +367,8 @@ fn a_body_thrown_at_a_wall_leaves_it_and_is_never_held_by_it() {
 #[test]
 fn a_tool_that_buckles_faster_than_the_step_stays_bounded() {
     let body = spoon();
-    // The tip stands on a wall 20 cm ahead and the hand pushes along the tool with hardly any hold on its direction: an
-    // inverted pendulum of some 1000 rad/s.
+    // The tip stands on a wall 20 cm ahead and the hand pushes along the tool with hardly any hold on its
+    // direction: an inverted pendulum of some 1000 rad/s.
     let grasp = Pose::from_translation(DVec3::X * -0.06);
     let mut coupling = VirtualCoupling::critically_damped(&body, grasp, 1000.0, 0.001);
     coupling.angular_damping = 0.0;

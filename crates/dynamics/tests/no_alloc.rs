@@ -23,8 +23,9 @@ fn count() {
 }
 
 #[expect(unsafe_code, reason = "a global allocator can be written in no other way")]
-// SAFETY: every method passes its arguments unchanged to the system's allocator, which meets the contract of the trait,
-// and counting neither allocates (the thread-local is const-initialised and has no destructor) nor unwinds.
+// SAFETY: every method passes its arguments unchanged to the system's allocator, which meets the contract of
+// the trait, and counting neither allocates (the thread-local is const-initialised and has no destructor) nor
+// unwinds.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         count();

@@ -1,12 +1,13 @@
-//! The six-unknown step against the dissertation's own: semi-implicit backward Euler in (x, q, P, L), thirteen variables,
-//! by Eq. 5.1–5.29 and 5.37–5.46, with the quaternion derivatives of §A.2 and these slips put right: the lever arms are in world
-//! axes (5.15, 5.23, 5.28, 5.29, 5.37), the damper's turning arm is in 5.23, u_c is normalised (5.18, and 5.25 follows it),
-//! and contact is unilateral.
+//! The six-unknown step against the dissertation's own: semi-implicit backward Euler in (x, q, P, L),
+//! thirteen variables, by Eq. 5.1–5.29 and 5.37–5.46, with the quaternion derivatives of §A.2 and these slips
+//! put right: the lever arms are in world axes (5.15, 5.23, 5.28, 5.29, 5.37), the damper's turning arm is in
+//! 5.23, u_c is normalised (5.18, and 5.25 follows it), and contact is unilateral.
 //!
-//! Both are first-order methods for one system, so a step of each from one state might differ by O(h²), and a given time of
-//! both by O(h). They do better: both are the one Newton iterate of backward Euler on momentum and placement, and differ only
-//! by how the placement's own curvature is treated, so a step differs by O(h³) and a given time by O(h²). That is what the
-//! tests hold; a first derivative missing or wrong in either formulation would show as the lower order.
+//! Both are first-order methods for one system, so a step of each from one state might differ by O(h²), and a
+//! given time of both by O(h). They do better: both are the one Newton iterate of backward Euler on momentum
+//! and placement, and differ only by how the placement's own curvature is treated, so a step differs by O(h³)
+//! and a given time by O(h²). That is what the tests hold; a first derivative missing or wrong in either
+//! formulation would show as the lower order.
 
 #![allow(clippy::print_stdout, reason = "measured differences, shown by --nocapture")]
 
