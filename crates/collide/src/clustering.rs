@@ -131,13 +131,6 @@ impl Clustering {
         self.iterations
     }
 
-    /// Per contact of the last call, the cluster it was assigned to while iterating; empty when there were no more contacts
-    /// than clusters. The numbers are those of [`Self::clusters`] before sorting.
-    #[cfg(test)]
-    fn assignment(&self) -> &[u32] {
-        &self.assigned
-    }
-
     /// Forgets the previous representatives.
     pub fn reset(&mut self) {
         self.previous.clear();
@@ -296,4 +289,194 @@ impl Seed {
 /// δ + d, m.
 fn weight(contact: &PatchContact, tolerance: f64) -> f64 {
     (contact.contact.depth + tolerance).max(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use palpate_core::glam::DQuat;
+    use rand::{RngExt, SeedableRng, rngs::StdRng};
+
+    const SEED: u64 = 0x000C_1C57;
+    const D: f64 = 0.05;
+
+    fn contact(point: DVec3, depth: f64, normal: DVec3) -> PatchContact {
+        let contact = Contact { point, scene_point: point - depth * normal, normal, depth };
+        PatchContact { contact, probe_node: 0, scene_node: 0 }
+    }
+
+    fn random(rng: &mut StdRng, count: usize) -> Vec<PatchContact> {
+        (0..count)
+            .map(|_| {
+                let v = |rng: &mut StdRng| {
+                    DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)))
+                };
+                contact(v(rng), rng.random_range(-D..2.0 * D), v(rng).normalize())
+            })
+            .collect()
+    }
+
+    /// Algorithms 5.4.1–5.4.4 as printed, with plain searches.
+    fn plain(contacts: &[PatchContact], old: &[DVec3], k: usize) -> Vec<(DVec3, DVec3, f64, f64)> {
+        let m = k.min(contacts.len());
+        let p = |i: usize| contacts[i].contact.point;
+        let mut free: Vec<usize> = (0..contacts.len()).collect();
+        let mut old: Vec<DVec3> = old.iter().copied().take(m).collect();
+        let mut centers: Vec<DVec3> = Vec::new();
+        while !old.is_empty() {
+            let mut best = (f64::INFINITY, 0, 0);
+            for (o, from) in old.iter().enumerate() {
+                for (f, i) in free.iter().enumerate() {
+                    if p(*i).distance_squared(*from) < best.0 {
+                        best = (p(*i).distance_squared(*from), o, f);
+                    }
+                }
+            }
+            old.remove(best.1);
+            centers.push(p(free.remove(best.2)));
+        }
+        while centers.len() < m {
+            let reach = |i: usize| {
+                if centers.is_empty() {
+                    return contacts[i].contact.depth;
+                }
+                centers.iter().map(|c| c.distance_squared(p(i))).fold(f64::INFINITY, f64::min)
+            };
+            let mut best = 0;
+            for f in 0..free.len() {
+                if reach(free[f]) > reach(free[best]) {
+                    best = f;
+                }
+            }
+            centers.push(p(free.remove(best)));
+        }
+        let mut assigned = vec![usize::MAX; contacts.len()];
+        loop {
+            let next: Vec<usize> = (0..contacts.len())
+                .map(|i| {
+                    let d = |j: usize| centers[j].distance_squared(p(i));
+                    (0..m).fold(0, |best, j| if d(j) < d(best) { j } else { best })
+                })
+                .collect();
+            for (j, center) in centers.iter_mut().enumerate() {
+                let own = || (0..contacts.len()).filter(|i| next[*i] == j);
+                let w: f64 = own().map(|i| contacts[i].contact.depth + D).sum();
+                if w > 0.0 {
+                    *center = own().map(|i| (contacts[i].contact.depth + D) * p(i)).sum::<DVec3>() / w;
+                }
+            }
+            if next == assigned {
+                break;
+            }
+            assigned = next;
+        }
+        let mut out: Vec<(DVec3, DVec3, f64, f64)> = (0..m)
+            .filter(|j| assigned.contains(j))
+            .map(|j| {
+                let own = || contacts.iter().zip(&assigned).filter(|(_, s)| **s == j).map(|(c, _)| c.contact);
+                let w: f64 = own().map(|c| c.depth + D).sum();
+                let depth = own().map(|c| (c.depth + D) * c.depth).sum::<f64>() / w;
+                let normal = own().map(|c| (c.depth + D) * c.normal).sum::<DVec3>().normalize();
+                (centers[j], normal, depth, w)
+            })
+            .collect();
+        out.sort_by(|x, y| y.2.total_cmp(&x.2));
+        out
+    }
+
+    #[test]
+    fn agrees_with_the_algorithms_as_printed() {
+        let mut rng = StdRng::seed_from_u64(SEED);
+        for round in 0..400 {
+            let k = rng.random_range(1..8);
+            let mut clustering = Clustering::new(k);
+            let mut old: Vec<DVec3> = Vec::new();
+            for frame in 0..3 {
+                let count = rng.random_range(1..60);
+                let contacts = random(&mut rng, count);
+                let found = clustering.run(&contacts, D, &Pose::IDENTITY);
+                let context = format!("seed {SEED:#x}, round {round}, frame {frame}");
+                let expected = plain(&contacts, &old, k);
+                assert_eq!(found.len(), expected.len(), "{context}");
+                for (one, (point, normal, depth, weight)) in found.iter().zip(expected) {
+                    assert!(one.contact.point.distance(point) < 1e-9, "{context}");
+                    assert!(one.contact.normal.distance(normal) < 1e-9, "{context}");
+                    assert!((one.contact.depth - depth).abs() < 1e-12, "{context}");
+                    assert!((one.weight - weight).abs() < 1e-9, "{context}");
+                    let offset = one.contact.point - one.contact.depth * one.contact.normal;
+                    assert!(one.contact.scene_point.distance(offset) < 1e-12, "Eq. 5.36, {context}");
+                }
+                old = found.iter().map(|c| c.contact.point).collect();
+            }
+        }
+    }
+
+    #[test]
+    fn few_contacts_are_their_own_clusters() {
+        let mut rng = StdRng::seed_from_u64(SEED + 1);
+        let mut clustering = Clustering::new(5);
+        assert!(clustering.run(&[], D, &Pose::IDENTITY).is_empty());
+        for count in 1..=5 {
+            let contacts = random(&mut rng, count);
+            let found = clustering.run(&contacts, D, &Pose::IDENTITY);
+            assert_eq!(found.len(), count);
+            assert!(contacts.iter().all(|c| found.iter().any(|f| f.contact == c.contact)));
+            assert!(found.is_sorted_by(|x, y| x.contact.depth >= y.contact.depth));
+        }
+    }
+
+    #[test]
+    fn seeds_follow_the_probe() {
+        // Two tight bunches; after a large motion of the probe the clusters are the bunches still, found at once.
+        let mut rng = StdRng::seed_from_u64(SEED + 2);
+        let bunch = |rng: &mut StdRng, at: DVec3| -> Vec<PatchContact> {
+            random(rng, 20)
+                .iter()
+                .map(|c| contact(at + 0.01 * c.contact.point, c.contact.depth, DVec3::Z))
+                .collect()
+        };
+        let local: Vec<PatchContact> = [bunch(&mut rng, DVec3::X), bunch(&mut rng, -DVec3::X)].concat();
+        let mut clustering = Clustering::new(2);
+        clustering.run(&local, D, &Pose::IDENTITY);
+        let pose = Pose::new(DVec3::new(5.0, 1.0, 0.0), DQuat::from_rotation_z(3.0));
+        let moved: Vec<PatchContact> = local
+            .iter()
+            .map(|c| contact(pose.transform_point(c.contact.point), c.contact.depth, DVec3::Z))
+            .collect();
+        let before: Vec<DVec3> = clustering.clusters().iter().map(|c| c.contact.point).collect();
+        let after = clustering.run(&moved, D, &pose).to_vec();
+        for (old, new) in before.iter().zip(&after) {
+            assert!(pose.transform_point(*old).distance(new.contact.point) < 1e-9);
+        }
+        assert!(clustering.iterations() <= 2);
+    }
+
+    #[test]
+    fn weightless_and_opposed_contacts_stay_finite() {
+        let mut clustering = Clustering::new(2);
+        let far = DVec3::X;
+        let contacts = [
+            contact(DVec3::ZERO, -D, DVec3::Z),
+            contact(DVec3::Y * 0.2, -D, DVec3::Z),
+            contact(far, 0.01, DVec3::Z),
+            contact(far + DVec3::Y * 0.2, 0.01, -DVec3::Z),
+        ];
+        let found = clustering.run(&contacts, D, &Pose::IDENTITY);
+        assert_eq!(found.len(), 2);
+        // Eq. 5.35's sum is zero: the normal of one of the two.
+        assert_eq!(found[0].contact.normal.z.abs(), 1.0);
+        assert!(found[0].contact.point.distance(far + DVec3::Y * 0.1) < 1e-12);
+        assert_eq!(found[1].weight, 0.0);
+        assert!(found[1].contact.point.distance(DVec3::Y * 0.1) < 1e-12);
+        assert!(found.iter().all(|c| c.contact.point.is_finite() && c.contact.depth.is_finite()));
+    }
+
+    #[test]
+    fn equal_contacts_make_one_cluster() {
+        let mut clustering = Clustering::new(3);
+        let contacts = vec![contact(DVec3::ONE, 0.01, DVec3::Z); 10];
+        let found = clustering.run(&contacts, D, &Pose::IDENTITY);
+        assert_eq!(found.len(), 1);
+        assert!((found[0].weight - 10.0 * (0.01 + D)).abs() < 1e-12);
+    }
 }

@@ -5,6 +5,10 @@
 //! a neighbouring patch that is closer, and the pair is dropped. Otherwise, or when parallel features leave the
 //! nearest points undetermined, the triangles themselves decide.
 //!
+//! Patches are convex, and contained, only up to the tolerance they were built with. Wherever that could decide (a nearest
+//! point that misses the triangles by no more, features that are parallel to within it, hulls that overlap by no more)
+//! the triangles decide as well.
+//!
 //! Overlapping hulls: when both are contained, so do the solids, and [`overlap`](crate::overlap) finds the contact. Otherwise
 //! the patches must truly touch first: a triangle of one must intersect a triangle of the other, or the other's hull
 //! if that is contained. If not, pairs of triangles within the tolerance are separated contacts.
@@ -41,6 +45,8 @@ pub(crate) struct Reach<'a> {
     pub tolerance: f64,
     /// Smallest length that is told from zero, m.
     pub precision: f64,
+    /// How far a hull may stand off the surface that it was built for, m.
+    pub looseness: f64,
 }
 
 impl LeafQuery {
@@ -63,7 +69,18 @@ impl LeafQuery {
                     self.penetrating(a, b, &found, reach);
                 }
             }
-            Separation::Overlapping => self.penetrating(a, b, &found, reach),
+            Separation::Overlapping => {
+                self.penetrating(a, b, &found, reach);
+                let shallow = self.contacts.iter().all(|c| c.depth <= reach.looseness);
+                if shallow && !(a.is_single_triangle() && b.is_single_triangle()) {
+                    // If the triangles are apart, their distances replace the contact.
+                    let touching = self.contacts.pop();
+                    let penetrating = self.triangles(a, b, reach);
+                    if penetrating || self.contacts.is_empty() {
+                        self.contacts.extend(touching);
+                    }
+                }
+            }
             Separation::Within | Separation::NotConverged if sheet => {
                 self.triangles(a, b, reach);
             }
@@ -71,18 +88,21 @@ impl LeafQuery {
                 let (on_a, on_b) = witnesses(a, b, &found);
                 let (contact, slack) =
                     separated(on_a, reach.placement.point(on_b), found.axis, reach.precision);
-                let at_a = a.surface_at(on_a, contact.normal, slack, reach.precision);
-                let at_b = b.surface_at(
-                    on_b,
-                    -reach.placement.direction_to_b(contact.normal),
-                    slack,
-                    reach.precision,
-                );
+                // A patch point that is further than the hull by the looseness may lie this far to the side.
+                let aside = (reach.looseness * (2.0 * contact.distance() + reach.looseness)).sqrt();
+                let near = [reach.precision, reach.looseness + aside];
+                let carriers = found.simplex.vertices();
+                let n = contact.normal;
+                let at_a = a.surface_at(on_a, n, slack, carriers.iter().map(|v| v.a), near);
+                let n = -reach.placement.direction_to_b(n);
+                let at_b = b.surface_at(on_b, n, slack, carriers.iter().map(|v| v.b), near);
                 match (at_a, at_b) {
                     (Surface::Front, Surface::Front) => self.contacts.push(contact),
+                    (Surface::Near, _) | (_, Surface::Near) => {
+                        self.triangles(a, b, reach);
+                    }
                     (Surface::Virtual, _) | (_, Surface::Virtual)
-                        if !(a.contained && b.contained)
-                            || ambiguous(a, b, contact.normal, reach.placement) =>
+                        if !(a.contained && b.contained) || ambiguous(a, b, contact.normal, reach) =>
                     {
                         self.triangles(a, b, reach);
                     }
@@ -103,7 +123,7 @@ impl LeafQuery {
     fn penetrating(&mut self, a: &Patch, b: &Patch, found: &Distance, reach: &Reach) {
         self.convex_queries += 1;
         let (touch, _) = witnesses(a, b, found);
-        let (contact, sure) = overlap(a, b, reach.placement, touch, &mut self.polytope, reach.precision);
+        let (contact, sure) = overlap(a, b, reach, touch, &mut self.polytope);
         self.not_converged += usize::from(!sure);
         self.contacts.push(contact);
     }
@@ -213,9 +233,11 @@ fn local_minimum(a: &Patch, b: &Patch, contact: &Contact, [i, j]: [u32; 2], reac
 }
 
 /// Whether the hulls' features along a normal (a's frame) are parallel, so that their nearest points are not unique.
-fn ambiguous(a: &Patch, b: &Patch, normal: DVec3, placement: &Placement) -> bool {
-    let on_a = Feature::of(a.hull.points(), normal, a.radius);
-    let on_b = Feature::of(b.hull.points(), -placement.direction_to_b(normal), b.radius);
+fn ambiguous(a: &Patch, b: &Patch, normal: DVec3, reach: &Reach) -> bool {
+    let placement = reach.placement;
+    let on_a = Feature::of(a.hull.points(), normal, 1e-7 * a.radius + reach.looseness);
+    let on_b =
+        Feature::of(b.hull.points(), -placement.direction_to_b(normal), 1e-7 * b.radius + reach.looseness);
     match (on_a, on_b) {
         (Feature::Vertex, _) | (_, Feature::Vertex) => false,
         (Feature::Edge(u), Feature::Edge(v)) => u.cross(placement.direction(v)).length() < 1e-6,
@@ -232,9 +254,9 @@ enum Feature {
 }
 
 impl Feature {
-    fn of(points: &[DVec3], direction: DVec3, radius: f64) -> Self {
+    fn of(points: &[DVec3], direction: DVec3, tolerance: f64) -> Self {
         let top = points.iter().map(|p| p.dot(direction)).fold(f64::NEG_INFINITY, f64::max);
-        let mut ends = points.iter().filter(|p| p.dot(direction) >= top - 1e-7 * radius);
+        let mut ends = points.iter().filter(|p| p.dot(direction) >= top - tolerance);
         match (ends.next(), ends.next(), ends.next()) {
             (Some(p), Some(q), None) => Self::Edge((*q - *p).normalize_or_zero()),
             (Some(_), Some(_), Some(_)) => Self::Face,

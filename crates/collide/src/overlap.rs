@@ -11,10 +11,13 @@
 //! The depth is that of the two patches only. Where an object has sunk in by more than a patch is thick, it is a lower
 //! bound on the distance to the surface.
 
+use std::iter;
+
 use palpate_core::Contact;
 use palpate_core::glam::DVec3;
 
 use crate::convex::{Placement, Polytope};
+use crate::leaf::Reach;
 use crate::patch::{FACING, Patch, Surface};
 
 /// Patches with at most this product of triangle counts have all their directions tried.
@@ -54,11 +57,11 @@ impl Best {
 pub(crate) fn overlap(
     a: &Patch,
     b: &Patch,
-    placement: &Placement,
+    reach: &Reach,
     touch: DVec3,
     polytope: &mut Polytope,
-    precision: f64,
 ) -> (Contact, bool) {
+    let Reach { placement, precision, looseness, .. } = *reach;
     let mut best = Best { contact: None, facing: false, precision: 16.0 * precision };
     let few = a.triangles.len() * b.triangles.len() <= FEW_TRIANGLE_PAIRS
         && a.vertices.len() <= FEW_VERTICES
@@ -72,12 +75,15 @@ pub(crate) fn overlap(
     }
     let least = polytope.penetration(&a.hull, &b.hull, placement, precision);
     let sides = if least.flat { [least.normal, -least.normal] } else { [least.normal; 2] };
+    // A face of the hull stands for the triangles that it was built for.
+    let near = [precision + looseness, 0.0];
     for normal in sides {
         let (on_a, on_b) = if least.flat { (touch, touch) } else { (least.on_a, least.on_b) };
-        let seen_from_a = a.surface_at(on_a, normal, FACING, precision);
+        let seen_from_a = a.surface_at(on_a, normal, FACING, iter::empty(), near);
         let back = placement.direction_to_b(on_b - placement.translation);
-        let seen_from_b = b.surface_at(back, -placement.direction_to_b(normal), FACING, precision);
-        if (seen_from_a, seen_from_b) == (Surface::Front, Surface::Front) {
+        let in_b = -placement.direction_to_b(normal);
+        let seen_from_b = b.surface_at(back, in_b, FACING, iter::empty(), near);
+        if seen_from_a == Surface::Front && seen_from_b == Surface::Front {
             best.offer(true, least.depth, normal, |depth| (on_a, on_a - depth * normal));
         }
     }

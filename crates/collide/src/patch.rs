@@ -11,7 +11,9 @@ use palpate_core::{Clod, Contact};
 
 use crate::convex::{Hull, SupportTree, nearest_on_triangle};
 
-/// A witness within this fraction of a patch's radius of a triangle lies on it.
+/// A witness within this fraction of a patch's radius of a triangle lies on it. Patches are convex, and contained, only up
+/// to the tolerance that they were built with; a witness that misses the triangles by no more than that is
+/// [`Surface::Near`] them.
 const ON_TRIANGLE: f64 = 1e-9;
 
 /// Sine of the angle by which a triangle may be turned away and still count as facing.
@@ -26,12 +28,55 @@ pub(crate) struct Patch<'a> {
     pub triangles: &'a [[u32; 3]],
     pub center: DVec3,
     pub radius: f64,
-    /// The triangles cover the hull.
+    /// The triangles cover the hull, to the last bit.
     pub all_real: bool,
     /// The hull lies in the solid that the patch bounds.
     pub contained: bool,
     /// The mesh bounds no solid.
     pub two_sided: bool,
+    /// Triangles at each hull vertex, for a patch that has many.
+    pub incidence: Option<&'a Incidence>,
+}
+
+/// The triangles at each vertex of a patch.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Incidence {
+    /// Per vertex, where its triangles start; one more at the end.
+    starts: Vec<u32>,
+    triangles: Vec<u32>,
+}
+
+impl Incidence {
+    /// From this many triangles on, looking them up by vertex is faster than going through them.
+    pub const WORTHWHILE: usize = 24;
+
+    pub fn new(vertices: usize, triangles: &[[u32; 3]]) -> Self {
+        let mut starts = vec![0u32; vertices + 1];
+        for vertex in triangles.iter().flatten() {
+            starts[*vertex as usize + 1] += 1;
+        }
+        for index in 0..vertices {
+            starts[index + 1] += starts[index];
+        }
+        let mut next = starts.clone();
+        let mut at = vec![0u32; 3 * triangles.len()];
+        for (index, corners) in (0u32..).zip(triangles) {
+            for vertex in corners {
+                at[next[*vertex as usize] as usize] = index;
+                next[*vertex as usize] += 1;
+            }
+        }
+        Self { starts, triangles: at }
+    }
+
+    pub fn bytes(&self) -> usize {
+        (self.starts.len() + self.triangles.len()) * size_of::<u32>()
+    }
+
+    fn around(&self, vertex: u32) -> &[u32] {
+        let range = self.starts[vertex as usize] as usize..self.starts[vertex as usize + 1] as usize;
+        &self.triangles[range]
+    }
 }
 
 /// What lies at a point of a hull.
@@ -41,12 +86,21 @@ pub(crate) enum Surface {
     Front,
     /// Triangles, all turned away.
     Back,
+    /// No triangle, but one so close that it depends on how exactly the patch is convex.
+    Near,
     /// No triangle.
     Virtual,
 }
 
 impl<'a> Patch<'a> {
-    pub fn of_node(clod: &'a Clod, node: &'a Node, tree: Option<&'a SupportTree>) -> Self {
+    /// The patch of a node. `exact`: its triangles' planes have all of its vertices below them, to rounding.
+    pub fn of_node(
+        clod: &'a Clod,
+        node: &'a Node,
+        tree: Option<&'a SupportTree>,
+        incidence: Option<&'a Incidence>,
+        exact: bool,
+    ) -> Self {
         let solid = clod.source.solid;
         // A single triangle's hull is the triangle.
         let contained = node.contained || node.all_real || node.triangles.len() == 1;
@@ -56,9 +110,10 @@ impl<'a> Patch<'a> {
             triangles: clod.patch(node),
             center: node.center,
             radius: node.radius,
-            all_real: node.all_real && solid,
+            all_real: node.all_real && solid && exact,
             contained: contained && solid,
             two_sided: !solid,
+            incidence,
         }
     }
 
@@ -75,6 +130,7 @@ impl<'a> Patch<'a> {
             all_real: false,
             contained: !self.two_sided,
             two_sided: self.two_sided,
+            incidence: None,
         }
     }
 
@@ -99,40 +155,75 @@ impl<'a> Patch<'a> {
         self.two_sided || normal.dot(direction) >= -slack
     }
 
-    /// What lies at a point of the hull (body frame, m), seen from a direction (unit, body axes, known to within
-    /// the angle `slack`).
-    pub fn surface_at(&self, point: DVec3, direction: DVec3, slack: f64, precision: f64) -> Surface {
+    /// What lies at a point of the hull (body frame, m), seen from a direction (unit, body axes, known to within the
+    /// angle `slack`). `carriers`: hull vertices that the point is a combination of, if known. `near`: how far a
+    /// triangle may be to be near.
+    pub fn surface_at(
+        &self,
+        point: DVec3,
+        direction: DVec3,
+        slack: f64,
+        carriers: impl Iterator<Item = u32>,
+        [precision, near]: [f64; 2],
+    ) -> Surface {
         if self.all_real {
             return Surface::Front;
         }
-        let reach = ON_TRIANGLE * self.radius + precision;
+        let on = ON_TRIANGLE * self.radius + precision;
+        if let Some(incidence) = self.incidence {
+            for vertex in carriers {
+                for &index in incidence.around(vertex) {
+                    let triangle = self.triangles[index as usize];
+                    if self.lies_on(point, triangle, on)
+                        && self.faces(self.normal(triangle), direction, slack)
+                    {
+                        return Surface::Front;
+                    }
+                }
+            }
+        }
+        let near = near.max(on);
         let mut surface = Surface::Virtual;
         for &triangle in self.triangles {
-            if !self.lies_on(point, triangle, reach) {
+            if !self.in_box(point, triangle, near) {
                 continue;
             }
-            if self.faces(self.normal(triangle), direction, slack) {
-                return Surface::Front;
+            let distance = distance_to_triangle(self.corners(triangle), point);
+            if distance <= on {
+                if self.faces(self.normal(triangle), direction, slack) {
+                    return Surface::Front;
+                }
+                surface = Surface::Back;
+            } else if distance <= near && surface == Surface::Virtual {
+                surface = Surface::Near;
             }
-            surface = Surface::Back;
         }
         surface
     }
 
     /// Whether a point (body frame, m) is within `reach` of a triangle.
     pub fn lies_on(&self, point: DVec3, triangle: [u32; 3], reach: f64) -> bool {
+        self.in_box(point, triangle, reach) && distance_to_triangle(self.corners(triangle), point) <= reach
+    }
+
+    fn in_box(&self, point: DVec3, triangle: [u32; 3], reach: f64) -> bool {
         let [p, q, r] = self.corners(triangle);
         let (low, high) = (p.min(q).min(r) - reach, p.max(q).max(r) + reach);
-        if point.cmplt(low).any() || point.cmpgt(high).any() {
-            return false;
-        }
-        distance_to_triangle([p, q, r], point) <= reach
+        !(point.cmplt(low).any() || point.cmpgt(high).any())
     }
 
     /// Whether some triangle at vertex `vertex` of the hull can be touched from a direction (unit, body axes).
     pub fn vertex_faces(&self, vertex: u32, direction: DVec3) -> bool {
-        self.two_sided
-            || self.triangles.iter().any(|t| t.contains(&vertex) && self.normal(*t).dot(direction) >= -FACING)
+        let facing = |triangle: &[u32; 3]| self.normal(*triangle).dot(direction) >= -FACING;
+        if self.two_sided {
+            return true;
+        }
+        match self.incidence {
+            Some(incidence) => {
+                incidence.around(vertex).iter().any(|index| facing(&self.triangles[*index as usize]))
+            }
+            None => self.triangles.iter().any(|t| t.contains(&vertex) && facing(t)),
+        }
     }
 }
 

@@ -8,20 +8,24 @@
 //! Departures: hull queries above the leaves only decide whether a pair is within reach, and stop as soon as either bound
 //! on the distance settles it; nodes with a single child are passed through.
 
+use palpate_core::clod::Node;
 use palpate_core::glam::DVec3;
 use palpate_core::{Clod, Contact, Pose};
 
 use crate::convex::{Hull, Limits, Placement, Separation, Start, SupportTree, gjk};
 use crate::leaf::{LeafQuery, Reach};
-use crate::patch::Patch;
+use crate::patch::{Incidence, Patch};
 
 /// Separations and depths are found to this fraction of the size of the hulls involved.
 const PRECISION: f64 = 1e-12;
 
+/// A closed patch whose vertices are this fraction of its radius below its triangles' planes is its own hull.
+const CONVEX: f64 = 1e-10;
+
 /// Contacts that a new workspace has room for.
 const CONTACTS: usize = 1 << 14;
 
-const NO_TREE: u32 = u32::MAX;
+const NONE: u32 = u32::MAX;
 
 /// What a query asks for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,12 +35,15 @@ pub struct QuerySettings {
     /// Never allocate: contacts beyond the reserved capacity are dropped, and [`QueryOutcome::overflow`] says so. Otherwise
     /// (the default) the buffer grows, and [`QueryOutcome::reallocated`] says so.
     pub fixed_capacity: bool,
+    /// How far hulls may stand off the surface that they were built for, as a fraction of an object's bounding radius: the
+    /// builder's tolerance. Where this much could decide about a contact, the triangles do.
+    pub patch_tolerance: f64,
 }
 
 impl QuerySettings {
     /// Settings with a tolerance (d, m) and defaults for the rest.
     pub fn new(tolerance: f64) -> Self {
-        Self { tolerance, fixed_capacity: false }
+        Self { tolerance, fixed_capacity: false, patch_tolerance: 1e-6 }
     }
 }
 
@@ -99,6 +106,7 @@ pub struct ContactQuery {
 struct Tree {
     nodes: Vec<Packed>,
     supports: Vec<SupportTree>,
+    incidences: Vec<Incidence>,
     /// Bound on any coordinate, m.
     coordinates: f64,
 }
@@ -110,8 +118,12 @@ struct Packed {
     hausdorff: f64,
     first_child: u32,
     last_child: u32,
-    /// Index into [`Tree::supports`], or [`NO_TREE`].
+    /// Index into [`Tree::supports`], or [`NONE`].
     support: u32,
+    /// Index into [`Tree::incidences`], or [`NONE`].
+    incidence: u32,
+    /// A closed patch whose vertices are all below its triangles' planes, to rounding.
+    exact: bool,
 }
 
 impl Packed {
@@ -122,7 +134,7 @@ impl Packed {
 
 impl Tree {
     fn new(clod: &Clod) -> Self {
-        let mut supports = Vec::new();
+        let (mut supports, mut incidences) = (Vec::new(), Vec::new());
         let nodes = clod
             .nodes
             .iter()
@@ -132,7 +144,13 @@ impl Tree {
                     supports.push(SupportTree::new(points));
                     supports.len() as u32 - 1
                 } else {
-                    NO_TREE
+                    NONE
+                };
+                let incidence = if node.triangles.len() >= Incidence::WORTHWHILE {
+                    incidences.push(Incidence::new(node.vertices.len(), clod.patch(node)));
+                    incidences.len() as u32 - 1
+                } else {
+                    NONE
                 };
                 Packed {
                     center: node.center,
@@ -141,11 +159,13 @@ impl Tree {
                     first_child: node.children.start,
                     last_child: node.children.end,
                     support,
+                    incidence,
+                    exact: node.all_real && is_convex(clod, node, supports.get(support as usize)),
                 }
             })
             .collect();
         let coordinates = clod.vertices.iter().map(|v| v.abs().max_element()).fold(0.0, f64::max);
-        Self { nodes, supports, coordinates }
+        Self { nodes, supports, incidences, coordinates }
     }
 
     fn fits(&self, clod: &Clod) -> bool {
@@ -161,7 +181,9 @@ impl Tree {
     }
 
     fn patch<'a>(&'a self, clod: &'a Clod, node: u32) -> Patch<'a> {
-        Patch::of_node(clod, &clod.nodes[node as usize], self.support(node))
+        let Packed { incidence, exact, .. } = self.nodes[node as usize];
+        let incidence = self.incidences.get(incidence as usize);
+        Patch::of_node(clod, &clod.nodes[node as usize], self.support(node), incidence, exact)
     }
 
     /// The first descendant that is a leaf or has several children.
@@ -209,6 +231,7 @@ impl ContactQuery {
         let tree = |tree: &Tree| {
             tree.nodes.capacity() * size_of::<Packed>()
                 + tree.supports.iter().map(SupportTree::bytes).sum::<usize>()
+                + tree.incidences.iter().map(Incidence::bytes).sum::<usize>()
         };
         tree(&self.probe)
             + tree(&self.scene)
@@ -239,6 +262,10 @@ impl ContactQuery {
         let rounding = 4.0
             * f64::EPSILON
             * (self.probe.coordinates + self.scene.coordinates + placement.translation.abs().max_element());
+        // Either side may stand off, on either body.
+        let looseness = 2.0
+            * settings.patch_tolerance.max(0.0)
+            * (probe.source.bounding_radius + scene.source.bounding_radius);
         let buffers = self.leaf.capacity() + self.contacts.capacity() + self.stack.capacity();
         (self.leaf.convex_queries, self.leaf.not_converged, self.leaf.by_triangles) = (0, 0, 0);
 
@@ -257,7 +284,7 @@ impl ContactQuery {
                 outcome.leaf_pairs += 1;
                 outcome.front += 1;
                 let (patch_a, patch_b) = (self.probe.patch(probe, a), self.scene.patch(scene, b));
-                let reach = Reach { placement: &placement, tolerance, precision };
+                let reach = Reach { placement: &placement, tolerance, precision, looseness };
                 self.leaf.run(&patch_a, &patch_b, &reach);
                 for contact in &self.leaf.contacts {
                     outcome.count(contact);
@@ -336,6 +363,18 @@ impl QueryOutcome {
         self.smallest_distance = Some(self.smallest_distance.map_or(distance, |d| d.min(distance)));
         self.deepest = Some(self.deepest.map_or(contact.depth, |d| d.max(contact.depth)));
     }
+}
+
+/// Whether no vertex of a patch's hull is above the planes of its triangles, to rounding.
+fn is_convex(clod: &Clod, node: &Node, tree: Option<&SupportTree>) -> bool {
+    let points = clod.hull(node);
+    let hull = Hull::with_tree(clod.extreme(node), tree);
+    clod.patch(node).iter().all(|corners| {
+        let [p, q, r] = corners.map(|v| points[v as usize]);
+        let normal = (q - p).cross(r - p).normalize_or_zero();
+        let top = hull.points()[hull.support(normal) as usize];
+        normal.dot(top - p) <= CONVEX * node.radius
+    })
 }
 
 /// A contact in a body's frame, in world axes.

@@ -1,0 +1,73 @@
+//! A query and its clustering allocate nothing once they have seen as much before.
+
+mod solids;
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+use palpate_collide::{Clustering, ContactQuery, QuerySettings};
+use palpate_core::Pose;
+use palpate_core::glam::{DQuat, DVec3};
+use solids::{Kind, clusters, hierarchy, singles, star};
+
+struct Counting;
+
+thread_local! {
+    static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
+}
+
+#[expect(unsafe_code, reason = "an allocator cannot be written without")]
+// SAFETY: every call is passed on unchanged to the system's allocator; the counter is a plain thread-local cell without a
+// destructor, so touching it neither allocates nor outlives the thread.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.with(|count| count.set(count.get() + 1));
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        unsafe { System.dealloc(pointer, layout) }
+    }
+
+    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        ALLOCATIONS.with(|count| count.set(count.get() + 1));
+        unsafe { System.realloc(pointer, layout, size) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+#[test]
+fn a_warm_query_does_not_allocate() {
+    let bumpy = star(3, |v| 1.0 + 0.12 * (7.0 * v.x).sin() * (6.0 * v.y + 1.0).sin());
+    let ball = star(3, |v| 1.0 + 0.2 * v.x);
+    let (loose, _) = hierarchy(&bumpy, &clusters(&bumpy, 4), Kind::Loose);
+    let (fine, _) = hierarchy(&bumpy, &singles(&bumpy), Kind::Contained);
+    let (whole, _) = hierarchy(&ball, &[(0..ball.triangles().len() as u32).collect()], Kind::Contained);
+    let (patches, _) = hierarchy(&ball, &clusters(&ball, 30), Kind::Contained);
+    let (open, _) = hierarchy(&bumpy, &clusters(&bumpy, 4), Kind::Open);
+    for (probe, scene) in
+        [(&loose, &fine), (&whole, &fine), (&patches, &loose), (&patches, &patches), (&open, &fine)]
+    {
+        let mut query = ContactQuery::new(probe, scene);
+        let mut clustering = Clustering::new(5);
+        let settings = QuerySettings::new(0.1);
+        let mut pass = || {
+            let mut contacts = 0;
+            for step in 0..40 {
+                let t = f64::from(step) / 40.0;
+                let pose = Pose::new(DVec3::new(2.4 - t, 0.3 * t, 0.1), DQuat::from_rotation_y(t));
+                let outcome = query.run(probe, &pose, scene, &Pose::IDENTITY, &settings);
+                clustering.run(query.contacts(), settings.tolerance, &pose);
+                contacts += outcome.contacts;
+            }
+            contacts
+        };
+        let warm = pass();
+        let before = ALLOCATIONS.with(Cell::get);
+        assert_eq!(pass(), warm);
+        assert_eq!(ALLOCATIONS.with(Cell::get) - before, 0);
+        assert!(before > 0 && warm > 100, "{before} {warm}");
+    }
+}
