@@ -205,3 +205,79 @@ fn parent(points: &[DVec3], level: &[Cluster], children: &[u32], hulls: &mut Hul
     let (center, radius) = smallest_sphere(&gather(points, &extreme));
     Cluster { extreme, center, radius, children: children.to_vec() }
 }
+
+#[cfg(test)]
+mod tests {
+    use palpate_core::mesh::TriMesh;
+
+    use super::*;
+    use crate::decomposition::decompose;
+    use crate::hull::Shape;
+    use crate::surface::Surface;
+
+    fn levels_of(mesh: &TriMesh) -> (Surface, Vec<Vec<Cluster>>) {
+        let sphere = mesh.bounding_sphere();
+        let surface = Surface::new(mesh, sphere.center, sphere.radius);
+        let adjacency = mesh.adjacency();
+        let decomposition = decompose(&surface, &adjacency, 1e-6, &mut |_| ());
+        let levels = merge_to_root(&surface.points, &decomposition, &adjacency, &mut |_| ());
+        (surface, levels)
+    }
+
+    /// How far the farthest of some vertices is outside the hull of a cluster.
+    fn farthest_outside(surface: &Surface, cluster: &Cluster, vertices: &[u32]) -> f64 {
+        let points = gather(&surface.points, &cluster.extreme);
+        let hull = HullBuilder::default().hull(&points, HULL_THICKNESS);
+        if hull.shape != Shape::Polytope {
+            return 0.0;
+        }
+        let planes: Vec<_> = hull.planes(&points).collect();
+        let height =
+            |v: &u32| planes.iter().map(|p| p.height(surface.points[*v as usize])).fold(f64::MIN, f64::max);
+        vertices.iter().map(height).fold(f64::MIN, f64::max)
+    }
+
+    #[test]
+    fn every_ancestor_contains_its_descendants() {
+        let mesh = palpate_models::Model::GolfBall.generate(3000).expect("within range");
+        let (surface, levels) = levels_of(&mesh);
+        assert!(levels.len() > 8);
+        let mut outside = f64::MIN;
+        for k in 1..levels.len() {
+            for cluster in &levels[k] {
+                // All patches below.
+                let mut below = cluster.children.clone();
+                for finer in levels[1..k].iter().rev() {
+                    below = below.iter().flat_map(|c| &finer[*c as usize].children).copied().collect();
+                }
+                for leaf in below {
+                    outside =
+                        outside.max(farthest_outside(&surface, cluster, &levels[0][leaf as usize].extreme));
+                }
+                let reach =
+                    cluster.extreme.iter().map(|v| surface.points[*v as usize].distance(cluster.center));
+                assert!(reach.fold(0.0, f64::max) <= cluster.radius);
+            }
+        }
+        assert!(outside < 1e-13, "{outside:e}");
+    }
+
+    #[test]
+    fn each_cluster_has_one_parent() {
+        let mesh = palpate_models::Model::Torus.generate(3000).expect("within range");
+        let (_, levels) = levels_of(&mesh);
+        assert_eq!(levels.last().map(Vec::len), Some(1));
+        for pair in levels.windows(2) {
+            let mut children: Vec<u32> = pair[1].iter().flat_map(|c| &c.children).copied().collect();
+            children.sort_unstable();
+            assert!(children.iter().copied().eq(0..pair[0].len() as u32));
+        }
+    }
+
+    #[test]
+    fn curve_orders_neighbouring_cells() {
+        assert_eq!(curve(DVec3::splat(-1.0)), 0);
+        assert_eq!(curve(DVec3::splat(5.0)), (1 << 63) - 1);
+        assert!(curve(DVec3::new(-0.5, -0.5, -0.5)) < curve(DVec3::new(-1.0, -1.0, 0.5)));
+    }
+}
