@@ -58,9 +58,16 @@ fn holes() -> Vec<Hole> {
         center: DVec2::new(x, y),
         half: 9.0,
         room: 12.5,
-        profile: [(11.0, face), (10.0, face - 1.0), (10.0, face - 6.0), (6.0, face - 6.0), (6.0, 1.0 - face), (7.0, -face)]
-            .map(DVec2::from)
-            .to_vec(),
+        profile: [
+            (11.0, face),
+            (10.0, face - 1.0),
+            (10.0, face - 6.0),
+            (6.0, face - 6.0),
+            (6.0, 1.0 - face),
+            (7.0, -face),
+        ]
+        .map(DVec2::from)
+        .to_vec(),
         threaded: false,
     };
     let drilled = |x: f64, y: f64| Hole {
@@ -145,7 +152,9 @@ impl Plan {
         let pieces = holes
             .iter()
             .map(|hole| {
-                let piece = |ends: &[DVec2]| (Path::line(ends[0], ends[1]), cells(ends[0].distance(ends[1]), edge, 1));
+                let piece = |ends: &[DVec2]| {
+                    (Path::line(ends[0], ends[1]), cells(ends[0].distance(ends[1]), edge, 1))
+                };
                 hole.profile.windows(2).map(piece).collect()
             })
             .collect();
@@ -155,7 +164,8 @@ impl Plan {
     fn triangles(&self) -> usize {
         let rows = |pieces: &[(Path, usize)]| pieces.iter().map(|(_, rows)| rows).sum::<usize>();
         let tubes = self.lattice.windows.iter().zip(&self.pieces);
-        self.lattice.triangles() + tubes.map(|(window, pieces)| 2 * window.border() * rows(pieces)).sum::<usize>()
+        self.lattice.triangles()
+            + tubes.map(|(window, pieces)| 2 * window.border() * rows(pieces)).sum::<usize>()
     }
 
     /// A node on the flat plate, before anything is drawn out of shape.
@@ -217,7 +227,8 @@ pub(crate) fn build(triangles: usize) -> TriMesh {
         // Plain at the edges and around holes.
         let from_edge = (0.5 * WIDTH - at.y.abs()).min(at.x).min(LENGTH - at.x);
         let from_corner = {
-            let beyond = (at - DVec2::new(0.5 * LENGTH, 0.0)).abs() - DVec2::new(0.5 * LENGTH, 0.5 * WIDTH) + CORNER;
+            let beyond =
+                (at - DVec2::new(0.5 * LENGTH, 0.0)).abs() - DVec2::new(0.5 * LENGTH, 0.5 * WIDTH) + CORNER;
             if beyond.min_element() > 0.0 { CORNER - beyond.length() } else { from_edge }
         };
         let from_holes = holes
@@ -248,7 +259,9 @@ pub(crate) fn build(triangles: usize) -> TriMesh {
         bend(at, height + raised)
     });
 
-    for (((hole, window), pieces), border) in holes.iter().zip(&plan.lattice.windows).zip(&plan.pieces).zip(&borders) {
+    for (((hole, window), pieces), border) in
+        holes.iter().zip(&plan.lattice.windows).zip(&plan.pieces).zip(&borders)
+    {
         let opening = plan.opening(hole, window, meets(hole, true));
         let directions: Vec<DVec2> = window.nodes().map(|node| opening.direction(plan.plain(node))).collect();
         let place = |path: &Path, part: f64, direction: DVec2| {

@@ -10,14 +10,14 @@ use palpate_core::{TriMesh, glam::DVec3};
 
 use crate::stitched::Stitched;
 
-pub(crate) const MIN_TRIANGLES: usize = 32;
+pub(crate) const MIN_TRIANGLES: usize = 60;
 
 /// Half the lengths along x, y and z, mm; a golf ball's radius is 21.
 const AXES: DVec3 = DVec3::new(16.0, 10.0, 7.5);
 
 /// Numbers of vertices of the rings from pole to pole: `triangles / 2` in all, since each ring of n bounds 2 n triangles.
 fn rings(triangles: usize) -> Vec<usize> {
-    let vertices = (triangles / 2).max(16);
+    let vertices = triangles / 2;
     // Equilateral triangles of side a: rings 0.87 a apart, and 4π / (0.87 a²) vertices.
     let side = (4.0 * PI / (0.75_f64.sqrt() * vertices as f64)).sqrt();
     let count = ((PI / (0.75_f64.sqrt() * side)).round() as usize - 1).max(3);

@@ -35,10 +35,11 @@ fn section(x: f64) -> (f64, f64) {
     )
 }
 
-/// One row of teeth a turn of `phase`, 0 to 1: a slow rise and a steep fall.
-fn tooth(phase: f64) -> f64 {
+/// The rows of teeth that one cut leaves, a turn of `phase` each, 0 to 1: rounded ridges between sharp grooves, steeper
+/// on one side.
+fn cut(phase: f64) -> f64 {
     let angle = TAU * phase;
-    0.5 + 0.5 * (angle + 0.6 * angle.sin()).cos()
+    (0.5 * (angle + 0.5 * angle.sin())).cos().abs()
 }
 
 pub(crate) fn build(triangles: usize) -> TriMesh {
@@ -63,18 +64,18 @@ pub(crate) fn build(triangles: usize) -> TriMesh {
         let (across, up) =
             (2.0 * j as f64 / lattice.cells[1] as f64 - 1.0, 2.0 * k as f64 / lattice.cells[2] as f64 - 1.0);
         let y = 0.5 * width * across;
-        let cut: f64 = CUTS
+        let teeth: f64 = CUTS
             .iter()
             .map(|degrees| {
                 let (sin, cos) = degrees.to_radians().sin_cos();
-                tooth((x * sin + y * cos) / PITCH)
+                cut((x * sin + y * cos) / PITCH)
             })
             .product();
         let edge = 0.5 * width - y.abs();
         let toothed =
             smooth_step(4.0, 9.0, x) * smooth_step(0.3, 2.0, BLADE - x) * smooth_step(0.3, 1.6, edge);
         let on_face = if up.abs() == 1.0 { up } else { 0.0 };
-        DVec3::new(x, y, 0.5 * thickness * up + on_face * height * cut * toothed)
+        DVec3::new(x, y, 0.5 * thickness * up + on_face * height * teeth * toothed)
     });
     mesh.finish(1e-3)
 }

@@ -35,7 +35,8 @@ impl Plan {
         let around = if around >= 4 * TEETH { (around + TEETH / 2) / TEETH * TEETH } else { around };
         Self {
             around,
-            across: cells(WIDTH, edge / stretch, 1),
+            // Teeth do not change along their length: longer cells there leave more for their profile.
+            across: cells(WIDTH, 2.2 * edge / stretch.powi(4), 1),
             margin: cells(RADIUS * (1.0 - WEB), edge / stretch, 1),
         }
     }

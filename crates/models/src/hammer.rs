@@ -165,10 +165,8 @@ pub(crate) fn build(triangles: usize) -> TriMesh {
 
 fn join_handle(mesh: &mut Stitched, plan: &Plan, border: &[u32]) {
     let window = plan.lathe.windows[0];
-    let middle = DVec2::new(
-        (window.low[0] + window.high[0]) as f64,
-        (window.low[1] + window.high[1]) as f64,
-    ) / 2.0;
+    let middle =
+        DVec2::new((window.low[0] + window.high[0]) as f64, (window.low[1] + window.high[1]) as f64) / 2.0;
     let on_grid = Opening {
         center: middle,
         half: DVec2::new(window.high[0] as f64, window.high[1] as f64) - middle,
@@ -207,7 +205,10 @@ fn join_handle(mesh: &mut Stitched, plan: &Plan, border: &[u32]) {
     // The end: part of the way down the rounding, part across the bottom.
     mesh.cap(&last, &plan.end, |part, turn| {
         let index = turn * directions.len() as f64;
-        let (a, b) = (directions[index as usize % directions.len()], directions[(index as usize + 1) % directions.len()]);
+        let (a, b) = (
+            directions[index as usize % directions.len()],
+            directions[(index as usize + 1) % directions.len()],
+        );
         let direction = a.lerp(b, index.fract()).normalize_or_zero();
         let angle = FRAC_PI_2 * (1.0 - part);
         let (sin, cos) = angle.sin_cos();

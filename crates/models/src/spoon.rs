@@ -91,7 +91,8 @@ fn lattice(edge: f64, stretch: f64) -> BoxLattice {
         cells: [
             cells(LENGTH, edge * stretch, 8),
             cells(22.0, edge / stretch, 2),
-            cells(4.0, edge * stretch, 1),
+            // The rim's own middle line gives the spoon its length; on the coarsest meshes it would only make slivers.
+            cells(4.0, edge * stretch, if edge < 7.0 { 2 } else { 1 }),
         ],
         windows: Vec::new(),
     }
@@ -100,7 +101,9 @@ fn lattice(edge: f64, stretch: f64) -> BoxLattice {
 pub(crate) fn build(triangles: usize) -> TriMesh {
     let lattice = fit(triangles, 9000.0, lattice, BoxLattice::triangles);
     // Closer together where the spoon is narrow, so that cells keep their shape.
-    let stations = stations(INSET[0], LENGTH - INSET[1], lattice.cells[0], |x| half_width(x.clamp(BOWL, END)).powf(-0.5));
+    let stations = stations(INSET[0], LENGTH - INSET[1], lattice.cells[0], |x| {
+        half_width(x.clamp(BOWL, END)).powf(-0.5)
+    });
     let mut mesh = Stitched::default();
     lattice.build(&mut mesh, |[i, j, k]| {
         let (at, outward) = plan(stations[i], 2.0 * j as f64 / lattice.cells[1] as f64 - 1.0);

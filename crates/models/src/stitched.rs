@@ -218,3 +218,92 @@ pub(crate) fn fit<P>(
 pub(crate) fn cells(length: f64, edge: f64, fewest: usize) -> usize {
     ((length / edge).round() as usize).max(fewest)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::TAU;
+
+    /// Rings of given (height, count, turn of the first vertex) on the unit sphere.
+    fn on_sphere(mesh: &mut Stitched, height: f64, count: usize, offset: f64) -> (Vec<u32>, Vec<f64>) {
+        let turns: Vec<f64> = (0..count).map(|index| offset + index as f64 / count as f64).collect();
+        let radius = (1.0 - height * height).sqrt();
+        let place = |turn: &f64| DVec3::new(radius * (TAU * turn).cos(), radius * (TAU * turn).sin(), height);
+        let ring = turns.iter().map(|turn| mesh.vertex(place(turn))).collect();
+        (ring, turns)
+    }
+
+    #[test]
+    fn gathered_rings_are_their_convex_hull() {
+        for (low, high, offset) in [(7, 11, 0.013), (12, 5, 0.4), (9, 9, 0.05), (3, 20, 0.771), (20, 3, -3.3)]
+        {
+            let mut mesh = Stitched::default();
+            let (lower, lower_turns) = on_sphere(&mut mesh, -0.2, low, 0.0);
+            let (upper, upper_turns) = on_sphere(&mut mesh, 0.3, high, offset);
+            mesh.gather((&lower, &lower_turns), (&upper, &upper_turns));
+            assert_eq!(mesh.triangles.len(), low + high);
+            for corners in &mesh.triangles {
+                let [a, b, c] = corners.map(|vertex| mesh.position(vertex));
+                let normal = (b - a).cross(c - a);
+                for vertex in &mesh.vertices {
+                    assert!(
+                        normal.dot(*vertex - a) < 1e-9,
+                        "{low} and {high}: {corners:?} is no face of the hull"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_capped_tube_is_closed_and_has_the_triangles_foreseen() {
+        for (around, rows, steps) in [(3, 1, 1), (17, 4, 3), (40, 2, 9)] {
+            let mut mesh = Stitched::default();
+            let point = |radius: f64, turn: f64, z: f64| {
+                DVec3::new(radius * (TAU * turn).cos(), radius * (TAU * turn).sin(), z)
+            };
+            let bottom = mesh.ring(around, |turn| point(1.0, turn, 0.0));
+            let top = mesh.tube(&bottom, rows, |row, index| {
+                point(1.0, index as f64 / around as f64, row as f64 / rows as f64)
+            });
+            let cap = Cap::new(around, steps);
+            mesh.cap(&top, &cap, |radius, turn| point(radius, turn, 1.0));
+            mesh.cap(&reversed(&bottom), &cap, |radius, turn| point(radius, -turn, 0.0));
+            let mesh = mesh.finish(1.0);
+            assert_eq!(mesh.triangles().len(), 2 * around * rows + 2 * cap.triangles());
+            let report = mesh.validate();
+            assert!(
+                report.closed && report.manifold && report.oriented && report.zero_area == 0,
+                "{report:?}"
+            );
+            let area = 0.5 * around as f64 * (TAU / around as f64).sin();
+            assert!((report.volume - area).abs() < 1e-12, "{} for a prism of {area}", report.volume);
+        }
+    }
+
+    #[test]
+    fn a_quadrilateral_is_cut_where_angles_stay_large() {
+        // A kite much longer than wide, from either side of the list of corners.
+        for turn in 0..2 {
+            let mut mesh = Stitched::default();
+            let mut corners = [(0.0, 0.0), (5.0, -1.0), (6.0, 0.0), (5.0, 1.0)]
+                .map(|(x, y)| mesh.vertex(DVec3::new(x, y, 0.0)));
+            corners.rotate_left(turn);
+            mesh.quad(corners);
+            let cut = mesh.triangles.iter().filter(|triangle| triangle.contains(&1) && triangle.contains(&3));
+            assert_eq!(cut.count(), 2, "cut across the short diagonal");
+        }
+    }
+
+    #[test]
+    fn fitting_meets_the_number_of_triangles() {
+        // A grid of 2 a b triangles on a rectangle of 3 by 1.
+        for asked in [100, 999, 12_345, 1_000_000] {
+            let plan =
+                |edge: f64, stretch: f64| (cells(3.0, edge * stretch, 1), cells(1.0, edge / stretch, 1));
+            let (a, b) = fit(asked, 3.0, plan, |(a, b)| 2 * a * b);
+            let off = (2 * a * b) as f64 / asked as f64 - 1.0;
+            assert!(off.abs() < 0.01, "{a} by {b} for {asked}");
+        }
+    }
+}

@@ -55,6 +55,8 @@ pub struct View {
     pub azimuth: f64,
     /// Angle of the camera above the horizon, rad.
     pub elevation: f64,
+    /// Turn of the picture, clockwise, rad.
+    pub roll: f64,
     /// Magnification over the fitted scene.
     pub zoom: f64,
     pub shading: Shading,
@@ -66,6 +68,7 @@ impl View {
         Self {
             azimuth: azimuth.to_radians(),
             elevation: elevation.to_radians(),
+            roll: 0.0,
             zoom: 1.0,
             shading: Shading::Smooth,
         }
@@ -95,7 +98,8 @@ pub fn render(items: &[Item<'_>], view: &View) -> RgbImage {
     let (sin_elevation, cos_elevation) = view.elevation.sin_cos();
     let backward = DVec3::new(cos_elevation * cos_azimuth, cos_elevation * sin_azimuth, sin_elevation);
     let right = DVec3::new(-sin_azimuth, cos_azimuth, 0.0);
-    let to_camera = DMat3::from_cols(right, backward.cross(right), backward).transpose();
+    let upright = DMat3::from_cols(right, backward.cross(right), backward).transpose();
+    let to_camera = DMat3::from_rotation_z(-view.roll) * upright;
 
     let placed: Vec<Vec<DVec3>> = items
         .iter()
@@ -122,10 +126,8 @@ pub fn render(items: &[Item<'_>], view: &View) -> RgbImage {
     let eye = center + DVec3::new(0.0, 0.0, distance);
 
     let empty = Sample { depth: f32::INFINITY, normal: Vec3::Z, item: 0, edge: false };
-    let mut frame = Frame {
-        samples: vec![empty; COLUMNS * ROWS],
-        focal: 0.5 * ROWS as f64 / slope * view.zoom,
-    };
+    let mut frame =
+        Frame { samples: vec![empty; COLUMNS * ROWS], focal: 0.5 * ROWS as f64 / slope * view.zoom };
     for (index, (item, positions)) in (0..).zip(items.iter().zip(&placed)) {
         let seen: Vec<DVec3> = positions.iter().map(|position| *position - eye).collect();
         frame.draw(item.mesh.triangles(), &seen, index, view.shading);
@@ -172,8 +174,11 @@ impl Frame {
                     let weight = |a: (f64, f64), b: (f64, f64)| {
                         ((a.0 - px) * (b.1 - py) - (b.0 - px) * (a.1 - py)) / twice_area
                     };
-                    let weights =
-                        [weight(screen[1], screen[2]), weight(screen[2], screen[0]), weight(screen[0], screen[1])];
+                    let weights = [
+                        weight(screen[1], screen[2]),
+                        weight(screen[2], screen[0]),
+                        weight(screen[0], screen[1]),
+                    ];
                     if weights.iter().any(|weight| *weight < 0.0) {
                         continue;
                     }
@@ -212,10 +217,11 @@ impl Frame {
                     color = INSIDE;
                 }
                 let openness = self.openness(column, row, seen, normal, reach);
-                let ambient = 0.20 + 0.16 * normal.y;
-                let diffuse = 0.62 * normal.dot(key).max(0.0) + 0.22 * normal.dot(fill).max(0.0);
+                let ambient = 0.24 + 0.14 * normal.y;
+                let diffuse = 0.72 * normal.dot(key).max(0.0) + 0.24 * normal.dot(fill).max(0.0);
                 let gloss = 0.22 * normal.dot((key + towards_eye).normalize()).max(0.0).powi(40);
-                let mut shown = color * (ambient * openness + diffuse * (0.4 + 0.6 * openness)) + gloss * openness;
+                let mut shown =
+                    color * (ambient * openness + diffuse * (0.4 + 0.6 * openness)) + gloss * openness;
                 if sample.edge {
                     shown *= 0.25;
                 }
@@ -245,7 +251,8 @@ impl Frame {
         let mut hidden = 0.0;
         for direction in 0..DIRECTIONS {
             let angle = (direction as f32 + turn) / DIRECTIONS as f32 * std::f32::consts::TAU;
-            let far = extent * (0.25 + 0.75 * ((direction * 5 % DIRECTIONS) as f32 + turn) / DIRECTIONS as f32);
+            let far =
+                extent * (0.25 + 0.75 * ((direction * 5 % DIRECTIONS) as f32 + turn) / DIRECTIONS as f32);
             let x = column as f32 + far * angle.cos();
             let y = row as f32 + far * angle.sin();
             if x < 0.0 || y < 0.0 || x >= COLUMNS as f32 || y >= ROWS as f32 {
@@ -304,7 +311,11 @@ fn corner_normals(triangles: &[[u32; 3]], seen: &[DVec3], shading: Shading) -> V
         let smooth = sum.normalize_or_zero();
         if smooth == Vec3::ZERO { face } else { smooth }
     };
-    triangles.iter().enumerate().map(|(index, triangle)| triangle.map(|vertex| corner(index, vertex))).collect()
+    triangles
+        .iter()
+        .enumerate()
+        .map(|(index, triangle)| triangle.map(|vertex| corner(index, vertex)))
+        .collect()
 }
 
 /// Averages the samples of each pixel over a light background and encodes them as sRGB.

@@ -8,12 +8,12 @@ use palpate_models::Model;
 
 use super::raster::{self, Item, View};
 
-const BONE: [f32; 3] = [0.90, 0.86, 0.74];
-const PORCELAIN: [f32; 3] = [0.62, 0.74, 0.85];
-const STEEL: [f32; 3] = [0.66, 0.69, 0.73];
-const BRASS: [f32; 3] = [0.80, 0.66, 0.38];
-const CLAY: [f32; 3] = [0.78, 0.50, 0.38];
-const WHITE: [f32; 3] = [0.90, 0.90, 0.90];
+const BONE: [f32; 3] = [0.78, 0.70, 0.52];
+const PORCELAIN: [f32; 3] = [0.34, 0.50, 0.66];
+const STEEL: [f32; 3] = [0.46, 0.49, 0.54];
+const BRASS: [f32; 3] = [0.66, 0.47, 0.19];
+const CLAY: [f32; 3] = [0.60, 0.27, 0.17];
+const WHITE: [f32; 3] = [0.82, 0.82, 0.80];
 
 /// The direction that shows a model best. Models stand with z upwards.
 pub fn view(model: Model) -> View {
@@ -23,16 +23,22 @@ pub fn view(model: Model) -> View {
         Model::BallJointBall | Model::BallJointSocket => (-60.0, 20.0),
         Model::GolfClub => (-60.0, 20.0),
         Model::Cup | Model::CupLow => (-55.0, 28.0),
-        Model::Spoon | Model::SpoonLow => (-65.0, 32.0),
+        Model::Spoon | Model::SpoonLow => (-75.0, 38.0),
         Model::Block => (-60.0, 30.0),
         Model::Gear => (-60.0, 40.0),
         Model::Hammer => (-70.0, 25.0),
-        Model::CadPart => (-50.0, 30.0),
-        Model::File => (-65.0, 45.0),
+        Model::CadPart => (-140.0, 32.0),
+        Model::File => (-90.0, 62.0),
         Model::Torus => (-70.0, 40.0),
         Model::GolfBall | Model::Ellipsoid => (-60.0, 25.0),
     };
-    View::from_degrees(azimuth, elevation)
+    // Long things fill the picture when they lie across it.
+    let roll: f64 = match model {
+        Model::Hammer => 55.0,
+        Model::File | Model::Spoon | Model::SpoonLow => -24.0,
+        _ => 0.0,
+    };
+    View { roll: roll.to_radians(), ..View::from_degrees(azimuth, elevation) }
 }
 
 /// A colour (linear RGB, 0 to 1) that suits the model.
@@ -57,9 +63,6 @@ pub fn color(model: Model) -> [f32; 3] {
 pub fn touching_jaws() -> Result<RgbImage, Box<dyn Error>> {
     let lower = Model::LowerJaw.generate(Model::LowerJaw.default_triangles())?;
     let upper = Model::UpperJaw.generate(Model::UpperJaw.default_triangles())?;
-    let items = [
-        Item::new(&lower, BONE),
-        Item { translation: DVec3::ZERO, ..Item::new(&upper, PORCELAIN) },
-    ];
+    let items = [Item::new(&lower, BONE), Item { translation: DVec3::ZERO, ..Item::new(&upper, PORCELAIN) }];
     Ok(raster::render(&items, &View::from_degrees(-75.0, 8.0)))
 }
