@@ -126,19 +126,27 @@ fn sphere(t: Triangle) -> (DVec3, f64) {
     (center, t.iter().map(|c| c.distance(center)).fold(0.0, f64::max))
 }
 
-/// All pairs of triangles within a distance: indices and distance (0 where they intersect).
+/// All pairs of triangles within a distance: indices and distance (0 where they intersect). Sorted along x, so that pairs
+/// that are further apart than that along x alone are skipped.
 pub fn pairs_within(a: &[Triangle], b: &[Triangle], tolerance: f64) -> Vec<(usize, usize, f64)> {
     let mut found = Vec::new();
-    let spheres: Vec<_> = b.iter().map(|t| sphere(*t)).collect();
+    let mut spheres: Vec<_> = b.iter().map(|t| sphere(*t)).enumerate().collect();
+    spheres.sort_by(|p, q| p.1.0.x.total_cmp(&q.1.0.x));
+    let largest = spheres.iter().map(|s| s.1.1).fold(0.0, f64::max);
     for (i, t) in a.iter().enumerate() {
         let (center, radius) = sphere(*t);
-        for (j, u) in b.iter().enumerate() {
-            if center.distance(spheres[j].0) > (radius + spheres[j].1 + tolerance) * (1.0 + 1e-9) {
+        let reach = (radius + largest + tolerance) * (1.0 + 1e-9);
+        let first = spheres.partition_point(|s| s.1.0.x < center.x - reach);
+        for (j, (other, other_radius)) in &spheres[first..] {
+            if other.x > center.x + reach {
+                break;
+            }
+            if center.distance(*other) > (radius + other_radius + tolerance) * (1.0 + 1e-9) {
                 continue;
             }
-            let d = distance(*t, *u);
+            let d = distance(*t, b[*j]);
             if d <= tolerance {
-                found.push((i, j, d));
+                found.push((i, *j, d));
             }
         }
     }
