@@ -65,6 +65,11 @@ impl EditableMesh {
         self.origin.len() as u32
     }
 
+    /// Whether the half-edge exists.
+    pub(crate) fn is_live(&self, h: u32) -> bool {
+        self.origin[h as usize] != NONE
+    }
+
     /// Whether the half-edge exists and is the one of its pair that edge loops visit.
     pub(crate) fn is_edge(&self, h: u32) -> bool {
         self.origin[h as usize] != NONE && h < self.twin[h as usize]

@@ -69,8 +69,14 @@ impl<'a, S: Surface> Remesher<'a, S> {
         }
         self.settle(triangles);
         self.polish();
-        // Relaxing may free an edge whose collapse was refused before.
-        self.settle(triangles);
+        for _ in 0..4 {
+            let folded = self.unfold();
+            self.settle(triangles);
+            if folded == 0 {
+                break;
+            }
+            self.polish();
+        }
     }
 
     /// Four triangles for each, with the new vertices on the surface.
@@ -336,6 +342,28 @@ impl<'a, S: Surface> Remesher<'a, S> {
                 self.move_to(v, here + 0.3 * tangential);
             }
         }
+    }
+
+    /// Collapses an edge of every triangle that faces away from the surface's normals, as is left in a slit too
+    /// narrow for the edge length; gives their number.
+    fn unfold(&mut self) -> usize {
+        let mut folded = 0;
+        for h in (0..self.mesh.half_edges()).step_by(3) {
+            if !self.mesh.is_live(h) {
+                continue;
+            }
+            let corners = [self.mesh.origin(h), self.mesh.target(h), self.mesh.apex(h)];
+            let upright =
+                self.uprightness(corners.map(|v| self.at(v)), corners.map(|v| self.normals[v as usize]));
+            if upright >= 0.5 * UPRIGHT {
+                continue;
+            }
+            folded += 1;
+            let mut edges = [h, next(h), previous(h)];
+            edges.sort_by(|a, b| self.relative_length(*a).total_cmp(&self.relative_length(*b)));
+            let _ = edges.into_iter().any(|e| self.collapse(e, 3.0));
+        }
+        folded
     }
 
     /// Collapses the shortest or splits the longest edges until the count is right.

@@ -12,7 +12,7 @@ use super::{
 
 /// How far the upper arch lies outside the lower one at the front and at the molars, mm. At the molars it is half the
 /// distance between a tooth's rows of cusps, so that a row stands over the other jaw's fissure.
-const OVERJET: [f64; 2] = [3.1, 2.9];
+const OVERJET: [f64; 2] = [3.4, 2.9];
 /// The upper teeth's occlusal plane lies this much above the lower ones', mm.
 const PLANE_GAP: f64 = 0.3;
 
@@ -55,8 +55,8 @@ pub(super) const LOWER: [Species; 7] = [
         squareness: 2.3,
         blade: 0.9,
         lean: 0.04,
-        out: -0.5,
-        ridges: &[([-0.2, 0.0, 2.2], [-3.0, 0.0, 0.5], 0.6), ([-0.2, 0.0, 2.2], [3.2, 0.0, 0.0], 0.6)],
+        out: -0.6,
+        ridges: &[([-0.2, 0.0, 1.7], [-3.0, 0.0, 0.5], 0.6), ([-0.2, 0.0, 1.7], [3.2, 0.0, 0.0], 0.6)],
     },
     Species {
         width: 7.0,
@@ -132,7 +132,7 @@ pub(super) const UPPER: [Species; 7] = [
         squareness: 2.3,
         blade: 0.9,
         lean: 0.14,
-        out: 0.7,
+        out: 0.6,
         ridges: &[([-0.1, 0.0, 3.0], [-3.2, 0.0, 1.0], 0.6), ([-0.1, 0.0, 3.0], [3.4, 0.0, 0.5], 0.6)],
     },
     Species {

@@ -100,8 +100,8 @@ impl Surface for Jaw {
     }
 
     fn sizing(&self, p: DVec3) -> f64 {
-        // Fine on the teeth, coarse on the base.
+        // Fine on edges and cusps, coarse on the base.
         let height = if self.upper { p.z } else { -p.z };
-        0.8 + 0.9 * smooth_step(7.0, 16.0, height)
+        0.65 + 0.2 * smooth_step(1.0, 5.0, height) + 0.85 * smooth_step(7.0, 16.0, height)
     }
 }

@@ -82,18 +82,15 @@ impl Tooth {
         let round_width = 0.84 + 0.16 * bulge;
         let round_depth = 0.86 + 0.14 * bulge;
         let blade_width = 0.70 + 0.30 * flare;
-        let blade_depth = 1.0 - 0.70 * smooth_step(-0.25, 1.15, t);
+        let blade_depth = 1.0 - 0.64 * smooth_step(-0.25, 1.15, t);
         let half_width = 0.5 * form.width * (round_width + form.blade * (blade_width - round_width));
         let half_depth = 0.5 * form.depth * (round_depth + form.blade * (blade_depth - round_depth));
         // A blade's labial face is nearly straight; it is the lingual one that slopes.
         b += form.blade * 0.21 * form.depth * (1.0 - t);
-        let wall = superellipse(m / half_width, b / half_depth, form.squareness);
-        let r = m.hypot(b);
-        // Radial distance; near the axis, where it has no direction, anything well inside will do.
-        let side = if wall < 0.2 { -0.8 * half_depth.min(half_width) } else { 0.9 * r * (1.0 - 1.0 / wall) };
+        let side = superellipse(DVec2::new(m, b), DVec2::new(half_width, half_depth), form.squareness);
         let side = smooth_max(side, -(z + form.height + ROOT), 1.0);
         let top = 0.82 * (z - self.table(m, b));
-        smooth_max(side, top, 1.5 - 0.6 * form.blade)
+        smooth_max(side, top, 1.6)
     }
 
     /// Height of the occlusal surface.
@@ -112,6 +109,15 @@ impl Tooth {
     }
 }
 
-fn superellipse(x: f64, y: f64, exponent: f64) -> f64 {
-    (x.abs().powf(exponent) + y.abs().powf(exponent)).powf(1.0 / exponent)
+/// Distance from a superellipse with the given half axes, to first order.
+fn superellipse(p: DVec2, half: DVec2, exponent: f64) -> f64 {
+    let scaled = (p / half).abs().max(DVec2::splat(1e-9));
+    let powers = DVec2::new(scaled.x.powf(exponent), scaled.y.powf(exponent));
+    let norm = (powers.x + powers.y).powf(1.0 / exponent);
+    // The norm's gradient depends on the direction only, and so would jump at the centre: go over to a mean there.
+    let slope = (powers / scaled / half).length() * norm / (powers.x + powers.y);
+    let least = half.min_element();
+    // Round at the centre as well, since a thin blade's crest feels it.
+    let rounded = (norm * norm + 0.2).sqrt() - 1.2f64.sqrt();
+    1.2f64.sqrt() * rounded * (least + (1.0 / slope - least) * (norm * norm).min(1.0))
 }
