@@ -55,7 +55,7 @@ pub(crate) struct Surface {
 /// Loads a mesh file; the extension (in either case) names the format: .obj, .gltf, .glb, .stl or .ply.
 ///
 /// The triangles keep the order of the file (for glTF, that of the scene's nodes, depth first). Degenerate and duplicate
-/// triangles are kept unless repair is asked for. Files of more than some 100 MB are read whole into memory.
+/// triangles are kept unless repair is asked for. The file is read whole into memory.
 ///
 /// # Errors
 /// See [`LoadError`]. A triangle with a coordinate that is not finite (also after scaling) is an error unless repair is

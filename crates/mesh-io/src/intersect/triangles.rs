@@ -47,16 +47,38 @@ pub(super) fn cross(a: &[DVec3; 3], a_ids: &[u32; 3], b: &[DVec3; 3], b_ids: &[u
 
 /// Whether two triangles have a point in common. Either may be without area.
 pub(super) fn meet(a: &[DVec3; 3], b: &[DVec3; 3]) -> bool {
+    // Cheapest first. Triangles of flat regions are in one plane far more often than they meet, and `orient3d` is slow to
+    // find a zero: hence the projections before it.
+    if clearly_one_sided(a, b) || clearly_one_sided(b, a) || Plane::ALL.iter().any(|plane| plane.part(a, b)) {
+        return false;
+    }
     let one_sided = |t: &[DVec3; 3], u: &[DVec3; 3]| {
         let side = orient(t[0], t[1], t[2], u[0]);
         side != 0 && u[1..].iter().all(|v| orient(t[0], t[1], t[2], *v) == side)
     };
-    // Triangles of flat regions are in one plane far more often than they meet, and `orient3d` is slow to find a zero.
-    if Plane::ALL.iter().any(|plane| plane.part(a, b)) || one_sided(a, b) || one_sided(b, a) {
+    if one_sided(a, b) || one_sided(b, a) {
         return false;
     }
     (0..3).any(|i| segment_meets_triangle(a[i], a[(i + 1) % 3], b))
         || (0..3).any(|i| segment_meets_triangle(b[i], b[(i + 1) % 3], a))
+}
+
+/// Whether plain arithmetic suffices to see that u lies on one side of t's plane: the first, filtered stage of Shewchuk's
+/// orient3d with its error bound. False if it does not lie so, or rounding leaves it open.
+fn clearly_one_sided(t: &[DVec3; 3], u: &[DVec3; 3]) -> bool {
+    /// Of the bound in units of the permanent: (7 + 56 ε) ε with ε = 2⁻⁵³.
+    const BOUND: f64 = (7.0 + 28.0 * f64::EPSILON) * (0.5 * f64::EPSILON);
+    let side = |d: DVec3| {
+        let [a, b, c] = t.map(|p| p - d);
+        let (bc, cb, ca, ac, ab, ba) = (b.x * c.y, c.x * b.y, c.x * a.y, a.x * c.y, a.x * b.y, b.x * a.y);
+        let volume = a.z * (bc - cb) + b.z * (ca - ac) + c.z * (ab - ba);
+        let permanent = (bc.abs() + cb.abs()) * a.z.abs()
+            + (ca.abs() + ac.abs()) * b.z.abs()
+            + (ab.abs() + ba.abs()) * c.z.abs();
+        if volume.abs() > BOUND * permanent { sign(volume) } else { 0 }
+    };
+    let first = side(u[0]);
+    first != 0 && side(u[1]) == first && side(u[2]) == first
 }
 
 /// Whether the segment pq and the triangle t have a point in common.
