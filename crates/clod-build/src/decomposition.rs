@@ -194,7 +194,7 @@ fn closed_convex_pieces(convexity: &Convexity<'_>, adjacency: &Adjacency, count:
 }
 
 /// How many triangles two patches have together: the smallest unions are tried first. (Preferring patches with few open
-/// neighbours, or compact unions, changes the number of patches by less than 1 % and 4 %.)
+/// neighbours, or compact unions, makes for no fewer patches on jaws, cup, spoon and scans.)
 fn size(members: &[Option<Member>], a: u32, b: u32) -> usize {
     [a, b].iter().flat_map(|k| &members[*k as usize]).map(|member| member.patch.triangles.len()).sum()
 }

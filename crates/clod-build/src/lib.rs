@@ -4,6 +4,11 @@
 //! [`build`] is offline work: it allocates freely, may use all cores, and gives the same bytes for the same mesh and
 //! options whatever the number of threads.
 
+#![cfg_attr(
+    test,
+    allow(clippy::print_stdout, reason = "seeds and figures, shown by --nocapture or on failure")
+)]
+
 mod build;
 mod convexity;
 mod decomposition;

@@ -271,3 +271,108 @@ fn cuts(polygon: &[DVec3], planes: &[Plane], clipped: &mut Vec<DVec3>, spare: &m
     }
     true
 }
+
+#[cfg(test)]
+mod tests {
+    use palpate_models::Model;
+    use rand::rngs::StdRng;
+    use rand::{RngExt, SeedableRng};
+
+    use super::*;
+    use crate::hull::HullBuilder;
+
+    fn surface(model: Model, triangles: usize) -> Surface {
+        let mesh = model.generate(triangles).expect("within range");
+        let sphere = mesh.bounding_sphere();
+        Surface::new(&mesh, sphere.center, sphere.radius)
+    }
+
+    fn random(rng: &mut StdRng) -> DVec3 {
+        DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)))
+    }
+
+    #[test]
+    fn unit_coordinates() {
+        let surface = surface(Model::Torus, 2000);
+        let reach = surface.points.iter().map(|p| p.length()).fold(0.0, f64::max);
+        assert!((0.5..=1.0 + 1e-12).contains(&reach), "{reach}");
+        assert_eq!(surface.scale.log2().fract(), 0.0);
+    }
+
+    /// The deepest point of a triangle in a polytope, as far as a fine grid of points tells.
+    fn deepest_on_grid([a, b, c]: [DVec3; 3], planes: &[Plane]) -> f64 {
+        let n = 24;
+        let mut deepest = f64::MIN;
+        for i in 0..=n {
+            for j in 0..=n - i {
+                let (u, v) = (f64::from(i) / f64::from(n), f64::from(j) / f64::from(n));
+                let p = a + (b - a) * u + (c - a) * v;
+                deepest = deepest.max(planes.iter().map(|plane| -plane.height(p)).fold(f64::MAX, f64::min));
+            }
+        }
+        deepest
+    }
+
+    #[test]
+    fn reach_agrees_with_points_on_every_triangle() {
+        let seed = 41;
+        println!("seed {seed}");
+        let mut rng = StdRng::seed_from_u64(seed);
+        let surface = surface(Model::Torus, 2000);
+        let (mut hulls, mut buffers) = (HullBuilder::default(), ReachBuffers::default());
+        let mut hits = 0;
+        for round in 0..150 {
+            let size = [0.02, 0.1, 0.5][round % 3];
+            let middle = random(&mut rng) * 0.8;
+            let points: Vec<DVec3> = (0..4 + round % 30).map(|_| middle + size * random(&mut rng)).collect();
+            let hull = hulls.hull(&points, 1e-14);
+            let planes: Vec<Plane> = hull.planes(&points).collect();
+            let depth = 0.1 * size;
+            let skip = |t: u32| t.is_multiple_of(3);
+            let found =
+                surface.reaches_into(planes.iter().copied(), bounds_of(&points), depth, skip, &mut buffers);
+            let deepest = (0..surface.triangles.len() as u32)
+                .filter(|t| !skip(*t))
+                .map(|t| deepest_on_grid(surface.corners(t), &planes))
+                .fold(f64::MIN, f64::max);
+            if deepest > depth {
+                assert!(found, "round {round}: a point is {deepest} deep");
+            } else if deepest < depth - 0.02 {
+                // No two points of the grid are farther apart than that.
+                assert!(!found, "round {round}: the deepest point is at {deepest}");
+            }
+            hits += usize::from(found);
+        }
+        assert!((20..130).contains(&hits), "{hits} of 150 is no test");
+    }
+
+    #[test]
+    fn winding_number_agrees_with_the_solid_angle() {
+        let seed = 42;
+        println!("seed {seed}");
+        let mut rng = StdRng::seed_from_u64(seed);
+        let surface = surface(Model::Torus, 2000);
+        let (mut inside, mut undecided) = (0, 0);
+        for _ in 0..500 {
+            // About the surface; now and then at a multiple of a vertex, from where rays may meet edges.
+            let near = surface.points[rng.random_range(0..surface.points.len())];
+            let p = near * rng.random_range(0.8..1.1)
+                + if inside % 7 == 0 { DVec3::ZERO } else { 0.1 * random(&mut rng) };
+            let angle: f64 = (0..surface.triangles.len() as u32)
+                .map(|t| {
+                    let [a, b, c] = surface.corners(t).map(|q| q - p);
+                    let (la, lb, lc) = (a.length(), b.length(), c.length());
+                    let under = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
+                    2.0 * a.dot(b.cross(c)).atan2(under)
+                })
+                .sum();
+            let expected = (angle / (4.0 * std::f64::consts::PI)).round() as i32;
+            match surface.winding_number(p) {
+                Some(turns) => assert_eq!(turns, expected, "at {p}"),
+                None => undecided += 1,
+            }
+            inside += expected as usize;
+        }
+        assert!(inside > 20 && undecided < 5, "{inside} inside, {undecided} undecided");
+    }
+}

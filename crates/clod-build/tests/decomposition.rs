@@ -1,5 +1,10 @@
 //! The surface convex decomposition (§3.3.1), held against its definition.
 
+#![allow(
+    clippy::print_stdout,
+    reason = "seeds, figures and what was skipped, shown by --nocapture or on failure"
+)]
+
 mod shapes;
 
 use std::collections::HashMap;

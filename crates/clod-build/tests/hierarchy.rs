@@ -1,5 +1,10 @@
 //! The tree of hulls over the patches: its shape, its parameters and that it does not depend on the number of threads.
 
+#![allow(
+    clippy::print_stdout,
+    reason = "seeds, figures and what was skipped, shown by --nocapture or on failure"
+)]
+
 mod shapes;
 
 use glam::DVec3;

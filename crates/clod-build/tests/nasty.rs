@@ -1,5 +1,10 @@
 //! Whatever is finite builds, and what is not is refused with a reason.
 
+#![allow(
+    clippy::print_stdout,
+    reason = "seeds, figures and what was skipped, shown by --nocapture or on failure"
+)]
+
 mod shapes;
 
 use glam::{DMat3, DVec3};
@@ -30,8 +35,13 @@ fn nasty_files_build_with_and_without_repair() {
     files.sort();
     let mut count = 0;
     for path in files {
+        let mut before = None;
         for repair in [false, true] {
             let Ok(loaded) = load(&path, &LoadOptions { repair, ..LoadOptions::default() }) else { continue };
+            if before.as_ref() == Some(&loaded.mesh) {
+                continue;
+            }
+            before = Some(loaded.mesh.clone());
             match build(&loaded.mesh, &BuildOptions::default(), &mut |_, _| ()) {
                 Ok(clod) => {
                     clod.validate().unwrap_or_else(|e| panic!("{}: {e}", path.display()));
@@ -44,7 +54,7 @@ fn nasty_files_build_with_and_without_repair() {
         }
     }
     println!("{count} builds");
-    assert!(count >= 18);
+    assert!(count >= 15);
 }
 
 #[test]
