@@ -338,3 +338,56 @@ fn background(light: &[Vec3]) -> RgbImage {
         }))
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RED: [f32; 3] = [0.8, 0.1, 0.1];
+    const GREEN: [f32; 3] = [0.1, 0.8, 0.1];
+
+    /// A square in the plane x = `x` with a given half side, facing along x.
+    fn square(x: f64, half: f64) -> TriMesh {
+        let corners = [(-half, -half), (half, -half), (half, half), (-half, half)];
+        let vertices = corners.map(|(y, z)| DVec3::new(x, y, z)).to_vec();
+        TriMesh::new(vertices, vec![[0, 1, 2], [0, 2, 3]]).unwrap()
+    }
+
+    fn middle(items: &[Item<'_>], azimuth: f64) -> [u8; 3] {
+        render(items, &View::from_degrees(azimuth, 0.0)).get_pixel(320, 240).0
+    }
+
+    #[test]
+    fn the_nearer_surface_hides_the_further_in_either_order() {
+        let (near, far) = (square(0.5, 0.3), square(-0.5, 1.0));
+        let (near, far) = (Item::new(&near, RED), Item::new(&far, GREEN));
+        for items in [[near, far], [far, near]] {
+            let [r, g, _] = middle(&items, 0.0);
+            assert!(r > 2 * g, "red in front, but the middle is ({r}, {g}, _)");
+        }
+    }
+
+    #[test]
+    fn a_square_covers_its_share_of_the_picture() {
+        let mesh = square(0.0, 1.0);
+        let picture = render(&[Item::new(&mesh, GREEN)], &View::from_degrees(0.0, 0.0));
+        let covered = picture.pixels().filter(|pixel| pixel.0[1] > 3 * pixel.0[0] / 2).count();
+        // Fitted to the height with a margin of 8 %.
+        let expected = (HEIGHT as f64 / 1.08).powi(2);
+        assert!((covered as f64 / expected - 1.0).abs() < 0.01, "{covered} pixels, not {expected}");
+    }
+
+    #[test]
+    fn a_surface_seen_from_inside_stands_out() {
+        let mesh = square(0.0, 1.0);
+        let [r, g, _] = middle(&[Item::new(&mesh, GREEN)], 180.0);
+        assert!(r > 2 * g, "({r}, {g}, _)");
+    }
+
+    #[test]
+    fn nothing_to_draw_gives_the_background() {
+        let mesh = TriMesh::default();
+        let picture = render(&[Item::new(&mesh, RED)], &View::from_degrees(0.0, 0.0));
+        assert_eq!((picture.width(), picture.height()), (640, 480));
+    }
+}

@@ -1,8 +1,9 @@
 //! From where, and in what colour, each model is drawn.
 
+use std::collections::HashMap;
 use std::error::Error;
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use image::RgbImage;
 use palpate_models::Model;
 
@@ -15,16 +16,19 @@ const BRASS: [f32; 3] = [0.66, 0.47, 0.19];
 const CLAY: [f32; 3] = [0.60, 0.27, 0.17];
 const WHITE: [f32; 3] = [0.82, 0.82, 0.80];
 
+/// How far the jaws in the README's picture are open, degrees.
+const OPENING: f64 = 3.5;
+
 /// The direction that shows a model best. Models stand with z upwards.
 pub fn view(model: Model) -> View {
     let (azimuth, elevation) = match model {
-        Model::LowerJaw => (-90.0, 40.0),
-        Model::UpperJaw => (-90.0, -35.0),
+        Model::LowerJaw => (65.0, 38.0),
+        Model::UpperJaw => (65.0, -32.0),
         Model::BallJointBall | Model::BallJointSocket => (-60.0, 20.0),
         Model::GolfClub => (-60.0, 20.0),
         Model::Cup | Model::CupLow => (-55.0, 28.0),
         Model::Spoon | Model::SpoonLow => (-75.0, 38.0),
-        Model::Block => (-60.0, 30.0),
+        Model::Block => (35.0, 25.0),
         Model::Gear => (-60.0, 40.0),
         Model::Hammer => (-70.0, 25.0),
         Model::CadPart => (-140.0, 32.0),
@@ -59,10 +63,31 @@ pub fn color(model: Model) -> [f32; 3] {
     }
 }
 
-/// The picture at the head of the README: the two jaws in contact.
+/// The picture at the head of the README: the lower jaw, slightly open, touches the upper.
 pub fn touching_jaws() -> Result<RgbImage, Box<dyn Error>> {
     let lower = Model::LowerJaw.generate(Model::LowerJaw.default_triangles())?;
     let upper = Model::UpperJaw.generate(Model::UpperJaw.default_triangles())?;
-    let items = [Item::new(&lower, BONE), Item { translation: DVec3::ZERO, ..Item::new(&upper, PORCELAIN) }];
-    Ok(raster::render(&items, &View::from_degrees(-75.0, 8.0)))
+    // Their common frame, in which they are closed, has z up and y forward.
+    let rotation = DQuat::from_rotation_x(-OPENING.to_radians());
+    let opened: Vec<DVec3> = lower.vertices().iter().map(|vertex| rotation * *vertex).collect();
+    let lift = clearance(&opened, upper.vertices());
+    let items = [
+        Item { rotation, translation: lift * DVec3::Z, ..Item::new(&lower, BONE) },
+        Item::new(&upper, PORCELAIN),
+    ];
+    Ok(raster::render(&items, &View::from_degrees(48.0, 6.0)))
+}
+
+/// How far (m) the lower points can be lifted until they touch the upper ones, which lie above them: the smallest gap over
+/// all columns of a grid.
+fn clearance(lower: &[DVec3], upper: &[DVec3]) -> f64 {
+    const CELL: f64 = 5e-4;
+    let column = |point: &DVec3| ((point.x / CELL).floor() as i64, (point.y / CELL).floor() as i64);
+    let mut heights: HashMap<(i64, i64), f64> = HashMap::new();
+    for point in lower {
+        let height = heights.entry(column(point)).or_insert(point.z);
+        *height = height.max(point.z);
+    }
+    let gap = |point: &DVec3| heights.get(&column(point)).map(|height| point.z - height);
+    upper.iter().filter_map(gap).fold(f64::INFINITY, f64::min)
 }
