@@ -49,6 +49,7 @@ fn touching_is_felt_and_bounded() {
     let summary = session.summary();
     let radius = model("ellipsoid@2000").bounding_radius();
     assert_eq!(summary.haptic.steps, 10_000);
+    assert_eq!(summary.contact.rate_hz, 400.0, "a rate that does not divide the haptic one");
     assert!(records.iter().any(|row| row.contacts > 0), "the probe never came near the ball");
     let pressed: Vec<&Record> = records.iter().filter(|row| (3.0..7.0).contains(&row.time)).collect();
     let mean = pressed.iter().map(|row| row.coupling.force.z).sum::<f64>() / pressed.len() as f64;

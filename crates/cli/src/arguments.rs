@@ -73,6 +73,7 @@ pub struct ExportArguments {
 }
 
 #[derive(Args)]
+#[command(allow_negative_numbers = true)] // Refused with a reason, not for looking like an option.
 pub struct CheckArguments {
     /// Mesh file (.obj .glb .gltf .stl .ply) or built-in model
     pub mesh: String,
@@ -83,6 +84,7 @@ pub struct CheckArguments {
 }
 
 #[derive(Args)]
+#[command(allow_negative_numbers = true)] // Refused with a reason, not for looking like an option.
 pub struct BuildArguments {
     /// Mesh file (.obj .glb .gltf .stl .ply) or built-in model
     pub mesh: String,
@@ -104,6 +106,7 @@ pub struct InspectArguments {
 }
 
 #[derive(Args)]
+#[command(allow_negative_numbers = true)] // Refused with a reason, not for looking like an option.
 pub struct QueryArguments {
     /// The object that moves: mesh file, .clod file or built-in model
     pub probe: String,
@@ -137,6 +140,7 @@ pub struct QueryArguments {
 }
 
 #[derive(Args)]
+#[command(allow_negative_numbers = true)] // Refused with a reason, not for looking like an option.
 pub struct RunArguments {
     /// The object in the hand: mesh file, .clod file or built-in model
     pub probe: String,

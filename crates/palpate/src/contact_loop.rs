@@ -79,6 +79,7 @@ impl ContactLoop {
                 query.run(&self.probe, &probe_pose, &placed.object.clod, &placed.pose, &self.settings);
             depth = depth.max(outcome.deepest.unwrap_or(0.0));
             self.telemetry.events.contact_overflow += u64::from(outcome.overflow);
+            self.telemetry.events.contact_refused += u64::from(outcome.refused);
             self.telemetry.events.not_converged += outcome.not_converged as u64;
             self.contacts.extend_from_slice(query.contacts());
         }

@@ -1,5 +1,6 @@
 //! The lockstep driver: both loops in one thread on a simulated clock, so that a session is reproducible bit by bit.
 
+use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::record::Record;
@@ -26,7 +27,8 @@ impl HapticRenderer {
     /// Renders `seconds` of simulated time, or until `stop` is set. Each step's record goes to `sink`, whose first error ends
     /// the session.
     ///
-    /// The result depends on nothing but the arguments. Step and query times in the telemetry are measured ones.
+    /// Query k starts at k / rate, sees the newest body state of that time, and is in use from the first haptic step after
+    /// the latency. The result depends on nothing but the arguments. Step and query times in the telemetry are measured ones.
     ///
     /// # Errors
     /// Only what `sink` returns.
@@ -39,23 +41,23 @@ impl HapticRenderer {
     ) -> Result<Session, E> {
         let steps = steps_in(seconds, self.period);
         let query_period = (1.0 / timing.rate).max(self.period);
-        let (mut queries, mut arriving) = (0u64, None);
+        // Absorbs the rounding of products of periods.
+        let slack = 1e-6 * self.period;
+        let mut queries = 0u64;
+        let mut pending = VecDeque::new();
         let mut result = Ok(());
         for step in 1..=steps {
-            let now = step as f64 * self.period;
-            // Half a period of slack absorbs the rounding of products of the period.
-            let slack = 0.5 * self.period;
-            if arriving.is_none() && (step - 1) as f64 * self.period + slack >= queries as f64 * query_period {
-                let seen = (step - 1) as f64 * self.period;
+            let (seen, now) = ((step - 1) as f64 * self.period, step as f64 * self.period);
+            let start = queries as f64 * query_period;
+            if start < now - slack {
                 let begun = std::time::Instant::now();
                 let update = self.contact.step(self.haptic.body_state(), seen);
                 self.contact.telemetry_mut().query.record(begun.elapsed().as_nanos() as u64);
-                arriving = Some((seen + timing.latency, update));
+                pending.push_back((start + timing.latency, update));
                 queries += 1;
             }
-            if let Some((_, update)) = arriving.filter(|(arrival, _)| now + slack > *arrival) {
+            while let Some((_, update)) = pending.pop_front_if(|(arrival, _)| *arrival <= now + slack) {
                 self.haptic.update_contacts(&update);
-                arriving = None;
             }
             let begun = std::time::Instant::now();
             let record = self.haptic.step_device(self.device.as_mut(), now, self.period);

@@ -136,6 +136,11 @@ fn coupling(
     let angular =
         settings.angular_stiffness.unwrap_or(default_stiffness(specification.angular_stiffness, ANGULAR_STIFFNESS));
     let mut coupling = VirtualCoupling::critically_damped(body, grasp, linear, angular);
+    // Pressing harder than the device can render must not press the object deeper (§5.3.3). Axes that it does not
+    // render at all still have to move the object.
+    let limit = |peak: f64| if peak > 0.0 { peak } else { f64::INFINITY };
+    coupling.max_force = limit(specification.peak_force);
+    coupling.max_torque = limit(specification.peak_torque);
     if let Some(damping) = settings.coupling_damping {
         coupling.linear_damping = damping;
     }

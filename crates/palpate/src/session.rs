@@ -103,6 +103,7 @@ impl Session {
         };
         let mut events = haptic.events;
         events.contact_overflow = contact.events.contact_overflow;
+        events.contact_refused = contact.events.contact_refused;
         events.not_converged = contact.events.not_converged;
         events.model_dropped = contact.events.model_dropped;
         Summary {

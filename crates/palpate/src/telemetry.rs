@@ -66,6 +66,8 @@ pub struct Events {
     pub faded: u64,
     /// A contact query ran out of room and reported fewer contacts than there are.
     pub contact_overflow: u64,
+    /// A contact query was refused, its pose not being finite, and found nothing.
+    pub contact_refused: u64,
     /// A pair of convex hulls did not converge in a contact query.
     pub not_converged: u64,
     /// A contact model was lost because the haptic loop had not fetched the earlier ones.
