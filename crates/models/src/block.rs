@@ -1,5 +1,5 @@
 //! The textured block of Table 4.1 and Fig. 4.11: striped with ridges, so that two blocks, or a block and a
-//! [gear](crate::gear), interlock. The sides carry a fine dimpled relief.
+//! [`gear`](crate::gear), interlock. The sides carry a fine dimpled relief.
 
 use palpate_core::{TriMesh, glam::DVec3};
 

@@ -1,5 +1,5 @@
 //! The gear of Table 4.1 and Fig. 4.11: a disc, convex at coarse resolution, whose rim carries teeth that interlock
-//! with the ridges of the [block](crate::block). Hub, web and spokes are a shallow relief of the flat sides.
+//! with the ridges of the [`block`]. Hub, web and spokes are a shallow relief of the flat sides.
 
 use std::f64::consts::TAU;
 
