@@ -15,7 +15,7 @@ pub(crate) const MIN_TRIANGLES: usize = 3_000;
 /// Mean radius of the knob, mm.
 const RADIUS: f64 = 30.0;
 /// Height of the lobes over the mean radius (and depth of the valleys), mm.
-const LOBE: f64 = 0.8;
+const LOBE: f64 = 0.5;
 /// Lobes around the axis.
 const LOBES: f64 = 8.0;
 /// Gap between knob and cavity when assembled, mm.
@@ -58,7 +58,8 @@ fn stem(p: DVec3) -> f64 {
     let flats = smooth_max(around * angle.cos() - 18.0, around - 19.8, 1.0);
     let flange = smooth_max(flats, (p.z - 64.0).abs() - 5.0, 2.0);
     let wave = (p.y.atan2(p.x) + std::f64::consts::TAU * p.z / 4.0).sin();
-    let thread = smooth_max(around - 10.0 - 0.55 * wave, (p.z - 0.5 * (60.0 + END)).abs() - 0.5 * (END - 60.0), 3.0);
+    let thread =
+        smooth_max(around - 10.0 - 0.55 * wave, (p.z - 0.5 * (60.0 + END)).abs() - 0.5 * (END - 60.0), 3.0);
     smooth_min(smooth_min(shank, flange, 4.0), thread, 1.0)
 }
 

@@ -126,3 +126,18 @@ fn spread(n: usize) -> Vec<DVec3> {
     }
     points
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dimples_do_not_overlap_and_leave_no_bald_spot() {
+        let dimples = spread(DIMPLES);
+        for (i, a) in dimples.iter().enumerate() {
+            let others = dimples.iter().enumerate().filter(|(j, _)| *j != i);
+            let nearest = RADIUS * others.map(|(_, b)| a.distance(*b)).fold(f64::INFINITY, f64::min);
+            assert!((2.0 * RIM..2.6 * RIM).contains(&nearest), "dimple {i}: neighbour at {nearest} mm");
+        }
+    }
+}

@@ -104,11 +104,14 @@ fn hosel(p: DVec3) -> f64 {
     let heel = DVec3::new(-1.0, 35.0, -16.0);
     let along = (p - heel).dot(axis);
     let around = (p - heel - along * axis).length();
-    let lower = smooth_max(around - 6.6 - 0.5 * smooth_step(20.0, 0.0, along), (along - 32.0).abs() - 34.0, 3.0);
+    let lower =
+        smooth_max(around - 6.6 - 0.5 * smooth_step(20.0, 0.0, along), (along - 32.0).abs() - 34.0, 3.0);
     // The ferrule narrows from the hosel to the shaft.
-    let ferrule = smooth_max(around - 6.4 + 1.4 * smooth_step(66.0, 84.0, along), (along - 75.0).abs() - 9.0, 0.8);
+    let ferrule =
+        smooth_max(around - 6.4 + 1.4 * smooth_step(66.0, 84.0, along), (along - 75.0).abs() - 9.0, 0.8);
     let steps = 0.25 * smooth_step(118.0, 119.0, along) + 0.25 * smooth_step(150.0, 151.0, along);
-    let shaft = smooth_max(around - 4.7 - steps, (along - 0.5 * (40.0 + LENGTH)).abs() - 0.5 * (LENGTH - 40.0), 1.0);
+    let shaft =
+        smooth_max(around - 4.7 - steps, (along - 0.5 * (40.0 + LENGTH)).abs() - 0.5 * (LENGTH - 40.0), 1.0);
     smooth_min(smooth_min(lower, ferrule, 0.6), shaft, 0.6)
 }
 
@@ -116,7 +119,8 @@ impl Surface for Club {
     fn value(&self, p: DVec3) -> f64 {
         let q = to_face(p);
         // Up the shaft the blade is far away, and its distance to a box will do.
-        let blade = if p.z > 60.0 { p.z - 40.0 } else { blade(q, polygon_distance(&self.outline, q.truncate())) };
+        let blade =
+            if p.z > 60.0 { p.z - 40.0 } else { blade(q, polygon_distance(&self.outline, q.truncate())) };
         smooth_min(blade, hosel(p), 9.0)
     }
 

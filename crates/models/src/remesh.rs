@@ -118,7 +118,7 @@ impl<'a, S: Surface> Remesher<'a, S> {
 
     /// The point of the surface near `p`, by Newton's method along the gradient, with the normal there.
     fn project(&self, mut p: DVec3, reach: f64) -> Option<(DVec3, DVec3)> {
-        let close = 1e-5 * reach;
+        let close = 1e-4 * reach;
         let mut value = self.surface.value(p);
         let mut gradient = self.surface.gradient(p, value);
         for _ in 0..8 {
@@ -254,7 +254,9 @@ impl<'a, S: Surface> Remesher<'a, S> {
         }
         let (a, b) = (self.mesh.origin(h), self.mesh.target(h));
         let reach = self.length * self.sizes[b as usize];
-        let Some((there, normal)) = self.project(self.at(a).midpoint(self.at(b)), reach) else { return false };
+        let Some((there, normal)) = self.project(self.at(a).midpoint(self.at(b)), reach) else {
+            return false;
+        };
         let size = self.surface.sizing(there);
         for (v, other) in [(a, b), (b, a)] {
             let (upright, shape) = self.fit(v, there, normal, Some(other));
@@ -290,9 +292,8 @@ impl<'a, S: Surface> Remesher<'a, S> {
         if self.mesh.valence(a) <= 3 || self.mesh.valence(b) <= 3 || self.mesh.are_neighbours(c, d) {
             return false;
         }
-        let upright = |t: [u32; 3]| {
-            self.uprightness(t.map(|v| self.at(v)), t.map(|v| self.normals[v as usize]))
-        };
+        let upright =
+            |t: [u32; 3]| self.uprightness(t.map(|v| self.at(v)), t.map(|v| self.normals[v as usize]));
         let before = upright([a, b, c]).min(upright([b, a, d]));
         let after = upright([d, c, a]).min(upright([c, d, b]));
         after >= before.min(0.8)
@@ -304,14 +305,16 @@ impl<'a, S: Surface> Remesher<'a, S> {
         let ends = [self.mesh.origin(h), self.mesh.origin(g)];
         let apexes = [self.mesh.apex(h), self.mesh.apex(g)];
         let before: i64 = ends.iter().chain(&apexes).map(|v| excess(*v, 0)).sum();
-        let after: i64 = ends.iter().map(|v| excess(*v, -1)).chain(apexes.iter().map(|v| excess(*v, 1))).sum();
+        let after: i64 =
+            ends.iter().map(|v| excess(*v, -1)).chain(apexes.iter().map(|v| excess(*v, 1))).sum();
         after < before
     }
 
     /// Delaunay's criterion: the angles across the edge add up to more than half a turn.
     fn improves_angles(&self, h: u32) -> bool {
         let angle = |h: u32| {
-            let (a, b, c) = (self.at(self.mesh.origin(h)), self.at(self.mesh.target(h)), self.at(self.mesh.apex(h)));
+            let (a, b, c) =
+                (self.at(self.mesh.origin(h)), self.at(self.mesh.target(h)), self.at(self.mesh.apex(h)));
             (a - c).angle_between(b - c)
         };
         angle(h) + angle(self.mesh.twin(h)) > std::f64::consts::PI + 1e-3

@@ -70,7 +70,8 @@ impl Arch {
         let i = self.lengths.partition_point(|s| *s <= along).clamp(1, SAMPLES) - 1;
         let t = (along - self.lengths[i]) / (self.lengths[i + 1] - self.lengths[i]);
         // Tangents are averaged at the samples and turn linearly in between: a tooth's direction is then continuous.
-        let chord = |k: usize| (self.points[(k + 1).min(SAMPLES)] - self.points[k.saturating_sub(1)]).normalize();
+        let chord =
+            |k: usize| (self.points[(k + 1).min(SAMPLES)] - self.points[k.saturating_sub(1)]).normalize();
         let first = if i == 0 { DVec2::X } else { chord(i) };
         let distal = first.lerp(chord(i + 1), t).normalize();
         (self.points[i].lerp(self.points[i + 1], t), distal, distal.perp())

@@ -46,8 +46,26 @@ const fn edge(half: f64, left: f64, right: f64) -> ([f64; 3], [f64; 3], f64) {
 
 /// The lower teeth from the front.
 pub(super) const LOWER: [Species; 7] = [
-    Species { width: 5.3, depth: 6.0, height: 9.0, squareness: 2.6, blade: 1.0, lean: 0.12, out: 0.0, ridges: &[edge(1.5, 1.3, 1.2)] },
-    Species { width: 5.7, depth: 6.2, height: 9.0, squareness: 2.6, blade: 1.0, lean: 0.10, out: 0.0, ridges: &[edge(1.6, 1.3, 1.0)] },
+    Species {
+        width: 5.3,
+        depth: 6.0,
+        height: 9.0,
+        squareness: 2.6,
+        blade: 1.0,
+        lean: 0.12,
+        out: 0.0,
+        ridges: &[edge(1.5, 1.3, 1.2)],
+    },
+    Species {
+        width: 5.7,
+        depth: 6.2,
+        height: 9.0,
+        squareness: 2.6,
+        blade: 1.0,
+        lean: 0.10,
+        out: 0.0,
+        ridges: &[edge(1.6, 1.3, 1.0)],
+    },
     Species {
         width: 6.8,
         depth: 7.4,
@@ -66,7 +84,12 @@ pub(super) const LOWER: [Species; 7] = [
         blade: 0.15,
         lean: 0.0,
         out: 0.0,
-        ridges: &[cusp(0.0, 1.5, 1.7), cusp(-0.2, -2.4, -0.2), margin(-2.6, 1.2, -0.3), margin(2.6, 1.3, -0.4)],
+        ridges: &[
+            cusp(0.0, 1.5, 1.7),
+            cusp(-0.2, -2.4, -0.2),
+            margin(-2.6, 1.2, -0.3),
+            margin(2.6, 1.3, -0.4),
+        ],
     },
     Species {
         width: 7.1,
@@ -123,8 +146,26 @@ pub(super) const LOWER: [Species; 7] = [
 
 /// The upper teeth from the front.
 pub(super) const UPPER: [Species; 7] = [
-    Species { width: 8.5, depth: 7.0, height: 10.3, squareness: 2.8, blade: 1.0, lean: 0.22, out: 0.0, ridges: &[edge(2.6, 2.1, 1.8)] },
-    Species { width: 6.6, depth: 6.2, height: 9.4, squareness: 2.6, blade: 1.0, lean: 0.20, out: 0.3, ridges: &[edge(1.7, 1.6, 1.3)] },
+    Species {
+        width: 8.5,
+        depth: 7.0,
+        height: 10.3,
+        squareness: 2.8,
+        blade: 1.0,
+        lean: 0.22,
+        out: 0.0,
+        ridges: &[edge(2.6, 2.1, 1.8)],
+    },
+    Species {
+        width: 6.6,
+        depth: 6.2,
+        height: 9.4,
+        squareness: 2.6,
+        blade: 1.0,
+        lean: 0.20,
+        out: 0.3,
+        ridges: &[edge(1.7, 1.6, 1.3)],
+    },
     Species {
         width: 7.6,
         depth: 8.0,

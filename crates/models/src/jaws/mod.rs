@@ -59,7 +59,8 @@ impl Jaw {
         let arch = Arch::new();
         let lower_teeth = dentition::lower(&arch);
         let upper_teeth = dentition::upper(&arch);
-        let (teeth, antagonists) = if upper { (upper_teeth, lower_teeth) } else { (lower_teeth, upper_teeth) };
+        let (teeth, antagonists) =
+            if upper { (upper_teeth, lower_teeth) } else { (lower_teeth, upper_teeth) };
         Self { gum: Gum::new(arch, upper), teeth, antagonists, upper }
     }
 }
