@@ -10,7 +10,8 @@
 //! All heights are taken with one tolerance: a triangle may have other vertices of its patch that far above its plane, and
 //! other surface may reach that deep into the hull. A hull that is thinner is flat: it has no interior.
 //!
-//! Both constraints are monotone. What fails for two patches fails for any larger two that contain them.
+//! Both constraints are monotone. What fails for two patches fails for any larger two that contain them. (The one exception
+//! is the two sides of a sheet that is thinner than the tolerance: they are never joined, whatever else is.)
 
 use glam::DVec3;
 
@@ -36,6 +37,17 @@ pub(crate) struct Patch {
     pub flat: bool,
     /// Its largest triangle.
     pub lead: u32,
+}
+
+impl Patch {
+    /// Becomes the union with another patch, given their common hull.
+    pub fn take_in(&mut self, mut other: Self, join: Join, convexity: &Convexity<'_>) {
+        if convexity.area(other.lead) > convexity.area(self.lead) {
+            self.lead = other.lead;
+        }
+        self.triangles.append(&mut other.triangles);
+        (self.extreme, self.bounds, self.flat) = (join.extreme, join.bounds, join.flat);
+    }
 }
 
 /// The hull of two patches that may be joined.
@@ -173,17 +185,6 @@ impl<'a> Convexity<'a> {
             self.surface.corners(b).iter().all(|p| plane.height(*p) <= self.tolerance)
         };
         below(a, b) && below(b, a)
-    }
-
-    /// The patch that two become.
-    pub fn joined(&self, a: Patch, b: Patch, join: Join) -> Patch {
-        let lead = if self.area(a.lead) >= self.area(b.lead) { a.lead } else { b.lead };
-        let (mut triangles, mut others) = (a.triangles, b.triangles);
-        if triangles.len() < others.len() {
-            std::mem::swap(&mut triangles, &mut others);
-        }
-        triangles.append(&mut others);
-        Patch { triangles, extreme: join.extreme, bounds: join.bounds, flat: join.flat, lead }
     }
 
     fn point(&self, vertex: u32) -> DVec3 {

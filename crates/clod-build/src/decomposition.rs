@@ -18,6 +18,10 @@ use crate::surface::Surface;
 /// The patch of a triangle that names a vertex twice.
 pub(crate) const NO_PATCH: u32 = u32::MAX;
 
+/// A pair goes back in the queue if it has grown by more than this part of itself since it was put there. (Small ones at
+/// once; a large patch with many neighbours would otherwise send all of them back for every small one that it takes in.)
+const GROWTH_DIVISOR: usize = 8;
+
 /// A neighbouring patch.
 #[derive(Clone, Copy, Debug)]
 struct Link {
@@ -102,47 +106,48 @@ pub(crate) fn decompose(
         }
     }
     let (mut done, mut next_report) = (0, 0);
-    while let Some(Reverse((_, a, b))) = queue.pop() {
+    while let Some(Reverse((stored, a, b))) = queue.pop() {
         done += 1;
         if done >= next_report {
             progress(f64::from(done) / (f64::from(done) + queue.len() as f64));
             next_report = done + 4096;
         }
         let (Some(first), Some(second)) = (&members[a as usize], &members[b as usize]) else { continue };
+        if !first.links.binary_search_by_key(&b, |l| l.patch).is_ok_and(|k| !first.links[k].blocked) {
+            continue;
+        }
+        let now = size(&members, a, b);
+        if now > stored + stored / GROWTH_DIVISOR {
+            queue.push(Reverse((now, a, b)));
+            continue;
+        }
         let mine = |t: u32| [a, b, NO_PATCH].contains(&patch_of[t as usize]);
-        match convexity.join(&first.patch, &second.patch, mine, &mut buffers) {
-            None => {
-                block(&mut members, a, b);
-                block(&mut members, b, a);
+        let Some(join) = convexity.join(&first.patch, &second.patch, mine, &mut buffers) else {
+            link(&mut members, a, b, true);
+            link(&mut members, b, a, true);
+            continue;
+        };
+        // The larger patch takes the smaller one in, so that whatever is done to one member, of its triangles or its links,
+        // is done to the few of the smaller one.
+        let (kept, gone) =
+            if first.patch.triangles.len() >= second.patch.triangles.len() { (a, b) } else { (b, a) };
+        let Some(gone_member) = members[gone as usize].take() else { continue };
+        for t in &gone_member.patch.triangles {
+            patch_of[*t as usize] = kept;
+        }
+        for Link { patch: other, blocked } in gone_member.links {
+            unlink(&mut members, other, gone);
+            if other == kept {
+                continue;
             }
-            Some(join) => {
-                let (Some(first), Some(second)) = (members[a as usize].take(), members[b as usize].take())
-                else {
-                    continue;
-                };
-                let new = members.len() as u32;
-                let patch = convexity.joined(first.patch, second.patch, join);
-                for t in &patch.triangles {
-                    patch_of[*t as usize] = new;
-                }
-                let links = united(&first.links, &second.links, a, b);
-                for link in &links {
-                    if let Some(other) = &mut members[link.patch as usize] {
-                        other.links.retain(|l| l.patch != a && l.patch != b);
-                        other.links.push(Link { patch: new, blocked: link.blocked });
-                    }
-                }
-                members.push(Some(Member { patch, links }));
-                let open: Vec<u32> = members[new as usize]
-                    .iter()
-                    .flat_map(|m| &m.links)
-                    .filter(|link| !link.blocked)
-                    .map(|link| link.patch)
-                    .collect();
-                for other in open {
-                    queue.push(Reverse((size(&members, other, new), other, new)));
-                }
+            let (fresh, blocked) = link(&mut members, kept, other, blocked);
+            link(&mut members, other, kept, blocked);
+            if fresh && !blocked {
+                queue.push(Reverse((size(&members, kept, other), kept.min(other), kept.max(other))));
             }
+        }
+        if let Some(member) = &mut members[kept as usize] {
+            member.patch.take_in(gone_member.patch, join, &convexity);
         }
     }
 
@@ -199,19 +204,25 @@ fn size(members: &[Option<Member>], a: u32, b: u32) -> usize {
     [a, b].iter().flat_map(|k| &members[*k as usize]).map(|member| member.patch.triangles.len()).sum()
 }
 
-fn block(members: &mut [Option<Member>], a: u32, b: u32) {
-    if let Some(member) = &mut members[a as usize] {
-        for link in member.links.iter_mut().filter(|link| link.patch == b) {
-            link.blocked = true;
+/// Makes `other` a neighbour of a patch, blocked if it is to be or was. Tells whether it is a new one, and whether blocked.
+fn link(members: &mut [Option<Member>], patch: u32, other: u32, blocked: bool) -> (bool, bool) {
+    let Some(member) = &mut members[patch as usize] else { return (false, true) };
+    match member.links.binary_search_by_key(&other, |l| l.patch) {
+        Ok(k) => {
+            member.links[k].blocked |= blocked;
+            (false, member.links[k].blocked)
+        }
+        Err(k) => {
+            member.links.insert(k, Link { patch: other, blocked });
+            (true, blocked)
         }
     }
 }
 
-/// The neighbours of a and b together, blocked where either was.
-fn united(first: &[Link], second: &[Link], a: u32, b: u32) -> Vec<Link> {
-    let mut links: Vec<Link> =
-        first.iter().chain(second).filter(|link| link.patch != a && link.patch != b).copied().collect();
-    links.sort_unstable_by_key(|link| (link.patch, !link.blocked));
-    links.dedup_by_key(|link| link.patch);
-    links
+fn unlink(members: &mut [Option<Member>], patch: u32, other: u32) {
+    if let Some(member) = &mut members[patch as usize]
+        && let Ok(k) = member.links.binary_search_by_key(&other, |l| l.patch)
+    {
+        member.links.remove(k);
+    }
 }
