@@ -15,7 +15,6 @@ use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 use palpate::device::{Emulation, Interpolation, Keyframe, MotionPath};
 use palpate::glam::DVec3;
-use palpate::models::CLOSED_JAWS;
 use palpate::{ContactTiming, HapticRenderer, Object, OpenOptions, Pose, RecordWriter, Scene, Settings};
 use palpate_report::Report;
 
@@ -43,7 +42,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     let path = MotionPath::new(chewing(arguments.seconds), Interpolation::Smooth)?;
     let device = Emulation::default().open(path)?;
     let scene = Scene::new().with(lower, Pose::IDENTITY);
-    let renderer = HapticRenderer::new(upper, scene, Box::new(device), Settings::default())?;
+    // Contact begins at 0.2 mm: a small part of the teeth's relief.
+    let settings = Settings { tolerance: Some(2e-4), ..Settings::default() };
+    let renderer = HapticRenderer::new(upper, scene, Box::new(device), settings)?;
 
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
@@ -78,11 +79,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Where the hand means the upper jaw to be, as 100 poses a second: the closed pose, and 1 mm past it to bite.
+/// Where the hand means the upper jaw to be, as 100 poses a second. The jaws are closed when their frames coincide; the hand
+/// bites 8 mm further, which its springiness turns into a force.
 fn chewing(seconds: f64) -> Vec<Keyframe> {
     const OPEN: f64 = 8e-3;
-    const BITE: f64 = -1e-3;
-    let samples = (seconds.max(0.0) * 100.0) as usize + 1;
+    const BITE: f64 = -8e-3;
+    // A little longer than the session, so that the hand never comes to the end of its path.
+    let samples = ((seconds.max(0.0) + 0.1) * 100.0) as usize + 1;
     (0..samples)
         .map(|sample| {
             let time = sample as f64 / 100.0;
@@ -96,7 +99,7 @@ fn chewing(seconds: f64) -> Vec<Keyframe> {
             let sideways = 3e-3 * (TAU * 5.0 * phase).sin() * grinding;
             let forth = 2e-3 * (TAU * 3.0 * phase).sin() * grinding;
             let offset = DVec3::new(sideways, forth, OPEN + (BITE - OPEN) * closed);
-            Keyframe { time, pose: Pose::from_translation(offset) * CLOSED_JAWS }
+            Keyframe { time, pose: Pose::from_translation(offset) }
         })
         .collect()
 }

@@ -39,15 +39,3 @@ fn validation_agrees_with_the_figures() {
         }
     }
 }
-
-#[test]
-fn self_intersections_agree_with_the_figures() {
-    let Some(file) = shared("models/figures.json") else { return };
-    let text = std::fs::read_to_string(file).expect("figures.json");
-    let figures: serde_json::Map<String, Value> = serde_json::from_str(&text).expect("figures.json");
-    for (name, figure) in &figures {
-        let Some(mesh) = shared_mesh(&format!("models/{name}")) else { continue };
-        let found = palpate::mesh_io::self_intersections(&mesh);
-        assert_eq!(Some(found.count as u64), figure["selfint"].as_u64(), "{name}");
-    }
-}

@@ -56,7 +56,8 @@ pub fn path(probe: &Object, scene: &Scene, seconds: f64) -> Vec<Keyframe> {
     let touch = first_touch(probe, scene);
     let radius = probe.bounding_radius();
     let center = probe.clod.source.center;
-    let samples = (seconds.max(0.0) / INTERVAL).ceil() as usize + 1;
+    // A little longer than asked for, so that the hand never comes to the end of its path.
+    let samples = (seconds.max(0.0) / INTERVAL).ceil() as usize + 10;
     (0..samples)
         .map(|sample| {
             let time = sample as f64 * INTERVAL;
