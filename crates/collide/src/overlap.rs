@@ -102,6 +102,7 @@ pub(crate) fn overlap(
 
 /// Tries the normals of both patches' triangles: how far the other hull reaches below their planes.
 fn faces(a: &Patch, b: &Patch, placement: &Placement, best: &mut Best) {
+    let mut below = 0;
     for &triangle in a.triangles {
         let outward = a.normal(triangle);
         for normal in if a.two_sided { [outward, -outward] } else { [outward, DVec3::ZERO] } {
@@ -109,14 +110,16 @@ fn faces(a: &Patch, b: &Patch, placement: &Placement, best: &mut Best) {
                 continue;
             }
             let in_b = placement.direction_to_b(normal);
-            let deepest = b.hull.support(-in_b);
+            let deepest = b.hull.support(-in_b, below);
+            below = deepest;
             let on_b = placement.point(b.hull.points()[deepest as usize]);
-            let top = a.hull.points()[a.hull.support(normal) as usize];
+            let top = a.hull.points()[a.hull.support(normal, top_corner(triangle, a)) as usize];
             best.offer(b.vertex_faces(deepest, -in_b), (top - on_b).dot(normal), normal, |depth| {
                 (on_b + depth * normal, on_b)
             });
         }
     }
+    let mut below = 0;
     for &triangle in b.triangles {
         let outward = b.normal(triangle);
         for in_b in if b.two_sided { [outward, -outward] } else { [outward, DVec3::ZERO] } {
@@ -124,14 +127,22 @@ fn faces(a: &Patch, b: &Patch, placement: &Placement, best: &mut Best) {
                 continue;
             }
             let normal = -placement.direction(in_b);
-            let deepest = a.hull.support(normal);
+            let deepest = a.hull.support(normal, below);
+            below = deepest;
             let on_a = a.hull.points()[deepest as usize];
-            let top = placement.point(b.hull.points()[b.hull.support(in_b) as usize]);
+            let top =
+                placement.point(b.hull.points()[b.hull.support(in_b, top_corner(triangle, b)) as usize]);
             best.offer(a.vertex_faces(deepest, normal), (on_a - top).dot(normal), normal, |depth| {
                 (on_a, on_a - depth * normal)
             });
         }
     }
+}
+
+/// A corner of a triangle that is a hull vertex if any of them is: where its plane's support starts to be looked for.
+fn top_corner(triangle: [u32; 3], patch: &Patch) -> u32 {
+    let count = patch.hull.points().len() as u32;
+    triangle.into_iter().find(|v| *v < count).unwrap_or(0)
 }
 
 /// Tries the common normals of two triangle edges, one of each patch, that support their hulls along it.

@@ -82,6 +82,7 @@ struct Tally {
     worst: f64,
 }
 
+#[expect(clippy::too_many_arguments)]
 fn check(
     a: &Body,
     pose_a: &Pose,

@@ -88,8 +88,8 @@ impl Polytope {
     pub fn penetration(&mut self, a: &Hull, b: &Hull, placement: &Placement, precision: f64) -> Penetration {
         let mut best = Candidate { extent: f64::INFINITY, normal: DVec3::X, face: [0; 3] };
         if let Err(flat_normal) = self.first_tetrahedron(a, b, placement, precision) {
-            let forward = support(a, b, placement, flat_normal);
-            let backward = support(a, b, placement, -flat_normal);
+            let forward = support(a, b, placement, flat_normal, (0, 0));
+            let backward = support(a, b, placement, -flat_normal, (0, 0));
             let (vertex, normal) =
                 if forward.difference.dot(flat_normal) <= -backward.difference.dot(flat_normal) {
                     (forward, flat_normal)
@@ -104,7 +104,8 @@ impl Polytope {
         let (mut gap, mut converged) = (f64::INFINITY, false);
         while let Some(index) = self.nearest_face() {
             let Face { normal, distance, vertices, .. } = self.faces[index as usize];
-            let vertex = support(a, b, placement, normal);
+            let corner = &self.vertices[vertices[0] as usize];
+            let vertex = support(a, b, placement, normal, (corner.a, corner.b));
             let extent = vertex.difference.dot(normal);
             if extent < best.extent {
                 best = Candidate { extent, normal, face: vertices };
@@ -198,7 +199,8 @@ impl Polytope {
         let mut ends = [Vertex::default(); 2];
         let mut extent = -1.0;
         for axis in DVec3::AXES {
-            let (high, low) = (support(a, b, placement, axis), support(a, b, placement, -axis));
+            let (high, low) =
+                (support(a, b, placement, axis, (0, 0)), support(a, b, placement, -axis, (0, 0)));
             let length = high.difference.distance_squared(low.difference);
             if length > extent {
                 extent = length;
@@ -214,7 +216,7 @@ impl Polytope {
         let (side, up) = along.any_orthonormal_pair();
         let mut third = (first, 0.0);
         for direction in [side, -side, up, -up] {
-            let vertex = support(a, b, placement, direction);
+            let vertex = support(a, b, placement, direction, (0, 0));
             let height = (vertex.difference - first.difference).reject_from_normalized(along).length();
             if height > third.1 {
                 third = (vertex, height);
@@ -225,7 +227,8 @@ impl Polytope {
         }
         let (third, _) = third;
         let normal = along.cross(third.difference - first.difference).normalize();
-        let (above, below) = (support(a, b, placement, normal), support(a, b, placement, -normal));
+        let (above, below) =
+            (support(a, b, placement, normal, (0, 0)), support(a, b, placement, -normal, (0, 0)));
         let height = |v: &Vertex| (v.difference - first.difference).dot(normal);
         let (high, low) = (height(&above), -height(&below));
         if high.max(low) <= precision {

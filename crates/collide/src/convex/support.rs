@@ -37,10 +37,11 @@ impl<'a> Hull<'a> {
         self.points
     }
 
-    /// Index of a point that lies furthest in a direction (of any length).
-    pub fn support(&self, direction: DVec3) -> u32 {
+    /// Index of a point that lies furthest in a direction (of any length). `hint`: a point that may lie far along it, such as
+    /// the last answer.
+    pub fn support(&self, direction: DVec3, hint: u32) -> u32 {
         match self.tree {
-            Some(tree) => tree.support(direction),
+            Some(tree) => tree.support(direction, hint, self.points[hint as usize].dot(direction)),
             None => scan(self.points, direction).0,
         }
     }
@@ -96,13 +97,14 @@ impl SupportTree {
         self.points.len() * (size_of::<DVec3>() + size_of::<u32>()) + self.nodes.len() * size_of::<Box3>()
     }
 
-    fn support(&self, direction: DVec3) -> u32 {
+    /// `hint`: a point of the hull, and how far it lies in the direction.
+    fn support(&self, direction: DVec3, hint: u32, reach: f64) -> u32 {
         let magnitude = direction.abs();
         let bound = |node: u32| {
             let node = &self.nodes[node as usize];
             node.center.dot(direction) + node.half.dot(magnitude)
         };
-        let mut best = (0u32, f64::NEG_INFINITY);
+        let mut best = (hint, reach);
         let mut stack = [(0u32, f64::INFINITY); STACK];
         let mut depth = 1;
         while depth > 0 {
@@ -115,7 +117,7 @@ impl SupportTree {
             if node.second == 0 {
                 let (offset, reach) = scan(&self.points[node.start as usize..node.end as usize], direction);
                 if reach > best.1 {
-                    best = (node.start + offset, reach);
+                    best = (self.order[(node.start + offset) as usize], reach);
                 }
                 continue;
             }
@@ -125,7 +127,7 @@ impl SupportTree {
             stack[depth + 1] = near;
             depth += 2;
         }
-        self.order[best.0 as usize]
+        best.0
     }
 }
 
@@ -187,7 +189,8 @@ mod tests {
             let hull = Hull::with_tree(&points, Some(&tree));
             for _ in 0..50 {
                 let direction = DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)));
-                let found = points[hull.support(direction) as usize].dot(direction);
+                let hint = rng.random_range(0..count);
+                let found = points[hull.support(direction, hint) as usize].dot(direction);
                 assert!(found >= scan(&points, direction).1 - 1e-14, "seed 0x5EED_0001, round {round}");
             }
         }
@@ -197,6 +200,6 @@ mod tests {
     fn equal_points_do_not_unbalance_the_tree() {
         let points = vec![DVec3::ONE; 1000];
         let tree = SupportTree::new(&points);
-        assert!(Hull::with_tree(&points, Some(&tree)).support(DVec3::X) < 1000);
+        assert!(Hull::with_tree(&points, Some(&tree)).support(DVec3::X, 999) < 1000);
     }
 }
