@@ -26,7 +26,7 @@ pub(crate) const fn next(h: u32) -> u32 {
 }
 
 pub(crate) const fn previous(h: u32) -> u32 {
-    if h % 3 == 0 { h + 2 } else { h - 1 }
+    if h.is_multiple_of(3) { h + 2 } else { h - 1 }
 }
 
 impl EditableMesh {

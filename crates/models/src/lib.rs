@@ -32,17 +32,21 @@ use palpate_core::TriMesh;
 /// A built-in model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Model {
-    /// Lower jaw: gums and teeth in an arch, bounded by a 6 cm sphere (Table 3.2).
+    /// Lower jaw: gums and teeth in an arch, bounded by a 6 cm sphere (Table 3.2). z up, y forward; the teeth point up,
+    /// the occlusal plane is near z = 0. At equal poses the jaws are closed, a few tenths of a millimetre apart.
     LowerJaw,
-    /// Upper jaw, whose teeth interdigitate with the lower jaw's (Table 3.2).
+    /// Upper jaw, whose teeth interdigitate with the lower jaw's (Table 3.2). Same frame as the lower jaw; the teeth
+    /// point down.
     UpperJaw,
-    /// Ball half of the interlocking ball joint (Table 3.2).
+    /// Ball half of the interlocking ball joint (Table 3.2). Both halves have the ball's centre as origin, so that the
+    /// joint is assembled at equal poses; the ball's stem points down (−z).
     BallJointBall,
-    /// Socket half of the interlocking ball joint (Table 3.2).
+    /// Socket half of the interlocking ball joint (Table 3.2); its stem points up (+z).
     BallJointSocket,
-    /// Golf club head with hosel and shaft (Table 3.2).
+    /// Golf club head with hosel and shaft (Table 3.2). The origin is the middle of the face, z up, the shot goes along
+    /// +x, the toe points along −y; real size, to suit the ball.
     GolfClub,
-    /// Golf ball with some 330 dimples (Table 3.2).
+    /// Golf ball with some 330 dimples, 21.335 mm in radius, about the origin (Table 3.2).
     GolfBall,
     /// Cup with a handle, radius 8 cm (Table 3.2, §5.5.3).
     Cup,

@@ -47,9 +47,6 @@ impl<'a, S: Surface> Remesher<'a, S> {
             let position = remesher.mesh.positions[v];
             remesher.learn(position);
         }
-        for v in 0..remesher.mesh.positions.len() as u32 {
-            remesher.move_to(v, remesher.mesh.positions[v as usize]);
-        }
         remesher
     }
 
@@ -98,6 +95,9 @@ impl<'a, S: Surface> Remesher<'a, S> {
         }
         let fine = TriMesh::new(vertices, triangles).expect("every index is that of a vertex");
         *self = Self::new(self.surface, EditableMesh::new(&fine), self.length);
+        for v in 0..self.mesh.positions.len() as u32 {
+            self.move_to(v, self.at(v));
+        }
         self.polish();
     }
 

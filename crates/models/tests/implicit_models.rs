@@ -73,7 +73,7 @@ fn sound_at_the_dissertations_sizes() {
 #[test]
 fn sound_when_coarse() {
     for model in IMPLICIT {
-        for step in 0..4 {
+        for step in 0..3 {
             let count = (fewest(model) as f64 * 1.63_f64.powi(step)) as usize;
             check(model, count, &model.generate(count).unwrap());
         }

@@ -79,14 +79,13 @@ impl Arch {
 
     pub(super) fn foot(&self, x: f64, y: f64) -> Foot {
         let p = DVec2::new(x.abs(), y);
-        let mut nearest = 0;
-        let mut least = f64::INFINITY;
-        for (i, point) in self.points.iter().enumerate() {
-            let d = point.distance_squared(p);
-            if d < least {
-                (nearest, least) = (i, d);
-            }
-        }
+        // The distance has one minimum along the half arch: find it among a few samples, then among those between.
+        let distance = |i: &usize| self.points[*i].distance_squared(p);
+        let nearest_of = |samples: &mut dyn Iterator<Item = usize>| {
+            samples.min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0)
+        };
+        let rough = nearest_of(&mut (0..=SAMPLES).step_by(8));
+        let nearest = nearest_of(&mut (rough.saturating_sub(8)..=(rough + 8).min(SAMPLES)));
         let mut best = Foot { along: 0.0, distance: f64::INFINITY, side: 0.0 };
         for i in nearest.saturating_sub(1)..(nearest + 1).min(SAMPLES) {
             let (a, b) = (self.points[i], self.points[i + 1]);
