@@ -229,3 +229,58 @@ impl EditableMesh {
         TriMesh::new(vertices, triangles).expect("every corner is a live vertex")
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn octahedron() -> TriMesh {
+        let vertices = [DVec3::X, DVec3::Y, -DVec3::X, -DVec3::Y, DVec3::Z, -DVec3::Z].to_vec();
+        let triangles = [0, 1, 2, 3].into_iter().flat_map(|i| [[i, (i + 1) % 4, 4], [(i + 1) % 4, i, 5]]);
+        TriMesh::new(vertices, triangles.collect()).unwrap()
+    }
+
+    #[test]
+    fn any_sequence_of_edits_leaves_a_closed_oriented_sphere() {
+        let mut mesh = EditableMesh::new(&octahedron());
+        // A linear congruential generator, seed 1.
+        let mut state = 1_u64;
+        let mut random = move |below: u32| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            ((state >> 33) % u64::from(below)) as u32
+        };
+        let mut done = [0; 3];
+        for _ in 0..20_000 {
+            let h = random(mesh.half_edges());
+            if !mesh.is_edge(h) {
+                continue;
+            }
+            let middle =
+                mesh.positions[mesh.origin(h) as usize].midpoint(mesh.positions[mesh.target(h) as usize]);
+            let choice = random(3) as usize;
+            let ends = [mesh.origin(h), mesh.target(h)];
+            match choice {
+                0 if mesh.triangles() < 400 => _ = mesh.split(h, middle),
+                1 if mesh.can_collapse(h) => mesh.collapse(h, middle),
+                2 if ends.iter().all(|v| mesh.valence(*v) > 3)
+                    && !mesh.are_neighbours(mesh.apex(h), mesh.apex(mesh.twin(h))) =>
+                {
+                    mesh.flip(h);
+                }
+                _ => continue,
+            }
+            done[choice] += 1;
+            let sum: usize = done.iter().sum();
+            if sum % 50 == 0 {
+                let now = mesh.to_mesh();
+                assert_eq!(now.triangles().len(), mesh.triangles());
+                let report = now.validate();
+                assert!(report.closed && report.manifold && report.oriented, "{report:?}");
+                assert_eq!(report.vertices as i64 - now.triangles().len() as i64 / 2, 2);
+                // The links agree with those that the triangles alone imply.
+                assert_eq!(EditableMesh::new(&now).half_edges() as usize, 3 * now.triangles().len());
+            }
+        }
+        assert!(done.iter().all(|n| *n > 500), "{done:?}");
+    }
+}
