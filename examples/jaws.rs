@@ -42,8 +42,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let path = MotionPath::new(chewing(arguments.seconds), Interpolation::Smooth)?;
     let device = Emulation::default().open(path)?;
     let scene = Scene::new().with(lower, Pose::IDENTITY);
-    // Contact begins at 0.2 mm: a small part of the teeth's relief.
-    let settings = Settings { tolerance: Some(2e-4), ..Settings::default() };
+    // Contact begins at 0.1 mm: a small part of the teeth's relief.
+    let settings = Settings { tolerance: Some(1e-4), ..Settings::default() };
     let renderer = HapticRenderer::new(upper, scene, Box::new(device), settings)?;
 
     let stop = Arc::new(AtomicBool::new(false));
@@ -80,10 +80,10 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 /// Where the hand means the upper jaw to be, as 100 poses a second. The jaws are closed when their frames coincide; the hand
-/// bites 8 mm further, which its springiness turns into a force.
+/// bites 3 mm further, which its springiness turns into a force.
 fn chewing(seconds: f64) -> Vec<Keyframe> {
     const OPEN: f64 = 8e-3;
-    const BITE: f64 = -8e-3;
+    const BITE: f64 = -3e-3;
     // A little longer than the session, so that the hand never comes to the end of its path.
     let samples = ((seconds.max(0.0) + 0.1) * 100.0) as usize + 1;
     (0..samples)
@@ -94,8 +94,8 @@ fn chewing(seconds: f64) -> Vec<Keyframe> {
                 let x = ((phase - from) / (to - from)).clamp(0.0, 1.0);
                 x * x * (3.0 - 2.0 * x)
             };
-            let closed = ramp(0.0, 0.2) - ramp(0.8, 1.0);
-            let grinding = ramp(0.25, 0.3) - ramp(0.7, 0.75);
+            let closed = ramp(0.0, 0.3) - ramp(0.8, 1.0);
+            let grinding = ramp(0.3, 0.35) - ramp(0.7, 0.75);
             let sideways = 3e-3 * (TAU * 5.0 * phase).sin() * grinding;
             let forth = 2e-3 * (TAU * 3.0 * phase).sin() * grinding;
             let offset = DVec3::new(sideways, forth, OPEN + (BITE - OPEN) * closed);
