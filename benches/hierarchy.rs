@@ -13,7 +13,9 @@ use palpate::models::Model;
 fn hierarchies(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("build");
     group.sample_size(10);
-    for (model, triangles) in [(Model::LowerJaw, 10_000), (Model::LowerJaw, 40_180), (Model::GolfBall, 40_000)] {
+    for (model, triangles) in
+        [(Model::LowerJaw, 10_000), (Model::LowerJaw, 40_180), (Model::GolfBall, 40_000)]
+    {
         let mesh = model.generate(triangles).expect("a model");
         group.throughput(Throughput::Elements(mesh.triangles().len() as u64));
         group.bench_function(BenchmarkId::new(model.name(), triangles), |bencher| {

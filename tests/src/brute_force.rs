@@ -172,10 +172,13 @@ mod tests {
         assert!((p.distance(q) - distance).abs() < 1e-15);
         let grid = |t: [DVec3; 3]| {
             (0..=60).flat_map(move |i| {
-                (0..=60 - i).map(move |j| t[0] + (t[1] - t[0]) * f64::from(i) / 60.0 + (t[2] - t[0]) * f64::from(j) / 60.0)
+                (0..=60 - i).map(move |j| {
+                    t[0] + (t[1] - t[0]) * f64::from(i) / 60.0 + (t[2] - t[0]) * f64::from(j) / 60.0
+                })
             })
         };
-        let sampled = grid(TRIANGLE).flat_map(|p| grid(other).map(move |q| p.distance(q))).fold(f64::MAX, f64::min);
+        let sampled =
+            grid(TRIANGLE).flat_map(|p| grid(other).map(move |q| p.distance(q))).fold(f64::MAX, f64::min);
         assert!(sampled >= distance - 1e-12 && sampled < distance + 0.02, "{sampled} against {distance}");
     }
 }

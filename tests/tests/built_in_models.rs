@@ -11,7 +11,10 @@ fn models_are_sound_and_as_large_as_in_the_dissertation() {
         let asked = model.default_triangles();
         let mesh = model.generate(asked).expect(name);
         let triangles = mesh.triangles().len();
-        assert!((triangles as f64 / asked as f64 - 1.0).abs() <= 0.02, "{name}: {triangles} triangles for {asked}");
+        assert!(
+            (triangles as f64 / asked as f64 - 1.0).abs() <= 0.02,
+            "{name}: {triangles} triangles for {asked}"
+        );
         let report = mesh.validate();
         assert!(report.closed && report.manifold && report.oriented, "{name}: {report:?}");
         assert_eq!((report.degenerate, report.duplicate, report.components), (0, 0, 1), "{name}: {report:?}");

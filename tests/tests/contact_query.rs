@@ -78,7 +78,10 @@ fn check(probe_path: &str, scene_path: &str, poses: &[Pose]) {
                 query.contacts().iter().map(|found| (found.probe_node, found.scene_node)).collect();
             for &[a, b] in &crossing {
                 let pair = (probe_leaf[a as usize], scene_leaf[b as usize]);
-                assert!(found.contains(&pair), "pose {index}: triangles {a} and {b} intersect without a contact");
+                assert!(
+                    found.contains(&pair),
+                    "pose {index}: triangles {a} and {b} intersect without a contact"
+                );
             }
         }
     }
@@ -118,7 +121,8 @@ fn check_disjoint(
         // A pair of patches may have several local minima, so its nearest points need not be these.
         assert!(-contact.depth > exact - eps, "pose {index}: {contact:?}, brute force {exact}");
         for (point, patch) in [(contact.point, &patches[0]), (contact.scene_point, &patches[1])] {
-            let off = patch.iter().map(|t| nearest_on_triangle(point, t).distance(point)).fold(f64::MAX, f64::min);
+            let off =
+                patch.iter().map(|t| nearest_on_triangle(point, t).distance(point)).fold(f64::MAX, f64::min);
             assert!(off < eps, "pose {index}: a contact point is {off} m off its patch");
         }
         let gap = contact.point + contact.normal * -contact.depth - contact.scene_point;

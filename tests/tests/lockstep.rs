@@ -3,9 +3,7 @@
 use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
 
-use palpate::{
-    ContactTiming, HapticRenderer, Pose, Record, RecordWriter, Scene, Session, Settings, explore,
-};
+use palpate::{ContactTiming, HapticRenderer, Pose, Record, RecordWriter, Scene, Session, Settings, explore};
 use palpate_tests::model;
 
 /// A session of an ellipsoid exploring a coarse golf ball.
@@ -96,7 +94,8 @@ fn a_replayed_probe_comes_where_its_path_says() {
     }
     std::fs::write(&file, text).expect("temporary file");
     let scene = Scene::new();
-    let device = explore::open_device(&format!("replay:{}", file.display()), &probe, &scene, 2.0).expect("replay");
+    let device =
+        explore::open_device(&format!("replay:{}", file.display()), &probe, &scene, 2.0).expect("replay");
     let settings = Settings { mass: 0.01, ..Settings::default() };
     let renderer = HapticRenderer::new(probe, scene, device, settings).expect("renderer");
     let mut worst: f64 = 0.0;

@@ -28,7 +28,9 @@ fn validation_agrees_with_the_figures() {
         }
         let degenerate = number("idxdeg") + number("zeroarea");
         assert_eq!(report.degenerate as f64, degenerate, "{name}: degenerate triangles");
-        for (key, value) in [("closed", report.closed), ("manifold", report.manifold), ("oriented", report.oriented)] {
+        for (key, value) in
+            [("closed", report.closed), ("manifold", report.manifold), ("oriented", report.oriented)]
+        {
             assert_eq!(Some(value), figure[key].as_bool(), "{name}: {key}");
         }
         let radius = number("R");

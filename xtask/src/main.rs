@@ -57,7 +57,8 @@ fn ci() -> Result<(), Failure> {
     cargo(&["clippy", "--workspace", "--all-targets", "--locked", "--", "-D", "warnings"], &[])?;
     cargo(&["check", "--package", "palpate-texture-pd", "--no-default-features", "--locked"], &[])?;
     cargo(&["doc", "--workspace", "--no-deps", "--locked"], &[("RUSTDOCFLAGS", "-D warnings")])?;
-    if !Command::new("cargo").args(["deny", "--version"]).output().is_ok_and(|output| output.status.success()) {
+    if !Command::new("cargo").args(["deny", "--version"]).output().is_ok_and(|output| output.status.success())
+    {
         cargo(&["install", "cargo-deny", "--version", "0.20.2", "--locked"], &[])?;
     }
     cargo(&["deny", "check", "bans", "licenses", "sources"], &[])

@@ -264,7 +264,10 @@ impl std::str::FromStr for Length {
             Ok(value) if value.is_finite() && value >= 0.0 => {
                 Ok(if percent { Self::OfRadius(value / 100.0) } else { Self::Metres(value) })
             }
-            _ => Err("give metres, such as 0.001, or a percentage of the probe's radius, such as 1%".to_owned()),
+            _ => {
+                Err("give metres, such as 0.001, or a percentage of the probe's radius, such as 1%"
+                    .to_owned())
+            }
         }
     }
 }

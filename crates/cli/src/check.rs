@@ -28,7 +28,9 @@ pub fn run(arguments: &CheckArguments) -> Result<(), Failure> {
         let yes = |answer: bool| if answer { "yes" } else { "no" };
         let at = |first: Option<String>| first.map_or(String::new(), |first| format!("first: {first}"));
         let edge = |first: &Option<palpate::core::mesh::OffendingEdge>| {
-            at(first.as_ref().map(|e| format!("{}–{} of triangle {}", e.vertices[0], e.vertices[1], e.triangle)))
+            at(first
+                .as_ref()
+                .map(|e| format!("{}–{} of triangle {}", e.vertices[0], e.vertices[1], e.triangle)))
         };
         let first = &r.first;
         table.row([&"vertices", &r.vertices]);

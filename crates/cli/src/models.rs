@@ -34,6 +34,7 @@ pub fn export(arguments: &ExportArguments) -> Result<(), Failure> {
     let (model, triangles) = Model::parse(&arguments.model)?;
     let mesh = model.generate(triangles)?;
     let path = &arguments.output;
-    let written = File::create(path).and_then(|file| palpate::mesh_io::write_obj(&mesh, BufWriter::new(file)));
+    let written =
+        File::create(path).and_then(|file| palpate::mesh_io::write_obj(&mesh, BufWriter::new(file)));
     written.map_err(|error| Failure::writing(path, error))
 }

@@ -9,11 +9,7 @@ use crate::arguments::Json;
 use crate::failure::Failure;
 
 /// Prints or writes `value` as JSON where that was asked for; otherwise prints the rows of a table.
-pub fn result(
-    json: &Json,
-    value: &impl Serialize,
-    table: impl FnOnce(&mut Table),
-) -> Result<(), Failure> {
+pub fn result(json: &Json, value: &impl Serialize, table: impl FnOnce(&mut Table)) -> Result<(), Failure> {
     let Some(path) = &json.json else {
         let mut rows = Table::default();
         table(&mut rows);
@@ -49,7 +45,8 @@ impl Table {
         let widths: Vec<usize> = (0..columns).map(width).collect();
         let mut out = stdout().lock();
         for row in &self.0 {
-            let cells: Vec<String> = row.iter().zip(&widths).map(|(cell, width)| format!("{cell:<width$}")).collect();
+            let cells: Vec<String> =
+                row.iter().zip(&widths).map(|(cell, width)| format!("{cell:<width$}")).collect();
             writeln!(out, "{}", cells.join("  ").trim_end())?;
         }
         Ok(())

@@ -93,8 +93,16 @@ pub fn run(arguments: &QueryArguments) -> Result<(), Failure> {
     let memory = probe.clod.total_bytes() + scene.clod.total_bytes() + query.bytes();
     let replay = Replay { summary: summarise(&poses, memory), poses };
     output::result(&arguments.json, &replay, |table| {
-        let Summary { poses, median_us, p99_us, max_us, front_median, front_max, contacts_median, memory_bytes } =
-            &replay.summary;
+        let Summary {
+            poses,
+            median_us,
+            p99_us,
+            max_us,
+            front_median,
+            front_max,
+            contacts_median,
+            memory_bytes,
+        } = &replay.summary;
         table.row([&"poses", poses]);
         table.row([&"query", &format!("median {median_us:.1}, p99 {p99_us:.1}, max {max_us:.1} µs")]);
         table.row([&"front", &format!("median {front_median}, max {front_max} pairs of nodes")]);
@@ -102,7 +110,8 @@ pub fn run(arguments: &QueryArguments) -> Result<(), Failure> {
         let deepest = replay.poses.iter().map(|pose| pose.depth_max).fold(0.0, f64::max);
         table.row([&"deepest penetration", &format!("{:.6} mm", 1e3 * deepest)]);
         let nearest = replay.poses.iter().filter_map(|pose| pose.distance_min).reduce(f64::min);
-        let nearest = nearest.map_or("none within the tolerance".to_owned(), |d| format!("{:.6} mm", 1e3 * d));
+        let nearest =
+            nearest.map_or("none within the tolerance".to_owned(), |d| format!("{:.6} mm", 1e3 * d));
         table.row([&"smallest distance", &nearest]);
         table.row([&"memory", &format!("{:.1} MB", *memory_bytes as f64 / 1e6)]);
     })
@@ -110,7 +119,11 @@ pub fn run(arguments: &QueryArguments) -> Result<(), Failure> {
 
 fn tolerance(arguments: &QueryArguments, probe: &Object) -> Result<f64, Failure> {
     let tolerance = arguments.tolerance.metres(probe.bounding_radius());
-    if tolerance.is_finite() { Ok(tolerance) } else { Err(Failure::Message("--tolerance: too large".to_owned())) }
+    if tolerance.is_finite() {
+        Ok(tolerance)
+    } else {
+        Err(Failure::Message("--tolerance: too large".to_owned()))
+    }
 }
 
 /// The penalty wrench of the clustered contacts on the probe (N; N·m about the probe's origin): each pushes along −n with

@@ -2,8 +2,8 @@
 
 use std::fs::File;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use indicatif::ProgressBar;
 use palpate::{ContactTiming, HapticRenderer, Pose, Record, RecordWriter, Scene, Session, Summary};
@@ -114,6 +114,7 @@ fn show(table: &mut output::Table, session: &Session, summary: &Summary) {
     }
     let faded = session.haptic.events.faded;
     if faded > 0 {
-        table.row([&"note", &format!("the contact model was too old in {faded} steps; the wrench was faded")]);
+        table
+            .row([&"note", &format!("the contact model was too old in {faded} steps; the wrench was faded")]);
     }
 }

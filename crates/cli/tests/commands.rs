@@ -47,7 +47,9 @@ fn models_are_listed_exported_and_checked() {
     for key in ["closed", "manifold", "oriented"] {
         assert_eq!(check[key], Value::Bool(true), "{key}");
     }
-    for key in ["boundary_edges", "nonmanifold_edges", "misoriented_edges", "degenerate", "duplicate", "nonfinite"] {
+    for key in
+        ["boundary_edges", "nonmanifold_edges", "misoriented_edges", "degenerate", "duplicate", "nonfinite"]
+    {
         assert_eq!(check[key], 0, "{key}");
     }
     assert_eq!(check["self_intersections"], 0);
@@ -89,17 +91,39 @@ fn a_trajectory_is_queried() {
     let radius = json(&["check", "golf-ball@5000", "--json"], folder)["bounding_radius"].as_f64().unwrap();
     let mut csv = String::from("t,px,py,pz,qx,qy,qz,qw\n");
     for i in 0..=40 {
-        csv.push_str(&format!("{},0,0,{},0,0,0,1\n", f64::from(i) * 1e-3, radius * (3.0 - 0.06 * f64::from(i))));
+        csv.push_str(&format!(
+            "{},0,0,{},0,0,0,1\n",
+            f64::from(i) * 1e-3,
+            radius * (3.0 - 0.06 * f64::from(i))
+        ));
     }
     std::fs::write(folder.join("t.csv"), csv).unwrap();
     let arguments = [
-        "query", "ellipsoid@500", "golf-ball@5000", "--trajectory", "t.csv", "--tolerance", "2%", "--json", "--exact",
-        "--contacts", "c.csv",
+        "query",
+        "ellipsoid@500",
+        "golf-ball@5000",
+        "--trajectory",
+        "t.csv",
+        "--tolerance",
+        "2%",
+        "--json",
+        "--exact",
+        "--contacts",
+        "c.csv",
     ];
     let replay = json(&arguments, folder);
     assert_eq!(
         keys(&replay["summary"]),
-        ["contacts_median", "front_max", "front_median", "max_us", "median_us", "memory_bytes", "p99_us", "poses"]
+        [
+            "contacts_median",
+            "front_max",
+            "front_median",
+            "max_us",
+            "median_us",
+            "memory_bytes",
+            "p99_us",
+            "poses"
+        ]
     );
     let poses = replay["poses"].as_array().expect("poses");
     assert_eq!(poses.len(), 41);
@@ -107,7 +131,10 @@ fn a_trajectory_is_queried() {
     assert_eq!(poses[0]["distance_min"], Value::Null);
     let deepest = &poses[40];
     assert!(deepest["depth_max"].as_f64().is_some_and(|depth| depth > 0.0), "{deepest}");
-    assert!(deepest["force"][2].as_f64().is_some_and(|force| force > 0.0), "the ball pushes back up: {deepest}");
+    assert!(
+        deepest["force"][2].as_f64().is_some_and(|force| force > 0.0),
+        "the ball pushes back up: {deepest}"
+    );
     let rows = std::fs::read_to_string(folder.join("c.csv")).unwrap();
     let contacts: u64 = poses.iter().map(|pose| pose["contacts"].as_u64().unwrap()).sum();
     assert_eq!(rows.lines().count() as u64, contacts + 1);
@@ -121,8 +148,21 @@ fn a_lockstep_session_is_recorded_and_reported_twice_alike() {
     let run = |record: &str| {
         json(
             &[
-                "run", "ellipsoid@500", "golf-ball@5000", "--lockstep", "--contact-rate", "250", "--seconds", "3",
-                "--record", record, "--report", "r.html", "--mass", "0.05", "--json",
+                "run",
+                "ellipsoid@500",
+                "golf-ball@5000",
+                "--lockstep",
+                "--contact-rate",
+                "250",
+                "--seconds",
+                "3",
+                "--record",
+                record,
+                "--report",
+                "r.html",
+                "--mass",
+                "0.05",
+                "--json",
             ],
             folder,
         )
@@ -131,7 +171,16 @@ fn a_lockstep_session_is_recorded_and_reported_twice_alike() {
     run("b.csv");
     assert_eq!(
         keys(&summary),
-        ["contact", "coupling_force_max", "depth_max", "energy_min_j", "events", "haptic", "seconds", "stages"]
+        [
+            "contact",
+            "coupling_force_max",
+            "depth_max",
+            "energy_min_j",
+            "events",
+            "haptic",
+            "seconds",
+            "stages"
+        ]
     );
     assert_eq!(summary["haptic"]["steps"], 3000);
     assert_eq!(summary["contact"]["rate_hz"], 250.0);
@@ -163,14 +212,17 @@ fn devices_are_listed() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let devices = json(&["devices", "--json"], folder.path());
     let devices = devices.as_array().expect("a list");
-    assert!(devices.iter().any(|device| device["address"].as_str().is_some_and(|a| a.starts_with("emulated"))));
+    assert!(
+        devices.iter().any(|device| device["address"].as_str().is_some_and(|a| a.starts_with("emulated")))
+    );
 }
 
 #[test]
 fn refusals_say_what_and_what_to_do() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let folder = folder.path();
-    std::fs::write(folder.join("t.csv"), "t,px,py,pz,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n0,0,zero,0,0,0,0,1\n").unwrap();
+    std::fs::write(folder.join("t.csv"), "t,px,py,pz,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n0,0,zero,0,0,0,0,1\n")
+        .unwrap();
     for (arguments, said) in [
         (&["check", "golf-bal"][..], "golf-ball"),
         (&["check", "golf-ball@many"], "golf-ball@20000"),
@@ -191,7 +243,9 @@ fn refusals_say_what_and_what_to_do() {
         assert_eq!(stderr.lines().count(), 1, "{stderr}");
         assert!(stderr.contains(said), "palpate {arguments:?} should mention '{said}': {stderr}");
     }
-    for usage in [&["frobnicate"][..], &["check"], &["query", "cup", "spoon"], &["run", "cup", "spoon", "--rate", "x"]] {
+    for usage in
+        [&["frobnicate"][..], &["check"], &["query", "cup", "spoon"], &["run", "cup", "spoon", "--rate", "x"]]
+    {
         assert_eq!(palpate(usage, folder).status.code(), Some(2), "palpate {usage:?}");
     }
 }

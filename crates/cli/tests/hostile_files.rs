@@ -40,7 +40,10 @@ fn ends_well(arguments: &[&str], folder: &Path) -> i32 {
     let errors: Vec<&str> = stderr.lines().filter(|line| !line.contains(": warning: ")).collect();
     match code {
         0 => assert!(errors.is_empty(), "palpate {arguments:?}: {stderr}"),
-        1 => assert!(errors.len() == 1 && errors[0].starts_with("palpate: "), "palpate {arguments:?}: {stderr}"),
+        1 => assert!(
+            errors.len() == 1 && errors[0].starts_with("palpate: "),
+            "palpate {arguments:?}: {stderr}"
+        ),
         _ => panic!("palpate {arguments:?} exited with {code}: {stderr}"),
     }
     assert!(!stderr.contains("panicked"), "palpate {arguments:?}: {stderr}");
@@ -49,7 +52,8 @@ fn ends_well(arguments: &[&str], folder: &Path) -> i32 {
 
 fn every_command(file: &str, folder: &Path) {
     let trajectory = folder.join("trajectory.csv");
-    std::fs::write(&trajectory, "t,px,py,pz,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n0.001,0,0,0.001,0,0,0,1\n").expect("write");
+    std::fs::write(&trajectory, "t,px,py,pz,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n0.001,0,0,0.001,0,0,0,1\n")
+        .expect("write");
     let trajectory = trajectory.to_str().expect("UTF-8");
     let clod = folder.join("out.clod");
     let clod = clod.to_str().expect("UTF-8");

@@ -15,7 +15,9 @@ pub(crate) fn build_or_load(
     progress: &mut dyn FnMut(Stage, f64),
 ) -> Result<Clod, BuildError> {
     let path = path_of(mesh, options);
-    if let Some(clod) = path.as_ref().and_then(|path| Clod::load(path).ok()).filter(|clod| made_from(clod, mesh)) {
+    if let Some(clod) =
+        path.as_ref().and_then(|path| Clod::load(path).ok()).filter(|clod| made_from(clod, mesh))
+    {
         return Ok(clod);
     }
     let clod = palpate_clod_build::build(mesh, options, progress)?;
@@ -39,7 +41,8 @@ fn path_of(mesh: &TriMesh, options: &BuildOptions) -> Option<PathBuf> {
 
 /// A guard against a hash collision and a stale file.
 fn made_from(clod: &Clod, mesh: &TriMesh) -> bool {
-    clod.source.vertices as usize == mesh.vertices().len() && clod.source.triangles as usize == mesh.triangles().len()
+    clod.source.vertices as usize == mesh.vertices().len()
+        && clod.source.triangles as usize == mesh.triangles().len()
 }
 
 /// Writes the file under another name first, so that a session that ends meanwhile leaves no half a file.

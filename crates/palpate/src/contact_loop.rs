@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use palpate_collide::{Clustering, ContactQuery, PatchContact, QuerySettings};
-use palpate_core::{Clod, Pose};
 use palpate_core::glam::DVec3;
+use palpate_core::{Clod, Pose};
 use palpate_dynamics::{BodyState, ContactParameters, LinearContactModel};
 
 use crate::scene::Placed;
@@ -26,7 +26,12 @@ pub struct ContactUpdate {
 impl ContactUpdate {
     /// No contact, before any query.
     pub fn none() -> Self {
-        Self { model: LinearContactModel::empty(&Pose::IDENTITY, f64::NAN), time: f64::NAN, depth: 0.0, contacts: 0 }
+        Self {
+            model: LinearContactModel::empty(&Pose::IDENTITY, f64::NAN),
+            time: f64::NAN,
+            depth: 0.0,
+            contacts: 0,
+        }
     }
 }
 

@@ -87,9 +87,10 @@ fn first_touch(probe: &Object, scene: &Scene) -> DVec3 {
         let source = &placed.object.clod.source;
         (placed.pose.transform_point(source.center), source.bounding_radius)
     });
-    let (low, high) = spheres.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), (center, radius)| {
-        (low.min(center - radius), high.max(center + radius))
-    });
+    let (low, high) = spheres
+        .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), (center, radius)| {
+            (low.min(center - radius), high.max(center + radius))
+        });
     if !(low.is_finite() && high.is_finite()) {
         return -center;
     }

@@ -5,9 +5,7 @@
 use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist, Wrench};
 use palpate_device::{DeviceState, HapticDevice, Specification, Status};
-use palpate_dynamics::{
-    Body, BodyState, DeviceMotion, VirtualCoupling, saturate, semi_implicit_step,
-};
+use palpate_dynamics::{Body, BodyState, DeviceMotion, VirtualCoupling, saturate, semi_implicit_step};
 
 use crate::contact_loop::ContactUpdate;
 use crate::record::Record;
@@ -128,7 +126,15 @@ impl HapticLoop {
         let twist = Twist::new(self.device.twist.velocity_at(arm), self.device.twist.angular);
         let motion = DeviceMotion { pose: held, twist };
 
-        let step = semi_implicit_step(&self.body, &self.state, &motion, &self.coupling, &self.update.model, DVec3::ZERO, dt);
+        let step = semi_implicit_step(
+            &self.body,
+            &self.state,
+            &motion,
+            &self.coupling,
+            &self.update.model,
+            DVec3::ZERO,
+            dt,
+        );
         if !step.status.is_ok() {
             self.telemetry.events.step_refused += 1;
         }

@@ -188,12 +188,19 @@ fn ask_for_realtime() -> String {
         return "normal: SCHED_FIFO is asked for on Linux only".to_owned();
     }
     let policy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
-    let asked = ThreadPriorityValue::try_from(PRIORITY).map_err(|error| error.to_string()).and_then(|priority| {
-        set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Crossplatform(priority), policy)
+    let asked =
+        ThreadPriorityValue::try_from(PRIORITY).map_err(|error| error.to_string()).and_then(|priority| {
+            set_thread_priority_and_policy(
+                thread_native_id(),
+                ThreadPriority::Crossplatform(priority),
+                policy,
+            )
             .map_err(|error| format!("{error:?}"))
-    });
+        });
     match asked {
         Ok(()) => format!("SCHED_FIFO, priority {PRIORITY}"),
-        Err(why) => format!("normal: SCHED_FIFO was refused ({why}); allow it with a `rtprio` limit or CAP_SYS_NICE"),
+        Err(why) => {
+            format!("normal: SCHED_FIFO was refused ({why}); allow it with a `rtprio` limit or CAP_SYS_NICE")
+        }
     }
 }

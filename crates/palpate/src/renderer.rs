@@ -133,8 +133,9 @@ fn coupling(
     grasp: Pose,
 ) -> VirtualCoupling {
     let linear = settings.coupling_stiffness.unwrap_or(default_stiffness(specification.stiffness, STIFFNESS));
-    let angular =
-        settings.angular_stiffness.unwrap_or(default_stiffness(specification.angular_stiffness, ANGULAR_STIFFNESS));
+    let angular = settings
+        .angular_stiffness
+        .unwrap_or(default_stiffness(specification.angular_stiffness, ANGULAR_STIFFNESS));
     let mut coupling = VirtualCoupling::critically_damped(body, grasp, linear, angular);
     // Pressing harder than the device can render must not press the object deeper (§5.3.3). Axes that it does not
     // render at all still have to move the object.

@@ -147,7 +147,11 @@ impl HapticRenderer {
             let what = if leaves == 1 {
                 format!("{role} {}: off, one convex hull", object.name)
             } else {
-                format!("{role} {}: on, {leaves} convex patches in {} levels", object.name, object.clod.levels.len())
+                format!(
+                    "{role} {}: on, {leaves} convex patches in {} levels",
+                    object.name,
+                    object.clod.levels.len()
+                )
             };
             let entry: &mut String = stages.entry("hierarchy").or_default();
             if !entry.is_empty() {

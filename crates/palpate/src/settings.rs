@@ -83,7 +83,12 @@ impl Settings {
             ("angular-damping", self.angular_damping, "N·m·s/rad from 0 to 1e6", 0.0..=1e6),
             ("tolerance", self.tolerance, "metres above 0", f64::MIN_POSITIVE..=f64::MAX),
             ("contact timeout", Some(self.contact_timeout), "seconds above 0", f64::MIN_POSITIVE..=f64::MAX),
-            ("clusters", Some(self.clusters as f64), CLUSTER_RANGE, 1.0..=palpate_dynamics::MAX_CLUSTERS as f64),
+            (
+                "clusters",
+                Some(self.clusters as f64),
+                CLUSTER_RANGE,
+                1.0..=palpate_dynamics::MAX_CLUSTERS as f64,
+            ),
         ];
         for (name, value, expected, range) in positive {
             if let Some(value) = value.filter(|value| !range.contains(value)) {
@@ -92,7 +97,11 @@ impl Settings {
         }
         if let Some(grasp) = self.grasp.filter(|grasp| !grasp.is_valid()) {
             let value = grasp.rotation.length();
-            return Err(SettingsError { name: "grasp rotation's length", value, expected: "a finite pose with a unit quaternion" });
+            return Err(SettingsError {
+                name: "grasp rotation's length",
+                value,
+                expected: "a finite pose with a unit quaternion",
+            });
         }
         Ok(())
     }

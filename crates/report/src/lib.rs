@@ -32,7 +32,7 @@ impl Report<'_> {
         for figure in series::figures(self.records) {
             plots.push_str("<figure>");
             plots.push_str(&plot::draw(&figure)?);
-            let _ = write!(plots, "<figcaption>{}</figcaption></figure>\n", escape(figure.caption));
+            let _ = writeln!(plots, "<figcaption>{}</figcaption></figure>", escape(figure.caption));
         }
         let mut rows = String::new();
         for (name, value) in measured(self.summary) {
@@ -51,7 +51,7 @@ impl Report<'_> {
 /// What a session measured, as rows of a name and a value for a person to read.
 pub fn measured(summary: &Summary) -> Vec<(&'static str, String)> {
     let Summary { haptic, contact, .. } = summary;
-        let mut rows = vec![
+    let mut rows = vec![
         ("duration", format!("{:.3} s", summary.seconds)),
         ("haptic rate", format!("{:.1} Hz, {} steps", haptic.rate_hz, haptic.steps)),
         ("missed deadlines", haptic.missed_deadlines.to_string()),

@@ -66,7 +66,8 @@ fn only_finite(curve: &Curve) -> Curve {
 
 /// The least and greatest of `values`, widened where an axis would have no length.
 fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
-    let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
+    let (low, high) =
+        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
     match (low.is_finite(), high > low) {
         (true, true) => (low, if high > 0.0 { high } else { 1.0 }),
         (true, false) => (low, low.max(0.0) + 1.0),

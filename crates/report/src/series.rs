@@ -73,7 +73,8 @@ fn model_times(records: &[Record]) -> impl Iterator<Item = f64> + '_ {
     records.iter().filter_map(move |record| {
         let made = record.time - record.model_age;
         // The same model seen a step later gives the same time but for rounding.
-        let fresh = made.is_finite() && !((made - last).abs() < 1e-9);
+        let same = (made - last).abs() < 1e-9;
+        let fresh = made.is_finite() && !same;
         last = if made.is_finite() { made } else { last };
         fresh.then_some(record.time)
     })
