@@ -1,39 +1,11 @@
 //! Reading and writing a device allocates nothing.
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
-
+use allocation_counter::measure;
 use glam::{DQuat, DVec3};
 use palpate_core::{Pose, Twist, Wrench};
 use palpate_device::{
     Emulation, HapticDevice, IntendedPath, Interpolation, Keyframe, MotionPath, ReplayDevice,
 };
-
-thread_local! {
-    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
-}
-
-/// The system's allocator, counting what this thread asks of it.
-struct Counting;
-
-#[expect(unsafe_code, reason = "an allocator can be wrapped in no other way")]
-// SAFETY: every call goes on unchanged to the system's allocator, which keeps the contract.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.with(|count| count.set(count.get() + 1));
-        // SAFETY: as above.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        ALLOCATIONS.with(|count| count.set(count.get() + 1));
-        // SAFETY: as above.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
 
 fn path() -> MotionPath {
     let keyframes = (0..100)
@@ -58,28 +30,22 @@ fn reading_and_writing_allocate_nothing() {
         Box::new(ReplayDevice::new("path", path())),
     ];
     for mut device in devices {
-        let before = ALLOCATIONS.with(Cell::get);
         let mut moved = 0.0;
-        for i in 0..12_000 {
-            // Every event too: a clock that runs back, a gap, a clipped and a refused wrench, the path's end.
-            let now = match i % 1000 {
-                998 => f64::NAN,
-                999 => 0.0,
-                _ => f64::from(i) * 0.001 + f64::from(i / 5000) * 0.5,
-            };
-            let state = device.read(now).unwrap();
-            moved += state.twist.linear.length();
-            let force = if i % 777 == 0 { DVec3::NAN } else { state.pose.translation * -1e3 };
-            device.write(&Wrench::new(force, DVec3::X)).unwrap();
-        }
-        let after = ALLOCATIONS.with(Cell::get);
-        assert_eq!(after - before, 0, "{} ({moved})", device.specification().name);
+        let counted = measure(|| {
+            for i in 0..12_000 {
+                // Every event too: a clock that runs back, a gap, a clipped and a refused wrench, the path's end.
+                let now = match i % 1000 {
+                    998 => f64::NAN,
+                    999 => 0.0,
+                    _ => f64::from(i) * 0.001 + f64::from(i / 5000) * 0.5,
+                };
+                let state = device.read(now).unwrap();
+                moved += state.twist.linear.length();
+                let force = if i % 777 == 0 { DVec3::NAN } else { state.pose.translation * -1e3 };
+                device.write(&Wrench::new(force, DVec3::X)).unwrap();
+            }
+        });
+        assert_eq!(counted.count_total, 0, "{} ({moved})", device.specification().name);
     }
-}
-
-#[test]
-fn the_count_counts() {
-    let before = ALLOCATIONS.with(Cell::get);
-    drop(std::hint::black_box(Box::new(1)));
-    assert!(ALLOCATIONS.with(Cell::get) >= before + 2);
+    assert_eq!(measure(|| drop(std::hint::black_box(Box::new(1)))).count_total, 1, "the counter counts");
 }

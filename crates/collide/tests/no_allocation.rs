@@ -2,41 +2,11 @@
 
 mod solids;
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
-
+use allocation_counter::measure;
 use palpate_collide::{Clustering, ContactQuery, QuerySettings};
 use palpate_core::Pose;
 use palpate_core::glam::{DQuat, DVec3};
 use solids::{Kind, clusters, hierarchy, singles, star};
-
-struct Counting;
-
-thread_local! {
-    static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
-}
-
-#[expect(unsafe_code, reason = "an allocator cannot be written without")]
-// SAFETY: every call is passed on unchanged to the system's allocator; the counter is a plain thread-local cell without a
-// destructor, so touching it neither allocates nor outlives the thread.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.with(|count| count.set(count.get() + 1));
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        unsafe { System.dealloc(pointer, layout) }
-    }
-
-    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        ALLOCATIONS.with(|count| count.set(count.get() + 1));
-        unsafe { System.realloc(pointer, layout, size) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
 
 #[test]
 fn a_warm_query_does_not_allocate() {
@@ -64,10 +34,9 @@ fn a_warm_query_does_not_allocate() {
             }
             contacts
         };
-        let warm = pass();
-        let before = ALLOCATIONS.with(Cell::get);
-        assert_eq!(pass(), warm);
-        assert_eq!(ALLOCATIONS.with(Cell::get) - before, 0);
-        assert!(before > 0 && warm > 100, "{before} {warm}");
+        let mut warm = 0;
+        assert!(measure(|| warm = pass()).count_total > 0, "the counter counts");
+        assert_eq!(measure(|| assert_eq!(pass(), warm)).count_total, 0);
+        assert!(warm > 100, "{warm}");
     }
 }

@@ -1,0 +1,55 @@
+//! The haptic step allocates nothing: 100 000 steps under a counting allocator.
+
+use allocation_counter::measure;
+use palpate_core::glam::{DMat3, DQuat, DVec3};
+use palpate_core::{Contact, Pose};
+use palpate_dynamics::{
+    Body, BodyState, ContactParameters, DeviceMotion, LinearContactModel, VirtualCoupling, saturate,
+    semi_implicit_step,
+};
+
+#[test]
+fn a_hundred_thousand_steps_allocate_nothing() {
+    let body = Body::new(0.05, DMat3::from_diagonal(DVec3::new(1e-5, 2e-5, 2.5e-5))).unwrap();
+    let coupling =
+        VirtualCoupling::critically_damped(&body, Pose::from_translation(DVec3::X * 0.02), 400.0, 0.6);
+    let parameters = ContactParameters { stiffness: 2000.0, damping: 1.0, tolerance: 0.0005 };
+    let mut state = BodyState::at_rest(Pose::IDENTITY);
+    let mut pushes = 0_u64;
+    let mut felt = DVec3::ZERO;
+
+    let made = measure(|| {
+        for i in 0..100_000 {
+            let t = f64::from(i) * 1e-3;
+            // Every 40 steps a fresh model of a floor and a wall, as the contact thread would hand it over.
+            let contacts = (0..5).map(|c| {
+                let angle = f64::from(c) * 1.2;
+                let normal = DVec3::new(0.2 * angle.cos(), 0.2 * angle.sin(), -1.0).normalize();
+                let point =
+                    state.pose.transform_point(DVec3::new(0.02 * angle.cos(), 0.02 * angle.sin(), -0.01));
+                Contact { point, scene_point: point, normal, depth: -0.01 - point.z }
+            });
+            let model = LinearContactModel::from_contacts(contacts, &state.pose, &parameters, t);
+            let turn = DQuat::from_rotation_x(0.4 * (2.0 * t).sin());
+            let device = DeviceMotion::at_rest(Pose::new(
+                DVec3::new(0.0, 0.01 * t.cos(), 0.01 * (5.0 * t).sin()),
+                turn,
+            ));
+            let step =
+                semi_implicit_step(&body, &state, &device, &coupling, &model, DVec3::NEG_Z * 9.81, 1e-3);
+            state = step.state;
+            pushes += u64::from(step.active != 0);
+            felt += saturate(&step.coupling, 3.3, 0.2).force;
+        }
+    })
+    .count_total;
+
+    assert_eq!(made, 0, "{made} allocations in 100 000 steps");
+    assert!(
+        pushes > 10_000 && pushes < 99_000,
+        "contact in {pushes} steps: the case does not open and close"
+    );
+    assert!(felt.is_finite());
+    let counted = measure(|| drop(std::hint::black_box(Vec::<u8>::with_capacity(100))));
+    assert_eq!(counted.count_total, 1, "the counter counts");
+}
