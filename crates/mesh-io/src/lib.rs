@@ -18,14 +18,11 @@
 //! been checked, and indices, counts and offsets are always resolved here.
 
 mod error;
-mod gltf_scene;
+mod formats;
 mod intersect;
 mod load;
-mod obj;
-mod ply;
 mod polygon;
 mod repair;
-mod stl;
 mod weld;
 mod write;
 

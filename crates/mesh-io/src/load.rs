@@ -1,12 +1,13 @@
 //! From a file to a mesh: choosing the reader, units, finiteness, welding and repair.
 
-use std::fs;
 use std::path::Path;
 
 use glam::DVec3;
 use palpate_core::TriMesh;
 
-use crate::{LoadError, RepairSummary, gltf_scene, obj, ply, repair, stl, weld};
+use crate::formats::surface::Surface;
+use crate::formats::{gltf_scene, obj, ply, read_file, stl};
+use crate::{LoadError, RepairSummary, repair, weld};
 
 /// Bounding radii (m) between which a mesh raises no doubt about its unit: what a hand-held device can render, from a
 /// grain of sand to a room.
@@ -42,16 +43,6 @@ pub struct LoadedMesh {
     pub repairs: Option<RepairSummary>,
 }
 
-/// A surface as it stands in the file.
-#[derive(Default)]
-pub(crate) struct Surface {
-    /// In the file's unit; may be infinite or not a number.
-    pub vertices: Vec<DVec3>,
-    /// Indices of `vertices`, all in range.
-    pub triangles: Vec<[u32; 3]>,
-    pub warnings: Vec<String>,
-}
-
 /// Loads a mesh file; the extension (in either case) names the format: .obj, .gltf, .glb, .stl or .ply.
 ///
 /// The triangles keep the order of the file (for glTF, that of the scene's nodes, depth first). Degenerate and duplicate
@@ -84,15 +75,6 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<LoadedMesh, LoadError>
         return Err(LoadError::NoTriangles { file: path.into(), found: "the file is empty".into() });
     }
     finish(read(&bytes, path)?, path, options)
-}
-
-/// The bytes of a regular file: a device or a pipe might never end.
-pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, LoadError> {
-    let failed = |source| LoadError::Read { file: path.into(), source };
-    if !fs::metadata(path).map_err(failed)?.is_file() {
-        return Err(failed(std::io::Error::other("not a regular file")));
-    }
-    fs::read(path).map_err(failed)
 }
 
 fn finish(surface: Surface, path: &Path, options: &LoadOptions) -> Result<LoadedMesh, LoadError> {

@@ -23,8 +23,8 @@ use gltf::json::scene::Node;
 use gltf::json::validation::Checked;
 
 use crate::LoadError;
-use crate::load::Surface;
-use crate::obj::quoted;
+use crate::formats::surface::Surface;
+use crate::formats::text::quoted;
 
 /// Vertices or triangles above which a scene is refused: one mesh may be placed by any number of nodes, and a count need not
 /// be backed by data, so that the file's size does not bound them.

@@ -9,8 +9,8 @@ use std::path::Path;
 use glam::DVec3;
 
 use crate::LoadError;
-use crate::load::Surface;
-use crate::obj::{Skipped, parse_number, quoted};
+use crate::formats::surface::{Skipped, Surface};
+use crate::formats::text::{parse_number, quoted};
 
 const REMEDY: &str = "the file is damaged or cut off: get it or export it again";
 

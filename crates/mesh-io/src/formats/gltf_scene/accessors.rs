@@ -11,8 +11,8 @@ use gltf::json::{Index, accessor, buffer};
 
 use super::{MAX_ELEMENTS, Reader};
 use crate::LoadError;
-use crate::load::read_file;
-use crate::obj::quoted;
+use crate::formats::read_file;
+use crate::formats::text::quoted;
 
 /// Extensions that hold geometry in a compressed form.
 const COMPRESSED: [&str; 3] =

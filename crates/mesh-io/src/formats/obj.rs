@@ -14,8 +14,8 @@ use std::path::Path;
 use glam::DVec3;
 
 use crate::LoadError;
-use crate::load::Surface;
-use crate::polygon::{self, Cut};
+use crate::formats::surface::{Skipped, Surface};
+use crate::formats::text::{parse_number, quoted};
 
 const REMEDY: &str = "correct that line or export the model again";
 
@@ -117,67 +117,6 @@ pub(crate) fn read(bytes: &[u8], path: &Path) -> Result<Surface, LoadError> {
     Ok(Surface { vertices, triangles, warnings: skipped.warnings("line") })
 }
 
-/// What a reader left out or could not do justice to.
-#[derive(Default)]
-pub(crate) struct Skipped {
-    pub lines: usize,
-    pub points: usize,
-    pub freeform: usize,
-    /// Where there are faces of fewer than three (different) corners: line or face numbers.
-    pub incomplete: Vec<usize>,
-    /// Polygons that could only be cut into a fan.
-    pub fans: usize,
-    collapsed: usize,
-    scratch: Vec<u32>,
-}
-
-impl Skipped {
-    /// Cuts a polygon of three or more corners into triangles. In a larger one, corners that repeat their predecessor are left out first.
-    pub(crate) fn cut(&mut self, polygon: &[u32], vertices: &[DVec3], triangles: &mut Vec<[u32; 3]>) {
-        let mut polygon = polygon;
-        if polygon.len() > 3 {
-            self.scratch.clear();
-            self.scratch.extend_from_slice(polygon);
-            self.scratch.dedup();
-            if self.scratch.len() > 1 && self.scratch.first() == self.scratch.last() {
-                self.scratch.pop();
-            }
-            if self.scratch.len() < 3 {
-                self.collapsed += 1;
-                return;
-            }
-            polygon = &self.scratch;
-        }
-        if polygon::triangulate(polygon, vertices, triangles) == Cut::Fan {
-            self.fans += 1;
-        }
-    }
-
-    /// One line for each kind of thing skipped. `place` is what `incomplete` counts: lines or faces.
-    pub(crate) fn warnings(&self, place: &str) -> Vec<String> {
-        let first = self.incomplete.first().copied().unwrap_or(0);
-        [
-            (self.lines, "line elements skipped, being no surface".into()),
-            (self.points, "point elements skipped, being no surface".into()),
-            (self.freeform, "free-form curves or surfaces skipped (convert them to polygons)".into()),
-            (
-                self.incomplete.len(),
-                format!("faces of fewer than three corners skipped, the first at {place} {first}"),
-            ),
-            (self.collapsed, "polygons of fewer than three different corners skipped".into()),
-            (
-                self.fans,
-                "polygons that cross or touch themselves or have no area cut into fans (check the result)"
-                    .into(),
-            ),
-        ]
-        .into_iter()
-        .filter(|(count, _)| *count > 0)
-        .map(|(count, what)| format!("{what}: {count}"))
-        .collect()
-    }
-}
-
 /// The vertex that a face's corner (`7`, `7/1`, `7//3`, `-1/…`) names, counted from zero. May lie beyond the vertices so far.
 fn resolve(word: &[u8], vertices: usize) -> Result<u64, String> {
     let index = word.split(|&b| b == b'/').next().unwrap_or(word);
@@ -191,32 +130,5 @@ fn resolve(word: &[u8], vertices: usize) -> Result<u64, String> {
         _ => (vertices as u64)
             .checked_sub(index.unsigned_abs())
             .ok_or_else(|| format!("the face names vertex {index}, but only {vertices} come before it")),
-    }
-}
-
-/// A decimal number; also `nan`, `inf` and the forms that Microsoft's C library printed for them.
-pub(crate) fn parse_number(word: &[u8]) -> Option<f64> {
-    let text = std::str::from_utf8(word).ok()?;
-    if let Ok(number) = text.parse() {
-        return Some(number);
-    }
-    let (sign, rest) = match text.strip_prefix('-') {
-        Some(rest) => (-1.0, rest),
-        None => (1.0, text.strip_prefix('+').unwrap_or(text)),
-    };
-    match rest.strip_prefix("1.#")?.get(..3)? {
-        "INF" => Some(sign * f64::INFINITY),
-        "IND" | "QNA" | "SNA" => Some(f64::NAN),
-        _ => None,
-    }
-}
-
-/// A word of a file, for a message: short, and on one line.
-pub(crate) fn quoted(word: &[u8]) -> String {
-    let shown = String::from_utf8_lossy(&word[..word.len().min(48)]);
-    if word.len() > 48 {
-        format!("\"{}…\"", shown.escape_debug())
-    } else {
-        format!("\"{}\"", shown.escape_debug())
     }
 }

@@ -13,8 +13,8 @@ use std::path::Path;
 use glam::DVec3;
 
 use crate::LoadError;
-use crate::load::Surface;
-use crate::obj::{parse_number, quoted};
+use crate::formats::surface::Surface;
+use crate::formats::text::{parse_number, quoted};
 
 /// Bytes before the triangles: 80 of comment and the count.
 const HEADER: usize = 84;

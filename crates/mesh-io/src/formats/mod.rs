@@ -1,0 +1,22 @@
+//! A reader a format, each from bytes to a [`Surface`](surface::Surface).
+
+pub(crate) mod gltf_scene;
+pub(crate) mod obj;
+pub(crate) mod ply;
+pub(crate) mod stl;
+pub(crate) mod surface;
+pub(crate) mod text;
+
+use std::fs;
+use std::path::Path;
+
+use crate::LoadError;
+
+/// The bytes of a regular file: a device or a pipe might never end.
+pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, LoadError> {
+    let failed = |source| LoadError::Read { file: path.into(), source };
+    if !fs::metadata(path).map_err(failed)?.is_file() {
+        return Err(failed(std::io::Error::other("not a regular file")));
+    }
+    fs::read(path).map_err(failed)
+}
