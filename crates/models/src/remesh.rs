@@ -15,6 +15,8 @@ use crate::{
 
 /// Rounds of split, collapse, flip and move before the count is settled.
 const ROUNDS: usize = 6;
+/// A triangle of less quality than this is a sliver (an aspect ratio of about 8).
+const SLIVER: f64 = 0.25;
 /// Most passes over the edges in one split or collapse step.
 const SWEEPS: usize = 4;
 /// Rounds of flip and move after that.
@@ -67,9 +69,9 @@ impl<'a, S: Surface> Remesher<'a, S> {
         self.settle(triangles);
         self.polish();
         for _ in 0..4 {
-            let folded = self.unfold();
+            let mended = self.gather_strays() + self.unfold();
             self.settle(triangles);
-            if folded == 0 {
+            if mended == 0 {
                 break;
             }
             self.polish();
@@ -347,8 +349,31 @@ impl<'a, S: Surface> Remesher<'a, S> {
         }
     }
 
-    /// Collapses an edge of every triangle that faces away from the surface's normals, as is left in a slit too
-    /// narrow for the edge length; gives their number.
+    /// Puts vertices on the surface that are still off it because each for itself could not move without folding
+    /// its triangles: all at once, and whatever comes of it is relaxed and unfolded later. Gives their number.
+    fn gather_strays(&mut self) -> usize {
+        let mut strays = 0;
+        for v in 0..self.mesh.positions.len() as u32 {
+            let reach = self.length * self.sizes[v as usize];
+            if !self.mesh.is_live_vertex(v) || self.surface.value(self.at(v)).abs() < 0.02 * reach {
+                continue;
+            }
+            strays += 1;
+            if let Some((there, normal)) = self.project(self.at(v), reach) {
+                self.mesh.positions[v as usize] = there;
+                self.normals[v as usize] = normal;
+                self.sizes[v as usize] = self.surface.sizing(there);
+            }
+        }
+        if strays > 0 {
+            self.flip(Self::improves_angles);
+            self.relax();
+        }
+        strays
+    }
+
+    /// Collapses an edge of every sliver and of every triangle that faces away from the surface's normals, as are
+    /// left in a slit too narrow for the edge length; gives their number.
     fn unfold(&mut self) -> usize {
         let mut folded = 0;
         for h in (0..self.mesh.half_edges()).step_by(3) {
@@ -358,7 +383,8 @@ impl<'a, S: Surface> Remesher<'a, S> {
             let corners = [self.mesh.origin(h), self.mesh.target(h), self.mesh.apex(h)];
             let upright =
                 self.uprightness(corners.map(|v| self.at(v)), corners.map(|v| self.normals[v as usize]));
-            if upright >= 0.5 * UPRIGHT {
+            let shape = shape_quality(corners.map(|v| self.at(v)));
+            if upright >= 0.5 * UPRIGHT && shape >= SLIVER {
                 continue;
             }
             folded += 1;

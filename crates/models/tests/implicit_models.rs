@@ -58,7 +58,7 @@ fn check(model: Model, count: usize, mesh: &TriMesh) {
     let poor = aspects.iter().filter(|aspect| **aspect > 4.0).count();
     assert!(poor * 200 <= triangles, "{name}: {poor} of {triangles} triangles are poor");
     let worst = aspects.into_iter().fold(0.0, f64::max);
-    assert!(worst < 20.0, "{name}: worst aspect {worst}");
+    assert!(worst < 8.0, "{name}: worst aspect {worst}");
     let crossing = self_intersections(mesh);
     assert_eq!(crossing.count, 0, "{name}: first {:?}", crossing.first);
 }
