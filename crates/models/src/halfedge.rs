@@ -271,7 +271,7 @@ mod tests {
             }
             done[choice] += 1;
             let sum: usize = done.iter().sum();
-            if sum % 50 == 0 {
+            if sum.is_multiple_of(50) {
                 let now = mesh.to_mesh();
                 assert_eq!(now.triangles().len(), mesh.triangles());
                 let report = now.validate();
