@@ -59,7 +59,7 @@ pub fn measured(summary: &Summary) -> Vec<(&'static str, String)> {
         ("wake-up lateness", percentiles(&haptic.wake_us, "µs")),
         ("scheduling of the haptic thread", haptic.scheduling.clone()),
         ("contact rate", format!("{:.1} Hz", contact.rate_hz)),
-        ("contact query", percentiles(&contact.query_us, "µs")),
+        ("contact query time", percentiles(&contact.query_us, "µs")),
         ("deepest penetration", format!("{:.4} mm", 1e3 * summary.depth_max)),
         ("largest coupling force", format!("{:.3} N", summary.coupling_force_max)),
         ("smallest energy at the device port", format!("{:.6} J", summary.energy_min_j)),
