@@ -5,9 +5,13 @@
 //! lock-free ring, and puts records into another; none of them ever makes it wait. Periods that it wakes too late for
 //! are counted and skipped, never replayed.
 
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use palpate_core::Wrench;
+use palpate_device::HapticDevice;
 use palpate_dynamics::BodyState;
 use rtrb::{Consumer, Producer, RingBuffer};
 use spin_sleep::{SpinSleeper, SpinStrategy};
@@ -17,6 +21,7 @@ use thread_priority::{
 };
 
 use crate::contact_loop::{ContactLoop, ContactUpdate};
+use crate::haptic_loop::HapticLoop;
 use crate::lockstep::steps_in;
 use crate::record::Record;
 use crate::renderer::HapticRenderer;
@@ -30,8 +35,10 @@ const RECORD_RING: usize = 4096;
 const RECORDER_NAP: Duration = Duration::from_millis(5);
 /// How long the contact thread waits for a body state that it has not seen.
 const CONTACT_NAP: Duration = Duration::from_micros(50);
-/// The haptic thread sleeps until this long before a deadline, and spins the rest.
-const SPIN_NS: u32 = 100_000;
+/// The haptic thread sleeps until this long before a deadline, s, and spins the rest.
+const SPIN: f64 = 1e-4;
+/// Most of a period that it spins: a SCHED_FIFO thread that never sleeps is throttled by Linux for 50 ms a second.
+const SPIN_SHARE: f64 = 0.25;
 /// Most periods that one step makes up for after late wake-ups.
 const MAX_PERIODS_A_STEP: u64 = 5;
 /// SCHED_FIFO priority asked for.
@@ -39,10 +46,14 @@ const PRIORITY: u8 = 80;
 
 impl HapticRenderer {
     /// Renders `seconds` of real time, or until `stop` is set, in threads of its own. Each step's record goes to `sink`,
-    /// called in this thread; its first error ends the session.
+    /// called in this thread; its first error ends the session. However the session ends, the device is first sent a
+    /// wrench of zero.
     ///
     /// # Errors
     /// Only what `sink` returns.
+    ///
+    /// # Panics
+    /// If the device's driver or `sink` does; the records up to then have gone to `sink`.
     pub fn run_realtime<E>(
         mut self,
         seconds: f64,
@@ -53,10 +64,9 @@ impl HapticRenderer {
         let (models_in, models_out) = RingBuffer::new(MODEL_RING);
         let (records_in, mut records_out) = RingBuffer::new(RECORD_RING);
         let (state_in, state_out) = triple_buffer::triple_buffer(&(0.0, *self.haptic.body_state()));
+        // Whatever ends one of the threads, a panic included, must end the others.
         let ended = AtomicBool::new(false);
-        let begun = Instant::now();
         let mut result = Ok(());
-        let mut scheduling = String::new();
 
         let contact = &mut self.contact;
         let mut haptic = HapticThread {
@@ -67,37 +77,40 @@ impl HapticRenderer {
             records: records_in,
             state: state_in,
         };
-        std::thread::scope(|scope| {
-            scope.spawn(|| run_contact(contact, state_out, models_in, &ended));
+        let (scheduling, lasted) = std::thread::scope(|scope| {
+            let _ended = SetOnDrop(&ended);
+            let contact_thread = scope.spawn(|| {
+                let _ended = SetOnDrop(&ended);
+                run_contact(contact, state_out, models_in, &ended);
+            });
             let haptic_thread = scope.spawn(|| {
-                // Whatever ends this thread, a panic of a device driver included, must end the others too.
                 let _ended = SetOnDrop(&ended);
                 let scheduling = ask_for_realtime();
-                haptic.run(steps, stop);
-                scheduling
+                (
+                    scheduling,
+                    haptic.run(steps, || stop.load(Ordering::Acquire) || ended.load(Ordering::Acquire)),
+                )
             });
-            loop {
-                let finished = ended.load(Ordering::Acquire);
+            let mut drain = || {
                 while let Ok(record) = records_out.pop() {
                     if result.is_ok() {
                         result = sink(&record);
-                        if result.is_err() {
-                            stop.store(true, Ordering::Release);
-                        }
+                        ended.fetch_or(result.is_err(), Ordering::AcqRel);
                     }
                 }
-                if finished {
-                    break;
-                }
+            };
+            while !haptic_thread.is_finished() {
+                drain();
                 std::thread::sleep(RECORDER_NAP);
             }
-            match haptic_thread.join() {
-                Ok(got) => scheduling = got,
-                Err(panic) => std::panic::resume_unwind(panic),
-            }
+            let outcome = haptic_thread.join();
+            drain();
+            let (scheduling, lasted) = outcome.unwrap_or_else(|panic| resume_unwind(panic));
+            let lasted = lasted.unwrap_or_else(|panic| resume_unwind(panic));
+            contact_thread.join().unwrap_or_else(|panic| resume_unwind(panic));
+            (scheduling, lasted)
         });
-        let seconds = begun.elapsed().as_secs_f64();
-        let session = Session::close(self, seconds, Clock::Real { scheduling });
+        let session = Session::close(self, lasted.as_secs_f64(), Clock::Real { scheduling });
         result.map(|()| session)
     }
 }
@@ -113,8 +126,9 @@ impl Drop for SetOnDrop<'_> {
 
 /// What the haptic thread works with.
 struct HapticThread<'a> {
-    haptic: &'a mut crate::haptic_loop::HapticLoop,
-    device: &'a mut dyn palpate_device::HapticDevice,
+    haptic: &'a mut HapticLoop,
+    device: &'a mut dyn HapticDevice,
+    /// s.
     period: f64,
     models: Consumer<ContactUpdate>,
     records: Producer<Record>,
@@ -122,24 +136,36 @@ struct HapticThread<'a> {
 }
 
 impl HapticThread<'_> {
-    fn run(&mut self, steps: u64, stop: &AtomicBool) {
-        let sleeper = SpinSleeper::new(SPIN_NS).with_spin_strategy(SpinStrategy::SpinLoopHint);
-        let period = Duration::from_secs_f64(self.period);
+    /// Renders, then sends the device a wrench of zero: the hand must not stay under the last one while the other threads
+    /// come to their end. How long it rendered; the panic of a device's driver is handed on.
+    fn run(&mut self, steps: u64, stop: impl Fn() -> bool) -> Result<Duration, Box<dyn Any + Send>> {
+        let rendered = catch_unwind(AssertUnwindSafe(|| self.render(steps, stop)));
+        let released = catch_unwind(AssertUnwindSafe(|| self.device.write(&Wrench::ZERO)));
+        let lasted = rendered?;
+        self.haptic.telemetry_mut().events.device_refused += u64::from(released?.is_err());
+        Ok(lasted)
+    }
+
+    fn render(&mut self, steps: u64, stop: impl Fn() -> bool) -> Duration {
+        let period = self.period;
+        let spin = SPIN.min(SPIN_SHARE * period);
+        let sleeper = SpinSleeper::new((spin * 1e9) as u32).with_spin_strategy(SpinStrategy::SpinLoopHint);
         let start = Instant::now();
         let mut last = 0;
-        while last < steps && !stop.load(Ordering::Acquire) {
+        while last < steps && !stop() {
             let next = last + 1;
-            sleeper.sleep_until(start + period_times(period, next));
+            let deadline = Duration::from_nanos((next as f64 * period * 1e9) as u64);
+            sleeper.sleep_until(start + deadline);
             let woke = start.elapsed();
-            let lateness = woke.saturating_sub(period_times(period, next));
-            let missed = (lateness.as_nanos() / period.as_nanos().max(1)) as u64;
+            let lateness = woke.saturating_sub(deadline);
+            let missed = (lateness.as_secs_f64() / period) as u64;
             let tick = (next + missed).min(steps);
 
             while let Ok(update) = self.models.pop() {
                 self.haptic.update_contacts(&update);
             }
-            let now = tick as f64 * self.period;
-            let dt = (tick - last).min(MAX_PERIODS_A_STEP) as f64 * self.period;
+            let now = tick as f64 * period;
+            let dt = (tick - last).min(MAX_PERIODS_A_STEP) as f64 * period;
             let record = self.haptic.step_device(self.device, now, dt);
             self.state.write((now, *self.haptic.body_state()));
             let dropped = self.records.push(record).is_err();
@@ -151,12 +177,8 @@ impl HapticThread<'_> {
             telemetry.step.record((start.elapsed() - woke).as_nanos() as u64);
             last = tick;
         }
+        start.elapsed()
     }
-}
-
-/// `count` periods.
-fn period_times(period: Duration, count: u64) -> Duration {
-    Duration::from_nanos(period.as_nanos() as u64 * count)
 }
 
 /// The contact thread: as fast as it can, but never twice for the same state.

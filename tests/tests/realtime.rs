@@ -1,0 +1,133 @@
+//! However a real-time session ends, all its threads end, the device is left without a wrench, and no record is lost.
+
+use std::convert::Infallible;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+
+use palpate::device::{DeviceError, DeviceState, Emulation, HapticDevice, Specification};
+use palpate::glam::DVec3;
+use palpate::{HapticRenderer, Object, Pose, Record, Scene, Settings, Wrench};
+use palpate_tests::model;
+
+/// A session that would last a day if nothing ended it.
+const DAY: f64 = 86_400.0;
+
+/// An emulated device that is shaken, panics at a read if told to, and keeps what it was written last.
+struct Shaken {
+    inner: Box<dyn HapticDevice>,
+    panics_at: usize,
+    reads: usize,
+    last: Arc<Mutex<Wrench>>,
+}
+
+impl HapticDevice for Shaken {
+    fn specification(&self) -> &Specification {
+        self.inner.specification()
+    }
+
+    fn read(&mut self, now: f64) -> Result<DeviceState, DeviceError> {
+        self.reads += 1;
+        assert!(self.reads <= self.panics_at, "the driver panics, as this test wants");
+        let mut state = self.inner.read(now)?;
+        state.pose.translation += DVec3::X * 1e-3 * (self.reads % 7) as f64;
+        Ok(state)
+    }
+
+    fn write(&mut self, wrench: &Wrench) -> Result<(), DeviceError> {
+        *self.last.lock().expect("no panic while locked") = *wrench;
+        self.inner.write(wrench)
+    }
+
+    fn close(&mut self) -> Result<(), DeviceError> {
+        // Not zeroed here: it must have been before.
+        self.inner.close()
+    }
+}
+
+fn renderer(panics_at: usize) -> (HapticRenderer, Arc<Mutex<Wrench>>) {
+    let last = Arc::new(Mutex::new(Wrench::new(DVec3::ONE, DVec3::ONE)));
+    let inner = Box::new(Emulation::default().open(Pose::IDENTITY).expect("emulated device"));
+    let device = Shaken { inner, panics_at, reads: 0, last: Arc::clone(&last) };
+    let object: Object = model("ellipsoid@500");
+    let scene = Scene::new().with(object.clone(), Pose::IDENTITY);
+    let renderer = HapticRenderer::new(object, scene, Box::new(device), Settings::default());
+    (renderer.expect("renderer"), last)
+}
+
+fn released(last: &Mutex<Wrench>) -> bool {
+    *last.lock().expect("no panic while locked") == Wrench::ZERO
+}
+
+#[test]
+fn stop_ends_the_session_in_order() {
+    let (renderer, last) = renderer(usize::MAX);
+    let stop = AtomicBool::new(false);
+    let mut records: Vec<Record> = Vec::new();
+    let session = renderer
+        .run_realtime(DAY, &stop, |record| {
+            records.push(*record);
+            stop.store(records.len() >= 100, Ordering::Release);
+            Ok::<_, Infallible>(())
+        })
+        .expect("the sink never fails");
+    assert!(released(&last));
+    let summary = session.summary();
+    assert!(records.iter().any(|record| record.coupling != Wrench::ZERO), "nothing was felt");
+    assert_eq!(records.len() as u64, summary.haptic.steps - summary.events.record_dropped);
+    assert!(records.is_sorted_by(|a, b| a.time < b.time));
+    // Steps and skipped periods make up the time that passed on the driver's clock.
+    let periods = (records.last().expect("records").time / 1e-3).round() as u64;
+    assert_eq!(summary.haptic.steps + summary.haptic.missed_deadlines, periods);
+}
+
+#[test]
+fn an_error_of_the_sink_ends_the_session() {
+    let (renderer, last) = renderer(usize::MAX);
+    let stop = AtomicBool::new(false);
+    let mut taken = 0;
+    let ended = renderer.run_realtime(DAY, &stop, |_| {
+        taken += 1;
+        if taken == 50 { Err("disk full") } else { Ok(()) }
+    });
+    assert_eq!(ended.err(), Some("disk full"));
+    assert_eq!(taken, 50, "a sink that failed is left alone");
+    assert!(released(&last) && !stop.load(Ordering::Acquire), "the caller's flag is the caller's");
+}
+
+#[test]
+fn a_panic_of_the_sink_ends_the_session() {
+    let (renderer, last) = renderer(usize::MAX);
+    let ended = catch_unwind(AssertUnwindSafe(|| {
+        renderer.run_realtime(DAY, &AtomicBool::new(false), |_| -> Result<(), Infallible> {
+            panic!("the sink panics, as this test wants")
+        })
+    }));
+    assert!(ended.is_err() && released(&last));
+}
+
+#[test]
+fn a_panic_of_the_driver_ends_the_session_with_its_records_written() {
+    // One read when the renderer is made, and 40 that answer.
+    let (renderer, last) = renderer(41);
+    let mut taken = 0;
+    let ended = catch_unwind(AssertUnwindSafe(|| {
+        renderer.run_realtime(DAY, &AtomicBool::new(false), |_| {
+            taken += 1;
+            Ok::<_, Infallible>(())
+        })
+    }));
+    assert!(ended.is_err() && released(&last));
+    assert_eq!(taken, 40);
+}
+
+#[test]
+fn any_positive_time_is_a_step() {
+    for (seconds, steps) in [(1e-12, 1), (0.004, 4), (0.0, 0), (-1.0, 0), (f64::NAN, 0)] {
+        let sink = |_: &Record| Ok::<_, Infallible>(());
+        let session = renderer(usize::MAX).0.run_realtime(seconds, &AtomicBool::new(false), sink);
+        let summary = session.expect("the sink never fails").summary();
+        assert_eq!(summary.haptic.steps + summary.haptic.missed_deadlines, steps, "{seconds} s");
+        assert!(summary.haptic.rate_hz.is_finite() && summary.contact.rate_hz.is_finite());
+    }
+}
