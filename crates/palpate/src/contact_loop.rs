@@ -90,12 +90,9 @@ impl ContactLoop {
         }
         let clusters = self.clustering.run(&self.contacts, self.parameters.tolerance, &probe_pose);
         let representatives = clusters.iter().map(|cluster| cluster.contact);
-        ContactUpdate {
-            model: LinearContactModel::from_contacts(representatives, &body.pose, &self.parameters, time),
-            time,
-            depth,
-            contacts: self.contacts.len() as u32,
-        }
+        let model = LinearContactModel::from_contacts(representatives, &body.pose, &self.parameters, time);
+        self.telemetry.events.contact_refused += u64::from(model.refused());
+        ContactUpdate { model, time, depth, contacts: self.contacts.len() as u32 }
     }
 
     /// Contacts of the last step, before clustering, world axes.

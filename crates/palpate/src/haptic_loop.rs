@@ -4,7 +4,7 @@
 
 use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist, Wrench};
-use palpate_device::{DeviceState, HapticDevice, Specification, Status};
+use palpate_device::{Axes, DeviceState, HapticDevice, Specification, Status};
 use palpate_dynamics::{Body, BodyState, DeviceMotion, VirtualCoupling, saturate, semi_implicit_step};
 
 use crate::contact_loop::ContactUpdate;
@@ -23,10 +23,13 @@ pub struct HapticLoop {
     /// The grasp: the frame that the coupling holds, in the mesh's frame, which the device's frame stands for.
     grasp: Pose,
     limits: Limits,
+    /// The last good state of the device.
     device: DeviceState,
     update: ContactUpdate,
     contact_timeout: f64,
-    /// Share of the wrench that is sent: below 1 while contact models are overdue.
+    /// Time of the first step, s, from which the first contact model is waited for; NaN before it.
+    started: f64,
+    /// Share of the wrench that is sent: see [`Self::fade`].
     presence: f64,
     telemetry: HapticTelemetry,
 }
@@ -34,8 +37,22 @@ pub struct HapticLoop {
 /// What the device can render.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Limits {
+    /// N.
     force: f64,
+    /// N·m.
     torque: f64,
+    actuated: Axes,
+}
+
+impl Limits {
+    /// The wrench as far as the device can render it, and whether its actuators are too weak for it.
+    fn fit(&self, wanted: &Wrench) -> (Wrench, bool) {
+        let force = DVec3::select(self.actuated.translation.into(), wanted.force, DVec3::ZERO);
+        let torque = DVec3::select(self.actuated.rotation.into(), wanted.torque, DVec3::ZERO);
+        let actuated = Wrench::new(force, torque);
+        let sent = saturate(&actuated, self.force, self.torque);
+        (sent, sent != actuated)
+    }
 }
 
 /// What a [`HapticLoop`] is made of.
@@ -59,10 +76,15 @@ impl HapticLoop {
             state: BodyState::at_rest(pose),
             center_of_mass,
             grasp,
-            limits: Limits { force: specification.peak_force, torque: specification.peak_torque },
+            limits: Limits {
+                force: specification.peak_force,
+                torque: specification.peak_torque,
+                actuated: specification.actuated,
+            },
             device,
             update: ContactUpdate::none(),
             contact_timeout,
+            started: f64::NAN,
             presence: 1.0,
             telemetry: HapticTelemetry::default(),
         }
@@ -94,32 +116,29 @@ impl HapticLoop {
         self.telemetry.depth_max = self.telemetry.depth_max.max(update.depth);
     }
 
-    /// One step of `dt` seconds up to time `now` (s) on a device: reads it, steps and writes the wrench.
+    /// One step of `dt` seconds up to time `now` (s) on a device: reads it, steps and writes the wrench. A device that
+    /// does not answer is taken to stand still, and is sent no wrench.
     pub fn step_device(&mut self, device: &mut dyn HapticDevice, now: f64, dt: f64) -> Record {
-        match device.read(now) {
-            Ok(state) => {
-                let record = self.step(&state, now, dt);
-                if device.write(&record.coupling).is_err() {
-                    self.telemetry.events.device_refused += 1;
-                }
-                record
-            }
-            Err(_) => {
-                self.telemetry.events.device_refused += 1;
-                let held = DeviceState { twist: Twist::ZERO, ..self.device };
-                let record = self.step(&held, now, dt);
-                // The device does not answer; whether it takes this wrench makes no difference to the count above.
-                let _ = device.write(&Wrench::ZERO);
-                record
-            }
+        let state = device.read(now).ok();
+        let record = self.advance(state.as_ref(), now, dt);
+        if device.write(&record.coupling).is_err() && state.is_some() {
+            self.telemetry.events.device_refused += 1;
         }
+        record
     }
 
     /// One step of `dt` seconds up to time `now` (s) for a host that reads and writes its device itself. The wrench to
     /// send is the record's [`coupling`](Record::coupling).
     pub fn step(&mut self, device: &DeviceState, now: f64, dt: f64) -> Record {
+        self.advance(Some(device), now, dt)
+    }
+
+    fn advance(&mut self, device: Option<&DeviceState>, now: f64, dt: f64) -> Record {
         self.telemetry.steps += 1;
-        self.hold_or_take(device);
+        self.take_or_hold(device);
+        if self.started.is_nan() {
+            self.started = now;
+        }
         let model_age = now - self.update.time;
         let held = self.device.pose * self.grasp;
         let arm = held.translation - self.device.pose.translation;
@@ -135,16 +154,17 @@ impl HapticLoop {
             DVec3::ZERO,
             dt,
         );
-        if !step.status.is_ok() {
-            self.telemetry.events.step_refused += 1;
-        }
+        self.telemetry.events.step_refused += u64::from(step.status.held.is_some());
+        self.telemetry.events.contacts_unsettled += u64::from(step.status.active_set_unsettled);
         self.state = step.state;
 
-        let wanted = step.coupling.about(-arm) * self.presence(model_age, dt);
-        let sent = saturate(&wanted, self.limits.force, self.limits.torque);
-        if sent != wanted {
-            self.telemetry.events.saturated += 1;
-        }
+        let waited = now - if self.update.time.is_nan() { self.started } else { self.update.time };
+        let taken = step.status.held.is_none();
+        // A step that is refused may be so because of its `dt`.
+        let dt = if taken { dt } else { 0.0 };
+        self.fade(taken && device.is_some(), waited, dt);
+        let (sent, limited) = self.limits.fit(&(step.coupling.about(-arm) * self.presence));
+        self.telemetry.events.saturated += u64::from(limited);
         self.telemetry.coupling_force_max = self.telemetry.coupling_force_max.max(sent.force.length());
         self.telemetry.energy -= sent.power(&self.device.twist) * dt;
         self.telemetry.energy_min = self.telemetry.energy_min.min(self.telemetry.energy);
@@ -161,25 +181,29 @@ impl HapticLoop {
         }
     }
 
-    /// Takes the device's state, or holds the last good one where it is not finite.
-    fn hold_or_take(&mut self, device: &DeviceState) {
+    /// Takes the device's state, or, where there is none or it is not finite, holds the last good one at rest.
+    fn take_or_hold(&mut self, device: Option<&DeviceState>) {
         let events = &mut self.telemetry.events;
-        if device.pose.is_valid() && device.twist.is_finite() {
-            self.device = *device;
-            events.device_ended += u64::from(device.status.contains(Status::ENDED));
-        } else {
-            self.device.twist = Twist::ZERO;
-            events.device_refused += 1;
+        match device {
+            Some(state) if state.pose.is_valid() && state.twist.is_finite() => {
+                self.device = *state;
+                events.device_refused += u64::from(state.status.contains(Status::HELD));
+                events.device_ended += u64::from(state.status.contains(Status::ENDED));
+            }
+            _ => {
+                self.device.twist = Twist::ZERO;
+                events.device_refused += 1;
+            }
         }
     }
 
-    /// The share of the wrench to send: all of it up to the timeout of the contact model, nothing at twice its age, and
-    /// back to all of it over as long a time when models arrive again.
-    fn presence(&mut self, age: f64, dt: f64) -> f64 {
-        let overdue = if age.is_nan() { 0.0 } else { age / self.contact_timeout - 1.0 };
+    /// Sets the share of the wrench to send: all of it while contact models are younger than the timeout, nothing from
+    /// twice that age on, and nothing without a wrench to trust (`sound`). It comes back over the length of the timeout,
+    /// so that no force appears at once.
+    fn fade(&mut self, sound: bool, waited: f64, dt: f64) {
+        let allowed = if sound { 2.0 - waited / self.contact_timeout } else { 0.0 };
         let recovered = self.presence + dt / self.contact_timeout;
-        self.presence = recovered.min(1.0 - overdue).clamp(0.0, 1.0);
+        self.presence = recovered.min(allowed).clamp(0.0, 1.0);
         self.telemetry.events.faded += u64::from(self.presence < 1.0);
-        self.presence
     }
 }

@@ -54,19 +54,21 @@ pub struct Percentiles {
 /// How often something out of the ordinary happened. Every event is counted, none is logged from the loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Events {
-    /// The device reported a non-finite pose or an error; its last good state was held.
+    /// The device did not answer, reported a motion that is not finite or refused a wrench; its last good pose was held.
     pub device_refused: u64,
     /// The device has no more to give: a replayed path came to its end.
     pub device_ended: u64,
-    /// The step had no finite solution; the object's state was held.
+    /// The step had no finite solution; the object's state was held and no wrench sent.
     pub step_refused: u64,
-    /// The wrench was limited to what the device can render.
+    /// The set of pushing contacts was still changing when the step ended, so that one may have been left out.
+    pub contacts_unsettled: u64,
+    /// The wrench was reduced towards what the device can render: it was above three quarters of it.
     pub saturated: u64,
-    /// The contact model was too old and the wrench was faded.
+    /// The wrench was faded: contact models were overdue, or the device or the step had failed within the last timeout.
     pub faded: u64,
     /// A contact query ran out of room and reported fewer contacts than there are.
     pub contact_overflow: u64,
-    /// A contact query was refused, its pose not being finite, and found nothing.
+    /// A contact query was refused, its pose not being finite, and found nothing; or a contact was not finite.
     pub contact_refused: u64,
     /// A pair of convex hulls did not converge in a contact query.
     pub not_converged: u64,
@@ -91,8 +93,8 @@ pub struct HapticTelemetry {
     pub depth_max: f64,
     /// Largest coupling force, N.
     pub coupling_force_max: f64,
-    /// Energy that has flowed from the device into the session, J, and its smallest value so far: a session that stays
-    /// above −(what its sampling can create) is passive at the device port.
+    /// Energy that has flowed from the device into the session, J. A passive session keeps it above zero but for what
+    /// holding the wrench over a period creates.
     pub energy: f64,
     /// The smallest value of [`energy`](Self::energy), J.
     pub energy_min: f64,
