@@ -11,7 +11,7 @@ fn explore_golf_ball(seconds: f64, settings: Settings) -> (Vec<Record>, Session)
     let probe = model("ellipsoid@2000");
     let ball = model("golf-ball@20000");
     let scene = Scene::new().with(ball, Pose::IDENTITY);
-    let device = explore::open_device("emulated", &probe, &scene, seconds).expect("emulated device");
+    let device = explore::open_device("emulated", &probe, &scene).expect("emulated device");
     let renderer = HapticRenderer::new(probe, scene, device, settings).expect("renderer");
     let mut records = Vec::new();
     let session = renderer
@@ -59,7 +59,6 @@ fn touching_is_felt_and_bounded() {
     for row in &records {
         assert!(row.object.is_valid() && row.coupling.is_finite() && row.contact.is_finite(), "{row:?}");
     }
-    // At rest on the ball, what the device gives the object is what the ball takes.
     let last = records.last().expect("rows");
     assert!(last.contact.force.length() < 1e-9, "withdrawn, but {:?}", last.contact);
 }
@@ -68,7 +67,7 @@ fn touching_is_felt_and_bounded() {
 fn free_space_is_quiet() {
     let probe = model("ellipsoid@2000");
     let scene = Scene::new();
-    let device = explore::open_device("emulated", &probe, &scene, 2.0).expect("emulated device");
+    let device = explore::open_device("emulated", &probe, &scene).expect("emulated device");
     let renderer = HapticRenderer::new(probe, scene, device, Settings::default()).expect("renderer");
     let session = renderer
         .run_lockstep(2.0, ContactTiming::busy(1000.0), &AtomicBool::new(false), |row| {
@@ -94,8 +93,7 @@ fn a_replayed_probe_comes_where_its_path_says() {
     }
     std::fs::write(&file, text).expect("temporary file");
     let scene = Scene::new();
-    let device =
-        explore::open_device(&format!("replay:{}", file.display()), &probe, &scene, 2.0).expect("replay");
+    let device = explore::open_device(&format!("replay:{}", file.display()), &probe, &scene).expect("replay");
     let settings = Settings { mass: 0.01, ..Settings::default() };
     let renderer = HapticRenderer::new(probe, scene, device, settings).expect("renderer");
     let mut worst: f64 = 0.0;
@@ -106,6 +104,50 @@ fn a_replayed_probe_comes_where_its_path_says() {
         })
         .expect("the sink never fails");
     assert!(worst < 1e-3, "the object lags {worst} m behind");
+}
+
+#[test]
+fn a_contact_model_is_in_use_from_its_latency_on() {
+    let probe = model("ellipsoid@500");
+    let scene = Scene::new().with(probe.clone(), Pose::from_translation(palpate::glam::DVec3::Z));
+    // Rate, latency, and the age of the models in use, in periods, when each comes into use and just before it goes.
+    for (rate, latency, first, last) in [
+        (100.0, 10e-3, 10, 19),
+        (100.0, 3e-3, 3, 12),
+        (1000.0, 1e-3, 1, 1),
+        (1e9, 1e-9, 1, 1),
+        (250.0, 0.0, 1, 4),
+    ] {
+        let device = explore::open_device("emulated", &probe, &scene).expect("emulated device");
+        let renderer =
+            HapticRenderer::new(probe.clone(), scene.clone(), device, Settings::default()).expect("renderer");
+        let mut ages = Vec::new();
+        renderer
+            .run_lockstep(0.2, ContactTiming { rate, latency }, &AtomicBool::new(false), |row| {
+                ages.push(row.model_age * 1e3);
+                Ok::<_, Infallible>(())
+            })
+            .expect("the sink never fails");
+        let cycle = last - first + 1;
+        for (step, age) in (1..).zip(&ages) {
+            if step < first {
+                assert!(age.is_nan(), "{rate} Hz, {latency} s: age {age} at step {step}");
+            } else {
+                let expected = f64::from(first + (step - first) % cycle);
+                assert!((age - expected).abs() < 1e-6, "{rate} Hz, {latency} s: age {age} at step {step}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_tolerance_beyond_the_probe_is_refused() {
+    let probe = model("ellipsoid@500");
+    let scene = Scene::new();
+    let device = explore::open_device("emulated", &probe, &scene).expect("emulated device");
+    let settings = Settings { tolerance: Some(1.0), ..Settings::default() };
+    let error = HapticRenderer::new(probe, scene, device, settings).err().expect("a metre is no tolerance");
+    assert!(error.to_string().starts_with("tolerance is 1;"), "{error}");
 }
 
 #[test]

@@ -16,8 +16,7 @@ fn the_loops_do_not_allocate() {
     let probe = model("spoon@5000");
     let cup = model("cup@5000");
     let scene = Scene::new().with(cup, Pose::IDENTITY);
-    let seconds = 100.0;
-    let device = explore::open_device("emulated", &probe, &scene, seconds).expect("emulated device");
+    let device = explore::open_device("emulated", &probe, &scene).expect("emulated device");
     let renderer = HapticRenderer::new(probe, scene, device, Settings::default()).expect("renderer");
     let (mut haptic, mut contact, mut device) = renderer.into_loops();
 

@@ -27,7 +27,7 @@ pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
     let object = progress::open(&arguments.scene, &options)?;
     let scene = Scene::new().with(object, Pose::IDENTITY);
     let settings = arguments.physics.settings(probe.bounding_radius());
-    let device = palpate::explore::open_device(&arguments.device, &probe, &scene, seconds)?;
+    let device = palpate::explore::open_device(&arguments.device, &probe, &scene)?;
     let renderer = HapticRenderer::new(probe, scene, device, settings)?;
 
     let stop = stop_on_interrupt()?;

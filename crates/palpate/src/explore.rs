@@ -5,16 +5,18 @@ use std::f64::consts::TAU;
 use palpate_collide::{ContactQuery, QuerySettings};
 use palpate_core::Pose;
 use palpate_core::glam::{DQuat, DVec3};
-use palpate_device::{DeviceError, Emulation, HapticDevice, Interpolation, Keyframe, MotionPath};
+use palpate_device::{
+    DeviceError, Emulation, HapticDevice, IntendedPath, Interpolation, Keyframe, MotionPath, PathError,
+};
 
 use crate::object::Object;
 use crate::scene::Scene;
 
-/// Length of one exploration, s; longer paths repeat it.
+/// Length of one exploration, s; it is repeated for as long as the session lasts.
 pub const CYCLE: f64 = 10.0;
 
-/// Time between the poses of a path, s.
-const INTERVAL: f64 = 0.01;
+/// Poses of one exploration.
+const SAMPLES: usize = 1000;
 /// Most steps of the descent to first touch.
 const MAX_DESCENT: usize = 4000;
 
@@ -26,7 +28,7 @@ const SCRUB: f64 = 0.1;
 const TWIST: f64 = 0.05;
 
 /// Opens a device by its address, as [`palpate_device::open`] does, except that the hand of an emulated one
-/// (`emulated`, `emulated:PRESET`) explores `scene` with `probe` for `seconds`.
+/// (`emulated`, `emulated:PRESET`) explores `scene` with `probe`.
 ///
 /// # Errors
 /// If there is no such device, or it cannot be opened.
@@ -34,7 +36,6 @@ pub fn open_device(
     address: &str,
     probe: &Object,
     scene: &Scene,
-    seconds: f64,
 ) -> Result<Box<dyn HapticDevice>, DeviceError> {
     let emulation = match address.strip_prefix("emulated") {
         Some("") => Some(Emulation::default()),
@@ -42,39 +43,40 @@ pub fn open_device(
         None => None,
     };
     match emulation {
-        Some(emulation) => {
-            let path = MotionPath::new(path(probe, scene, seconds), Interpolation::Smooth)?;
-            Ok(Box::new(emulation.open(path)?))
-        }
+        Some(emulation) => Ok(Box::new(emulation.open(path(probe, scene)?)?)),
         None => palpate_device::open(address),
     }
 }
 
-/// Intended poses of the probe's mesh frame for `seconds`: the probe comes down the world's z axis
-/// onto the middle of the scene, presses 3 % of its radius past first touch, scrubs and twists, and withdraws.
-pub fn path(probe: &Object, scene: &Scene, seconds: f64) -> Vec<Keyframe> {
+/// Where the hand means the probe's mesh frame to be: the probe comes down the world's z axis onto the middle of the scene,
+/// presses 3 % of its radius past first touch, scrubs and twists, withdraws, and begins again.
+///
+/// # Errors
+/// If an object is so large or so far away that a pose is out of a path's range.
+pub fn path(probe: &Object, scene: &Scene) -> Result<IntendedPath, PathError> {
     let touch = first_touch(probe, scene);
     let radius = probe.bounding_radius();
     let center = probe.clod.source.center;
-    // A little longer than asked for, so that the hand never comes to the end of its path.
-    let samples = (seconds.max(0.0) / INTERVAL).ceil() as usize + 10;
-    (0..samples)
-        .map(|sample| {
-            let time = sample as f64 * INTERVAL;
-            let phase = time.rem_euclid(CYCLE) / CYCLE;
-            // Down in the first fifth, pressed for three, up in the last.
-            let down = smooth_step(phase / 0.2).min(smooth_step((1.0 - phase) / 0.2));
-            let rubbing = ((phase - 0.2) / 0.6).clamp(0.0, 1.0);
-            let offset = DVec3::new(
-                SCRUB * (2.0 * TAU * rubbing).sin(),
-                SCRUB * (3.0 * TAU * rubbing).sin(),
-                CLEARANCE - (CLEARANCE + PRESS) * down,
-            ) * radius;
-            let rotation = DQuat::from_rotation_z(TWIST * (2.0 * TAU * rubbing).sin());
-            let translation = touch + offset + center - rotation * center;
-            Keyframe { time, pose: Pose::new(translation, rotation) }
-        })
-        .collect()
+    let keyframe = |sample: usize| {
+        let phase = sample as f64 / SAMPLES as f64;
+        // Down in the first fifth, pressed for three, up in the last.
+        let down = smooth_step(phase / 0.2).min(smooth_step((1.0 - phase) / 0.2));
+        let rubbing = ((phase - 0.2) / 0.6).clamp(0.0, 1.0);
+        let offset = DVec3::new(
+            SCRUB * (2.0 * TAU * rubbing).sin(),
+            SCRUB * (3.0 * TAU * rubbing).sin(),
+            CLEARANCE - (CLEARANCE + PRESS) * down,
+        ) * radius;
+        let rotation = DQuat::from_rotation_z(TWIST * (2.0 * TAU * rubbing).sin());
+        let translation = touch + offset + center - rotation * center;
+        Keyframe { time: phase * CYCLE, pose: Pose::new(translation, rotation) }
+    };
+    let cycle = MotionPath::new((0..=SAMPLES).map(keyframe).collect(), Interpolation::Smooth)?;
+    let mut segment = 0;
+    Ok(IntendedPath::function(move |time| {
+        let point = cycle.at_near(time.rem_euclid(CYCLE), &mut segment);
+        (point.pose, point.twist)
+    }))
 }
 
 /// Where the mesh frame of the probe, unrotated, is when it first touches the scene on its way down.

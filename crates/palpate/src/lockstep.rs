@@ -12,7 +12,7 @@ use crate::session::{Clock, Session};
 pub struct ContactTiming {
     /// Contact queries a second, Hz; at most the haptic rate.
     pub rate: f64,
-    /// Time from the state that a query sees to its result, s.
+    /// Time from a query's start to its result, s; at least one haptic period passes in any case. Finite.
     pub latency: f64,
 }
 
@@ -27,8 +27,9 @@ impl HapticRenderer {
     /// Renders `seconds` of simulated time, or until `stop` is set. Each step's record goes to `sink`, whose first error ends
     /// the session.
     ///
-    /// Query k starts at k / rate, sees the newest body state of that time, and is in use from the first haptic step after
-    /// the latency. The result depends on nothing but the arguments. Step and query times in the telemetry are measured ones.
+    /// Query k starts at k / rate and sees the newest body state of that time; its result is in use from the first haptic
+    /// step that is the latency later. The records depend on nothing but the arguments; step and query times in the
+    /// telemetry are measured ones.
     ///
     /// # Errors
     /// Only what `sink` returns.
@@ -73,7 +74,7 @@ impl HapticRenderer {
     }
 }
 
-/// Whole periods in a time; none in a negative one.
+/// Whole periods in a time: at least one, but none in a time that is not positive.
 pub(crate) fn steps_in(seconds: f64, period: f64) -> u64 {
-    (seconds / period).round().max(0.0) as u64
+    if seconds > 0.0 { (seconds / period).round().max(1.0) as u64 } else { 0 }
 }

@@ -40,13 +40,11 @@ pub enum RendererError {
     /// The device did not answer.
     #[error(transparent)]
     Device(#[from] DeviceError),
-    /// The scene is too large for the renderer.
-    #[error("{0}")]
-    Scene(String),
 }
 
 impl HapticRenderer {
-    /// Puts `probe` into the hand that holds `device`, where the device now is, and `scene` around it.
+    /// Puts `probe` into the hand that holds `device`, where the device now is, and `scene` around it. The device's axes
+    /// are the world's: motion is neither scaled nor turned between them.
     ///
     /// # Errors
     /// If a setting is out of range, the probe cannot be given a mass, or the device does not answer.
@@ -64,12 +62,17 @@ impl HapticRenderer {
         let grasp = settings.grasp.unwrap_or(Pose::from_translation(source.center_of_mass));
         let grasp_in_body = Pose::from_translation(-source.center_of_mass) * grasp;
         let coupling = coupling(&settings, &body, &specification, grasp_in_body);
+        let radius = probe.bounding_radius();
+        if let Some(value) = settings.tolerance.filter(|&tolerance| tolerance > radius) {
+            let expected = "metres, at most the bounding radius of the grasped object";
+            return Err(SettingsError { name: "tolerance", value, expected }.into());
+        }
         let parameters = ContactParameters {
             stiffness: settings.contact_stiffness,
             damping: settings
                 .contact_damping
                 .unwrap_or(2.0 * (settings.contact_stiffness * settings.mass).sqrt()),
-            tolerance: settings.tolerance.unwrap_or(0.01 * probe.bounding_radius()),
+            tolerance: settings.tolerance.unwrap_or(0.01 * radius),
         };
         let state = device.read(0.0)?;
         let grasped = Grasped {
@@ -110,7 +113,9 @@ impl HapticRenderer {
         &self.scene
     }
 
-    /// The two loops and the device, for a host that runs them itself.
+    /// The two loops and the device, for a host that runs them itself: [`HapticLoop::step_device`] once a period,
+    /// [`ContactLoop::step`] on its [`body_state`](HapticLoop::body_state) as often as it can, in another thread or the
+    /// same, and [`HapticLoop::update_contacts`] with what that gives. The host closes the device.
     pub fn into_loops(self) -> (HapticLoop, ContactLoop, Box<dyn HapticDevice>) {
         (self.haptic, self.contact, self.device)
     }

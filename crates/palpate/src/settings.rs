@@ -3,8 +3,7 @@
 use palpate_core::Pose;
 use serde::{Deserialize, Serialize};
 
-/// What a session renders with. Values that are `None` are derived from the grasped object and the device: see
-/// [`Settings::resolve`].
+/// What a session renders with. Values that are `None` are derived from the grasped object and the device.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
     /// Rate of the haptic loop, Hz.
@@ -15,22 +14,26 @@ pub struct Settings {
     pub contact_stiffness: f64,
     /// Contact damping b, N·s/m; by default critical for the grasped mass on one cluster.
     pub contact_damping: Option<f64>,
-    /// Stiffness of the virtual coupling k_c, N/m; by default what the device's limits allow.
+    /// Stiffness of the virtual coupling k_c, N/m; by default half of what the device renders stably, 500 N/m where it
+    /// sets no limit.
     pub coupling_stiffness: Option<f64>,
     /// Damping of the virtual coupling b_c, N·s/m; by default critical.
     pub coupling_damping: Option<f64>,
-    /// Angular stiffness of the virtual coupling k_θ, N·m/rad; by default what the device's limits allow.
+    /// Angular stiffness of the virtual coupling k_θ, N·m/rad; by default half of what the device renders stably,
+    /// 3 N·m/rad where it sets no limit or renders no torque.
     pub angular_stiffness: Option<f64>,
-    /// Angular damping of the virtual coupling b_θ, N·m·s/rad; by default critical for the smallest principal inertia.
+    /// Angular damping of the virtual coupling b_θ, N·m·s/rad; by default critical for the largest principal moment of
+    /// inertia about the grasp.
     pub angular_damping: Option<f64>,
-    /// Distance tolerance d of the contact query, m; by default 1 % of the grasped object's bounding radius.
+    /// Distance tolerance d of the contact query, m, at most the grasped object's bounding radius; by default 1 % of it.
     pub tolerance: Option<f64>,
     /// K: how many representative contacts there may be (§5.4.2).
     pub clusters: usize,
     /// The grasp: where the device holds the object, and the device's axes there, in the mesh's frame; by default the
     /// centre of mass with the mesh's axes.
     pub grasp: Option<Pose>,
-    /// Age of the newest contact model, s, from which the wrench fades out, to nothing at twice this age.
+    /// Age of the newest contact model, s, from which the wrench fades out, to nothing at twice this age; it fades in
+    /// again over as long a time.
     pub contact_timeout: f64,
 }
 
@@ -82,7 +85,7 @@ impl Settings {
             ("angular-stiffness", self.angular_stiffness, "N·m/rad from 0 to 1e6", 0.0..=1e6),
             ("angular-damping", self.angular_damping, "N·m·s/rad from 0 to 1e6", 0.0..=1e6),
             ("tolerance", self.tolerance, "metres above 0", f64::MIN_POSITIVE..=f64::MAX),
-            ("contact timeout", Some(self.contact_timeout), "seconds above 0", f64::MIN_POSITIVE..=f64::MAX),
+            ("contact-timeout", Some(self.contact_timeout), "seconds above 0", f64::MIN_POSITIVE..=f64::MAX),
             (
                 "clusters",
                 Some(self.clusters as f64),
