@@ -1,6 +1,6 @@
 //! What can be asked of `palpate`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, Parser, Subcommand};
 use palpate::{OpenOptions, Settings};
@@ -40,10 +40,17 @@ pub struct Json {
     pub json: Option<PathBuf>,
 }
 
+impl Json {
+    /// The file to write, where one was given.
+    pub fn file(&self) -> Option<&Path> {
+        self.json.as_deref().filter(|path| *path != Path::new("-"))
+    }
+}
+
 /// How a mesh is read.
 #[derive(Args)]
 pub struct Reading {
-    /// Metres per unit of the file: 0.001 for millimetres
+    /// Factor on the lengths of every mesh given: 0.001 for files in millimetres
     #[arg(long, default_value_t = 1.0, value_name = "S")]
     pub scale: f64,
     /// Drop degenerate and duplicate triangles and make the orientation consistent

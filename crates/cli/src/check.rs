@@ -1,5 +1,7 @@
 //! `palpate check`.
 
+use std::path::Path;
+
 use palpate::core::mesh::ValidationReport;
 use palpate::{mesh_io, open_mesh};
 use serde::Serialize;
@@ -17,6 +19,7 @@ struct Check {
 }
 
 pub fn run(arguments: &CheckArguments) -> Result<(), Failure> {
+    output::check_files(&[Path::new(&arguments.mesh)], arguments.json.file().as_slice())?;
     let opened = open_mesh(&arguments.mesh, &arguments.reading.options())?;
     progress::warn(&arguments.mesh, &opened.warnings);
     let mut report = opened.mesh.validate();

@@ -14,6 +14,15 @@ pub enum Failure {
 }
 
 impl Failure {
+    /// Standard output could not be written.
+    pub fn printing(error: &io::Error) -> Self {
+        if error.kind() == io::ErrorKind::BrokenPipe {
+            Self::ClosedPipe
+        } else {
+            Self::Message(format!("standard output could not be written: {error}"))
+        }
+    }
+
     /// A file could not be written.
     pub fn writing(path: &Path, error: impl fmt::Display) -> Self {
         Self::Message(format!("{} could not be written: {error}", path.display()))
@@ -30,17 +39,7 @@ impl fmt::Display for Failure {
         match self {
             Self::ClosedPipe => f.write_str("standard output was closed"),
             // One line, whatever a message from elsewhere holds.
-            Self::Message(message) => f.write_str(&message.split_whitespace().collect::<Vec<_>>().join(" ")),
-        }
-    }
-}
-
-impl From<io::Error> for Failure {
-    fn from(error: io::Error) -> Self {
-        if error.kind() == io::ErrorKind::BrokenPipe {
-            Self::ClosedPipe
-        } else {
-            Self::Message(error.to_string())
+            Self::Message(message) => f.write_str(&message.trim_end().replace(char::is_control, " ")),
         }
     }
 }

@@ -1,5 +1,6 @@
 //! `palpate build` and `palpate inspect`.
 
+use std::path::Path;
 use std::time::Instant;
 
 use palpate::Object;
@@ -16,7 +17,7 @@ struct Levels {
     vertices: u32,
     triangles: u32,
     patches: usize,
-    /// Time that building took, s; absent when the hierarchy was loaded.
+    /// Time that reading the mesh and building took, s; null from `inspect`.
     seconds: Option<f64>,
     /// Most memory that the process ever held, bytes, where the system tells.
     peak_rss_bytes: Option<u64>,
@@ -36,10 +37,13 @@ struct LevelEntry {
 }
 
 pub fn build(arguments: &BuildArguments) -> Result<(), Failure> {
+    output::check_extension(&arguments.output, "clod")?;
+    let written: Vec<&Path> = std::iter::once(&*arguments.output).chain(arguments.json.file()).collect();
+    output::check_files(&[Path::new(&arguments.mesh)], &written)?;
     let begun = Instant::now();
     // What was asked for is to build, so an earlier result is not looked for.
     let options = palpate::OpenOptions { cache: false, ..arguments.reading.options() };
-    if arguments.mesh.to_lowercase().ends_with(".clod") {
+    if Path::new(&arguments.mesh).extension().is_some_and(|found| found.eq_ignore_ascii_case("clod")) {
         return Err(palpate::OpenError::NotAMesh { path: arguments.mesh.clone() }.into());
     }
     let object = progress::open(&arguments.mesh, &options)?;
@@ -49,6 +53,8 @@ pub fn build(arguments: &BuildArguments) -> Result<(), Failure> {
 }
 
 pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
+    let read = [Path::new(&arguments.hierarchy)];
+    output::check_files(&read, arguments.json.file().as_slice())?;
     let object = progress::open(&arguments.hierarchy, &palpate::OpenOptions::default())?;
     show(&object, None, &arguments.json)
 }

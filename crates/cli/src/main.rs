@@ -1,7 +1,5 @@
 //! The command line of palpate: see `palpate --help`.
 
-#![allow(clippy::print_stderr)] // Errors, warnings and progress are for a person at a terminal.
-
 mod arguments;
 mod check;
 mod devices;
@@ -13,6 +11,8 @@ mod progress;
 mod query;
 mod run;
 
+use std::fmt::Arguments as Text;
+use std::io::Write;
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -34,8 +34,13 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) if failure.is_closed_pipe() => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("palpate: {failure}");
+            complain(format_args!("palpate: {failure}"));
             ExitCode::FAILURE
         }
     }
+}
+
+/// A line on standard error; if nobody can read it, so be it.
+fn complain(line: Text<'_>) {
+    let _ = writeln!(std::io::stderr(), "{line}");
 }

@@ -32,8 +32,10 @@ pub fn list(arguments: &ModelsArguments) -> Result<(), Failure> {
 
 pub fn export(arguments: &ExportArguments) -> Result<(), Failure> {
     let (model, triangles) = Model::parse(&arguments.model)?;
-    let mesh = model.generate(triangles)?;
     let path = &arguments.output;
+    output::check_extension(path, "obj")?;
+    output::check_files(&[], &[path])?;
+    let mesh = model.generate(triangles)?;
     let written =
         File::create(path).and_then(|file| palpate::mesh_io::write_obj(&mesh, BufWriter::new(file)));
     written.map_err(|error| Failure::writing(path, error))

@@ -42,6 +42,6 @@ pub fn open(argument: &str, options: &palpate::OpenOptions) -> Result<palpate::O
 /// Prints warnings about `argument`.
 pub fn warn(argument: &str, warnings: &[String]) {
     for warning in warnings {
-        eprintln!("palpate: {argument}: warning: {warning}");
+        crate::complain(format_args!("palpate: {argument}: warning: {warning}"));
     }
 }

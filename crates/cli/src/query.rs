@@ -1,5 +1,6 @@
 //! `palpate query`: replays a trajectory of the probe and times each contact query.
 
+use std::path::Path;
 use std::time::Instant;
 
 use palpate::collide::{Clustering, ContactQuery, PatchContact, QuerySettings};
@@ -42,11 +43,6 @@ struct PoseEntry {
 }
 
 pub fn run(arguments: &QueryArguments) -> Result<(), Failure> {
-    let trajectory = MotionPath::load(&arguments.trajectory, Interpolation::Linear)?;
-    let options = arguments.reading.options();
-    let probe = progress::open(&arguments.probe, &options)?;
-    let scene = progress::open(&arguments.scene, &options)?;
-    let settings = QuerySettings::new(tolerance(arguments, &probe)?);
     if !(arguments.stiffness.is_finite() && arguments.stiffness >= 0.0) {
         let message = format!("--stiffness {}: give N/m, 0 or more", arguments.stiffness);
         return Err(Failure::Message(message));
@@ -55,6 +51,15 @@ pub fn run(arguments: &QueryArguments) -> Result<(), Failure> {
         let most = palpate::dynamics::MAX_CLUSTERS;
         return Err(Failure::Message(format!("--clusters {}: give 1 to {most}", arguments.clusters)));
     }
+    let read = [Path::new(&arguments.probe), Path::new(&arguments.scene), &arguments.trajectory];
+    let written: Vec<&Path> =
+        arguments.contacts.as_deref().into_iter().chain(arguments.json.file()).collect();
+    output::check_files(&read, &written)?;
+    let trajectory = MotionPath::load(&arguments.trajectory, Interpolation::Linear)?;
+    let options = arguments.reading.options();
+    let probe = progress::open(&arguments.probe, &options)?;
+    let scene = progress::open(&arguments.scene, &options)?;
+    let settings = QuerySettings::new(tolerance(arguments, &probe)?);
     let mut contacts_file = match &arguments.contacts {
         None => None,
         Some(path) => Some((path, contacts_writer(path)?)),
@@ -118,11 +123,14 @@ pub fn run(arguments: &QueryArguments) -> Result<(), Failure> {
 }
 
 fn tolerance(arguments: &QueryArguments, probe: &Object) -> Result<f64, Failure> {
-    let tolerance = arguments.tolerance.metres(probe.bounding_radius());
-    if tolerance.is_finite() {
+    let radius = probe.bounding_radius();
+    let tolerance = arguments.tolerance.metres(radius);
+    if tolerance <= radius {
         Ok(tolerance)
     } else {
-        Err(Failure::Message("--tolerance: too large".to_owned()))
+        let name = &probe.name;
+        let most = format!("give metres, at most the bounding radius of {name} ({radius:.3e} m)");
+        Err(Failure::Message(format!("--tolerance is {tolerance} m; {most}")))
     }
 }
 
@@ -144,7 +152,7 @@ fn penalty(
 
 type CsvFile = csv::Writer<std::fs::File>;
 
-fn contacts_writer(path: &std::path::Path) -> Result<CsvFile, Failure> {
+fn contacts_writer(path: &Path) -> Result<CsvFile, Failure> {
     let mut file = csv::Writer::from_path(path).map_err(|error| Failure::writing(path, error))?;
     file.write_record(["t", "px", "py", "pz", "nx", "ny", "nz", "depth", "level_probe", "level_scene"])
         .map_err(|error| Failure::writing(path, error))?;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use indicatif::ProgressBar;
-use palpate::{ContactTiming, HapticRenderer, Pose, Record, RecordWriter, Scene, Session, Summary};
+use palpate::{ContactTiming, HapticRenderer, Pose, Record, RecordWriter, Scene, Summary};
 use palpate_report::Report;
 
 use crate::arguments::RunArguments;
@@ -15,6 +15,8 @@ use crate::{output, progress};
 
 /// Longest session, s: a day.
 const LONGEST: f64 = 86_400.0;
+/// Most steps that a report is made of, since they are kept in memory: about 1 GB.
+const MOST_REPORTED: f64 = 4e6;
 
 pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
     let seconds = arguments.seconds;
@@ -22,12 +24,19 @@ pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
         return Err(Failure::Message(format!("--seconds {seconds}: give more than 0, at most {LONGEST}")));
     }
     let timing = timing(arguments)?;
+    check_files(arguments)?;
     let options = arguments.reading.options();
     let probe = progress::open(&arguments.probe, &options)?;
     let object = progress::open(&arguments.scene, &options)?;
     let scene = Scene::new().with(object, Pose::IDENTITY);
     let settings = arguments.physics.settings(probe.bounding_radius());
     let device = palpate::explore::open_device(&arguments.device, &probe, &scene)?;
+    if arguments.report.is_some() && seconds * settings.rate > MOST_REPORTED {
+        let most = MOST_REPORTED / settings.rate;
+        return Err(Failure::Message(format!(
+            "--report takes at most {most} s; --record takes longer sessions"
+        )));
+    }
     let renderer = HapticRenderer::new(probe, scene, device, settings)?;
 
     let stop = stop_on_interrupt()?;
@@ -41,7 +50,20 @@ pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
     bar.finish_and_clear();
     let summary = session.summary();
     recorder.close(arguments, &summary)?;
-    output::result(&arguments.json, &summary, |table| show(table, &session, &summary))
+    output::result(&arguments.json, &summary, |table| {
+        for (name, value) in palpate_report::measured(&summary) {
+            table.row([&name, &value]);
+        }
+    })
+}
+
+fn check_files(arguments: &RunArguments) -> Result<(), Failure> {
+    let replayed = arguments.device.strip_prefix("replay:").map(Path::new);
+    let read: Vec<&Path> =
+        [Path::new(&arguments.probe), Path::new(&arguments.scene)].into_iter().chain(replayed).collect();
+    let given = [arguments.record.as_deref(), arguments.report.as_deref(), arguments.json.file()];
+    let written: Vec<&Path> = given.into_iter().flatten().collect();
+    output::check_files(&read, &written)
 }
 
 fn timing(arguments: &RunArguments) -> Result<ContactTiming, Failure> {
@@ -100,21 +122,11 @@ impl<'a> Recorder<'a> {
         }
         if let (Some(records), Some(path)) = (self.kept, &arguments.report) {
             let title = format!("{} against {}", arguments.probe, arguments.scene);
-            let command = std::env::args().collect::<Vec<_>>().join(" ");
+            let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
+            let command = words.collect::<Vec<_>>().join(" ");
             let report = Report { title: &title, command: &command, summary, records: &records };
             std::fs::write(path, report.to_html()?).map_err(|error| Failure::writing(path, error))?;
         }
         Ok(())
-    }
-}
-
-fn show(table: &mut output::Table, session: &Session, summary: &Summary) {
-    for (name, value) in palpate_report::measured(summary) {
-        table.row([&name, &value]);
-    }
-    let faded = session.haptic.events.faded;
-    if faded > 0 {
-        table
-            .row([&"note", &format!("the contact model was too old in {faded} steps; the wrench was faded")]);
     }
 }

@@ -223,6 +223,11 @@ fn refusals_say_what_and_what_to_do() {
     let folder = folder.path();
     std::fs::write(folder.join("t.csv"), "t,px,py,pz,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n0,0,zero,0,0,0,0,1\n")
         .unwrap();
+    let good = "t,px,py,pz,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n";
+    std::fs::write(folder.join("ok.csv"), good).unwrap();
+    std::fs::create_dir(folder.join("sub")).unwrap();
+    succeeds(&["export", "ellipsoid@500", "-o", "m.obj"], folder);
+    let mesh = std::fs::read(folder.join("m.obj")).unwrap();
     for (arguments, said) in [
         (&["check", "golf-bal"][..], "golf-ball"),
         (&["check", "golf-ball@many"], "golf-ball@20000"),
@@ -235,7 +240,23 @@ fn refusals_say_what_and_what_to_do() {
         (&["run", "cup-low", "spoon-low", "--device", "phantom"], "emulated"),
         (&["run", "cup-low", "spoon-low", "--mass", "-1"], "mass"),
         (&["run", "cup-low", "spoon-low", "--seconds", "-1"], "seconds"),
+        (&["run", "cup-low", "spoon-low", "--contact-rate", "nan", "--lockstep"], "contact-rate"),
+        (&["run", "cup-low", "spoon-low", "--tolerance", "0"], "tolerance"),
+        (&["run", "cup-low", "spoon-low", "--tolerance", "1"], "bounding radius"),
+        (&["run", "cup-low", "spoon-low", "--record", "."], "."),
+        (&["run", "cup-low", "spoon-low", "--report", "no/such/folder/r.html"], "no/such/folder/r.html"),
+        (&["run", "cup-low", "spoon-low", "--seconds", "80000", "--report", "r.html"], "--record"),
         (&["query", "cup-low", "spoon-low", "--trajectory", "t.csv", "--tolerance", "1%"], "t.csv:3"),
+        (&["query", "cup-low", "spoon-low", "--trajectory", "ok.csv", "--tolerance", "1"], "bounding radius"),
+        (&["query", "cup-low", "spoon-low", "--trajectory", ".", "--tolerance", "1%"], "directory"),
+        // What is written must not be what is read, nor be mistaken for something else.
+        (&["build", "m.obj", "-o", "./m.obj"], ".clod"),
+        (&["build", "M.CLOD", "-o", "x.clod"], "hierarchy"),
+        (&["build", "m.obj", "-o", "c.clod", "--json", "sub/../m.obj"], "named twice"),
+        (&["export", "cup-low", "-o", "cup.stl"], ".obj"),
+        (&["run", "m.obj", "cup-low", "--record", "m.obj"], "named twice"),
+        (&["run", "cup-low", "spoon-low", "--record", "a.csv", "--report", "a.csv"], "named twice"),
+        (&["run", "cup-low", "spoon-low", "--device", "replay:ok.csv", "--record", "ok.csv"], "named twice"),
     ] {
         let output = palpate(arguments, folder);
         let stderr = String::from_utf8_lossy(&output.stderr);
@@ -243,9 +264,177 @@ fn refusals_say_what_and_what_to_do() {
         assert_eq!(stderr.lines().count(), 1, "{stderr}");
         assert!(stderr.contains(said), "palpate {arguments:?} should mention '{said}': {stderr}");
     }
+    assert!(std::fs::read(folder.join("m.obj")).unwrap() == mesh, "an input was overwritten");
+    assert_eq!(std::fs::read_to_string(folder.join("ok.csv")).unwrap(), good, "an input was overwritten");
+    for leftover in ["a.csv", "r.html", "c.clod", "x.clod", "cup.stl"] {
+        assert!(!folder.join(leftover).exists(), "{leftover} was left by a command that was refused");
+    }
     for usage in
         [&["frobnicate"][..], &["check"], &["query", "cup", "spoon"], &["run", "cup", "spoon", "--rate", "x"]]
     {
         assert_eq!(palpate(usage, folder).status.code(), Some(2), "palpate {usage:?}");
+    }
+}
+
+#[test]
+fn extensions_may_be_upper_case_and_null_devices_written_twice() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    succeeds(&["build", "ellipsoid@500", "-o", "E.CLOD"], folder);
+    assert_eq!(json(&["inspect", "E.CLOD", "--json"], folder)["triangles"], 500);
+    if Path::new("/dev/null").exists() {
+        let null = "/dev/null";
+        succeeds(
+            &[
+                "run",
+                "E.CLOD",
+                "E.CLOD",
+                "--lockstep",
+                "--seconds",
+                "0.1",
+                "--record",
+                null,
+                "--report",
+                null,
+                "--json",
+                null,
+            ],
+            folder,
+        );
+    }
+}
+
+#[test]
+fn a_session_says_which_stages_are_on_and_why() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let arguments = ["run", "ellipsoid@500", "torus@4000", "--lockstep", "--seconds", "0.01"];
+    let printed = succeeds(&arguments, folder.path());
+    for (stage, why) in [
+        ("contact query", "on: one scene object"),
+        ("hierarchy", "probe ellipsoid@500: off, one convex hull; scene torus@4000: on, "),
+        ("clustering", "on beyond 5 contacts"),
+        ("textures", "off: "),
+        ("friction", "off: "),
+        ("events", "none"),
+    ] {
+        let row = printed.lines().find(|line| line.starts_with(&format!("{stage}  ")));
+        assert!(row.is_some_and(|row| row.contains(why)), "{stage}: {why}\n{printed}");
+    }
+}
+
+#[cfg(target_os = "linux")]
+mod streams {
+    use std::ffi::OsStr;
+    use std::fs::File;
+    use std::os::unix::ffi::OsStrExt;
+    use std::process::Stdio;
+
+    use super::*;
+
+    #[test]
+    fn a_reader_that_has_had_enough_is_no_error() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let (reader, writer) = std::io::pipe().expect("pipe");
+        drop(reader);
+        let output = Command::new(env!("CARGO_BIN_EXE_palpate"))
+            .arg("models")
+            .current_dir(folder.path())
+            .stdout(writer)
+            .output()
+            .expect("the binary starts");
+        assert_eq!((output.status.code(), output.stderr.len()), (Some(0), 0), "{output:?}");
+    }
+
+    #[test]
+    fn a_full_disk_is_named() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let full = || File::options().write(true).open("/dev/full").expect("/dev/full");
+        let run = ["run", "ellipsoid@500", "ellipsoid@500", "--seconds", "60", "--record", "/dev/full"];
+        for (arguments, said) in [(&["models"][..], "standard output"), (&run, "/dev/full")] {
+            let output = Command::new(env!("CARGO_BIN_EXE_palpate"))
+                .args(arguments)
+                .env("XDG_CACHE_HOME", folder.path())
+                .stdout(full())
+                .output()
+                .expect("the binary starts");
+            let stderr = String::from_utf8_lossy(&output.stderr);
+            assert_eq!((output.status.code(), stderr.lines().count()), (Some(1), 1), "{stderr}");
+            assert!(stderr.contains(said), "{stderr}");
+        }
+    }
+
+    #[test]
+    fn an_error_that_nobody_can_read_is_still_an_exit_code() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let (reader, writer) = std::io::pipe().expect("pipe");
+        drop(reader);
+        let status = Command::new(env!("CARGO_BIN_EXE_palpate"))
+            .args(["check", "missing.obj"])
+            .current_dir(folder.path())
+            .stdout(Stdio::null())
+            .stderr(writer)
+            .status()
+            .expect("the binary starts");
+        assert_eq!(status.code(), Some(1));
+    }
+
+    #[test]
+    fn file_names_need_not_be_utf_8() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let name = OsStr::from_bytes(b"r\xff.html");
+        let output = Command::new(env!("CARGO_BIN_EXE_palpate"))
+            .args(["run", "ellipsoid@500", "ellipsoid@500", "--lockstep", "--seconds", "0.01", "--report"])
+            .arg(name)
+            .current_dir(folder.path())
+            .env("XDG_CACHE_HOME", folder.path())
+            .output()
+            .expect("the binary starts");
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        assert!(folder.path().join(name).exists());
+        // A mesh's name is text, or bad usage.
+        let mesh = OsStr::from_bytes(b"m\xff.obj");
+        let output =
+            Command::new(env!("CARGO_BIN_EXE_palpate")).arg("check").arg(mesh).output().expect("start");
+        assert_eq!(output.status.code(), Some(2));
+    }
+
+    #[test]
+    fn an_interrupted_session_ends_in_order() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let folder = folder.path();
+        for signal in ["INT", "TERM"] {
+            let mut child = Command::new(env!("CARGO_BIN_EXE_palpate"))
+                .args([
+                    "run",
+                    "ellipsoid@500",
+                    "ellipsoid@500",
+                    "--seconds",
+                    "3600",
+                    "--json",
+                    "--record",
+                    "r.csv",
+                ])
+                .current_dir(folder)
+                .env("XDG_CACHE_HOME", folder)
+                .stdout(Stdio::piped())
+                .spawn()
+                .expect("the binary starts");
+            // The recorder's buffer has been written once when the file has rows, so the session is under way.
+            while std::fs::metadata(folder.join("r.csv")).map_or(0, |file| file.len()) < 1000 {
+                assert!(child.try_wait().expect("waiting").is_none(), "the session ended by itself");
+                std::thread::sleep(std::time::Duration::from_millis(5));
+            }
+            let kill = Command::new("kill").args([format!("-{signal}"), child.id().to_string()]).status();
+            assert!(kill.expect("kill").success());
+            let output = child.wait_with_output().expect("the session ends");
+            assert!(output.status.success(), "{signal}: {:?}", output.status);
+            let summary: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+            let rows = std::fs::read_to_string(folder.join("r.csv")).expect("recording");
+            let steps = summary["haptic"]["steps"].as_u64().expect("steps");
+            let dropped = summary["events"]["record_dropped"].as_u64().expect("a count");
+            assert_eq!(rows.lines().count() as u64, 1 + steps - dropped, "{signal}");
+            assert!(rows.ends_with('\n') && rows.lines().all(|row| row.split(',').count() == 30), "{signal}");
+            std::fs::remove_file(folder.join("r.csv")).expect("recording");
+        }
     }
 }

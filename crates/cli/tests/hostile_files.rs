@@ -72,6 +72,7 @@ fn every_command(file: &str, folder: &Path) {
     }
 }
 
+#[allow(clippy::print_stderr)] // A skipped test has to say so.
 fn shared(path: &str) -> Option<PathBuf> {
     let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared")).join(path);
     if !folder.exists() {
