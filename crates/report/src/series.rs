@@ -25,6 +25,7 @@ pub(crate) fn figures(records: &[Record]) -> Vec<Figure> {
         name,
         points: thin(records.iter().map(|record| (record.time, value(record))).collect()),
     };
+    let end = records.last().map_or(0.0, |record| record.time);
     vec![
         Figure {
             caption: "Deepest penetration that the contact query reported.",
@@ -60,8 +61,8 @@ pub(crate) fn figures(records: &[Record]) -> Vec<Figure> {
             caption: "Haptic steps and contact models a second, in windows of 0.1 s.",
             axis: "Hz",
             curves: vec![
-                Curve { name: "haptic", points: rate(records.iter().map(|record| record.time)) },
-                Curve { name: "contact", points: rate(model_times(records)) },
+                Curve { name: "haptic", points: rate(records.iter().map(|record| record.time), end) },
+                Curve { name: "contact", points: rate(model_times(records), end) },
             ],
         },
     ]
@@ -80,17 +81,19 @@ fn model_times(records: &[Record]) -> impl Iterator<Item = f64> + '_ {
     })
 }
 
-/// Events a second in windows of [`RATE_WINDOW`], at the middle of each; the last, incomplete window is left out.
-fn rate(times: impl Iterator<Item = f64>) -> Vec<(f64, f64)> {
-    let mut counts: Vec<u32> = Vec::new();
+/// Events a second in windows of [`RATE_WINDOW`] up to time `end` (s), at the middle of each; an incomplete window at the end
+/// is left out. A window includes its end, where the step that completes it is.
+fn rate(times: impl Iterator<Item = f64>, end: f64) -> Vec<(f64, f64)> {
+    // Times are products of periods: the slack absorbs their rounding.
+    const SLACK: f64 = 1e-6;
+    let complete = (end / RATE_WINDOW + SLACK).max(0.0) as usize;
+    let mut counts = vec![0u32; complete];
     for time in times {
-        let window = (time / RATE_WINDOW).max(0.0) as usize;
-        if counts.len() <= window {
-            counts.resize(window + 1, 0);
+        let window = ((time / RATE_WINDOW - SLACK).ceil() - 1.0).max(0.0) as usize;
+        if let Some(count) = counts.get_mut(window) {
+            *count += 1;
         }
-        counts[window] += 1;
     }
-    counts.pop();
     let point = |(window, count): (usize, &u32)| {
         ((window as f64 + 0.5) * RATE_WINDOW, f64::from(*count) / RATE_WINDOW)
     };
@@ -132,8 +135,31 @@ mod tests {
 
     #[test]
     fn rate_counts_events_a_second() {
-        let rates = rate((1..=1000).map(|i| f64::from(i) * 1e-3 - 1e-6));
-        assert_eq!(rates.len(), 9);
+        // One second and a little more, at a rate whose multiples round both ways.
+        let rates = rate((1..=1040).map(|i| f64::from(i) * 1e-3), 1.04);
+        assert_eq!(rates.len(), 10, "the incomplete window is left out");
         assert!(rates.iter().all(|&(_, hz)| (hz - 1000.0).abs() < 1e-9), "{rates:?}");
+        assert!((rates[0].0 - 0.05).abs() < 1e-12);
+        assert_eq!(rate([f64::NAN].into_iter(), f64::NAN), []);
+    }
+
+    #[test]
+    fn a_contact_model_counts_once() {
+        let pose = palpate::Pose::IDENTITY;
+        let wrench = palpate::Wrench::ZERO;
+        // Models of the times 0, 0.003, 0.006 …, each in use for three steps from 2 ms after on; none at first.
+        let record = |step: i32| palpate::Record {
+            time: f64::from(step) * 1e-3,
+            device: pose,
+            object: pose,
+            coupling: wrench,
+            contact: wrench,
+            depth: 0.0,
+            contacts: 0,
+            model_age: if step < 2 { f64::NAN } else { f64::from(2 + (step - 2) % 3) * 1e-3 },
+        };
+        let records: Vec<Record> = (1..=32).map(record).collect();
+        let times: Vec<f64> = model_times(&records).map(|time| (time * 1e3).round()).collect();
+        assert_eq!(times, [2.0, 5.0, 8.0, 11.0, 14.0, 17.0, 20.0, 23.0, 26.0, 29.0, 32.0]);
     }
 }
