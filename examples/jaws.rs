@@ -3,10 +3,9 @@
 //! `cargo run --release --example jaws` renders ten seconds in real time and writes a recording and a report;
 //! `-- --lockstep` does the same on a simulated clock, with the same result each time.
 
-#![allow(clippy::print_stdout)] // An example talks to the person who runs it.
-
 use std::error::Error;
 use std::f64::consts::TAU;
+use std::io::{Write, stdout};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -23,19 +22,25 @@ struct Arguments {
     /// Simulated clock, one thread, reproducible
     #[arg(long)]
     lockstep: bool,
-    /// How long to render, s
-    #[arg(long, default_value_t = 10.0)]
+    /// How long to render, s; at most an hour
+    #[arg(long, default_value_t = 10.0, value_parser = seconds)]
     seconds: f64,
     /// Folder for the recording and the report
     #[arg(long, default_value = "target/jaws")]
     output: PathBuf,
 }
 
+fn seconds(text: &str) -> Result<f64, String> {
+    let within = |seconds: &f64| *seconds > 0.0 && *seconds <= 3600.0;
+    text.parse().ok().filter(within).ok_or_else(|| "give more than 0 and at most 3600".to_owned())
+}
+
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments = Arguments::parse();
-    std::fs::create_dir_all(&arguments.output)?;
-    let recording = arguments.output.join("recording.csv");
-    let report = arguments.output.join("report.html");
+    let folder = &arguments.output;
+    std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+    let recording = folder.join("recording.csv");
+    let report = folder.join("report.html");
 
     let upper = open("upper-jaw")?;
     let lower = open("lower-jaw")?;
@@ -66,15 +71,16 @@ fn main() -> Result<(), Box<dyn Error>> {
     writer.finish()?;
 
     let summary = session.summary();
-    for (name, value) in palpate_report::measured(&summary) {
-        println!("{name:36}{value}");
-    }
-    let command = std::env::args().collect::<Vec<_>>().join(" ");
+    let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
+    let command = words.collect::<Vec<_>>().join(" ");
     let title = "Upper jaw over lower jaw";
     let html = Report { title, command: &command, summary: &summary, records: &records }.to_html()?;
     std::fs::write(&report, html)?;
+    for (name, value) in palpate_report::measured(&summary) {
+        writeln!(stdout(), "{name:36}{value}")?;
+    }
     for file in [&recording, &report] {
-        println!("{:36}{}", "written", shown(file).display());
+        writeln!(stdout(), "{:36}{}", "written", shown(file).display())?;
     }
     Ok(())
 }
@@ -85,7 +91,7 @@ fn chewing(seconds: f64) -> Vec<Keyframe> {
     const OPEN: f64 = 8e-3;
     const BITE: f64 = -3e-3;
     // A little longer than the session, so that the hand never comes to the end of its path.
-    let samples = ((seconds.max(0.0) + 0.1) * 100.0) as usize + 1;
+    let samples = ((seconds + 0.1) * 100.0) as usize + 1;
     (0..samples)
         .map(|sample| {
             let time = sample as f64 / 100.0;
@@ -113,7 +119,7 @@ fn open(name: &str) -> Result<Object, Box<dyn Error>> {
     bar.finish_and_clear();
     let source = &object.clod.source;
     let patches = object.clod.leaves().len();
-    println!("{name:36}{} triangles, {patches} convex patches", source.triangles);
+    writeln!(stdout(), "{name:36}{} triangles, {patches} convex patches", source.triangles)?;
     Ok(object)
 }
 
