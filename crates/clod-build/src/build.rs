@@ -26,6 +26,10 @@ const MAX_FACES_TRIED: usize = 64;
 /// range of f64.
 const LARGEST_LENGTH: f64 = 1e50;
 
+/// Counts the changes after which the same mesh and options give another hierarchy: whoever keeps built hierarchies can
+/// tell by it that one is out of date.
+pub const REVISION: u32 = 1;
+
 /// What can be chosen about a build.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BuildOptions {

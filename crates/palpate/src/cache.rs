@@ -5,7 +5,7 @@
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::PathBuf;
 
-use palpate_clod_build::{BuildError, BuildOptions, Stage};
+use palpate_clod_build::{BuildError, BuildOptions, REVISION, Stage};
 use palpate_core::{Clod, TriMesh};
 
 /// The hierarchy of `mesh`, from the cache if it is there, else built and kept.
@@ -27,7 +27,7 @@ pub(crate) fn build_or_load(
     Ok(clod)
 }
 
-/// Where the hierarchy of `mesh` is kept: the name holds the crate's version and a hash of the mesh and the options.
+/// Where the hierarchy of `mesh` is kept: the name holds the builder's revision and a hash of the mesh and the options.
 fn path_of(mesh: &TriMesh, options: &BuildOptions) -> Option<PathBuf> {
     let mut hasher = DefaultHasher::new();
     format!("{options:?}").hash(&mut hasher);
@@ -35,7 +35,7 @@ fn path_of(mesh: &TriMesh, options: &BuildOptions) -> Option<PathBuf> {
     for vertex in mesh.vertices() {
         vertex.to_array().map(f64::to_bits).hash(&mut hasher);
     }
-    let name = format!("{}-{:016x}.clod", env!("CARGO_PKG_VERSION"), hasher.finish());
+    let name = format!("{REVISION}-{:016x}.clod", hasher.finish());
     Some(dirs::cache_dir()?.join("palpate").join(name))
 }
 
