@@ -9,7 +9,8 @@
 //! point that misses the triangles by no more, features that are parallel to within it, hulls that overlap by no more)
 //! the triangles decide as well.
 //!
-//! Overlapping hulls: when both are contained, so do the solids, and [`overlap`](crate::overlap) finds the contact. Otherwise
+//! Overlapping hulls: when both are contained, so do the solids, and [`overlap`](crate::overlap) finds the contact; if they
+//! only touch, they may do so in virtual faces, far from any triangle, and the triangles decide. When one is not contained
 //! the patches must truly touch first: a triangle of one must intersect a triangle of the other, or the other's hull
 //! if that is contained. If not, pairs of triangles within the tolerance are separated contacts.
 //!
@@ -20,7 +21,7 @@ use palpate_core::Contact;
 use palpate_core::glam::DVec3;
 
 use crate::convex::{Distance, Limits, Placement, Polytope, Separation, Start, gjk};
-use crate::overlap::overlap;
+use crate::overlap::{contact_at, overlap};
 use crate::patch::{Patch, Surface, distance_to_triangle, separated};
 
 /// Buffers for the contacts of one pair of leaves, with counts over a whole query.
@@ -31,6 +32,9 @@ pub(crate) struct LeafQuery {
     pub contacts: Vec<Contact>,
     /// Pairs of triangles within the tolerance: contact, and the triangle of each patch.
     near: Vec<(Contact, u32, u32)>,
+    /// Of the pairs of triangles examined last, the smallest distance within the tolerance (otherwise infinite), whichever
+    /// way they face, and the point on a.
+    nearest: (f64, DVec3),
     pub convex_queries: usize,
     pub not_converged: usize,
     /// Pairs that had to be decided triangle by triangle.
@@ -73,11 +77,14 @@ impl LeafQuery {
                 self.penetrating(a, b, &found, reach);
                 let shallow = self.contacts.iter().all(|c| c.depth <= reach.looseness);
                 if shallow && !(a.is_single_triangle() && b.is_single_triangle()) {
-                    // If the triangles are apart, their distances replace the contact.
+                    // If the triangles are apart, their distances replace the contact. Hulls may touch where they are virtual;
+                    // the contact is where the triangles do.
                     let touching = self.contacts.pop();
                     let penetrating = self.triangles(a, b, reach);
-                    if penetrating || self.contacts.is_empty() {
-                        self.contacts.extend(touching);
+                    let (distance, at) = self.nearest;
+                    if penetrating || (self.contacts.is_empty() && distance <= reach.looseness) {
+                        self.contacts
+                            .extend(touching.map(|contact| contact_at(at, contact.normal, contact.depth)));
                     }
                 }
             }
@@ -132,26 +139,34 @@ impl LeafQuery {
     fn triangles(&mut self, a: &Patch, b: &Patch, reach: &Reach) -> bool {
         self.by_triangles += 1;
         self.near.clear();
+        self.nearest = (f64::INFINITY, DVec3::ZERO);
         let placement = reach.placement;
         for (i, &on_a) in (0u32..).zip(a.triangles) {
             let corners_a = a.corners(on_a);
             let one = a.single(&corners_a);
-            if !reaches(one.center, one.radius, placement.point(b.center), b.radius, reach.tolerance) {
+            let tolerance = reach.tolerance + reach.precision;
+            if !reaches(one.center, one.radius, placement.point(b.center), b.radius, tolerance) {
                 continue;
             }
             for (j, &on_b) in (0u32..).zip(b.triangles) {
                 let corners_b = b.corners(on_b);
                 let other = b.single(&corners_b);
                 let center = placement.point(other.center);
-                if !reaches(one.center, one.radius, center, other.radius, reach.tolerance) {
+                if !reaches(one.center, one.radius, center, other.radius, tolerance) {
                     continue;
                 }
                 let found = self.distance(&one, &other, one.center - center, reach);
                 match found.separation {
                     Separation::Beyond => {}
-                    Separation::Overlapping => return true,
+                    Separation::Overlapping => {
+                        self.nearest = (0.0, witnesses(&one, &other, &found).0);
+                        return true;
+                    }
                     Separation::Within | Separation::NotConverged => {
                         let (p, q) = witnesses(&one, &other, &found);
+                        if found.distance < self.nearest.0 {
+                            self.nearest = (found.distance, p);
+                        }
                         let (contact, slack) = separated(p, placement.point(q), found.axis, reach.precision);
                         let n = contact.normal;
                         if one.faces(one.normal([0, 1, 2]), n, slack)

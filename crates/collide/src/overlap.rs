@@ -8,6 +8,10 @@
 //! their hulls there. For larger ones the expanding polytope gives the least depth of all, and if its features are
 //! not real the real faces alone are tried.
 //!
+//! The way out through real faces only may be much longer than the shortest one: a peg that touches a plate from above
+//! touches the hull of the plate's rim too, whose real faces are at its far sides. So the depth reported is never more than
+//! the shortest way out. It is then never more than what separates the two solids either, and grows from 0.
+//!
 //! The depth is that of the two patches only. Where an object has sunk in by more than a patch is thick, it is a lower
 //! bound on the distance to the surface.
 
@@ -27,33 +31,29 @@ const FEW_VERTICES: usize = 24;
 
 /// The best direction so far: first by whether both sides face each other, then by depth.
 struct Best {
-    contact: Option<Contact>,
+    /// Unit normal out of a, and depth, m.
+    direction: Option<(DVec3, f64)>,
     facing: bool,
     /// Depths that differ by less are equal, and the earlier one stays, m.
     precision: f64,
 }
 
 impl Best {
-    fn offer(&mut self, facing: bool, depth: f64, normal: DVec3, points: impl FnOnce(f64) -> (DVec3, DVec3)) {
-        let better = match &self.contact {
-            None => true,
-            Some(best) => {
-                (facing && !self.facing)
-                    || (facing == self.facing && depth.max(0.0) < best.depth - self.precision)
-            }
-        };
+    fn offer(&mut self, facing: bool, depth: f64, normal: DVec3) {
+        // Hulls that only touch are apart by rounding.
+        let depth = depth.max(0.0);
+        let better = self.direction.is_none_or(|(_, best)| {
+            (facing && !self.facing) || (facing == self.facing && depth < best - self.precision)
+        });
         if better {
-            // Hulls that only touch are apart by rounding.
-            let depth = depth.max(0.0);
-            let (point, scene_point) = points(depth);
-            self.contact = Some(Contact { point, scene_point, normal, depth });
+            self.direction = Some((normal, depth));
             self.facing = facing;
         }
     }
 }
 
 /// The contact between patches whose hulls overlap or touch, in a's frame, and whether it is exact as far as it goes.
-/// `touch` is a point that both hulls share.
+/// `touch` is a point that both hulls share. A contact no deeper than the looseness is put there.
 pub(crate) fn overlap(
     a: &Patch,
     b: &Patch,
@@ -62,42 +62,49 @@ pub(crate) fn overlap(
     polytope: &mut Polytope,
 ) -> (Contact, bool) {
     let Reach { placement, precision, looseness, .. } = *reach;
-    let mut best = Best { contact: None, facing: false, precision: 16.0 * precision };
+    let mut best = Best { direction: None, facing: false, precision: 16.0 * precision };
     let few = a.triangles.len() * b.triangles.len() <= FEW_TRIANGLE_PAIRS
         && a.vertices.len() <= FEW_VERTICES
         && b.vertices.len() <= FEW_VERTICES;
     if few {
         faces(a, b, placement, &mut best);
         edges(a, b, placement, &mut best);
-        if let (true, Some(contact)) = (best.facing, best.contact) {
-            return (contact, true);
+        if let (true, Some((normal, depth))) = (best.facing, best.direction)
+            && depth <= looseness
+        {
+            return (contact_at(touch, normal, depth), true);
         }
     }
     let least = polytope.penetration(&a.hull, &b.hull, placement, precision);
     let sides = if least.flat { [least.normal, -least.normal] } else { [least.normal; 2] };
     // A face of the hull stands for the triangles that it was built for.
     let near = [precision + looseness, 0.0];
-    for normal in sides {
+    let tried_all = few && best.facing;
+    for normal in sides.into_iter().filter(|_| !tried_all) {
         let (on_a, on_b) = if least.flat { (touch, touch) } else { (least.on_a, least.on_b) };
         let seen_from_a = a.surface_at(on_a, normal, FACING, iter::empty(), near);
         let back = placement.direction_to_b(on_b - placement.translation);
         let in_b = -placement.direction_to_b(normal);
         let seen_from_b = b.surface_at(back, in_b, FACING, iter::empty(), near);
         if seen_from_a == Surface::Front && seen_from_b == Surface::Front {
-            best.offer(true, least.depth, normal, |depth| (on_a, on_a - depth * normal));
+            best.offer(true, least.depth, normal);
         }
     }
-    if best.contact.is_none() || !best.facing {
+    if !best.facing {
         faces(a, b, placement, &mut best);
     }
-    let raw = || Contact {
-        point: least.on_a,
-        scene_point: least.on_a - least.depth.max(0.0) * least.normal,
-        normal: least.normal,
-        depth: least.depth.max(0.0),
-    };
     // Only triangles without area leave no real direction at all.
-    (best.contact.unwrap_or_else(raw), least.converged || least.gap <= 1e-6 * (a.radius + b.radius))
+    let (normal, depth) = best.direction.unwrap_or((least.normal, least.depth));
+    let depth = depth.min(least.depth).max(0.0);
+    // The points of the least depth lie where the hulls overlap; a face's deepest point may be anywhere on its plane.
+    let point = if least.flat || depth <= looseness { touch } else { least.on_a };
+    let sure = least.converged || least.gap <= 1e-6 * (a.radius + b.radius);
+    (contact_at(point, normal, depth), sure)
+}
+
+/// A contact at a point of a.
+pub(crate) fn contact_at(point: DVec3, normal: DVec3, depth: f64) -> Contact {
+    Contact { point, scene_point: point - depth * normal, normal, depth }
 }
 
 /// Tries the normals of both patches' triangles: how far the other hull reaches below their planes.
@@ -114,9 +121,7 @@ fn faces(a: &Patch, b: &Patch, placement: &Placement, best: &mut Best) {
             below = deepest;
             let on_b = placement.point(b.hull.points()[deepest as usize]);
             let top = a.hull.points()[a.hull.support(normal, top_corner(triangle, a)) as usize];
-            best.offer(b.vertex_faces(deepest, -in_b), (top - on_b).dot(normal), normal, |depth| {
-                (on_b + depth * normal, on_b)
-            });
+            best.offer(b.vertex_faces(deepest, -in_b), (top - on_b).dot(normal), normal);
         }
     }
     let mut below = 0;
@@ -132,9 +137,7 @@ fn faces(a: &Patch, b: &Patch, placement: &Placement, best: &mut Best) {
             let on_a = a.hull.points()[deepest as usize];
             let top =
                 placement.point(b.hull.points()[b.hull.support(in_b, top_corner(triangle, b)) as usize]);
-            best.offer(a.vertex_faces(deepest, normal), (on_a - top).dot(normal), normal, |depth| {
-                (on_a, on_a - depth * normal)
-            });
+            best.offer(a.vertex_faces(deepest, normal), (on_a - top).dot(normal), normal);
         }
     }
 }
@@ -174,22 +177,11 @@ fn edges(a: &Patch, b: &Patch, placement: &Placement, best: &mut Best) {
                             a.hull.points().iter().all(|v| normal.dot(*v) <= edge_a + best.precision)
                                 && placed.iter().all(|v| normal.dot(*v) >= edge_b - best.precision);
                         if supports {
-                            best.offer(true, edge_a - edge_b, normal, |depth| {
-                                let on_a = nearest_on_line(p, q, r, s);
-                                (on_a, on_a - depth * normal)
-                            });
+                            best.offer(true, edge_a - edge_b, normal);
                         }
                     }
                 }
             }
         }
     }
-}
-
-/// The point of segment pq that is nearest to the line through r and s.
-fn nearest_on_line(p: DVec3, q: DVec3, r: DVec3, s: DVec3) -> DVec3 {
-    let (u, v, w) = (q - p, s - r, p - r);
-    let (uu, uv, vv) = (u.dot(u), u.dot(v), v.dot(v));
-    let t = (uv * v.dot(w) - vv * u.dot(w)) / (uu * vv - uv * uv);
-    p + u * t.clamp(0.0, 1.0)
 }

@@ -5,7 +5,8 @@
 //! of leaves, whose contacts are reported. As §3.4.1 has it, they are a superset of the local minima of the distance
 //! where the objects are disjoint, and local penetration depths where they overlap.
 //!
-//! Departures: hulls of many points are not tested above the leaves; hull queries there only decide whether a pair is within reach, and stop as soon as either bound
+//! Departures: hulls of many points are not tested above the leaves; hull queries there only decide whether a pair is
+//! within reach, and stop as soon as either bound
 //! on the distance settles it; nodes with a single child are passed through.
 
 use palpate_core::clod::Node;
@@ -277,7 +278,8 @@ impl ContactQuery {
 
         self.stack.clear();
         let roots = (self.probe.pass_through(Clod::ROOT), self.scene.pass_through(Clod::ROOT));
-        if self.spheres_reach(roots, &placement, tolerance) {
+        let sphere_tolerance = tolerance + rounding;
+        if self.spheres_reach(roots, &placement, sphere_tolerance) {
             self.stack.push(roots);
         } else {
             outcome.front = 1;
@@ -321,7 +323,7 @@ impl ContactQuery {
             if node_b.is_leaf() || (!node_a.is_leaf() && node_a.radius >= node_b.radius) {
                 for child in (node_a.first_child..node_a.last_child).rev() {
                     let pair = (self.probe.pass_through(child), b);
-                    if self.spheres_reach(pair, &placement, tolerance) {
+                    if self.spheres_reach(pair, &placement, sphere_tolerance) {
                         self.stack.push(pair);
                     } else {
                         outcome.front += 1;
@@ -330,7 +332,7 @@ impl ContactQuery {
             } else {
                 for child in (node_b.first_child..node_b.last_child).rev() {
                     let pair = (a, self.scene.pass_through(child));
-                    if self.spheres_reach(pair, &placement, tolerance) {
+                    if self.spheres_reach(pair, &placement, sphere_tolerance) {
                         self.stack.push(pair);
                     } else {
                         outcome.front += 1;

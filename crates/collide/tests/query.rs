@@ -289,6 +289,52 @@ fn aligned_boxes() {
     }
 }
 
+/// A plate whose rim is one patch: its hull is the plate, with the two large faces virtual. What is pressed into the plate
+/// touches that hull far from any of its triangles.
+#[test]
+fn pressing_past_virtual_faces_is_no_deeper_than_the_press() {
+    let plate = box_mesh(DVec3::new(1.0, 1.0, 0.1));
+    let plate = Body::new(plate, &[vec![0, 1], vec![2, 3], (4..12).collect()], Kind::Contained);
+    let peg = box_mesh(DVec3::new(0.2, 0.1, 0.3));
+    for (patches, name) in [
+        (vec![(0..12).collect()], "whole"),
+        (singles(&peg), "triangles"),
+        (clusters(&peg, 5), "patches of 5"),
+    ] {
+        let peg = Body::new(peg.clone(), &patches, Kind::Contained);
+        let mut query = ContactQuery::new(&peg.clod, &plate.clod);
+        for press in [0.0, 1e-12, 1e-9, 1e-5, 1e-3, 0.02] {
+            let pose = Pose::from_translation(DVec3::new(0.5, -0.3, 0.4 - press));
+            let outcome =
+                query.run(&peg.clod, &pose, &plate.clod, &Pose::IDENTITY, &QuerySettings::new(1e-3));
+            sane(query.contacts(), &outcome, 1e-3, 1.0, name);
+            assert!(!query.contacts().is_empty(), "{name}, press {press}");
+            for PatchContact { contact, .. } in query.contacts() {
+                assert!(contact.depth <= press + 1e-11, "{name}, press {press}: {contact:?}");
+                let aside = (contact.point - pose.translation).abs() - DVec3::new(0.2, 0.1, 0.3);
+                assert!(aside.max_element() < 1e-9, "{name}, press {press}: off the peg, {contact:?}");
+            }
+        }
+    }
+}
+
+/// Faces in one plane, in frames where rounding leaves them a little apart or a little in: a tolerance of 0 finds them.
+#[test]
+fn faces_in_one_plane_touch_at_zero_tolerance() {
+    let mut rng = StdRng::seed_from_u64(SEED + 3);
+    let mesh = box_mesh(DVec3::new(1.0, 0.8, 0.6));
+    for patches in [singles(&mesh), clusters(&mesh, 2), vec![(0..12).collect()]] {
+        let body = Body::new(mesh.clone(), &patches, Kind::Contained);
+        let mut query = ContactQuery::new(&body.clod, &body.clod);
+        for round in 0..200 {
+            let scene = pose(&mut rng, DVec3::new(3.0, -40.0, 0.7));
+            let probe = scene * Pose::from_translation(DVec3::new(0.3, 0.2, 1.2));
+            query.run(&body.clod, &probe, &body.clod, &scene, &QuerySettings::new(0.0));
+            assert!(!query.contacts().is_empty(), "seed {:#x}, round {round}", SEED + 3);
+        }
+    }
+}
+
 /// Two triangles crossing like an X, at every angle and offset: always a contact, and a depth no larger than they are.
 #[test]
 fn crossing_triangles_always_touch() {

@@ -23,7 +23,7 @@ const ROUNDING: f64 = 1e9;
 /// What a distance query has to find out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// Stop as soon as the hulls are known to be further apart than this, m.
+    /// Stop as soon as the hulls are known to be further apart than this, m. Hulls that touch to within the precision never are.
     pub beyond: f64,
     /// Stop as soon as the hulls are known to be at most this far apart, m; negative: find the distance itself.
     pub enough: f64,
@@ -139,6 +139,8 @@ pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits:
     if found.axis.length_squared() < f64::MIN_POSITIVE {
         found.axis = DVec3::X;
     }
+    // A lower bound of a rounding error above 0 does not separate hulls.
+    let beyond = limits.beyond.max(limits.precision);
     let mut hint = found.simplex.vertices().last().map_or((0, 0), |v| (v.a, v.b));
     while found.iterations < MAX_ITERATIONS {
         if found.distance <= limits.enough {
@@ -150,7 +152,7 @@ pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits:
         hint = (vertex.a, vertex.b);
         let lower = found.axis.dot(vertex.difference) / found.axis.length();
         found.lower = found.lower.max(lower);
-        if lower > limits.beyond {
+        if lower > beyond {
             found.separation = Separation::Beyond;
             return found;
         }
@@ -180,7 +182,7 @@ pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits:
     let rounding = ROUNDING * limits.precision * limits.precision / found.distance;
     found.separation = if found.distance - found.lower > GAP * limits.precision + rounding {
         Separation::NotConverged
-    } else if found.distance > limits.beyond {
+    } else if found.distance > beyond {
         Separation::Beyond
     } else {
         Separation::Within

@@ -50,7 +50,7 @@ impl Simplex {
     }
 
     /// Drops the vertices that the nearest point to the origin does not need, and returns that point; `None` when the
-    /// origin is inside the tetrahedron, which is then kept whole.
+    /// origin is inside the tetrahedron, which is then kept whole, with the origin's own weights.
     pub(super) fn reduce(&mut self) -> Option<DVec3> {
         let p = self.vertices.map(|v| v.difference);
         let weights = match self.len {
@@ -63,7 +63,13 @@ impl Simplex {
                 let [u, v, w] = nearest_on_triangle(p[0], p[1], p[2]);
                 [u, v, w, 0.0]
             }
-            _ => on_tetrahedron(&p)?,
+            _ => match on_tetrahedron(&p) {
+                Nearest::OnFace(weights) => weights,
+                Nearest::Inside(weights) => {
+                    self.weights = weights;
+                    return None;
+                }
+            },
         };
         let mut kept = 0;
         let mut nearest = DVec3::ZERO;
@@ -140,8 +146,14 @@ pub fn nearest_on_triangle(a: DVec3, b: DVec3, c: DVec3) -> [f64; 3] {
     }
 }
 
-/// Weights of the nearest point of a tetrahedron; `None` when the origin is inside.
-fn on_tetrahedron(p: &[DVec3; 4]) -> Option<[f64; 4]> {
+/// Weights of the point of a tetrahedron that is nearest to the origin.
+enum Nearest {
+    OnFace([f64; 4]),
+    /// The origin itself.
+    Inside([f64; 4]),
+}
+
+fn on_tetrahedron(p: &[DVec3; 4]) -> Nearest {
     const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]];
     let [ab, ac, ad] = [p[1] - p[0], p[2] - p[0], p[3] - p[0]];
     let (cross_b, cross_c, cross_d) = (ac.cross(ad), ad.cross(ab), ab.cross(ac));
@@ -161,7 +173,7 @@ fn on_tetrahedron(p: &[DVec3; 4]) -> Option<[f64; 4]> {
             (origin.dot(cross_b) / volume, origin.dot(cross_c) / volume, origin.dot(cross_d) / volume);
         let coordinates = [1.0 - b - c - d, b, c, d];
         if coordinates.iter().all(|&x| x >= 0.0) {
-            return None;
+            return Nearest::Inside(coordinates);
         }
         // The nearest face is one that the origin is outside of; keep those too close to tell.
         candidate = coordinates.map(|x| x < 1e-6);
@@ -179,5 +191,5 @@ fn on_tetrahedron(p: &[DVec3; 4]) -> Option<[f64; 4]> {
             best = (distance, weights);
         }
     }
-    Some(best.1)
+    Nearest::OnFace(best.1)
 }
