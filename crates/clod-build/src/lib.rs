@@ -19,4 +19,4 @@ mod layout;
 mod parameters;
 mod surface;
 
-pub use build::{REVISION, BuildError, BuildOptions, Stage, build};
+pub use build::{BuildError, BuildOptions, REVISION, Stage, build};
