@@ -8,7 +8,7 @@ use palpate_core::mesh::{Adjacency, NO_NEIGHBOUR};
 use palpate_core::{Clod, TriMesh};
 use rayon::prelude::*;
 
-use crate::convexity::{HULL_THICKNESS, Patch};
+use crate::convexity::{HULL_THICKNESS, Patch, layer_below};
 use crate::decomposition::{Decomposition, decompose};
 use crate::hierarchy::merge_to_root;
 use crate::hull::{HullBuilder, Plane};
@@ -28,7 +28,7 @@ const LARGEST_LENGTH: f64 = 1e50;
 
 /// Counts the changes after which the same mesh and options give another hierarchy: whoever keeps built hierarchies can
 /// tell by it that one is out of date.
-pub const REVISION: u32 = 1;
+pub const REVISION: u32 = 2;
 
 /// What can be chosen about a build.
 #[derive(Clone, Debug, PartialEq)]
@@ -251,12 +251,20 @@ fn check_extent(mesh: &TriMesh) -> Result<(DVec3, f64), BuildError> {
 }
 
 /// Whether the hull of a patch lies inside a solid. No surface reaches deeper into it than the tolerance, so that one point
-/// deeper than that speaks for all; a hull without such a point is part of the surface.
+/// deeper than that speaks for all; a hull without such a point is part of the surface. So does one point in the layer below
+/// a flat hull, which no surface reaches into either. A single triangle is its own hull.
 fn lies_inside(surface: &Surface, patch: &Patch, tolerance: f64, hulls: &mut HullBuilder) -> bool {
-    if patch.flat {
+    if patch.triangles.len() == 1 {
         return true;
     }
     let points: Vec<DVec3> = patch.extreme.iter().map(|v| surface.points[*v as usize]).collect();
+    if patch.flat {
+        let plane = surface.planes[patch.lead as usize];
+        let middle = surface.corners(patch.lead).iter().sum::<DVec3>() / 3.0;
+        let below = middle - 1.5 * tolerance * plane.normal;
+        let narrow = layer_below(&plane, &points, 3.0 * tolerance).any(|p| p.height(below) >= -tolerance);
+        return narrow || surface.winding_number(below).is_some_and(|turns| turns > 0);
+    }
     let planes: Vec<Plane> = hulls.hull(&points, HULL_THICKNESS).planes(&points).collect();
     let depth = |p: DVec3| planes.iter().map(|plane| -plane.height(p)).fold(f64::INFINITY, f64::min);
     let below_faces = patch.triangles.iter().take(MAX_FACES_TRIED).map(|t| {

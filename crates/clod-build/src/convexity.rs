@@ -8,14 +8,16 @@
 //! that lies wholly inside of the hull, such as a small cavity; here the interior itself is tested.
 //!
 //! All heights are taken with one tolerance: a triangle may have other vertices of its patch that far above its plane, and
-//! other surface may reach that deep into the hull. A hull that is thinner is flat: it has no interior.
+//! other surface may reach that deep into the hull. A hull that is thinner is flat: it has no interior. It protrudes where
+//! it spans a notch or a hole of the flat face, whose walls go down from the face's plane. So it is the layer just below it,
+//! between one and two tolerances deep, that no surface may reach into.
 //!
 //! Both constraints are monotone. What fails for two patches fails for any larger two that contain them. (The one exception
 //! is the two sides of a sheet that is thinner than the tolerance: they are never joined, whatever else is.)
 
 use glam::DVec3;
 
-use crate::hull::{Hull, HullBuilder, Plane, Shape};
+use crate::hull::{Hull, HullBuilder, Plane, Shape, polygon};
 use crate::surface::{ReachBuffers, Surface, bounds_of};
 
 /// The height, in unit coordinates, below which hulls drop points: about what rounding does to the predicates' inputs.
@@ -127,7 +129,7 @@ impl<'a> Convexity<'a> {
         buffers.vertices.clear();
         buffers.vertices.extend_from_slice(&a.extreme);
         buffers.vertices.extend_from_slice(&b.extreme);
-        let extreme = self.hull(walk, bounds, flat, mine, buffers)?;
+        let extreme = self.hull(walk, bounds, flat.then_some(lead), mine, buffers)?;
         Some(Join { extreme, bounds, flat })
     }
 
@@ -142,7 +144,7 @@ impl<'a> Convexity<'a> {
         buffers.vertices.extend(triangles.iter().flat_map(|t| self.surface.triangles[*t as usize]));
         let corners: Vec<DVec3> = buffers.vertices.iter().map(|v| self.point(*v)).collect();
         let bounds = bounds_of(&corners);
-        let extreme = self.hull(&[triangles], bounds, false, mine, buffers)?;
+        let extreme = self.hull(&[triangles], bounds, None, mine, buffers)?;
         let lead = *triangles.iter().max_by(|a, b| self.area(**a).total_cmp(&self.area(**b)))?;
         let plane = self.planes[lead as usize];
         let dependable = triangles.iter().all(|t| self.planes[*t as usize].normal != DVec3::ZERO);
@@ -151,12 +153,12 @@ impl<'a> Convexity<'a> {
     }
 
     /// The extreme points of the vertices in the buffers, if their hull does not protrude, and the planes of the
-    /// triangles to be walked to have all of it below them.
+    /// triangles to be walked to have all of it below them. `flat`: the plane of a hull without interior.
     fn hull(
         &self,
         walk: &[&[u32]],
         bounds: (DVec3, DVec3),
-        flat: bool,
+        flat: Option<&Plane>,
         mine: impl Fn(u32) -> bool,
         buffers: &mut JoinBuffers,
     ) -> Option<Vec<u32>> {
@@ -169,10 +171,19 @@ impl<'a> Convexity<'a> {
         if !walk.is_empty() && !self.supports_by_walking(walk, &hull, vertices, points) {
             return None;
         }
-        if !flat
-            && hull.shape == Shape::Polytope
-            && self.surface.reaches_into(hull.planes(points), bounds, self.tolerance, mine, reach)
-        {
+        let depth = self.tolerance;
+        let protrudes = match flat {
+            Some(plane) => {
+                let margin = DVec3::splat(3.0 * depth);
+                let bounds = (bounds.0 - margin, bounds.1 + margin);
+                self.surface.reaches_into(layer_below(plane, points, 3.0 * depth), bounds, depth, mine, reach)
+            }
+            None if hull.shape == Shape::Polytope => {
+                self.surface.reaches_into(hull.planes(points), bounds, depth, mine, reach)
+            }
+            None => false,
+        };
+        if protrudes {
             return None;
         }
         Some(hull.extreme.iter().map(|k| vertices[*k as usize]).collect())
@@ -250,6 +261,25 @@ impl<'a> Convexity<'a> {
         }
         true
     }
+}
+
+/// The planes around what lies up to `thickness` below the convex polygon around points near a plane.
+pub(crate) fn layer_below<'a>(
+    plane: &'a Plane,
+    points: &'a [DVec3],
+    thickness: f64,
+) -> impl Iterator<Item = Plane> + 'a {
+    let outline = polygon(points, plane.normal);
+    let middle = points.iter().sum::<DVec3>() / points.len() as f64;
+    let bottom = Plane { normal: -plane.normal, offset: thickness - plane.offset };
+    let count = outline.len();
+    let sides = (0..count).filter_map(move |k| {
+        let [from, to] = [outline[k], outline[(k + 1) % count]].map(|v| points[v as usize]);
+        let outward = (to - from).cross(plane.normal).try_normalize()?;
+        let side = Plane { normal: outward, offset: outward.dot(from) };
+        Some(if side.height(middle) > 0.0 { Plane { normal: -outward, offset: -side.offset } } else { side })
+    });
+    [*plane, bottom].into_iter().chain(sides)
 }
 
 /// The planes that triangles are held to. The normal of a triangle that is narrower than the tolerance says nothing: it

@@ -85,7 +85,7 @@ fn check_local_constraint(clod: &Clod) {
     }
 }
 
-/// Points of a contained hull that are deeper than the tolerance lie inside the object.
+/// Points of a contained hull that are deeper than the tolerance lie inside the object; of a flat one, what is just below it.
 fn check_global_constraint(mesh: &TriMesh, clod: &Clod, samples: usize) {
     let seed = 21;
     let mut rng = StdRng::seed_from_u64(seed);
@@ -94,6 +94,10 @@ fn check_global_constraint(mesh: &TriMesh, clod: &Clod, samples: usize) {
         let hull = clod.extreme(node);
         let planes = planes_by_brute_force(hull);
         let middle = hull.iter().sum::<DVec3>() / hull.len() as f64;
+        let outward = corners(clod, node).iter().map(|[a, b, c]| (b - a).cross(c - a)).sum::<DVec3>();
+        let outward = outward.normalize_or_zero();
+        let thickness = hull.iter().map(|p| outward.dot(middle - p).abs()).fold(0.0, f64::max);
+        let flat = thickness <= tolerance && outward != DVec3::ZERO && node.triangles.len() > 1;
         for sample in 0..samples {
             let weights: Vec<f64> = hull.iter().map(|_| -rng.random_range(1e-9..1.0f64).ln()).collect();
             let sum: f64 = weights.iter().sum();
@@ -102,7 +106,10 @@ fn check_global_constraint(mesh: &TriMesh, clod: &Clod, samples: usize) {
                 p = middle;
             }
             let depth = planes.iter().map(|(n, d)| d - n.dot(p)).fold(f64::INFINITY, f64::min);
-            if planes.is_empty() || depth <= 2.0 * tolerance {
+            if flat {
+                // Well inside of the outline.
+                p = 0.95 * p + 0.05 * middle - 4.0 * tolerance * outward;
+            } else if planes.is_empty() || depth <= 2.0 * tolerance {
                 continue;
             }
             let inside = winding(mesh, p) > 0.5;
@@ -188,6 +195,36 @@ fn l_prism_splits_at_its_reflex_edge() {
     // Two arms: neither floor nor ceiling can be in one patch, since its hull would fill the notch.
     assert!((2..=4).contains(&clod.leaves().len()), "{} patches", clod.leaves().len());
     assert!(clod.leaves().iter().all(|n| n.contained && !n.all_real));
+}
+
+#[test]
+fn flat_faces_keep_out_of_their_holes() {
+    // A square plate with a round hole: its faces are flat everywhere, and nowhere is the hull of much of one in the plate.
+    let n = 24;
+    let rim = |k: u32| {
+        let turn = std::f64::consts::TAU * f64::from(k) / f64::from(n);
+        let (y, x) = turn.sin_cos();
+        let outer = 1.0 / x.abs().max(y.abs());
+        [(outer * x, outer * y), (0.6 * x, 0.6 * y)]
+    };
+    let level = |z: f64| (0..n).flat_map(move |k| rim(k).map(|(x, y)| DVec3::new(x, y, z)));
+    let vertices: Vec<DVec3> = level(0.0).chain(level(0.2)).collect();
+    // Outer and inner corner of each level at a turn.
+    let at = |k: u32| [0, 1, 2 * n, 2 * n + 1].map(|which| which + 2 * (k % n));
+    let triangles: Vec<[u32; 3]> = (0..n)
+        .flat_map(|k| {
+            let ([a, b, c, d], [e, f, g, h]) = (at(k), at(k + 1));
+            let quads = [[c, g, h, d], [a, b, f, e], [a, e, g, c], [b, d, h, f]];
+            quads.into_iter().flat_map(|[p, q, r, s]| [[p, q, r], [p, r, s]])
+        })
+        .collect();
+    let mesh = TriMesh::new(vertices, triangles).unwrap();
+    assert!(mesh.validate().is_solid());
+    let clod = built(&mesh);
+    check(&mesh, &clod);
+    check_global_constraint(&mesh, &clod, 200);
+    assert!(clod.leaves().iter().all(|n| n.contained));
+    assert!(clod.leaves().len() <= 60, "{} patches", clod.leaves().len());
 }
 
 #[test]

@@ -16,6 +16,7 @@ mod quickhull;
 use glam::DVec3;
 use robust::{Coord3D, orient3d};
 
+pub(crate) use planar::polygon;
 pub(crate) use quickhull::HullBuilder;
 
 /// How many dimensions a hull extends in.

@@ -17,7 +17,7 @@ fn flatten(normal: DVec3, p: DVec3) -> DVec2 {
 
 /// The corners of the convex polygon around points that lie in a plane of the given normal, in order around it. Points on
 /// its sides are left out. With fewer than three corners the points lie on a line.
-pub(super) fn polygon(points: &[DVec3], normal: DVec3) -> Vec<u32> {
+pub(crate) fn polygon(points: &[DVec3], normal: DVec3) -> Vec<u32> {
     let flat: Vec<DVec2> = points.iter().map(|p| flatten(normal, *p)).collect();
     let mut order: Vec<u32> = (0..points.len() as u32).collect();
     order.sort_unstable_by(|a, b| {
