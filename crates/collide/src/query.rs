@@ -6,8 +6,8 @@
 //! where the objects are disjoint, and local penetration depths where they overlap.
 //!
 //! Departures: hulls of many points are not tested above the leaves; hull queries there only decide whether a pair is
-//! within reach, and stop as soon as either bound
-//! on the distance settles it; nodes with a single child are passed through.
+//! within reach, and stop as soon as either bound on the distance settles it; nodes with a single child are passed
+//! through.
 
 use palpate_core::clod::Node;
 use palpate_core::glam::DVec3;
