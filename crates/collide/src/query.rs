@@ -197,7 +197,7 @@ impl Tree {
     fn pass_through(&self, mut node: u32) -> u32 {
         loop {
             let Packed { first_child, last_child, .. } = self.nodes[node as usize];
-            if last_child != first_child + 1 {
+            if last_child - first_child != 1 {
                 return node;
             }
             node = first_child;

@@ -347,6 +347,7 @@ fn each_broken_invariant_is_named() {
         ("node 0", "child", |c| c.nodes[1].parent = 1),
         ("node 4", "parent", |c| c.nodes[1].children.end -= 1),
         ("node 20", "leaf", |c| c.nodes[20].children = 19..20),
+        ("node 20", "leaf", |c| c.nodes[20].children = u32::MAX..u32::MAX),
         ("node 3", "hull vertices", |c| c.nodes[3].vertices.start -= 1),
         ("node 3", "hull vertices", |c| c.nodes[3].vertices.end = u32::MAX),
         ("node 3", "hull vertices", |c| c.nodes[3].vertices.end = 0),

@@ -197,7 +197,11 @@ impl Clod {
         }
         let Range { start, end } = node.children;
         if node.level == 0 {
-            return if start == end { Ok(()) } else { Err("it is a leaf and has children".to_owned()) };
+            return if start == end && end as usize <= self.nodes.len() {
+                Ok(())
+            } else {
+                Err(format!("it is a leaf, but its children are {start}..{end}"))
+            };
         }
         let finer = &self.levels[node.level as usize - 1].nodes;
         if start >= end || start < finer.start || end > finer.end {
