@@ -3,7 +3,7 @@
 use std::collections::{HashMap, HashSet};
 
 use palpate::clod_build::{BuildOptions, build};
-use palpate::collide::{ContactQuery, QuerySettings};
+use palpate::collide::{ContactQuery, PatchContact, QuerySettings};
 use palpate::core::Clod;
 use palpate::core::clod::Node;
 use palpate::glam::{DQuat, DVec3};
@@ -51,10 +51,11 @@ impl Body {
     }
 }
 
-/// Poses of the probe: some where the bodies are disjoint and near, some where they intersect.
-fn check(probe_path: &str, scene_path: &str, poses: &[Pose]) {
+/// Poses of the probe: some where the bodies are disjoint and near, some where they intersect. `tolerance`: d as a fraction
+/// of the probe's radius.
+fn check(probe_path: &str, scene_path: &str, tolerance: f64, poses: &[Pose]) {
     let (Some(probe), Some(scene)) = (Body::load(probe_path), Body::load(scene_path)) else { return };
-    let tolerance = 0.05 * probe.radius;
+    let tolerance = tolerance * probe.radius;
     let eps = 1e-6 * probe.radius;
     let settings = QuerySettings::new(tolerance);
     let mut query = ContactQuery::new(&probe.clod, &scene.clod);
@@ -141,7 +142,7 @@ fn dental_casts_agree_with_brute_force() {
             Pose::new(DVec3::new(1e-4 * i as f64, 0.0, lift), turn)
         })
         .collect();
-    check("models/good/dental_cast_upper.obj", "models/good/dental_cast_lower.obj", &poses);
+    check("models/good/dental_cast_upper.obj", "models/good/dental_cast_lower.obj", 0.05, &poses);
 }
 
 #[test]
@@ -155,5 +156,47 @@ fn spoon_on_mug_agrees_with_brute_force() {
             Pose::new(DVec3::new(2e-3 * i as f64, 0.0, height), turn)
         })
         .collect();
-    check("models/good/ycb_spoon.obj", "models/good/ycb_mug.obj", &poses);
+    check("models/good/ycb_spoon.obj", "models/good/ycb_mug.obj", 0.05, &poses);
+}
+
+/// The peg standing on the floor of the hole, face on face, lifted by so much; with a turn about its axis.
+const PEG: [(f64, f64); 9] = [
+    (1e-4, 0.2),
+    (1e-6, 0.1),
+    (1e-9, 0.0),
+    (0.0, 0.0),
+    (-1e-9, 0.3),
+    (-1e-6, 0.0),
+    (-2e-5, 0.2),
+    (-5e-4, 0.1),
+    (-1e-3, 0.0),
+];
+
+fn standing((lift, turn): (f64, f64)) -> Pose {
+    Pose::new(DVec3::Z * lift, DQuat::from_rotation_z(turn))
+}
+
+#[test]
+fn peg_on_the_floor_of_its_hole_agrees_with_brute_force() {
+    check("models/good/peg_8mm.obj", "models/good/hole_8mm.obj", 0.005, &PEG.map(standing));
+}
+
+#[test]
+fn a_peg_in_the_floor_is_as_deep_as_it_was_pressed() {
+    let (Some(peg), Some(hole)) =
+        (Body::load("models/good/peg_8mm.obj"), Body::load("models/good/hole_8mm.obj"))
+    else {
+        return;
+    };
+    let mut query = ContactQuery::new(&peg.clod, &hole.clod);
+    let settings = QuerySettings::new(1e-3 * peg.radius);
+    for (lift, turn) in PEG.into_iter().filter(|(lift, _)| *lift <= 0.0) {
+        let pose = standing((lift, turn));
+        let outcome = query.run(&peg.clod, &pose, &hole.clod, &Pose::IDENTITY, &settings);
+        let deepest = outcome.deepest.expect("they touch");
+        // Along z they come apart after that much, so no two pieces of theirs are deeper.
+        assert!((deepest + lift).abs() < 1e-9 * peg.radius, "pressed {} m, found {deepest} m", -lift);
+        let down = |c: &&PatchContact| c.contact.depth >= 0.999 * deepest && c.contact.normal.z < -0.999;
+        assert!(query.contacts().iter().any(|c| down(&c)), "pressed {} m: nothing pushes up", -lift);
+    }
 }
