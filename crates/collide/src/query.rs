@@ -3,7 +3,8 @@
 //! Both hierarchies are descended in tandem from their roots. A pair of nodes is dropped when its bounding spheres, or
 //! then its hulls, are further apart than d + h(a) + h(b) (Eq. 3.5); otherwise the larger node is split, down to pairs
 //! of leaves, whose contacts are reported. As §3.4.1 has it, they are a superset of the local minima of the distance
-//! where the objects are disjoint, and local penetration depths where they overlap.
+//! where the objects are disjoint, and local penetration depths where they overlap. Only surfaces that meet make contacts:
+//! an object that has sunk wholly into another, deeper than that one's patches are thick, has none.
 //!
 //! Departures: hulls of many points are not tested above the leaves; hull queries there only decide whether a pair is
 //! within reach, and stop as soon as either bound on the distance settles it; nodes with a single child are passed
