@@ -13,10 +13,12 @@
 //! Both constraints are monotone. What fails for two patches fails for any larger two that contain them. (The one exception
 //! is the two sides of a sheet that is thinner than the tolerance: they are never joined, whatever else is.)
 
+use std::borrow::Cow;
+
 use glam::DVec3;
 
 use crate::hull::{Hull, HullBuilder, Plane, Shape};
-use crate::surface::{ReachBuffers, Surface, bounds_of};
+use crate::surface::{ReachBuffers, Surface, bounds_of, reaches_below};
 
 /// The height, in unit coordinates, below which hulls drop points: about what rounding does to the predicates' inputs.
 pub(crate) const HULL_THICKNESS: f64 = 1e-14;
@@ -73,13 +75,18 @@ pub(crate) struct Convexity<'a> {
     /// The tolerance, in unit coordinates.
     tolerance: f64,
     /// The planes that stand for the triangles: see [`dependable_planes`].
-    planes: Vec<Plane>,
+    planes: Cow<'a, [Plane]>,
 }
 
 impl<'a> Convexity<'a> {
     /// Prepares the test; `neighbours` are the triangles across the sides of each, or `u32::MAX`.
     pub fn new(surface: &'a Surface, neighbours: &[[u32; 3]], tolerance: f64) -> Self {
-        Self { surface, tolerance, planes: dependable_planes(surface, neighbours, tolerance) }
+        Self { surface, tolerance, planes: Cow::Owned(dependable_planes(surface, neighbours, tolerance)) }
+    }
+
+    /// The test on a surface whose planes are known.
+    pub fn with_planes(surface: &'a Surface, planes: &'a [Plane], tolerance: f64) -> Self {
+        Self { surface, tolerance, planes: Cow::Borrowed(planes) }
     }
 
     /// The patch of a single triangle.
@@ -148,6 +155,54 @@ impl<'a> Convexity<'a> {
         let dependable = triangles.iter().all(|t| self.planes[*t as usize].normal != DVec3::ZERO);
         let flat = extreme.iter().all(|v| plane.height(self.point(*v)) >= -self.tolerance);
         (dependable && !flat).then(|| Patch { triangles: triangles.to_vec(), extreme, bounds, flat, lead })
+    }
+
+    /// The patch that a few triangles make, and the planes of its hull where that is a polytope; `None` if they do not make
+    /// one. `mine` are these triangles, and those `others` that the surface's spatial index is wrong about, which are
+    /// therefore tested one by one.
+    pub fn patch(
+        &self,
+        triangles: &[u32],
+        mine: impl Fn(u32) -> bool,
+        others: impl Iterator<Item = u32>,
+        buffers: &mut JoinBuffers,
+    ) -> Option<(Patch, Vec<Plane>)> {
+        if let [only] = *triangles {
+            return Some((self.single(only), Vec::new()));
+        }
+        let JoinBuffers { hulls, reach, vertices, points } = buffers;
+        vertices.clear();
+        vertices.extend(triangles.iter().flat_map(|t| self.surface.triangles[*t as usize]));
+        vertices.sort_unstable();
+        vertices.dedup();
+        points.clear();
+        points.extend(vertices.iter().map(|v| self.point(*v)));
+        let supports = |plane: &Plane| {
+            plane.normal != DVec3::ZERO && points.iter().all(|p| plane.height(*p) <= self.tolerance)
+        };
+        if !triangles.iter().all(|t| supports(&self.planes[*t as usize])) {
+            return None;
+        }
+        let lead = *triangles.iter().max_by(|a, b| self.area(**a).total_cmp(&self.area(**b)))?;
+        let plane = self.planes[lead as usize];
+        let flat = points.iter().all(|p| plane.height(*p) >= -self.tolerance);
+        if flat && triangles.iter().any(|t| self.planes[*t as usize].normal.dot(plane.normal) <= 0.0) {
+            return None;
+        }
+        let bounds = bounds_of(points);
+        let hull = hulls.hull(points, HULL_THICKNESS);
+        let mut planes = Vec::new();
+        if !flat && hull.shape == Shape::Polytope {
+            planes.extend(hull.planes(points));
+            let mut reached = |t: u32| reaches_below(&self.surface.corners(t), &planes, self.tolerance, reach);
+            if { others }.any(&mut reached)
+                || self.surface.reaches_into(planes.iter().copied(), bounds, self.tolerance, mine, reach)
+            {
+                return None;
+            }
+        }
+        let extreme = hull.extreme.iter().map(|k| vertices[*k as usize]).collect();
+        Some((Patch { triangles: triangles.to_vec(), extreme, bounds, flat, lead }, planes))
     }
 
     /// The extreme points of the vertices in the buffers, if their hull does not protrude, and the planes of the

@@ -9,6 +9,7 @@
     allow(clippy::print_stdout, reason = "seeds and figures, shown by --nocapture or on failure")
 )]
 
+mod box_tree;
 mod build;
 mod convexity;
 mod decomposition;
@@ -17,6 +18,7 @@ mod hierarchy;
 mod hull;
 mod layout;
 mod parameters;
+mod simplify;
 mod surface;
 
 pub use build::{BuildError, BuildOptions, Stage, build};
