@@ -162,7 +162,7 @@ mod tests {
         let mut rng = StdRng::seed_from_u64(seed);
         let mut random_box = || {
             let p = DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)));
-            (p, p + DVec3::splat(rng.random_range(0.0..0.2)))
+            (p, p + DVec3::splat(rng.random_range(0.0..0.5)))
         };
         let mut boxes: Vec<Bounds> = (0..300).map(|_| random_box()).collect();
         let mut tree = BoxTree::new(&boxes);

@@ -11,12 +11,17 @@
 
 mod box_tree;
 mod build;
+mod containment;
 mod convexity;
 mod decomposition;
+mod deviation;
 mod enclosing;
+mod hausdorff;
 mod hierarchy;
 mod hull;
 mod layout;
+mod levels;
+mod nearest;
 mod parameters;
 mod simplify;
 mod surface;

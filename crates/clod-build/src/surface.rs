@@ -13,7 +13,7 @@ use crate::box_tree::{Bounds, BoxTree, EMPTY, triangle_bounds};
 use crate::hull::Plane;
 
 /// A mesh in unit coordinates with its spatial index.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Surface {
     /// Vertices in unit coordinates.
     pub points: Vec<DVec3>,

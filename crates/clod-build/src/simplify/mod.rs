@@ -19,7 +19,7 @@ mod state;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
 
-use glam::DVec3;
+use palpate_core::TriMesh;
 use palpate_core::mesh::Adjacency;
 use rayon::prelude::*;
 
@@ -52,26 +52,37 @@ struct EdgeState {
     changes: u32,
 }
 
-/// Simplifies a surface that is 2-manifold and oriented. `metres` are its vertices in metres, `areas` are the support areas of its vertices; the levels come out
-/// finest first, without the surface itself.
+/// What bounds a simplification.
+pub(crate) struct Limits {
+    /// Heights up to this count as convex, in unit coordinates.
+    pub tolerance: f64,
+    /// Edges of a lower resolution are left alone; in the inverse of the unit of unit coordinates.
+    pub least_resolution: f64,
+}
+
+/// Simplifies a mesh that is 2-manifold and oriented. `surface` is the same in unit coordinates, `areas` are the support
+/// areas of its vertices; the levels come out finest first, without the mesh itself.
 pub(crate) fn simplify(
-    surface: Surface,
-    metres: Vec<DVec3>,
+    mesh: &TriMesh,
+    surface: &Surface,
     decomposition: &Decomposition,
-    adjacency: &Adjacency,
-    areas: Vec<f64>,
-    tolerance: f64,
+    areas: &[f64],
+    limits: &Limits,
     progress: &mut dyn FnMut(f64),
 ) -> Vec<SimplifiedLevel> {
-    let mut queue = Queue { heap: BinaryHeap::new(), edges: HashMap::new(), changes: vec![0; surface.points.len()] };
-    let mut levels = Levels::new(&surface, decomposition);
-    let mut state = State::new(surface, metres, decomposition, areas, tolerance);
-    queue.fill(&state, adjacency);
+    let mut queue =
+        Queue { heap: BinaryHeap::new(), edges: HashMap::new(), changes: vec![0; surface.points.len()] };
+    let mut levels = Levels::new(surface, decomposition);
+    let mut state =
+        State::new(surface.clone(), mesh.vertices().to_vec(), decomposition, areas.to_vec(), limits.tolerance);
+    queue.fill(&state, &mesh.adjacency());
 
     let all = state.triangles as f64;
     let (mut lowest, mut steps) = (f64::INFINITY, 0u32);
     let mut star = Star::default();
-    while let Some((ends, resolution)) = queue.pop(&state) {
+    while let Some((ends, resolution)) = queue.pop(&state)
+        && resolution >= limits.least_resolution
+    {
         if steps.is_multiple_of(4096) {
             progress(1.0 - (state.triangles as f64 / all).sqrt());
         }
@@ -228,40 +239,6 @@ impl Queue {
                         known.changes = stale;
                     }
                 }
-            }
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use palpate_models::Model;
-
-    use super::*;
-
-    #[test]
-    fn experiment() {
-        let Ok(list) = std::env::var("MODELS") else { return };
-        for text in list.split(',') {
-            let (model, n) = Model::parse(text).expect("a model");
-            let mesh = model.generate(n).expect("in range");
-            let sphere = mesh.bounding_sphere();
-            let adjacency = mesh.adjacency();
-            let surface = Surface::new(&mesh, sphere.center, sphere.radius);
-            let tolerance = 1e-6 * sphere.radius * surface.scale;
-            let t0 = std::time::Instant::now();
-            let d = crate::decomposition::decompose(&surface, &adjacency, tolerance, &mut |_| ());
-            let t1 = t0.elapsed();
-            let unit = sphere.radius * surface.scale;
-            let mut sizes: Vec<usize> = d.patches.iter().map(|p| p.triangles.len()).collect();
-            sizes.sort_unstable();
-            println!("{text}: {} triangles {} patches, largest {:?}", mesh.triangles().len(), d.patches.len(), &sizes[sizes.len().saturating_sub(5)..]);
-            let areas = vec![1.0; mesh.vertices().len()];
-            let levels = simplify(surface, mesh.vertices().to_vec(), &d, &adjacency, areas, tolerance, &mut |_| ());
-            println!("  decompose {t1:?} simplify {:?}", t0.elapsed() - t1);
-            for l in &levels {
-                println!("  {} tris {} patches r {:.2} hits {}", l.mesh.triangles().len(), l.decomposition.patches.len(), l.resolution * unit,
-                    if l.mesh.triangles().len() < 20000 { palpate_mesh_io::self_intersections(&l.mesh).count as i64 } else { -1 });
             }
         }
     }
