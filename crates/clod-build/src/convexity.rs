@@ -158,11 +158,13 @@ impl<'a> Convexity<'a> {
     }
 
     /// The patch that a few triangles make, and the planes of its hull where that is a polytope; `None` if they do not make
-    /// one. `mine` are these triangles, and those `others` that the surface's spatial index is wrong about, which are
+    /// one. `moved` are those of them that were not in the patch as they are now, at a vertex that has moved: the others are
+    /// known to support all other vertices. `mine` are these triangles, and those `others` that the surface's spatial index is wrong about, which are
     /// therefore tested one by one.
     pub fn patch(
         &self,
         triangles: &[u32],
+        (moved, vertex): (impl Fn(u32) -> bool, u32),
         mine: impl Fn(u32) -> bool,
         others: impl Iterator<Item = u32>,
         buffers: &mut JoinBuffers,
@@ -177,10 +179,18 @@ impl<'a> Convexity<'a> {
         vertices.dedup();
         points.clear();
         points.extend(vertices.iter().map(|v| self.point(*v)));
-        let supports = |plane: &Plane| {
-            plane.normal != DVec3::ZERO && points.iter().all(|p| plane.height(*p) <= self.tolerance)
+        let apex = self.point(vertex);
+        let supports = |t: &u32| {
+            let plane = &self.planes[*t as usize];
+            plane.normal != DVec3::ZERO
+                && if moved(*t) {
+                    points.iter().all(|p| plane.height(*p) <= self.tolerance)
+                } else {
+                    plane.height(apex) <= self.tolerance
+                }
         };
-        if !triangles.iter().all(|t| supports(&self.planes[*t as usize])) {
+        let touches = vertices.binary_search(&vertex).is_ok();
+        if touches && !triangles.iter().all(supports) {
             return None;
         }
         let lead = *triangles.iter().max_by(|a, b| self.area(**a).total_cmp(&self.area(**b)))?;
@@ -310,7 +320,7 @@ impl<'a> Convexity<'a> {
 /// The planes that triangles are held to. The normal of a triangle that is narrower than the tolerance says nothing: it
 /// takes that of the neighbour across its longest side, whose plane it lies in as far as the tolerance can tell. Triangles
 /// without an area or such a neighbour get a zero normal, and remain alone.
-fn dependable_planes(surface: &Surface, neighbours: &[[u32; 3]], tolerance: f64) -> Vec<Plane> {
+pub(crate) fn dependable_planes(surface: &Surface, neighbours: &[[u32; 3]], tolerance: f64) -> Vec<Plane> {
     let width = |t: usize| {
         let corners = surface.corners(t as u32);
         let (side, longest) = longest_side(&corners);

@@ -1,11 +1,21 @@
 //! The levels that simplification puts out.
+//!
+//! Departing from §3.3.3, where the parent of a hull is the hull that it was merged into: patches drift as edges collapse, and
+//! one whose last triangle goes was merged into none. The parent is the hull of the coarser level to which the hull has the
+//! least directed Hausdorff distance, since h is what culling pays (Eq. 3.5): on the golf ball and the jaws it falls to a
+//! half to a fifth. Each hull keeps one at least of those that were merged into it.
 
+use glam::DVec3;
 use palpate_core::TriMesh;
+use rayon::prelude::*;
 
 use super::state::State;
+use crate::box_tree::BoxTree;
 use crate::convexity::Patch;
 use crate::decomposition::{Decomposition, NO_PATCH};
-use crate::surface::Surface;
+use crate::hausdorff::Target;
+use crate::hull::HullBuilder;
+use crate::surface::{Surface, bounds_of};
 
 /// A level of detail with its patches.
 #[derive(Debug)]
@@ -29,8 +39,10 @@ pub(crate) struct Levels {
     levels: Vec<SimplifiedLevel>,
     /// For each patch of the last level, the patch of the first one that it was made of and is named by in the state.
     names: Vec<u32>,
+    /// The extreme points of its patches' hulls.
+    hulls: Vec<Vec<DVec3>>,
     scale: f64,
-    center: glam::DVec3,
+    center: DVec3,
 }
 
 impl Levels {
@@ -38,6 +50,11 @@ impl Levels {
     pub fn new(surface: &Surface, decomposition: &Decomposition) -> Self {
         Self {
             levels: Vec::new(),
+            hulls: decomposition
+                .patches
+                .iter()
+                .map(|patch| patch.extreme.iter().map(|v| surface.points[*v as usize]).collect())
+                .collect(),
             names: (0..decomposition.patches.len() as u32).collect(),
             scale: surface.scale,
             center: surface.center,
@@ -93,17 +110,19 @@ impl Levels {
                 patch_of[*t as usize] = k as u32;
             }
         }
-        let parent_of = self
-            .names
+        let heirs = self.names.iter().map(|name| {
+            let mut here = *name;
+            while state.went_into[here as usize] != here {
+                here = state.went_into[here as usize];
+            }
+            place[here as usize]
+        });
+        let heirs: Vec<u32> = heirs.collect();
+        let hulls: Vec<Vec<DVec3>> = patches
             .iter()
-            .map(|name| {
-                let mut here = *name;
-                while state.went_into[here as usize] != here {
-                    here = state.went_into[here as usize];
-                }
-                place[here as usize]
-            })
+            .map(|patch| patch.extreme.iter().map(|v| points[*v as usize]).collect())
             .collect();
+        let parent_of = nearest_parents(&self.hulls, &hulls, &heirs);
         let surface = Surface::from_parts(points, triangles.clone(), self.scale, self.center);
         let Ok(mesh) = TriMesh::new(metres, triangles) else { return };
         self.levels.push(SimplifiedLevel {
@@ -115,10 +134,74 @@ impl Levels {
             parent_of,
         });
         self.names = names;
+        self.hulls = hulls;
     }
 
     /// All of them.
     pub fn finish(self) -> Vec<SimplifiedLevel> {
         self.levels
     }
+}
+
+/// For each hull (given by its points) the one among `coarser` to which it has the least directed Hausdorff distance; of
+/// equal ones that which `heirs` names, or the first. Then each of `coarser` that has got none takes the nearest of those it
+/// is the heir of, or, had it none, of all others' that are not the only one.
+fn nearest_parents(finer: &[Vec<DVec3>], coarser: &[Vec<DVec3>], heirs: &[u32]) -> Vec<u32> {
+    let targets: Vec<Target> = coarser
+        .par_iter()
+        .map_init(HullBuilder::default, |builder, points| Target::new(points.clone(), builder))
+        .collect();
+    let boxes: Vec<_> = coarser.iter().map(|points| bounds_of(points)).collect();
+    let tree = BoxTree::new(&boxes);
+    let farthest = |points: &[DVec3], target: u32, limit: f64| {
+        let mut most = 0.0f64;
+        for p in points {
+            most = most.max(targets[target as usize].distance(*p));
+            if most > limit {
+                break;
+            }
+        }
+        most
+    };
+    let mut parents: Vec<(u32, f64)> = finer
+        .par_iter()
+        .zip(heirs)
+        .map_init(Vec::new, |stack, (points, heir)| {
+            let mut best = (*heir, farthest(points, *heir, f64::INFINITY));
+            let (low, high) = bounds_of(points);
+            let reach = DVec3::splat(best.1);
+            tree.any_near((low - reach, high + reach), stack, |candidate| {
+                let distance = farthest(points, candidate, best.1);
+                if distance < best.1 || distance == best.1 && candidate < best.0 && best.0 != *heir {
+                    best = (candidate, distance);
+                }
+                best.1 == 0.0 && best.0 == *heir
+            });
+            best
+        })
+        .collect();
+    let mut children = vec![0u32; coarser.len()];
+    parents.iter().for_each(|(parent, _)| children[*parent as usize] += 1);
+    let mut heirs_of: Vec<Vec<u32>> = vec![Vec::new(); coarser.len()];
+    for (child, heir) in (0u32..).zip(heirs) {
+        heirs_of[*heir as usize].push(child);
+    }
+    for lonely in 0..coarser.len() as u32 {
+        if children[lonely as usize] > 0 {
+            continue;
+        }
+        let free = |child: &u32| children[parents[*child as usize].0 as usize] > 1;
+        let nearest = |candidates: &mut dyn Iterator<Item = u32>| {
+            candidates
+                .map(|child| (child, farthest(&finer[child as usize], lonely, f64::INFINITY)))
+                .min_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)))
+        };
+        let own = nearest(&mut heirs_of[lonely as usize].iter().copied().filter(free));
+        if let Some((child, distance)) = own.or_else(|| nearest(&mut (0..finer.len() as u32).filter(free))) {
+            children[parents[child as usize].0 as usize] -= 1;
+            children[lonely as usize] = 1;
+            parents[child as usize] = (lonely, distance);
+        }
+    }
+    parents.into_iter().map(|(parent, _)| parent).collect()
 }

@@ -6,7 +6,11 @@
 //! Departures. The queue is lazy: when a collapse changes the surroundings of an edge, its resolution is computed again only
 //! when it comes up (at once for the edges of the merged vertex). A last level is put out when no edge is left, if it has
 //! noticeably fewer patches than the one before, since all of the work that went into it would otherwise be lost. Where the
-//! position v̂ is not feasible itself, the search starts from the last feasible position on the way to it.
+//! position v̂ is not feasible itself, the search starts from the last feasible position on the way to it. Where none is
+//! valid on the way from v̂ to ṽ, the ways from the middle of the edge and from its ends are tried: the surface of a
+//! lathe or an extrusion, whose patches have flat quadrilaterals inside, leaves the vertex hardly any other place (a cup of
+//! 20,000 triangles comes down to 144 of them instead of 9,054). The hull that a hull's parent in the tree is chosen to be
+//! near to is explained with the levels.
 
 mod filter;
 mod intersect;
@@ -26,6 +30,7 @@ use rayon::prelude::*;
 use crate::decomposition::Decomposition;
 use crate::surface::Surface;
 pub(crate) use levels::SimplifiedLevel;
+use filter::Path;
 use levels::Levels;
 use star::Star;
 use state::State;
@@ -73,14 +78,22 @@ pub(crate) fn simplify(
     let mut queue =
         Queue { heap: BinaryHeap::new(), edges: HashMap::new(), changes: vec![0; surface.points.len()] };
     let mut levels = Levels::new(surface, decomposition);
-    let mut state =
-        State::new(surface.clone(), mesh.vertices().to_vec(), decomposition, areas.to_vec(), limits.tolerance);
-    queue.fill(&state, &mesh.adjacency());
+    let adjacency = mesh.adjacency();
+    let mut state = State::new(
+        surface.clone(),
+        mesh.vertices().to_vec(),
+        adjacency.neighbours(),
+        decomposition,
+        areas.to_vec(),
+        limits.tolerance,
+    );
+    queue.fill(&state, &adjacency);
 
     let all = state.triangles as f64;
     let (mut lowest, mut steps) = (f64::INFINITY, 0u32);
     let mut star = Star::default();
-    while let Some((ends, resolution)) = queue.pop(&state)
+    while state.patches > 1
+        && let Some((ends, resolution)) = queue.pop(&state)
         && resolution >= limits.least_resolution
     {
         if steps.is_multiple_of(4096) {
@@ -97,9 +110,6 @@ pub(crate) fn simplify(
         if 2 * state.patches <= levels.patches() {
             levels.put_out(&mut state, lowest);
         }
-        if state.patches == 1 {
-            break;
-        }
     }
     if (state.patches as f64) <= (1.0 - NOTICEABLE) * levels.patches() as f64 {
         levels.put_out(&mut state, lowest);
@@ -115,7 +125,15 @@ fn collapse(state: &mut State, ends: [u32; 2], star: &mut Star) -> Option<Vec<u3
     }
     let near = state.neighbourhood();
     let path = near.path(star, &state.quadric(ends));
-    let (low, high) = near.feasible(star, &path, &state.patch_of, state.tolerance())?;
+    let filtered = path.filtered;
+    let [p, q] = ends.map(|v| state.surface.points[v as usize]);
+    [path.least, 0.5 * (p + q), p, q].into_iter().find_map(|least| along(state, star, &Path { least, filtered }))
+}
+
+/// Collapses to the position nearest to the filtered one that is valid, among those tried on a path.
+fn along(state: &mut State, star: &Star, path: &Path) -> Option<Vec<u32>> {
+    let (low, high) =
+        state.neighbourhood().feasible(star, path, &state.patch_of, state.tolerance())?;
     // u of the best valid position and of an invalid one that is nearer to the goal; the last one tried.
     let (mut good, mut bad, mut last, mut steps) = (high, low, low, 0);
     state.collapse(star, |valid| {

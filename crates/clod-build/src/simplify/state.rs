@@ -14,7 +14,7 @@ use super::intersect::intersect;
 use super::quadric::Quadric;
 use super::star::{Fans, Star};
 use crate::box_tree::{BoxTree, EMPTY, meet};
-use crate::convexity::{Convexity, HULL_THICKNESS, JoinBuffers, Patch};
+use crate::convexity::{Convexity, HULL_THICKNESS, JoinBuffers, Patch, dependable_planes};
 use crate::decomposition::{Decomposition, NO_PATCH};
 use crate::hull::{HullBuilder, Plane, Shape};
 use crate::surface::{ReachBuffers, Surface, reaches_below};
@@ -23,7 +23,7 @@ use crate::surface::{ReachBuffers, Surface, reaches_below};
 const LEAST_WIDTH: f64 = 1e-3;
 
 /// Patches of more triangles are not collapsed into: each try would cost their number.
-const LARGEST_PATCH: usize = 1024;
+const LARGEST_PATCH: usize = 4096;
 
 /// A patch with the planes of its hull (none for a flat one).
 #[derive(Clone, Debug)]
@@ -61,16 +61,17 @@ pub(crate) struct State {
 }
 
 impl State {
-    /// Starts from a surface and its patches.
+    /// Starts from a surface and its patches; `metres` are its vertices, m, `neighbours` the triangles across the sides of each.
     pub fn new(
         surface: Surface,
         metres: Vec<DVec3>,
+        neighbours: &[[u32; 3]],
         decomposition: &Decomposition,
         areas: Vec<f64>,
         tolerance: f64,
     ) -> Self {
         let fans = Fans::new(surface.points.len(), &surface.triangles);
-        let planes = surface.planes.clone();
+        let planes = dependable_planes(&surface, neighbours, tolerance);
         let mut builder = HullBuilder::default();
         let members: Vec<_> = decomposition
             .patches
@@ -139,9 +140,8 @@ impl State {
         self.tolerance
     }
 
-    /// Collapses an edge to the first of the positions that is valid, given by a search: `next` is told whether the last
-    /// position was valid and gives another to try, or none. The best valid one is that tried last. Tells the patches that
-    /// have changed, if the edge was collapsed.
+    /// Collapses an edge to the last valid one of the positions that a search tries: `next` is told whether the position
+    /// before was valid, and gives another to try or none. Tells the patches that have changed, if the edge was collapsed.
     pub fn collapse(
         &mut self,
         star: &Star,
@@ -239,7 +239,8 @@ impl State {
             let patch_of = &self.patch_of;
             let mine = |t: u32| [p, NO_PATCH].contains(&patch_of[t as usize]) || in_star(t);
             let others = star.fan.iter().map(|s| s.triangle).filter(|t| patch_of[*t as usize] != p);
-            let (patch, planes) = convexity.patch(&left, mine, others, &mut self.joins)?;
+            let moved = |t: u32| star.fan.iter().any(|s| s.triangle == t);
+            let (patch, planes) = convexity.patch(&left, (moved, star.ends[0]), mine, others, &mut self.joins)?;
             changes.push((p, Some(Member { patch, planes })));
         }
         (!self.reaches_into_others(star, affected) && !self.intersects(star)).then_some(changes)
