@@ -3,7 +3,7 @@
 //! Departing from §3.3.3, where the parent of a hull is the hull that it was merged into: patches drift as edges collapse, and
 //! one whose last triangle goes was merged into none. The parent is the hull of the coarser level to which the hull has the
 //! least directed Hausdorff distance, since h is what culling pays (Eq. 3.5): on the golf ball and the jaws it falls to a
-//! half to a fifth. Each hull keeps one at least of those that were merged into it.
+//! half to a fifth. Each hull is the parent of one at least.
 
 use glam::DVec3;
 use palpate_core::TriMesh;
@@ -144,8 +144,8 @@ impl Levels {
 }
 
 /// For each hull (given by its points) the one among `coarser` to which it has the least directed Hausdorff distance; of
-/// equal ones that which `heirs` names, or the first. Then each of `coarser` that has got none takes the nearest of those it
-/// is the heir of, or, had it none, of all others' that are not the only one.
+/// equal ones that which `heirs` names, or the first. Then each of `coarser` that has got none takes the nearest that is
+/// not an only child.
 fn nearest_parents(finer: &[Vec<DVec3>], coarser: &[Vec<DVec3>], heirs: &[u32]) -> Vec<u32> {
     let targets: Vec<Target> = coarser
         .par_iter()
@@ -186,18 +186,35 @@ fn nearest_parents(finer: &[Vec<DVec3>], coarser: &[Vec<DVec3>], heirs: &[u32]) 
     for (child, heir) in (0u32..).zip(heirs) {
         heirs_of[*heir as usize].push(child);
     }
+    let finer_boxes: Vec<_> = finer.iter().map(|points| bounds_of(points)).collect();
+    let finer_tree = BoxTree::new(&finer_boxes);
+    let mut stack = Vec::new();
     for lonely in 0..coarser.len() as u32 {
         if children[lonely as usize] > 0 {
             continue;
         }
-        let free = |child: &u32| children[parents[*child as usize].0 as usize] > 1;
-        let nearest = |candidates: &mut dyn Iterator<Item = u32>| {
-            candidates
-                .map(|child| (child, farthest(&finer[child as usize], lonely, f64::INFINITY)))
-                .min_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)))
+        // From the nearest that was merged into it to any other that is nearer, of those that are not an only child.
+        let mut best: Option<(f64, u32)> = None;
+        let consider = |best: &mut Option<(f64, u32)>, child: u32| {
+            if children[parents[child as usize].0 as usize] > 1 {
+                let limit = best.map_or(f64::INFINITY, |b| b.0);
+                let distance = farthest(&finer[child as usize], lonely, limit);
+                if best.is_none_or(|b| (distance, child) < b) {
+                    *best = Some((distance, child));
+                }
+            }
         };
-        let own = nearest(&mut heirs_of[lonely as usize].iter().copied().filter(free));
-        if let Some((child, distance)) = own.or_else(|| nearest(&mut (0..finer.len() as u32).filter(free))) {
+        heirs_of[lonely as usize].iter().for_each(|child| consider(&mut best, *child));
+        let (low, high) = boxes[lonely as usize];
+        let reach = high.distance(low);
+        finer_tree.any_near((low - reach, high + reach), &mut stack, |child| {
+            consider(&mut best, child);
+            false
+        });
+        if best.is_none() {
+            (0..finer.len() as u32).for_each(|child| consider(&mut best, child));
+        }
+        if let Some((distance, child)) = best {
             children[parents[child as usize].0 as usize] -= 1;
             children[lonely as usize] = 1;
             parents[child as usize] = (lonely, distance);

@@ -127,7 +127,9 @@ fn collapse(state: &mut State, ends: [u32; 2], star: &mut Star) -> Option<Vec<u3
     let path = near.path(star, &state.quadric(ends));
     let filtered = path.filtered;
     let [p, q] = ends.map(|v| state.surface.points[v as usize]);
-    [path.least, 0.5 * (p + q), p, q].into_iter().find_map(|least| along(state, star, &Path { least, filtered }))
+    // On the border only the quadrics know of its shape.
+    let starts = if star.border { 1 } else { 4 };
+    [path.least, 0.5 * (p + q), p, q].into_iter().take(starts).find_map(|least| along(state, star, &Path { least, filtered }))
 }
 
 /// Collapses to the position nearest to the filtered one that is valid, among those tried on a path.
