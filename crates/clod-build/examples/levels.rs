@@ -18,7 +18,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     if arguments.is_empty() {
         arguments = TABLE.map(str::to_owned).to_vec();
     }
-    println!("| model | triangles | patches | simplified triangles | patches | r₁ | r_λ | free | levels | MB | s |");
+    println!(
+        "| model | triangles | patches | simplified triangles | patches | r₁ | r_λ | free | levels | MB | s |"
+    );
     println!("|---|---|---|---|---|---|---|---|---|---|---|");
     for text in &arguments {
         let (model, triangles) = Model::parse(text)?;
@@ -44,7 +46,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         if each_level {
             for (k, level) in clod.levels.iter().enumerate() {
                 let nodes = clod.level(k);
-                let most = |f: &dyn Fn(&palpate_core::clod::Node) -> f64| nodes.iter().map(f).fold(0.0, f64::max);
+                let most =
+                    |f: &dyn Fn(&palpate_core::clod::Node) -> f64| nodes.iter().map(f).fold(0.0, f64::max);
                 println!(
                     "    level {k}: {} triangles, {} nodes ({} contained), r {:.2}, s {:.4}, h {:.4}{}",
                     level.triangles,

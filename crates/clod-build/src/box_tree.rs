@@ -66,9 +66,8 @@ impl BoxTree {
             }
             return;
         }
-        let (near, far) = order
-            .iter()
-            .fold(EMPTY, |(n, f), k| (n.min(middles[*k as usize]), f.max(middles[*k as usize])));
+        let (near, far) =
+            order.iter().fold(EMPTY, |(n, f), k| (n.min(middles[*k as usize]), f.max(middles[*k as usize])));
         let axis = (far - near).max_position();
         let half = order.len() / 2;
         order.select_nth_unstable_by(half, |a, b| {

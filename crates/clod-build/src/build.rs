@@ -191,12 +191,15 @@ pub fn build(
     progress(Stage::Hierarchy, 1.0);
 
     progress(Stage::Parameters, 0.0);
-    let first = Regular { mesh, surface: &surface, decomposition: &decomposition, areas: &areas, parent_of: None };
+    let first =
+        Regular { mesh, surface: &surface, decomposition: &decomposition, areas: &areas, parent_of: None };
     let finest = finest_resolution(mesh, &adjacency, NEGLIGIBLE * radius);
     let regular: Vec<(Regular<'_>, f64)> = std::iter::once((first, finest))
-        .chain(simplified.iter().map(|level| {
-            (Regular::from(level), finest.min(level.resolution * surface.scale))
-        }))
+        .chain(
+            simplified
+                .iter()
+                .map(|level| (Regular::from(level), finest.min(level.resolution * surface.scale))),
+        )
         .collect();
     let hull_vertices: usize = regular
         .iter()

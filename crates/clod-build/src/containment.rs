@@ -22,9 +22,7 @@ pub(crate) fn contained(
     decomposition
         .patches
         .par_iter()
-        .map_init(HullBuilder::default, |hulls, patch| {
-            solid && lies_inside(surface, patch, tolerance, hulls)
-        })
+        .map_init(HullBuilder::default, |hulls, patch| solid && lies_inside(surface, patch, tolerance, hulls))
         .collect()
 }
 

@@ -204,7 +204,8 @@ impl<'a> Convexity<'a> {
         let mut planes = Vec::new();
         if !flat && hull.shape == Shape::Polytope {
             planes.extend(hull.planes(points));
-            let mut reached = |t: u32| reaches_below(&self.surface.corners(t), &planes, self.tolerance, reach);
+            let mut reached =
+                |t: u32| reaches_below(&self.surface.corners(t), &planes, self.tolerance, reach);
             if { others }.any(&mut reached)
                 || self.surface.reaches_into(planes.iter().copied(), bounds, self.tolerance, mine, reach)
             {

@@ -62,9 +62,8 @@ impl Range {
                     break;
                 }
                 let one = target.corners(corners[k].nearest);
-                bound = bound.min(
-                    corners.iter().map(|c| distance_to_triangle(c.point, one)).fold(0.0, f64::max),
-                );
+                bound =
+                    bound.min(corners.iter().map(|c| distance_to_triangle(c.point, one)).fold(0.0, f64::max));
             }
             if bound <= accepted || depth == MOST_DIVISIONS {
                 self.bound = self.bound.max(bound);

@@ -50,9 +50,11 @@ impl Target {
         if let [only] = **extreme {
             return p.distance(at(only));
         }
-        least(&mut extreme[1..].windows(2.min(extreme.len() - 1)).map(|w| {
-            distance_to_triangle(p, [at(first), at(w[0]), at(w[w.len() - 1])])
-        }))
+        least(
+            &mut extreme[1..]
+                .windows(2.min(extreme.len() - 1))
+                .map(|w| distance_to_triangle(p, [at(first), at(w[0]), at(w[w.len() - 1])])),
+        )
     }
 }
 
@@ -106,8 +108,11 @@ mod tests {
         let mut outside = 0;
         for round in 0..200 {
             let flatten = [1.0, 0.0, 1.0][round % 3];
-            let mut random =
-                || DVec3::from_array(std::array::from_fn(|k| rng.random_range(-1.0..1.0) * if k == 2 { flatten } else { 1.0 }));
+            let mut random = || {
+                DVec3::from_array(std::array::from_fn(|k| {
+                    rng.random_range(-1.0..1.0) * if k == 2 { flatten } else { 1.0 }
+                }))
+            };
             let count = [12, 7, 2, 1][round % 4];
             let points: Vec<DVec3> = (0..count).map(|_| random()).collect();
             let p = 1.5 * random() + DVec3::Z * (1.0 - flatten);
@@ -115,7 +120,11 @@ mod tests {
             // Frank-Wolfe with away steps would be quicker; plain steps get near enough.
             let mut x = points[0];
             for _ in 0..20_000 {
-                let s = points.iter().copied().min_by(|a, b| (x - p).dot(*a).total_cmp(&(x - p).dot(*b))).unwrap_or(x);
+                let s = points
+                    .iter()
+                    .copied()
+                    .min_by(|a, b| (x - p).dot(*a).total_cmp(&(x - p).dot(*b)))
+                    .unwrap_or(x);
                 let along = s - x;
                 if along.length_squared() < 1e-30 {
                     break;

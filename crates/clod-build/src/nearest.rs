@@ -67,7 +67,8 @@ pub(crate) fn nearest_triangle(surface: &Surface, p: DVec3) -> (u32, f64) {
             }
         } else {
             let children = [index + 1, node.first].map(|c| (c, squared_to(c)));
-            let [near, far] = if children[0].1 <= children[1].1 { children } else { [children[1], children[0]] };
+            let [near, far] =
+                if children[0].1 <= children[1].1 { children } else { [children[1], children[0]] };
             stack.extend([far, near]);
         }
     }

@@ -48,9 +48,14 @@ fn bulge(clod: &Clod, node: &Node) -> f64 {
 }
 
 fn models() -> Vec<(&'static str, TriMesh)> {
-    [("golf ball", Model::GolfBall), ("lower jaw", Model::LowerJaw), ("cup", Model::Cup), ("torus", Model::Torus)]
-        .map(|(name, model)| (name, model.generate(4000).expect("within range")))
-        .into()
+    [
+        ("golf ball", Model::GolfBall),
+        ("lower jaw", Model::LowerJaw),
+        ("cup", Model::Cup),
+        ("torus", Model::Torus),
+    ]
+    .map(|(name, model)| (name, model.generate(4000).expect("within range")))
+    .into()
 }
 
 #[test]
@@ -58,7 +63,10 @@ fn every_level_is_a_sound_surface_of_convex_patches() {
     for (name, mesh) in models() {
         let clod = simplified(&mesh);
         let levels = regular(&clod);
-        println!("{name}: {:?}", clod.levels.iter().map(|l| (l.triangles, l.nodes.len(), l.free)).collect::<Vec<_>>());
+        println!(
+            "{name}: {:?}",
+            clod.levels.iter().map(|l| (l.triangles, l.nodes.len(), l.free)).collect::<Vec<_>>()
+        );
         assert!(levels > 3, "{name} has {levels} levels");
         let radius = clod.bounding_radius();
         let euler = |mesh: &TriMesh| {
@@ -159,7 +167,8 @@ fn the_same_bytes_whatever_the_threads_and_the_units() {
 #[test]
 fn support_areas_never_grow() {
     let clod = simplified(&Model::GolfBall.generate(4000).expect("within range"));
-    let most = |k: usize| clod.level(k).iter().flat_map(|n| clod.support_areas(n)).copied().fold(0.0, f64::max);
+    let most =
+        |k: usize| clod.level(k).iter().flat_map(|n| clod.support_areas(n)).copied().fold(0.0, f64::max);
     for k in 1..regular(&clod) {
         assert!(most(k) <= most(k - 1) && most(k) > 0.0);
     }

@@ -116,7 +116,10 @@ fn separated_by_no_line(p: &[DVec2], q: &[DVec2]) -> bool {
                 .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)))
         };
         let (p, q) = (range(p), range(q));
-        p.1 < 0.0 && q.0 >= 0.0 || p.1 <= 0.0 && q.0 > 0.0 || q.1 < 0.0 && p.0 >= 0.0 || q.1 <= 0.0 && p.0 > 0.0
+        p.1 < 0.0 && q.0 >= 0.0
+            || p.1 <= 0.0 && q.0 > 0.0
+            || q.1 < 0.0 && p.0 >= 0.0
+            || q.1 <= 0.0 && p.0 > 0.0
     };
     let sides = |set: &[DVec2]| (0..set.len()).any(|k| separates(set[k], set[(k + 1) % set.len()]));
     // Segments on one line are separated across it.
@@ -151,7 +154,8 @@ mod tests {
                 .map(|_| {
                     DVec3::from_array(std::array::from_fn(|k| {
                         if lattice {
-                            f64::from(rng.random_range(-2..=2)) * if k == 2 && round % 4 == 0 { 0.0 } else { 1.0 }
+                            f64::from(rng.random_range(-2..=2))
+                                * if k == 2 && round % 4 == 0 { 0.0 } else { 1.0 }
                         } else {
                             rng.random_range(-1.0..1.0)
                         }
@@ -183,6 +187,9 @@ mod tests {
             assert_eq!(found, intersect(&points, b, a), "round {round}: {points:?}");
             seen[shared][usize::from(found)] += 1;
         }
-        assert!(seen.iter().all(|s| s[0] > 100) && seen[0][1] > 50 && seen[1][1] > 50 && seen[2][1] > 5, "{seen:?}");
+        assert!(
+            seen.iter().all(|s| s[0] > 100) && seen[0][1] > 50 && seen[1][1] > 50 && seen[2][1] > 5,
+            "{seen:?}"
+        );
     }
 }

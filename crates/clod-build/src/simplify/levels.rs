@@ -2,8 +2,7 @@
 //!
 //! Departing from §3.3.3, where the parent of a hull is the hull that it was merged into: patches drift as edges collapse, and
 //! one whose last triangle goes was merged into none. The parent is the hull of the coarser level to which the hull has the
-//! least directed Hausdorff distance, since h is what culling pays (Eq. 3.5): on the golf ball and the jaws it falls to a
-//! half to a fifth. Each hull is the parent of one at least.
+//! least directed Hausdorff distance, since h is what culling pays (Eq. 3.5). Each hull is the parent of one at least.
 
 use glam::DVec3;
 use palpate_core::TriMesh;
@@ -118,10 +117,8 @@ impl Levels {
             place[here as usize]
         });
         let heirs: Vec<u32> = heirs.collect();
-        let hulls: Vec<Vec<DVec3>> = patches
-            .iter()
-            .map(|patch| patch.extreme.iter().map(|v| points[*v as usize]).collect())
-            .collect();
+        let hulls: Vec<Vec<DVec3>> =
+            patches.iter().map(|patch| patch.extreme.iter().map(|v| points[*v as usize]).collect()).collect();
         let parent_of = nearest_parents(&self.hulls, &hulls, &heirs);
         let surface = Surface::from_parts(points, triangles.clone(), self.scale, self.center);
         let Ok(mesh) = TriMesh::new(metres, triangles) else { return };

@@ -29,9 +29,9 @@ use rayon::prelude::*;
 
 use crate::decomposition::Decomposition;
 use crate::surface::Surface;
-pub(crate) use levels::SimplifiedLevel;
 use filter::Path;
 use levels::Levels;
+pub(crate) use levels::SimplifiedLevel;
 use star::Star;
 use state::State;
 
@@ -129,13 +129,15 @@ fn collapse(state: &mut State, ends: [u32; 2], star: &mut Star) -> Option<Vec<u3
     let [p, q] = ends.map(|v| state.surface.points[v as usize]);
     // On the border only the quadrics know of its shape.
     let starts = if star.border { 1 } else { 4 };
-    [path.least, 0.5 * (p + q), p, q].into_iter().take(starts).find_map(|least| along(state, star, &Path { least, filtered }))
+    [path.least, 0.5 * (p + q), p, q]
+        .into_iter()
+        .take(starts)
+        .find_map(|least| along(state, star, &Path { least, filtered }))
 }
 
 /// Collapses to the position nearest to the filtered one that is valid, among those tried on a path.
 fn along(state: &mut State, star: &Star, path: &Path) -> Option<Vec<u32>> {
-    let (low, high) =
-        state.neighbourhood().feasible(star, path, &state.patch_of, state.tolerance())?;
+    let (low, high) = state.neighbourhood().feasible(star, path, &state.patch_of, state.tolerance())?;
     // u of the best valid position and of an invalid one that is nearer to the goal; the last one tried.
     let (mut good, mut bad, mut last, mut steps) = (high, low, low, 0);
     state.collapse(star, |valid| {

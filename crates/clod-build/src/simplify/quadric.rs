@@ -71,7 +71,8 @@ mod tests {
 
     #[test]
     fn border_holds_the_edge_but_not_along_it() {
-        let border = Quadric::border(DVec3::ZERO, DVec3::X, DVec3::Z).plus(&Quadric::plane(DVec3::Z, 0.0, 1.0));
+        let border =
+            Quadric::border(DVec3::ZERO, DVec3::X, DVec3::Z).plus(&Quadric::plane(DVec3::Z, 0.0, 1.0));
         let p = border.minimum(DVec3::new(0.4, 0.2, 0.1));
         assert!((p - DVec3::X * 0.4).length() < 1e-3, "{p}");
     }

@@ -58,7 +58,8 @@ mod tests {
         println!("seed {seed}");
         let mut rng = StdRng::seed_from_u64(seed);
         for _ in 0..200 {
-            let mut at = |y: std::ops::Range<f64>| DVec3::new(rng.random_range(-1.0..1.0), rng.random_range(y), 0.0);
+            let mut at =
+                |y: std::ops::Range<f64>| DVec3::new(rng.random_range(-1.0..1.0), rng.random_range(y), 0.0);
             let (l, m) = (at(0.1..1.0), at(-1.0..-0.1));
             let (j, k) = (DVec3::X * -0.6, DVec3::X * 0.7);
             let c = difference(j, k, l, m).expect("no triangle is flat");

@@ -97,7 +97,8 @@ impl Fans {
         let borders = ends.map(|v| self.on_border(triangles, v));
         star.border = borders[0] || borders[1];
         let sides = star.removed.len();
-        if sides == 0 || sides == 1 && borders != [true; 2] || sides == 2 && borders == [true; 2] || sides > 2 {
+        if sides == 0 || sides == 1 && borders != [true; 2] || sides == 2 && borders == [true; 2] || sides > 2
+        {
             return false;
         }
         // In the fan around the merged vertex each vertex of the rim may follow once and precede once, and no two triangles
@@ -174,10 +175,12 @@ mod tests {
         }
         assert!(!allowed(&octahedron, [0, 5]) && !allowed(&octahedron, [1, 3]), "no edges");
         // Around a triangular tube: the ring 0, 1, 2 is no triangle, and would be pinched shut.
-        let ring = |a: u32, b: u32| (0..3).flat_map(move |k| {
-            let l = (k + 1) % 3;
-            [[a + k, a + l, b + k], [b + k, a + l, b + l]]
-        });
+        let ring = |a: u32, b: u32| {
+            (0..3).flat_map(move |k| {
+                let l = (k + 1) % 3;
+                [[a + k, a + l, b + k], [b + k, a + l, b + l]]
+            })
+        };
         let mut tube: Vec<[u32; 3]> = [ring(3, 0), ring(0, 6)].into_iter().flatten().collect();
         tube.extend([[3, 5, 4], [6, 7, 8]]);
         assert!(!allowed(&tube, [0, 1]));

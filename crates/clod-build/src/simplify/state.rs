@@ -148,10 +148,9 @@ impl State {
         mut next: impl FnMut(Option<bool>) -> Option<DVec3>,
     ) -> Option<Vec<u32>> {
         let affected = self.affected(star);
-        if affected
-            .iter()
-            .any(|p| self.members[*p as usize].as_ref().is_none_or(|m| m.patch.triangles.len() > LARGEST_PATCH))
-        {
+        if affected.iter().any(|p| {
+            self.members[*p as usize].as_ref().is_none_or(|m| m.patch.triangles.len() > LARGEST_PATCH)
+        }) {
             return None;
         }
         let kept = star.ends[0] as usize;
@@ -218,14 +217,14 @@ impl State {
             let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
             let width = (b - a).cross(c - a).length() / longest;
             let turned = self.planes[spoke.triangle as usize].normal.dot(before.normal) <= 0.0;
-            width > self.tolerance && width > LEAST_WIDTH * longest && (!turned || before.normal == DVec3::ZERO)
+            width > self.tolerance
+                && width > LEAST_WIDTH * longest
+                && (!turned || before.normal == DVec3::ZERO)
         });
         if !sound {
             return None;
         }
-        let in_star = |t: u32| {
-            star.fan.iter().any(|s| s.triangle == t) || star.removed.contains(&t)
-        };
+        let in_star = |t: u32| star.fan.iter().any(|s| s.triangle == t) || star.removed.contains(&t);
         let mut changes = Vec::with_capacity(affected.len());
         let convexity = Convexity::with_planes(&self.surface, &self.planes, self.tolerance);
         for &p in affected {
@@ -240,7 +239,8 @@ impl State {
             let mine = |t: u32| [p, NO_PATCH].contains(&patch_of[t as usize]) || in_star(t);
             let others = star.fan.iter().map(|s| s.triangle).filter(|t| patch_of[*t as usize] != p);
             let moved = |t: u32| star.fan.iter().any(|s| s.triangle == t);
-            let (patch, planes) = convexity.patch(&left, (moved, star.ends[0]), mine, others, &mut self.joins)?;
+            let (patch, planes) =
+                convexity.patch(&left, (moved, star.ends[0]), mine, others, &mut self.joins)?;
             changes.push((p, Some(Member { patch, planes })));
         }
         (!self.reaches_into_others(star, affected) && !self.intersects(star)).then_some(changes)
