@@ -42,8 +42,7 @@ fn nasty_files_build_with_and_without_repair() {
                 continue;
             }
             before = Some(loaded.mesh.clone());
-            let options = BuildOptions { simplify: true, ..BuildOptions::default() };
-            match build(&loaded.mesh, &options, &mut |_, _| ()) {
+            match build(&loaded.mesh, &BuildOptions::default(), &mut |_, _| ()) {
                 Ok(clod) => {
                     clod.validate().unwrap_or_else(|e| panic!("{}: {e}", path.display()));
                     count += 1;
