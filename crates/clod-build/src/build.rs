@@ -4,23 +4,18 @@ use std::f64::consts::FRAC_PI_2;
 
 use glam::{DMat3, DVec3};
 use palpate_core::clod::Source;
-use palpate_core::mesh::{Adjacency, NO_NEIGHBOUR};
 use palpate_core::{Clod, TriMesh};
-use rayon::prelude::*;
 
-use crate::convexity::{HULL_THICKNESS, Patch, layer_below};
-use crate::decomposition::{Decomposition, decompose};
+use crate::decomposition::decompose;
+use crate::hausdorff::set_hausdorff_distances;
 use crate::hierarchy::merge_to_root;
-use crate::hull::{HullBuilder, Plane};
-use crate::layout::{Parts, lay_out};
+use crate::levels::{Regular, assemble};
 use crate::parameters::{finest_resolution, support_areas};
+use crate::simplify::{Limits, simplify};
 use crate::surface::Surface;
 
 /// Edges shorter than this fraction of the bounding radius join copies of a vertex.
 const NEGLIGIBLE: f64 = 1e-9;
-
-/// Faces of a thin hull below which a point inside of it is looked for.
-const MAX_FACES_TRIED: usize = 64;
 
 /// Lengths (m) from the reciprocal of this to this are accepted: their fifth powers, which inertia needs, are far within the
 /// range of f64.
@@ -38,13 +33,24 @@ pub struct BuildOptions {
     pub tolerance: f64,
     /// Distance tolerance of support areas (§3.3.5) along a vertex normal: a fraction of the bounding radius.
     pub support_distance: f64,
+    /// Whether to make levels of detail by simplification (§3.3.3) before patches are merged freely. A mesh that is not
+    /// 2-manifold and oriented is never simplified.
+    pub simplify: bool,
+    /// Where simplification ends: at the resolution (Eq. 3.1) that is this over the bounding radius.
+    pub coarsest: f64,
     /// Half angle of the normal cone of support areas (§3.3.5), rad.
     pub support_cone: f64,
 }
 
 impl Default for BuildOptions {
     fn default() -> Self {
-        Self { tolerance: 1e-6, support_distance: 0.025, support_cone: std::f64::consts::FRAC_PI_3 }
+        Self {
+            tolerance: 1e-6,
+            support_distance: 0.025,
+            support_cone: std::f64::consts::FRAC_PI_3,
+            simplify: false,
+            coarsest: 4.0,
+        }
     }
 }
 
@@ -55,6 +61,8 @@ pub enum Stage {
     Mesh,
     /// Surface convex decomposition (§3.3.1).
     Decomposition,
+    /// Sensation preserving simplification (§3.3.3), where it is asked for.
+    Simplification,
     /// Merging patches up to the root (§3.3.3).
     Hierarchy,
     /// Error metric parameters (§3.3.5).
@@ -66,6 +74,7 @@ impl std::fmt::Display for Stage {
         f.write_str(match self {
             Self::Mesh => "mesh",
             Self::Decomposition => "convex decomposition",
+            Self::Simplification => "simplification",
             Self::Hierarchy => "hierarchy",
             Self::Parameters => "parameters",
         })
@@ -155,7 +164,8 @@ pub fn build(
     let (center, radius) = check_extent(mesh)?;
 
     progress(Stage::Mesh, 0.0);
-    let solid = mesh.validate().is_solid();
+    let report = mesh.validate();
+    let solid = report.is_solid();
     let adjacency = mesh.adjacency();
     let surface = Surface::new(mesh, center, radius);
     progress(Stage::Mesh, 1.0);
@@ -163,44 +173,53 @@ pub fn build(
     let tolerance = options.tolerance * radius * surface.scale;
     let decomposition =
         decompose(&surface, &adjacency, tolerance, &mut |done| progress(Stage::Decomposition, done));
-    let contained: Vec<bool> = decomposition
-        .patches
-        .par_iter()
-        .map_init(HullBuilder::default, |hulls, patch| {
-            solid && lies_inside(&surface, patch, tolerance, hulls)
-        })
-        .collect();
-    let all_real: Vec<bool> =
-        (0..decomposition.patches.len()).map(|patch| is_closed(&decomposition, patch, &adjacency)).collect();
     progress(Stage::Decomposition, 1.0);
 
-    let levels = merge_to_root(&surface.points, &decomposition, &adjacency, &mut |done| {
-        progress(Stage::Hierarchy, done);
-    });
+    let areas = support_areas(mesh, &adjacency, options.support_distance * radius, options.support_cone);
+    // Collapses keep a surface 2-manifold and oriented, and rely on it.
+    let simplified = if options.simplify && report.manifold && report.oriented {
+        let limits = Limits { tolerance, least_resolution: options.coarsest / (radius * surface.scale) };
+        simplify(mesh, &surface, &decomposition, &areas, &limits, &mut |done| {
+            progress(Stage::Simplification, done);
+        })
+    } else {
+        Vec::new()
+    };
+    let free = {
+        let (points, coarsest, links) = match simplified.last() {
+            Some(level) => (&level.surface.points, &level.decomposition, &level.mesh.adjacency()),
+            None => (&surface.points, &decomposition, &adjacency),
+        };
+        merge_to_root(points, coarsest, links, &mut |done| progress(Stage::Hierarchy, done))
+    };
     progress(Stage::Hierarchy, 1.0);
 
     progress(Stage::Parameters, 0.0);
-    let parts = Parts {
-        mesh,
-        decomposition: &decomposition,
-        levels: &levels,
-        support_areas: &support_areas(
-            mesh,
-            &adjacency,
-            options.support_distance * radius,
-            options.support_cone,
-        ),
-        resolution: finest_resolution(mesh, &adjacency, NEGLIGIBLE * radius),
-        contained: &contained,
-        all_real: &all_real,
-        scale: surface.scale,
-        center,
-    };
-    let hull_vertices: usize = levels.iter().flatten().map(|cluster| cluster.extreme.len()).sum();
-    if hull_vertices + 3 * mesh.triangles().len() >= u32::MAX as usize {
+    let first =
+        Regular { mesh, surface: &surface, decomposition: &decomposition, areas: &areas, parent_of: None };
+    let finest = finest_resolution(mesh, &adjacency, NEGLIGIBLE * radius);
+    let regular: Vec<(Regular<'_>, f64)> = std::iter::once((first, finest))
+        .chain(
+            simplified
+                .iter()
+                .map(|level| (Regular::from(level), finest.min(level.resolution * surface.scale))),
+        )
+        .collect();
+    let hull_vertices: usize = regular
+        .iter()
+        .flat_map(|(level, _)| &level.decomposition.patches)
+        .map(|patch| patch.extreme.len())
+        .chain(free[1..].iter().flatten().map(|cluster| cluster.extreme.len()))
+        .sum();
+    let corners: usize = regular.iter().map(|(level, _)| 3 * level.mesh.triangles().len()).sum();
+    if hull_vertices + corners >= u32::MAX as usize {
         return Err(BuildError::TooLarge { hull_vertices });
     }
-    let clod = lay_out(&parts, source_of(mesh, solid, center, radius));
+    let source = source_of(mesh, solid, center, radius);
+    let mut clod = assemble(&regular, &free, source, tolerance);
+    if !simplified.is_empty() {
+        set_hausdorff_distances(&mut clod, surface.scale);
+    }
     progress(Stage::Parameters, 1.0);
     Ok(clod)
 }
@@ -210,6 +229,7 @@ impl BuildOptions {
         for (option, value, range, wanted) in [
             ("tolerance", self.tolerance, 0.0..=0.1, "between 0 and 0.1 of the bounding radius"),
             ("support_distance", self.support_distance, 1e-9..=1e9, "between 1e-9 and 1e9 bounding radii"),
+            ("coarsest", self.coarsest, 0.0..=1e9, "between 0 and 1e9 over the bounding radius"),
             ("support_cone", self.support_cone, 0.0..=FRAC_PI_2, "between 0 and π/2 rad"),
         ] {
             if !range.contains(&value) {
@@ -248,53 +268,6 @@ fn check_extent(mesh: &TriMesh) -> Result<(DVec3, f64), BuildError> {
         return Err(BuildError::NoSurface { triangles: triangles.len() });
     }
     Ok((sphere.center, sphere.radius))
-}
-
-/// Whether the hull of a patch lies inside a solid. No surface reaches deeper into it than the tolerance, so that one point
-/// deeper than that speaks for all; a hull without such a point is part of the surface. So does one point in the layer below
-/// a flat hull, which no surface reaches into either. A single triangle is its own hull.
-fn lies_inside(surface: &Surface, patch: &Patch, tolerance: f64, hulls: &mut HullBuilder) -> bool {
-    if patch.triangles.len() == 1 {
-        return true;
-    }
-    let points: Vec<DVec3> = patch.extreme.iter().map(|v| surface.points[*v as usize]).collect();
-    if patch.flat {
-        let plane = surface.planes[patch.lead as usize];
-        let middle = surface.corners(patch.lead).iter().sum::<DVec3>() / 3.0;
-        let below = middle - 1.5 * tolerance * plane.normal;
-        let narrow = layer_below(&plane, &points, 3.0 * tolerance).any(|p| p.height(below) >= -tolerance);
-        return narrow || surface.winding_number(below).is_some_and(|turns| turns > 0);
-    }
-    let planes: Vec<Plane> = hulls.hull(&points, HULL_THICKNESS).planes(&points).collect();
-    let depth = |p: DVec3| planes.iter().map(|plane| -plane.height(p)).fold(f64::INFINITY, f64::min);
-    let below_faces = patch.triangles.iter().take(MAX_FACES_TRIED).map(|t| {
-        let plane = surface.planes[*t as usize];
-        let thickness = points.iter().map(|p| -plane.height(*p)).fold(0.0, f64::max);
-        surface.corners(*t).iter().sum::<DVec3>() / 3.0 - 0.5 * thickness * plane.normal
-    });
-    let middle = points.iter().sum::<DVec3>() / points.len() as f64;
-    let mut deepest = (middle, depth(middle));
-    // In a hull that is thick nearly everywhere the middle is deep enough; in a sheet it may be near the surface.
-    if deepest.1 <= 4.0 * tolerance {
-        for p in below_faces {
-            let depth = depth(p);
-            if depth > deepest.1 {
-                deepest = (p, depth);
-            }
-        }
-    }
-    deepest.1 <= tolerance || surface.winding_number(deepest.0).is_some_and(|turns| turns > 0)
-}
-
-/// Whether a patch has no boundary, so that it covers its whole hull.
-fn is_closed(decomposition: &Decomposition, patch: usize, adjacency: &Adjacency) -> bool {
-    let own = &decomposition.patches[patch];
-    !own.flat
-        && own.triangles.iter().all(|t| {
-            adjacency.neighbours()[*t as usize]
-                .iter()
-                .all(|n| *n != NO_NEIGHBOUR && decomposition.patch_of[*n as usize] == patch as u32)
-        })
 }
 
 fn source_of(mesh: &TriMesh, solid: bool, center: DVec3, radius: f64) -> Source {

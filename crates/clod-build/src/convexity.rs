@@ -15,10 +15,12 @@
 //! Both constraints are monotone. What fails for two patches fails for any larger two that contain them. (The one exception
 //! is the two sides of a sheet that is thinner than the tolerance: they are never joined, whatever else is.)
 
+use std::borrow::Cow;
+
 use glam::DVec3;
 
 use crate::hull::{Hull, HullBuilder, Plane, Shape, polygon};
-use crate::surface::{ReachBuffers, Surface, bounds_of};
+use crate::surface::{ReachBuffers, Surface, bounds_of, reaches_below};
 
 /// The height, in unit coordinates, below which hulls drop points: about what rounding does to the predicates' inputs.
 pub(crate) const HULL_THICKNESS: f64 = 1e-14;
@@ -75,13 +77,18 @@ pub(crate) struct Convexity<'a> {
     /// The tolerance, in unit coordinates.
     tolerance: f64,
     /// The planes that stand for the triangles: see [`dependable_planes`].
-    planes: Vec<Plane>,
+    planes: Cow<'a, [Plane]>,
 }
 
 impl<'a> Convexity<'a> {
     /// Prepares the test; `neighbours` are the triangles across the sides of each, or `u32::MAX`.
     pub fn new(surface: &'a Surface, neighbours: &[[u32; 3]], tolerance: f64) -> Self {
-        Self { surface, tolerance, planes: dependable_planes(surface, neighbours, tolerance) }
+        Self { surface, tolerance, planes: Cow::Owned(dependable_planes(surface, neighbours, tolerance)) }
+    }
+
+    /// The test on a surface whose planes are known.
+    pub fn with_planes(surface: &'a Surface, planes: &'a [Plane], tolerance: f64) -> Self {
+        Self { surface, tolerance, planes: Cow::Borrowed(planes) }
     }
 
     /// The patch of a single triangle.
@@ -150,6 +157,65 @@ impl<'a> Convexity<'a> {
         let dependable = triangles.iter().all(|t| self.planes[*t as usize].normal != DVec3::ZERO);
         let flat = extreme.iter().all(|v| plane.height(self.point(*v)) >= -self.tolerance);
         (dependable && !flat).then(|| Patch { triangles: triangles.to_vec(), extreme, bounds, flat, lead })
+    }
+
+    /// The patch that a few triangles make, and the planes of its hull where that is a polytope; `None` if they do not make
+    /// one. `moved` are those of them that were not in the patch as they are now, at a vertex that has moved: the others are
+    /// known to support all other vertices. `mine` are these triangles, and those `others` that the surface's spatial index is wrong about, which are
+    /// therefore tested one by one.
+    pub fn patch(
+        &self,
+        triangles: &[u32],
+        (moved, vertex): (impl Fn(u32) -> bool, u32),
+        mine: impl Fn(u32) -> bool,
+        others: impl Iterator<Item = u32>,
+        buffers: &mut JoinBuffers,
+    ) -> Option<(Patch, Vec<Plane>)> {
+        if let [only] = *triangles {
+            return Some((self.single(only), Vec::new()));
+        }
+        let JoinBuffers { hulls, reach, vertices, points } = buffers;
+        vertices.clear();
+        vertices.extend(triangles.iter().flat_map(|t| self.surface.triangles[*t as usize]));
+        vertices.sort_unstable();
+        vertices.dedup();
+        points.clear();
+        points.extend(vertices.iter().map(|v| self.point(*v)));
+        let apex = self.point(vertex);
+        let supports = |t: &u32| {
+            let plane = &self.planes[*t as usize];
+            plane.normal != DVec3::ZERO
+                && if moved(*t) {
+                    points.iter().all(|p| plane.height(*p) <= self.tolerance)
+                } else {
+                    plane.height(apex) <= self.tolerance
+                }
+        };
+        let touches = vertices.binary_search(&vertex).is_ok();
+        if touches && !triangles.iter().all(supports) {
+            return None;
+        }
+        let lead = *triangles.iter().max_by(|a, b| self.area(**a).total_cmp(&self.area(**b)))?;
+        let plane = self.planes[lead as usize];
+        let flat = points.iter().all(|p| plane.height(*p) >= -self.tolerance);
+        if flat && triangles.iter().any(|t| self.planes[*t as usize].normal.dot(plane.normal) <= 0.0) {
+            return None;
+        }
+        let bounds = bounds_of(points);
+        let hull = hulls.hull(points, HULL_THICKNESS);
+        let mut planes = Vec::new();
+        if !flat && hull.shape == Shape::Polytope {
+            planes.extend(hull.planes(points));
+            let mut reached =
+                |t: u32| reaches_below(&self.surface.corners(t), &planes, self.tolerance, reach);
+            if { others }.any(&mut reached)
+                || self.surface.reaches_into(planes.iter().copied(), bounds, self.tolerance, mine, reach)
+            {
+                return None;
+            }
+        }
+        let extreme = hull.extreme.iter().map(|k| vertices[*k as usize]).collect();
+        Some((Patch { triangles: triangles.to_vec(), extreme, bounds, flat, lead }, planes))
     }
 
     /// The extreme points of the vertices in the buffers, if their hull does not protrude, and the planes of the
@@ -285,7 +351,7 @@ pub(crate) fn layer_below<'a>(
 /// The planes that triangles are held to. The normal of a triangle that is narrower than the tolerance says nothing: it
 /// takes that of the neighbour across its longest side, whose plane it lies in as far as the tolerance can tell. Triangles
 /// without an area or such a neighbour get a zero normal, and remain alone.
-fn dependable_planes(surface: &Surface, neighbours: &[[u32; 3]], tolerance: f64) -> Vec<Plane> {
+pub(crate) fn dependable_planes(surface: &Surface, neighbours: &[[u32; 3]], tolerance: f64) -> Vec<Plane> {
     let width = |t: usize| {
         let corners = surface.corners(t as u32);
         let (side, longest) = longest_side(&corners);

@@ -41,14 +41,7 @@ pub(crate) fn merge_to_root(
     adjacency: &Adjacency,
     progress: &mut dyn FnMut(f64),
 ) -> Vec<Vec<Cluster>> {
-    let leaves: Vec<Cluster> = decomposition
-        .patches
-        .par_iter()
-        .map(|patch| {
-            let (center, radius) = smallest_sphere(&gather(points, &patch.extreme));
-            Cluster { extreme: patch.extreme.clone(), center, radius, children: Vec::new() }
-        })
-        .collect();
+    let leaves = leaves(points, decomposition);
     let mut links = patch_links(decomposition, adjacency);
     let mut levels = vec![leaves];
     while let Some(level) = levels.last()
@@ -83,6 +76,18 @@ pub(crate) fn merge_to_root(
         levels.push(next);
     }
     levels
+}
+
+/// The hulls of patches, without children.
+pub(crate) fn leaves(points: &[DVec3], decomposition: &Decomposition) -> Vec<Cluster> {
+    decomposition
+        .patches
+        .par_iter()
+        .map(|patch| {
+            let (center, radius) = smallest_sphere(&gather(points, &patch.extreme));
+            Cluster { extreme: patch.extreme.clone(), center, radius, children: Vec::new() }
+        })
+        .collect()
 }
 
 fn gather(points: &[DVec3], vertices: &[u32]) -> Vec<DVec3> {

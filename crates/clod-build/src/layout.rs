@@ -7,58 +7,69 @@ use palpate_core::clod::{Clod, Level, NO_NODE, Node, Source};
 use crate::decomposition::Decomposition;
 use crate::hierarchy::Cluster;
 
-/// What the layout draws on.
-pub(crate) struct Parts<'a> {
+/// A level of the hierarchy, with what its vertices and triangles are.
+pub(crate) struct LevelParts<'a> {
+    /// The level's mesh: for a free level, that of the coarsest level which is not.
     pub mesh: &'a TriMesh,
-    pub decomposition: &'a Decomposition,
-    /// Levels of clusters, patches first.
-    pub levels: &'a [Vec<Cluster>],
+    /// Its hulls, as vertices of the mesh.
+    pub clusters: &'a [Cluster],
     /// D of the mesh's vertices, m².
     pub support_areas: &'a [f64],
-    /// r of the full mesh, 1/m.
+    /// r, 1/m.
     pub resolution: f64,
+    /// What is known of the clusters' patches; `None` for a free level.
+    pub patches: Option<PatchParts<'a>>,
+}
+
+/// The patches of a level that is not free.
+pub(crate) struct PatchParts<'a> {
+    pub decomposition: &'a Decomposition,
     /// Per patch, whether its hull is verified to lie inside the object.
-    pub contained: &'a [bool],
+    pub contained: Vec<bool>,
     /// Per patch, whether it covers its hull.
-    pub all_real: &'a [bool],
-    /// From unit coordinates to metres: p / scale + center.
-    pub scale: f64,
-    pub center: DVec3,
+    pub all_real: Vec<bool>,
+    /// s of each, m.
+    pub deviations: Vec<f64>,
 }
 
 /// The hierarchy.
-pub(crate) fn lay_out(parts: &Parts<'_>, source: Source) -> Clod {
-    let count: usize = parts.levels.iter().map(Vec::len).sum();
+///
+/// `scale` and `center` take unit coordinates to metres: p / scale + center.
+pub(crate) fn lay_out(levels: &[LevelParts<'_>], source: Source, scale: f64, center: DVec3) -> Clod {
+    let count: usize = levels.iter().map(|level| level.clusters.len()).sum();
+    let triangles = levels.iter().filter(|l| l.patches.is_some()).map(|l| l.mesh.triangles().len()).sum();
     let mut clod = Clod {
-        levels: Vec::with_capacity(parts.levels.len()),
+        levels: Vec::with_capacity(levels.len()),
         nodes: Vec::with_capacity(count),
         vertices: Vec::new(),
         support_areas: Vec::new(),
-        triangles: Vec::with_capacity(parts.mesh.triangles().len()),
+        triangles: Vec::with_capacity(triangles),
         source,
     };
-    let mut local = vec![u32::MAX; parts.mesh.vertices().len()];
+    let most = levels.iter().map(|level| level.mesh.vertices().len()).max().unwrap_or(0);
+    let mut local = vec![u32::MAX; most];
     // The clusters of a level in the order of their nodes, with their parents.
     let mut order: Vec<(u32, u32)> = vec![(0, NO_NODE)];
-    for (level, clusters) in parts.levels.iter().enumerate().rev() {
+    for (index, level) in levels.iter().enumerate().rev() {
         let start = clod.nodes.len() as u32;
         let mut next_child = start + order.len() as u32;
         let mut next_order = Vec::new();
         for (k, &(cluster, parent)) in order.iter().enumerate() {
             let node = start + k as u32;
-            let children = &clusters[cluster as usize].children;
+            let children = &level.clusters[cluster as usize].children;
             next_order.extend(children.iter().map(|child| (*child, node)));
-            push_node(&mut clod, parts, level, cluster, &mut local);
+            push_node(&mut clod, level, cluster, (scale, center), &mut local);
             let pushed = &mut clod.nodes[node as usize];
+            pushed.level = index as u32;
             pushed.parent = parent;
             pushed.children = next_child..next_child + children.len() as u32;
             next_child = pushed.children.end;
         }
         clod.levels.push(Level {
             nodes: start..clod.nodes.len() as u32,
-            triangles: parts.mesh.triangles().len() as u32,
-            resolution: parts.resolution,
-            free: level > 0,
+            triangles: level.mesh.triangles().len() as u32,
+            resolution: level.resolution,
+            free: level.patches.is_none(),
         });
         order = next_order;
     }
@@ -66,8 +77,15 @@ pub(crate) fn lay_out(parts: &Parts<'_>, source: Source) -> Clod {
     clod
 }
 
-fn push_node(clod: &mut Clod, parts: &Parts<'_>, level: usize, cluster: u32, local: &mut [u32]) {
-    let Cluster { extreme, center, radius, .. } = &parts.levels[level][cluster as usize];
+fn push_node(
+    clod: &mut Clod,
+    level: &LevelParts<'_>,
+    cluster: u32,
+    (scale, origin): (f64, DVec3),
+    local: &mut [u32],
+) {
+    let LevelParts { mesh, support_areas, patches, .. } = level;
+    let Cluster { extreme, center, radius, .. } = &level.clusters[cluster as usize];
     let first_vertex = clod.vertices.len();
     let first_triangle = clod.triangles.len();
     let mut own = Vec::new();
@@ -75,9 +93,9 @@ fn push_node(clod: &mut Clod, parts: &Parts<'_>, level: usize, cluster: u32, loc
         local[*v as usize] = k as u32;
         own.push(*v);
     }
-    if level == 0 {
-        for t in &parts.decomposition.patches[cluster as usize].triangles {
-            clod.triangles.push(parts.mesh.triangles()[*t as usize].map(|v| {
+    if let Some(patches) = patches {
+        for t in &patches.decomposition.patches[cluster as usize].triangles {
+            clod.triangles.push(mesh.triangles()[*t as usize].map(|v| {
                 let slot = &mut local[v as usize];
                 if *slot == u32::MAX {
                     *slot = own.len() as u32;
@@ -87,26 +105,26 @@ fn push_node(clod: &mut Clod, parts: &Parts<'_>, level: usize, cluster: u32, loc
             }));
         }
     }
-    clod.vertices.extend(own.iter().map(|v| parts.mesh.vertices()[*v as usize]));
-    clod.support_areas.extend(own.iter().map(|v| parts.support_areas[*v as usize]));
+    clod.vertices.extend(own.iter().map(|v| mesh.vertices()[*v as usize]));
+    clod.support_areas.extend(own.iter().map(|v| support_areas[*v as usize]));
     for v in &own {
         local[*v as usize] = u32::MAX;
     }
-    let center = *center / parts.scale + parts.center;
+    let center = *center / scale + origin;
     // Measured again, for the vertices as they are stored.
     let reach = clod.vertices[first_vertex..].iter().map(|p| p.distance(center)).fold(0.0, f64::max);
     clod.nodes.push(Node {
         parent: NO_NODE,
         children: 0..0,
-        level: level as u32,
+        level: 0,
         vertices: first_vertex as u32..clod.vertices.len() as u32,
         extreme: extreme.len() as u32,
         triangles: first_triangle as u32..clod.triangles.len() as u32,
         center,
-        radius: reach.max(*radius / parts.scale),
-        deviation: 0.0,
+        radius: reach.max(*radius / scale),
+        deviation: patches.as_ref().map_or(0.0, |p| p.deviations[cluster as usize]),
         hausdorff: 0.0,
-        contained: level == 0 && parts.contained[cluster as usize],
-        all_real: level == 0 && parts.all_real[cluster as usize],
+        contained: patches.as_ref().is_some_and(|p| p.contained[cluster as usize]),
+        all_real: patches.as_ref().is_some_and(|p| p.all_real[cluster as usize]),
     });
 }

@@ -9,14 +9,21 @@
     allow(clippy::print_stdout, reason = "seeds and figures, shown by --nocapture or on failure")
 )]
 
+mod box_tree;
 mod build;
+mod containment;
 mod convexity;
 mod decomposition;
+mod deviation;
 mod enclosing;
+mod hausdorff;
 mod hierarchy;
 mod hull;
 mod layout;
+mod levels;
+mod nearest;
 mod parameters;
+mod simplify;
 mod surface;
 
 pub use build::{BuildError, BuildOptions, REVISION, Stage, build};

@@ -2,29 +2,18 @@
 //! and a tree of boxes over them.
 //!
 //! Coordinates are those of the mesh less the centre of its bounding sphere, times a power of two, so that they lose
-//! nothing beyond that one subtraction, and tolerances can be plain numbers. The tree is our own, in f64 and split at
-//! medians: `obvhs` holds its boxes in f32, which would have to be widened for exactness, and the traversal here needs
-//! more than a box or ray test at each node (see [`Surface::reaches_into`]).
+//! nothing beyond that one subtraction, and tolerances can be plain numbers. The [tree](BoxTree) is our own, in f64 and
+//! refitted as the mesh is simplified: `obvhs` holds its boxes in f32, which would have to be widened for exactness, and
+//! the traversal here needs more than a box or ray test at each node (see [`Surface::reaches_into`]).
 
 use glam::DVec3;
 use palpate_core::TriMesh;
 
+use crate::box_tree::{Bounds, BoxTree, EMPTY, triangle_bounds};
 use crate::hull::Plane;
 
-const LEAF_TRIANGLES: usize = 4;
-
-#[derive(Clone, Copy, Debug)]
-struct BoxNode {
-    low: DVec3,
-    high: DVec3,
-    /// First triangle of a leaf (in `order`), or the index of the second child; the first child follows its parent.
-    first: u32,
-    /// Triangles of a leaf, 0 for an inner node.
-    count: u32,
-}
-
 /// A mesh in unit coordinates with its spatial index.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Surface {
     /// Vertices in unit coordinates.
     pub points: Vec<DVec3>,
@@ -34,8 +23,9 @@ pub(crate) struct Surface {
     pub planes: Vec<Plane>,
     /// Unit coordinates are metres times this.
     pub scale: f64,
-    nodes: Vec<BoxNode>,
-    order: Vec<u32>,
+    /// Where their origin is, m.
+    pub center: DVec3,
+    tree: BoxTree,
 }
 
 /// The buffers of [`Surface::reaches_into`].
@@ -52,48 +42,42 @@ impl Surface {
     pub fn new(mesh: &TriMesh, center: DVec3, radius: f64) -> Self {
         let scale = 2f64.powi(-(radius.log2().ceil() as i32));
         let points: Vec<DVec3> = mesh.vertices().iter().map(|p| (*p - center) * scale).collect();
-        let triangles = mesh.triangles().to_vec();
+        Self::from_parts(points, mesh.triangles().to_vec(), scale, center)
+    }
+
+    /// Indexes a mesh in unit coordinates: metres less `center`, times `scale`.
+    pub fn from_parts(points: Vec<DVec3>, triangles: Vec<[u32; 3]>, scale: f64, center: DVec3) -> Self {
         let planes = triangles.iter().map(|t| plane_of(t.map(|v| points[v as usize]))).collect();
-        let mut surface = Self { points, triangles, planes, scale, nodes: Vec::new(), order: Vec::new() };
-        let middles: Vec<DVec3> = (0..surface.triangles.len() as u32)
-            .map(|t| surface.corners(t).iter().sum::<DVec3>() / 3.0)
-            .collect();
-        let mut order: Vec<u32> = (0..surface.triangles.len() as u32).collect();
-        surface.nodes.reserve(order.len());
-        surface.split(&middles, &mut order, 0);
-        surface.order = order;
+        let mut surface = Self { points, triangles, planes, scale, center, tree: BoxTree::default() };
+        surface.index();
         surface
+    }
+
+    /// Makes the spatial index anew.
+    pub fn index(&mut self) {
+        let boxes: Vec<_> = (0..self.triangles.len() as u32).map(|t| self.bounds(t)).collect();
+        self.tree = BoxTree::new(&boxes);
+    }
+
+    /// Adapts the spatial index after a triangle has moved, or gone: then it names one vertex three times.
+    pub fn moved(&mut self, triangle: u32) {
+        let Self { tree, triangles, points, .. } = self;
+        tree.refit(triangle, |t| bounds_in(triangles[t as usize], points));
+    }
+
+    /// The spatial index over the triangles.
+    pub fn tree(&self) -> &BoxTree {
+        &self.tree
+    }
+
+    /// The box of a triangle; empty if it has collapsed to a vertex.
+    pub fn bounds(&self, triangle: u32) -> Bounds {
+        bounds_in(self.triangles[triangle as usize], &self.points)
     }
 
     /// The corners of a triangle, in unit coordinates.
     pub fn corners(&self, triangle: u32) -> [DVec3; 3] {
         self.triangles[triangle as usize].map(|v| self.points[v as usize])
-    }
-
-    fn split(&mut self, middles: &[DVec3], order: &mut [u32], first: u32) {
-        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        let (mut near, mut far) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        for &t in order.iter() {
-            for p in self.corners(t) {
-                (low, high) = (low.min(p), high.max(p));
-            }
-            (near, far) = (near.min(middles[t as usize]), far.max(middles[t as usize]));
-        }
-        let node = self.nodes.len();
-        self.nodes.push(BoxNode { low, high, first, count: order.len() as u32 });
-        if order.len() <= LEAF_TRIANGLES {
-            return;
-        }
-        let spread = far - near;
-        let axis = spread.max_position();
-        let half = order.len() / 2;
-        order.select_nth_unstable_by(half, |a, b| {
-            middles[*a as usize][axis].total_cmp(&middles[*b as usize][axis]).then(a.cmp(b))
-        });
-        let (left, right) = order.split_at_mut(half);
-        self.split(middles, left, first);
-        (self.nodes[node].first, self.nodes[node].count) = (self.nodes.len() as u32, 0);
-        self.split(middles, right, first + half as u32);
     }
 
     /// Whether any triangle that is not to be skipped reaches deeper than `depth` into a convex polytope: has a point more
@@ -115,7 +99,7 @@ impl Surface {
         stack.clear();
         stack.push((0, 0, active.len() as u32));
         while let Some((index, start, end)) = stack.pop() {
-            let node = self.nodes[index as usize];
+            let node = self.tree.nodes[index as usize];
             if node.low.cmpgt(high).any() || node.high.cmplt(low).any() {
                 continue;
             }
@@ -145,8 +129,7 @@ impl Surface {
                 stack.push((index + 1, start, end));
                 continue;
             }
-            let leaf = node.first as usize..(node.first + node.count) as usize;
-            for &t in &self.order[leaf] {
+            for &t in self.tree.items(&node) {
                 if skip(t) {
                     continue;
                 }
@@ -189,7 +172,7 @@ impl Surface {
         let mut stack = vec![0u32];
         let mut sum = 0;
         while let Some(index) = stack.pop() {
-            let node = &self.nodes[index as usize];
+            let node = &self.tree.nodes[index as usize];
             let (s, t) = ((node.low - from) * inverse, (node.high - from) * inverse);
             let (enter, leave) = (s.min(t).max_element(), s.max(t).min_element());
             // Widened by more than rounding, so that no triangle on the border is missed.
@@ -200,7 +183,7 @@ impl Surface {
                 stack.extend([node.first, index + 1]);
                 continue;
             }
-            for &t in &self.order[node.first as usize..(node.first + node.count) as usize] {
+            for &t in self.tree.items(node) {
                 let corners = self.corners(t).map(|c| c - from);
                 let sides: [f64; 3] =
                     std::array::from_fn(|k| ray.dot(corners[k].cross(corners[(k + 1) % 3])));
@@ -233,19 +216,46 @@ impl Surface {
     }
 }
 
+fn bounds_in(triangle: [u32; 3], points: &[DVec3]) -> Bounds {
+    let [a, b, c] = triangle;
+    if a == b && b == c { EMPTY } else { triangle_bounds(triangle.map(|v| points[v as usize])) }
+}
+
 /// The smallest axis-aligned box around points.
 pub(crate) fn bounds_of(points: &[DVec3]) -> (DVec3, DVec3) {
     points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(*p), high.max(*p)))
 }
 
 /// The plane of a triangle; with a zero normal where the corners are too nearly on a line to tell.
-fn plane_of([a, b, c]: [DVec3; 3]) -> Plane {
+pub(crate) fn plane_of([a, b, c]: [DVec3; 3]) -> Plane {
     let longest = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());
     if (b - a).cross(c - a).length() > 1e-12 * longest {
         Plane::through([a, b, c])
     } else {
         Plane { normal: DVec3::ZERO, offset: 0.0 }
     }
+}
+
+/// Whether a triangle reaches deeper than `depth` below all planes.
+pub(crate) fn reaches_below(
+    corners: &[DVec3; 3],
+    planes: &[Plane],
+    depth: f64,
+    buffers: &mut ReachBuffers,
+) -> bool {
+    let ReachBuffers { active, clipped, spare, .. } = buffers;
+    active.clear();
+    for plane in planes {
+        let plane = Plane { normal: plane.normal, offset: plane.offset - depth };
+        let heights = corners.map(|c| plane.height(c));
+        if heights.iter().all(|h| *h >= 0.0) {
+            return false;
+        }
+        if heights.iter().any(|h| *h >= 0.0) {
+            active.push(plane);
+        }
+    }
+    cuts(corners, active, clipped, spare)
 }
 
 /// Whether a polygon has points below all planes: Sutherland and Hodgman's clipping.

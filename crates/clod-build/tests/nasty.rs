@@ -123,7 +123,8 @@ fn random_triangles() {
             .collect();
         let triangles: Vec<[u32; 3]> =
             (0..2 * count).map(|_| std::array::from_fn(|_| rng.random_range(0..count as u32))).collect();
-        match build(&mesh(vertices, triangles), &BuildOptions::default(), &mut |_, _| ()) {
+        let options = BuildOptions { simplify: true, ..BuildOptions::default() };
+        match build(&mesh(vertices, triangles), &options, &mut |_, _| ()) {
             Ok(clod) => clod.validate().unwrap_or_else(|e| panic!("round {round}: {e}")),
             Err(e) => println!("round {round}: {e}"),
         }

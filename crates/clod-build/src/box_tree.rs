@@ -1,0 +1,189 @@
+//! A tree of axis-aligned boxes over items that may move.
+//!
+//! Split at the median of the longest side, so that it is balanced and deterministic. An item that has moved is refitted in
+//! place: the boxes from its leaf up are recomputed until one does not change. The splits stay those of the positions that
+//! the tree was made for, so that it is worth making anew once many items have moved or gone.
+
+use glam::DVec3;
+
+use crate::surface::bounds_of;
+
+const LEAF_ITEMS: usize = 4;
+const NONE: u32 = u32::MAX;
+
+/// Lower and upper corner of a box; the lower above the upper for an empty one.
+pub(crate) type Bounds = (DVec3, DVec3);
+
+/// The box around nothing.
+pub(crate) const EMPTY: Bounds = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct BoxNode {
+    pub low: DVec3,
+    pub high: DVec3,
+    /// First item of a leaf (in `order`), or the index of the second child; the first child follows its parent.
+    pub first: u32,
+    /// Items of a leaf, 0 for an inner node.
+    pub count: u32,
+}
+
+/// The tree; node 0 is the root.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct BoxTree {
+    pub nodes: Vec<BoxNode>,
+    pub order: Vec<u32>,
+    parents: Vec<u32>,
+    leaf_of: Vec<u32>,
+}
+
+impl BoxTree {
+    /// A tree over items with the given boxes, of which empty ones are never found.
+    pub fn new(boxes: &[Bounds]) -> Self {
+        let mut order: Vec<u32> = (0..boxes.len() as u32).collect();
+        let mut tree = Self {
+            nodes: Vec::with_capacity(order.len()),
+            order: Vec::new(),
+            parents: Vec::with_capacity(order.len()),
+            leaf_of: vec![NONE; boxes.len()],
+        };
+        let middles: Vec<DVec3> = boxes
+            .iter()
+            .map(|(low, high)| if low.cmple(*high).all() { 0.5 * (*low + *high) } else { DVec3::ZERO })
+            .collect();
+        tree.split(boxes, &middles, &mut order, 0, NONE);
+        tree.order = order;
+        tree
+    }
+
+    fn split(&mut self, boxes: &[Bounds], middles: &[DVec3], order: &mut [u32], first: u32, parent: u32) {
+        let (low, high) = union(order.iter().map(|item| boxes[*item as usize]));
+        let node = self.nodes.len();
+        self.nodes.push(BoxNode { low, high, first, count: order.len() as u32 });
+        self.parents.push(parent);
+        if order.len() <= LEAF_ITEMS {
+            for item in order {
+                self.leaf_of[*item as usize] = node as u32;
+            }
+            return;
+        }
+        let (near, far) =
+            order.iter().fold(EMPTY, |(n, f), k| (n.min(middles[*k as usize]), f.max(middles[*k as usize])));
+        let axis = (far - near).max_position();
+        let half = order.len() / 2;
+        order.select_nth_unstable_by(half, |a, b| {
+            middles[*a as usize][axis].total_cmp(&middles[*b as usize][axis]).then(a.cmp(b))
+        });
+        let (left, right) = order.split_at_mut(half);
+        self.split(boxes, middles, left, first, node as u32);
+        (self.nodes[node].first, self.nodes[node].count) = (self.nodes.len() as u32, 0);
+        self.split(boxes, middles, right, first + half as u32, node as u32);
+    }
+
+    /// The items of a leaf.
+    pub fn items(&self, leaf: &BoxNode) -> &[u32] {
+        &self.order[leaf.first as usize..(leaf.first + leaf.count) as usize]
+    }
+
+    /// Adapts the boxes after an item has moved; `bounds` tells those of any item.
+    pub fn refit(&mut self, item: u32, bounds: impl Fn(u32) -> Bounds) {
+        let mut node = self.leaf_of[item as usize];
+        while node != NONE {
+            let here = self.nodes[node as usize];
+            let (low, high) = if here.count > 0 {
+                union(self.items(&here).iter().map(|item| bounds(*item)))
+            } else {
+                union([node + 1, here.first].map(|c| {
+                    let child = &self.nodes[c as usize];
+                    (child.low, child.high)
+                }))
+            };
+            if low == here.low && high == here.high {
+                return;
+            }
+            let here = &mut self.nodes[node as usize];
+            (here.low, here.high) = (low, high);
+            node = self.parents[node as usize];
+        }
+    }
+
+    /// Calls `visit` with each item of the leaves that meet a box, which may itself lie aside of it, until one call returns
+    /// true; tells whether one did.
+    pub fn any_near(
+        &self,
+        (low, high): Bounds,
+        stack: &mut Vec<u32>,
+        mut visit: impl FnMut(u32) -> bool,
+    ) -> bool {
+        stack.clear();
+        if !self.nodes.is_empty() {
+            stack.push(0);
+        }
+        while let Some(index) = stack.pop() {
+            let node = &self.nodes[index as usize];
+            if node.low.cmpgt(high).any() || node.high.cmplt(low).any() {
+                continue;
+            }
+            if node.count == 0 {
+                stack.extend([node.first, index + 1]);
+            } else if self.items(node).iter().any(|item| visit(*item)) {
+                return true;
+            }
+        }
+        false
+    }
+}
+
+fn union(boxes: impl IntoIterator<Item = Bounds>) -> Bounds {
+    boxes.into_iter().fold(EMPTY, |a, b| (a.0.min(b.0), a.1.max(b.1)))
+}
+
+/// Whether two boxes have a point in common.
+pub(crate) fn meet(a: Bounds, b: Bounds) -> bool {
+    a.0.cmple(b.1).all() && b.0.cmple(a.1).all()
+}
+
+/// The box of a triangle.
+pub(crate) fn triangle_bounds(corners: [DVec3; 3]) -> Bounds {
+    bounds_of(&corners)
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::rngs::StdRng;
+    use rand::{RngExt, SeedableRng};
+
+    use super::*;
+
+    #[test]
+    fn moved_items_are_found_where_they_are() {
+        let seed = 51;
+        println!("seed {seed}");
+        let mut rng = StdRng::seed_from_u64(seed);
+        let mut random_box = || {
+            let p = DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)));
+            (p, p + DVec3::splat(rng.random_range(0.0..0.5)))
+        };
+        let mut boxes: Vec<Bounds> = (0..300).map(|_| random_box()).collect();
+        let mut tree = BoxTree::new(&boxes);
+        let mut stack = Vec::new();
+        let mut found_any = 0;
+        for round in 0..600 {
+            let item = (round * 7) % 300;
+            boxes[item] = if round % 5 == 0 { EMPTY } else { random_box() };
+            tree.refit(item as u32, |k| boxes[k as usize]);
+            let query = random_box();
+            let mut found = Vec::new();
+            tree.any_near(query, &mut stack, |k| {
+                if meet(boxes[k as usize], query) {
+                    found.push(k);
+                }
+                false
+            });
+            found.sort_unstable();
+            let expected: Vec<u32> = (0..300).filter(|k| meet(boxes[*k as usize], query)).collect();
+            assert_eq!(found, expected, "round {round}");
+            found_any += found.len();
+        }
+        assert!(found_any > 300);
+    }
+}

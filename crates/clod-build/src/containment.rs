@@ -1,0 +1,79 @@
+//! What is known of the patches of a level: whether their hulls lie inside the object, and whether they cover them.
+
+use glam::DVec3;
+use palpate_core::mesh::{Adjacency, NO_NEIGHBOUR};
+use rayon::prelude::*;
+
+use crate::convexity::{HULL_THICKNESS, Patch, layer_below};
+use crate::decomposition::Decomposition;
+use crate::hull::{HullBuilder, Plane};
+use crate::surface::Surface;
+
+/// Faces of a thin hull below which a point inside of it is looked for.
+const MAX_FACES_TRIED: usize = 64;
+
+/// Per patch, whether its hull is verified not to protrude from the object; never if that is not `solid`.
+pub(crate) fn contained(
+    surface: &Surface,
+    decomposition: &Decomposition,
+    solid: bool,
+    tolerance: f64,
+) -> Vec<bool> {
+    decomposition
+        .patches
+        .par_iter()
+        .map_init(HullBuilder::default, |hulls, patch| solid && lies_inside(surface, patch, tolerance, hulls))
+        .collect()
+}
+
+/// Per patch, whether it covers its whole hull.
+pub(crate) fn all_real(decomposition: &Decomposition, adjacency: &Adjacency) -> Vec<bool> {
+    (0..decomposition.patches.len()).map(|patch| is_closed(decomposition, patch, adjacency)).collect()
+}
+
+/// Whether the hull of a patch lies inside a solid. No surface reaches deeper into it than the tolerance, so that one point
+/// deeper than that speaks for all; a hull without such a point is part of the surface. So does one point in the layer below
+/// a flat hull, which no surface reaches into either. A single triangle is its own hull.
+fn lies_inside(surface: &Surface, patch: &Patch, tolerance: f64, hulls: &mut HullBuilder) -> bool {
+    if patch.triangles.len() == 1 {
+        return true;
+    }
+    let points: Vec<DVec3> = patch.extreme.iter().map(|v| surface.points[*v as usize]).collect();
+    if patch.flat {
+        let plane = surface.planes[patch.lead as usize];
+        let middle = surface.corners(patch.lead).iter().sum::<DVec3>() / 3.0;
+        let below = middle - 1.5 * tolerance * plane.normal;
+        let narrow = layer_below(&plane, &points, 3.0 * tolerance).any(|p| p.height(below) >= -tolerance);
+        return narrow || surface.winding_number(below).is_some_and(|turns| turns > 0);
+    }
+    let planes: Vec<Plane> = hulls.hull(&points, HULL_THICKNESS).planes(&points).collect();
+    let depth = |p: DVec3| planes.iter().map(|plane| -plane.height(p)).fold(f64::INFINITY, f64::min);
+    let below_faces = patch.triangles.iter().take(MAX_FACES_TRIED).map(|t| {
+        let plane = surface.planes[*t as usize];
+        let thickness = points.iter().map(|p| -plane.height(*p)).fold(0.0, f64::max);
+        surface.corners(*t).iter().sum::<DVec3>() / 3.0 - 0.5 * thickness * plane.normal
+    });
+    let middle = points.iter().sum::<DVec3>() / points.len() as f64;
+    let mut deepest = (middle, depth(middle));
+    // In a hull that is thick nearly everywhere the middle is deep enough; in a sheet it may be near the surface.
+    if deepest.1 <= 4.0 * tolerance {
+        for p in below_faces {
+            let depth = depth(p);
+            if depth > deepest.1 {
+                deepest = (p, depth);
+            }
+        }
+    }
+    deepest.1 <= tolerance || surface.winding_number(deepest.0).is_some_and(|turns| turns > 0)
+}
+
+/// Whether a patch has no boundary, so that it covers its whole hull.
+fn is_closed(decomposition: &Decomposition, patch: usize, adjacency: &Adjacency) -> bool {
+    let own = &decomposition.patches[patch];
+    !own.flat
+        && own.triangles.iter().all(|t| {
+            adjacency.neighbours()[*t as usize]
+                .iter()
+                .all(|n| *n != NO_NEIGHBOUR && decomposition.patch_of[*n as usize] == patch as u32)
+        })
+}

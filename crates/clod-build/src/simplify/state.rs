@@ -1,0 +1,419 @@
+//! The mesh and its convex patches while they are simplified: trying a collapse, keeping it, and joining patches.
+//!
+//! A collapse is tried in place: the triangles of its fan are moved in the surface, but not yet in the spatial indices, so
+//! that they are tested one by one against all others. What has to hold (§3.3.4, step 5):
+//!
+//! - no triangle of the fan is degenerate, turned over, or intersects another (exact arithmetic);
+//! - each patch that has lost or moved a triangle is a convex patch: the same test as the decomposition's;
+//! - the fan does not reach into the hull of any other patch.
+
+use glam::DVec3;
+
+use super::filter::Neighbourhood;
+use super::intersect::intersect;
+use super::quadric::Quadric;
+use super::star::{Fans, Star};
+use crate::box_tree::{BoxTree, EMPTY, meet};
+use crate::convexity::{Convexity, HULL_THICKNESS, JoinBuffers, Patch, dependable_planes};
+use crate::decomposition::{Decomposition, NO_PATCH};
+use crate::hull::{HullBuilder, Plane, Shape};
+use crate::surface::{ReachBuffers, Surface, reaches_below};
+
+/// A new triangle may not be narrower than this fraction of its longest side.
+const LEAST_WIDTH: f64 = 1e-3;
+
+/// Patches of more triangles are not collapsed into: each try would cost their number.
+const LARGEST_PATCH: usize = 4096;
+
+/// A patch with the planes of its hull (none for a flat one).
+#[derive(Clone, Debug)]
+pub(crate) struct Member {
+    pub patch: Patch,
+    planes: Vec<Plane>,
+}
+
+/// The patches that a collapse changes: what becomes of each, `None` where all of its triangles go.
+type Changes = Vec<(u32, Option<Member>)>;
+
+pub(crate) struct State {
+    pub surface: Surface,
+    pub fans: Fans,
+    /// The vertices, m.
+    pub metres: Vec<DVec3>,
+    pub patch_of: Vec<u32>,
+    pub members: Vec<Option<Member>>,
+    /// What each patch that is gone went into.
+    pub went_into: Vec<u32>,
+    pub patches: usize,
+    pub triangles: usize,
+    /// D of each vertex (m²).
+    pub areas: Vec<f64>,
+    quadrics: Vec<Quadric>,
+    planes: Vec<Plane>,
+    tolerance: f64,
+    hulls: BoxTree,
+    indexed_triangles: usize,
+    joins: JoinBuffers,
+    builder: HullBuilder,
+    reach: ReachBuffers,
+    stack: Vec<u32>,
+    near: Vec<u32>,
+}
+
+impl State {
+    /// Starts from a surface and its patches; `metres` are its vertices, m, `neighbours` the triangles across the sides of each.
+    pub fn new(
+        surface: Surface,
+        metres: Vec<DVec3>,
+        neighbours: &[[u32; 3]],
+        decomposition: &Decomposition,
+        areas: Vec<f64>,
+        tolerance: f64,
+    ) -> Self {
+        let fans = Fans::new(surface.points.len(), &surface.triangles);
+        let planes = dependable_planes(&surface, neighbours, tolerance);
+        let mut builder = HullBuilder::default();
+        let members: Vec<_> = decomposition
+            .patches
+            .iter()
+            .map(|patch| {
+                let planes = hull_planes(&surface, patch, &mut builder);
+                Some(Member { patch: patch.clone(), planes })
+            })
+            .collect();
+        let boxes: Vec<_> = decomposition.patches.iter().map(|p| p.bounds).collect();
+        let mut quadrics = vec![Quadric::NONE; surface.points.len()];
+        for (corners, plane) in surface.triangles.iter().zip(&planes) {
+            let [a, b, c] = corners.map(|v| surface.points[v as usize]);
+            let area = (b - a).cross(c - a).length();
+            let quadric = Quadric::plane(plane.normal, plane.offset, area);
+            for v in corners {
+                quadrics[*v as usize] = quadrics[*v as usize].plus(&quadric);
+            }
+            for side in 0..3 {
+                let [from, to] = [corners[side], corners[(side + 1) % 3]];
+                if from != to && fans.across(&surface.triangles, to, from).is_none() {
+                    let [p, q] = [from, to].map(|v| surface.points[v as usize]);
+                    let border = Quadric::border(p, q, plane.normal);
+                    for v in [from, to] {
+                        quadrics[v as usize] = quadrics[v as usize].plus(&border);
+                    }
+                }
+            }
+        }
+        let triangles = decomposition.patch_of.iter().filter(|p| **p != NO_PATCH).count();
+        Self {
+            fans,
+            metres,
+            patch_of: decomposition.patch_of.clone(),
+            went_into: (0..members.len() as u32).collect(),
+            patches: members.len(),
+            triangles,
+            indexed_triangles: triangles,
+            members,
+            areas,
+            quadrics,
+            planes,
+            tolerance,
+            hulls: BoxTree::new(&boxes),
+            surface,
+            joins: JoinBuffers::default(),
+            builder,
+            reach: ReachBuffers::default(),
+            stack: Vec::new(),
+            near: Vec::new(),
+        }
+    }
+
+    /// The mesh as the filter reads it.
+    pub fn neighbourhood(&self) -> Neighbourhood<'_> {
+        Neighbourhood { points: &self.surface.points, triangles: &self.surface.triangles, fans: &self.fans }
+    }
+
+    /// The quadric of the merged vertex.
+    pub fn quadric(&self, [a, b]: [u32; 2]) -> Quadric {
+        self.quadrics[a as usize].plus(&self.quadrics[b as usize])
+    }
+
+    /// Heights up to this count as convex, in unit coordinates.
+    pub fn tolerance(&self) -> f64 {
+        self.tolerance
+    }
+
+    /// Collapses an edge to the last valid one of the positions that a search tries: `next` is told whether the position
+    /// before was valid, and gives another to try or none. Tells the patches that have changed, if the edge was collapsed.
+    pub fn collapse(
+        &mut self,
+        star: &Star,
+        mut next: impl FnMut(Option<bool>) -> Option<DVec3>,
+    ) -> Option<Vec<u32>> {
+        let affected = self.affected(star);
+        if affected.iter().any(|p| {
+            self.members[*p as usize].as_ref().is_none_or(|m| m.patch.triangles.len() > LARGEST_PATCH)
+        }) {
+            return None;
+        }
+        let kept = star.ends[0] as usize;
+        let before = (self.surface.points[kept], self.metres[kept]);
+        let old: Vec<([u32; 3], Plane)> = star
+            .fan
+            .iter()
+            .map(|s| (self.surface.triangles[s.triangle as usize], self.planes[s.triangle as usize]))
+            .collect();
+        for spoke in &star.fan {
+            let [a, b] = spoke.rim;
+            self.surface.triangles[spoke.triangle as usize] = [star.ends[0], a, b];
+        }
+        let mut best: Option<(DVec3, Changes)> = None;
+        let mut valid = None;
+        while let Some(position) = next(valid) {
+            let changes = self.try_at(star, &affected, &old, position);
+            valid = Some(changes.is_some());
+            if let Some(changes) = changes {
+                best = Some((position, changes));
+            }
+        }
+        let Some((position, changes)) = best else {
+            (self.surface.points[kept], self.metres[kept]) = before;
+            for (spoke, (corners, plane)) in star.fan.iter().zip(&old) {
+                self.surface.triangles[spoke.triangle as usize] = *corners;
+                self.planes[spoke.triangle as usize] = *plane;
+            }
+            return None;
+        };
+        self.place(star, position);
+        self.keep(star, changes);
+        Some(affected)
+    }
+
+    fn affected(&self, star: &Star) -> Vec<u32> {
+        let triangles = star.fan.iter().map(|s| s.triangle).chain(star.removed.iter().copied());
+        let mut affected: Vec<u32> = triangles.map(|t| self.patch_of[t as usize]).collect();
+        affected.sort_unstable();
+        affected.dedup();
+        affected
+    }
+
+    fn place(&mut self, star: &Star, position: DVec3) {
+        // As it will be stored, so that what holds here holds there.
+        let metres = position / self.surface.scale + self.surface.center;
+        self.metres[star.ends[0] as usize] = metres;
+        self.surface.points[star.ends[0] as usize] = (metres - self.surface.center) * self.surface.scale;
+        for spoke in &star.fan {
+            self.planes[spoke.triangle as usize] = Plane::through(self.surface.corners(spoke.triangle));
+        }
+    }
+
+    fn try_at(
+        &mut self,
+        star: &Star,
+        affected: &[u32],
+        old: &[([u32; 3], Plane)],
+        position: DVec3,
+    ) -> Option<Changes> {
+        self.place(star, position);
+        let sound = star.fan.iter().zip(old).all(|(spoke, (_, before))| {
+            let [a, b, c] = self.surface.corners(spoke.triangle);
+            let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
+            let width = (b - a).cross(c - a).length() / longest;
+            let turned = self.planes[spoke.triangle as usize].normal.dot(before.normal) <= 0.0;
+            width > self.tolerance
+                && width > LEAST_WIDTH * longest
+                && (!turned || before.normal == DVec3::ZERO)
+        });
+        if !sound {
+            return None;
+        }
+        let in_star = |t: u32| star.fan.iter().any(|s| s.triangle == t) || star.removed.contains(&t);
+        let mut changes = Vec::with_capacity(affected.len());
+        let convexity = Convexity::with_planes(&self.surface, &self.planes, self.tolerance);
+        for &p in affected {
+            let member = self.members[p as usize].as_ref()?;
+            let left: Vec<u32> =
+                member.patch.triangles.iter().copied().filter(|t| !star.removed.contains(t)).collect();
+            if left.is_empty() {
+                changes.push((p, None));
+                continue;
+            }
+            let patch_of = &self.patch_of;
+            let mine = |t: u32| [p, NO_PATCH].contains(&patch_of[t as usize]) || in_star(t);
+            let others = star.fan.iter().map(|s| s.triangle).filter(|t| patch_of[*t as usize] != p);
+            let moved = |t: u32| star.fan.iter().any(|s| s.triangle == t);
+            let (patch, planes) =
+                convexity.patch(&left, (moved, star.ends[0]), mine, others, &mut self.joins)?;
+            changes.push((p, Some(Member { patch, planes })));
+        }
+        (!self.reaches_into_others(star, affected) && !self.intersects(star)).then_some(changes)
+    }
+
+    /// Whether the fan reaches into the hull of a patch that it is no part of.
+    fn reaches_into_others(&mut self, star: &Star, affected: &[u32]) -> bool {
+        let Self { surface, hulls, members, reach, stack, tolerance, .. } = self;
+        let around = star.bounds(|t| surface.bounds(t));
+        hulls.any_near(around, stack, |p| {
+            let Some(member) = members[p as usize].as_ref().filter(|m| !m.planes.is_empty()) else {
+                return false;
+            };
+            meet(member.patch.bounds, around)
+                && !affected.contains(&p)
+                && star
+                    .fan
+                    .iter()
+                    .any(|s| reaches_below(&surface.corners(s.triangle), &member.planes, *tolerance, reach))
+        })
+    }
+
+    /// Whether a triangle of the fan intersects another of the surface.
+    fn intersects(&mut self, star: &Star) -> bool {
+        let Self { surface, stack, near, patch_of, .. } = self;
+        for (k, spoke) in star.fan.iter().enumerate() {
+            let own = surface.triangles[spoke.triangle as usize];
+            let crosses = |t: u32| intersect(&surface.points, own, surface.triangles[t as usize]);
+            if star.fan[..k].iter().any(|s| crosses(s.triangle)) {
+                return true;
+            }
+        }
+        let around = star.bounds(|t| surface.bounds(t));
+        near.clear();
+        surface.tree().any_near(around, stack, |t| {
+            let other = patch_of[t as usize] != NO_PATCH
+                && !star.removed.contains(&t)
+                && star.fan.iter().all(|s| s.triangle != t);
+            if other && meet(surface.bounds(t), around) {
+                near.push(t);
+            }
+            false
+        });
+        star.fan.iter().any(|spoke| {
+            let (own, bounds) = (surface.triangles[spoke.triangle as usize], surface.bounds(spoke.triangle));
+            near.iter().any(|t| {
+                meet(surface.bounds(*t), bounds)
+                    && intersect(&surface.points, own, surface.triangles[*t as usize])
+            })
+        })
+    }
+
+    /// Makes a collapse that has been tried permanent.
+    fn keep(&mut self, star: &Star, changes: Changes) {
+        let [kept, gone] = star.ends.map(|v| v as usize);
+        self.quadrics[kept] = self.quadric(star.ends);
+        self.areas[kept] = self.areas[kept].min(self.areas[gone]);
+        for (p, member) in changes {
+            if member.is_none() {
+                // Into the patch of a neighbour: of the triangle of the fan that takes its place.
+                let heir = star.removed.iter().find(|t| self.patch_of[**t as usize] == p).and_then(|t| {
+                    let corners = self.surface.triangles[*t as usize];
+                    let apex = corners.into_iter().find(|v| !star.ends.contains(v))?;
+                    star.fan
+                        .iter()
+                        .filter(|s| s.rim.contains(&apex))
+                        .map(|s| self.patch_of[s.triangle as usize])
+                        .find(|q| *q != p)
+                });
+                if let Some(heir) = heir {
+                    self.went_into[p as usize] = heir;
+                    self.patches -= 1;
+                }
+            }
+            self.members[p as usize] = member;
+            self.reindex_hull(p);
+        }
+        let rim = {
+            let mut rim = star.rim();
+            let apexes = star.removed.iter().flat_map(|t| self.surface.triangles[*t as usize]);
+            rim.extend(apexes.filter(|v| !star.ends.contains(v)));
+            rim.sort_unstable();
+            rim.dedup();
+            rim
+        };
+        self.fans.collapse(star, &rim);
+        for &t in &star.removed {
+            self.patch_of[t as usize] = NO_PATCH;
+            self.surface.triangles[t as usize] = [star.ends[0]; 3];
+            self.surface.moved(t);
+        }
+        self.triangles -= star.removed.len();
+        for spoke in &star.fan {
+            self.surface.moved(spoke.triangle);
+        }
+        if self.triangles < self.indexed_triangles / 2 {
+            self.indexed_triangles = self.triangles;
+            self.surface.index();
+            let boxes: Vec<_> =
+                self.members.iter().map(|m| m.as_ref().map_or(EMPTY, |m| m.patch.bounds)).collect();
+            self.hulls = BoxTree::new(&boxes);
+        }
+    }
+
+    fn reindex_hull(&mut self, p: u32) {
+        let members = &self.members;
+        self.hulls.refit(p, |p| members[p as usize].as_ref().map_or(EMPTY, |m| m.patch.bounds));
+    }
+
+    /// Joins patches that have changed with their neighbours, and the unions with theirs, as long as that makes convex
+    /// patches.
+    pub fn join_around(&mut self, mut changed: Vec<u32>) {
+        let mut failed: Vec<(u32, u32)> = Vec::new();
+        while let Some(p) = changed.pop() {
+            let Some(member) = &self.members[p as usize] else { continue };
+            let (fans, triangles) = (&self.fans, &self.surface.triangles);
+            let mut neighbours = Vec::new();
+            for t in &member.patch.triangles {
+                let c = triangles[*t as usize];
+                for k in 0..3 {
+                    if let Some((_, other)) = fans.across(triangles, c[(k + 1) % 3], c[k]) {
+                        neighbours.push(self.patch_of[other as usize]);
+                    }
+                }
+            }
+            neighbours.retain(|q| *q != p);
+            neighbours.sort_unstable();
+            neighbours.dedup();
+            for q in neighbours {
+                let pair = (p.min(q), p.max(q));
+                if failed.contains(&pair) {
+                    continue;
+                }
+                if let Some(union) = self.join(p, q) {
+                    failed.retain(|f| f.0 != union && f.1 != union);
+                    changed.push(union);
+                    break;
+                }
+                failed.push(pair);
+            }
+        }
+    }
+
+    /// Joins two patches if their union is one; tells which it is.
+    fn join(&mut self, p: u32, q: u32) -> Option<u32> {
+        let (first, second) = (self.members[p as usize].as_ref()?, self.members[q as usize].as_ref()?);
+        let patch_of = &self.patch_of;
+        let mine = |t: u32| [p, q, NO_PATCH].contains(&patch_of[t as usize]);
+        let convexity = Convexity::with_planes(&self.surface, &self.planes, self.tolerance);
+        let join = convexity.join(&first.patch, &second.patch, mine, &mut self.joins)?;
+        let (kept, gone) =
+            if first.patch.triangles.len() >= second.patch.triangles.len() { (p, q) } else { (q, p) };
+        let gone_member = self.members[gone as usize].take()?;
+        for t in &gone_member.patch.triangles {
+            self.patch_of[*t as usize] = kept;
+        }
+        if let Some(member) = &mut self.members[kept as usize] {
+            member.patch.take_in(gone_member.patch, join, &convexity);
+            member.planes = hull_planes(&self.surface, &member.patch, &mut self.builder);
+        }
+        self.went_into[gone as usize] = kept;
+        self.patches -= 1;
+        self.reindex_hull(gone);
+        self.reindex_hull(kept);
+        Some(kept)
+    }
+}
+
+fn hull_planes(surface: &Surface, patch: &Patch, hulls: &mut HullBuilder) -> Vec<Plane> {
+    if patch.flat {
+        return Vec::new();
+    }
+    let points: Vec<DVec3> = patch.extreme.iter().map(|v| surface.points[*v as usize]).collect();
+    let hull = hulls.hull(&points, HULL_THICKNESS);
+    if hull.shape == Shape::Polytope { hull.planes(&points).collect() } else { Vec::new() }
+}
