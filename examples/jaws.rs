@@ -6,6 +6,7 @@
 use std::error::Error;
 use std::f64::consts::TAU;
 use std::io::{Write, stdout};
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -115,6 +116,7 @@ fn open(name: &str) -> Result<Object, Box<dyn Error>> {
     let (object, _) = Object::open(name, &OpenOptions::default(), &mut |stage, fraction| {
         bar.set_message(format!("{name}: {stage}"));
         bar.set_position((1000.0 * fraction) as u64);
+        ControlFlow::Continue(())
     })?;
     bar.finish_and_clear();
     let source = &object.clod.source;

@@ -5,6 +5,7 @@ pub mod brute_force;
 use std::io::Write as _;
 use std::path::PathBuf;
 
+use palpate::clod_build::unwatched;
 use palpate::mesh_io::{LoadOptions, load};
 use palpate::{Object, OpenOptions, TriMesh};
 
@@ -38,7 +39,7 @@ pub fn shared_mesh(path: &str) -> Option<TriMesh> {
 /// If there is no such model.
 pub fn model(name: &str) -> Object {
     let options = OpenOptions { cache: false, ..OpenOptions::default() };
-    match Object::open(name, &options, &mut |_, _| {}) {
+    match Object::open(name, &options, &mut unwatched) {
         Ok((object, _)) => object,
         Err(error) => panic!("{error}"),
     }

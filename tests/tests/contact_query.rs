@@ -2,7 +2,7 @@
 
 use std::collections::{HashMap, HashSet};
 
-use palpate::clod_build::{BuildOptions, build};
+use palpate::clod_build::{BuildOptions, build, unwatched};
 use palpate::collide::{ContactQuery, PatchContact, QuerySettings};
 use palpate::core::Clod;
 use palpate::core::clod::Node;
@@ -21,7 +21,7 @@ struct Body {
 impl Body {
     fn load(path: &str) -> Option<Self> {
         let mesh = shared_mesh(path)?;
-        let clod = build(&mesh, &BuildOptions::default(), &mut |_, _| {}).expect(path);
+        let clod = build(&mesh, &BuildOptions::default(), &mut unwatched).expect(path);
         let radius = clod.bounding_radius();
         Some(Self { mesh, clod, radius })
     }

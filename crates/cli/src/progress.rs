@@ -1,32 +1,40 @@
 //! Progress bars on a terminal's standard error; nothing where it is not a terminal.
 
+use std::ops::ControlFlow;
+
 use indicatif::{ProgressBar, ProgressStyle};
 use palpate::clod_build::Stage;
 
+/// Steps of a bar.
+const STEPS: u64 = 1000;
+
 /// A bar from 0 to 1 with the name of what is going on.
 pub fn bar(what: &str) -> ProgressBar {
-    let bar = ProgressBar::new(1000).with_message(what.to_owned());
-    if let Ok(style) = ProgressStyle::with_template("{msg:40} {bar:30} {percent:>3} %") {
+    let bar = ProgressBar::new(STEPS).with_message(what.to_owned());
+    if let Ok(style) = ProgressStyle::with_template("{msg:40} {bar:30} {percent:>3} %  {elapsed} + {eta}") {
         bar.set_style(style);
     }
     bar
 }
 
 /// Shows the stages of a build on a bar.
-pub fn of_build<'a>(bar: &'a ProgressBar, name: &'a str) -> impl FnMut(Stage, f64) + 'a {
+pub fn of_build<'a>(bar: &'a ProgressBar, name: &'a str) -> impl FnMut(Stage, f64) -> ControlFlow<()> + 'a {
     let mut shown = None;
     move |stage, fraction| {
         if shown != Some(stage) {
             bar.set_message(format!("{name}: {stage}"));
+            bar.reset_elapsed();
+            bar.reset_eta();
             shown = Some(stage);
         }
         set(bar, fraction);
+        ControlFlow::Continue(())
     }
 }
 
 /// Moves a bar to a fraction from 0 to 1.
 pub fn set(bar: &ProgressBar, fraction: f64) {
-    bar.set_position((1000.0 * fraction.clamp(0.0, 1.0)) as u64);
+    bar.set_position((STEPS as f64 * fraction.clamp(0.0, 1.0)) as u64);
 }
 
 /// Opens an object with a progress bar, and prints the loader's warnings.

@@ -5,7 +5,7 @@
 
 use std::time::Instant;
 
-use palpate_clod_build::{BuildOptions, build};
+use palpate_clod_build::{BuildOptions, build, unwatched};
 use palpate_models::Model;
 
 const TABLE: [&str; 7] =
@@ -26,7 +26,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let (model, triangles) = Model::parse(text)?;
         let mesh = model.generate(triangles)?;
         let start = Instant::now();
-        let clod = build(&mesh, &BuildOptions { simplify: true, ..BuildOptions::default() }, &mut |_, _| ())?;
+        let clod = build(&mesh, &BuildOptions { simplify: true, ..BuildOptions::default() }, &mut unwatched)?;
         let seconds = start.elapsed().as_secs_f64();
         let radius = clod.bounding_radius();
         let free = clod.levels.iter().filter(|l| l.free).count();

@@ -1,6 +1,7 @@
 //! From a mesh to its hierarchy: the order of the steps, what can be asked of them and why they may refuse.
 
 use std::f64::consts::FRAC_PI_2;
+use std::ops::ControlFlow;
 
 use glam::{DMat3, DVec3};
 use palpate_core::clod::Source;
@@ -11,6 +12,7 @@ use crate::hausdorff::set_hausdorff_distances;
 use crate::hierarchy::merge_to_root;
 use crate::levels::{Regular, assemble};
 use crate::parameters::{finest_resolution, support_areas};
+use crate::progress::{Progress, Stage};
 use crate::simplify::{Limits, simplify};
 use crate::surface::Surface;
 
@@ -51,33 +53,6 @@ impl Default for BuildOptions {
             simplify: false,
             coarsest: 4.0,
         }
-    }
-}
-
-/// What a build is doing, for its progress callback.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Stage {
-    /// Checking and indexing the mesh.
-    Mesh,
-    /// Surface convex decomposition (§3.3.1).
-    Decomposition,
-    /// Sensation preserving simplification (§3.3.3), where it is asked for.
-    Simplification,
-    /// Merging patches up to the root (§3.3.3).
-    Hierarchy,
-    /// Error metric parameters (§3.3.5).
-    Parameters,
-}
-
-impl std::fmt::Display for Stage {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::Mesh => "mesh",
-            Self::Decomposition => "convex decomposition",
-            Self::Simplification => "simplification",
-            Self::Hierarchy => "hierarchy",
-            Self::Parameters => "parameters",
-        })
     }
 }
 
@@ -133,6 +108,9 @@ pub enum BuildError {
         /// How many it needs.
         hull_vertices: usize,
     },
+    /// The progress callback asked for an end.
+    #[error("the build was cancelled")]
+    Cancelled,
     /// An option is out of range.
     #[error("the build option `{option}` is {value}, but has to be {wanted}")]
     Option {
@@ -151,37 +129,40 @@ pub enum BuildError {
 /// then be verified to lie inside the object, [`Node::contained`](palpate_core::clod::Node::contained) is false and so is
 /// [`Source::solid`](palpate_core::clod::Source::solid).
 ///
-/// `progress` is called from the calling thread with the fraction of the stage that is done.
+/// `progress` is called from the calling thread with the fraction of the stage that is done, at most some 25 times a second
+/// besides the beginning and end of each stage; when it breaks, the build ends with [`BuildError::Cancelled`].
 ///
 /// # Errors
-/// If the mesh has no triangles, no extent or a vertex that is not finite, or an option is out of range.
+/// If it is cancelled, the mesh has no triangles, no extent or a vertex that is not finite, or an option is out of range.
 pub fn build(
     mesh: &TriMesh,
     options: &BuildOptions,
-    progress: &mut dyn FnMut(Stage, f64),
+    progress: &mut dyn FnMut(Stage, f64) -> ControlFlow<()>,
 ) -> Result<Clod, BuildError> {
     options.check()?;
     let (center, radius) = check_extent(mesh)?;
+    let mut progress = Progress::new(progress);
 
-    progress(Stage::Mesh, 0.0);
+    progress.begin(Stage::Mesh)?;
     let report = mesh.validate();
     let solid = report.is_solid();
     let adjacency = mesh.adjacency();
     let surface = Surface::new(mesh, center, radius);
-    progress(Stage::Mesh, 1.0);
+    progress.end()?;
 
     let tolerance = options.tolerance * radius * surface.scale;
-    let decomposition =
-        decompose(&surface, &adjacency, tolerance, &mut |done| progress(Stage::Decomposition, done));
-    progress(Stage::Decomposition, 1.0);
+    progress.begin(Stage::Decomposition)?;
+    let decomposition = decompose(&surface, &adjacency, tolerance, &mut progress)?;
+    progress.end()?;
 
     let areas = support_areas(mesh, &adjacency, options.support_distance * radius, options.support_cone);
     // Collapses keep a surface 2-manifold and oriented, and rely on it.
     let simplified = if options.simplify && report.manifold && report.oriented {
         let limits = Limits { tolerance, least_resolution: options.coarsest / (radius * surface.scale) };
-        simplify(mesh, &surface, &decomposition, &areas, &limits, &mut |done| {
-            progress(Stage::Simplification, done);
-        })
+        progress.begin(Stage::Simplification)?;
+        let levels = simplify(mesh, &surface, &decomposition, &areas, &limits, &mut progress)?;
+        progress.end()?;
+        levels
     } else {
         Vec::new()
     };
@@ -190,11 +171,12 @@ pub fn build(
             Some(level) => (&level.surface.points, &level.decomposition, &level.mesh.adjacency()),
             None => (&surface.points, &decomposition, &adjacency),
         };
-        merge_to_root(points, coarsest, links, &mut |done| progress(Stage::Hierarchy, done))
+        progress.begin(Stage::Hierarchy)?;
+        merge_to_root(points, coarsest, links, &mut progress)?
     };
-    progress(Stage::Hierarchy, 1.0);
+    progress.end()?;
 
-    progress(Stage::Parameters, 0.0);
+    progress.begin(Stage::Parameters)?;
     let first =
         Regular { mesh, surface: &surface, decomposition: &decomposition, areas: &areas, parent_of: None };
     let finest = finest_resolution(mesh, &adjacency, NEGLIGIBLE * radius);
@@ -220,7 +202,7 @@ pub fn build(
     if !simplified.is_empty() {
         set_hausdorff_distances(&mut clod, surface.scale);
     }
-    progress(Stage::Parameters, 1.0);
+    progress.end()?;
     Ok(clod)
 }
 

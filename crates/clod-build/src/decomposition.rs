@@ -13,6 +13,7 @@ use std::collections::BinaryHeap;
 use palpate_core::mesh::{Adjacency, EdgeKind};
 
 use crate::convexity::{Convexity, JoinBuffers, Patch};
+use crate::progress::{Cancelled, Progress};
 use crate::surface::Surface;
 
 /// The patch of a triangle that names a vertex twice.
@@ -52,8 +53,8 @@ pub(crate) fn decompose(
     surface: &Surface,
     adjacency: &Adjacency,
     tolerance: f64,
-    progress: &mut dyn FnMut(f64),
-) -> Decomposition {
+    progress: &mut Progress<'_>,
+) -> Result<Decomposition, Cancelled> {
     let count = surface.triangles.len();
     let convexity = Convexity::new(surface, adjacency.neighbours(), tolerance);
     let collapsed = |t: u32| {
@@ -109,7 +110,7 @@ pub(crate) fn decompose(
     while let Some(Reverse((stored, a, b))) = queue.pop() {
         done += 1;
         if done >= next_report {
-            progress(f64::from(done) / (f64::from(done) + queue.len() as f64));
+            progress.at(f64::from(done) / (f64::from(done) + queue.len() as f64))?;
             next_report = done + 4096;
         }
         let (Some(first), Some(second)) = (&members[a as usize], &members[b as usize]) else { continue };
@@ -161,7 +162,7 @@ pub(crate) fn decompose(
             patch_of[*t as usize] = k as u32;
         }
     }
-    Decomposition { patches, patch_of }
+    Ok(Decomposition { patches, patch_of })
 }
 
 /// The connected pieces of surface that are closed and all of whose edges are convex: most are one patch, and a large one

@@ -14,6 +14,7 @@ use crate::convexity::HULL_THICKNESS;
 use crate::decomposition::Decomposition;
 use crate::enclosing::smallest_sphere;
 use crate::hull::HullBuilder;
+use crate::progress::{Cancelled, Progress};
 
 /// Up to this many pieces all pairs are candidates; beyond, those near each other along a space-filling curve.
 const ALL_PAIRS_UP_TO: usize = 256;
@@ -39,8 +40,8 @@ pub(crate) fn merge_to_root(
     points: &[DVec3],
     decomposition: &Decomposition,
     adjacency: &Adjacency,
-    progress: &mut dyn FnMut(f64),
-) -> Vec<Vec<Cluster>> {
+    progress: &mut Progress<'_>,
+) -> Result<Vec<Vec<Cluster>>, Cancelled> {
     let leaves = leaves(points, decomposition);
     let mut links = patch_links(decomposition, adjacency);
     let mut levels = vec![leaves];
@@ -72,10 +73,10 @@ pub(crate) fn merge_to_root(
         next_links.par_sort_unstable();
         next_links.dedup();
         links = next_links;
-        progress(1.0 - (next.len() as f64).log2() / (levels[0].len() as f64).log2());
+        progress.at(1.0 - (next.len() as f64).log2() / (levels[0].len() as f64).log2())?;
         levels.push(next);
     }
-    levels
+    Ok(levels)
 }
 
 /// The hulls of patches, without children.
@@ -218,14 +219,18 @@ mod tests {
     use super::*;
     use crate::decomposition::decompose;
     use crate::hull::Shape;
+    use crate::progress::unwatched;
     use crate::surface::Surface;
 
     fn levels_of(mesh: &TriMesh) -> (Surface, Vec<Vec<Cluster>>) {
         let sphere = mesh.bounding_sphere();
         let surface = Surface::new(mesh, sphere.center, sphere.radius);
         let adjacency = mesh.adjacency();
-        let decomposition = decompose(&surface, &adjacency, 1e-6, &mut |_| ());
-        let levels = merge_to_root(&surface.points, &decomposition, &adjacency, &mut |_| ());
+        let decomposition = decompose(&surface, &adjacency, 1e-6, &mut Progress::new(&mut unwatched))
+            .expect("nobody cancels");
+        let levels =
+            merge_to_root(&surface.points, &decomposition, &adjacency, &mut Progress::new(&mut unwatched))
+                .expect("nobody cancels");
         (surface, levels)
     }
 

@@ -23,7 +23,9 @@ mod layout;
 mod levels;
 mod nearest;
 mod parameters;
+mod progress;
 mod simplify;
 mod surface;
 
-pub use build::{BuildError, BuildOptions, REVISION, Stage, build};
+pub use build::{BuildError, BuildOptions, REVISION, build};
+pub use progress::{Stage, unwatched};

@@ -8,11 +8,12 @@
 mod shapes;
 
 use glam::DVec3;
-use palpate_clod_build::{BuildOptions, Stage, build};
+use palpate_clod_build::{BuildError, BuildOptions, Stage, build};
 use palpate_core::Clod;
 use palpate_core::clod::NO_NODE;
 use palpate_models::Model;
 use shapes::{built, cube, globe, mapped, shared_mesh, together, torus};
+use std::ops::ControlFlow;
 
 fn bytes(clod: &Clod) -> Vec<u8> {
     let mut out = Vec::new();
@@ -119,6 +120,7 @@ fn progress_runs_through_the_stages() {
             assert!(*last != stage || done >= *before, "{stage:?} went from {before} to {done}");
         }
         seen.push((stage, done));
+        ControlFlow::Continue(())
     })
     .expect("a torus builds");
     let mut stages: Vec<Stage> = seen.iter().map(|(stage, _)| *stage).collect();
@@ -141,4 +143,25 @@ fn parameters_of_a_cube() {
     // Each of the 54 vertices in the sides has its six triangles of 0.125 m², or four of eight of them.
     assert!(inside > 54.0 * 0.5 && inside < 54.0 * 1.0 + 1e-9, "{inside}");
     assert!((clod.source.unit_inertia.x_axis.x - 2.0 / 3.0).abs() < 1e-12);
+}
+
+#[test]
+fn a_build_can_be_cancelled_in_every_stage() {
+    let mesh = torus(20, 0.4);
+    let options = BuildOptions { simplify: true, ..BuildOptions::default() };
+    let mut stages = Vec::new();
+    build(&mesh, &options, &mut |stage, _| {
+        stages.push(stage);
+        ControlFlow::Continue(())
+    })
+    .expect("a torus builds");
+    stages.dedup();
+    for last in stages {
+        let mut after = 0;
+        let cancelled = build(&mesh, &options, &mut |stage, _| {
+            after += usize::from(stage == last);
+            if stage == last { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        });
+        assert_eq!((cancelled, after), (Err(BuildError::Cancelled), 1), "{last}");
+    }
 }

@@ -8,7 +8,7 @@
 mod shapes;
 
 use glam::{DMat3, DVec3};
-use palpate_clod_build::{BuildError, BuildOptions, build};
+use palpate_clod_build::{BuildError, BuildOptions, build, unwatched};
 use palpate_core::TriMesh;
 use palpate_mesh_io::{LoadOptions, load};
 use rand::rngs::StdRng;
@@ -20,7 +20,7 @@ fn mesh(vertices: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> TriMesh {
 }
 
 fn refused(mesh: &TriMesh) -> BuildError {
-    build(mesh, &BuildOptions::default(), &mut |_, _| ()).expect_err("the mesh is refused")
+    build(mesh, &BuildOptions::default(), &mut unwatched).expect_err("the mesh is refused")
 }
 
 #[test]
@@ -42,7 +42,7 @@ fn nasty_files_build_with_and_without_repair() {
                 continue;
             }
             before = Some(loaded.mesh.clone());
-            match build(&loaded.mesh, &BuildOptions::default(), &mut |_, _| ()) {
+            match build(&loaded.mesh, &BuildOptions::default(), &mut unwatched) {
                 Ok(clod) => {
                     clod.validate().unwrap_or_else(|e| panic!("{}: {e}", path.display()));
                     count += 1;
@@ -74,7 +74,7 @@ fn refusals_say_why() {
     }
     for tolerance in [-1e-9, 0.2, f64::NAN, f64::INFINITY] {
         let options = BuildOptions { tolerance, ..BuildOptions::default() };
-        let e = build(&cube(1), &options, &mut |_, _| ()).expect_err("out of range");
+        let e = build(&cube(1), &options, &mut unwatched).expect_err("out of range");
         assert!(matches!(e, BuildError::Option { option: "tolerance", .. }), "{e}");
     }
     // A vertex that no triangle uses may be anything.
@@ -124,7 +124,7 @@ fn random_triangles() {
         let triangles: Vec<[u32; 3]> =
             (0..2 * count).map(|_| std::array::from_fn(|_| rng.random_range(0..count as u32))).collect();
         let options = BuildOptions { simplify: true, ..BuildOptions::default() };
-        match build(&mesh(vertices, triangles), &options, &mut |_, _| ()) {
+        match build(&mesh(vertices, triangles), &options, &mut unwatched) {
             Ok(clod) => clod.validate().unwrap_or_else(|e| panic!("round {round}: {e}")),
             Err(e) => println!("round {round}: {e}"),
         }

@@ -8,16 +8,17 @@
 mod shapes;
 
 use glam::{DMat3, DVec3};
-use palpate_clod_build::{BuildOptions, Stage, build};
+use palpate_clod_build::{BuildOptions, Stage, build, unwatched};
 use palpate_core::clod::{Clod, Node};
 use palpate_core::mesh::TriMesh;
 use palpate_mesh_io::{self_intersections, weld};
 use palpate_models::Model;
 use shapes::{mapped, torus};
+use std::ops::ControlFlow;
 
 fn simplified(mesh: &TriMesh) -> Clod {
     let options = BuildOptions { simplify: true, ..BuildOptions::default() };
-    let clod = build(mesh, &options, &mut |_, _| ()).expect("the mesh builds");
+    let clod = build(mesh, &options, &mut unwatched).expect("the mesh builds");
     clod.validate().expect("the hierarchy is valid");
     clod
 }
@@ -225,6 +226,7 @@ fn what_is_not_manifold_and_what_is_one_patch_is_left_alone() {
     build(&torus(20, 0.4), &options, &mut |stage, done| {
         assert!((0.0..=1.0).contains(&done));
         stages.push(stage);
+        ControlFlow::Continue(())
     })
     .expect("a torus builds");
     stages.dedup();

@@ -7,7 +7,7 @@ use std::collections::{HashMap, HashSet};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-use palpate_clod_build::BuildOptions;
+use palpate_clod_build::{BuildOptions, unwatched};
 use palpate_collide::{ContactQuery, QuerySettings};
 use palpate_core::glam::{DQuat, DVec3};
 use palpate_core::{Clod, Pose, TriMesh};
@@ -26,7 +26,7 @@ struct Body {
 
 fn load(path: &Path) -> Body {
     let mesh = palpate_mesh_io::load(path, &palpate_mesh_io::LoadOptions::default()).unwrap().mesh;
-    let clod = palpate_clod_build::build(&mesh, &BuildOptions::default(), &mut |_, _| {}).unwrap();
+    let clod = palpate_clod_build::build(&mesh, &BuildOptions::default(), &mut unwatched).unwrap();
     let key = |mut corners: [DVec3; 3]| {
         corners.sort_by(|p, q| p.x.total_cmp(&q.x).then(p.y.total_cmp(&q.y)).then(p.z.total_cmp(&q.z)));
         corners.map(|c| c.to_array().map(f64::to_bits))

@@ -3,6 +3,7 @@
 //! A cache that cannot be read or written is as good as none: the hierarchy is built, and the session goes on.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use palpate_clod_build::{BuildError, BuildOptions, REVISION, Stage};
@@ -12,7 +13,7 @@ use palpate_core::{Clod, TriMesh};
 pub(crate) fn build_or_load(
     mesh: &TriMesh,
     options: &BuildOptions,
-    progress: &mut dyn FnMut(Stage, f64),
+    progress: &mut dyn FnMut(Stage, f64) -> ControlFlow<()>,
 ) -> Result<Clod, BuildError> {
     let path = path_of(mesh, options);
     if let Some(clod) =

@@ -1,9 +1,10 @@
 //! Objects ready to be touched: a hierarchy from a `.clod` file, a mesh file or a built-in model's name.
 
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
 
-use palpate_clod_build::{BuildError, BuildOptions, Stage};
+use palpate_clod_build::{BuildError, BuildOptions, Stage, unwatched};
 use palpate_core::clod::ClodError;
 use palpate_core::{Clod, TriMesh};
 use palpate_mesh_io::{LoadError, LoadOptions};
@@ -121,7 +122,7 @@ impl Object {
     pub fn open(
         argument: &str,
         options: &OpenOptions,
-        progress: &mut dyn FnMut(Stage, f64),
+        progress: &mut dyn FnMut(Stage, f64) -> ControlFlow<()>,
     ) -> Result<(Self, Vec<String>), OpenError> {
         if is_clod(argument) {
             if options.repair || options.scale != 1.0 {
@@ -146,7 +147,7 @@ impl Object {
     /// # Errors
     /// If there is no such model, or it has no such size.
     pub fn model(name: &str) -> Result<Self, OpenError> {
-        Self::open(name, &OpenOptions::default(), &mut |_, _| {}).map(|(object, _)| object)
+        Self::open(name, &OpenOptions::default(), &mut unwatched).map(|(object, _)| object)
     }
 
     /// An object from a mesh that the host already has, m.
@@ -154,7 +155,7 @@ impl Object {
     /// # Errors
     /// If no hierarchy can be built from the mesh.
     pub fn from_mesh(name: &str, mesh: &TriMesh) -> Result<Self, OpenError> {
-        let clod = palpate_clod_build::build(mesh, &BuildOptions::default(), &mut |_, _| {})
+        let clod = palpate_clod_build::build(mesh, &BuildOptions::default(), &mut unwatched)
             .map_err(|source| OpenError::Build { name: name.to_owned(), source })?;
         Ok(Self { name: name.to_owned(), clod: Arc::new(clod) })
     }

@@ -28,6 +28,7 @@ use palpate_core::mesh::Adjacency;
 use rayon::prelude::*;
 
 use crate::decomposition::Decomposition;
+use crate::progress::{Cancelled, Progress};
 use crate::surface::Surface;
 use filter::Path;
 use levels::Levels;
@@ -73,8 +74,8 @@ pub(crate) fn simplify(
     decomposition: &Decomposition,
     areas: &[f64],
     limits: &Limits,
-    progress: &mut dyn FnMut(f64),
-) -> Vec<SimplifiedLevel> {
+    progress: &mut Progress<'_>,
+) -> Result<Vec<SimplifiedLevel>, Cancelled> {
     let mut queue =
         Queue { heap: BinaryHeap::new(), edges: HashMap::new(), changes: vec![0; surface.points.len()] };
     let mut levels = Levels::new(surface, decomposition);
@@ -96,8 +97,8 @@ pub(crate) fn simplify(
         && let Some((ends, resolution)) = queue.pop(&state)
         && resolution >= limits.least_resolution
     {
-        if steps.is_multiple_of(4096) {
-            progress(1.0 - (state.triangles as f64 / all).sqrt());
+        if steps.is_multiple_of(256) {
+            progress.at(1.0 - (state.triangles as f64 / all).sqrt())?;
         }
         steps = steps.wrapping_add(1);
         let Some(changed) = collapse(&mut state, ends, &mut star) else {
@@ -114,8 +115,7 @@ pub(crate) fn simplify(
     if (state.patches as f64) <= (1.0 - NOTICEABLE) * levels.patches() as f64 {
         levels.put_out(&mut state, lowest);
     }
-    progress(1.0);
-    levels.finish()
+    Ok(levels.finish())
 }
 
 /// The filtered edge collapse (§3.3.4). Tells the patches that it has changed, if there is a position that is valid.

@@ -7,13 +7,13 @@ use std::io::Write as _;
 use std::path::PathBuf;
 
 use glam::{DMat3, DVec3};
-use palpate_clod_build::{BuildOptions, build};
+use palpate_clod_build::{BuildOptions, build, unwatched};
 use palpate_core::{Clod, TriMesh};
 use palpate_mesh_io::{LoadOptions, load};
 
 /// Builds with default options and checks what every hierarchy has to keep.
 pub fn built(mesh: &TriMesh) -> Clod {
-    let clod = build(mesh, &BuildOptions::default(), &mut |_, _| ()).expect("the mesh builds");
+    let clod = build(mesh, &BuildOptions::default(), &mut unwatched).expect("the mesh builds");
     clod.validate().expect("the hierarchy is valid");
     clod
 }

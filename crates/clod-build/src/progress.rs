@@ -1,0 +1,87 @@
+//! What a build tells of its progress, and how it is told to stop.
+
+use std::ops::ControlFlow;
+use std::time::{Duration, Instant};
+
+/// How long the callback is left alone between two calls within a stage.
+const INTERVAL: Duration = Duration::from_millis(40);
+
+/// What a build is doing, for its progress callback.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Stage {
+    /// Checking and indexing the mesh.
+    Mesh,
+    /// Surface convex decomposition (§3.3.1).
+    Decomposition,
+    /// Sensation preserving simplification (§3.3.3), where it is asked for.
+    Simplification,
+    /// Merging patches up to the root (§3.3.3).
+    Hierarchy,
+    /// Error metric parameters (§3.3.5).
+    Parameters,
+}
+
+impl std::fmt::Display for Stage {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Mesh => "mesh",
+            Self::Decomposition => "convex decomposition",
+            Self::Simplification => "simplification",
+            Self::Hierarchy => "hierarchy",
+            Self::Parameters => "parameters",
+        })
+    }
+}
+
+/// The progress callback of a build that nobody watches.
+pub fn unwatched(_: Stage, _: f64) -> ControlFlow<()> {
+    ControlFlow::Continue(())
+}
+
+/// The callback broke the build off.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Cancelled;
+
+/// Calls the callback, and not too often.
+pub(crate) struct Progress<'a> {
+    callback: &'a mut dyn FnMut(Stage, f64) -> ControlFlow<()>,
+    stage: Stage,
+    last: Instant,
+}
+
+impl<'a> Progress<'a> {
+    /// At the beginning of a build.
+    pub fn new(callback: &'a mut dyn FnMut(Stage, f64) -> ControlFlow<()>) -> Self {
+        Self { callback, stage: Stage::Mesh, last: Instant::now() }
+    }
+
+    /// A stage begins.
+    pub fn begin(&mut self, stage: Stage) -> Result<(), Cancelled> {
+        self.stage = stage;
+        self.tell(0.0)
+    }
+
+    /// A fraction of the stage is done. To be called as often as it is convenient.
+    pub fn at(&mut self, done: f64) -> Result<(), Cancelled> {
+        if self.last.elapsed() < INTERVAL { Ok(()) } else { self.tell(done) }
+    }
+
+    /// The stage is done.
+    pub fn end(&mut self) -> Result<(), Cancelled> {
+        self.tell(1.0)
+    }
+
+    fn tell(&mut self, done: f64) -> Result<(), Cancelled> {
+        self.last = Instant::now();
+        match (self.callback)(self.stage, done.clamp(0.0, 1.0)) {
+            ControlFlow::Continue(()) => Ok(()),
+            ControlFlow::Break(()) => Err(Cancelled),
+        }
+    }
+}
+
+impl From<Cancelled> for crate::BuildError {
+    fn from(_: Cancelled) -> Self {
+        Self::Cancelled
+    }
+}
