@@ -1,18 +1,17 @@
 //! Draws the built-in models: one PNG a model, and a contact sheet of all.
 //!
-//! `cargo xtask pictures [MODEL…] [-o DIR]`; a model is a name or `NAME@TRIANGLES`. [`raster`] is the renderer.
+//! `cargo xtask pictures [MODEL…] [-o DIR]`; a model is a name or `NAME@TRIANGLES`.
 
-mod lettering;
-mod raster;
 mod scenes;
 
 use std::error::Error;
 use std::path::PathBuf;
 
-use image::{Rgb, RgbImage, imageops};
+use image::RgbImage;
 use palpate_models::Model;
-
-use raster::{Item, Shading, View};
+use palpate_report::raster::{Camera, Item, Shading, View};
+use palpate_report::sheet::{Tile, contact_sheet};
+use palpate_report::views;
 
 /// What `cargo xtask pictures` is asked to draw.
 #[derive(clap::Args)]
@@ -36,10 +35,13 @@ pub struct Arguments {
     edges: bool,
 }
 
-const TILE_WIDTH: u32 = 320;
-const TILE_HEIGHT: u32 = 240;
-const LABEL_HEIGHT: u32 = 28;
+/// Pixels of a picture.
+const WIDTH: u32 = 640;
+const HEIGHT: u32 = 480;
+/// Of the contact sheet.
 const COLUMNS: u32 = 4;
+const TILE_WIDTH: u32 = 320;
+const DOT: u32 = 2;
 
 /// Draws the pictures and prints the name of each file written.
 ///
@@ -69,39 +71,24 @@ pub fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     let mut tiles = Vec::new();
     for (model, name, triangles) in wanted {
         let mesh = model.generate(triangles)?;
-        let scene = scenes::view(model);
+        let scene = views::of_model(model);
         let view = View {
             azimuth: arguments.azimuth.map_or(scene.azimuth, f64::to_radians),
             elevation: arguments.elevation.map_or(scene.elevation, f64::to_radians),
             zoom: arguments.zoom,
-            shading: if arguments.edges { Shading::Edges } else { Shading::Smooth },
             ..scene
         };
-        let picture = raster::render(&[Item::new(&mesh, scenes::color(model))], &view);
+        let shading = if arguments.edges { Shading::Flat { line_width: 1.0 } } else { Shading::Smooth };
+        let camera = Camera::fit(mesh.vertices(), &view, WIDTH, HEIGHT);
+        let picture = camera.render(&[Item::new(&mesh, scenes::color(model))], shading);
         save(&picture, &name)?;
-        tiles.push((name, picture));
+        tiles.push(Tile { picture, caption: vec![name] });
     }
     if tiles.len() > 1 {
-        save(&contact_sheet(&tiles), "contact-sheet")?;
+        save(&contact_sheet(&tiles, COLUMNS, TILE_WIDTH, DOT), "contact-sheet")?;
     }
     if arguments.models.is_empty() {
         save(&scenes::touching_jaws()?, "touching-jaws")?;
     }
     Ok(())
-}
-
-/// The pictures side by side in rows, each with its name below.
-fn contact_sheet(tiles: &[(String, RgbImage)]) -> RgbImage {
-    let rows = (tiles.len() as u32).div_ceil(COLUMNS);
-    let columns = COLUMNS.min(tiles.len() as u32);
-    let mut sheet =
-        RgbImage::from_pixel(columns * TILE_WIDTH, rows * (TILE_HEIGHT + LABEL_HEIGHT), Rgb([255; 3]));
-    for (index, (name, picture)) in (0..).zip(tiles) {
-        let (left, top) = (index % COLUMNS * TILE_WIDTH, index / COLUMNS * (TILE_HEIGHT + LABEL_HEIGHT));
-        let tile = imageops::thumbnail(picture, TILE_WIDTH, TILE_HEIGHT);
-        imageops::replace(&mut sheet, &tile, left.into(), top.into());
-        let indent = TILE_WIDTH.saturating_sub(lettering::width(name, 2)) / 2;
-        lettering::write(&mut sheet, name, left + indent, top + TILE_HEIGHT + 7, 2, Rgb([40; 3]));
-    }
-    sheet
 }

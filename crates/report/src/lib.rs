@@ -1,7 +1,12 @@
-//! Self-contained HTML reports of palpate sessions: what was measured, and plots over time.
+//! What palpate's results look like to a person: self-contained HTML [`Report`]s of sessions with plots over time, and
+//! pictures of meshes drawn in software ([`raster`], [`sheet`], [`views`]).
 
+mod lettering;
 mod plot;
+pub mod raster;
 mod series;
+pub mod sheet;
+pub mod views;
 
 use std::fmt::Write;
 

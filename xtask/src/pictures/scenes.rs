@@ -1,4 +1,4 @@
-//! From where, and in what colour, each model is drawn.
+//! In what colour each model is drawn, and the scene of the README.
 
 use std::collections::HashMap;
 use std::error::Error;
@@ -7,7 +7,9 @@ use glam::{DQuat, DVec3};
 use image::RgbImage;
 use palpate_models::Model;
 
-use super::raster::{self, Item, View};
+use palpate_report::raster::{Camera, Item, Shading, View};
+
+use super::{HEIGHT, WIDTH};
 
 const BONE: [f32; 3] = [0.78, 0.70, 0.52];
 const PORCELAIN: [f32; 3] = [0.34, 0.50, 0.66];
@@ -18,32 +20,6 @@ const WHITE: [f32; 3] = [0.82, 0.82, 0.80];
 
 /// How far the jaws in the README's picture are open, degrees.
 const OPENING: f64 = 3.5;
-
-/// The direction that shows a model best. Models stand with z upwards.
-pub fn view(model: Model) -> View {
-    let (azimuth, elevation) = match model {
-        Model::LowerJaw => (65.0, 38.0),
-        Model::UpperJaw => (65.0, -32.0),
-        Model::BallJointBall | Model::BallJointSocket => (-60.0, 20.0),
-        Model::GolfClub => (-60.0, 20.0),
-        Model::Cup | Model::CupLow => (-55.0, 28.0),
-        Model::Spoon | Model::SpoonLow => (-75.0, 38.0),
-        Model::Block => (35.0, 25.0),
-        Model::Gear => (-60.0, 40.0),
-        Model::Hammer => (-70.0, 25.0),
-        Model::CadPart => (-140.0, 32.0),
-        Model::File => (-90.0, 62.0),
-        Model::Torus => (-70.0, 40.0),
-        Model::GolfBall | Model::Ellipsoid => (-60.0, 25.0),
-    };
-    // Long things fill the picture when they lie across it.
-    let roll: f64 = match model {
-        Model::Hammer => 55.0,
-        Model::File | Model::Spoon | Model::SpoonLow => -24.0,
-        _ => 0.0,
-    };
-    View { roll: roll.to_radians(), ..View::from_degrees(azimuth, elevation) }
-}
 
 /// A colour (linear RGB, 0 to 1) that suits the model.
 pub fn color(model: Model) -> [f32; 3] {
@@ -75,7 +51,11 @@ pub fn touching_jaws() -> Result<RgbImage, Box<dyn Error>> {
         Item { rotation, translation: lift * DVec3::Z, ..Item::new(&lower, BONE) },
         Item::new(&upper, PORCELAIN),
     ];
-    Ok(raster::render(&items, &View::from_degrees(48.0, 6.0)))
+    let points =
+        opened.iter().map(|point| *point + items[0].translation).chain(upper.vertices().iter().copied());
+    let points: Vec<DVec3> = points.collect();
+    let camera = Camera::fit(&points, &View::from_degrees(48.0, 6.0), WIDTH, HEIGHT);
+    Ok(camera.render(&items, Shading::Smooth))
 }
 
 /// How far (m) the lower points can be lifted until they touch the upper ones, which lie above them: the smallest gap over

@@ -1,4 +1,4 @@
-//! Lettering for the contact sheet: five by seven dots, the characters that names of models use.
+//! Lettering for contact sheets: five by seven dots, lower case, digits and what stands between them.
 
 use image::{Rgb, RgbImage};
 
@@ -6,7 +6,9 @@ const WIDTH: u32 = 5;
 const HEIGHT: u32 = 7;
 
 /// Rows from the top; the most significant of five bits is the leftmost dot.
-const GLYPHS: [(char, [u8; HEIGHT as usize]); 37] = [
+const GLYPHS: [(char, [u8; HEIGHT as usize]); 39] = [
+    (',', [0, 0, 0, 0, 0b01100, 0b00100, 0b01000]),
+    ('.', [0, 0, 0, 0, 0, 0b01100, 0b01100]),
     ('-', [0, 0, 0, 0b01110, 0, 0, 0]),
     ('0', [0b01110, 0b10001, 0b10011, 0b10101, 0b11001, 0b10001, 0b01110]),
     ('1', [0b00100, 0b01100, 0b00100, 0b00100, 0b00100, 0b00100, 0b01110]),
