@@ -28,4 +28,5 @@ mod simplify;
 mod surface;
 
 pub use build::{BuildError, BuildOptions, REVISION, build};
+pub use hull::hull_faces;
 pub use progress::{Stage, unwatched};
