@@ -31,8 +31,8 @@ const COUNTS_END: usize = BODY_AT + 16;
 
 /// Memory that reading may hold at once: so many times the bytes of the file, while growing arrays are moved, and so much
 /// more for the block that is decoded and for messages.
-const BYTES_PER_BYTE: u64 = 4;
-const BYTES_BESIDES: u64 = 200 << 10;
+const BYTES_PER_BYTE: u64 = 3;
+const BYTES_BESIDES: u64 = 72 << 10;
 
 /// One file in this many is also read from the disk, where its length is known beforehand.
 const ON_DISK: usize = 50;
@@ -87,15 +87,9 @@ fn mutate_files(count: usize) {
             });
         }
     });
-    let [refused, accepted, changed, touching, memory, longest] = [
-        tally.refused,
-        tally.accepted,
-        tally.changed,
-        tally.touching,
-        tally.memory,
-        tally.longest,
-    ]
-    .map(AtomicUsize::into_inner);
+    let [refused, accepted, changed, touching, memory, longest] =
+        [tally.refused, tally.accepted, tally.changed, tally.touching, tally.memory, tally.longest]
+            .map(AtomicUsize::into_inner);
     let summary = format!(
         "{count} files: {refused} refused, {accepted} accepted, {changed} of these unlike what they were made from, \
          {touching} in contact; memory at most {:.3} of the bound; longest {longest} ms",
