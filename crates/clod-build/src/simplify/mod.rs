@@ -13,7 +13,7 @@
 //! near to is explained with the levels.
 
 mod filter;
-mod intersect;
+pub(crate) mod intersect;
 mod levels;
 mod quadric;
 mod relax;
