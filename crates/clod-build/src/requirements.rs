@@ -14,16 +14,16 @@
 //! would push into the object without another sign of it. Pieces that face inwards in a whole of positive volume are cavities
 //! (or are taken as such), and open meshes have no inside.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use palpate_core::TriMesh;
 use palpate_core::mesh::{OffendingEdge, ValidationReport};
 use rayon::prelude::*;
 use robust::{Coord, orient2d};
 
 use crate::BuildError;
-use crate::box_tree::meet;
+use crate::box_tree::{Bounds, BoxTree, meet};
 use crate::simplify::intersect::intersect;
-use crate::surface::Surface;
+use crate::surface::{Surface, bounds_of};
 
 /// Refuses a mesh that is not an oriented 2-manifold of triangles with an area, given its validation report.
 pub(crate) fn check_surface(mesh: &TriMesh, report: &ValidationReport) -> Result<(), BuildError> {
@@ -64,16 +64,21 @@ pub(crate) fn check_intersections(mesh: &TriMesh, surface: &Surface) -> Result<(
     let same = equal_positions(mesh.vertices());
     let ids: Vec<[u32; 3]> =
         mesh.triangles().par_iter().map(|t| t.map(|v| same.get(v as usize).copied().unwrap_or(v))).collect();
+    let plain: Vec<Bounds> = (0..mesh.triangles().len() as u32).map(|t| surface.bounds(t)).collect();
+    let turned = turned_boxes(surface, &plain);
+    let turned_tree = turned.as_ref().map(|boxes| BoxTree::new(boxes));
+    let bounds = turned.as_ref().unwrap_or(&plain);
+    let tree = turned_tree.as_ref().unwrap_or(surface.tree());
     let crosses = |t: u32, other: u32| {
         other != t
-            && meet(surface.bounds(other), surface.bounds(t))
+            && meet(bounds[other as usize], bounds[t as usize])
             && !clearly_apart(mesh.vertices(), ids[t as usize], ids[other as usize])
             && intersect(mesh.vertices(), ids[t as usize], ids[other as usize])
     };
     // The first of the triangles after a given one that it intersects.
     let partner = |t: u32, stack: &mut Vec<u32>| {
         let mut found = None;
-        surface.tree().any_near(surface.bounds(t), stack, |other| {
+        tree.any_near(bounds[t as usize], stack, |other| {
             if other > t && found.is_none_or(|f| other < f) && crosses(t, other) {
                 found = Some(other);
             }
@@ -84,17 +89,42 @@ pub(crate) fn check_intersections(mesh: &TriMesh, surface: &Surface) -> Result<(
     let count = mesh.triangles().len() as u32;
     let first = (0..count).into_par_iter().map_init(Vec::new, |stack, t| partner(t, stack));
     let Some([a, b]) = first.find_first(Option::is_some).flatten() else { return Ok(()) };
-    let cut = |stack: &mut Vec<u32>, t| {
-        surface.tree().any_near(surface.bounds(t), stack, |other| crosses(t, other))
-    };
+    let cut = |stack: &mut Vec<u32>, t| tree.any_near(bounds[t as usize], stack, |other| crosses(t, other));
     let cut = (0..count).into_par_iter().map_init(Vec::new, cut).filter(|cut| *cut).count();
-    let bounds = |t: u32| {
+    let extent = |t: u32| {
         let [p, q, r] = mesh.corners(t as usize);
         (p.min(q).min(r), p.max(q).max(r))
     };
-    let ((low, high), (from, to)) = (bounds(a), bounds(b));
+    let ((low, high), (from, to)) = (extent(a), extent(b));
     let position = 0.5 * low.max(from) + 0.5 * high.min(to);
     Err(BuildError::SelfIntersecting { count: cut, triangles: [a, b], position })
+}
+
+/// The triangles' boxes along the main direction of their sides, where that makes them much smaller than the `plain`
+/// ones, as it does for long parts askew.
+fn turned_boxes(surface: &Surface, plain: &[Bounds]) -> Option<Vec<Bounds>> {
+    /// More than the rounding of unit coordinates and of a rotation.
+    const ROUNDING: f64 = 16.0 * f64::EPSILON;
+    let corners = (0..plain.len() as u32).map(|t| surface.corners(t));
+    let mut sides = DMat3::ZERO;
+    for [a, b, c] in corners.clone() {
+        for side in [b - a, c - b, a - c] {
+            sides += DMat3::from_cols(side * side.x, side * side.y, side * side.z);
+        }
+    }
+    // Power iteration: it need not have converged, any axes serve.
+    let start = DVec3::new(0.6, 0.5, 0.4);
+    let along = (0..32).fold(start, |v, _| (sides * v).normalize_or(start)).normalize();
+    let (across, up) = along.any_orthonormal_pair();
+    let turn = DMat3::from_cols(along, across, up).transpose();
+    let turned: Vec<Bounds> = corners
+        .map(|t| bounds_of(&t.map(|p| turn * p)))
+        .map(|(low, high)| (low - ROUNDING, high + ROUNDING))
+        .collect();
+    let area = |boxes: &[Bounds]| -> f64 {
+        boxes.iter().map(|(low, high)| *high - *low).map(|d| d.x * d.y + d.y * d.z + d.z * d.x).sum()
+    };
+    (area(&turned) < 0.25 * area(plain)).then_some(turned)
 }
 
 /// Whether it is cheap to see that two triangles have no more in common than their common vertices and the edge between

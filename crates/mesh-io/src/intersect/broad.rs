@@ -3,7 +3,7 @@
 //! Boxes are moved to the middle of all and rounded to f32 for the hierarchy (crate `obvhs`). Both roundings are monotone, so
 //! that boxes that overlap still do after them, without padding; the f64 boxes are compared before a pair is passed on.
 
-use glam::{DVec3, Vec3A};
+use glam::{DMat3, DVec3, Vec3A};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
@@ -31,6 +31,40 @@ impl Boxes {
         let [low, high] = boxes.iter().fold(empty, |[low, high], b| [low.min(b[0]), high.max(b[1])]);
         let middle = if low.is_finite() { 0.5 * low + 0.5 * high } else { DVec3::ZERO };
         Self { boxes, middle }
+    }
+
+    /// Boxes of the triangles of one mesh, with coordinates up to 1, to be held against each other: along the coordinate axes, or along
+    /// the main direction of the triangles' sides where that makes them much smaller, as it does for long parts askew.
+    pub(crate) fn of_one_mesh(count: usize, corners: impl Fn(usize) -> Option<[DVec3; 3]>) -> Self {
+        /// More than the rounding of a rotation.
+        const ROUNDING: f64 = 16.0 * f64::EPSILON;
+        let plain = Self::new(count, &corners);
+        let mut sides = DMat3::ZERO;
+        for [a, b, c] in (0..count).filter_map(&corners).filter(|t| t.iter().all(|p| p.is_finite())) {
+            for side in [b - a, c - b, a - c] {
+                sides += DMat3::from_cols(side * side.x, side * side.y, side * side.z);
+            }
+        }
+        let size = sides.to_cols_array().iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+        if size == 0.0 {
+            return plain;
+        }
+        // Power iteration: it need not have converged, any axes serve.
+        let start = DVec3::new(0.6, 0.5, 0.4);
+        let along = (0..32).fold(start, |v, _| (sides * (1.0 / size) * v).normalize_or(start)).normalize();
+        let (across, up) = along.any_orthonormal_pair();
+        let turn = DMat3::from_cols(along, across, up).transpose();
+        let mut turned = Self::new(count, |t| corners(t).map(|t| t.map(|p| turn * (p - plain.middle))));
+        for [low, high] in &mut turned.boxes {
+            (*low, *high) = (*low - ROUNDING, *high + ROUNDING);
+        }
+        if turned.area() < 0.25 * plain.area() { turned } else { plain }
+    }
+
+    /// Half the surface of all boxes.
+    fn area(&self) -> f64 {
+        let filled = self.boxes.iter().filter(|b| b[0].is_finite());
+        filled.map(|[low, high]| *high - *low).map(|d| d.x * d.y + d.y * d.z + d.z * d.x).sum()
     }
 
     fn rounded(&self, [low, high]: [DVec3; 2]) -> Aabb {

@@ -38,7 +38,7 @@ pub fn self_intersections(mesh: &TriMesh) -> SelfIntersections {
     let same = equal_positions(&vertices);
     let ids: Vec<[u32; 3]> = mesh.triangles().iter().map(|t| t.map(|v| same[v as usize])).collect();
     let corners = |t: usize| ids[t].map(|v| vertices[v as usize]);
-    let boxes = Boxes::new(ids.len(), |t| Some(corners(t)).filter(|&[a, b, c]| !collinear(a, b, c)));
+    let boxes = Boxes::of_one_mesh(ids.len(), |t| Some(corners(t)).filter(|&[a, b, c]| !collinear(a, b, c)));
     let tree = boxes.tree();
     (0..ids.len())
         .into_par_iter()
@@ -73,7 +73,7 @@ pub(crate) fn crossing_pairs(
 ) -> Vec<[u32; 2]> {
     let ids: Vec<[u32; 3]> = triangles.iter().map(|t| t.map(|v| same[v as usize])).collect();
     let corners = |t: usize| ids[t].map(|v| vertices[v as usize]);
-    let boxes = Boxes::new(ids.len(), |t| Some(corners(t)).filter(|&[a, b, c]| !collinear(a, b, c)));
+    let boxes = Boxes::of_one_mesh(ids.len(), |t| Some(corners(t)).filter(|&[a, b, c]| !collinear(a, b, c)));
     let tree = boxes.tree();
     (0..ids.len())
         .into_par_iter()
@@ -196,6 +196,45 @@ mod tests {
                 "welding changes nothing; seed {seed}"
             );
         }
+    }
+
+    /// Long parts askew, for which the boxes are turned.
+    #[test]
+    fn splinters_are_counted_as_all_against_all_do() {
+        let seed = 12;
+        let mut random = StdRng::seed_from_u64(seed);
+        let along = DVec3::new(0.6, -0.5, 0.62);
+        let count = 600;
+        let mut vertices = Vec::new();
+        for _ in 0..count {
+            let mut near = || DVec3::from_array(std::array::from_fn(|_| random.random_range(-0.05..0.05)));
+            let from = near();
+            vertices.extend([from, from + along + 0.2 * near(), from + 0.3 * near()]);
+        }
+        let ids: Vec<[u32; 3]> = (0..count).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+        let mesh = TriMesh::new(vertices, ids.clone()).unwrap();
+        let mut expected = SelfIntersections::default();
+        for i in 0..count as usize {
+            for j in i + 1..count as usize {
+                if cross(&mesh.corners(i), &ids[i], &mesh.corners(j), &ids[j]) {
+                    expected.count += 1;
+                    expected.first = expected.first.or(Some([i as u32, j as u32]));
+                }
+            }
+        }
+        assert!(expected.count > 100, "seed {seed}: {expected:?}");
+        assert_eq!(self_intersections(&mesh), expected, "seed {seed}");
+        let corners = |t: usize| Some(mesh.corners(t));
+        let candidates = |boxes: &Boxes| -> usize {
+            let (tree, mut found) = (boxes.tree(), Vec::new());
+            let mut of = |i| {
+                boxes.overlapping(i, boxes, &tree, &mut found);
+                found.len()
+            };
+            (0..count as usize).map(&mut of).sum()
+        };
+        let [plain, turned] = [Boxes::new(600, corners), Boxes::of_one_mesh(600, corners)];
+        assert!(2 * candidates(&turned) < candidates(&plain), "turning the boxes pays");
     }
 
     #[test]
