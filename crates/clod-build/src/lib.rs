@@ -25,6 +25,7 @@ mod nearest;
 mod parameters;
 mod progress;
 mod simplify;
+mod skin;
 mod surface;
 
 pub use build::{BuildError, BuildOptions, REVISION, build};

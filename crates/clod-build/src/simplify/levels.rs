@@ -67,6 +67,7 @@ impl Levels {
 
     /// Puts out a level as things are.
     pub fn put_out(&mut self, state: &mut State, resolution: f64) {
+        state.tighten();
         let mut vertex = vec![u32::MAX; state.surface.points.len()];
         let mut points = Vec::new();
         let mut metres = Vec::new();

@@ -13,8 +13,9 @@
 //! near to is explained with the levels.
 
 mod filter;
-mod intersect;
+pub(crate) mod intersect;
 mod levels;
+mod member;
 mod quadric;
 mod relax;
 mod star;
@@ -107,7 +108,8 @@ pub(crate) fn simplify(
         };
         lowest = lowest.min(resolution);
         queue.collapsed(&state, &star);
-        state.join_around(changed);
+        let around: Vec<u32> = star.fan.iter().map(|s| s.triangle).collect();
+        state.join_around(changed, &around);
         if 2 * state.patches <= levels.patches() {
             levels.put_out(&mut state, lowest);
         }
