@@ -1,6 +1,8 @@
 //! What the integration tests share: the optional test data, and brute force to compare clever answers with.
 
 pub mod brute_force;
+pub mod levels;
+pub mod triangle_tree;
 
 use std::io::Write as _;
 use std::path::PathBuf;

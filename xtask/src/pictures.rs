@@ -1,4 +1,4 @@
-//! Draws the built-in models: one PNG a model, and a contact sheet of all.
+//! Draws the built-in models: one PNG a model, and a contact sheet of all; and what else the README shows.
 //!
 //! `cargo xtask pictures [MODEL…] [-o DIR]`; a model is a name or `NAME@TRIANGLES`.
 
@@ -89,6 +89,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     }
     if arguments.models.is_empty() {
         save(&scenes::touching_jaws()?, "touching-jaws")?;
+        save(&scenes::levels_of_lower_jaw()?, "levels")?;
     }
     Ok(())
 }

@@ -22,7 +22,7 @@ pub enum Command {
     Check(CheckArguments),
     /// Build the hierarchy of a mesh
     Build(BuildArguments),
-    /// Show the levels of a hierarchy
+    /// Show the levels of a hierarchy, as figures and as pictures
     Inspect(InspectArguments),
     /// Replay a trajectory of a probe and time the contact queries
     Query(QueryArguments),
@@ -109,7 +109,36 @@ pub struct InspectArguments {
     /// Hierarchy (.clod), mesh file or built-in model
     pub hierarchy: String,
     #[command(flatten)]
+    pub pictures: Pictures,
+    #[command(flatten)]
     pub json: Json,
+}
+
+/// Pictures of levels.
+#[derive(Args)]
+#[command(allow_negative_numbers = true)] // Directions may be negative.
+pub struct Pictures {
+    /// Write a PNG picture of each level, with its patches in colours, and a contact sheet, levels.png, into this folder
+    #[arg(long, value_name = "DIR")]
+    pub render: Option<PathBuf>,
+    /// Width of the pictures, pixels; they are three quarters as high
+    #[arg(long, value_name = "N", default_value_t = 800, requires = "render",
+        value_parser = clap::value_parser!(u32).range(200..=2000))]
+    pub size: u32,
+    /// Levels to draw, such as 0,3,6; all where none are named
+    #[arg(long, value_name = "LEVELS", value_delimiter = ',', requires = "render")]
+    pub levels: Vec<usize>,
+    /// Look from this direction: degrees about the vertical, from x towards y [default: one that shows the object well]
+    #[arg(long, value_name = "DEGREES", requires = "render", value_parser = angle)]
+    pub azimuth: Option<f64>,
+    /// Look down from this angle above the horizon, degrees
+    #[arg(long, value_name = "DEGREES", requires = "render", value_parser = angle)]
+    pub elevation: Option<f64>,
+}
+
+fn angle(text: &str) -> Result<f64, String> {
+    let degrees = text.parse().ok().filter(|degrees: &f64| degrees.abs() <= 360.0);
+    degrees.ok_or_else(|| "give degrees from -360 to 360".to_owned())
 }
 
 #[derive(Args)]

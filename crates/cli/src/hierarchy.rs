@@ -1,19 +1,25 @@
 //! `palpate build` and `palpate inspect`.
 
-use std::path::Path;
+use std::collections::BTreeSet;
+use std::fmt::Display;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use palpate::Object;
 use palpate::core::Clod;
+use palpate::models::Model;
+use palpate_report::{LevelFigures, LevelPictures, Table32, grouped, views};
 use serde::Serialize;
 
-use crate::arguments::{BuildArguments, InspectArguments};
+use crate::arguments::{BuildArguments, InspectArguments, Json, Pictures};
 use crate::failure::Failure;
+use crate::output::Table;
 use crate::{output, progress};
 
-/// The levels of a hierarchy, as JSON.
+/// What a hierarchy is, as JSON.
 #[derive(Serialize)]
-struct Levels {
+struct Inspection {
+    name: String,
     vertices: u32,
     triangles: u32,
     patches: usize,
@@ -22,6 +28,12 @@ struct Levels {
     /// Most memory that the process ever held, bytes, where the system tells.
     peak_rss_bytes: Option<u64>,
     bounding_radius: f64,
+    /// Memory that the hierarchy takes.
+    bytes: usize,
+    /// The columns of the dissertation's Table 3.2.
+    table: Table32,
+    /// Its row for the dissertation's own model of the same name; null for other objects.
+    published: Option<Table32>,
     levels: Vec<LevelEntry>,
 }
 
@@ -34,6 +46,9 @@ struct LevelEntry {
     free: bool,
     max_deviation: f64,
     max_hausdorff: f64,
+    median_deviation: f64,
+    median_hausdorff: f64,
+    bytes: usize,
 }
 
 pub fn build(arguments: &BuildArguments) -> Result<(), Failure> {
@@ -55,50 +70,169 @@ pub fn build(arguments: &BuildArguments) -> Result<(), Failure> {
 pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
     let read = [Path::new(&arguments.hierarchy)];
     output::check_files(&read, arguments.json.file().as_slice())?;
+    if let Some(folder) = &arguments.pictures.render {
+        output::check_folder(folder)?;
+    }
     let object = progress::open(&arguments.hierarchy, &palpate::OpenOptions::default())?;
+    if let Some(folder) = &arguments.pictures.render {
+        draw(&object, folder, arguments)?;
+    }
     show(&object, None, &arguments.json)
 }
 
-fn show(object: &Object, seconds: Option<f64>, json: &crate::arguments::Json) -> Result<(), Failure> {
-    let levels = levels(&object.clod, seconds);
-    output::result(json, &levels, |table| {
-        table.row([&"level", &"triangles", &"patches", &"resolution 1/m", &"deviation m", &"Hausdorff m"]);
-        for level in &levels.levels {
-            let free = if level.free { "free" } else { "" };
-            table.row([
-                &level.level,
-                &level.triangles,
-                &level.patches,
-                &format!("{:.1}", level.resolution),
-                &format!("{:.3e}", level.max_deviation),
-                &format!("{:.3e}", level.max_hausdorff),
-                &free,
-            ]);
-        }
+/// Writes a picture of each level that is asked for, and the contact sheet.
+fn draw(object: &Object, folder: &Path, arguments: &InspectArguments) -> Result<(), Failure> {
+    let Pictures { size, levels, azimuth, elevation, .. } = &arguments.pictures;
+    let clod = &object.clod;
+    let last = clod.levels.len() - 1;
+    if let Some(level) = levels.iter().find(|level| **level > last) {
+        let name = &object.name;
+        return Err(Failure::Message(format!("--levels {level}: {name} has the levels 0 to {last}")));
+    }
+    let levels: BTreeSet<usize> =
+        if levels.is_empty() { (0..=last).collect() } else { levels.iter().copied().collect() };
+
+    if !folder.exists() {
+        std::fs::create_dir(folder).map_err(|error| Failure::writing(folder, error))?;
+    }
+    let paths: Vec<PathBuf> =
+        levels.iter().map(|level| folder.join(format!("level-{level:02}.png"))).collect();
+    let sheet = folder.join("levels.png");
+    let written: Vec<&Path> =
+        paths.iter().map(PathBuf::as_path).chain([&*sheet]).chain(arguments.json.file()).collect();
+    output::check_files(&[Path::new(&arguments.hierarchy)], &written)?;
+
+    let mut view = match model_of(&object.name, clod) {
+        Some(model) => views::of_model(model),
+        None => views::around(clod.leaves().iter().flat_map(|node| clod.extreme(node))),
+    };
+    if azimuth.is_some() || elevation.is_some() {
+        view.roll = 0.0;
+    }
+    view.azimuth = azimuth.map_or(view.azimuth, f64::to_radians);
+    view.elevation = elevation.map_or(view.elevation, f64::to_radians);
+
+    let bar = progress::bar("drawing");
+    let pictures = LevelPictures::new(clod, &view, *size);
+    let mut drawn = Vec::new();
+    for (level, path) in levels.iter().zip(&paths) {
+        let picture = pictures.level(*level);
+        picture.save(path).map_err(|error| Failure::writing(path, error))?;
+        drawn.push((*level, picture));
+        progress::set(&bar, drawn.len() as f64 / levels.len() as f64);
+    }
+    bar.finish_and_clear();
+    pictures.sheet(&drawn).save(&sheet).map_err(|error| Failure::writing(&sheet, error))
+}
+
+/// The built-in model that an object is, by its name or its file's: at the size that the dissertation's tables give.
+fn model_of(name: &str, clod: &Clod) -> Option<Model> {
+    let stem = Path::new(name).file_stem()?.to_str()?;
+    let model = Model::ALL.into_iter().find(|model| model.name() == stem)?;
+    let ratio = f64::from(clod.source.triangles) / model.default_triangles() as f64;
+    // Models are generated to within 2 % of their size.
+    ((ratio - 1.0).abs() <= 0.02).then_some(model)
+}
+
+fn show(object: &Object, seconds: Option<f64>, json: &Json) -> Result<(), Failure> {
+    let inspection = inspection(object, seconds);
+    output::result(json, &inspection, |table| {
+        rows_of_table_3_2(table, &inspection);
+        table.row([]);
+        rows_of_levels(table, &inspection);
     })
 }
 
-fn levels(clod: &Clod, seconds: Option<f64>) -> Levels {
-    let entry = |(level, data): (usize, &palpate::core::clod::Level)| {
-        let nodes = &clod.nodes[data.nodes.start as usize..data.nodes.end as usize];
-        LevelEntry {
-            level,
-            triangles: data.triangles,
-            patches: nodes.len() as u32,
-            resolution: data.resolution,
-            free: data.free,
-            max_deviation: nodes.iter().map(|node| node.deviation).fold(0.0, f64::max),
-            max_hausdorff: nodes.iter().map(|node| node.hausdorff).fold(0.0, f64::max),
-        }
+fn rows_of_table_3_2(table: &mut Table, inspection: &Inspection) {
+    const HEADINGS: [&str; 9] =
+        ["", "Orig. Tris", "Orig. BVs", "Simp. Tris", "Simp. BVs", "r_1", "r_λ", "Free CLODs", "Total CLODs"];
+    table.row(HEADINGS.each_ref().map(|heading| heading as &dyn Display));
+    let mut row = |name: &str, columns: &Table32| {
+        let count = |number: u32, width: usize| format!("{:>width$}", grouped(number as usize));
+        table.row([
+            &name,
+            &count(columns.original_triangles, 10),
+            &count(columns.original_patches, 9),
+            &count(columns.simplified_triangles, 10),
+            &count(columns.simplified_patches, 9),
+            &columns.finest_resolution.map_or("–".to_owned(), |finest| format!("{finest:.1}")),
+            &format!("{:.2}", columns.coarsest_resolution),
+            &count(columns.free_levels, 10),
+            &count(columns.levels, 11),
+        ]);
     };
-    Levels {
+    row(&inspection.name, &inspection.table);
+    if let Some(published) = &inspection.published {
+        row("dissertation, Table 3.2", published);
+    }
+}
+
+fn rows_of_levels(table: &mut Table, inspection: &Inspection) {
+    let radius = inspection.bounding_radius;
+    table.row([
+        &"level",
+        &"triangles",
+        &" patches",
+        &" r·R",
+        &"s, % of R: median",
+        &"   max",
+        &"h, % of R: median",
+        &"   max",
+        &"      bytes",
+    ]);
+    for level in &inspection.levels {
+        let percent = |length: f64, width: usize| format!("{:>width$.3}", 100.0 * length / radius);
+        // The hulls of a free level have no patches to deviate from the surface.
+        let deviation = |length: f64, width: usize| {
+            if level.free { format!("{:>width$}", "–") } else { percent(length, width) }
+        };
+        table.row([
+            &format!("{:>5}", level.level),
+            &format!("{:>9}", grouped(level.triangles as usize)),
+            &format!("{:>8}", grouped(level.patches as usize)),
+            &format!("{:>5.1}", level.resolution * radius),
+            &deviation(level.median_deviation, 17),
+            &deviation(level.max_deviation, 6),
+            &percent(level.median_hausdorff, 17),
+            &percent(level.max_hausdorff, 6),
+            &format!("{:>11}", grouped(level.bytes)),
+            &if level.free { "free" } else { "" },
+        ]);
+    }
+    table.row([]);
+    table.row([&"bounding radius R", &format!("{radius:.6} m")]);
+    table.row([&"memory", &format!("{} bytes", grouped(inspection.bytes))]);
+    if let Some(seconds) = inspection.seconds {
+        table.row([&"built in", &format!("{seconds:.1} s")]);
+    }
+}
+
+fn inspection(object: &Object, seconds: Option<f64>) -> Inspection {
+    let clod = &*object.clod;
+    let entry = |(level, figures): (usize, LevelFigures)| LevelEntry {
+        level,
+        triangles: figures.triangles,
+        patches: figures.patches,
+        resolution: figures.resolution,
+        free: figures.free,
+        max_deviation: figures.deviation.max,
+        max_hausdorff: figures.hausdorff.max,
+        median_deviation: figures.deviation.median,
+        median_hausdorff: figures.hausdorff.median,
+        bytes: figures.bytes,
+    };
+    Inspection {
+        name: object.name.clone(),
         vertices: clod.source.vertices,
         triangles: clod.source.triangles,
         patches: clod.leaves().len(),
         seconds,
         peak_rss_bytes: peak_memory(),
         bounding_radius: clod.bounding_radius(),
-        levels: clod.levels.iter().enumerate().map(entry).collect(),
+        bytes: clod.total_bytes(),
+        table: Table32::of(clod),
+        published: model_of(&object.name, clod).and_then(Table32::published),
+        levels: LevelFigures::of(clod).into_iter().enumerate().map(entry).collect(),
     }
 }
 

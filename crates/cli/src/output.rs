@@ -77,7 +77,16 @@ fn folder(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Rows of cells, printed with aligned columns.
+/// Refuses a folder to write files into that is none, or that cannot be made because its parent is none; leaves no trace.
+pub fn check_folder(path: &Path) -> Result<(), Failure> {
+    let refused = |error: io::Error| Failure::writing(path, error);
+    if path.exists() {
+        return if path.is_dir() { Ok(()) } else { Err(refused(io::ErrorKind::NotADirectory.into())) };
+    }
+    std::fs::create_dir(path).and_then(|()| std::fs::remove_dir(path)).map_err(refused)
+}
+
+/// Rows of cells, printed with aligned columns. An empty row parts blocks whose columns have nothing to do with each other.
 #[derive(Default)]
 pub struct Table(Vec<Vec<String>>);
 
@@ -88,18 +97,47 @@ impl Table {
     }
 
     fn print(&self) -> Result<(), Failure> {
-        let columns = self.0.iter().map(Vec::len).max().unwrap_or(0);
-        let width = |column: usize| {
-            let cells = self.0.iter().filter_map(|row| row.get(column));
-            cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
-        };
-        let widths: Vec<usize> = (0..columns).map(width).collect();
         let mut out = stdout().lock();
-        for row in &self.0 {
-            let cells: Vec<String> =
-                row.iter().zip(&widths).map(|(cell, width)| format!("{cell:<width$}")).collect();
-            writeln!(out, "{}", cells.join("  ").trim_end()).map_err(|error| Failure::printing(&error))?;
+        for row in self.lines() {
+            writeln!(out, "{row}").map_err(|error| Failure::printing(&error))?;
         }
         Ok(())
+    }
+
+    fn lines(&self) -> Vec<String> {
+        let blocks: Vec<&[Vec<String>]> = self.0.split(|row| row.is_empty()).collect();
+        blocks.into_iter().map(aligned).collect::<Vec<_>>().join(&[String::new()][..])
+    }
+}
+
+/// The rows of a block, each column as wide as its widest cell.
+fn aligned(rows: &[Vec<String>]) -> Vec<String> {
+    let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let width = |column: usize| {
+        let cells = rows.iter().filter_map(|row| row.get(column));
+        cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
+    };
+    let widths: Vec<usize> = (0..columns).map(width).collect();
+    let line = |row: &Vec<String>| {
+        let cells: Vec<String> =
+            row.iter().zip(&widths).map(|(cell, width)| format!("{cell:<width$}")).collect();
+        cells.join("  ").trim_end().to_owned()
+    };
+    rows.iter().map(line).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_are_aligned_within_each_block() {
+        let mut table = Table::default();
+        table.row([&"level", &"r"]);
+        table.row([&10, &"λ"]);
+        table.row([]);
+        table.row([&"a", &"b"]);
+        assert_eq!(table.lines(), ["level  r", "10     λ", "", "a  b"]);
+        assert!(Table::default().lines().is_empty());
     }
 }

@@ -73,7 +73,19 @@ fn a_hierarchy_is_built_and_inspected() {
     assert_eq!(built["levels"], inspected["levels"]);
     assert_eq!(
         keys(&inspected),
-        ["bounding_radius", "levels", "patches", "peak_rss_bytes", "seconds", "triangles", "vertices"]
+        [
+            "bounding_radius",
+            "bytes",
+            "levels",
+            "name",
+            "patches",
+            "peak_rss_bytes",
+            "published",
+            "seconds",
+            "table",
+            "triangles",
+            "vertices"
+        ]
     );
     let levels = inspected["levels"].as_array().expect("levels");
     assert_eq!(levels[0]["level"], 0);
@@ -81,6 +93,112 @@ fn a_hierarchy_is_built_and_inspected() {
     assert_eq!(levels[levels.len() - 1]["patches"], 1);
     assert!(levels[0]["resolution"].as_f64().is_some_and(|r| r > 0.0));
     assert_eq!(levels[0]["free"], false);
+    assert_eq!(inspected["published"], Value::Null, "Table 3.2 has no torus");
+
+    // The figures that are printed are those of the file.
+    let printed = succeeds(&["inspect", "t.clod"], folder);
+    let mut blocks = printed.split("\n\n");
+    let table: Vec<&str> = blocks.next().expect("Table 3.2").lines().collect();
+    assert_eq!(table.len(), 2, "{printed}");
+    let columns: Vec<&str> = table[1].split_whitespace().collect();
+    let number = |text: &str| text.replace(',', "").parse::<u64>().ok();
+    let of_table = |key: &str| inspected["table"][key].as_u64();
+    assert_eq!(columns[0], "t.clod");
+    assert_eq!(number(columns[1]), of_table("original_triangles"));
+    assert_eq!(number(columns[4]), of_table("simplified_patches"));
+    assert_eq!(number(columns[8]), Some(levels.len() as u64));
+    let rows: Vec<&str> = blocks.next().expect("levels").lines().skip(1).collect();
+    assert_eq!(rows.len(), levels.len());
+    for (row, level) in rows.iter().zip(levels) {
+        let cells: Vec<&str> = row.split_whitespace().collect();
+        for (column, key) in [(0, "level"), (1, "triangles"), (2, "patches"), (8, "bytes")] {
+            assert_eq!(number(cells[column]), level[key].as_u64(), "{key}: {row}");
+        }
+        assert_eq!(cells.get(9) == Some(&"free"), level["free"] == Value::Bool(true), "{row}");
+        let radius = inspected["bounding_radius"].as_f64().unwrap();
+        let percent = 100.0 * level["max_hausdorff"].as_f64().unwrap() / radius;
+        assert_eq!(cells[7], format!("{percent:.3}"), "{row}");
+    }
+}
+
+#[test]
+fn the_published_row_stands_beside_a_model_of_table_3_2_at_full_size() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    // A small stand-in for the spoon: what counts is the name and the number of triangles.
+    succeeds(&["build", "spoon-low", "-o", "spoon.clod"], folder);
+    assert_eq!(json(&["inspect", "spoon.clod", "--json"], folder)["published"], Value::Null);
+    let same_size = json(&["inspect", "spoon", "--json"], folder);
+    assert_eq!(same_size["published"]["original_triangles"], 86_016);
+    assert_eq!(same_size["published"]["coarsest_resolution"], 13.57);
+}
+
+#[test]
+fn levels_are_drawn() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    succeeds(&["build", "torus@1000", "-o", "t.clod"], folder);
+    let count = json(&["inspect", "t.clod", "--json"], folder)["levels"].as_array().map_or(0, Vec::len);
+    assert!(count > 2);
+    let open = |path: &str| image::open(folder.join(path)).expect(path).into_rgb8();
+    // Colours far from grey, coarsely.
+    let hues = |path: &str| {
+        let vivid = |pixel: &[u8; 3]| pixel.iter().max().unwrap() - pixel.iter().min().unwrap() > 60;
+        let picture = open(path);
+        let hues = picture.pixels().map(|pixel| pixel.0).filter(vivid).map(|pixel| pixel.map(|v| v / 64));
+        hues.collect::<std::collections::HashSet<_>>().len()
+    };
+    succeeds(&["inspect", "t.clod", "--render", "all", "--size", "200"], folder);
+    for level in 0..count {
+        let path = format!("all/level-{level:02}.png");
+        assert_eq!(open(&path).dimensions(), (200, 150));
+        assert!(hues(&path) >= if level + 1 < count { 3 } else { 1 }, "{path}");
+    }
+    assert_eq!(open("all/levels.png").width() % 200, 0);
+    assert_eq!(std::fs::read_dir(folder.join("all")).unwrap().count(), count + 1);
+
+    // Levels can be chosen, the root's free one too; the folder may exist; a direction changes the picture.
+    std::fs::create_dir(folder.join("some")).unwrap();
+    let last = count - 1;
+    let chosen = format!("0,{last}");
+    let arguments = ["inspect", "t.clod", "--render", "some", "--size", "200", "--levels", &chosen];
+    succeeds(&[&arguments[..], &["--azimuth", "-100", "--elevation", "-20"]].concat(), folder);
+    assert_eq!(std::fs::read_dir(folder.join("some")).unwrap().count(), 3);
+    assert!(hues(&format!("some/level-{last:02}.png")) >= 1);
+    assert!(open("some/level-00.png") != open("all/level-00.png"));
+}
+
+#[test]
+fn pictures_that_cannot_be_written_are_refused() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    succeeds(&["build", "ellipsoid@500", "-o", "e.clod"], folder);
+    std::fs::write(folder.join("file"), "kept").unwrap();
+    std::fs::create_dir(folder.join("there")).unwrap();
+    for (arguments, said) in [
+        (&["--render", "file"][..], "file"),
+        (&["--render", "no/such/folder"], "no/such/folder"),
+        (&["--render", "new", "--levels", "99"], "the levels 0 to"),
+        (&["--render", "there", "--json", "there/levels.png"], "named twice"),
+    ] {
+        let output = palpate(&[&["inspect", "e.clod"], arguments].concat(), folder);
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!((output.status.code(), stderr.lines().count()), (Some(1), 1), "{arguments:?}: {stderr}");
+        assert!(stderr.contains(said), "{arguments:?} should mention '{said}': {stderr}");
+    }
+    assert_eq!(std::fs::read_to_string(folder.join("file")).unwrap(), "kept");
+    assert!(!folder.join("new").exists() && !folder.join("no").exists());
+    assert_eq!(std::fs::read_dir(folder.join("there")).unwrap().count(), 0);
+    for usage in [
+        &["--size", "400"][..],
+        &["--render", "d", "--size", "1"],
+        &["--render", "d", "--size", "100000"],
+        &["--render", "d", "--levels", "one"],
+        &["--render", "d", "--azimuth", "nan"],
+    ] {
+        let output = palpate(&[&["inspect", "e.clod"], usage].concat(), folder);
+        assert_eq!(output.status.code(), Some(2), "{usage:?}");
+    }
 }
 
 #[test]

@@ -29,4 +29,5 @@ mod skin;
 mod surface;
 
 pub use build::{BuildError, BuildOptions, REVISION, build};
+pub use hull::hull_faces;
 pub use progress::{Stage, unwatched};

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 pub use adjacency::{Adjacency, EdgeKind, HalfEdge, NO_NEIGHBOUR};
 pub use bounding::Sphere;
 pub use mass::MassProperties;
-pub use validation::{FirstOffenders, OffendingEdge, ValidationReport};
+pub use validation::{FirstOffenders, NEGLIGIBLE_HEIGHT, OffendingEdge, ValidationReport};
 
 /// An indexed triangle mesh. Counter-clockwise triangles face outwards.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

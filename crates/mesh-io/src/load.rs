@@ -39,7 +39,7 @@ pub struct LoadedMesh {
     pub raw_vertices: usize,
     /// Notes for the user, one line each: skipped content, a doubtful unit.
     pub warnings: Vec<String>,
-    /// What was repaired, when repair was asked for.
+    /// What was repaired, when repair was asked for; in words it is among the warnings.
     pub repairs: Option<RepairSummary>,
 }
 
@@ -50,7 +50,7 @@ pub struct LoadedMesh {
 ///
 /// # Errors
 /// See [`LoadError`]. A triangle with a coordinate that is not finite (also after scaling) is an error unless repair is
-/// asked for, which drops it.
+/// asked for, which drops it; so is a mesh of which repair leaves nothing.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<LoadedMesh, LoadError> {
     if !(options.scale.is_finite() && options.scale > 0.0) {
         return Err(LoadError::Scale { file: path.into(), scale: options.scale });
@@ -115,13 +115,10 @@ fn finish(surface: Surface, path: &Path, options: &LoadOptions) -> Result<Loaded
         let before = mesh.triangles().len();
         let (repaired, summary) = repair::repair(&mesh);
         if repaired.triangles().is_empty() {
-            return Err(none(format!("all {before} in the file are degenerate or not finite")));
+            return Err(none(format!("repair leaves none of the {before} in the file: {summary}")));
         }
-        if summary.nonfinite_triangles > 0 {
-            let count = summary.nonfinite_triangles;
-            warnings.push(format!(
-                "triangles with a coordinate that is infinite or not a number dropped: {count}"
-            ));
+        if summary != RepairSummary::default() {
+            warnings.push(format!("repaired: {summary}"));
         }
         (mesh, repairs) = (repaired, Some(summary));
     }

@@ -1,7 +1,11 @@
-//! What palpate's results look like to a person: self-contained HTML [`Report`]s of sessions with plots over time, and
-//! pictures of meshes drawn in software ([`raster`], [`sheet`], [`views`]).
+//! What palpate's results look like to a person: self-contained HTML [`Report`]s of sessions with plots over time, figures
+//! and pictures of contact levels of detail ([`Table32`], [`LevelFigures`], [`LevelPictures`]), and pictures of meshes
+//! drawn in software ([`raster`], [`sheet`], [`views`]).
 
 mod lettering;
+mod level_pictures;
+mod levels;
+mod patches;
 mod plot;
 pub mod raster;
 mod series;
@@ -12,6 +16,8 @@ use std::fmt::Write;
 
 use palpate::{Record, Summary};
 
+pub use level_pictures::{LevelPictures, grouped};
+pub use levels::{LevelFigures, Spread, Table32};
 pub use plot::PlotError;
 
 /// What a report is about.

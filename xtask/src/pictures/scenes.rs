@@ -1,13 +1,15 @@
-//! In what colour each model is drawn, and the scene of the README.
+//! In what colour each model is drawn, and the scenes of the README.
 
 use std::collections::HashMap;
 use std::error::Error;
 
 use glam::{DQuat, DVec3};
 use image::RgbImage;
+use palpate_clod_build::{BuildOptions, build, unwatched};
 use palpate_models::Model;
 
 use palpate_report::raster::{Camera, Item, Shading, View};
+use palpate_report::{LevelPictures, views};
 
 use super::{HEIGHT, WIDTH};
 
@@ -56,6 +58,19 @@ pub fn touching_jaws() -> Result<RgbImage, Box<dyn Error>> {
     let points: Vec<DVec3> = points.collect();
     let camera = Camera::fit(&points, &View::from_degrees(48.0, 6.0), WIDTH, HEIGHT);
     Ok(camera.render(&items, Shading::Smooth))
+}
+
+/// Contact levels of detail of the lower jaw, as in Fig. 3.7.
+pub fn levels_of_lower_jaw() -> Result<RgbImage, Box<dyn Error>> {
+    const SHOWN: usize = 8;
+    let mesh = Model::LowerJaw.generate(Model::LowerJaw.default_triangles())?;
+    let options = BuildOptions { simplify: true, ..BuildOptions::default() };
+    let clod = build(&mesh, &options, &mut unwatched)?;
+    let pictures = LevelPictures::new(&clod, &views::of_model(Model::LowerJaw), WIDTH);
+    let count = clod.levels.len();
+    let levels = (0..count).step_by(count.div_ceil(SHOWN));
+    let drawn: Vec<(usize, RgbImage)> = levels.map(|level| (level, pictures.level(level))).collect();
+    Ok(pictures.sheet(&drawn))
 }
 
 /// How far (m) the lower points can be lifted until they touch the upper ones, which lie above them: the smallest gap over

@@ -79,6 +79,24 @@ impl Hull {
     }
 }
 
+/// The boundary of the convex hull of finite points, as triangles of indices into them, counter-clockwise seen from
+/// outside: what a picture of the hull is drawn from. The polygon of points in a plane is there once for each of its sides;
+/// points on a line have none. What is thinner than 1e-9 of its extent counts as flat.
+pub fn hull_faces(points: &[DVec3]) -> Vec<[u32; 3]> {
+    let Some(&first) = points.first() else { return Vec::new() };
+    let extent = points.iter().map(|point| point.distance(first)).fold(0.0, f64::max);
+    let hull = HullBuilder::default().hull(points, 1e-9 * extent);
+    match hull.shape {
+        Shape::Polytope => hull.faces,
+        Shape::Polygon => {
+            let fan =
+                (2..hull.extreme.len()).map(|k| [hull.extreme[0], hull.extreme[k - 1], hull.extreme[k]]);
+            fan.flat_map(|[a, b, c]| [[a, b, c], [a, c, b]]).collect()
+        }
+        Shape::Point | Shape::Segment => Vec::new(),
+    }
+}
+
 /// Six times the signed volume of the tetrahedron (a, b, c, p): positive where p lies above the plane through a, b, c,
 /// which are counter-clockwise seen from above. The sign is exact.
 fn elevation(a: DVec3, b: DVec3, c: DVec3, p: DVec3) -> f64 {

@@ -2,7 +2,7 @@ use glam::{DMat3, DVec3};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 
-use super::{Hull, HullBuilder, Shape, elevation};
+use super::{Hull, HullBuilder, Shape, elevation, hull_faces};
 
 const THICKNESS: f64 = 1e-13;
 
@@ -204,5 +204,32 @@ fn flat_sets() {
         for corner in [0, 10, 110, 120] {
             assert!(hull.extreme.contains(&corner), "{:?}", hull.extreme);
         }
+    }
+}
+
+#[test]
+fn faces_to_draw_enclose_solids_and_show_both_sides_of_polygons() {
+    let cube: Vec<DVec3> =
+        (0..8).map(|k| DVec3::new(f64::from(k & 1), f64::from(k >> 1 & 1), f64::from(k >> 2))).collect();
+    let volume: f64 = hull_faces(&cube)
+        .iter()
+        .map(|face| {
+            let [a, b, c] = face.map(|v| cube[v as usize]);
+            a.dot(b.cross(c)) / 6.0
+        })
+        .sum();
+    assert!((volume - 1.0).abs() < 1e-12, "{volume}");
+    let area = |faces: &[[u32; 3]]| -> DVec3 {
+        let doubled = |face: &[u32; 3]| {
+            let [a, b, c] = face.map(|v| cube[v as usize]);
+            (b - a).cross(c - a)
+        };
+        0.5 * faces.iter().map(doubled).sum::<DVec3>()
+    };
+    let square = hull_faces(&cube[..4]);
+    assert_eq!((square.len(), area(&square)), (4, DVec3::ZERO));
+    assert_eq!(area(&[square[0], square[2]]).length(), 1.0);
+    for few in 0..3 {
+        assert!(hull_faces(&cube[..few]).is_empty());
     }
 }

@@ -1,6 +1,7 @@
 //! The invariants of a hierarchy that queries rely on, checked once so that queries need not.
 //!
 //! Time is linear in the size of the hierarchy even for hostile data, since nodes may not share vertices or triangles.
+//! Numbers are printed as `{:?}`, with an exponent where it is shorter: `{}` writes hundreds of digits for damaged ones.
 
 use std::ops::Range;
 
@@ -107,7 +108,7 @@ impl Clod {
             } else if level.nodes.end as usize > self.nodes.len() {
                 format!("its nodes are {:?} of {}", level.nodes, self.nodes.len())
             } else if !(level.resolution.is_finite() && level.resolution >= 0.0) {
-                format!("its resolution is {}", level.resolution)
+                format!("its resolution is {:?}", level.resolution)
             } else if finer_is_free && !level.free {
                 "it is not free although the finer level is".to_owned()
             } else if index == 0 && level.free {
@@ -159,7 +160,7 @@ impl Clod {
         }
         for (what, value) in [("radius", node.radius), ("deviation", node.deviation), ("h", node.hausdorff)] {
             if !(0.0..=LARGEST_LENGTH).contains(&value) {
-                return Err(format!("its {what} is {value}"));
+                return Err(format!("its {what} is {value:?}"));
             }
         }
         let reach = node.radius
@@ -167,10 +168,11 @@ impl Clod {
             + 4.0 * f64::EPSILON * node.center.length();
         for (i, (vertex, area)) in self.hull(node).iter().zip(self.support_areas(node)).enumerate() {
             if !within_range(*vertex) || vertex.distance(node.center) > reach {
-                return Err(format!("its hull vertex {i}, {vertex}, is not within its bounding sphere"));
+                let at = vertex.to_array();
+                return Err(format!("its hull vertex {i}, {at:?}, is not within its bounding sphere"));
             }
             if !(area.is_finite() && *area >= 0.0) {
-                return Err(format!("the support area of its hull vertex {i} is {area}"));
+                return Err(format!("the support area of its hull vertex {i} is {area:?}"));
             }
         }
         Ok((node.vertices.end, node.triangles.end))

@@ -15,7 +15,7 @@ use super::{Adjacency, EdgeKind, TriMesh};
 
 /// A triangle is without area when its height over its longest side is below this multiple of the bounding radius. Some
 /// thousand times the rounding of a coordinate: the direction of such a triangle's normal is noise.
-const NEGLIGIBLE_HEIGHT: f64 = 1e-12;
+pub const NEGLIGIBLE_HEIGHT: f64 = 1e-12;
 
 /// What is wrong with a mesh, made by [`TriMesh::validate`]: counts, and the first element of each kind.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]

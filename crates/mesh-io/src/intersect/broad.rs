@@ -1,7 +1,7 @@
 //! Broad phase: which triangles' bounding boxes overlap.
 //!
-//! Boxes are rounded to f32 for the hierarchy (crate `obvhs`). Rounding is monotone, so that boxes that overlap still do
-//! after it, without padding; the f64 boxes are compared before a pair is passed on.
+//! Boxes are moved to the middle of all and rounded to f32 for the hierarchy (crate `obvhs`). Both roundings are monotone, so
+//! that boxes that overlap still do after them, without padding; the f64 boxes are compared before a pair is passed on.
 
 use glam::{DVec3, Vec3A};
 use obvhs::aabb::Aabb;
@@ -9,16 +9,18 @@ use obvhs::bvh2::Bvh2;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 
 /// The bounding boxes of a mesh's triangles, by triangle index.
-pub(super) struct Boxes {
+pub(crate) struct Boxes {
     boxes: Vec<[DVec3; 2]>,
+    /// What is subtracted before rounding, so that a mesh far from the origin keeps its digits.
+    middle: DVec3,
 }
 
 impl Boxes {
     /// Boxes of `count` triangles. A triangle that is to be left out, or has a coordinate that is not finite, gets an empty
     /// box, which overlaps nothing.
-    pub(super) fn new(count: usize, corners: impl Fn(usize) -> Option<[DVec3; 3]>) -> Self {
+    pub(crate) fn new(count: usize, corners: impl Fn(usize) -> Option<[DVec3; 3]>) -> Self {
         let empty = [DVec3::INFINITY, DVec3::NEG_INFINITY];
-        let boxes = (0..count)
+        let boxes: Vec<[DVec3; 2]> = (0..count)
             .map(|t| match corners(t) {
                 Some([a, b, c]) if a.is_finite() && b.is_finite() && c.is_finite() => {
                     [a.min(b).min(c), a.max(b).max(c)]
@@ -26,19 +28,21 @@ impl Boxes {
                 _ => empty,
             })
             .collect();
-        Self { boxes }
+        let [low, high] = boxes.iter().fold(empty, |[low, high], b| [low.min(b[0]), high.max(b[1])]);
+        let middle = if low.is_finite() { 0.5 * low + 0.5 * high } else { DVec3::ZERO };
+        Self { boxes, middle }
     }
 
-    fn rounded(&self, triangle: usize) -> Aabb {
-        let [low, high] = self.boxes[triangle];
-        Aabb::new(Vec3A::from(low.as_vec3()), Vec3A::from(high.as_vec3()))
+    fn rounded(&self, [low, high]: [DVec3; 2]) -> Aabb {
+        let rounded = |p: DVec3| Vec3A::from((p - self.middle).as_vec3());
+        Aabb::new(rounded(low), rounded(high))
     }
 
     /// The hierarchy over the boxes that are not empty. Built on one thread and without hashing, hence deterministic.
-    pub(super) fn tree(&self) -> Bvh2 {
+    pub(crate) fn tree(&self) -> Bvh2 {
         let filled: Vec<u32> =
             (0..self.boxes.len() as u32).filter(|&t| self.boxes[t as usize][0].is_finite()).collect();
-        let boxes: Vec<Aabb> = filled.iter().map(|&t| self.rounded(t as usize)).collect();
+        let boxes: Vec<Aabb> = filled.iter().map(|&t| self.rounded(self.boxes[t as usize])).collect();
         let mut tree = PlocBuilder::new().build(
             PlocSearchDistance::Low,
             &boxes,
@@ -53,17 +57,21 @@ impl Boxes {
     }
 
     /// Collects the triangles in `tree` (of the boxes `of`) whose boxes overlap that of `triangle` of this set.
-    pub(super) fn overlapping(&self, triangle: usize, of: &Self, tree: &Bvh2, found: &mut Vec<u32>) {
+    pub(crate) fn overlapping(&self, triangle: usize, of: &Self, tree: &Bvh2, found: &mut Vec<u32>) {
+        of.touching(self.boxes[triangle], tree, found);
+    }
+
+    /// Collects the triangles in `tree` (of this set) whose boxes overlap one given by its corners.
+    pub(crate) fn touching(&self, [low, high]: [DVec3; 2], tree: &Bvh2, found: &mut Vec<u32>) {
         found.clear();
-        let [low, high] = self.boxes[triangle];
-        if !low.is_finite() {
+        if !low.is_finite() || tree.nodes.is_empty() {
             return;
         }
-        tree.aabb_traverse(self.rounded(triangle), |tree, node| {
+        tree.aabb_traverse(self.rounded([low, high]), |tree, node| {
             let node = &tree.nodes[node as usize];
             let first = node.first_index as usize;
             for &other in &tree.primitive_indices[first..first + node.prim_count as usize] {
-                let [other_low, other_high] = of.boxes[other as usize];
+                let [other_low, other_high] = self.boxes[other as usize];
                 if low.cmple(other_high).all() && other_low.cmple(high).all() {
                     found.push(other);
                 }

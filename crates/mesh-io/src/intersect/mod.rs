@@ -6,12 +6,12 @@
 mod broad;
 mod triangles;
 
-use broad::Boxes;
 use glam::DVec3;
 use palpate_core::{Pose, TriMesh};
 use rayon::prelude::*;
 
-pub(crate) use triangles::{Plane, collinear};
+pub(crate) use broad::Boxes;
+pub(crate) use triangles::{Plane, collinear, cross};
 
 use crate::weld::equal_positions;
 
@@ -46,7 +46,7 @@ pub fn self_intersections(mesh: &TriMesh) -> SelfIntersections {
             boxes.overlapping(i, &boxes, &tree, candidates);
             let mut found = SelfIntersections::default();
             for &j in candidates.iter().filter(|&&j| j as usize > i) {
-                if triangles::cross(&corners(i), &ids[i], &corners(j as usize), &ids[j as usize]) {
+                if cross(&corners(i), &ids[i], &corners(j as usize), &ids[j as usize]) {
                     found.count += 1;
                     let pair = [i as u32, j];
                     found.first = Some(found.first.map_or(pair, |first| first.min(pair)));
@@ -61,6 +61,31 @@ pub fn self_intersections(mesh: &TriMesh) -> SelfIntersections {
                 (a, b) => a.or(b),
             },
         })
+}
+
+/// The pairs of triangles that [`self_intersections`] counts, the smaller index first, in lexicographic order; at most
+/// `limit` for each smaller index. For vertices that are [normalised](normalise), and their [classes](equal_positions).
+pub(crate) fn crossing_pairs(
+    vertices: &[DVec3],
+    triangles: &[[u32; 3]],
+    same: &[u32],
+    limit: usize,
+) -> Vec<[u32; 2]> {
+    let ids: Vec<[u32; 3]> = triangles.iter().map(|t| t.map(|v| same[v as usize])).collect();
+    let corners = |t: usize| ids[t].map(|v| vertices[v as usize]);
+    let boxes = Boxes::new(ids.len(), |t| Some(corners(t)).filter(|&[a, b, c]| !collinear(a, b, c)));
+    let tree = boxes.tree();
+    (0..ids.len())
+        .into_par_iter()
+        .map_init(Vec::new, |candidates, i| {
+            boxes.overlapping(i, &boxes, &tree, candidates);
+            candidates.retain(|&j| j as usize > i);
+            candidates.sort_unstable();
+            let crossing = |&j: &u32| cross(&corners(i), &ids[i], &corners(j as usize), &ids[j as usize]);
+            candidates.iter().copied().filter(crossing).take(limit).map(|j| [i as u32, j]).collect::<Vec<_>>()
+        })
+        .flatten()
+        .collect()
 }
 
 /// The pairs of triangles, one of each of two placed meshes, that have a point in common; touching counts.
@@ -156,7 +181,7 @@ mod tests {
             let mut expected = SelfIntersections::default();
             for i in 0..400 {
                 for j in i + 1..400 {
-                    let crosses = triangles::cross(&mesh.corners(i), &id(i), &mesh.corners(j), &id(j));
+                    let crosses = cross(&mesh.corners(i), &id(i), &mesh.corners(j), &id(j));
                     if crosses && !flat(i) && !flat(j) {
                         expected.count += 1;
                         expected.first = expected.first.or(Some([i as u32, j as u32]));

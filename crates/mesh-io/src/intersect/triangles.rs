@@ -17,7 +17,7 @@ use robust::{Coord, Coord3D};
 /// - three: no. Duplicate triangles are a defect of their own kind, and counted as such.
 ///
 /// Both triangles must have an area.
-pub(super) fn cross(a: &[DVec3; 3], a_ids: &[u32; 3], b: &[DVec3; 3], b_ids: &[u32; 3]) -> bool {
+pub(crate) fn cross(a: &[DVec3; 3], a_ids: &[u32; 3], b: &[DVec3; 3], b_ids: &[u32; 3]) -> bool {
     let shared_a = a_ids.map(|v| b_ids.contains(&v));
     match shared_a.iter().filter(|&&s| s).count() {
         0 => meet(a, b),

@@ -1,0 +1,403 @@
+//! Repair: makes of any triangles an oriented 2-manifold, with or without boundary, that does not intersect itself, and
+//! counts what that took.
+//!
+//! The steps, in this order, repeated until they change nothing:
+//!
+//! 1. triangles with a coordinate that is not finite and duplicates are dropped; triangles without area are dropped, or taken
+//!    out such that what they held together stays so ([`slivers`]); cracks along which a vertex of one border lies on an edge
+//!    of another are closed;
+//! 2. triangles are turned to agree with their neighbours, closed components to face outwards ([`orientation`]);
+//! 3. where sheets meet at an edge or a vertex, each gets a copy of it of its own ([`parting`]);
+//! 4. of triangles that intersect, those are dropped whose loss costs least area, and holes that this makes are closed where
+//!    that is possible without another intersection ([`crossings`], [`holes`]).
+//!
+//! No vertex is moved, but for the ends of an edge that is shorter than rounding, and no surface is added but over holes
+//! that were cut. Where a hole stays open, so does the mesh. Shells that overlap are not united: the smaller part of the
+//! surfaces that meet is cut out along the line where they do, and what was inside of the other is left there.
+
+mod crossings;
+mod holes;
+mod orientation;
+mod parting;
+mod slivers;
+
+use std::collections::HashSet;
+use std::fmt;
+
+use glam::DVec3;
+use orientation::Components;
+use palpate_core::TriMesh;
+use serde::Serialize;
+
+use crate::intersect::normalise;
+use crate::weld::{self, equal_positions};
+
+/// What [`repair`] did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct RepairSummary {
+    /// Triangles dropped because a corner is infinite or not a number.
+    pub nonfinite_triangles: usize,
+    /// Triangles taken out because two corners are at the same position, or the height over the longest side is below 10⁻¹² bounding
+    /// radii.
+    pub degenerate_triangles: usize,
+    /// Triangles dropped because an earlier one has the same three positions, in either orientation.
+    pub duplicate_triangles: usize,
+    /// Vertices merged with another that is closer than 10⁻¹² bounding radii, at triangles without area.
+    pub merged_vertices: usize,
+    /// Triangles cut in two or more at a vertex that lies on one of their edges: of a crack (a T-junction) or of a triangle
+    /// without area.
+    pub split_triangles: usize,
+    /// Triangles turned over, to agree with their neighbours or to face outwards.
+    pub flipped_triangles: usize,
+    /// Closed components that were turned as a whole to face outwards.
+    pub inverted_components: usize,
+    /// Components without a consistent orientation (like a Möbius strip), which were cut open.
+    pub nonorientable_components: usize,
+    /// Copies of vertices made to part sheets that meet at an edge or a vertex.
+    pub duplicated_vertices: usize,
+    /// Triangles dropped at an edge where sheets meet, because copies of its vertices do not part them.
+    pub unparted_triangles: usize,
+    /// Triangles dropped because they intersect others.
+    pub intersecting_triangles: usize,
+    /// Triangles around them that were taken out as well, so that the hole could be closed.
+    pub surrounding_triangles: usize,
+    /// Holes left by triangles that were dropped for intersecting others, and closed again.
+    pub filled_holes: usize,
+    /// Triangles made to close them.
+    pub filling_triangles: usize,
+    /// Vertices dropped because no triangle uses them (any more).
+    pub unreferenced_vertices: usize,
+}
+
+impl fmt::Display for RepairSummary {
+    /// What was changed, in words; "nothing" if so.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let done = [
+            (
+                self.nonfinite_triangles,
+                "triangles with a coordinate that is infinite or not a number dropped",
+            ),
+            (self.degenerate_triangles, "triangles without area taken out"),
+            (self.duplicate_triangles, "duplicate triangles dropped"),
+            (self.merged_vertices, "vertices merged"),
+            (self.split_triangles, "triangles split at a vertex on their edge"),
+            (self.flipped_triangles, "triangles turned over"),
+            (self.inverted_components, "closed components turned to face outwards"),
+            (self.nonorientable_components, "components that cannot be oriented cut open"),
+            (self.duplicated_vertices, "vertices copied to part sheets"),
+            (self.unparted_triangles, "triangles dropped where sheets cannot be parted"),
+            (self.intersecting_triangles, "intersecting triangles dropped"),
+            (self.surrounding_triangles, "triangles around them replaced"),
+            (self.filled_holes, "of the holes that left closed"),
+            (self.filling_triangles, "triangles made for that"),
+            (self.unreferenced_vertices, "unused vertices dropped"),
+        ];
+        let mut first = true;
+        for (count, what) in done.iter().filter(|(count, _)| *count > 0) {
+            let comma = if first { "" } else { ", " };
+            write!(f, "{comma}{count} {what}")?;
+            first = false;
+        }
+        if first { f.write_str("nothing") } else { Ok(()) }
+    }
+}
+
+/// Rounds of all steps before what is still wrong is dropped.
+const MAX_ROUNDS: usize = 8;
+
+/// Repairs a mesh: see the summary's fields for what is done. [Weld](crate::weld()) it first: triangles are neighbours only
+/// if they have the indices of two vertices in common.
+///
+/// The result has no self-intersection, and its [validation](TriMesh::validate) reports a 2-manifold that is oriented, without
+/// degenerate, duplicate or non-finite triangles and, if it is closed, of a volume that is not negative. There may be nothing left of it.
+/// Copies of a vertex that part two sheets are at the same position: welding such a mesh again makes it what it
+/// was. Repairing it again changes nothing. Triangles that are kept stay in order; those that are made come last.
+pub fn repair(mesh: &TriMesh) -> (TriMesh, RepairSummary) {
+    let mut work = Work::new(mesh);
+    work.drop_nonfinite();
+    let nonorientable = Components::new(&work.mesh()).nonorientable;
+    work.summary.nonorientable_components = nonorientable.iter().filter(|&&n| n).count();
+    for _ in 0..MAX_ROUNDS {
+        work.changed = false;
+        work.drop_duplicates();
+        work.take_out_slivers();
+        work.close_cracks();
+        work.orient();
+        work.part();
+        work.cut_crossings(true);
+        if !work.changed {
+            break;
+        }
+    }
+    // From here on triangles are only dropped, so that it ends.
+    while work.changed {
+        work.changed = false;
+        work.drop_duplicates();
+        work.drop_degenerate();
+        work.part();
+        work.cut_crossings(false);
+    }
+    work.orient();
+    work.finish()
+}
+
+/// A triangle on the way.
+#[derive(Clone, Copy, Debug)]
+struct Piece {
+    corners: [u32; 3],
+    /// Whether it has been turned over.
+    turned: bool,
+}
+
+/// A mesh under repair.
+struct Work {
+    /// As they came, and copies of them.
+    vertices: Vec<DVec3>,
+    /// The same, times a power of two so that the largest coordinate is near 1.
+    points: Vec<DVec3>,
+    pieces: Vec<Piece>,
+    /// How many vertices there were at first.
+    original: usize,
+    changed: bool,
+    summary: RepairSummary,
+}
+
+impl Work {
+    fn new(mesh: &TriMesh) -> Self {
+        let mut points = mesh.vertices().to_vec();
+        normalise(&mut points);
+        Self {
+            vertices: mesh.vertices().to_vec(),
+            points,
+            pieces: mesh.triangles().iter().map(|&corners| Piece { corners, turned: false }).collect(),
+            original: mesh.vertices().len(),
+            changed: false,
+            summary: RepairSummary::default(),
+        }
+    }
+
+    /// The pieces as a mesh, with the numbers of both kept.
+    fn mesh(&self) -> TriMesh {
+        let triangles = self.pieces.iter().map(|piece| piece.corners).collect();
+        TriMesh::new(self.points.clone(), triangles).expect("corners stay within the vertices")
+    }
+
+    /// The height below which a triangle has no area: that of [`TriMesh::validate`].
+    fn negligible(&self) -> f64 {
+        palpate_core::mesh::NEGLIGIBLE_HEIGHT * weld::drop_unreferenced(&self.mesh()).bounding_sphere().radius
+    }
+
+    fn positions(&self, corners: [u32; 3]) -> [DVec3; 3] {
+        corners.map(|v| self.points[v as usize])
+    }
+
+    /// Twice the area of a triangle.
+    fn doubled_area(&self, corners: [u32; 3]) -> f64 {
+        let [a, b, c] = self.positions(corners);
+        (b - a).cross(c - a).length()
+    }
+
+    /// Whether a triangle has no area, as [`TriMesh::validate`] sees it.
+    fn has_no_area(&self, corners: [u32; 3], negligible: f64) -> bool {
+        let [a, b, c] = self.positions(corners);
+        if a == b || b == c || c == a {
+            return true;
+        }
+        let [u, v, w] = [b - a, c - a, c - b];
+        let longest = u.length_squared().max(v.length_squared()).max(w.length_squared()).sqrt();
+        // Twice the margin, so that another bounding radius at the end cannot make it one again.
+        u.cross(v).length() <= 2.0 * negligible * longest
+    }
+
+    /// Keeps the pieces for which `keep` holds; returns how many went.
+    fn retain(&mut self, mut keep: impl FnMut(usize) -> bool) -> usize {
+        let before = self.pieces.len();
+        let mut index = 0;
+        self.pieces.retain(|_| {
+            index += 1;
+            keep(index - 1)
+        });
+        let gone = before - self.pieces.len();
+        self.changed |= gone > 0;
+        gone
+    }
+
+    fn drop_nonfinite(&mut self) {
+        let finite: Vec<bool> =
+            self.pieces.iter().map(|p| self.positions(p.corners).iter().all(|x| x.is_finite())).collect();
+        self.summary.nonfinite_triangles += self.retain(|i| finite[i]);
+    }
+
+    fn drop_duplicates(&mut self) {
+        let same = equal_positions(&self.points);
+        let mut seen = HashSet::new();
+        let keep: Vec<bool> = (self.pieces.iter())
+            .map(|piece| {
+                let mut key = piece.corners.map(|v| same[v as usize]);
+                key.sort_unstable();
+                let collapsed = key[0] == key[1] || key[1] == key[2];
+                collapsed || seen.insert(key)
+            })
+            .collect();
+        self.summary.duplicate_triangles += self.retain(|i| keep[i]);
+    }
+
+    fn drop_degenerate(&mut self) {
+        let negligible = self.negligible();
+        let keep: Vec<bool> = self.pieces.iter().map(|p| !self.has_no_area(p.corners, negligible)).collect();
+        self.summary.degenerate_triangles += self.retain(|i| keep[i]);
+    }
+
+    /// Turns triangles to agree with their neighbours, and closed components to face outwards.
+    fn orient(&mut self) {
+        let mesh = self.mesh();
+        let mut components = Components::new(&mesh);
+        self.summary.inverted_components += components.face_outwards(&mesh);
+        for (piece, _) in self.pieces.iter_mut().zip(&components.flipped).filter(|(_, flip)| **flip) {
+            piece.corners.swap(1, 2);
+            piece.turned ^= true;
+            self.changed = true;
+        }
+    }
+
+    /// A vertex at the same place as another.
+    fn copy_of(&mut self, vertex: u32) -> u32 {
+        self.vertices.push(self.vertices[vertex as usize]);
+        self.points.push(self.points[vertex as usize]);
+        self.changed = true;
+        self.vertices.len() as u32 - 1
+    }
+
+    fn finish(mut self) -> (TriMesh, RepairSummary) {
+        let mut used = vec![false; self.vertices.len()];
+        for v in self.pieces.iter().flat_map(|piece| piece.corners) {
+            used[v as usize] = true;
+        }
+        let kept = |range: std::ops::Range<usize>| used[range].iter().filter(|u| **u).count();
+        self.summary.unreferenced_vertices = self.original - kept(0..self.original);
+        self.summary.duplicated_vertices = kept(self.original..used.len());
+        self.summary.flipped_triangles = self.pieces.iter().filter(|piece| piece.turned).count();
+        let triangles = self.pieces.iter().map(|piece| piece.corners).collect();
+        let mesh = TriMesh::new(self.vertices, triangles).expect("corners stay within the vertices");
+        (weld::drop_unreferenced(&mesh), self.summary)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::rngs::StdRng;
+    use rand::{RngExt, SeedableRng};
+
+    use super::*;
+
+    const QUADS: [[u32; 4]; 6] =
+        [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+
+    /// Adds a cube to a mesh's lists, facing outwards.
+    fn cube(
+        vertices: &mut Vec<DVec3>,
+        triangles: &mut Vec<[u32; 3]>,
+        center: DVec3,
+        half: f64,
+        inwards: bool,
+    ) {
+        let first = vertices.len() as u32;
+        let sign = |i: u32, bit: u32| if i >> bit & 1 == 1 { half } else { -half };
+        vertices.extend((0..8).map(|i| center + DVec3::new(sign(i, 0), sign(i, 1), sign(i, 2))));
+        for [a, b, c, d] in QUADS.map(|q| q.map(|v| first + v)) {
+            triangles.extend(if inwards { [[a, c, b], [a, d, c]] } else { [[a, b, c], [a, c, d]] });
+        }
+    }
+
+    fn cubes(list: &[(f64, f64, bool)]) -> TriMesh {
+        let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
+        for &(x, half, inwards) in list {
+            cube(&mut vertices, &mut triangles, DVec3::X * x, half, inwards);
+        }
+        TriMesh::new(vertices, triangles).unwrap()
+    }
+
+    fn volume(mesh: &TriMesh) -> f64 {
+        (0..mesh.triangles().len()).map(|t| mesh.corners(t)).map(|[a, b, c]| a.dot(b.cross(c)) / 6.0).sum()
+    }
+
+    #[test]
+    fn counts_what_it_drops() {
+        let mesh = cubes(&[(0.0, 1.0, false)]);
+        let mut vertices = mesh.vertices().to_vec();
+        vertices.extend([DVec3::NAN, DVec3::new(0.0, -1.0, -1.0), DVec3::splat(9.0)]);
+        let mut triangles = mesh.triangles().to_vec();
+        // Not finite; two corners the same; three on a line; a copy, and one turned over.
+        triangles.extend([[0, 1, 8], [3, 3, 4], [0, 1, 9], [2, 3, 0], [3, 2, 0]]);
+        let (repaired, summary) = repair(&TriMesh::new(vertices, triangles).unwrap());
+        let expected = RepairSummary {
+            nonfinite_triangles: 1,
+            degenerate_triangles: 2,
+            duplicate_triangles: 2,
+            unreferenced_vertices: 3,
+            ..RepairSummary::default()
+        };
+        assert_eq!(summary, expected);
+        assert_eq!(repaired, mesh);
+    }
+
+    #[test]
+    fn any_turning_of_triangles_is_undone() {
+        let seed = 29;
+        let mut random = StdRng::seed_from_u64(seed);
+        let mesh = cubes(&[(0.0, 1.0, false), (5.0, 2.0, false)]);
+        for case in 0..200 {
+            let turned =
+                mesh.triangles().iter().map(|&[a, b, c]| if random.random() { [a, c, b] } else { [a, b, c] });
+            let (repaired, summary) =
+                repair(&TriMesh::new(mesh.vertices().to_vec(), turned.collect()).unwrap());
+            assert_eq!(summary.nonorientable_components, 0);
+            let bounds = repaired
+                .adjacency()
+                .edge_kinds()
+                .iter()
+                .all(|k| *k == palpate_core::mesh::EdgeKind::Manifold);
+            assert!(bounds, "seed {seed}, case {case}: some edge is misoriented");
+            assert!((volume(&repaired) - 72.0).abs() < 1e-9, "seed {seed}, case {case}");
+        }
+    }
+
+    #[test]
+    fn cavities_stay_and_bodies_face_outwards() {
+        for (name, shells, expected, inverted) in [
+            ("inside out", vec![(0.0, 1.0, true)], 8.0, 1),
+            ("hollow", vec![(0.0, 2.0, false), (0.0, 1.0, true)], 56.0, 0),
+            ("hollow, inside out", vec![(0.0, 2.0, true), (0.0, 1.0, false)], 56.0, 2),
+            ("two bodies, one inside out", vec![(0.0, 2.0, false), (9.0, 1.0, true)], 72.0, 1),
+            (
+                "a body in a cavity",
+                vec![(0.0, 3.0, false), (0.0, 2.0, true), (0.0, 1.0, false)],
+                216.0 - 64.0 + 8.0,
+                0,
+            ),
+            ("overlapping, not inside", vec![(0.0, 2.0, false), (2.0, 1.0, true)], 72.0, 1),
+        ] {
+            let mut work = Work::new(&cubes(&shells));
+            work.orient();
+            let (turned, summary) = work.finish();
+            assert!((volume(&turned) - expected).abs() < 1e-9, "{name}: {}", volume(&turned));
+            assert_eq!(summary.inverted_components, inverted, "{name}");
+            let (repaired, summary) = repair(&cubes(&shells));
+            let apart = summary.intersecting_triangles == 0;
+            assert_eq!(apart, name != "overlapping, not inside", "{name}: {summary}");
+            assert!(!apart || repaired == turned, "{name}");
+        }
+    }
+
+    #[test]
+    fn a_moebius_strip_is_named() {
+        // Five triangles in a ring: a strip with an odd number of half turns.
+        let vertices =
+            (0..5).map(|i| DVec3::new(f64::from(i), f64::from(i * i), f64::from(i * i * i))).collect();
+        let strip = TriMesh::new(vertices, (0..5).map(|i| [i, (i + 1) % 5, (i + 2) % 5]).collect()).unwrap();
+        let (repaired, summary) = repair(&strip);
+        assert_eq!(summary.nonorientable_components, 1);
+        assert_eq!(repaired.triangles().len(), 5);
+        assert_eq!(repair(&TriMesh::default()), (TriMesh::default(), RepairSummary::default()));
+    }
+}

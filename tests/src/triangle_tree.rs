@@ -1,0 +1,188 @@
+//! Nearest points and inside tests on a mesh, by a plain tree of boxes: independent of the trees that the engine and the
+//! builder use, and itself compared with brute force below.
+
+use palpate::TriMesh;
+use palpate::glam::DVec3;
+
+use crate::brute_force::nearest_on_triangle;
+
+/// Triangles of a leaf.
+const LEAF: usize = 4;
+
+/// Directions of rays, of no special position to any mesh.
+const RAYS: [DVec3; 3] = [
+    DVec3::new(0.617_21, 0.289_44, 0.731_65),
+    DVec3::new(-0.413_83, 0.803_17, -0.428_61),
+    DVec3::new(0.150_49, -0.560_08, -0.814_66),
+];
+
+/// A mesh to ask for distances and for inside.
+#[derive(Clone, Debug)]
+pub struct TriangleTree {
+    corners: Vec<[DVec3; 3]>,
+    nodes: Vec<Node>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Node {
+    low: DVec3,
+    high: DVec3,
+    /// The triangles of a leaf; of an inner node all those below.
+    first: usize,
+    end: usize,
+    /// The second child (the first follows the node), or 0 for a leaf.
+    second: usize,
+}
+
+impl TriangleTree {
+    /// A tree over a mesh with at least one triangle.
+    pub fn new(mesh: &TriMesh) -> Self {
+        let mut corners: Vec<_> = (0..mesh.triangles().len()).map(|t| mesh.corners(t)).collect();
+        let mut nodes = Vec::new();
+        let end = corners.len();
+        split(&mut corners, 0, end, &mut nodes);
+        Self { corners, nodes }
+    }
+
+    /// Distance (m) of a point from the surface.
+    pub fn distance(&self, p: DVec3) -> f64 {
+        let mut best = f64::INFINITY;
+        let mut stack = vec![(0, self.nodes[0].distance_squared(p))];
+        while let Some((index, squared)) = stack.pop() {
+            if squared >= best {
+                continue;
+            }
+            let node = &self.nodes[index];
+            if node.second == 0 {
+                for triangle in &self.corners[node.first..node.end] {
+                    best = best.min(nearest_on_triangle(p, triangle).distance_squared(p));
+                }
+                continue;
+            }
+            let children =
+                [index + 1, node.second].map(|child| (child, self.nodes[child].distance_squared(p)));
+            let nearer = usize::from(children[1].1 < children[0].1);
+            stack.extend([children[1 - nearer], children[nearer]]);
+        }
+        best.sqrt()
+    }
+
+    /// How often a closed, oriented surface goes around a point that is not on it: 1 inside an object, 0 outside. Signed
+    /// crossings of a ray are counted; of three rays, one may be led astray by an edge.
+    pub fn winding(&self, p: DVec3) -> i32 {
+        let [a, b, c] = RAYS.map(|ray| self.crossings(p, ray));
+        if b == c { b } else { a }
+    }
+
+    fn crossings(&self, p: DVec3, ray: DVec3) -> i32 {
+        let mut count = 0;
+        let mut stack = vec![0];
+        while let Some(index) = stack.pop() {
+            let node = &self.nodes[index];
+            if !node.is_hit(p, ray) {
+                continue;
+            }
+            if node.second != 0 {
+                stack.extend([index + 1, node.second]);
+                continue;
+            }
+            for corners in &self.corners[node.first..node.end] {
+                let [a, b, c] = corners.map(|q| q - p);
+                // Which way the ray passes each side; the same arithmetic for both triangles at an edge.
+                let sides = [side(a, b, ray), side(b, c, ray), side(c, a, ray)];
+                let normal = (b - a).cross(c - a);
+                if sides == [1; 3] && normal.dot(a) > 0.0 {
+                    count += 1;
+                } else if sides == [-1; 3] && normal.dot(a) < 0.0 {
+                    count -= 1;
+                }
+            }
+        }
+        count
+    }
+}
+
+/// On which side of an edge a ray passes; exactly opposite for the edge the other way round.
+fn side(from: DVec3, to: DVec3, ray: DVec3) -> i32 {
+    let turned = |p: DVec3, q: DVec3| if p.cross(q).dot(ray) >= 0.0 { 1 } else { -1 };
+    if from.to_array() <= to.to_array() { turned(from, to) } else { -turned(to, from) }
+}
+
+impl Node {
+    fn distance_squared(&self, p: DVec3) -> f64 {
+        (self.low - p).max(p - self.high).max(DVec3::ZERO).length_squared()
+    }
+
+    fn is_hit(&self, p: DVec3, ray: DVec3) -> bool {
+        let (to_low, to_high) = ((self.low - p) / ray, (self.high - p) / ray);
+        let enters = to_low.min(to_high).max_element();
+        let leaves = to_low.max(to_high).min_element();
+        // Boxes may be flat: what is lost to rounding is given back.
+        enters.max(0.0) <= leaves + 1e-12 * (leaves.abs() + enters.abs())
+    }
+}
+
+fn split(corners: &mut [[DVec3; 3]], first: usize, end: usize, nodes: &mut Vec<Node>) {
+    let own = &mut corners[first..end];
+    let low = own.as_flattened().iter().copied().fold(DVec3::INFINITY, DVec3::min);
+    let high = own.as_flattened().iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
+    let index = nodes.len();
+    nodes.push(Node { low, high, first, end, second: 0 });
+    if end - first <= LEAF {
+        return;
+    }
+    let axis = (high - low).max_position();
+    let middle = own.len() / 2;
+    let along = |t: &[DVec3; 3]| t[0][axis] + t[1][axis] + t[2][axis];
+    own.select_nth_unstable_by(middle, |s, t| along(s).total_cmp(&along(t)));
+    split(corners, first, first + middle, nodes);
+    nodes[index].second = nodes.len();
+    split(corners, first + middle, end, nodes);
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate::models::Model;
+    use rand::rngs::StdRng;
+    use rand::{RngExt, SeedableRng};
+
+    use super::*;
+
+    /// Sum of the solid angles that the triangles subtend (van Oosterom and Strackee 1983), over the whole sphere.
+    fn winding_by_solid_angles(mesh: &TriMesh, p: DVec3) -> f64 {
+        let angles = (0..mesh.triangles().len()).map(|t| {
+            let [a, b, c] = mesh.corners(t).map(|q| q - p);
+            let (l, m, n) = (a.length(), b.length(), c.length());
+            let volume = a.dot(b.cross(c));
+            2.0 * volume.atan2(l * m * n + a.dot(b) * n + b.dot(c) * l + c.dot(a) * m)
+        });
+        angles.sum::<f64>() / (4.0 * std::f64::consts::PI)
+    }
+
+    #[test]
+    fn answers_agree_with_all_triangles() {
+        let seed = 33;
+        let mut random = StdRng::seed_from_u64(seed);
+        for model in [Model::Torus, Model::Cup, Model::Block] {
+            let mesh = model.generate(1000).expect("within range");
+            let (tree, sphere) = (TriangleTree::new(&mesh), mesh.bounding_sphere());
+            let mut inside = 0;
+            for _ in 0..1000 {
+                let offset = DVec3::from_array(std::array::from_fn(|_| random.random_range(-1.2..1.2)));
+                let p = sphere.center + sphere.radius * offset;
+                let plain = (0..mesh.triangles().len())
+                    .map(|t| nearest_on_triangle(p, &mesh.corners(t)).distance(p))
+                    .fold(f64::INFINITY, f64::min);
+                assert!((tree.distance(p) - plain).abs() <= 1e-15, "seed {seed}, {}: {p}", model.name());
+                let turns = winding_by_solid_angles(&mesh, p);
+                assert!(
+                    (f64::from(tree.winding(p)) - turns).abs() < 1e-6,
+                    "seed {seed}, {}: {p}",
+                    model.name()
+                );
+                inside += tree.winding(p);
+            }
+            assert!(inside > 10, "{}: {inside} points inside", model.name());
+        }
+    }
+}
