@@ -12,7 +12,7 @@ use super::state::State;
 use crate::box_tree::BoxTree;
 use crate::convexity::Patch;
 use crate::decomposition::{Decomposition, NO_PATCH};
-use crate::hausdorff::Target;
+use crate::bounding::Target;
 use crate::hull::HullBuilder;
 use crate::surface::{Surface, bounds_of};
 
