@@ -243,3 +243,25 @@ fn peak_memory() -> Option<u64> {
     let kilobytes: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
     Some(kilobytes * 1024)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn objects_are_models_by_name_and_size() {
+        let mut clod =
+            Object::model("ellipsoid@500").map(|object| Clod::clone(&object.clod)).expect("ellipsoid");
+        for (name, triangles, model) in [
+            ("spoon", 86_016, Some(Model::Spoon)),
+            ("folder/spoon.clod", 85_648, Some(Model::Spoon)),
+            ("spoon.obj", 86_016, Some(Model::Spoon)),
+            ("spoon.clod", 1_344, None),
+            ("spoon@20000", 20_000, None),
+            ("fork.clod", 86_016, None),
+        ] {
+            clod.source.triangles = triangles;
+            assert_eq!(model_of(name, &clod), model, "{name}");
+        }
+    }
+}

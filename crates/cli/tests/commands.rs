@@ -122,24 +122,14 @@ fn a_hierarchy_is_built_and_inspected() {
 }
 
 #[test]
-fn the_published_row_stands_beside_a_model_of_table_3_2_at_full_size() {
-    let folder = tempfile::tempdir().expect("temporary folder");
-    let folder = folder.path();
-    // A small stand-in for the spoon: what counts is the name and the number of triangles.
-    succeeds(&["build", "spoon-low", "-o", "spoon.clod"], folder);
-    assert_eq!(json(&["inspect", "spoon.clod", "--json"], folder)["published"], Value::Null);
-    let same_size = json(&["inspect", "spoon", "--json"], folder);
-    assert_eq!(same_size["published"]["original_triangles"], 86_016);
-    assert_eq!(same_size["published"]["coarsest_resolution"], 13.57);
-}
-
-#[test]
 fn levels_are_drawn() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let folder = folder.path();
     succeeds(&["build", "torus@1000", "-o", "t.clod"], folder);
-    let count = json(&["inspect", "t.clod", "--json"], folder)["levels"].as_array().map_or(0, Vec::len);
-    assert!(count > 2);
+    let inspected = json(&["inspect", "t.clod", "--json"], folder);
+    let levels = inspected["levels"].as_array().expect("levels");
+    let count = levels.len();
+    assert!(levels[0]["patches"].as_u64() > Some(8) && count > 2, "{levels:?}");
     let open = |path: &str| image::open(folder.join(path)).expect(path).into_rgb8();
     // Colours far from grey, coarsely.
     let hues = |path: &str| {
@@ -149,10 +139,12 @@ fn levels_are_drawn() {
         hues.collect::<std::collections::HashSet<_>>().len()
     };
     succeeds(&["inspect", "t.clod", "--render", "all", "--size", "200"], folder);
-    for level in 0..count {
+    for (level, data) in levels.iter().enumerate() {
         let path = format!("all/level-{level:02}.png");
         assert_eq!(open(&path).dimensions(), (200, 150));
-        assert!(hues(&path) >= if level + 1 < count { 3 } else { 1 }, "{path}");
+        // Of a few hulls one may hide the others.
+        let several = data["patches"].as_u64() > Some(8);
+        assert!(hues(&path) >= if several { 3 } else { 1 }, "{path}");
     }
     assert_eq!(open("all/levels.png").width() % 200, 0);
     assert_eq!(std::fs::read_dir(folder.join("all")).unwrap().count(), count + 1);

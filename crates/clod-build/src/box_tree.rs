@@ -6,8 +6,6 @@
 
 use glam::DVec3;
 
-use crate::surface::bounds_of;
-
 const LEAF_ITEMS: usize = 4;
 const NONE: u32 = u32::MAX;
 
@@ -37,19 +35,21 @@ pub(crate) struct BoxTree {
 }
 
 impl BoxTree {
-    /// A tree over items with the given boxes, of which empty ones are never found.
+    /// A tree over items with the given boxes. Items whose boxes are empty are left out for good.
     pub fn new(boxes: &[Bounds]) -> Self {
-        let mut order: Vec<u32> = (0..boxes.len() as u32).collect();
+        let mut order: Vec<u32> =
+            (0..boxes.len() as u32).filter(|item| !is_empty(boxes[*item as usize])).collect();
+        if order.is_empty() {
+            // The root has to be a leaf.
+            order.extend(0..boxes.len() as u32);
+        }
         let mut tree = Self {
             nodes: Vec::with_capacity(order.len()),
             order: Vec::new(),
             parents: Vec::with_capacity(order.len()),
             leaf_of: vec![NONE; boxes.len()],
         };
-        let middles: Vec<DVec3> = boxes
-            .iter()
-            .map(|(low, high)| if low.cmple(*high).all() { 0.5 * (*low + *high) } else { DVec3::ZERO })
-            .collect();
+        let middles: Vec<DVec3> = boxes.iter().map(|(low, high)| 0.5 * (*low + *high)).collect();
         tree.split(boxes, &middles, &mut order, 0, NONE);
         tree.order = order;
         tree
@@ -133,6 +133,10 @@ impl BoxTree {
     }
 }
 
+fn is_empty((low, high): Bounds) -> bool {
+    low.cmpgt(high).any()
+}
+
 fn union(boxes: impl IntoIterator<Item = Bounds>) -> Bounds {
     boxes.into_iter().fold(EMPTY, |a, b| (a.0.min(b.0), a.1.max(b.1)))
 }
@@ -142,9 +146,9 @@ pub(crate) fn meet(a: Bounds, b: Bounds) -> bool {
     a.0.cmple(b.1).all() && b.0.cmple(a.1).all()
 }
 
-/// The box of a triangle.
-pub(crate) fn triangle_bounds(corners: [DVec3; 3]) -> Bounds {
-    bounds_of(&corners)
+/// The smallest box around points.
+pub(crate) fn bounds_of(points: &[DVec3]) -> Bounds {
+    points.iter().fold(EMPTY, |(low, high), p| (low.min(*p), high.max(*p)))
 }
 
 #[cfg(test)]
@@ -185,5 +189,25 @@ mod tests {
             found_any += found.len();
         }
         assert!(found_any > 300);
+    }
+
+    #[test]
+    fn empty_items_are_left_out() {
+        let point = |x: f64| (DVec3::splat(x), DVec3::splat(x));
+        let boxes: Vec<Bounds> =
+            (0..100).map(|k| if k % 3 == 0 { point(f64::from(k)) } else { EMPTY }).collect();
+        let mut tree = BoxTree::new(&boxes);
+        assert_eq!(tree.order.len(), 34);
+        // To refit one of them does nothing.
+        tree.refit(1, |k| boxes[k as usize]);
+        let mut found = Vec::new();
+        tree.any_near((DVec3::ZERO, DVec3::splat(99.0)), &mut Vec::new(), |k| {
+            found.push(k);
+            false
+        });
+        found.sort_unstable();
+        assert_eq!(found, (0..100).step_by(3).collect::<Vec<_>>());
+        let nothing = BoxTree::new(&[EMPTY; 5]);
+        assert!(!nothing.any_near((DVec3::NEG_ONE, DVec3::ONE), &mut Vec::new(), |_| true));
     }
 }

@@ -5,6 +5,7 @@ use std::ops::ControlFlow;
 
 use glam::{DMat3, DVec3};
 use palpate_core::clod::Source;
+use palpate_core::mesh::OffendingEdge;
 use palpate_core::{Clod, TriMesh};
 
 use crate::bounding::bound_descendants;
@@ -13,6 +14,7 @@ use crate::hierarchy::merge_to_root;
 use crate::levels::{Regular, assemble};
 use crate::parameters::{finest_resolution, support_areas};
 use crate::progress::{Progress, Stage};
+use crate::requirements::{check_intersections, check_surface};
 use crate::simplify::{Limits, simplify};
 use crate::surface::Surface;
 
@@ -35,8 +37,7 @@ pub struct BuildOptions {
     pub tolerance: f64,
     /// Distance tolerance of support areas (§3.3.5) along a vertex normal: a fraction of the bounding radius.
     pub support_distance: f64,
-    /// Whether to make levels of detail by simplification (§3.3.3) before patches are merged freely. A mesh that is not
-    /// 2-manifold and oriented is never simplified.
+    /// Whether to make levels of detail by simplification (§3.3.3) before patches are merged freely.
     pub simplify: bool,
     /// Where simplification ends: at the resolution (Eq. 3.1) that is this over the bounding radius.
     pub coarsest: f64,
@@ -104,6 +105,94 @@ pub enum BuildError {
         /// How many triangles there are.
         triangles: usize,
     },
+    /// A triangle names a vertex twice or has no area: its height over its longest side is below 10⁻¹² bounding radii.
+    #[error(
+        "triangle {triangle} at {} m has no area (the first of {count}): run with --repair to take such triangles out",
+        place(*position)
+    )]
+    Degenerate {
+        /// How many.
+        count: usize,
+        /// Index of the first.
+        triangle: u32,
+        /// Its centre, m.
+        position: DVec3,
+    },
+    /// A triangle lies on an earlier one.
+    #[error(
+        "triangle {triangle} at {} m repeats an earlier one (the first of {count}): run with --repair to drop such triangles",
+        place(*position)
+    )]
+    Duplicate {
+        /// How many.
+        count: usize,
+        /// Index of the first.
+        triangle: u32,
+        /// Its centre, m.
+        position: DVec3,
+    },
+    /// Three or more triangles meet at an edge.
+    #[error(
+        "more than two triangles meet at the edge between vertices {} and {} of triangle {} at {} m (the first of {count}): \
+         run with --repair to part the sheets that meet there",
+        edge.vertices[0], edge.vertices[1], edge.triangle, place(*position)
+    )]
+    NonManifoldEdge {
+        /// How many edges.
+        count: usize,
+        /// The first.
+        edge: OffendingEdge,
+        /// Its middle, m.
+        position: DVec3,
+    },
+    /// Two triangles that share an edge face opposite sides.
+    #[error(
+        "triangle {} and its neighbour at the edge between vertices {} and {} at {} m disagree on which side is outside (the \
+         first of {count}): run with --repair to turn such triangles",
+        edge.triangle, edge.vertices[0], edge.vertices[1], place(*position)
+    )]
+    Misoriented {
+        /// At how many edges.
+        count: usize,
+        /// The first.
+        edge: OffendingEdge,
+        /// Its middle, m.
+        position: DVec3,
+    },
+    /// The triangles around a vertex are not one fan.
+    #[error(
+        "sheets of triangles meet at nothing but vertex {vertex} at {} m (the first of {count}): run with --repair to part them",
+        place(*position)
+    )]
+    NonManifoldVertex {
+        /// How many fans there are beyond the first of each vertex.
+        count: usize,
+        /// The first such vertex.
+        vertex: u32,
+        /// Where it is, m.
+        position: DVec3,
+    },
+    /// A closed surface encloses a negative volume.
+    #[error(
+        "the triangles face inwards, so that the mesh encloses {volume:.6e} m³: run with --repair to turn them all"
+    )]
+    InsideOut {
+        /// The signed volume, m³.
+        volume: f64,
+    },
+    /// Two triangles have more points in common than the vertices and edges that they share.
+    #[error(
+        "triangles {} and {} intersect near {} m (the first of {count} triangles that do): run with --repair to cut them out",
+        triangles[0], triangles[1], place(*position)
+    )]
+    SelfIntersecting {
+        /// How many triangles intersect another.
+        count: usize,
+        /// The first pair, in lexicographic order.
+        triangles: [u32; 2],
+        /// The middle of what their bounding boxes have in common, m.
+        position: DVec3,
+    },
     /// The hierarchy would need more hull vertices than 32-bit indices can name.
     #[error(
         "the hierarchy needs {hull_vertices} hull vertices, more than 32-bit indices can name: simplify the mesh, or build its parts as separate objects"
@@ -127,17 +216,30 @@ pub enum BuildError {
     },
 }
 
+/// A position (m) as a message gives it.
+fn place(position: DVec3) -> String {
+    let [x, y, z] = position.to_array().map(|x| {
+        let plain = x == 0.0 || (1e-3..1e6).contains(&x.abs());
+        if plain { format!("{x:.6}") } else { format!("{x:.5e}") }
+    });
+    format!("({x}, {y}, {z})")
+}
+
 /// Builds the hierarchy of contact levels of detail of a mesh.
 ///
-/// Any finite mesh builds. Where it is not a closed, oriented 2-manifold, inside and outside are not defined: no hull can
-/// then be verified to lie inside the object, [`Node::contained`](palpate_core::clod::Node::contained) is false and so is
+/// The mesh has to be an oriented 2-manifold, with or without boundary, of triangles with an area, that does not intersect
+/// itself (decided exactly; surfaces may touch at vertices and edges that they have in common or that coincide) and, if it is closed, does not
+/// enclose a negative volume. `palpate_mesh_io::repair` makes such a mesh of any other. Where there is a boundary,
+/// inside and outside are not defined: no hull can then be verified to lie inside the object,
+/// [`Node::contained`](palpate_core::clod::Node::contained) is false and so is
 /// [`Source::solid`](palpate_core::clod::Source::solid).
 ///
 /// `progress` is called from the calling thread with the fraction of the stage that is done, at most some 25 times a second
 /// besides the beginning and end of each stage; when it breaks, the build ends with [`BuildError::Cancelled`].
 ///
 /// # Errors
-/// If it is cancelled, the mesh has no triangles, no extent or a vertex that is not finite, or an option is out of range.
+/// If it is cancelled, the mesh is none of the above, has no triangles, no extent or a vertex that is not finite, or an
+/// option is out of range.
 pub fn build(
     mesh: &TriMesh,
     options: &BuildOptions,
@@ -149,9 +251,11 @@ pub fn build(
 
     progress.begin(Stage::Mesh)?;
     let report = mesh.validate();
+    check_surface(mesh, &report)?;
     let solid = report.is_solid();
     let adjacency = mesh.adjacency();
     let surface = Surface::new(mesh, center, radius);
+    check_intersections(mesh, &surface)?;
     progress.end()?;
 
     let tolerance = options.tolerance * radius * surface.scale;
@@ -160,8 +264,7 @@ pub fn build(
     progress.end()?;
 
     let areas = support_areas(mesh, &adjacency, options.support_distance * radius, options.support_cone);
-    // Collapses keep a surface 2-manifold and oriented, and rely on it.
-    let simplified = if options.simplify && report.manifold && report.oriented {
+    let simplified = if options.simplify {
         let limits = Limits { tolerance, least_resolution: options.coarsest / (radius * surface.scale) };
         progress.begin(Stage::Simplification)?;
         let levels = simplify(mesh, &surface, &decomposition, &areas, &limits, &mut progress)?;

@@ -24,6 +24,7 @@ mod levels;
 mod nearest;
 mod parameters;
 mod progress;
+mod requirements;
 mod simplify;
 mod skin;
 mod surface;

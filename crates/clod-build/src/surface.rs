@@ -9,7 +9,8 @@
 use glam::DVec3;
 use palpate_core::TriMesh;
 
-use crate::box_tree::{Bounds, BoxTree, EMPTY, triangle_bounds};
+pub(crate) use crate::box_tree::bounds_of;
+use crate::box_tree::{Bounds, BoxTree, EMPTY};
 use crate::hull::Plane;
 
 /// A mesh in unit coordinates with its spatial index.
@@ -218,12 +219,7 @@ impl Surface {
 
 fn bounds_in(triangle: [u32; 3], points: &[DVec3]) -> Bounds {
     let [a, b, c] = triangle;
-    if a == b && b == c { EMPTY } else { triangle_bounds(triangle.map(|v| points[v as usize])) }
-}
-
-/// The smallest axis-aligned box around points.
-pub(crate) fn bounds_of(points: &[DVec3]) -> (DVec3, DVec3) {
-    points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(*p), high.max(*p)))
+    if a == b && b == c { EMPTY } else { bounds_of(&triangle.map(|v| points[v as usize])) }
 }
 
 /// The plane of a triangle; with a zero normal where the corners are too nearly on a line to tell.

@@ -135,8 +135,11 @@ impl Spread {
         values.sort_unstable_by(f64::total_cmp);
         let Some(&max) = values.last() else { return Self { median: 0.0, max: 0.0 } };
         let middle = values.len() / 2;
-        let median =
-            if values.len() % 2 == 0 { 0.5 * (values[middle - 1] + values[middle]) } else { values[middle] };
+        let median = if values.len().is_multiple_of(2) {
+            0.5 * (values[middle - 1] + values[middle])
+        } else {
+            values[middle]
+        };
         Self { median, max }
     }
 }

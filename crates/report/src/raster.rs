@@ -438,7 +438,7 @@ fn encode(linear: Vec3) -> Rgb<u8> {
 mod tests {
     use super::*;
 
-    const SIZE: (u32, u32) = (640, 480);
+    const SIZE: (u32, u32) = (320, 240);
     const RED: [f32; 3] = [0.8, 0.1, 0.1];
     const GREEN: [f32; 3] = [0.1, 0.8, 0.1];
 
@@ -509,10 +509,12 @@ mod tests {
         let side = f64::from(SIZE.1) / MARGIN;
         // The first triangle's edge opposite its first corner is a side of the square, the one opposite its second corner
         // the diagonal; half of a line's width lies in each of its triangles.
-        let straight = dark([[true, false, false], none], 4.0);
-        assert!((straight / (2.0 * side) - 1.0).abs() < 0.05, "{straight} pixels");
-        let diagonal = dark([[false, true, false], [false, false, true]], 4.0);
-        assert!((diagonal / (4.0 * 2.0_f64.sqrt() * side) - 1.0).abs() < 0.1, "{diagonal} pixels");
+        let straight = dark([[true, false, false], none], 10.0);
+        assert!((straight / (5.0 * side) - 1.0).abs() < 0.05, "{straight} pixels");
+        let diagonal = dark([[false, true, false], [false, false, true]], 10.0);
+        // The diagonal's ends are clipped to the square's corners: a triangle as high as half the line is wide.
+        let covered = 10.0 * (2.0_f64.sqrt() * side - 5.0);
+        assert!((diagonal / covered - 1.0).abs() < 0.08, "{diagonal} pixels, not {covered}");
     }
 
     #[test]

@@ -1,13 +1,12 @@
 //! In what colour each model is drawn, and the scenes of the README.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::error::Error;
 
 use glam::{DQuat, DVec3};
 use image::RgbImage;
 use palpate_clod_build::{BuildOptions, build, unwatched};
 use palpate_models::Model;
-
 use palpate_report::raster::{Camera, Item, Shading, View};
 use palpate_report::{LevelPictures, views};
 
@@ -67,9 +66,10 @@ pub fn levels_of_lower_jaw() -> Result<RgbImage, Box<dyn Error>> {
     let options = BuildOptions { simplify: true, ..BuildOptions::default() };
     let clod = build(&mesh, &options, &mut unwatched)?;
     let pictures = LevelPictures::new(&clod, &views::of_model(Model::LowerJaw), WIDTH);
-    let count = clod.levels.len();
-    let levels = (0..count).step_by(count.div_ceil(SHOWN));
-    let drawn: Vec<(usize, RgbImage)> = levels.map(|level| (level, pictures.level(level))).collect();
+    let last = clod.levels.len() - 1;
+    let levels: BTreeSet<usize> = (0..SHOWN).map(|k| k * last / (SHOWN - 1)).collect();
+    let drawn: Vec<(usize, RgbImage)> =
+        levels.into_iter().map(|level| (level, pictures.level(level))).collect();
     Ok(pictures.sheet(&drawn))
 }
 

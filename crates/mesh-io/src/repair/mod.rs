@@ -88,14 +88,14 @@ impl fmt::Display for RepairSummary {
             (self.unparted_triangles, "triangles dropped where sheets cannot be parted"),
             (self.intersecting_triangles, "intersecting triangles dropped"),
             (self.surrounding_triangles, "triangles around them replaced"),
-            (self.filled_holes, "of the holes that left closed"),
-            (self.filling_triangles, "triangles made for that"),
+            (self.filled_holes, "holes that these left closed"),
+            (self.filling_triangles, "triangles made to close them"),
             (self.unreferenced_vertices, "unused vertices dropped"),
         ];
         let mut first = true;
         for (count, what) in done.iter().filter(|(count, _)| *count > 0) {
             let comma = if first { "" } else { ", " };
-            write!(f, "{comma}{count} {what}")?;
+            write!(f, "{comma}{what}: {count}")?;
             first = false;
         }
         if first { f.write_str("nothing") } else { Ok(()) }

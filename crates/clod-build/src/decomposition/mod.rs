@@ -7,6 +7,9 @@
 //! [`convexity`](crate::convexity)), each pair is tested once and the failures are inherited. The same test serves the
 //! merging of patches during simplification.
 
+#[cfg(test)]
+mod comparison;
+
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
@@ -48,6 +51,22 @@ pub(crate) struct Decomposition {
     pub patch_of: Vec<u32>,
 }
 
+impl Decomposition {
+    /// Puts patches in the order of their first triangles; `patch_of` has [`NO_PATCH`] where it stays so.
+    fn new(mut patches: Vec<Patch>, mut patch_of: Vec<u32>) -> Self {
+        for patch in &mut patches {
+            patch.triangles.sort_unstable();
+        }
+        patches.sort_unstable_by_key(|p| p.triangles[0]);
+        for (k, patch) in patches.iter().enumerate() {
+            for t in &patch.triangles {
+                patch_of[*t as usize] = k as u32;
+            }
+        }
+        Self { patches, patch_of }
+    }
+}
+
 /// Decomposes a surface; `tolerance` in its unit coordinates.
 pub(crate) fn decompose(
     surface: &Surface,
@@ -55,53 +74,11 @@ pub(crate) fn decompose(
     tolerance: f64,
     progress: &mut Progress<'_>,
 ) -> Result<Decomposition, Cancelled> {
-    let count = surface.triangles.len();
     let convexity = Convexity::new(surface, adjacency.neighbours(), tolerance);
-    let collapsed = |t: u32| {
-        let [a, b, c] = surface.triangles[t as usize];
-        a == b || b == c || c == a
-    };
-    let mut patch_of: Vec<u32> = (0..count as u32).map(|t| if collapsed(t) { NO_PATCH } else { t }).collect();
-    let mut members: Vec<Option<Member>> = (0..count as u32)
-        .map(|t| {
-            if collapsed(t) {
-                return None;
-            }
-            let mut links: Vec<Link> = (0..3)
-                .filter(|side| {
-                    let edge = adjacency.triangle_edges()[t as usize][*side as usize];
-                    edge != u32::MAX && adjacency.edge_kind(edge) == EdgeKind::Manifold
-                })
-                .filter_map(|side| adjacency.neighbour(t, side))
-                .map(|patch| Link { patch, blocked: false })
-                .collect();
-            links.sort_unstable_by_key(|link| link.patch);
-            links.dedup_by_key(|link| link.patch);
-            Some(Member { patch: convexity.single(t), links })
-        })
-        .collect();
-
     let mut buffers = JoinBuffers::default();
-    for piece in closed_convex_pieces(&convexity, adjacency, count as u32) {
-        let member = patch_of[piece[0] as usize];
-        for t in &piece {
-            patch_of[*t as usize] = member;
-        }
-        let mine = |t: u32| [member, NO_PATCH].contains(&patch_of[t as usize]);
-        if let Some(patch) = convexity.whole(&piece, mine, &mut buffers) {
-            for t in &piece {
-                members[*t as usize] = None;
-            }
-            members[member as usize] = Some(Member { patch, links: Vec::new() });
-        } else {
-            for t in &piece {
-                patch_of[*t as usize] = *t;
-            }
-        }
-    }
-
+    let (mut members, mut patch_of) = start(surface, adjacency, &convexity, &mut buffers);
     let mut queue = BinaryHeap::new();
-    for a in 0..count as u32 {
+    for a in 0..members.len() as u32 {
         for link in members[a as usize].iter().flat_map(|m| &m.links).filter(|link| link.patch > a) {
             queue.push(Reverse((size(&members, a, link.patch), a, link.patch)));
         }
@@ -152,17 +129,61 @@ pub(crate) fn decompose(
         }
     }
 
-    let mut patches: Vec<Patch> = members.into_iter().flatten().map(|m| m.patch).collect();
-    for patch in &mut patches {
-        patch.triangles.sort_unstable();
-    }
-    patches.sort_unstable_by_key(|p| p.triangles[0]);
-    for (k, patch) in patches.iter().enumerate() {
-        for t in &patch.triangles {
-            patch_of[*t as usize] = k as u32;
+    let patches = members.into_iter().flatten().map(|m| m.patch).collect();
+    Ok(Decomposition::new(patches, patch_of))
+}
+
+/// What decomposition starts from: the closed convex pieces whole, all else as single triangles; and the member that each
+/// triangle is in, or [`NO_PATCH`].
+fn start(
+    surface: &Surface,
+    adjacency: &Adjacency,
+    convexity: &Convexity<'_>,
+    buffers: &mut JoinBuffers,
+) -> (Vec<Option<Member>>, Vec<u32>) {
+    let count = surface.triangles.len();
+    let collapsed = |t: u32| {
+        let [a, b, c] = surface.triangles[t as usize];
+        a == b || b == c || c == a
+    };
+    let mut patch_of: Vec<u32> = (0..count as u32).map(|t| if collapsed(t) { NO_PATCH } else { t }).collect();
+    let mut members: Vec<Option<Member>> = (0..count as u32)
+        .map(|t| {
+            if collapsed(t) {
+                return None;
+            }
+            let mut links: Vec<Link> = (0..3)
+                .filter(|side| {
+                    let edge = adjacency.triangle_edges()[t as usize][*side as usize];
+                    edge != u32::MAX && adjacency.edge_kind(edge) == EdgeKind::Manifold
+                })
+                .filter_map(|side| adjacency.neighbour(t, side))
+                .map(|patch| Link { patch, blocked: false })
+                .collect();
+            links.sort_unstable_by_key(|link| link.patch);
+            links.dedup_by_key(|link| link.patch);
+            Some(Member { patch: convexity.single(t), links })
+        })
+        .collect();
+
+    for piece in closed_convex_pieces(convexity, adjacency, count as u32) {
+        let member = patch_of[piece[0] as usize];
+        for t in &piece {
+            patch_of[*t as usize] = member;
+        }
+        let mine = |t: u32| [member, NO_PATCH].contains(&patch_of[t as usize]);
+        if let Some(patch) = convexity.whole(&piece, mine, buffers) {
+            for t in &piece {
+                members[*t as usize] = None;
+            }
+            members[member as usize] = Some(Member { patch, links: Vec::new() });
+        } else {
+            for t in &piece {
+                patch_of[*t as usize] = *t;
+            }
         }
     }
-    Ok(Decomposition { patches, patch_of })
+    (members, patch_of)
 }
 
 /// The connected pieces of surface that are closed and all of whose edges are convex: most are one patch, and a large one
