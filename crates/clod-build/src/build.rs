@@ -41,6 +41,8 @@ pub struct BuildOptions {
     pub simplify: bool,
     /// Where simplification ends: at the resolution (Eq. 3.1) that is this over the bounding radius.
     pub coarsest: f64,
+    /// Whether patches are carried through the collapses, as in the dissertation; else each level's are made anew.
+    pub carried: bool,
     /// How many points of its descendants a hull may be given at most to bound them better (§3.6.2): with 0 it is that of its
     /// patch, as in the dissertation; with [`u32::MAX`] every hull contains its descendants.
     pub bounding_points: u32,
@@ -56,7 +58,8 @@ impl Default for BuildOptions {
             support_cone: std::f64::consts::FRAC_PI_3,
             simplify: false,
             coarsest: 4.0,
-            bounding_points: 8,
+            carried: true,
+            bounding_points: 16,
         }
     }
 }
@@ -265,7 +268,11 @@ pub fn build(
 
     let areas = support_areas(mesh, &adjacency, options.support_distance * radius, options.support_cone);
     let simplified = if options.simplify {
-        let limits = Limits { tolerance, least_resolution: options.coarsest / (radius * surface.scale) };
+        let limits = Limits {
+            tolerance,
+            least_resolution: options.coarsest / (radius * surface.scale),
+            carried: options.carried,
+        };
         progress.begin(Stage::Simplification)?;
         let levels = simplify(mesh, &surface, &decomposition, &areas, &limits, &mut progress)?;
         progress.end()?;

@@ -8,6 +8,7 @@
 //! - the fan does not reach into the hull of any other patch.
 
 use glam::DVec3;
+use palpate_core::TriMesh;
 
 use super::filter::Neighbourhood;
 use super::intersect::intersect;
@@ -25,6 +26,20 @@ const LEAST_WIDTH: f64 = 1e-3;
 
 /// Patches of more triangles are not asked for all of their neighbours each time they change.
 const FEW: usize = 64;
+
+/// The mesh without what is gone.
+pub(crate) struct Snapshot {
+    /// In metres.
+    pub mesh: TriMesh,
+    /// In unit coordinates.
+    pub surface: Surface,
+    /// D of its vertices, m².
+    pub areas: Vec<f64>,
+    /// Which of its vertices each vertex of the state is.
+    pub vertex_of: Vec<u32>,
+    /// Which of its triangles each triangle of the state is.
+    pub triangle_of: Vec<u32>,
+}
 
 /// The patches that a collapse changes.
 type Changes = Vec<(u32, Change)>;
@@ -117,8 +132,36 @@ impl State {
         }
     }
 
-    /// Gives each patch its extreme points and bounds as they are.
-    pub fn tighten(&mut self) {
+    /// The mesh as it is, with the patches' extreme points and bounds up to date.
+    pub fn snapshot(&mut self) -> Snapshot {
+        self.tighten();
+        let Self { surface: all, .. } = self;
+        let mut vertex_of = vec![u32::MAX; all.points.len()];
+        let mut triangle_of = vec![u32::MAX; all.triangles.len()];
+        let (mut points, mut metres, mut areas) = (Vec::new(), Vec::new(), Vec::new());
+        let mut triangles = Vec::with_capacity(self.triangles);
+        for (t, corners) in all.triangles.iter().enumerate() {
+            if self.patch_of[t] == NO_PATCH {
+                continue;
+            }
+            triangle_of[t] = triangles.len() as u32;
+            triangles.push(corners.map(|v| {
+                let slot = &mut vertex_of[v as usize];
+                if *slot == u32::MAX {
+                    *slot = points.len() as u32;
+                    points.push(all.points[v as usize]);
+                    metres.push(self.metres[v as usize]);
+                    areas.push(self.areas[v as usize]);
+                }
+                *slot
+            }));
+        }
+        let surface = Surface::from_parts(points, triangles.clone(), all.scale, all.center);
+        let mesh = TriMesh::new(metres, triangles).expect("the indices were counted");
+        Snapshot { mesh, surface, areas, vertex_of, triangle_of }
+    }
+
+    fn tighten(&mut self) {
         let convexity = Convexity::with_planes(&self.surface, &self.planes, self.tolerance);
         for member in self.members.iter_mut().flatten().filter(|m| m.is_loose()) {
             member.tighten(&convexity, &mut self.builder);
