@@ -22,6 +22,10 @@ use crate::triangle_tree::TriangleTree;
 /// Rounding, as a fraction of the bounding radius.
 const ROUNDING: f64 = 1e-10;
 
+/// Points this near to a hull are not told from points on it, as a fraction of the bounding radius: GJK's distance to a hull
+/// that is nearly flat is only known to within it.
+const HULL_ROUNDING: f64 = 1e-8;
+
 /// Faults of one kind on one level that are described; the others are only counted.
 const DESCRIBED: usize = 3;
 
@@ -382,7 +386,7 @@ impl Examination {
 
     /// h: no extreme point of a descendant's hull is further from the node's own. By convexity no other point is either.
     fn check_hausdorff(&self, clod: &Clod, findings: &mut Findings) {
-        let slack = ROUNDING * clod.bounding_radius();
+        let slack = HULL_ROUNDING * clod.bounding_radius();
         for level in 1..clod.levels.len() {
             let found: Vec<(usize, Option<String>)> = clod
                 .level(level)

@@ -49,7 +49,7 @@ pub(crate) fn assemble(
     let mut place: Vec<u32> = (0..finest.decomposition.patches.len() as u32).collect();
     let mut clusters: Vec<Vec<Cluster>> = Vec::new();
     let mut patches: Vec<PatchParts<'_>> = Vec::new();
-    for (level, _) in regular {
+    for (level, resolution) in regular {
         let Regular { mesh, surface, decomposition, parent_of, .. } = level;
         let mut own = leaves(&surface.points, decomposition);
         let mut deviations = vec![0.0; own.len()];
@@ -58,7 +58,7 @@ pub(crate) fn assemble(
                 own[*parent as usize].children.push(child);
             }
             place.iter_mut().for_each(|p| *p = parent_of[*p as usize]);
-            deviations = deviations_of(level, finest, &place);
+            deviations = deviations_of(level, *resolution, finest, &place);
         }
         clusters.push(own);
         patches.push(PatchParts {
@@ -92,16 +92,19 @@ pub(crate) fn assemble(
     lay_out(&parts, source, finest.surface.scale, finest.surface.center)
 }
 
-/// s of a level's patches, m.
-fn deviations_of(level: &Regular<'_>, finest: &Regular<'_>, place: &[u32]) -> Vec<f64> {
+/// s of the patches, m, of a level of a resolution (1/m).
+fn deviations_of(level: &Regular<'_>, resolution: f64, finest: &Regular<'_>, place: &[u32]) -> Vec<f64> {
     let patches: Vec<Vec<u32>> = level.decomposition.patches.iter().map(|p| p.triangles.clone()).collect();
     let mut origins: Vec<Vec<u32>> = vec![Vec::new(); patches.len()];
-    for (t, patch) in (0u32..).zip(&finest.decomposition.patch_of) {
-        if *patch != NO_PATCH {
-            origins[place[*patch as usize] as usize].push(t);
+    // In the order of the tree, so that triangles that are near each other follow each other.
+    for t in &finest.surface.tree().order {
+        let patch = finest.decomposition.patch_of[*t as usize];
+        if patch != NO_PATCH {
+            origins[place[patch as usize] as usize].push(*t);
         }
     }
-    let mut deviations = surface_deviations(finest.surface, &origins, level.surface, &patches);
+    let spacing = finest.surface.scale / resolution;
+    let mut deviations = surface_deviations(finest.surface, &origins, level.surface, &patches, spacing);
     deviations.iter_mut().for_each(|s| *s /= finest.surface.scale);
     deviations
 }

@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 
+use crate::box_tree::BoxNode;
 use crate::surface::Surface;
 
 /// The point of a triangle that is nearest to a point (Ericson 2005, §5.1.5); triangles without area too.
@@ -15,24 +16,35 @@ pub(crate) fn nearest_on_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> DVec3 {
     let (d3, d4) = (ab.dot(bp), ac.dot(bp));
     let cp = p - c;
     let (d5, d6) = (ab.dot(cp), ac.dot(cp));
-    let (va, vb, vc) = (d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2);
-    if va > 0.0 && vb > 0.0 && vc > 0.0 {
-        let sum = va + vb + vc;
-        let inner = a + ab * (vb / sum) + ac * (vc / sum);
-        // In a sliver rounding may take any side for the inside.
-        if sum > 1e-8 * ab.length_squared() * ac.length_squared() && inner.is_finite() {
-            return inner;
-        }
+    // Barycentric coordinates of the projection, times their sum.
+    let inner = [d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2];
+    let sum = inner[0] + inner[1] + inner[2];
+    // In a sliver rounding may take any side for the inside.
+    let sliver = sum.is_nan() || sum <= 1e-8 * ab.length_squared() * ac.length_squared();
+    if !sliver && inner[0] > 0.0 && inner[1] > 0.0 && inner[2] > 0.0 {
+        return a + ab * (inner[1] / sum) + ac * (inner[2] / sum);
     }
-    let on_side = |from: DVec3, to: DVec3| {
+    // The nearest point is on a side that the projection is beyond.
+    let mut best = (a, f64::INFINITY);
+    for (beyond, from, to) in [(inner[0], b, c), (inner[1], c, a), (inner[2], a, b)] {
+        if !sliver && beyond > 0.0 {
+            continue;
+        }
         let along = to - from;
         let t = along.dot(p - from) / along.length_squared();
-        from + along * if t.is_finite() { t.clamp(0.0, 1.0) } else { 0.0 }
-    };
-    [on_side(a, b), on_side(b, c), on_side(c, a)]
-        .into_iter()
-        .min_by(|x, y| x.distance_squared(p).total_cmp(&y.distance_squared(p)))
-        .unwrap_or(a)
+        let point = from + along * if t.is_finite() { t.clamp(0.0, 1.0) } else { 0.0 };
+        let squared = point.distance_squared(p);
+        if squared < best.1 {
+            best = (point, squared);
+        }
+    }
+    best.0
+}
+
+/// The squared distance of a point from a box; infinite from an empty one.
+#[inline]
+fn squared_to_box(p: DVec3, node: &BoxNode) -> f64 {
+    (node.low - p).max(p - node.high).max(DVec3::ZERO).length_squared()
 }
 
 /// How far a point is from a triangle.
@@ -40,39 +52,61 @@ pub(crate) fn distance_to_triangle(p: DVec3, corners: [DVec3; 3]) -> f64 {
     p.distance(nearest_on_triangle(p, corners))
 }
 
-/// The triangle of a surface that is nearest to a point, and how far it is; of those equally near, the first found.
-pub(crate) fn nearest_triangle(surface: &Surface, p: DVec3) -> (u32, f64) {
-    let tree = surface.tree();
-    let squared_to = |index: u32| {
-        let node = &tree.nodes[index as usize];
-        p.clamp(node.low, node.high.max(node.low)).distance_squared(p)
-    };
-    let mut best = (0, f64::INFINITY);
-    let mut stack = vec![(0u32, 0.0)];
-    while let Some((index, squared)) = stack.pop() {
-        if squared >= best.1 {
-            continue;
-        }
-        let node = &tree.nodes[index as usize];
-        if node.count > 0 {
-            for &t in tree.items(node) {
-                let [a, b, c] = surface.triangles[t as usize];
-                if a == b && b == c {
-                    continue;
-                }
-                let squared = nearest_on_triangle(p, surface.corners(t)).distance_squared(p);
-                if squared < best.1 {
-                    best = (t, squared);
-                }
-            }
-        } else {
-            let children = [index + 1, node.first].map(|c| (c, squared_to(c)));
-            let [near, far] =
-                if children[0].1 <= children[1].1 { children } else { [children[1], children[0]] };
-            stack.extend([far, near]);
-        }
+/// Looks for the nearest triangles of a surface.
+pub(crate) struct NearestSearch<'a> {
+    surface: &'a Surface,
+    /// Nodes of the surface's tree yet to be visited, and the squared distances of their boxes.
+    stack: Vec<(u32, f64)>,
+}
+
+impl<'a> NearestSearch<'a> {
+    /// In the triangles of a surface.
+    pub fn new(surface: &'a Surface) -> Self {
+        Self { surface, stack: Vec::new() }
     }
-    (best.0, best.1.sqrt())
+
+    /// The surface.
+    pub fn surface(&self) -> &'a Surface {
+        self.surface
+    }
+
+    /// The triangle that is nearest to a point, and how far it is; of those equally near, the first found. The search is short if
+    /// `guess`, any triangle, is near.
+    pub fn nearest(&mut self, p: DVec3, guess: u32) -> (u32, f64) {
+        let Self { surface, stack } = self;
+        let tree = surface.tree();
+        let mut best = (guess, nearest_on_triangle(p, surface.corners(guess)).distance_squared(p));
+        stack.clear();
+        stack.push((0, 0.0));
+        while let Some((index, squared)) = stack.pop() {
+            if squared >= best.1 {
+                continue;
+            }
+            let node = &tree.nodes[index as usize];
+            if node.count > 0 {
+                for &t in tree.items(node) {
+                    // Nothing of a triangle is nearer than its plane; the factor is for rounding.
+                    let height = surface.planes[t as usize].height(p);
+                    if t == guess || height * height * (1.0 - 1e-9) >= best.1 {
+                        continue;
+                    }
+                    let squared = nearest_on_triangle(p, surface.corners(t)).distance_squared(p);
+                    if squared < best.1 {
+                        best = (t, squared);
+                    }
+                }
+            } else {
+                let one = (index + 1, squared_to_box(p, &tree.nodes[index as usize + 1]));
+                let other = (node.first, squared_to_box(p, &tree.nodes[node.first as usize]));
+                let (near, far) = if one.1 <= other.1 { (one, other) } else { (other, one) };
+                if far.1 < best.1 {
+                    stack.push(far);
+                }
+                stack.push(near);
+            }
+        }
+        (best.0, best.1.sqrt())
+    }
 }
 
 #[cfg(test)]
@@ -114,12 +148,13 @@ mod tests {
         let mesh = palpate_models::Model::Torus.generate(1000).expect("within range");
         let sphere = mesh.bounding_sphere();
         let surface = Surface::new(&mesh, sphere.center, sphere.radius);
+        let mut search = NearestSearch::new(&surface);
         for _ in 0..200 {
             let p = DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)));
             let all = (0..surface.triangles.len() as u32)
                 .map(|t| distance_to_triangle(p, surface.corners(t)))
                 .fold(f64::INFINITY, f64::min);
-            let (t, distance) = nearest_triangle(&surface, p);
+            let (t, distance) = search.nearest(p, rng.random_range(0..surface.triangles.len() as u32));
             assert_eq!(distance, all);
             assert_eq!(distance_to_triangle(p, surface.corners(t)), all);
         }
