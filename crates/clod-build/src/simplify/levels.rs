@@ -14,7 +14,7 @@ use crate::box_tree::BoxTree;
 use crate::convexity::Patch;
 use crate::decomposition::{Decomposition, NO_PATCH};
 use crate::hull::HullBuilder;
-use crate::nearest::nearest_triangle;
+use crate::nearest::NearestSearch;
 use crate::surface::{Surface, bounds_of};
 
 /// A level of detail with its patches.
@@ -122,8 +122,14 @@ impl Levels {
             Some(heirs) => heirs,
             None => {
                 let middle = |points: &Vec<DVec3>| points.iter().sum::<DVec3>() / points.len() as f64;
-                let patch = |p: DVec3| decomposition.patch_of[nearest_triangle(&surface, p).0 as usize];
-                nearest = self.hulls.par_iter().map(|points| patch(middle(points))).collect();
+                nearest = self
+                    .hulls
+                    .par_iter()
+                    .map_init(
+                        || NearestSearch::new(&surface),
+                        |search, points| decomposition.patch_of[search.nearest(middle(points), 0).0 as usize],
+                    )
+                    .collect();
                 &nearest
             }
         };
