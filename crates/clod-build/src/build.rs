@@ -8,8 +8,8 @@ use palpate_core::clod::Source;
 use palpate_core::mesh::OffendingEdge;
 use palpate_core::{Clod, TriMesh};
 
+use crate::bounding::bound_descendants;
 use crate::decomposition::decompose;
-use crate::hausdorff::set_hausdorff_distances;
 use crate::hierarchy::merge_to_root;
 use crate::levels::{Regular, assemble};
 use crate::parameters::{finest_resolution, support_areas};
@@ -41,6 +41,11 @@ pub struct BuildOptions {
     pub simplify: bool,
     /// Where simplification ends: at the resolution (Eq. 3.1) that is this over the bounding radius.
     pub coarsest: f64,
+    /// Whether patches are carried through the collapses, as in the dissertation; else each level's are made anew.
+    pub carried: bool,
+    /// How many points of its descendants a hull may be given at most to bound them better (§3.6.2): with 0 it is that of its
+    /// patch, as in the dissertation; with [`u32::MAX`] every hull contains its descendants.
+    pub bounding_points: u32,
     /// Half angle of the normal cone of support areas (§3.3.5), rad.
     pub support_cone: f64,
 }
@@ -53,6 +58,8 @@ impl Default for BuildOptions {
             support_cone: std::f64::consts::FRAC_PI_3,
             simplify: false,
             coarsest: 4.0,
+            carried: true,
+            bounding_points: 16,
         }
     }
 }
@@ -261,7 +268,11 @@ pub fn build(
 
     let areas = support_areas(mesh, &adjacency, options.support_distance * radius, options.support_cone);
     let simplified = if options.simplify {
-        let limits = Limits { tolerance, least_resolution: options.coarsest / (radius * surface.scale) };
+        let limits = Limits {
+            tolerance,
+            least_resolution: options.coarsest / (radius * surface.scale),
+            carried: options.carried,
+        };
         progress.begin(Stage::Simplification)?;
         let levels = simplify(mesh, &surface, &decomposition, &areas, &limits, &mut progress)?;
         progress.end()?;
@@ -303,7 +314,7 @@ pub fn build(
     let source = source_of(mesh, solid, center, radius);
     let mut clod = assemble(&regular, &free, source, tolerance);
     if !simplified.is_empty() {
-        set_hausdorff_distances(&mut clod, surface.scale);
+        bound_descendants(&mut clod, options.bounding_points, surface.scale);
     }
     progress.end()?;
     Ok(clod)

@@ -19,7 +19,9 @@ use std::borrow::Cow;
 
 use glam::DVec3;
 
+use crate::box_tree::Bounds;
 use crate::hull::{Hull, HullBuilder, Plane, Shape, polygon};
+use crate::skin::Skin;
 use crate::surface::{ReachBuffers, Surface, bounds_of, reaches_below};
 
 /// The height, in unit coordinates, below which hulls drop points: about what rounding does to the predicates' inputs.
@@ -64,8 +66,8 @@ pub(crate) struct Join {
 /// Buffers of the joining test.
 #[derive(Debug, Default)]
 pub(crate) struct JoinBuffers {
-    hulls: HullBuilder,
-    reach: ReachBuffers,
+    pub hulls: HullBuilder,
+    pub reach: ReachBuffers,
     vertices: Vec<u32>,
     points: Vec<DVec3>,
 }
@@ -159,26 +161,28 @@ impl<'a> Convexity<'a> {
         (dependable && !flat).then(|| Patch { triangles: triangles.to_vec(), extreme, bounds, flat, lead })
     }
 
-    /// The patch that a few triangles make, and the planes of its hull where that is a polytope; `None` if they do not make
-    /// one. `moved` are those of them that were not in the patch as they are now, at a vertex that has moved: the others are
-    /// known to support all other vertices. `mine` are these triangles, and those `others` that the surface's spatial index is wrong about, which are
-    /// therefore tested one by one.
+    /// The patch that a few triangles make, with its skin and its vertices in ascending order; `None` if they do not make
+    /// one. `moved` tells those of them that were not in the patch as they are now, and the vertex that has moved: the others are
+    /// known to support all other vertices. `mine` are these triangles, and those `others` that the surface's spatial index
+    /// is wrong about, which are therefore tested one by one. The rest of the surface is known not to reach into the hull
+    /// outside of the box `part`.
     pub fn patch(
         &self,
         triangles: &[u32],
         (moved, vertex): (impl Fn(u32) -> bool, u32),
         mine: impl Fn(u32) -> bool,
         others: impl Iterator<Item = u32>,
+        part: Option<Bounds>,
         buffers: &mut JoinBuffers,
-    ) -> Option<(Patch, Vec<Plane>)> {
-        if let [only] = *triangles {
-            return Some((self.single(only), Vec::new()));
-        }
+    ) -> Option<(Patch, Skin, Vec<u32>)> {
         let JoinBuffers { hulls, reach, vertices, points } = buffers;
         vertices.clear();
         vertices.extend(triangles.iter().flat_map(|t| self.surface.triangles[*t as usize]));
         vertices.sort_unstable();
         vertices.dedup();
+        if let [only] = *triangles {
+            return Some((self.single(only), Skin::Bare, vertices.clone()));
+        }
         points.clear();
         points.extend(vertices.iter().map(|v| self.point(*v)));
         let apex = self.point(vertex);
@@ -203,19 +207,55 @@ impl<'a> Convexity<'a> {
         }
         let bounds = bounds_of(points);
         let hull = hulls.hull(points, HULL_THICKNESS);
-        let mut planes = Vec::new();
-        if !flat && hull.shape == Shape::Polytope {
-            planes.extend(hull.planes(points));
-            let mut reached =
-                |t: u32| reaches_below(&self.surface.corners(t), &planes, self.tolerance, reach);
-            if { others }.any(&mut reached)
-                || self.surface.reaches_into(planes.iter().copied(), bounds, self.tolerance, mine, reach)
+        let extreme = hull.extreme.iter().map(|k| vertices[*k as usize]).collect();
+        let patch = Patch { triangles: triangles.to_vec(), extreme, bounds, flat, lead };
+        let skin = self.skin(&patch, &hull, points);
+        let planes = skin.planes();
+        if !planes.is_empty() {
+            let margin = if flat { self.layer() } else { 0.0 };
+            let mut around = (bounds.0 - margin, bounds.1 + margin);
+            if let Some(part) = part {
+                around = (around.0.max(part.0), around.1.min(part.1));
+            }
+            if { others }.any(|t| reaches_below(&self.surface.corners(t), planes, self.tolerance, reach))
+                || around.0.cmple(around.1).all()
+                    && self.surface.reaches_into(planes.iter().copied(), around, self.tolerance, mine, reach)
             {
                 return None;
             }
         }
-        let extreme = hull.extreme.iter().map(|k| vertices[*k as usize]).collect();
-        Some((Patch { triangles: triangles.to_vec(), extreme, bounds, flat, lead }, planes))
+        Some((patch, skin, vertices.clone()))
+    }
+
+    /// What a patch keeps other surface out of; `hull` is that of `points`.
+    pub fn skin(&self, patch: &Patch, hull: &Hull, points: &[DVec3]) -> Skin {
+        if !patch.flat {
+            return Skin::of_hull(hull, points);
+        }
+        if patch.triangles.len() == 1 {
+            return Skin::Bare;
+        }
+        Skin::Layer(layer_below(&self.planes[patch.lead as usize], points, self.layer()).collect())
+    }
+
+    /// How thick the layer below a flat patch is.
+    pub fn layer(&self) -> f64 {
+        3.0 * self.tolerance
+    }
+
+    /// The surface.
+    pub fn surface(&self) -> &Surface {
+        self.surface
+    }
+
+    /// The tolerance, in unit coordinates.
+    pub fn tolerance(&self) -> f64 {
+        self.tolerance
+    }
+
+    /// The plane that stands for a triangle.
+    pub fn plane(&self, triangle: u32) -> Plane {
+        self.planes[triangle as usize]
     }
 
     /// The extreme points of the vertices in the buffers, if their hull does not protrude, and the planes of the
@@ -240,9 +280,15 @@ impl<'a> Convexity<'a> {
         let depth = self.tolerance;
         let protrudes = match flat {
             Some(plane) => {
-                let margin = DVec3::splat(3.0 * depth);
+                let margin = DVec3::splat(self.layer());
                 let bounds = (bounds.0 - margin, bounds.1 + margin);
-                self.surface.reaches_into(layer_below(plane, points, 3.0 * depth), bounds, depth, mine, reach)
+                self.surface.reaches_into(
+                    layer_below(plane, points, self.layer()),
+                    bounds,
+                    depth,
+                    mine,
+                    reach,
+                )
             }
             None if hull.shape == Shape::Polytope => {
                 self.surface.reaches_into(hull.planes(points), bounds, depth, mine, reach)
@@ -268,7 +314,8 @@ impl<'a> Convexity<'a> {
         self.surface.points[vertex as usize]
     }
 
-    fn area(&self, triangle: u32) -> f64 {
+    /// Twice the area of a triangle.
+    pub fn area(&self, triangle: u32) -> f64 {
         let [a, b, c] = self.surface.corners(triangle);
         (b - a).cross(c - a).length()
     }

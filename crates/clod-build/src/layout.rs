@@ -119,6 +119,7 @@ fn push_node(
         level: 0,
         vertices: first_vertex as u32..clod.vertices.len() as u32,
         extreme: extreme.len() as u32,
+        added: 0,
         triangles: first_triangle as u32..clod.triangles.len() as u32,
         center,
         radius: reach.max(*radius / scale),

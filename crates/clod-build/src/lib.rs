@@ -9,6 +9,7 @@
     allow(clippy::print_stdout, reason = "seeds and figures, shown by --nocapture or on failure")
 )]
 
+mod bounding;
 mod box_tree;
 mod build;
 mod containment;
@@ -16,7 +17,6 @@ mod convexity;
 mod decomposition;
 mod deviation;
 mod enclosing;
-mod hausdorff;
 mod hierarchy;
 mod hull;
 mod layout;
@@ -26,6 +26,7 @@ mod parameters;
 mod progress;
 mod requirements;
 mod simplify;
+mod skin;
 mod surface;
 
 pub use build::{BuildError, BuildOptions, REVISION, build};

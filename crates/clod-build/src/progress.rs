@@ -47,12 +47,13 @@ pub(crate) struct Progress<'a> {
     callback: &'a mut dyn FnMut(Stage, f64) -> ControlFlow<()>,
     stage: Stage,
     last: Instant,
+    muted: bool,
 }
 
 impl<'a> Progress<'a> {
     /// At the beginning of a build.
     pub fn new(callback: &'a mut dyn FnMut(Stage, f64) -> ControlFlow<()>) -> Self {
-        Self { callback, stage: Stage::Mesh, last: Instant::now() }
+        Self { callback, stage: Stage::Mesh, last: Instant::now(), muted: false }
     }
 
     /// A stage begins.
@@ -63,12 +64,17 @@ impl<'a> Progress<'a> {
 
     /// A fraction of the stage is done. To be called as often as it is convenient.
     pub fn at(&mut self, done: f64) -> Result<(), Cancelled> {
-        if self.last.elapsed() < INTERVAL { Ok(()) } else { self.tell(done) }
+        if self.muted || self.last.elapsed() < INTERVAL { Ok(()) } else { self.tell(done) }
     }
 
     /// The stage is done.
     pub fn end(&mut self) -> Result<(), Cancelled> {
         self.tell(1.0)
+    }
+
+    /// Says nothing, for a short part of a stage.
+    pub fn muted(&mut self) -> Progress<'_> {
+        Progress { callback: self.callback, muted: true, ..*self }
     }
 
     fn tell(&mut self, done: f64) -> Result<(), Cancelled> {

@@ -147,7 +147,7 @@ impl Tree {
             .nodes
             .iter()
             .map(|node| {
-                let points = clod.extreme(node);
+                let points = clod.bounding_hull(node);
                 let support = if points.len() >= SupportTree::WORTHWHILE {
                     supports.push(SupportTree::new(points));
                     supports.len() as u32 - 1
@@ -168,7 +168,9 @@ impl Tree {
                     last_child: node.children.end,
                     support,
                     incidence,
-                    exact: node.all_real && is_convex(clod, node, supports.get(support as usize)),
+                    exact: node.children.is_empty()
+                        && node.all_real
+                        && is_convex(clod, node, supports.get(support as usize)),
                 }
             })
             .collect();
@@ -185,7 +187,7 @@ impl Tree {
     }
 
     fn hull<'a>(&'a self, clod: &'a Clod, node: u32) -> Hull<'a> {
-        Hull::with_tree(clod.extreme(&clod.nodes[node as usize]), self.support(node))
+        Hull::with_tree(clod.bounding_hull(&clod.nodes[node as usize]), self.support(node))
     }
 
     fn patch<'a>(&'a self, clod: &'a Clod, node: u32) -> Patch<'a> {
@@ -356,7 +358,7 @@ impl ContactQuery {
 
     fn spheres_reach(&self, (a, b): (u32, u32), placement: &Placement, tolerance: f64) -> bool {
         let (a, b) = (&self.probe.nodes[a as usize], &self.scene.nodes[b as usize]);
-        let reach = a.radius + b.radius + tolerance + a.hausdorff + b.hausdorff;
+        let reach = a.radius + b.radius + tolerance;
         // A little slack for rounding in the spheres.
         a.center.distance_squared(placement.point(b.center)) <= reach * reach * (1.0 + 1e-9)
     }

@@ -2,7 +2,8 @@
 //! a bounding volume hierarchy of convex hulls, laid out for the query that reads it.
 //!
 //! Nodes are stored root first and level by level, so that the children of a node, and the nodes of a level, are
-//! contiguous. A node's hull vertices are contiguous too, extreme points first; vertices and triangles stand in the order of
+//! contiguous. A node's hull vertices are contiguous too, those that only bound its descendants before the extreme points of its own patch, and
+//! these before the rest; vertices and triangles stand in the order of
 //! the nodes that they belong to, and nodes share none. [`Clod::validate`] lists all that queries rely on.
 
 mod format;
@@ -81,20 +82,22 @@ pub struct Node {
     pub children: Range<u32>,
     /// Index into [`Clod::levels`].
     pub level: u32,
-    /// Hull vertices: a range of [`Clod::vertices`], the [`extreme`](Self::extreme) ones first.
+    /// Vertices of the patch's hull: a range of [`Clod::vertices`], the [`extreme`](Self::extreme) ones first.
     pub vertices: Range<u32>,
-    /// How many of the vertices are extreme points of the hull. The others are patch vertices that lie on its faces.
+    /// How many of the vertices are extreme points of the patch's hull. The others are patch vertices that lie on its faces.
     pub extreme: u32,
+    /// How many points, right before the vertices, belong to the [bounding hull](Clod::bounding_hull) besides the extreme ones.
+    pub added: u32,
     /// The patch's triangles, which are real surface: a range of [`Clod::triangles`]; empty for a free node. Hull faces
     /// not covered by them are virtual.
     pub triangles: Range<u32>,
-    /// Centre of a bounding sphere of the hull, m.
+    /// Centre of a sphere around the bounding hull and all descendants' hulls, m.
     pub center: DVec3,
     /// Radius of that sphere, m.
     pub radius: f64,
     /// s: surface deviation of the patch from the original mesh, m (§3.3.5).
     pub deviation: f64,
-    /// h: maximum directed Hausdorff distance from the descendants' hulls to this one, m (§3.3.5).
+    /// h: maximum directed Hausdorff distance from the descendants' hulls to this node's bounding hull, m (§3.3.5).
     pub hausdorff: f64,
     /// Whether the hull was verified not to protrude from the object (§3.3.1, global constraint), so that a witness on a
     /// virtual face can be left to a neighbouring patch.
@@ -115,6 +118,13 @@ impl Clod {
     /// The extreme points of a node's hull, m.
     pub fn extreme(&self, node: &Node) -> &[DVec3] {
         &self.hull(node)[..node.extreme as usize]
+    }
+
+    /// The points, m, whose convex hull stands for a node and, but for h, its descendants when nodes are culled: the extreme points of
+    /// its own hull, and others that bring h down (§3.6.2). Not all of them need be extreme.
+    pub fn bounding_hull(&self, node: &Node) -> &[DVec3] {
+        let start = node.vertices.start;
+        &self.vertices[(start - node.added) as usize..(start + node.extreme) as usize]
     }
 
     /// The surface triangles of a node's patch, as indices into [`hull`](Self::hull).

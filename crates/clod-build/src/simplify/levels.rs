@@ -8,12 +8,13 @@ use glam::DVec3;
 use palpate_core::TriMesh;
 use rayon::prelude::*;
 
-use super::state::State;
+use super::state::{Snapshot, State};
+use crate::bounding::Target;
 use crate::box_tree::BoxTree;
 use crate::convexity::Patch;
 use crate::decomposition::{Decomposition, NO_PATCH};
-use crate::hausdorff::Target;
 use crate::hull::HullBuilder;
+use crate::nearest::NearestSearch;
 use crate::surface::{Surface, bounds_of};
 
 /// A level of detail with its patches.
@@ -40,8 +41,6 @@ pub(crate) struct Levels {
     names: Vec<u32>,
     /// The extreme points of its patches' hulls.
     hulls: Vec<Vec<DVec3>>,
-    scale: f64,
-    center: DVec3,
 }
 
 impl Levels {
@@ -55,8 +54,6 @@ impl Levels {
                 .map(|patch| patch.extreme.iter().map(|v| surface.points[*v as usize]).collect())
                 .collect(),
             names: (0..decomposition.patches.len() as u32).collect(),
-            scale: surface.scale,
-            center: surface.center,
         }
     }
 
@@ -65,45 +62,30 @@ impl Levels {
         self.names.len()
     }
 
+    /// The last one put out.
+    pub fn last(&self) -> Option<&SimplifiedLevel> {
+        self.levels.last()
+    }
+
     /// Puts out a level as things are.
     pub fn put_out(&mut self, state: &mut State, resolution: f64) {
-        let mut vertex = vec![u32::MAX; state.surface.points.len()];
-        let mut points = Vec::new();
-        let mut metres = Vec::new();
-        let mut areas = Vec::new();
-        let mut triangles = Vec::with_capacity(state.triangles);
-        let mut triangle = vec![u32::MAX; state.surface.triangles.len()];
-        for (t, corners) in state.surface.triangles.iter().enumerate() {
-            if state.patch_of[t] == NO_PATCH {
-                continue;
-            }
-            triangle[t] = triangles.len() as u32;
-            triangles.push(corners.map(|v| {
-                let slot = &mut vertex[v as usize];
-                if *slot == u32::MAX {
-                    *slot = points.len() as u32;
-                    points.push(state.surface.points[v as usize]);
-                    metres.push(state.metres[v as usize]);
-                    areas.push(state.areas[v as usize]);
-                }
-                *slot
-            }));
-        }
+        let snapshot = state.snapshot();
+        let Snapshot { triangle_of, vertex_of, .. } = &snapshot;
         let mut names = Vec::new();
         let mut place = vec![NO_PATCH; state.members.len()];
         let mut patches: Vec<Patch> = Vec::new();
         for (name, member) in (0u32..).zip(&state.members) {
             let Some(member) = member else { continue };
             let mut patch = member.patch.clone();
-            patch.triangles.iter_mut().for_each(|t| *t = triangle[*t as usize]);
+            patch.triangles.iter_mut().for_each(|t| *t = triangle_of[*t as usize]);
             patch.triangles.sort_unstable();
-            patch.extreme.iter_mut().for_each(|v| *v = vertex[*v as usize]);
-            patch.lead = triangle[patch.lead as usize];
+            patch.extreme.iter_mut().for_each(|v| *v = vertex_of[*v as usize]);
+            patch.lead = triangle_of[patch.lead as usize];
             place[name as usize] = patches.len() as u32;
             names.push(name);
             patches.push(patch);
         }
-        let mut patch_of = vec![NO_PATCH; triangles.len()];
+        let mut patch_of = vec![NO_PATCH; snapshot.mesh.triangles().len()];
         for (k, patch) in patches.iter().enumerate() {
             for t in &patch.triangles {
                 patch_of[*t as usize] = k as u32;
@@ -117,21 +99,44 @@ impl Levels {
             place[here as usize]
         });
         let heirs: Vec<u32> = heirs.collect();
-        let hulls: Vec<Vec<DVec3>> =
-            patches.iter().map(|patch| patch.extreme.iter().map(|v| points[*v as usize]).collect()).collect();
-        let parent_of = nearest_parents(&self.hulls, &hulls, &heirs);
-        let surface = Surface::from_parts(points, triangles.clone(), self.scale, self.center);
-        let Ok(mesh) = TriMesh::new(metres, triangles) else { return };
-        self.levels.push(SimplifiedLevel {
-            mesh,
-            surface,
-            decomposition: Decomposition { patches, patch_of },
-            areas,
-            resolution,
-            parent_of,
-        });
+        self.push(snapshot, Decomposition { patches, patch_of }, resolution, Some(&heirs));
         self.names = names;
+    }
+
+    /// Puts out a level. `heirs` are the patches that those of the level before went into, where that is known.
+    pub fn push(
+        &mut self,
+        snapshot: Snapshot,
+        decomposition: Decomposition,
+        resolution: f64,
+        heirs: Option<&[u32]>,
+    ) {
+        let Snapshot { mesh, surface, areas, .. } = snapshot;
+        let hulls: Vec<Vec<DVec3>> = decomposition
+            .patches
+            .iter()
+            .map(|patch| patch.extreme.iter().map(|v| surface.points[*v as usize]).collect())
+            .collect();
+        let nearest: Vec<u32>;
+        let heirs = match heirs {
+            Some(heirs) => heirs,
+            None => {
+                let middle = |points: &Vec<DVec3>| points.iter().sum::<DVec3>() / points.len() as f64;
+                nearest = self
+                    .hulls
+                    .par_iter()
+                    .map_init(
+                        || NearestSearch::new(&surface),
+                        |search, points| decomposition.patch_of[search.nearest(middle(points), 0).0 as usize],
+                    )
+                    .collect();
+                &nearest
+            }
+        };
+        let parent_of = nearest_parents(&self.hulls, &hulls, heirs);
+        self.names = (0..hulls.len() as u32).collect();
         self.hulls = hulls;
+        self.levels.push(SimplifiedLevel { mesh, surface, decomposition, areas, resolution, parent_of });
     }
 
     /// All of them.

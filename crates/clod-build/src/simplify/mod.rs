@@ -15,24 +15,23 @@
 mod filter;
 pub(crate) mod intersect;
 mod levels;
+mod member;
 mod quadric;
+mod queue;
 mod relax;
 mod star;
 mod state;
 
-use std::cmp::Reverse;
-use std::collections::{BinaryHeap, HashMap};
-
 use palpate_core::TriMesh;
-use palpate_core::mesh::Adjacency;
-use rayon::prelude::*;
 
-use crate::decomposition::Decomposition;
+use crate::convexity::Convexity;
+use crate::decomposition::{Decomposition, decompose};
 use crate::progress::{Cancelled, Progress};
 use crate::surface::Surface;
 use filter::Path;
 use levels::Levels;
 pub(crate) use levels::SimplifiedLevel;
+use queue::Queue;
 use star::Star;
 use state::State;
 
@@ -42,21 +41,8 @@ const BISECTIONS: usize = 3;
 /// The last level is put out if its patches are fewer than those of the level before by this part of them.
 const NOTICEABLE: f64 = 0.1;
 
-/// An edge in the queue: highest resolution first, then the lowest vertices.
-type Entry = (u64, Reverse<[u32; 2]>, u32);
-
-/// What is known of an edge that is not only in the queue as it was put there.
-#[derive(Clone, Copy, Debug, Default)]
-struct EdgeState {
-    /// Of the entry that counts; earlier ones are passed over.
-    stamp: u32,
-    /// Whether it could not be collapsed as things are, so that it is not in the queue.
-    invalid: bool,
-    /// Its resolution, when it was last computed, as bits.
-    resolution: u64,
-    /// The sum of its ends' changes at that time.
-    changes: u32,
-}
+/// Where patches are made anew for each level, that is tried each time this part of the triangles is left.
+const RENEWED_FROM: f64 = 0.85;
 
 /// What bounds a simplification.
 pub(crate) struct Limits {
@@ -64,6 +50,8 @@ pub(crate) struct Limits {
     pub tolerance: f64,
     /// Edges of a lower resolution are left alone; in the inverse of the unit of unit coordinates.
     pub least_resolution: f64,
+    /// Whether patches are carried through collapses as long as those allow it; else they are made anew for each level.
+    pub carried: bool,
 }
 
 /// Simplifies a mesh that is 2-manifold and oriented. `surface` is the same in unit coordinates, `areas` are the support
@@ -76,46 +64,137 @@ pub(crate) fn simplify(
     limits: &Limits,
     progress: &mut Progress<'_>,
 ) -> Result<Vec<SimplifiedLevel>, Cancelled> {
-    let mut queue =
-        Queue { heap: BinaryHeap::new(), edges: HashMap::new(), changes: vec![0; surface.points.len()] };
     let mut levels = Levels::new(surface, decomposition);
-    let adjacency = mesh.adjacency();
-    let mut state = State::new(
-        surface.clone(),
-        mesh.vertices().to_vec(),
-        adjacency.neighbours(),
-        decomposition,
-        areas.to_vec(),
-        limits.tolerance,
-    );
-    queue.fill(&state, &adjacency);
-
-    let all = state.triangles as f64;
-    let (mut lowest, mut steps) = (f64::INFINITY, 0u32);
-    let mut star = Star::default();
-    while state.patches > 1
-        && let Some((ends, resolution)) = queue.pop(&state)
-        && resolution >= limits.least_resolution
-    {
-        if steps.is_multiple_of(256) {
-            progress.at(1.0 - (state.triangles as f64 / all).sqrt())?;
-        }
-        steps = steps.wrapping_add(1);
-        let Some(changed) = collapse(&mut state, ends, &mut star) else {
-            queue.invalidate(ends);
-            continue;
-        };
-        lowest = lowest.min(resolution);
-        queue.collapsed(&state, &star);
-        state.join_around(changed);
-        if 2 * state.patches <= levels.patches() {
-            levels.put_out(&mut state, lowest);
-        }
+    let mut simplification = Simplification::new(mesh, surface, decomposition, areas, limits);
+    if limits.carried {
+        simplification.carry_patches(&mut levels, progress)?;
     }
-    if (state.patches as f64) <= (1.0 - NOTICEABLE) * levels.patches() as f64 {
-        levels.put_out(&mut state, lowest);
+    if levels.patches() > 1 {
+        if let Some(last) = levels.last() {
+            let decomposition = single_triangles(&last.surface);
+            simplification =
+                Simplification::new(&last.mesh, &last.surface, &decomposition, &last.areas, limits);
+        } else {
+            simplification = Simplification::new(mesh, surface, &single_triangles(surface), areas, limits);
+        }
+        simplification.renew_patches(&mut levels, progress)?;
     }
     Ok(levels.finish())
+}
+
+/// Each triangle as a patch of its own, which constrains nothing.
+fn single_triangles(surface: &Surface) -> Decomposition {
+    let convexity = Convexity::with_planes(surface, &surface.planes, 0.0);
+    let count = surface.triangles.len() as u32;
+    Decomposition {
+        patches: (0..count).map(|t| convexity.single(t)).collect(),
+        patch_of: (0..count).collect(),
+    }
+}
+
+/// A mesh with its edges in the order of their collapse.
+struct Simplification<'a> {
+    state: State,
+    queue: Queue,
+    limits: &'a Limits,
+    /// The lowest resolution of the edges collapsed so far.
+    lowest: f64,
+    triangles: usize,
+    star: Star,
+    steps: u32,
+}
+
+impl<'a> Simplification<'a> {
+    fn new(
+        mesh: &TriMesh,
+        surface: &Surface,
+        decomposition: &Decomposition,
+        areas: &[f64],
+        limits: &'a Limits,
+    ) -> Self {
+        let adjacency = mesh.adjacency();
+        let state = State::new(
+            surface.clone(),
+            mesh.vertices().to_vec(),
+            adjacency.neighbours(),
+            decomposition,
+            areas.to_vec(),
+            limits.tolerance,
+        );
+        Self {
+            queue: Queue::new(&state, &adjacency),
+            limits,
+            lowest: f64::INFINITY,
+            triangles: state.triangles,
+            star: Star::default(),
+            steps: 0,
+            state,
+        }
+    }
+
+    /// Collapses the next edge that can be; tells the patches that it has changed. `None` once none is left whose resolution is high enough.
+    fn collapse_next(&mut self, progress: &mut Progress<'_>) -> Result<Option<Vec<u32>>, Cancelled> {
+        while let Some((ends, resolution)) = self.queue.pop(&self.state)
+            && resolution >= self.limits.least_resolution
+        {
+            if self.steps.is_multiple_of(256) {
+                progress.at(1.0 - (self.state.triangles as f64 / self.triangles as f64).sqrt())?;
+            }
+            self.steps = self.steps.wrapping_add(1);
+            if let Some(changed) = collapse(&mut self.state, ends, &mut self.star) {
+                self.lowest = self.lowest.min(resolution);
+                self.queue.collapsed(&self.state, &self.star);
+                return Ok(Some(changed));
+            }
+            self.queue.invalidate(ends);
+        }
+        Ok(None)
+    }
+
+    /// Algorithm 3.3.1: the patches are kept convex, and joined.
+    fn carry_patches(&mut self, levels: &mut Levels, progress: &mut Progress<'_>) -> Result<(), Cancelled> {
+        while self.state.patches > 1
+            && let Some(changed) = self.collapse_next(progress)?
+        {
+            let around: Vec<u32> = self.star.fan.iter().map(|s| s.triangle).collect();
+            self.state.join_around(changed, &around);
+            if 2 * self.state.patches <= levels.patches() {
+                levels.put_out(&mut self.state, self.lowest);
+            }
+        }
+        if is_noticeable(self.state.patches, levels) {
+            levels.put_out(&mut self.state, self.lowest);
+        }
+        Ok(())
+    }
+
+    /// The patches are no constraint: they are made anew for each level.
+    fn renew_patches(&mut self, levels: &mut Levels, progress: &mut Progress<'_>) -> Result<(), Cancelled> {
+        let mut next = self.state.triangles;
+        loop {
+            let more = self.collapse_next(progress)?.is_some();
+            if more && self.state.triangles > next {
+                continue;
+            }
+            next = (RENEWED_FROM * self.state.triangles as f64) as usize;
+            let snapshot = self.state.snapshot();
+            let adjacency = snapshot.mesh.adjacency();
+            let decomposition =
+                decompose(&snapshot.surface, &adjacency, self.limits.tolerance, &mut progress.muted())?;
+            let patches = decomposition.patches.len();
+            if 2 * patches <= levels.patches() || !more && is_noticeable(patches, levels) {
+                levels.push(snapshot, decomposition, self.lowest, None);
+            }
+            if !more || patches == 1 {
+                return Ok(());
+            }
+        }
+    }
+}
+
+/// Whether so few patches make a last level worth while.
+fn is_noticeable(patches: usize, levels: &Levels) -> bool {
+    patches as f64 <= (1.0 - NOTICEABLE) * levels.patches() as f64
 }
 
 /// The filtered edge collapse (§3.3.4). Tells the patches that it has changed, if there is a position that is valid.
@@ -157,111 +236,4 @@ fn along(state: &mut State, star: &Star, path: &Path) -> Option<Vec<u32>> {
         last = next.unwrap_or(last);
         next.map(|u| path.at(u))
     })
-}
-
-/// The edges by resolution, with the changes of their surroundings.
-struct Queue {
-    heap: BinaryHeap<Entry>,
-    edges: HashMap<[u32; 2], EdgeState>,
-    /// How often the surroundings of each vertex have changed.
-    changes: Vec<u32>,
-}
-
-fn ordered([a, b]: [u32; 2]) -> [u32; 2] {
-    [a.min(b), a.max(b)]
-}
-
-/// Resolution of an edge, if it can be collapsed topologically; else that of an edge seen face on.
-fn resolution(state: &State, ends: [u32; 2], star: &mut Star) -> f64 {
-    if state.fans.star(&state.surface.triangles, ends, star) {
-        let near = state.neighbourhood();
-        near.resolution(star, &near.path(star, &state.quadric(ends)))
-    } else {
-        let [p, q] = ends.map(|v| state.surface.points[v as usize]);
-        p.distance(q).max(1e-300).recip()
-    }
-}
-
-impl Queue {
-    fn fill(&mut self, state: &State, adjacency: &Adjacency) {
-        let entries: Vec<([u32; 2], f64)> = adjacency
-            .edges()
-            .par_iter()
-            .map_init(Star::default, |star, edge| (*edge, resolution(state, *edge, star)))
-            .collect();
-        for (edge, resolution) in entries {
-            self.push(edge, resolution.to_bits());
-        }
-    }
-
-    /// Resolutions are positive, so that their bits are in their order.
-    fn push(&mut self, edge: [u32; 2], resolution: u64) {
-        let changes = self.changes_of(edge);
-        let known = self.edges.entry(edge).or_default();
-        *known = EdgeState { stamp: known.stamp + 1, invalid: false, resolution, changes };
-        self.heap.push((resolution, Reverse(edge), known.stamp));
-    }
-
-    fn changes_of(&self, [a, b]: [u32; 2]) -> u32 {
-        self.changes[a as usize].wrapping_add(self.changes[b as usize])
-    }
-
-    /// The edge to be tried next, with its resolution.
-    fn pop(&mut self, state: &State) -> Option<([u32; 2], f64)> {
-        let mut star = Star::default();
-        while let Some((bits, Reverse(edge), stamp)) = self.heap.pop() {
-            let Some(known) = self.edges.get(&edge) else { continue };
-            if known.stamp != stamp || known.invalid {
-                continue;
-            }
-            if known.changes != self.changes_of(edge) {
-                let now = resolution(state, edge, &mut star).to_bits();
-                if now < bits {
-                    self.push(edge, now);
-                    continue;
-                }
-            }
-            return Some((edge, f64::from_bits(bits)));
-        }
-        None
-    }
-
-    fn invalidate(&mut self, edge: [u32; 2]) {
-        let changes = self.changes_of(edge);
-        if let Some(known) = self.edges.get_mut(&edge) {
-            (known.invalid, known.changes) = (true, changes);
-        }
-    }
-
-    /// After a collapse: the edges of the vertex that is gone go, those of the merged one are computed again, and those
-    /// around it that were invalid are tried again.
-    fn collapsed(&mut self, state: &State, star: &Star) {
-        let [kept, gone] = star.ends;
-        self.edges.remove(&ordered(star.ends));
-        let rim = star.rim();
-        for v in &rim {
-            self.edges.remove(&ordered([gone, *v]));
-            self.changes[*v as usize] = self.changes[*v as usize].wrapping_add(1);
-        }
-        self.changes[kept as usize] = self.changes[kept as usize].wrapping_add(1);
-        let mut own = Star::default();
-        for v in &rim {
-            let edge = ordered([kept, *v]);
-            self.push(edge, resolution(state, edge, &mut own).to_bits());
-        }
-        let mut next = Vec::new();
-        for v in &rim {
-            state.fans.neighbours(&state.surface.triangles, *v, &mut next);
-            for w in next.iter().filter(|w| **w != kept) {
-                let edge = ordered([*v, *w]);
-                if let Some(known) = self.edges.get(&edge).filter(|known| known.invalid) {
-                    let (resolution, stale) = (known.resolution, known.changes);
-                    self.push(edge, resolution);
-                    if let Some(known) = self.edges.get_mut(&edge) {
-                        known.changes = stale;
-                    }
-                }
-            }
-        }
-    }
 }

@@ -8,32 +8,41 @@
 //! - the fan does not reach into the hull of any other patch.
 
 use glam::DVec3;
+use palpate_core::TriMesh;
 
 use super::filter::Neighbourhood;
 use super::intersect::intersect;
+use super::member::{Change, Member, Trial};
 use super::quadric::Quadric;
 use super::star::{Fans, Star};
 use crate::box_tree::{BoxTree, EMPTY, meet};
-use crate::convexity::{Convexity, HULL_THICKNESS, JoinBuffers, Patch, dependable_planes};
+use crate::convexity::{Convexity, JoinBuffers, dependable_planes};
 use crate::decomposition::{Decomposition, NO_PATCH};
-use crate::hull::{HullBuilder, Plane, Shape};
+use crate::hull::{HullBuilder, Plane};
 use crate::surface::{ReachBuffers, Surface, reaches_below};
 
 /// A new triangle may not be narrower than this fraction of its longest side.
 const LEAST_WIDTH: f64 = 1e-3;
 
-/// Patches of more triangles are not collapsed into: each try would cost their number.
-const LARGEST_PATCH: usize = 4096;
+/// Patches of more triangles are not asked for all of their neighbours each time they change.
+const FEW: usize = 64;
 
-/// A patch with the planes of its hull (none for a flat one).
-#[derive(Clone, Debug)]
-pub(crate) struct Member {
-    pub patch: Patch,
-    planes: Vec<Plane>,
+/// The mesh without what is gone.
+pub(crate) struct Snapshot {
+    /// In metres.
+    pub mesh: TriMesh,
+    /// In unit coordinates.
+    pub surface: Surface,
+    /// D of its vertices, m².
+    pub areas: Vec<f64>,
+    /// Which of its vertices each vertex of the state is.
+    pub vertex_of: Vec<u32>,
+    /// Which of its triangles each triangle of the state is.
+    pub triangle_of: Vec<u32>,
 }
 
-/// The patches that a collapse changes: what becomes of each, `None` where all of its triangles go.
-type Changes = Vec<(u32, Option<Member>)>;
+/// The patches that a collapse changes.
+type Changes = Vec<(u32, Change)>;
 
 pub(crate) struct State {
     pub surface: Surface,
@@ -73,13 +82,11 @@ impl State {
         let fans = Fans::new(surface.points.len(), &surface.triangles);
         let planes = dependable_planes(&surface, neighbours, tolerance);
         let mut builder = HullBuilder::default();
+        let convexity = Convexity::with_planes(&surface, &planes, tolerance);
         let members: Vec<_> = decomposition
             .patches
             .iter()
-            .map(|patch| {
-                let planes = hull_planes(&surface, patch, &mut builder);
-                Some(Member { patch: patch.clone(), planes })
-            })
+            .map(|patch| Some(Member::new(&convexity, patch.clone(), &mut builder)))
             .collect();
         let boxes: Vec<_> = decomposition.patches.iter().map(|p| p.bounds).collect();
         let mut quadrics = vec![Quadric::NONE; surface.points.len()];
@@ -125,6 +132,42 @@ impl State {
         }
     }
 
+    /// The mesh as it is, with the patches' extreme points and bounds up to date.
+    pub fn snapshot(&mut self) -> Snapshot {
+        self.tighten();
+        let Self { surface: all, .. } = self;
+        let mut vertex_of = vec![u32::MAX; all.points.len()];
+        let mut triangle_of = vec![u32::MAX; all.triangles.len()];
+        let (mut points, mut metres, mut areas) = (Vec::new(), Vec::new(), Vec::new());
+        let mut triangles = Vec::with_capacity(self.triangles);
+        for (t, corners) in all.triangles.iter().enumerate() {
+            if self.patch_of[t] == NO_PATCH {
+                continue;
+            }
+            triangle_of[t] = triangles.len() as u32;
+            triangles.push(corners.map(|v| {
+                let slot = &mut vertex_of[v as usize];
+                if *slot == u32::MAX {
+                    *slot = points.len() as u32;
+                    points.push(all.points[v as usize]);
+                    metres.push(self.metres[v as usize]);
+                    areas.push(self.areas[v as usize]);
+                }
+                *slot
+            }));
+        }
+        let surface = Surface::from_parts(points, triangles.clone(), all.scale, all.center);
+        let mesh = TriMesh::new(metres, triangles).expect("the indices were counted");
+        Snapshot { mesh, surface, areas, vertex_of, triangle_of }
+    }
+
+    fn tighten(&mut self) {
+        let convexity = Convexity::with_planes(&self.surface, &self.planes, self.tolerance);
+        for member in self.members.iter_mut().flatten().filter(|m| m.is_loose()) {
+            member.tighten(&convexity, &mut self.builder);
+        }
+    }
+
     /// The mesh as the filter reads it.
     pub fn neighbourhood(&self) -> Neighbourhood<'_> {
         Neighbourhood { points: &self.surface.points, triangles: &self.surface.triangles, fans: &self.fans }
@@ -148,11 +191,6 @@ impl State {
         mut next: impl FnMut(Option<bool>) -> Option<DVec3>,
     ) -> Option<Vec<u32>> {
         let affected = self.affected(star);
-        if affected.iter().any(|p| {
-            self.members[*p as usize].as_ref().is_none_or(|m| m.patch.triangles.len() > LARGEST_PATCH)
-        }) {
-            return None;
-        }
         let kept = star.ends[0] as usize;
         let before = (self.surface.points[kept], self.metres[kept]);
         let old: Vec<([u32; 3], Plane)> = star
@@ -224,42 +262,39 @@ impl State {
         if !sound {
             return None;
         }
-        let in_star = |t: u32| star.fan.iter().any(|s| s.triangle == t) || star.removed.contains(&t);
         let mut changes = Vec::with_capacity(affected.len());
         let convexity = Convexity::with_planes(&self.surface, &self.planes, self.tolerance);
+        let trial = Trial { convexity: &convexity, star, patch_of: &self.patch_of, gone: NO_PATCH };
         for &p in affected {
             let member = self.members[p as usize].as_ref()?;
-            let left: Vec<u32> =
-                member.patch.triangles.iter().copied().filter(|t| !star.removed.contains(t)).collect();
-            if left.is_empty() {
-                changes.push((p, None));
-                continue;
-            }
-            let patch_of = &self.patch_of;
-            let mine = |t: u32| [p, NO_PATCH].contains(&patch_of[t as usize]) || in_star(t);
-            let others = star.fan.iter().map(|s| s.triangle).filter(|t| patch_of[*t as usize] != p);
-            let moved = |t: u32| star.fan.iter().any(|s| s.triangle == t);
-            let (patch, planes) =
-                convexity.patch(&left, (moved, star.ends[0]), mine, others, &mut self.joins)?;
-            changes.push((p, Some(Member { patch, planes })));
+            changes.push((p, trial.change(p, member, &mut self.joins)?));
         }
         (!self.reaches_into_others(star, affected) && !self.intersects(star)).then_some(changes)
     }
 
     /// Whether the fan reaches into the hull of a patch that it is no part of.
     fn reaches_into_others(&mut self, star: &Star, affected: &[u32]) -> bool {
-        let Self { surface, hulls, members, reach, stack, tolerance, .. } = self;
-        let around = star.bounds(|t| surface.bounds(t));
+        let Self { surface, planes, hulls, members, reach, stack, tolerance, builder, .. } = self;
+        let convexity = Convexity::with_planes(surface, planes, *tolerance);
+        let (low, high) = star.bounds(|t| surface.bounds(t));
+        let around = (low - convexity.layer(), high + convexity.layer());
+        let mut reached = |member: &Member| {
+            let skin = member.skin.planes();
+            let fan = &star.fan;
+            fan.iter().any(|s| reaches_below(&surface.corners(s.triangle), skin, *tolerance, reach))
+        };
         hulls.any_near(around, stack, |p| {
-            let Some(member) = members[p as usize].as_ref().filter(|m| !m.planes.is_empty()) else {
+            let Some(member) = members[p as usize].as_mut().filter(|m| !m.skin.planes().is_empty()) else {
                 return false;
             };
-            meet(member.patch.bounds, around)
-                && !affected.contains(&p)
-                && star
-                    .fan
-                    .iter()
-                    .any(|s| reaches_below(&surface.corners(s.triangle), &member.planes, *tolerance, reach))
+            if !meet(member.patch.bounds, around) || affected.contains(&p) || !reached(member) {
+                return false;
+            }
+            if !member.is_loose() {
+                return true;
+            }
+            member.tighten(&convexity, builder);
+            reached(member)
         })
     }
 
@@ -298,8 +333,8 @@ impl State {
         let [kept, gone] = star.ends.map(|v| v as usize);
         self.quadrics[kept] = self.quadric(star.ends);
         self.areas[kept] = self.areas[kept].min(self.areas[gone]);
-        for (p, member) in changes {
-            if member.is_none() {
+        for (p, change) in changes {
+            if matches!(change, Change::Gone) {
                 // Into the patch of a neighbour: of the triangle of the fan that takes its place.
                 let heir = star.removed.iter().find(|t| self.patch_of[**t as usize] == p).and_then(|t| {
                     let corners = self.surface.triangles[*t as usize];
@@ -315,7 +350,19 @@ impl State {
                     self.patches -= 1;
                 }
             }
-            self.members[p as usize] = member;
+            let touches = star.fan.iter().any(|s| self.patch_of[s.triangle as usize] == p);
+            let slot = &mut self.members[p as usize];
+            match (change, slot.as_mut()) {
+                (Change::Amended { lead, grown }, Some(member)) => {
+                    member.amend(star, (lead, grown), touches, &self.surface.triangles);
+                    if member.skin.worn() {
+                        let convexity = Convexity::with_planes(&self.surface, &self.planes, self.tolerance);
+                        member.tighten(&convexity, &mut self.builder);
+                    }
+                }
+                (Change::Anew(member), _) => *slot = Some(member),
+                _ => *slot = None,
+            }
             self.reindex_hull(p);
         }
         let rim = {
@@ -351,18 +398,20 @@ impl State {
     }
 
     /// Joins patches that have changed with their neighbours, and the unions with theirs, as long as that makes convex
-    /// patches.
-    pub fn join_around(&mut self, mut changed: Vec<u32>) {
+    /// patches. `around` are the triangles of the fan: large patches are joined with those nearby only.
+    pub fn join_around(&mut self, mut changed: Vec<u32>, around: &[u32]) {
         let mut failed: Vec<(u32, u32)> = Vec::new();
         while let Some(p) = changed.pop() {
             let Some(member) = &self.members[p as usize] else { continue };
             let (fans, triangles) = (&self.fans, &self.surface.triangles);
             let mut neighbours = Vec::new();
-            for t in &member.patch.triangles {
+            let few = member.patch.triangles.len() <= FEW;
+            for t in if few { &member.patch.triangles } else { around } {
                 let c = triangles[*t as usize];
                 for k in 0..3 {
                     if let Some((_, other)) = fans.across(triangles, c[(k + 1) % 3], c[k]) {
-                        neighbours.push(self.patch_of[other as usize]);
+                        let sides = [*t, other].map(|t| self.patch_of[t as usize]);
+                        neighbours.extend(sides.iter().filter(|_| sides.contains(&p)));
                     }
                 }
             }
@@ -397,23 +446,14 @@ impl State {
         for t in &gone_member.patch.triangles {
             self.patch_of[*t as usize] = kept;
         }
-        if let Some(member) = &mut self.members[kept as usize] {
-            member.patch.take_in(gone_member.patch, join, &convexity);
-            member.planes = hull_planes(&self.surface, &member.patch, &mut self.builder);
-        }
+        let slot = &mut self.members[kept as usize];
+        let mut patch = slot.take()?.patch;
+        patch.take_in(gone_member.patch, join, &convexity);
+        *slot = Some(Member::new(&convexity, patch, &mut self.builder));
         self.went_into[gone as usize] = kept;
         self.patches -= 1;
         self.reindex_hull(gone);
         self.reindex_hull(kept);
         Some(kept)
     }
-}
-
-fn hull_planes(surface: &Surface, patch: &Patch, hulls: &mut HullBuilder) -> Vec<Plane> {
-    if patch.flat {
-        return Vec::new();
-    }
-    let points: Vec<DVec3> = patch.extreme.iter().map(|v| surface.points[*v as usize]).collect();
-    let hull = hulls.hull(&points, HULL_THICKNESS);
-    if hull.shape == Shape::Polytope { hull.planes(&points).collect() } else { Vec::new() }
 }

@@ -209,6 +209,7 @@ pub fn hierarchy(mesh: &TriMesh, patches: &[Vec<u32>], kind: Kind) -> (Clod, Vec
                 center,
                 radius,
                 deviation: 0.0,
+                added: 0,
                 hausdorff: 0.0,
                 contained: kind == Kind::Contained,
                 all_real: height == 0 && kind == Kind::Contained && levels[0].len() == 1,

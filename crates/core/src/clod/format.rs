@@ -6,7 +6,7 @@
 //! | counts | u32 each: levels, nodes, hull vertices, patch triangles |
 //! | source | vertices, triangles, flags u32 (bit 0: solid), bounding radius, centre, volume, centre of mass, inertia by columns |
 //! | levels | nodes start and end, triangles, flags u32 (bit 0: free), resolution |
-//! | nodes | parent, children start and end, level, vertices start and end, extreme, triangles start and end, flags u32 (bit 0: contained, bit 1: all real), centre, radius, deviation, Hausdorff distance |
+//! | nodes | parent, children start and end, level, vertices start and end, extreme, added, triangles start and end, flags u32 (bit 0: contained, bit 1: all real), centre, radius, deviation, Hausdorff distance |
 //! | arrays | hull vertices (3 f64 each), their support areas (f64), patch triangles (3 u32 each) |
 //!
 //! Indices are u32, numbers f64, both as in [`Clod`]; there is no padding. Records of a fixed size, rather than a
@@ -23,12 +23,12 @@ use glam::{DMat3, DVec3};
 use super::{Clod, Level, Node, Source};
 
 const MAGIC: [u8; 8] = *b"palpclod";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const HEADER_BYTES: usize = 24;
 const COUNTS_BYTES: usize = 16;
 const SOURCE_BYTES: usize = 3 * 4 + 17 * 8;
 const LEVEL_BYTES: usize = 4 * 4 + 8;
-const NODE_BYTES: usize = 10 * 4 + 6 * 8;
+const NODE_BYTES: usize = 11 * 4 + 6 * 8;
 const VERTEX_BYTES: usize = 3 * 8;
 const AREA_BYTES: usize = 8;
 const TRIANGLE_BYTES: usize = 3 * 4;
@@ -248,7 +248,7 @@ impl Clod {
         }
         for node in &self.nodes {
             write_u32s(out, [node.parent, node.children.start, node.children.end, node.level])?;
-            write_u32s(out, [node.vertices.start, node.vertices.end, node.extreme])?;
+            write_u32s(out, [node.vertices.start, node.vertices.end, node.extreme, node.added])?;
             write_u32s(out, [node.triangles.start, node.triangles.end])?;
             write_u32s(out, [u32::from(node.contained) | u32::from(node.all_real) << 1])?;
             write_f64s(out, node.center.to_array())?;
@@ -383,6 +383,7 @@ impl<R: Read> Body<R> {
             let level = fields.u32();
             let vertices = fields.range();
             let extreme = fields.u32();
+            let added = fields.u32();
             let triangles = fields.range();
             let flags = fields.flags(3, &mut unknown);
             Node {
@@ -391,6 +392,7 @@ impl<R: Read> Body<R> {
                 level,
                 vertices,
                 extreme,
+                added,
                 triangles,
                 center: fields.vector(),
                 radius: fields.f64(),

@@ -66,8 +66,8 @@ fn random_hierarchy(seed: u64, leaves: u32) -> Clod {
             next_child += family;
             let (first_vertex, first_triangle) = (clod.vertices.len() as u32, clod.triangles.len() as u32);
             let (center, radius) = (ball(random), random.random_range(0.1..1.0));
-            let size = random.random_range(3..8u32);
-            for _ in 0..size {
+            let (size, added) = (random.random_range(3..8u32), random.random_range(0..3));
+            for _ in 0..added + size {
                 clod.vertices.push(center + radius * ball(random));
                 clod.support_areas.push(random.random_range(0.0..1.0));
             }
@@ -79,8 +79,9 @@ fn random_hierarchy(seed: u64, leaves: u32) -> Clod {
                 parent: NO_NODE,
                 children,
                 level: level as u32,
-                vertices: first_vertex..clod.vertices.len() as u32,
+                vertices: first_vertex + added..clod.vertices.len() as u32,
                 extreme: random.random_range(1..=size),
+                added,
                 triangles: first_triangle..clod.triangles.len() as u32,
                 center,
                 radius,
@@ -352,6 +353,8 @@ fn each_broken_invariant_is_named() {
         ("node 3", "hull vertices", |c| c.nodes[3].vertices.end = u32::MAX),
         ("node 3", "hull vertices", |c| c.nodes[3].vertices.end = 0),
         ("node 3", "triangles", |c| c.nodes[3].triangles.end = u32::MAX),
+        ("node 3", "hull vertices", |c| c.nodes[3].added += 1),
+        ("node 3", "hull vertices", |c| c.nodes[3].added = u32::MAX),
         ("node 3", "extreme", |c| c.nodes[3].extreme = 0),
         ("node 3", "extreme", |c| c.nodes[3].extreme = 99),
         ("node 0", "no triangles", |c| c.levels.last_mut().unwrap().free = false),

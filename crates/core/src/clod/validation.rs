@@ -24,13 +24,13 @@ impl Clod {
     ///   coarsest, and level 0 is not free.
     /// - The nodes form one tree: each child is one level finer and names its parent, and only level 0 has leaves.
     /// - The hull vertices follow one another in the order of the nodes, and so do the patch triangles. Each hull has a
-    ///   vertex, and an extreme one. Each node has triangles unless its level is free; they name three different vertices of
+    ///   vertex, and an extreme one; the points added to it stand right before. Each node has triangles unless its level is free; they name three different vertices of
     ///   its hull.
     /// - Numbers are finite, and areas, radii and distances not negative; lengths are between 1e-50 and 1e50 m. Hulls
     ///   lie within their bounding spheres, to within 1e-9 of the object's bounding radius. The inertia tensor is
     ///   symmetric and positive definite.
     ///
-    /// That s and h bound the distances that they claim to is not checked: it would take as long as to compute them.
+    /// That s, h and the spheres bound the descendants as they claim to is not checked: it would take as long as to compute them.
     ///
     /// # Errors
     /// [`ClodError::Invalid`], naming the first element that breaks one.
@@ -134,7 +134,8 @@ impl Clod {
     fn validate_node(&self, index: usize, next: (u32, u32)) -> Result<(u32, u32), String> {
         let node = &self.nodes[index];
         self.validate_links(index as u32, node)?;
-        follows(&node.vertices, next.0, self.vertices.len())
+        let first = next.0.saturating_add(node.added);
+        follows(&node.vertices, first, self.vertices.len())
             .map_err(|what| format!("its hull vertices {what}"))?;
         follows(&node.triangles, next.1, self.triangles.len())
             .map_err(|what| format!("its triangles {what}"))?;
@@ -166,7 +167,9 @@ impl Clod {
         let reach = node.radius
             + SPHERE_SLACK * self.source.bounding_radius
             + 4.0 * f64::EPSILON * node.center.length();
-        for (i, (vertex, area)) in self.hull(node).iter().zip(self.support_areas(node)).enumerate() {
+        let own = next.0 as usize..node.vertices.end as usize;
+        for (i, (vertex, area)) in self.vertices[own.clone()].iter().zip(&self.support_areas[own]).enumerate()
+        {
             if !within_range(*vertex) || vertex.distance(node.center) > reach {
                 let at = vertex.to_array();
                 return Err(format!("its hull vertex {i}, {at:?}, is not within its bounding sphere"));

@@ -1,0 +1,237 @@
+//! A convex patch while the mesh is simplified, and what becomes of it when an edge collapses.
+//!
+//! Only what may have changed is tested, so that a collapse costs a few plane tests a vertex: the moved triangles have to
+//! support the patch, the others the moved vertex, and nothing may reach into what its [skin](Skin) grows by, nor the moved
+//! triangles of other patches into the skin. Where that leaves it open whether the patch remains one, it is made anew, with its hull
+//! and all tests.
+
+use glam::DVec3;
+
+use super::star::Star;
+use crate::box_tree::{Bounds, EMPTY};
+use crate::convexity::{Convexity, HULL_THICKNESS, JoinBuffers, Patch};
+use crate::hull::HullBuilder;
+use crate::skin::Skin;
+use crate::surface::{ReachBuffers, bounds_of, reaches_below};
+
+/// A patch with its skin.
+#[derive(Clone, Debug)]
+pub(crate) struct Member {
+    /// Its extreme points are all of its vertices, and its bounds may be too large, once it has been [amended](Self::amend).
+    pub patch: Patch,
+    pub skin: Skin,
+    /// All vertices of its triangles, ascending.
+    vertices: Vec<u32>,
+    amended: bool,
+}
+
+/// What becomes of a patch.
+#[derive(Debug)]
+pub(crate) enum Change {
+    /// All of its triangles go.
+    Gone,
+    /// It is another.
+    Anew(Member),
+    /// It loses triangles and its vertices move.
+    Amended {
+        lead: u32,
+        /// The skin and the bounds it grows to, if it grows.
+        grown: Option<(Skin, Bounds)>,
+    },
+}
+
+/// A collapse that is tried, as a patch sees it: the merged vertex is where it is to be.
+pub(crate) struct Trial<'a> {
+    pub convexity: &'a Convexity<'a>,
+    pub star: &'a Star,
+    pub patch_of: &'a [u32],
+    /// Marks triangles that are no more.
+    pub gone: u32,
+}
+
+impl Trial<'_> {
+    fn moved(&self, triangle: u32) -> bool {
+        self.star.fan.iter().any(|s| s.triangle == triangle)
+    }
+
+    /// What becomes of a patch, if it remains a convex patch.
+    pub fn change(&self, index: u32, member: &Member, buffers: &mut JoinBuffers) -> Option<Change> {
+        let Self { star, .. } = self;
+        let lost = star.removed.iter().filter(|t| self.patch_of[**t as usize] == index).count();
+        if lost == member.patch.triangles.len() {
+            return Some(Change::Gone);
+        }
+        let mut part = None;
+        if member.patch.triangles.len() > lost + 1 {
+            match self.amendment(index, member, &mut buffers.reach) {
+                Amendment::Decided(change) => return change,
+                Amendment::TooWide(new) => part = Some(new),
+                Amendment::Undecided => {}
+            }
+        }
+        let mine = |t: u32| {
+            let patch = self.patch_of[t as usize];
+            patch == index || patch == self.gone || self.moved(t) || star.removed.contains(&t)
+        };
+        let left: Vec<u32> =
+            member.patch.triangles.iter().copied().filter(|t| !star.removed.contains(t)).collect();
+        let moved = (|t: u32| self.moved(t), star.ends[0]);
+        let (patch, skin, vertices) =
+            self.convexity.patch(&left, moved, mine, self.others(index), part, buffers)?;
+        Some(Change::Anew(Member { patch, skin, vertices, amended: false }))
+    }
+
+    /// The moved triangles of other patches.
+    fn others(&self, index: u32) -> impl Iterator<Item = u32> + '_ {
+        self.star.fan.iter().map(|s| s.triangle).filter(move |t| self.patch_of[*t as usize] != index)
+    }
+
+    fn amendment(&self, index: u32, member: &Member, reach: &mut ReachBuffers) -> Amendment {
+        let Self { convexity, star, .. } = self;
+        let (surface, tolerance) = (convexity.surface(), convexity.tolerance());
+        let apex = surface.points[star.ends[0] as usize];
+        let own = || star.fan.iter().map(|s| s.triangle).filter(|t| self.patch_of[*t as usize] == index);
+        let touches = own().next().is_some();
+        let stays = |v: &&u32| !star.ends.contains(v);
+        let below = |t: u32| {
+            let plane = convexity.plane(t);
+            plane.normal != DVec3::ZERO
+                && member
+                    .vertices
+                    .iter()
+                    .filter(stays)
+                    .all(|v| plane.height(surface.points[*v as usize]) <= tolerance)
+        };
+        let left = || {
+            let triangles = member.patch.triangles.iter().copied();
+            triangles.filter(|t| !star.removed.contains(t))
+        };
+        if touches && !(left().all(|t| convexity.plane(t).height(apex) <= tolerance) && own().all(below)) {
+            return Amendment::Decided(None);
+        }
+        let old = member.patch.lead;
+        let lead = if self.moved(old) || star.removed.contains(&old) {
+            left().max_by(|a, b| convexity.area(*a).total_cmp(&convexity.area(*b)))
+        } else {
+            let candidates = own().filter(|t| convexity.area(*t) > convexity.area(old));
+            candidates.max_by(|a, b| convexity.area(*a).total_cmp(&convexity.area(*b))).or(Some(old))
+        };
+        let Some(lead) = lead else { return Amendment::Undecided };
+        let plane = convexity.plane(lead);
+        let level = |p: DVec3| plane.height(p) >= -tolerance;
+        let flat = member.vertices.iter().filter(stays).all(|v| level(surface.points[*v as usize]))
+            && (!touches || level(apex));
+        if flat != member.patch.flat {
+            return Amendment::Undecided;
+        }
+        let reached = |skin: &Skin, reach: &mut ReachBuffers| {
+            self.others(index).any(|t| reaches_below(&surface.corners(t), skin.planes(), tolerance, reach))
+        };
+        match &member.skin {
+            Skin::Layer(planes) if lead == old => {
+                let inside = !touches || planes[2..].iter().all(|side| side.height(apex) <= 0.0);
+                let upright = own().all(|t| convexity.plane(t).normal.dot(plane.normal) > 0.0);
+                if !inside || !upright {
+                    return Amendment::Undecided;
+                }
+                if reached(&member.skin, reach) {
+                    return Amendment::TooWide(EMPTY);
+                }
+                Amendment::Decided(Some(Change::Amended { lead, grown: None }))
+            }
+            Skin::Polytope(polytope) => {
+                let visible = if touches { polytope.visible(apex) } else { Vec::new() };
+                if visible.is_empty() {
+                    return if reached(&member.skin, reach) {
+                        Amendment::TooWide(EMPTY)
+                    } else {
+                        Amendment::Decided(Some(Change::Amended { lead, grown: None }))
+                    };
+                }
+                let (grown, (low, high)) = polytope.grown(apex, &visible);
+                let skin = Skin::Polytope(grown);
+                // What is deep in the new skin, but was not in the old one, is in what is new or within the tolerance of it.
+                let margin = DVec3::splat(2.0 * tolerance);
+                let mine = |t: u32| {
+                    let patch = self.patch_of[t as usize];
+                    patch == index || patch == self.gone || self.moved(t) || star.removed.contains(&t)
+                };
+                let planes = skin.planes().iter().copied();
+                let new = (low - margin, high + margin);
+                if reached(&skin, reach) || surface.reaches_into(planes, new, tolerance, mine, reach) {
+                    return Amendment::TooWide(new);
+                }
+                let (from, to) = member.patch.bounds;
+                let bounds = (from.min(low), to.max(high));
+                Amendment::Decided(Some(Change::Amended { lead, grown: Some((skin, bounds)) }))
+            }
+            _ => Amendment::Undecided,
+        }
+    }
+}
+
+enum Amendment {
+    Decided(Option<Change>),
+    /// The skin is reached into, but may be too large: the hull is needed. Other surface than the moved triangles can
+    /// reach into it in this box only.
+    TooWide(Bounds),
+    /// The patch may be of another kind.
+    Undecided,
+}
+
+impl Member {
+    /// With the skin of a patch.
+    pub fn new(convexity: &Convexity<'_>, patch: Patch, hulls: &mut HullBuilder) -> Self {
+        let surface = convexity.surface();
+        let mut vertices: Vec<u32> =
+            patch.triangles.iter().flat_map(|t| surface.triangles[*t as usize]).collect();
+        vertices.sort_unstable();
+        vertices.dedup();
+        let points: Vec<DVec3> = patch.extreme.iter().map(|v| surface.points[*v as usize]).collect();
+        let hull = hulls.hull(&points, HULL_THICKNESS);
+        let skin = convexity.skin(&patch, &hull, &points);
+        Self { patch, skin, vertices, amended: false }
+    }
+
+    /// After a collapse that [`Trial::change`] has found to leave it a patch. `triangles` are the corners of all.
+    pub fn amend(
+        &mut self,
+        star: &Star,
+        (lead, grown): (u32, Option<(Skin, Bounds)>),
+        touches: bool,
+        triangles: &[[u32; 3]],
+    ) {
+        self.patch.triangles.retain(|t| !star.removed.contains(t));
+        let own = &self.patch.triangles;
+        let lost = |v: &u32| {
+            star.removed.iter().any(|t| triangles[*t as usize].contains(v))
+                && !own.iter().any(|t| triangles[*t as usize].contains(v))
+        };
+        self.vertices.retain(|v| !star.ends.contains(v) && !lost(v));
+        if touches && let Err(k) = self.vertices.binary_search(&star.ends[0]) {
+            self.vertices.insert(k, star.ends[0]);
+        }
+        self.patch.extreme.clone_from(&self.vertices);
+        self.patch.lead = lead;
+        if let Some((skin, bounds)) = grown {
+            (self.skin, self.patch.bounds) = (skin, bounds);
+        }
+        self.amended = true;
+    }
+
+    /// Whether its skin and its extreme points may be more than they need be.
+    pub fn is_loose(&self) -> bool {
+        self.amended
+    }
+
+    /// Makes them what they need be.
+    pub fn tighten(&mut self, convexity: &Convexity<'_>, hulls: &mut HullBuilder) {
+        let surface = convexity.surface();
+        let points: Vec<DVec3> = self.vertices.iter().map(|v| surface.points[*v as usize]).collect();
+        let hull = hulls.hull(&points, HULL_THICKNESS);
+        self.patch.extreme = hull.extreme.iter().map(|k| self.vertices[*k as usize]).collect();
+        self.patch.bounds = bounds_of(&points);
+        self.skin = convexity.skin(&self.patch, &hull, &points);
+        self.amended = false;
+    }
+}

@@ -1,0 +1,164 @@
+//! The polytope that no other surface may reach into, for a convex patch: its hull, or the layer below a flat one.
+//!
+//! While a mesh is simplified it may be larger than that, so that it need not be made anew for each collapse: a vertex that
+//! moves inside of it changes nothing, and one that moves out of it is taken in by one step of quickhull, with exact
+//! visibility tests. Whatever does not reach into it does not reach into the hull.
+
+use glam::DVec3;
+use robust::{Coord3D, orient3d};
+
+use crate::box_tree::Bounds;
+use crate::hull::{Hull, Plane, Shape};
+use crate::surface::bounds_of;
+
+/// Heights above a plane, in unit coordinates, whose sign is certain without exact arithmetic.
+const CERTAIN: f64 = 1e-12;
+
+/// What a patch keeps other surface out of.
+#[derive(Clone, Debug)]
+pub(crate) enum Skin {
+    /// Nothing: a single triangle, or a patch without extent.
+    Bare,
+    /// The layer below a flat patch: its top and bottom, then its sides.
+    Layer(Vec<Plane>),
+    /// A polytope around all of the patch.
+    Polytope(Polytope),
+}
+
+/// A polytope given by its boundary.
+#[derive(Clone, Debug)]
+pub(crate) struct Polytope {
+    faces: Vec<[DVec3; 3]>,
+    /// Of the faces; such that everything is below it for a face too narrow to have a dependable one.
+    planes: Vec<Plane>,
+    /// How often it has grown.
+    growths: u32,
+}
+
+impl Skin {
+    /// The hull of points, if it is a polytope.
+    pub fn of_hull(hull: &Hull, points: &[DVec3]) -> Self {
+        if hull.shape != Shape::Polytope {
+            return Self::Bare;
+        }
+        let faces: Vec<_> = hull.faces.iter().map(|f| f.map(|v| points[v as usize])).collect();
+        let planes = faces.iter().map(|f| dependable(*f)).collect();
+        Self::Polytope(Polytope { faces, planes, growths: 0 })
+    }
+
+    /// The planes around it; none if there is nothing to keep out.
+    pub fn planes(&self) -> &[Plane] {
+        match self {
+            Self::Bare => &[],
+            Self::Layer(planes) => planes,
+            Self::Polytope(polytope) => &polytope.planes,
+        }
+    }
+
+    /// Whether it may be larger than it need be, and has grown so often that it should be made anew.
+    pub fn worn(&self) -> bool {
+        matches!(self, Self::Polytope(p) if p.growths as usize > 8 + p.faces.len() / 8)
+    }
+}
+
+impl Polytope {
+    /// The faces that a point lies above, strictly.
+    pub fn visible(&self, point: DVec3) -> Vec<usize> {
+        let above = |k: &usize| {
+            let height = self.planes[*k].height(point);
+            if height.abs() > CERTAIN && height.is_finite() {
+                return height > 0.0;
+            }
+            let coord = |v: DVec3| Coord3D { x: v.x, y: v.y, z: v.z };
+            let [a, b, c] = self.faces[*k].map(coord);
+            // Positive where a, b and c are clockwise seen from the point.
+            orient3d(a, b, c, coord(point)) < 0.0
+        };
+        (0..self.faces.len()).filter(above).collect()
+    }
+
+    /// With a point that sees these faces, and the box around all that is new.
+    pub fn grown(&self, point: DVec3, visible: &[usize]) -> (Self, Bounds) {
+        let sides = |k: &usize| {
+            let [a, b, c] = self.faces[*k];
+            [[a, b], [b, c], [c, a]]
+        };
+        let inner: Vec<[DVec3; 2]> = visible.iter().flat_map(sides).collect();
+        let horizon = inner.iter().filter(|[from, to]| !inner.contains(&[*to, *from]));
+        let mut faces: Vec<[DVec3; 3]> = Vec::with_capacity(self.faces.len() + 2);
+        let mut planes: Vec<Plane> = Vec::with_capacity(self.faces.len() + 2);
+        let mut gone = visible.iter().peekable();
+        for k in 0..self.faces.len() {
+            if gone.next_if(|g| **g == k).is_none() {
+                faces.push(self.faces[k]);
+                planes.push(self.planes[k]);
+            }
+        }
+        for [from, to] in horizon {
+            let face = [*from, *to, point];
+            faces.push(face);
+            planes.push(dependable(face));
+        }
+        let (low, high) = bounds_of(inner.as_flattened());
+        (Self { faces, planes, growths: self.growths + 1 }, (low.min(point), high.max(point)))
+    }
+}
+
+/// The plane of a face, or one that everything is below.
+fn dependable(face: [DVec3; 3]) -> Plane {
+    let [a, b, c] = face;
+    let longest = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());
+    if (b - a).cross(c - a).length() > 1e-7 * longest {
+        Plane::through(face)
+    } else {
+        Plane { normal: DVec3::ZERO, offset: f64::INFINITY }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::rngs::StdRng;
+    use rand::{RngExt, SeedableRng};
+
+    use super::*;
+    use crate::convexity::HULL_THICKNESS;
+    use crate::hull::HullBuilder;
+
+    #[test]
+    fn grows_into_the_hull_of_all_points() {
+        let seed = 83;
+        println!("seed {seed}");
+        let mut rng = StdRng::seed_from_u64(seed);
+        let mut builder = HullBuilder::default();
+        for round in 0..60 {
+            // Half of them on a lattice, where points are coplanar and collinear.
+            let mut random = || {
+                DVec3::from_array(std::array::from_fn(|_| match round % 2 {
+                    0 => rng.random_range(-1.0..1.0),
+                    _ => f64::from(rng.random_range(-2..=2)),
+                }))
+            };
+            let mut points: Vec<DVec3> = (0..8).map(|_| random()).collect();
+            let Skin::Polytope(mut polytope) = Skin::of_hull(&builder.hull(&points, HULL_THICKNESS), &points)
+            else {
+                continue;
+            };
+            for _ in 0..30 {
+                let p = random();
+                points.push(p);
+                let visible = polytope.visible(p);
+                if !visible.is_empty() {
+                    polytope = polytope.grown(p, &visible).0;
+                }
+            }
+            let hull = builder.hull(&points, HULL_THICKNESS);
+            let planes: Vec<Plane> = hull.planes(&points).collect();
+            for _ in 0..100 {
+                let p = 1.2 * random();
+                let height = |planes: &[Plane]| planes.iter().map(|h| h.height(p)).fold(f64::MIN, f64::max);
+                let (expected, found) = (height(&planes), height(&polytope.planes));
+                assert!((expected - found).abs() < 1e-9, "round {round}: {expected} {found}");
+            }
+        }
+    }
+}
