@@ -10,6 +10,9 @@
 //! maximum over all descendants is found exactly, without visiting most of them: none is further away than the sphere around
 //! them.
 
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
 use glam::DVec3;
 use palpate_core::Clod;
 use palpate_core::clod::Node;
@@ -41,11 +44,15 @@ impl Target {
         Self { points, hull, planes }
     }
 
-    /// How far a point is from the hull; 0 inside.
+    /// How far a point is from the hull: negative inside of a polytope, by how deep it is.
     pub fn distance(&self, p: DVec3) -> f64 {
         let at = |v: u32| self.points[v as usize];
         let least = |distances: &mut dyn Iterator<Item = f64>| distances.fold(f64::INFINITY, f64::min);
         if self.hull.shape == Shape::Polytope {
+            let highest = self.planes.iter().map(|plane| plane.height(p)).fold(f64::NEG_INFINITY, f64::max);
+            if highest <= 0.0 {
+                return highest;
+            }
             // The nearest point is on a face that is visible from the point.
             let visible = self.hull.faces.iter().zip(&self.planes).filter(|(_, plane)| plane.height(p) > 0.0);
             let nearest = least(&mut visible.map(|(f, _)| distance_to_triangle(p, f.map(at))));
@@ -98,10 +105,10 @@ fn bounds(clod: &Clod, node: &Node, most: u32, scale: f64, builder: &mut HullBui
     let unit = |p: DVec3| (p - clod.source.center) * scale;
     let mut points: Vec<DVec3> = clod.extreme(node).iter().map(|p| unit(*p)).collect();
     let mut added = Vec::new();
+    let mut search = FarthestSearch::below(node);
     let hausdorff = loop {
         let target = Target::new(points.clone(), builder);
-        // The sphere tells how far a descendant can be at most.
-        let (distance, farthest) = farthest_descendant(clod, node, scale, |p| target.distance(unit(p)));
+        let (distance, farthest) = search.farthest(clod, scale, |p| target.distance(unit(p)));
         if distance <= ROUNDING {
             break 0.0;
         }
@@ -113,39 +120,75 @@ fn bounds(clod: &Clod, node: &Node, most: u32, scale: f64, builder: &mut HullBui
     };
     let center = smallest_sphere(&points).0 / scale + clod.source.center;
     let own = clod.extreme(node).iter().map(|p| p.distance(center)).fold(0.0, f64::max);
-    let below = farthest_descendant(clod, node, 1.0, |p| p.distance(center)).0;
+    let below = FarthestSearch::below(node).farthest(clod, 1.0, |p| p.distance(center)).0;
     Bounds { added, hausdorff, center, radius: own.max(below) }
 }
 
-/// How far the farthest extreme point of any descendant is, and which of the vertices that is; `distance` is that of a
-/// point, in metres times `scale`.
-fn farthest_descendant(clod: &Clod, node: &Node, scale: f64, distance: impl Fn(DVec3) -> f64) -> (f64, u32) {
-    let mut farthest = (0.0, node.vertices.start);
-    let mut stack: Vec<(f64, u32)> = Vec::new();
-    let mut children = node.children.clone();
-    loop {
-        let first = stack.len();
-        stack.extend(children.map(|child| {
-            let Node { center, radius, .. } = clod.nodes[child as usize];
-            (distance(center) + radius * scale, child)
-        }));
-        // The most promising is looked at first.
-        stack[first..].sort_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
-        let next = loop {
-            match stack.pop() {
-                None => return farthest,
-                Some((bound, child)) if bound * (1.0 + SLACK) > farthest.0 => break child,
-                Some(_) => {}
-            }
+/// Looks for the extreme point of any descendant that is farthest from something that may grow from one search to the next: what was
+/// once found of a distance remains a bound.
+struct FarthestSearch {
+    /// Largest bound first.
+    waiting: BinaryHeap<Waiting>,
+    searches: u32,
+}
+
+/// A descendant, or one of the vertices of those that have been looked at.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Waiting {
+    /// The bits of a bound on the distance, which is positive, so that they are in its order.
+    bound: u64,
+    is_vertex: bool,
+    index: Reverse<u32>,
+    /// In which search it was computed.
+    search: u32,
+}
+
+impl FarthestSearch {
+    fn below(node: &Node) -> Self {
+        let bound = f64::INFINITY.to_bits();
+        let waiting = node
+            .children
+            .clone()
+            .map(|child| Waiting { bound, is_vertex: false, index: Reverse(child), search: 0 })
+            .collect();
+        Self { waiting, searches: 0 }
+    }
+
+    /// How far the farthest is, and which of the vertices; `distance` is that of a point, in metres times `scale`. A distance of
+    /// 0 if none is further than that.
+    fn farthest(&mut self, clod: &Clod, scale: f64, distance: impl Fn(DVec3) -> f64) -> (f64, u32) {
+        self.searches += 1;
+        let search = self.searches;
+        let wait = |is_vertex: bool, index: u32| {
+            let bound = if is_vertex {
+                distance(clod.vertices[index as usize])
+            } else {
+                // Beyond rounding in the spheres.
+                let Node { center, radius, .. } = clod.nodes[index as usize];
+                distance(center) + radius * scale * (1.0 + SLACK)
+            };
+            (bound > 0.0).then(|| Waiting {
+                bound: bound.to_bits(),
+                is_vertex,
+                index: Reverse(index),
+                search,
+            })
         };
-        let below = &clod.nodes[next as usize];
-        for (vertex, p) in (below.vertices.start..).zip(clod.extreme(below)) {
-            let distance = distance(*p);
-            if distance > farthest.0 {
-                farthest = (distance, vertex);
+        while let Some(next) = self.waiting.pop() {
+            let Reverse(index) = next.index;
+            if next.search != search {
+                self.waiting.extend(wait(next.is_vertex, index));
+            } else if next.is_vertex {
+                self.waiting.push(next);
+                return (f64::from_bits(next.bound), index);
+            } else {
+                let below = &clod.nodes[index as usize];
+                let vertices = below.vertices.start..below.vertices.start + below.extreme;
+                self.waiting.extend(vertices.filter_map(|v| wait(true, v)));
+                self.waiting.extend(below.children.clone().filter_map(|child| wait(false, child)));
             }
         }
-        children = below.children.clone();
+        (0.0, 0)
     }
 }
 
@@ -190,7 +233,7 @@ mod tests {
             let count = [12, 7, 2, 1][round % 4];
             let points: Vec<DVec3> = (0..count).map(|_| random()).collect();
             let p = 1.5 * random() + DVec3::Z * (1.0 - flatten);
-            let found = Target::new(points.clone(), &mut builder).distance(p);
+            let found = Target::new(points.clone(), &mut builder).distance(p).max(0.0);
             // Frank-Wolfe with away steps would be quicker; plain steps get near enough.
             let mut x = points[0];
             for _ in 0..20_000 {
