@@ -53,7 +53,7 @@ pub struct Reading {
     /// Factor on the lengths of every mesh given: 0.001 for files in millimetres
     #[arg(long, default_value_t = 1.0, value_name = "S")]
     pub scale: f64,
-    /// Drop degenerate and duplicate triangles and make the orientation consistent
+    /// Make an oriented 2-manifold without self-intersection of each mesh, and say what that changed
     #[arg(long)]
     pub repair: bool,
 }

@@ -61,10 +61,13 @@ fn every_command(file: &str, folder: &Path) {
     ends_well(&["check", file, "--json"], folder);
     ends_well(&["check", file, "--repair"], folder);
     let built = ends_well(&["build", file, "-o", clod], folder);
-    ends_well(&["build", file, "-o", clod, "--repair"], folder);
+    let repaired = ends_well(&["build", file, "-o", clod, "--repair"], folder);
+    assert!(built != 0 || repaired == 0, "{file}: repair has to leave alone what builds");
     ends_well(&["inspect", file], folder);
-    if built == 0 {
+    if repaired == 0 {
         ends_well(&["inspect", clod, "--json"], folder);
+    }
+    if built == 0 {
         ends_well(
             &["query", file, "ellipsoid", "--trajectory", trajectory, "--tolerance", "1%", "--json"],
             folder,
@@ -101,6 +104,12 @@ fn nasty_meshes_end_well() {
     assert!(files.len() >= 9, "{files:?}");
     for file in files {
         every_command(&file, temporary.path());
+        let out = temporary.path().join("out.clod");
+        let out = out.to_str().expect("UTF-8");
+        let (code, why) = palpate(&["build", &file, "-o", out], temporary.path());
+        assert!(code == 1 && why.contains("(the first of ") && why.contains("--repair"), "{file}: {why}");
+        let (code, why) = palpate(&["build", &file, "-o", out, "--repair"], temporary.path());
+        assert!(code == 0 && why.contains(": warning: repaired: "), "{file}: {why}");
     }
 }
 

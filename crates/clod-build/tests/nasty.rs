@@ -186,6 +186,7 @@ fn small_and_degenerate_meshes() {
 
 #[test]
 fn each_defect_is_refused_at_its_first_element_and_gone_after_repair() {
+    type Refused = fn(&BuildError) -> bool;
     let ball = globe(8, |_| 0.0);
     let (vertices, triangles) = (ball.vertices().to_vec(), ball.triangles().to_vec());
     let options = BuildOptions::default();
@@ -199,7 +200,7 @@ fn each_defect_is_refused_at_its_first_element_and_gone_after_repair() {
     // Moved through the other side.
     let mut spiked = vertices.clone();
     spiked[0] = DVec3::new(0.03, 0.02, -1.4);
-    let cases: [(&str, TriMesh, fn(&BuildError) -> bool); 9] = [
+    let cases: [(&str, TriMesh, Refused); 9] = [
         ("turned", change(40, [b, a, c]), |e| matches!(e, BuildError::Misoriented { count: 3, .. })),
         ("inside out", inverted(&ball), |e| matches!(e, BuildError::InsideOut { volume } if *volume < -3.0)),
         ("twice", add(&[[c, b, a]]), |e| matches!(e, BuildError::Duplicate { triangle: 224, .. })),

@@ -26,7 +26,8 @@ pub struct Object {
 pub struct OpenOptions {
     /// Factor that turns the file's lengths into metres.
     pub scale: f64,
-    /// Whether to drop degenerate and duplicate triangles and make the orientation consistent.
+    /// Whether to make an oriented 2-manifold without self-intersection of the mesh, which building needs
+    /// ([`repair`](palpate_mesh_io::repair)); what that changed is among the warnings.
     pub repair: bool,
     /// Whether to look for, and keep, the built hierarchy in the user's cache folder.
     pub cache: bool,
@@ -153,7 +154,8 @@ impl Object {
     /// An object from a mesh that the host already has, m.
     ///
     /// # Errors
-    /// If no hierarchy can be built from the mesh.
+    /// If no hierarchy can be built from the mesh: it has to be an oriented 2-manifold, with or without boundary, that does not
+    /// intersect itself ([`palpate_mesh_io::repair`] makes one of any other).
     pub fn from_mesh(name: &str, mesh: &TriMesh) -> Result<Self, OpenError> {
         let clod = palpate_clod_build::build(mesh, &BuildOptions::default(), &mut unwatched)
             .map_err(|source| OpenError::Build { name: name.to_owned(), source })?;

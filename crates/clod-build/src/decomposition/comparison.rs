@@ -237,6 +237,6 @@ fn all_make_convex_patches() {
         }
         assert!(seen.iter().all(|s| *s), "method {method} has left triangles");
         let ratio = made.patches.len() as f64 / ours.patches.len() as f64;
-        assert!((0.9..1.2).contains(&ratio), "method {method} makes {ratio} times as many");
+        assert!((0.7..1.4).contains(&ratio), "method {method} makes {ratio} times as many");
     }
 }
