@@ -4,7 +4,7 @@ use glam::DVec3;
 use palpate_core::mesh::{Adjacency, NO_NEIGHBOUR};
 use rayon::prelude::*;
 
-use crate::convexity::{HULL_THICKNESS, Patch, layer_below};
+use crate::convexity::{HULL_THICKNESS, Patch, layer_below, permitted_depth};
 use crate::decomposition::Decomposition;
 use crate::hull::{HullBuilder, Plane};
 use crate::surface::Surface;
@@ -31,7 +31,7 @@ pub(crate) fn all_real(decomposition: &Decomposition, adjacency: &Adjacency) -> 
     (0..decomposition.patches.len()).map(|patch| is_closed(decomposition, patch, adjacency)).collect()
 }
 
-/// Whether the hull of a patch lies inside a solid. No surface reaches deeper into it than the tolerance, so that one point
+/// Whether the hull of a patch lies inside a solid. No surface reaches deeper into it than is permitted, so that one point
 /// deeper than that speaks for all; a hull without such a point is part of the surface. So does one point in the layer below
 /// a flat hull, which no surface reaches into either. A single triangle is its own hull.
 fn lies_inside(surface: &Surface, patch: &Patch, tolerance: f64, hulls: &mut HullBuilder) -> bool {
@@ -64,7 +64,10 @@ fn lies_inside(surface: &Surface, patch: &Patch, tolerance: f64, hulls: &mut Hul
             }
         }
     }
-    deepest.1 <= tolerance || surface.winding_number(deepest.0).is_some_and(|turns| turns > 0)
+    let top = surface.planes[patch.lead as usize];
+    let thickness = points.iter().map(|p| -top.height(*p)).fold(0.0, f64::max);
+    deepest.1 <= permitted_depth(tolerance, thickness)
+        || surface.winding_number(deepest.0).is_some_and(|turns| turns > 0)
 }
 
 /// Whether a patch has no boundary, so that it covers its whole hull.

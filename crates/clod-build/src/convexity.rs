@@ -8,9 +8,10 @@
 //! that lies wholly inside of the hull, such as a small cavity; here the interior itself is tested.
 //!
 //! All heights are taken with one tolerance: a triangle may have other vertices of its patch that far above its plane, and
-//! other surface may reach that deep into the hull. A hull that is thinner is flat: it has no interior. It protrudes where
-//! it spans a notch or a hole of the flat face, whose walls go down from the face's plane. So it is the layer just below it,
-//! between one and two tolerances deep, that no surface may reach into.
+//! other surface may reach that deep into the hull. Into a hull that is not much thicker than the tolerance it may reach less
+//! deep: nothing is deep in it, and walls of a notch that it spans would not be noticed. A hull that is thinner than the tolerance is flat: it has no
+//! interior. It protrudes where it spans a notch or a hole of the flat face, whose walls go down from the face's plane. So it is
+//! the layer just below it, between one and two tolerances deep, that no surface may reach into.
 //!
 //! Both constraints are monotone. What fails for two patches fails for any larger two that contain them. (The one exception
 //! is the two sides of a sheet that is thinner than the tolerance: they are never joined, whatever else is.)
@@ -29,6 +30,9 @@ pub(crate) const HULL_THICKNESS: f64 = 1e-14;
 
 /// Pairs of triangles and vertices beyond which supporting planes are checked by walking on the hull.
 const WALK_FROM: usize = 4_000_000;
+
+/// Other surface may reach as deep into a hull as the tolerance, but not deeper than its thickness over this.
+const THIN: f64 = 12.0;
 
 /// A convex surface patch.
 #[derive(Clone, Debug)]
@@ -138,7 +142,8 @@ impl<'a> Convexity<'a> {
         buffers.vertices.clear();
         buffers.vertices.extend_from_slice(&a.extreme);
         buffers.vertices.extend_from_slice(&b.extreme);
-        let extreme = self.hull(walk, bounds, flat.then_some(lead), mine, buffers)?;
+        let depth = if flat { self.tolerance } else { self.depth(lead, a.extreme.iter().chain(&b.extreme)) };
+        let extreme = self.hull(walk, bounds, flat.then_some(lead), depth, mine, buffers)?;
         Some(Join { extreme, bounds, flat })
     }
 
@@ -153,7 +158,7 @@ impl<'a> Convexity<'a> {
         buffers.vertices.extend(triangles.iter().flat_map(|t| self.surface.triangles[*t as usize]));
         let corners: Vec<DVec3> = buffers.vertices.iter().map(|v| self.point(*v)).collect();
         let bounds = bounds_of(&corners);
-        let extreme = self.hull(&[triangles], bounds, None, mine, buffers)?;
+        let extreme = self.hull(&[triangles], bounds, None, self.tolerance, mine, buffers)?;
         let lead = *triangles.iter().max_by(|a, b| self.area(**a).total_cmp(&self.area(**b)))?;
         let plane = self.planes[lead as usize];
         let dependable = triangles.iter().all(|t| self.planes[*t as usize].normal != DVec3::ZERO);
@@ -210,16 +215,16 @@ impl<'a> Convexity<'a> {
         let extreme = hull.extreme.iter().map(|k| vertices[*k as usize]).collect();
         let patch = Patch { triangles: triangles.to_vec(), extreme, bounds, flat, lead };
         let skin = self.skin(&patch, &hull, points);
-        let planes = skin.planes();
+        let (planes, depth) = (skin.planes(), skin.depth());
         if !planes.is_empty() {
             let margin = if flat { self.layer() } else { 0.0 };
             let mut around = (bounds.0 - margin, bounds.1 + margin);
             if let Some(part) = part {
                 around = (around.0.max(part.0), around.1.min(part.1));
             }
-            if { others }.any(|t| reaches_below(&self.surface.corners(t), planes, self.tolerance, reach))
+            if { others }.any(|t| reaches_below(&self.surface.corners(t), planes, depth, reach))
                 || around.0.cmple(around.1).all()
-                    && self.surface.reaches_into(planes.iter().copied(), around, self.tolerance, mine, reach)
+                    && self.surface.reaches_into(planes.iter().copied(), around, depth, mine, reach)
             {
                 return None;
             }
@@ -230,12 +235,24 @@ impl<'a> Convexity<'a> {
     /// What a patch keeps other surface out of; `hull` is that of `points`.
     pub fn skin(&self, patch: &Patch, hull: &Hull, points: &[DVec3]) -> Skin {
         if !patch.flat {
-            return Skin::of_hull(hull, points);
+            let depth = self.depth(&self.planes[patch.lead as usize], patch.extreme.iter());
+            return Skin::of_hull(hull, points, depth);
         }
         if patch.triangles.len() == 1 {
             return Skin::Bare;
         }
-        Skin::Layer(layer_below(&self.planes[patch.lead as usize], points, self.layer()).collect())
+        let planes = layer_below(&self.planes[patch.lead as usize], points, self.layer()).collect();
+        Skin::Layer { planes, depth: self.tolerance }
+    }
+
+    /// How deep other surface may reach into a hull that is not flat, which has the plane of one of its triangles on top and these vertices.
+    fn depth<'v>(&self, top: &Plane, vertices: impl Iterator<Item = &'v u32>) -> f64 {
+        self.depth_of(vertices.map(|v| -top.height(self.point(*v))).fold(0.0, f64::max))
+    }
+
+    /// How deep other surface may reach into a hull of a thickness.
+    pub fn depth_of(&self, thickness: f64) -> f64 {
+        permitted_depth(self.tolerance, thickness)
     }
 
     /// How thick the layer below a flat patch is.
@@ -259,12 +276,14 @@ impl<'a> Convexity<'a> {
     }
 
     /// The extreme points of the vertices in the buffers, if their hull does not protrude, and the planes of the
-    /// triangles to be walked to have all of it below them. `flat`: the plane of a hull without interior.
+    /// triangles to be walked to have all of it below them. `flat`: the plane of a hull without interior; `depth`: how deep other
+    /// surface may reach.
     fn hull(
         &self,
         walk: &[&[u32]],
         bounds: (DVec3, DVec3),
         flat: Option<&Plane>,
+        depth: f64,
         mine: impl Fn(u32) -> bool,
         buffers: &mut JoinBuffers,
     ) -> Option<Vec<u32>> {
@@ -277,7 +296,6 @@ impl<'a> Convexity<'a> {
         if !walk.is_empty() && !self.supports_by_walking(walk, &hull, vertices, points) {
             return None;
         }
-        let depth = self.tolerance;
         let protrudes = match flat {
             Some(plane) => {
                 let margin = DVec3::splat(self.layer());
@@ -374,6 +392,11 @@ impl<'a> Convexity<'a> {
         }
         true
     }
+}
+
+/// How deep other surface may reach into a hull that is not flat.
+pub(crate) fn permitted_depth(tolerance: f64, thickness: f64) -> f64 {
+    tolerance.min(thickness / THIN)
 }
 
 /// The planes around what lies up to `thickness` below the convex polygon around points near a plane.

@@ -19,8 +19,13 @@ const CERTAIN: f64 = 1e-12;
 pub(crate) enum Skin {
     /// Nothing: a single triangle, or a patch without extent.
     Bare,
-    /// The layer below a flat patch: its top and bottom, then its sides.
-    Layer(Vec<Plane>),
+    /// The layer below a flat patch.
+    Layer {
+        /// Its top and bottom, then its sides.
+        planes: Vec<Plane>,
+        /// How deep other surface may reach.
+        depth: f64,
+    },
     /// A polytope around all of the patch.
     Polytope(Polytope),
 }
@@ -31,27 +36,38 @@ pub(crate) struct Polytope {
     faces: Vec<[DVec3; 3]>,
     /// Of the faces; such that everything is below it for a face too narrow to have a dependable one.
     planes: Vec<Plane>,
+    /// How deep other surface may reach.
+    depth: f64,
     /// How often it has grown.
     growths: u32,
 }
 
 impl Skin {
-    /// The hull of points, if it is a polytope.
-    pub fn of_hull(hull: &Hull, points: &[DVec3]) -> Self {
+    /// The hull of points, if it is a polytope, that other surface may reach into as deep as `depth`.
+    pub fn of_hull(hull: &Hull, points: &[DVec3], depth: f64) -> Self {
         if hull.shape != Shape::Polytope {
             return Self::Bare;
         }
         let faces: Vec<_> = hull.faces.iter().map(|f| f.map(|v| points[v as usize])).collect();
         let planes = faces.iter().map(|f| dependable(*f)).collect();
-        Self::Polytope(Polytope { faces, planes, growths: 0 })
+        Self::Polytope(Polytope { faces, planes, depth, growths: 0 })
     }
 
     /// The planes around it; none if there is nothing to keep out.
     pub fn planes(&self) -> &[Plane] {
         match self {
             Self::Bare => &[],
-            Self::Layer(planes) => planes,
+            Self::Layer { planes, .. } => planes,
             Self::Polytope(polytope) => &polytope.planes,
+        }
+    }
+
+    /// How deep other surface may reach.
+    pub fn depth(&self) -> f64 {
+        match self {
+            Self::Bare => 0.0,
+            Self::Layer { depth, .. } => *depth,
+            Self::Polytope(polytope) => polytope.depth,
         }
     }
 
@@ -100,7 +116,10 @@ impl Polytope {
             planes.push(dependable(face));
         }
         let (low, high) = bounds_of(inner.as_flattened());
-        (Self { faces, planes, growths: self.growths + 1 }, (low.min(point), high.max(point)))
+        (
+            Self { faces, planes, depth: self.depth, growths: self.growths + 1 },
+            (low.min(point), high.max(point)),
+        )
     }
 }
 
@@ -139,7 +158,8 @@ mod tests {
                 }))
             };
             let mut points: Vec<DVec3> = (0..8).map(|_| random()).collect();
-            let Skin::Polytope(mut polytope) = Skin::of_hull(&builder.hull(&points, HULL_THICKNESS), &points)
+            let Skin::Polytope(mut polytope) =
+                Skin::of_hull(&builder.hull(&points, HULL_THICKNESS), &points, 0.0)
             else {
                 continue;
             };

@@ -118,17 +118,18 @@ impl Trial<'_> {
         };
         let Some(lead) = lead else { return Amendment::Undecided };
         let plane = convexity.plane(lead);
-        let level = |p: DVec3| plane.height(p) >= -tolerance;
-        let flat = member.vertices.iter().filter(stays).all(|v| level(surface.points[*v as usize]))
-            && (!touches || level(apex));
-        if flat != member.patch.flat {
+        let depth = |p: DVec3| -plane.height(p);
+        let rest = member.vertices.iter().filter(stays).map(|v| depth(surface.points[*v as usize]));
+        let thickness = rest.fold(if touches { depth(apex) } else { 0.0 }, f64::max);
+        let flat = thickness <= tolerance;
+        if flat != member.patch.flat || !flat && convexity.depth_of(thickness) < member.skin.depth() {
             return Amendment::Undecided;
         }
         let reached = |skin: &Skin, reach: &mut ReachBuffers| {
-            self.others(index).any(|t| reaches_below(&surface.corners(t), skin.planes(), tolerance, reach))
+            self.others(index).any(|t| reaches_below(&surface.corners(t), skin.planes(), skin.depth(), reach))
         };
         match &member.skin {
-            Skin::Layer(planes) if lead == old => {
+            Skin::Layer { planes, .. } if lead == old => {
                 let inside = !touches || planes[2..].iter().all(|side| side.height(apex) <= 0.0);
                 let upright = own().all(|t| convexity.plane(t).normal.dot(plane.normal) > 0.0);
                 if !inside || !upright {
@@ -158,7 +159,7 @@ impl Trial<'_> {
                 };
                 let planes = skin.planes().iter().copied();
                 let new = (low - margin, high + margin);
-                if reached(&skin, reach) || surface.reaches_into(planes, new, tolerance, mine, reach) {
+                if reached(&skin, reach) || surface.reaches_into(planes, new, skin.depth(), mine, reach) {
                     return Amendment::TooWide(new);
                 }
                 let (from, to) = member.patch.bounds;

@@ -279,9 +279,9 @@ impl State {
         let (low, high) = star.bounds(|t| surface.bounds(t));
         let around = (low - convexity.layer(), high + convexity.layer());
         let mut reached = |member: &Member| {
-            let skin = member.skin.planes();
+            let (planes, depth) = (member.skin.planes(), member.skin.depth());
             let fan = &star.fan;
-            fan.iter().any(|s| reaches_below(&surface.corners(s.triangle), skin, *tolerance, reach))
+            fan.iter().any(|s| reaches_below(&surface.corners(s.triangle), planes, depth, reach))
         };
         hulls.any_near(around, stack, |p| {
             let Some(member) = members[p as usize].as_mut().filter(|m| !m.skin.planes().is_empty()) else {
