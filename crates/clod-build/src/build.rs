@@ -270,7 +270,8 @@ pub fn build(
     let simplified = if options.simplify {
         let limits = Limits {
             tolerance,
-            least_resolution: options.coarsest / (radius * surface.scale),
+            radius: radius * surface.scale,
+            coarsest: options.coarsest,
             carried: options.carried,
         };
         progress.begin(Stage::Simplification)?;
@@ -286,7 +287,7 @@ pub fn build(
             None => (&surface.points, &decomposition, &adjacency),
         };
         progress.begin(Stage::Hierarchy)?;
-        merge_to_root(points, coarsest, links, &mut progress)?
+        merge_to_root(points, coarsest, links, radius * surface.scale, &mut progress)?
     };
     progress.end()?;
 

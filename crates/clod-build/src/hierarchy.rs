@@ -1,10 +1,9 @@
 //! Pairwise merging of patches up to a single root (§3.3.3): the free levels of detail.
 //!
-//! In each pass neighbours are paired, those with the smallest common bounding sphere first, so that hulls grow little; then
-//! those left over that have a neighbour in common; who finds no partner passes up as an only child. Pieces of surface that have merged to one node wait until there are
+//! In each pass neighbours are paired, those whose hulls grow least in surface area first (on large levels, those with the
+//! smallest common bounding sphere); then those left over that have a neighbour in common; who finds no partner passes up as an only child. Pieces of surface that have merged to one node wait until there are
 //! more of them than of other nodes, and are then paired by proximity. The hull of a pair is that of the children's
-//! extreme points, without a limit on their number: it contains its descendants up to rounding, so that their directed
-//! Hausdorff distance h is 0.
+//! extreme points.
 
 use glam::DVec3;
 use palpate_core::mesh::Adjacency;
@@ -13,11 +12,15 @@ use rayon::prelude::*;
 use crate::convexity::HULL_THICKNESS;
 use crate::decomposition::Decomposition;
 use crate::enclosing::smallest_sphere;
-use crate::hull::HullBuilder;
+use crate::hull::{HullBuilder, Shape};
 use crate::progress::{Cancelled, Progress};
+use crate::simplify::GRAIN;
 
 /// Up to this many pieces all pairs are candidates; beyond, those near each other along a space-filling curve.
 const ALL_PAIRS_UP_TO: usize = 256;
+
+/// On levels of no more clusters pairs are chosen by the growth of their hulls; on larger ones that would take long.
+const BY_GROWTH_UP_TO: usize = 2048;
 
 /// How far along the curve candidates lie.
 const CURVE_WINDOW: usize = 8;
@@ -35,11 +38,12 @@ pub(crate) struct Cluster {
     pub children: Vec<u32>,
 }
 
-/// The levels, patches first, the root's last.
+/// The levels, patches first, the root's last. `radius` is that of the object, in unit coordinates.
 pub(crate) fn merge_to_root(
     points: &[DVec3],
     decomposition: &Decomposition,
     adjacency: &Adjacency,
+    radius: f64,
     progress: &mut Progress<'_>,
 ) -> Result<Vec<Vec<Cluster>>, Cancelled> {
     let leaves = leaves(points, decomposition);
@@ -48,7 +52,7 @@ pub(crate) fn merge_to_root(
     while let Some(level) = levels.last()
         && level.len() > 1
     {
-        let partner = pair(level, &links);
+        let partner = pair(points, level, &links, radius);
         let mut parents: Vec<Vec<u32>> = Vec::with_capacity(level.len() / 2 + 1);
         let mut parent_of = vec![0u32; level.len()];
         for (k, &other) in partner.iter().enumerate() {
@@ -114,7 +118,7 @@ fn patch_links(decomposition: &Decomposition, adjacency: &Adjacency) -> Vec<(u32
 }
 
 /// The partner of each cluster: itself where it has none.
-fn pair(level: &[Cluster], links: &[(u32, u32)]) -> Vec<u32> {
+fn pair(points: &[DVec3], level: &[Cluster], links: &[(u32, u32)], radius: f64) -> Vec<u32> {
     let mut connected = vec![false; level.len()];
     for &(a, b) in links {
         connected[a as usize] = true;
@@ -126,19 +130,44 @@ fn pair(level: &[Cluster], links: &[(u32, u32)]) -> Vec<u32> {
         candidates.extend(near_pieces(level, pieces));
     }
     let mut partner: Vec<u32> = (0..level.len() as u32).collect();
-    pair_smallest(level, candidates, &mut partner);
+    pair_smallest(points, level, candidates, radius, &mut partner);
     // Around a large patch, such as a flat side with a row of teeth, many have no other neighbour: only one of them would
     // find a partner in each pass. The rest are paired with each other.
     let rest = pairs_with_a_common_neighbour(level, links, &partner);
-    pair_smallest(level, rest, &mut partner);
+    pair_smallest(points, level, rest, radius, &mut partner);
     partner
 }
 
 /// Pairs the candidates that have no partner yet, the smallest first.
-fn pair_smallest(level: &[Cluster], candidates: Vec<(u32, u32)>, partner: &mut [u32]) {
+fn pair_smallest(
+    points: &[DVec3],
+    level: &[Cluster],
+    candidates: Vec<(u32, u32)>,
+    radius: f64,
+    partner: &mut [u32],
+) {
+    let by_growth = level.len() <= BY_GROWTH_UP_TO;
+    let areas: Vec<f64> = if by_growth {
+        level
+            .par_iter()
+            .map_init(HullBuilder::default, |hulls, c| hull_area(&gather(points, &c.extreme), hulls))
+            .collect()
+    } else {
+        Vec::new()
+    };
+    let cost = |hulls: &mut HullBuilder, a: u32, b: u32| {
+        let (first, second) = (&level[a as usize], &level[b as usize]);
+        if !by_growth {
+            return (common_radius(first, second) / (GRAIN * radius)).round();
+        }
+        let mut union = gather(points, &first.extreme);
+        union.extend(gather(points, &second.extreme));
+        let growth = hull_area(&union, hulls) - areas[a as usize] - areas[b as usize];
+        (growth / (GRAIN * radius * radius)).round()
+    };
     let mut ranked: Vec<(f64, u32, u32)> = candidates
         .into_par_iter()
-        .map(|(a, b)| (common_radius(&level[a as usize], &level[b as usize]), a, b))
+        .map_init(HullBuilder::default, |hulls, (a, b)| (cost(hulls, a, b), a, b))
         .collect();
     ranked.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
     for (_, a, b) in ranked {
@@ -170,6 +199,20 @@ fn pairs_with_a_common_neighbour(
         }
     }
     pairs
+}
+
+/// Surface area of the hull of some points; both sides of a flat one.
+fn hull_area(points: &[DVec3], hulls: &mut HullBuilder) -> f64 {
+    let hull = hulls.hull(points, HULL_THICKNESS);
+    let doubled = |[a, b, c]: [u32; 3]| {
+        let [a, b, c] = [a, b, c].map(|v| points[v as usize]);
+        (b - a).cross(c - a).length()
+    };
+    if hull.shape == Shape::Polygon {
+        let first = hull.extreme[0];
+        return hull.extreme[1..].windows(2).map(|w| doubled([first, w[0], w[1]])).sum();
+    }
+    0.5 * hull.faces.iter().copied().map(doubled).sum::<f64>()
 }
 
 /// The radius of the smallest sphere around the spheres of two clusters.
@@ -218,7 +261,6 @@ mod tests {
 
     use super::*;
     use crate::decomposition::decompose;
-    use crate::hull::Shape;
     use crate::progress::unwatched;
     use crate::surface::Surface;
 
@@ -228,9 +270,14 @@ mod tests {
         let adjacency = mesh.adjacency();
         let decomposition = decompose(&surface, &adjacency, 1e-6, &mut Progress::new(&mut unwatched))
             .expect("nobody cancels");
-        let levels =
-            merge_to_root(&surface.points, &decomposition, &adjacency, &mut Progress::new(&mut unwatched))
-                .expect("nobody cancels");
+        let levels = merge_to_root(
+            &surface.points,
+            &decomposition,
+            &adjacency,
+            1.0,
+            &mut Progress::new(&mut unwatched),
+        )
+        .expect("nobody cancels");
         (surface, levels)
     }
 

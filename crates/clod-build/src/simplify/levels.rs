@@ -34,8 +34,12 @@ pub(crate) struct SimplifiedLevel {
     pub parent_of: Vec<u32>,
 }
 
+/// Distances that differ by less than this part of the radius count as equal, so that rounding decides nothing.
+pub(crate) const GRAIN: f64 = 1e-7;
+
 /// Collects them.
 pub(crate) struct Levels {
+    grain: f64,
     levels: Vec<SimplifiedLevel>,
     /// For each patch of the last level, the patch of the first one that it was made of and is named by in the state.
     names: Vec<u32>,
@@ -44,9 +48,10 @@ pub(crate) struct Levels {
 }
 
 impl Levels {
-    /// Before any; the surface's patches are the first level's.
-    pub fn new(surface: &Surface, decomposition: &Decomposition) -> Self {
+    /// Before any; the surface's patches are the first level's. `radius` is that of the object, in unit coordinates.
+    pub fn new(surface: &Surface, decomposition: &Decomposition, radius: f64) -> Self {
         Self {
+            grain: GRAIN * radius,
             levels: Vec::new(),
             hulls: decomposition
                 .patches
@@ -133,7 +138,7 @@ impl Levels {
                 &nearest
             }
         };
-        let parent_of = nearest_parents(&self.hulls, &hulls, heirs);
+        let parent_of = nearest_parents(&self.hulls, &hulls, heirs, self.grain);
         self.names = (0..hulls.len() as u32).collect();
         self.hulls = hulls;
         self.levels.push(SimplifiedLevel { mesh, surface, decomposition, areas, resolution, parent_of });
@@ -146,9 +151,9 @@ impl Levels {
 }
 
 /// For each hull (given by its points) the one among `coarser` to which it has the least directed Hausdorff distance; of
-/// equal ones that which `heirs` names, or the first. Then each of `coarser` that has got none takes the nearest that is
+/// equal ones, to within half a `grain`, that which `heirs` names, or the first. Then each of `coarser` that has got none takes the nearest that is
 /// not an only child.
-fn nearest_parents(finer: &[Vec<DVec3>], coarser: &[Vec<DVec3>], heirs: &[u32]) -> Vec<u32> {
+fn nearest_parents(finer: &[Vec<DVec3>], coarser: &[Vec<DVec3>], heirs: &[u32], grain: f64) -> Vec<u32> {
     let targets: Vec<Target> = coarser
         .par_iter()
         .map_init(HullBuilder::default, |builder, points| Target::new(points.clone(), builder))
@@ -158,7 +163,7 @@ fn nearest_parents(finer: &[Vec<DVec3>], coarser: &[Vec<DVec3>], heirs: &[u32]) 
     let farthest = |points: &[DVec3], target: u32, limit: f64| {
         let mut most = 0.0f64;
         for p in points {
-            most = most.max(targets[target as usize].distance(*p));
+            most = most.max(grain * (targets[target as usize].distance(*p) / grain).round());
             if most > limit {
                 break;
             }
@@ -171,7 +176,7 @@ fn nearest_parents(finer: &[Vec<DVec3>], coarser: &[Vec<DVec3>], heirs: &[u32]) 
         .map_init(Vec::new, |stack, (points, heir)| {
             let mut best = (*heir, farthest(points, *heir, f64::INFINITY));
             let (low, high) = bounds_of(points);
-            let reach = DVec3::splat(best.1);
+            let reach = DVec3::splat(best.1 + grain);
             tree.any_near((low - reach, high + reach), stack, |candidate| {
                 let distance = farthest(points, candidate, best.1);
                 if distance < best.1 || distance == best.1 && candidate < best.0 && best.0 != *heir {

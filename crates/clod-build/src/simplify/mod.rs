@@ -30,7 +30,7 @@ use crate::progress::{Cancelled, Progress};
 use crate::surface::Surface;
 use filter::Path;
 use levels::Levels;
-pub(crate) use levels::SimplifiedLevel;
+pub(crate) use levels::{GRAIN, SimplifiedLevel};
 use queue::Queue;
 use star::Star;
 use state::State;
@@ -48,8 +48,10 @@ const RENEWED_FROM: f64 = 0.85;
 pub(crate) struct Limits {
     /// Heights up to this count as convex, in unit coordinates.
     pub tolerance: f64,
-    /// Edges of a lower resolution are left alone; in the inverse of the unit of unit coordinates.
-    pub least_resolution: f64,
+    /// Radius of the object's bounding sphere, in unit coordinates.
+    pub radius: f64,
+    /// Edges of a lower resolution are left alone; in the inverse of the radius.
+    pub coarsest: f64,
     /// Whether patches are carried through collapses as long as those allow it; else they are made anew for each level.
     pub carried: bool,
 }
@@ -64,7 +66,7 @@ pub(crate) fn simplify(
     limits: &Limits,
     progress: &mut Progress<'_>,
 ) -> Result<Vec<SimplifiedLevel>, Cancelled> {
-    let mut levels = Levels::new(surface, decomposition);
+    let mut levels = Levels::new(surface, decomposition, limits.radius);
     let mut simplification = Simplification::new(mesh, surface, decomposition, areas, limits);
     if limits.carried {
         simplification.carry_patches(&mut levels, progress)?;
@@ -122,7 +124,7 @@ impl<'a> Simplification<'a> {
             limits.tolerance,
         );
         Self {
-            queue: Queue::new(&state, &adjacency),
+            queue: Queue::new(&state, &adjacency, limits.radius),
             limits,
             lowest: f64::INFINITY,
             triangles: state.triangles,
@@ -135,7 +137,7 @@ impl<'a> Simplification<'a> {
     /// Collapses the next edge that can be; tells the patches that it has changed. `None` once none is left whose resolution is high enough.
     fn collapse_next(&mut self, progress: &mut Progress<'_>) -> Result<Option<Vec<u32>>, Cancelled> {
         while let Some((ends, resolution)) = self.queue.pop(&self.state)
-            && resolution >= self.limits.least_resolution
+            && resolution * self.limits.radius >= self.limits.coarsest
         {
             if self.steps.is_multiple_of(256) {
                 progress.at(1.0 - (self.state.triangles as f64 / self.triangles as f64).sqrt())?;

@@ -2,9 +2,14 @@
 //!
 //! The queue is lazy: when a collapse changes the surroundings of an edge, its resolution is computed again only when it
 //! comes up (at once for the edges of the merged vertex).
+//!
+//! Resolutions within a thousandth of each other count as equal, and then the vertices decide: on regular meshes there are
+//! many that are equal but for rounding, which would otherwise make the order another one in other units.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
+
+use foldhash::fast::FixedState;
 
 use palpate_core::mesh::Adjacency;
 use rayon::prelude::*;
@@ -12,7 +17,7 @@ use rayon::prelude::*;
 use super::star::Star;
 use super::state::State;
 
-/// An edge in the queue: highest resolution first, then the lowest vertices.
+/// An edge in the queue: highest rank first, then the lowest vertices; with the stamp of its state.
 type Entry = (u64, Reverse<[u32; 2]>, u32);
 
 /// What is known of an edge that is not only in the queue as it was put there.
@@ -22,8 +27,8 @@ struct EdgeState {
     stamp: u32,
     /// Whether it could not be collapsed as things are, so that it is not in the queue.
     invalid: bool,
-    /// Its resolution, when it was last computed, as bits.
-    resolution: u64,
+    /// Its resolution, when it was last computed.
+    resolution: f64,
     /// The sum of its ends' changes at that time.
     changes: u32,
 }
@@ -31,7 +36,9 @@ struct EdgeState {
 /// The edges by resolution, with the changes of their surroundings.
 pub(crate) struct Queue {
     heap: BinaryHeap<Entry>,
-    edges: HashMap<[u32; 2], EdgeState>,
+    edges: HashMap<[u32; 2], EdgeState, FixedState>,
+    /// Ranks are of resolutions times this length.
+    radius: f64,
     /// How often the surroundings of each vertex have changed.
     changes: Vec<u32>,
 }
@@ -52,11 +59,12 @@ fn resolution(state: &State, ends: [u32; 2], star: &mut Star) -> f64 {
 }
 
 impl Queue {
-    /// With all edges of a mesh.
-    pub fn new(state: &State, adjacency: &Adjacency) -> Self {
+    /// With all edges of a mesh; `radius` is that of the object.
+    pub fn new(state: &State, adjacency: &Adjacency, radius: f64) -> Self {
         let mut queue = Self {
             heap: BinaryHeap::new(),
-            edges: HashMap::new(),
+            edges: HashMap::default(),
+            radius,
             changes: vec![0; state.surface.points.len()],
         };
         queue.fill(state, adjacency);
@@ -70,16 +78,21 @@ impl Queue {
             .map_init(Star::default, |star, edge| (*edge, resolution(state, *edge, star)))
             .collect();
         for (edge, resolution) in entries {
-            self.push(edge, resolution.to_bits());
+            self.push(edge, resolution);
         }
     }
 
-    /// Resolutions are positive, so that their bits are in their order.
-    fn push(&mut self, edge: [u32; 2], resolution: u64) {
+    /// Resolutions are positive, so that their bits are in their order; the first ones matter.
+    fn rank(&self, resolution: f64) -> u64 {
+        (resolution * self.radius).to_bits() >> 42
+    }
+
+    fn push(&mut self, edge: [u32; 2], resolution: f64) {
         let changes = self.changes_of(edge);
         let known = self.edges.entry(edge).or_default();
         *known = EdgeState { stamp: known.stamp + 1, invalid: false, resolution, changes };
-        self.heap.push((resolution, Reverse(edge), known.stamp));
+        let stamp = known.stamp;
+        self.heap.push((self.rank(resolution), Reverse(edge), stamp));
     }
 
     fn changes_of(&self, [a, b]: [u32; 2]) -> u32 {
@@ -89,19 +102,19 @@ impl Queue {
     /// The edge to be tried next, with its resolution.
     pub fn pop(&mut self, state: &State) -> Option<([u32; 2], f64)> {
         let mut star = Star::default();
-        while let Some((bits, Reverse(edge), stamp)) = self.heap.pop() {
+        while let Some((rank, Reverse(edge), stamp)) = self.heap.pop() {
             let Some(known) = self.edges.get(&edge) else { continue };
             if known.stamp != stamp || known.invalid {
                 continue;
             }
             if known.changes != self.changes_of(edge) {
-                let now = resolution(state, edge, &mut star).to_bits();
-                if now < bits {
+                let now = resolution(state, edge, &mut star);
+                if self.rank(now) < rank {
                     self.push(edge, now);
                     continue;
                 }
             }
-            return Some((edge, f64::from_bits(bits)));
+            return Some((edge, known.resolution));
         }
         None
     }
@@ -127,7 +140,7 @@ impl Queue {
         let mut own = Star::default();
         for v in &rim {
             let edge = ordered([kept, *v]);
-            self.push(edge, resolution(state, edge, &mut own).to_bits());
+            self.push(edge, resolution(state, edge, &mut own));
         }
         let mut next = Vec::new();
         for v in &rim {
