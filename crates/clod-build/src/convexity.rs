@@ -28,6 +28,10 @@ use crate::surface::{ReachBuffers, Surface, bounds_of, reaches_below};
 /// The height, in unit coordinates, below which hulls drop points: about what rounding does to the predicates' inputs.
 pub(crate) const HULL_THICKNESS: f64 = 1e-14;
 
+/// Patches of more triangles are not made, unless the whole mesh is one: their hulls would bound what is somewhere on them
+/// badly, and each collapse in one costs its size.
+pub(crate) const LARGEST_PATCH: usize = 1024;
+
 /// Pairs of triangles and vertices beyond which supporting planes are checked by walking on the hull.
 const WALK_FROM: usize = 4_000_000;
 
@@ -114,6 +118,9 @@ impl<'a> Convexity<'a> {
         mine: impl Fn(u32) -> bool,
         buffers: &mut JoinBuffers,
     ) -> Option<Join> {
+        if a.triangles.len() + b.triangles.len() > LARGEST_PATCH {
+            return None;
+        }
         let (lead_a, lead_b) = (self.planes[a.lead as usize], self.planes[b.lead as usize]);
         if lead_a.normal == DVec3::ZERO || lead_b.normal == DVec3::ZERO {
             return None;

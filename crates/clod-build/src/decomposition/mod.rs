@@ -15,7 +15,7 @@ use std::collections::BinaryHeap;
 
 use palpate_core::mesh::{Adjacency, EdgeKind};
 
-use crate::convexity::{Convexity, JoinBuffers, Patch};
+use crate::convexity::{Convexity, JoinBuffers, LARGEST_PATCH, Patch};
 use crate::progress::{Cancelled, Progress};
 use crate::surface::Surface;
 
@@ -167,6 +167,9 @@ fn start(
         .collect();
 
     for piece in closed_convex_pieces(convexity, adjacency, count as u32) {
+        if piece.len() > LARGEST_PATCH && piece.len() < count {
+            continue;
+        }
         let member = patch_of[piece[0] as usize];
         for t in &piece {
             patch_of[*t as usize] = member;
