@@ -30,7 +30,7 @@ pub(crate) const HULL_THICKNESS: f64 = 1e-14;
 
 /// Patches of more triangles are not made, unless the whole mesh is one: their hulls would bound what is somewhere on them
 /// badly, and each collapse in one costs its size.
-pub(crate) const LARGEST_PATCH: usize = 1024;
+pub(crate) const LARGEST_PATCH: usize = 256;
 
 /// Pairs of triangles and vertices beyond which supporting planes are checked by walking on the hull.
 const WALK_FROM: usize = 4_000_000;
