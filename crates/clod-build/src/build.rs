@@ -27,7 +27,7 @@ const LARGEST_LENGTH: f64 = 1e50;
 
 /// Counts the changes after which the same mesh and options give another hierarchy: whoever keeps built hierarchies can
 /// tell by it that one is out of date.
-pub const REVISION: u32 = 2;
+pub const REVISION: u32 = 3;
 
 /// What can be chosen about a build.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,7 +37,8 @@ pub struct BuildOptions {
     pub tolerance: f64,
     /// Distance tolerance of support areas (§3.3.5) along a vertex normal: a fraction of the bounding radius.
     pub support_distance: f64,
-    /// Whether to make levels of detail by simplification (§3.3.3) before patches are merged freely.
+    /// Whether to make levels of detail by simplification (§3.3.3) before patches are merged freely. Without, every level but
+    /// the full mesh's is free.
     pub simplify: bool,
     /// Where simplification ends: at the resolution (Eq. 3.1) that is this over the bounding radius.
     pub coarsest: f64,
@@ -56,7 +57,7 @@ impl Default for BuildOptions {
             tolerance: 1e-6,
             support_distance: 0.025,
             support_cone: std::f64::consts::FRAC_PI_3,
-            simplify: false,
+            simplify: true,
             coarsest: 4.0,
             carried: true,
             bounding_points: 16,
