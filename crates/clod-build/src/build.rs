@@ -283,7 +283,7 @@ pub fn build(
     };
     let free = {
         let (points, coarsest, links) = match simplified.last() {
-            Some(level) => (&level.surface.points, &level.decomposition, &level.mesh.adjacency()),
+            Some((level, _)) => (&level.surface.points, &level.decomposition, &level.mesh.adjacency()),
             None => (&surface.points, &decomposition, &adjacency),
         };
         progress.begin(Stage::Hierarchy)?;
@@ -293,14 +293,13 @@ pub fn build(
 
     progress.begin(Stage::Parameters)?;
     let first =
-        Regular { mesh, surface: &surface, decomposition: &decomposition, areas: &areas, parent_of: None };
+        Regular { mesh, surface: &surface, decomposition: &decomposition, areas: &areas, trace: None };
     let finest = finest_resolution(mesh, &adjacency, NEGLIGIBLE * radius);
     let regular: Vec<(Regular<'_>, f64)> = std::iter::once((first, finest))
-        .chain(
-            simplified
-                .iter()
-                .map(|level| (Regular::from(level), finest.min(level.resolution * surface.scale))),
-        )
+        .chain(simplified.iter().map(|(level, trace)| {
+            let resolution = finest.min(level.resolution * surface.scale);
+            (Regular::simplified(level, trace), resolution)
+        }))
         .collect();
     let hull_vertices: usize = regular
         .iter()
