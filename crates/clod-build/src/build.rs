@@ -314,7 +314,8 @@ pub fn build(
     let source = source_of(mesh, solid, center, radius);
     let mut clod = assemble(&regular, &free, source, tolerance);
     if !simplified.is_empty() {
-        bound_descendants(&mut clod, options.bounding_points, surface.scale);
+        bound_descendants(&mut clod, options.bounding_points, surface.scale)
+            .map_err(|hull_vertices| BuildError::TooLarge { hull_vertices })?;
     }
     progress.end()?;
     Ok(clod)
