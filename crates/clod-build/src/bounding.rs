@@ -81,8 +81,8 @@ struct Bounds {
 }
 
 /// Sets the bounding hull of every node, with `most` added points at most, its h and its sphere, level by level from the finest; `scale` makes
-/// unit coordinates of metres.
-pub(crate) fn bound_descendants(clod: &mut Clod, most: u32, scale: f64) {
+/// unit coordinates of metres. Fails with the number of points if there are more than 32-bit indices can name.
+pub(crate) fn bound_descendants(clod: &mut Clod, most: u32, scale: f64) -> Result<(), usize> {
     let mut added: Vec<Vec<u32>> = vec![Vec::new(); clod.nodes.len()];
     for level in 1..clod.levels.len() {
         let shared: &Clod = clod;
@@ -98,7 +98,7 @@ pub(crate) fn bound_descendants(clod: &mut Clod, most: u32, scale: f64) {
             (node.hausdorff, node.center, node.radius) = (bounds.hausdorff, bounds.center, bounds.radius);
         }
     }
-    add(clod, &added);
+    add(clod, &added)
 }
 
 fn bounds(clod: &Clod, node: &Node, most: u32, scale: f64, builder: &mut HullBuilder) -> Bounds {
@@ -193,8 +193,11 @@ impl FarthestSearch {
 }
 
 /// Puts the points added to each node's hull before its own.
-fn add(clod: &mut Clod, added: &[Vec<u32>]) {
+fn add(clod: &mut Clod, added: &[Vec<u32>]) -> Result<(), usize> {
     let count = clod.vertices.len() + added.iter().map(Vec::len).sum::<usize>();
+    if count >= u32::MAX as usize {
+        return Err(count);
+    }
     let (mut vertices, mut areas) = (Vec::with_capacity(count), Vec::with_capacity(count));
     for (node, added) in clod.nodes.iter_mut().zip(added) {
         let own = node.vertices.clone();
@@ -207,6 +210,7 @@ fn add(clod: &mut Clod, added: &[Vec<u32>]) {
         node.vertices = start..vertices.len() as u32;
     }
     (clod.vertices, clod.support_areas) = (vertices, areas);
+    Ok(())
 }
 
 #[cfg(test)]

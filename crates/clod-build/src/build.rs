@@ -284,7 +284,7 @@ pub fn build(
     };
     let free = {
         let (points, coarsest, links) = match simplified.last() {
-            Some(level) => (&level.surface.points, &level.decomposition, &level.mesh.adjacency()),
+            Some((level, _)) => (&level.surface.points, &level.decomposition, &level.mesh.adjacency()),
             None => (&surface.points, &decomposition, &adjacency),
         };
         progress.begin(Stage::Hierarchy)?;
@@ -294,14 +294,13 @@ pub fn build(
 
     progress.begin(Stage::Parameters)?;
     let first =
-        Regular { mesh, surface: &surface, decomposition: &decomposition, areas: &areas, parent_of: None };
+        Regular { mesh, surface: &surface, decomposition: &decomposition, areas: &areas, trace: None };
     let finest = finest_resolution(mesh, &adjacency, NEGLIGIBLE * radius);
     let regular: Vec<(Regular<'_>, f64)> = std::iter::once((first, finest))
-        .chain(
-            simplified
-                .iter()
-                .map(|level| (Regular::from(level), finest.min(level.resolution * surface.scale))),
-        )
+        .chain(simplified.iter().map(|(level, trace)| {
+            let resolution = finest.min(level.resolution * surface.scale);
+            (Regular::simplified(level, trace), resolution)
+        }))
         .collect();
     let hull_vertices: usize = regular
         .iter()
@@ -316,7 +315,8 @@ pub fn build(
     let source = source_of(mesh, solid, center, radius);
     let mut clod = assemble(&regular, &free, source, tolerance);
     if !simplified.is_empty() {
-        bound_descendants(&mut clod, options.bounding_points, surface.scale);
+        bound_descendants(&mut clod, options.bounding_points, surface.scale)
+            .map_err(|hull_vertices| BuildError::TooLarge { hull_vertices })?;
     }
     progress.end()?;
     Ok(clod)

@@ -22,6 +22,9 @@ const ALL_PAIRS_UP_TO: usize = 256;
 /// On levels of no more clusters pairs are chosen by the growth of their hulls; on larger ones that would take long.
 const BY_GROWTH_UP_TO: usize = 2048;
 
+/// Clusters whose common sphere is larger than either's by this factor wait for nearer ones to merge.
+const FAR: f64 = 8.0;
+
 /// How far along the curve candidates lie.
 const CURVE_WINDOW: usize = 8;
 
@@ -128,6 +131,13 @@ fn pair(points: &[DVec3], level: &[Cluster], links: &[(u32, u32)], radius: f64) 
     let mut candidates: Vec<(u32, u32)> = links.to_vec();
     if 2 * pieces.len() > level.len() {
         candidates.extend(near_pieces(level, pieces));
+    }
+    let near = |(a, b): &(u32, u32)| {
+        let (a, b) = (&level[*a as usize], &level[*b as usize]);
+        common_radius(a, b) <= FAR * a.radius.max(b.radius)
+    };
+    if candidates.iter().any(near) {
+        candidates.retain(near);
     }
     let mut partner: Vec<u32> = (0..level.len() as u32).collect();
     pair_smallest(points, level, candidates, radius, &mut partner);

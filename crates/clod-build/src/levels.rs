@@ -5,11 +5,10 @@ use palpate_core::clod::Source;
 use palpate_core::{Clod, TriMesh};
 
 use crate::containment::{all_real, contained};
-use crate::decomposition::{Decomposition, NO_PATCH};
-use crate::deviation::surface_deviations;
+use crate::decomposition::Decomposition;
 use crate::hierarchy::{Cluster, leaves};
 use crate::layout::{LevelParts, PatchParts, lay_out};
-use crate::simplify::SimplifiedLevel;
+use crate::simplify::{SimplifiedLevel, Trace};
 use crate::surface::Surface;
 
 /// A level that is not free.
@@ -20,18 +19,19 @@ pub(crate) struct Regular<'a> {
     pub decomposition: &'a Decomposition,
     /// D of the mesh's vertices, m².
     pub areas: &'a [f64],
-    /// Which of its patches each patch of the next finer level went into; `None` for the finest.
-    pub parent_of: Option<&'a [u32]>,
+    /// What is known of its patches from the finer levels; `None` for the finest.
+    pub trace: Option<&'a Trace>,
 }
 
-impl<'a> From<&'a SimplifiedLevel> for Regular<'a> {
-    fn from(level: &'a SimplifiedLevel) -> Self {
+impl<'a> Regular<'a> {
+    /// A level that simplification has put out.
+    pub fn simplified(level: &'a SimplifiedLevel, trace: &'a Trace) -> Self {
         Self {
             mesh: &level.mesh,
             surface: &level.surface,
             decomposition: &level.decomposition,
             areas: &level.areas,
-            parent_of: Some(&level.parent_of),
+            trace: Some(trace),
         }
     }
 }
@@ -45,20 +45,17 @@ pub(crate) fn assemble(
     tolerance: f64,
 ) -> Clod {
     let finest = &regular[0].0;
-    // Per patch of the finest level, where it is on the level at hand.
-    let mut place: Vec<u32> = (0..finest.decomposition.patches.len() as u32).collect();
     let mut clusters: Vec<Vec<Cluster>> = Vec::new();
     let mut patches: Vec<PatchParts<'_>> = Vec::new();
-    for (level, resolution) in regular {
-        let Regular { mesh, surface, decomposition, parent_of, .. } = level;
+    for (level, _) in regular {
+        let Regular { mesh, surface, decomposition, trace, .. } = level;
         let mut own = leaves(&surface.points, decomposition);
         let mut deviations = vec![0.0; own.len()];
-        if let Some(parent_of) = parent_of {
-            for (child, parent) in (0u32..).zip(*parent_of) {
+        if let Some(trace) = trace {
+            for (child, parent) in (0u32..).zip(&trace.parent_of) {
                 own[*parent as usize].children.push(child);
             }
-            place.iter_mut().for_each(|p| *p = parent_of[*p as usize]);
-            deviations = deviations_of(level, *resolution, finest, &place);
+            deviations = trace.deviations.iter().map(|s| s / finest.surface.scale).collect();
         }
         clusters.push(own);
         patches.push(PatchParts {
@@ -90,21 +87,4 @@ pub(crate) fn assemble(
         }));
     }
     lay_out(&parts, source, finest.surface.scale, finest.surface.center)
-}
-
-/// s of the patches, m, of a level of a resolution (1/m).
-fn deviations_of(level: &Regular<'_>, resolution: f64, finest: &Regular<'_>, place: &[u32]) -> Vec<f64> {
-    let patches: Vec<Vec<u32>> = level.decomposition.patches.iter().map(|p| p.triangles.clone()).collect();
-    let mut origins: Vec<Vec<u32>> = vec![Vec::new(); patches.len()];
-    // In the order of the tree, so that triangles that are near each other follow each other.
-    for t in &finest.surface.tree().order {
-        let patch = finest.decomposition.patch_of[*t as usize];
-        if patch != NO_PATCH {
-            origins[place[patch as usize] as usize].push(*t);
-        }
-    }
-    let spacing = finest.surface.scale / resolution;
-    let mut deviations = surface_deviations(finest.surface, &origins, level.surface, &patches, spacing);
-    deviations.iter_mut().for_each(|s| *s /= finest.surface.scale);
-    deviations
 }

@@ -1,17 +1,16 @@
 //! Sensation preserving simplification (§3.3): the levels of detail of a mesh and of its convex patches.
 //!
-//! The loop of Algorithm 3.3.1: the edge of the highest resolution is collapsed and filtered, the patches around it are joined
-//! where their union is a convex patch, and a level is put out each time that the number of patches has halved.
+//! The parts of the generic construction (§3.2.3) are apart from each other: the loop, here, knows of the atomic operation only
+//! that it collapses an edge or not, and which patches that changed; the queue orders the edges; what makes
+//! the clusters is one of two functions, of which one carries convex patches through the collapses and joins them (Algorithm
+//! 3.3.1), and the other decomposes each level anew; the levels put out are traced to the finer ones in the background; and the bounding
+//! volumes are made of them in the end (`crate::bounding`).
 //!
-//! Departures. The queue is lazy: when a collapse changes the surroundings of an edge, its resolution is computed again only
-//! when it comes up (at once for the edges of the merged vertex). A last level is put out when no edge is left, if it has
-//! noticeably fewer patches than the one before, since all of the work that went into it would otherwise be lost. Where the
-//! position v̂ is not feasible itself, the search starts from the last feasible position on the way to it. Where none is
-//! valid on the way from v̂ to ṽ, the ways from the middle of the edge and from its ends are tried: the surface of a
-//! lathe or an extrusion, whose patches have flat quadrilaterals inside, leaves the vertex hardly any other place (a cup of
-//! 20,000 triangles comes down to 144 of them instead of 9,054). The hull that a hull's parent in the tree is chosen to be
-//! near to is explained with the levels.
+//! Departures. A last level is put out when no edge is left, if it has noticeably fewer patches than the one before, since
+//! all of the work that went into it would otherwise be lost. And then the simplification goes on without regard to patches, which are
+//! made anew for each further level: fewer free levels are left to complete the hierarchy (§3.6.2).
 
+mod collapse;
 mod filter;
 pub(crate) mod intersect;
 mod levels;
@@ -21,6 +20,9 @@ mod queue;
 mod relax;
 mod star;
 mod state;
+mod trace;
+
+use std::sync::Arc;
 
 use palpate_core::TriMesh;
 
@@ -28,15 +30,14 @@ use crate::convexity::Convexity;
 use crate::decomposition::{Decomposition, decompose};
 use crate::progress::{Cancelled, Progress};
 use crate::surface::Surface;
-use filter::Path;
+use collapse::collapse;
 use levels::Levels;
-pub(crate) use levels::{GRAIN, SimplifiedLevel};
+pub(crate) use levels::SimplifiedLevel;
 use queue::Queue;
 use star::Star;
 use state::State;
-
-/// K: steps of the bisection for a valid position (§3.3.4).
-const BISECTIONS: usize = 3;
+use trace::Tracer;
+pub(crate) use trace::{GRAIN, Trace};
 
 /// The last level is put out if its patches are fewer than those of the level before by this part of them.
 const NOTICEABLE: f64 = 0.1;
@@ -65,23 +66,23 @@ pub(crate) fn simplify(
     areas: &[f64],
     limits: &Limits,
     progress: &mut Progress<'_>,
-) -> Result<Vec<SimplifiedLevel>, Cancelled> {
-    let mut levels = Levels::new(surface, decomposition, limits.radius);
-    let mut simplification = Simplification::new(mesh, surface, decomposition, areas, limits);
-    if limits.carried {
-        simplification.carry_patches(&mut levels, progress)?;
-    }
-    if levels.patches() > 1 {
-        if let Some(last) = levels.last() {
-            let decomposition = single_triangles(&last.surface);
-            simplification =
-                Simplification::new(&last.mesh, &last.surface, &decomposition, &last.areas, limits);
-        } else {
-            simplification = Simplification::new(mesh, surface, &single_triangles(surface), areas, limits);
+) -> Result<Vec<(Arc<SimplifiedLevel>, Trace)>, Cancelled> {
+    let tracer = Tracer::new(surface, decomposition, limits.radius);
+    let levels = rayon::in_place_scope(|scope| {
+        let mut levels = Levels::new(decomposition.patches.len(), &tracer, scope);
+        let mut simplification = Simplification::new(mesh, surface, decomposition, areas, limits);
+        if limits.carried {
+            simplification.carry_patches(&mut levels, progress)?;
         }
-        simplification.renew_patches(&mut levels, progress)?;
-    }
-    Ok(levels.finish())
+        if levels.patches() > 1 {
+            let (mesh, surface, areas) =
+                levels.last().map_or((mesh, surface, areas), |l| (&l.mesh, &l.surface, &l.areas));
+            simplification = Simplification::new(mesh, surface, &single_triangles(surface), areas, limits);
+            simplification.renew_patches(&mut levels, progress)?;
+        }
+        Ok(levels.finish())
+    })?;
+    Ok(levels.into_iter().zip(tracer.finish()).collect())
 }
 
 /// Each triangle as a patch of its own, which constrains nothing.
@@ -154,7 +155,11 @@ impl<'a> Simplification<'a> {
     }
 
     /// Algorithm 3.3.1: the patches are kept convex, and joined.
-    fn carry_patches(&mut self, levels: &mut Levels, progress: &mut Progress<'_>) -> Result<(), Cancelled> {
+    fn carry_patches(
+        &mut self,
+        levels: &mut Levels<'_, '_, '_>,
+        progress: &mut Progress<'_>,
+    ) -> Result<(), Cancelled> {
         while self.state.patches > 1
             && let Some(changed) = self.collapse_next(progress)?
         {
@@ -171,7 +176,11 @@ impl<'a> Simplification<'a> {
     }
 
     /// The patches are no constraint: they are made anew for each level.
-    fn renew_patches(&mut self, levels: &mut Levels, progress: &mut Progress<'_>) -> Result<(), Cancelled> {
+    fn renew_patches(
+        &mut self,
+        levels: &mut Levels<'_, '_, '_>,
+        progress: &mut Progress<'_>,
+    ) -> Result<(), Cancelled> {
         let mut next = self.state.triangles;
         loop {
             let more = self.collapse_next(progress)?.is_some();
@@ -195,47 +204,6 @@ impl<'a> Simplification<'a> {
 }
 
 /// Whether so few patches make a last level worth while.
-fn is_noticeable(patches: usize, levels: &Levels) -> bool {
+fn is_noticeable(patches: usize, levels: &Levels<'_, '_, '_>) -> bool {
     patches as f64 <= (1.0 - NOTICEABLE) * levels.patches() as f64
-}
-
-/// The filtered edge collapse (§3.3.4). Tells the patches that it has changed, if there is a position that is valid.
-fn collapse(state: &mut State, ends: [u32; 2], star: &mut Star) -> Option<Vec<u32>> {
-    if !state.fans.star(&state.surface.triangles, ends, star) {
-        return None;
-    }
-    let near = state.neighbourhood();
-    let path = near.path(star, &state.quadric(ends));
-    let filtered = path.filtered;
-    let [p, q] = ends.map(|v| state.surface.points[v as usize]);
-    // On the border only the quadrics know of its shape.
-    let starts = if star.border { 1 } else { 4 };
-    [path.least, 0.5 * (p + q), p, q]
-        .into_iter()
-        .take(starts)
-        .find_map(|least| along(state, star, &Path { least, filtered }))
-}
-
-/// Collapses to the position nearest to the filtered one that is valid, among those tried on a path.
-fn along(state: &mut State, star: &Star, path: &Path) -> Option<Vec<u32>> {
-    let (low, high) = state.neighbourhood().feasible(star, path, &state.patch_of, state.tolerance())?;
-    // u of the best valid position and of an invalid one that is nearer to the goal; the last one tried.
-    let (mut good, mut bad, mut last, mut steps) = (high, low, low, 0);
-    state.collapse(star, |valid| {
-        let next = match valid {
-            None => Some(low),
-            Some(true) if last == low => None,
-            Some(false) if last == low && high > low => Some(high),
-            Some(false) if last == low || last == high => None,
-            Some(valid) => {
-                *(if valid { &mut good } else { &mut bad }) = last;
-                (steps < BISECTIONS).then(|| {
-                    steps += 1;
-                    0.5 * (good + bad)
-                })
-            }
-        };
-        last = next.unwrap_or(last);
-        next.map(|u| path.at(u))
-    })
 }

@@ -27,6 +27,8 @@ pub(crate) struct Star {
 #[derive(Clone, Debug)]
 pub(crate) struct Fans {
     around: Vec<Vec<u32>>,
+    /// Whether the mesh has no border: then it never gets one.
+    closed: bool,
 }
 
 impl Fans {
@@ -40,7 +42,9 @@ impl Fans {
                 }
             }
         }
-        Self { around }
+        let mut fans = Self { around, closed: true };
+        fans.closed = !(0..vertices as u32).any(|v| fans.on_border(triangles, v));
+        fans
     }
 
     /// The triangles at a vertex.
@@ -94,7 +98,7 @@ impl Fans {
                 star.fan.push(Spoke { triangle: t, rim: [corners[(k + 1) % 3], corners[(k + 2) % 3]] });
             }
         }
-        let borders = ends.map(|v| self.on_border(triangles, v));
+        let borders = ends.map(|v| !self.closed && self.on_border(triangles, v));
         star.border = borders[0] || borders[1];
         let sides = star.removed.len();
         if sides == 0 || sides == 1 && borders != [true; 2] || sides == 2 && borders == [true; 2] || sides > 2
@@ -119,6 +123,18 @@ impl Fans {
 
     /// How many vertices are next to both ends.
     fn common_neighbours(&self, triangles: &[[u32; 3]], star: &Star) -> usize {
+        if self.closed {
+            // Around a vertex of a closed surface each neighbour follows it in one triangle.
+            let after = |v: u32| {
+                self.at(v).iter().map(move |t| {
+                    let corners = triangles[*t as usize];
+                    let k = corners.iter().position(|c| *c == v).unwrap_or(0);
+                    corners[(k + 1) % 3]
+                })
+            };
+            let [p, q] = star.ends;
+            return after(p).filter(|v| after(q).any(|w| w == *v)).count();
+        }
         let [mut first, mut second] = [Vec::new(), Vec::new()];
         self.neighbours(triangles, star.ends[0], &mut first);
         self.neighbours(triangles, star.ends[1], &mut second);
