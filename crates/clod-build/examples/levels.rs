@@ -26,7 +26,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let (model, triangles) = Model::parse(text)?;
         let mesh = model.generate(triangles)?;
         let start = Instant::now();
-        let clod = build(&mesh, &BuildOptions { simplify: true, ..BuildOptions::default() }, &mut unwatched)?;
+        let clod = build(&mesh, &BuildOptions::default(), &mut unwatched)?;
         let seconds = start.elapsed().as_secs_f64();
         let radius = clod.bounding_radius();
         let free = clod.levels.iter().filter(|l| l.free).count();

@@ -12,7 +12,7 @@ use palpate_clod_build::{BuildError, BuildOptions, Stage, build};
 use palpate_core::Clod;
 use palpate_core::clod::NO_NODE;
 use palpate_models::Model;
-use shapes::{built, cube, globe, mapped, shared_mesh, together, torus};
+use shapes::{built, cube, globe, mapped, plain, shared_mesh, together, torus};
 use std::ops::ControlFlow;
 
 fn bytes(clod: &Clod) -> Vec<u8> {
@@ -114,7 +114,7 @@ fn one_and_many_threads_build_the_same_bytes() {
 #[test]
 fn progress_runs_through_the_stages() {
     let mut seen: Vec<(Stage, f64)> = Vec::new();
-    build(&torus(20, 0.4), &BuildOptions::default(), &mut |stage, done| {
+    build(&torus(20, 0.4), &plain(), &mut |stage, done| {
         assert!((0.0..=1.0).contains(&done));
         if let Some((last, before)) = seen.last() {
             assert!(*last != stage || done >= *before, "{stage:?} went from {before} to {done}");
@@ -148,7 +148,7 @@ fn parameters_of_a_cube() {
 #[test]
 fn a_build_can_be_cancelled_in_every_stage() {
     let mesh = torus(20, 0.4);
-    let options = BuildOptions { simplify: true, ..BuildOptions::default() };
+    let options = BuildOptions::default();
     let mut stages = Vec::new();
     build(&mesh, &options, &mut |stage, _| {
         stages.push(stage);

@@ -17,7 +17,7 @@ use palpate_mesh_io::{LoadOptions, load, repair, self_intersections, weld};
 use palpate_models::Model;
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
-use shapes::{built, cube, globe, inverted, mapped, shared, together};
+use shapes::{built, cube, globe, inverted, mapped, plain, shared, together};
 
 fn mesh(vertices: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> TriMesh {
     TriMesh::new(vertices, triangles).expect("indices are in range")
@@ -83,7 +83,7 @@ fn nasty_files_are_refused_or_build_and_build_after_repair() {
         .filter(|path| path.is_file())
         .collect();
     files.sort();
-    let options = BuildOptions { simplify: false, ..BuildOptions::default() };
+    let options = plain();
     let (mut accepted, mut mended) = (0, 0);
     for path in files {
         let name = path.display().to_string();
@@ -289,7 +289,7 @@ fn random_triangles() {
         let triangles: Vec<[u32; 3]> = (0..1 + count / 2 * (round % 4))
             .map(|_| std::array::from_fn(|_| rng.random_range(0..count as u32)))
             .collect();
-        let options = BuildOptions { simplify: true, ..BuildOptions::default() };
+        let options = BuildOptions::default();
         let broken = weld(&mesh(vertices, triangles));
         let name = format!("seed {seed}, round {round}");
         accepted += usize::from(built_or_rightly_refused(&broken, &options, &name));

@@ -11,9 +11,14 @@ use palpate_clod_build::{BuildOptions, build, unwatched};
 use palpate_core::{Clod, TriMesh};
 use palpate_mesh_io::{LoadOptions, load};
 
-/// Builds with default options and checks what every hierarchy has to keep.
+/// How the plain hierarchy is built: the decomposition of the full mesh, and free levels over it.
+pub fn plain() -> BuildOptions {
+    BuildOptions { simplify: false, ..BuildOptions::default() }
+}
+
+/// Builds the plain hierarchy and checks what every hierarchy has to keep.
 pub fn built(mesh: &TriMesh) -> Clod {
-    let clod = build(mesh, &BuildOptions::default(), &mut unwatched).expect("the mesh builds");
+    let clod = build(mesh, &plain(), &mut unwatched).expect("the mesh builds");
     clod.validate().expect("the hierarchy is valid");
     clod
 }
