@@ -47,7 +47,18 @@ fn lies_inside(surface: &Surface, patch: &Patch, tolerance: f64, hulls: &mut Hul
         return narrow || surface.winding_number(below).is_some_and(|turns| turns > 0);
     }
     let planes: Vec<Plane> = hulls.hull(&points, HULL_THICKNESS).planes(&points).collect();
-    let depth = |p: DVec3| planes.iter().map(|plane| -plane.height(p)).fold(f64::INFINITY, f64::min);
+    let below = |planes: &mut dyn Iterator<Item = &Plane>, p: DVec3| {
+        planes.map(|plane| -plane.height(p)).fold(f64::INFINITY, f64::min)
+    };
+    // The patch itself may lie as deep in its hull as the tolerance: what is above it there is outside the object, but counts as
+    // convex.
+    let depth = |p: DVec3| {
+        let in_hull = below(&mut planes.iter(), p);
+        if in_hull > tolerance {
+            return in_hull;
+        }
+        in_hull.min(below(&mut patch.triangles.iter().map(|t| &surface.planes[*t as usize]), p))
+    };
     let below_faces = patch.triangles.iter().take(MAX_FACES_TRIED).map(|t| {
         let plane = surface.planes[*t as usize];
         let thickness = points.iter().map(|p| -plane.height(*p)).fold(0.0, f64::max);
