@@ -192,7 +192,7 @@ mod tests {
     #[test]
     fn neighbouring_patches_differ_and_the_surface_is_sewn_up() {
         let mesh = Model::Torus.generate(2_000).expect("torus");
-        let options = BuildOptions { simplify: true, ..BuildOptions::default() };
+        let options = BuildOptions::default();
         let clod = build(&mesh, &options, &mut unwatched).expect("hierarchy");
         let colors = colors(&clod);
         for (index, level) in clod.levels.iter().enumerate().filter(|(_, level)| !level.free) {

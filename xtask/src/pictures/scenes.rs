@@ -63,7 +63,7 @@ pub fn touching_jaws() -> Result<RgbImage, Box<dyn Error>> {
 pub fn levels_of_lower_jaw() -> Result<RgbImage, Box<dyn Error>> {
     const SHOWN: usize = 8;
     let mesh = Model::LowerJaw.generate(Model::LowerJaw.default_triangles())?;
-    let options = BuildOptions { simplify: true, ..BuildOptions::default() };
+    let options = BuildOptions::default();
     let clod = build(&mesh, &options, &mut unwatched)?;
     let pictures = LevelPictures::new(&clod, &views::of_model(Model::LowerJaw), WIDTH);
     let last = clod.levels.len() - 1;
