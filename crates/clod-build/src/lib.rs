@@ -17,6 +17,7 @@ mod convexity;
 mod decomposition;
 mod deviation;
 mod enclosing;
+mod error;
 mod hierarchy;
 mod hull;
 mod layout;
@@ -29,6 +30,7 @@ mod simplify;
 mod skin;
 mod surface;
 
-pub use build::{BuildError, BuildOptions, REVISION, build};
+pub use build::{BuildOptions, REVISION, build};
+pub use error::BuildError;
 pub use hull::hull_faces;
 pub use progress::{Stage, unwatched};
