@@ -4,7 +4,7 @@
 //! distances come from [`TriangleTree`], and distances to hulls from the contact query's GJK. Samples can only find faults;
 //! that s and h hold between the samples is for the builder's own tests.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 
 use palpate::collide::convex::gjk::{self, Limits, Separation, Start};
 use palpate::collide::convex::{Hull, Placement, Polytope, SupportTree};
@@ -146,6 +146,8 @@ impl Examination {
             }
         }
         self.check_hausdorff(clod, &mut findings);
+        check_added(clod, &mut findings);
+        check_spheres(clod, &mut findings);
         findings
     }
 
@@ -384,7 +386,7 @@ impl Examination {
         ));
     }
 
-    /// h: no extreme point of a descendant's hull is further from the node's own. By convexity no other point is either.
+    /// h: no extreme point of a descendant's hull is further from the node's bounding hull. By convexity no other point is either.
     fn check_hausdorff(&self, clod: &Clod, findings: &mut Findings) {
         let slack = HULL_ROUNDING * clod.bounding_radius();
         for level in 1..clod.levels.len() {
@@ -393,7 +395,7 @@ impl Examination {
                 .par_iter()
                 .enumerate()
                 .map(|(k, node)| {
-                    let target = Target::new(clod.extreme(node));
+                    let target = Target::new(clod.bounding_hull(node));
                     let mut checked = 0;
                     let mut below: Vec<u32> = node.children.clone().collect();
                     while let Some(index) = below.pop() {
@@ -416,6 +418,52 @@ impl Examination {
             findings.take(&format!("level {level}"), "Hausdorff distance", checked, faults);
         }
     }
+}
+
+/// What is added to a hull so that it bounds its descendants better is of theirs: it is no larger than it takes.
+fn check_added(clod: &Clod, findings: &mut Findings) {
+    let bits = |p: &DVec3| p.to_array().map(f64::to_bits);
+    for level in 1..clod.levels.len() {
+        let faults = each(clod.level(level), |k, node| {
+            let added = &clod.bounding_hull(node)[..node.added as usize];
+            if added.is_empty() {
+                return None;
+            }
+            let below: HashSet<[u64; 3]> =
+                descendants(clod, node).flat_map(|n| clod.extreme(n)).map(bits).collect();
+            let foreign = added.iter().find(|p| !below.contains(&bits(p)))?;
+            Some(format!("node {k} is given {foreign}, which is not of its descendants"))
+        });
+        findings.take(&format!("level {level}"), "added points", clod.level(level).len(), faults);
+    }
+}
+
+/// The sphere of a node encloses its bounding hull and all its descendants' hulls.
+fn check_spheres(clod: &Clod, findings: &mut Findings) {
+    let slack = ROUNDING * clod.bounding_radius();
+    for level in 0..clod.levels.len() {
+        let faults = each(clod.level(level), |k, node| {
+            let below = descendants(clod, node).flat_map(|n| clod.extreme(n));
+            let mut points = clod.bounding_hull(node).iter().chain(below);
+            let outside = points.find(|p| p.distance(node.center) > node.radius + slack)?;
+            let off = outside.distance(node.center);
+            Some(format!(
+                "node {k} has {outside} {off:e} off its centre, where the radius is {:e}",
+                node.radius
+            ))
+        });
+        findings.take(&format!("level {level}"), "spheres", clod.level(level).len(), faults);
+    }
+}
+
+/// All nodes below a node.
+fn descendants<'a>(clod: &'a Clod, node: &Node) -> impl Iterator<Item = &'a Node> + use<'a> {
+    let mut waiting: Vec<u32> = node.children.clone().collect();
+    std::iter::from_fn(move || {
+        let next = &clod.nodes[waiting.pop()? as usize];
+        waiting.extend(next.children.clone());
+        Some(next)
+    })
 }
 
 fn each(nodes: &[Node], check: impl Fn(usize, &Node) -> Option<String> + Sync) -> Vec<String> {

@@ -17,8 +17,11 @@ use palpate_tests::shared;
 const SEED: u64 = 0x1e7e15;
 
 fn simplified(mesh: &TriMesh) -> Clod {
-    let options = BuildOptions { simplify: true, ..BuildOptions::default() };
-    match build(mesh, &options, &mut unwatched) {
+    built_with(mesh, &BuildOptions::default())
+}
+
+fn built_with(mesh: &TriMesh, options: &BuildOptions) -> Clod {
+    match build(mesh, options, &mut unwatched) {
         Ok(clod) => clod,
         Err(error) => panic!("{error}"),
     }
@@ -59,7 +62,7 @@ fn examine(models: impl Iterator<Item = (String, TriMesh)>, examination: &Examin
         count += 1;
     }
     say(&format!("{count} models, seed {SEED:#x}, checks made: {checks:?}"));
-    assert!(count == 0 || checks.len() == 8 && checks.values().all(|n| *n > 0), "{checks:?}");
+    assert!(count == 0 || checks.len() == 10 && checks.values().all(|n| *n > 0), "{checks:?}");
     assert!(faults.is_empty(), "{} faults:\n{}", faults.len(), faults.join("\n"));
 }
 
@@ -129,12 +132,39 @@ fn damage_is_found() {
 
     type Damage<'a> = &'a dyn Fn(&mut Clod);
     let shrink = |value: &mut f64| *value *= 0.5;
-    let damages: [(&str, Damage<'_>); 8] = [
+    let damages: [(&str, Damage<'_>); 10] = [
         ("surface deviation", &|c| {
             coarsest.clone().for_each(|n| shrink(&mut c.nodes[n as usize].deviation));
         }),
         ("Hausdorff distance", &|c| {
             coarsest.clone().for_each(|n| shrink(&mut c.nodes[n as usize].hausdorff));
+        }),
+        // A sphere so large that it is nearly a plane, which touches a node's hull where a descendant's reaches beyond it.
+        ("spheres", &|c| {
+            let beyond = c.nodes.iter().enumerate().find_map(|(k, node)| {
+                let middle = node.center;
+                let reach = |node: &Node, d: DVec3| {
+                    c.bounding_hull(node).iter().map(|p| d.dot(*p - middle)).fold(f64::MIN, f64::max)
+                };
+                let directions = [-1.0, 0.0, 1.0].map(|x| [-1.0, 0.0, 1.0].map(|y| [x, y]));
+                directions
+                    .into_iter()
+                    .flatten()
+                    .flat_map(|[x, y]| [-1.0, 1.0].map(|z| DVec3::new(x, y, z)))
+                    .find_map(|d| {
+                        let d = d.normalize();
+                        let below = c.children(node).iter().map(|n| reach(n, d)).fold(f64::MIN, f64::max);
+                        (below > reach(node, d) + 1e-3 * radius).then_some((k, middle - 1e4 * radius * d))
+                    })
+            });
+            let (k, center) = beyond.expect("hulls reach beyond their parents'");
+            let own = c.bounding_hull(&c.nodes[k]).iter().map(|p| p.distance(center)).fold(0.0, f64::max);
+            (c.nodes[k].center, c.nodes[k].radius) = (center, own);
+        }),
+        ("added points", &|c| {
+            let node = c.nodes.iter_mut().find(|n| n.added > 0).expect("points are added");
+            node.radius += radius;
+            c.vertices[(node.vertices.start - node.added) as usize] += DVec3::splat(0.01 * radius);
         }),
         // One copy of a vertex that several patches have leaves its place: a crack.
         ("surface", &|c| {
@@ -254,7 +284,7 @@ fn powers_of_two_change_nothing_but_the_units() {
 /// simplification is found, but not the full mesh's patches, nor what is true of the levels.
 #[test]
 fn other_units_change_no_more_than_ties() {
-    for model in [Model::Cup, Model::LowerJaw] {
+    for model in [Model::LowerJaw, Model::Cup, Model::Torus, Model::Hammer] {
         let mesh = reduced(model, 1000);
         let one = simplified(&mesh);
         for scale in [0.001, 0.0254, 1000.0] {
@@ -280,5 +310,26 @@ fn other_units_change_no_more_than_ties() {
                 say(&format!("{place}: {what}"));
             }
         }
+    }
+}
+
+/// What can be chosen about a build is as true as the default.
+#[test]
+fn other_options_keep_their_promises() {
+    let mesh = reduced(Model::LowerJaw, 1500);
+    let usual = BuildOptions::default();
+    let choices = [
+        ("plain hulls", BuildOptions { bounding_points: 0, ..usual.clone() }),
+        ("containing hulls", BuildOptions { bounding_points: u32::MAX, ..usual.clone() }),
+        ("patches made anew", BuildOptions { carried: false, ..usual.clone() }),
+        ("not simplified", BuildOptions { simplify: false, ..usual }),
+    ];
+    for (name, options) in choices {
+        let clod = built_with(&mesh, &options);
+        let faults = examination(4000, 4).of(&mesh, &clod).faults;
+        assert_eq!(faults, Vec::<String>::new(), "{name}");
+        let reach = clod.nodes.iter().map(|n| n.hausdorff).fold(0.0, f64::max);
+        let contained = options.bounding_points == u32::MAX || !options.simplify;
+        assert_eq!(reach == 0.0, contained, "{name}: {reach}");
     }
 }
