@@ -171,7 +171,7 @@ fn hausdorff_distances_bound_all_descendants_and_are_reached() {
     };
     // As in the dissertation; with points added; and with as many as it takes.
     let (plain, usual, contained) = (built(0), simplified(&mesh), built(u32::MAX));
-    let slack = 1e-3 * plain.bounding_radius();
+    let slack = 4e-3 * plain.bounding_radius();
     let above = [&plain, &usual, &contained].map(|clod| check_hausdorff(clod, slack));
     assert!(above[0] > 20 && above[0] > above[1] && above[2] == 0, "{above:?}");
     assert!(contained.nodes.iter().all(|n| n.hausdorff == 0.0));
@@ -192,7 +192,7 @@ fn hausdorff_distances_bound_all_descendants_and_are_reached() {
 #[test]
 fn spheres_enclose_bounding_hulls_and_all_descendants() {
     for bounding_points in [0, BuildOptions::default().bounding_points, u32::MAX] {
-        let mesh = Model::Cup.generate(2000).expect("within range");
+        let mesh = Model::LowerJaw.generate(3000).expect("within range");
         let clod = simplified_with(&mesh, &BuildOptions { bounding_points, ..BuildOptions::default() });
         let (mut loosest, mut beyond) = (0.0f64, 0);
         for node in clod.nodes.iter().filter(|n| !n.children.is_empty()) {
