@@ -1,0 +1,117 @@
+//! How two models come into contact: the probe approaches until it touches, presses a little, slides to and fro and turns.
+
+use std::f64::consts::TAU;
+
+use palpate::Pose;
+use palpate::collide::{ContactQuery, QuerySettings};
+use palpate::core::Clod;
+use palpate::glam::{DQuat, DVec3};
+use palpate::models::Model;
+
+/// Poses of the approach, and of the sliding after it.
+const APPROACH: usize = 20;
+const SLIDING: usize = 40;
+
+/// Lengths as fractions of the probe's bounding radius, and an angle, rad.
+const CLEARANCE: f64 = 0.1;
+const PRESS: f64 = 0.01;
+const SLIDE: f64 = 0.05;
+const TURN: f64 = 0.05;
+
+/// The first touch is found to this fraction of the probe's bounding radius.
+const TOUCH: f64 = 1e-4;
+
+/// How the probe approaches the scene object, whose frame is the world's.
+struct Encounter {
+    /// Where it starts, apart from the scene object.
+    start: Pose,
+    /// In which direction it goes; a unit vector.
+    direction: DVec3,
+    /// How far it slides along the surface, m.
+    slide: f64,
+    /// The point, in its own frame, that it turns about.
+    pivot: DVec3,
+}
+
+impl Encounter {
+    fn between(models: [Model; 2], probe: &Clod, scene: &Clod) -> Self {
+        let radius = probe.bounding_radius();
+        // From above, to the middle.
+        let height = 1.01 * (radius + scene.bounding_radius());
+        let falling = Self {
+            start: Pose::from_translation(scene.source.center + height * DVec3::Z - probe.source.center),
+            direction: DVec3::NEG_Z,
+            slide: SLIDE * radius,
+            pivot: probe.source.center,
+        };
+        match models {
+            // The knob's centre is the origin of both; in the socket there is room for nothing but turning.
+            [Model::BallJointBall, Model::BallJointSocket] => {
+                Self { start: Pose::IDENTITY, direction: DVec3::X, slide: 0.0, pivot: DVec3::ZERO }
+            }
+            // The face's middle to the ball's centre.
+            [Model::GolfClub, Model::GolfBall] => {
+                let start = Pose::from_translation(DVec3::new(-2.0 * scene.bounding_radius(), 0.0, 0.0));
+                Self { start, direction: DVec3::X, pivot: DVec3::ZERO, ..falling }
+            }
+            // The bowl first, within the cup, and the handle leaning towards its own side.
+            [Model::Spoon, Model::Cup] => {
+                let rotation = DQuat::from_rotation_y(-1.3);
+                Self { start: Pose::new(DVec3::new(0.017, 0.0, 0.136), rotation), ..falling }
+            }
+            _ => falling,
+        }
+    }
+}
+
+/// The probe's poses.
+///
+/// # Errors
+/// If the probe is in contact from the start, or passes the scene object by.
+pub fn poses(models: [Model; 2], probe: &Clod, scene: &Clod) -> Result<Vec<Pose>, String> {
+    let encounter = Encounter::between(models, probe, scene);
+    let radius = probe.bounding_radius();
+    let travel = first_touch(&encounter, probe, scene)?;
+    let along = |distance: f64| encounter.start.translation + distance * encounter.direction;
+    let first = (travel - CLEARANCE * radius).max(0.0);
+    let pressed = travel + PRESS * radius;
+    let approach = (0..APPROACH).map(|k| {
+        let fraction = k as f64 / APPROACH as f64;
+        Pose::new(along(first + (pressed - first) * fraction), encounter.start.rotation)
+    });
+    let (u, v) = encounter.direction.any_orthonormal_pair();
+    let sliding = (0..SLIDING).map(|k| {
+        let phase = TAU * k as f64 / SLIDING as f64;
+        let offset = encounter.slide * (phase.sin() * u + (2.0 * phase).sin() * v);
+        let turn = DQuat::from_scaled_axis(
+            TURN * ((3.0 * phase).sin() * encounter.direction + (2.0 * phase).sin() * u + phase.sin() * v),
+        );
+        let rotation = turn * encounter.start.rotation;
+        let held = encounter.start.rotation * encounter.pivot - rotation * encounter.pivot;
+        Pose::new(along(pressed) + offset + held, rotation)
+    });
+    Ok(approach.chain(sliding).collect())
+}
+
+/// How far the probe comes until it touches, m: by conservative advancement, where each step is no longer than the distance.
+fn first_touch(encounter: &Encounter, probe: &Clod, scene: &Clod) -> Result<f64, String> {
+    let radius = probe.bounding_radius();
+    let farthest = 4.0 * (radius + scene.bounding_radius());
+    let settings = QuerySettings::new(CLEARANCE * radius);
+    let mut query = ContactQuery::new(probe, scene);
+    let mut travel = 0.0;
+    while travel < farthest {
+        let translation = encounter.start.translation + travel * encounter.direction;
+        let pose = Pose::new(translation, encounter.start.rotation);
+        let outcome = query.run(probe, &pose, scene, &Pose::IDENTITY, &settings);
+        let distance = outcome.smallest_distance.unwrap_or(settings.tolerance);
+        if travel == 0.0 && distance == 0.0 {
+            return Err("they are in contact from the start".to_owned());
+        }
+        if distance < TOUCH * radius {
+            return Ok(travel);
+        }
+        travel += distance;
+    }
+    Err("they do not meet".to_owned())
+}
