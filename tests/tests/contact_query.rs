@@ -1,6 +1,7 @@
-//! Full-resolution contact queries on real meshes, against brute force over all pairs of triangles.
+//! Full-resolution contact queries, on real meshes against brute force over all pairs of triangles, and on built-in ones against
+//! hierarchies without levels of detail.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 use palpate::clod_build::{BuildOptions, build, unwatched};
 use palpate::collide::{ContactQuery, PatchContact, QuerySettings};
@@ -8,9 +9,12 @@ use palpate::core::Clod;
 use palpate::core::clod::Node;
 use palpate::glam::{DQuat, DVec3};
 use palpate::mesh_io::intersecting_pairs;
+use palpate::models::Model;
 use palpate::{Pose, TriMesh};
 use palpate_tests::brute_force::{self, nearest_on_triangle, triangle_distance};
 use palpate_tests::shared_mesh;
+use rand::rngs::StdRng;
+use rand::{RngExt, SeedableRng};
 
 struct Body {
     mesh: TriMesh,
@@ -198,5 +202,93 @@ fn a_peg_in_the_floor_is_as_deep_as_it_was_pressed() {
         assert!((deepest + lift).abs() < 1e-9 * peg.radius, "pressed {} m, found {deepest} m", -lift);
         let down = |c: &&PatchContact| c.contact.depth >= 0.999 * deepest && c.contact.normal.z < -0.999;
         assert!(query.contacts().iter().any(|c| down(&c)), "pressed {} m: nothing pushes up", -lift);
+    }
+}
+
+/// What a query finds, by the patches that meet: the depths of their contacts, in ascending order.
+fn depths_by_patches(
+    bodies: &[Body; 2],
+    pose: &Pose,
+    query: &mut ContactQuery,
+    tolerance: f64,
+) -> BTreeMap<[[[u64; 3]; 3]; 2], Vec<f64>> {
+    let [probe, scene] = bodies;
+    let settings = QuerySettings::new(tolerance);
+    let outcome = query.run(&probe.clod, pose, &scene.clod, &Pose::IDENTITY, &settings);
+    assert!(!outcome.overflow && outcome.not_converged == 0, "{outcome:?}");
+    // The patches of the full mesh are the same ones, in another order: the first of their triangles tells them apart.
+    let name = |body: &Body, node: u32| {
+        let triangles = body.patch(node, &Pose::IDENTITY).into_iter();
+        triangles.map(|corners| corners.map(|p| p.to_array().map(f64::to_bits))).min().expect("a triangle")
+    };
+    let mut found: BTreeMap<_, Vec<f64>> = BTreeMap::new();
+    for PatchContact { contact, probe_node, scene_node } in query.contacts() {
+        let patches = [name(probe, *probe_node), name(scene, *scene_node)];
+        found.entry(patches).or_default().push(contact.depth);
+    }
+    found.values_mut().for_each(|depths| depths.sort_unstable_by(f64::total_cmp));
+    found
+}
+
+/// Whatever stands above the leaves only decides which of them are looked at: it must not lose a contact.
+#[test]
+fn levels_of_detail_lose_no_contact() {
+    const SEED: u64 = 0x10_5e;
+    let mut random = StdRng::seed_from_u64(SEED);
+    let usual = BuildOptions::default();
+    let choices = [
+        BuildOptions { simplify: false, ..usual.clone() },
+        usual.clone(),
+        BuildOptions { bounding_points: 0, ..usual.clone() },
+        BuildOptions { carried: false, ..usual },
+    ];
+    for models in [[Model::UpperJaw, Model::LowerJaw], [Model::Torus, Model::Cup]] {
+        let meshes = models.map(|model| model.generate(3000).expect("in range"));
+        let built = choices.clone().map(|options| {
+            meshes.clone().map(|mesh| {
+                let clod = build(&mesh, &options, &mut unwatched).expect("a model builds");
+                let radius = clod.bounding_radius();
+                Body { mesh, clod, radius }
+            })
+        });
+        let regular = |body: &Body| body.clod.levels.iter().filter(|level| !level.free).count();
+        assert!(built[0].iter().all(|b| regular(b) == 1) && built[1].iter().all(|b| regular(b) > 2));
+        let mut queries: Vec<_> =
+            built.iter().map(|[probe, scene]| ContactQuery::new(&probe.clod, &scene.clod)).collect();
+        let [probe, scene] = &built[0];
+        let tolerance = 0.03 * probe.radius;
+        let eps = 1e-8 * probe.radius;
+        let (mut contacts, mut poses) = (0, 0);
+        for pose in 0..60 {
+            let mut vector = || DVec3::from_array(std::array::from_fn(|_| random.random_range(-1.0..1.0)));
+            let (turn, direction) = (DQuat::from_scaled_axis(3.0 * vector()), vector().normalize());
+            let middle = scene.clod.source.center
+                + direction * random.random_range(0.2..1.1) * (probe.radius + scene.radius);
+            let pose_of_probe = Pose::new(middle - turn * probe.clod.source.center, turn);
+            let place = format!("{models:?}, seed {SEED:#x}, pose {pose}");
+            // Whether a contact at the very tolerance is found is for rounding to say.
+            let mut found = built.iter().zip(&mut queries).map(|(bodies, query)| {
+                let mut found = depths_by_patches(bodies, &pose_of_probe, query, tolerance);
+                found.retain(|_, depths| {
+                    depths.retain(|depth| *depth > eps - tolerance);
+                    !depths.is_empty()
+                });
+                found
+            });
+            let plain = found.next().expect("the plain hierarchy");
+            contacts += plain.len();
+            poses += usize::from(!plain.is_empty());
+            for other in found {
+                assert!(plain.keys().eq(other.keys()), "{place}: {} and {}", plain.len(), other.len());
+                for (a, b) in plain.values().zip(other.values()) {
+                    let same = a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < eps);
+                    assert!(same, "{place}: {a:?} and {b:?}");
+                }
+            }
+        }
+        assert!(
+            contacts > 500 && (10..60).contains(&poses),
+            "{models:?}: {contacts} contacts in {poses} poses"
+        );
     }
 }
