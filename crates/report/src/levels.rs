@@ -113,10 +113,10 @@ impl LevelFigures {
     }
 }
 
-/// What a node takes: itself, its hull's vertices with their support areas, its patch's triangles.
+/// What a node takes: itself, its hulls' vertices with their support areas, its patch's triangles.
 fn node_bytes(node: &Node) -> usize {
     size_of::<Node>()
-        + node.vertices.len() * (size_of::<DVec3>() + size_of::<f64>())
+        + (node.vertices.len() + node.added as usize) * (size_of::<DVec3>() + size_of::<f64>())
         + node.triangles.len() * size_of::<[u32; 3]>()
 }
 
@@ -151,7 +151,7 @@ mod tests {
     use super::*;
 
     fn torus(simplify: bool) -> Clod {
-        let mesh = Model::Torus.generate(1_000).expect("torus");
+        let mesh = Model::Torus.generate(4_000).expect("torus");
         let options = BuildOptions { simplify, ..BuildOptions::default() };
         build(&mesh, &options, &mut unwatched).expect("hierarchy")
     }
