@@ -26,6 +26,9 @@ use crate::nearest::distance_to_triangle;
 /// Distances below this, in unit coordinates, are rounding: the hull contains its descendants.
 const ROUNDING: f64 = 1e-13;
 
+/// Heights above a face's plane, in unit coordinates, that are taken for rounding.
+const IN_PLANE: f64 = 1e-12;
+
 /// What is added to a distance, as a fraction of it, so that it remains a bound in spite of rounding.
 const SLACK: f64 = 1e-9;
 
@@ -53,8 +56,10 @@ impl Target {
             if highest <= 0.0 {
                 return highest;
             }
-            // The nearest point is on a face that is visible from the point.
-            let visible = self.hull.faces.iter().zip(&self.planes).filter(|(_, plane)| plane.height(p) > 0.0);
+            // The nearest point is on a face that is visible from the point, or has it in its plane but for rounding: a vertex of the
+            // hull may be that much above the plane of a face elsewhere alone.
+            let visible =
+                self.hull.faces.iter().zip(&self.planes).filter(|(_, plane)| plane.height(p) > -IN_PLANE);
             let nearest = least(&mut visible.map(|(f, _)| distance_to_triangle(p, f.map(at))));
             return if nearest.is_finite() { nearest } else { 0.0 };
         }
@@ -112,7 +117,8 @@ fn bounds(clod: &Clod, node: &Node, most: u32, scale: f64, builder: &mut HullBui
         if distance <= ROUNDING {
             break 0.0;
         }
-        if added.len() == most as usize {
+        // A point that is there already is off by rounding only, and would be found for ever.
+        if added.len() == most as usize || added.contains(&farthest) {
             break distance * (1.0 + SLACK) / scale;
         }
         added.push(farthest);

@@ -77,7 +77,9 @@ pub(crate) fn simplify(
         if levels.patches() > 1 {
             let (mesh, surface, areas) =
                 levels.last().map_or((mesh, surface, areas), |l| (&l.mesh, &l.surface, &l.areas));
+            let lowest = simplification.lowest;
             simplification = Simplification::new(mesh, surface, &single_triangles(surface), areas, limits);
+            simplification.lowest = lowest;
             simplification.renew_patches(&mut levels, progress)?;
         }
         Ok(levels.finish())
