@@ -10,6 +10,10 @@ pub(crate) struct Spoke {
     pub rim: [u32; 2],
 }
 
+/// Edges with more triangles at their ends are not collapsed: what is done around the merged vertex takes the square of their
+/// number, and a vertex of so many triangles is no sample of a surface. Collapses around it lower its number first.
+const MOST_TRIANGLES: usize = 64;
+
 /// What the collapse of an edge changes.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Star {
@@ -79,12 +83,15 @@ impl Fans {
         })
     }
 
-    /// Collects what the collapse of an edge changes. False if there is no such edge, or the collapse would change the
+    /// Collects what the collapse of an edge changes. False if there is no such edge, it has too many triangles at its ends, or the collapse would change the
     /// topology: the link condition (Dey et al. 1999), in which the border counts as joined to one more vertex.
     pub fn star(&self, triangles: &[[u32; 3]], ends: [u32; 2], star: &mut Star) -> bool {
         star.ends = ends;
         star.removed.clear();
         star.fan.clear();
+        if self.at(ends[0]).len() + self.at(ends[1]).len() > MOST_TRIANGLES {
+            return false;
+        }
         for (end, other) in [(ends[0], ends[1]), (ends[1], ends[0])] {
             for &t in self.at(end) {
                 let corners = triangles[t as usize];
