@@ -159,7 +159,7 @@ fn the_layout_is_as_documented() {
     let clod = random_hierarchy(5, 9);
     let bytes = bytes_of(&clod);
     assert_eq!(&bytes[..8], b"palpclod");
-    assert_eq!(bytes[8..12], 1u32.to_le_bytes());
+    assert_eq!(bytes[8..12], 2u32.to_le_bytes());
     assert_eq!(bytes[12..20], (bytes.len() as u64 - 24).to_le_bytes());
     assert_eq!(bytes[24..28], (clod.levels.len() as u32).to_le_bytes());
     assert_eq!(bytes[28..32], (clod.nodes.len() as u32).to_le_bytes());
@@ -258,7 +258,7 @@ fn hostile_lengths_take_no_memory() {
         let body = 16
             + 148
             + 24 * u64::from(levels)
-            + 88 * u64::from(nodes)
+            + 92 * u64::from(nodes)
             + 32 * u64::from(vertices)
             + 12 * u64::from(triangles);
         hostile[12..20].copy_from_slice(&body.to_le_bytes());
