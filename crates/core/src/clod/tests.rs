@@ -168,7 +168,7 @@ fn the_layout_is_as_documented() {
     let levels_at = 24 + 16 + 148;
     let nodes_at = levels_at + 24 * clod.levels.len();
     assert_eq!(bytes[nodes_at..nodes_at + 4], NO_NODE.to_le_bytes());
-    let vertices_at = nodes_at + 88 * clod.nodes.len();
+    let vertices_at = nodes_at + 92 * clod.nodes.len();
     assert_eq!(bytes[vertices_at..vertices_at + 8], clod.vertices[0].x.to_le_bytes());
 }
 
