@@ -32,9 +32,6 @@ pub(crate) const HULL_THICKNESS: f64 = 1e-14;
 /// badly, and each collapse in one costs its size.
 pub(crate) const LARGEST_PATCH: usize = 256;
 
-/// Pairs of triangles and vertices beyond which supporting planes are checked by walking on the hull.
-const WALK_FROM: usize = 4_000_000;
-
 /// Other surface may reach as deep into a hull as the tolerance, but not deeper than its thickness over this.
 const THIN: f64 = 12.0;
 
@@ -128,11 +125,7 @@ impl<'a> Convexity<'a> {
         // The planes of the largest triangles decide most cases.
         let supports =
             |a: &Patch, b: &Patch| a.triangles.iter().all(|t| self.below(b, &self.planes[*t as usize]));
-        let pairs = a.triangles.len() * b.extreme.len() + b.triangles.len() * a.extreme.len();
-        if !self.below(b, &lead_a)
-            || !self.below(a, &lead_b)
-            || pairs <= WALK_FROM && !(supports(a, b) && supports(b, a))
-        {
+        if !(self.below(b, &lead_a) && self.below(a, &lead_b) && supports(a, b) && supports(b, a)) {
             return None;
         }
         let flat_on = |patch: &Patch, plane: &Plane| {
@@ -145,12 +138,11 @@ impl<'a> Convexity<'a> {
             return None;
         }
         let bounds = (a.bounds.0.min(b.bounds.0), a.bounds.1.max(b.bounds.1));
-        let walk: &[&[u32]] = if pairs > WALK_FROM { &[&a.triangles, &b.triangles] } else { &[] };
         buffers.vertices.clear();
         buffers.vertices.extend_from_slice(&a.extreme);
         buffers.vertices.extend_from_slice(&b.extreme);
         let depth = if flat { self.tolerance } else { self.depth(lead, a.extreme.iter().chain(&b.extreme)) };
-        let extreme = self.hull(walk, bounds, flat.then_some(lead), depth, mine, buffers)?;
+        let extreme = self.hull(&[], bounds, flat.then_some(lead), depth, mine, buffers)?;
         Some(Join { extreme, bounds, flat })
     }
 
@@ -165,7 +157,7 @@ impl<'a> Convexity<'a> {
         buffers.vertices.extend(triangles.iter().flat_map(|t| self.surface.triangles[*t as usize]));
         let corners: Vec<DVec3> = buffers.vertices.iter().map(|v| self.point(*v)).collect();
         let bounds = bounds_of(&corners);
-        let extreme = self.hull(&[triangles], bounds, None, self.tolerance, mine, buffers)?;
+        let extreme = self.hull(triangles, bounds, None, self.tolerance, mine, buffers)?;
         let lead = *triangles.iter().max_by(|a, b| self.area(**a).total_cmp(&self.area(**b)))?;
         let plane = self.planes[lead as usize];
         let dependable = triangles.iter().all(|t| self.planes[*t as usize].normal != DVec3::ZERO);
@@ -287,7 +279,7 @@ impl<'a> Convexity<'a> {
     /// surface may reach.
     fn hull(
         &self,
-        walk: &[&[u32]],
+        walk: &[u32],
         bounds: (DVec3, DVec3),
         flat: Option<&Plane>,
         depth: f64,
@@ -351,7 +343,7 @@ impl<'a> Convexity<'a> {
 
     /// Whether the planes of all triangles have the hull below them: from a vertex of the hull that is near, walk to ever
     /// higher neighbours.
-    fn supports_by_walking(&self, walk: &[&[u32]], hull: &Hull, vertices: &[u32], points: &[DVec3]) -> bool {
+    fn supports_by_walking(&self, walk: &[u32], hull: &Hull, vertices: &[u32], points: &[DVec3]) -> bool {
         let mut starts = vec![0u32; points.len() + 1];
         for v in hull.faces.iter().flatten() {
             starts[*v as usize + 1] += 1;
@@ -370,7 +362,7 @@ impl<'a> Convexity<'a> {
         }
         let Some(first) = hull.faces.first().map(|f| f[0]) else { return true };
         let mut last = first;
-        for &t in walk.iter().copied().flatten() {
+        for &t in walk {
             let plane = self.planes[t as usize];
             let near = self.surface.triangles[t as usize].iter().find_map(|v| {
                 let k = vertices.binary_search(v).ok()?;

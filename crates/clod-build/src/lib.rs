@@ -20,6 +20,7 @@ mod enclosing;
 mod error;
 mod hierarchy;
 mod hull;
+mod intersect;
 mod layout;
 mod levels;
 mod nearest;

@@ -22,7 +22,7 @@ use robust::{Coord, orient2d};
 
 use crate::BuildError;
 use crate::box_tree::{Bounds, BoxTree, meet};
-use crate::simplify::intersect::intersect;
+use crate::intersect::intersect;
 use crate::surface::{Surface, bounds_of};
 
 /// Refuses a mesh that is not an oriented 2-manifold of triangles with an area, given its validation report.

@@ -49,7 +49,7 @@ impl Skin {
             return Self::Bare;
         }
         let faces: Vec<_> = hull.faces.iter().map(|f| f.map(|v| points[v as usize])).collect();
-        let planes = faces.iter().map(|f| dependable(*f)).collect();
+        let planes = faces.iter().map(|f| plane_of(*f)).collect();
         Self::Polytope(Polytope { faces, planes, depth, growths: 0 })
     }
 
@@ -113,7 +113,7 @@ impl Polytope {
         for [from, to] in horizon {
             let face = [*from, *to, point];
             faces.push(face);
-            planes.push(dependable(face));
+            planes.push(plane_of(face));
         }
         let (low, high) = bounds_of(inner.as_flattened());
         (
@@ -123,15 +123,9 @@ impl Polytope {
     }
 }
 
-/// The plane of a face, or one that everything is below.
-fn dependable(face: [DVec3; 3]) -> Plane {
-    let [a, b, c] = face;
-    let longest = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());
-    if (b - a).cross(c - a).length() > 1e-7 * longest {
-        Plane::through(face)
-    } else {
-        Plane { normal: DVec3::ZERO, offset: f64::INFINITY }
-    }
+/// The plane of a face, or one that everything is below where the face is too narrow for its own.
+fn plane_of(face: [DVec3; 3]) -> Plane {
+    Plane::dependable(face).unwrap_or(Plane { normal: DVec3::ZERO, offset: f64::INFINITY })
 }
 
 #[cfg(test)]

@@ -60,6 +60,12 @@ impl Plane {
         Self { normal, offset: normal.dot(a).max(normal.dot(b)).max(normal.dot(c)) }
     }
 
+    /// The plane through three points that are not too nearly on a line to tell it.
+    pub fn dependable([a, b, c]: [DVec3; 3]) -> Option<Self> {
+        let longest = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());
+        ((b - a).cross(c - a).length() > 1e-7 * longest).then(|| Self::through([a, b, c]))
+    }
+
     /// How far a point lies on the outer side.
     pub fn height(&self, point: DVec3) -> f64 {
         self.normal.dot(point) - self.offset
@@ -70,12 +76,7 @@ impl Hull {
     /// The planes of a polytope's faces. Faces too narrow to have a dependable normal are left out: what their
     /// neighbours then enclose is larger by about the width of the face.
     pub fn planes<'a>(&'a self, points: &'a [DVec3]) -> impl Iterator<Item = Plane> + 'a {
-        self.faces.iter().filter_map(|face| {
-            let [a, b, c] = face.map(|v| points[v as usize]);
-            let longest =
-                (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());
-            ((b - a).cross(c - a).length() > 1e-7 * longest).then(|| Plane::through([a, b, c]))
-        })
+        self.faces.iter().filter_map(|face| Plane::dependable(face.map(|v| points[v as usize])))
     }
 }
 

@@ -69,16 +69,24 @@ impl Trial<'_> {
                 Amendment::Undecided => {}
             }
         }
-        let mine = |t: u32| {
-            let patch = self.patch_of[t as usize];
-            patch == index || patch == self.gone || self.moved(t) || star.removed.contains(&t)
-        };
         let left: Vec<u32> =
             member.patch.triangles.iter().copied().filter(|t| !star.removed.contains(t)).collect();
         let moved = (|t: u32| self.moved(t), star.ends[0]);
-        let (patch, skin, vertices) =
-            self.convexity.patch(&left, moved, mine, self.others(index), part, buffers)?;
+        let (patch, skin, vertices) = self.convexity.patch(
+            &left,
+            moved,
+            |t| self.is_mine(index, t),
+            self.others(index),
+            part,
+            buffers,
+        )?;
         Some(Change::Anew(Member { patch, skin, vertices, amended: false }))
+    }
+
+    /// Whether a triangle, as the spatial index knows it, is of the patch, or is none or elsewhere by now.
+    fn is_mine(&self, index: u32, t: u32) -> bool {
+        let patch = self.patch_of[t as usize];
+        patch == index || patch == self.gone || self.moved(t) || self.star.removed.contains(&t)
     }
 
     /// The moved triangles of other patches.
@@ -153,13 +161,11 @@ impl Trial<'_> {
                 let skin = Skin::Polytope(grown);
                 // What is deep in the new skin, but was not in the old one, is in what is new or within the tolerance of it.
                 let margin = DVec3::splat(2.0 * tolerance);
-                let mine = |t: u32| {
-                    let patch = self.patch_of[t as usize];
-                    patch == index || patch == self.gone || self.moved(t) || star.removed.contains(&t)
-                };
                 let planes = skin.planes().iter().copied();
                 let new = (low - margin, high + margin);
-                if reached(&skin, reach) || surface.reaches_into(planes, new, skin.depth(), mine, reach) {
+                if reached(&skin, reach)
+                    || surface.reaches_into(planes, new, skin.depth(), |t| self.is_mine(index, t), reach)
+                {
                     return Amendment::TooWide(new);
                 }
                 let (from, to) = member.patch.bounds;

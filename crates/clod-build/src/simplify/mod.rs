@@ -12,7 +12,6 @@
 
 mod collapse;
 mod filter;
-pub(crate) mod intersect;
 mod levels;
 mod member;
 mod quadric;

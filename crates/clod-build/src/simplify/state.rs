@@ -11,15 +11,15 @@ use glam::DVec3;
 use palpate_core::TriMesh;
 
 use super::filter::Neighbourhood;
-use super::intersect::intersect;
 use super::member::{Change, Member, Trial};
 use super::quadric::Quadric;
 use super::star::{Fans, Star};
 use crate::box_tree::{BoxTree, EMPTY, meet};
 use crate::convexity::{Convexity, JoinBuffers, dependable_planes};
 use crate::decomposition::{Decomposition, NO_PATCH};
-use crate::hull::{HullBuilder, Plane};
-use crate::surface::{ReachBuffers, Surface, reaches_below};
+use crate::hull::Plane;
+use crate::intersect::intersect;
+use crate::surface::{Surface, reaches_below};
 
 /// A new triangle may not be narrower than this fraction of its longest side.
 const LEAST_WIDTH: f64 = 1e-3;
@@ -63,8 +63,6 @@ pub(crate) struct State {
     hulls: BoxTree,
     indexed_triangles: usize,
     joins: JoinBuffers,
-    builder: HullBuilder,
-    reach: ReachBuffers,
     stack: Vec<u32>,
     near: Vec<u32>,
 }
@@ -81,12 +79,12 @@ impl State {
     ) -> Self {
         let fans = Fans::new(surface.points.len(), &surface.triangles);
         let planes = dependable_planes(&surface, neighbours, tolerance);
-        let mut builder = HullBuilder::default();
+        let mut joins = JoinBuffers::default();
         let convexity = Convexity::with_planes(&surface, &planes, tolerance);
         let members: Vec<_> = decomposition
             .patches
             .iter()
-            .map(|patch| Some(Member::new(&convexity, patch.clone(), &mut builder)))
+            .map(|patch| Some(Member::new(&convexity, patch.clone(), &mut joins.hulls)))
             .collect();
         let boxes: Vec<_> = decomposition.patches.iter().map(|p| p.bounds).collect();
         let mut quadrics = vec![Quadric::NONE; surface.points.len()];
@@ -124,9 +122,7 @@ impl State {
             tolerance,
             hulls: BoxTree::new(&boxes),
             surface,
-            joins: JoinBuffers::default(),
-            builder,
-            reach: ReachBuffers::default(),
+            joins,
             stack: Vec::new(),
             near: Vec::new(),
         }
@@ -164,7 +160,7 @@ impl State {
     fn tighten(&mut self) {
         let convexity = Convexity::with_planes(&self.surface, &self.planes, self.tolerance);
         for member in self.members.iter_mut().flatten().filter(|m| m.is_loose()) {
-            member.tighten(&convexity, &mut self.builder);
+            member.tighten(&convexity, &mut self.joins.hulls);
         }
     }
 
@@ -274,7 +270,8 @@ impl State {
 
     /// Whether the fan reaches into the hull of a patch that it is no part of.
     fn reaches_into_others(&mut self, star: &Star, affected: &[u32]) -> bool {
-        let Self { surface, planes, hulls, members, reach, stack, tolerance, builder, .. } = self;
+        let Self { surface, planes, hulls, members, joins, stack, tolerance, .. } = self;
+        let JoinBuffers { hulls: builder, reach, .. } = joins;
         let convexity = Convexity::with_planes(surface, planes, *tolerance);
         let (low, high) = star.bounds(|t| surface.bounds(t));
         let around = (low - convexity.layer(), high + convexity.layer());
@@ -357,7 +354,7 @@ impl State {
                     member.amend(star, (lead, grown), touches, &self.surface.triangles);
                     if member.skin.worn() {
                         let convexity = Convexity::with_planes(&self.surface, &self.planes, self.tolerance);
-                        member.tighten(&convexity, &mut self.builder);
+                        member.tighten(&convexity, &mut self.joins.hulls);
                     }
                 }
                 (Change::Anew(member), _) => *slot = Some(member),
@@ -449,7 +446,7 @@ impl State {
         let slot = &mut self.members[kept as usize];
         let mut patch = slot.take()?.patch;
         patch.take_in(gone_member.patch, join, &convexity);
-        *slot = Some(Member::new(&convexity, patch, &mut self.builder));
+        *slot = Some(Member::new(&convexity, patch, &mut self.joins.hulls));
         self.went_into[gone as usize] = kept;
         self.patches -= 1;
         self.reindex_hull(gone);
