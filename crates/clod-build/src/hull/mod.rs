@@ -7,7 +7,7 @@
 //! stay triangulated, and vertices that turn out to lie on a facet or an edge are left out of the extreme points at the
 //! end.
 //!
-//! Points less than a given thickness above every face are dropped, since rounding noise on flat facets would otherwise
+//! Points on a face up to a given thickness are dropped, since rounding noise on flat facets would otherwise
 //! become vertices. Sets without thickness give a point, a segment or a polygon.
 
 mod planar;
@@ -82,11 +82,11 @@ impl Hull {
 
 /// The boundary of the convex hull of finite points, as triangles of indices into them, counter-clockwise seen from
 /// outside: what a picture of the hull is drawn from. The polygon of points in a plane is there once for each of its sides;
-/// points on a line have none. What is thinner than 1e-9 of its extent counts as flat.
+/// points on a line have none. What is thinner than 1e-12 of its extent counts as flat.
 pub fn hull_faces(points: &[DVec3]) -> Vec<[u32; 3]> {
     let Some(&first) = points.first() else { return Vec::new() };
     let extent = points.iter().map(|point| point.distance(first)).fold(0.0, f64::max);
-    let hull = HullBuilder::default().hull(points, 1e-9 * extent);
+    let hull = HullBuilder::default().hull(points, 1e-12 * extent);
     match hull.shape {
         Shape::Polytope => hull.faces,
         Shape::Polygon => {

@@ -3,8 +3,12 @@
 use glam::DVec3;
 
 use super::{Hull, Shape, elevation, planar};
+use crate::nearest::nearest_on_triangle;
 
 const NONE: u32 = u32::MAX;
+
+/// Points of less than the thickness above a face's plane are on the face if they are no farther from it than so many of it.
+const ON: f64 = 1e5;
 
 #[derive(Clone, Copy, Debug)]
 struct Face {
@@ -40,7 +44,7 @@ pub(crate) struct HullBuilder {
 
 impl HullBuilder {
     /// The convex hull of finite points; `thickness` is the height above the hull below which a point may be dropped, and
-    /// the extent below which a dimension counts as absent. None of the points lies more than that outside of it.
+    /// the extent below which a dimension counts as absent. None of the points is more than 10⁵ times that away from it.
     ///
     /// # Panics
     /// Without any points.
@@ -157,19 +161,37 @@ impl HullBuilder {
         self.pending.extend(0..4);
     }
 
-    /// Gives a point to one of the faces from `first` on that it lies above, if there is one.
+    /// Gives a point to one of the faces from `first` on that it lies above, if there is one. A point that is not above any by more
+    /// than the thickness is dropped, unless it is beside the faces that it is above rather than on one: the planes of a hull that
+    /// is hardly any thicker than that itself pass close to what is far outside of its rim.
     fn assign(&mut self, points: &[DVec3], point: u32, first: u32, thickness: f64) {
+        let (mut on, mut beside) = (false, None);
         for face in first..self.faces.len() as u32 {
             let elevation = self.elevation(points, face, point);
-            let face = &mut self.faces[face as usize];
-            if elevation > thickness * face.area {
-                let height = elevation / face.area;
-                self.next[point as usize] = std::mem::replace(&mut face.outside, point);
-                if height > face.height {
-                    (face.height, face.farthest) = (height, point);
-                }
+            let Face { corners, area, .. } = self.faces[face as usize];
+            if elevation > thickness * area {
+                self.give(point, face, elevation);
                 return;
             }
+            if elevation > 0.0 && !on {
+                let p = points[point as usize];
+                let nearest = nearest_on_triangle(p, corners.map(|v| points[v as usize]));
+                on = nearest.distance(p) <= ON * thickness;
+                beside = Some((face, elevation));
+            }
+        }
+        if let Some((face, elevation)) = beside.filter(|_| !on) {
+            self.give(point, face, elevation);
+        }
+    }
+
+    /// Gives a point to a face.
+    fn give(&mut self, point: u32, face: u32, elevation: f64) {
+        let face = &mut self.faces[face as usize];
+        let height = elevation / face.area;
+        self.next[point as usize] = std::mem::replace(&mut face.outside, point);
+        if height > face.height {
+            (face.height, face.farthest) = (height, point);
         }
     }
 

@@ -175,6 +175,39 @@ fn noise_on_flat_facets_keeps_the_hull_closed() {
     }
 }
 
+/// Points in a plane whose rounding makes a hull that is just thick enough: the planes of its faces tell little of what is
+/// outside of its rim. These are of a ball cut flat.
+#[test]
+fn corners_of_a_hull_of_rounding_remain() {
+    let corner = [0.23399916396238246, -0.1707113225680762, -0.5327635324997839];
+    let points = [
+        [0.2233003077627732, -0.18924228508867738, -0.5199891634007607],
+        [0.2269268582656352, -0.18296091536149783, -0.5155537787509339],
+        [0.2304786170149717, -0.17680908875143972, -0.5201274658786057],
+        corner,
+        [0.2336936661834138, -0.1712404602428467, -0.5413512857482341],
+    ]
+    .map(DVec3::from_array);
+    let hull = HullBuilder::default().hull(&points, 1e-14);
+    assert!(hull.extreme.contains(&3), "{hull:?}");
+
+    let seed = 13;
+    println!("seed {seed}");
+    let mut rng = StdRng::seed_from_u64(seed);
+    for round in 0..3000 {
+        let turn = random_rotation(&mut rng);
+        let noise = THICKNESS * 2f64.powi(round % 8 - 3);
+        let corners: Vec<DVec3> = (0..4 + round % 9)
+            .map(|_| {
+                let angle = rng.random_range(0.0..std::f64::consts::TAU);
+                turn * DVec3::new(angle.cos(), angle.sin(), 0.9) + noise * random(&mut rng)
+            })
+            .collect();
+        let hull = self::hull(&corners);
+        assert_eq!(hull.extreme.len(), corners.len(), "round {round}: {hull:?}");
+    }
+}
+
 #[test]
 fn sphere_keeps_every_point() {
     let mut rng = StdRng::seed_from_u64(11);
