@@ -169,7 +169,7 @@ impl<'a> Convexity<'a> {
     /// one. `moved` tells those of them that were not in the patch as they are now, and the vertex that has moved: the others are
     /// known to support all other vertices. `mine` are these triangles, and those `others` that the surface's spatial index
     /// is wrong about, which are therefore tested one by one. The rest of the surface is known not to reach into the hull
-    /// outside of the box `part`.
+    /// outside of the box `part`; that says nothing of the layer below a flat one.
     pub fn patch(
         &self,
         triangles: &[u32],
@@ -218,7 +218,7 @@ impl<'a> Convexity<'a> {
         if !planes.is_empty() {
             let margin = if flat { self.layer() } else { 0.0 };
             let mut around = (bounds.0 - margin, bounds.1 + margin);
-            if let Some(part) = part {
+            if let Some(part) = part.filter(|_| !flat) {
                 around = (around.0.max(part.0), around.1.min(part.1));
             }
             if { others }.any(|t| reaches_below(&self.surface.corners(t), planes, depth, reach))

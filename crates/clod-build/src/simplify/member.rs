@@ -100,7 +100,8 @@ impl Trial<'_> {
         let apex = surface.points[star.ends[0] as usize];
         let own = || star.fan.iter().map(|s| s.triangle).filter(|t| self.patch_of[*t as usize] == index);
         let touches = own().next().is_some();
-        let stays = |v: &&u32| !star.ends.contains(v);
+        let gone = member.vertices_gone(star, &surface.triangles);
+        let stays = |v: &&u32| !gone.contains(v);
         let below = |t: u32| {
             let plane = convexity.plane(t);
             plane.normal != DVec3::ZERO
@@ -137,7 +138,7 @@ impl Trial<'_> {
             self.others(index).any(|t| reaches_below(&surface.corners(t), skin.planes(), skin.depth(), reach))
         };
         match &member.skin {
-            Skin::Layer { planes, .. } if lead == old => {
+            Skin::Layer { planes, .. } if planes[0] == plane => {
                 let inside = !touches || planes[2..].iter().all(|side| side.height(apex) <= 0.0);
                 let upright = own().all(|t| convexity.plane(t).normal.dot(plane.normal) > 0.0);
                 if !inside || !upright {
@@ -200,6 +201,17 @@ impl Member {
         Self { patch, skin, vertices, amended: false }
     }
 
+    /// The vertices of the edge that collapses, and those that no triangle is left at.
+    fn vertices_gone(&self, star: &Star, triangles: &[[u32; 3]]) -> Vec<u32> {
+        let is_left = |v: &u32| {
+            let mut left = self.patch.triangles.iter().filter(|t| !star.removed.contains(t));
+            left.any(|t| triangles[*t as usize].contains(v))
+        };
+        let corners = star.removed.iter().flat_map(|t| triangles[*t as usize]);
+        let alone = corners.filter(|v| !star.ends.contains(v) && !is_left(v));
+        star.ends.into_iter().chain(alone).collect()
+    }
+
     /// After a collapse that [`Trial::change`] has found to leave it a patch. `triangles` are the corners of all.
     pub fn amend(
         &mut self,
@@ -208,13 +220,9 @@ impl Member {
         touches: bool,
         triangles: &[[u32; 3]],
     ) {
+        let gone = self.vertices_gone(star, triangles);
+        self.vertices.retain(|v| !gone.contains(v));
         self.patch.triangles.retain(|t| !star.removed.contains(t));
-        let own = &self.patch.triangles;
-        let lost = |v: &u32| {
-            star.removed.iter().any(|t| triangles[*t as usize].contains(v))
-                && !own.iter().any(|t| triangles[*t as usize].contains(v))
-        };
-        self.vertices.retain(|v| !star.ends.contains(v) && !lost(v));
         if touches && let Err(k) = self.vertices.binary_search(&star.ends[0]) {
             self.vertices.insert(k, star.ends[0]);
         }
