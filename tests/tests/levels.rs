@@ -284,35 +284,18 @@ fn powers_of_two_change_nothing_but_the_units() {
     }
 }
 
-/// Other factors round the coordinates. That decides ties between collapses one way or the other, and so may change which
-/// simplification is found, but not the full mesh's patches, nor what is true of the levels.
+/// Other factors round the coordinates, which changes the numbers by as much, but neither what is decided nor what is true.
 #[test]
-fn other_units_change_no_more_than_ties() {
-    for model in [Model::LowerJaw, Model::Cup, Model::Torus, Model::Hammer] {
+fn other_units_change_nothing_but_rounding() {
+    for model in [Model::LowerJaw, Model::Cup, Model::Torus, Model::Hammer, Model::GolfBall, Model::File] {
         let mesh = reduced(model, 1000);
         let one = simplified(&mesh);
         for scale in [0.001, 0.0254, 1000.0] {
             let place = format!("{} times {scale}", model.name());
             let scaled = in_other_unit(&mesh, scale);
             let other = simplified(&scaled);
-            let full = |clod: &Clod| {
-                let corners = |n: &Node| (n.vertices.len(), n.extreme, clod.patch(n).to_vec());
-                let mut patches: Vec<_> = clod.leaves().iter().map(corners).collect();
-                patches.sort_unstable();
-                patches
-            };
-            assert_eq!(full(&one), full(&other), "{place}");
+            assert_eq!(difference(&one, &other, scale, 1e-7), None, "{place}");
             assert_eq!(examination(2000, 1).of(&scaled, &other).faults, Vec::<String>::new(), "{place}");
-            let regular = |clod: &Clod| clod.levels.iter().filter(|level| !level.free).count();
-            assert!(regular(&one).abs_diff(regular(&other)) <= 2, "{place}");
-            // A number for "much the same": what depends on the unit itself would be off by far more.
-            for (a, b) in one.levels.iter().zip(&other.levels).take(regular(&one).min(regular(&other)) - 1) {
-                let ratio = a.resolution / (b.resolution * scale);
-                assert!((0.5..2.0).contains(&ratio), "{place}: {a:?} {b:?}");
-            }
-            if let Some(what) = difference(&one, &other, scale, 1e-9) {
-                say(&format!("{place}: {what}"));
-            }
         }
     }
 }

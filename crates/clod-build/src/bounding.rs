@@ -24,13 +24,16 @@ use crate::hull::{Hull, HullBuilder, Plane, Shape};
 use crate::nearest::distance_to_triangle;
 
 /// Distances below this, in unit coordinates, are rounding: the hull contains its descendants.
-const ROUNDING: f64 = 1e-13;
+const ROUNDING: f64 = 1e-11;
 
 /// Heights above a face's plane, in unit coordinates, that are taken for rounding.
 const IN_PLANE: f64 = 1e-12;
 
 /// What is added to a distance, as a fraction of it, so that it remains a bound in spite of rounding.
 const SLACK: f64 = 1e-9;
+
+/// So many of the last bits of a distance do not count: distances that are equal but for rounding are the same, in any unit.
+const UNCERTAIN_BITS: u32 = 20;
 
 /// A convex hull that distances are taken to.
 pub(crate) struct Target {
@@ -141,7 +144,7 @@ struct FarthestSearch {
 /// A descendant, or one of the vertices of those that have been looked at.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Waiting {
-    /// The bits of a bound on the distance, which is positive, so that they are in its order.
+    /// The first bits of a bound on the distance, which is positive, so that they are in its order.
     bound: u64,
     is_vertex: bool,
     index: Reverse<u32>,
@@ -151,7 +154,7 @@ struct Waiting {
 
 impl FarthestSearch {
     fn below(node: &Node) -> Self {
-        let bound = f64::INFINITY.to_bits();
+        let bound = f64::INFINITY.to_bits() >> UNCERTAIN_BITS;
         let waiting = node
             .children
             .clone()
@@ -160,8 +163,8 @@ impl FarthestSearch {
         Self { waiting, searches: 0 }
     }
 
-    /// How far the farthest is, and which of the vertices; `distance` is that of a point, in metres times `scale`. A distance of
-    /// 0 if none is further than that.
+    /// How far the farthest is at most, and which of the vertices: the first of those that are equally far. `distance` is that of a
+    /// point, in metres times `scale`. A distance of 0 if none is further than that.
     fn farthest(&mut self, clod: &Clod, scale: f64, distance: impl Fn(DVec3) -> f64) -> (f64, u32) {
         self.searches += 1;
         let search = self.searches;
@@ -174,7 +177,7 @@ impl FarthestSearch {
                 distance(center) + radius * scale * (1.0 + SLACK)
             };
             (bound > 0.0).then(|| Waiting {
-                bound: bound.to_bits(),
+                bound: bound.to_bits() >> UNCERTAIN_BITS,
                 is_vertex,
                 index: Reverse(index),
                 search,
@@ -186,7 +189,7 @@ impl FarthestSearch {
                 self.waiting.extend(wait(next.is_vertex, index));
             } else if next.is_vertex {
                 self.waiting.push(next);
-                return (f64::from_bits(next.bound), index);
+                return (f64::from_bits((next.bound + 1) << UNCERTAIN_BITS), index);
             } else {
                 let below = &clod.nodes[index as usize];
                 let vertices = below.vertices.start..below.vertices.start + below.extreme;

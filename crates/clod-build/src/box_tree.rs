@@ -35,6 +35,9 @@ use glam::DVec3;
 const LEAF_ITEMS: usize = 4;
 const NONE: u32 = u32::MAX;
 
+/// Places in a tree's box are told apart to so many parts of its longest side, so that rounding decides nothing.
+const CELLS: f64 = 1e9;
+
 /// Lower and upper corner of a box; the lower above the upper for an empty one.
 pub(crate) type Bounds = (DVec3, DVec3);
 
@@ -75,7 +78,11 @@ impl BoxTree {
             parents: Vec::with_capacity(order.len()),
             leaf_of: vec![NONE; boxes.len()],
         };
-        let middles: Vec<DVec3> = boxes.iter().map(|(low, high)| 0.5 * (*low + *high)).collect();
+        let (low, high) = union(order.iter().map(|item| boxes[*item as usize]));
+        let cell = (high - low).max_element() / CELLS;
+        let cell = if cell > 0.0 { cell } else { 1.0 };
+        let middles: Vec<DVec3> =
+            boxes.iter().map(|(from, to)| ((0.5 * (*from + *to) - low) / cell).round()).collect();
         tree.split(boxes, &middles, &mut order, 0, NONE);
         tree.order = order;
         tree

@@ -27,7 +27,7 @@ const LARGEST_LENGTH: f64 = 1e50;
 
 /// Counts the changes after which the same mesh and options give another hierarchy: whoever keeps built hierarchies can
 /// tell by it that one is out of date.
-pub const REVISION: u32 = 4;
+pub const REVISION: u32 = 5;
 
 /// What can be chosen about a build.
 #[derive(Clone, Debug, PartialEq)]

@@ -23,7 +23,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::hull::Plane;
-use crate::nearest::{NearestSearch, distance_to_triangle};
+use crate::nearest::{NearestSearch, ROUNDING, distance_to_triangle};
 use crate::surface::Surface;
 
 /// A bound is near enough if it is above a deviation that is known to occur by no more than this part of it ...
@@ -235,7 +235,8 @@ impl<'a> Divider<'a> {
         self.known = self.known.max(distance);
         let accepted = self.accepted();
         let far_corner = self.piece.iter().copied().fold(middle, |far, p| {
-            if p.distance_squared(middle) > far.distance_squared(middle) { p } else { far }
+            // Of those equally far but for rounding, the first.
+            if p.distance_squared(middle) > (1.0 + 1e-9) * far.distance_squared(middle) { p } else { far }
         });
         let radius = far_corner.distance(middle);
         let mut bound = distance + radius;
@@ -294,12 +295,14 @@ impl<'a> Divider<'a> {
         for k in 0..self.piece.len() {
             let (p, q) = (self.piece[k], self.piece[(k + 1) % self.piece.len()]);
             let (hp, hq) = (plane.height(p), plane.height(q));
-            if hp <= 0.0 {
-                self.rest.push(p)
-            } else {
-                self.corners.push(p)
+            // What is on the plane, but for rounding, is of both.
+            if hp <= ROUNDING {
+                self.rest.push(p);
             }
-            if (hp <= 0.0) != (hq <= 0.0) {
+            if hp >= -ROUNDING {
+                self.corners.push(p);
+            }
+            if hp.min(hq) < -ROUNDING && hp.max(hq) > ROUNDING {
                 let cut = p + (q - p) * (hp / (hp - hq));
                 self.rest.push(cut);
                 self.corners.push(cut);

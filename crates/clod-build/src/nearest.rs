@@ -52,6 +52,9 @@ pub(crate) fn distance_to_triangle(p: DVec3, corners: [DVec3; 3]) -> f64 {
     p.distance(nearest_on_triangle(p, corners))
 }
 
+/// Distances, in unit coordinates, that differ by less are equal.
+pub(crate) const ROUNDING: f64 = 1e-12;
+
 /// Looks for the nearest triangles of a surface.
 pub(crate) struct NearestSearch<'a> {
     surface: &'a Surface,
@@ -70,16 +73,18 @@ impl<'a> NearestSearch<'a> {
         self.surface
     }
 
-    /// The triangle that is nearest to a point, and how far it is; of those equally near, the first found. The search is short if
-    /// `guess`, any triangle, is near.
+    /// The triangle that is nearest to a point, and how far it is; of those equally near but for rounding, the first. The search is
+    /// short if `guess`, any triangle, is near.
     pub fn nearest(&mut self, p: DVec3, guess: u32) -> (u32, f64) {
         let Self { surface, stack } = self;
         let tree = surface.tree();
         let mut best = (guess, nearest_on_triangle(p, surface.corners(guess)).distance_squared(p));
+        let no_further = |squared: f64| (squared.sqrt() + ROUNDING).powi(2);
+        let mut limit = no_further(best.1);
         stack.clear();
         stack.push((0, 0.0));
         while let Some((index, squared)) = stack.pop() {
-            if squared >= best.1 {
+            if squared >= limit {
                 continue;
             }
             let node = &tree.nodes[index as usize];
@@ -87,19 +92,20 @@ impl<'a> NearestSearch<'a> {
                 for &t in tree.items(node) {
                     // Nothing of a triangle is nearer than its plane; the factor is for rounding.
                     let height = surface.planes[t as usize].height(p);
-                    if t == guess || height * height * (1.0 - 1e-9) >= best.1 {
+                    if t == guess || height * height * (1.0 - 1e-9) >= limit {
                         continue;
                     }
                     let squared = nearest_on_triangle(p, surface.corners(t)).distance_squared(p);
-                    if squared < best.1 {
+                    if no_further(squared) < best.1 || squared < limit && t < best.0 {
                         best = (t, squared);
+                        limit = no_further(squared);
                     }
                 }
             } else {
                 let one = (index + 1, squared_to_box(p, &tree.nodes[index as usize + 1]));
                 let other = (node.first, squared_to_box(p, &tree.nodes[node.first as usize]));
                 let (near, far) = if one.1 <= other.1 { (one, other) } else { (other, one) };
-                if far.1 < best.1 {
+                if far.1 < limit {
                     stack.push(far);
                 }
                 stack.push(near);
@@ -155,8 +161,8 @@ mod tests {
                 .map(|t| distance_to_triangle(p, surface.corners(t)))
                 .fold(f64::INFINITY, f64::min);
             let (t, distance) = search.nearest(p, rng.random_range(0..surface.triangles.len() as u32));
-            assert_eq!(distance, all);
-            assert_eq!(distance_to_triangle(p, surface.corners(t)), all);
+            assert!((distance - all).abs() < 2.0 * ROUNDING, "{distance} {all}");
+            assert_eq!(distance_to_triangle(p, surface.corners(t)), distance);
         }
     }
 }

@@ -10,6 +10,10 @@ use super::star::{Fans, Star};
 /// How many lengths of the edge the position of least deviation may be off its middle.
 const REACH: f64 = 2.0;
 
+/// The part of the tolerance that positions on the path may use up: those at its ends would else be neither clearly feasible nor clearly
+/// not, in what is tested next, and rounding would decide.
+const MARGIN: f64 = 0.9;
+
 /// The line that the merged vertex is sought on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Path {
@@ -94,7 +98,7 @@ impl Neighbourhood<'_> {
         let (mut low, mut high) = (0.0f64, 1.0f64);
         let mut hold = |volume: &dyn Fn(DVec3) -> (f64, f64)| {
             let ((filtered, area_f), (least, area_l)) = (volume(path.filtered), volume(path.least));
-            let slack = tolerance * area_f.min(area_l);
+            let slack = MARGIN * tolerance * area_f.min(area_l);
             // filtered + (least - filtered) u <= slack
             let slope = least - filtered;
             let room = slack - filtered;

@@ -123,7 +123,7 @@ impl<'a> Simplification<'a> {
             adjacency.neighbours(),
             decomposition,
             areas.to_vec(),
-            limits.tolerance,
+            limits,
         );
         Self {
             queue: Queue::new(&state, &adjacency, limits.radius),

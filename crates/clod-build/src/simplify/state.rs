@@ -10,6 +10,7 @@
 use glam::DVec3;
 use palpate_core::TriMesh;
 
+use super::Limits;
 use super::filter::Neighbourhood;
 use super::member::{Change, Member, Trial};
 use super::quadric::Quadric;
@@ -23,6 +24,10 @@ use crate::surface::{Surface, reaches_below};
 
 /// A new triangle may not be narrower than this fraction of its longest side.
 const LEAST_WIDTH: f64 = 1e-3;
+
+/// Vertices move to places on a grid of cells this small a part of the object's radius, so that rounding, which is another one in
+/// another unit of length, does not add up.
+const CELL: f64 = 1.0 / (1u64 << 32) as f64;
 
 /// Patches of more triangles are not asked for all of their neighbours each time they change.
 const FEW: usize = 64;
@@ -60,6 +65,8 @@ pub(crate) struct State {
     quadrics: Vec<Quadric>,
     planes: Vec<Plane>,
     tolerance: f64,
+    /// Distance of the places, along each axis, that a vertex can move to.
+    cell: f64,
     hulls: BoxTree,
     indexed_triangles: usize,
     joins: JoinBuffers,
@@ -75,8 +82,9 @@ impl State {
         neighbours: &[[u32; 3]],
         decomposition: &Decomposition,
         areas: Vec<f64>,
-        tolerance: f64,
+        limits: &Limits,
     ) -> Self {
+        let tolerance = limits.tolerance;
         let fans = Fans::new(surface.points.len(), &surface.triangles);
         let planes = dependable_planes(&surface, neighbours, tolerance);
         let mut joins = JoinBuffers::default();
@@ -120,6 +128,7 @@ impl State {
             quadrics,
             planes,
             tolerance,
+            cell: CELL * limits.radius,
             hulls: BoxTree::new(&boxes),
             surface,
             joins,
@@ -229,6 +238,7 @@ impl State {
     }
 
     fn place(&mut self, star: &Star, position: DVec3) {
+        let position = (position / self.cell).round() * self.cell;
         // As it will be stored, so that what holds here holds there.
         let metres = position / self.surface.scale + self.surface.center;
         self.metres[star.ends[0] as usize] = metres;
