@@ -11,12 +11,14 @@
 //! other surface may reach that deep into the hull. Into a hull that is not much thicker than the tolerance it may reach less
 //! deep: nothing is deep in it, and walls of a notch that it spans would not be noticed. A hull that is thinner than the tolerance is flat: it has no
 //! interior. It protrudes where it spans a notch or a hole of the flat face, whose walls go down from the face's plane. So it is
-//! the layer just below it, between one and two tolerances deep, that no surface may reach into.
+//! the layer just below it, between one and two tolerances deep, that no surface may reach into. The same is asked of the layer
+//! below a hull that is thin, since it may be thinner than the tolerance in places.
 //!
 //! Both constraints are monotone. What fails for two patches fails for any larger two that contain them. (The one exception
 //! is the two sides of a sheet that is thinner than the tolerance: they are never joined, whatever else is.)
 
 use std::borrow::Cow;
+use std::f64::consts::FRAC_1_SQRT_2;
 
 use glam::DVec3;
 
@@ -34,6 +36,9 @@ pub(crate) const LARGEST_PATCH: usize = 256;
 
 /// Other surface may reach as deep into a hull as the tolerance, but not deeper than its thickness over this.
 const THIN: f64 = 12.0;
+
+/// Hulls up to so many tolerances thick are tested for notches on top of them that nothing in the hull itself tells of.
+const SHEET: f64 = 64.0;
 
 /// A convex surface patch.
 #[derive(Clone, Debug)]
@@ -141,9 +146,12 @@ impl<'a> Convexity<'a> {
         buffers.vertices.clear();
         buffers.vertices.extend_from_slice(&a.extreme);
         buffers.vertices.extend_from_slice(&b.extreme);
-        let depth = if flat { self.tolerance } else { self.depth(lead, a.extreme.iter().chain(&b.extreme)) };
-        let extreme = self.hull(&[], bounds, flat.then_some(lead), depth, mine, buffers)?;
-        Some(Join { extreme, bounds, flat })
+        let thickness = self.thickness(lead, a.extreme.iter().chain(&b.extreme));
+        let depth = if flat { self.tolerance } else { self.depth_of(thickness) };
+        let extreme = self.hull(&[], bounds, flat.then_some(lead), depth, &mine, buffers)?;
+        let JoinBuffers { points, reach, .. } = buffers;
+        let spans_notch = !flat && self.spans_notch(lead, thickness, points, mine, reach);
+        (!spans_notch).then_some(Join { extreme, bounds, flat })
     }
 
     /// Many triangles at once as a patch, if they are one and not flat.
@@ -234,8 +242,8 @@ impl<'a> Convexity<'a> {
     /// What a patch keeps other surface out of; `hull` is that of `points`.
     pub fn skin(&self, patch: &Patch, hull: &Hull, points: &[DVec3]) -> Skin {
         if !patch.flat {
-            let depth = self.depth(&self.planes[patch.lead as usize], patch.extreme.iter());
-            return Skin::of_hull(hull, points, depth);
+            let thickness = self.thickness(&self.planes[patch.lead as usize], patch.extreme.iter());
+            return Skin::of_hull(hull, points, self.depth_of(thickness));
         }
         if patch.triangles.len() == 1 {
             return Skin::Bare;
@@ -244,9 +252,54 @@ impl<'a> Convexity<'a> {
         Skin::Layer { planes, depth: self.tolerance }
     }
 
-    /// How deep other surface may reach into a hull that is not flat, which has the plane of one of its triangles on top and these vertices.
-    fn depth<'v>(&self, top: &Plane, vertices: impl Iterator<Item = &'v u32>) -> f64 {
-        self.depth_of(vertices.map(|v| -top.height(self.point(*v))).fold(0.0, f64::max))
+    /// How far below a plane vertices reach.
+    fn thickness<'v>(&self, top: &Plane, vertices: impl Iterator<Item = &'v u32>) -> f64 {
+        vertices.map(|v| -top.height(self.point(*v))).fold(0.0, f64::max)
+    }
+
+    /// Whether a patch may have come to span a notch since it was made, when only what is deep in its hull was looked at.
+    pub fn may_span_notch(&self, patch: &Patch, mine: impl Fn(u32) -> bool, buffers: &mut JoinBuffers) -> bool {
+        if patch.triangles.len() == 1 {
+            return false;
+        }
+        let JoinBuffers { points, reach, .. } = buffers;
+        points.clear();
+        points.extend(patch.extreme.iter().map(|v| self.point(*v)));
+        let top = &self.planes[patch.lead as usize];
+        if patch.flat {
+            let margin = DVec3::splat(self.layer());
+            let around = (patch.bounds.0 - margin, patch.bounds.1 + margin);
+            let layer = layer_below(top, points, self.layer());
+            return self.surface.reaches_into(layer, around, self.tolerance, mine, reach);
+        }
+        self.spans_notch(top, self.thickness(top, patch.extreme.iter()), points, mine, reach)
+    }
+
+    /// Whether a hull that is not flat, but thin, spans a notch or a hole of the surface on top of it: whether there is other surface
+    /// below it, that does not face away as the other side of a sheet does. `top` is the plane of one of its triangles, and
+    /// `thickness` how far below that its vertices, the `points`, reach.
+    fn spans_notch(
+        &self,
+        top: &Plane,
+        thickness: f64,
+        points: &[DVec3],
+        mine: impl Fn(u32) -> bool,
+        reach: &mut ReachBuffers,
+    ) -> bool {
+        if thickness > SHEET * self.tolerance {
+            return false;
+        }
+        let below = Plane { offset: top.offset - thickness, ..*top };
+        // Near its rim, what is below it may be the other side of an edge.
+        let inset = |(k, p): (usize, Plane)| {
+            Plane { offset: p.offset - if k < 2 { 0.0 } else { thickness + self.tolerance }, ..p }
+        };
+        let layer = layer_below(&below, points, self.layer()).enumerate().map(inset);
+        let (low, high) = bounds_of(points);
+        let margin = thickness + self.layer();
+        let faces_away = |t: u32| self.planes[t as usize].normal.dot(top.normal) < -FRAC_1_SQRT_2;
+        let skip = |t: u32| mine(t) || faces_away(t);
+        self.surface.reaches_into(layer, (low - margin, high + margin), self.tolerance, skip, reach)
     }
 
     /// How deep other surface may reach into a hull of a thickness.

@@ -99,6 +99,8 @@ impl Surface {
         active.extend(planes.map(|p| Plane { normal: p.normal, offset: p.offset - depth }));
         stack.clear();
         stack.push((0, 0, active.len() as u32));
+        // What one part of the surface is above, the next often is too.
+        let Some(mut last) = active.first().copied() else { return false };
         while let Some((index, start, end)) = stack.pop() {
             let node = self.tree.nodes[index as usize];
             if node.low.cmpgt(high).any() || node.high.cmplt(low).any() {
@@ -106,15 +108,24 @@ impl Surface {
             }
             // What lies above the stack's ranges belongs to nodes that are done with.
             active.truncate(end as usize);
+            if node.count == 0 && node.low.cmple(low).all() && node.high.cmpge(high).all() {
+                // The polytope is inside of the box, so that no plane can tell.
+                stack.push((node.first, start, end));
+                stack.push((index + 1, start, end));
+                continue;
+            }
             let middle = 0.5 * (node.low + node.high);
             let half = 0.5 * (node.high - node.low);
+            if last.height(middle) - last.normal.abs().dot(half) >= 0.0 {
+                continue;
+            }
             let mut outside = false;
             for k in start..end {
                 let plane = active[k as usize];
                 let height = plane.height(middle);
                 let reach = plane.normal.abs().dot(half);
                 if height - reach >= 0.0 {
-                    outside = true;
+                    (outside, last) = (true, plane);
                     break;
                 }
                 if height + reach >= 0.0 {
@@ -140,7 +151,12 @@ impl Surface {
                     continue;
                 }
                 let planes = &active[start as usize..end as usize];
-                if planes.iter().any(|p| corners.iter().all(|c| p.height(*c) >= 0.0)) {
+                let is_above = |p: &&Plane| corners.iter().all(|c| p.height(*c) >= 0.0);
+                if is_above(&&last) {
+                    continue;
+                }
+                if let Some(plane) = planes.iter().find(is_above) {
+                    last = *plane;
                     continue;
                 }
                 if cuts(&corners, planes, clipped, spare) {

@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::{Hull, Shape, elevation, planar};
+use crate::box_tree::bounds_of;
 use crate::nearest::nearest_on_triangle;
 
 const NONE: u32 = u32::MAX;
@@ -16,6 +17,9 @@ struct Face {
     corners: [u32; 3],
     /// The face across the side from corner k to corner k + 1.
     across: [u32; 3],
+    /// The first corner, and the outer normal with twice the area for its length.
+    corner: DVec3,
+    normal: DVec3,
     /// Twice the area.
     area: f64,
     /// First of the list of points that the face has to deal with, linked through `HullBuilder::next`.
@@ -40,6 +44,8 @@ pub(crate) struct HullBuilder {
     visible: Vec<u32>,
     horizon: Vec<(u32, u32, u32)>,
     bends: Vec<u32>,
+    /// Larger elevations have the right sign without exact arithmetic.
+    doubt: f64,
 }
 
 impl HullBuilder {
@@ -54,6 +60,9 @@ impl HullBuilder {
             Err(hull) => return hull,
             Ok(simplex) => simplex,
         };
+        let (low, high) = bounds_of(points);
+        // The rounding of products of three differences of coordinates, with a margin.
+        self.doubt = 1e-14 * (high - low).max_element().powi(3);
         let [a, b, c, d] = simplex.map(|v| points[v as usize]);
         if elevation(a, b, c, d) > 0.0 {
             simplex.swap(1, 2);
@@ -98,9 +107,9 @@ impl HullBuilder {
             return Err(self.segment(points, along));
         }
         let pc = points[c as usize];
-        let area = (pb - pa).cross(pc - pa).length();
-        let (d, height) = farthest(&|p| elevation(pa, pb, pc, p).abs());
-        if height <= thickness * area {
+        let normal = (pb - pa).cross(pc - pa);
+        let (d, _) = farthest(&|p| normal.dot(p - pa).abs());
+        if elevation(pa, pb, pc, points[d as usize]).abs() <= thickness * normal.length() {
             let extreme = planar::polygon(points, (pb - pa).cross(pc - pa));
             if extreme.len() < 3 {
                 return Err(self.segment(points, along));
@@ -120,11 +129,13 @@ impl HullBuilder {
 
     fn push_face(&mut self, points: &[DVec3], corners: [u32; 3], across: [u32; 3]) -> u32 {
         let [a, b, c] = corners.map(|v| points[v as usize]);
-        let area = (b - a).cross(c - a).length();
+        let normal = (b - a).cross(c - a);
         self.faces.push(Face {
             corners,
             across,
-            area,
+            corner: a,
+            normal,
+            area: normal.length(),
             outside: NONE,
             farthest: NONE,
             height: 0.0,
@@ -137,7 +148,12 @@ impl HullBuilder {
 
     /// Twice the area times the height of a point above a face; the sign is exact.
     fn elevation(&self, points: &[DVec3], face: u32, point: u32) -> f64 {
-        let [a, b, c] = self.faces[face as usize].corners.map(|v| points[v as usize]);
+        let Face { corners, corner, normal, .. } = self.faces[face as usize];
+        let rounded = normal.dot(points[point as usize] - corner);
+        if rounded.abs() > self.doubt {
+            return rounded;
+        }
+        let [a, b, c] = corners.map(|v| points[v as usize]);
         elevation(a, b, c, points[point as usize])
     }
 
@@ -262,7 +278,7 @@ impl HullBuilder {
         self.bends.clear();
         self.bends.resize(points.len(), 0);
         let mut faces = Vec::new();
-        for face in self.faces.iter().filter(|face| face.alive) {
+        for (index, face) in (0u32..).zip(&self.faces).filter(|(_, face)| face.alive) {
             faces.push(face.corners);
             for side in 0..3 {
                 let (from, to) = (face.corners[side], face.corners[(side + 1) % 3]);
@@ -270,8 +286,7 @@ impl HullBuilder {
                 let Some(opposite) = other.corners.iter().find(|v| **v != from && **v != to) else {
                     continue;
                 };
-                let [a, b, c] = face.corners.map(|v| points[v as usize]);
-                if elevation(a, b, c, points[*opposite as usize]) != 0.0 {
+                if self.elevation(points, index, *opposite) != 0.0 {
                     // Each side is seen twice, once from each of its faces, and from its start each time.
                     self.bends[from as usize] += 1;
                 }

@@ -167,9 +167,13 @@ impl<'a> Simplification<'a> {
             let around: Vec<u32> = self.star.fan.iter().map(|s| s.triangle).collect();
             self.state.join_around(changed, &around);
             if 2 * self.state.patches <= levels.patches() {
-                levels.put_out(&mut self.state, self.lowest);
+                self.state.take_apart();
+                if 2 * self.state.patches <= levels.patches() {
+                    levels.put_out(&mut self.state, self.lowest);
+                }
             }
         }
+        self.state.take_apart();
         if is_noticeable(self.state.patches, levels) {
             levels.put_out(&mut self.state, self.lowest);
         }

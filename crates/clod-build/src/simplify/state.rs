@@ -393,15 +393,53 @@ impl State {
         if self.triangles < self.indexed_triangles / 2 {
             self.indexed_triangles = self.triangles;
             self.surface.index();
-            let boxes: Vec<_> =
-                self.members.iter().map(|m| m.as_ref().map_or(EMPTY, |m| m.patch.bounds)).collect();
-            self.hulls = BoxTree::new(&boxes);
+            self.index_hulls();
         }
     }
 
     fn reindex_hull(&mut self, p: u32) {
         let members = &self.members;
         self.hulls.refit(p, |p| members[p as usize].as_ref().map_or(EMPTY, |m| m.patch.bounds));
+    }
+
+    /// Takes apart the patches that have come to span a notch of the surface, as far as they do: collapses are only tested for
+    /// what they make reach deep into hulls.
+    pub fn take_apart(&mut self) {
+        self.tighten();
+        let convexity = Convexity::with_planes(&self.surface, &self.planes, self.tolerance);
+        let mut apart = Vec::new();
+        for (p, member) in (0u32..).zip(&self.members) {
+            let mine = |t: u32| [p, NO_PATCH].contains(&self.patch_of[t as usize]);
+            if member.as_ref().is_some_and(|m| convexity.may_span_notch(&m.patch, mine, &mut self.joins)) {
+                apart.push(p);
+            }
+        }
+        let mut pieces = Vec::new();
+        for p in apart {
+            let Some(member) = self.members[p as usize].take() else { continue };
+            for (k, t) in member.patch.triangles.into_iter().enumerate() {
+                let piece = if k == 0 { p } else { self.members.len() as u32 };
+                if k > 0 {
+                    self.members.push(None);
+                    self.went_into.push(piece);
+                    self.patches += 1;
+                }
+                self.patch_of[t as usize] = piece;
+                self.members[piece as usize] =
+                    Some(Member::new(&convexity, convexity.single(t), &mut self.joins.hulls));
+                pieces.push(piece);
+            }
+        }
+        if !pieces.is_empty() {
+            self.index_hulls();
+            self.join_around(pieces, &[]);
+        }
+    }
+
+    fn index_hulls(&mut self) {
+        let boxes: Vec<_> =
+            self.members.iter().map(|m| m.as_ref().map_or(EMPTY, |m| m.patch.bounds)).collect();
+        self.hulls = BoxTree::new(&boxes);
     }
 
     /// Joins patches that have changed with their neighbours, and the unions with theirs, as long as that makes convex
