@@ -514,6 +514,9 @@ impl<'a> Target<'a> {
 
     /// Whether a point is no further from the hull than this, m.
     fn within(&self, p: DVec3, reach: f64) -> bool {
+        if self.points.contains(&p) {
+            return true;
+        }
         let found = self.ask(p, reach);
         found.separation == Separation::Overlapping || found.distance <= reach
     }

@@ -258,7 +258,12 @@ impl<'a> Convexity<'a> {
     }
 
     /// Whether a patch may have come to span a notch since it was made, when only what is deep in its hull was looked at.
-    pub fn may_span_notch(&self, patch: &Patch, mine: impl Fn(u32) -> bool, buffers: &mut JoinBuffers) -> bool {
+    pub fn may_span_notch(
+        &self,
+        patch: &Patch,
+        mine: impl Fn(u32) -> bool,
+        buffers: &mut JoinBuffers,
+    ) -> bool {
         if patch.triangles.len() == 1 {
             return false;
         }
@@ -291,8 +296,9 @@ impl<'a> Convexity<'a> {
         }
         let below = Plane { offset: top.offset - thickness, ..*top };
         // Near its rim, what is below it may be the other side of an edge.
-        let inset = |(k, p): (usize, Plane)| {
-            Plane { offset: p.offset - if k < 2 { 0.0 } else { thickness + self.tolerance }, ..p }
+        let inset = |(k, p): (usize, Plane)| Plane {
+            offset: p.offset - if k < 2 { 0.0 } else { thickness + self.tolerance },
+            ..p
         };
         let layer = layer_below(&below, points, self.layer()).enumerate().map(inset);
         let (low, high) = bounds_of(points);

@@ -32,8 +32,8 @@ pub(crate) struct Surface {
 /// The buffers of [`Surface::reaches_into`].
 #[derive(Debug, Default)]
 pub(crate) struct ReachBuffers {
-    active: Vec<Plane>,
-    stack: Vec<(u32, u32, u32)>,
+    lowered: Vec<Plane>,
+    stack: Vec<u32>,
     clipped: Vec<DVec3>,
     spare: Vec<DVec3>,
 }
@@ -84,8 +84,9 @@ impl Surface {
     /// Whether any triangle that is not to be skipped reaches deeper than `depth` into a convex polytope: has a point more
     /// than `depth` below all of its planes. `low` and `high` bound the polytope.
     ///
-    /// On the way down the tree, the planes that a box lies wholly below are dropped, and a box that lies above one of
-    /// them is left: near the leaves few planes are left to test, however many faces the polytope has.
+    /// A triangle that does not reach in is above one of the planes, mostly; so it is tried first whether it is above the one that
+    /// the last was above, and boxes are tested against that one only. Of those that are near a hull most are its own and
+    /// skipped, so that it does not pay to test their boxes against many planes.
     pub fn reaches_into(
         &self,
         planes: impl Iterator<Item = Plane>,
@@ -94,54 +95,26 @@ impl Surface {
         skip: impl Fn(u32) -> bool,
         buffers: &mut ReachBuffers,
     ) -> bool {
-        let ReachBuffers { active, stack, clipped, spare } = buffers;
-        active.clear();
-        active.extend(planes.map(|p| Plane { normal: p.normal, offset: p.offset - depth }));
+        let ReachBuffers { lowered, stack, clipped, spare } = buffers;
+        lowered.clear();
+        lowered.extend(planes.map(|p| Plane { normal: p.normal, offset: p.offset - depth }));
+        let Some(mut last) = lowered.first().copied() else { return false };
         stack.clear();
-        stack.push((0, 0, active.len() as u32));
-        // What one part of the surface is above, the next often is too.
-        let Some(mut last) = active.first().copied() else { return false };
-        while let Some((index, start, end)) = stack.pop() {
-            let node = self.tree.nodes[index as usize];
+        stack.push(0);
+        while let Some(index) = stack.pop() {
+            let node = &self.tree.nodes[index as usize];
             if node.low.cmpgt(high).any() || node.high.cmplt(low).any() {
                 continue;
             }
-            // What lies above the stack's ranges belongs to nodes that are done with.
-            active.truncate(end as usize);
-            if node.count == 0 && node.low.cmple(low).all() && node.high.cmpge(high).all() {
-                // The polytope is inside of the box, so that no plane can tell.
-                stack.push((node.first, start, end));
-                stack.push((index + 1, start, end));
-                continue;
-            }
-            let middle = 0.5 * (node.low + node.high);
-            let half = 0.5 * (node.high - node.low);
+            let (middle, half) = (0.5 * (node.low + node.high), 0.5 * (node.high - node.low));
             if last.height(middle) - last.normal.abs().dot(half) >= 0.0 {
                 continue;
             }
-            let mut outside = false;
-            for k in start..end {
-                let plane = active[k as usize];
-                let height = plane.height(middle);
-                let reach = plane.normal.abs().dot(half);
-                if height - reach >= 0.0 {
-                    (outside, last) = (true, plane);
-                    break;
-                }
-                if height + reach >= 0.0 {
-                    active.push(plane);
-                }
-            }
-            if outside {
-                continue;
-            }
-            let (start, end) = (end, active.len() as u32);
             if node.count == 0 {
-                stack.push((node.first, start, end));
-                stack.push((index + 1, start, end));
+                stack.extend([node.first, index + 1]);
                 continue;
             }
-            for &t in self.tree.items(&node) {
+            for &t in self.tree.items(node) {
                 if skip(t) {
                     continue;
                 }
@@ -150,16 +123,13 @@ impl Surface {
                 if from.cmpgt(high).any() || to.cmplt(low).any() {
                     continue;
                 }
-                let planes = &active[start as usize..end as usize];
                 let is_above = |p: &&Plane| corners.iter().all(|c| p.height(*c) >= 0.0);
                 if is_above(&&last) {
                     continue;
                 }
-                if let Some(plane) = planes.iter().find(is_above) {
+                if let Some(plane) = lowered.iter().find(is_above) {
                     last = *plane;
-                    continue;
-                }
-                if cuts(&corners, planes, clipped, spare) {
+                } else if cuts(&corners, lowered, clipped, spare) {
                     return true;
                 }
             }
@@ -255,8 +225,8 @@ pub(crate) fn reaches_below(
     depth: f64,
     buffers: &mut ReachBuffers,
 ) -> bool {
-    let ReachBuffers { active, clipped, spare, .. } = buffers;
-    active.clear();
+    let ReachBuffers { lowered, clipped, spare, .. } = buffers;
+    lowered.clear();
     for plane in planes {
         let plane = Plane { normal: plane.normal, offset: plane.offset - depth };
         let heights = corners.map(|c| plane.height(c));
@@ -264,10 +234,10 @@ pub(crate) fn reaches_below(
             return false;
         }
         if heights.iter().any(|h| *h >= 0.0) {
-            active.push(plane);
+            lowered.push(plane);
         }
     }
-    cuts(corners, active, clipped, spare)
+    cuts(corners, lowered, clipped, spare)
 }
 
 /// Whether a polygon has points below all planes: Sutherland and Hodgman's clipping.
