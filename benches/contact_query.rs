@@ -1,7 +1,7 @@
 //! Time of a contact query and of clustering its contacts: the upper jaw on the lower one, along a recorded trajectory.
 //!
-//! `cargo bench -p palpate-benches --bench contact_query`. An iteration of `contact_query/jaws` runs through all poses; the
-//! throughput is in poses. `contact_query/jaws_closed` is the pose with the most contacts alone.
+//! `cargo bench -p palpate-benches --bench contact_query`. An iteration of `contact_query/jaws` runs through all poses;
+//! the throughput is in poses. `contact_query/jaws_closed` is the pose with the most contacts alone.
 
 #![allow(missing_docs, reason = "a benchmark")]
 

@@ -1,7 +1,8 @@
 //! How the time of building a hierarchy grows with the mesh: built-in models at rising resolution, each built once.
 //!
-//! `cargo bench -p palpate-benches --bench growth`, or `-- --most 1000000 golf-ball` for larger meshes or other models. It prints
-//! p of the least squares fit of time as (n log n)^p: where it is at most 1, time grows no faster than n log n.
+//! `cargo bench -p palpate-benches --bench growth`, or `-- --most 1000000 golf-ball` for larger meshes or other models.
+//! It prints p of the least squares fit of time as (n log n)^p: where it is at most 1, time grows no faster than n log
+//! n.
 
 #![allow(clippy::print_stdout, reason = "it prints a table")]
 

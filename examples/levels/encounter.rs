@@ -1,4 +1,5 @@
-//! How two models come into contact: the probe approaches until it touches, presses a little, slides to and fro and turns.
+//! How two models come into contact: the probe approaches until it touches, presses a little, slides to and fro and
+//! turns.
 
 use std::f64::consts::TAU;
 
@@ -93,7 +94,8 @@ pub fn poses(models: [Model; 2], probe: &Clod, scene: &Clod) -> Result<Vec<Pose>
     Ok(approach.chain(sliding).collect())
 }
 
-/// How far the probe comes until it touches, m: by conservative advancement, where each step is no longer than the distance.
+/// How far the probe comes until it touches, m: by conservative advancement, where each step is no longer than the
+/// distance.
 fn first_touch(encounter: &Encounter, probe: &Clod, scene: &Clod) -> Result<f64, String> {
     let radius = probe.bounding_radius();
     let farthest = 4.0 * (radius + scene.bounding_radius());

@@ -1,8 +1,8 @@
 //! An examination of a hierarchy's levels of detail by what its file says alone, against the mesh that it was built from.
 //!
 //! Nothing of the builder is used: level meshes are put together from the nodes' patches, surfaces are sampled densely,
-//! distances come from [`TriangleTree`], and distances to hulls from the contact query's GJK. Samples can only find faults;
-//! that s and h hold between the samples is for the builder's own tests.
+//! distances come from [`TriangleTree`], and distances to hulls from the contact query's GJK. Samples can only find
+//! faults; that s and h hold between the samples is for the builder's own tests.
 
 use std::collections::{BTreeMap, HashSet};
 
@@ -22,8 +22,8 @@ use crate::triangle_tree::TriangleTree;
 /// Rounding, as a fraction of the bounding radius.
 const ROUNDING: f64 = 1e-10;
 
-/// Points this near to a hull are not told from points on it, as a fraction of the bounding radius: GJK's distance to a hull
-/// that is nearly flat is only known to within it.
+/// Points this near to a hull are not told from points on it, as a fraction of the bounding radius: GJK's distance to a
+/// hull that is nearly flat is only known to within it.
 const HULL_ROUNDING: f64 = 1e-8;
 
 /// Faults of one kind on one level that are described; the others are only counted.
@@ -177,8 +177,8 @@ impl Examination {
         Level { clod, nodes, mesh, tree, samples }
     }
 
-    /// The level is a closed, oriented 2-manifold without self-intersections, of the mesh's topology, and coarser than the
-    /// last.
+    /// The level is a closed, oriented 2-manifold without self-intersections, of the mesh's topology, and coarser than
+    /// the last.
     fn check_surface(
         &self,
         clod: &Clod,
@@ -223,8 +223,8 @@ impl Examination {
         findings.take(&format!("level {index}"), "surface", 1, faults);
     }
 
-    /// Every patch is convex: no corner of it lies above the plane of one of its triangles, by more than the tolerance. The
-    /// plane of a triangle that is narrower than that is not defined to within it, and passed over.
+    /// Every patch is convex: no corner of it lies above the plane of one of its triangles, by more than the tolerance.
+    /// The plane of a triangle that is narrower than that is not defined to within it, and passed over.
     fn check_patches(&self, index: usize, level: &Level<'_>, findings: &mut Findings) {
         let clod = level.clod;
         let tolerance = self.tolerance * clod.bounding_radius() * (1.0 + 1e-6);
@@ -250,9 +250,10 @@ impl Examination {
         findings.take(&format!("level {index}"), "convex patches", level.nodes.len(), faults);
     }
 
-    /// No hull protrudes: points inside it are inside the level's surface, or no further outside than twice the tolerance
-    /// (the builder measures heights above planes, and beside narrow triangles the surface is further away than
-    /// these); and no other point of the surface is deeper inside a hull than the tolerance. Every hull encloses its patch.
+    /// No hull protrudes: points inside it are inside the level's surface, or no further outside than twice the
+    /// tolerance (the builder measures heights above planes, and beside narrow triangles the surface is further away
+    /// than these); and no other point of the surface is deeper inside a hull than the tolerance. Every hull encloses
+    /// its patch.
     fn check_hulls(&self, index: usize, level: &Level<'_>, findings: &mut Findings) {
         let place = format!("level {index}");
         let clod = level.clod;
@@ -341,7 +342,8 @@ impl Examination {
         (checked, found.into_iter().filter_map(|f| f.1).collect())
     }
 
-    /// s: no point of a patch is further from the mesh, and no point of the mesh that it stands for further from the level.
+    /// s: no point of a patch is further from the mesh, and no point of the mesh that it stands for further from the
+    /// level.
     fn check_deviation(&self, index: usize, level: &Level<'_>, finest: &Level<'_>, findings: &mut Findings) {
         let clod = level.clod;
         let slack = ROUNDING * clod.bounding_radius();
@@ -386,7 +388,8 @@ impl Examination {
         ));
     }
 
-    /// h: no extreme point of a descendant's hull is further from the node's bounding hull. By convexity no other point is either.
+    /// h: no extreme point of a descendant's hull is further from the node's bounding hull. By convexity no other point
+    /// is either.
     fn check_hausdorff(&self, clod: &Clod, findings: &mut Findings) {
         let slack = HULL_ROUNDING * clod.bounding_radius();
         for level in 1..clod.levels.len() {

@@ -1,9 +1,9 @@
-//! Damaged `.clod` files: reading one ends in a hierarchy or an error, never a panic, and takes memory in proportion to the
-//! bytes that are there. What is accepted survives use: contact queries against a sound object.
+//! Damaged `.clod` files: reading one ends in a hierarchy or an error, never a panic, and takes memory in proportion to
+//! the bytes that are there. What is accepted survives use: contact queries against a sound object.
 //!
-//! Most files are resealed (length and checksum put right) after the damage, so that it reaches the checks behind them. Some
-//! are damaged copies of loosened hierarchies, whose spheres, s and h are larger than they need to be: in these, wrong
-//! geometry is valid and reaches the queries.
+//! Most files are resealed (length and checksum put right) after the damage, so that it reaches the checks behind them.
+//! Some are damaged copies of loosened hierarchies, whose spheres, s and h are larger than they need to be: in these,
+//! wrong geometry is valid and reaches the queries.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -37,8 +37,8 @@ const BYTES_BESIDES: u64 = 72 << 10;
 /// One file in this many is also read from the disk, where its length is known beforehand.
 const ON_DISK: usize = 50;
 
-/// Longest that reading and querying one file may take: even in a debug build on a loaded machine, a hundred times more than
-/// it does.
+/// Longest that reading and querying one file may take: even in a debug build on a loaded machine, a hundred times more
+/// than it does.
 const LONGEST: Duration = Duration::from_secs(20);
 
 #[test]

@@ -1,5 +1,5 @@
-//! Full-resolution contact queries, on real meshes against brute force over all pairs of triangles, and on built-in ones against
-//! hierarchies without levels of detail.
+//! Full-resolution contact queries, on real meshes against brute force over all pairs of triangles, and on built-in
+//! ones against hierarchies without levels of detail.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
@@ -55,8 +55,8 @@ impl Body {
     }
 }
 
-/// Poses of the probe: some where the bodies are disjoint and near, some where they intersect. `tolerance`: d as a fraction
-/// of the probe's radius.
+/// Poses of the probe: some where the bodies are disjoint and near, some where they intersect. `tolerance`: d as a
+/// fraction of the probe's radius.
 fn check(probe_path: &str, scene_path: &str, tolerance: f64, poses: &[Pose]) {
     let (Some(probe), Some(scene)) = (Body::load(probe_path), Body::load(scene_path)) else { return };
     let tolerance = tolerance * probe.radius;

@@ -1,5 +1,5 @@
-//! The levels of detail of built-in and real models hold what they promise (§3.2, §3.3.5), as far as dense sampling can tell:
-//! see [`palpate_tests::levels`]. Faults are collected over all models before the test fails.
+//! The levels of detail of built-in and real models hold what they promise (§3.2, §3.3.5), as far as dense sampling can
+//! tell: see [`palpate_tests::levels`]. Faults are collected over all models before the test fails.
 
 use std::collections::BTreeMap;
 use std::io::Write as _;
@@ -143,7 +143,8 @@ fn damage_is_found() {
         ("Hausdorff distance", &|c| {
             coarsest.clone().for_each(|n| shrink(&mut c.nodes[n as usize].hausdorff));
         }),
-        // A sphere so large that it is nearly a plane, which touches a node's hull where a descendant's reaches beyond it.
+        // A sphere so large that it is nearly a plane, which touches a node's hull where a descendant's reaches beyond
+        // it.
         ("spheres", &|c| {
             let beyond = c.nodes.iter().enumerate().find_map(|(k, node)| {
                 let middle = node.center;
@@ -284,7 +285,8 @@ fn powers_of_two_change_nothing_but_the_units() {
     }
 }
 
-/// Other factors round the coordinates, which changes the numbers by as much, but neither what is decided nor what is true.
+/// Other factors round the coordinates, which changes the numbers by as much, but neither what is decided nor what is
+/// true.
 #[test]
 fn other_units_change_nothing_but_rounding() {
     for model in [Model::LowerJaw, Model::Cup, Model::Torus, Model::Hammer, Model::GolfBall, Model::File] {

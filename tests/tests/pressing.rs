@@ -1,8 +1,9 @@
 //! A wall pressed through the whole loop, on every emulated device as it comes: bounded, settled, and nearly passive.
 //!
-//! What the session creates is measured where it counts, as the work that the written wrenches do on the true handle. Bound:
-//! the energy that the coupling's spring takes up over the way that the hand makes before a contact model knows of it (two
-//! contact periods, as a query that takes its whole period is answered at the end of the next), and over an encoder step.
+//! What the session creates is measured where it counts, as the work that the written wrenches do on the true handle.
+//! Bound: the energy that the coupling's spring takes up over the way that the hand makes before a contact model knows
+//! of it (two contact periods, as a query that takes its whole period is answered at the end of the next), and over an
+//! encoder step.
 
 use std::convert::Infallible;
 use std::f64::consts::TAU;

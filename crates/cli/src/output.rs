@@ -86,7 +86,8 @@ pub fn check_folder(path: &Path) -> Result<(), Failure> {
     std::fs::create_dir(path).and_then(|()| std::fs::remove_dir(path)).map_err(refused)
 }
 
-/// Rows of cells, printed with aligned columns. An empty row parts blocks whose columns have nothing to do with each other.
+/// Rows of cells, printed with aligned columns. An empty row parts blocks whose columns have nothing to do with each
+/// other.
 #[derive(Default)]
 pub struct Table(Vec<Vec<String>>);
 

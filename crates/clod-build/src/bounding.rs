@@ -1,14 +1,14 @@
 //! What a node needs to bound its descendants when it is culled: h (§3.3.5), points that bring h down, and a sphere.
 //!
-//! The hulls of a simplified level need not contain those of the finer levels (§3.6.2). Departing from the dissertation, which
-//! makes up for it by h alone, a hull is given a few points of its descendants for culling: each time the one that is farthest from it.
-//! The hull of the points and the descendants lies within the hull's neighbourhood of width h, so that every point
-//! added makes for tighter culling; what it costs is that supporting points are sought among more. With as many points as it takes
-//! h is 0, and each hull contains its descendants.
+//! The hulls of a simplified level need not contain those of the finer levels (§3.6.2). Departing from the
+//! dissertation, which makes up for it by h alone, a hull is given a few points of its descendants for culling: each
+//! time the one that is farthest from it. The hull of the points and the descendants lies within the hull's
+//! neighbourhood of width h, so that every point added makes for tighter culling; what it costs is that supporting
+//! points are sought among more. With as many points as it takes h is 0, and each hull contains its descendants.
 //!
-//! The distance to a convex set is a convex function, so that its maximum over a hull is at one of its extreme points. The
-//! maximum over all descendants is found exactly, without visiting most of them: none is further away than the sphere around
-//! them.
+//! The distance to a convex set is a convex function, so that its maximum over a hull is at one of its extreme points.
+//! The maximum over all descendants is found exactly, without visiting most of them: none is further away than the
+//! sphere around them.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -32,7 +32,8 @@ const IN_PLANE: f64 = 1e-12;
 /// What is added to a distance, as a fraction of it, so that it remains a bound in spite of rounding.
 const SLACK: f64 = 1e-9;
 
-/// So many of the last bits of a distance do not count: distances that are equal but for rounding are the same, in any unit.
+/// So many of the last bits of a distance do not count: distances that are equal but for rounding are the same, in any
+/// unit.
 const UNCERTAIN_BITS: u32 = 20;
 
 /// A convex hull that distances are taken to.
@@ -59,8 +60,8 @@ impl Target {
             if highest <= 0.0 {
                 return highest;
             }
-            // The nearest point is on a face that is visible from the point, or has it in its plane but for rounding: a vertex of the
-            // hull may be that much above the plane of a face elsewhere alone.
+            // The nearest point is on a face that is visible from the point, or has it in its plane but for rounding: a
+            // vertex of the hull may be that much above the plane of a face elsewhere alone.
             let visible =
                 self.hull.faces.iter().zip(&self.planes).filter(|(_, plane)| plane.height(p) > -IN_PLANE);
             let nearest = least(&mut visible.map(|(f, _)| distance_to_triangle(p, f.map(at))));
@@ -88,8 +89,9 @@ struct Bounds {
     radius: f64,
 }
 
-/// Sets the bounding hull of every node, with `most` added points at most, its h and its sphere, level by level from the finest; `scale` makes
-/// unit coordinates of metres. Fails with the number of points if there are more than 32-bit indices can name.
+/// Sets the bounding hull of every node, with `most` added points at most, its h and its sphere, level by level from
+/// the finest; `scale` makes unit coordinates of metres. Fails with the number of points if there are more than 32-bit
+/// indices can name.
 pub(crate) fn bound_descendants(clod: &mut Clod, most: u32, scale: f64) -> Result<(), usize> {
     let mut added: Vec<Vec<u32>> = vec![Vec::new(); clod.nodes.len()];
     for level in 1..clod.levels.len() {
@@ -133,8 +135,8 @@ fn bounds(clod: &Clod, node: &Node, most: u32, scale: f64, builder: &mut HullBui
     Bounds { added, hausdorff, center, radius: own.max(below) }
 }
 
-/// Looks for the extreme point of any descendant that is farthest from something that may grow from one search to the next: what was
-/// once found of a distance remains a bound.
+/// Looks for the extreme point of any descendant that is farthest from something that may grow from one search to the
+/// next: what was once found of a distance remains a bound.
 struct FarthestSearch {
     /// Largest bound first.
     waiting: BinaryHeap<Waiting>,
@@ -163,8 +165,8 @@ impl FarthestSearch {
         Self { waiting, searches: 0 }
     }
 
-    /// How far the farthest is at most, and which of the vertices: the first of those that are equally far. `distance` is that of a
-    /// point, in metres times `scale`. A distance of 0 if none is further than that.
+    /// How far the farthest is at most, and which of the vertices: the first of those that are equally far. `distance`
+    /// is that of a point, in metres times `scale`. A distance of 0 if none is further than that.
     fn farthest(&mut self, clod: &Clod, scale: f64, distance: impl Fn(DVec3) -> f64) -> (f64, u32) {
         self.searches += 1;
         let search = self.searches;

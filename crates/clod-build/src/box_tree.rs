@@ -1,12 +1,12 @@
 //! A tree of axis-aligned boxes over items that may move.
 //!
-//! Split at the median of the longest side, so that it is balanced and deterministic. An item that has moved is refitted in
-//! place: the boxes from its leaf up are recomputed until one does not change. The splits stay those of the positions that
-//! the tree was made for, so that it is worth making anew once many items have moved or gone.
+//! Split at the median of the longest side, so that it is balanced and deterministic. An item that has moved is
+//! refitted in place: the boxes from its leaf up are recomputed until one does not change. The splits stay those of the
+//! positions that the tree was made for, so that it is worth making anew once many items have moved or gone.
 //!
-//! Measured against `obvhs` 0.4 (boxes in f32, widened outwards, one triangle a leaf) and a hashed grid whose cells are as long
-//! as an edge. All go through the collapses that take a torus to a sixteenth of its triangles, and are made anew (except
-//! where moving) when half are gone. In thousands of instructions, by the command below:
+//! Measured against `obvhs` 0.4 (boxes in f32, widened outwards, one triangle a leaf) and a hashed grid whose cells are
+//! as long as an edge. All go through the collapses that take a torus to a sixteenth of its triangles, and are made
+//! anew (except where moving) when half are gone. In thousands of instructions, by the command below:
 //!
 //! | | a query, 10k triangles | 100k | changes of a collapse, 10k | 100k |
 //! |---|---|---|---|---|
@@ -16,19 +16,19 @@
 //! | grid, made anew | 6.6 | 7.0 | 29.0 | 29.3 |
 //! | grid, cells as they were first | 11.5 | 12.7 | 34.4 | 36.6 |
 //!
-//! A query is of the box around the fan of a merged vertex; of the triangles some eight change and two go, and
-//! making the index anew is shared out among the changes. The trees do the same, and neither's cost grows with the mesh by
-//! more than the logarithm. A tree that is kept good by moving its leaves never pays that back; a grid pays for the cells of
-//! each triangle, and for large triangles in small cells as the surface gets coarser. So this one stays, without the f32
-//! and with the [nodes](BoxTree::nodes) open to traversals that test more than boxes.
+//! A query is of the box around the fan of a merged vertex; of the triangles some eight change and two go, and making
+//! the index anew is shared out among the changes. The trees do the same, and neither's cost grows with the mesh by
+//! more than the logarithm. A tree that is kept good by moving its leaves never pays that back; a grid pays for the
+//! cells of each triangle, and for large triangles in small cells as the surface gets coarser. So this one stays,
+//! without the f32 and with the [nodes](BoxTree::nodes) open to traversals that test more than boxes.
 //!
 //! ```text
 //! cargo bench -p palpate-clod-build --bench spatial_index --no-run
 //! valgrind --tool=callgrind --toggle-collect='*replay*' target/release/deps/spatial_index-… --bench --test '^ours/10000/tries/1$'
 //! ```
 //!
-//! (likewise with 8 tries; less what a filter that nothing passes leaves; by 4,728 collapses of 10,000 triangles and 47,061 of
-//! 100,000). Without valgrind the benchmark tells times.
+//! (likewise with 8 tries; less what a filter that nothing passes leaves; by 4,728 collapses of 10,000 triangles and
+//! 47,061 of 100,000). Without valgrind the benchmark tells times.
 
 use glam::DVec3;
 
@@ -139,8 +139,8 @@ impl BoxTree {
         }
     }
 
-    /// Calls `visit` with each item of the leaves that meet a box, which may itself lie aside of it, until one call returns
-    /// true; tells whether one did.
+    /// Calls `visit` with each item of the leaves that meet a box, which may itself lie aside of it, until one call
+    /// returns true; tells whether one did.
     pub fn any_near(
         &self,
         (low, high): Bounds,

@@ -21,8 +21,8 @@ use crate::surface::Surface;
 /// Edges shorter than this fraction of the bounding radius join copies of a vertex.
 const NEGLIGIBLE: f64 = 1e-9;
 
-/// Lengths (m) from the reciprocal of this to this are accepted: their fifth powers, which inertia needs, are far within the
-/// range of f64.
+/// Lengths (m) from the reciprocal of this to this are accepted: their fifth powers, which inertia needs, are far
+/// within the range of f64.
 const LARGEST_LENGTH: f64 = 1e50;
 
 /// Counts the changes after which the same mesh and options give another hierarchy: whoever keeps built hierarchies can
@@ -37,15 +37,15 @@ pub struct BuildOptions {
     pub tolerance: f64,
     /// Distance tolerance of support areas (§3.3.5) along a vertex normal: a fraction of the bounding radius.
     pub support_distance: f64,
-    /// Whether to make levels of detail by simplification (§3.3.3) before patches are merged freely. Without, every level but
-    /// the full mesh's is free.
+    /// Whether to make levels of detail by simplification (§3.3.3) before patches are merged freely. Without, every
+    /// level but the full mesh's is free.
     pub simplify: bool,
     /// Where simplification ends: at the resolution (Eq. 3.1) that is this over the bounding radius.
     pub coarsest: f64,
     /// Whether patches are carried through the collapses, as in the dissertation; else each level's are made anew.
     pub carried: bool,
-    /// How many points of its descendants a hull may be given at most to bound them better (§3.6.2): with 0 it is that of its
-    /// patch, as in the dissertation; with [`u32::MAX`] every hull contains its descendants.
+    /// How many points of its descendants a hull may be given at most to bound them better (§3.6.2): with 0 it is that
+    /// of its patch, as in the dissertation; with [`u32::MAX`] every hull contains its descendants.
     pub bounding_points: u32,
     /// Half angle of the normal cone of support areas (§3.3.5), rad.
     pub support_cone: f64,
@@ -67,15 +67,15 @@ impl Default for BuildOptions {
 
 /// Builds the hierarchy of contact levels of detail of a mesh.
 ///
-/// The mesh has to be an oriented 2-manifold, with or without boundary, of triangles with an area, that does not intersect
-/// itself (decided exactly; surfaces may touch at vertices and edges that they have in common or that coincide) and, if it is closed, does not
-/// enclose a negative volume. `palpate_mesh_io::repair` makes such a mesh of any other. Where there is a boundary,
-/// inside and outside are not defined: no hull can then be verified to lie inside the object,
-/// [`Node::contained`](palpate_core::clod::Node::contained) is false and so is
+/// The mesh has to be an oriented 2-manifold, with or without boundary, of triangles with an area, that does not
+/// intersect itself (decided exactly; surfaces may touch at vertices and edges that they have in common or that
+/// coincide) and, if it is closed, does not enclose a negative volume. `palpate_mesh_io::repair` makes such a mesh of
+/// any other. Where there is a boundary, inside and outside are not defined: no hull can then be verified to lie inside
+/// the object, [`Node::contained`](palpate_core::clod::Node::contained) is false and so is
 /// [`Source::solid`](palpate_core::clod::Source::solid).
 ///
-/// `progress` is called from the calling thread with the fraction of the stage that is done, at most some 25 times a second
-/// besides the beginning and end of each stage; when it breaks, the build ends with [`BuildError::Cancelled`].
+/// `progress` is called from the calling thread with the fraction of the stage that is done, at most some 25 times a
+/// second besides the beginning and end of each stage; when it breaks, the build ends with [`BuildError::Cancelled`].
 ///
 /// # Errors
 /// If it is cancelled, the mesh is none of the above, has no triangles, no extent or a vertex that is not finite, or an

@@ -31,9 +31,9 @@ pub(crate) fn all_real(decomposition: &Decomposition, adjacency: &Adjacency) -> 
     (0..decomposition.patches.len()).map(|patch| is_closed(decomposition, patch, adjacency)).collect()
 }
 
-/// Whether the hull of a patch lies inside a solid. No surface reaches deeper into it than is permitted, so that one point
-/// deeper than that speaks for all; a hull without such a point is part of the surface. So does one point in the layer below
-/// a flat hull, which no surface reaches into either. A single triangle is its own hull.
+/// Whether the hull of a patch lies inside a solid. No surface reaches deeper into it than is permitted, so that one
+/// point deeper than that speaks for all; a hull without such a point is part of the surface. So does one point in the
+/// layer below a flat hull, which no surface reaches into either. A single triangle is its own hull.
 fn lies_inside(surface: &Surface, patch: &Patch, tolerance: f64, hulls: &mut HullBuilder) -> bool {
     if patch.triangles.len() == 1 {
         return true;
@@ -50,8 +50,8 @@ fn lies_inside(surface: &Surface, patch: &Patch, tolerance: f64, hulls: &mut Hul
     let below = |planes: &mut dyn Iterator<Item = &Plane>, p: DVec3| {
         planes.map(|plane| -plane.height(p)).fold(f64::INFINITY, f64::min)
     };
-    // The patch itself may lie as deep in its hull as the tolerance: what is above it there is outside the object, but counts as
-    // convex.
+    // The patch itself may lie as deep in its hull as the tolerance: what is above it there is outside the object, but
+    // counts as convex.
     let depth = |p: DVec3| {
         let in_hull = below(&mut planes.iter(), p);
         if in_hull > tolerance {

@@ -1,21 +1,22 @@
 //! What makes a convex surface patch (§3.3.1), and the test whether two of them make one together.
 //!
 //! A patch is a set of triangles that all lie on the surface of its convex hull: the plane of each has the whole patch
-//! below it. That implies the local constraint, that interior edges are convex (Eq. 3.2), but not the other way round: all
-//! edges of a spiral ramp are convex. The global constraint is that the hull does not protrude from the object. Where its
-//! real faces lie on the surface, with the object below them, the hull lies inside the object exactly if no surface
-//! reaches into its interior. Ehmann and Lin (2001) test the virtual faces against the surface and so miss a component
-//! that lies wholly inside of the hull, such as a small cavity; here the interior itself is tested.
+//! below it. That implies the local constraint, that interior edges are convex (Eq. 3.2), but not the other way round:
+//! all edges of a spiral ramp are convex. The global constraint is that the hull does not protrude from the object.
+//! Where its real faces lie on the surface, with the object below them, the hull lies inside the object exactly if no
+//! surface reaches into its interior. Ehmann and Lin (2001) test the virtual faces against the surface and so miss a
+//! component that lies wholly inside of the hull, such as a small cavity; here the interior itself is tested.
 //!
-//! All heights are taken with one tolerance: a triangle may have other vertices of its patch that far above its plane, and
-//! other surface may reach that deep into the hull. Into a hull that is not much thicker than the tolerance it may reach less
-//! deep: nothing is deep in it, and walls of a notch that it spans would not be noticed. A hull that is thinner than the tolerance is flat: it has no
-//! interior. It protrudes where it spans a notch or a hole of the flat face, whose walls go down from the face's plane. So it is
-//! the layer just below it, between one and two tolerances deep, that no surface may reach into. The same is asked of the layer
-//! below a hull that is thin, since it may be thinner than the tolerance in places.
+//! All heights are taken with one tolerance: a triangle may have other vertices of its patch that far above its plane,
+//! and other surface may reach that deep into the hull. Into a hull that is not much thicker than the tolerance it may
+//! reach less deep: nothing is deep in it, and walls of a notch that it spans would not be noticed. A hull that is
+//! thinner than the tolerance is flat: it has no interior. It protrudes where it spans a notch or a hole of the flat
+//! face, whose walls go down from the face's plane. So it is the layer just below it, between one and two tolerances
+//! deep, that no surface may reach into. The same is asked of the layer below a hull that is thin, since it may be
+//! thinner than the tolerance in places.
 //!
-//! Both constraints are monotone. What fails for two patches fails for any larger two that contain them. (The one exception
-//! is the two sides of a sheet that is thinner than the tolerance: they are never joined, whatever else is.)
+//! Both constraints are monotone. What fails for two patches fails for any larger two that contain them. (The one
+//! exception is the two sides of a sheet that is thinner than the tolerance: they are never joined, whatever else is.)
 
 use std::borrow::Cow;
 use std::f64::consts::FRAC_1_SQRT_2;
@@ -30,8 +31,8 @@ use crate::surface::{ReachBuffers, Surface, bounds_of, reaches_below};
 /// The height, in unit coordinates, below which hulls drop points: about what rounding does to the predicates' inputs.
 pub(crate) const HULL_THICKNESS: f64 = 1e-14;
 
-/// Patches of more triangles are not made, unless the whole mesh is one: their hulls would bound what is somewhere on them
-/// badly, and each collapse in one costs its size.
+/// Patches of more triangles are not made, unless the whole mesh is one: their hulls would bound what is somewhere on
+/// them badly, and each collapse in one costs its size.
 pub(crate) const LARGEST_PATCH: usize = 256;
 
 /// Other surface may reach as deep into a hull as the tolerance, but not deeper than its thickness over this.
@@ -173,11 +174,11 @@ impl<'a> Convexity<'a> {
         (dependable && !flat).then(|| Patch { triangles: triangles.to_vec(), extreme, bounds, flat, lead })
     }
 
-    /// The patch that a few triangles make, with its skin and its vertices in ascending order; `None` if they do not make
-    /// one. `moved` tells those of them that were not in the patch as they are now, and the vertex that has moved: the others are
-    /// known to support all other vertices. `mine` are these triangles, and those `others` that the surface's spatial index
-    /// is wrong about, which are therefore tested one by one. The rest of the surface is known not to reach into the hull
-    /// outside of the box `part`; that says nothing of the layer below a flat one.
+    /// The patch that a few triangles make, with its skin and its vertices in ascending order; `None` if they do not
+    /// make one. `moved` tells those of them that were not in the patch as they are now, and the vertex that has moved:
+    /// the others are known to support all other vertices. `mine` are these triangles, and those `others` that the
+    /// surface's spatial index is wrong about, which are therefore tested one by one. The rest of the surface is known
+    /// not to reach into the hull outside of the box `part`; that says nothing of the layer below a flat one.
     pub fn patch(
         &self,
         triangles: &[u32],
@@ -280,9 +281,9 @@ impl<'a> Convexity<'a> {
         self.spans_notch(top, self.thickness(top, patch.extreme.iter()), points, mine, reach)
     }
 
-    /// Whether a hull that is not flat, but thin, spans a notch or a hole of the surface on top of it: whether there is other surface
-    /// below it, that does not face away as the other side of a sheet does. `top` is the plane of one of its triangles, and
-    /// `thickness` how far below that its vertices, the `points`, reach.
+    /// Whether a hull that is not flat, but thin, spans a notch or a hole of the surface on top of it: whether there is
+    /// other surface below it, that does not face away as the other side of a sheet does. `top` is the plane of one of
+    /// its triangles, and `thickness` how far below that its vertices, the `points`, reach.
     fn spans_notch(
         &self,
         top: &Plane,
@@ -334,8 +335,8 @@ impl<'a> Convexity<'a> {
     }
 
     /// The extreme points of the vertices in the buffers, if their hull does not protrude, and the planes of the
-    /// triangles to be walked to have all of it below them. `flat`: the plane of a hull without interior; `depth`: how deep other
-    /// surface may reach.
+    /// triangles to be walked to have all of it below them. `flat`: the plane of a hull without interior; `depth`: how
+    /// deep other surface may reach.
     fn hull(
         &self,
         walk: &[u32],
@@ -477,8 +478,8 @@ pub(crate) fn layer_below<'a>(
 }
 
 /// The planes that triangles are held to. The normal of a triangle that is narrower than the tolerance says nothing: it
-/// takes that of the neighbour across its longest side, whose plane it lies in as far as the tolerance can tell. Triangles
-/// without an area or such a neighbour get a zero normal, and remain alone.
+/// takes that of the neighbour across its longest side, whose plane it lies in as far as the tolerance can tell.
+/// Triangles without an area or such a neighbour get a zero normal, and remain alone.
 pub(crate) fn dependable_planes(surface: &Surface, neighbours: &[[u32; 3]], tolerance: f64) -> Vec<Plane> {
     let width = |t: usize| {
         let corners = surface.corners(t as u32);

@@ -1,22 +1,23 @@
 //! s: the surface deviation of a patch from the original mesh (§3.3.5), as a bound that holds for every point.
 //!
-//! The Hausdorff distance between a patch and the part of the original mesh that it stands for, each measured to the whole
-//! surface of the other level: no point of the patch is further than s from the original mesh, and no point of the patches
-//! that went into it further than s from the simplified mesh. The dissertation does not say how it is computed.
+//! The Hausdorff distance between a patch and the part of the original mesh that it stands for, each measured to the
+//! whole surface of the other level: no point of the patch is further than s from the original mesh, and no point of
+//! the patches that went into it further than s from the simplified mesh. The dissertation does not say how it is
+//! computed.
 //!
-//! Two facts bound how far the points of a triangle are from a surface. The distance to one triangle of the surface is a
-//! convex function, so that it is largest at a corner: whichever one triangle of the surface is taken, no point is further
-//! than the farthest corner is from it. And distances change no faster than positions: no point is further than the farthest
-//! corner is from the surface plus the triangle's extent. Both hold for any convex piece of a triangle and any point of it in
-//! place of the corners. Where the lower of these bounds is not near enough to what is known to occur in the patch, the
-//! triangle is divided and its pieces are bounded likewise (after Tang, Lee, Kim 2009). That ends after a set number of
-//! divisions, and whatever bound is then reached is a true one.
+//! Two facts bound how far the points of a triangle are from a surface. The distance to one triangle of the surface is
+//! a convex function, so that it is largest at a corner: whichever one triangle of the surface is taken, no point is
+//! further than the farthest corner is from it. And distances change no faster than positions: no point is further than
+//! the farthest corner is from the surface plus the triangle's extent. Both hold for any convex piece of a triangle and
+//! any point of it in place of the corners. Where the lower of these bounds is not near enough to what is known to
+//! occur in the patch, the triangle is divided and its pieces are bounded likewise (after Tang, Lee, Kim 2009). That
+//! ends after a set number of divisions, and whatever bound is then reached is a true one.
 //!
 //! The work is in finding nearest triangles: of all vertices, and of the middles of pieces. It stays small because
 //! - what occurs is learnt first, from all vertices in both directions: then most triangles need no division;
-//! - a piece that is not much larger than the triangle nearest to its middle is cut along that triangle's sides, which leaves
-//!   a part that one triangle bounds well; so there are about as many pieces as there are places where triangles of the two
-//!   surfaces lie on each other, rather than as many as it takes to resolve their edges;
+//! - a piece that is not much larger than the triangle nearest to its middle is cut along that triangle's sides, which
+//!   leaves a part that one triangle bounds well; so there are about as many pieces as there are places where triangles
+//!   of the two surfaces lie on each other, rather than as many as it takes to resolve their edges;
 //! - each search starts from the triangle that the one before found: it then only has to be confirmed.
 
 use glam::DVec3;
@@ -29,25 +30,26 @@ use crate::surface::Surface;
 /// A bound is near enough if it is above a deviation that is known to occur by no more than this part of it ...
 const RELATIVE: f64 = 0.1;
 
-/// ... plus this part of the level's sampling distance 1/r (Eq. 3.1). Less would not be felt: what φ = s/r² (§3.4) measures is
-/// a volume over the square of that distance.
+/// ... plus this part of the level's sampling distance 1/r (Eq. 3.1). Less would not be felt: what φ = s/r² (§3.4)
+/// measures is a volume over the square of that distance.
 const ABSOLUTE: f64 = 0.01;
 
 /// How often a triangle is divided at most.
 const MOST_DIVISIONS: u32 = 20;
 
-/// Pieces are halved while they are larger, from middle to corner, than the nearest triangle by this factor; then cut along its
-/// sides ...
+/// Pieces are halved while they are larger, from middle to corner, than the nearest triangle by this factor; then cut
+/// along its sides ...
 const HALVED_ABOVE: f64 = 2.0;
 
-/// ... moved outwards by this part of how far a plane parallel to the triangle could be gone along within the accepted bound ...
+/// ... moved outwards by this part of how far a plane parallel to the triangle could be gone along within the accepted
+/// bound ...
 const MARGIN: f64 = 0.3;
 
 /// ... where this much, as part of the size of the piece, is beyond.
 const LEAST_CUT: f64 = 0.05;
 
-/// Triangles that are bounded in one go, and vertices whose nearest triangles are found in one go. The results of a part do
-/// not depend on others, nor then on the number of threads.
+/// Triangles that are bounded in one go, and vertices whose nearest triangles are found in one go. The results of a
+/// part do not depend on others, nor then on the number of threads.
 const PART: usize = 512;
 
 /// A point, the triangle of the other surface that is nearest to it, and how far that is.
@@ -262,8 +264,8 @@ impl<'a> Divider<'a> {
         self.corners.extend_from_slice(&self.piece);
     }
 
-    /// Makes pieces of what the piece at hand has beyond the sides of the triangle that is nearest to its middle. Tells whether
-    /// it had anything worth while there, and is not too large for this to be useful.
+    /// Makes pieces of what the piece at hand has beyond the sides of the triangle that is nearest to its middle. Tells
+    /// whether it had anything worth while there, and is not too large for this to be useful.
     fn cut_along_sides(&mut self, nearest: u32, middle: DVec3, radius: f64, divisions: u32) -> bool {
         let surface = self.search.surface();
         let normal = surface.planes[nearest as usize].normal;
@@ -321,8 +323,9 @@ mod tests {
 
     use super::*;
 
-    /// The plain way: every triangle is divided at the middles of its sides until the farthest of its corners and its extent
-    /// tell its deviation, or the triangle nearest to one of them does. Gives the largest that occurs, and a bound.
+    /// The plain way: every triangle is divided at the middles of its sides until the farthest of its corners and its
+    /// extent tell its deviation, or the triangle nearest to one of them does. Gives the largest that occurs, and a
+    /// bound.
     fn plain_deviation(group: &[u32], from: &Surface, target: &Surface, near_enough: f64) -> (f64, f64) {
         let mut search = NearestSearch::new(target);
         let (mut known, mut bound) = (0.0f64, 0.0f64);

@@ -1,9 +1,9 @@
 //! Pairwise merging of patches up to a single root (§3.3.3): the free levels of detail.
 //!
-//! In each pass neighbours are paired, those whose hulls grow least in surface area first (on large levels, those with the
-//! smallest common bounding sphere); then those left over that have a neighbour in common; who finds no partner passes up as an only child. Pieces of surface that have merged to one node wait until there are
-//! more of them than of other nodes, and are then paired by proximity. The hull of a pair is that of the children's
-//! extreme points.
+//! In each pass neighbours are paired, those whose hulls grow least in surface area first (on large levels, those with
+//! the smallest common bounding sphere); then those left over that have a neighbour in common; who finds no partner
+//! passes up as an only child. Pieces of surface that have merged to one node wait until there are more of them than of
+//! other nodes, and are then paired by proximity. The hull of a pair is that of the children's extreme points.
 
 use glam::DVec3;
 use palpate_core::mesh::Adjacency;
@@ -14,7 +14,7 @@ use crate::decomposition::Decomposition;
 use crate::enclosing::smallest_sphere;
 use crate::hull::{HullBuilder, Shape};
 use crate::progress::{Cancelled, Progress};
-use crate::simplify::GRAIN;
+use crate::surface::GRAIN;
 
 /// Up to this many pieces all pairs are candidates; beyond, those near each other along a space-filling curve.
 const ALL_PAIRS_UP_TO: usize = 256;

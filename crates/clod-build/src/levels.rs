@@ -36,8 +36,8 @@ impl<'a> Regular<'a> {
     }
 }
 
-/// The hierarchy of levels with their resolutions (1/m), finest first, and of the free levels above the last of them (of which
-/// the first stands for that last level itself). Hausdorff distances are left at 0.
+/// The hierarchy of levels with their resolutions (1/m), finest first, and of the free levels above the last of them
+/// (of which the first stands for that last level itself). Hausdorff distances are left at 0.
 pub(crate) fn assemble(
     regular: &[(Regular<'_>, f64)],
     free: &[Vec<Cluster>],

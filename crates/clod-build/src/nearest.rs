@@ -73,8 +73,8 @@ impl<'a> NearestSearch<'a> {
         self.surface
     }
 
-    /// The triangle that is nearest to a point, and how far it is; of those equally near but for rounding, the first. The search is
-    /// short if `guess`, any triangle, is near.
+    /// The triangle that is nearest to a point, and how far it is; of those equally near but for rounding, the first.
+    /// The search is short if `guess`, any triangle, is near.
     pub fn nearest(&mut self, p: DVec3, guess: u32) -> (u32, f64) {
         let Self { surface, stack } = self;
         let tree = surface.tree();

@@ -23,9 +23,9 @@ pub(crate) fn finest_resolution(mesh: &TriMesh, adjacency: &Adjacency, negligibl
 /// D of every vertex, m²: the area, projected on the tangent plane of the vertex, of those parts of its faces that lie
 /// within `distance` (m) of that plane, for faces whose normal is within `cone` (rad) of the vertex's.
 ///
-/// The dissertation leaves open how a face counts that is partly within the distance, and the cone's half angle. Faces are
-/// cut at the distance, so that D does not jump as vertices move. The vertex normal is the sum of the face normals, weighted
-/// with the angles at the vertex, so that it does not depend on how flat faces are divided.
+/// The dissertation leaves open how a face counts that is partly within the distance, and the cone's half angle. Faces
+/// are cut at the distance, so that D does not jump as vertices move. The vertex normal is the sum of the face normals,
+/// weighted with the angles at the vertex, so that it does not depend on how flat faces are divided.
 pub(crate) fn support_areas(mesh: &TriMesh, adjacency: &Adjacency, distance: f64, cone: f64) -> Vec<f64> {
     let least_cosine = cone.cos();
     (0..mesh.vertices().len() as u32)
@@ -93,8 +93,8 @@ mod tests {
         let mesh = cube();
         let adjacency = mesh.adjacency();
         assert_eq!(finest_resolution(&mesh, &adjacency, 1e-9), 1.0);
-        // Each face at a corner is cut at a depth d: a right isosceles triangle with legs of √3 d, at 54.7° to the tangent
-        // plane, or all of what it has there when d is large.
+        // Each face at a corner is cut at a depth d: a right isosceles triangle with legs of √3 d, at 54.7° to the
+        // tangent plane, or all of what it has there when d is large.
         let distance = 0.1;
         for area in support_areas(&mesh, &adjacency, distance, FRAC_PI_3) {
             let expected = 3.0 * 0.5 * 3.0 * distance * distance / 3f64.sqrt();

@@ -1,18 +1,18 @@
-//! What a mesh has to be for a hierarchy to be built from it (§3.3.1: an oriented 2-manifold, with or without boundary, that
-//! does not intersect itself), and the first element that is not.
+//! What a mesh has to be for a hierarchy to be built from it (§3.3.1: an oriented 2-manifold, with or without boundary,
+//! that does not intersect itself), and the first element that is not.
 //!
-//! Connectivity is judged by vertex indices: surfaces that touch along copies of a vertex or an edge are apart, and a mesh
-//! that is not welded is a heap of sheets with borders. Shapes are judged by positions: a triangle between copies of one
-//! vertex is degenerate, two triangles over the same three positions are duplicates, and triangles that share a position
-//! touch there as if they shared the vertex. On a welded mesh both are the same, and what is asked here is what `palpate
-//! check` counts.
+//! Connectivity is judged by vertex indices: surfaces that touch along copies of a vertex or an edge are apart, and a
+//! mesh that is not welded is a heap of sheets with borders. Shapes are judged by positions: a triangle between copies
+//! of one vertex is degenerate, two triangles over the same three positions are duplicates, and triangles that share a
+//! position touch there as if they shared the vertex. On a welded mesh both are the same, and what is asked here is
+//! what `palpate check` counts.
 //!
 //! Self-intersection is decided in exact arithmetic on the coordinates as they came; the tree of boxes only proposes
 //! pairs, and its rounding of coordinates is monotone, so that it misses none.
 //!
 //! A closed mesh whose volume is negative is refused: nearly always it was exported inside out, and every contact force
-//! would push into the object without another sign of it. Pieces that face inwards in a whole of positive volume are cavities
-//! (or are taken as such), and open meshes have no inside.
+//! would push into the object without another sign of it. Pieces that face inwards in a whole of positive volume are
+//! cavities (or are taken as such), and open meshes have no inside.
 
 use glam::{DMat3, DVec3};
 use palpate_core::TriMesh;
@@ -128,7 +128,8 @@ fn turned_boxes(surface: &Surface, plain: &[Bounds]) -> Option<Vec<Bounds>> {
 }
 
 /// Whether it is cheap to see that two triangles have no more in common than their common vertices and the edge between
-/// them. Worth it since nearly all neighbours do, and in flat regions [`intersect`] needs its exact arithmetic throughout.
+/// them. Worth it since nearly all neighbours do, and in flat regions [`intersect`] needs its exact arithmetic
+/// throughout.
 fn clearly_apart(points: &[DVec3], a: [u32; 3], b: [u32; 3]) -> bool {
     let (p, q) = (a.map(|v| points[v as usize]), b.map(|v| points[v as usize]));
     let (own_a, own_b) = (a.map(|v| !b.contains(&v)), b.map(|v| !a.contains(&v)));
@@ -142,8 +143,8 @@ fn clearly_apart(points: &[DVec3], a: [u32; 3], b: [u32; 3]) -> bool {
     })
 }
 
-/// Whether plain arithmetic suffices to see that the chosen corners of `u` lie on one side of t's plane: the first, filtered
-/// stage of Shewchuk's orient3d with its error bound.
+/// Whether plain arithmetic suffices to see that the chosen corners of `u` lie on one side of t's plane: the first,
+/// filtered stage of Shewchuk's orient3d with its error bound.
 fn clearly_one_sided(t: [DVec3; 3], u: [DVec3; 3], chosen: [bool; 3]) -> bool {
     /// Of the bound in units of the permanent: (7 + 56 ε) ε with ε = 2⁻⁵³.
     const BOUND: f64 = (7.0 + 28.0 * f64::EPSILON) * (0.5 * f64::EPSILON);

@@ -1,8 +1,8 @@
 //! The polytope that no other surface may reach into, for a convex patch: its hull, or the layer below a flat one.
 //!
-//! While a mesh is simplified it may be larger than that, so that it need not be made anew for each collapse: a vertex that
-//! moves inside of it changes nothing, and one that moves out of it is taken in by one step of quickhull, with exact
-//! visibility tests. Whatever does not reach into it does not reach into the hull.
+//! While a mesh is simplified it may be larger than that, so that it need not be made anew for each collapse: a vertex
+//! that moves inside of it changes nothing, and one that moves out of it is taken in by one step of quickhull, with
+//! exact visibility tests. Whatever does not reach into it does not reach into the hull.
 
 use glam::DVec3;
 use robust::{Coord3D, orient3d};

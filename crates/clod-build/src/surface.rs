@@ -13,6 +13,9 @@ pub(crate) use crate::box_tree::bounds_of;
 use crate::box_tree::{Bounds, BoxTree, EMPTY};
 use crate::hull::Plane;
 
+/// Distances that differ by less than this part of the radius count as equal, so that rounding decides nothing.
+pub(crate) const GRAIN: f64 = 1e-7;
+
 /// A mesh in unit coordinates with its spatial index.
 #[derive(Clone, Debug)]
 pub(crate) struct Surface {
@@ -81,12 +84,12 @@ impl Surface {
         self.triangles[triangle as usize].map(|v| self.points[v as usize])
     }
 
-    /// Whether any triangle that is not to be skipped reaches deeper than `depth` into a convex polytope: has a point more
-    /// than `depth` below all of its planes. `low` and `high` bound the polytope.
+    /// Whether any triangle that is not to be skipped reaches deeper than `depth` into a convex polytope: has a point
+    /// more than `depth` below all of its planes. `low` and `high` bound the polytope.
     ///
-    /// A triangle that does not reach in is above one of the planes, mostly; so it is tried first whether it is above the one that
-    /// the last was above, and boxes are tested against that one only. Of those that are near a hull most are its own and
-    /// skipped, so that it does not pay to test their boxes against many planes.
+    /// A triangle that does not reach in is above one of the planes, mostly; so it is tried first whether it is above
+    /// the one that the last was above, and boxes are tested against that one only. Of those that are near a hull most
+    /// are its own and skipped, so that it does not pay to test their boxes against many planes.
     pub fn reaches_into(
         &self,
         planes: impl Iterator<Item = Plane>,

@@ -57,7 +57,8 @@ fn check_partition(mesh: &TriMesh, clod: &Clod) {
     assert!(count.values().all(|n| *n == 0), "the patches are not a partition of the triangles");
 }
 
-/// Each triangle has all of the hull below its plane, and interior edges are convex (Eq. 3.2): brute force over all pairs.
+/// Each triangle has all of the hull below its plane, and interior edges are convex (Eq. 3.2): brute force over all
+/// pairs.
 fn check_local_constraint(clod: &Clod) {
     let tolerance = tolerance(clod);
     for (k, node) in clod.leaves().iter().enumerate() {
@@ -85,7 +86,8 @@ fn check_local_constraint(clod: &Clod) {
     }
 }
 
-/// Points of a contained hull that are deeper than the tolerance lie inside the object; of a flat one, what is just below it.
+/// Points of a contained hull that are deeper than the tolerance lie inside the object; of a flat one, what is just
+/// below it.
 fn check_global_constraint(mesh: &TriMesh, clod: &Clod, samples: usize) {
     let seed = 21;
     let mut rng = StdRng::seed_from_u64(seed);
@@ -199,7 +201,8 @@ fn l_prism_splits_at_its_reflex_edge() {
 
 #[test]
 fn flat_faces_keep_out_of_their_holes() {
-    // A square plate with a round hole: its faces are flat everywhere, and nowhere is the hull of much of one in the plate.
+    // A square plate with a round hole: its faces are flat everywhere, and nowhere is the hull of much of one in the
+    // plate.
     let n = 24;
     let rim = |k: u32| {
         let turn = std::f64::consts::TAU * f64::from(k) / f64::from(n);

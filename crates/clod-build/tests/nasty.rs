@@ -27,8 +27,8 @@ fn refused(mesh: &TriMesh) -> BuildError {
     build(mesh, &BuildOptions::default(), &mut unwatched).expect_err("the mesh is refused")
 }
 
-/// Builds a mesh if nothing is wrong with it as far as validation and the independent intersection test see; else it has to be
-/// refused for what they find first.
+/// Builds a mesh if nothing is wrong with it as far as validation and the independent intersection test see; else it
+/// has to be refused for what they find first.
 fn built_or_rightly_refused(mesh: &TriMesh, options: &BuildOptions, name: &str) -> bool {
     let report = mesh.validate();
     let first = report.first.clone();

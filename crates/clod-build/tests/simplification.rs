@@ -115,8 +115,8 @@ fn check_levels(name: &str, mesh: &TriMesh, options: &BuildOptions) {
     assert!(not_halved <= 1 + usize::from(options.carried), "{name}: {not_halved}");
 }
 
-/// Distance of a point from the hull of a node by projection, as slow as it is plain: Gilbert's algorithm, whose lower bound
-/// says when it is done.
+/// Distance of a point from the hull of a node by projection, as slow as it is plain: Gilbert's algorithm, whose lower
+/// bound says when it is done.
 fn distance_to_hull(points: &[DVec3], p: DVec3, enough: f64) -> f64 {
     let mut x = points[0];
     for _ in 0..100_000 {
@@ -143,7 +143,8 @@ fn descendants(clod: &Clod, node: &Node) -> Vec<u32> {
     found
 }
 
-/// h of every node is the distance of the farthest descendant from its bounding hull, to within `slack`; how many are above that.
+/// h of every node is the distance of the farthest descendant from its bounding hull, to within `slack`; how many are
+/// above that.
 fn check_hausdorff(clod: &Clod, slack: f64) -> usize {
     let (mut tested, mut above) = (0, 0);
     for node in clod.nodes.iter().filter(|n| !n.children.is_empty()) {

@@ -7,17 +7,18 @@
 //! - Without previous representatives the furthest contact (Alg. 5.4.2) is not defined: the first seed is the deepest.
 //! - Lloyd's iteration is bounded, since a fixed point of floating-point sums need not be reached (Alg. 5.4.1's `until`).
 //!   It ends when no contact changes its cluster: the sums are then the same again, so that is the same fixed point.
-//! - With n ≤ K contacts each is its own cluster, which is where the algorithms end if no two are at one point. Two that
-//!   are stay two, as the text says ("I only create n clusters"); as printed the second would have no contact and no weight.
+//! - With n ≤ K contacts each is its own cluster, which is where the algorithms end if no two are at one point. Two
+//!   that are stay two, as the text says ("I only create n clusters"); as printed the second would have no contact and
+//!   no weight.
 //! - With n > K, a cluster left without contacts (a representative at the same point as another's, or a centroid that the
 //!   others have crowded out) is dropped: its formulas are 0/0.
-//! - A cluster whose weights are all 0 (every δ = −d) takes the plain mean, and one whose normals cancel the normal of its
-//!   deepest contact. A weight that is negative by rounding counts as 0.
+//! - A cluster whose weights are all 0 (every δ = −d) takes the plain mean, and one whose normals cancel the normal of
+//!   its deepest contact. A weight that is negative by rounding counts as 0.
 //! - Clusters come out by decreasing δ, as Alg. 5.4.1 wants them in. Removing those of small δ first (Alg. 5.4.2) never
 //!   applies: with n > K there are never more old clusters than new, and with fewer contacts no seeds are needed.
 //!
-//! The closest pairs of Algorithm 5.4.2 are found by keeping every old cluster's nearest contact and renewing it only when
-//! another cluster has taken it: the same pairs in the same order, mostly in O(n K).
+//! The closest pairs of Algorithm 5.4.2 are found by keeping every old cluster's nearest contact and renewing it only
+//! when another cluster has taken it: the same pairs in the same order, mostly in O(n K).
 
 use palpate_core::glam::DVec3;
 use palpate_core::{Contact, Pose};
@@ -95,8 +96,8 @@ impl Clustering {
         }
     }
 
-    /// Clusters the contacts of one query, found with tolerance d (m), at the probe's pose. Deterministic: equal input gives
-    /// equal output after equal history. Allocates only when there are more contacts than ever before.
+    /// Clusters the contacts of one query, found with tolerance d (m), at the probe's pose. Deterministic: equal input
+    /// gives equal output after equal history. Allocates only when there are more contacts than ever before.
     pub fn run(&mut self, contacts: &[PatchContact], tolerance: f64, probe_pose: &Pose) -> &[Cluster] {
         self.clusters.clear();
         self.centers.clear();

@@ -1,21 +1,21 @@
 //! Contacts between two leaf patches (§3.4.1, §5.4.1).
 //!
-//! Separated hulls: the nearest points are a contact when both lie on real surface facing the other object. If one lies on
-//! a virtual face and both hulls are contained in their solids, the segment between the points leaves a solid through
-//! a neighbouring patch that is closer, and the pair is dropped. Otherwise, or when parallel features leave the
+//! Separated hulls: the nearest points are a contact when both lie on real surface facing the other object. If one lies
+//! on a virtual face and both hulls are contained in their solids, the segment between the points leaves a solid
+//! through a neighbouring patch that is closer, and the pair is dropped. Otherwise, or when parallel features leave the
 //! nearest points undetermined, the triangles themselves decide.
 //!
-//! Patches are convex, and contained, only up to the tolerance they were built with. Wherever that could decide (a nearest
-//! point that misses the triangles by no more, features that are parallel to within it, hulls that overlap by no more)
-//! the triangles decide as well.
+//! Patches are convex, and contained, only up to the tolerance they were built with. Wherever that could decide (a
+//! nearest point that misses the triangles by no more, features that are parallel to within it, hulls that overlap by
+//! no more) the triangles decide as well.
 //!
-//! Overlapping hulls: when both are contained, so do the solids, and [`overlap`](crate::overlap) finds the contact; if they
-//! only touch, they may do so in virtual faces, far from any triangle, and the triangles decide. When one is not contained
-//! the patches must truly touch first: a triangle of one must intersect a triangle of the other, or the other's hull
-//! if that is contained. If not, pairs of triangles within the tolerance are separated contacts.
+//! Overlapping hulls: when both are contained, so do the solids, and [`overlap`](crate::overlap) finds the contact; if
+//! they only touch, they may do so in virtual faces, far from any triangle, and the triangles decide. When one is not
+//! contained the patches must truly touch first: a triangle of one must intersect a triangle of the other, or the
+//! other's hull if that is contained. If not, pairs of triangles within the tolerance are separated contacts.
 //!
-//! Of the pairs of triangles only local minima are reported: those whose nearest points are not closer to another triangle
-//! of the same patch.
+//! Of the pairs of triangles only local minima are reported: those whose nearest points are not closer to another
+//! triangle of the same patch.
 
 use palpate_core::Contact;
 use palpate_core::glam::DVec3;
@@ -32,8 +32,8 @@ pub(crate) struct LeafQuery {
     pub contacts: Vec<Contact>,
     /// Pairs of triangles within the tolerance: contact, and the triangle of each patch.
     near: Vec<(Contact, u32, u32)>,
-    /// Of the pairs of triangles examined last, the smallest distance within the tolerance (otherwise infinite), whichever
-    /// way they face, and the point on a.
+    /// Of the pairs of triangles examined last, the smallest distance within the tolerance (otherwise infinite),
+    /// whichever way they face, and the point on a.
     nearest: (f64, DVec3),
     pub convex_queries: usize,
     pub not_converged: usize,
@@ -77,8 +77,8 @@ impl LeafQuery {
                 self.penetrating(a, b, &found, reach);
                 let shallow = self.contacts.iter().all(|c| c.depth <= reach.looseness);
                 if shallow && !(a.is_single_triangle() && b.is_single_triangle()) {
-                    // If the triangles are apart, their distances replace the contact. Hulls may touch where they are virtual;
-                    // the contact is where the triangles do.
+                    // If the triangles are apart, their distances replace the contact. Hulls may touch where they are
+                    // virtual; the contact is where the triangles do.
                     let touching = self.contacts.pop();
                     let penetrating = self.triangles(a, b, reach);
                     let (distance, at) = self.nearest;

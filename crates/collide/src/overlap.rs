@@ -1,16 +1,16 @@
 //! The contact between two patches whose hulls overlap: a direction that real surface can be pushed out along, and the
 //! penetration depth along it.
 //!
-//! §3.4.1 takes the localized penetration depth of the two convex pieces. Of the directions that could separate two hulls,
-//! only those count whose features are real surface facing the other object; a hull's virtual faces would often
+//! §3.4.1 takes the localized penetration depth of the two convex pieces. Of the directions that could separate two
+//! hulls, only those count whose features are real surface facing the other object; a hull's virtual faces would often
 //! offer a shorter but meaningless way out, sideways or backwards through a thin patch. For patches of a few triangles
 //! all candidate directions are tried: the normals of real faces, and the common normals of two real edges that support
-//! their hulls there. For larger ones the expanding polytope gives the least depth of all, and if its features are
-//! not real the real faces alone are tried.
+//! their hulls there. For larger ones the expanding polytope gives the least depth of all, and if its features are not
+//! real the real faces alone are tried.
 //!
 //! The way out through real faces only may be much longer than the shortest one: a peg that touches a plate from above
-//! touches the hull of the plate's rim too, whose real faces are at its far sides. So the depth reported is never more than
-//! the shortest way out. It is then never more than what separates the two solids either, and grows from 0.
+//! touches the hull of the plate's rim too, whose real faces are at its far sides. So the depth reported is never more
+//! than the shortest way out. It is then never more than what separates the two solids either, and grows from 0.
 //!
 //! The depth is that of the two patches only. Where an object has sunk in by more than a patch is thick, it is a lower
 //! bound on the distance to the surface.

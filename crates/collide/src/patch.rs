@@ -11,8 +11,8 @@ use palpate_core::{Clod, Contact};
 
 use crate::convex::{Hull, SupportTree, nearest_on_triangle};
 
-/// A witness within this fraction of a patch's radius of a triangle lies on it. Patches are convex, and contained, only up
-/// to the tolerance that they were built with; a witness that misses the triangles by no more than that is
+/// A witness within this fraction of a patch's radius of a triangle lies on it. Patches are convex, and contained, only
+/// up to the tolerance that they were built with; a witness that misses the triangles by no more than that is
 /// [`Surface::Near`] them.
 const ON_TRIANGLE: f64 = 1e-9;
 

@@ -3,8 +3,8 @@
 //! Both hierarchies are descended in tandem from their roots. A pair of nodes is dropped when its bounding spheres, or
 //! then its hulls, are further apart than d + h(a) + h(b) (Eq. 3.5); otherwise the larger node is split, down to pairs
 //! of leaves, whose contacts are reported. As §3.4.1 has it, they are a superset of the local minima of the distance
-//! where the objects are disjoint, and local penetration depths where they overlap. Only surfaces that meet make contacts:
-//! an object that has sunk wholly into another, deeper than that one's patches are thick, has none.
+//! where the objects are disjoint, and local penetration depths where they overlap. Only surfaces that meet make
+//! contacts: an object that has sunk wholly into another, deeper than that one's patches are thick, has none.
 //!
 //! Departures: hulls of many points are not tested above the leaves; hull queries there only decide whether a pair is
 //! within reach, and stop as soon as either bound on the distance settles it; nodes with a single child are passed
@@ -27,10 +27,10 @@ const CONVEX: f64 = 1e-10;
 /// Contacts that a new workspace has room for.
 const CONTACTS: usize = 1 << 14;
 
-/// Hulls of more points than this are not tested above the leaves, but split at once: they belong to the upper free levels,
-/// where they overlap nearly always, and a support point of theirs costs more than the spheres of their children.
-/// Mean cost of a query from the roots, relative to no limit, jaws / spoon and cup: 0.90 / 0.79 with 256, 0.77 / 1.03 with
-/// 64 but a front some three times as large.
+/// Hulls of more points than this are not tested above the leaves, but split at once: they belong to the upper free
+/// levels, where they overlap nearly always, and a support point of theirs costs more than the spheres of their
+/// children. Mean cost of a query from the roots, relative to no limit, jaws / spoon and cup: 0.90 / 0.79 with 256,
+/// 0.77 / 1.03 with 64 but a front some three times as large.
 const HULL_TEST_POINTS: usize = 256;
 
 const NONE: u32 = u32::MAX;
@@ -40,11 +40,11 @@ const NONE: u32 = u32::MAX;
 pub struct QuerySettings {
     /// d: surfaces closer than this are in contact, m. Not negative.
     pub tolerance: f64,
-    /// Never allocate: contacts beyond the reserved capacity are dropped, and [`QueryOutcome::overflow`] says so. Otherwise
-    /// (the default) the buffer grows, and [`QueryOutcome::reallocated`] says so.
+    /// Never allocate: contacts beyond the reserved capacity are dropped, and [`QueryOutcome::overflow`] says so.
+    /// Otherwise (the default) the buffer grows, and [`QueryOutcome::reallocated`] says so.
     pub fixed_capacity: bool,
-    /// How far hulls may stand off the surface that they were built for, as a fraction of an object's bounding radius: the
-    /// builder's tolerance. Where this much could decide about a contact, the triangles do.
+    /// How far hulls may stand off the surface that they were built for, as a fraction of an object's bounding radius:
+    /// the builder's tolerance. Where this much could decide about a contact, the triangles do.
     pub patch_tolerance: f64,
 }
 
@@ -77,8 +77,8 @@ pub struct QueryOutcome {
     pub deepest: Option<f64>,
     /// Pairs of nodes whose bounding spheres were within reach.
     pub visited: usize,
-    /// Size of the front of the bounding volume test tree (§3.4.2): pairs at which the descent ended, being out of reach or
-    /// leaves.
+    /// Size of the front of the bounding volume test tree (§3.4.2): pairs at which the descent ended, being out of
+    /// reach or leaves.
     pub front: usize,
     /// Pairs of leaves among them that were examined for contacts.
     pub leaf_pairs: usize,

@@ -65,7 +65,8 @@ fn extent(a: &[DVec3], b: &[DVec3], n: DVec3) -> f64 {
     top - bottom
 }
 
-/// Depth of two overlapping hulls: the least extent of a − b over all face normals and edge pairs. Positive means overlap.
+/// Depth of two overlapping hulls: the least extent of a − b over all face normals and edge pairs. Positive means
+/// overlap.
 fn plain_depth(a: &[DVec3], b: &[DVec3]) -> f64 {
     let mut best = f64::INFINITY;
     let mut offer = |n: DVec3| {

@@ -50,8 +50,8 @@ fn normal(t: Triangle) -> DVec3 {
     (t[1] - t[0]).cross(t[2] - t[0]).normalize_or_zero()
 }
 
-/// Whether no neighbouring triangle on either side undercuts the pair, and (on solids) some triangle at each of the points
-/// faces the other.
+/// Whether no neighbouring triangle on either side undercuts the pair, and (on solids) some triangle at each of the
+/// points faces the other.
 fn is_local_minimum(
     a: &Body,
     b: &Body,
@@ -289,8 +289,8 @@ fn aligned_boxes() {
     }
 }
 
-/// A plate whose rim is one patch: its hull is the plate, with the two large faces virtual. What is pressed into the plate
-/// touches that hull far from any of its triangles.
+/// A plate whose rim is one patch: its hull is the plate, with the two large faces virtual. What is pressed into the
+/// plate touches that hull far from any of its triangles.
 #[test]
 fn pressing_past_virtual_faces_is_no_deeper_than_the_press() {
     let plate = box_mesh(DVec3::new(1.0, 1.0, 0.1));

@@ -2,9 +2,9 @@
 //! a bounding volume hierarchy of convex hulls, laid out for the query that reads it.
 //!
 //! Nodes are stored root first and level by level, so that the children of a node, and the nodes of a level, are
-//! contiguous. A node's hull vertices are contiguous too, those that only bound its descendants before the extreme points of its own patch, and
-//! these before the rest; vertices and triangles stand in the order of
-//! the nodes that they belong to, and nodes share none. [`Clod::validate`] lists all that queries rely on.
+//! contiguous. A node's hull vertices are contiguous too, those that only bound its descendants before the extreme
+//! points of its own patch, and these before the rest; vertices and triangles stand in the order of the nodes that they
+//! belong to, and nodes share none. [`Clod::validate`] lists all that queries rely on.
 
 mod format;
 #[cfg(test)]
@@ -84,9 +84,11 @@ pub struct Node {
     pub level: u32,
     /// Vertices of the patch's hull: a range of [`Clod::vertices`], the [`extreme`](Self::extreme) ones first.
     pub vertices: Range<u32>,
-    /// How many of the vertices are extreme points of the patch's hull. The others are patch vertices that lie on its faces.
+    /// How many of the vertices are extreme points of the patch's hull. The others are patch vertices that lie on its
+    /// faces.
     pub extreme: u32,
-    /// How many points, right before the vertices, belong to the [bounding hull](Clod::bounding_hull) besides the extreme ones.
+    /// How many points, right before the vertices, belong to the [bounding hull](Clod::bounding_hull) besides the
+    /// extreme ones.
     pub added: u32,
     /// The patch's triangles, which are real surface: a range of [`Clod::triangles`]; empty for a free node. Hull faces
     /// not covered by them are virtual.
@@ -120,8 +122,8 @@ impl Clod {
         &self.hull(node)[..node.extreme as usize]
     }
 
-    /// The points, m, whose convex hull stands for a node and, but for h, its descendants when nodes are culled: the extreme points of
-    /// its own hull, and others that bring h down (§3.6.2). Not all of them need be extreme.
+    /// The points, m, whose convex hull stands for a node and, but for h, its descendants when nodes are culled: the
+    /// extreme points of its own hull, and others that bring h down (§3.6.2). Not all of them need be extreme.
     pub fn bounding_hull(&self, node: &Node) -> &[DVec3] {
         let start = node.vertices.start;
         &self.vertices[(start - node.added) as usize..(start + node.extreme) as usize]

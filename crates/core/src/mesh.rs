@@ -104,8 +104,8 @@ impl TriMesh {
     /// A mesh from vertex positions (m) and triangles of vertex indices.
     ///
     /// # Errors
-    /// If a triangle names a vertex that is not there, or there are 2³² − 1 or more vertices or a third as many triangles.
-    /// Nothing else is required of the mesh: see the validation report for the rest.
+    /// If a triangle names a vertex that is not there, or there are 2³² − 1 or more vertices or a third as many
+    /// triangles. Nothing else is required of the mesh: see the validation report for the rest.
     pub fn new(vertices: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Result<Self, MeshError> {
         for (what, count, limit) in [
             ("vertices", vertices.len(), u32::MAX as usize - 1),

@@ -11,11 +11,11 @@
 //! # Ok::<(), palpate_mesh_io::LoadError>(())
 //! ```
 //!
-//! Files come from anywhere: whatever the bytes, [`load`] returns a mesh or one line that says what is wrong, where, and
-//! what to do. It does not panic, its memory is bounded by the size of the files (and for glTF, whose nodes
-//! can repeat a mesh, by a limit of its own), and no file is walked recursively. No parser needs to be fenced off: those
-//! of other crates that are used (JSON and GLB of `gltf`, binary STL of `stl_io`) are handed nothing whose lengths have not
-//! been checked, and indices, counts and offsets are always resolved here.
+//! Files come from anywhere: whatever the bytes, [`load`] returns a mesh or one line that says what is wrong, where,
+//! and what to do. It does not panic, its memory is bounded by the size of the files (and for glTF, whose nodes can
+//! repeat a mesh, by a limit of its own), and no file is walked recursively. No parser needs to be fenced off: those of
+//! other crates that are used (JSON and GLB of `gltf`, binary STL of `stl_io`) are handed nothing whose lengths have
+//! not been checked, and indices, counts and offsets are always resolved here.
 
 mod error;
 mod formats;

@@ -17,13 +17,14 @@ const MAX_WORK: usize = 1 << 28;
 pub(crate) enum Cut {
     /// Into triangles that cover it.
     Covered,
-    /// It crosses itself, touches itself or has no area, or is far too large to look for ears: a fan stands in for (part of) it.
+    /// It crosses itself, touches itself or has no area, or is far too large to look for ears: a fan stands in for
+    /// (part of) it.
     Fan,
 }
 
-/// Appends the triangles of a polygon of at least three corners, given as vertex indices, in its orientation. There are two fewer
-/// triangles than corners. Concave polygons are allowed; one that is not flat is cut as its projection along the
-/// coordinate axis closest to its mean normal (Newell's).
+/// Appends the triangles of a polygon of at least three corners, given as vertex indices, in its orientation. There are
+/// two fewer triangles than corners. Concave polygons are allowed; one that is not flat is cut as its projection along
+/// the coordinate axis closest to its mean normal (Newell's).
 pub(crate) fn triangulate(polygon: &[u32], vertices: &[DVec3], triangles: &mut Vec<[u32; 3]>) -> Cut {
     if let &[a, b, c] = polygon {
         triangles.push([a, b, c]);
@@ -128,8 +129,8 @@ mod tests {
 
     use super::*;
 
-    /// Cuts a flat polygon and checks what makes a cut right: as many triangles as there should be, all turning the polygon's
-    /// way, adding up to its area, and with its outline as their outline, edge by edge.
+    /// Cuts a flat polygon and checks what makes a cut right: as many triangles as there should be, all turning the
+    /// polygon's way, adding up to its area, and with its outline as their outline, edge by edge.
     fn check(outline: &[DVec2], case: &str) {
         let n = outline.len();
         let area = |p: &[DVec2]| (0..p.len()).map(|i| p[i].perp_dot(p[(i + 1) % p.len()])).sum::<f64>() / 2.0;

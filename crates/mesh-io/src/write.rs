@@ -4,8 +4,8 @@ use std::io::{self, Write};
 
 use palpate_core::TriMesh;
 
-/// Writes a mesh as Wavefront OBJ: `v` lines in the shortest decimal form that reads back as the same f64, then `f` lines.
-/// The lengths are written as they are (m). Writes in small pieces: give it a buffered writer.
+/// Writes a mesh as Wavefront OBJ: `v` lines in the shortest decimal form that reads back as the same f64, then `f`
+/// lines. The lengths are written as they are (m). Writes in small pieces: give it a buffered writer.
 ///
 /// # Errors
 /// Those of the writer.

@@ -21,8 +21,8 @@ const DIMPLE_AMPLITUDE: f64 = 0.5;
 /// Width of the plain border of each face, mm.
 const BORDER: f64 = 2.0;
 
-/// Divides the box into about cubic cells. With three whole numbers to choose, the number of triangles can be met closely: for
-/// each choice of the first two the third follows.
+/// Divides the box into about cubic cells. With three whole numbers to choose, the number of triangles can be met
+/// closely: for each choice of the first two the third follows.
 fn divide(triangles: usize) -> BoxLattice {
     let area = 2.0 * (SIZE[0] * SIZE[1] + SIZE[1] * SIZE[2] + SIZE[2] * SIZE[0]);
     let edge = (2.0 * area / triangles as f64).sqrt();

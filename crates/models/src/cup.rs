@@ -1,5 +1,5 @@
-//! The cup of Table 3.2 and §5.5: a mug with a wall and a handle, within a sphere of radius 8 cm, through whose handle the
-//! [`spoon`](crate::spoon) passes (Fig. 5.7).
+//! The cup of Table 3.2 and §5.5: a mug with a wall and a handle, within a sphere of radius 8 cm, through whose handle
+//! the [`spoon`](crate::spoon) passes (Fig. 5.7).
 //!
 //! The body is turned on a lathe, with two windows; the handle is a tube between them.
 

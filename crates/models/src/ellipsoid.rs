@@ -1,8 +1,8 @@
 //! The ellipsoid of §3.5.2 that explores the golf ball: strictly convex, with three different axes.
 //!
 //! The vertices lie in rings on a sphere, which is then stretched along its axes. Neighbouring rings are joined as
-//! their convex hull, so that the mesh is the convex hull of its vertices; stretching keeps that. Consecutive rings are turned
-//! against each other so that no four vertices share a plane, and the hull is strictly convex.
+//! their convex hull, so that the mesh is the convex hull of its vertices; stretching keeps that. Consecutive rings are
+//! turned against each other so that no four vertices share a plane, and the hull is strictly convex.
 
 use std::f64::consts::{PI, TAU};
 

@@ -59,8 +59,9 @@ pub(crate) struct Opening {
 }
 
 impl Opening {
-    /// An ellipse about `middle` for a window with the given low and high corner on the plain grid, in `cells` cells. The grid
-    /// gives way up to `room` from the window's middle, and on a coarse grid as far as it must to keep its cells open.
+    /// An ellipse about `middle` for a window with the given low and high corner on the plain grid, in `cells` cells.
+    /// The grid gives way up to `room` from the window's middle, and on a coarse grid as far as it must to keep its
+    /// cells open.
     pub(crate) fn new(
         [low, high]: [DVec2; 2],
         cells: [usize; 2],

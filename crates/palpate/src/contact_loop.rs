@@ -74,7 +74,8 @@ impl ContactLoop {
         }
     }
 
-    /// Contacts for the grasped object's state at `time` (s). Allocates only while its workspaces grow to the scene's need.
+    /// Contacts for the grasped object's state at `time` (s). Allocates only while its workspaces grow to the scene's
+    /// need.
     pub fn step(&mut self, body: &BodyState, time: f64) -> ContactUpdate {
         let probe_pose = body.pose * Pose::from_translation(-self.center_of_mass);
         self.contacts.clear();

@@ -48,8 +48,8 @@ pub fn open_device(
     }
 }
 
-/// Where the hand means the probe's mesh frame to be: the probe comes down the world's z axis onto the middle of the scene,
-/// presses 3 % of its radius past first touch, scrubs and twists, withdraws, and begins again.
+/// Where the hand means the probe's mesh frame to be: the probe comes down the world's z axis onto the middle of the
+/// scene, presses 3 % of its radius past first touch, scrubs and twists, withdraws, and begins again.
 ///
 /// # Errors
 /// If an object is so large or so far away that a pose is out of a path's range.

@@ -24,8 +24,8 @@ impl ContactTiming {
 }
 
 impl HapticRenderer {
-    /// Renders `seconds` of simulated time, or until `stop` is set. Each step's record goes to `sink`, whose first error ends
-    /// the session.
+    /// Renders `seconds` of simulated time, or until `stop` is set. Each step's record goes to `sink`, whose first
+    /// error ends the session.
     ///
     /// Query k starts at k / rate and sees the newest body state of that time; its result is in use from the first haptic
     /// step that is the latency later. The records depend on nothing but the arguments; step and query times in the

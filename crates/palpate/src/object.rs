@@ -154,8 +154,8 @@ impl Object {
     /// An object from a mesh that the host already has, m.
     ///
     /// # Errors
-    /// If no hierarchy can be built from the mesh: it has to be an oriented 2-manifold, with or without boundary, that does not
-    /// intersect itself ([`palpate_mesh_io::repair`] makes one of any other).
+    /// If no hierarchy can be built from the mesh: it has to be an oriented 2-manifold, with or without boundary, that
+    /// does not intersect itself ([`palpate_mesh_io::repair`] makes one of any other).
     pub fn from_mesh(name: &str, mesh: &TriMesh) -> Result<Self, OpenError> {
         let clod = palpate_clod_build::build(mesh, &BuildOptions::default(), &mut unwatched)
             .map_err(|source| OpenError::Build { name: name.to_owned(), source })?;

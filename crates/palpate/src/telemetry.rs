@@ -96,9 +96,9 @@ pub struct HapticTelemetry {
     /// Energy that has flowed from the device into the session, J. A passive session keeps it above zero but for what
     /// holding the wrench over a period creates.
     ///
-    /// An estimate from the twist that the device reports, which is late and filtered: where the coupling is damped it counts
-    /// more as taken in than was. (Work over encoder steps would miss by more: a force that answers to every step of size Δ
-    /// with stiffness K seems to create K Δ²/2 at each.)
+    /// An estimate from the twist that the device reports, which is late and filtered: where the coupling is damped it
+    /// counts more as taken in than was. (Work over encoder steps would miss by more: a force that answers to every
+    /// step of size Δ with stiffness K seems to create K Δ²/2 at each.)
     pub energy: f64,
     /// The smallest value of [`energy`](Self::energy), J.
     pub energy_min: f64,

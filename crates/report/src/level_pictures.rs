@@ -1,5 +1,5 @@
-//! Pictures of contact levels of detail, after Figs. 3.7 and 3.8: patches in colours, free levels as their hulls, all seen by
-//! one camera, and a contact sheet of them.
+//! Pictures of contact levels of detail, after Figs. 3.7 and 3.8: patches in colours, free levels as their hulls, all
+//! seen by one camera, and a contact sheet of them.
 
 use image::RgbImage;
 use palpate::TriMesh;
@@ -109,8 +109,8 @@ impl<'a> LevelPictures<'a> {
         }
     }
 
-    /// A contact sheet laid out as Fig. 3.7, from left to right and top to bottom: the original mesh, then the given levels
-    /// with their pictures.
+    /// A contact sheet laid out as Fig. 3.7, from left to right and top to bottom: the original mesh, then the given
+    /// levels with their pictures.
     pub fn sheet(&self, levels: &[(usize, RgbImage)]) -> RgbImage {
         let triangles = grouped(self.clod.source.triangles as usize);
         let caption = vec!["original mesh".to_owned(), format!("{triangles} triangles")];

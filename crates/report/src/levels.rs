@@ -17,8 +17,8 @@ pub struct Table32 {
     pub simplified_triangles: u32,
     /// Convex patches of that level ("Simp. BVs").
     pub simplified_patches: u32,
-    /// r_1: resolution of the finest level made by simplification, which is level 1, times the bounding radius; none where
-    /// simplification made no level.
+    /// r_1: resolution of the finest level made by simplification, which is level 1, times the bounding radius; none
+    /// where simplification made no level.
     pub finest_resolution: Option<f64>,
     /// r_λ: resolution of the coarsest level that is not free, times the bounding radius.
     pub coarsest_resolution: f64,

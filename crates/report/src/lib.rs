@@ -1,6 +1,6 @@
-//! What palpate's results look like to a person: self-contained HTML [`Report`]s of sessions with plots over time, figures
-//! and pictures of contact levels of detail ([`Table32`], [`LevelFigures`], [`LevelPictures`]), and pictures of meshes
-//! drawn in software ([`raster`], [`sheet`], [`views`]).
+//! What palpate's results look like to a person: self-contained HTML [`Report`]s of sessions with plots over time,
+//! figures and pictures of contact levels of detail ([`Table32`], [`LevelFigures`], [`LevelPictures`]), and pictures of
+//! meshes drawn in software ([`raster`], [`sheet`], [`views`]).
 
 mod lettering;
 mod level_pictures;

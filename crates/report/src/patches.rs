@@ -1,8 +1,8 @@
 //! The surface of a level as one mesh, and colours that tell its patches apart.
 //!
 //! Nodes share no vertices, so the patches are sewn together at vertices that coincide exactly. Colours are given
-//! greedily, to the patch with most neighbours first, such that neighbours differ; a patch keeps the colour of its largest
-//! child where that is free, so that patches can be followed from level to level.
+//! greedily, to the patch with most neighbours first, such that neighbours differ; a patch keeps the colour of its
+//! largest child where that is free, so that patches can be followed from level to level.
 
 use std::collections::HashMap;
 

@@ -81,8 +81,8 @@ fn model_times(records: &[Record]) -> impl Iterator<Item = f64> + '_ {
     })
 }
 
-/// Events a second in windows of [`RATE_WINDOW`] up to time `end` (s), at the middle of each; an incomplete window at the end
-/// is left out. A window includes its end, where the step that completes it is.
+/// Events a second in windows of [`RATE_WINDOW`] up to time `end` (s), at the middle of each; an incomplete window at
+/// the end is left out. A window includes its end, where the step that completes it is.
 fn rate(times: impl Iterator<Item = f64>, end: f64) -> Vec<(f64, f64)> {
     // Times are products of periods: the slack absorbs their rounding.
     const SLACK: f64 = 1e-6;

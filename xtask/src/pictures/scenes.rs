@@ -73,8 +73,8 @@ pub fn levels_of_lower_jaw() -> Result<RgbImage, Box<dyn Error>> {
     Ok(pictures.sheet(&drawn))
 }
 
-/// How far (m) the lower points can be lifted until they touch the upper ones, which lie above them: the smallest gap over
-/// all columns of a grid.
+/// How far (m) the lower points can be lifted until they touch the upper ones, which lie above them: the smallest gap
+/// over all columns of a grid.
 fn clearance(lower: &[DVec3], upper: &[DVec3]) -> f64 {
     const CELL: f64 = 5e-4;
     let column = |point: &DVec3| ((point.x / CELL).floor() as i64, (point.y / CELL).floor() as i64);

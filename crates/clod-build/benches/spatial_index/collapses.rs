@@ -1,5 +1,5 @@
-//! The collapses that the indices are put through: the shortest edges first, to their midpoints, each vertex at most once in a
-//! pass.
+//! The collapses that the indices are put through: the shortest edges first, to their midpoints, each vertex at most
+//! once in a pass.
 
 use std::collections::HashSet;
 

@@ -1,8 +1,8 @@
 //! What the spatial index of simplification costs: our tree of boxes against `obvhs` and against a grid.
 //!
-//! `cargo bench -p palpate-clod-build --bench spatial_index`; `… -- /10000/` for a short one. Each index goes through the same
-//! collapses, of a torus down to a sixteenth of its triangles; the throughput is in collapses. What
-//! comes of it stands in the documentation of `box_tree.rs`.
+//! `cargo bench -p palpate-clod-build --bench spatial_index`; `… -- /10000/` for a short one. Each index goes through
+//! the same collapses, of a torus down to a sixteenth of its triangles; the throughput is in collapses. What comes of
+//! it stands in the documentation of `box_tree.rs`.
 
 #![allow(missing_docs, reason = "a benchmark")]
 
@@ -70,8 +70,8 @@ impl Index for Ours {
 
 /// All collapses, each with some tries of which each asks for the surroundings; how many triangles were found.
 ///
-/// Not inlined, so that `valgrind --tool=callgrind --toggle-collect='*replay*' … --bench --test FILTER` counts it alone (together
-/// with [`agree`], whose share is what a filter that nothing passes leaves).
+/// Not inlined, so that `valgrind --tool=callgrind --toggle-collect='*replay*' … --bench --test FILTER` counts it alone
+/// (together with [`agree`], whose share is what a filter that nothing passes leaves).
 #[inline(never)]
 fn replay<I: Index>(index: &mut I, collapses: &Collapses, tries: usize) -> usize {
     let (mut found, mut left) = (0, collapses.boxes.len());

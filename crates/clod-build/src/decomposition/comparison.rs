@@ -1,15 +1,16 @@
-//! The ways to decompose a surface, compared. `docs/decomposition.md` has the tables and what they say; they are printed by
+//! The ways to decompose a surface, compared. `docs/decomposition.md` has the tables and what they say; they are
+//! printed by
 //!
 //! ```text
 //! cargo test --release -p palpate-clod-build --lib -- --ignored --nocapture decomposition::comparison
 //! ```
 //!
-//! for the built-in models of Table 3.2, or for those that the environment variable `MODELS` names: names of models with or
-//! without `@TRIANGLES`, and files, with spaces between.
+//! for the built-in models of Table 3.2, or for those that the environment variable `MODELS` names: names of models
+//! with or without `@TRIANGLES`, and files, with spaces between.
 //!
-//! All methods use the one test of convexity, and to all a closed convex piece is one patch. Their bookkeeping is the plainest:
-//! pairs are put in the queue again whenever their priority changes. What a method costs is counted in points of the hulls
-//! that it asks for, so that it does not depend on the machine.
+//! All methods use the one test of convexity, and to all a closed convex piece is one patch. Their bookkeeping is the
+//! plainest: pairs are put in the queue again whenever their priority changes. What a method costs is counted in points
+//! of the hulls that it asks for, so that it does not depend on the machine.
 
 mod after;
 mod growing;

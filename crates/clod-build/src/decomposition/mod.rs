@@ -105,8 +105,8 @@ pub(crate) fn decompose(
             link(&mut members, b, a, true);
             continue;
         };
-        // The larger patch takes the smaller one in, so that whatever is done to one member, of its triangles or its links,
-        // is done to the few of the smaller one.
+        // The larger patch takes the smaller one in, so that whatever is done to one member, of its triangles or its
+        // links, is done to the few of the smaller one.
         let (kept, gone) =
             if first.patch.triangles.len() >= second.patch.triangles.len() { (a, b) } else { (b, a) };
         let Some(gone_member) = members[gone as usize].take() else { continue };
@@ -229,7 +229,8 @@ fn size(members: &[Option<Member>], a: u32, b: u32) -> usize {
     [a, b].iter().flat_map(|k| &members[*k as usize]).map(|member| member.patch.triangles.len()).sum()
 }
 
-/// Makes `other` a neighbour of a patch, blocked if it is to be or was. Tells whether it is a new one, and whether blocked.
+/// Makes `other` a neighbour of a patch, blocked if it is to be or was. Tells whether it is a new one, and whether
+/// blocked.
 fn link(members: &mut [Option<Member>], patch: u32, other: u32, blocked: bool) -> (bool, bool) {
     let Some(member) = &mut members[patch as usize] else { return (false, true) };
     match member.links.binary_search_by_key(&other, |l| l.patch) {

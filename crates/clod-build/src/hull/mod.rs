@@ -81,8 +81,8 @@ impl Hull {
 }
 
 /// The boundary of the convex hull of finite points, as triangles of indices into them, counter-clockwise seen from
-/// outside: what a picture of the hull is drawn from. The polygon of points in a plane is there once for each of its sides;
-/// points on a line have none. What is thinner than 1e-12 of its extent counts as flat.
+/// outside: what a picture of the hull is drawn from. The polygon of points in a plane is there once for each of its
+/// sides; points on a line have none. What is thinner than 1e-12 of its extent counts as flat.
 pub fn hull_faces(points: &[DVec3]) -> Vec<[u32; 3]> {
     let Some(&first) = points.first() else { return Vec::new() };
     let extent = points.iter().map(|point| point.distance(first)).fold(0.0, f64::max);

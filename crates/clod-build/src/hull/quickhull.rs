@@ -8,7 +8,8 @@ use crate::nearest::nearest_on_triangle;
 
 const NONE: u32 = u32::MAX;
 
-/// Points of less than the thickness above a face's plane are on the face if they are no farther from it than so many of it.
+/// Points of less than the thickness above a face's plane are on the face if they are no farther from it than so many
+/// of it.
 const ON: f64 = 1e5;
 
 #[derive(Clone, Copy, Debug)]
@@ -177,9 +178,9 @@ impl HullBuilder {
         self.pending.extend(0..4);
     }
 
-    /// Gives a point to one of the faces from `first` on that it lies above, if there is one. A point that is not above any by more
-    /// than the thickness is dropped, unless it is beside the faces that it is above rather than on one: the planes of a hull that
-    /// is hardly any thicker than that itself pass close to what is far outside of its rim.
+    /// Gives a point to one of the faces from `first` on that it lies above, if there is one. A point that is not above
+    /// any by more than the thickness is dropped, unless it is beside the faces that it is above rather than on one:
+    /// the planes of a hull that is hardly any thicker than that itself pass close to what is far outside of its rim.
     fn assign(&mut self, points: &[DVec3], point: u32, first: u32, thickness: f64) {
         let (mut on, mut beside) = (false, None);
         for face in first..self.faces.len() as u32 {
@@ -273,7 +274,8 @@ impl HullBuilder {
         }
     }
 
-    /// Collects the faces, and those vertices at which at least three sides bend: on a facet none does, on an edge two do.
+    /// Collects the faces, and those vertices at which at least three sides bend: on a facet none does, on an edge two
+    /// do.
     fn finish(&mut self, points: &[DVec3]) -> Hull {
         self.bends.clear();
         self.bends.resize(points.len(), 0);

@@ -47,8 +47,8 @@ fn extreme_by_brute_force(points: &[DVec3]) -> Vec<u32> {
     (0..n as u32).filter(|v| extreme[*v as usize]).collect()
 }
 
-/// Checks (for points of about unit size) that the faces form a closed surface of genus 0, that all points lie below them, and that the extreme points
-/// alone have the same hull.
+/// Checks (for points of about unit size) that the faces form a closed surface of genus 0, that all points lie below
+/// them, and that the extreme points alone have the same hull.
 fn check(points: &[DVec3], hull: &Hull, tolerance: f64) {
     assert_eq!(hull.shape, Shape::Polytope);
     let mut sides = std::collections::HashMap::new();
@@ -175,8 +175,8 @@ fn noise_on_flat_facets_keeps_the_hull_closed() {
     }
 }
 
-/// Points in a plane whose rounding makes a hull that is just thick enough: the planes of its faces tell little of what is
-/// outside of its rim. These are of a ball cut flat.
+/// Points in a plane whose rounding makes a hull that is just thick enough: the planes of its faces tell little of what
+/// is outside of its rim. These are of a ball cut flat.
 #[test]
 fn corners_of_a_hull_of_rounding_remain() {
     let corner = [0.23399916396238246, -0.1707113225680762, -0.5327635324997839];

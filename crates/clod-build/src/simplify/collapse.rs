@@ -1,8 +1,9 @@
 //! Filtered edge collapse (§3.3.4): the atomic operation of the simplification.
 //!
-//! Departures. Where the position v̂ is not feasible itself, the search starts from the last feasible position on the way to it.
-//! Where none is valid on the way from v̂ to ṽ, the ways from the middle of the edge and from its ends are tried: the surface of
-//! a lathe or an extrusion, whose patches have flat quadrilaterals inside, leaves the vertex hardly any other place.
+//! Departures. Where the position v̂ is not feasible itself, the search starts from the last feasible position on the
+//! way to it. Where none is valid on the way from v̂ to ṽ, the ways from the middle of the edge and from its ends are
+//! tried: the surface of a lathe or an extrusion, whose patches have flat quadrilaterals inside, leaves the vertex
+//! hardly any other place.
 
 use super::filter::Path;
 use super::star::Star;

@@ -10,8 +10,8 @@ use super::star::{Fans, Star};
 /// How many lengths of the edge the position of least deviation may be off its middle.
 const REACH: f64 = 2.0;
 
-/// The part of the tolerance that positions on the path may use up: those at its ends would else be neither clearly feasible nor clearly
-/// not, in what is tested next, and rounding would decide.
+/// The part of the tolerance that positions on the path may use up: those at its ends would else be neither clearly
+/// feasible nor clearly not, in what is tested next, and rounding would decide.
 const MARGIN: f64 = 0.9;
 
 /// The line that the merged vertex is sought on.
@@ -75,8 +75,8 @@ impl Neighbourhood<'_> {
         self.fans.across(self.triangles, b, a).filter(|(v, _)| !star.ends.contains(v))
     }
 
-    /// Resolution of the edge (Eq. 3.1), in the inverse of the coordinates' unit: the inverse of its length in projection on
-    /// the tangent plane of the filtered surface.
+    /// Resolution of the edge (Eq. 3.1), in the inverse of the coordinates' unit: the inverse of its length in
+    /// projection on the tangent plane of the filtered surface.
     pub fn resolution(&self, star: &Star, path: &Path) -> f64 {
         let [p, q] = star.ends.map(|v| self.points[v as usize]);
         let normals = star.fan.iter().map(|s| {
@@ -91,8 +91,8 @@ impl Neighbourhood<'_> {
     }
 
     /// The part of the path, as a range of u, on which the edges inside patches remain convex: the linear program of
-    /// Eq. 3.4, whose solution is the lower end. Departing from the dissertation the range's upper end is found too, since
-    /// v̂ itself need not be feasible. `patch` tells a triangle's; heights up to `tolerance` count as convex.
+    /// Eq. 3.4, whose solution is the lower end. Departing from the dissertation the range's upper end is found too,
+    /// since v̂ itself need not be feasible. `patch` tells a triangle's; heights up to `tolerance` count as convex.
     pub fn feasible(&self, star: &Star, path: &Path, patch: &[u32], tolerance: f64) -> Option<(f64, f64)> {
         let point = |v: u32| self.points[v as usize];
         let (mut low, mut high) = (0.0f64, 1.0f64);

@@ -1,9 +1,9 @@
 //! A convex patch while the mesh is simplified, and what becomes of it when an edge collapses.
 //!
-//! Only what may have changed is tested, so that a collapse costs a few plane tests a vertex: the moved triangles have to
-//! support the patch, the others the moved vertex, and nothing may reach into what its [skin](Skin) grows by, nor the moved
-//! triangles of other patches into the skin. Where that leaves it open whether the patch remains one, it is made anew, with its hull
-//! and all tests.
+//! Only what may have changed is tested, so that a collapse costs a few plane tests a vertex: the moved triangles have
+//! to support the patch, the others the moved vertex, and nothing may reach into what its [skin](Skin) grows by, nor
+//! the moved triangles of other patches into the skin. Where that leaves it open whether the patch remains one, it is
+//! made anew, with its hull and all tests.
 
 use glam::DVec3;
 
@@ -17,7 +17,8 @@ use crate::surface::{ReachBuffers, bounds_of, reaches_below};
 /// A patch with its skin.
 #[derive(Clone, Debug)]
 pub(crate) struct Member {
-    /// Its extreme points are all of its vertices, and its bounds may be too large, once it has been [amended](Self::amend).
+    /// Its extreme points are all of its vertices, and its bounds may be too large, once it has been
+    /// [amended](Self::amend).
     pub patch: Patch,
     pub skin: Skin,
     /// All vertices of its triangles, ascending.
@@ -160,7 +161,8 @@ impl Trial<'_> {
                 }
                 let (grown, (low, high)) = polytope.grown(apex, &visible);
                 let skin = Skin::Polytope(grown);
-                // What is deep in the new skin, but was not in the old one, is in what is new or within the tolerance of it.
+                // What is deep in the new skin, but was not in the old one, is in what is new or within the tolerance
+                // of it.
                 let margin = DVec3::splat(2.0 * tolerance);
                 let planes = skin.planes().iter().copied();
                 let new = (low - margin, high + margin);

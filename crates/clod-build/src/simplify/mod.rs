@@ -1,14 +1,16 @@
 //! Sensation preserving simplification (§3.3): the levels of detail of a mesh and of its convex patches.
 //!
-//! The parts of the generic construction (§3.2.3) are apart from each other: the loop, here, knows of the atomic operation only
-//! that it collapses an edge or not, and which patches that changed; the queue orders the edges; what makes
-//! the clusters is one of two functions, of which one carries convex patches through the collapses and joins them (Algorithm
-//! 3.3.1), and the other decomposes each level anew; the levels put out are traced to the finer ones in the background; and the bounding
-//! volumes are made of them in the end (`crate::bounding`).
+//! The parts of the generic construction (§3.2.3) are apart from each other: the loop, here, knows of the atomic
+//! operation only that it collapses an edge or not, and which patches that changed; the queue orders the edges; what
+//! makes the clusters is one of two functions, of which one carries convex patches through the collapses and joins them
+//! (Algorithm
+//! 3.3.1), and the other decomposes each level anew; the levels put out are traced to the finer ones in the background;
+//! and the bounding volumes are made of them in the end (`crate::bounding`).
 //!
-//! Departures. A last level is put out when no edge is left, if it has noticeably fewer patches than the one before, since
-//! all of the work that went into it would otherwise be lost. And then the simplification goes on without regard to patches, which are
-//! made anew for each further level: fewer free levels are left to complete the hierarchy (§3.6.2).
+//! Departures. A last level is put out when no edge is left, if it has noticeably fewer patches than the one before,
+//! since all of the work that went into it would otherwise be lost. And then the simplification goes on without regard
+//! to patches, which are made anew for each further level: fewer free levels are left to complete the hierarchy
+//! (§3.6.2).
 
 mod collapse;
 mod filter;
@@ -36,7 +38,7 @@ use queue::Queue;
 use star::Star;
 use state::State;
 use trace::Tracer;
-pub(crate) use trace::{GRAIN, Trace};
+pub(crate) use trace::Trace;
 
 /// The last level is put out if its patches are fewer than those of the level before by this part of them.
 const NOTICEABLE: f64 = 0.1;
@@ -136,7 +138,8 @@ impl<'a> Simplification<'a> {
         }
     }
 
-    /// Collapses the next edge that can be; tells the patches that it has changed. `None` once none is left whose resolution is high enough.
+    /// Collapses the next edge that can be; tells the patches that it has changed. `None` once none is left whose
+    /// resolution is high enough.
     fn collapse_next(&mut self, progress: &mut Progress<'_>) -> Result<Option<Vec<u32>>, Cancelled> {
         while let Some((ends, resolution)) = self.queue.pop(&self.state)
             && resolution * self.limits.radius >= self.limits.coarsest

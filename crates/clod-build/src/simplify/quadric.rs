@@ -36,8 +36,9 @@ impl Quadric {
         Self { a: self.a + other.a, b: self.b + other.b }
     }
 
-    /// Where it is least. Where the planes do not determine that, in a flat place or along a crease, as near to `middle` as
-    /// they let it: the squared distance from there is added with a small weight, which makes every case regular.
+    /// Where it is least. Where the planes do not determine that, in a flat place or along a crease, as near to
+    /// `middle` as they let it: the squared distance from there is added with a small weight, which makes every case
+    /// regular.
     pub fn minimum(&self, middle: DVec3) -> DVec3 {
         let trace = self.a.x_axis.x + self.a.y_axis.y + self.a.z_axis.z;
         let held = self.a + DMat3::from_diagonal(DVec3::splat(HOLD * trace));

@@ -3,8 +3,8 @@
 //! The queue is lazy: when a collapse changes the surroundings of an edge, its resolution is computed again only when it
 //! comes up (at once for the edges of the merged vertex).
 //!
-//! Resolutions within a thousandth of each other count as equal, and then the vertices decide: on regular meshes there are
-//! many that are equal but for rounding, which would otherwise make the order another one in other units.
+//! Resolutions within a thousandth of each other count as equal, and then the vertices decide: on regular meshes there
+//! are many that are equal but for rounding, which would otherwise make the order another one in other units.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};

@@ -1,15 +1,15 @@
 //! Filtering: where a vertex lies once the surface around it is as nearly linear as it can be made (§3.3.4, step 3).
 //!
-//! Guskov, Sweldens and Schröder (1999): the second-order divided difference of a function across an edge is the jump of
-//! its gradient between the edge's two triangles, unfolded into a plane. The vertex is moved to where the sum of the squares
-//! of these is least, over all edges whose difference the vertex takes part in: those at it and those opposite to it. A
-//! linear function has no jump, so that a flat surface stays flat and its vertices stay in it.
+//! Guskov, Sweldens and Schröder (1999): the second-order divided difference of a function across an edge is the jump
+//! of its gradient between the edge's two triangles, unfolded into a plane. The vertex is moved to where the sum of the
+//! squares of these is least, over all edges whose difference the vertex takes part in: those at it and those opposite
+//! to it. A linear function has no jump, so that a flat surface stays flat and its vertices stay in it.
 
 use glam::DVec3;
 
-/// The coefficients of the second-order difference across the edge (j, k) between the triangles (j, k, l) and (k, j, m): for
-/// j, k, l and m. `None` where a triangle has no area. Departing from the paper, which unfolds the quadrilateral and writes
-/// signed areas, by a common factor of one half.
+/// The coefficients of the second-order difference across the edge (j, k) between the triangles (j, k, l) and (k, j,
+/// m): for j, k, l and m. `None` where a triangle has no area. Departing from the paper, which unfolds the
+/// quadrilateral and writes signed areas, by a common factor of one half.
 pub(crate) fn difference(j: DVec3, k: DVec3, l: DVec3, m: DVec3) -> Option<[f64; 4]> {
     let length = j.distance(k);
     let along = (k - j) / length;

@@ -10,8 +10,9 @@ pub(crate) struct Spoke {
     pub rim: [u32; 2],
 }
 
-/// Edges with more triangles at their ends are not collapsed: what is done around the merged vertex takes the square of their
-/// number, and a vertex of so many triangles is no sample of a surface. Collapses around it lower its number first.
+/// Edges with more triangles at their ends are not collapsed: what is done around the merged vertex takes the square of
+/// their number, and a vertex of so many triangles is no sample of a surface. Collapses around it lower its number
+/// first.
 const MOST_TRIANGLES: usize = 64;
 
 /// What the collapse of an edge changes.
@@ -83,8 +84,9 @@ impl Fans {
         })
     }
 
-    /// Collects what the collapse of an edge changes. False if there is no such edge, it has too many triangles at its ends, or the collapse would change the
-    /// topology: the link condition (Dey et al. 1999), in which the border counts as joined to one more vertex.
+    /// Collects what the collapse of an edge changes. False if there is no such edge, it has too many triangles at its
+    /// ends, or the collapse would change the topology: the link condition (Dey et al. 1999), in which the border
+    /// counts as joined to one more vertex.
     pub fn star(&self, triangles: &[[u32; 3]], ends: [u32; 2], star: &mut Star) -> bool {
         star.ends = ends;
         star.removed.clear();
@@ -112,8 +114,8 @@ impl Fans {
         {
             return false;
         }
-        // In the fan around the merged vertex each vertex of the rim may follow once and precede once, and no two triangles
-        // may be back to back; it is closed unless on the border, where it has one end.
+        // In the fan around the merged vertex each vertex of the rim may follow once and precede once, and no two
+        // triangles may be back to back; it is closed unless on the border, where it has one end.
         let fan = &star.fan;
         let unique = |k: usize| (0..fan.len()).all(|i| (0..i).all(|j| fan[i].rim[k] != fan[j].rim[k]));
         let back_to_back =

@@ -1,7 +1,7 @@
 //! The mesh and its convex patches while they are simplified: trying a collapse, keeping it, and joining patches.
 //!
-//! A collapse is tried in place: the triangles of its fan are moved in the surface, but not yet in the spatial indices, so
-//! that they are tested one by one against all others. What has to hold (§3.3.4, step 5):
+//! A collapse is tried in place: the triangles of its fan are moved in the surface, but not yet in the spatial indices,
+//! so that they are tested one by one against all others. What has to hold (§3.3.4, step 5):
 //!
 //! - no triangle of the fan is degenerate, turned over, or intersects another (exact arithmetic);
 //! - each patch that has lost or moved a triangle is a convex patch: the same test as the decomposition's;
@@ -25,8 +25,8 @@ use crate::surface::{Surface, reaches_below};
 /// A new triangle may not be narrower than this fraction of its longest side.
 const LEAST_WIDTH: f64 = 1e-3;
 
-/// Vertices move to places on a grid of cells this small a part of the object's radius, so that rounding, which is another one in
-/// another unit of length, does not add up.
+/// Vertices move to places on a grid of cells this small a part of the object's radius, so that rounding, which is
+/// another one in another unit of length, does not add up.
 const CELL: f64 = 1.0 / (1u64 << 32) as f64;
 
 /// Patches of more triangles are not asked for all of their neighbours each time they change.
@@ -75,7 +75,8 @@ pub(crate) struct State {
 }
 
 impl State {
-    /// Starts from a surface and its patches; `metres` are its vertices, m, `neighbours` the triangles across the sides of each.
+    /// Starts from a surface and its patches; `metres` are its vertices, m, `neighbours` the triangles across the sides
+    /// of each.
     pub fn new(
         surface: Surface,
         metres: Vec<DVec3>,
@@ -188,8 +189,9 @@ impl State {
         self.tolerance
     }
 
-    /// Collapses an edge to the last valid one of the positions that a search tries: `next` is told whether the position
-    /// before was valid, and gives another to try or none. Tells the patches that have changed, if the edge was collapsed.
+    /// Collapses an edge to the last valid one of the positions that a search tries: `next` is told whether the
+    /// position before was valid, and gives another to try or none. Tells the patches that have changed, if the edge
+    /// was collapsed.
     pub fn collapse(
         &mut self,
         star: &Star,
@@ -402,8 +404,8 @@ impl State {
         self.hulls.refit(p, |p| members[p as usize].as_ref().map_or(EMPTY, |m| m.patch.bounds));
     }
 
-    /// Takes apart the patches that have come to span a notch of the surface, as far as they do: collapses are only tested for
-    /// what they make reach deep into hulls.
+    /// Takes apart the patches that have come to span a notch of the surface, as far as they do: collapses are only
+    /// tested for what they make reach deep into hulls.
     pub fn take_apart(&mut self) {
         self.tighten();
         let convexity = Convexity::with_planes(&self.surface, &self.planes, self.tolerance);

@@ -1,11 +1,12 @@
 //! What a level owes to the finer ones: the tree of its patches, and how far they deviate from the original mesh.
 //!
-//! Departing from §3.3.3, where the parent of a hull is the hull that it was merged into: patches drift as edges collapse, and
-//! one whose last triangle goes was merged into none. The parent is the hull of the coarser level to which the hull has the
-//! least directed Hausdorff distance, since h is what culling pays (Eq. 3.5). Each hull is the parent of one at least.
+//! Departing from §3.3.3, where the parent of a hull is the hull that it was merged into: patches drift as edges
+//! collapse, and one whose last triangle goes was merged into none. The parent is the hull of the coarser level to
+//! which the hull has the least directed Hausdorff distance, since h is what culling pays (Eq. 3.5). Each hull is the
+//! parent of one at least.
 //!
-//! The loop needs nothing of it. So the levels are traced one after the other in the background, on a thread that the loop leaves
-//! idle.
+//! The loop needs nothing of it. So the levels are traced one after the other in the background, on a thread that the
+//! loop leaves idle.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -21,10 +22,7 @@ use crate::decomposition::{Decomposition, NO_PATCH};
 use crate::deviation::surface_deviations;
 use crate::hull::HullBuilder;
 use crate::nearest::NearestSearch;
-use crate::surface::{Surface, bounds_of};
-
-/// Distances that differ by less than this part of the radius count as equal, so that rounding decides nothing.
-pub(crate) const GRAIN: f64 = 1e-7;
+use crate::surface::{GRAIN, Surface, bounds_of};
 
 /// What is known of a level's patches from the finer levels.
 #[derive(Debug)]
@@ -71,8 +69,8 @@ impl<'a> Tracer<'a> {
         Self { waiting: Mutex::new(waiting), done: Mutex::new(done) }
     }
 
-    /// Traces one more level in the background. `heirs` are the patches that those of the level before went into, where that is
-    /// known.
+    /// Traces one more level in the background. `heirs` are the patches that those of the level before went into, where
+    /// that is known.
     pub fn add<'s>(&'s self, scope: &Scope<'s>, level: Arc<SimplifiedLevel>, heirs: Option<Vec<u32>>)
     where
         'a: 's,
@@ -145,9 +143,9 @@ fn hulls(surface: &Surface, decomposition: &Decomposition) -> Vec<Vec<DVec3>> {
     decomposition.patches.iter().map(|patch| patch.extreme.iter().map(point).collect()).collect()
 }
 
-/// For each hull (given by its points) the one among `coarser` to which it has the least directed Hausdorff distance; of
-/// equal ones, to within half a `grain`, that which `heirs` names, or the first. Then each of `coarser` that has got none takes the nearest that is
-/// not an only child.
+/// For each hull (given by its points) the one among `coarser` to which it has the least directed Hausdorff distance;
+/// of equal ones, to within half a `grain`, that which `heirs` names, or the first. Then each of `coarser` that has got
+/// none takes the nearest that is not an only child.
 fn nearest_parents(finer: &[Vec<DVec3>], coarser: &[Vec<DVec3>], heirs: &[u32], grain: f64) -> Vec<u32> {
     let targets: Vec<Target> = coarser
         .par_iter()

@@ -172,8 +172,8 @@ pub fn torus(n: u32, tube: f64) -> TriMesh {
     mesh(vertices, triangles)
 }
 
-/// A wall of height 1 wound three times into a spiral, seen from its convex side: every edge is convex, but only about half
-/// a turn of it lies on a common hull.
+/// A wall of height 1 wound three times into a spiral, seen from its convex side: every edge is convex, but only about
+/// half a turn of it lies on a common hull.
 pub fn spiral(steps: u32) -> TriMesh {
     let vertices = (0..=steps)
         .flat_map(|k| {

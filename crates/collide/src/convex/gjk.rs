@@ -23,7 +23,8 @@ const ROUNDING: f64 = 1e9;
 /// What a distance query has to find out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// Stop as soon as the hulls are known to be further apart than this, m. Hulls that touch to within the precision never are.
+    /// Stop as soon as the hulls are known to be further apart than this, m. Hulls that touch to within the precision
+    /// never are.
     pub beyond: f64,
     /// Stop as soon as the hulls are known to be at most this far apart, m; negative: find the distance itself.
     pub enough: f64,

@@ -87,8 +87,8 @@ impl Simplex {
 }
 
 impl Simplex {
-    /// The direction of the nearest point, with its length. For a triangle that is its normal, which keeps its accuracy when
-    /// the nearest point is so close to the origin that its own direction is lost in rounding.
+    /// The direction of the nearest point, with its length. For a triangle that is its normal, which keeps its accuracy
+    /// when the nearest point is so close to the origin that its own direction is lost in rounding.
     pub(super) fn axis(&self, nearest: DVec3) -> DVec3 {
         if self.len != 3 {
             return nearest;

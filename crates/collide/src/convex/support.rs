@@ -1,7 +1,7 @@
 //! Support mapping: the extreme point of a hull in a direction.
 //!
-//! Small hulls are scanned. Larger ones carry a [`SupportTree`], a bounding-box tree over their points that is searched by
-//! branch and bound: unlike hill climbing it needs no hull faces, which a hierarchy does not store, and it cannot
+//! Small hulls are scanned. Larger ones carry a [`SupportTree`], a bounding-box tree over their points that is searched
+//! by branch and bound: unlike hill climbing it needs no hull faces, which a hierarchy does not store, and it cannot
 //! get stuck on coplanar points.
 
 use palpate_core::glam::DVec3;
@@ -37,8 +37,8 @@ impl<'a> Hull<'a> {
         self.points
     }
 
-    /// Index of a point that lies furthest in a direction (of any length). `hint`: a point that may lie far along it, such as
-    /// the last answer.
+    /// Index of a point that lies furthest in a direction (of any length). `hint`: a point that may lie far along it,
+    /// such as the last answer.
     pub fn support(&self, direction: DVec3, hint: u32) -> u32 {
         match self.tree {
             Some(tree) => tree.support(direction, hint, self.points[hint as usize].dot(direction)),

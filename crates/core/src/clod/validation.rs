@@ -24,13 +24,14 @@ impl Clod {
     ///   coarsest, and level 0 is not free.
     /// - The nodes form one tree: each child is one level finer and names its parent, and only level 0 has leaves.
     /// - The hull vertices follow one another in the order of the nodes, and so do the patch triangles. Each hull has a
-    ///   vertex, and an extreme one; the points added to it stand right before. Each node has triangles unless its level is free; they name three different vertices of
-    ///   its hull.
+    ///   vertex, and an extreme one; the points added to it stand right before. Each node has triangles unless its
+    ///   level is free; they name three different vertices of its hull.
     /// - Numbers are finite, and areas, radii and distances not negative; lengths are between 1e-50 and 1e50 m. Hulls
     ///   lie within their bounding spheres, to within 1e-9 of the object's bounding radius. The inertia tensor is
     ///   symmetric and positive definite.
     ///
-    /// That s, h and the spheres bound the descendants as they claim to is not checked: it would take as long as to compute them.
+    /// That s, h and the spheres bound the descendants as they claim to is not checked: it would take as long as to
+    /// compute them.
     ///
     /// # Errors
     /// [`ClodError::Invalid`], naming the first element that breaks one.

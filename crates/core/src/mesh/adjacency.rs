@@ -202,9 +202,9 @@ impl Adjacency {
         (other != NO_NEIGHBOUR).then_some(other)
     }
 
-    /// The connected component of each triangle, numbered from 0 in the order of their first triangles, and how many there are.
-    /// Triangles are connected across edges, however many share one; meeting at a vertex alone does not connect.
-    /// [`NO_NEIGHBOUR`] for a triangle that names a vertex twice.
+    /// The connected component of each triangle, numbered from 0 in the order of their first triangles, and how many
+    /// there are. Triangles are connected across edges, however many share one; meeting at a vertex alone does not
+    /// connect. [`NO_NEIGHBOUR`] for a triangle that names a vertex twice.
     pub fn components(&self) -> (Vec<u32>, u32) {
         let mut component = vec![NO_NEIGHBOUR; self.triangle_edges.len()];
         let mut count = 0;

@@ -82,8 +82,8 @@ impl TriMesh {
     }
 
     /// The signed volume, m³: the sum of the signed tetrahedra of all triangles with finite vertices. For a surface
-    /// without border that is the enclosed volume, whatever the origin; for another one it depends on the origin, and that
-    /// of the mesh's frame is taken. 0 when out of the range of f64.
+    /// without border that is the enclosed volume, whatever the origin; for another one it depends on the origin, and
+    /// that of the mesh's frame is taken. 0 when out of the range of f64.
     pub(super) fn signed_volume(&self, adjacency: &Adjacency) -> f64 {
         let finite = (0..self.triangles.len())
             .map(|t| self.corners(t))

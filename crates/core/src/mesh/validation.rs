@@ -3,8 +3,8 @@
 //! Conventions, where usage differs:
 //! - A triangle that names a vertex twice has no sides: it counts as degenerate and otherwise takes no part. Triangles
 //!   without area and duplicates do take part, so that a duplicate makes its edges non-manifold.
-//! - *Closed* means that each edge belongs to exactly two triangles. A mesh with an edge of four triangles encloses a volume
-//!   but is not closed in this sense, since there is no saying which of them are neighbours.
+//! - *Closed* means that each edge belongs to exactly two triangles. A mesh with an edge of four triangles encloses a
+//!   volume but is not closed in this sense, since there is no saying which of them are neighbours.
 //! - *Oriented* is judged at edges of two triangles, where it is defined.
 //! - Components are connected across edges; meeting at a vertex alone does not connect.
 
@@ -36,8 +36,8 @@ pub struct ValidationReport {
     pub nonmanifold_edges: usize,
     /// Edges of two triangles that disagree on which side is outside.
     pub misoriented_edges: usize,
-    /// Fans of triangles (connected across edges at the vertex) beyond the first, summed over the vertices: how many vertices
-    /// must be added for each fan to have its own.
+    /// Fans of triangles (connected across edges at the vertex) beyond the first, summed over the vertices: how many
+    /// vertices must be added for each fan to have its own.
     pub nonmanifold_vertices: usize,
     /// Triangles that name a vertex twice or have no area.
     pub degenerate: usize,
@@ -53,9 +53,9 @@ pub struct ValidationReport {
     pub components: usize,
     /// Radius of the [bounding sphere](TriMesh::bounding_sphere), m.
     pub bounding_radius: f64,
-    /// Signed volume, m³: negative when the triangles face inwards. For a surface with a border, or one that is not oriented,
-    /// the sum of the signed tetrahedra that the triangles span with the origin. Triangles with a vertex that is not
-    /// finite are left out.
+    /// Signed volume, m³: negative when the triangles face inwards. For a surface with a border, or one that is not
+    /// oriented, the sum of the signed tetrahedra that the triangles span with the origin. Triangles with a vertex that
+    /// is not finite are left out.
     pub volume: f64,
     /// The first offending element of each kind found.
     pub first: FirstOffenders,
@@ -126,8 +126,8 @@ impl<T> Tally<T> {
 }
 
 impl TriMesh {
-    /// Looks for everything that may be wrong with the mesh, apart from self-intersection. Any mesh is accepted; the time is
-    /// that of a few sorts of its triangles.
+    /// Looks for everything that may be wrong with the mesh, apart from self-intersection. Any mesh is accepted; the
+    /// time is that of a few sorts of its triangles.
     pub fn validate(&self) -> ValidationReport {
         let adjacency = self.adjacency();
         let bounding_radius = self.bounding_sphere().radius;
@@ -188,8 +188,8 @@ impl TriMesh {
         }
     }
 
-    /// Whether a triangle's height over its longest side is negligible beside the bounding radius (m). Not so if a corner is
-    /// not finite: that is another complaint.
+    /// Whether a triangle's height over its longest side is negligible beside the bounding radius (m). Not so if a
+    /// corner is not finite: that is another complaint.
     fn has_no_area(&self, triangle: usize, bounding_radius: f64) -> bool {
         let [a, b, c] = self.corners(triangle);
         if a == b || b == c || c == a {
@@ -225,7 +225,8 @@ impl TriMesh {
     fn extra_fans(&self, adjacency: &Adjacency) -> (usize, Option<u32>) {
         let mut extra = 0;
         let mut first = None;
-        // The fan of each of the vertex's triangles, as a union-find forest, and the (other vertex, triangle) of each of its sides.
+        // The fan of each of the vertex's triangles, as a union-find forest, and the (other vertex, triangle) of each
+        // of its sides.
         let mut parent: Vec<usize> = Vec::new();
         let mut spokes: Vec<(u32, usize)> = Vec::new();
         for vertex in 0..self.vertices.len() as u32 {

@@ -1,9 +1,9 @@
 //! Wavefront OBJ: the `v` and `f` lines; everything else does not bear on the surface and is skipped.
 //!
-//! Read here rather than through the crate `tobj` (which the tests hold it against), because a file that anyone may hand
-//! in asks for what that lacks: it takes polylines (`l`) of three and more points for faces, overflows on relative texture
-//! indices that are out of range, refuses whole files for a comment that is not UTF-8, and can say neither the line of an
-//! error nor the file's number of a vertex, since it renumbers them object by object.
+//! Read here rather than through the crate `tobj` (which the tests hold it against), because a file that anyone may
+//! hand in asks for what that lacks: it takes polylines (`l`) of three and more points for faces, overflows on relative
+//! texture indices that are out of range, refuses whole files for a comment that is not UTF-8, and can say neither the
+//! line of an error nor the file's number of a vertex, since it renumbers them object by object.
 //!
 //! Departures from the letter of the format, as other readers have them: numbers such as `nan`, `inf` and MSVC's
 //! `1.#IND` are read as what they mean; faces of fewer than three corners are skipped with a warning; the weight `w`
@@ -117,7 +117,8 @@ pub(crate) fn read(bytes: &[u8], path: &Path) -> Result<Surface, LoadError> {
     Ok(Surface { vertices, triangles, warnings: skipped.warnings("line") })
 }
 
-/// The vertex that a face's corner (`7`, `7/1`, `7//3`, `-1/…`) names, counted from zero. May lie beyond the vertices so far.
+/// The vertex that a face's corner (`7`, `7/1`, `7//3`, `-1/…`) names, counted from zero. May lie beyond the vertices
+/// so far.
 fn resolve(word: &[u8], vertices: usize) -> Result<u64, String> {
     let index = word.split(|&b| b == b'/').next().unwrap_or(word);
     let index: i64 = std::str::from_utf8(index)

@@ -1,11 +1,11 @@
 //! STL, binary and ASCII.
 //!
-//! Binary files are read by the crate `stl_io`, once the header's count of triangles has been held against the file's size.
-//! ASCII files are read here: that crate stops at the end of the first solid, wants `solid` in lower case and followed by
-//! a space, rounds to f32, and cannot say on which line an error is.
+//! Binary files are read by the crate `stl_io`, once the header's count of triangles has been held against the file's
+//! size. ASCII files are read here: that crate stops at the end of the first solid, wants `solid` in lower case and
+//! followed by a space, rounds to f32, and cannot say on which line an error is.
 //!
-//! A file is binary if its size is what its count asks for (many start with `solid` all the same), else ASCII if it starts
-//! with `solid`.
+//! A file is binary if its size is what its count asks for (many start with `solid` all the same), else ASCII if it
+//! starts with `solid`.
 
 use std::io::Cursor;
 use std::path::Path;

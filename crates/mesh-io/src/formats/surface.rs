@@ -29,7 +29,8 @@ pub(crate) struct Skipped {
 }
 
 impl Skipped {
-    /// Cuts a polygon of three or more corners into triangles. In a larger one, corners that repeat their predecessor are left out first.
+    /// Cuts a polygon of three or more corners into triangles. In a larger one, corners that repeat their predecessor
+    /// are left out first.
     pub(crate) fn cut(&mut self, polygon: &[u32], vertices: &[DVec3], triangles: &mut Vec<[u32; 3]>) {
         let mut polygon = polygon;
         if polygon.len() > 3 {

@@ -1,7 +1,8 @@
 //! Broad phase: which triangles' bounding boxes overlap.
 //!
-//! Boxes are moved to the middle of all and rounded to f32 for the hierarchy (crate `obvhs`). Both roundings are monotone, so
-//! that boxes that overlap still do after them, without padding; the f64 boxes are compared before a pair is passed on.
+//! Boxes are moved to the middle of all and rounded to f32 for the hierarchy (crate `obvhs`). Both roundings are
+//! monotone, so that boxes that overlap still do after them, without padding; the f64 boxes are compared before a pair
+//! is passed on.
 
 use glam::{DMat3, DVec3, Vec3A};
 use obvhs::aabb::Aabb;
@@ -16,8 +17,8 @@ pub(crate) struct Boxes {
 }
 
 impl Boxes {
-    /// Boxes of `count` triangles. A triangle that is to be left out, or has a coordinate that is not finite, gets an empty
-    /// box, which overlaps nothing.
+    /// Boxes of `count` triangles. A triangle that is to be left out, or has a coordinate that is not finite, gets an
+    /// empty box, which overlaps nothing.
     pub(crate) fn new(count: usize, corners: impl Fn(usize) -> Option<[DVec3; 3]>) -> Self {
         let empty = [DVec3::INFINITY, DVec3::NEG_INFINITY];
         let boxes: Vec<[DVec3; 2]> = (0..count)
@@ -33,8 +34,9 @@ impl Boxes {
         Self { boxes, middle }
     }
 
-    /// Boxes of the triangles of one mesh, with coordinates up to 1, to be held against each other: along the coordinate axes, or along
-    /// the main direction of the triangles' sides where that makes them much smaller, as it does for long parts askew.
+    /// Boxes of the triangles of one mesh, with coordinates up to 1, to be held against each other: along the
+    /// coordinate axes, or along the main direction of the triangles' sides where that makes them much smaller, as it
+    /// does for long parts askew.
     pub(crate) fn of_one_mesh(count: usize, corners: impl Fn(usize) -> Option<[DVec3; 3]>) -> Self {
         /// More than the rounding of a rotation.
         const ROUNDING: f64 = 16.0 * f64::EPSILON;

@@ -30,37 +30,20 @@ pub struct SelfIntersections {
 /// share none intersect if they have a point in common. Those that share one vertex do if they have any other point in
 /// common. Those that share an edge do if one is folded flat onto the other. Duplicates (three shared vertices) and
 /// degenerate triangles (without area, or with a coordinate that is not finite) are defects of other kinds and are left
-/// out here. Runs in parallel; the result does not depend on the number of threads. Takes O(n log n) for a surface; a soup
-/// in which all pairs intersect takes O(n²).
+/// out here. Runs in parallel; the result does not depend on the number of threads. Takes O(n log n) for a surface; a
+/// soup in which all pairs intersect takes O(n²).
 pub fn self_intersections(mesh: &TriMesh) -> SelfIntersections {
     let mut vertices = mesh.vertices().to_vec();
     normalise(&mut vertices);
     let same = equal_positions(&vertices);
-    let ids: Vec<[u32; 3]> = mesh.triangles().iter().map(|t| t.map(|v| same[v as usize])).collect();
-    let corners = |t: usize| ids[t].map(|v| vertices[v as usize]);
-    let boxes = Boxes::of_one_mesh(ids.len(), |t| Some(corners(t)).filter(|&[a, b, c]| !collinear(a, b, c)));
-    let tree = boxes.tree();
-    (0..ids.len())
-        .into_par_iter()
-        .map_init(Vec::new, |candidates, i| {
-            boxes.overlapping(i, &boxes, &tree, candidates);
-            let mut found = SelfIntersections::default();
-            for &j in candidates.iter().filter(|&&j| j as usize > i) {
-                if cross(&corners(i), &ids[i], &corners(j as usize), &ids[j as usize]) {
-                    found.count += 1;
-                    let pair = [i as u32, j];
-                    found.first = Some(found.first.map_or(pair, |first| first.min(pair)));
-                }
-            }
-            found
-        })
-        .reduce(SelfIntersections::default, |a, b| SelfIntersections {
-            count: a.count + b.count,
-            first: match (a.first, b.first) {
-                (Some(a), Some(b)) => Some(a.min(b)),
-                (a, b) => a.or(b),
-            },
-        })
+    let of_each = crossings_of_each(&vertices, mesh.triangles(), &same, usize::MAX, |pairs| SelfIntersections {
+        count: pairs.len(),
+        first: pairs.first().copied(),
+    });
+    of_each.into_iter().fold(SelfIntersections::default(), |all, own| SelfIntersections {
+        count: all.count + own.count,
+        first: all.first.or(own.first),
+    })
 }
 
 /// The pairs of triangles that [`self_intersections`] counts, the smaller index first, in lexicographic order; at most
@@ -71,6 +54,18 @@ pub(crate) fn crossing_pairs(
     same: &[u32],
     limit: usize,
 ) -> Vec<[u32; 2]> {
+    crossings_of_each(vertices, triangles, same, limit, |pairs| pairs).into_iter().flatten().collect()
+}
+
+/// For each triangle what `take` makes of its pairs with later ones, of which it gets the first `limit` in ascending
+/// order.
+fn crossings_of_each<T: Send>(
+    vertices: &[DVec3],
+    triangles: &[[u32; 3]],
+    same: &[u32],
+    limit: usize,
+    take: impl Fn(Vec<[u32; 2]>) -> T + Sync,
+) -> Vec<T> {
     let ids: Vec<[u32; 3]> = triangles.iter().map(|t| t.map(|v| same[v as usize])).collect();
     let corners = |t: usize| ids[t].map(|v| vertices[v as usize]);
     let boxes = Boxes::of_one_mesh(ids.len(), |t| Some(corners(t)).filter(|&[a, b, c]| !collinear(a, b, c)));
@@ -82,9 +77,8 @@ pub(crate) fn crossing_pairs(
             candidates.retain(|&j| j as usize > i);
             candidates.sort_unstable();
             let crossing = |&j: &u32| cross(&corners(i), &ids[i], &corners(j as usize), &ids[j as usize]);
-            candidates.iter().copied().filter(crossing).take(limit).map(|j| [i as u32, j]).collect::<Vec<_>>()
+            take(candidates.iter().copied().filter(crossing).take(limit).map(|j| [i as u32, j]).collect())
         })
-        .flatten()
         .collect()
 }
 

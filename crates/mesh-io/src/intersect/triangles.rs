@@ -178,7 +178,8 @@ impl Plane {
         parts(a, b) || parts(b, a)
     }
 
-    /// Whether an edge at `v` parts the projections of the triangles v a₀ a₁ and v b₀ b₁, so that they have only v in common.
+    /// Whether an edge at `v` parts the projections of the triangles v a₀ a₁ and v b₀ b₁, so that they have only v in
+    /// common.
     fn part_at(self, v: DVec3, a: [DVec3; 2], b: [DVec3; 2]) -> bool {
         let parts = |[p, q]: [DVec3; 2], u: [DVec3; 2]| {
             let other_side = -self.orient(v, p, q);
@@ -218,9 +219,9 @@ mod tests {
         [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
     }
 
-    /// The separating-axis theorem in whole numbers: two closed convex polygons are disjoint if and only if they are apart along
-    /// a normal of a face of their Minkowski difference: a normal of either, a product of two edges, or (when both lie in
-    /// one plane) a normal of an edge within it.
+    /// The separating-axis theorem in whole numbers: two closed convex polygons are disjoint if and only if they are
+    /// apart along a normal of a face of their Minkowski difference: a normal of either, a product of two edges, or
+    /// (when both lie in one plane) a normal of an edge within it.
     fn apart(a: &[Point], b: &[Point]) -> bool {
         let edges =
             |p: &[Point]| -> Vec<Point> { (0..p.len()).map(|i| minus(p[(i + 1) % p.len()], p[i])).collect() };
@@ -272,8 +273,8 @@ mod tests {
             let shared: Vec<Point> = a.iter().copied().filter(|p| b.contains(p)).collect();
             let expected = match *shared {
                 [] => !apart(&a, &b),
-                // Away from the shared corner, what is left of each triangle is a trapezium; in the limit the common points
-                // of two triangles that share only a corner reach the far edge of one.
+                // Away from the shared corner, what is left of each triangle is a trapezium; in the limit the common
+                // points of two triangles that share only a corner reach the far edge of one.
                 [v] => {
                     let far =
                         |t: &[Point; 3]| -> Vec<Point> { t.iter().copied().filter(|p| *p != v).collect() };

@@ -1,8 +1,8 @@
 //! Cutting out triangles that intersect others.
 //!
-//! Of each intersecting pair at least one triangle has to go: a vertex cover of the graph of conflicts. The cover of least
-//! area is NP-hard to find; the greedy one (the most conflicts per area first, Chvátal 1979), from which whatever turns out to be
-//! needless is taken back, is near it.
+//! Of each intersecting pair at least one triangle has to go: a vertex cover of the graph of conflicts. The cover of
+//! least area is NP-hard to find; the greedy one (the most conflicts per area first, Chvátal 1979), from which whatever
+//! turns out to be needless is taken back, is near it.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -11,12 +11,13 @@ use super::{Piece, Work};
 use crate::intersect::crossing_pairs;
 use crate::weld::equal_positions;
 
-/// Intersections of a triangle that are looked at in one round. Memory stays linear in the triangles; where there are more,
-/// the next round sees to what is left.
+/// Intersections of a triangle that are looked at in one round. Memory stays linear in the triangles; where there are
+/// more, the next round sees to what is left.
 const MAX_PARTNERS: usize = 64;
 
 impl Work {
-    /// Drops triangles until none intersect, as far as one round sees, and closes the holes where it can if `fill` is set.
+    /// Drops triangles until none intersect, as far as one round sees, and closes the holes where it can if `fill` is
+    /// set.
     pub(super) fn cut_crossings(&mut self, fill: bool) {
         let mesh = self.mesh();
         let same = equal_positions(&self.points);

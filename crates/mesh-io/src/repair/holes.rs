@@ -1,9 +1,10 @@
 //! Closing the holes that dropped triangles leave.
 //!
-//! The border of what was dropped is a polygon in space. Of its triangulations without new vertices, the one of least area is
-//! found by dynamic programming (Barequet and Sharir 1995), among triangles that have an area, intersect nothing that is there
-//! and repeat no edge. Where there is none, the triangles around the hole are taken out as well and it is tried again,
-//! which untangles folds of a few triangles; if that does not help either, they stay and the hole stays open.
+//! The border of what was dropped is a polygon in space. Of its triangulations without new vertices, the one of least
+//! area is found by dynamic programming (Barequet and Sharir 1995), among triangles that have an area, intersect
+//! nothing that is there and repeat no edge. Where there is none, the triangles around the hole are taken out as well
+//! and it is tried again, which untangles folds of a few triangles; if that does not help either, they stay and the
+//! hole stays open.
 
 use std::collections::HashSet;
 
@@ -112,8 +113,8 @@ fn holes(adjacency: &Adjacency, removed: &[bool]) -> Vec<Vec<u32>> {
     holes
 }
 
-/// The borders of a piece of the surface, as polygons that run as its triangles do. `None` stands for those across which there is
-/// not always a triangle that is left.
+/// The borders of a piece of the surface, as polygons that run as its triangles do. `None` stands for those across
+/// which there is not always a triangle that is left.
 fn borders(mesh: &TriMesh, adjacency: &Adjacency, piece: &[u32], removed: &[bool]) -> Vec<Option<Vec<u32>>> {
     let members: HashSet<u32> = piece.iter().copied().collect();
     let across = |side: HalfEdge| adjacency.neighbour(side.triangle(), side.side());

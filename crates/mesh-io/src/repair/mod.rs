@@ -3,13 +3,13 @@
 //!
 //! The steps, in this order, repeated until they change nothing:
 //!
-//! 1. triangles with a coordinate that is not finite and duplicates are dropped; triangles without area are dropped, or taken
-//!    out such that what they held together stays so ([`slivers`]); cracks along which a vertex of one border lies on an edge
-//!    of another are closed;
+//! 1. triangles with a coordinate that is not finite and duplicates are dropped; triangles without area are dropped, or
+//! taken out such that what they held together stays so ([`slivers`]); cracks along which a vertex of one border lies
+//! on an edge of another are closed;
 //! 2. triangles are turned to agree with their neighbours, closed components to face outwards ([`orientation`]);
 //! 3. where sheets meet at an edge or a vertex, each gets a copy of it of its own ([`parting`]);
-//! 4. of triangles that intersect, those are dropped whose loss costs least area, and holes that this makes are closed where
-//!    that is possible without another intersection ([`crossings`], [`holes`]).
+//! 4. of triangles that intersect, those are dropped whose loss costs least area, and holes that this makes are closed
+//! where that is possible without another intersection ([`crossings`], [`holes`]).
 //!
 //! No vertex is moved, but for the ends of an edge that is shorter than rounding, and no surface is added but over holes
 //! that were cut. Where a hole stays open, so does the mesh. Shells that overlap are not united: the smaller part of the
@@ -37,15 +37,15 @@ use crate::weld::{self, equal_positions};
 pub struct RepairSummary {
     /// Triangles dropped because a corner is infinite or not a number.
     pub nonfinite_triangles: usize,
-    /// Triangles taken out because two corners are at the same position, or the height over the longest side is below 10⁻¹² bounding
-    /// radii.
+    /// Triangles taken out because two corners are at the same position, or the height over the longest side is below
+    /// 10⁻¹² bounding radii.
     pub degenerate_triangles: usize,
     /// Triangles dropped because an earlier one has the same three positions, in either orientation.
     pub duplicate_triangles: usize,
     /// Vertices merged with another that is closer than 10⁻¹² bounding radii, at triangles without area.
     pub merged_vertices: usize,
-    /// Triangles cut in two or more at a vertex that lies on one of their edges: of a crack (a T-junction) or of a triangle
-    /// without area.
+    /// Triangles cut in two or more at a vertex that lies on one of their edges: of a crack (a T-junction) or of a
+    /// triangle without area.
     pub split_triangles: usize,
     /// Triangles turned over, to agree with their neighbours or to face outwards.
     pub flipped_triangles: usize,
@@ -105,13 +105,14 @@ impl fmt::Display for RepairSummary {
 /// Rounds of all steps before what is still wrong is dropped.
 const MAX_ROUNDS: usize = 8;
 
-/// Repairs a mesh: see the summary's fields for what is done. [Weld](crate::weld()) it first: triangles are neighbours only
-/// if they have the indices of two vertices in common.
+/// Repairs a mesh: see the summary's fields for what is done. [Weld](crate::weld()) it first: triangles are neighbours
+/// only if they have the indices of two vertices in common.
 ///
-/// The result has no self-intersection, and its [validation](TriMesh::validate) reports a 2-manifold that is oriented, without
-/// degenerate, duplicate or non-finite triangles and, if it is closed, of a volume that is not negative. There may be nothing left of it.
-/// Copies of a vertex that part two sheets are at the same position: welding such a mesh again makes it what it
-/// was. Repairing it again changes nothing. Triangles that are kept stay in order; those that are made come last.
+/// The result has no self-intersection, and its [validation](TriMesh::validate) reports a 2-manifold that is oriented,
+/// without degenerate, duplicate or non-finite triangles and, if it is closed, of a volume that is not negative. There
+/// may be nothing left of it. Copies of a vertex that part two sheets are at the same position: welding such a mesh
+/// again makes it what it was. Repairing it again changes nothing. Triangles that are kept stay in order; those that
+/// are made come last.
 pub fn repair(mesh: &TriMesh) -> (TriMesh, RepairSummary) {
     let mut work = Work::new(mesh);
     work.drop_nonfinite();

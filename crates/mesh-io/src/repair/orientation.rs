@@ -1,7 +1,7 @@
 //! Turning triangles to agree with each other, and closed components to face outwards.
 //!
-//! Each component (triangles connected across edges that exactly two share) is oriented by flooding, the orientation of the
-//! majority of its triangles winning; then closed components are turned to face outwards.
+//! Each component (triangles connected across edges that exactly two share) is oriented by flooding, the orientation of
+//! the majority of its triangles winning; then closed components are turned to face outwards.
 //!
 //! Outwards means a positive enclosed volume, except for cavities. If all closed components together enclose a negative
 //! volume, the file is taken to be inside out and all are turned. A component that is then still negative is

@@ -1,9 +1,9 @@
 //! Taking out triangles without area, and closing cracks, by splitting triangles at vertices that lie on their edges.
 //!
 //! A triangle without area is a needle, two of whose corners are closer than rounding, or a cap, one of whose corners
-//! lies on the opposite side. A needle goes when its two corners are merged. A cap goes when the triangles across its longest side
-//! are split at the vertex that lies on it: the surface keeps its shape, and stays closed if it was. A crack is a
-//! cap that is missing: a vertex of a border that lies on an edge of a border.
+//! lies on the opposite side. A needle goes when its two corners are merged. A cap goes when the triangles across its
+//! longest side are split at the vertex that lies on it: the surface keeps its shape, and stays closed if it was. A
+//! crack is a cap that is missing: a vertex of a border that lies on an edge of a border.
 
 use std::collections::{HashMap, HashSet};
 
@@ -128,8 +128,8 @@ impl Work {
         splits
     }
 
-    /// Splits the triangles at each edge at vertices that lie on it; at one edge each, so that there may be need for another
-    /// round. Returns whether any was split.
+    /// Splits the triangles at each edge at vertices that lie on it; at one edge each, so that there may be need for
+    /// another round. Returns whether any was split.
     fn split(&mut self, splits: &Splits) -> bool {
         let mut made = Vec::new();
         let mut gone = vec![false; self.pieces.len()];

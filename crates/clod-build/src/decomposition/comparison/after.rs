@@ -81,8 +81,8 @@ pub(super) fn dissolve(
     Some(Decomposition::new(patches.into_iter().flatten().collect(), patch_of))
 }
 
-/// Each patch in turn is taken apart together with some that are near, and their triangles are joined anew, smallest unions
-/// first but for a random part; what comes of it is kept if it is no more patches.
+/// Each patch in turn is taken apart together with some that are near, and their triangles are joined anew, smallest
+/// unions first but for a random part; what comes of it is kept if it is no more patches.
 pub(super) fn join_anew(
     problem: &Problem,
     made: Decomposition,

@@ -1,13 +1,13 @@
-//! glTF 2.0 scenes, as .gltf (JSON with external or embedded buffers) and .glb: every triangle of the default scene, placed
-//! by its node.
+//! glTF 2.0 scenes, as .gltf (JSON with external or embedded buffers) and .glb: every triangle of the default scene,
+//! placed by its node.
 //!
 //! The crate `gltf` parses the container and the JSON; accessors are read here, since its own readers take positions for
 //! f32 (KHR_mesh_quantization allows 8 and 16 bits) and panic on what a file merely claims. Every index, offset and count
 //! is checked before use; the node graph is walked with a list of its own, each node at most once, as the format demands.
 //!
-//! Left out, with a warning: points and lines, skins and morph targets (the mesh is loaded as it stands at rest), instances
-//! placed by EXT_mesh_gpu_instancing. Compressed geometry (KHR_draco_mesh_compression, EXT_meshopt_compression) is refused
-//! unless the file carries an uncompressed form as well.
+//! Left out, with a warning: points and lines, skins and morph targets (the mesh is loaded as it stands at rest),
+//! instances placed by EXT_mesh_gpu_instancing. Compressed geometry (KHR_draco_mesh_compression,
+//! EXT_meshopt_compression) is refused unless the file carries an uncompressed form as well.
 
 mod accessors;
 
@@ -26,8 +26,8 @@ use crate::LoadError;
 use crate::formats::surface::Surface;
 use crate::formats::text::quoted;
 
-/// Vertices or triangles above which a scene is refused: one mesh may be placed by any number of nodes, and a count need not
-/// be backed by data, so that the file's size does not bound them.
+/// Vertices or triangles above which a scene is refused: one mesh may be placed by any number of nodes, and a count
+/// need not be backed by data, so that the file's size does not bound them.
 const MAX_ELEMENTS: usize = 1 << 25;
 
 const REMEDY: &str = "the file breaks the glTF 2.0 rules: run a glTF validator on it, or export it again";
@@ -160,7 +160,8 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// The meshes of the default scene (else of the first; without scenes each mesh once) with their placements, depth first.
+    /// The meshes of the default scene (else of the first; without scenes each mesh once) with their placements, depth
+    /// first.
     fn placed_meshes(&self, warnings: &mut Vec<String>) -> Result<Vec<(usize, DAffine3)>, LoadError> {
         let nodes = &self.root.nodes;
         let Some(scene) = self.root.scene.map(|s| s.value()).or((!self.root.scenes.is_empty()).then_some(0))
