@@ -54,6 +54,10 @@ fn test() -> Result<(), Failure> {
 fn ci() -> Result<(), Failure> {
     cargo(&["fmt", "--all", "--check"], &[])?;
     test()?;
+    // What takes a release build: models of full size, and a million damaged files.
+    let tests = ["--package", "palpate-tests", "--test", "levels", "--test", "clod_mutations"];
+    let chosen = ["--", "--ignored", "built_in_models", "a_million"];
+    cargo(&[["test", "--release", "--locked"].as_slice(), &tests, &chosen].concat(), &[])?;
     cargo(&["clippy", "--workspace", "--all-targets", "--locked", "--", "-D", "warnings"], &[])?;
     cargo(&["check", "--package", "palpate-texture-pd", "--no-default-features", "--locked"], &[])?;
     cargo(&["doc", "--workspace", "--no-deps", "--locked"], &[("RUSTDOCFLAGS", "-D warnings")])?;

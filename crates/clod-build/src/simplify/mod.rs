@@ -37,8 +37,8 @@ pub(crate) use levels::SimplifiedLevel;
 use queue::Queue;
 use star::Star;
 use state::State;
-use trace::Tracer;
 pub(crate) use trace::Trace;
+use trace::Tracer;
 
 /// The last level is put out if its patches are fewer than those of the level before by this part of them.
 const NOTICEABLE: f64 = 0.1;

@@ -36,9 +36,8 @@ pub fn self_intersections(mesh: &TriMesh) -> SelfIntersections {
     let mut vertices = mesh.vertices().to_vec();
     normalise(&mut vertices);
     let same = equal_positions(&vertices);
-    let of_each = crossings_of_each(&vertices, mesh.triangles(), &same, usize::MAX, |pairs| SelfIntersections {
-        count: pairs.len(),
-        first: pairs.first().copied(),
+    let of_each = crossings_of_each(&vertices, mesh.triangles(), &same, usize::MAX, |pairs| {
+        SelfIntersections { count: pairs.len(), first: pairs.first().copied() }
     });
     of_each.into_iter().fold(SelfIntersections::default(), |all, own| SelfIntersections {
         count: all.count + own.count,
