@@ -4,12 +4,12 @@
 //! The steps, in this order, repeated until they change nothing:
 //!
 //! 1. triangles with a coordinate that is not finite and duplicates are dropped; triangles without area are dropped, or
-//! taken out such that what they held together stays so ([`slivers`]); cracks along which a vertex of one border lies
-//! on an edge of another are closed;
+//!    taken out such that what they held together stays so ([`slivers`]); cracks along which a vertex of one border lies
+//!    on an edge of another are closed;
 //! 2. triangles are turned to agree with their neighbours, closed components to face outwards ([`orientation`]);
 //! 3. where sheets meet at an edge or a vertex, each gets a copy of it of its own ([`parting`]);
 //! 4. of triangles that intersect, those are dropped whose loss costs least area, and holes that this makes are closed
-//! where that is possible without another intersection ([`crossings`], [`holes`]).
+//!    where that is possible without another intersection ([`crossings`], [`holes`]).
 //!
 //! No vertex is moved, but for the ends of an edge that is shorter than rounding, and no surface is added but over holes
 //! that were cut. Where a hole stays open, so does the mesh. Shells that overlap are not united: the smaller part of the
