@@ -154,7 +154,11 @@ pub struct QueryArguments {
     /// Report contacts closer than this: metres, or a percentage of the probe's bounding radius such as 1%
     #[arg(long, value_name = "D")]
     pub tolerance: Length,
-    /// Report contacts at full resolution; this version has no other
+    /// Leave out detail whose error, averaged over the area of contact (s*), is no more than this: metres, or a
+    /// percentage of the probe's bounding radius such as 2.5% [default: full resolution]
+    #[arg(long, value_name = "S0", conflicts_with = "exact")]
+    pub error: Option<Length>,
+    /// Report contacts at full resolution
     #[arg(long)]
     pub exact: bool,
     /// Start every query from the root; this version always does

@@ -59,7 +59,8 @@ pub fn run(arguments: &QueryArguments) -> Result<(), Failure> {
     let options = arguments.reading.options();
     let probe = progress::open(&arguments.probe, &options)?;
     let scene = progress::open(&arguments.scene, &options)?;
-    let settings = QuerySettings::new(tolerance(arguments, &probe)?);
+    let error = arguments.error.map_or(0.0, |error| error.metres(probe.bounding_radius()));
+    let settings = QuerySettings { error, ..QuerySettings::new(tolerance(arguments, &probe)?) };
     let mut contacts_file = match &arguments.contacts {
         None => None,
         Some(path) => Some((path, contacts_writer(path)?)),

@@ -1,7 +1,8 @@
 //! Contact queries between two objects given as hierarchies of convex hulls (§3.4), and contact clustering (§5.4.2).
 //!
 //! [`ContactQuery`] descends both hierarchies in tandem and reports a [`PatchContact`] for every pair of convex surface
-//! patches that come within the tolerance, or penetrate. [`Clustering`] condenses them to a few representatives.
+//! patches that come within the tolerance, or penetrate: at full resolution, or each at the coarsest whose error would
+//! not be felt. [`Clustering`] condenses them to a few representatives.
 //! The queries between two convex hulls that it rests on are in [`convex`].
 //!
 //! Guarantees: everything is f64; the caller owns the workspaces; a query takes no lock, does not panic, and allocates
@@ -13,6 +14,7 @@ mod leaf;
 mod overlap;
 mod patch;
 mod query;
+mod refinement;
 
 pub use clustering::{Cluster, Clustering};
 pub use query::{ContactQuery, PatchContact, QueryOutcome, QuerySettings};

@@ -1,14 +1,19 @@
-//! The contact query Q(A, B, d) between two hierarchies at full resolution (§3.4.1).
+//! The contact query Q(A, B, d) between two hierarchies (§3.4.1, §3.4.2).
 //!
 //! Both hierarchies are descended in tandem from their roots. A pair of nodes is dropped when its bounding spheres, or
-//! then its hulls, are further apart than d + h(a) + h(b) (Eq. 3.5); otherwise the larger node is split, down to pairs
-//! of leaves, whose contacts are reported. As §3.4.1 has it, they are a superset of the local minima of the distance
-//! where the objects are disjoint, and local penetration depths where they overlap. Only surfaces that meet make
-//! contacts: an object that has sunk wholly into another, deeper than that one's patches are thick, has none.
+//! then its hulls, are further apart than d + h(a) + h(b) (Eq. 3.5); otherwise one of them is split, down to pairs
+//! whose missing detail is below the threshold s₀ ([`refinement`](crate::refinement)), and those are asked for
+//! contacts. Of nodes with such a threshold the one with the coarser children is split (§3.4.2). At full resolution,
+//! where s₀ is 0, it is the larger one, down to pairs of leaves. As §3.4.1 has it, they are a superset of the local
+//! minima of the distance where the objects are disjoint, and local penetration depths where they overlap. Only
+//! surfaces that meet make contacts: an object that has sunk wholly into another, deeper than that one's patches are
+//! thick, has none.
+//!
+//! With a threshold, what is reported are contacts between the surfaces of coarser levels, each within s of the mesh.
 //!
 //! Departures: hulls of many points are not tested above the leaves; hull queries there only decide whether a pair is
 //! within reach, and stop as soon as either bound on the distance settles it; nodes with a single child are passed
-//! through.
+//! through, as long as they are to be refined anyway.
 
 use palpate_core::clod::Node;
 use palpate_core::glam::DVec3;
@@ -17,6 +22,7 @@ use palpate_core::{Clod, Contact, Pose};
 use crate::convex::{Hull, Limits, Placement, Separation, Start, SupportTree, gjk};
 use crate::leaf::{LeafQuery, Reach};
 use crate::patch::{Incidence, Patch};
+use crate::refinement::{Detail, Refine, refine, refine_at};
 
 /// Separations and depths are found to this fraction of the size of the hulls involved.
 const PRECISION: f64 = 1e-12;
@@ -46,16 +52,19 @@ pub struct QuerySettings {
     /// How far hulls may stand off the surface that they were built for, as a fraction of an object's bounding radius:
     /// the builder's tolerance. Where this much could decide about a contact, the triangles do.
     pub patch_tolerance: f64,
+    /// s₀: detail is left out where its deviation, averaged over the area of contact (s*, Eq. 3.7), is no more than
+    /// this, m; 0 for full resolution. §3.5.2 finds 2.5 to 5 % of the objects' radii unnoticed.
+    pub error: f64,
 }
 
 impl QuerySettings {
     /// Settings with a tolerance (d, m) and defaults for the rest.
     pub fn new(tolerance: f64) -> Self {
-        Self { tolerance, fixed_capacity: false, patch_tolerance: 1e-6 }
+        Self { tolerance, fixed_capacity: false, patch_tolerance: 1e-6, error: 0.0 }
     }
 }
 
-/// A contact, and the pair of leaf patches that it was found between.
+/// A contact, and the pair of patches that it was found between.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PatchContact {
     /// The contact, in world axes.
@@ -78,15 +87,16 @@ pub struct QueryOutcome {
     /// Pairs of nodes whose bounding spheres were within reach.
     pub visited: usize,
     /// Size of the front of the bounding volume test tree (§3.4.2): pairs at which the descent ended, being out of
-    /// reach or leaves.
+    /// reach, or examined for contacts.
     pub front: usize,
-    /// Pairs of leaves among them that were examined for contacts.
+    /// Pairs among them that were examined for contacts: of leaves, or of nodes whose missing detail is below the
+    /// threshold.
     pub leaf_pairs: usize,
     /// Convex queries made, pairs of triangles included.
     pub convex_queries: usize,
     /// Convex queries whose answer may be off by more than the precision. Such pairs are never dropped.
     pub not_converged: usize,
-    /// Pairs of leaves that had to be decided triangle by triangle.
+    /// Pairs of patches that had to be decided triangle by triangle.
     pub by_triangles: usize,
     /// Most pairs that waited on the stack at once.
     pub stack_high_water: usize,
@@ -94,8 +104,8 @@ pub struct QueryOutcome {
     pub overflow: bool,
     /// Whether a buffer grew during this query: it was larger than any before.
     pub reallocated: bool,
-    /// The query was refused, and nothing was found: a pose or the tolerance is not finite, the tolerance is negative, or
-    /// the hierarchies are not those that the workspace was made for.
+    /// The query was refused, and nothing was found: a pose, the tolerance or the error is not finite, one of the latter
+    /// is negative, or the hierarchies are not those that the workspace was made for.
     pub refused: bool,
 }
 
@@ -113,6 +123,7 @@ pub struct ContactQuery {
 #[derive(Clone, Debug)]
 struct Tree {
     nodes: Vec<Packed>,
+    details: Vec<Detail>,
     supports: Vec<SupportTree>,
     incidences: Vec<Incidence>,
     /// Bound on any coordinate, m.
@@ -128,6 +139,8 @@ struct Packed {
     last_child: u32,
     /// Index into [`Tree::supports`], or [`NONE`].
     support: u32,
+    /// Likewise for the patch alone: the same unless points were added to bound descendants.
+    patch_support: u32,
     /// Index into [`Tree::incidences`], or [`NONE`].
     incidence: u32,
     /// A closed patch whose vertices are all below its triangles' planes, to rounding.
@@ -147,12 +160,18 @@ impl Tree {
             .nodes
             .iter()
             .map(|node| {
-                let points = clod.bounding_hull(node);
-                let support = if points.len() >= SupportTree::WORTHWHILE {
+                let mut support_of = |points: &[DVec3]| {
+                    if points.len() < SupportTree::WORTHWHILE {
+                        return NONE;
+                    }
                     supports.push(SupportTree::new(points));
                     supports.len() as u32 - 1
+                };
+                let support = support_of(clod.bounding_hull(node));
+                let patch_support = if node.added > 0 && !node.triangles.is_empty() {
+                    support_of(clod.extreme(node))
                 } else {
-                    NONE
+                    support
                 };
                 let incidence = if node.triangles.len() >= Incidence::WORTHWHILE {
                     incidences.push(Incidence::new(node.vertices.len(), clod.patch(node)));
@@ -167,6 +186,7 @@ impl Tree {
                     first_child: node.children.start,
                     last_child: node.children.end,
                     support,
+                    patch_support,
                     incidence,
                     exact: node.children.is_empty()
                         && node.all_real
@@ -174,8 +194,9 @@ impl Tree {
                 }
             })
             .collect();
+        let details = clod.nodes.iter().map(|node| Detail::of(clod, node)).collect();
         let coordinates = clod.vertices.iter().map(|v| v.abs().max_element()).fold(0.0, f64::max);
-        Self { nodes, supports, incidences, coordinates }
+        Self { nodes, details, supports, incidences, coordinates }
     }
 
     fn fits(&self, clod: &Clod) -> bool {
@@ -191,16 +212,18 @@ impl Tree {
     }
 
     fn patch<'a>(&'a self, clod: &'a Clod, node: u32) -> Patch<'a> {
-        let Packed { incidence, exact, .. } = self.nodes[node as usize];
-        let incidence = self.incidences.get(incidence as usize);
-        Patch::of_node(clod, &clod.nodes[node as usize], self.support(node), incidence, exact)
+        let Packed { patch_support, incidence, exact, .. } = self.nodes[node as usize];
+        let (support, incidence) =
+            (self.supports.get(patch_support as usize), self.incidences.get(incidence as usize));
+        Patch::of_node(clod, &clod.nodes[node as usize], support, incidence, exact)
     }
 
-    /// The first descendant that is a leaf or has several children.
-    fn pass_through(&self, mut node: u32) -> u32 {
+    /// The first descendant that is a leaf, has several children, or may be fine enough for an error.
+    fn pass_through(&self, mut node: u32, error: f64) -> u32 {
         loop {
             let Packed { first_child, last_child, .. } = self.nodes[node as usize];
-            if last_child - first_child != 1 {
+            let fine_enough = error > 0.0 && !self.details[node as usize].is_free();
+            if last_child - first_child != 1 || fine_enough {
                 return node;
             }
             node = first_child;
@@ -240,6 +263,7 @@ impl ContactQuery {
     pub fn bytes(&self) -> usize {
         let tree = |tree: &Tree| {
             tree.nodes.capacity() * size_of::<Packed>()
+                + tree.details.capacity() * size_of::<Detail>()
                 + tree.supports.iter().map(SupportTree::bytes).sum::<usize>()
                 + tree.incidences.iter().map(Incidence::bytes).sum::<usize>()
         };
@@ -251,7 +275,7 @@ impl ContactQuery {
 
     /// Finds the contacts between the probe and the scene object at the given poses (object frame to world).
     ///
-    /// The cost grows with the number of leaf pairs within the tolerance.
+    /// The cost grows with the number of pairs of patches within the tolerance.
     pub fn run(
         &mut self,
         probe: &Clod,
@@ -264,7 +288,9 @@ impl ContactQuery {
         let mut outcome = QueryOutcome::default();
         let tolerance = settings.tolerance;
         let valid = probe_pose.is_valid() && scene_pose.is_valid();
-        if !valid || !tolerance.is_finite() || tolerance < 0.0 || !self.fits(probe, scene) {
+        let error = settings.error;
+        let asked = [tolerance, error].iter().all(|length| length.is_finite() && *length >= 0.0);
+        if !valid || !asked || !self.fits(probe, scene) {
             outcome.refused = true;
             return outcome;
         }
@@ -280,7 +306,7 @@ impl ContactQuery {
         (self.leaf.convex_queries, self.leaf.not_converged, self.leaf.by_triangles) = (0, 0, 0);
 
         self.stack.clear();
-        let roots = (self.probe.pass_through(Clod::ROOT), self.scene.pass_through(Clod::ROOT));
+        let roots = (self.probe.pass_through(Clod::ROOT, error), self.scene.pass_through(Clod::ROOT, error));
         let sphere_tolerance = tolerance + rounding;
         if self.spheres_reach(roots, &placement, sphere_tolerance) {
             self.stack.push(roots);
@@ -291,7 +317,32 @@ impl ContactQuery {
             outcome.visited += 1;
             let (node_a, node_b) = (self.probe.nodes[a as usize], self.scene.nodes[b as usize]);
             let precision = PRECISION * (node_a.radius + node_b.radius) + rounding;
-            if node_a.is_leaf() && node_b.is_leaf() {
+            let mut examine = node_a.is_leaf() && node_b.is_leaf();
+            if !examine {
+                let (hull_a, hull_b) = (self.probe.hull(probe, a), self.scene.hull(scene, b));
+                let (detail_a, detail_b) = (&self.probe.details[a as usize], &self.scene.details[b as usize]);
+                let refine = if error > 0.0 { refine(detail_a, detail_b, error) } else { Refine::Yes };
+                let depends = refine == Refine::Depends;
+                examine = refine == Refine::No;
+                if depends || hull_a.points().len().max(hull_b.points().len()) <= HULL_TEST_POINTS {
+                    outcome.convex_queries += 1;
+                    let reach = tolerance + node_a.hausdorff + node_b.hausdorff;
+                    let limits =
+                        Limits { beyond: reach, enough: if depends { -1.0 } else { reach }, precision };
+                    let axis = node_a.center - placement.point(node_b.center);
+                    let found = gjk::distance(&hull_a, &hull_b, &placement, Start::Axis(axis), &limits);
+                    if found.separation == Separation::Beyond {
+                        outcome.front += 1;
+                        continue;
+                    }
+                    if depends {
+                        let side_a = (probe, &probe.nodes[a as usize], detail_a);
+                        let side_b = (scene, &scene.nodes[b as usize], detail_b);
+                        examine = !refine_at(&found.simplex, side_a, side_b, error);
+                    }
+                }
+            }
+            if examine {
                 outcome.leaf_pairs += 1;
                 outcome.front += 1;
                 let (patch_a, patch_b) = (self.probe.patch(probe, a), self.scene.patch(scene, b));
@@ -311,21 +362,14 @@ impl ContactQuery {
                 }
                 continue;
             }
-            let (hull_a, hull_b) = (self.probe.hull(probe, a), self.scene.hull(scene, b));
-            if hull_a.points().len().max(hull_b.points().len()) <= HULL_TEST_POINTS {
-                outcome.convex_queries += 1;
-                let reach = tolerance + node_a.hausdorff + node_b.hausdorff;
-                let limits = Limits { beyond: reach, enough: reach, precision };
-                let axis = node_a.center - placement.point(node_b.center);
-                let found = gjk::distance(&hull_a, &hull_b, &placement, Start::Axis(axis), &limits);
-                if found.separation == Separation::Beyond {
-                    outcome.front += 1;
-                    continue;
-                }
-            }
-            if node_b.is_leaf() || (!node_a.is_leaf() && node_a.radius >= node_b.radius) {
+            let (below_a, below_b) =
+                (self.probe.details[a as usize].below, self.scene.details[b as usize].below);
+            // Among free levels, and at full resolution, the larger one.
+            let by_size = error == 0.0 || below_a == below_b;
+            let split_a = if by_size { node_a.radius >= node_b.radius } else { below_a < below_b };
+            if node_b.is_leaf() || (!node_a.is_leaf() && split_a) {
                 for child in (node_a.first_child..node_a.last_child).rev() {
-                    let pair = (self.probe.pass_through(child), b);
+                    let pair = (self.probe.pass_through(child, error), b);
                     if self.spheres_reach(pair, &placement, sphere_tolerance) {
                         self.stack.push(pair);
                     } else {
@@ -334,7 +378,7 @@ impl ContactQuery {
                 }
             } else {
                 for child in (node_b.first_child..node_b.last_child).rev() {
-                    let pair = (a, self.scene.pass_through(child));
+                    let pair = (a, self.scene.pass_through(child, error));
                     if self.spheres_reach(pair, &placement, sphere_tolerance) {
                         self.stack.push(pair);
                     } else {

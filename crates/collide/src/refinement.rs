@@ -1,0 +1,97 @@
+//! Whether the detail that a pair of nodes leaves out would be felt (§3.4.3).
+//!
+//! What is left out of a node is as large as φ = s/r² (Eq. 3.6), a volume: its deviation from the mesh, times the area
+//! that one of its samples stands for. It is averaged over the area of contact, for which the support area D of the
+//! nearest points stands: s* = max(φ_a, φ_b) / max(D_a, D_b) (Eq. 3.7). Where s* is above the threshold s₀ the pair has
+//! to be refined.
+//!
+//! D is interpolated at the nearest points (§3.4.3), which are only searched for where the least and the largest D of
+//! the nodes' vertices do not decide already.
+
+use palpate_core::Clod;
+use palpate_core::clod::Node;
+
+use crate::convex::Simplex;
+
+/// What the test reads of a node.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Detail {
+    /// φ, m³: 0 at full resolution, infinite on free levels, which always have to be refined.
+    pub missing: f64,
+    /// Resolution of the children's level, 1/m: 0 if that is free, infinite without children.
+    pub below: f64,
+    /// Least and largest D of the vertices of the bounding hull, m².
+    areas: (f64, f64),
+}
+
+impl Detail {
+    pub fn of(clod: &Clod, node: &Node) -> Self {
+        let level = &clod.levels[node.level as usize];
+        let missing = if level.free {
+            f64::INFINITY
+        } else if node.children.is_empty() || node.deviation == 0.0 {
+            0.0
+        } else {
+            node.deviation / (level.resolution * level.resolution)
+        };
+        let below = match clod.children(node).first() {
+            None => f64::INFINITY,
+            Some(child) => {
+                let level = &clod.levels[child.level as usize];
+                if level.free { 0.0 } else { level.resolution }
+            }
+        };
+        let areas = bounding_areas(clod, node);
+        let least = areas.iter().copied().fold(f64::INFINITY, f64::min);
+        let largest = areas.iter().copied().fold(0.0, f64::max);
+        Self { missing, below, areas: (least, largest) }
+    }
+
+    /// Whether the level is free.
+    pub fn is_free(&self) -> bool {
+        self.missing == f64::INFINITY
+    }
+}
+
+/// D of the vertices of a node's bounding hull, m².
+fn bounding_areas<'a>(clod: &'a Clod, node: &Node) -> &'a [f64] {
+    let first = (node.vertices.start - node.added) as usize;
+    &clod.support_areas[first..(node.vertices.start + node.extreme) as usize]
+}
+
+/// What is known of whether a pair has to be refined.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Refine {
+    Yes,
+    No,
+    /// That depends on where the nearest points are.
+    Depends,
+}
+
+/// The test without the nearest points; `error` is s₀, m.
+pub(crate) fn refine(a: &Detail, b: &Detail, error: f64) -> Refine {
+    let missing = a.missing.max(b.missing);
+    if missing > error * a.areas.1.max(b.areas.1) {
+        Refine::Yes
+    } else if missing <= error * a.areas.0.max(b.areas.0) {
+        Refine::No
+    } else {
+        Refine::Depends
+    }
+}
+
+/// The test with D at the nearest points, given by the simplex of a distance query between the bounding hulls.
+pub(crate) fn refine_at(
+    simplex: &Simplex,
+    (a, node_a, detail_a): (&Clod, &Node, &Detail),
+    (b, node_b, detail_b): (&Clod, &Node, &Detail),
+    error: f64,
+) -> bool {
+    let (areas_a, areas_b) = (bounding_areas(a, node_a), bounding_areas(b, node_b));
+    let (mut on_a, mut on_b) = (0.0, 0.0);
+    for (vertex, weight) in simplex.vertices().iter().zip(simplex.weights()) {
+        on_a += weight * areas_a[vertex.a as usize];
+        on_b += weight * areas_b[vertex.b as usize];
+    }
+    detail_a.missing.max(detail_b.missing) > error * f64::max(on_a, on_b)
+}
