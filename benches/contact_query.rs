@@ -1,7 +1,8 @@
 //! Time of a contact query and of clustering its contacts: the upper jaw on the lower one, along a recorded trajectory.
 //!
 //! `cargo bench -p palpate-benches --bench contact_query`. An iteration of `contact_query/jaws` runs through all poses;
-//! the throughput is in poses. `contact_query/jaws_closed` is the pose with the most contacts alone.
+//! the throughput is in poses. `contact_query/jaws_closed` is the pose with the most contacts alone. `…/2.5%` leaves
+//! out detail below that error, as a part of the probe's radius.
 
 #![allow(missing_docs, reason = "a benchmark")]
 
@@ -17,6 +18,8 @@ use palpate::{Object, Pose};
 const STRIDE: usize = 10;
 /// Tolerance as a fraction of the probe's radius.
 const TOLERANCE: f64 = 0.01;
+/// Error that is left out, likewise (§3.5.2).
+const ERROR: f64 = 0.025;
 /// Number of contact clusters (§5.5.1).
 const CLUSTERS: usize = 5;
 
@@ -38,17 +41,23 @@ fn jaws(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("contact_query");
     group.throughput(Throughput::Elements(poses.len() as u64)).sample_size(10);
     let mut query = ContactQuery::new(&probe.clod, &scene.clod);
-    group.bench_function("jaws", |bencher| {
-        bencher.iter(|| {
-            for pose in &poses {
-                black_box(query.run(&probe.clod, pose, &scene.clod, &Pose::IDENTITY, &settings));
-            }
+    let coarse = QuerySettings { error: ERROR * probe.bounding_radius(), ..settings };
+    for (name, settings) in [("jaws", &settings), ("jaws/2.5%", &coarse)] {
+        group.bench_function(name, |bencher| {
+            bencher.iter(|| {
+                for pose in &poses {
+                    black_box(query.run(&probe.clod, pose, &scene.clod, &Pose::IDENTITY, settings));
+                }
+            });
         });
-    });
+    }
     group.throughput(Throughput::Elements(1));
-    group.bench_function("jaws_closed", |bencher| {
-        bencher.iter(|| black_box(query.run(&probe.clod, &closed, &scene.clod, &Pose::IDENTITY, &settings)));
-    });
+    for (name, settings) in [("jaws_closed", &settings), ("jaws_closed/2.5%", &coarse)] {
+        group.bench_function(name, |bencher| {
+            bencher
+                .iter(|| black_box(query.run(&probe.clod, &closed, &scene.clod, &Pose::IDENTITY, settings)));
+        });
+    }
     group.finish();
 
     let mut clustering = Clustering::new(CLUSTERS);
