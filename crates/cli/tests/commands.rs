@@ -250,6 +250,14 @@ fn a_trajectory_is_queried() {
     let contacts: u64 = poses.iter().map(|pose| pose["contacts"].as_u64().unwrap()).sum();
     assert_eq!(rows.lines().count() as u64, contacts + 1);
     assert!(rows.starts_with("t,px,py,pz,nx,ny,nz,depth,level_probe,level_scene\n"), "{rows:.80}");
+    assert!(rows.lines().skip(1).all(|row| row.ends_with(",0,0")), "full resolution");
+
+    let with_error = arguments.map(|argument| if argument == "--exact" { "--error=5%" } else { argument });
+    let coarse = json(&with_error, folder);
+    let front = |replay: &Value| replay["summary"]["front_max"].as_f64().unwrap();
+    assert!(front(&coarse) < front(&replay), "{} {}", coarse["summary"], replay["summary"]);
+    let rows = std::fs::read_to_string(folder.join("c.csv")).unwrap();
+    assert!(rows.lines().skip(1).any(|row| !row.ends_with(",0")), "no coarse contact: {rows:.400}");
 }
 
 #[test]
