@@ -153,12 +153,14 @@ fn check(bytes: &[u8], seeds: &[Vec<u8>], sound: &Clod, disk: Option<&Path>, tal
 fn touches(clod: &Clod, sound: &Clod) -> bool {
     let radius = sound.bounding_radius();
     let most = clod.nodes.len() * sound.nodes.len();
-    let settings = QuerySettings::new(0.02 * radius);
+    // At full resolution, and with some error.
+    let settings =
+        [0.0, 0.02].map(|e| QuerySettings { error: e * radius, ..QuerySettings::new(0.02 * radius) });
     let mut found = false;
     let mut ask = |probe: &Clod, scene: &Clod, poses: &[Pose; 2]| {
         let mut query = ContactQuery::with_capacity(probe, scene, 256);
-        for pose in poses {
-            let outcome = query.run(probe, pose, scene, &Pose::IDENTITY, &settings);
+        for (pose, settings) in poses.iter().flat_map(|pose| settings.each_ref().map(|s| (pose, s))) {
+            let outcome = query.run(probe, pose, scene, &Pose::IDENTITY, settings);
             assert!(!outcome.refused && outcome.visited <= most, "{outcome:?} for {most} pairs of nodes");
             assert!(outcome.deepest.is_none_or(|depth| !depth.is_nan()), "{outcome:?}");
             assert_eq!(outcome.contacts, query.contacts().len());
