@@ -148,7 +148,7 @@ impl<'a> Convexity<'a> {
         buffers.vertices.extend_from_slice(&a.extreme);
         buffers.vertices.extend_from_slice(&b.extreme);
         let thickness = self.thickness(lead, a.extreme.iter().chain(&b.extreme));
-        let depth = if flat { self.tolerance } else { self.depth_of(thickness) };
+        let depth = self.depth_of(thickness);
         let extreme = self.hull(&[], bounds, flat.then_some(lead), depth, &mine, buffers)?;
         let JoinBuffers { points, reach, .. } = buffers;
         let spans_notch = !flat && self.spans_notch(lead, thickness, points, mine, reach);
@@ -273,12 +273,23 @@ impl<'a> Convexity<'a> {
         points.extend(patch.extreme.iter().map(|v| self.point(*v)));
         let top = &self.planes[patch.lead as usize];
         if patch.flat {
-            let margin = DVec3::splat(self.layer());
-            let around = (patch.bounds.0 - margin, patch.bounds.1 + margin);
-            let layer = layer_below(top, points, self.layer());
-            return self.surface.reaches_into(layer, around, self.tolerance, mine, reach);
+            return self.reached_below(top, points, patch.bounds, mine, reach);
         }
         self.spans_notch(top, self.thickness(top, patch.extreme.iter()), points, mine, reach)
+    }
+
+    /// Whether other surface reaches into the layer below a flat hull, which has the plane `top` and these points.
+    fn reached_below(
+        &self,
+        top: &Plane,
+        points: &[DVec3],
+        (low, high): Bounds,
+        mine: impl Fn(u32) -> bool,
+        reach: &mut ReachBuffers,
+    ) -> bool {
+        let layer = layer_below(top, points, self.layer());
+        let around = (low - self.layer(), high + self.layer());
+        self.surface.reaches_into(layer, around, self.tolerance, mine, reach)
     }
 
     /// Whether a hull that is not flat, but thin, spans a notch or a hole of the surface on top of it: whether there is
@@ -336,7 +347,7 @@ impl<'a> Convexity<'a> {
 
     /// The extreme points of the vertices in the buffers, if their hull does not protrude, and the planes of the
     /// triangles to be walked to have all of it below them. `flat`: the plane of a hull without interior; `depth`: how
-    /// deep other surface may reach.
+    /// deep other surface may reach into any other.
     fn hull(
         &self,
         walk: &[u32],
@@ -356,17 +367,7 @@ impl<'a> Convexity<'a> {
             return None;
         }
         let protrudes = match flat {
-            Some(plane) => {
-                let margin = DVec3::splat(self.layer());
-                let bounds = (bounds.0 - margin, bounds.1 + margin);
-                self.surface.reaches_into(
-                    layer_below(plane, points, self.layer()),
-                    bounds,
-                    depth,
-                    mine,
-                    reach,
-                )
-            }
+            Some(plane) => self.reached_below(plane, points, bounds, mine, reach),
             None if hull.shape == Shape::Polytope => {
                 self.surface.reaches_into(hull.planes(points), bounds, depth, mine, reach)
             }

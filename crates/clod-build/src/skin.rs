@@ -5,10 +5,9 @@
 //! exact visibility tests. Whatever does not reach into it does not reach into the hull.
 
 use glam::DVec3;
-use robust::{Coord3D, orient3d};
 
 use crate::box_tree::Bounds;
-use crate::hull::{Hull, Plane, Shape};
+use crate::hull::{Hull, Plane, Shape, elevation};
 use crate::surface::bounds_of;
 
 /// Heights above a plane, in unit coordinates, whose sign is certain without exact arithmetic.
@@ -85,10 +84,8 @@ impl Polytope {
             if height.abs() > CERTAIN && height.is_finite() {
                 return height > 0.0;
             }
-            let coord = |v: DVec3| Coord3D { x: v.x, y: v.y, z: v.z };
-            let [a, b, c] = self.faces[*k].map(coord);
-            // Positive where a, b and c are clockwise seen from the point.
-            orient3d(a, b, c, coord(point)) < 0.0
+            let [a, b, c] = self.faces[*k];
+            elevation(a, b, c, point) > 0.0
         };
         (0..self.faces.len()).filter(above).collect()
     }
@@ -125,7 +122,7 @@ impl Polytope {
 
 /// The plane of a face, or one that everything is below where the face is too narrow for its own.
 fn plane_of(face: [DVec3; 3]) -> Plane {
-    Plane::dependable(face).unwrap_or(Plane { normal: DVec3::ZERO, offset: f64::INFINITY })
+    Plane::dependable(face).unwrap_or(Plane::NONE)
 }
 
 #[cfg(test)]

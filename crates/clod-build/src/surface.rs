@@ -101,7 +101,7 @@ impl Surface {
         let ReachBuffers { lowered, stack, clipped, spare } = buffers;
         lowered.clear();
         lowered.extend(planes.map(|p| Plane { normal: p.normal, offset: p.offset - depth }));
-        let Some(mut last) = lowered.first().copied() else { return false };
+        let mut last = lowered.first().copied().unwrap_or(Plane::NONE);
         stack.clear();
         stack.push(0);
         while let Some(index) = stack.pop() {

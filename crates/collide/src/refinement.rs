@@ -41,7 +41,7 @@ impl Detail {
                 if level.free { 0.0 } else { level.resolution }
             }
         };
-        let areas = bounding_areas(clod, node);
+        let areas = clod.bounding_areas(node);
         let least = areas.iter().copied().fold(f64::INFINITY, f64::min);
         let largest = areas.iter().copied().fold(0.0, f64::max);
         Self { missing, below, areas: (least, largest) }
@@ -51,12 +51,6 @@ impl Detail {
     pub fn is_free(&self) -> bool {
         self.missing == f64::INFINITY
     }
-}
-
-/// D of the vertices of a node's bounding hull, m².
-fn bounding_areas<'a>(clod: &'a Clod, node: &Node) -> &'a [f64] {
-    let first = (node.vertices.start - node.added) as usize;
-    &clod.support_areas[first..(node.vertices.start + node.extreme) as usize]
 }
 
 /// What is known of whether a pair has to be refined.
@@ -87,7 +81,7 @@ pub(crate) fn refine_at(
     (b, node_b, detail_b): (&Clod, &Node, &Detail),
     error: f64,
 ) -> bool {
-    let (areas_a, areas_b) = (bounding_areas(a, node_a), bounding_areas(b, node_b));
+    let (areas_a, areas_b) = (a.bounding_areas(node_a), b.bounding_areas(node_b));
     let (mut on_a, mut on_b) = (0.0, 0.0);
     for (vertex, weight) in simplex.vertices().iter().zip(simplex.weights()) {
         on_a += weight * areas_a[vertex.a as usize];

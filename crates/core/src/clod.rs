@@ -108,6 +108,12 @@ pub struct Node {
     pub all_real: bool,
 }
 
+/// Where the points of a node's bounding hull are among all vertices.
+fn bounding_range(node: &Node) -> Range<usize> {
+    let start = node.vertices.start;
+    (start - node.added) as usize..(start + node.extreme) as usize
+}
+
 impl Clod {
     /// Index of the root node.
     pub const ROOT: u32 = 0;
@@ -125,8 +131,12 @@ impl Clod {
     /// The points, m, whose convex hull stands for a node and, but for h, its descendants when nodes are culled: the
     /// extreme points of its own hull, and others that bring h down (§3.6.2). Not all of them need be extreme.
     pub fn bounding_hull(&self, node: &Node) -> &[DVec3] {
-        let start = node.vertices.start;
-        &self.vertices[(start - node.added) as usize..(start + node.extreme) as usize]
+        &self.vertices[bounding_range(node)]
+    }
+
+    /// D, the support areas (m²) of the points of a node's [`bounding_hull`](Self::bounding_hull), in their order.
+    pub fn bounding_areas(&self, node: &Node) -> &[f64] {
+        &self.support_areas[bounding_range(node)]
     }
 
     /// The surface triangles of a node's patch, as indices into [`hull`](Self::hull).

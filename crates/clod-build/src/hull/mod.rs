@@ -54,6 +54,9 @@ pub(crate) struct Plane {
 }
 
 impl Plane {
+    /// No plane: everything is below.
+    pub const NONE: Self = Self { normal: DVec3::ZERO, offset: f64::INFINITY };
+
     /// The plane through three points, counter-clockwise seen from its outer side.
     pub fn through([a, b, c]: [DVec3; 3]) -> Self {
         let normal = (b - a).cross(c - a).normalize_or_zero();
@@ -100,7 +103,7 @@ pub fn hull_faces(points: &[DVec3]) -> Vec<[u32; 3]> {
 
 /// Six times the signed volume of the tetrahedron (a, b, c, p): positive where p lies above the plane through a, b, c,
 /// which are counter-clockwise seen from above. The sign is exact.
-fn elevation(a: DVec3, b: DVec3, c: DVec3, p: DVec3) -> f64 {
+pub(crate) fn elevation(a: DVec3, b: DVec3, c: DVec3, p: DVec3) -> f64 {
     let coord = |v: DVec3| Coord3D { x: v.x, y: v.y, z: v.z };
     -orient3d(coord(a), coord(b), coord(c), coord(p))
 }
