@@ -30,9 +30,9 @@ fn jaws(criterion: &mut Criterion) {
     let path = MotionPath::load(Path::new(file), Interpolation::Linear).expect("trajectory");
     let poses: Vec<Pose> = path.keyframes().iter().step_by(STRIDE).map(|keyframe| keyframe.pose).collect();
     let settings = QuerySettings::new(TOLERANCE * probe.bounding_radius());
-    let mut query = ContactQuery::new(&probe.clod, &scene.clod);
+    let mut query = ContactQuery::new(probe.shape(), scene.shape());
     let mut run = |pose: &Pose| {
-        query.run(&probe.clod, pose, &scene.clod, &Pose::IDENTITY, &settings);
+        query.run(pose, &Pose::IDENTITY, &settings);
         query.contacts().to_vec()
     };
     let closed = poses.iter().map(|pose| (run(pose), *pose)).max_by_key(|(contacts, _)| contacts.len());
@@ -40,13 +40,13 @@ fn jaws(criterion: &mut Criterion) {
 
     let mut group = criterion.benchmark_group("contact_query");
     group.throughput(Throughput::Elements(poses.len() as u64)).sample_size(10);
-    let mut query = ContactQuery::new(&probe.clod, &scene.clod);
+    let mut query = ContactQuery::new(probe.shape(), scene.shape());
     let coarse = QuerySettings { error: ERROR * probe.bounding_radius(), ..settings };
     for (name, settings) in [("jaws", &settings), ("jaws/2.5%", &coarse)] {
         group.bench_function(name, |bencher| {
             bencher.iter(|| {
                 for pose in &poses {
-                    black_box(query.run(&probe.clod, pose, &scene.clod, &Pose::IDENTITY, settings));
+                    black_box(query.run(pose, &Pose::IDENTITY, settings));
                 }
             });
         });
@@ -54,8 +54,7 @@ fn jaws(criterion: &mut Criterion) {
     group.throughput(Throughput::Elements(1));
     for (name, settings) in [("jaws_closed", &settings), ("jaws_closed/2.5%", &coarse)] {
         group.bench_function(name, |bencher| {
-            bencher
-                .iter(|| black_box(query.run(&probe.clod, &closed, &scene.clod, &Pose::IDENTITY, settings)));
+            bencher.iter(|| black_box(query.run(&closed, &Pose::IDENTITY, settings)));
         });
     }
     group.finish();

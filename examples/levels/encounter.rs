@@ -4,7 +4,7 @@
 use std::f64::consts::TAU;
 
 use palpate::Pose;
-use palpate::collide::{ContactQuery, QuerySettings};
+use palpate::collide::{ContactQuery, QuerySettings, Shape};
 use palpate::core::Clod;
 use palpate::glam::{DQuat, DVec3};
 use palpate::models::Model;
@@ -100,12 +100,12 @@ fn first_touch(encounter: &Encounter, probe: &Clod, scene: &Clod) -> Result<f64,
     let radius = probe.bounding_radius();
     let farthest = 4.0 * (radius + scene.bounding_radius());
     let settings = QuerySettings::new(CLEARANCE * radius);
-    let mut query = ContactQuery::new(probe, scene);
+    let mut query = ContactQuery::new(&Shape::new(probe.clone()), &Shape::new(scene.clone()));
     let mut travel = 0.0;
     while travel < farthest {
         let translation = encounter.start.translation + travel * encounter.direction;
         let pose = Pose::new(translation, encounter.start.rotation);
-        let outcome = query.run(probe, &pose, scene, &Pose::IDENTITY, &settings);
+        let outcome = query.run(&pose, &Pose::IDENTITY, &settings);
         let distance = outcome.smallest_distance.unwrap_or(settings.tolerance);
         if travel == 0.0 && distance == 0.0 {
             return Err("they are in contact from the start".to_owned());

@@ -16,7 +16,7 @@ use std::time::Instant;
 
 use clap::Parser;
 use palpate::clod_build::{BuildError, BuildOptions, build, unwatched};
-use palpate::collide::{ContactQuery, QuerySettings};
+use palpate::collide::{ContactQuery, QuerySettings, Shape};
 use palpate::core::Clod;
 use palpate::models::Model;
 use palpate::{Pose, TriMesh};
@@ -186,10 +186,10 @@ struct Cost {
 impl Cost {
     fn of(probe: &Clod, scene: &Clod, poses: &[Pose]) -> Self {
         let settings = QuerySettings::new(TOLERANCE * probe.bounding_radius());
-        let mut query = ContactQuery::new(probe, scene);
+        let mut query = ContactQuery::new(&Shape::new(probe.clone()), &Shape::new(scene.clone()));
         let mut cost = Self { poses: poses.len(), ..Self::default() };
         for pose in poses {
-            let outcome = query.run(probe, pose, scene, &Pose::IDENTITY, &settings);
+            let outcome = query.run(pose, &Pose::IDENTITY, &settings);
             cost.visited += outcome.visited;
             cost.convex_queries += outcome.convex_queries;
             cost.front += outcome.front;

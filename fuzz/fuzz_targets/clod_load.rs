@@ -9,7 +9,7 @@ use allocation_counter::measure;
 use libfuzzer_sys::fuzz_target;
 use palpate::Pose;
 use palpate::clod_build::{BuildOptions, build, unwatched};
-use palpate::collide::{ContactQuery, QuerySettings};
+use palpate::collide::{ContactQuery, QuerySettings, Shape};
 use palpate::core::Clod;
 use palpate::glam::DVec3;
 use palpate::models::Model;
@@ -49,10 +49,10 @@ fn try_bytes(bytes: &[u8]) {
 fn touch(clod: &Clod) {
     let sound = &*SOUND;
     let settings = QuerySettings::new(0.02 * sound.bounding_radius());
-    let mut query = ContactQuery::with_capacity(clod, sound, 64);
+    let mut query = ContactQuery::with_capacity(&Shape::new(clod.clone()), &Shape::new(sound.clone()), 64);
     for reach in [0.0, 0.5] {
         let pose = Pose { translation: DVec3::ONE * reach * sound.bounding_radius(), ..Pose::IDENTITY };
-        let outcome = query.run(clod, &pose, sound, &Pose::IDENTITY, &settings);
+        let outcome = query.run(&pose, &Pose::IDENTITY, &settings);
         assert!(!outcome.refused && outcome.visited <= clod.nodes.len() * sound.nodes.len());
         for contact in query.contacts() {
             let c = &contact.contact;

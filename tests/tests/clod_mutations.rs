@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use allocation_counter::measure;
 use palpate::clod_build::{BuildOptions, build, unwatched};
-use palpate::collide::{ContactQuery, QuerySettings};
+use palpate::collide::{ContactQuery, QuerySettings, Shape};
 use palpate::core::Clod;
 use palpate::core::clod::ClodError;
 use palpate::glam::{DQuat, DVec3};
@@ -158,9 +158,10 @@ fn touches(clod: &Clod, sound: &Clod) -> bool {
         [0.0, 0.02].map(|e| QuerySettings { error: e * radius, ..QuerySettings::new(0.02 * radius) });
     let mut found = false;
     let mut ask = |probe: &Clod, scene: &Clod, poses: &[Pose; 2]| {
-        let mut query = ContactQuery::with_capacity(probe, scene, 256);
+        let mut query =
+            ContactQuery::with_capacity(&Shape::new(probe.clone()), &Shape::new(scene.clone()), 256);
         for (pose, settings) in poses.iter().flat_map(|pose| settings.each_ref().map(|s| (pose, s))) {
-            let outcome = query.run(probe, pose, scene, &Pose::IDENTITY, settings);
+            let outcome = query.run(pose, &Pose::IDENTITY, settings);
             assert!(!outcome.refused && outcome.visited <= most, "{outcome:?} for {most} pairs of nodes");
             assert!(outcome.deepest.is_none_or(|depth| !depth.is_nan()), "{outcome:?}");
             assert_eq!(outcome.contacts, query.contacts().len());

@@ -4,7 +4,7 @@
 use std::collections::{BTreeMap, HashMap, HashSet};
 
 use palpate::clod_build::{BuildOptions, build, unwatched};
-use palpate::collide::{ContactQuery, PatchContact, QuerySettings};
+use palpate::collide::{ContactQuery, PatchContact, QuerySettings, Shape};
 use palpate::core::Clod;
 use palpate::core::clod::Node;
 use palpate::glam::{DQuat, DVec3};
@@ -19,6 +19,7 @@ use rand::{RngExt, SeedableRng};
 struct Body {
     mesh: TriMesh,
     clod: Clod,
+    shape: Shape,
     radius: f64,
 }
 
@@ -27,7 +28,7 @@ impl Body {
         let mesh = shared_mesh(path)?;
         let clod = build(&mesh, &BuildOptions::default(), &mut unwatched).expect(path);
         let radius = clod.bounding_radius();
-        Some(Self { mesh, clod, radius })
+        Some(Self { mesh, shape: Shape::new(clod.clone()), clod, radius })
     }
 
     fn patch(&self, node: u32, pose: &Pose) -> Vec<[DVec3; 3]> {
@@ -62,11 +63,11 @@ fn check(probe_path: &str, scene_path: &str, tolerance: f64, poses: &[Pose]) {
     let tolerance = tolerance * probe.radius;
     let eps = 1e-6 * probe.radius;
     let settings = QuerySettings::new(tolerance);
-    let mut query = ContactQuery::new(&probe.clod, &scene.clod);
+    let mut query = ContactQuery::new(&probe.shape, &scene.shape);
     let (probe_leaf, scene_leaf) = (probe.leaf_of_triangle(), scene.leaf_of_triangle());
     let (mut disjoint, mut intersecting) = (0, 0);
     for (index, pose) in poses.iter().enumerate() {
-        let outcome = query.run(&probe.clod, pose, &scene.clod, &Pose::IDENTITY, &settings);
+        let outcome = query.run(pose, &Pose::IDENTITY, &settings);
         assert!(!outcome.overflow && outcome.not_converged == 0, "pose {index}: {outcome:?}");
         for found in query.contacts() {
             let contact = &found.contact;
@@ -192,11 +193,11 @@ fn a_peg_in_the_floor_is_as_deep_as_it_was_pressed() {
     else {
         return;
     };
-    let mut query = ContactQuery::new(&peg.clod, &hole.clod);
+    let mut query = ContactQuery::new(&peg.shape, &hole.shape);
     let settings = QuerySettings::new(1e-3 * peg.radius);
     for (lift, turn) in PEG.into_iter().filter(|(lift, _)| *lift <= 0.0) {
         let pose = standing((lift, turn));
-        let outcome = query.run(&peg.clod, &pose, &hole.clod, &Pose::IDENTITY, &settings);
+        let outcome = query.run(&pose, &Pose::IDENTITY, &settings);
         let deepest = outcome.deepest.expect("they touch");
         // Along z they come apart after that much, so no two pieces of theirs are deeper.
         assert!((deepest + lift).abs() < 1e-9 * peg.radius, "pressed {} m, found {deepest} m", -lift);
@@ -214,7 +215,7 @@ fn depths_by_patches(
 ) -> BTreeMap<[[[u64; 3]; 3]; 2], Vec<f64>> {
     let [probe, scene] = bodies;
     let settings = QuerySettings::new(tolerance);
-    let outcome = query.run(&probe.clod, pose, &scene.clod, &Pose::IDENTITY, &settings);
+    let outcome = query.run(pose, &Pose::IDENTITY, &settings);
     assert!(!outcome.overflow && outcome.not_converged == 0, "{outcome:?}");
     // The patches of the full mesh are the same ones, in another order: the first of their triangles tells them apart.
     let name = |body: &Body, node: u32| {
@@ -248,13 +249,13 @@ fn levels_of_detail_lose_no_contact() {
             meshes.clone().map(|mesh| {
                 let clod = build(&mesh, &options, &mut unwatched).expect("a model builds");
                 let radius = clod.bounding_radius();
-                Body { mesh, clod, radius }
+                Body { mesh, shape: Shape::new(clod.clone()), clod, radius }
             })
         });
         let regular = |body: &Body| body.clod.levels.iter().filter(|level| !level.free).count();
         assert!(built[0].iter().all(|b| regular(b) == 1) && built[1].iter().all(|b| regular(b) > 2));
         let mut queries: Vec<_> =
-            built.iter().map(|[probe, scene]| ContactQuery::new(&probe.clod, &scene.clod)).collect();
+            built.iter().map(|[probe, scene]| ContactQuery::new(&probe.shape, &scene.shape)).collect();
         let [probe, scene] = &built[0];
         let tolerance = 0.03 * probe.radius;
         let eps = 1e-8 * probe.radius;

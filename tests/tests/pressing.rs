@@ -94,12 +94,12 @@ fn intended(touch: DVec3, time: f64) -> (Pose, Twist) {
 /// Where the probe, let down along z above the middle of the scene's object, touches it.
 fn touch(probe: &Object, scene: &Object) -> DVec3 {
     let settings = QuerySettings::new(0.1 * probe.bounding_radius());
-    let mut query = ContactQuery::new(&probe.clod, &scene.clod);
+    let mut query = ContactQuery::new(probe.shape(), scene.shape());
     let top = scene.bounding_radius() + probe.bounding_radius();
     let mut position = scene.clod.source.center - probe.clod.source.center + DVec3::Z * top;
     for _ in 0..1000 {
         let pose = Pose::from_translation(position);
-        let outcome = query.run(&probe.clod, &pose, &scene.clod, &Pose::IDENTITY, &settings);
+        let outcome = query.run(&pose, &Pose::IDENTITY, &settings);
         let distance = outcome.smallest_distance.unwrap_or(settings.tolerance);
         if distance < 1e-6 {
             return position;

@@ -2,7 +2,7 @@
 
 use palpate::Pose;
 use palpate::clod_build::{BuildOptions, build, unwatched};
-use palpate::collide::{ContactQuery, QueryOutcome, QuerySettings};
+use palpate::collide::{ContactQuery, QueryOutcome, QuerySettings, Shape};
 use palpate::core::Clod;
 use palpate::glam::{DQuat, DVec3};
 use palpate::models::Model;
@@ -38,12 +38,11 @@ fn settings(probe: &Clod, error: f64) -> QuerySettings {
 #[test]
 fn a_tiny_error_is_full_resolution() {
     for (name, probe, scene, poses) in scenes() {
-        let mut query = ContactQuery::new(&probe, &scene);
+        let mut query = ContactQuery::new(&Shape::new(probe.clone()), &Shape::new(scene.clone()));
         let (mut apart, mut pressed) = (0, 0);
         for pose in &poses {
-            let [exact, tiny] = [0.0, 1e-12].map(|error| {
-                query.run(&probe, pose, &scene, &Pose::IDENTITY, &settings(&probe, error)).smallest_distance
-            });
+            let [exact, tiny] = [0.0, 1e-12]
+                .map(|error| query.run(pose, &Pose::IDENTITY, &settings(&probe, error)).smallest_distance);
             match (exact, tiny) {
                 (Some(a), Some(b)) => {
                     assert!((a - b).abs() < 1e-9 * probe.bounding_radius(), "{name}: {a} {b}")
@@ -62,13 +61,13 @@ fn a_tiny_error_is_full_resolution() {
 #[test]
 fn contacts_are_true_to_within_the_deviation_of_their_levels() {
     for (name, probe, scene, poses) in scenes() {
-        let mut query = ContactQuery::new(&probe, &scene);
+        let mut query = ContactQuery::new(&Shape::new(probe.clone()), &Shape::new(scene.clone()));
         let mut checked = 0;
         for pose in &poses {
             let all = QuerySettings::new(0.3 * probe.bounding_radius());
-            let nearest = query.run(&probe, pose, &scene, &Pose::IDENTITY, &all).smallest_distance;
+            let nearest = query.run(pose, &Pose::IDENTITY, &all).smallest_distance;
             for error in [0.004, 0.025, 0.1] {
-                query.run(&probe, pose, &scene, &Pose::IDENTITY, &settings(&probe, error));
+                query.run(pose, &Pose::IDENTITY, &settings(&probe, error));
                 for found in query.contacts() {
                     let (a, b) =
                         (&probe.nodes[found.probe_node as usize], &scene.nodes[found.scene_node as usize]);
@@ -89,11 +88,11 @@ fn contacts_are_true_to_within_the_deviation_of_their_levels() {
 #[test]
 fn larger_errors_cost_less() {
     for (name, probe, scene, poses) in scenes() {
-        let mut query = ContactQuery::new(&probe, &scene);
+        let mut query = ContactQuery::new(&Shape::new(probe.clone()), &Shape::new(scene.clone()));
         let mut cost = |error: f64| {
             let (mut visited, mut triangles, mut contacts) = (0, 0, 0);
             for pose in &poses {
-                let outcome = query.run(&probe, pose, &scene, &Pose::IDENTITY, &settings(&probe, error));
+                let outcome = query.run(pose, &Pose::IDENTITY, &settings(&probe, error));
                 visited += outcome.visited;
                 contacts += outcome.contacts;
                 triangles += query
@@ -116,10 +115,13 @@ fn larger_errors_cost_less() {
 #[test]
 fn errors_that_are_no_lengths_are_refused() {
     let torus = hierarchy(Model::Torus, 1000);
-    let mut query = ContactQuery::new(&torus, &torus);
+    let mut query = {
+        let torus = Shape::new(torus.clone());
+        ContactQuery::new(&torus, &torus)
+    };
     for error in [f64::NAN, f64::INFINITY, -1e-3] {
         let asked = QuerySettings { error, ..QuerySettings::new(0.01) };
-        let outcome: QueryOutcome = query.run(&torus, &Pose::IDENTITY, &torus, &Pose::IDENTITY, &asked);
+        let outcome: QueryOutcome = query.run(&Pose::IDENTITY, &Pose::IDENTITY, &asked);
         assert!(outcome.refused && query.contacts().is_empty(), "{error}");
     }
 }

@@ -66,13 +66,13 @@ pub fn run(arguments: &QueryArguments) -> Result<(), Failure> {
         Some(path) => Some((path, contacts_writer(path)?)),
     };
 
-    let mut query = ContactQuery::new(&probe.clod, &scene.clod);
+    let mut query = ContactQuery::new(probe.shape(), scene.shape());
     let mut clustering = Clustering::new(arguments.clusters);
     let mut poses = Vec::with_capacity(trajectory.keyframes().len());
     let bar = progress::bar("contact queries");
     for sample in trajectory.keyframes() {
         let begun = Instant::now();
-        let outcome = query.run(&probe.clod, &sample.pose, &scene.clod, &Pose::IDENTITY, &settings);
+        let outcome = query.run(&sample.pose, &Pose::IDENTITY, &settings);
         let query_us = begun.elapsed().as_secs_f64() * 1e6;
         let found = query.contacts();
         let wrench = penalty(&mut clustering, found, &settings, arguments.stiffness, &sample.pose);
@@ -96,7 +96,11 @@ pub fn run(arguments: &QueryArguments) -> Result<(), Failure> {
     if let Some((path, mut file)) = contacts_file {
         file.flush().map_err(|error| Failure::writing(path, error))?;
     }
-    let memory = probe.clod.total_bytes() + scene.clod.total_bytes() + query.bytes();
+    let memory = [&probe, &scene]
+        .map(|object| object.clod.total_bytes() + object.shape().bytes())
+        .iter()
+        .sum::<usize>()
+        + query.bytes();
     let replay = Replay { summary: summarise(&poses, memory), poses };
     output::result(&arguments.json, &replay, |table| {
         let Summary {

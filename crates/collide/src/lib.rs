@@ -1,9 +1,9 @@
 //! Contact queries between two objects given as hierarchies of convex hulls (§3.4), and contact clustering (§5.4.2).
 //!
-//! [`ContactQuery`] descends both hierarchies in tandem and reports a [`PatchContact`] for every pair of convex surface
-//! patches that come within the tolerance, or penetrate: at full resolution, or each at the coarsest whose error would
-//! not be felt. [`Clustering`] condenses them to a few representatives.
-//! The queries between two convex hulls that it rests on are in [`convex`].
+//! A [`Shape`] is a hierarchy prepared for queries. [`ContactQuery`] descends two of them in tandem and reports a
+//! [`PatchContact`] for every pair of convex surface patches that come within the tolerance, or penetrate: at full
+//! resolution, or each at the coarsest whose error would not be felt. [`Clustering`] condenses them to a few
+//! representatives. The queries between two convex hulls that it rests on are in [`convex`].
 //!
 //! Guarantees: everything is f64; the caller owns the workspaces; a query takes no lock, does not panic, and allocates
 //! only while it exceeds the sizes reached before.
@@ -15,6 +15,8 @@ mod overlap;
 mod patch;
 mod query;
 mod refinement;
+mod shape;
 
 pub use clustering::{Cluster, Clustering};
 pub use query::{ContactQuery, PatchContact, QueryOutcome, QuerySettings};
+pub use shape::Shape;

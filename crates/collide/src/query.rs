@@ -15,20 +15,15 @@
 //! within reach, and stop as soon as either bound on the distance settles it; nodes with a single child are passed
 //! through, as long as they are to be refined anyway.
 
-use palpate_core::clod::Node;
-use palpate_core::glam::DVec3;
 use palpate_core::{Clod, Contact, Pose};
 
-use crate::convex::{Hull, Limits, Placement, Separation, Start, SupportTree, gjk};
+use crate::convex::{Limits, Placement, Separation, Start, gjk};
 use crate::leaf::{LeafQuery, Reach};
-use crate::patch::{Incidence, Patch};
-use crate::refinement::{Detail, Refine, refine, refine_at};
+use crate::refinement::{Refine, refine, refine_at};
+use crate::shape::Shape;
 
 /// Separations and depths are found to this fraction of the size of the hulls involved.
 const PRECISION: f64 = 1e-12;
-
-/// A closed patch whose vertices are this fraction of its radius below its triangles' planes is its own hull.
-const CONVEX: f64 = 1e-10;
 
 /// Contacts that a new workspace has room for.
 const CONTACTS: usize = 1 << 14;
@@ -38,8 +33,6 @@ const CONTACTS: usize = 1 << 14;
 /// children. Mean cost of a query from the roots, relative to no limit, jaws / spoon and cup: 0.90 / 0.79 with 256,
 /// 0.77 / 1.03 with 64 but a front some three times as large.
 const HULL_TEST_POINTS: usize = 256;
-
-const NONE: u32 = u32::MAX;
 
 /// What a query asks for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -112,144 +105,22 @@ pub struct QueryOutcome {
 /// The workspace of a contact query. It belongs to the pair of hierarchies that it was made for.
 #[derive(Clone, Debug)]
 pub struct ContactQuery {
-    probe: Tree,
-    scene: Tree,
+    probe: Shape,
+    scene: Shape,
     stack: Vec<(u32, u32)>,
     leaf: LeafQuery,
     contacts: Vec<PatchContact>,
 }
 
-/// What the descent reads of a hierarchy, packed.
-#[derive(Clone, Debug)]
-struct Tree {
-    nodes: Vec<Packed>,
-    details: Vec<Detail>,
-    supports: Vec<SupportTree>,
-    incidences: Vec<Incidence>,
-    /// Bound on any coordinate, m.
-    coordinates: f64,
-}
-
-#[derive(Clone, Copy, Debug)]
-struct Packed {
-    center: DVec3,
-    radius: f64,
-    hausdorff: f64,
-    first_child: u32,
-    last_child: u32,
-    /// Index into [`Tree::supports`], or [`NONE`].
-    support: u32,
-    /// Likewise for the patch alone: the same unless points were added to bound descendants.
-    patch_support: u32,
-    /// Index into [`Tree::incidences`], or [`NONE`].
-    incidence: u32,
-    /// A closed patch whose vertices are all below its triangles' planes, to rounding.
-    exact: bool,
-}
-
-impl Packed {
-    fn is_leaf(&self) -> bool {
-        self.first_child == self.last_child
-    }
-}
-
-impl Tree {
-    fn new(clod: &Clod) -> Self {
-        let (mut supports, mut incidences) = (Vec::new(), Vec::new());
-        let nodes = clod
-            .nodes
-            .iter()
-            .map(|node| {
-                let mut support_of = |points: &[DVec3]| {
-                    if points.len() < SupportTree::WORTHWHILE {
-                        return NONE;
-                    }
-                    supports.push(SupportTree::new(points));
-                    supports.len() as u32 - 1
-                };
-                let support = support_of(clod.bounding_hull(node));
-                let patch_support = if node.added > 0 && !node.triangles.is_empty() {
-                    support_of(clod.extreme(node))
-                } else {
-                    support
-                };
-                let incidence = if node.triangles.len() >= Incidence::WORTHWHILE {
-                    incidences.push(Incidence::new(node.vertices.len(), clod.patch(node)));
-                    incidences.len() as u32 - 1
-                } else {
-                    NONE
-                };
-                Packed {
-                    center: node.center,
-                    radius: node.radius,
-                    hausdorff: node.hausdorff,
-                    first_child: node.children.start,
-                    last_child: node.children.end,
-                    support,
-                    patch_support,
-                    incidence,
-                    exact: node.children.is_empty()
-                        && node.all_real
-                        && is_convex(clod, node, supports.get(support as usize)),
-                }
-            })
-            .collect();
-        let details = clod.nodes.iter().map(|node| Detail::of(clod, node)).collect();
-        let coordinates = clod.vertices.iter().map(|v| v.abs().max_element()).fold(0.0, f64::max);
-        Self { nodes, details, supports, incidences, coordinates }
-    }
-
-    fn fits(&self, clod: &Clod) -> bool {
-        self.nodes.len() == clod.nodes.len() && !self.nodes.is_empty()
-    }
-
-    fn support(&self, node: u32) -> Option<&SupportTree> {
-        self.supports.get(self.nodes[node as usize].support as usize)
-    }
-
-    fn hull<'a>(&'a self, clod: &'a Clod, node: u32) -> Hull<'a> {
-        Hull::with_tree(clod.bounding_hull(&clod.nodes[node as usize]), self.support(node))
-    }
-
-    fn patch<'a>(&'a self, clod: &'a Clod, node: u32) -> Patch<'a> {
-        let Packed { patch_support, incidence, exact, .. } = self.nodes[node as usize];
-        let (support, incidence) =
-            (self.supports.get(patch_support as usize), self.incidences.get(incidence as usize));
-        Patch::of_node(clod, &clod.nodes[node as usize], support, incidence, exact)
-    }
-
-    /// The first descendant that is a leaf, has several children, or may be fine enough for an error.
-    fn pass_through(&self, mut node: u32, error: f64) -> u32 {
-        loop {
-            let Packed { first_child, last_child, .. } = self.nodes[node as usize];
-            let fine_enough = error > 0.0 && !self.details[node as usize].is_free();
-            if last_child - first_child != 1 || fine_enough {
-                return node;
-            }
-            node = first_child;
-        }
-    }
-
-    /// Most nodes that can wait on the stack below any node: siblings along one path from root to leaf.
-    fn path_width(&self) -> usize {
-        let mut width = vec![0usize; self.nodes.len()];
-        for (index, node) in self.nodes.iter().enumerate().rev() {
-            let below = (node.first_child..node.last_child).map(|c| width[c as usize]).max().unwrap_or(0);
-            width[index] = below + (node.last_child - node.first_child) as usize;
-        }
-        width.first().copied().unwrap_or(0)
-    }
-}
-
 impl ContactQuery {
     /// A workspace for queries between two hierarchies.
-    pub fn new(probe: &Clod, scene: &Clod) -> Self {
+    pub fn new(probe: &Shape, scene: &Shape) -> Self {
         Self::with_capacity(probe, scene, CONTACTS)
     }
 
     /// A workspace with room for a number of contacts.
-    pub fn with_capacity(probe: &Clod, scene: &Clod, contacts: usize) -> Self {
-        let (probe, scene) = (Tree::new(probe), Tree::new(scene));
+    pub fn with_capacity(probe: &Shape, scene: &Shape, contacts: usize) -> Self {
+        let (probe, scene) = (probe.clone(), scene.clone());
         let stack = Vec::with_capacity(probe.path_width() + scene.path_width() + 1);
         Self { probe, scene, stack, leaf: LeafQuery::default(), contacts: Vec::with_capacity(contacts) }
     }
@@ -261,47 +132,33 @@ impl ContactQuery {
 
     /// Bytes of memory held by the workspace.
     pub fn bytes(&self) -> usize {
-        let tree = |tree: &Tree| {
-            tree.nodes.capacity() * size_of::<Packed>()
-                + tree.details.capacity() * size_of::<Detail>()
-                + tree.supports.iter().map(SupportTree::bytes).sum::<usize>()
-                + tree.incidences.iter().map(Incidence::bytes).sum::<usize>()
-        };
-        tree(&self.probe)
-            + tree(&self.scene)
-            + self.stack.capacity() * size_of::<(u32, u32)>()
-            + self.contacts.capacity() * size_of::<PatchContact>()
+        self.stack.capacity() * size_of::<(u32, u32)>() + self.contacts.capacity() * size_of::<PatchContact>()
     }
 
     /// Finds the contacts between the probe and the scene object at the given poses (object frame to world).
     ///
     /// The cost grows with the number of pairs of patches within the tolerance.
-    pub fn run(
-        &mut self,
-        probe: &Clod,
-        probe_pose: &Pose,
-        scene: &Clod,
-        scene_pose: &Pose,
-        settings: &QuerySettings,
-    ) -> QueryOutcome {
+    pub fn run(&mut self, probe_pose: &Pose, scene_pose: &Pose, settings: &QuerySettings) -> QueryOutcome {
         self.contacts.clear();
         let mut outcome = QueryOutcome::default();
         let tolerance = settings.tolerance;
         let valid = probe_pose.is_valid() && scene_pose.is_valid();
         let error = settings.error;
         let asked = [tolerance, error].iter().all(|length| length.is_finite() && *length >= 0.0);
-        if !valid || !asked || !self.fits(probe, scene) {
+        if !valid || !asked || self.probe.is_empty() || self.scene.is_empty() {
             outcome.refused = true;
             return outcome;
         }
         let placement = Placement::between(probe_pose, scene_pose);
         let rounding = 4.0
             * f64::EPSILON
-            * (self.probe.coordinates + self.scene.coordinates + placement.translation.abs().max_element());
+            * (self.probe.coordinates()
+                + self.scene.coordinates()
+                + placement.translation.abs().max_element());
         // Either side may stand off, on either body.
         let looseness = 2.0
             * settings.patch_tolerance.max(0.0)
-            * (probe.source.bounding_radius + scene.source.bounding_radius);
+            * (self.probe.clod().source.bounding_radius + self.scene.clod().source.bounding_radius);
         let buffers = self.leaf.capacity() + self.contacts.capacity() + self.stack.capacity();
         (self.leaf.convex_queries, self.leaf.not_converged, self.leaf.by_triangles) = (0, 0, 0);
 
@@ -315,12 +172,12 @@ impl ContactQuery {
         }
         while let Some((a, b)) = self.stack.pop() {
             outcome.visited += 1;
-            let (node_a, node_b) = (self.probe.nodes[a as usize], self.scene.nodes[b as usize]);
+            let (node_a, node_b) = (*self.probe.node(a), *self.scene.node(b));
             let precision = PRECISION * (node_a.radius + node_b.radius) + rounding;
             let mut examine = node_a.is_leaf() && node_b.is_leaf();
             if !examine {
-                let (hull_a, hull_b) = (self.probe.hull(probe, a), self.scene.hull(scene, b));
-                let (detail_a, detail_b) = (&self.probe.details[a as usize], &self.scene.details[b as usize]);
+                let (hull_a, hull_b) = (self.probe.hull(a), self.scene.hull(b));
+                let (detail_a, detail_b) = (self.probe.detail(a), self.scene.detail(b));
                 let refine = if error > 0.0 { refine(detail_a, detail_b, error) } else { Refine::Yes };
                 let depends = refine == Refine::Depends;
                 examine = refine == Refine::No;
@@ -336,16 +193,15 @@ impl ContactQuery {
                         continue;
                     }
                     if depends {
-                        let side_a = (probe, &probe.nodes[a as usize], detail_a);
-                        let side_b = (scene, &scene.nodes[b as usize], detail_b);
-                        examine = !refine_at(&found.simplex, side_a, side_b, error);
+                        let areas = (self.probe.bounding_areas(a), self.scene.bounding_areas(b));
+                        examine = !refine_at(&found.simplex, (detail_a, areas.0), (detail_b, areas.1), error);
                     }
                 }
             }
             if examine {
                 outcome.leaf_pairs += 1;
                 outcome.front += 1;
-                let (patch_a, patch_b) = (self.probe.patch(probe, a), self.scene.patch(scene, b));
+                let (patch_a, patch_b) = (self.probe.patch(a), self.scene.patch(b));
                 let reach = Reach { placement: &placement, tolerance, precision, looseness };
                 self.leaf.run(&patch_a, &patch_b, &reach);
                 for contact in &self.leaf.contacts {
@@ -362,8 +218,7 @@ impl ContactQuery {
                 }
                 continue;
             }
-            let (below_a, below_b) =
-                (self.probe.details[a as usize].below, self.scene.details[b as usize].below);
+            let (below_a, below_b) = (self.probe.detail(a).below, self.scene.detail(b).below);
             // Among free levels, and at full resolution, the larger one.
             let by_size = error == 0.0 || below_a == below_b;
             let split_a = if by_size { node_a.radius >= node_b.radius } else { below_a < below_b };
@@ -396,12 +251,8 @@ impl ContactQuery {
         outcome
     }
 
-    fn fits(&self, probe: &Clod, scene: &Clod) -> bool {
-        self.probe.fits(probe) && self.scene.fits(scene)
-    }
-
     fn spheres_reach(&self, (a, b): (u32, u32), placement: &Placement, tolerance: f64) -> bool {
-        let (a, b) = (&self.probe.nodes[a as usize], &self.scene.nodes[b as usize]);
+        let (a, b) = (self.probe.node(a), self.scene.node(b));
         let reach = a.radius + b.radius + tolerance;
         // A little slack for rounding in the spheres.
         a.center.distance_squared(placement.point(b.center)) <= reach * reach * (1.0 + 1e-9)
@@ -420,19 +271,6 @@ impl QueryOutcome {
         self.smallest_distance = Some(self.smallest_distance.map_or(distance, |d| d.min(distance)));
         self.deepest = Some(self.deepest.map_or(contact.depth, |d| d.max(contact.depth)));
     }
-}
-
-/// Whether no vertex of a patch's hull is above the planes of its triangles, to rounding.
-fn is_convex(clod: &Clod, node: &Node, tree: Option<&SupportTree>) -> bool {
-    let points = clod.hull(node);
-    let hull = Hull::with_tree(clod.extreme(node), tree);
-    clod.patch(node).iter().all(|corners| {
-        let [p, q, r] = corners.map(|v| points[v as usize]);
-        let normal = (q - p).cross(r - p).normalize_or_zero();
-        let top =
-            hull.points()[hull.support(normal, corners[0].min(hull.points().len() as u32 - 1)) as usize];
-        normal.dot(top - p) <= CONVEX * node.radius
-    })
 }
 
 /// A contact in a body's frame, in world axes.

@@ -74,14 +74,14 @@ pub(crate) fn refine(a: &Detail, b: &Detail, error: f64) -> Refine {
     }
 }
 
-/// The test with D at the nearest points, given by the simplex of a distance query between the bounding hulls.
+/// The test with D at the nearest points, given by the simplex of a distance query between the bounding hulls, and D at
+/// the points of each.
 pub(crate) fn refine_at(
     simplex: &Simplex,
-    (a, node_a, detail_a): (&Clod, &Node, &Detail),
-    (b, node_b, detail_b): (&Clod, &Node, &Detail),
+    (detail_a, areas_a): (&Detail, &[f64]),
+    (detail_b, areas_b): (&Detail, &[f64]),
     error: f64,
 ) -> bool {
-    let (areas_a, areas_b) = (a.bounding_areas(node_a), b.bounding_areas(node_b));
     let (mut on_a, mut on_b) = (0.0, 0.0);
     for (vertex, weight) in simplex.vertices().iter().zip(simplex.weights()) {
         on_a += weight * areas_a[vertex.a as usize];

@@ -8,7 +8,7 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use palpate_clod_build::{BuildOptions, unwatched};
-use palpate_collide::{ContactQuery, QuerySettings};
+use palpate_collide::{ContactQuery, QuerySettings, Shape};
 use palpate_core::glam::{DQuat, DVec3};
 use palpate_core::{Clod, Pose, TriMesh};
 
@@ -20,6 +20,7 @@ fn shared() -> Option<PathBuf> {
 struct Body {
     mesh: TriMesh,
     clod: Clod,
+    shape: Shape,
     /// Leaf node of each triangle.
     leaf_of: Vec<u32>,
 }
@@ -39,7 +40,7 @@ fn load(path: &Path) -> Body {
         }
     }
     let leaf_of = (0..mesh.triangles().len()).map(|t| leaves[&key(mesh.corners(t))]).collect();
-    Body { mesh, clod, leaf_of }
+    Body { mesh, shape: Shape::new(clod.clone()), clod, leaf_of }
 }
 
 fn path_of_poses(path: &Path) -> Vec<Pose> {
@@ -64,7 +65,7 @@ fn run(probe: &str, scene: &str, path: &str) {
     let poses = path_of_poses(&shared.join("trajectories").join(path));
     let radius = probe.clod.bounding_radius();
     let tolerance = 0.01 * radius;
-    let mut query = ContactQuery::new(&probe.clod, &scene.clod);
+    let mut query = ContactQuery::new(&probe.shape, &scene.shape);
     let settings = QuerySettings::new(tolerance);
     let mut chosen: Vec<&Pose> = poses.iter().step_by(450).collect();
     let mut disjoint = 0;
@@ -72,7 +73,7 @@ fn run(probe: &str, scene: &str, path: &str) {
         if disjoint == 4 {
             break;
         }
-        let outcome = query.run(&probe.clod, pose, &scene.clod, &Pose::IDENTITY, &settings);
+        let outcome = query.run(pose, &Pose::IDENTITY, &settings);
         if outcome.smallest_distance.is_some_and(|d| d > 0.0) {
             disjoint += 1;
             chosen.push(pose);
@@ -81,7 +82,7 @@ fn run(probe: &str, scene: &str, path: &str) {
     assert!(disjoint > 0);
     let scene_triangles = oracle::placed(&scene.mesh, &Pose::IDENTITY);
     for pose in chosen {
-        let outcome = query.run(&probe.clod, pose, &scene.clod, &Pose::IDENTITY, &settings);
+        let outcome = query.run(pose, &Pose::IDENTITY, &settings);
         assert!(!outcome.refused && !outcome.overflow && outcome.not_converged == 0, "{outcome:?}");
         let pairs = oracle::pairs_within(&oracle::placed(&probe.mesh, pose), &scene_triangles, tolerance);
         let leaves = |&(i, j, _): &(usize, usize, f64)| (probe.leaf_of[i], scene.leaf_of[j]);

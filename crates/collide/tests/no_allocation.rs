@@ -3,7 +3,7 @@
 mod solids;
 
 use allocation_counter::measure;
-use palpate_collide::{Clustering, ContactQuery, QuerySettings};
+use palpate_collide::{Clustering, ContactQuery, QuerySettings, Shape};
 use palpate_core::Pose;
 use palpate_core::glam::{DQuat, DVec3};
 use solids::{Kind, clusters, hierarchy, singles, star};
@@ -20,7 +20,7 @@ fn a_warm_query_does_not_allocate() {
     for (probe, scene) in
         [(&loose, &fine), (&whole, &fine), (&patches, &loose), (&patches, &patches), (&open, &fine)]
     {
-        let mut query = ContactQuery::new(probe, scene);
+        let mut query = ContactQuery::new(&Shape::new(probe.clone()), &Shape::new(scene.clone()));
         let mut clustering = Clustering::new(5);
         let settings = [0.0, 0.03].map(|error| QuerySettings { error, ..QuerySettings::new(0.1) });
         let mut pass = || {
@@ -29,7 +29,7 @@ fn a_warm_query_does_not_allocate() {
                 let t = f64::from(step) / 40.0;
                 let pose = Pose::new(DVec3::new(2.4 - t, 0.3 * t, 0.1), DQuat::from_rotation_y(t));
                 for settings in &settings {
-                    let outcome = query.run(probe, &pose, scene, &Pose::IDENTITY, settings);
+                    let outcome = query.run(&pose, &Pose::IDENTITY, settings);
                     clustering.run(query.contacts(), settings.tolerance, &pose);
                     contacts += outcome.contacts;
                 }

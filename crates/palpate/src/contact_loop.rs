@@ -1,12 +1,11 @@
 //! The contact loop (§5.1.2): query the scene at the object's pose, cluster the contacts, linearise their response.
 
-use std::sync::Arc;
-
 use palpate_collide::{Clustering, ContactQuery, PatchContact, QuerySettings};
+use palpate_core::Pose;
 use palpate_core::glam::DVec3;
-use palpate_core::{Clod, Pose};
 use palpate_dynamics::{BodyState, ContactParameters, LinearContactModel};
 
+use crate::object::Object;
 use crate::scene::Placed;
 use crate::telemetry::ContactTelemetry;
 
@@ -38,7 +37,6 @@ impl ContactUpdate {
 /// The state of the contact loop, with the workspaces of its queries.
 #[derive(Debug)]
 pub struct ContactLoop {
-    probe: Arc<Clod>,
     /// Centre of mass of the probe in its mesh's frame, m.
     center_of_mass: DVec3,
     scene: Vec<(Placed, ContactQuery)>,
@@ -52,7 +50,7 @@ pub struct ContactLoop {
 
 impl ContactLoop {
     pub(crate) fn new(
-        probe: Arc<Clod>,
+        probe: &Object,
         center_of_mass: DVec3,
         scene: &[Placed],
         parameters: ContactParameters,
@@ -60,10 +58,9 @@ impl ContactLoop {
     ) -> Self {
         let scene = scene
             .iter()
-            .map(|placed| (placed.clone(), ContactQuery::new(&probe, &placed.object.clod)))
+            .map(|placed| (placed.clone(), ContactQuery::new(probe.shape(), placed.object.shape())))
             .collect();
         Self {
-            probe,
             center_of_mass,
             scene,
             settings: QuerySettings::new(parameters.tolerance),
@@ -81,8 +78,7 @@ impl ContactLoop {
         self.contacts.clear();
         let mut depth: f64 = 0.0;
         for (placed, query) in &mut self.scene {
-            let outcome =
-                query.run(&self.probe, &probe_pose, &placed.object.clod, &placed.pose, &self.settings);
+            let outcome = query.run(&probe_pose, &placed.pose, &self.settings);
             depth = depth.max(outcome.deepest.unwrap_or(0.0));
             self.telemetry.events.contact_overflow += u64::from(outcome.overflow);
             self.telemetry.events.contact_refused += u64::from(outcome.refused);

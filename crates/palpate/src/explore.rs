@@ -100,8 +100,11 @@ fn first_touch(probe: &Object, scene: &Scene) -> DVec3 {
     let top = DVec3::new(middle.x, middle.y, high.z + radius) - center;
     let bottom = middle.z - center.z;
     let settings = QuerySettings::new(0.1 * radius);
-    let mut queries: Vec<ContactQuery> =
-        scene.objects().iter().map(|placed| ContactQuery::new(&probe.clod, &placed.object.clod)).collect();
+    let mut queries: Vec<ContactQuery> = scene
+        .objects()
+        .iter()
+        .map(|placed| ContactQuery::new(probe.shape(), placed.object.shape()))
+        .collect();
     let mut position = top;
     for _ in 0..MAX_DESCENT {
         let pose = Pose::from_translation(position);
@@ -110,7 +113,7 @@ fn first_touch(probe: &Object, scene: &Scene) -> DVec3 {
             .iter()
             .zip(&mut queries)
             .map(|(placed, query)| {
-                query.run(&probe.clod, &pose, &placed.object.clod, &placed.pose, &settings);
+                query.run(&pose, &placed.pose, &settings);
                 let distances = query.contacts().iter().map(|found| -found.contact.depth);
                 distances.fold(settings.tolerance, f64::min)
             })

@@ -2,9 +2,10 @@
 
 use std::ops::ControlFlow;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use palpate_clod_build::{BuildError, BuildOptions, Stage, unwatched};
+use palpate_collide::Shape;
 use palpate_core::clod::ClodError;
 use palpate_core::{Clod, TriMesh};
 use palpate_mesh_io::{LoadError, LoadOptions};
@@ -19,6 +20,8 @@ pub struct Object {
     pub name: String,
     /// The hierarchy that contact queries read.
     pub clod: Arc<Clod>,
+    /// Made when first asked for.
+    shape: Arc<OnceLock<Shape>>,
 }
 
 /// How [`Object::open`] reads and builds.
@@ -131,7 +134,7 @@ impl Object {
             }
             let clod = Clod::load(Path::new(argument))
                 .map_err(|source| OpenError::Clod { path: argument.to_owned(), source })?;
-            return Ok((Self { name: argument.to_owned(), clod: Arc::new(clod) }, Vec::new()));
+            return Ok((Self::from_clod(argument, clod), Vec::new()));
         }
         let NamedMesh { name, mesh, warnings } = open_mesh(argument, options)?;
         let clod = if options.cache {
@@ -140,7 +143,7 @@ impl Object {
             palpate_clod_build::build(&mesh, &BuildOptions::default(), progress)
         }
         .map_err(|source| OpenError::Build { name: name.clone(), source })?;
-        Ok((Self { name, clod: Arc::new(clod) }, warnings))
+        Ok((Self::from_clod(&name, clod), warnings))
     }
 
     /// Opens a built-in model, from the cache where it was built before.
@@ -159,7 +162,17 @@ impl Object {
     pub fn from_mesh(name: &str, mesh: &TriMesh) -> Result<Self, OpenError> {
         let clod = palpate_clod_build::build(mesh, &BuildOptions::default(), &mut unwatched)
             .map_err(|source| OpenError::Build { name: name.to_owned(), source })?;
-        Ok(Self { name: name.to_owned(), clod: Arc::new(clod) })
+        Ok(Self::from_clod(name, clod))
+    }
+
+    /// An object from a hierarchy that the host already has.
+    pub fn from_clod(name: &str, clod: impl Into<Arc<Clod>>) -> Self {
+        Self { name: name.to_owned(), clod: clod.into(), shape: Arc::default() }
+    }
+
+    /// The hierarchy prepared for contact queries; the first call prepares it.
+    pub fn shape(&self) -> &Shape {
+        self.shape.get_or_init(|| Shape::new(self.clod.clone()))
     }
 
     /// Radius of the bounding sphere, m.

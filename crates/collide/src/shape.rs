@@ -1,0 +1,190 @@
+//! A hierarchy prepared for queries: what the descent reads of its nodes, packed, and search structures over their hulls.
+
+use std::sync::Arc;
+
+use palpate_core::Clod;
+use palpate_core::clod::Node;
+use palpate_core::glam::DVec3;
+
+use crate::convex::{Hull, SupportTree};
+use crate::patch::{Incidence, Patch};
+use crate::refinement::Detail;
+
+const NONE: u32 = u32::MAX;
+
+/// A closed patch whose vertices are this fraction of its radius below its triangles' planes is its own hull.
+const CONVEX: f64 = 1e-10;
+
+/// A hierarchy prepared for queries. Cheap to clone: all queries with an object, and all its instances, share it.
+#[derive(Clone, Debug)]
+pub struct Shape(Arc<Prepared>);
+
+#[derive(Debug)]
+struct Prepared {
+    clod: Arc<Clod>,
+    nodes: Vec<Packed>,
+    details: Vec<Detail>,
+    supports: Vec<SupportTree>,
+    incidences: Vec<Incidence>,
+    /// Bound on any coordinate, m.
+    coordinates: f64,
+}
+
+/// What the descent reads of a node.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Packed {
+    pub center: DVec3,
+    pub radius: f64,
+    pub hausdorff: f64,
+    pub first_child: u32,
+    pub last_child: u32,
+    /// Index into [`Prepared::supports`], or [`NONE`].
+    support: u32,
+    /// Likewise for the patch alone: the same unless points were added to bound descendants.
+    patch_support: u32,
+    /// Index into [`Prepared::incidences`], or [`NONE`].
+    incidence: u32,
+    /// A closed patch whose vertices are all below its triangles' planes, to rounding.
+    exact: bool,
+}
+
+impl Packed {
+    pub fn is_leaf(&self) -> bool {
+        self.first_child == self.last_child
+    }
+}
+
+impl Shape {
+    /// Prepares a hierarchy.
+    pub fn new(clod: impl Into<Arc<Clod>>) -> Self {
+        let shared = clod.into();
+        let clod: &Clod = &shared;
+        let (mut supports, mut incidences) = (Vec::new(), Vec::new());
+        let nodes = clod
+            .nodes
+            .iter()
+            .map(|node| {
+                let mut support_of = |points: &[DVec3]| {
+                    if points.len() < SupportTree::WORTHWHILE {
+                        return NONE;
+                    }
+                    supports.push(SupportTree::new(points));
+                    supports.len() as u32 - 1
+                };
+                let support = support_of(clod.bounding_hull(node));
+                let patch_support = if node.added > 0 && !node.triangles.is_empty() {
+                    support_of(clod.extreme(node))
+                } else {
+                    support
+                };
+                let incidence = if node.triangles.len() >= Incidence::WORTHWHILE {
+                    incidences.push(Incidence::new(node.vertices.len(), clod.patch(node)));
+                    incidences.len() as u32 - 1
+                } else {
+                    NONE
+                };
+                Packed {
+                    center: node.center,
+                    radius: node.radius,
+                    hausdorff: node.hausdorff,
+                    first_child: node.children.start,
+                    last_child: node.children.end,
+                    support,
+                    patch_support,
+                    incidence,
+                    exact: node.children.is_empty()
+                        && node.all_real
+                        && is_convex(clod, node, supports.get(support as usize)),
+                }
+            })
+            .collect();
+        let details = clod.nodes.iter().map(|node| Detail::of(clod, node)).collect();
+        let coordinates = clod.vertices.iter().map(|v| v.abs().max_element()).fold(0.0, f64::max);
+        Self(Arc::new(Prepared { clod: shared, nodes, details, supports, incidences, coordinates }))
+    }
+
+    /// The hierarchy.
+    pub fn clod(&self) -> &Clod {
+        &self.0.clod
+    }
+
+    /// Bytes of memory held, besides the hierarchy itself.
+    pub fn bytes(&self) -> usize {
+        let Prepared { nodes, details, supports, incidences, .. } = &*self.0;
+        size_of_val(&**nodes)
+            + size_of_val(&**details)
+            + supports.iter().map(SupportTree::bytes).sum::<usize>()
+            + incidences.iter().map(Incidence::bytes).sum::<usize>()
+    }
+
+    /// Whether there is nothing to touch.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.0.nodes.is_empty()
+    }
+
+    /// Bound on any coordinate, m.
+    pub(crate) fn coordinates(&self) -> f64 {
+        self.0.coordinates
+    }
+
+    pub(crate) fn node(&self, node: u32) -> &Packed {
+        &self.0.nodes[node as usize]
+    }
+
+    pub(crate) fn detail(&self, node: u32) -> &Detail {
+        &self.0.details[node as usize]
+    }
+
+    /// The bounding hull of a node.
+    pub(crate) fn hull(&self, node: u32) -> Hull<'_> {
+        let support = self.0.supports.get(self.node(node).support as usize);
+        Hull::with_tree(self.clod().bounding_hull(&self.clod().nodes[node as usize]), support)
+    }
+
+    /// D, the support areas (m²) of the points of a node's bounding hull.
+    pub(crate) fn bounding_areas(&self, node: u32) -> &[f64] {
+        self.clod().bounding_areas(&self.clod().nodes[node as usize])
+    }
+
+    pub(crate) fn patch(&self, node: u32) -> Patch<'_> {
+        let Packed { patch_support, incidence, exact, .. } = *self.node(node);
+        let (support, incidence) =
+            (self.0.supports.get(patch_support as usize), self.0.incidences.get(incidence as usize));
+        Patch::of_node(self.clod(), &self.clod().nodes[node as usize], support, incidence, exact)
+    }
+
+    /// The first descendant that is a leaf, has several children, or may be fine enough for an error.
+    pub(crate) fn pass_through(&self, mut node: u32, error: f64) -> u32 {
+        loop {
+            let Packed { first_child, last_child, .. } = *self.node(node);
+            let fine_enough = error > 0.0 && !self.detail(node).is_free();
+            if last_child - first_child != 1 || fine_enough {
+                return node;
+            }
+            node = first_child;
+        }
+    }
+
+    /// Most nodes that can wait on the stack below any node: siblings along one path from root to leaf.
+    pub(crate) fn path_width(&self) -> usize {
+        let mut width = vec![0usize; self.0.nodes.len()];
+        for (index, node) in self.0.nodes.iter().enumerate().rev() {
+            let below = (node.first_child..node.last_child).map(|c| width[c as usize]).max().unwrap_or(0);
+            width[index] = below + (node.last_child - node.first_child) as usize;
+        }
+        width.first().copied().unwrap_or(0)
+    }
+}
+
+/// Whether no vertex of a patch's hull is above the planes of its triangles, to rounding.
+fn is_convex(clod: &Clod, node: &Node, tree: Option<&SupportTree>) -> bool {
+    let points = clod.hull(node);
+    let hull = Hull::with_tree(clod.extreme(node), tree);
+    clod.patch(node).iter().all(|corners| {
+        let [p, q, r] = corners.map(|v| points[v as usize]);
+        let normal = (q - p).cross(r - p).normalize_or_zero();
+        let top =
+            hull.points()[hull.support(normal, corners[0].min(hull.points().len() as u32 - 1)) as usize];
+        normal.dot(top - p) <= CONVEX * node.radius
+    })
+}
