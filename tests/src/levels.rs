@@ -507,7 +507,7 @@ impl<'a> Target<'a> {
     fn ask(&self, p: DVec3, enough: f64) -> gjk::Distance {
         let hull = Hull::with_tree(self.points, self.tree.as_ref());
         let precision = 1e-13 * (self.size + p.distance(self.points[0]));
-        let limits = Limits { beyond: f64::INFINITY, enough, precision };
+        let limits = Limits { beyond: f64::INFINITY, share: 0.0, enough, precision };
         let point = [DVec3::ZERO];
         // The point is the origin of the other hull's frame.
         let placement = Placement::between(&Pose::IDENTITY, &Pose { translation: p, ..Pose::IDENTITY });

@@ -159,7 +159,7 @@ fn touches(clod: &Clod, sound: &Clod) -> bool {
     let mut found = false;
     let mut ask = |probe: &Clod, scene: &Clod, poses: &[Pose; 2]| {
         let mut query =
-            ContactQuery::with_capacity(&Shape::new(probe.clone()), &Shape::new(scene.clone()), 256);
+            ContactQuery::with_capacity(&Shape::new(probe.clone()), &Shape::new(scene.clone()), 256, 4096);
         for (pose, settings) in poses.iter().flat_map(|pose| settings.each_ref().map(|s| (pose, s))) {
             let outcome = query.run(pose, &Pose::IDENTITY, settings);
             assert!(!outcome.refused && outcome.visited <= most, "{outcome:?} for {most} pairs of nodes");

@@ -161,7 +161,7 @@ pub struct QueryArguments {
     /// Report contacts at full resolution
     #[arg(long)]
     pub exact: bool,
-    /// Start every query from the root; this version always does
+    /// Start every query from the root, rather than from the last one's front
     #[arg(long)]
     pub cold: bool,
     /// Stiffness of the penalty force, N/m

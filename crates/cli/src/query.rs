@@ -71,6 +71,9 @@ pub fn run(arguments: &QueryArguments) -> Result<(), Failure> {
     let mut poses = Vec::with_capacity(trajectory.keyframes().len());
     let bar = progress::bar("contact queries");
     for sample in trajectory.keyframes() {
+        if arguments.cold {
+            query.reset();
+        }
         let begun = Instant::now();
         let outcome = query.run(&sample.pose, &Pose::IDENTITY, &settings);
         let query_us = begun.elapsed().as_secs_f64() * 1e6;

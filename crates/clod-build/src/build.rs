@@ -12,7 +12,7 @@ use crate::decomposition::decompose;
 use crate::error::BuildError;
 use crate::hierarchy::merge_to_root;
 use crate::levels::{Regular, assemble};
-use crate::parameters::{finest_resolution, support_areas};
+use crate::parameters::{Support, finest_resolution, support_areas};
 use crate::progress::{Progress, Stage};
 use crate::requirements::{check_intersections, check_surface};
 use crate::simplify::{Limits, simplify};
@@ -27,7 +27,7 @@ const LARGEST_LENGTH: f64 = 1e50;
 
 /// Counts the changes after which the same mesh and options give another hierarchy: whoever keeps built hierarchies can
 /// tell by it that one is out of date.
-pub const REVISION: u32 = 5;
+pub const REVISION: u32 = 6;
 
 /// What can be chosen about a build.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,6 +37,8 @@ pub struct BuildOptions {
     pub tolerance: f64,
     /// Distance tolerance of support areas (§3.3.5) along a vertex normal: a fraction of the bounding radius.
     pub support_distance: f64,
+    /// How far from a vertex its support area may reach: a fraction of the bounding radius.
+    pub support_radius: f64,
     /// Whether to make levels of detail by simplification (§3.3.3) before patches are merged freely. Without, every
     /// level but the full mesh's is free.
     pub simplify: bool,
@@ -55,7 +57,8 @@ impl Default for BuildOptions {
     fn default() -> Self {
         Self {
             tolerance: 1e-6,
-            support_distance: 0.025,
+            support_distance: 3e-4,
+            support_radius: 0.05,
             support_cone: std::f64::consts::FRAC_PI_3,
             simplify: true,
             coarsest: 4.0,
@@ -103,7 +106,12 @@ pub fn build(
     let decomposition = decompose(&surface, &adjacency, tolerance, &mut progress)?;
     progress.end()?;
 
-    let areas = support_areas(mesh, &adjacency, options.support_distance * radius, options.support_cone);
+    let support = Support {
+        distance: options.support_distance * radius,
+        radius: options.support_radius * radius,
+        cone: options.support_cone,
+    };
+    let areas = support_areas(mesh, &adjacency, &support);
     let simplified = if options.simplify {
         let limits = Limits {
             tolerance,
@@ -162,6 +170,7 @@ impl BuildOptions {
     fn check(&self) -> Result<(), BuildError> {
         for (option, value, range, wanted) in [
             ("tolerance", self.tolerance, 0.0..=0.1, "between 0 and 0.1 of the bounding radius"),
+            ("support_radius", self.support_radius, 1e-9..=1e9, "between 1e-9 and 1e9 bounding radii"),
             ("support_distance", self.support_distance, 1e-9..=1e9, "between 1e-9 and 1e9 bounding radii"),
             ("coarsest", self.coarsest, 0.0..=1e9, "between 0 and 1e9 over the bounding radius"),
             ("support_cone", self.support_cone, 0.0..=FRAC_PI_2, "between 0 and π/2 rad"),

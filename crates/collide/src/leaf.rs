@@ -20,6 +20,7 @@
 use palpate_core::Contact;
 use palpate_core::glam::DVec3;
 
+use crate::ball::Ball;
 use crate::convex::{Distance, Limits, Placement, Polytope, Separation, Start, gjk};
 use crate::overlap::{contact_at, overlap};
 use crate::patch::{Patch, Surface, distance_to_triangle, separated};
@@ -32,6 +33,8 @@ pub(crate) struct LeafQuery {
     pub contacts: Vec<Contact>,
     /// Pairs of triangles within the tolerance: contact, and the triangle of each patch.
     near: Vec<(Contact, u32, u32)>,
+    /// Triangles of b that are within the tolerance of a's sphere: a sphere around each, in a's frame.
+    in_reach: Vec<(Ball, u32)>,
     /// Of the pairs of triangles examined last, the smallest distance within the tolerance (otherwise infinite),
     /// whichever way they face, and the point on a.
     nearest: (f64, DVec3),
@@ -56,25 +59,24 @@ pub(crate) struct Reach<'a> {
 impl LeafQuery {
     /// Bytes of buffer in use, for telling whether a query allocated.
     pub fn capacity(&self) -> usize {
-        self.contacts.capacity() + self.near.capacity()
+        self.contacts.capacity() + self.near.capacity() + self.in_reach.capacity()
     }
 
-    /// Finds the contacts of a pair of leaf patches. They are left in [`contacts`](Self::contacts).
-    pub fn run(&mut self, a: &Patch, b: &Patch, reach: &Reach) {
+    /// Finds the contacts of a pair of patches, given the distance between their hulls. They are left in
+    /// [`contacts`](Self::contacts).
+    pub fn run(&mut self, a: &Patch, b: &Patch, found: &Distance, reach: &Reach) {
         self.contacts.clear();
-        let axis = a.center - reach.placement.point(b.center);
-        let found = self.distance(a, b, axis, reach);
         let sheet = (a.two_sided && !a.is_single_triangle()) || (b.two_sided && !b.is_single_triangle());
         match found.separation {
             Separation::Beyond => {}
             Separation::Overlapping if sheet || !a.contained || !b.contained => {
                 let flat = a.is_single_triangle() && b.is_single_triangle();
                 if flat || self.triangles(a, b, reach) {
-                    self.penetrating(a, b, &found, reach);
+                    self.penetrating(a, b, found, reach);
                 }
             }
             Separation::Overlapping => {
-                self.penetrating(a, b, &found, reach);
+                self.penetrating(a, b, found, reach);
                 let shallow = self.contacts.iter().all(|c| c.depth <= reach.looseness);
                 if shallow && !(a.is_single_triangle() && b.is_single_triangle()) {
                     // If the triangles are apart, their distances replace the contact. Hulls may touch where they are
@@ -92,7 +94,7 @@ impl LeafQuery {
                 self.triangles(a, b, reach);
             }
             Separation::Within | Separation::NotConverged => {
-                let (on_a, on_b) = witnesses(a, b, &found);
+                let (on_a, on_b) = witnesses(a, b, found);
                 let (contact, slack) =
                     separated(on_a, reach.placement.point(on_b), found.axis, reach.precision);
                 // A patch point that is further than the hull by the looseness may lie this far to the side.
@@ -121,7 +123,7 @@ impl LeafQuery {
 
     fn distance(&mut self, a: &Patch, b: &Patch, axis: DVec3, reach: &Reach) -> Distance {
         self.convex_queries += 1;
-        let limits = Limits { beyond: reach.tolerance, enough: -1.0, precision: reach.precision };
+        let limits = Limits { beyond: reach.tolerance, share: 0.0, enough: -1.0, precision: reach.precision };
         let found = gjk::distance(&a.hull, &b.hull, reach.placement, Start::Axis(axis), &limits);
         self.not_converged += usize::from(found.separation == Separation::NotConverged);
         found
@@ -141,21 +143,30 @@ impl LeafQuery {
         self.near.clear();
         self.nearest = (f64::INFINITY, DVec3::ZERO);
         let placement = reach.placement;
+        let tolerance = reach.tolerance + reach.precision;
+        self.in_reach.clear();
+        for (j, &on_b) in (0u32..).zip(b.triangles) {
+            let ball = Ball::around(&b.corners(on_b));
+            let ball = Ball { center: placement.point(ball.center), ..ball };
+            if reaches(a.center, a.radius, ball.center, ball.radius, tolerance) {
+                self.in_reach.push((ball, j));
+            }
+        }
+        let center_of_b = placement.point(b.center);
         for (i, &on_a) in (0u32..).zip(a.triangles) {
             let corners_a = a.corners(on_a);
             let one = a.single(&corners_a);
-            let tolerance = reach.tolerance + reach.precision;
-            if !reaches(one.center, one.radius, placement.point(b.center), b.radius, tolerance) {
+            if !reaches(one.center, one.radius, center_of_b, b.radius, tolerance) {
                 continue;
             }
-            for (j, &on_b) in (0u32..).zip(b.triangles) {
-                let corners_b = b.corners(on_b);
-                let other = b.single(&corners_b);
-                let center = placement.point(other.center);
-                if !reaches(one.center, one.radius, center, other.radius, tolerance) {
+            for index in 0..self.in_reach.len() {
+                let (ball, j) = self.in_reach[index];
+                if !reaches(one.center, one.radius, ball.center, ball.radius, tolerance) {
                     continue;
                 }
-                let found = self.distance(&one, &other, one.center - center, reach);
+                let corners_b = b.corners(b.triangles[j as usize]);
+                let other = b.single(&corners_b);
+                let found = self.distance(&one, &other, one.center - ball.center, reach);
                 match found.separation {
                     Separation::Beyond => {}
                     Separation::Overlapping => {

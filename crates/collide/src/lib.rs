@@ -8,9 +8,12 @@
 //! Guarantees: everything is f64; the caller owns the workspaces; a query takes no lock, does not panic, and allocates
 //! only while it exceeds the sizes reached before.
 
+mod ball;
 mod clustering;
 pub mod convex;
+mod front;
 mod leaf;
+mod motion;
 mod overlap;
 mod patch;
 mod query;

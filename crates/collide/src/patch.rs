@@ -9,6 +9,7 @@ use palpate_core::clod::Node;
 use palpate_core::glam::DVec3;
 use palpate_core::{Clod, Contact};
 
+use crate::ball::Ball;
 use crate::convex::{Hull, SupportTree, nearest_on_triangle};
 
 /// A witness within this fraction of a patch's radius of a triangle lies on it. Patches are convex, and contained, only
@@ -119,8 +120,7 @@ impl<'a> Patch<'a> {
 
     /// One triangle of the patch, as a patch of its own with its corners in `corners`.
     pub fn single<'b>(&self, corners: &'b [DVec3; 3]) -> Patch<'b> {
-        let center = (corners[0] + corners[1] + corners[2]) / 3.0;
-        let radius = corners.iter().map(|c| c.distance_squared(center)).fold(0.0, f64::max).sqrt();
+        let Ball { center, radius } = Ball::around(corners);
         Patch {
             hull: Hull::new(corners),
             vertices: corners,

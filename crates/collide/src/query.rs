@@ -1,24 +1,31 @@
 //! The contact query Q(A, B, d) between two hierarchies (§3.4.1, §3.4.2).
 //!
-//! Both hierarchies are descended in tandem from their roots. A pair of nodes is dropped when its bounding spheres, or
-//! then its hulls, are further apart than d + h(a) + h(b) (Eq. 3.5); otherwise one of them is split, down to pairs
-//! whose missing detail is below the threshold s₀ ([`refinement`](crate::refinement)), and those are asked for
-//! contacts. Of nodes with such a threshold the one with the coarser children is split (§3.4.2). At full resolution,
-//! where s₀ is 0, it is the larger one, down to pairs of leaves. As §3.4.1 has it, they are a superset of the local
-//! minima of the distance where the objects are disjoint, and local penetration depths where they overlap. Only
-//! surfaces that meet make contacts: an object that has sunk wholly into another, deeper than that one's patches are
-//! thick, has none.
+//! Both hierarchies are descended in tandem. A pair of nodes stays where it is when its bounding spheres, or then its
+//! hulls, are further apart than d + h(a) + h(b) (Eq. 3.5); otherwise one of them is split, down to pairs whose missing
+//! detail is below the threshold s₀ ([`refinement`](crate::refinement)), and those are asked for contacts. Of nodes
+//! with such a threshold the one with the coarser children is split (§3.4.2). At full resolution, where s₀ is 0, it is
+//! the larger one, down to pairs of leaves. As §3.4.1 has it, they are a superset of the local minima of the distance
+//! where the objects are disjoint, and local penetration depths where they overlap. Only surfaces that meet make
+//! contacts: an object that has sunk wholly into another, deeper than that one's patches are thick, has none.
+//!
+//! A query starts from the [front](crate::front) of the last one (§3.4.2), raised and lowered in place. The answer is
+//! that of a query from the roots: a pair is only passed over while the bodies have not moved enough to change its
+//! answer, and searches that start from old nearest points find the same ones.
 //!
 //! With a threshold, what is reported are contacts between the surfaces of coarser levels, each within s of the mesh.
 //!
 //! Departures: hulls of many points are not tested above the leaves; hull queries there only decide whether a pair is
 //! within reach, and stop as soon as either bound on the distance settles it; nodes with a single child are passed
-//! through, as long as they are to be refined anyway.
+//! through, as long as they are to be refined anyway. In §3.4.2 every node of the front is tested in every query.
+
+use std::ops::Range;
 
 use palpate_core::{Clod, Contact, Pose};
 
 use crate::convex::{Limits, Placement, Separation, Start, gjk};
+use crate::front::{Front, NO_PAIR, Nearest, Pair};
 use crate::leaf::{LeafQuery, Reach};
+use crate::motion::Motion;
 use crate::refinement::{Refine, refine, refine_at};
 use crate::shape::Shape;
 
@@ -30,9 +37,18 @@ const CONTACTS: usize = 1 << 14;
 
 /// Hulls of more points than this are not tested above the leaves, but split at once: they belong to the upper free
 /// levels, where they overlap nearly always, and a support point of theirs costs more than the spheres of their
-/// children. Mean cost of a query from the roots, relative to no limit, jaws / spoon and cup: 0.90 / 0.79 with 256,
-/// 0.77 / 1.03 with 64 but a front some three times as large.
+/// children.
 const HULL_TEST_POINTS: usize = 256;
+
+/// Pairs of nodes that a new workspace has room for.
+const PAIRS: usize = 1 << 15;
+
+/// How much of what separates two hulls, beyond what would matter, a search has to prove before it stops: the more it
+/// does, the longer the pair may sleep.
+const SHARE: f64 = 0.5;
+
+/// Pairs are joined again when they may sleep for this part of the radii of the nodes that they were split from.
+const RAISE: f64 = 0.05;
 
 /// What a query asks for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -77,7 +93,7 @@ pub struct QueryOutcome {
     pub smallest_distance: Option<f64>,
     /// Largest depth δ, m: negative when all contacts are separated; `None` without contacts.
     pub deepest: Option<f64>,
-    /// Pairs of nodes whose bounding spheres were within reach.
+    /// Pairs of nodes that were looked at: those that the bodies' motion had woken, and what they were split into.
     pub visited: usize,
     /// Size of the front of the bounding volume test tree (§3.4.2): pairs at which the descent ended, being out of
     /// reach, or examined for contacts.
@@ -93,6 +109,10 @@ pub struct QueryOutcome {
     pub by_triangles: usize,
     /// Most pairs that waited on the stack at once.
     pub stack_high_water: usize,
+    /// Most pairs, on and above the front, that were kept at once, by this query or any before.
+    pub front_high_water: usize,
+    /// Whether there was no room to keep the whole front. The answer is the same, but the next query starts higher up.
+    pub front_overflow: bool,
     /// Whether contacts were dropped for want of capacity: [`ContactQuery::reserve`] more.
     pub overflow: bool,
     /// Whether a buffer grew during this query: it was larger than any before.
@@ -102,27 +122,75 @@ pub struct QueryOutcome {
     pub refused: bool,
 }
 
-/// The workspace of a contact query. It belongs to the pair of hierarchies that it was made for.
+/// The workspace of a contact query. It belongs to the pair of objects that it was made for, and keeps the front of the
+/// last query, from which the next one starts.
 #[derive(Clone, Debug)]
 pub struct ContactQuery {
     probe: Shape,
     scene: Shape,
-    stack: Vec<(u32, u32)>,
+    front: Front,
+    motion: Motion,
+    /// Of the last query.
+    last: Option<QuerySettings>,
+    /// Pairs on the way: slots of the front, entered or [left](LEAVE).
+    stack: Vec<u32>,
+    /// Pairs that the front has no room for.
+    unrecorded: Vec<(u32, u32)>,
     leaf: LeafQuery,
     contacts: Vec<PatchContact>,
+    outcome: QueryOutcome,
+}
+
+/// Marks a pair on the stack below which all has been looked at.
+const LEAVE: u32 = 1 << 31;
+
+/// The circumstances of a query.
+#[derive(Clone, Copy, Debug)]
+struct Circumstances {
+    placement: Placement,
+    probe_pose: Pose,
+    settings: QuerySettings,
+    /// Of coordinates, m.
+    rounding: f64,
+    /// How far a hull may stand off the surface that it was built for, on either body, m.
+    looseness: f64,
+    /// How far the bodies have moved, m.
+    way: f64,
+    /// The threshold is another one than it was.
+    threshold_changed: bool,
+}
+
+/// What becomes of a pair.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Verdict {
+    /// It stays on the front, or comes back to it.
+    Stop,
+    /// It is split.
+    Refine,
 }
 
 impl ContactQuery {
-    /// A workspace for queries between two hierarchies.
+    /// A workspace for queries between two objects.
     pub fn new(probe: &Shape, scene: &Shape) -> Self {
-        Self::with_capacity(probe, scene, CONTACTS)
+        Self::with_capacity(probe, scene, CONTACTS, PAIRS)
     }
 
-    /// A workspace with room for a number of contacts.
-    pub fn with_capacity(probe: &Shape, scene: &Shape, contacts: usize) -> Self {
+    /// A workspace with room for a number of contacts, and of pairs of nodes on and above the front.
+    pub fn with_capacity(probe: &Shape, scene: &Shape, contacts: usize, pairs: usize) -> Self {
         let (probe, scene) = (probe.clone(), scene.clone());
-        let stack = Vec::with_capacity(probe.path_width() + scene.path_width() + 1);
-        Self { probe, scene, stack, leaf: LeafQuery::default(), contacts: Vec::with_capacity(contacts) }
+        let width = probe.path_width() + scene.path_width() + 1;
+        Self {
+            front: Front::with_capacity(pairs.clamp(1, LEAVE as usize)),
+            motion: Motion::default(),
+            last: None,
+            stack: Vec::with_capacity(2 * width),
+            unrecorded: Vec::with_capacity(width),
+            leaf: LeafQuery::default(),
+            contacts: Vec::with_capacity(contacts),
+            outcome: QueryOutcome::default(),
+            probe,
+            scene,
+        }
     }
 
     /// Makes room for a number of contacts, so that queries with up to as many do not allocate for them.
@@ -132,130 +200,346 @@ impl ContactQuery {
 
     /// Bytes of memory held by the workspace.
     pub fn bytes(&self) -> usize {
-        self.stack.capacity() * size_of::<(u32, u32)>() + self.contacts.capacity() * size_of::<PatchContact>()
+        self.front.capacity() * size_of::<Pair>()
+            + self.stack.capacity() * size_of::<u32>()
+            + self.unrecorded.capacity() * size_of::<(u32, u32)>()
+            + self.contacts.capacity() * size_of::<PatchContact>()
+    }
+
+    /// Forgets the front: the next query starts from the roots.
+    pub fn reset(&mut self) {
+        self.last = None;
     }
 
     /// Finds the contacts between the probe and the scene object at the given poses (object frame to world).
     ///
-    /// The cost grows with the number of pairs of patches within the tolerance.
+    /// The cost grows with the number of pairs of patches within the tolerance, and with the way that the objects have
+    /// come since the last query.
     pub fn run(&mut self, probe_pose: &Pose, scene_pose: &Pose, settings: &QuerySettings) -> QueryOutcome {
         self.contacts.clear();
-        let mut outcome = QueryOutcome::default();
-        let tolerance = settings.tolerance;
+        self.outcome = QueryOutcome::default();
+        let lengths = [settings.tolerance, settings.error];
+        let asked = lengths.iter().all(|length| length.is_finite() && *length >= 0.0);
         let valid = probe_pose.is_valid() && scene_pose.is_valid();
-        let error = settings.error;
-        let asked = [tolerance, error].iter().all(|length| length.is_finite() && *length >= 0.0);
         if !valid || !asked || self.probe.is_empty() || self.scene.is_empty() {
-            outcome.refused = true;
-            return outcome;
+            self.outcome.refused = true;
+            return self.outcome;
         }
-        let placement = Placement::between(probe_pose, scene_pose);
-        let rounding = 4.0
-            * f64::EPSILON
-            * (self.probe.coordinates()
-                + self.scene.coordinates()
-                + placement.translation.abs().max_element());
-        // Either side may stand off, on either body.
-        let looseness = 2.0
-            * settings.patch_tolerance.max(0.0)
-            * (self.probe.clod().source.bounding_radius + self.scene.clod().source.bounding_radius);
-        let buffers = self.leaf.capacity() + self.contacts.capacity() + self.stack.capacity();
+        let now = self.circumstances(probe_pose, scene_pose, settings);
+        let buffers = self.buffers();
         (self.leaf.convex_queries, self.leaf.not_converged, self.leaf.by_triangles) = (0, 0, 0);
-
-        self.stack.clear();
-        let roots = (self.probe.pass_through(Clod::ROOT, error), self.scene.pass_through(Clod::ROOT, error));
-        let sphere_tolerance = tolerance + rounding;
-        if self.spheres_reach(roots, &placement, sphere_tolerance) {
-            self.stack.push(roots);
-        } else {
-            outcome.front = 1;
-        }
-        while let Some((a, b)) = self.stack.pop() {
-            outcome.visited += 1;
-            let (node_a, node_b) = (*self.probe.node(a), *self.scene.node(b));
-            let precision = PRECISION * (node_a.radius + node_b.radius) + rounding;
-            let mut examine = node_a.is_leaf() && node_b.is_leaf();
-            if !examine {
-                let (hull_a, hull_b) = (self.probe.hull(a), self.scene.hull(b));
-                let (detail_a, detail_b) = (self.probe.detail(a), self.scene.detail(b));
-                let refine = if error > 0.0 { refine(detail_a, detail_b, error) } else { Refine::Yes };
-                let depends = refine == Refine::Depends;
-                examine = refine == Refine::No;
-                if depends || hull_a.points().len().max(hull_b.points().len()) <= HULL_TEST_POINTS {
-                    outcome.convex_queries += 1;
-                    let reach = tolerance + node_a.hausdorff + node_b.hausdorff;
-                    let limits =
-                        Limits { beyond: reach, enough: if depends { -1.0 } else { reach }, precision };
-                    let axis = node_a.center - placement.point(node_b.center);
-                    let found = gjk::distance(&hull_a, &hull_b, &placement, Start::Axis(axis), &limits);
-                    if found.separation == Separation::Beyond {
-                        outcome.front += 1;
-                        continue;
-                    }
-                    if depends {
-                        let areas = (self.probe.bounding_areas(a), self.scene.bounding_areas(b));
-                        examine = !refine_at(&found.simplex, (detail_a, areas.0), (detail_b, areas.1), error);
-                    }
-                }
-            }
-            if examine {
-                outcome.leaf_pairs += 1;
-                outcome.front += 1;
-                let (patch_a, patch_b) = (self.probe.patch(a), self.scene.patch(b));
-                let reach = Reach { placement: &placement, tolerance, precision, looseness };
-                self.leaf.run(&patch_a, &patch_b, &reach);
-                for contact in &self.leaf.contacts {
-                    outcome.count(contact);
-                    if settings.fixed_capacity && self.contacts.len() == self.contacts.capacity() {
-                        outcome.overflow = true;
-                    } else {
-                        self.contacts.push(PatchContact {
-                            contact: placed(contact, probe_pose),
-                            probe_node: a,
-                            scene_node: b,
-                        });
-                    }
-                }
-                continue;
-            }
-            let (below_a, below_b) = (self.probe.detail(a).below, self.scene.detail(b).below);
-            // Among free levels, and at full resolution, the larger one.
-            let by_size = error == 0.0 || below_a == below_b;
-            let split_a = if by_size { node_a.radius >= node_b.radius } else { below_a < below_b };
-            if node_b.is_leaf() || (!node_a.is_leaf() && split_a) {
-                for child in (node_a.first_child..node_a.last_child).rev() {
-                    let pair = (self.probe.pass_through(child, error), b);
-                    if self.spheres_reach(pair, &placement, sphere_tolerance) {
-                        self.stack.push(pair);
-                    } else {
-                        outcome.front += 1;
-                    }
-                }
-            } else {
-                for child in (node_b.first_child..node_b.last_child).rev() {
-                    let pair = (a, self.scene.pass_through(child, error));
-                    if self.spheres_reach(pair, &placement, sphere_tolerance) {
-                        self.stack.push(pair);
-                    } else {
-                        outcome.front += 1;
-                    }
-                }
-            }
-            outcome.stack_high_water = outcome.stack_high_water.max(self.stack.len());
-        }
-        outcome.convex_queries += self.leaf.convex_queries;
-        outcome.not_converged = self.leaf.not_converged;
-        outcome.by_triangles = self.leaf.by_triangles;
-        outcome.reallocated =
-            self.leaf.capacity() + self.contacts.capacity() + self.stack.capacity() != buffers;
-        outcome
+        self.traverse(&now);
+        self.outcome.front += self.front.len();
+        self.outcome.front_high_water = self.front.high_water();
+        self.outcome.convex_queries += self.leaf.convex_queries;
+        self.outcome.not_converged = self.leaf.not_converged;
+        self.outcome.by_triangles = self.leaf.by_triangles;
+        self.outcome.reallocated = self.buffers() != buffers;
+        self.outcome
     }
 
-    fn spheres_reach(&self, (a, b): (u32, u32), placement: &Placement, tolerance: f64) -> bool {
-        let (a, b) = (self.probe.node(a), self.scene.node(b));
-        let reach = a.radius + b.radius + tolerance;
+    fn buffers(&self) -> [usize; 5] {
+        let Self { leaf, contacts, stack, unrecorded, front, .. } = self;
+        [leaf.capacity(), contacts.capacity(), stack.capacity(), unrecorded.capacity(), front.capacity()]
+    }
+
+    /// Notes how the bodies have moved, and whether what is kept of the last query still holds.
+    fn circumstances(
+        &mut self,
+        probe_pose: &Pose,
+        scene_pose: &Pose,
+        settings: &QuerySettings,
+    ) -> Circumstances {
+        let placement = Placement::between(probe_pose, scene_pose);
+        let coordinates =
+            self.probe.coordinates() + self.scene.coordinates() + placement.translation.abs().max_element();
+        let rounding = 4.0 * f64::EPSILON * coordinates;
+        let radii = self.probe.clod().bounding_radius() + self.scene.clod().bounding_radius();
+        let mut threshold_changed = false;
+        match self.last.filter(|last| last.patch_tolerance == settings.patch_tolerance) {
+            Some(last) => {
+                self.motion.step(&self.probe.ball(), &self.scene.ball(), &placement, rounding);
+                self.motion.add((settings.tolerance - last.tolerance).abs());
+                threshold_changed = last.error != settings.error;
+                // At full resolution other bodies are split than with a threshold.
+                if threshold_changed && (last.error == 0.0 || settings.error == 0.0) {
+                    self.start(settings.error);
+                }
+            }
+            None => {
+                self.motion.reset();
+                self.motion.step(&self.probe.ball(), &self.scene.ball(), &placement, rounding);
+                self.start(settings.error);
+            }
+        }
+        self.last = Some(*settings);
+        Circumstances {
+            placement,
+            probe_pose: *probe_pose,
+            settings: *settings,
+            rounding,
+            looseness: 2.0 * settings.patch_tolerance.max(0.0) * radii,
+            way: self.motion.way(),
+            threshold_changed,
+        }
+    }
+
+    /// Starts anew from the roots.
+    fn start(&mut self, error: f64) {
+        let roots =
+            Pair::new(self.probe.pass_through(Clod::ROOT, error), self.scene.pass_through(Clod::ROOT, error));
+        self.front.reset(roots);
+    }
+
+    /// Looks at all pairs that are awake, and at those that they are split into.
+    fn traverse(&mut self, now: &Circumstances) {
+        self.stack.clear();
+        self.stack.push(Front::ROOT);
+        while let Some(entry) = self.stack.pop() {
+            if entry & LEAVE != 0 {
+                self.leave(entry ^ LEAVE, now);
+            } else {
+                self.enter(entry, now);
+            }
+            self.outcome.stack_high_water = self.outcome.stack_high_water.max(self.stack.len());
+        }
+    }
+
+    fn enter(&mut self, slot: u32, now: &Circumstances) {
+        let mut pair = *self.front.get(slot);
+        if pair.wake > now.way && (pair.apart || !now.threshold_changed) {
+            return;
+        }
+        let settled = pair.is_split() && pair.settled > now.way && !now.threshold_changed;
+        let verdict = if settled { Verdict::Refine } else { self.look_at(&mut pair, now) };
+        if verdict == Verdict::Stop {
+            self.front.join(slot);
+            *self.front.get_mut(slot) = Pair { first: NO_PAIR, ..pair };
+            return;
+        }
+        *self.front.get_mut(slot) = pair;
+        if !pair.is_split() {
+            let (a, b, error) = (pair.a, pair.b, now.settings.error);
+            let (of_probe, children) = self.children(a, b, error);
+            let (probe, scene) = (&self.probe, &self.scene);
+            let into = children.rev().map(|child| {
+                if of_probe {
+                    Pair::new(probe.pass_through(child, error), b)
+                } else {
+                    Pair::new(a, scene.pass_through(child, error))
+                }
+            });
+            if !self.front.split(slot, into, !now.settings.fixed_capacity) {
+                self.outcome.front_overflow = true;
+                self.front.get_mut(slot).wake = f64::NEG_INFINITY;
+                self.descend(a, b, now);
+                return;
+            }
+        }
+        self.stack.push(slot | LEAVE);
+        let from = self.stack.len();
+        let mut child = self.front.get(slot).first;
+        while child != NO_PAIR {
+            self.stack.push(child);
+            child = self.front.get(child).next;
+        }
+        self.stack[from..].reverse();
+    }
+
+    /// All pairs below have been looked at: how long may they sleep, or are they too far apart to be told from one
+    /// another?
+    fn leave(&mut self, slot: u32, now: &Circumstances) {
+        let pair = *self.front.get(slot);
+        let (mut wake, mut quiet) = (pair.settled, true);
+        let mut child = pair.first;
+        while child != NO_PAIR {
+            let below = self.front.get(child);
+            wake = wake.min(below.wake);
+            quiet &= !below.is_split();
+            child = below.next;
+        }
+        let radii = self.probe.node(pair.a).radius + self.scene.node(pair.b).radius;
+        if quiet && wake > now.way + RAISE * radii && now.way >= pair.within {
+            let mut raised = Pair { first: NO_PAIR, ..pair };
+            self.outcome.convex_queries += 1;
+            if self.is_apart(&mut raised, now) {
+                self.front.join(slot);
+                *self.front.get_mut(slot) = raised;
+                return;
+            }
+            self.front.get_mut(slot).within = raised.within;
+        }
+        self.front.get_mut(slot).wake = wake;
+    }
+
+    /// Looks at a pair, and at all below it, of which nothing is kept.
+    fn descend(&mut self, a: u32, b: u32, now: &Circumstances) {
+        let error = now.settings.error;
+        self.unrecorded.clear();
+        self.push_children(a, b, error);
+
+        while let Some((a, b)) = self.unrecorded.pop() {
+            if self.look_at(&mut Pair::new(a, b), now) == Verdict::Refine {
+                self.push_children(a, b, error);
+            } else {
+                self.outcome.front += 1;
+            }
+        }
+        // The pair itself is counted among those that are kept.
+        self.outcome.front -= 1;
+    }
+
+    fn push_children(&mut self, a: u32, b: u32, error: f64) {
+        let (of_probe, children) = self.children(a, b, error);
+        for child in children.rev() {
+            self.unrecorded.push(if of_probe {
+                (self.probe.pass_through(child, error), b)
+            } else {
+                (a, self.scene.pass_through(child, error))
+            });
+        }
+    }
+
+    /// The children that a pair is split into: whether they are the probe's, and which.
+    fn children(&self, a: u32, b: u32, error: f64) -> (bool, Range<u32>) {
+        let (node_a, node_b) = (self.probe.node(a), self.scene.node(b));
+        let (below_a, below_b) = (self.probe.detail(a).below, self.scene.detail(b).below);
+        // Among free levels, and at full resolution, the larger one.
+        let by_size = error == 0.0 || below_a == below_b;
+        let split_a = if by_size { node_a.radius >= node_b.radius } else { below_a < below_b };
+        if node_b.is_leaf() || (!node_a.is_leaf() && split_a) {
+            (true, node_a.first_child..node_a.last_child)
+        } else {
+            (false, node_b.first_child..node_b.last_child)
+        }
+    }
+
+    /// Decides about a pair that is awake, and finds its contacts if it is not to be refined.
+    fn look_at(&mut self, pair: &mut Pair, now: &Circumstances) -> Verdict {
+        self.outcome.visited += 1;
+        let (a, b) = (pair.a, pair.b);
+        let error = now.settings.error;
+        let leaves = self.probe.node(a).is_leaf() && self.scene.node(b).is_leaf();
+        let refinement = if leaves {
+            Refine::No
+        } else if error == 0.0 {
+            Refine::Yes
+        } else {
+            refine(self.probe.detail(a), self.scene.detail(b), error)
+        };
+        pair.apart = false;
+        if !pair.is_split() && self.spheres_are_apart(pair, now) {
+            return Verdict::Stop;
+        }
+        if refinement == Refine::Yes {
+            self.outcome.convex_queries += usize::from(!pair.is_split());
+            if !pair.is_split() && self.is_apart(pair, now) {
+                return Verdict::Stop;
+            }
+            pair.settled = f64::INFINITY;
+            return Verdict::Refine;
+        }
+        let depends = refinement == Refine::Depends;
+        let warm = !pair.nearest.vertices(true).is_empty();
+        self.outcome.convex_queries += usize::from(depends && !warm);
+        if depends && !warm && self.is_apart(pair, now) {
+            return Verdict::Stop;
+        }
+        self.examine(pair, depends, leaves, now)
+    }
+
+    /// Finds the contacts of a pair, unless it is to be refined, which `depends` on where its nearest points are.
+    fn examine(&mut self, pair: &mut Pair, depends: bool, leaves: bool, now: &Circumstances) -> Verdict {
+        let (a, b) = (pair.a, pair.b);
+        let tolerance = now.settings.tolerance;
+        let precision = self.precision(pair, now);
+        let (patch_a, patch_b) = (self.probe.patch(a), self.scene.patch(b));
+        let limits = Limits { beyond: tolerance, share: SHARE, enough: -1.0, precision };
+        let axis = patch_a.center - now.placement.point(patch_b.center);
+        let start = Start::Vertices(pair.nearest.vertices(true), axis);
+        let found = gjk::distance(&patch_a.hull, &patch_b.hull, &now.placement, start, &limits);
+        self.outcome.convex_queries += 1;
+        self.outcome.not_converged += usize::from(found.separation == Separation::NotConverged);
+        pair.nearest = Nearest::of(&found, true);
+        let beyond = found.separation == Separation::Beyond || found.distance > tolerance.max(precision);
+        if depends {
+            let side_a = (self.probe.detail(a), self.probe.support_areas(a));
+            let side_b = (self.scene.detail(b), self.scene.support_areas(b));
+            if refine_at(&found, side_a, side_b, tolerance, now.settings.error) {
+                // Nearest points count where there are any within the tolerance only.
+                pair.settled = if beyond {
+                    now.way + (found.lower - tolerance)
+                } else {
+                    now.way + found.simplex.depth()
+                };
+                return Verdict::Refine;
+            }
+        }
+        pair.wake = f64::NEG_INFINITY;
+        self.outcome.leaf_pairs += 1;
+        if beyond {
+            pair.wake = now.way + (found.lower - tolerance);
+            pair.apart = leaves;
+            return Verdict::Stop;
+        }
+        let reach = Reach { placement: &now.placement, tolerance, precision, looseness: now.looseness };
+        self.leaf.run(&patch_a, &patch_b, &found, &reach);
+        for contact in &self.leaf.contacts {
+            self.outcome.count(contact);
+            if now.settings.fixed_capacity && self.contacts.len() == self.contacts.capacity() {
+                self.outcome.overflow = true;
+            } else {
+                let contact = placed(contact, &now.probe_pose);
+                self.contacts.push(PatchContact { contact, probe_node: a, scene_node: b });
+            }
+        }
+        Verdict::Stop
+    }
+
+    /// Smallest length that is told from zero, m.
+    fn precision(&self, pair: &Pair, now: &Circumstances) -> f64 {
+        PRECISION * (self.probe.node(pair.a).radius + self.scene.node(pair.b).radius) + now.rounding
+    }
+
+    /// d_ab, m (Eq. 3.5).
+    fn reach(&self, pair: &Pair, now: &Circumstances) -> f64 {
+        now.settings.tolerance + self.probe.node(pair.a).hausdorff + self.scene.node(pair.b).hausdorff
+    }
+
+    /// Whether the bounding spheres are out of reach; if so, until when.
+    fn spheres_are_apart(&self, pair: &mut Pair, now: &Circumstances) -> bool {
+        let (a, b) = (self.probe.node(pair.a), self.scene.node(pair.b));
+        let distance = a.center.distance(now.placement.point(b.center));
         // A little slack for rounding in the spheres.
-        a.center.distance_squared(placement.point(b.center)) <= reach * reach * (1.0 + 1e-9)
+        let gap = distance * (1.0 - 1e-9) - (a.radius + b.radius) - now.settings.tolerance - now.rounding;
+        if gap > 0.0 {
+            pair.wake = now.way + gap;
+            pair.apart = true;
+        }
+        gap > 0.0
+    }
+
+    /// Whether the bounding hulls are out of reach; if so, until when.
+    fn is_apart(&self, pair: &mut Pair, now: &Circumstances) -> bool {
+        let (hull_a, hull_b) = (self.probe.hull(pair.a), self.scene.hull(pair.b));
+        if hull_a.points().len().max(hull_b.points().len()) > HULL_TEST_POINTS {
+            return false;
+        }
+        let reach = self.reach(pair, now);
+        let limits =
+            Limits { beyond: reach, share: SHARE, enough: reach, precision: self.precision(pair, now) };
+        let axis = self.probe.node(pair.a).center - now.placement.point(self.scene.node(pair.b).center);
+        let start = Start::Vertices(pair.nearest.vertices(false), axis);
+        let found = gjk::distance(&hull_a, &hull_b, &now.placement, start, &limits);
+        let apart = found.separation == Separation::Beyond;
+        if apart {
+            pair.nearest = Nearest::of(&found, false);
+            pair.wake = now.way + (found.lower - reach);
+            pair.apart = true;
+        } else {
+            pair.within = now.way + (reach - found.distance).max(0.0) + found.simplex.depth();
+        }
+        apart
     }
 
     /// The contacts of the last query, in world axes, in the order of the descent.

@@ -6,12 +6,16 @@
 //! to be refined.
 //!
 //! D is interpolated at the nearest points (§3.4.3), which are only searched for where the least and the largest D of
-//! the nodes' vertices do not decide already.
+//! the nodes' vertices do not decide already. Patches that overlap have no nearest points, and where they are further apart
+//! than d these are no contact: there it is the mean D of each patch, and it goes over to that before either happens.
 
 use palpate_core::Clod;
 use palpate_core::clod::Node;
 
-use crate::convex::Simplex;
+use crate::convex::Distance;
+
+/// D goes over from that of the nearest points to the patches' mean over this part of d, at either end.
+const GOING_OVER: f64 = 0.25;
 
 /// What the test reads of a node.
 #[derive(Clone, Copy, Debug)]
@@ -20,8 +24,10 @@ pub(crate) struct Detail {
     pub missing: f64,
     /// Resolution of the children's level, 1/m: 0 if that is free, infinite without children.
     pub below: f64,
-    /// Least and largest D of the vertices of the bounding hull, m².
+    /// Least and largest D of the extreme points of the patch, m².
     areas: (f64, f64),
+    /// Their mean, m².
+    mean_area: f64,
 }
 
 impl Detail {
@@ -41,10 +47,11 @@ impl Detail {
                 if level.free { 0.0 } else { level.resolution }
             }
         };
-        let areas = clod.bounding_areas(node);
+        let areas = &clod.support_areas(node)[..node.extreme as usize];
         let least = areas.iter().copied().fold(f64::INFINITY, f64::min);
         let largest = areas.iter().copied().fold(0.0, f64::max);
-        Self { missing, below, areas: (least, largest) }
+        let mean_area = areas.iter().sum::<f64>() / areas.len().max(1) as f64;
+        Self { missing, below, areas: (least, largest), mean_area }
     }
 
     /// Whether the level is free.
@@ -74,18 +81,24 @@ pub(crate) fn refine(a: &Detail, b: &Detail, error: f64) -> Refine {
     }
 }
 
-/// The test with D at the nearest points, given by the simplex of a distance query between the bounding hulls, and D at
-/// the points of each.
+/// The test with D at the contact between two patches, given the distance between their hulls, and D at the points of
+/// each. `tolerance` is d, m.
 pub(crate) fn refine_at(
-    simplex: &Simplex,
+    found: &Distance,
     (detail_a, areas_a): (&Detail, &[f64]),
     (detail_b, areas_b): (&Detail, &[f64]),
+    tolerance: f64,
     error: f64,
 ) -> bool {
     let (mut on_a, mut on_b) = (0.0, 0.0);
-    for (vertex, weight) in simplex.vertices().iter().zip(simplex.weights()) {
+    for (vertex, weight) in found.simplex.vertices().iter().zip(found.simplex.weights()) {
         on_a += weight * areas_a[vertex.a as usize];
         on_b += weight * areas_b[vertex.b as usize];
     }
-    detail_a.missing.max(detail_b.missing) > error * f64::max(on_a, on_b)
+    let part = if tolerance > 0.0 { (found.distance / tolerance).min(1.0) } else { 1.0 };
+    let share = (part.min(1.0 - part) / GOING_OVER).min(1.0);
+    let area = |detail: &Detail, nearest: f64| {
+        if share > 0.0 { detail.mean_area + share * (nearest - detail.mean_area) } else { detail.mean_area }
+    };
+    detail_a.missing.max(detail_b.missing) > error * f64::max(area(detail_a, on_a), area(detail_b, on_b))
 }

@@ -6,6 +6,7 @@ use palpate_core::Clod;
 use palpate_core::clod::Node;
 use palpate_core::glam::DVec3;
 
+use crate::ball::Ball;
 use crate::convex::{Hull, SupportTree};
 use crate::patch::{Incidence, Patch};
 use crate::refinement::Detail;
@@ -141,9 +142,15 @@ impl Shape {
         Hull::with_tree(self.clod().bounding_hull(&self.clod().nodes[node as usize]), support)
     }
 
-    /// D, the support areas (m²) of the points of a node's bounding hull.
-    pub(crate) fn bounding_areas(&self, node: u32) -> &[f64] {
-        self.clod().bounding_areas(&self.clod().nodes[node as usize])
+    /// D, the support areas (m²) of a node's vertices.
+    pub(crate) fn support_areas(&self, node: u32) -> &[f64] {
+        self.clod().support_areas(&self.clod().nodes[node as usize])
+    }
+
+    /// A sphere around the whole body.
+    pub(crate) fn ball(&self) -> Ball {
+        let Packed { center, radius, .. } = *self.node(Clod::ROOT);
+        Ball { center, radius }
     }
 
     pub(crate) fn patch(&self, node: u32) -> Patch<'_> {

@@ -92,7 +92,7 @@ fn plain_depth(a: &[DVec3], b: &[DVec3]) -> f64 {
 #[test]
 fn distance_agrees_with_all_features() {
     let mut rng = StdRng::seed_from_u64(SEED);
-    let limits = Limits { beyond: f64::INFINITY, enough: -1.0, precision: 1e-12 };
+    let limits = Limits { beyond: f64::INFINITY, share: 0.0, enough: -1.0, precision: 1e-12 };
     let mut worst: f64 = 0.0;
     let (mut apart, mut overlapping) = (0, 0);
     for round in 0..12_000 {
@@ -132,7 +132,7 @@ fn distance_agrees_with_all_features() {
 #[test]
 fn bounds_meet_on_hundreds_of_thousands_of_pairs() {
     let mut rng = StdRng::seed_from_u64(SEED + 1);
-    let limits = Limits { beyond: f64::INFINITY, enough: -1.0, precision: 1e-12 };
+    let limits = Limits { beyond: f64::INFINITY, share: 0.0, enough: -1.0, precision: 1e-12 };
     let mut most = 0;
     for round in 0..300_000 {
         let (a, b) = (random_hull(&mut rng), random_hull(&mut rng));
@@ -148,11 +148,12 @@ fn bounds_meet_on_hundreds_of_thousands_of_pairs() {
                 let gap = -extent(&a, &placed(), -found.axis.normalize());
                 assert!(found.distance - gap < 1e-10, "{gap} {}", context());
                 // Warm start from the answer: the same distance, at once.
+                let vertices: Vec<_> = found.simplex.vertices().iter().map(|v| (v.a, v.b)).collect();
                 let again = gjk::distance(
                     &Hull::new(&a),
                     &Hull::new(&b),
                     &placement,
-                    Start::Simplex(&found.simplex),
+                    Start::Vertices(&vertices, DVec3::X),
                     &limits,
                 );
                 assert!((again.distance - found.distance).abs() < 1e-10, "{}", context());
@@ -173,17 +174,17 @@ fn limits_stop_the_search_on_the_right_side() {
         let shift = vector(&mut rng) * rng.random_range(0.0..4.0);
         let placement = Placement::between(&Pose::IDENTITY, &pose(&mut rng, shift));
         let (a, b) = (Hull::new(&a), Hull::new(&b));
-        let exact = Limits { beyond: f64::INFINITY, enough: -1.0, precision: 1e-12 };
+        let exact = Limits { beyond: f64::INFINITY, share: 0.0, enough: -1.0, precision: 1e-12 };
         let truth = gjk::distance(&a, &b, &placement, Start::Axis(shift), &exact).distance;
         let d = rng.random_range(0.0..2.0);
         if (truth - d).abs() < 1e-9 {
             continue;
         }
-        let decide = Limits { beyond: d, enough: d, precision: 1e-12 };
+        let decide = Limits { beyond: d, share: 0.0, enough: d, precision: 1e-12 };
         let found = gjk::distance(&a, &b, &placement, Start::Axis(vector(&mut rng)), &decide);
         let beyond = found.separation == Separation::Beyond;
         assert_eq!(beyond, truth > d, "seed {:#x}, round {round}: {truth} {d} {found:?}", SEED + 2);
-        let to_d = Limits { beyond: d, enough: -1.0, precision: 1e-12 };
+        let to_d = Limits { beyond: d, share: 0.0, enough: -1.0, precision: 1e-12 };
         let found = gjk::distance(&a, &b, &placement, Start::Axis(vector(&mut rng)), &to_d);
         assert_eq!(found.separation == Separation::Beyond, truth > d, "round {round}: {truth} {d} {found:?}");
         if truth <= d {
@@ -204,7 +205,7 @@ fn depth_agrees_with_all_directions() {
         let pose_b = if round % 4 == 0 { Pose::from_translation(shift) } else { pose(&mut rng, shift) };
         let placement = Placement::between(&Pose::IDENTITY, &pose_b);
         let placed: Vec<DVec3> = b.iter().map(|p| placement.point(*p)).collect();
-        let limits = Limits { beyond: f64::INFINITY, enough: -1.0, precision: 1e-12 };
+        let limits = Limits { beyond: f64::INFINITY, share: 0.0, enough: -1.0, precision: 1e-12 };
         let (hull_a, hull_b) = (Hull::new(&a), Hull::new(&b));
         let distance = gjk::distance(&hull_a, &hull_b, &placement, Start::Axis(shift), &limits);
         if distance.separation != Separation::Overlapping {

@@ -430,7 +430,7 @@ fn swapping_the_bodies_swaps_the_contacts() {
 fn a_full_buffer_says_so_and_bad_input_is_refused() {
     let mesh = bumpy();
     let body = Body::new(mesh.clone(), &singles(&mesh), Kind::Contained);
-    let mut query = ContactQuery::with_capacity(&body.shape, &body.shape, 100);
+    let mut query = ContactQuery::with_capacity(&body.shape, &body.shape, 100, 1 << 12);
     let near = Pose::from_translation(DVec3::X * 0.01);
     let open = QuerySettings::new(0.3);
     let fixed = QuerySettings { fixed_capacity: true, ..open };

@@ -26,6 +26,8 @@ pub struct Limits {
     /// Stop as soon as the hulls are known to be further apart than this, m. Hulls that touch to within the precision
     /// never are.
     pub beyond: f64,
+    /// How much of the distance beyond has to be proven before the search stops: 0 for none, near 1 for all of it.
+    pub share: f64,
     /// Stop as soon as the hulls are known to be at most this far apart, m; negative: find the distance itself.
     pub enough: f64,
     /// Bounds that differ by less are equal, and hulls closer than this touch, m.
@@ -37,8 +39,9 @@ pub struct Limits {
 pub enum Start<'a> {
     /// A guess of the vector from b to a, in a's frame.
     Axis(DVec3),
-    /// The simplex of an earlier query between the same hulls, at another placement.
-    Simplex(&'a Simplex),
+    /// Vertices of a and b between which the nearest points were in an earlier query, at another placement: at most four
+    /// pairs. Without any, the search starts along the axis.
+    Vertices(&'a [(u32, u32)], DVec3),
 }
 
 /// How two hulls lie to each other.
@@ -117,10 +120,11 @@ pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits:
     };
     match start {
         Start::Axis(axis) => found.axis = axis,
-        Start::Simplex(cached) => {
+        Start::Vertices(cached, axis) => {
+            found.axis = axis;
             let (last_a, last_b) = (a.points().len() as u32 - 1, b.points().len() as u32 - 1);
-            for vertex in cached.vertices() {
-                let vertex = difference(a, b, placement, vertex.a.min(last_a), vertex.b.min(last_b));
+            for &(on_a, on_b) in cached.iter().take(4) {
+                let vertex = difference(a, b, placement, on_a.min(last_a), on_b.min(last_b));
                 if !found.simplex.contains(&vertex) {
                     found.simplex.push(vertex);
                 }
@@ -154,8 +158,12 @@ pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits:
         let lower = found.axis.dot(vertex.difference) / found.axis.length();
         found.lower = found.lower.max(lower);
         if lower > beyond {
-            found.separation = Separation::Beyond;
-            return found;
+            // Until the simplex is a point, its distance is that of the vertex.
+            let upper = found.distance.min(vertex.difference.length());
+            if lower - beyond >= limits.share * (upper - beyond) {
+                found.separation = Separation::Beyond;
+                return found;
+            }
         }
         if found.distance - lower <= limits.precision || found.simplex.contains(&vertex) {
             break;

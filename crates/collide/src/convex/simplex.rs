@@ -87,6 +87,18 @@ impl Simplex {
 }
 
 impl Simplex {
+    /// Of a tetrahedron around the origin: the distance from the origin to its nearest face, m; 0 of any other simplex.
+    pub(crate) fn depth(&self) -> f64 {
+        if self.len < 4 {
+            return 0.0;
+        }
+        let p = self.vertices.map(|v| v.difference);
+        [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]
+            .map(|[i, j, k]: [usize; 3]| (p[j] - p[i]).cross(p[k] - p[i]).normalize_or_zero().dot(p[i]).abs())
+            .into_iter()
+            .fold(f64::INFINITY, f64::min)
+    }
+
     /// The direction of the nearest point, with its length. For a triangle that is its normal, which keeps its accuracy
     /// when the nearest point is so close to the origin that its own direction is lost in rounding.
     pub(super) fn axis(&self, nearest: DVec3) -> DVec3 {

@@ -1,0 +1,124 @@
+//! Generalised front tracking (§3.4.2): a query that starts from the last one's front finds what one from the roots does.
+
+use palpate::Pose;
+use palpate::clod_build::{BuildOptions, build, unwatched};
+use palpate::collide::{ContactQuery, PatchContact, QuerySettings, Shape};
+use palpate::glam::{DQuat, DVec3};
+use palpate::models::Model;
+use rand::rngs::StdRng;
+use rand::{RngExt, SeedableRng};
+
+const SEED: u64 = 0x000F_2047;
+
+fn shape(model: Model, triangles: usize) -> Shape {
+    let mesh = model.generate(triangles).expect("in range");
+    Shape::new(build(&mesh, &BuildOptions::default(), &mut unwatched).expect("built-in models can be built"))
+}
+
+fn vector(rng: &mut StdRng) -> DVec3 {
+    DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)))
+}
+
+/// Poses of a probe that hovers around `at`: slow drifts and turns, rests, jumps and teleports, far away as well.
+fn wander(rng: &mut StdRng, at: DVec3, radius: f64, count: usize) -> Vec<Pose> {
+    let start = Pose::new(at, DQuat::from_scaled_axis(0.1 * vector(rng)));
+    let mut poses = vec![start];
+    let (mut drift, mut turn) = (DVec3::ZERO, DVec3::ZERO);
+    while poses.len() < count {
+        let last = *poses.last().unwrap_or(&start);
+        if rng.random_bool(0.2) {
+            let pace = [1e-4, 2e-3, 2e-2][rng.random_range(0..3)];
+            drift = radius * pace * vector(rng) - 0.02 * (last.translation - at);
+            turn = pace * vector(rng);
+        }
+        poses.push(match rng.random_range(0..40) {
+            0 => Pose::new(at + 0.3 * radius * vector(rng), DQuat::from_scaled_axis(vector(rng))),
+            1 => Pose::new(at + 20.0 * radius * vector(rng), last.rotation),
+            2 => start,
+            3 => last,
+            _ => Pose::new(
+                last.translation + drift,
+                (DQuat::from_scaled_axis(turn) * last.rotation).normalize(),
+            ),
+        });
+    }
+    poses
+}
+
+fn agree(tracked: &[PatchContact], cold: &[PatchContact], within: f64) -> bool {
+    tracked.len() == cold.len()
+        && tracked.iter().zip(cold).all(|(one, other)| {
+            (one.probe_node, one.scene_node) == (other.probe_node, other.scene_node)
+                && (one.contact.depth - other.contact.depth).abs() <= within
+        })
+}
+
+#[test]
+fn a_tracked_front_finds_what_a_cold_query_does() {
+    let mut rng = StdRng::seed_from_u64(SEED);
+    let (lower, upper) = (shape(Model::LowerJaw, 4000), shape(Model::UpperJaw, 4000));
+    let (ball, torus) = (shape(Model::GolfBall, 4000), shape(Model::Torus, 3000));
+    let (spoon, cup) = (shape(Model::Spoon, 3000), shape(Model::Cup, 3000));
+    let beside = (torus.clod().bounding_radius() + 0.98 * ball.clod().bounding_radius()) * DVec3::X;
+    for (name, probe, scene, at) in [
+        ("jaws", &upper, &lower, DVec3::ZERO),
+        ("ball on torus", &ball, &torus, beside),
+        ("spoon in cup", &spoon, &cup, DVec3::ZERO),
+    ] {
+        let radius = probe.clod().bounding_radius();
+        let mut tracked = ContactQuery::new(probe, scene);
+        let mut cold = ContactQuery::new(probe, scene);
+        // Room for contacts, but hardly any for pairs.
+        let mut cramped = ContactQuery::with_capacity(probe, scene, 1 << 14, 200);
+        let (mut contacts, mut looked_at, mut overflows) = (0, [0, 0], 0);
+        for error in [0.0, 0.004, 0.025] {
+            for (index, pose) in wander(&mut rng, at, radius, 400).iter().enumerate() {
+                // The tolerance changes now and then, and the threshold too.
+                let tolerance = radius * if index / 50 % 3 == 2 { 0.02 } else { 0.01 };
+                let error = error * radius * if index / 70 % 2 == 1 { 1.5 } else { 1.0 };
+                let settings = QuerySettings { error, ..QuerySettings::new(tolerance) };
+                let scene_pose = Pose::IDENTITY;
+                let kept = tracked.run(pose, &scene_pose, &settings);
+                cold.reset();
+                let fresh = cold.run(pose, &scene_pose, &settings);
+                let context =
+                    format!("seed {SEED:#x}, {name}, s₀ {error}, pose {index}: {kept:?}, {fresh:?}");
+                assert!(agree(tracked.contacts(), cold.contacts(), 1e-8 * radius), "{context}");
+                assert!(!kept.overflow && !kept.front_overflow, "{context}");
+                let fixed = QuerySettings { fixed_capacity: true, ..settings };
+                let little = cramped.run(pose, &scene_pose, &fixed);
+                assert!(agree(cramped.contacts(), cold.contacts(), 1e-8 * radius), "{context}: {little:?}");
+                assert!(little.front_high_water <= 200, "{context}: {little:?}");
+                contacts += kept.contacts;
+                looked_at[0] += kept.visited;
+                looked_at[1] += fresh.visited;
+                overflows += usize::from(little.front_overflow);
+            }
+        }
+        assert!(contacts > 1000 && overflows > 100, "{name}: {contacts} contacts, {overflows} overflows");
+        assert!(3 * looked_at[0] < 2 * looked_at[1], "{name}: {looked_at:?} pairs looked at");
+    }
+}
+
+#[test]
+fn the_same_motion_gives_the_same_bits() {
+    let mut rng = StdRng::seed_from_u64(SEED + 1);
+    let (lower, upper) = (shape(Model::LowerJaw, 3000), shape(Model::UpperJaw, 3000));
+    let radius = upper.clod().bounding_radius();
+    let poses = wander(&mut rng, DVec3::ZERO, radius, 200);
+    let settings = QuerySettings { error: 0.01 * radius, ..QuerySettings::new(0.01 * radius) };
+    let run = |query: &mut ContactQuery| {
+        poses
+            .iter()
+            .map(|pose| {
+                let outcome = query.run(pose, &Pose::IDENTITY, &settings);
+                (query.contacts().to_vec(), outcome.visited, outcome.front)
+            })
+            .collect::<Vec<_>>()
+    };
+    let mut query = ContactQuery::new(&upper, &lower);
+    let once = run(&mut query);
+    query.reset();
+    assert!(once == run(&mut query), "seed {:#x}", SEED + 1);
+    assert!(once == run(&mut ContactQuery::new(&upper, &lower)), "seed {:#x}", SEED + 1);
+}
