@@ -36,7 +36,10 @@ struct Arguments {
     /// Poses of each path
     #[arg(long, default_value_t = 240)]
     poses: usize,
-    /// 80 poses, and the small distance grid alone
+    /// A scenario begins no further block of poses after this long
+    #[arg(long, default_value_t = 120.0)]
+    seconds: f64,
+    /// 80 poses, 20 seconds, and the small distance grid alone
     #[arg(long)]
     quick: bool,
     /// What cargo passes to every benchmark
@@ -175,7 +178,7 @@ impl<'a> Row<'a> {
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = Arguments::parse();
     if arguments.quick {
-        arguments.poses = 80;
+        (arguments.poses, arguments.seconds) = (80, 20.0);
     }
     let names = if arguments.scenario.is_empty() {
         scenarios::names().map(str::to_owned).collect()
@@ -212,7 +215,11 @@ fn compare(scenario: &Scenario, arguments: &Arguments) -> Result<(), Box<dyn Err
     }
 
     let mut found = Vec::new();
+    let begun = Instant::now();
     for start in blocks(poses.len(), arguments.poses) {
+        if begun.elapsed().as_secs_f64() > arguments.seconds {
+            break;
+        }
         let block = &poses[start..(start + 1 + BLOCK).min(poses.len())];
         for row in &mut rows {
             row.run(block, *tolerance, &mut found);
@@ -265,11 +272,16 @@ fn short_name(body: &Body) -> &str {
     name.rsplit_once('/').map_or(name, |(_, file)| file)
 }
 
-/// Where blocks of a path begin, one pose before the first that counts: at the middles of equal parts.
+/// Where blocks of a path begin, one pose before the first that counts: at the middles of equal parts, and in such an
+/// order that the first few are spread over the path.
 fn blocks(path: usize, poses: usize) -> impl Iterator<Item = usize> {
+    const GOLDEN: f64 = 0.618_033_988_749_894_9;
     let all = path.saturating_sub(1) / BLOCK;
     let chosen = poses.div_ceil(BLOCK).clamp(1, all.max(1));
-    (0..chosen).map(move |block| (2 * block + 1) * all / (2 * chosen) * BLOCK)
+    let mut order: Vec<usize> = (0..chosen).collect();
+    let key = |block: usize| (GOLDEN * (block as f64 - (chosen / 2) as f64)).rem_euclid(1.0);
+    order.sort_by(|a, b| key(*a).total_cmp(&key(*b)));
+    order.into_iter().map(move |block| (2 * block + 1) * all / (2 * chosen) * BLOCK)
 }
 
 /// The distance grid of a body, kept in the target folder.
