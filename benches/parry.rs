@@ -1,0 +1,170 @@
+//! What parry3d (f64) offers for the contacts between two meshes: its contact manifolds, and all pairs of triangles
+//! within the tolerance by a walk of both of its bounding volume hierarchies.
+//!
+//! Some of parry's tolerances are absolute (a manifold is kept while its points move by less than 1e-3): lengths are
+//! scaled here so that the probe's radius is [`RADIUS`].
+
+use palpate::glam::DVec3;
+use palpate::{Contact, Pose};
+use palpate_benches::scenarios::{Body, Scenario};
+use parry3d_f64::math::{Matrix, Pose as Isometry, Rotation, Vector};
+use parry3d_f64::partitioning::BvhNode;
+use parry3d_f64::query::details::{ContactManifoldsWorkspace, contact_support_map_support_map};
+use parry3d_f64::query::{
+    self, ContactManifold, DefaultQueryDispatcher, PersistentQueryDispatcher as _, PointQuery as _,
+};
+use parry3d_f64::shape::{TriMesh, TriMeshBuilderError, TriMeshFlags};
+
+/// The probe's radius in parry.
+const RADIUS: f64 = 100.0;
+
+/// A probe and a scene object as parry's meshes.
+struct ParryPair {
+    probe: TriMesh,
+    scene: TriMesh,
+    /// Parry's lengths per metre.
+    scale: f64,
+    tolerance: f64,
+}
+
+impl ParryPair {
+    fn new(scenario: &Scenario, flags: TriMeshFlags) -> Result<Self, TriMeshBuilderError> {
+        let scale = RADIUS / scenario.probe.object.bounding_radius();
+        let mesh = |body: &Body| mesh(body, scale, flags);
+        Ok(Self {
+            probe: mesh(&scenario.probe)?,
+            scene: mesh(&scenario.scene)?,
+            scale,
+            tolerance: scale * scenario.tolerance,
+        })
+    }
+
+    /// Bytes of memory that both meshes hold.
+    fn bytes(&self) -> usize {
+        self.probe.total_memory_size() + self.scene.total_memory_size()
+    }
+
+    /// The scene object's pose in the probe's frame.
+    fn scene_in_probe(&self, pose: &Pose) -> Isometry {
+        let rotation = Rotation::from_array(pose.rotation.to_array());
+        Isometry::from_parts(vector(pose.translation, self.scale), rotation).inverse()
+    }
+
+    /// A contact in the probe's frame, in scene axes.
+    fn placed(&self, point: Vector, normal: Vector, distance: f64, pose: &Pose) -> Contact {
+        let point = pose.transform_point(DVec3::from_array(point.to_array()) / self.scale);
+        let normal = pose.transform_vector(DVec3::from_array(normal.to_array()));
+        let depth = -distance / self.scale;
+        Contact { point, scene_point: point - depth * normal, normal, depth }
+    }
+}
+
+/// Contact manifolds of oriented meshes, their normals kept to what the neighbouring triangles allow. They are kept from
+/// query to query, as parry has it.
+pub struct Manifolds {
+    pair: ParryPair,
+    manifolds: Vec<ContactManifold<(), ()>>,
+    workspace: Option<ContactManifoldsWorkspace>,
+}
+
+impl Manifolds {
+    pub fn new(scenario: &Scenario) -> Result<Self, TriMeshBuilderError> {
+        let pair = ParryPair::new(scenario, TriMeshFlags::ORIENTED | TriMeshFlags::FIX_INTERNAL_EDGES)?;
+        Ok(Self { pair, manifolds: Vec::new(), workspace: None })
+    }
+
+    /// Bytes of memory that both meshes hold; what the manifolds take is not told.
+    pub fn bytes(&self) -> usize {
+        self.pair.bytes()
+    }
+
+    pub fn run(&mut self, pose: &Pose) {
+        let ParryPair { probe, scene, tolerance, .. } = &self.pair;
+        let found = DefaultQueryDispatcher.contact_manifolds(
+            &self.pair.scene_in_probe(pose),
+            probe,
+            scene,
+            *tolerance,
+            &mut self.manifolds,
+            &mut self.workspace,
+        );
+        assert!(found.is_ok(), "parry has manifolds between meshes");
+    }
+
+    /// The manifolds' points within the tolerance.
+    pub fn contacts(&self, pose: &Pose) -> impl Iterator<Item = Contact> {
+        self.manifolds.iter().flat_map(move |manifold| {
+            let within = manifold.points.iter().filter(|point| point.dist < self.pair.tolerance);
+            within.map(move |point| self.pair.placed(point.local_p1, manifold.local_n1, point.dist, pose))
+        })
+    }
+}
+
+/// All pairs of triangles within the tolerance, each with its contact by GJK and EPA.
+pub struct TrianglePairs {
+    pair: ParryPair,
+    found: Vec<query::Contact>,
+}
+
+impl TrianglePairs {
+    pub fn new(scenario: &Scenario) -> Result<Self, TriMeshBuilderError> {
+        Ok(Self { pair: ParryPair::new(scenario, TriMeshFlags::empty())?, found: Vec::new() })
+    }
+
+    /// Bytes of memory held.
+    pub fn bytes(&self) -> usize {
+        self.pair.bytes() + self.found.capacity() * size_of::<query::Contact>()
+    }
+
+    pub fn run(&mut self, pose: &Pose) {
+        self.found.clear();
+        let ParryPair { probe, scene, tolerance, .. } = &self.pair;
+        let placement = self.pair.scene_in_probe(pose);
+        let rotation = Matrix::from_quat(placement.rotation);
+        let back = rotation.transpose();
+        let (extent, extent_back) = (rotation.abs(), back.abs());
+        // Boxes are apart by more than the tolerance along an axis of one of them.
+        let near = |a: &BvhNode, b: &BvhNode| {
+            let (size_a, size_b) = (a.maxs() - a.mins(), b.maxs() - b.mins());
+            let between = placement * b.center() - a.center();
+            let reach_a = (size_a + extent * size_b) * 0.5 + *tolerance;
+            let reach_b = (size_b + extent_back * size_a) * 0.5 + *tolerance;
+            between.abs().cmple(reach_a).all() && (back * between).abs().cmple(reach_b).all()
+        };
+        for (a, b) in probe.bvh().leaf_pairs(scene.bvh(), near) {
+            let (a, b) = (probe.triangle(a), scene.triangle(b));
+            self.found.extend(contact_support_map_support_map(&placement, &a, &b, *tolerance));
+        }
+    }
+
+    pub fn contacts(&self, pose: &Pose) -> impl Iterator<Item = Contact> {
+        self.found.iter().map(|contact| self.pair.placed(contact.point1, contact.normal1, contact.dist, pose))
+    }
+}
+
+/// The signed distance of points from a body, by parry's projection and pseudo-normals.
+pub struct SignedDistance {
+    mesh: TriMesh,
+    scale: f64,
+}
+
+impl SignedDistance {
+    pub fn new(body: &Body) -> Result<Self, TriMeshBuilderError> {
+        let scale = RADIUS / body.object.bounding_radius();
+        Ok(Self { mesh: mesh(body, scale, TriMeshFlags::ORIENTED)?, scale })
+    }
+
+    /// At a point of the body's frame, m; negative inside.
+    pub fn at(&self, point: DVec3) -> f64 {
+        self.mesh.distance_to_local_point(vector(point, self.scale), false) / self.scale
+    }
+}
+
+fn mesh(body: &Body, scale: f64, flags: TriMeshFlags) -> Result<TriMesh, TriMeshBuilderError> {
+    let vertices = body.mesh.vertices().iter().map(|vertex| vector(*vertex, scale)).collect();
+    TriMesh::with_flags(vertices, body.mesh.triangles().to_vec(), flags)
+}
+
+fn vector(v: DVec3, scale: f64) -> Vector {
+    Vector::from_array((v * scale).to_array())
+}

@@ -1,0 +1,361 @@
+//! Pairs of a probe and a scene object with paths of the probe at 1 kHz, on which contact queries are compared.
+//!
+//! A path is recorded, or generated: the probe moves along a direction until it touches, slides along a small closed
+//! loop in light penetration ([`LIGHT`] of its radius), and leaves the way it came. At each of [`STATIONS`] on the
+//! loop the depth is found by moving along the direction until the contact query at full resolution reports it; a
+//! smooth curve runs through the poses found.
+
+use std::error::Error;
+use std::f64::consts::TAU;
+use std::path::{Path, PathBuf};
+
+use palpate::clod_build::unwatched;
+use palpate::device::{Interpolation, Keyframe, MotionPath};
+use palpate::glam::{DQuat, DVec3};
+use palpate::{Object, OpenOptions, Pose, TriMesh, open_mesh};
+
+use crate::engine::EngineQuery;
+
+/// d as a fraction of the probe's radius.
+pub const TOLERANCE: f64 = 0.01;
+/// Depth of generated paths, likewise.
+const LIGHT: f64 = 0.002;
+/// How far the depth at a station may be off, likewise.
+const LIGHT_ERROR: f64 = 1e-4;
+/// How far from the first contact generated paths begin, likewise.
+const CLEARANCE: f64 = 0.05;
+/// Poses on the loop whose depth is found.
+const STATIONS: usize = 32;
+/// Poses of a generated path, at 1 kHz: an approach, the loop and the way back.
+const POSES: usize = 1000;
+const APPROACH: f64 = 0.2;
+const LOOP: f64 = 0.6;
+
+/// A probe, a scene object that stands at the origin, and a path of the probe.
+#[derive(Clone, Debug)]
+pub struct Scenario {
+    /// By which it is chosen.
+    pub name: &'static str,
+    /// The object that moves.
+    pub probe: Body,
+    /// The object that does not.
+    pub scene: Body,
+    /// Poses of the probe, 1 ms apart.
+    pub poses: Vec<Pose>,
+    /// d: surfaces closer than this are in contact, m.
+    pub tolerance: f64,
+}
+
+/// An object with the mesh that it was made from.
+#[derive(Clone, Debug)]
+pub struct Body {
+    /// With its hierarchy, from the user's cache where it was built before.
+    pub object: Object,
+    /// The mesh, exactly welded, m.
+    pub mesh: TriMesh,
+}
+
+/// What a scenario is made from: built-in models, or files of the optional test data (`shared` beside the repository).
+struct Entry {
+    name: &'static str,
+    probe: &'static str,
+    scene: &'static str,
+    motion: Motion,
+}
+
+enum Motion {
+    /// A trajectory file.
+    Recorded(&'static str),
+    Sliding(Sliding),
+}
+
+/// How a probe slides over an object.
+#[derive(Clone, Copy)]
+struct Sliding {
+    /// Where the probe's origin starts, m; `None` for clear of the scene object, the bounding spheres' centres in line.
+    start: Option<DVec3>,
+    /// Moves along this until it touches.
+    direction: DVec3,
+    /// Largest shift across the direction, as a fraction of the probe's radius.
+    shift: f64,
+    /// Largest rotation vector, rad.
+    turn: DVec3,
+    /// About this point of the probe, m; `None` for its bounding sphere's centre.
+    pivot: Option<DVec3>,
+}
+
+impl Sliding {
+    const DOWN: Self = Self {
+        start: None,
+        direction: DVec3::NEG_Z,
+        shift: 0.02,
+        turn: DVec3::new(0.01, 0.01, 0.03),
+        pivot: None,
+    };
+}
+
+const SCENARIOS: [Entry; 12] = [
+    Entry {
+        name: "ellipsoid",
+        probe: "ellipsoid",
+        scene: "golf-ball",
+        motion: Motion::Sliding(Sliding { shift: 0.3, turn: DVec3::splat(0.2), ..Sliding::DOWN }),
+    },
+    Entry {
+        name: "spoon-cup",
+        probe: "models/scenarios/spoon.obj",
+        scene: "models/scenarios/cup.obj",
+        motion: Motion::Recorded("trajectories/spooncup.csv"),
+    },
+    Entry {
+        name: "golf",
+        probe: "golf-club",
+        scene: "golf-ball",
+        motion: Motion::Sliding(Sliding {
+            start: Some(DVec3::new(-0.03, 0.0, 0.005)),
+            direction: DVec3::X,
+            ..Sliding::DOWN
+        }),
+    },
+    Entry {
+        name: "jaws",
+        probe: "models/scenarios/jaw_lower.obj",
+        scene: "models/scenarios/jaw_upper.obj",
+        motion: Motion::Recorded("trajectories/jaws.csv"),
+    },
+    Entry {
+        name: "ball-joint",
+        probe: "ball-joint-ball",
+        scene: "ball-joint-socket",
+        motion: Motion::Sliding(Sliding {
+            start: Some(DVec3::ZERO),
+            direction: DVec3::X,
+            shift: 0.0,
+            turn: DVec3::new(0.1, 0.1, 0.05),
+            pivot: Some(DVec3::ZERO),
+        }),
+    },
+    Entry {
+        name: "built-in-jaws",
+        probe: "upper-jaw",
+        scene: "lower-jaw",
+        motion: Motion::Recorded("assets/trajectories/jaws.csv"),
+    },
+    Entry {
+        name: "built-in-spoon-cup",
+        probe: "spoon",
+        scene: "cup",
+        motion: Motion::Sliding(Sliding::DOWN),
+    },
+    Entry {
+        name: "dental-casts",
+        probe: "models/good/dental_cast_upper.obj",
+        scene: "models/good/dental_cast_lower.obj",
+        motion: Motion::Sliding(Sliding { start: Some(DVec3::new(0.0, 0.0, 0.003)), ..Sliding::DOWN }),
+    },
+    Entry {
+        name: "peg-hole",
+        probe: "models/good/peg_8mm.obj",
+        scene: "models/good/hole_8mm.obj",
+        motion: Motion::Sliding(Sliding {
+            start: Some(DVec3::ZERO),
+            direction: DVec3::X,
+            turn: DVec3::new(0.0, 0.0, 0.1),
+            ..Sliding::DOWN
+        }),
+    },
+    Entry {
+        name: "nut-bolt",
+        probe: "models/good/nut_m16.obj",
+        scene: "models/good/bolt_m16.obj",
+        motion: Motion::Sliding(Sliding {
+            start: Some(DVec3::new(0.0, 0.0, 0.002)),
+            shift: 0.001,
+            turn: DVec3::new(0.0, 0.0, 0.1),
+            ..Sliding::DOWN
+        }),
+    },
+    Entry {
+        name: "gears",
+        probe: "models/good/gear_medium.obj",
+        scene: "models/good/gear_large.obj",
+        motion: Motion::Sliding(Sliding {
+            start: Some(DVec3::ZERO),
+            direction: DVec3::Y,
+            shift: 0.005,
+            turn: DVec3::new(0.0, 0.0, 0.01),
+            ..Sliding::DOWN
+        }),
+    },
+    Entry {
+        name: "spoon-mug",
+        probe: "models/good/ycb_spoon.obj",
+        scene: "models/good/ycb_mug.obj",
+        motion: Motion::Sliding(Sliding::DOWN),
+    },
+];
+
+/// The names of all scenarios.
+pub fn names() -> impl Iterator<Item = &'static str> {
+    SCENARIOS.iter().map(|entry| entry.name)
+}
+
+/// Loads a scenario; `None` when its files, which are optional test data, are absent.
+///
+/// # Errors
+/// If there is no such scenario, one of its files is refused, or the generated path finds no contact.
+pub fn open(name: &str) -> Result<Option<Scenario>, Box<dyn Error>> {
+    let Some(entry) = SCENARIOS.iter().find(|entry| entry.name == name) else {
+        let known: Vec<&str> = names().collect();
+        return Err(format!("no scenario is called '{name}'; the names are: {}", known.join(" ")).into());
+    };
+    let (Some(probe), Some(scene)) = (body(entry.probe)?, body(entry.scene)?) else {
+        return Ok(None);
+    };
+    let poses = match &entry.motion {
+        Motion::Sliding(sliding) => sliding.path(&probe, &scene)?,
+        Motion::Recorded(file) => {
+            let file = data_file(file);
+            if !file.exists() {
+                return Ok(None);
+            }
+            let path = MotionPath::load(&file, Interpolation::Linear)?;
+            path.keyframes().iter().map(|keyframe| keyframe.pose).collect()
+        }
+    };
+    let tolerance = TOLERANCE * probe.object.bounding_radius();
+    Ok(Some(Scenario { name: entry.name, probe, scene, poses, tolerance }))
+}
+
+/// Where a file is: one of the repository's `assets`, or else one of the optional test data.
+fn data_file(file: &str) -> PathBuf {
+    let folder = if file.starts_with("assets/") { "/.." } else { "/../../shared" };
+    Path::new(&[env!("CARGO_MANIFEST_DIR"), folder].concat()).join(file)
+}
+
+/// A built-in model or, if it names a file, one of the optional test data.
+fn body(name: &str) -> Result<Option<Body>, Box<dyn Error>> {
+    let file = data_file(name);
+    let argument = if name.contains('/') {
+        if !file.exists() {
+            return Ok(None);
+        }
+        file.to_str().ok_or("the repository's path is not Unicode")?
+    } else {
+        name
+    };
+    let options = OpenOptions::default();
+    let mesh = open_mesh(argument, &options)?.mesh;
+    let (object, _) = Object::open(argument, &options, &mut unwatched)?;
+    Ok(Some(Body { object, mesh }))
+}
+
+impl Sliding {
+    /// Poses 1 ms apart.
+    fn path(&self, probe: &Body, scene: &Body) -> Result<Vec<Pose>, Box<dyn Error>> {
+        let radius = probe.object.bounding_radius();
+        let (own, other) = (probe.mesh.bounding_sphere(), scene.mesh.bounding_sphere());
+        let apart = own.radius + other.radius;
+        let start = self.start.unwrap_or(other.center - own.center - self.direction * apart);
+        let (across, along) = self.direction.any_orthonormal_pair();
+        let pivot = self.pivot.unwrap_or(own.center);
+        let pose = |phase: f64, advance: f64| {
+            let (sine, cosine) = (TAU * phase).sin_cos();
+            let rotation = DQuat::from_scaled_axis(self.turn * sine);
+            let shift = self.shift * radius * (across * sine + along * (1.0 - cosine) / 2.0);
+            Pose::new(start + pivot - rotation * pivot + shift + self.direction * advance, rotation)
+        };
+
+        let mut press = Press {
+            query: EngineQuery::new(&probe.object, &scene.object, 2.0 * LIGHT * radius),
+            radius,
+            farthest: 2.0 * apart,
+        };
+        let mut advances = Vec::with_capacity(STATIONS);
+        for station in 0..STATIONS {
+            let phase = station as f64 / STATIONS as f64;
+            let guess = advances.last().copied().unwrap_or(0.0);
+            advances.push(press.advance(|advance| pose(phase, advance), guess)?);
+        }
+        let first = advances[0];
+        let clear = (first - CLEARANCE * radius).max(0.0);
+        let mut keyframes = vec![Keyframe { time: 0.0, pose: pose(0.0, clear) }];
+        keyframes.extend((0..=STATIONS).map(|station| {
+            let phase = station as f64 / STATIONS as f64;
+            Keyframe { time: APPROACH + LOOP * phase, pose: pose(phase, advances[station % STATIONS]) }
+        }));
+        keyframes.push(Keyframe { time: 2.0 * APPROACH + LOOP, pose: pose(0.0, clear) });
+        let path = MotionPath::new(keyframes, Interpolation::Smooth)?;
+        Ok((0..POSES).map(|step| path.at(1e-3 * step as f64).pose).collect())
+    }
+}
+
+/// Finds how far a probe has to move along a line to be in light penetration.
+struct Press {
+    query: EngineQuery,
+    radius: f64,
+    farthest: f64,
+}
+
+impl Press {
+    /// The advance, near a first guess, at which the depth is [`LIGHT`]; the probe comes from before it.
+    fn advance(&mut self, pose: impl Fn(f64) -> Pose, guess: f64) -> Result<f64, Box<dyn Error>> {
+        let light = LIGHT * self.radius;
+        // No step leads through a surface that was out of reach before it.
+        let step = light;
+        let mut above = guess;
+        while self.is_deep(&pose(above)) {
+            above -= step;
+            if above < -self.farthest {
+                return Err("the probe does not come clear of the scene object".into());
+            }
+        }
+        let mut below = above + step;
+        while !self.is_deep(&pose(below)) {
+            (above, below) = (below, below + step);
+            if below > self.farthest {
+                return Err("the probe does not meet the scene object".into());
+            }
+        }
+        while below - above > LIGHT_ERROR * self.radius {
+            let middle = f64::midpoint(above, below);
+            if self.is_deep(&pose(middle)) {
+                below = middle;
+            } else {
+                above = middle;
+            }
+        }
+        Ok(above)
+    }
+
+    fn is_deep(&mut self, pose: &Pose) -> bool {
+        self.query.run(pose).deepest.is_some_and(|depth| depth >= LIGHT * self.radius)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_generated_path_touches_lightly_and_leaves() {
+        let body = |name: &str| -> Result<Body, Box<dyn Error>> {
+            let mesh = open_mesh(name, &OpenOptions::default())?.mesh;
+            Ok(Body { object: Object::from_mesh(name, &mesh)?, mesh })
+        };
+        let (probe, scene) =
+            (body("ellipsoid@500").expect("a model"), body("golf-ball@5000").expect("a model"));
+        let sliding = Sliding { shift: 0.3, turn: DVec3::splat(0.2), ..Sliding::DOWN };
+        let poses = sliding.path(&probe, &scene).expect("they meet");
+        assert_eq!(poses.len(), POSES);
+        let radius = probe.object.bounding_radius();
+        let mut query = EngineQuery::new(&probe.object, &scene.object, TOLERANCE * radius);
+        let mut depths = poses.iter().map(|pose| query.run(pose).deepest);
+        assert_eq!(depths.next(), Some(None), "clear at first");
+        let contacts: Vec<f64> = depths.by_ref().take(800).flatten().collect();
+        assert!(contacts.len() > 600, "{} poses in contact", contacts.len());
+        let deepest = contacts.iter().copied().fold(0.0, f64::max);
+        assert!((0.9 * LIGHT..3.0 * LIGHT).contains(&(deepest / radius)), "{deepest} of {radius}");
+        assert_eq!(depths.last(), Some(None), "clear at last");
+    }
+}
