@@ -41,7 +41,7 @@ fn jaws(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("contact_query");
     group.throughput(Throughput::Elements(poses.len() as u64)).sample_size(10);
     let mut query = ContactQuery::new(probe.shape(), scene.shape());
-    let coarse = QuerySettings { error: ERROR * probe.bounding_radius(), ..settings };
+    let coarse = QuerySettings { error: (ERROR * probe.bounding_radius()).into(), ..settings };
     for (name, settings) in [("jaws", &settings), ("jaws/2.5%", &coarse)] {
         group.bench_function(name, |bencher| {
             bencher.iter(|| {

@@ -154,8 +154,8 @@ fn touches(clod: &Clod, sound: &Clod) -> bool {
     let radius = sound.bounding_radius();
     let most = clod.nodes.len() * sound.nodes.len();
     // At full resolution, and with some error.
-    let settings =
-        [0.0, 0.02].map(|e| QuerySettings { error: e * radius, ..QuerySettings::new(0.02 * radius) });
+    let settings = [0.0, 0.02]
+        .map(|e| QuerySettings { error: (e * radius).into(), ..QuerySettings::new(0.02 * radius) });
     let mut found = false;
     let mut ask = |probe: &Clod, scene: &Clod, poses: &[Pose; 2]| {
         let mut query =

@@ -223,7 +223,7 @@ fn depths_by_patches(
         triangles.map(|corners| corners.map(|p| p.to_array().map(f64::to_bits))).min().expect("a triangle")
     };
     let mut found: BTreeMap<_, Vec<f64>> = BTreeMap::new();
-    for PatchContact { contact, probe_node, scene_node } in query.contacts() {
+    for PatchContact { contact, probe_node, scene_node, .. } in query.contacts() {
         let patches = [name(probe, *probe_node), name(scene, *scene_node)];
         found.entry(patches).or_default().push(contact.depth);
     }

@@ -76,7 +76,7 @@ fn a_tracked_front_finds_what_a_cold_query_does() {
                 // The tolerance changes now and then, and the threshold too.
                 let tolerance = radius * if index / 50 % 3 == 2 { 0.02 } else { 0.01 };
                 let error = error * radius * if index / 70 % 2 == 1 { 1.5 } else { 1.0 };
-                let settings = QuerySettings { error, ..QuerySettings::new(tolerance) };
+                let settings = QuerySettings { error: error.into(), ..QuerySettings::new(tolerance) };
                 let scene_pose = Pose::IDENTITY;
                 let kept = tracked.run(pose, &scene_pose, &settings);
                 cold.reset();
@@ -106,7 +106,7 @@ fn the_same_motion_gives_the_same_bits() {
     let (lower, upper) = (shape(Model::LowerJaw, 3000), shape(Model::UpperJaw, 3000));
     let radius = upper.clod().bounding_radius();
     let poses = wander(&mut rng, DVec3::ZERO, radius, 200);
-    let settings = QuerySettings { error: 0.01 * radius, ..QuerySettings::new(0.01 * radius) };
+    let settings = QuerySettings { error: (0.01 * radius).into(), ..QuerySettings::new(0.01 * radius) };
     let run = |query: &mut ContactQuery| {
         poses
             .iter()

@@ -2,8 +2,11 @@
 
 use palpate::Pose;
 use palpate::clod_build::{BuildOptions, build, unwatched};
-use palpate::collide::{ContactQuery, QueryOutcome, QuerySettings, Shape};
+use palpate::collide::{
+    Budget, ContactQuery, ErrorMetrics, QueryOutcome, QuerySettings, Shape, VelocityMetric, ViewMetric,
+};
 use palpate::core::Clod;
+use palpate::core::Twist;
 use palpate::glam::{DQuat, DVec3};
 use palpate::models::Model;
 
@@ -30,7 +33,7 @@ fn scenes() -> Vec<(&'static str, Clod, Clod, Vec<Pose>)> {
 
 fn settings(probe: &Clod, error: f64) -> QuerySettings {
     let radius = probe.bounding_radius();
-    QuerySettings { error: error * radius, ..QuerySettings::new(0.01 * radius) }
+    QuerySettings { error: (error * radius).into(), ..QuerySettings::new(0.01 * radius) }
 }
 
 /// With an error that only patches keep below that are the mesh's own, the surfaces are the full mesh's, descended in
@@ -84,16 +87,16 @@ fn contacts_are_true_to_within_the_deviation_of_their_levels() {
     }
 }
 
-/// The larger the error, the coarser the levels that contacts come from, and the fewer pairs are visited for them.
+/// The larger the error, the coarser the levels that contacts come from, and the smaller the front.
 #[test]
 fn larger_errors_cost_less() {
     for (name, probe, scene, poses) in scenes() {
         let mut query = ContactQuery::new(&Shape::new(probe.clone()), &Shape::new(scene.clone()));
         let mut cost = |error: f64| {
-            let (mut visited, mut triangles, mut contacts) = (0, 0, 0);
+            let (mut front, mut triangles, mut contacts) = (0, 0, 0);
             for pose in &poses {
                 let outcome = query.run(pose, &Pose::IDENTITY, &settings(&probe, error));
-                visited += outcome.visited;
+                front += outcome.front;
                 contacts += outcome.contacts;
                 triangles += query
                     .contacts()
@@ -103,13 +106,126 @@ fn larger_errors_cost_less() {
                     })
                     .sum::<usize>();
             }
-            (visited, triangles / contacts.max(1))
+            (front, triangles / contacts.max(1))
         };
         let exact = cost(0.0);
-        let costs = [0.004, 0.025, 0.1].map(&mut cost);
+        let costs = [0.025, 0.1, 0.5].map(&mut cost);
         assert!(costs.windows(2).all(|w| w[1].0 <= w[0].0 && w[1].1 <= w[0].1), "{name}: {costs:?}");
         assert!(2 * costs[2].0 < exact.0 && 2 * costs[2].1 < exact.1, "{name}: {costs:?} {exact:?}");
     }
+}
+
+/// Faster motion and a camera further away leave out more, and at rest nothing is left out (§3.4.3).
+#[test]
+fn what_is_fast_or_far_from_the_camera_is_coarse() {
+    for (name, probe, scene, poses) in scenes() {
+        let mut query = ContactQuery::new(&Shape::new(probe.clone()), &Shape::new(scene.clone()));
+        let radius = probe.bounding_radius();
+        let mut triangles = |error: ErrorMetrics| {
+            let settings = QuerySettings { error, ..QuerySettings::new(0.01 * radius) };
+            let (mut triangles, mut contacts) = (0, 0);
+            for pose in &poses {
+                assert!(!query.run(pose, &Pose::IDENTITY, &settings).refused);
+                contacts += query.contacts().len();
+                let level = |c: u32| &probe.levels[probe.nodes[c as usize].level as usize];
+                triangles +=
+                    query.contacts().iter().map(|c| level(c.probe_node).triangles as usize).sum::<usize>();
+            }
+            triangles / contacts.max(1)
+        };
+        let at_speed = |speed: f64| ErrorMetrics {
+            velocity: Some(VelocityMetric {
+                time: 0.01,
+                twist: Twist::new(speed * radius * DVec3::X, DVec3::ZERO),
+            }),
+            ..ErrorMetrics::EXACT
+        };
+        let from = |distance: f64| ErrorMetrics {
+            view: Some(ViewMetric {
+                pixels: 1.0,
+                camera: distance * radius * DVec3::Z,
+                near: 0.1,
+                frustum: 0.1,
+                image: 1000.0,
+            }),
+            ..ErrorMetrics::EXACT
+        };
+        let exact = triangles(ErrorMetrics::EXACT);
+        let speeds = [0.0, 2.5, 10.0, 50.0].map(|speed| triangles(at_speed(speed)));
+        assert!(speeds.windows(2).all(|w| w[1] <= w[0]), "{name}: {speeds:?}");
+        // Patches that are flat are not refined: nothing is missing from them.
+        assert!(10 * speeds[0] > 9 * exact && 2 * speeds[3] < exact, "{name}: {speeds:?} of {exact}");
+        let distances = [25.0, 100.0, 500.0].map(|distance| triangles(from(distance)));
+        assert!(distances.windows(2).all(|w| w[1] <= w[0]), "{name}: {distances:?}");
+        assert!(2 * distances[2] < exact, "{name}: {distances:?} of {exact}");
+    }
+}
+
+/// A budget that is large enough changes nothing; a small one is kept, says so, and still finds where objects touch.
+#[test]
+fn a_time_critical_query_keeps_its_budget() {
+    for (name, probe, scene, poses) in scenes() {
+        let shapes = [Shape::new(probe.clone()), Shape::new(scene.clone())];
+        let [mut free, mut bound, mut large] = [(); 3].map(|()| ContactQuery::new(&shapes[0], &shapes[1]));
+        let (mut kept, mut touching, mut met) = (0, 0, 0);
+        for pose in &poses {
+            let settings = settings(&probe, 0.004);
+            let all = free.run(pose, &Pose::IDENTITY, &settings);
+            let much = QuerySettings { budget: Some(Budget::Queries(1_000_000)), ..settings };
+            let same = large.run(pose, &Pose::IDENTITY, &much);
+            assert!(!same.out_of_budget && same.contacts == all.contacts, "{name}: {same:?} {all:?}");
+            assert_eq!(same.deepest.is_some(), all.deepest.is_some());
+            // The descent through the free levels, and contacts decided by triangles, come on top.
+            let little = QuerySettings { budget: Some(Budget::Queries(400)), ..settings };
+            bound.reset();
+            let some = bound.run(pose, &Pose::IDENTITY, &little);
+            if some.out_of_budget {
+                assert!(some.worst_deviation > 1.0, "{name}: {some:?}");
+                kept += usize::from(some.convex_queries <= 440);
+                touching += usize::from(all.contacts > 0);
+                met += usize::from(all.contacts > 0 && some.contacts > 0);
+            }
+        }
+        assert!(kept >= 5 && touching >= 3, "{name}: {kept} within the budget, {touching} touching");
+        assert!(10 * met >= 8 * touching, "{name}: {met} of {touching}");
+    }
+}
+
+/// With interpolation (§3.4.4) the force of a probe that slides in tiny steps changes by a small multiple of the
+/// stiffness times the step; without, it jumps where the level of detail is switched.
+#[test]
+fn interpolated_forces_do_not_jump_at_level_switches() {
+    let (probe, scene) = (hierarchy(Model::Ellipsoid, 2000), hierarchy(Model::GolfBall, 20_000));
+    let radius = probe.bounding_radius();
+    let shapes = [Shape::new(probe.clone()), Shape::new(scene.clone())];
+    let d = 0.01 * radius;
+    let step = 1e-5 * radius;
+    let largest_change = |interpolate: bool| {
+        let mut query = ContactQuery::new(&shapes[0], &shapes[1]);
+        let settings = QuerySettings { interpolate, ..settings(&probe, 0.025) };
+        let mut height = radius + scene.bounding_radius() + 2.0 * d;
+        let pose = |height: f64, along: f64| Pose::from_translation(DVec3::new(height, along, 0.0));
+        while query.run(&pose(height, 0.0), &Pose::IDENTITY, &settings).deepest.unwrap_or(-1.0) < -0.3 * d {
+            height -= 0.1 * d;
+        }
+        // Force over stiffness, m: Σ w (δ + d) n.
+        let mut force = |along: f64| {
+            query.run(&pose(height, along), &Pose::IDENTITY, &settings);
+            let found = query.contacts().iter();
+            found.map(|c| c.contact.normal * (c.weight * (c.contact.depth + d).max(0.0))).sum::<DVec3>()
+        };
+        let mut last = force(0.0);
+        let mut largest: f64 = 0.0;
+        for index in 1..4000 {
+            let now = force(f64::from(index) * step);
+            largest = largest.max(now.distance(last) / step);
+            last = now;
+        }
+        largest
+    };
+    let (smooth, switched) = (largest_change(true), largest_change(false));
+    assert!(smooth < 6.0, "{smooth}");
+    assert!(switched > 50.0, "the path goes through level switches: {switched}");
 }
 
 #[test]
@@ -120,7 +236,7 @@ fn errors_that_are_no_lengths_are_refused() {
         ContactQuery::new(&torus, &torus)
     };
     for error in [f64::NAN, f64::INFINITY, -1e-3] {
-        let asked = QuerySettings { error, ..QuerySettings::new(0.01) };
+        let asked = QuerySettings { error: error.into(), ..QuerySettings::new(0.01) };
         let outcome: QueryOutcome = query.run(&Pose::IDENTITY, &Pose::IDENTITY, &asked);
         assert!(outcome.refused && query.contacts().is_empty(), "{error}");
     }

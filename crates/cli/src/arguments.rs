@@ -161,6 +161,12 @@ pub struct QueryArguments {
     /// Report contacts at full resolution
     #[arg(long)]
     pub exact: bool,
+    /// Go over smoothly from contacts at one resolution to those at the next
+    #[arg(long, conflicts_with = "exact")]
+    pub interpolate: bool,
+    /// Time-critical: refine most needed detail first, and stop after about this many microseconds
+    #[arg(long, value_name = "N", conflicts_with = "exact", value_parser = clap::value_parser!(u64).range(1..))]
+    pub budget_us: Option<u64>,
     /// Start every query from the root, rather than from the last one's front
     #[arg(long)]
     pub cold: bool,

@@ -1,9 +1,9 @@
 //! `palpate query`: replays a trajectory of the probe and times each contact query.
 
 use std::path::Path;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use palpate::collide::{Clustering, ContactQuery, PatchContact, QuerySettings};
+use palpate::collide::{Budget, Clustering, ContactQuery, PatchContact, QuerySettings};
 use palpate::device::{Interpolation, MotionPath};
 use palpate::{Object, Pose, Wrench};
 use serde::Serialize;
@@ -60,7 +60,12 @@ pub fn run(arguments: &QueryArguments) -> Result<(), Failure> {
     let probe = progress::open(&arguments.probe, &options)?;
     let scene = progress::open(&arguments.scene, &options)?;
     let error = arguments.error.map_or(0.0, |error| error.metres(probe.bounding_radius()));
-    let settings = QuerySettings { error, ..QuerySettings::new(tolerance(arguments, &probe)?) };
+    let settings = QuerySettings {
+        error: error.into(),
+        interpolate: arguments.interpolate,
+        budget: arguments.budget_us.map(|us| Budget::Time(Duration::from_micros(us))),
+        ..QuerySettings::new(tolerance(arguments, &probe)?)
+    };
     let mut contacts_file = match &arguments.contacts {
         None => None,
         Some(path) => Some((path, contacts_writer(path)?)),
@@ -174,7 +179,7 @@ fn write_contacts(
     probe: &Object,
     scene: &Object,
 ) -> csv::Result<()> {
-    for PatchContact { contact, probe_node, scene_node } in contacts {
+    for PatchContact { contact, probe_node, scene_node, .. } in contacts {
         let (p, n) = (contact.point, contact.normal);
         for number in [time, p.x, p.y, p.z, n.x, n.y, n.z, contact.depth] {
             file.write_field(number.to_string())?;

@@ -14,6 +14,8 @@
 //!   others have crowded out) is dropped: its formulas are 0/0.
 //! - A cluster whose weights are all 0 (every δ = −d) takes the plain mean, and one whose normals cancel the normal of
 //!   its deepest contact. A weight that is negative by rounding counts as 0.
+//! - Contacts of which only a part counts ([`PatchContact::weight`]) weigh that much less, and a cluster whose contacts
+//!   make up less than one has that part of δ + d, so that contacts that come in or go out by their weight do so smoothly.
 //! - Clusters come out by decreasing δ, as Alg. 5.4.1 wants them in. Removing those of small δ first (Alg. 5.4.2) never
 //!   applies: with n > K there are never more old clusters than new, and with fewer contacts no seeds are needed.
 //!
@@ -105,11 +107,10 @@ impl Clustering {
         self.nearest.clear();
         self.iterations = 0;
         if contacts.len() <= self.capacity {
-            self.clusters.extend(
-                contacts
-                    .iter()
-                    .map(|contact| Cluster { contact: contact.contact, weight: weight(contact, tolerance) }),
-            );
+            self.clusters.extend(contacts.iter().map(|contact| Cluster {
+                contact: faded(&contact.contact, contact.weight, tolerance),
+                weight: weight(contact, tolerance),
+            }));
         } else {
             self.assigned.resize(contacts.len(), NONE);
             self.nearest.resize(contacts.len(), f64::INFINITY);
@@ -254,7 +255,7 @@ impl Clustering {
             if center.count == 0 {
                 continue;
             }
-            let (mut depth, mut normal) = (0.0, DVec3::ZERO);
+            let (mut depth, mut normal, mut presence) = (0.0, DVec3::ZERO, 0.0);
             let mut deepest: Option<&Contact> = None;
             for (contact, _) in contacts.iter().zip(&self.assigned).filter(|(_, s)| **s == index) {
                 let share = if center.weight > 0.0 {
@@ -262,6 +263,7 @@ impl Clustering {
                 } else {
                     1.0 / center.count as f64
                 };
+                presence += contact.weight;
                 let contact = &contact.contact;
                 depth += share * contact.depth;
                 normal += share * contact.normal;
@@ -271,13 +273,10 @@ impl Clustering {
             }
             let fallback = deepest.map_or(DVec3::Z, |contact| contact.normal);
             let normal = if normal.length() > 1e-6 { normal.normalize() } else { fallback };
+            let representative =
+                Contact { point: center.point, scene_point: center.point - depth * normal, normal, depth };
             self.clusters.push(Cluster {
-                contact: Contact {
-                    point: center.point,
-                    scene_point: center.point - depth * normal,
-                    normal,
-                    depth,
-                },
+                contact: faded(&representative, presence, tolerance),
                 weight: center.weight,
             });
         }
@@ -297,9 +296,18 @@ impl Seed {
     }
 }
 
-/// δ + d, m.
+/// δ + d, m, as far as the contact counts.
 fn weight(contact: &PatchContact, tolerance: f64) -> f64 {
-    (contact.contact.depth + tolerance).max(0.0)
+    contact.weight * (contact.contact.depth + tolerance).max(0.0)
+}
+
+/// A contact of which only a part counts, in all: δ + d is that part of what it was.
+fn faded(contact: &Contact, part: f64, tolerance: f64) -> Contact {
+    if part >= 1.0 {
+        return *contact;
+    }
+    let depth = part * (contact.depth + tolerance) - tolerance;
+    Contact { scene_point: contact.point - depth * contact.normal, depth, ..*contact }
 }
 
 #[cfg(test)]
@@ -313,7 +321,7 @@ mod tests {
 
     fn contact(point: DVec3, depth: f64, normal: DVec3) -> PatchContact {
         let contact = Contact { point, scene_point: point - depth * normal, normal, depth };
-        PatchContact { contact, probe_node: 0, scene_node: 0 }
+        PatchContact { contact, probe_node: 0, scene_node: 0, weight: 1.0 }
     }
 
     fn random(rng: &mut StdRng, count: usize) -> Vec<PatchContact> {

@@ -27,6 +27,8 @@ pub(crate) struct Pair {
     pub settled: f64,
     /// Likewise, before its bounding hulls may be out of reach, which they were not when last tested.
     pub within: f64,
+    /// How much of its contact is left to the pairs that it is split into.
+    pub share: f64,
     /// Whether it sleeps because the bodies are too far apart there, whatever the threshold on the error.
     pub apart: bool,
     /// Where the next search for the nearest points starts.
@@ -69,6 +71,7 @@ impl Pair {
             wake: f64::NEG_INFINITY,
             settled: f64::NEG_INFINITY,
             within: f64::NEG_INFINITY,
+            share: 1.0,
             apart: false,
             nearest: Nearest::default(),
         }

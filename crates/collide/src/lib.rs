@@ -13,6 +13,7 @@ mod clustering;
 pub mod convex;
 mod front;
 mod leaf;
+mod metrics;
 mod motion;
 mod overlap;
 mod patch;
@@ -21,5 +22,6 @@ mod refinement;
 mod shape;
 
 pub use clustering::{Cluster, Clustering};
-pub use query::{ContactQuery, PatchContact, QueryOutcome, QuerySettings};
+pub use metrics::{Combination, ErrorMetrics, VelocityMetric, ViewMetric};
+pub use query::{Budget, ContactQuery, PatchContact, QueryOutcome, QuerySettings};
 pub use shape::Shape;

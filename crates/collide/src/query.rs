@@ -13,20 +13,27 @@
 //! answer, and searches that start from old nearest points find the same ones.
 //!
 //! With a threshold, what is reported are contacts between the surfaces of coarser levels, each within s of the mesh.
+//! Contacts can go over from one level to the next as s* nears s₀ (§3.4.4), and a time-critical query refines the pairs
+//! with the largest s*/s₀ first, until its budget is spent.
 //!
 //! Departures: hulls of many points are not tested above the leaves; hull queries there only decide whether a pair is
 //! within reach, and stop as soon as either bound on the distance settles it; nodes with a single child are passed
 //! through, as long as they are to be refined anyway. In §3.4.2 every node of the front is tested in every query.
 
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
 use std::ops::Range;
+use std::time::{Duration, Instant};
 
+use palpate_core::glam::DVec3;
 use palpate_core::{Clod, Contact, Pose};
 
 use crate::convex::{Limits, Placement, Separation, Start, gjk};
 use crate::front::{Front, NO_PAIR, Nearest, Pair};
 use crate::leaf::{LeafQuery, Reach};
+use crate::metrics::ErrorMetrics;
 use crate::motion::Motion;
-use crate::refinement::{Refine, refine, refine_at};
+use crate::refinement::{Refine, refine, refined_share, urgency, weighted_deviation};
 use crate::shape::Shape;
 
 /// Separations and depths are found to this fraction of the size of the hulls involved.
@@ -42,6 +49,16 @@ const HULL_TEST_POINTS: usize = 256;
 
 /// Pairs of nodes that a new workspace has room for.
 const PAIRS: usize = 1 << 15;
+
+/// Pairs that may wait in a time-critical query before a new workspace grows.
+const URGENT: usize = 1 << 12;
+
+/// What examining a pair is expected to take before it has been measured, s; and queries over which that is averaged.
+const PACE: f64 = 1e-6;
+const PACE_MEMORY: f64 = 8.0;
+
+/// Part of s₀ over which interpolated contacts go over from one resolution to the next.
+const BAND: f64 = 0.5;
 
 /// How much of what separates two hulls, beyond what would matter, a search has to prove before it stops: the more it
 /// does, the longer the pair may sleep.
@@ -62,14 +79,36 @@ pub struct QuerySettings {
     /// the builder's tolerance. Where this much could decide about a contact, the triangles do.
     pub patch_tolerance: f64,
     /// s₀: detail is left out where its deviation, averaged over the area of contact (s*, Eq. 3.7), is no more than
-    /// this, m; 0 for full resolution. §3.5.2 finds 2.5 to 5 % of the objects' radii unnoticed.
-    pub error: f64,
+    /// this. [Exact](ErrorMetrics::EXACT) for full resolution.
+    pub error: ErrorMetrics,
+    /// Where s* nears s₀, report the contacts of the coarser and of the finer patches, with
+    /// [weights](PatchContact::weight) that go over from one to the other (§3.4.4).
+    pub interpolate: bool,
+    /// Time-critical: refine in the order of s*/s₀, and stop when this is spent ([`QueryOutcome::out_of_budget`]).
+    pub budget: Option<Budget>,
+}
+
+/// What a time-critical query may cost. Pairs above the coarsest level that is not free have to be gone through in any
+/// case, and every pair that the query stops at costs one convex query more.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Budget {
+    /// Time.
+    Time(Duration),
+    /// Convex queries.
+    Queries(usize),
 }
 
 impl QuerySettings {
     /// Settings with a tolerance (d, m) and defaults for the rest.
     pub fn new(tolerance: f64) -> Self {
-        Self { tolerance, fixed_capacity: false, patch_tolerance: 1e-6, error: 0.0 }
+        Self {
+            tolerance,
+            fixed_capacity: false,
+            patch_tolerance: 1e-6,
+            error: ErrorMetrics::EXACT,
+            interpolate: false,
+            budget: None,
+        }
     }
 }
 
@@ -82,6 +121,9 @@ pub struct PatchContact {
     pub probe_node: u32,
     /// Node of the scene object's hierarchy.
     pub scene_node: u32,
+    /// How much of the contact counts: 1, unless contacts of finer patches stand for the rest of it
+    /// ([`QuerySettings::interpolate`]).
+    pub weight: f64,
 }
 
 /// What a query found and what it cost.
@@ -113,6 +155,10 @@ pub struct QueryOutcome {
     pub front_high_water: usize,
     /// Whether there was no room to keep the whole front. The answer is the same, but the next query starts higher up.
     pub front_overflow: bool,
+    /// Whether a time-critical query had to stop before all was fine enough.
+    pub out_of_budget: bool,
+    /// Largest s*/s₀ that a time-critical query stopped at; where s₀ is 0, it only tells that it did.
+    pub worst_deviation: f64,
     /// Whether contacts were dropped for want of capacity: [`ContactQuery::reserve`] more.
     pub overflow: bool,
     /// Whether a buffer grew during this query: it was larger than any before.
@@ -132,10 +178,14 @@ pub struct ContactQuery {
     motion: Motion,
     /// Of the last query.
     last: Option<QuerySettings>,
-    /// Pairs on the way: slots of the front, entered or [left](LEAVE).
-    stack: Vec<u32>,
-    /// Pairs that the front has no room for.
-    unrecorded: Vec<(u32, u32)>,
+    /// Pairs on the way: slots of the front, entered or [left](LEAVE), with the weight of their contacts.
+    stack: Vec<(u32, f64)>,
+    /// Pairs that the front has no room for, likewise.
+    unrecorded: Vec<(u32, u32, f64)>,
+    /// Pairs on the way of a time-critical query.
+    urgent: BinaryHeap<Urgent>,
+    /// What it took lately to examine a pair for want of time, s.
+    pace: f64,
     leaf: LeafQuery,
     contacts: Vec<PatchContact>,
     outcome: QueryOutcome,
@@ -156,8 +206,54 @@ struct Circumstances {
     looseness: f64,
     /// How far the bodies have moved, m.
     way: f64,
-    /// The threshold is another one than it was.
+    /// Full resolution.
+    exact: bool,
+    /// s₀ where it is the same everywhere, m.
+    constant: Option<f64>,
+    /// Part of s₀ over which contacts go over from one resolution to the next.
+    band: f64,
+    /// The threshold is, or may be, another one than it was.
     threshold_changed: bool,
+}
+
+/// A pair on the way of a time-critical query.
+#[derive(Clone, Copy, Debug)]
+struct Urgent {
+    /// s*/s₀.
+    deviation: f64,
+    slot: u32,
+    weight: f64,
+}
+
+impl Ord for Urgent {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.deviation.total_cmp(&other.deviation).then(other.slot.cmp(&self.slot))
+    }
+}
+
+impl PartialOrd for Urgent {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl PartialEq for Urgent {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+
+impl Eq for Urgent {}
+
+/// Which contacts of a pair are asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Asked {
+    /// Those of the finest resolution that is needed.
+    Finest,
+    /// Likewise, if this is it, which depends on where the nearest points are.
+    UnlessRefined,
+    /// Those of this resolution, in want of time.
+    AsItIs,
 }
 
 /// What becomes of a pair.
@@ -185,6 +281,8 @@ impl ContactQuery {
             last: None,
             stack: Vec::with_capacity(2 * width),
             unrecorded: Vec::with_capacity(width),
+            urgent: BinaryHeap::with_capacity(URGENT),
+            pace: PACE,
             leaf: LeafQuery::default(),
             contacts: Vec::with_capacity(contacts),
             outcome: QueryOutcome::default(),
@@ -201,8 +299,9 @@ impl ContactQuery {
     /// Bytes of memory held by the workspace.
     pub fn bytes(&self) -> usize {
         self.front.capacity() * size_of::<Pair>()
-            + self.stack.capacity() * size_of::<u32>()
-            + self.unrecorded.capacity() * size_of::<(u32, u32)>()
+            + self.stack.capacity() * size_of::<(u32, f64)>()
+            + self.unrecorded.capacity() * size_of::<(u32, u32, f64)>()
+            + self.urgent.capacity() * size_of::<Urgent>()
             + self.contacts.capacity() * size_of::<PatchContact>()
     }
 
@@ -218,8 +317,7 @@ impl ContactQuery {
     pub fn run(&mut self, probe_pose: &Pose, scene_pose: &Pose, settings: &QuerySettings) -> QueryOutcome {
         self.contacts.clear();
         self.outcome = QueryOutcome::default();
-        let lengths = [settings.tolerance, settings.error];
-        let asked = lengths.iter().all(|length| length.is_finite() && *length >= 0.0);
+        let asked = settings.tolerance.is_finite() && settings.tolerance >= 0.0 && settings.error.is_valid();
         let valid = probe_pose.is_valid() && scene_pose.is_valid();
         if !valid || !asked || self.probe.is_empty() || self.scene.is_empty() {
             self.outcome.refused = true;
@@ -228,7 +326,13 @@ impl ContactQuery {
         let now = self.circumstances(probe_pose, scene_pose, settings);
         let buffers = self.buffers();
         (self.leaf.convex_queries, self.leaf.not_converged, self.leaf.by_triangles) = (0, 0, 0);
-        self.traverse(&now);
+        match settings.budget {
+            None => {
+                self.stack.push((Front::ROOT, 1.0));
+                self.traverse(&now);
+            }
+            Some(budget) => self.traverse_within(budget, &now),
+        }
         self.outcome.front += self.front.len();
         self.outcome.front_high_water = self.front.high_water();
         self.outcome.convex_queries += self.leaf.convex_queries;
@@ -238,9 +342,10 @@ impl ContactQuery {
         self.outcome
     }
 
-    fn buffers(&self) -> [usize; 5] {
-        let Self { leaf, contacts, stack, unrecorded, front, .. } = self;
-        [leaf.capacity(), contacts.capacity(), stack.capacity(), unrecorded.capacity(), front.capacity()]
+    fn buffers(&self) -> [usize; 6] {
+        let Self { leaf, contacts, stack, unrecorded, urgent, front, .. } = self;
+        let waiting = [stack.capacity(), unrecorded.capacity(), urgent.capacity()];
+        [waiting[0], waiting[1], waiting[2], leaf.capacity(), contacts.capacity(), front.capacity()]
     }
 
     /// Notes how the bodies have moved, and whether what is kept of the last query still holds.
@@ -260,16 +365,18 @@ impl ContactQuery {
             Some(last) => {
                 self.motion.step(&self.probe.ball(), &self.scene.ball(), &placement, rounding);
                 self.motion.add((settings.tolerance - last.tolerance).abs());
-                threshold_changed = last.error != settings.error;
+                threshold_changed = last.error != settings.error
+                    || !settings.error.is_constant()
+                    || last.interpolate != settings.interpolate;
                 // At full resolution other bodies are split than with a threshold.
-                if threshold_changed && (last.error == 0.0 || settings.error == 0.0) {
-                    self.start(settings.error);
+                if last.error.is_exact() != settings.error.is_exact() {
+                    self.start(settings.error.is_exact());
                 }
             }
             None => {
                 self.motion.reset();
                 self.motion.step(&self.probe.ball(), &self.scene.ball(), &placement, rounding);
-                self.start(settings.error);
+                self.start(settings.error.is_exact());
             }
         }
         self.last = Some(*settings);
@@ -280,70 +387,149 @@ impl ContactQuery {
             rounding,
             looseness: 2.0 * settings.patch_tolerance.max(0.0) * radii,
             way: self.motion.way(),
+            exact: settings.error.is_exact(),
+            constant: settings.error.is_constant().then(|| settings.error.threshold(DVec3::ZERO, probe_pose)),
+            band: if settings.interpolate { BAND } else { 0.0 },
             threshold_changed,
         }
     }
 
     /// Starts anew from the roots.
-    fn start(&mut self, error: f64) {
-        let roots =
-            Pair::new(self.probe.pass_through(Clod::ROOT, error), self.scene.pass_through(Clod::ROOT, error));
-        self.front.reset(roots);
+    fn start(&mut self, exact: bool) {
+        let [a, b] = [&self.probe, &self.scene].map(|shape| shape.pass_through(Clod::ROOT, exact));
+        self.front.reset(Pair::new(a, b));
     }
 
-    /// Looks at all pairs that are awake, and at those that they are split into.
+    /// Looks at all pairs below those on the stack that are awake, depth first.
     fn traverse(&mut self, now: &Circumstances) {
-        self.stack.clear();
-        self.stack.push(Front::ROOT);
-        while let Some(entry) = self.stack.pop() {
+        while let Some((entry, weight)) = self.stack.pop() {
             if entry & LEAVE != 0 {
                 self.leave(entry ^ LEAVE, now);
-            } else {
-                self.enter(entry, now);
+                continue;
             }
+            let Some(share) = self.enter(entry, weight, now) else { continue };
+            self.stack.push((entry | LEAVE, weight));
+            let from = self.stack.len();
+            let mut child = self.front.get(entry).first;
+            while child != NO_PAIR {
+                self.stack.push((child, weight * share));
+                child = self.front.get(child).next;
+            }
+            self.stack[from..].reverse();
             self.outcome.stack_high_water = self.outcome.stack_high_water.max(self.stack.len());
         }
     }
 
-    fn enter(&mut self, slot: u32, now: &Circumstances) {
+    /// Looks at pairs that are awake in the order of s*/s₀, as far as the budget goes. What is left then is examined as it
+    /// is.
+    fn traverse_within(&mut self, budget: Budget, now: &Circumstances) {
+        let begun = Instant::now();
+        self.urgent.clear();
+        self.urgent.push(Urgent { deviation: f64::INFINITY, slot: Front::ROOT, weight: 1.0 });
+        // Pairs that wait, and could be examined as they are.
+        let mut waiting = 0;
+        let mut stopped: Option<Instant> = None;
+        let mut examined = 0;
+        while let Some(Urgent { deviation, slot, weight }) = self.urgent.pop() {
+            let pair = *self.front.get(slot);
+            let (detail_a, detail_b) = (self.probe.detail(pair.a), self.scene.detail(pair.b));
+            let reportable = !detail_a.is_free() && !detail_b.is_free();
+            waiting -= usize::from(reportable);
+            if pair.sleeps(now) {
+                continue;
+            }
+            if reportable && deviation > 1.0 && self.is_spent(budget, begun, waiting) {
+                stopped = stopped.or_else(|| Some(Instant::now()));
+                examined += 1;
+                self.outcome.out_of_budget = true;
+                self.outcome.worst_deviation = self.outcome.worst_deviation.max(deviation);
+                self.examine(&mut { pair }, Asked::AsItIs, weight, now);
+                continue;
+            }
+            let Some(share) = self.enter(slot, weight, now) else { continue };
+            let mut child = self.front.get(slot).first;
+            while child != NO_PAIR {
+                let Pair { a, b, next, .. } = *self.front.get(child);
+                let (detail_a, detail_b) = (self.probe.detail(a), self.scene.detail(b));
+                let deviation = urgency(detail_a, detail_b, self.threshold(a, b, now));
+                self.urgent.push(Urgent { deviation, slot: child, weight: weight * share });
+                waiting += usize::from(!detail_a.is_free() && !detail_b.is_free());
+                child = next;
+            }
+            self.outcome.stack_high_water = self.outcome.stack_high_water.max(self.urgent.len());
+        }
+        if let Some(stopped) = stopped {
+            let pace = stopped.elapsed().as_secs_f64() / f64::from(examined);
+            self.pace += (pace - self.pace) / PACE_MEMORY;
+        }
+        self.leave_all(now);
+    }
+
+    /// Whether a budget is spent, but for examining the pairs that wait.
+    fn is_spent(&self, budget: Budget, begun: Instant, waiting: usize) -> bool {
+        let made = self.outcome.convex_queries + self.leaf.convex_queries;
+        match budget {
+            Budget::Queries(queries) => made + waiting >= queries,
+            Budget::Time(time) => {
+                begun.elapsed().as_secs_f64() + waiting as f64 * self.pace >= time.as_secs_f64()
+            }
+        }
+    }
+
+    /// Puts all split pairs to sleep that may, when they were not left one by one.
+    fn leave_all(&mut self, now: &Circumstances) {
+        self.stack.push((Front::ROOT, 1.0));
+        while let Some((entry, weight)) = self.stack.pop() {
+            if entry & LEAVE != 0 {
+                self.leave(entry ^ LEAVE, now);
+                continue;
+            }
+            let pair = *self.front.get(entry);
+            if !pair.is_split() || pair.sleeps(now) {
+                continue;
+            }
+            self.stack.push((entry | LEAVE, weight));
+            let mut child = pair.first;
+            while child != NO_PAIR {
+                self.stack.push((child, weight));
+                child = self.front.get(child).next;
+            }
+        }
+    }
+
+    /// Looks at a pair if it is awake, and splits it if it is to be refined. Then: how much of its contact is left to the
+    /// pairs that it is split into.
+    fn enter(&mut self, slot: u32, weight: f64, now: &Circumstances) -> Option<f64> {
         let mut pair = *self.front.get(slot);
-        if pair.wake > now.way && (pair.apart || !now.threshold_changed) {
-            return;
+        if pair.sleeps(now) {
+            return None;
         }
         let settled = pair.is_split() && pair.settled > now.way && !now.threshold_changed;
-        let verdict = if settled { Verdict::Refine } else { self.look_at(&mut pair, now) };
+        let verdict = if settled { Verdict::Refine } else { self.look_at(&mut pair, weight, now) };
         if verdict == Verdict::Stop {
             self.front.join(slot);
             *self.front.get_mut(slot) = Pair { first: NO_PAIR, ..pair };
-            return;
+            return None;
         }
         *self.front.get_mut(slot) = pair;
         if !pair.is_split() {
-            let (a, b, error) = (pair.a, pair.b, now.settings.error);
-            let (of_probe, children) = self.children(a, b, error);
+            let (of_probe, children) = self.children(pair.a, pair.b, now.exact);
             let (probe, scene) = (&self.probe, &self.scene);
             let into = children.rev().map(|child| {
                 if of_probe {
-                    Pair::new(probe.pass_through(child, error), b)
+                    Pair::new(probe.pass_through(child, now.exact), pair.b)
                 } else {
-                    Pair::new(a, scene.pass_through(child, error))
+                    Pair::new(pair.a, scene.pass_through(child, now.exact))
                 }
             });
             if !self.front.split(slot, into, !now.settings.fixed_capacity) {
                 self.outcome.front_overflow = true;
                 self.front.get_mut(slot).wake = f64::NEG_INFINITY;
-                self.descend(a, b, now);
-                return;
+                self.descend(&pair, weight * pair.share, now);
+                return None;
             }
         }
-        self.stack.push(slot | LEAVE);
-        let from = self.stack.len();
-        let mut child = self.front.get(slot).first;
-        while child != NO_PAIR {
-            self.stack.push(child);
-            child = self.front.get(child).next;
-        }
-        self.stack[from..].reverse();
+        Some(pair.share)
     }
 
     /// All pairs below have been looked at: how long may they sleep, or are they too far apart to be told from one
@@ -372,15 +558,14 @@ impl ContactQuery {
         self.front.get_mut(slot).wake = wake;
     }
 
-    /// Looks at a pair, and at all below it, of which nothing is kept.
-    fn descend(&mut self, a: u32, b: u32, now: &Circumstances) {
-        let error = now.settings.error;
+    /// Looks at all below a pair, of which nothing is kept.
+    fn descend(&mut self, pair: &Pair, weight: f64, now: &Circumstances) {
         self.unrecorded.clear();
-        self.push_children(a, b, error);
-
-        while let Some((a, b)) = self.unrecorded.pop() {
-            if self.look_at(&mut Pair::new(a, b), now) == Verdict::Refine {
-                self.push_children(a, b, error);
+        self.push_children(pair.a, pair.b, weight, now.exact);
+        while let Some((a, b, weight)) = self.unrecorded.pop() {
+            let mut pair = Pair::new(a, b);
+            if self.look_at(&mut pair, weight, now) == Verdict::Refine {
+                self.push_children(a, b, weight * pair.share, now.exact);
             } else {
                 self.outcome.front += 1;
             }
@@ -389,23 +574,23 @@ impl ContactQuery {
         self.outcome.front -= 1;
     }
 
-    fn push_children(&mut self, a: u32, b: u32, error: f64) {
-        let (of_probe, children) = self.children(a, b, error);
+    fn push_children(&mut self, a: u32, b: u32, weight: f64, exact: bool) {
+        let (of_probe, children) = self.children(a, b, exact);
         for child in children.rev() {
             self.unrecorded.push(if of_probe {
-                (self.probe.pass_through(child, error), b)
+                (self.probe.pass_through(child, exact), b, weight)
             } else {
-                (a, self.scene.pass_through(child, error))
+                (a, self.scene.pass_through(child, exact), weight)
             });
         }
     }
 
     /// The children that a pair is split into: whether they are the probe's, and which.
-    fn children(&self, a: u32, b: u32, error: f64) -> (bool, Range<u32>) {
+    fn children(&self, a: u32, b: u32, exact: bool) -> (bool, Range<u32>) {
         let (node_a, node_b) = (self.probe.node(a), self.scene.node(b));
         let (below_a, below_b) = (self.probe.detail(a).below, self.scene.detail(b).below);
         // Among free levels, and at full resolution, the larger one.
-        let by_size = error == 0.0 || below_a == below_b;
+        let by_size = exact || below_a == below_b;
         let split_a = if by_size { node_a.radius >= node_b.radius } else { below_a < below_b };
         if node_b.is_leaf() || (!node_a.is_leaf() && split_a) {
             (true, node_a.first_child..node_a.last_child)
@@ -415,17 +600,16 @@ impl ContactQuery {
     }
 
     /// Decides about a pair that is awake, and finds its contacts if it is not to be refined.
-    fn look_at(&mut self, pair: &mut Pair, now: &Circumstances) -> Verdict {
+    fn look_at(&mut self, pair: &mut Pair, weight: f64, now: &Circumstances) -> Verdict {
         self.outcome.visited += 1;
         let (a, b) = (pair.a, pair.b);
-        let error = now.settings.error;
         let leaves = self.probe.node(a).is_leaf() && self.scene.node(b).is_leaf();
         let refinement = if leaves {
             Refine::No
-        } else if error == 0.0 {
+        } else if now.exact {
             Refine::Yes
         } else {
-            refine(self.probe.detail(a), self.scene.detail(b), error)
+            refine(self.probe.detail(a), self.scene.detail(b), self.threshold(a, b, now), now.band)
         };
         pair.apart = false;
         if !pair.is_split() && self.spheres_are_apart(pair, now) {
@@ -437,6 +621,7 @@ impl ContactQuery {
                 return Verdict::Stop;
             }
             pair.settled = f64::INFINITY;
+            pair.share = 1.0;
             return Verdict::Refine;
         }
         let depends = refinement == Refine::Depends;
@@ -445,11 +630,12 @@ impl ContactQuery {
         if depends && !warm && self.is_apart(pair, now) {
             return Verdict::Stop;
         }
-        self.examine(pair, depends, leaves, now)
+        let asked = if depends { Asked::UnlessRefined } else { Asked::Finest };
+        self.examine(pair, asked, weight, now)
     }
 
-    /// Finds the contacts of a pair, unless it is to be refined, which `depends` on where its nearest points are.
-    fn examine(&mut self, pair: &mut Pair, depends: bool, leaves: bool, now: &Circumstances) -> Verdict {
+    /// Finds the contacts of a pair, unless it is to be refined.
+    fn examine(&mut self, pair: &mut Pair, asked: Asked, weight: f64, now: &Circumstances) -> Verdict {
         let (a, b) = (pair.a, pair.b);
         let tolerance = now.settings.tolerance;
         let precision = self.precision(pair, now);
@@ -462,38 +648,54 @@ impl ContactQuery {
         self.outcome.not_converged += usize::from(found.separation == Separation::NotConverged);
         pair.nearest = Nearest::of(&found, true);
         let beyond = found.separation == Separation::Beyond || found.distance > tolerance.max(precision);
-        if depends {
+        pair.share = 0.0;
+        if asked == Asked::UnlessRefined {
             let side_a = (self.probe.detail(a), self.probe.support_areas(a));
             let side_b = (self.scene.detail(b), self.scene.support_areas(b));
-            if refine_at(&found, side_a, side_b, tolerance, now.settings.error) {
-                // Nearest points count where there are any within the tolerance only.
-                pair.settled = if beyond {
-                    now.way + (found.lower - tolerance)
-                } else {
-                    now.way + found.simplex.depth()
-                };
-                return Verdict::Refine;
-            }
+            let error = self.threshold(a, b, now);
+            pair.share =
+                refined_share(weighted_deviation(&found, side_a, side_b, tolerance, error), now.band);
         }
+        let verdict = if pair.share > 0.0 { Verdict::Refine } else { Verdict::Stop };
+        // Nearest points count where there are any within the tolerance only, and hulls that overlap go on to do so until
+        // they have moved by their depth.
+        let settled = if beyond { found.lower - tolerance } else { found.simplex.depth() };
+        let all_refined = pair.share == 1.0;
+        pair.settled = if beyond || all_refined { now.way + settled } else { f64::NEG_INFINITY };
         pair.wake = f64::NEG_INFINITY;
+        if all_refined {
+            return verdict;
+        }
         self.outcome.leaf_pairs += 1;
         if beyond {
-            pair.wake = now.way + (found.lower - tolerance);
-            pair.apart = leaves;
-            return Verdict::Stop;
+            if verdict == Verdict::Stop {
+                pair.wake = now.way + settled;
+                pair.apart = self.probe.node(a).is_leaf() && self.scene.node(b).is_leaf();
+            }
+            return verdict;
         }
         let reach = Reach { placement: &now.placement, tolerance, precision, looseness: now.looseness };
         self.leaf.run(&patch_a, &patch_b, &found, &reach);
+        let weight = weight * (1.0 - pair.share);
         for contact in &self.leaf.contacts {
             self.outcome.count(contact);
             if now.settings.fixed_capacity && self.contacts.len() == self.contacts.capacity() {
                 self.outcome.overflow = true;
             } else {
                 let contact = placed(contact, &now.probe_pose);
-                self.contacts.push(PatchContact { contact, probe_node: a, scene_node: b });
+                self.contacts.push(PatchContact { contact, probe_node: a, scene_node: b, weight });
             }
         }
-        Verdict::Stop
+        verdict
+    }
+
+    /// s₀ at a pair, m.
+    fn threshold(&self, a: u32, b: u32, now: &Circumstances) -> f64 {
+        now.constant.unwrap_or_else(|| {
+            let (a, b) = (self.probe.node(a), self.scene.node(b));
+            let at = if a.radius <= b.radius { a.center } else { now.placement.point(b.center) };
+            now.settings.error.threshold(now.probe_pose.transform_point(at), &now.probe_pose)
+        })
     }
 
     /// Smallest length that is told from zero, m.
@@ -545,6 +747,13 @@ impl ContactQuery {
     /// The contacts of the last query, in world axes, in the order of the descent.
     pub fn contacts(&self) -> &[PatchContact] {
         &self.contacts
+    }
+}
+
+impl Pair {
+    /// Whether its answer cannot have changed.
+    fn sleeps(&self, now: &Circumstances) -> bool {
+        self.wake > now.way && (self.apart || !now.threshold_changed)
     }
 }
 

@@ -69,27 +69,27 @@ pub(crate) enum Refine {
     Depends,
 }
 
-/// The test without the nearest points; `error` is s₀, m.
-pub(crate) fn refine(a: &Detail, b: &Detail, error: f64) -> Refine {
+/// The test without the nearest points; `error` is s₀, m. With a `band`, pairs are refined in part from (1 − band) s₀ on.
+pub(crate) fn refine(a: &Detail, b: &Detail, error: f64, band: f64) -> Refine {
     let missing = a.missing.max(b.missing);
     if missing > error * a.areas.1.max(b.areas.1) {
         Refine::Yes
-    } else if missing <= error * a.areas.0.max(b.areas.0) {
+    } else if missing <= (1.0 - band) * error * a.areas.0.max(b.areas.0) {
         Refine::No
     } else {
         Refine::Depends
     }
 }
 
-/// The test with D at the contact between two patches, given the distance between their hulls, and D at the points of
-/// each. `tolerance` is d, m.
-pub(crate) fn refine_at(
+/// s*/s₀ at the contact between two patches, given the distance between their hulls, and D at the points of each; infinite
+/// where s₀ is 0. `tolerance` is d, `error` is s₀, m.
+pub(crate) fn weighted_deviation(
     found: &Distance,
     (detail_a, areas_a): (&Detail, &[f64]),
     (detail_b, areas_b): (&Detail, &[f64]),
     tolerance: f64,
     error: f64,
-) -> bool {
+) -> f64 {
     let (mut on_a, mut on_b) = (0.0, 0.0);
     for (vertex, weight) in found.simplex.vertices().iter().zip(found.simplex.weights()) {
         on_a += weight * areas_a[vertex.a as usize];
@@ -100,5 +100,27 @@ pub(crate) fn refine_at(
     let area = |detail: &Detail, nearest: f64| {
         if share > 0.0 { detail.mean_area + share * (nearest - detail.mean_area) } else { detail.mean_area }
     };
-    detail_a.missing.max(detail_b.missing) > error * f64::max(area(detail_a, on_a), area(detail_b, on_b))
+    over(detail_a.missing.max(detail_b.missing), error * f64::max(area(detail_a, on_a), area(detail_b, on_b)))
+}
+
+/// s*/s₀ of a pair, with the mean D of its patches; infinite on free levels. Where s₀ is 0 it orders pairs by s* alone.
+pub(crate) fn urgency(a: &Detail, b: &Detail, error: f64) -> f64 {
+    let missing = a.missing.max(b.missing);
+    let area = a.mean_area.max(b.mean_area);
+    over(missing, area * if error > 0.0 { error } else { 1e-12 })
+}
+
+/// A quotient where 0/0 is 0.
+fn over(missing: f64, allowed: f64) -> f64 {
+    if missing > 0.0 { missing / allowed } else { 0.0 }
+}
+
+/// How much of a contact is left to the children of its pair: all of it where s* is above s₀, and with a `band`, from
+/// (1 − band) s₀ on, a part that grows smoothly.
+pub(crate) fn refined_share(deviation: f64, band: f64) -> f64 {
+    if deviation > 1.0 {
+        return 1.0;
+    }
+    let x = if band > 0.0 { ((deviation - (1.0 - band)) / band).max(0.0) } else { 0.0 };
+    x * x * (3.0 - 2.0 * x)
 }

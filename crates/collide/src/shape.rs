@@ -160,11 +160,11 @@ impl Shape {
         Patch::of_node(self.clod(), &self.clod().nodes[node as usize], support, incidence, exact)
     }
 
-    /// The first descendant that is a leaf, has several children, or may be fine enough for an error.
-    pub(crate) fn pass_through(&self, mut node: u32, error: f64) -> u32 {
+    /// The first descendant that is a leaf, has several children, or, unless the query is exact, may be fine enough.
+    pub(crate) fn pass_through(&self, mut node: u32, exact: bool) -> u32 {
         loop {
             let Packed { first_child, last_child, .. } = *self.node(node);
-            let fine_enough = error > 0.0 && !self.detail(node).is_free();
+            let fine_enough = !exact && !self.detail(node).is_free();
             if last_child - first_child != 1 || fine_enough {
                 return node;
             }

@@ -22,7 +22,8 @@ fn a_warm_query_does_not_allocate() {
     {
         let mut query = ContactQuery::new(&Shape::new(probe.clone()), &Shape::new(scene.clone()));
         let mut clustering = Clustering::new(5);
-        let settings = [0.0, 0.03].map(|error| QuerySettings { error, ..QuerySettings::new(0.1) });
+        let settings =
+            [0.0, 0.03].map(|error| QuerySettings { error: error.into(), ..QuerySettings::new(0.1) });
         let mut pass = || {
             let mut contacts = 0;
             for step in 0..40 {
