@@ -11,6 +11,8 @@ pub struct EngineQuery {
     query: ContactQuery,
     /// What each query asks for.
     pub settings: QuerySettings,
+    /// Whether each query starts from the roots, rather than from the last one's front.
+    pub cold: bool,
 }
 
 impl EngineQuery {
@@ -21,11 +23,15 @@ impl EngineQuery {
             object_bytes: bytes(probe) + bytes(scene),
             query: ContactQuery::new(probe.shape(), scene.shape()),
             settings: QuerySettings::new(tolerance),
+            cold: false,
         }
     }
 
     /// Finds the contacts at a pose of the probe.
     pub fn run(&mut self, pose: &Pose) -> QueryOutcome {
+        if self.cold {
+            self.query.reset();
+        }
         self.query.run(pose, &Pose::IDENTITY, &self.settings)
     }
 

@@ -23,7 +23,7 @@ use palpate_core::glam::DVec3;
 use crate::ball::Ball;
 use crate::convex::{Distance, Limits, Placement, Polytope, Separation, Start, gjk};
 use crate::overlap::{contact_at, overlap};
-use crate::patch::{Patch, Surface, distance_to_triangle, separated};
+use crate::patch::{Patch, Plane, Surface, distance_to_triangle, separated};
 
 /// Buffers for the contacts of one pair of leaves, with counts over a whole query.
 #[derive(Clone, Debug, Default)]
@@ -180,8 +180,8 @@ impl LeafQuery {
                         }
                         let (contact, slack) = separated(p, placement.point(q), found.axis, reach.precision);
                         let n = contact.normal;
-                        if one.faces(one.normal([0, 1, 2]), n, slack)
-                            && other.faces(other.normal([0, 1, 2]), -placement.direction_to_b(n), slack)
+                        if one.faces(Plane::of(corners_a).normal, n, slack)
+                            && other.faces(Plane::of(corners_b).normal, -placement.direction_to_b(n), slack)
                         {
                             self.near.push((contact, i, j));
                         }

@@ -39,6 +39,11 @@ struct Best {
 }
 
 impl Best {
+    /// Whether a direction with at least this depth, m, could be better.
+    fn has_a_chance(&self, depth: f64) -> bool {
+        !self.facing || self.direction.is_none_or(|(_, best)| depth < best)
+    }
+
     fn offer(&mut self, facing: bool, depth: f64, normal: DVec3) {
         // Hulls that only touch are apart by rounding.
         let depth = depth.max(0.0);
@@ -67,7 +72,7 @@ pub(crate) fn overlap(
         && a.vertices.len() <= FEW_VERTICES
         && b.vertices.len() <= FEW_VERTICES;
     if few {
-        faces(a, b, placement, &mut best);
+        faces(a, b, placement, touch, &mut best);
         edges(a, b, placement, &mut best);
         if let (true, Some((normal, depth))) = (best.facing, best.direction)
             && depth <= looseness
@@ -91,7 +96,7 @@ pub(crate) fn overlap(
         }
     }
     if !best.facing {
-        faces(a, b, placement, &mut best);
+        faces(a, b, placement, touch, &mut best);
     }
     // Only triangles without area leave no real direction at all.
     let (normal, depth) = best.direction.unwrap_or((least.normal, least.depth));
@@ -107,37 +112,55 @@ pub(crate) fn contact_at(point: DVec3, normal: DVec3, depth: f64) -> Contact {
     Contact { point, scene_point: point - depth * normal, normal, depth }
 }
 
-/// Tries the normals of both patches' triangles: how far the other hull reaches below their planes.
-fn faces(a: &Patch, b: &Patch, placement: &Placement, best: &mut Best) {
+/// Tries the normals of both patches' triangles: how far the other hull reaches below their planes. At least as far as
+/// the point `touch` that both hulls share, so that most planes need not be tried; that nearest to it is tried first.
+fn faces(a: &Patch, b: &Patch, placement: &Placement, touch: DVec3, best: &mut Best) {
     let mut below = 0;
-    for &triangle in a.triangles {
-        let outward = a.normal(triangle);
-        for normal in if a.two_sided { [outward, -outward] } else { [outward, DVec3::ZERO] } {
-            if normal == DVec3::ZERO {
-                continue;
-            }
-            let in_b = placement.direction_to_b(normal);
-            let deepest = b.hull.support(-in_b, below);
-            below = deepest;
-            let on_b = placement.point(b.hull.points()[deepest as usize]);
-            let top = a.hull.points()[a.hull.support(normal, top_corner(triangle, a)) as usize];
-            best.offer(b.vertex_faces(deepest, -in_b), (top - on_b).dot(normal), normal);
-        }
+    let mut try_a = |best: &mut Best, triangle: [u32; 3], normal: DVec3| {
+        let in_b = placement.direction_to_b(normal);
+        let deepest = b.hull.support(-in_b, below);
+        below = deepest;
+        let on_b = placement.point(b.hull.points()[deepest as usize]);
+        let top = a.hull.points()[a.hull.support(normal, top_corner(triangle, a)) as usize];
+        best.offer(b.vertex_faces(deepest, -in_b), (top - on_b).dot(normal), normal);
+    };
+    each_plane(a, touch, best, &mut try_a);
+    let mut below = 0;
+    let mut try_b = |best: &mut Best, triangle: [u32; 3], in_b: DVec3| {
+        let normal = -placement.direction(in_b);
+        let deepest = a.hull.support(normal, below);
+        below = deepest;
+        let on_a = a.hull.points()[deepest as usize];
+        let top = placement.point(b.hull.points()[b.hull.support(in_b, top_corner(triangle, b)) as usize]);
+        best.offer(a.vertex_faces(deepest, normal), (on_a - top).dot(normal), normal);
+    };
+    each_plane(b, placement.direction_to_b(touch - placement.translation), best, &mut try_b);
+}
+
+/// Calls `attempt` with a patch's triangles and their normals, both of them where it has two sides, as long as the
+/// plane's height above a point of the other hull leaves it a chance; all in the patch's frame.
+fn each_plane(
+    patch: &Patch,
+    touch: DVec3,
+    best: &mut Best,
+    attempt: &mut impl FnMut(&mut Best, [u32; 3], DVec3),
+) {
+    let sides: &[f64] = if patch.two_sided { &[1.0, -1.0] } else { &[1.0] };
+    let planes = || {
+        patch.triangles.iter().zip(patch.planes).flat_map(|(&triangle, plane)| {
+            let height = -plane.height(touch);
+            sides.iter().map(move |side| (triangle, *side * plane.normal, *side * height))
+        })
+    };
+    let planes = || planes().filter(|(_, normal, _)| *normal != DVec3::ZERO);
+    let nearest = planes().min_by(|(_, _, x), (_, _, y)| x.total_cmp(y));
+    if let Some((triangle, normal, _)) = nearest {
+        attempt(best, triangle, normal);
     }
-    let mut below = 0;
-    for &triangle in b.triangles {
-        let outward = b.normal(triangle);
-        for in_b in if b.two_sided { [outward, -outward] } else { [outward, DVec3::ZERO] } {
-            if in_b == DVec3::ZERO {
-                continue;
-            }
-            let normal = -placement.direction(in_b);
-            let deepest = a.hull.support(normal, below);
-            below = deepest;
-            let on_a = a.hull.points()[deepest as usize];
-            let top =
-                placement.point(b.hull.points()[b.hull.support(in_b, top_corner(triangle, b)) as usize]);
-            best.offer(a.vertex_faces(deepest, normal), (on_a - top).dot(normal), normal);
+    for (triangle, normal, height) in planes() {
+        // The height is known to rounding only.
+        if best.has_a_chance(height - best.precision) {
+            attempt(best, triangle, normal);
         }
     }
 }
@@ -155,10 +178,10 @@ fn edges(a: &Patch, b: &Patch, placement: &Placement, best: &mut Best) {
     for (target, &vertex) in placed.iter_mut().zip(b.vertices) {
         *target = placement.point(vertex);
     }
-    for &on_a in a.triangles {
-        let normal_a = a.normal(on_a);
-        for &on_b in b.triangles {
-            let normal_b = placement.direction(b.normal(on_b));
+    for (&on_a, plane_a) in a.triangles.iter().zip(a.planes) {
+        let normal_a = plane_a.normal;
+        for (&on_b, plane_b) in b.triangles.iter().zip(b.planes) {
+            let normal_b = placement.direction(plane_b.normal);
             for (i, j) in [(0, 1), (1, 2), (2, 0)] {
                 let (p, q) = (a.vertices[on_a[i] as usize], a.vertices[on_a[j] as usize]);
                 for (k, l) in [(0, 1), (1, 2), (2, 0)] {

@@ -27,6 +27,8 @@ pub(crate) struct Patch<'a> {
     /// Hull vertices and the patch's other vertices.
     pub vertices: &'a [DVec3],
     pub triangles: &'a [[u32; 3]],
+    /// The triangles' planes; none for a patch that was made of a [single](Patch::single) one.
+    pub planes: &'a [Plane],
     pub center: DVec3,
     pub radius: f64,
     /// The triangles cover the hull, to the last bit.
@@ -37,6 +39,27 @@ pub(crate) struct Patch<'a> {
     pub two_sided: bool,
     /// Triangles at each hull vertex, for a patch that has many.
     pub incidence: Option<&'a Incidence>,
+}
+
+/// The plane of a triangle.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Plane {
+    /// Unit outward normal; zero for a triangle without area.
+    pub normal: DVec3,
+    /// How far the plane lies from the origin along the normal, m.
+    pub offset: f64,
+}
+
+impl Plane {
+    pub fn of([p, q, r]: [DVec3; 3]) -> Self {
+        let normal = (q - p).cross(r - p).normalize_or_zero();
+        Self { normal, offset: normal.dot(p) }
+    }
+
+    /// How far a point lies above the plane, m.
+    pub fn height(&self, point: DVec3) -> f64 {
+        self.normal.dot(point) - self.offset
+    }
 }
 
 /// The triangles at each vertex of a patch.
@@ -98,6 +121,7 @@ impl<'a> Patch<'a> {
     pub fn of_node(
         clod: &'a Clod,
         node: &'a Node,
+        planes: &'a [Plane],
         tree: Option<&'a SupportTree>,
         incidence: Option<&'a Incidence>,
         exact: bool,
@@ -109,6 +133,7 @@ impl<'a> Patch<'a> {
             hull: Hull::with_tree(clod.extreme(node), tree),
             vertices: clod.hull(node),
             triangles: clod.patch(node),
+            planes,
             center: node.center,
             radius: node.radius,
             all_real: node.all_real && solid && exact,
@@ -125,6 +150,7 @@ impl<'a> Patch<'a> {
             hull: Hull::new(corners),
             vertices: corners,
             triangles: &[[0, 1, 2]],
+            planes: &[],
             center,
             radius,
             all_real: false,
@@ -141,12 +167,6 @@ impl<'a> Patch<'a> {
     /// Whether the hull is nothing but real surface (of either side).
     pub fn is_single_triangle(&self) -> bool {
         self.triangles.len() == 1 && self.vertices.len() == 3
-    }
-
-    /// Unit outward normal of a triangle; zero for one without area.
-    pub fn normal(&self, triangle: [u32; 3]) -> DVec3 {
-        let [p, q, r] = self.corners(triangle);
-        (q - p).cross(r - p).normalize_or_zero()
     }
 
     /// Whether a triangle with this normal can be touched from the side that `direction` (unit, known to within the angle
@@ -175,7 +195,7 @@ impl<'a> Patch<'a> {
                 for &index in incidence.around(vertex) {
                     let triangle = self.triangles[index as usize];
                     if self.lies_on(point, triangle, on)
-                        && self.faces(self.normal(triangle), direction, slack)
+                        && self.faces(self.planes[index as usize].normal, direction, slack)
                     {
                         return Surface::Front;
                     }
@@ -184,13 +204,15 @@ impl<'a> Patch<'a> {
         }
         let near = near.max(on);
         let mut surface = Surface::Virtual;
-        for &triangle in self.triangles {
-            if !self.in_box(point, triangle, near) {
+        // The height is known to rounding only.
+        let high = near + 1e-12 * self.radius + precision;
+        for (plane, &triangle) in self.planes.iter().zip(self.triangles) {
+            if plane.height(point).abs() > high || !self.in_box(point, triangle, near) {
                 continue;
             }
             let distance = distance_to_triangle(self.corners(triangle), point);
             if distance <= on {
-                if self.faces(self.normal(triangle), direction, slack) {
+                if self.faces(plane.normal, direction, slack) {
                     return Surface::Front;
                 }
                 surface = Surface::Back;
@@ -214,15 +236,15 @@ impl<'a> Patch<'a> {
 
     /// Whether some triangle at vertex `vertex` of the hull can be touched from a direction (unit, body axes).
     pub fn vertex_faces(&self, vertex: u32, direction: DVec3) -> bool {
-        let facing = |triangle: &[u32; 3]| self.normal(*triangle).dot(direction) >= -FACING;
+        let facing = |plane: &Plane| plane.normal.dot(direction) >= -FACING;
         if self.two_sided {
             return true;
         }
         match self.incidence {
             Some(incidence) => {
-                incidence.around(vertex).iter().any(|index| facing(&self.triangles[*index as usize]))
+                incidence.around(vertex).iter().any(|index| facing(&self.planes[*index as usize]))
             }
-            None => self.triangles.iter().any(|t| t.contains(&vertex) && facing(t)),
+            None => self.triangles.iter().zip(self.planes).any(|(t, p)| t.contains(&vertex) && facing(p)),
         }
     }
 }

@@ -8,7 +8,7 @@ use palpate_core::glam::DVec3;
 
 use crate::ball::Ball;
 use crate::convex::{Hull, SupportTree};
-use crate::patch::{Incidence, Patch};
+use crate::patch::{Incidence, Patch, Plane};
 use crate::refinement::Detail;
 
 const NONE: u32 = u32::MAX;
@@ -27,6 +27,8 @@ struct Prepared {
     details: Vec<Detail>,
     supports: Vec<SupportTree>,
     incidences: Vec<Incidence>,
+    /// Of the hierarchy's triangles.
+    planes: Vec<Plane>,
     /// Bound on any coordinate, m.
     coordinates: f64,
 }
@@ -101,7 +103,15 @@ impl Shape {
             .collect();
         let details = clod.nodes.iter().map(|node| Detail::of(clod, node)).collect();
         let coordinates = clod.vertices.iter().map(|v| v.abs().max_element()).fold(0.0, f64::max);
-        Self(Arc::new(Prepared { clod: shared, nodes, details, supports, incidences, coordinates }))
+        Self(Arc::new(Prepared {
+            planes: planes_of(clod),
+            clod: shared,
+            nodes,
+            details,
+            supports,
+            incidences,
+            coordinates,
+        }))
     }
 
     /// The hierarchy.
@@ -111,8 +121,9 @@ impl Shape {
 
     /// Bytes of memory held, besides the hierarchy itself.
     pub fn bytes(&self) -> usize {
-        let Prepared { nodes, details, supports, incidences, .. } = &*self.0;
+        let Prepared { nodes, details, supports, incidences, planes, .. } = &*self.0;
         size_of_val(&**nodes)
+            + size_of_val(&**planes)
             + size_of_val(&**details)
             + supports.iter().map(SupportTree::bytes).sum::<usize>()
             + incidences.iter().map(Incidence::bytes).sum::<usize>()
@@ -157,7 +168,9 @@ impl Shape {
         let Packed { patch_support, incidence, exact, .. } = *self.node(node);
         let (support, incidence) =
             (self.0.supports.get(patch_support as usize), self.0.incidences.get(incidence as usize));
-        Patch::of_node(self.clod(), &self.clod().nodes[node as usize], support, incidence, exact)
+        let node = &self.clod().nodes[node as usize];
+        let planes = &self.0.planes[node.triangles.start as usize..node.triangles.end as usize];
+        Patch::of_node(self.clod(), node, planes, support, incidence, exact)
     }
 
     /// The first descendant that is a leaf, has several children, or, unless the query is exact, may be fine enough.
@@ -181,6 +194,15 @@ impl Shape {
         }
         width.first().copied().unwrap_or(0)
     }
+}
+
+/// The planes of all triangles of a hierarchy, in their order.
+fn planes_of(clod: &Clod) -> Vec<Plane> {
+    let of_node = |node| {
+        let hull = clod.hull(node);
+        clod.patch(node).iter().map(|corners| Plane::of(corners.map(|v| hull[v as usize])))
+    };
+    clod.nodes.iter().flat_map(of_node).collect()
 }
 
 /// Whether no vertex of a patch's hull is above the planes of its triangles, to rounding.
