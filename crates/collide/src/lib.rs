@@ -3,7 +3,8 @@
 //! A [`Shape`] is a hierarchy prepared for queries. [`ContactQuery`] descends two of them in tandem and reports a
 //! [`PatchContact`] for every pair of convex surface patches that come within the tolerance, or penetrate: at full
 //! resolution, or each at the coarsest whose error would not be felt. [`Clustering`] condenses them to a few
-//! representatives. The queries between two convex hulls that it rests on are in [`convex`].
+//! representatives. [`ProximityQuery`] answers plainer questions: how far two surfaces are apart, and whether two bodies
+//! intersect. The queries between two convex hulls that it rests on are in [`convex`].
 //!
 //! Guarantees: everything is f64; the caller owns the workspaces; a query takes no lock, does not panic, and allocates
 //! only while it exceeds the sizes reached before.
@@ -17,11 +18,13 @@ mod metrics;
 mod motion;
 mod overlap;
 mod patch;
+mod proximity;
 mod query;
 mod refinement;
 mod shape;
 
 pub use clustering::{Cluster, Clustering};
 pub use metrics::{Combination, ErrorMetrics, VelocityMetric, ViewMetric};
+pub use proximity::{Effort, Intersection, NearestPoints, ProximityQuery, SurfaceDistance};
 pub use query::{Budget, ContactQuery, PatchContact, QueryOutcome, QuerySettings};
 pub use shape::Shape;

@@ -22,6 +22,11 @@ impl Motion {
         *self = Self::default();
     }
 
+    /// Counts the way from where the bodies are.
+    pub fn restart(&mut self) {
+        self.way = 0.0;
+    }
+
     /// The way so far, m.
     pub fn way(&self) -> f64 {
         self.way

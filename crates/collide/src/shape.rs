@@ -1,6 +1,6 @@
 //! A hierarchy prepared for queries: what the descent reads of its nodes, packed, and search structures over their hulls.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use palpate_core::Clod;
 use palpate_core::clod::Node;
@@ -9,6 +9,7 @@ use palpate_core::glam::DVec3;
 use crate::ball::Ball;
 use crate::convex::{Hull, SupportTree};
 use crate::patch::{Incidence, Patch, Plane};
+use crate::proximity::SurfaceIndex;
 use crate::refinement::Detail;
 
 const NONE: u32 = u32::MAX;
@@ -31,6 +32,8 @@ struct Prepared {
     planes: Vec<Plane>,
     /// Bound on any coordinate, m.
     coordinates: f64,
+    /// For distance queries, made by the first.
+    surface: OnceLock<SurfaceIndex>,
 }
 
 /// What the descent reads of a node.
@@ -111,6 +114,7 @@ impl Shape {
             supports,
             incidences,
             coordinates,
+            surface: OnceLock::new(),
         }))
     }
 
@@ -121,12 +125,13 @@ impl Shape {
 
     /// Bytes of memory held, besides the hierarchy itself.
     pub fn bytes(&self) -> usize {
-        let Prepared { nodes, details, supports, incidences, planes, .. } = &*self.0;
+        let Prepared { nodes, details, supports, incidences, planes, surface, .. } = &*self.0;
         size_of_val(&**nodes)
             + size_of_val(&**planes)
             + size_of_val(&**details)
             + supports.iter().map(SupportTree::bytes).sum::<usize>()
             + incidences.iter().map(Incidence::bytes).sum::<usize>()
+            + surface.get().map_or(0, SurfaceIndex::bytes)
     }
 
     /// Whether there is nothing to touch.
@@ -162,6 +167,11 @@ impl Shape {
     pub(crate) fn ball(&self) -> Ball {
         let Packed { center, radius, .. } = *self.node(Clod::ROOT);
         Ball { center, radius }
+    }
+
+    /// What distance queries need besides; the first call prepares it.
+    pub(crate) fn surface(&self) -> &SurfaceIndex {
+        self.0.surface.get_or_init(|| SurfaceIndex::new(self.clod()))
     }
 
     pub(crate) fn patch(&self, node: u32) -> Patch<'_> {
