@@ -1,8 +1,8 @@
 //! Time of a contact query and of clustering its contacts: the upper jaw on the lower one, along a recorded trajectory.
 //!
 //! `cargo bench -p palpate-benches --bench contact_query`. An iteration of `contact_query/jaws` runs through all poses;
-//! the throughput is in poses. `contact_query/jaws_closed` is the pose with the most contacts alone. `…/2.5%` leaves
-//! out detail below that error, as a part of the probe's radius.
+//! the throughput is in poses. `contact_query/jaws_closed` is the pose with the most contacts alone, from the roots.
+//! `…/2.5%` leaves out detail below that error, as a part of the probe's radius.
 
 #![allow(missing_docs, reason = "a benchmark")]
 
@@ -54,7 +54,10 @@ fn jaws(criterion: &mut Criterion) {
     group.throughput(Throughput::Elements(1));
     for (name, settings) in [("jaws_closed", &settings), ("jaws_closed/2.5%", &coarse)] {
         group.bench_function(name, |bencher| {
-            bencher.iter(|| black_box(query.run(&closed, &Pose::IDENTITY, settings)));
+            bencher.iter(|| {
+                query.reset();
+                black_box(query.run(&closed, &Pose::IDENTITY, settings))
+            });
         });
     }
     group.finish();

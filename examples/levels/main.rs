@@ -189,6 +189,7 @@ impl Cost {
         let mut query = ContactQuery::new(&Shape::new(probe.clone()), &Shape::new(scene.clone()));
         let mut cost = Self { poses: poses.len(), ..Self::default() };
         for pose in poses {
+            query.reset();
             let outcome = query.run(pose, &Pose::IDENTITY, &settings);
             cost.visited += outcome.visited;
             cost.convex_queries += outcome.convex_queries;

@@ -165,7 +165,7 @@ pub struct QueryArguments {
     #[arg(long, conflicts_with = "exact")]
     pub interpolate: bool,
     /// Time-critical: refine most needed detail first, and stop after about this many microseconds
-    #[arg(long, value_name = "N", conflicts_with = "exact", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub budget_us: Option<u64>,
     /// Start every query from the root, rather than from the last one's front
     #[arg(long)]
@@ -245,6 +245,10 @@ pub struct Physics {
     /// Distance at which contact begins: metres, or a percentage of the probe's radius [default: 1%]
     #[arg(long, value_name = "D")]
     tolerance: Option<Length>,
+    /// Leave out detail whose error, averaged over the area of contact, is no more than this: metres, or a percentage of
+    /// the probe's radius such as 2.5% [default: full resolution]
+    #[arg(long, value_name = "S0")]
+    error: Option<Length>,
     /// Number of contact clusters, 1 to 16 [default: 5]
     #[arg(long)]
     clusters: Option<usize>,
@@ -267,6 +271,7 @@ impl Physics {
             angular_stiffness: self.angular_stiffness,
             angular_damping: self.angular_damping,
             tolerance: self.tolerance.map(|tolerance| tolerance.metres(radius)),
+            error: self.error.map_or(default.error, |error| error.metres(radius)),
             clusters: self.clusters.unwrap_or(default.clusters),
             ..default
         }

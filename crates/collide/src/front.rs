@@ -157,6 +157,15 @@ impl Front {
         true
     }
 
+    /// Counts the way from another beginning, this much further on, m.
+    pub fn rebase(&mut self, way: f64) {
+        for pair in &mut self.pairs {
+            for at in [&mut pair.wake, &mut pair.settled, &mut pair.within] {
+                *at -= way;
+            }
+        }
+    }
+
     /// Undoes the split of a pair, and of those below it.
     pub fn join(&mut self, slot: u32) {
         let first = std::mem::replace(&mut self.pairs[slot as usize].first, NO_PAIR);

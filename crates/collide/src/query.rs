@@ -53,6 +53,9 @@ const PAIRS: usize = 1 << 15;
 /// Pairs that may wait in a time-critical query before a new workspace grows.
 const URGENT: usize = 1 << 12;
 
+/// The way after which it is counted anew, in radii of the bodies.
+const LONG_WAY: f64 = 1e3;
+
 /// What examining a pair is expected to take before it has been measured, s; and queries over which that is averaged.
 const PACE: f64 = 1e-6;
 const PACE_MEMORY: f64 = 8.0;
@@ -135,7 +138,8 @@ pub struct QueryOutcome {
     pub smallest_distance: Option<f64>,
     /// Largest depth δ, m: negative when all contacts are separated; `None` without contacts.
     pub deepest: Option<f64>,
-    /// Pairs of nodes that were looked at: those that the bodies' motion had woken, and what they were split into.
+    /// Pairs of nodes that were looked at, those that the bodies' motion had woken and what they were split into, with
+    /// their bounding spheres within reach.
     pub visited: usize,
     /// Size of the front of the bounding volume test tree (§3.4.2): pairs at which the descent ended, being out of
     /// reach, or examined for contacts.
@@ -380,6 +384,16 @@ impl ContactQuery {
             }
         }
         self.last = Some(*settings);
+        // Before rounding tells.
+        let way = self.motion.way();
+        if way > LONG_WAY * radii || way.is_nan() {
+            self.motion.restart();
+            if way.is_finite() {
+                self.front.rebase(way);
+            } else {
+                self.start(settings.error.is_exact());
+            }
+        }
         Circumstances {
             placement,
             probe_pose: *probe_pose,
@@ -427,13 +441,13 @@ impl ContactQuery {
         self.urgent.clear();
         self.urgent.push(Urgent { deviation: f64::INFINITY, slot: Front::ROOT, weight: 1.0 });
         // Pairs that wait, and could be examined as they are.
-        let mut waiting = 0;
+        let roots = self.front.get(Front::ROOT);
+        let mut waiting = usize::from(self.is_reportable(roots.a, roots.b));
         let mut stopped: Option<Instant> = None;
         let mut examined = 0;
         while let Some(Urgent { deviation, slot, weight }) = self.urgent.pop() {
             let pair = *self.front.get(slot);
-            let (detail_a, detail_b) = (self.probe.detail(pair.a), self.scene.detail(pair.b));
-            let reportable = !detail_a.is_free() && !detail_b.is_free();
+            let reportable = self.is_reportable(pair.a, pair.b);
             waiting -= usize::from(reportable);
             if pair.sleeps(now) {
                 continue;
@@ -453,7 +467,7 @@ impl ContactQuery {
                 let (detail_a, detail_b) = (self.probe.detail(a), self.scene.detail(b));
                 let deviation = urgency(detail_a, detail_b, self.threshold(a, b, now));
                 self.urgent.push(Urgent { deviation, slot: child, weight: weight * share });
-                waiting += usize::from(!detail_a.is_free() && !detail_b.is_free());
+                waiting += usize::from(self.is_reportable(a, b));
                 child = next;
             }
             self.outcome.stack_high_water = self.outcome.stack_high_water.max(self.urgent.len());
@@ -463,6 +477,11 @@ impl ContactQuery {
             self.pace += (pace - self.pace) / PACE_MEMORY;
         }
         self.leave_all(now);
+    }
+
+    /// Whether contacts of a pair can be reported.
+    fn is_reportable(&self, a: u32, b: u32) -> bool {
+        !self.probe.detail(a).is_free() && !self.scene.detail(b).is_free()
     }
 
     /// Whether a budget is spent, but for examining the pairs that wait.
@@ -547,7 +566,6 @@ impl ContactQuery {
         let radii = self.probe.node(pair.a).radius + self.scene.node(pair.b).radius;
         if quiet && wake > now.way + RAISE * radii && now.way >= pair.within {
             let mut raised = Pair { first: NO_PAIR, ..pair };
-            self.outcome.convex_queries += 1;
             if self.is_apart(&mut raised, now) {
                 self.front.join(slot);
                 *self.front.get_mut(slot) = raised;
@@ -601,7 +619,6 @@ impl ContactQuery {
 
     /// Decides about a pair that is awake, and finds its contacts if it is not to be refined.
     fn look_at(&mut self, pair: &mut Pair, weight: f64, now: &Circumstances) -> Verdict {
-        self.outcome.visited += 1;
         let (a, b) = (pair.a, pair.b);
         let leaves = self.probe.node(a).is_leaf() && self.scene.node(b).is_leaf();
         let refinement = if leaves {
@@ -615,8 +632,8 @@ impl ContactQuery {
         if !pair.is_split() && self.spheres_are_apart(pair, now) {
             return Verdict::Stop;
         }
+        self.outcome.visited += 1;
         if refinement == Refine::Yes {
-            self.outcome.convex_queries += usize::from(!pair.is_split());
             if !pair.is_split() && self.is_apart(pair, now) {
                 return Verdict::Stop;
             }
@@ -626,7 +643,6 @@ impl ContactQuery {
         }
         let depends = refinement == Refine::Depends;
         let warm = !pair.nearest.vertices(true).is_empty();
-        self.outcome.convex_queries += usize::from(depends && !warm);
         if depends && !warm && self.is_apart(pair, now) {
             return Verdict::Stop;
         }
@@ -722,11 +738,12 @@ impl ContactQuery {
     }
 
     /// Whether the bounding hulls are out of reach; if so, until when.
-    fn is_apart(&self, pair: &mut Pair, now: &Circumstances) -> bool {
+    fn is_apart(&mut self, pair: &mut Pair, now: &Circumstances) -> bool {
         let (hull_a, hull_b) = (self.probe.hull(pair.a), self.scene.hull(pair.b));
         if hull_a.points().len().max(hull_b.points().len()) > HULL_TEST_POINTS {
             return false;
         }
+        self.outcome.convex_queries += 1;
         let reach = self.reach(pair, now);
         let limits =
             Limits { beyond: reach, share: SHARE, enough: reach, precision: self.precision(pair, now) };

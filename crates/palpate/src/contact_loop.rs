@@ -54,6 +54,7 @@ impl ContactLoop {
         center_of_mass: DVec3,
         scene: &[Placed],
         parameters: ContactParameters,
+        error: f64,
         clusters: usize,
     ) -> Self {
         let scene = scene
@@ -63,7 +64,11 @@ impl ContactLoop {
         Self {
             center_of_mass,
             scene,
-            settings: QuerySettings::new(parameters.tolerance),
+            settings: QuerySettings {
+                error: error.into(),
+                interpolate: error > 0.0,
+                ..QuerySettings::new(parameters.tolerance)
+            },
             parameters,
             contacts: Vec::new(),
             clustering: Clustering::new(clusters),

@@ -83,8 +83,14 @@ impl HapticRenderer {
             contact_timeout: settings.contact_timeout,
         };
         let haptic = HapticLoop::new(grasped, state, &specification);
-        let contact =
-            ContactLoop::new(&probe, source.center_of_mass, scene.objects(), parameters, settings.clusters);
+        let contact = ContactLoop::new(
+            &probe,
+            source.center_of_mass,
+            scene.objects(),
+            parameters,
+            settings.error,
+            settings.clusters,
+        );
         Ok(Self { haptic, contact, device, period: 1.0 / settings.rate, probe, scene, settings })
     }
 

@@ -27,6 +27,10 @@ pub struct Settings {
     pub angular_damping: Option<f64>,
     /// Distance tolerance d of the contact query, m, at most the grasped object's bounding radius; by default 1 % of it.
     pub tolerance: Option<f64>,
+    /// s₀, m: detail is left out of contacts where it would not be felt, its deviation averaged over the area of contact
+    /// being no more than this (§3.4.3), and forces go over smoothly from one level of detail to the next. 0, the
+    /// default, for full resolution.
+    pub error: f64,
     /// K: how many representative contacts there may be (§5.4.2).
     pub clusters: usize,
     /// The grasp: where the device holds the object, and the device's axes there, in the mesh's frame; by default the
@@ -50,6 +54,7 @@ impl Default for Settings {
             angular_stiffness: None,
             angular_damping: None,
             tolerance: None,
+            error: 0.0,
             clusters: 5,
             grasp: None,
             contact_timeout: 0.5,
@@ -85,6 +90,7 @@ impl Settings {
             ("angular-stiffness", self.angular_stiffness, "N·m/rad from 0 to 1e6", 0.0..=1e6),
             ("angular-damping", self.angular_damping, "N·m·s/rad from 0 to 1e6", 0.0..=1e6),
             ("tolerance", self.tolerance, "metres above 0", f64::MIN_POSITIVE..=f64::MAX),
+            ("error", Some(self.error), "metres, 0 or more", 0.0..=f64::MAX),
             ("contact-timeout", Some(self.contact_timeout), "seconds above 0", f64::MIN_POSITIVE..=f64::MAX),
             (
                 "clusters",
