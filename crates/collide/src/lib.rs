@@ -22,6 +22,7 @@ mod proximity;
 mod query;
 mod refinement;
 mod shape;
+mod thinning;
 
 pub use clustering::{Cluster, Clustering};
 pub use metrics::{Combination, ErrorMetrics, VelocityMetric, ViewMetric};

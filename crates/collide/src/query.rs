@@ -35,6 +35,7 @@ use crate::metrics::ErrorMetrics;
 use crate::motion::Motion;
 use crate::refinement::{Refine, refine, refined_share, urgency, weighted_deviation};
 use crate::shape::Shape;
+use crate::thinning::{LEAST_ROOM, thin};
 
 /// Separations and depths are found to this fraction of the size of the hulls involved.
 const PRECISION: f64 = 1e-12;
@@ -75,7 +76,9 @@ const RAISE: f64 = 0.05;
 pub struct QuerySettings {
     /// d: surfaces closer than this are in contact, m. Not negative.
     pub tolerance: f64,
-    /// Never allocate: contacts beyond the reserved capacity are dropped, and [`QueryOutcome::overflow`] says so.
+    /// Never allocate: when the reserved room is full, near contacts are merged, the deepest of them standing for the
+    /// others ([`QueryOutcome::overflow`]), and pairs that there is no room for are gone through without being kept
+    /// ([`QueryOutcome::front_overflow`]).
     /// Otherwise (the default) the buffer grows, and [`QueryOutcome::reallocated`] says so.
     pub fixed_capacity: bool,
     /// How far hulls may stand off the surface that they were built for, as a fraction of an object's bounding radius:
@@ -163,8 +166,11 @@ pub struct QueryOutcome {
     pub out_of_budget: bool,
     /// Largest s*/s₀ that a time-critical query stopped at; where s₀ is 0, it only tells that it did.
     pub worst_deviation: f64,
-    /// Whether contacts were dropped for want of capacity: [`ContactQuery::reserve`] more.
+    /// Whether contacts were merged for want of room: [`ContactQuery::reserve`] more.
     pub overflow: bool,
+    /// Side of the cubes, m, of which each holds one contact for every octant that normals point to, if contacts were
+    /// merged.
+    pub merged_within: f64,
     /// Whether a buffer grew during this query: it was larger than any before.
     pub reallocated: bool,
     /// The query was refused, and nothing was found: a pose, the tolerance or the error is not finite, one of the latter
@@ -288,7 +294,7 @@ impl ContactQuery {
             urgent: BinaryHeap::with_capacity(URGENT),
             pace: PACE,
             leaf: LeafQuery::default(),
-            contacts: Vec::with_capacity(contacts),
+            contacts: Vec::with_capacity(contacts.max(LEAST_ROOM)),
             outcome: QueryOutcome::default(),
             probe,
             scene,
@@ -696,11 +702,12 @@ impl ContactQuery {
         for contact in &self.leaf.contacts {
             self.outcome.count(contact);
             if now.settings.fixed_capacity && self.contacts.len() == self.contacts.capacity() {
+                let finest = now.settings.tolerance.max(self.outcome.merged_within);
+                self.outcome.merged_within = thin(&mut self.contacts, finest);
                 self.outcome.overflow = true;
-            } else {
-                let contact = placed(contact, &now.probe_pose);
-                self.contacts.push(PatchContact { contact, probe_node: a, scene_node: b, weight });
             }
+            let contact = placed(contact, &now.probe_pose);
+            self.contacts.push(PatchContact { contact, probe_node: a, scene_node: b, weight });
         }
         verdict
     }

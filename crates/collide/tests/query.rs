@@ -436,9 +436,17 @@ fn a_full_buffer_says_so_and_bad_input_is_refused() {
     let fixed = QuerySettings { fixed_capacity: true, ..open };
     let full = query.run(&near, &Pose::IDENTITY, &fixed);
     assert!(full.overflow && full.contacts > query.contacts().len());
+    let merged = query.contacts().to_vec();
     let grown = query.run(&near, &Pose::IDENTITY, &open);
     assert!(!grown.overflow && grown.reallocated && grown.contacts == query.contacts().len());
     assert_eq!(full.contacts, grown.contacts);
+    for lost in query.contacts() {
+        let near = |kept: &PatchContact| {
+            kept.contact.point.distance(lost.contact.point) <= 3f64.sqrt() * full.merged_within
+                && kept.contact.depth >= lost.contact.depth
+        };
+        assert!(merged.iter().any(near), "nothing stands for {lost:?} within {}", full.merged_within);
+    }
     let again = query.run(&near, &Pose::IDENTITY, &fixed);
     assert!(!again.overflow && !again.reallocated);
 
