@@ -2,29 +2,38 @@
 //!
 //! A [`Shape`] is a hierarchy prepared for queries. [`ContactQuery`] descends two of them in tandem and reports a
 //! [`PatchContact`] for every pair of convex surface patches that come within the tolerance, or penetrate: at full
-//! resolution, or each at the coarsest whose error would not be felt. [`Clustering`] condenses them to a few
-//! representatives. [`ProximityQuery`] answers plainer questions: how far two surfaces are apart, and whether two bodies
-//! intersect. The queries between two convex hulls that it rests on are in [`convex`].
+//! resolution, or each at the coarsest whose error would not be felt. [`ContactSet`] puts the pieces together
+//! again: local minima of the distance, and one contact for each connected region of intersection. [`Clustering`]
+//! condenses contacts to a few representatives. [`ProximityQuery`] answers plainer questions: how far two surfaces are
+//! apart, and whether two bodies intersect. The queries between two convex hulls that it rests on are in [`convex`].
 //!
 //! Guarantees: everything is f64; the caller owns the workspaces; a query takes no lock, does not panic, and allocates
 //! only while it exceeds the sizes reached before.
 
 mod ball;
 mod clustering;
+mod contact_set;
 pub mod convex;
 mod front;
 mod leaf;
 mod metrics;
 mod motion;
+mod neighbours;
 mod overlap;
+mod pairs;
 mod patch;
+mod patchwork;
 mod proximity;
 mod query;
 mod refinement;
+mod regions;
+mod sets;
 mod shape;
+mod spacing;
 mod thinning;
 
 pub use clustering::{Cluster, Clustering};
+pub use contact_set::{ContactSet, ContactSetOutcome, ContactSetSettings};
 pub use metrics::{Combination, ErrorMetrics, VelocityMetric, ViewMetric};
 pub use proximity::{Effort, Intersection, NearestPoints, ProximityQuery, SurfaceDistance};
 pub use query::{Budget, ContactQuery, PatchContact, QueryOutcome, QuerySettings};

@@ -9,6 +9,7 @@ use palpate_core::glam::DVec3;
 use crate::ball::Ball;
 use crate::convex::{Hull, SupportTree};
 use crate::patch::{Incidence, Patch, Plane};
+use crate::patchwork::Patchwork;
 use crate::proximity::SurfaceIndex;
 use crate::refinement::Detail;
 
@@ -34,6 +35,8 @@ struct Prepared {
     coordinates: f64,
     /// For distance queries, made by the first.
     surface: OnceLock<SurfaceIndex>,
+    /// How the patches hang together, once that was asked for.
+    patchwork: OnceLock<Patchwork>,
 }
 
 /// What the descent reads of a node.
@@ -115,6 +118,7 @@ impl Shape {
             incidences,
             coordinates,
             surface: OnceLock::new(),
+            patchwork: OnceLock::new(),
         }))
     }
 
@@ -125,13 +129,19 @@ impl Shape {
 
     /// Bytes of memory held, besides the hierarchy itself.
     pub fn bytes(&self) -> usize {
-        let Prepared { nodes, details, supports, incidences, planes, surface, .. } = &*self.0;
+        let Prepared { nodes, details, supports, incidences, planes, surface, patchwork, .. } = &*self.0;
         size_of_val(&**nodes)
             + size_of_val(&**planes)
             + size_of_val(&**details)
             + supports.iter().map(SupportTree::bytes).sum::<usize>()
             + incidences.iter().map(Incidence::bytes).sum::<usize>()
             + surface.get().map_or(0, SurfaceIndex::bytes)
+            + patchwork.get().map_or(0, Patchwork::bytes)
+    }
+
+    /// How the patches hang together; found out when first asked.
+    pub(crate) fn patchwork(&self) -> &Patchwork {
+        self.0.patchwork.get_or_init(|| Patchwork::new(self.clod()))
     }
 
     /// Whether there is nothing to touch.

@@ -8,7 +8,7 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use palpate_clod_build::{BuildOptions, unwatched};
-use palpate_collide::{ContactQuery, QuerySettings, Shape};
+use palpate_collide::{ContactQuery, ContactSet, ContactSetSettings, QuerySettings, Shape};
 use palpate_core::glam::{DQuat, DVec3};
 use palpate_core::{Clod, Pose, TriMesh};
 
@@ -128,4 +128,66 @@ fn jaws_along_their_path() {
 #[test]
 fn spoon_in_the_cup() {
     run("spoon.obj", "cup.obj", "spooncup.csv");
+}
+
+/// Whether a point is inside a closed mesh: its winding number (Van Oosterom and Strackee 1983).
+fn is_inside(point: DVec3, triangles: &[oracle::Triangle]) -> bool {
+    let angle = |t: &oracle::Triangle| {
+        let [a, b, c] = t.map(|corner| corner - point);
+        let (x, y, z) = (a.length(), b.length(), c.length());
+        let below = x * y * z + a.dot(b) * z + b.dot(c) * x + c.dot(a) * y;
+        2.0 * a.dot(b.cross(c)).atan2(below)
+    };
+    triangles.iter().map(angle).sum::<f64>() > std::f64::consts::TAU
+}
+
+/// Regions of intersection of the jaws: no vertex near them, of either jaw, is deeper than the deepest region, and one is
+/// as deep unless that is the depth of two patches.
+#[test]
+fn jaws_are_as_deep_as_their_vertices() {
+    let Some(shared) = shared() else {
+        let _ = writeln!(std::io::stderr(), "skipped: no ../shared folder with models beside the repository");
+        return;
+    };
+    let models = shared.join("models/scenarios");
+    let bodies = [load(&models.join("jaw_lower.obj")), load(&models.join("jaw_upper.obj"))];
+    let poses = path_of_poses(&shared.join("trajectories/jaws.csv"));
+    let radius = bodies[0].clod.bounding_radius();
+    let settings = QuerySettings::new(0.01 * radius);
+    let mut query = ContactQuery::new(&bodies[0].shape, &bodies[1].shape);
+    let mut set = ContactSet::new(&bodies[0].shape, &bodies[1].shape);
+    let (mut compared, mut exact) = (0, 0);
+    for pose in poses.iter().step_by(97) {
+        query.run(pose, &Pose::IDENTITY, &settings);
+        let found = set.run(query.contacts(), pose, &Pose::IDENTITY, &ContactSetSettings::new(0.01 * radius));
+        let Some(deepest) = found.first().copied().filter(|c| c.contact.depth > 0.0) else { continue };
+        let placed = [pose, &Pose::IDENTITY];
+        let placed: [_; 2] = std::array::from_fn(|side| oracle::placed(&bodies[side].mesh, placed[side]));
+        let near: Vec<DVec3> =
+            query.contacts().iter().filter(|c| c.contact.depth > 0.0).map(|c| c.contact.point).collect();
+        let mut plain: f64 = 0.0;
+        for side in 0..2 {
+            let mut points: Vec<DVec3> = placed[side].iter().flatten().copied().collect();
+            points.retain(|p| near.iter().any(|q| p.distance(*q) < 0.01 * radius));
+            points.sort_unstable_by(|p, q| p.x.total_cmp(&q.x).then(p.y.total_cmp(&q.y)));
+            points.dedup();
+            // Inside is asked only of those that would be deeper.
+            for point in points {
+                let to = |t: &oracle::Triangle| oracle::point_triangle(point, *t).distance(point);
+                let depth = placed[1 - side].iter().map(to).fold(f64::INFINITY, f64::min);
+                if depth > plain && is_inside(point, &placed[1 - side]) {
+                    plain = depth;
+                }
+            }
+        }
+        let depth = deepest.contact.depth;
+        println!("{} regions; vertices {plain}, deepest {depth}", set.outcome().regions);
+        assert!(plain <= depth + 1e-9 * radius, "a vertex is {plain} m deep, the deepest region {depth}");
+        compared += 1;
+        let by_vertex = (plain - depth).abs() < 1e-9 * radius;
+        let by_patches = query.contacts().iter().any(|c| c.contact == deepest.contact);
+        assert!(by_vertex || by_patches, "vertices {plain}, found {depth}");
+        exact += usize::from(by_vertex);
+    }
+    assert!(compared > 4 && exact > 1, "{exact} of {compared}");
 }

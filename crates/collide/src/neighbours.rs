@@ -1,0 +1,181 @@
+//! Which patches and triangles of a level meet: the surface that patches are pieces of, put together again.
+//!
+//! Nodes share no vertices in a hierarchy's layout. Patches of one level are pieces of one mesh, though, and their
+//! common vertices have the same coordinates to the last bit, by which they are joined here. Vertices of different
+//! levels are told apart, so each level is a surface of its own.
+
+use palpate_core::Clod;
+use palpate_core::clod::NO_NODE;
+use palpate_core::glam::DVec3;
+
+/// A vertex that belongs to no patch: points that bound descendants only.
+const NO_VERTEX: u32 = u32::MAX;
+
+/// The neighbourhood of patches, on every level that is not free.
+///
+/// Memory: 4 bytes a patch vertex, and again for every vertex of a level's mesh; 16 a triangle; 4 a node, and for
+/// every ordered pair of neighbouring patches.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Neighbours {
+    /// First node that has a patch.
+    first_node: u32,
+    /// Where the vertices of that node start.
+    first_vertex: u32,
+    /// The mesh vertex that each vertex of the hierarchy, from there on, is.
+    mesh_vertex: Vec<u32>,
+    /// Per mesh vertex: where its triangles start; one more at the end.
+    starts: Vec<u32>,
+    /// Triangles around the mesh vertices, as indices into [`Clod::triangles`].
+    around: Vec<u32>,
+    /// The node that each triangle belongs to.
+    owner: Vec<u32>,
+    /// Per node, from the first one on: where its neighbours start; one more at the end.
+    node_starts: Vec<u32>,
+    /// Nodes of the same level that share a vertex, in ascending order.
+    nodes: Vec<u32>,
+}
+
+impl Neighbours {
+    /// Finds the neighbours of all patches.
+    pub fn new(clod: &Clod) -> Self {
+        let regular = || clod.levels.iter().filter(|level| !level.free);
+        let Some(first_node) = regular().map(|level| level.nodes.start).min() else {
+            return Self::default();
+        };
+        let first_vertex = clod.nodes[first_node as usize].vertices.start;
+        let mut found = Self {
+            first_node,
+            first_vertex,
+            mesh_vertex: vec![NO_VERTEX; clod.vertices.len() - first_vertex as usize],
+            owner: vec![NO_NODE; clod.triangles.len()],
+            ..Self::default()
+        };
+        let mut vertices = 0;
+        for level in regular() {
+            vertices = found.weld(clod, level.nodes.clone(), vertices);
+        }
+        found.surround(clod, vertices as usize);
+        found.meet(clod);
+        found
+    }
+
+    /// Joins equal vertices of a level, and numbers them; `next` is the first number, and the one after the last is
+    /// returned.
+    fn weld(&mut self, clod: &Clod, nodes: std::ops::Range<u32>, mut next: u32) -> u32 {
+        let of_level = &clod.nodes[nodes.start as usize..nodes.end as usize];
+        let mut vertices: Vec<([u64; 3], u32)> = of_level
+            .iter()
+            .flat_map(|node| node.vertices.clone())
+            .map(|vertex| (bits(clod.vertices[vertex as usize]), vertex))
+            .collect();
+        vertices.sort_unstable();
+        let mut last = None;
+        for (key, vertex) in vertices {
+            next += u32::from(last != Some(key));
+            last = Some(key);
+            self.mesh_vertex[(vertex - self.first_vertex) as usize] = next - 1;
+        }
+        next
+    }
+
+    /// Lists the triangles around every vertex.
+    fn surround(&mut self, clod: &Clod, vertices: usize) {
+        for (index, node) in (0u32..).zip(&clod.nodes).skip(self.first_node as usize) {
+            self.owner[node.triangles.start as usize..node.triangles.end as usize].fill(index);
+        }
+        let mut starts = vec![0u32; vertices + 1];
+        let triangles = 0..clod.triangles.len() as u32;
+        for vertex in triangles.clone().flat_map(|t| self.corners(clod, t)) {
+            starts[vertex as usize + 1] += 1;
+        }
+        for index in 0..vertices {
+            starts[index + 1] += starts[index];
+        }
+        let mut next = starts.clone();
+        self.around = vec![0; 3 * clod.triangles.len()];
+        for triangle in triangles {
+            for vertex in self.corners(clod, triangle) {
+                self.around[next[vertex as usize] as usize] = triangle;
+                next[vertex as usize] += 1;
+            }
+        }
+        self.starts = starts;
+    }
+
+    /// Lists the neighbours of every node.
+    fn meet(&mut self, clod: &Clod) {
+        let mut of_node = Vec::new();
+        self.node_starts.push(0);
+        for (index, node) in (0u32..).zip(&clod.nodes).skip(self.first_node as usize) {
+            of_node.clear();
+            for triangle in node.triangles.clone() {
+                for vertex in self.corners(clod, triangle) {
+                    of_node.extend(self.around(vertex).iter().map(|t| self.owner(*t)));
+                }
+            }
+            of_node.sort_unstable();
+            of_node.dedup();
+            self.nodes.extend(of_node.iter().filter(|other| **other != index));
+            self.node_starts.push(self.nodes.len() as u32);
+        }
+    }
+
+    /// Number of mesh vertices, over all levels.
+    pub fn vertices(&self) -> usize {
+        self.starts.len().saturating_sub(1)
+    }
+
+    /// Bytes of memory held.
+    pub fn bytes(&self) -> usize {
+        let Self { mesh_vertex, starts, around, owner, node_starts, nodes, .. } = self;
+        [mesh_vertex, starts, around, owner, node_starts, nodes].map(|list| size_of_val(&**list)).iter().sum()
+    }
+
+    /// The node whose patch a triangle belongs to.
+    pub fn owner(&self, triangle: u32) -> u32 {
+        self.owner[triangle as usize]
+    }
+
+    /// The mesh vertices at the corners of a triangle.
+    pub fn corners(&self, clod: &Clod, triangle: u32) -> [u32; 3] {
+        let start = clod.nodes[self.owner(triangle) as usize].vertices.start - self.first_vertex;
+        let mesh_vertex = |local: u32| self.mesh_vertex[(start + local) as usize];
+        let [i, j, k] = clod.triangles[triangle as usize];
+        [mesh_vertex(i), mesh_vertex(j), mesh_vertex(k)]
+    }
+
+    /// The triangles around a mesh vertex.
+    pub fn around(&self, vertex: u32) -> &[u32] {
+        let range = self.starts[vertex as usize] as usize..self.starts[vertex as usize + 1] as usize;
+        &self.around[range]
+    }
+
+    /// The nodes of the same level whose patches share a vertex with a node's, in ascending order; none for a free one.
+    pub fn of(&self, node: u32) -> &[u32] {
+        let Some(index) = node.checked_sub(self.first_node).map(|index| index as usize) else {
+            return &[];
+        };
+        let range = self.node_starts[index] as usize..self.node_starts[index + 1] as usize;
+        &self.nodes[range]
+    }
+
+    /// Whether two nodes are the same patch, or neighbours. Of nodes of different levels the finer one stands for its
+    /// ancestor on the coarser one's level.
+    pub fn meets(&self, clod: &Clod, x: u32, y: u32) -> bool {
+        let level = |node: u32| clod.nodes[node as usize].level;
+        let coarser = level(x).max(level(y));
+        let lifted = |mut node: u32| {
+            while level(node) < coarser {
+                node = clod.nodes[node as usize].parent;
+            }
+            node
+        };
+        let (x, y) = (lifted(x), lifted(y));
+        x == y || self.of(x).binary_search(&y).is_ok()
+    }
+}
+
+/// Coordinates as bits, with one zero.
+fn bits(point: DVec3) -> [u64; 3] {
+    point.to_array().map(|x| (x + 0.0).to_bits())
+}

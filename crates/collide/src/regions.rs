@@ -1,0 +1,512 @@
+//! Connected regions of intersection, and how deep they are.
+//!
+//! Pairs of penetrating patches belong to one region when their patches are equal or neighbours on both sides. The depth
+//! of one pair is only a lower bound on how deep the objects are in one another, so it is measured over again: by the
+//! signed distance of either surface's vertices from the other surface. Vertices are looked at from the crossing
+//! triangles on, along the mesh as long as they are inside. They join regions that the surface inside connects:
+//!
+//! - along an edge that lies inside as a whole: its triangle's patch penetrates nothing, or the balls around its ends that
+//!   fit into the other solid cover it;
+//! - to the pair of patches at the vertex whose other patch is nearest to it.
+//!
+//! The deepest pair of patches counts as well where both hulls are inside their solids, or no vertex is inside.
+
+use palpate_core::Contact;
+use palpate_core::clod::Node;
+use palpate_core::glam::DVec3;
+
+use crate::PatchContact;
+use crate::convex::Placement;
+use crate::pairs::{Groups, Pair};
+use crate::patchwork::{NearestPoint, NearestSearch, corners};
+use crate::sets::Sets;
+use crate::shape::Shape;
+
+/// A vertex that was not looked at yet.
+const UNSEEN: u32 = u32::MAX;
+/// A vertex that is outside the other object.
+const OUTSIDE: u32 = u32::MAX - 1;
+
+/// One of the two bodies, and the way from its frame to the other's.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Side<'a> {
+    /// 0 for the probe, 1 for the scene object.
+    pub index: usize,
+    pub own: &'a Shape,
+    pub other: &'a Shape,
+    pub to_other: Placement,
+}
+
+impl<'a> Side<'a> {
+    /// Both sides; `placement` maps the scene object's frame into the probe's.
+    pub fn both(probe: &'a Shape, scene: &'a Shape, placement: Placement) -> [Self; 2] {
+        let rotation = placement.rotation.transpose();
+        let back = Placement { rotation, translation: -(rotation * placement.translation) };
+        [
+            Self { index: 0, own: probe, other: scene, to_other: back },
+            Self { index: 1, own: scene, other: probe, to_other: placement },
+        ]
+    }
+}
+
+/// A vertex inside the other object.
+#[derive(Clone, Copy, Debug)]
+struct Inside {
+    /// Index of the side that it is on.
+    side: usize,
+    /// Mesh vertex.
+    vertex: u32,
+    /// A node whose patch has it.
+    node: u32,
+    /// Level of the other object's surface from which the distance is measured.
+    level: u32,
+    /// In its own frame, and in the other body's, m.
+    own: DVec3,
+    in_other: DVec3,
+    /// On the other surface, in its frame.
+    nearest: NearestPoint,
+}
+
+/// A place of a region where it is deep.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Deep {
+    /// Number of the region.
+    pub region: u32,
+    /// m.
+    pub depth: f64,
+    /// Whether it is the deepest of the region.
+    pub deepest: bool,
+    pub at: Place,
+}
+
+/// Where a depth was found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Place {
+    /// Index of a contact between patches.
+    Patches(u32),
+    /// Index of a vertex, to be given to [`Regions::contact`].
+    Vertex(u32),
+}
+
+/// Circumstances of a run.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Measures {
+    /// Vertices nearer than this to a surface are on it, m.
+    pub precision: f64,
+    /// Depths that differ by less are equal, m.
+    pub same: f64,
+    /// Distances of vertices that may be measured.
+    pub most_vertices: usize,
+    /// Whether local maxima besides the deepest are wanted.
+    pub maxima: bool,
+}
+
+/// The workspace.
+#[derive(Clone, Debug)]
+pub(crate) struct Regions {
+    pairs: Vec<Pair>,
+    groups: [Groups; 2],
+    /// Of the pairs, followed by the vertices inside.
+    sets: Sets,
+    inside: Vec<Inside>,
+    /// Per side and mesh vertex: index into `inside`, [`OUTSIDE`] or [`UNSEEN`].
+    state: [Vec<u32>; 2],
+    /// Vertices whose state was set.
+    touched: [Vec<u32>; 2],
+    search: NearestSearch,
+    /// Per element that is a root: its region.
+    numbers: Vec<u32>,
+    /// Per region: deepest vertex, and deepest pair.
+    deepest: Vec<[Option<u32>; 2]>,
+    deep: Vec<Deep>,
+    /// Vertices whose distance was measured.
+    pub measured: usize,
+    /// Whether there were more vertices to measure than allowed.
+    pub truncated: bool,
+}
+
+impl Regions {
+    pub fn new(probe: &Shape, scene: &Shape) -> Self {
+        let shapes = [probe, scene];
+        Self {
+            pairs: Vec::new(),
+            groups: shapes.map(|shape| Groups::new(shape.clod().nodes.len())),
+            sets: Sets::default(),
+            inside: Vec::new(),
+            state: shapes.map(|shape| vec![UNSEEN; shape.patchwork().neighbours.vertices()]),
+            touched: [Vec::new(), Vec::new()],
+            search: NearestSearch::default(),
+            numbers: Vec::new(),
+            deepest: Vec::new(),
+            deep: Vec::new(),
+            measured: 0,
+            truncated: false,
+        }
+    }
+
+    /// Bytes of memory held.
+    pub fn bytes(&self) -> usize {
+        let groups = self.groups.iter().map(Groups::bytes);
+        let vertices = self.state.iter().chain(&self.touched).map(|list| 4 * list.capacity());
+        groups.sum::<usize>()
+            + vertices.sum::<usize>()
+            + 4 * (self.sets.capacity() + self.numbers.capacity())
+            + self.pairs.capacity() * size_of::<Pair>()
+            + self.inside.capacity() * size_of::<Inside>()
+            + self.deep.capacity() * size_of::<Deep>()
+            + self.deepest.capacity() * size_of::<[Option<u32>; 2]>()
+    }
+
+    /// Capacities, for telling whether a run allocated.
+    pub fn capacity(&self) -> usize {
+        self.bytes() + self.search.capacity()
+    }
+
+    /// Number of regions found.
+    pub fn len(&self) -> usize {
+        self.deepest.len()
+    }
+
+    /// Number of vertices found inside.
+    pub fn inside(&self) -> usize {
+        self.inside.len()
+    }
+
+    /// Finds the regions among contacts, of which the penetrating ones count, and where each is deep.
+    pub fn run(&mut self, contacts: &[PatchContact], sides: &[Side; 2], measures: &Measures) -> &[Deep] {
+        self.clear();
+        self.pair_up(contacts, sides);
+        self.connect_pairs(sides);
+        for side in sides.iter().filter(|side| side.other.clod().source.solid) {
+            self.look_around(side, measures);
+        }
+        self.connect_vertices(sides);
+        self.list_deepest(measures.same);
+        if measures.maxima {
+            self.list_maxima(sides, measures.same);
+        }
+        &self.deep
+    }
+
+    fn clear(&mut self) {
+        for side in 0..2 {
+            self.groups[side].clear(&self.pairs, side);
+            for vertex in self.touched[side].drain(..) {
+                self.state[side][vertex as usize] = UNSEEN;
+            }
+        }
+        self.pairs.clear();
+        self.inside.clear();
+        self.numbers.clear();
+        self.deepest.clear();
+        self.deep.clear();
+        (self.measured, self.truncated) = (0, false);
+    }
+
+    /// Collects the penetrating pairs of patches. Contacts of a pair follow one another.
+    fn pair_up(&mut self, contacts: &[PatchContact], sides: &[Side; 2]) {
+        for (index, PatchContact { contact, probe_node, scene_node, .. }) in (0u32..).zip(contacts) {
+            if contact.depth < 0.0 {
+                continue;
+            }
+            let (nodes, depth) = ([*probe_node, *scene_node], contact.depth);
+            if let Some(last) = self.pairs.last_mut().filter(|last| last.nodes == nodes) {
+                if depth > last.depth {
+                    (last.contact, last.depth) = (index, depth);
+                }
+                continue;
+            }
+            let contained = sides.iter().all(|side| side.own.patch(nodes[side.index]).contained);
+            self.pairs.push(Pair { nodes, contact: index, depth, contained, surpassed: false });
+        }
+        self.sets.clear(self.pairs.len());
+        for side in 0..2 {
+            self.groups[side].fill(&self.pairs, side);
+        }
+    }
+
+    /// Joins pairs that are neighbours on both sides.
+    fn connect_pairs(&mut self, sides: &[Side; 2]) {
+        let coarsest = [0, 1].map(|side| {
+            let level = |pair: &Pair| sides[side].own.clod().nodes[pair.nodes[side] as usize].level;
+            self.pairs.iter().map(level).max().unwrap_or(0)
+        });
+        for index in 0..self.pairs.len() {
+            let Pair { nodes, depth, .. } = self.pairs[index];
+            let candidates = [0, 1].map(|side| {
+                let groups = &self.groups[side];
+                around(sides[side].own, nodes[side], coarsest[side])
+                    .map(|node| groups.of(node).len())
+                    .sum::<usize>()
+            });
+            // Candidates are neighbours on one side already; the side with fewer of them is gone through.
+            let side = usize::from(candidates[1] < candidates[0]);
+            let other = sides[1 - side].own;
+            for node in around(sides[side].own, nodes[side], coarsest[side]) {
+                for &candidate in self.groups[side].of(node) {
+                    let found = &self.pairs[candidate as usize];
+                    let meets = other.patchwork().neighbours.meets(
+                        other.clod(),
+                        nodes[1 - side],
+                        found.nodes[1 - side],
+                    );
+                    if meets && candidate as usize != index {
+                        let deeper = found.depth;
+                        self.sets.join(index as u32, candidate);
+                        self.pairs[index].surpassed |= deeper > depth;
+                        self.pairs[candidate as usize].surpassed |= depth > deeper;
+                    }
+                }
+            }
+        }
+        for side in 0..2 {
+            self.groups[side].mark_uniform(&self.pairs, side, &mut self.sets);
+        }
+    }
+
+    /// Looks at the vertices of a side's triangles that may cross the other surface, and on from those inside.
+    fn look_around(&mut self, side: &Side, measures: &Measures) {
+        let (own, other, index) = (side.own, side.other, side.index);
+        let neighbours = &own.patchwork().neighbours;
+        let from = self.inside.len();
+        for at in 0..self.pairs.len() {
+            let nodes = self.pairs[at].nodes;
+            let node = nodes[index];
+            let Node { center, radius, level, ref triangles, .. } =
+                other.clod().nodes[nodes[1 - index] as usize];
+            let hint = triangles.start;
+            let center = side.to_other.direction_to_b(center - side.to_other.translation);
+            own.patchwork().in_reach(own.clod(), node, center, radius, &mut |triangle| {
+                for (vertex, point) in neighbours.corners(own.clod(), triangle).into_iter().zip(corners(
+                    own.clod(),
+                    node,
+                    triangle,
+                )) {
+                    self.look_at(side, measures, (vertex, node, point), (level, hint));
+                }
+            });
+        }
+        let mut next = from;
+        while next < self.inside.len() {
+            let Inside { vertex, level, own: at, nearest, .. } = self.inside[next];
+            let element = (self.pairs.len() + next) as u32;
+            next += 1;
+            for &triangle in neighbours.around(vertex) {
+                let node = neighbours.owner(triangle);
+                let crossing = !self.groups[index].of(node).is_empty();
+                let ends = neighbours.corners(own.clod(), triangle);
+                for (end, point) in ends.into_iter().zip(corners(own.clod(), node, triangle)) {
+                    if end == vertex {
+                        continue;
+                    }
+                    let Some(found) =
+                        self.look_at(side, measures, (end, node, point), (level, nearest.triangle))
+                    else {
+                        continue;
+                    };
+                    let covered = nearest.distance + self.inside[found].nearest.distance;
+                    if !crossing || covered >= at.distance(point) {
+                        self.sets.join(element, (self.pairs.len() + found) as u32);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Measures a vertex's distance, if that was not done yet; its index if it is inside.
+    fn look_at(
+        &mut self,
+        side: &Side,
+        measures: &Measures,
+        (vertex, node, own): (u32, u32, DVec3),
+        (level, hint): (u32, u32),
+    ) -> Option<usize> {
+        let state = self.state[side.index][vertex as usize];
+        if state != UNSEEN {
+            return (state != OUTSIDE).then_some(state as usize);
+        }
+        let in_other = side.to_other.point(own);
+        let ball = side.other.ball();
+        let mut found = None;
+        if in_other.distance(ball.center) <= ball.radius {
+            if self.measured == measures.most_vertices {
+                self.truncated = true;
+                return None;
+            }
+            self.measured += 1;
+            found = self.search.on_level(side.other, level, in_other, hint).filter(|nearest| {
+                let outward = nearest.normal(side.other);
+                nearest.distance > measures.precision && outward.dot(in_other - nearest.point) < 0.0
+            });
+        }
+        self.touched[side.index].push(vertex);
+        let Some(nearest) = found else {
+            self.state[side.index][vertex as usize] = OUTSIDE;
+            return None;
+        };
+        self.state[side.index][vertex as usize] = self.inside.len() as u32;
+        self.inside.push(Inside { side: side.index, vertex, node, level, own, in_other, nearest });
+        self.sets.add();
+        Some(self.inside.len() - 1)
+    }
+
+    /// Joins the vertices inside to the pairs of patches at them.
+    fn connect_vertices(&mut self, sides: &[Side; 2]) {
+        for index in 0..self.inside.len() {
+            if let Some(pair) = self.pair_of(&sides[self.inside[index].side], index) {
+                self.sets.join((self.pairs.len() + index) as u32, pair);
+            }
+        }
+    }
+
+    /// Of the pairs of patches at a vertex, the one whose other patch is nearest to it.
+    fn pair_of(&mut self, side: &Side, index: usize) -> Option<u32> {
+        let Inside { vertex, in_other, nearest, .. } = self.inside[index];
+        let neighbours = &side.own.patchwork().neighbours;
+        let groups = &self.groups[side.index];
+        let around = neighbours.around(vertex).iter().map(|t| neighbours.owner(*t));
+        let around = around.filter(|node| !groups.of(*node).is_empty());
+        let mut regions = around.clone().map(|node| {
+            let pair = groups.of(node)[0];
+            (groups.is_uniform(node), pair)
+        });
+        let (uniform, first) = regions.next()?;
+        if uniform && regions.all(|(uniform, pair)| uniform && self.sets.root(pair) == self.sets.root(first))
+        {
+            return Some(first);
+        }
+        let mut best = None;
+        let mut limit = f64::INFINITY;
+        let mut last = UNSEEN;
+        for node in around {
+            if std::mem::replace(&mut last, node) == node {
+                continue;
+            }
+            for &pair in groups.of(node) {
+                let other = self.pairs[pair as usize].nodes[1 - side.index];
+                if other == nearest.node {
+                    return Some(pair);
+                }
+                let sphere = side.other.node(other);
+                if sphere.center.distance(in_other) - sphere.radius >= limit {
+                    continue;
+                }
+                if let Some(found) = self.search.on_patch(side.other, other, in_other, limit) {
+                    (best, limit) = (Some(pair), found.distance);
+                }
+            }
+        }
+        best
+    }
+
+    /// The region of an element.
+    fn region(&mut self, element: u32) -> u32 {
+        let root = self.sets.root(element);
+        self.numbers[root as usize]
+    }
+
+    /// Numbers the regions, and finds the deepest place of each.
+    fn list_deepest(&mut self, same: f64) {
+        let elements = self.sets.len();
+        self.numbers.resize(elements as usize, UNSEEN);
+        for element in 0..elements {
+            let root = self.sets.root(element) as usize;
+            if self.numbers[root] == UNSEEN {
+                self.numbers[root] = self.deepest.len() as u32;
+                self.deepest.push([None, None]);
+            }
+        }
+        for index in 0..self.inside.len() as u32 {
+            let region = self.region(self.pairs.len() as u32 + index) as usize;
+            let depth = |i: u32| self.inside[i as usize].nearest.distance;
+            let best = &mut self.deepest[region][0];
+            if best.is_none_or(|best| depth(index) > depth(best)) {
+                *best = Some(index);
+            }
+        }
+        for index in 0..self.pairs.len() as u32 {
+            let region = self.region(index) as usize;
+            // What protrudes from a solid may be deeper than the solid is.
+            let by_vertices = self.deepest[region][0].is_some();
+            if by_vertices && !self.pairs[index as usize].contained {
+                continue;
+            }
+            let depth = |i: u32| self.pairs[i as usize].depth;
+            let best = &mut self.deepest[region][1];
+            if best.is_none_or(|best| depth(index) > depth(best)) {
+                *best = Some(index);
+            }
+        }
+        for (region, [vertex, pair]) in (0u32..).zip(&self.deepest) {
+            let of_vertex = vertex.map(|v| (self.inside[v as usize].nearest.distance, Place::Vertex(v)));
+            let of_pair = pair.map(|p| {
+                let pair = &self.pairs[p as usize];
+                (pair.depth, Place::Patches(pair.contact))
+            });
+            let best = match (of_vertex, of_pair) {
+                (Some(v), Some(p)) => Some(if p.0 > v.0 + same { p } else { v }),
+                (v, p) => v.or(p),
+            };
+            if let Some((depth, at)) = best {
+                self.deep.push(Deep { region, depth, deepest: true, at });
+            }
+        }
+    }
+
+    /// Lists the vertices that no neighbour inside is deeper than; in regions without any, such pairs of patches.
+    fn list_maxima(&mut self, sides: &[Side; 2], same: f64) {
+        for index in 0..self.inside.len() {
+            let Inside { side, vertex, nearest, .. } = self.inside[index];
+            let (clod, neighbours) = (sides[side].own.clod(), &sides[side].own.patchwork().neighbours);
+            let around = neighbours.around(vertex).iter().flat_map(|t| neighbours.corners(clod, *t));
+            // Vertices of a face that was pressed in flat are equally deep, but for rounding.
+            let deepest = nearest.distance + same;
+            let states = around.map(|end| self.state[side][end as usize]).filter(|state| *state < OUTSIDE);
+            let surpassed = states.map(|i| self.inside[i as usize].nearest.distance).any(|d| d > deepest);
+            if !surpassed {
+                let region = self.region((self.pairs.len() + index) as u32);
+                let at = Place::Vertex(index as u32);
+                self.deep.push(Deep { region, depth: nearest.distance, deepest: false, at });
+            }
+        }
+        for index in 0..self.pairs.len() {
+            let Pair { contact, depth, surpassed, .. } = self.pairs[index];
+            let region = self.region(index as u32);
+            if !surpassed && self.deepest[region as usize][0].is_none() {
+                self.deep.push(Deep { region, depth, deepest: false, at: Place::Patches(contact) });
+            }
+        }
+    }
+
+    /// The contact of a vertex inside, in the probe's frame.
+    pub fn contact(&self, vertex: u32, sides: &[Side; 2]) -> PatchContact {
+        let Inside { side, node, own, in_other, nearest, .. } = self.inside[vertex as usize];
+        let from_other = |point: DVec3| sides[1 - side].to_other.point(point);
+        let outward = nearest.face_normal(sides[side].other);
+        let depth = nearest.distance;
+        if side == 0 {
+            let scene_point = from_other(nearest.point);
+            let normal = match outward {
+                Some(outward) => -sides[1].to_other.direction(outward),
+                None => (own - scene_point).normalize(),
+            };
+            let contact = Contact { point: own, scene_point, normal, depth };
+            PatchContact { contact, probe_node: node, scene_node: nearest.node, weight: 1.0 }
+        } else {
+            let normal = outward.unwrap_or_else(|| (nearest.point - in_other).normalize());
+            let contact = Contact { point: nearest.point, scene_point: in_other, normal, depth };
+            PatchContact { contact, probe_node: nearest.node, scene_node: node, weight: 1.0 }
+        }
+    }
+}
+
+/// A node with its neighbours, and the same of its ancestors up to a level.
+fn around(shape: &Shape, node: u32, coarsest: u32) -> impl Iterator<Item = u32> + Clone {
+    let nodes = &shape.clod().nodes;
+    let above = move |node: &u32| {
+        let node = &nodes[*node as usize];
+        (node.level < coarsest).then_some(node.parent)
+    };
+    std::iter::successors(Some(node), above)
+        .flat_map(|node| std::iter::once(node).chain(shape.patchwork().neighbours.of(node).iter().copied()))
+}
