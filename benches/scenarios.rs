@@ -1,7 +1,7 @@
 //! Pairs of a probe and a scene object with paths of the probe at 1 kHz, on which contact queries are compared.
 //!
 //! A path is recorded, or generated: the probe moves along a direction until it touches, slides along a small closed
-//! loop in light penetration ([`LIGHT`] of its radius), and leaves the way it came. At each of [`STATIONS`] on the
+//! loop in light penetration (`LIGHT` of its radius), and leaves the way it came. At each of `STATIONS` on the
 //! loop the depth is found by moving along the direction until the contact query at full resolution reports it; a
 //! smooth curve runs through the poses found.
 

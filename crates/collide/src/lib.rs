@@ -14,27 +14,17 @@ mod ball;
 mod clustering;
 mod contact_set;
 pub mod convex;
-mod front;
-mod leaf;
-mod metrics;
 mod motion;
-mod neighbours;
-mod overlap;
-mod pairs;
 mod patch;
-mod patchwork;
 mod proximity;
 mod query;
-mod refinement;
-mod regions;
-mod sets;
 mod shape;
-mod spacing;
-mod thinning;
 
 pub use clustering::{Cluster, Clustering};
 pub use contact_set::{ContactSet, ContactSetOutcome, ContactSetSettings};
-pub use metrics::{Combination, ErrorMetrics, VelocityMetric, ViewMetric};
 pub use proximity::{Effort, Intersection, NearestPoints, ProximityQuery, SurfaceDistance};
-pub use query::{Budget, ContactQuery, PatchContact, QueryOutcome, QuerySettings};
+pub use query::{
+    Budget, Combination, ContactQuery, ErrorMetrics, PatchContact, QueryOutcome, QuerySettings,
+    VelocityMetric, ViewMetric,
+};
 pub use shape::Shape;

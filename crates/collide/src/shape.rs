@@ -7,11 +7,11 @@ use palpate_core::clod::Node;
 use palpate_core::glam::DVec3;
 
 use crate::ball::Ball;
+use crate::contact_set::patchwork::Patchwork;
 use crate::convex::{Hull, SupportTree};
 use crate::patch::{Incidence, Patch, Plane};
-use crate::patchwork::Patchwork;
 use crate::proximity::SurfaceIndex;
-use crate::refinement::Detail;
+use crate::query::refinement::Detail;
 
 const NONE: u32 = u32::MAX;
 

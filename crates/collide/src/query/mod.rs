@@ -2,13 +2,13 @@
 //!
 //! Both hierarchies are descended in tandem. A pair of nodes stays where it is when its bounding spheres, or then its
 //! hulls, are further apart than d + h(a) + h(b) (Eq. 3.5); otherwise one of them is split, down to pairs whose missing
-//! detail is below the threshold s₀ ([`refinement`](crate::refinement)), and those are asked for contacts. Of nodes
+//! detail is below the threshold s₀ ([`refinement`](crate::query::refinement)), and those are asked for contacts. Of nodes
 //! with such a threshold the one with the coarser children is split (§3.4.2). At full resolution, where s₀ is 0, it is
 //! the larger one, down to pairs of leaves. As §3.4.1 has it, they are a superset of the local minima of the distance
 //! where the objects are disjoint, and local penetration depths where they overlap. Only surfaces that meet make
 //! contacts: an object that has sunk wholly into another, deeper than that one's patches are thick, has none.
 //!
-//! A query starts from the [front](crate::front) of the last one (§3.4.2), raised and lowered in place. The answer is
+//! A query starts from the [front](crate::query::front) of the last one (§3.4.2), raised and lowered in place. The answer is
 //! that of a query from the roots: a pair is only passed over while the bodies have not moved enough to change its
 //! answer, and searches that start from old nearest points find the same ones.
 //!
@@ -20,6 +20,13 @@
 //! within reach, and stop as soon as either bound on the distance settles it; nodes with a single child are passed
 //! through, as long as they are to be refined anyway. In §3.4.2 every node of the front is tested in every query.
 
+mod front;
+mod leaf;
+mod metrics;
+mod overlap;
+pub(crate) mod refinement;
+mod thinning;
+
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 use std::ops::Range;
@@ -28,14 +35,15 @@ use std::time::{Duration, Instant};
 use palpate_core::glam::DVec3;
 use palpate_core::{Clod, Contact, Pose};
 
+use self::front::{Front, NO_PAIR, Nearest, Pair};
+use self::leaf::{LeafQuery, Reach};
+use self::refinement::{Refine, refine, refined_share, urgency, weighted_deviation};
+use self::thinning::{LEAST_ROOM, thin};
 use crate::convex::{Limits, Placement, Separation, Start, gjk};
-use crate::front::{Front, NO_PAIR, Nearest, Pair};
-use crate::leaf::{LeafQuery, Reach};
-use crate::metrics::ErrorMetrics;
 use crate::motion::Motion;
-use crate::refinement::{Refine, refine, refined_share, urgency, weighted_deviation};
 use crate::shape::Shape;
-use crate::thinning::{LEAST_ROOM, thin};
+
+pub use self::metrics::{Combination, ErrorMetrics, VelocityMetric, ViewMetric};
 
 /// Separations and depths are found to this fraction of the size of the hulls involved.
 const PRECISION: f64 = 1e-12;

@@ -8,8 +8,8 @@
 use palpate_core::Clod;
 use palpate_core::glam::DVec3;
 
+use crate::contact_set::neighbours::Neighbours;
 use crate::convex::nearest_on_triangle;
-use crate::neighbours::Neighbours;
 use crate::shape::Shape;
 
 /// Triangles of a patch that are looked at one by one.

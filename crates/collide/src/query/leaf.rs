@@ -9,7 +9,7 @@
 //! nearest point that misses the triangles by no more, features that are parallel to within it, hulls that overlap by
 //! no more) the triangles decide as well.
 //!
-//! Overlapping hulls: when both are contained, so do the solids, and [`overlap`](crate::overlap) finds the contact; if
+//! Overlapping hulls: when both are contained, so do the solids, and [`overlap`](crate::query::overlap) finds the contact; if
 //! they only touch, they may do so in virtual faces, far from any triangle, and the triangles decide. When one is not
 //! contained the patches must truly touch first: a triangle of one must intersect a triangle of the other, or the
 //! other's hull if that is contained. If not, pairs of triangles within the tolerance are separated contacts.
@@ -22,8 +22,8 @@ use palpate_core::glam::DVec3;
 
 use crate::ball::Ball;
 use crate::convex::{Distance, Limits, Placement, Polytope, Separation, Start, gjk};
-use crate::overlap::{contact_at, overlap};
 use crate::patch::{Patch, Plane, Surface, distance_to_triangle, separated};
+use crate::query::overlap::{contact_at, overlap};
 
 /// Buffers for the contacts of one pair of leaves, with counts over a whole query.
 #[derive(Clone, Debug, Default)]

@@ -6,7 +6,7 @@
 //!
 //! - A separated contact stays if it is a local minimum of the distance between the surfaces: no triangle at its point
 //!   on one surface, of whichever patch, is closer to a triangle at its point on the other.
-//! - Penetrating contacts become one for each connected [region](crate::regions) of intersection, at the place where it
+//! - Penetrating contacts become one for each connected [region](crate::contact_set::regions) of intersection, at the place where it
 //!   is deepest: the vertex of either surface that is furthest from the other surface, or the deepest pair of patches
 //!   where that is deeper. Crossing edges may be so: no vertex needs to be inside, and while one enters, the depth does
 //!   not jump. With a [spacing](ContactSetSettings::spacing), further local maxima of the depth are kept as well.
@@ -18,15 +18,22 @@
 //! Where an object bounds no solid, nothing is inside it; where neither does, a region is as deep as its deepest pair of
 //! patches.
 
+mod neighbours;
+mod pairs;
+pub(crate) mod patchwork;
+mod regions;
+mod sets;
+mod spacing;
+
 use palpate_core::glam::DVec3;
 use palpate_core::{Contact, Pose};
 
+use self::patchwork::{NearestSearch, corners};
+use self::regions::{Deep, Measures, Place, Regions, Side};
+use self::spacing::Spaced;
 use crate::PatchContact;
 use crate::convex::{Hull, Limits, Placement, Separation, Start, gjk, nearest_on_triangle};
-use crate::patchwork::{NearestSearch, corners};
-use crate::regions::{Deep, Measures, Place, Regions, Side};
 use crate::shape::Shape;
-use crate::spacing::Spaced;
 
 /// Lengths are told from zero to this fraction of the sizes involved.
 const PRECISION: f64 = 1e-12;

@@ -21,8 +21,8 @@ use palpate_core::Contact;
 use palpate_core::glam::DVec3;
 
 use crate::convex::{Placement, Polytope};
-use crate::leaf::Reach;
 use crate::patch::{FACING, Patch, Surface};
+use crate::query::leaf::Reach;
 
 /// Patches with at most this product of triangle counts have all their directions tried.
 const FEW_TRIANGLE_PAIRS: usize = 16;
