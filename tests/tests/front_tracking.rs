@@ -101,6 +101,22 @@ fn a_tracked_front_finds_what_a_cold_query_does() {
 }
 
 #[test]
+fn two_convex_bodies_are_one_pair() {
+    let ball = shape(Model::Ellipsoid, 2000);
+    let radius = ball.clod().bounding_radius();
+    let mut query = ContactQuery::new(&ball, &ball);
+    let settings = QuerySettings::new(0.01 * radius);
+    let mut touching = 0;
+    for step in 0..100 {
+        let pose = Pose::from_translation(radius * (2.1 - 0.002 * f64::from(step)) * DVec3::X);
+        let outcome = query.run(&pose, &Pose::IDENTITY, &settings);
+        assert!(outcome.visited <= 1 && outcome.front == 1 && outcome.contacts <= 1, "{outcome:?}");
+        touching += outcome.contacts;
+    }
+    assert!(touching > 10, "{touching}");
+}
+
+#[test]
 fn the_same_motion_gives_the_same_bits() {
     let mut rng = StdRng::seed_from_u64(SEED + 1);
     let (lower, upper) = (shape(Model::LowerJaw, 3000), shape(Model::UpperJaw, 3000));

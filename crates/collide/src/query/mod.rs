@@ -59,9 +59,6 @@ const HULL_TEST_POINTS: usize = 256;
 /// Pairs of nodes that a new workspace has room for.
 const PAIRS: usize = 1 << 15;
 
-/// Pairs that may wait in a time-critical query before a new workspace grows.
-const URGENT: usize = 1 << 12;
-
 /// The way after which it is counted anew, in radii of the bodies.
 const LONG_WAY: f64 = 1e3;
 
@@ -84,7 +81,7 @@ const RAISE: f64 = 0.05;
 pub struct QuerySettings {
     /// d: surfaces closer than this are in contact, m. Not negative.
     pub tolerance: f64,
-    /// Never allocate: when the reserved room is full, near contacts are merged, the deepest of them standing for the
+    /// Never allocate for contacts or pairs of nodes: when the reserved room is full, near contacts are merged, the deepest of them standing for the
     /// others ([`QueryOutcome::overflow`]), and pairs that there is no room for are gone through without being kept
     /// ([`QueryOutcome::front_overflow`]).
     /// Otherwise (the default) the buffer grows, and [`QueryOutcome::reallocated`] says so.
@@ -299,7 +296,8 @@ impl ContactQuery {
             last: None,
             stack: Vec::with_capacity(2 * width),
             unrecorded: Vec::with_capacity(width),
-            urgent: BinaryHeap::with_capacity(URGENT),
+            // No more wait than are kept.
+            urgent: BinaryHeap::with_capacity(pairs),
             pace: PACE,
             leaf: LeafQuery::default(),
             contacts: Vec::with_capacity(contacts.max(LEAST_ROOM)),
