@@ -100,6 +100,43 @@ fn a_tracked_front_finds_what_a_cold_query_does() {
     }
 }
 
+/// Powers of two change no rounding; other factors must not change what is found either.
+#[test]
+fn the_scale_changes_no_contact() {
+    let mut rng = StdRng::seed_from_u64(SEED + 2);
+    let (lower, upper) = (shape(Model::LowerJaw, 3000), shape(Model::UpperJaw, 3000));
+    let radius = upper.clod().bounding_radius();
+    let poses = wander(&mut rng, DVec3::ZERO, radius, 100);
+    for factor in [0.125, 1e-3, 0.0254, 1e3] {
+        let scaled = |shape: &Shape| Shape::new(shape.clod().scaled(factor).expect("a factor"));
+        let mut query = ContactQuery::new(&upper, &lower);
+        let mut other = ContactQuery::new(&scaled(&upper), &scaled(&lower));
+        let mut contacts = 0;
+        for (index, pose) in poses.iter().enumerate() {
+            let error = if index % 2 == 0 { 0.0 } else { 0.025 };
+            let settings = |radius: f64| QuerySettings {
+                error: (error * radius).into(),
+                ..QuerySettings::new(0.01 * radius)
+            };
+            let moved = Pose::new(factor * pose.translation, pose.rotation);
+            let one = query.run(pose, &Pose::IDENTITY, &settings(radius));
+            let two = other.run(&moved, &Pose::IDENTITY, &settings(factor * radius));
+            let context = format!("seed {:#x}, factor {factor}, pose {index}: {one:?} {two:?}", SEED + 2);
+            assert_eq!(query.contacts().len(), other.contacts().len(), "{context}");
+            for (one, two) in query.contacts().iter().zip(other.contacts()) {
+                assert_eq!((one.probe_node, one.scene_node), (two.probe_node, two.scene_node), "{context}");
+                let off = (factor * one.contact.depth - two.contact.depth).abs();
+                assert!(off <= 1e-8 * factor * radius, "{context}: {one:?} {two:?}");
+            }
+            contacts += query.contacts().len();
+        }
+        assert!(contacts > 500, "{contacts}");
+    }
+    for factor in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e-200, 1e200] {
+        assert!(upper.clod().scaled(factor).is_none(), "{factor}");
+    }
+}
+
 #[test]
 fn two_convex_bodies_are_one_pair() {
     let ball = shape(Model::Ellipsoid, 2000);

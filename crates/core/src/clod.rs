@@ -170,6 +170,33 @@ impl Clod {
         &self.support_areas[node.vertices.start as usize..node.vertices.end as usize]
     }
 
+    /// The hierarchy of the object made larger by a factor about its frame's origin; `None` if the factor is not positive
+    /// and finite, or so large or small that lengths or areas are lost.
+    pub fn scaled(&self, factor: f64) -> Option<Self> {
+        let areas = factor * factor;
+        let volumes = areas * factor;
+        if ![factor, areas, volumes].iter().all(|x| x.is_normal() && *x > 0.0) {
+            return None;
+        }
+        let mut scaled = self.clone();
+        scaled.levels.iter_mut().for_each(|level| level.resolution /= factor);
+        scaled.vertices.iter_mut().for_each(|vertex| *vertex *= factor);
+        scaled.support_areas.iter_mut().for_each(|area| *area *= areas);
+        for node in &mut scaled.nodes {
+            node.center *= factor;
+            node.radius *= factor;
+            node.deviation *= factor;
+            node.hausdorff *= factor;
+        }
+        let source = &mut scaled.source;
+        source.bounding_radius *= factor;
+        source.center *= factor;
+        source.volume *= volumes;
+        source.center_of_mass *= factor;
+        source.unit_inertia *= areas;
+        scaled.validate().is_ok().then_some(scaled)
+    }
+
     /// Memory that the hierarchy takes, in bytes, apart from spare capacity.
     pub fn total_bytes(&self) -> usize {
         size_of::<Self>()

@@ -170,6 +170,13 @@ impl Object {
         Self { name: name.to_owned(), clod: clod.into(), shape: Arc::default() }
     }
 
+    /// The object made larger by a factor about its frame's origin, which takes as much memory again; `None` if the factor
+    /// is not positive and finite, or extreme. Objects that are moved only are [placed](crate::Scene::with) at several
+    /// poses instead, which shares everything.
+    pub fn scaled(&self, factor: f64) -> Option<Self> {
+        Some(Self::from_clod(&self.name, self.clod.scaled(factor)?))
+    }
+
     /// The hierarchy prepared for contact queries; the first call prepares it.
     pub fn shape(&self) -> &Shape {
         self.shape.get_or_init(|| Shape::new(self.clod.clone()))
