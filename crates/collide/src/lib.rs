@@ -18,6 +18,7 @@ mod motion;
 mod patch;
 mod proximity;
 mod query;
+mod sets;
 mod shape;
 
 pub use clustering::{Cluster, Clustering};

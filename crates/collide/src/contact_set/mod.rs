@@ -22,7 +22,6 @@ mod neighbours;
 mod pairs;
 pub(crate) mod patchwork;
 mod regions;
-mod sets;
 mod spacing;
 
 use palpate_core::glam::DVec3;
@@ -33,6 +32,7 @@ use self::regions::{Deep, Measures, Place, Regions, Side};
 use self::spacing::Spaced;
 use crate::PatchContact;
 use crate::convex::{Hull, Limits, Placement, Separation, Start, gjk, nearest_on_triangle};
+use crate::query::placed;
 use crate::shape::Shape;
 
 /// Lengths are told from zero to this fraction of the sizes involved.
@@ -261,7 +261,10 @@ impl ContactSet {
         for &Deep { region, deepest, at, .. } in &self.deep {
             let found = match at {
                 Place::Patches(index) => PatchContact { weight: 1.0, ..contacts[index as usize] },
-                Place::Vertex(index) => placed(self.regions.contact(index, sides), probe_pose),
+                Place::Vertex(index) => {
+                    let deepest = self.regions.contact(index, sides);
+                    PatchContact { contact: placed(&deepest.contact, probe_pose), ..deepest }
+                }
             };
             // One object's deepest vertex and the other's are the same place.
             let points = [found.contact.point; 2];
@@ -418,16 +421,4 @@ fn nearest_on(corners: &[DVec3; 3], point: DVec3) -> DVec3 {
     let [p, q, r] = corners.map(|corner| corner - point);
     let [u, v, w] = nearest_on_triangle(p, q, r);
     point + u * p + v * q + w * r
-}
-
-/// A contact in the probe's frame, in world axes.
-fn placed(found: PatchContact, pose: &Pose) -> PatchContact {
-    let Contact { point, scene_point, normal, depth } = found.contact;
-    let contact = Contact {
-        point: pose.transform_point(point),
-        scene_point: pose.transform_point(scene_point),
-        normal: pose.transform_vector(normal),
-        depth,
-    };
-    PatchContact { contact, ..found }
 }

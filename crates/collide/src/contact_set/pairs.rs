@@ -1,6 +1,6 @@
 //! Penetrating pairs of patches, and which of them a node is in.
 
-use crate::contact_set::sets::Sets;
+use crate::sets::Sets;
 
 /// A penetrating pair of patches.
 #[derive(Clone, Copy, Debug)]

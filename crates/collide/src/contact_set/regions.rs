@@ -18,8 +18,8 @@ use palpate_core::glam::DVec3;
 use crate::PatchContact;
 use crate::contact_set::pairs::{Groups, Pair};
 use crate::contact_set::patchwork::{NearestPoint, NearestSearch, corners};
-use crate::contact_set::sets::Sets;
 use crate::convex::Placement;
+use crate::sets::Sets;
 use crate::shape::Shape;
 
 /// A vertex that was not looked at yet.

@@ -11,6 +11,7 @@ use palpate_core::Clod;
 use palpate_core::glam::DVec3;
 
 use super::triangles::Triangle;
+use crate::sets::Sets;
 use crate::shape::Shape;
 
 /// Directions to cast rays in, chosen to be aligned with nothing.
@@ -28,7 +29,7 @@ const CLOSE: f64 = 1e-10;
 pub(crate) fn pieces(clod: &Clod) -> Vec<DVec3> {
     let mut ids = HashMap::new();
     let mut points: Vec<DVec3> = Vec::new();
-    let mut parents: Vec<u32> = Vec::new();
+    let mut sets = Sets::default();
     for node in clod.levels.first().map_or(&[][..], |_| clod.leaves()) {
         let corners = clod.hull(node);
         for triangle in clod.patch(node) {
@@ -37,29 +38,14 @@ pub(crate) fn pieces(clod: &Clod) -> Vec<DVec3> {
                 // Adding 0 makes −0 and 0 one.
                 *ids.entry((point + 0.0).to_array().map(f64::to_bits)).or_insert_with(|| {
                     points.push(point);
-                    parents.push(parents.len() as u32);
-                    parents.len() as u32 - 1
+                    sets.add()
                 })
             });
-            join(&mut parents, p, q);
-            join(&mut parents, q, r);
+            sets.join(p, q);
+            sets.join(q, r);
         }
     }
-    let roots = (0u32..).zip(&parents).filter(|(index, parent)| index == *parent);
-    roots.map(|(index, _)| points[index as usize]).collect()
-}
-
-fn join(parents: &mut [u32], p: u32, q: u32) {
-    let (p, q) = (root(parents, p), root(parents, q));
-    parents[p.max(q) as usize] = p.min(q);
-}
-
-fn root(parents: &mut [u32], mut index: u32) -> u32 {
-    while parents[index as usize] != index {
-        parents[index as usize] = parents[parents[index as usize] as usize];
-        index = parents[index as usize];
-    }
-    index
+    (0..sets.len()).filter(|index| sets.root(*index) == *index).map(|index| points[index as usize]).collect()
 }
 
 /// Whether a point (body frame, m) that does not lie on the surface of a solid lies inside. `stack` is a buffer.

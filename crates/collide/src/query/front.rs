@@ -131,6 +131,12 @@ impl Front {
         &mut self.pairs[slot as usize]
     }
 
+    /// The slots of the pairs that a pair is split into; none on the front.
+    pub fn below(&self, slot: u32) -> impl Iterator<Item = u32> {
+        let known = |slot: u32| (slot != NO_PAIR).then_some(slot);
+        std::iter::successors(known(self.get(slot).first), move |slot| known(self.get(*slot).next))
+    }
+
     /// Splits a pair into others; `false`, and nothing done, if there is no room for them. `grow`: make room.
     pub fn split(&mut self, slot: u32, into: impl ExactSizeIterator<Item = Pair>, grow: bool) -> bool {
         let spare = self.pairs.len() - self.used;

@@ -2,13 +2,12 @@
 //!
 //! Both hierarchies are descended in tandem. A pair of nodes stays where it is when its bounding spheres, or then its
 //! hulls, are further apart than d + h(a) + h(b) (Eq. 3.5); otherwise one of them is split, down to pairs whose missing
-//! detail is below the threshold s₀ ([`refinement`](crate::query::refinement)), and those are asked for contacts. Of nodes
-//! with such a threshold the one with the coarser children is split (§3.4.2). At full resolution, where s₀ is 0, it is
+//! detail is below the threshold s₀ ([`refinement`]), and those are asked for contacts. Of nodes with such a threshold the one with the coarser children is split (§3.4.2). At full resolution, where s₀ is 0, it is
 //! the larger one, down to pairs of leaves. As §3.4.1 has it, they are a superset of the local minima of the distance
 //! where the objects are disjoint, and local penetration depths where they overlap. Only surfaces that meet make
 //! contacts: an object that has sunk wholly into another, deeper than that one's patches are thick, has none.
 //!
-//! A query starts from the [front](crate::query::front) of the last one (§3.4.2), raised and lowered in place. The answer is
+//! A query starts from the [front] of the last one (§3.4.2), raised and lowered in place. The answer is
 //! that of a query from the roots: a pair is only passed over while the bodies have not moved enough to change its
 //! answer, and searches that start from old nearest points find the same ones.
 //!
@@ -81,10 +80,9 @@ const RAISE: f64 = 0.05;
 pub struct QuerySettings {
     /// d: surfaces closer than this are in contact, m. Not negative.
     pub tolerance: f64,
-    /// Never allocate for contacts or pairs of nodes: when the reserved room is full, near contacts are merged, the deepest of them standing for the
-    /// others ([`QueryOutcome::overflow`]), and pairs that there is no room for are gone through without being kept
-    /// ([`QueryOutcome::front_overflow`]).
-    /// Otherwise (the default) the buffer grows, and [`QueryOutcome::reallocated`] says so.
+    /// Never allocate for contacts or pairs of nodes: when the reserved room is full, near contacts are merged, the
+    /// deepest of them standing for the others ([`QueryOutcome::overflow`]), and pairs that there is no room for are gone
+    /// through without being kept ([`QueryOutcome::front_overflow`]). Otherwise (the default) the buffer grows, and [`QueryOutcome::reallocated`] says so.
     pub fixed_capacity: bool,
     /// How far hulls may stand off the surface that they were built for, as a fraction of an object's bounding radius:
     /// the builder's tolerance. Where this much could decide about a contact, the triangles do.
@@ -179,7 +177,7 @@ pub struct QueryOutcome {
     /// Whether a buffer grew during this query: it was larger than any before.
     pub reallocated: bool,
     /// The query was refused, and nothing was found: a pose, the tolerance or the error is not finite, one of the latter
-    /// is negative, or the hierarchies are not those that the workspace was made for.
+    /// is negative, or an object has no nodes.
     pub refused: bool,
 }
 
@@ -259,17 +257,6 @@ impl PartialEq for Urgent {
 }
 
 impl Eq for Urgent {}
-
-/// Which contacts of a pair are asked for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Asked {
-    /// Those of the finest resolution that is needed.
-    Finest,
-    /// Likewise, if this is it, which depends on where the nearest points are.
-    UnlessRefined,
-    /// Those of this resolution, in want of time.
-    AsItIs,
-}
 
 /// What becomes of a pair.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -436,11 +423,7 @@ impl ContactQuery {
             let Some(share) = self.enter(entry, weight, now) else { continue };
             self.stack.push((entry | LEAVE, weight));
             let from = self.stack.len();
-            let mut child = self.front.get(entry).first;
-            while child != NO_PAIR {
-                self.stack.push((child, weight * share));
-                child = self.front.get(child).next;
-            }
+            self.stack.extend(self.front.below(entry).map(|child| (child, weight * share)));
             self.stack[from..].reverse();
             self.outcome.stack_high_water = self.outcome.stack_high_water.max(self.stack.len());
         }
@@ -469,18 +452,16 @@ impl ContactQuery {
                 examined += 1;
                 self.outcome.out_of_budget = true;
                 self.outcome.worst_deviation = self.outcome.worst_deviation.max(deviation);
-                self.examine(&mut { pair }, Asked::AsItIs, weight, now);
+                self.examine(&mut { pair }, false, weight, now);
                 continue;
             }
             let Some(share) = self.enter(slot, weight, now) else { continue };
-            let mut child = self.front.get(slot).first;
-            while child != NO_PAIR {
-                let Pair { a, b, next, .. } = *self.front.get(child);
+            for child in self.front.below(slot) {
+                let Pair { a, b, .. } = *self.front.get(child);
                 let (detail_a, detail_b) = (self.probe.detail(a), self.scene.detail(b));
                 let deviation = urgency(detail_a, detail_b, self.threshold(a, b, now));
                 self.urgent.push(Urgent { deviation, slot: child, weight: weight * share });
                 waiting += usize::from(self.is_reportable(a, b));
-                child = next;
             }
             self.outcome.stack_high_water = self.outcome.stack_high_water.max(self.urgent.len());
         }
@@ -520,11 +501,7 @@ impl ContactQuery {
                 continue;
             }
             self.stack.push((entry | LEAVE, weight));
-            let mut child = pair.first;
-            while child != NO_PAIR {
-                self.stack.push((child, weight));
-                child = self.front.get(child).next;
-            }
+            self.stack.extend(self.front.below(entry).map(|child| (child, weight)));
         }
     }
 
@@ -568,12 +545,9 @@ impl ContactQuery {
     fn leave(&mut self, slot: u32, now: &Circumstances) {
         let pair = *self.front.get(slot);
         let (mut wake, mut quiet) = (pair.settled, true);
-        let mut child = pair.first;
-        while child != NO_PAIR {
-            let below = self.front.get(child);
+        for below in self.front.below(slot).map(|child| self.front.get(child)) {
             wake = wake.min(below.wake);
             quiet &= !below.is_split();
-            child = below.next;
         }
         let radii = self.probe.node(pair.a).radius + self.scene.node(pair.b).radius;
         if quiet && wake > now.way + RAISE * radii && now.way >= pair.within {
@@ -658,12 +632,11 @@ impl ContactQuery {
         if depends && !warm && self.is_apart(pair, now) {
             return Verdict::Stop;
         }
-        let asked = if depends { Asked::UnlessRefined } else { Asked::Finest };
-        self.examine(pair, asked, weight, now)
+        self.examine(pair, depends, weight, now)
     }
 
-    /// Finds the contacts of a pair, unless it is to be refined.
-    fn examine(&mut self, pair: &mut Pair, asked: Asked, weight: f64, now: &Circumstances) -> Verdict {
+    /// Finds the contacts of a pair, unless it is to be refined, which `depends` on where its nearest points are.
+    fn examine(&mut self, pair: &mut Pair, depends: bool, weight: f64, now: &Circumstances) -> Verdict {
         let (a, b) = (pair.a, pair.b);
         let tolerance = now.settings.tolerance;
         let precision = self.precision(pair, now);
@@ -677,7 +650,7 @@ impl ContactQuery {
         pair.nearest = Nearest::of(&found, true);
         let beyond = found.separation == Separation::Beyond || found.distance > tolerance.max(precision);
         pair.share = 0.0;
-        if asked == Asked::UnlessRefined {
+        if depends {
             let side_a = (self.probe.detail(a), self.probe.support_areas(a));
             let side_b = (self.scene.detail(b), self.scene.support_areas(b));
             let error = self.threshold(a, b, now);
@@ -797,7 +770,7 @@ impl QueryOutcome {
 }
 
 /// A contact in a body's frame, in world axes.
-fn placed(contact: &Contact, pose: &Pose) -> Contact {
+pub(crate) fn placed(contact: &Contact, pose: &Pose) -> Contact {
     Contact {
         point: pose.transform_point(contact.point),
         scene_point: pose.transform_point(contact.scene_point),
