@@ -3,11 +3,11 @@
 mod oracle;
 mod solids;
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
 
 use allocation_counter::measure;
-use oracle::Triangle;
+use oracle::{Triangle, normal};
 use palpate_clod_build::{BuildOptions, unwatched};
 use palpate_collide::{
     ContactQuery, ContactSet, ContactSetOutcome, ContactSetSettings, PatchContact, QuerySettings, Shape,
@@ -15,7 +15,7 @@ use palpate_collide::{
 use palpate_core::glam::{DQuat, DVec3};
 use palpate_core::{Pose, TriMesh};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
-use solids::{Kind, clusters, hierarchy, pose, rotation, singles, star, torus, vector};
+use solids::{Body, Kind, clusters, hierarchy, pose, rotation, singles, star, torus, vector};
 
 const SEED: u64 = 0x5E75_0FC0;
 
@@ -249,39 +249,6 @@ fn separated_convex_bodies_have_one_contact() {
         }
         assert!(single > 10, "{single}");
     }
-}
-
-/// A mesh with its patches, for brute force.
-struct Body {
-    mesh: TriMesh,
-    shape: Shape,
-    leaf_of: Vec<u32>,
-    around: Vec<Vec<usize>>,
-}
-
-impl Body {
-    fn new(mesh: TriMesh, patches: &[Vec<u32>], kind: Kind) -> Self {
-        let (clod, order) = hierarchy(&mesh, patches, kind);
-        let first = clod.levels[0].nodes.start;
-        let mut leaf_of = vec![0; mesh.triangles().len()];
-        for (leaf, patch) in (first..).zip(&order) {
-            patch.iter().for_each(|t| leaf_of[*t as usize] = leaf);
-        }
-        let mut around = vec![Vec::new(); mesh.vertices().len()];
-        for (t, corners) in mesh.triangles().iter().enumerate() {
-            corners.iter().for_each(|v| around[*v as usize].push(t));
-        }
-        Self { mesh, shape: Shape::new(clod), leaf_of, around }
-    }
-
-    /// Triangles that share a vertex with one, itself included.
-    fn neighbours(&self, triangle: usize) -> HashSet<usize> {
-        self.mesh.triangles()[triangle].iter().flat_map(|v| self.around[*v as usize].clone()).collect()
-    }
-}
-
-fn normal(t: Triangle) -> DVec3 {
-    (t[1] - t[0]).cross(t[2] - t[0]).normalize_or_zero()
 }
 
 /// Pairs of triangles that no pair of triangles at their nearest points undercuts, and that face each other there: the

@@ -5,59 +5,14 @@ mod solids;
 
 use std::collections::{HashMap, HashSet};
 
-use oracle::Triangle;
-use palpate_collide::{ContactQuery, PatchContact, QueryOutcome, QuerySettings, Shape};
+use oracle::{Triangle, normal};
+use palpate_collide::{ContactQuery, PatchContact, QueryOutcome, QuerySettings};
 use palpate_core::glam::{DQuat, DVec3};
-use palpate_core::{Clod, Pose, TriMesh};
+use palpate_core::{Pose, TriMesh};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
-use solids::{Kind, clusters, hierarchy, pose, singles, star, torus, vector};
+use solids::{Body, Kind, clusters, pose, singles, star, torus, vector};
 
 const SEED: u64 = 0x0B5E_55ED;
-
-struct Body {
-    mesh: TriMesh,
-    clod: Clod,
-    shape: Shape,
-    /// Leaf node of each triangle.
-    leaf_of: Vec<u32>,
-    radius: f64,
-    solid: bool,
-    /// Triangles at each vertex.
-    around: Vec<Vec<usize>>,
-}
-
-impl Body {
-    fn new(mesh: TriMesh, patches: &[Vec<u32>], kind: Kind) -> Self {
-        let (clod, order) = hierarchy(&mesh, patches, kind);
-        let first = clod.levels[0].nodes.start;
-        let mut leaf_of = vec![0; mesh.triangles().len()];
-        for (leaf, patch) in (first..).zip(&order) {
-            patch.iter().for_each(|t| leaf_of[*t as usize] = leaf);
-        }
-        let mut around = vec![Vec::new(); mesh.vertices().len()];
-        for (t, corners) in mesh.triangles().iter().enumerate() {
-            corners.iter().for_each(|v| around[*v as usize].push(t));
-        }
-        let radius = clod.source.bounding_radius;
-        Self {
-            mesh,
-            shape: Shape::new(clod.clone()),
-            clod,
-            leaf_of,
-            radius,
-            solid: kind != Kind::Open,
-            around,
-        }
-    }
-
-    fn neighbours(&self, triangle: usize) -> HashSet<usize> {
-        self.mesh.triangles()[triangle].iter().flat_map(|v| self.around[*v as usize].clone()).collect()
-    }
-}
-
-fn normal(t: Triangle) -> DVec3 {
-    (t[1] - t[0]).cross(t[2] - t[0]).normalize_or_zero()
-}
 
 /// Whether no neighbouring triangle on either side undercuts the pair, and (on solids) some triangle at each of the
 /// points faces the other.

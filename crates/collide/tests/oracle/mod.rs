@@ -152,3 +152,8 @@ pub fn pairs_within(a: &[Triangle], b: &[Triangle], tolerance: f64) -> Vec<(usiz
     }
     found
 }
+
+/// Unit normal of a triangle; zero for one without area.
+pub fn normal(t: Triangle) -> DVec3 {
+    (t[1] - t[0]).cross(t[2] - t[0]).normalize_or_zero()
+}

@@ -2,6 +2,9 @@
 //! levels by pairing neighbours along a median split. Hulls are kept as all their vertices.
 #![allow(dead_code)]
 
+use std::collections::HashSet;
+
+use palpate_collide::Shape;
 use palpate_core::clod::{Level, NO_NODE, Node, Source};
 use palpate_core::glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Clod, Pose, TriMesh};
@@ -233,4 +236,47 @@ pub fn hierarchy(mesh: &TriMesh, patches: &[Vec<u32>], kind: Kind) -> (Clod, Vec
     clod.levels.reverse();
     clod.support_areas = vec![0.0; clod.vertices.len()];
     (clod, order)
+}
+
+/// A mesh with its patches, for brute force.
+pub struct Body {
+    pub mesh: TriMesh,
+    pub clod: Clod,
+    pub shape: Shape,
+    /// Leaf node of each triangle.
+    pub leaf_of: Vec<u32>,
+    pub radius: f64,
+    pub solid: bool,
+    /// Triangles at each vertex.
+    pub around: Vec<Vec<usize>>,
+}
+
+impl Body {
+    pub fn new(mesh: TriMesh, patches: &[Vec<u32>], kind: Kind) -> Self {
+        let (clod, order) = hierarchy(&mesh, patches, kind);
+        let first = clod.levels[0].nodes.start;
+        let mut leaf_of = vec![0; mesh.triangles().len()];
+        for (leaf, patch) in (first..).zip(&order) {
+            patch.iter().for_each(|t| leaf_of[*t as usize] = leaf);
+        }
+        let mut around = vec![Vec::new(); mesh.vertices().len()];
+        for (t, corners) in mesh.triangles().iter().enumerate() {
+            corners.iter().for_each(|v| around[*v as usize].push(t));
+        }
+        let radius = clod.source.bounding_radius;
+        Self {
+            mesh,
+            shape: Shape::new(clod.clone()),
+            clod,
+            leaf_of,
+            radius,
+            solid: kind != Kind::Open,
+            around,
+        }
+    }
+
+    /// Triangles that share a vertex with one, itself included.
+    pub fn neighbours(&self, triangle: usize) -> HashSet<usize> {
+        self.mesh.triangles()[triangle].iter().flat_map(|v| self.around[*v as usize].clone()).collect()
+    }
 }
