@@ -534,6 +534,6 @@ impl<'a> Target<'a> {
         let hull = Hull::with_tree(self.points, self.tree.as_ref());
         let point = [DVec3::ZERO];
         let placement = Placement::between(&Pose::IDENTITY, &Pose { translation: p, ..Pose::IDENTITY });
-        polytope.penetration(&hull, &Hull::new(&point), &placement, 1e-12 * self.size).depth
+        polytope.penetration(&hull, &Hull::new(&point), &placement, &[], 1e-12 * self.size).depth
     }
 }

@@ -212,7 +212,7 @@ fn depth_agrees_with_all_directions() {
             continue;
         }
         checked += 1;
-        let found = polytope.penetration(&hull_a, &hull_b, &placement, 1e-12);
+        let found = polytope.penetration(&hull_a, &hull_b, &placement, &[], 1e-12);
         let plain = plain_depth(&a, &placed);
         let context = format!("seed {:#x}, round {round}: {found:?}\n{a:?}\n{placed:?}", SEED + 3);
         assert!((found.normal.length() - 1.0).abs() < 1e-12, "{context}");
@@ -245,7 +245,7 @@ fn ball_in_ball_has_the_depth_of_two_spheres() {
         let overlap = rng.random_range(1e-4..0.5);
         let pose_b = Pose::new(direction * (2.0 - overlap), solids::rotation(&mut rng));
         let placement = Placement::between(&Pose::IDENTITY, &pose_b);
-        let found = polytope.penetration(&hull, &hull, &placement, 1e-12);
+        let found = polytope.penetration(&hull, &hull, &placement, &[], 1e-12);
         // The inscribed polyhedra are thinner than the spheres by at most their facets' sagitta.
         assert!(found.depth <= overlap + 1e-12 && found.depth > overlap - 0.01, "{overlap} {found:?}");
         assert!(found.normal.dot(direction) > 0.98, "{direction} {found:?}");

@@ -100,7 +100,7 @@ pub(super) fn support(
     difference(a, b, placement, on_a, on_b)
 }
 
-fn difference(a: &Hull, b: &Hull, placement: &Placement, on_a: u32, on_b: u32) -> Vertex {
+pub(super) fn difference(a: &Hull, b: &Hull, placement: &Placement, on_a: u32, on_b: u32) -> Vertex {
     Vertex {
         difference: a.points()[on_a as usize] - placement.point(b.points()[on_b as usize]),
         a: on_a,

@@ -1,15 +1,19 @@
 //! Penetration depth of two overlapping convex hulls: the shortest translation that separates them.
 //!
 //! The expanding polytope algorithm (van den Bergen 2001): a polytope inside the Minkowski difference a − b grows towards
-//! the boundary point that is nearest to the origin. Departures: the first tetrahedron is built from support points
-//! spread in all directions rather than from the last GJK simplex, so that touching and flat hulls need no care (the
-//! origin may start outside it; faces that see it have negative distances and grow first); a Minkowski difference
-//! that is itself flat has depth 0 across its plane; and since the extent of a − b along *any* direction is an upper
-//! bound on the depth, the smallest one seen is kept as the answer, whatever becomes of the polytope numerically.
+//! the boundary point that is nearest to the origin. It starts from a tetrahedron that the caller has: the last GJK
+//! simplex or, between bodies that move a little, that of the last answer, with the face that was nearest then. Where it
+//! still is, and the origin lies deep below the other three, a single support point confirms it.
+//!
+//! Departures: without such a tetrahedron, or if it is thin, the first one is built from support points spread in all
+//! directions, so that touching and flat hulls need no care (the origin may start outside it; faces that see it have
+//! negative distances and grow first); a Minkowski difference that is itself flat has depth 0 across its plane; and
+//! since the extent of a − b along *any* direction is an upper bound on the depth, the smallest one seen is kept as the
+//! answer, whatever becomes of the polytope numerically.
 
 use palpate_core::glam::DVec3;
 
-use super::gjk::support;
+use super::gjk::{difference, support};
 use super::{Hull, Placement, Vertex, nearest_on_triangle};
 
 /// Vertices that the polytope can hold.
@@ -17,6 +21,9 @@ const MAX_VERTICES: usize = 256;
 /// A closed triangulated surface over that many vertices has fewer faces than this.
 const MAX_FACES: usize = 2 * MAX_VERTICES;
 const NONE: u16 = u16::MAX;
+
+/// A tetrahedron is thin when its height is less than this fraction of its longest edge.
+const THIN: f64 = 1e-6;
 
 /// The answer of a penetration query. Points and directions are in a's frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,6 +43,9 @@ pub struct Penetration {
     pub converged: bool,
     /// Whether the Minkowski difference is flat (or less): then the opposite normal would do as well.
     pub flat: bool,
+    /// Vertices of a and b whose differences are a tetrahedron to start from the next time; the first three are the
+    /// nearest face. Of no use if flat.
+    pub tetrahedron: [(u32, u32); 4],
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -84,10 +94,23 @@ impl Polytope {
     }
 
     /// Depth and direction of the penetration of hull a and hull b as placed, to within `precision` (m). Hulls that do
-    /// not overlap give a depth that is not positive.
-    pub fn penetration(&mut self, a: &Hull, b: &Hull, placement: &Placement, precision: f64) -> Penetration {
+    /// not overlap give a depth that is not positive. `start`: vertices of a and b whose differences are a tetrahedron
+    /// around the origin, or nearly so; anything else is passed over.
+    pub fn penetration(
+        &mut self,
+        a: &Hull,
+        b: &Hull,
+        placement: &Placement,
+        start: &[(u32, u32)],
+        precision: f64,
+    ) -> Penetration {
+        self.vertices.clear();
+        self.faces.clear();
+        self.free.clear();
         let mut best = Candidate { extent: f64::INFINITY, normal: DVec3::X, face: [0; 3] };
-        if let Err(flat_normal) = self.first_tetrahedron(a, b, placement, precision) {
+        if !self.start_from(a, b, placement, start)
+            && let Err(flat_normal) = self.first_tetrahedron(a, b, placement, precision)
+        {
             let forward = support(a, b, placement, flat_normal, (0, 0));
             let backward = support(a, b, placement, -flat_normal, (0, 0));
             let (vertex, normal) =
@@ -158,6 +181,7 @@ impl Polytope {
             }
         }
         let (_, corners, weights) = nearest;
+        let apex = self.apex(corners.map(|v| v.difference));
         let (mut on_a, mut on_b) = (DVec3::ZERO, DVec3::ZERO);
         for (vertex, weight) in corners.iter().zip(weights) {
             on_a += weight * a.points()[vertex.a as usize];
@@ -171,7 +195,23 @@ impl Polytope {
             gap,
             converged,
             flat,
+            tetrahedron: [corners[0], corners[1], corners[2], apex].map(|v| (v.a, v.b)),
         }
+    }
+
+    /// The vertex that best makes a tetrahedron around the origin with a face: that furthest inside the cone of the rays
+    /// from the face's corners through the origin.
+    fn apex(&self, [p, q, r]: [DVec3; 3]) -> Vertex {
+        let sides = [q.cross(r), r.cross(p), p.cross(q)].map(DVec3::normalize_or_zero);
+        let inside = |v: &Vertex| sides.iter().map(|side| -side.dot(v.difference)).fold(f64::INFINITY, f64::min);
+        let mut best = (self.vertices[0], f64::NEG_INFINITY);
+        for vertex in &self.vertices {
+            let inside = inside(vertex);
+            if inside > best.1 {
+                best = (*vertex, inside);
+            }
+        }
+        best.0
     }
 
     fn nearest_face(&self) -> Option<u16> {
@@ -184,6 +224,33 @@ impl Polytope {
         best.0
     }
 
+    /// Starts from a tetrahedron that is known, unless it is thin.
+    fn start_from(&mut self, a: &Hull, b: &Hull, placement: &Placement, start: &[(u32, u32)]) -> bool {
+        let (count_a, count_b) = (a.points().len(), b.points().len());
+        let &[first, second, third, apex] = start else { return false };
+        let known = |(on_a, on_b): (u32, u32)| (on_a as usize) < count_a && (on_b as usize) < count_b;
+        if !start.iter().all(|&pair| known(pair)) {
+            return false;
+        }
+        let [first, second, third, apex] =
+            [first, second, third, apex].map(|(on_a, on_b)| difference(a, b, placement, on_a, on_b));
+        let edges = [second, third, apex].map(|v| v.difference - first.difference);
+        let normal = edges[0].cross(edges[1]);
+        let volume = normal.dot(edges[2]);
+        let longest = edges.iter().map(|edge| edge.length_squared()).fold(0.0, f64::max).sqrt();
+        // Not negated, so that what is not a number is thin as well.
+        if !(volume.abs() > THIN * longest * longest * longest) {
+            return false;
+        }
+        if volume < 0.0 {
+            self.vertices.extend([first, second, third, apex]);
+        } else {
+            self.vertices.extend([first, third, second, apex]);
+        }
+        self.first_faces();
+        true
+    }
+
     /// Builds a tetrahedron of support points, or gives the normal of the plane (or of one of the planes) that the whole
     /// Minkowski difference lies in.
     fn first_tetrahedron(
@@ -193,9 +260,6 @@ impl Polytope {
         placement: &Placement,
         precision: f64,
     ) -> Result<(), DVec3> {
-        self.vertices.clear();
-        self.faces.clear();
-        self.free.clear();
         let mut ends = [Vertex::default(); 2];
         let mut extent = -1.0;
         for axis in DVec3::AXES {
@@ -240,6 +304,12 @@ impl Polytope {
         } else {
             self.vertices.extend([first, third, second, above]);
         }
+        self.first_faces();
+        Ok(())
+    }
+
+    /// The faces of a tetrahedron, whose first three vertices are counter-clockwise seen from outside.
+    fn first_faces(&mut self) {
         for (vertices, neighbours) in [
             ([0, 1, 2], [1, 2, 3]), // base; edge 01 to face 1, 12 to face 2, 20 to face 3
             ([1, 0, 3], [0, 3, 2]),
@@ -249,7 +319,6 @@ impl Polytope {
             let face = self.face(vertices, neighbours);
             self.faces.push(face);
         }
-        Ok(())
     }
 
     fn face(&self, vertices: [u16; 3], neighbours: [u16; 3]) -> Face {

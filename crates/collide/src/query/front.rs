@@ -54,6 +54,11 @@ impl Nearest {
         nearest
     }
 
+    /// Vertices of two patches' hulls that overlap.
+    pub fn around(vertices: [(u32, u32); 4]) -> Self {
+        Self { vertices, len: 4, of_patches: true }
+    }
+
     /// The vertices; none if they are of the other kind of hulls.
     pub fn vertices(&self, of_patches: bool) -> &[(u32, u32)] {
         if self.of_patches == of_patches { &self.vertices[..usize::from(self.len)] } else { &[] }

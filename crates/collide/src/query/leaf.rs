@@ -31,6 +31,8 @@ pub(crate) struct LeafQuery {
     pub polytope: Polytope,
     /// Contacts of the pair, in the probe's frame.
     pub contacts: Vec<Contact>,
+    /// Vertices to start from the next time, if the hulls overlap.
+    pub tetrahedron: Option<[(u32, u32); 4]>,
     /// Pairs of triangles within the tolerance: contact, and the triangle of each patch.
     near: Vec<(Contact, u32, u32)>,
     /// Triangles of b that are within the tolerance of a's sphere: a sphere around each, in a's frame.
@@ -66,6 +68,7 @@ impl LeafQuery {
     /// [`contacts`](Self::contacts).
     pub fn run(&mut self, a: &Patch, b: &Patch, found: &Distance, reach: &Reach) {
         self.contacts.clear();
+        self.tetrahedron = None;
         let sheet = (a.two_sided && !a.is_single_triangle()) || (b.two_sided && !b.is_single_triangle());
         match found.separation {
             Separation::Beyond => {}
@@ -131,10 +134,10 @@ impl LeafQuery {
 
     fn penetrating(&mut self, a: &Patch, b: &Patch, found: &Distance, reach: &Reach) {
         self.convex_queries += 1;
-        let (touch, _) = witnesses(a, b, found);
-        let (contact, sure) = overlap(a, b, reach, touch, &mut self.polytope);
-        self.not_converged += usize::from(!sure);
-        self.contacts.push(contact);
+        let overlap = overlap(a, b, reach, found, &mut self.polytope);
+        self.not_converged += usize::from(!overlap.sure);
+        self.contacts.push(overlap.contact);
+        self.tetrahedron = Some(overlap.tetrahedron);
     }
 
     /// Decides the pair by its triangles. `true` if the patches penetrate; otherwise the separated contacts are reported.

@@ -677,6 +677,9 @@ impl ContactQuery {
         }
         let reach = Reach { placement: &now.placement, tolerance, precision, looseness: now.looseness };
         self.leaf.run(&patch_a, &patch_b, &found, &reach);
+        if let Some(tetrahedron) = self.leaf.tetrahedron {
+            pair.nearest = Nearest::around(tetrahedron);
+        }
         let weight = weight * (1.0 - pair.share);
         for contact in &self.leaf.contacts {
             self.outcome.count(contact);

@@ -3,10 +3,9 @@
 //!
 //! §3.4.1 takes the localized penetration depth of the two convex pieces. Of the directions that could separate two
 //! hulls, only those count whose features are real surface facing the other object; a hull's virtual faces would often
-//! offer a shorter but meaningless way out, sideways or backwards through a thin patch. For patches of a few triangles
-//! all candidate directions are tried: the normals of real faces, and the common normals of two real edges that support
-//! their hulls there. For larger ones the expanding polytope gives the least depth of all, and if its features are not
-//! real the real faces alone are tried.
+//! offer a shorter but meaningless way out, sideways or backwards through a thin patch. The expanding polytope gives the
+//! least depth of all. If its features are not real, the normals of real faces are tried and, of patches of a few
+//! triangles, the common normals of two real edges that support their hulls there.
 //!
 //! The way out through real faces only may be much longer than the shortest one: a peg that touches a plate from above
 //! touches the hull of the plate's rim too, whose real faces are at its far sides. So the depth reported is never more
@@ -20,11 +19,11 @@ use std::iter;
 use palpate_core::Contact;
 use palpate_core::glam::DVec3;
 
-use crate::convex::{Placement, Polytope};
+use crate::convex::{Distance, Placement, Polytope};
 use crate::patch::{FACING, Patch, Surface};
 use crate::query::leaf::Reach;
 
-/// Patches with at most this product of triangle counts have all their directions tried.
+/// Patches with at most this product of triangle counts have the normals of their edges tried.
 const FEW_TRIANGLE_PAIRS: usize = 16;
 /// Upper bound on the vertices of either patch for that.
 const FEW_VERTICES: usize = 24;
@@ -57,46 +56,50 @@ impl Best {
     }
 }
 
-/// The contact between patches whose hulls overlap or touch, in a's frame, and whether it is exact as far as it goes.
-/// `touch` is a point that both hulls share. A contact no deeper than the looseness is put there.
-pub(crate) fn overlap(
-    a: &Patch,
-    b: &Patch,
-    reach: &Reach,
-    touch: DVec3,
-    polytope: &mut Polytope,
-) -> (Contact, bool) {
+/// What was found between two patches whose hulls overlap or touch.
+pub(crate) struct Overlap {
+    /// In a's frame.
+    pub contact: Contact,
+    /// Whether it is exact as far as it goes.
+    pub sure: bool,
+    /// Vertices to start from the next time.
+    pub tetrahedron: [(u32, u32); 4],
+}
+
+/// The contact between patches whose hulls overlap or touch, as `found`, in a's frame. A contact no deeper than the
+/// looseness is put where they do.
+pub(crate) fn overlap(a: &Patch, b: &Patch, reach: &Reach, found: &Distance, polytope: &mut Polytope) -> Overlap {
     let Reach { placement, precision, looseness, .. } = *reach;
+    let (touch, _) = found.witnesses(&a.hull, &b.hull, &Placement::IDENTITY);
     let mut best = Best { direction: None, facing: false, precision: 16.0 * precision };
-    let few = a.triangles.len() * b.triangles.len() <= FEW_TRIANGLE_PAIRS
-        && a.vertices.len() <= FEW_VERTICES
-        && b.vertices.len() <= FEW_VERTICES;
-    if few {
-        faces(a, b, placement, touch, &mut best);
-        edges(a, b, placement, &mut best);
-        if let (true, Some((normal, depth))) = (best.facing, best.direction)
-            && depth <= looseness
-        {
-            return (contact_at(touch, normal, depth), true);
-        }
+    let mut start = [(0, 0); 4];
+    for (pair, vertex) in start.iter_mut().zip(found.simplex.vertices()) {
+        *pair = (vertex.a, vertex.b);
     }
-    let least = polytope.penetration(&a.hull, &b.hull, placement, precision);
+    let start = &start[..found.simplex.vertices().len()];
+    let least = polytope.penetration(&a.hull, &b.hull, placement, start, precision);
     let sides = if least.flat { [least.normal, -least.normal] } else { [least.normal; 2] };
     // A face of the hull stands for the triangles that it was built for.
     let near = [precision + looseness, 0.0];
-    let tried_all = few && best.facing;
-    for normal in sides.into_iter().filter(|_| !tried_all) {
+    for normal in sides {
+        if best.facing {
+            break;
+        }
         let (on_a, on_b) = if least.flat { (touch, touch) } else { (least.on_a, least.on_b) };
-        let seen_from_a = a.surface_at(on_a, normal, FACING, iter::empty(), near);
-        let back = placement.direction_to_b(on_b - placement.translation);
         let in_b = -placement.direction_to_b(normal);
-        let seen_from_b = b.surface_at(back, in_b, FACING, iter::empty(), near);
-        if seen_from_a == Surface::Front && seen_from_b == Surface::Front {
+        let back = placement.direction_to_b(on_b - placement.translation);
+        if a.surface_at(on_a, normal, FACING, iter::empty(), near) == Surface::Front
+            && b.surface_at(back, in_b, FACING, iter::empty(), near) == Surface::Front
+        {
             best.offer(true, least.depth, normal);
         }
     }
     if !best.facing {
         faces(a, b, placement, touch, &mut best);
+        let few = a.triangles.len() * b.triangles.len() <= FEW_TRIANGLE_PAIRS;
+        if few && a.vertices.len() <= FEW_VERTICES && b.vertices.len() <= FEW_VERTICES {
+            edges(a, b, placement, &mut best);
+        }
     }
     // Only triangles without area leave no real direction at all.
     let (normal, depth) = best.direction.unwrap_or((least.normal, least.depth));
@@ -104,7 +107,7 @@ pub(crate) fn overlap(
     // The points of the least depth lie where the hulls overlap; a face's deepest point may be anywhere on its plane.
     let point = if least.flat || depth <= looseness { touch } else { least.on_a };
     let sure = least.converged || least.gap <= 1e-6 * (a.radius + b.radius);
-    (contact_at(point, normal, depth), sure)
+    Overlap { contact: contact_at(point, normal, depth), sure, tetrahedron: least.tetrahedron }
 }
 
 /// A contact at a point of a.
