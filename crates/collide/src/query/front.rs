@@ -17,11 +17,8 @@ pub(crate) struct Pair {
     pub a: u32,
     /// Node of the scene object.
     pub b: u32,
-    /// First of the pairs that this one is split into, or [`NO_PAIR`] on the front.
-    pub first: u32,
-    /// Next of the pairs that its parent is split into; of spare pairs, the next spare one.
-    pub next: u32,
-    /// How far the bodies may have moved, in all ([`Motion`](crate::motion::Motion)), before the pair is looked at again, m.
+    /// How far the bodies may have moved, in all ([`Motion`](crate::motion::Motion)), before the pair is looked at again, as
+    /// found when it was looked at last, m. [`Front::wake`] is what counts for a pair that is kept.
     pub wake: f64,
     /// Likewise, before it has to be asked again whether a pair that was split would be split.
     pub settled: f64,
@@ -29,6 +26,8 @@ pub(crate) struct Pair {
     pub within: f64,
     /// How much of its contact is left to the pairs that it is split into.
     pub share: f64,
+    /// Whether it is split into others, rather than on the front.
+    pub split: bool,
     /// Whether it sleeps because the bodies are too far apart there, whatever the threshold on the error.
     pub apart: bool,
     /// Where the next search for the nearest points starts.
@@ -71,26 +70,34 @@ impl Pair {
         Self {
             a,
             b,
-            first: NO_PAIR,
-            next: NO_PAIR,
             wake: f64::NEG_INFINITY,
             settled: f64::NEG_INFINITY,
             within: f64::NEG_INFINITY,
             share: 1.0,
+            split: false,
             apart: false,
             nearest: Nearest::default(),
         }
     }
+}
 
-    pub fn is_split(&self) -> bool {
-        self.first != NO_PAIR
-    }
+/// What a query reads of pairs that sleep, apart from the rest, so that many fit into a cache line.
+#[derive(Clone, Copy, Debug)]
+struct Link {
+    /// Of the pair.
+    wake: f64,
+    /// First of the pairs that this one is split into, or [`NO_PAIR`] on the front.
+    first: u32,
+    /// Next of the pairs that its parent is split into; of spare pairs, the next spare one.
+    next: u32,
 }
 
 /// The pairs of the tree.
 #[derive(Clone, Debug)]
 pub(crate) struct Front {
     pairs: Vec<Pair>,
+    /// Of each pair.
+    links: Vec<Link>,
     spare: u32,
     used: usize,
     split: usize,
@@ -103,11 +110,23 @@ impl Front {
 
     /// A tree of nothing, with room for a number of pairs.
     pub fn with_capacity(pairs: usize) -> Self {
-        Self { pairs: Vec::with_capacity(pairs), spare: NO_PAIR, used: 0, split: 0, high_water: 0 }
+        Self {
+            pairs: Vec::with_capacity(pairs),
+            links: Vec::with_capacity(pairs),
+            spare: NO_PAIR,
+            used: 0,
+            split: 0,
+            high_water: 0,
+        }
     }
 
     pub fn capacity(&self) -> usize {
-        self.pairs.capacity()
+        self.pairs.capacity().min(self.links.capacity())
+    }
+
+    /// Bytes of memory held.
+    pub fn bytes(&self) -> usize {
+        self.pairs.capacity() * size_of::<Pair>() + self.links.capacity() * size_of::<Link>()
     }
 
     /// Pairs on the front: those that are not split.
@@ -123,46 +142,71 @@ impl Front {
     /// Forgets all pairs but one, the roots'.
     pub fn reset(&mut self, roots: Pair) {
         self.pairs.clear();
-        self.pairs.push(roots);
+        self.links.clear();
+        self.push(roots, NO_PAIR);
         (self.spare, self.used, self.split) = (NO_PAIR, 1, 0);
         self.high_water = self.high_water.max(1);
+    }
+
+    fn push(&mut self, pair: Pair, next: u32) {
+        self.pairs.push(pair);
+        self.links.push(Link { wake: pair.wake, first: NO_PAIR, next });
     }
 
     pub fn get(&self, slot: u32) -> &Pair {
         &self.pairs[slot as usize]
     }
 
-    pub fn get_mut(&mut self, slot: u32) -> &mut Pair {
-        &mut self.pairs[slot as usize]
+    /// Changes what is known of a pair, but not whether it is split.
+    pub fn set(&mut self, slot: u32, pair: Pair) {
+        self.pairs[slot as usize] = Pair { split: self.is_split(slot), ..pair };
+        self.links[slot as usize].wake = pair.wake;
+    }
+
+    /// How far the bodies may have moved before the pair is looked at again, m.
+    pub fn wake(&self, slot: u32) -> f64 {
+        self.links[slot as usize].wake
+    }
+
+    pub fn set_wake(&mut self, slot: u32, wake: f64) {
+        self.links[slot as usize].wake = wake;
+    }
+
+    pub fn is_split(&self, slot: u32) -> bool {
+        self.links[slot as usize].first != NO_PAIR
     }
 
     /// The slots of the pairs that a pair is split into; none on the front.
     pub fn below(&self, slot: u32) -> impl Iterator<Item = u32> {
         let known = |slot: u32| (slot != NO_PAIR).then_some(slot);
-        std::iter::successors(known(self.get(slot).first), move |slot| known(self.get(*slot).next))
+        std::iter::successors(known(self.links[slot as usize].first), move |slot| {
+            known(self.links[*slot as usize].next)
+        })
     }
 
     /// Splits a pair into others; `false`, and nothing done, if there is no room for them. `grow`: make room.
     pub fn split(&mut self, slot: u32, into: impl ExactSizeIterator<Item = Pair>, grow: bool) -> bool {
         let spare = self.pairs.len() - self.used;
-        let room = self.pairs.capacity() - self.pairs.len();
+        let room = self.capacity() - self.pairs.len();
         if !grow && into.len() > spare + room {
             return false;
         }
         let mut first = NO_PAIR;
         for pair in into {
-            let pair = Pair { next: first, ..pair };
+            let next = first;
             if self.spare == NO_PAIR {
                 first = self.pairs.len() as u32;
-                self.pairs.push(pair);
+                self.push(pair, next);
             } else {
                 first = self.spare;
-                self.spare = self.pairs[first as usize].next;
+                self.spare = self.links[first as usize].next;
                 self.pairs[first as usize] = pair;
+                self.links[first as usize] = Link { wake: pair.wake, first: NO_PAIR, next };
             }
             self.used += 1;
         }
-        self.pairs[slot as usize].first = first;
+        self.links[slot as usize].first = first;
+        self.pairs[slot as usize].split = true;
         self.split += 1;
         self.high_water = self.high_water.max(self.used);
         true
@@ -170,8 +214,8 @@ impl Front {
 
     /// Counts the way from another beginning, this much further on, m.
     pub fn rebase(&mut self, way: f64) {
-        for pair in &mut self.pairs {
-            for at in [&mut pair.wake, &mut pair.settled, &mut pair.within] {
+        for (pair, link) in self.pairs.iter_mut().zip(&mut self.links) {
+            for at in [&mut link.wake, &mut pair.settled, &mut pair.within] {
                 *at -= way;
             }
         }
@@ -179,27 +223,28 @@ impl Front {
 
     /// Undoes the split of a pair, and of those below it.
     pub fn join(&mut self, slot: u32) {
-        let first = std::mem::replace(&mut self.pairs[slot as usize].first, NO_PAIR);
+        let first = std::mem::replace(&mut self.links[slot as usize].first, NO_PAIR);
         if first == NO_PAIR {
             return;
         }
+        self.pairs[slot as usize].split = false;
         self.split -= 1;
         // The pairs to be freed are a list; what one is split into is put before the rest.
         let mut list = first;
         while list != NO_PAIR {
             let slot = list as usize;
-            list = self.pairs[slot].next;
-            let below = self.pairs[slot].first;
+            let Link { first: below, next, .. } = self.links[slot];
+            list = next;
             if below != NO_PAIR {
                 self.split -= 1;
                 let mut last = below as usize;
-                while self.pairs[last].next != NO_PAIR {
-                    last = self.pairs[last].next as usize;
+                while self.links[last].next != NO_PAIR {
+                    last = self.links[last].next as usize;
                 }
-                self.pairs[last].next = list;
+                self.links[last].next = list;
                 list = below;
             }
-            self.pairs[slot].next = self.spare;
+            self.links[slot].next = self.spare;
             self.spare = slot as u32;
             self.used -= 1;
         }

@@ -34,7 +34,7 @@ use std::time::{Duration, Instant};
 use palpate_core::glam::DVec3;
 use palpate_core::{Clod, Contact, Pose};
 
-use self::front::{Front, NO_PAIR, Nearest, Pair};
+use self::front::{Front, Nearest, Pair};
 use self::leaf::{LeafQuery, Reach};
 use self::refinement::{Refine, refine, refined_share, urgency, weighted_deviation};
 use self::thinning::{LEAST_ROOM, thin};
@@ -301,7 +301,7 @@ impl ContactQuery {
 
     /// Bytes of memory held by the workspace.
     pub fn bytes(&self) -> usize {
-        self.front.capacity() * size_of::<Pair>()
+        self.front.bytes()
             + self.stack.capacity() * size_of::<(u32, f64)>()
             + self.unrecorded.capacity() * size_of::<(u32, u32, f64)>()
             + self.urgent.capacity() * size_of::<Urgent>()
@@ -423,7 +423,10 @@ impl ContactQuery {
             let Some(share) = self.enter(entry, weight, now) else { continue };
             self.stack.push((entry | LEAVE, weight));
             let from = self.stack.len();
-            self.stack.extend(self.front.below(entry).map(|child| (child, weight * share)));
+            // When the threshold has changed, how long pairs may sleep does not tell whether they do.
+            let (way, all) = (now.way, now.threshold_changed);
+            let awake = self.front.below(entry).filter(|child| all || self.front.wake(*child) <= way);
+            self.stack.extend(awake.map(|child| (child, weight * share)));
             self.stack[from..].reverse();
             self.outcome.stack_high_water = self.outcome.stack_high_water.max(self.stack.len());
         }
@@ -444,7 +447,7 @@ impl ContactQuery {
             let pair = *self.front.get(slot);
             let reportable = self.is_reportable(pair.a, pair.b);
             waiting -= usize::from(reportable);
-            if pair.sleeps(now) {
+            if self.sleeps(slot, now) {
                 continue;
             }
             if reportable && deviation > 1.0 && self.is_spent(budget, begun, waiting) {
@@ -496,8 +499,7 @@ impl ContactQuery {
                 self.leave(entry ^ LEAVE, now);
                 continue;
             }
-            let pair = *self.front.get(entry);
-            if !pair.is_split() || pair.sleeps(now) {
+            if !self.front.is_split(entry) || self.sleeps(entry, now) {
                 continue;
             }
             self.stack.push((entry | LEAVE, weight));
@@ -505,22 +507,27 @@ impl ContactQuery {
         }
     }
 
+    /// Whether a pair's answer cannot have changed.
+    fn sleeps(&self, slot: u32, now: &Circumstances) -> bool {
+        self.front.wake(slot) > now.way && (!now.threshold_changed || self.front.get(slot).apart)
+    }
+
     /// Looks at a pair if it is awake, and splits it if it is to be refined. Then: how much of its contact is left to the
     /// pairs that it is split into.
     fn enter(&mut self, slot: u32, weight: f64, now: &Circumstances) -> Option<f64> {
-        let mut pair = *self.front.get(slot);
-        if pair.sleeps(now) {
+        if self.sleeps(slot, now) {
             return None;
         }
-        let settled = pair.is_split() && pair.settled > now.way && !now.threshold_changed;
+        let mut pair = *self.front.get(slot);
+        let settled = pair.split && pair.settled > now.way && !now.threshold_changed;
         let verdict = if settled { Verdict::Refine } else { self.look_at(&mut pair, weight, now) };
         if verdict == Verdict::Stop {
             self.front.join(slot);
-            *self.front.get_mut(slot) = Pair { first: NO_PAIR, ..pair };
+            self.front.set(slot, pair);
             return None;
         }
-        *self.front.get_mut(slot) = pair;
-        if !pair.is_split() {
+        self.front.set(slot, pair);
+        if !pair.split {
             let (of_probe, children) = self.children(pair.a, pair.b, now.exact);
             let (probe, scene) = (&self.probe, &self.scene);
             let into = children.rev().map(|child| {
@@ -532,7 +539,7 @@ impl ContactQuery {
             });
             if !self.front.split(slot, into, !now.settings.fixed_capacity) {
                 self.outcome.front_overflow = true;
-                self.front.get_mut(slot).wake = f64::NEG_INFINITY;
+                self.front.set_wake(slot, f64::NEG_INFINITY);
                 self.descend(&pair, weight * pair.share, now);
                 return None;
             }
@@ -543,23 +550,26 @@ impl ContactQuery {
     /// All pairs below have been looked at: how long may they sleep, or are they too far apart to be told from one
     /// another?
     fn leave(&mut self, slot: u32, now: &Circumstances) {
-        let pair = *self.front.get(slot);
-        let (mut wake, mut quiet) = (pair.settled, true);
-        for below in self.front.below(slot).map(|child| self.front.get(child)) {
-            wake = wake.min(below.wake);
-            quiet &= !below.is_split();
+        let (mut wake, mut quiet) = (f64::INFINITY, true);
+        for child in self.front.below(slot) {
+            wake = wake.min(self.front.wake(child));
+            quiet &= !self.front.is_split(child);
         }
-        let radii = self.probe.node(pair.a).radius + self.scene.node(pair.b).radius;
-        if quiet && wake > now.way + RAISE * radii && now.way >= pair.within {
-            let mut raised = Pair { first: NO_PAIR, ..pair };
-            if self.is_apart(&mut raised, now) {
-                self.front.join(slot);
-                *self.front.get_mut(slot) = raised;
-                return;
+        if wake > now.way {
+            let pair = *self.front.get(slot);
+            wake = wake.min(pair.settled);
+            let radii = self.probe.node(pair.a).radius + self.scene.node(pair.b).radius;
+            if quiet && wake > now.way + RAISE * radii && now.way >= pair.within {
+                let mut raised = pair;
+                if self.is_apart(&mut raised, now) {
+                    self.front.join(slot);
+                    self.front.set(slot, raised);
+                    return;
+                }
+                self.front.set(slot, Pair { within: raised.within, ..pair });
             }
-            self.front.get_mut(slot).within = raised.within;
         }
-        self.front.get_mut(slot).wake = wake;
+        self.front.set_wake(slot, wake);
     }
 
     /// Looks at all below a pair, of which nothing is kept.
@@ -615,12 +625,12 @@ impl ContactQuery {
             refine(self.probe.detail(a), self.scene.detail(b), self.threshold(a, b, now), now.band)
         };
         pair.apart = false;
-        if !pair.is_split() && self.spheres_are_apart(pair, now) {
+        if !pair.split && self.spheres_are_apart(pair, now) {
             return Verdict::Stop;
         }
         self.outcome.visited += 1;
         if refinement == Refine::Yes {
-            if !pair.is_split() && self.is_apart(pair, now) {
+            if !pair.split && self.is_apart(pair, now) {
                 return Verdict::Stop;
             }
             pair.settled = f64::INFINITY;
@@ -753,13 +763,6 @@ impl ContactQuery {
     /// The contacts of the last query, in world axes, in the order of the descent.
     pub fn contacts(&self) -> &[PatchContact] {
         &self.contacts
-    }
-}
-
-impl Pair {
-    /// Whether its answer cannot have changed.
-    fn sleeps(&self, now: &Circumstances) -> bool {
-        self.wake > now.way && (self.apart || !now.threshold_changed)
     }
 }
 
