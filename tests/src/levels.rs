@@ -7,7 +7,7 @@
 use std::collections::{BTreeMap, HashSet};
 
 use palpate::collide::convex::gjk::{self, Limits, Separation, Start};
-use palpate::collide::convex::{Hull, Placement, Polytope, SupportTree};
+use palpate::collide::convex::{Hull, Placement, Polytope, SupportMap};
 use palpate::core::Clod;
 use palpate::core::clod::Node;
 use palpate::glam::DVec3;
@@ -173,7 +173,7 @@ impl Examination {
                 points
             })
             .collect();
-        let tree = TriangleTree::new(&mesh);
+        let map = TriangleTree::new(&mesh);
         Level { clod, nodes, mesh, tree, samples }
     }
 
@@ -493,19 +493,19 @@ fn leaves_below(clod: &Clod, index: u32) -> Vec<usize> {
 /// A hull that points are held against.
 struct Target<'a> {
     points: &'a [DVec3],
-    tree: Option<SupportTree>,
+    map: Option<SupportMap>,
     size: f64,
 }
 
 impl<'a> Target<'a> {
     fn new(points: &'a [DVec3]) -> Self {
-        let tree = (points.len() >= SupportTree::WORTHWHILE).then(|| SupportTree::new(points));
+        let map = (points.len() >= SupportMap::WORTHWHILE).then(|| SupportMap::new(points));
         let size = points.iter().map(|p| p.distance(points[0])).fold(0.0, f64::max);
         Self { points, tree, size }
     }
 
     fn ask(&self, p: DVec3, enough: f64) -> gjk::Distance {
-        let hull = Hull::with_tree(self.points, self.tree.as_ref());
+        let hull = Hull::with_map(self.points, self.map.as_ref());
         let precision = 1e-13 * (self.size + p.distance(self.points[0]));
         let limits = Limits { beyond: f64::INFINITY, share: 0.0, enough, precision };
         let point = [DVec3::ZERO];
@@ -531,7 +531,7 @@ impl<'a> Target<'a> {
 
     /// How deep a point is inside the hull, m.
     fn depth(&self, p: DVec3, polytope: &mut Polytope) -> f64 {
-        let hull = Hull::with_tree(self.points, self.tree.as_ref());
+        let hull = Hull::with_map(self.points, self.map.as_ref());
         let point = [DVec3::ZERO];
         let placement = Placement::between(&Pose::IDENTITY, &Pose { translation: p, ..Pose::IDENTITY });
         polytope.penetration(&hull, &Hull::new(&point), &placement, &[], 1e-12 * self.size).depth

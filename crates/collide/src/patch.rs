@@ -10,7 +10,7 @@ use palpate_core::glam::DVec3;
 use palpate_core::{Clod, Contact};
 
 use crate::ball::Ball;
-use crate::convex::{Hull, SupportTree, nearest_on_triangle};
+use crate::convex::{Hull, SupportMap, nearest_on_triangle};
 
 /// A witness within this fraction of a patch's radius of a triangle lies on it. Patches are convex, and contained, only
 /// up to the tolerance that they were built with; a witness that misses the triangles by no more than that is
@@ -122,7 +122,7 @@ impl<'a> Patch<'a> {
         clod: &'a Clod,
         node: &'a Node,
         planes: &'a [Plane],
-        tree: Option<&'a SupportTree>,
+        map: Option<&'a SupportMap>,
         incidence: Option<&'a Incidence>,
         exact: bool,
     ) -> Self {
@@ -130,7 +130,7 @@ impl<'a> Patch<'a> {
         // A single triangle's hull is the triangle.
         let contained = node.contained || node.all_real || node.triangles.len() == 1;
         Self {
-            hull: Hull::with_tree(clod.extreme(node), tree),
+            hull: Hull::with_map(clod.extreme(node), map),
             vertices: clod.hull(node),
             triangles: clod.patch(node),
             planes,

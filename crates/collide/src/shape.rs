@@ -8,7 +8,7 @@ use palpate_core::glam::DVec3;
 
 use crate::ball::Ball;
 use crate::contact_set::patchwork::Patchwork;
-use crate::convex::{Hull, SupportTree};
+use crate::convex::{Hull, SupportMap};
 use crate::patch::{Incidence, Patch, Plane};
 use crate::proximity::SurfaceIndex;
 use crate::query::refinement::Detail;
@@ -27,7 +27,7 @@ struct Prepared {
     clod: Arc<Clod>,
     nodes: Vec<Packed>,
     details: Vec<Detail>,
-    supports: Vec<SupportTree>,
+    supports: Vec<SupportMap>,
     incidences: Vec<Incidence>,
     /// Of the hierarchy's triangles.
     planes: Vec<Plane>,
@@ -74,10 +74,10 @@ impl Shape {
             .iter()
             .map(|node| {
                 let mut support_of = |points: &[DVec3]| {
-                    if points.len() < SupportTree::WORTHWHILE {
+                    if points.len() < SupportMap::WORTHWHILE {
                         return NONE;
                     }
-                    supports.push(SupportTree::new(points));
+                    supports.push(SupportMap::new(points));
                     supports.len() as u32 - 1
                 };
                 let support = support_of(clod.bounding_hull(node));
@@ -133,7 +133,7 @@ impl Shape {
         size_of_val(&**nodes)
             + size_of_val(&**planes)
             + size_of_val(&**details)
-            + supports.iter().map(SupportTree::bytes).sum::<usize>()
+            + supports.iter().map(SupportMap::bytes).sum::<usize>()
             + incidences.iter().map(Incidence::bytes).sum::<usize>()
             + surface.get().map_or(0, SurfaceIndex::bytes)
             + patchwork.get().map_or(0, Patchwork::bytes)
@@ -165,7 +165,7 @@ impl Shape {
     /// The bounding hull of a node.
     pub(crate) fn hull(&self, node: u32) -> Hull<'_> {
         let support = self.0.supports.get(self.node(node).support as usize);
-        Hull::with_tree(self.clod().bounding_hull(&self.clod().nodes[node as usize]), support)
+        Hull::with_map(self.clod().bounding_hull(&self.clod().nodes[node as usize]), support)
     }
 
     /// D, the support areas (m²) of a node's vertices.
@@ -226,14 +226,13 @@ fn planes_of(clod: &Clod) -> Vec<Plane> {
 }
 
 /// Whether no vertex of a patch's hull is above the planes of its triangles, to rounding.
-fn is_convex(clod: &Clod, node: &Node, tree: Option<&SupportTree>) -> bool {
+fn is_convex(clod: &Clod, node: &Node, map: Option<&SupportMap>) -> bool {
     let points = clod.hull(node);
-    let hull = Hull::with_tree(clod.extreme(node), tree);
+    let hull = Hull::with_map(clod.extreme(node), map);
     clod.patch(node).iter().all(|corners| {
         let [p, q, r] = corners.map(|v| points[v as usize]);
         let normal = (q - p).cross(r - p).normalize_or_zero();
-        let top =
-            hull.points()[hull.support(normal, corners[0].min(hull.points().len() as u32 - 1)) as usize];
+        let top = hull.points()[hull.support(normal) as usize];
         normal.dot(top - p) <= CONVEX * node.radius
     })
 }

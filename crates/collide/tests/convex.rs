@@ -236,8 +236,8 @@ fn depth_agrees_with_all_directions() {
 #[test]
 fn ball_in_ball_has_the_depth_of_two_spheres() {
     let ball = solids::star(4, |_| 1.0);
-    let tree = palpate_collide::convex::SupportTree::new(ball.vertices());
-    let hull = Hull::with_tree(ball.vertices(), Some(&tree));
+    let map = palpate_collide::convex::SupportMap::new(ball.vertices());
+    let hull = Hull::with_map(ball.vertices(), Some(&map));
     let mut polytope = Polytope::new();
     let mut rng = StdRng::seed_from_u64(SEED + 4);
     for _ in 0..300 {

@@ -87,16 +87,10 @@ impl Distance {
     }
 }
 
-/// The vertex of a − b that lies furthest in a direction (of any length, a's frame), with a guess at its two indices.
-pub(super) fn support(
-    a: &Hull,
-    b: &Hull,
-    placement: &Placement,
-    direction: DVec3,
-    hint: (u32, u32),
-) -> Vertex {
-    let on_a = a.support(direction, hint.0);
-    let on_b = b.support(-placement.direction_to_b(direction), hint.1);
+/// The vertex of a − b that lies furthest in a direction (of any length, a's frame).
+pub(super) fn support(a: &Hull, b: &Hull, placement: &Placement, direction: DVec3) -> Vertex {
+    let on_a = a.support(direction);
+    let on_b = b.support(-placement.direction_to_b(direction));
     difference(a, b, placement, on_a, on_b)
 }
 
@@ -146,15 +140,13 @@ pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits:
     }
     // A lower bound of a rounding error above 0 does not separate hulls.
     let beyond = limits.beyond.max(limits.precision);
-    let mut hint = found.simplex.vertices().last().map_or((0, 0), |v| (v.a, v.b));
     while found.iterations < MAX_ITERATIONS {
         if found.distance <= limits.enough {
             found.separation = Separation::Within;
             return found;
         }
         found.iterations += 1;
-        let vertex = support(a, b, placement, -found.axis, hint);
-        hint = (vertex.a, vertex.b);
+        let vertex = support(a, b, placement, -found.axis);
         let lower = found.axis.dot(vertex.difference) / found.axis.length();
         found.lower = found.lower.max(lower);
         if lower > beyond {

@@ -111,8 +111,8 @@ impl Polytope {
         if !self.start_from(a, b, placement, start)
             && let Err(flat_normal) = self.first_tetrahedron(a, b, placement, precision)
         {
-            let forward = support(a, b, placement, flat_normal, (0, 0));
-            let backward = support(a, b, placement, -flat_normal, (0, 0));
+            let forward = support(a, b, placement, flat_normal);
+            let backward = support(a, b, placement, -flat_normal);
             let (vertex, normal) =
                 if forward.difference.dot(flat_normal) <= -backward.difference.dot(flat_normal) {
                     (forward, flat_normal)
@@ -127,8 +127,7 @@ impl Polytope {
         let (mut gap, mut converged) = (f64::INFINITY, false);
         while let Some(index) = self.nearest_face() {
             let Face { normal, distance, vertices, .. } = self.faces[index as usize];
-            let corner = &self.vertices[vertices[0] as usize];
-            let vertex = support(a, b, placement, normal, (corner.a, corner.b));
+            let vertex = support(a, b, placement, normal);
             let extent = vertex.difference.dot(normal);
             if extent < best.extent {
                 best = Candidate { extent, normal, face: vertices };
@@ -203,7 +202,8 @@ impl Polytope {
     /// from the face's corners through the origin.
     fn apex(&self, [p, q, r]: [DVec3; 3]) -> Vertex {
         let sides = [q.cross(r), r.cross(p), p.cross(q)].map(DVec3::normalize_or_zero);
-        let inside = |v: &Vertex| sides.iter().map(|side| -side.dot(v.difference)).fold(f64::INFINITY, f64::min);
+        let inside =
+            |v: &Vertex| sides.iter().map(|side| -side.dot(v.difference)).fold(f64::INFINITY, f64::min);
         let mut best = (self.vertices[0], f64::NEG_INFINITY);
         for vertex in &self.vertices {
             let inside = inside(vertex);
@@ -263,8 +263,7 @@ impl Polytope {
         let mut ends = [Vertex::default(); 2];
         let mut extent = -1.0;
         for axis in DVec3::AXES {
-            let (high, low) =
-                (support(a, b, placement, axis, (0, 0)), support(a, b, placement, -axis, (0, 0)));
+            let (high, low) = (support(a, b, placement, axis), support(a, b, placement, -axis));
             let length = high.difference.distance_squared(low.difference);
             if length > extent {
                 extent = length;
@@ -280,7 +279,7 @@ impl Polytope {
         let (side, up) = along.any_orthonormal_pair();
         let mut third = (first, 0.0);
         for direction in [side, -side, up, -up] {
-            let vertex = support(a, b, placement, direction, (0, 0));
+            let vertex = support(a, b, placement, direction);
             let height = (vertex.difference - first.difference).reject_from_normalized(along).length();
             if height > third.1 {
                 third = (vertex, height);
@@ -291,8 +290,7 @@ impl Polytope {
         }
         let (third, _) = third;
         let normal = along.cross(third.difference - first.difference).normalize();
-        let (above, below) =
-            (support(a, b, placement, normal, (0, 0)), support(a, b, placement, -normal, (0, 0)));
+        let (above, below) = (support(a, b, placement, normal), support(a, b, placement, -normal));
         let height = |v: &Vertex| (v.difference - first.difference).dot(normal);
         let (high, low) = (height(&above), -height(&below));
         if high.max(low) <= precision {

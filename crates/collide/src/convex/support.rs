@@ -1,35 +1,43 @@
 //! Support mapping: the extreme point of a hull in a direction.
 //!
-//! Small hulls are scanned. Larger ones carry a [`SupportTree`], a bounding-box tree over their points that is searched
-//! by branch and bound: unlike hill climbing it needs no hull faces, which a hierarchy does not store, and it cannot
-//! get stuck on coplanar points.
+//! Small hulls are scanned. Larger ones carry a [`SupportMap`]: the sphere of directions as a cube, whose faces are cut
+//! into square cells, quartered where the hull is round, each with the few points that can be extreme in it. Unlike hill
+//! climbing that needs no hull faces, which a hierarchy does not store, cannot get stuck on coplanar points, and takes no
+//! longer when the direction has changed much.
 
 use palpate_core::glam::DVec3;
 
-/// Points of a leaf of a [`SupportTree`].
-const LEAF_POINTS: usize = 8;
+/// Cells with no more points than this are not quartered.
+const FEW: usize = 6;
 
-/// Enough for a balanced tree over 2³² points.
-const STACK: usize = 64;
+/// Most times that a face of the cube is quartered.
+const DEEPEST: u32 = 12;
+
+/// Of cells with at most this many points, each is compared with all others.
+const COMPARED: usize = 48;
+
+/// Points that are behind others by less than this fraction of the distance are kept: rounding may find a direction in the
+/// cell beside its own.
+const SLACK: f64 = 1e-9;
 
 /// A convex hull as the set of its extreme points, in its own frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Hull<'a> {
     points: &'a [DVec3],
-    tree: Option<&'a SupportTree>,
+    map: Option<&'a SupportMap>,
 }
 
 impl<'a> Hull<'a> {
     /// The hull of some points (m), at least one. Points that are not extreme do no harm.
     pub fn new(points: &'a [DVec3]) -> Self {
         debug_assert!(!points.is_empty());
-        Self { points, tree: None }
+        Self { points, map: None }
     }
 
-    /// The hull of some points with a tree that was built over the same points.
-    pub fn with_tree(points: &'a [DVec3], tree: Option<&'a SupportTree>) -> Self {
-        debug_assert!(tree.is_none_or(|tree| tree.order.len() == points.len()));
-        Self { points, tree }
+    /// The hull of some points with a map that was made of the same points.
+    pub fn with_map(points: &'a [DVec3], map: Option<&'a SupportMap>) -> Self {
+        debug_assert!(map.is_none_or(|map| map.count == points.len()));
+        Self { points, map }
     }
 
     /// The points, m.
@@ -37,135 +45,159 @@ impl<'a> Hull<'a> {
         self.points
     }
 
-    /// Index of a point that lies furthest in a direction (of any length). `hint`: a point that may lie far along it,
-    /// such as the last answer.
-    pub fn support(&self, direction: DVec3, hint: u32) -> u32 {
-        match self.tree {
-            Some(tree) => tree.support(direction, hint, self.points[hint as usize].dot(direction)),
-            None => scan(self.points, direction).0,
+    /// Index of the first point that lies furthest in a direction (of any length).
+    pub fn support(&self, direction: DVec3) -> u32 {
+        match self.map {
+            Some(map) => map.support(self.points, direction),
+            None => first_furthest((0u32..).zip(self.points), direction),
         }
     }
 }
 
-/// Index of the first point that lies furthest in a direction, and how far.
-fn scan(points: &[DVec3], direction: DVec3) -> (u32, f64) {
+/// Of points with their indices, the first one that lies furthest in a direction; 0 if none does.
+fn first_furthest<'p>(points: impl Iterator<Item = (u32, &'p DVec3)>, direction: DVec3) -> u32 {
     let mut best = (0, f64::NEG_INFINITY);
-    for (index, point) in (0u32..).zip(points) {
+    for (index, point) in points {
         let reach = point.dot(direction);
         if reach > best.1 {
             best = (index, reach);
         }
     }
-    best
+    best.0
 }
 
-/// A tree of bounding boxes over a hull's points.
+/// For every direction, which points of a hull can be extreme.
 #[derive(Clone, Debug, Default)]
-pub struct SupportTree {
-    /// Points, in the order of the leaves.
-    points: Vec<DVec3>,
-    /// Index of each of them in the hull.
-    order: Vec<u32>,
-    /// Nodes in depth-first order: the first child follows its parent.
-    nodes: Vec<Box3>,
+pub struct SupportMap {
+    /// The six faces of the cube, then the quarters of each cell that has some.
+    cells: Vec<Cell>,
+    /// Points of the cells.
+    candidates: Vec<u32>,
+    /// Points of the hull.
+    count: usize,
 }
 
-#[derive(Clone, Copy, Debug)]
-struct Box3 {
-    center: DVec3,
-    half: DVec3,
-    /// Second child, or 0 for a leaf.
-    second: u32,
-    start: u32,
-    end: u32,
+#[derive(Clone, Copy, Debug, Default)]
+struct Cell {
+    /// First of its quarters, or of its candidates.
+    first: u32,
+    /// Candidates; 0 for a cell that is quartered.
+    count: u32,
 }
 
-impl SupportTree {
-    /// From this many points on, a tree is faster than a scan.
-    pub const WORTHWHILE: usize = 48;
+/// Binary digits of a place on a face of the cube.
+const DIGITS: u32 = 30;
 
-    /// A tree over a hull's points.
+impl SupportMap {
+    /// From this many points on, a map is faster than a scan.
+    pub const WORTHWHILE: usize = 24;
+
+    /// A map of a hull's points, at least one.
     pub fn new(points: &[DVec3]) -> Self {
-        let mut order: Vec<u32> = (0u32..).take(points.len()).collect();
-        let mut nodes = Vec::with_capacity(2 * points.len() / LEAF_POINTS + 1);
-        split(points, &mut order, 0, &mut nodes);
-        Self { points: order.iter().map(|&i| points[i as usize]).collect(), order, nodes }
+        let mut map = Self { cells: vec![Cell::default(); 6], candidates: Vec::new(), count: points.len() };
+        let all: Vec<u32> = (0u32..).take(points.len()).collect();
+        for face in 0..6 {
+            map.fill(points, face, &Square::face(face), &all, 0);
+        }
+        map.cells.shrink_to_fit();
+        map.candidates.shrink_to_fit();
+        map
     }
 
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
-        self.points.len() * (size_of::<DVec3>() + size_of::<u32>()) + self.nodes.len() * size_of::<Box3>()
+        size_of_val(&*self.cells) + size_of_val(&*self.candidates)
     }
 
-    /// `hint`: a point of the hull, and how far it lies in the direction.
-    fn support(&self, direction: DVec3, hint: u32, reach: f64) -> u32 {
-        let magnitude = direction.abs();
-        let bound = |node: u32| {
-            let node = &self.nodes[node as usize];
-            node.center.dot(direction) + node.half.dot(magnitude)
-        };
-        let mut best = (hint, reach);
-        let mut stack = [(0u32, f64::INFINITY); STACK];
-        let mut depth = 1;
-        while depth > 0 {
-            depth -= 1;
-            let (index, reach) = stack[depth];
-            if reach <= best.1 {
-                continue;
-            }
-            let node = &self.nodes[index as usize];
-            if node.second == 0 {
-                let (offset, reach) = scan(&self.points[node.start as usize..node.end as usize], direction);
-                if reach > best.1 {
-                    best = (self.order[(node.start + offset) as usize], reach);
+    /// Fills a cell with those of some points that can be extreme in it, or with quarters.
+    fn fill(&mut self, points: &[DVec3], cell: usize, square: &Square, among: &[u32], depth: u32) {
+        let kept = square.candidates(points, among);
+        if kept.len() > FEW && depth < DEEPEST {
+            let quarters = square.quarters();
+            let lists = quarters.map(|quarter| quarter.candidates(points, &kept));
+            // Where many points meet, quarters would have them all again.
+            if lists.iter().map(Vec::len).sum::<usize>() <= 3 * kept.len() {
+                let first = self.cells.len();
+                self.cells[cell] = Cell { first: first as u32, count: 0 };
+                self.cells.extend([Cell::default(); 4]);
+                for (quarter, list) in lists.iter().enumerate() {
+                    self.fill(points, first + quarter, &quarters[quarter], list, depth + 1);
                 }
-                continue;
+                return;
             }
-            let (first, second) = ((index + 1, bound(index + 1)), (node.second, bound(node.second)));
-            let (near, far) = if first.1 >= second.1 { (first, second) } else { (second, first) };
-            stack[depth] = far;
-            stack[depth + 1] = near;
-            depth += 2;
         }
-        best.0
+        self.cells[cell] = Cell { first: self.candidates.len() as u32, count: kept.len() as u32 };
+        self.candidates.extend(kept);
+    }
+
+    fn support(&self, points: &[DVec3], direction: DVec3) -> u32 {
+        let (face, [u, v]) = on_cube(direction);
+        let mut cell = self.cells[face];
+        let mut digit = DIGITS;
+        while cell.count == 0 {
+            digit -= 1;
+            let quarter = (u >> digit & 1) | (v >> digit & 1) << 1;
+            cell = self.cells[(cell.first + quarter) as usize];
+        }
+        let candidates = &self.candidates[cell.first as usize..(cell.first + cell.count) as usize];
+        first_furthest(candidates.iter().map(|&index| (index, &points[index as usize])), direction)
     }
 }
 
-/// Appends the subtree over `order`, which holds the points from `start` on in the final order.
-fn split(points: &[DVec3], order: &mut [u32], start: u32, nodes: &mut Vec<Box3>) {
-    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    for &index in order.iter() {
-        low = low.min(points[index as usize]);
-        high = high.max(points[index as usize]);
-    }
-    let node = nodes.len();
-    nodes.push(Box3 {
-        center: (low + high) / 2.0,
-        // Rounding up a little keeps the bound above every point's own dot product.
-        half: (high - low) / 2.0 + (low.abs() + high.abs()) * (2.0 * f64::EPSILON),
-        second: 0,
-        start,
-        end: start + order.len() as u32,
-    });
-    if order.len() <= LEAF_POINTS {
-        return;
-    }
-    let extent = high - low;
-    let axis = if extent.x >= extent.y && extent.x >= extent.z {
-        0
-    } else if extent.y >= extent.z {
-        1
+/// The face of the cube that a direction goes through, and where: in units of 2⁻ᴰᴵᴳᴵᵀˢ of its sides.
+fn on_cube(direction: DVec3) -> (usize, [u32; 2]) {
+    let DVec3 { x, y, z } = direction;
+    let (ax, ay, az) = (x.abs(), y.abs(), z.abs());
+    let (axis, along, u, v) = if ax >= ay && ax >= az {
+        (0, x, y, z)
+    } else if ay >= az {
+        (1, y, z, x)
     } else {
-        2
+        (2, z, x, y)
     };
-    let middle = order.len() / 2;
-    order.select_nth_unstable_by(middle, |&i, &j| {
-        points[i as usize][axis].total_cmp(&points[j as usize][axis]).then(i.cmp(&j))
-    });
-    let (first, second) = order.split_at_mut(middle);
-    split(points, first, start, nodes);
-    nodes[node].second = nodes.len() as u32;
-    split(points, second, start + middle as u32, nodes);
+    let half = f64::from(1u32 << (DIGITS - 1));
+    let scale = half / along.abs();
+    // What is not a number becomes 0.
+    let place = |x: f64| ((x * scale + half) as u32).min((1 << DIGITS) - 1);
+    (2 * axis + usize::from(along < 0.0), [place(u), place(v)])
+}
+
+/// A cell as a square on a face of the cube of directions from −1 to 1: its corners.
+#[derive(Clone, Copy, Debug)]
+struct Square([DVec3; 4]);
+
+impl Square {
+    fn face(face: usize) -> Self {
+        let sign = if face.is_multiple_of(2) { 1.0 } else { -1.0 };
+        let axes = DVec3::AXES;
+        let (along, u, v) = (sign * axes[face / 2], axes[(face / 2 + 1) % 3], axes[(face / 2 + 2) % 3]);
+        Self([along - u - v, along + u - v, along - u + v, along + u + v])
+    }
+
+    fn quarters(&self) -> [Self; 4] {
+        std::array::from_fn(|quarter| Self(self.0.map(|corner| (corner + self.0[quarter]) / 2.0)))
+    }
+
+    /// Those of some points that can be extreme in the cell: which no other is beyond at all four corners.
+    fn candidates(&self, points: &[DVec3], among: &[u32]) -> Vec<u32> {
+        let reaches = |index: u32| self.0.map(|corner| points[index as usize].dot(corner));
+        let rivals: Vec<u32> = if among.len() <= COMPARED {
+            among.to_vec()
+        } else {
+            let middle = self.0.iter().sum();
+            let furthest = |direction| {
+                first_furthest(among.iter().map(|&index| (index, &points[index as usize])), direction)
+            };
+            self.0.into_iter().chain([middle]).map(furthest).collect()
+        };
+        let behind = |index: u32, reach: &[f64; 4]| {
+            rivals.iter().any(|&rival| {
+                let slack = SLACK * points[index as usize].distance(points[rival as usize]);
+                reaches(rival).iter().zip(reach).all(|(ahead, own)| ahead - own > slack)
+            })
+        };
+        among.iter().copied().filter(|&index| !behind(index, &reaches(index))).collect()
+    }
 }
 
 #[cfg(test)]
@@ -174,32 +206,43 @@ mod tests {
     use rand::{RngExt, SeedableRng, rngs::StdRng};
 
     #[test]
-    fn a_tree_finds_what_a_scan_finds() {
+    fn a_map_finds_what_a_scan_finds() {
         let mut rng = StdRng::seed_from_u64(0x5EED_0001);
         for round in 0..200 {
             let count = rng.random_range(1..400);
-            let flat = round % 3 == 0;
+            let shape = round % 4;
             let points: Vec<DVec3> = (0..count)
                 .map(|_| {
                     let p = DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)));
-                    if flat { p * DVec3::new(1.0, 1.0, 0.0) } else { p.normalize_or_zero() * 3.0 }
+                    match shape {
+                        0 => p * DVec3::new(1.0, 1.0, 0.0),
+                        // A cap, as patches of round bodies are.
+                        1 => DVec3::new(p.x, p.y, 10.0 - 0.1 * p.length_squared()),
+                        _ => 3.0 * p.normalize_or_zero(),
+                    }
                 })
                 .collect();
-            let tree = SupportTree::new(&points);
-            let hull = Hull::with_tree(&points, Some(&tree));
-            for _ in 0..50 {
-                let direction = DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)));
-                let hint = rng.random_range(0..count);
-                let found = points[hull.support(direction, hint) as usize].dot(direction);
-                assert!(found >= scan(&points, direction).1 - 1e-14, "seed 0x5EED_0001, round {round}");
+            let map = SupportMap::new(&points);
+            let (scanned, hull) = (Hull::new(&points), Hull::with_map(&points, Some(&map)));
+            for trial in 0..60 {
+                let mut direction = DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)));
+                if trial % 3 == 0 {
+                    // On the cells' borders.
+                    direction = (8.0 * direction).round();
+                }
+                let (found, expected) = (hull.support(direction), scanned.support(direction));
+                assert_eq!(found, expected, "seed 0x5EED_0001, round {round}, {direction}");
             }
         }
     }
 
     #[test]
-    fn equal_points_do_not_unbalance_the_tree() {
+    fn equal_points_and_odd_directions_do_no_harm() {
         let points = vec![DVec3::ONE; 1000];
-        let tree = SupportTree::new(&points);
-        assert!(Hull::with_tree(&points, Some(&tree)).support(DVec3::X, 999) < 1000);
+        let map = SupportMap::new(&points);
+        let hull = Hull::with_map(&points, Some(&map));
+        for direction in [DVec3::X, DVec3::ZERO, DVec3::INFINITY, DVec3::NAN] {
+            assert!(hull.support(direction) < 1000);
+        }
     }
 }

@@ -68,7 +68,13 @@ pub(crate) struct Overlap {
 
 /// The contact between patches whose hulls overlap or touch, as `found`, in a's frame. A contact no deeper than the
 /// looseness is put where they do.
-pub(crate) fn overlap(a: &Patch, b: &Patch, reach: &Reach, found: &Distance, polytope: &mut Polytope) -> Overlap {
+pub(crate) fn overlap(
+    a: &Patch,
+    b: &Patch,
+    reach: &Reach,
+    found: &Distance,
+    polytope: &mut Polytope,
+) -> Overlap {
     let Reach { placement, precision, looseness, .. } = *reach;
     let (touch, _) = found.witnesses(&a.hull, &b.hull, &Placement::IDENTITY);
     let mut best = Best { direction: None, facing: false, precision: 16.0 * precision };
@@ -118,60 +124,45 @@ pub(crate) fn contact_at(point: DVec3, normal: DVec3, depth: f64) -> Contact {
 /// Tries the normals of both patches' triangles: how far the other hull reaches below their planes. At least as far as
 /// the point `touch` that both hulls share, so that most planes need not be tried; that nearest to it is tried first.
 fn faces(a: &Patch, b: &Patch, placement: &Placement, touch: DVec3, best: &mut Best) {
-    let mut below = 0;
-    let mut try_a = |best: &mut Best, triangle: [u32; 3], normal: DVec3| {
+    let try_a = |best: &mut Best, normal: DVec3| {
         let in_b = placement.direction_to_b(normal);
-        let deepest = b.hull.support(-in_b, below);
-        below = deepest;
+        let deepest = b.hull.support(-in_b);
         let on_b = placement.point(b.hull.points()[deepest as usize]);
-        let top = a.hull.points()[a.hull.support(normal, top_corner(triangle, a)) as usize];
+        let top = a.hull.points()[a.hull.support(normal) as usize];
         best.offer(b.vertex_faces(deepest, -in_b), (top - on_b).dot(normal), normal);
     };
-    each_plane(a, touch, best, &mut try_a);
-    let mut below = 0;
-    let mut try_b = |best: &mut Best, triangle: [u32; 3], in_b: DVec3| {
+    each_plane(a, touch, best, try_a);
+    let try_b = |best: &mut Best, in_b: DVec3| {
         let normal = -placement.direction(in_b);
-        let deepest = a.hull.support(normal, below);
-        below = deepest;
+        let deepest = a.hull.support(normal);
         let on_a = a.hull.points()[deepest as usize];
-        let top = placement.point(b.hull.points()[b.hull.support(in_b, top_corner(triangle, b)) as usize]);
+        let top = placement.point(b.hull.points()[b.hull.support(in_b) as usize]);
         best.offer(a.vertex_faces(deepest, normal), (on_a - top).dot(normal), normal);
     };
-    each_plane(b, placement.direction_to_b(touch - placement.translation), best, &mut try_b);
+    each_plane(b, placement.direction_to_b(touch - placement.translation), best, try_b);
 }
 
 /// Calls `attempt` with a patch's triangles and their normals, both of them where it has two sides, as long as the
 /// plane's height above a point of the other hull leaves it a chance; all in the patch's frame.
-fn each_plane(
-    patch: &Patch,
-    touch: DVec3,
-    best: &mut Best,
-    attempt: &mut impl FnMut(&mut Best, [u32; 3], DVec3),
-) {
+fn each_plane(patch: &Patch, touch: DVec3, best: &mut Best, attempt: impl Fn(&mut Best, DVec3)) {
     let sides: &[f64] = if patch.two_sided { &[1.0, -1.0] } else { &[1.0] };
     let planes = || {
-        patch.triangles.iter().zip(patch.planes).flat_map(|(&triangle, plane)| {
+        patch.planes.iter().flat_map(|plane| {
             let height = -plane.height(touch);
-            sides.iter().map(move |side| (triangle, *side * plane.normal, *side * height))
+            sides.iter().map(move |side| (*side * plane.normal, *side * height))
         })
     };
-    let planes = || planes().filter(|(_, normal, _)| *normal != DVec3::ZERO);
-    let nearest = planes().min_by(|(_, _, x), (_, _, y)| x.total_cmp(y));
-    if let Some((triangle, normal, _)) = nearest {
-        attempt(best, triangle, normal);
+    let planes = || planes().filter(|(normal, _)| *normal != DVec3::ZERO);
+    let nearest = planes().min_by(|(_, x), (_, y)| x.total_cmp(y));
+    if let Some((normal, _)) = nearest {
+        attempt(best, normal);
     }
-    for (triangle, normal, height) in planes() {
+    for (normal, height) in planes() {
         // The height is known to rounding only.
         if best.has_a_chance(height - best.precision) {
-            attempt(best, triangle, normal);
+            attempt(best, normal);
         }
     }
-}
-
-/// A corner of a triangle that is a hull vertex if any of them is: where its plane's support starts to be looked for.
-fn top_corner(triangle: [u32; 3], patch: &Patch) -> u32 {
-    let count = patch.hull.points().len() as u32;
-    triangle.into_iter().find(|v| *v < count).unwrap_or(0)
 }
 
 /// Tries the common normals of two triangle edges, one of each patch, that support their hulls along it.
