@@ -1,4 +1,5 @@
-//! How far two bodies have moved relative to one another, as a bound on any change of distance between their parts.
+//! How far two bodies have moved relative to one another, as a bound on any change of distance between their parts, and
+//! how far they have turned.
 
 use palpate_core::glam::DVec3;
 
@@ -14,6 +15,7 @@ const ROUNDING: f64 = 1e-9;
 pub(crate) struct Motion {
     last: Option<Placement>,
     way: f64,
+    turn: f64,
 }
 
 impl Motion {
@@ -30,6 +32,12 @@ impl Motion {
     /// The way so far, m.
     pub fn way(&self) -> f64 {
         self.way
+    }
+
+    /// A bound on the angle by which the bodies have turned so far, rad: that of each step, added up, or twice the sine of
+    /// its half.
+    pub fn turn(&self) -> f64 {
+        self.turn
     }
 
     /// Adds to the way: as if all distances had shrunk by this much, m.
@@ -51,6 +59,7 @@ impl Motion {
             let of_b = placement.point(center).distance(last.point(center)) + turn * b.radius;
             let center = |placement: &Placement| placement.direction_to_b(a.center - placement.translation);
             let of_a = center(placement).distance(center(&last)) + turn * a.radius;
+            self.turn += turn + ROUNDING * turn + f64::EPSILON;
             self.way += of_a.min(of_b) * (1.0 + ROUNDING) + rounding;
         }
         self.last = Some(*placement);

@@ -58,6 +58,22 @@ pub(crate) struct Packed {
 }
 
 impl Packed {
+    /// A leaf of nothing but its bounding sphere.
+    #[cfg(test)]
+    pub fn sphere(center: DVec3, radius: f64) -> Self {
+        Self {
+            center,
+            radius,
+            hausdorff: 0.0,
+            first_child: 0,
+            last_child: 0,
+            support: NONE,
+            patch_support: NONE,
+            incidence: NONE,
+            exact: false,
+        }
+    }
+
     pub fn is_leaf(&self) -> bool {
         self.first_child == self.last_child
     }

@@ -67,6 +67,8 @@ pub struct Distance {
     pub distance: f64,
     /// Lower bound on the distance, m; 0 when overlapping.
     pub lower: f64,
+    /// Unit direction from b to a along which the lower bound separates the hulls, in a's frame; zero without one.
+    pub direction: DVec3,
     /// The vector from b to a between the nearest points found, in a's frame, m.
     pub axis: DVec3,
     /// Vertices and weights of the nearest points; the origin's surroundings when overlapping.
@@ -108,6 +110,7 @@ pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits:
         separation: Separation::NotConverged,
         distance: f64::INFINITY,
         lower: 0.0,
+        direction: DVec3::ZERO,
         axis: DVec3::ZERO,
         simplex: Simplex::default(),
         iterations: 0,
@@ -147,8 +150,11 @@ pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits:
         }
         found.iterations += 1;
         let vertex = support(a, b, placement, -found.axis);
-        let lower = found.axis.dot(vertex.difference) / found.axis.length();
-        found.lower = found.lower.max(lower);
+        let length = found.axis.length();
+        let lower = found.axis.dot(vertex.difference) / length;
+        if lower > found.lower {
+            (found.lower, found.direction) = (lower, found.axis / length);
+        }
         if lower > beyond {
             // Until the simplex is a point, its distance is that of the vertex.
             let upper = found.distance.min(vertex.difference.length());
@@ -194,6 +200,6 @@ pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits:
 fn overlapping(mut found: Distance) -> Distance {
     found.separation = Separation::Overlapping;
     found.distance = 0.0;
-    found.lower = 0.0;
+    (found.lower, found.direction) = (0.0, DVec3::ZERO);
     found
 }

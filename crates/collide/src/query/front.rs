@@ -6,6 +6,7 @@
 //! all below it do, so that a query goes down to those that are awake only.
 
 use crate::convex::Distance;
+use crate::query::parting::Parting;
 
 /// Index of a pair that is not there.
 pub(crate) const NO_PAIR: u32 = u32::MAX;
@@ -32,6 +33,8 @@ pub(crate) struct Pair {
     pub apart: bool,
     /// Where the next search for the nearest points starts.
     pub nearest: Nearest,
+    /// Of a pair on the front whose hulls were out of reach.
+    pub parting: Option<Parting>,
 }
 
 /// Vertices of two hulls between which their nearest points were.
@@ -77,6 +80,7 @@ impl Pair {
             split: false,
             apart: false,
             nearest: Nearest::default(),
+            parting: None,
         }
     }
 }

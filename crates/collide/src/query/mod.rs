@@ -23,6 +23,7 @@ mod front;
 mod leaf;
 mod metrics;
 mod overlap;
+mod parting;
 pub(crate) mod refinement;
 mod thinning;
 
@@ -36,6 +37,7 @@ use palpate_core::{Clod, Contact, Pose};
 
 use self::front::{Front, Nearest, Pair};
 use self::leaf::{LeafQuery, Reach};
+use self::parting::Parting;
 use self::refinement::{Refine, refine, refined_share, urgency, weighted_deviation};
 use self::thinning::{LEAST_ROOM, thin};
 use crate::convex::{Limits, Placement, Separation, Start, gjk};
@@ -219,6 +221,8 @@ struct Circumstances {
     looseness: f64,
     /// How far the bodies have moved, m.
     way: f64,
+    /// How far they have turned, rad.
+    turn: f64,
     /// Full resolution.
     exact: bool,
     /// s₀ where it is the same everywhere, m.
@@ -400,6 +404,7 @@ impl ContactQuery {
             rounding,
             looseness: 2.0 * settings.patch_tolerance.max(0.0) * radii,
             way: self.motion.way(),
+            turn: self.motion.turn(),
             exact: settings.error.is_exact(),
             constant: settings.error.is_constant().then(|| settings.error.threshold(DVec3::ZERO, probe_pose)),
             band: if settings.interpolate { BAND } else { 0.0 },
@@ -629,6 +634,10 @@ impl ContactQuery {
             return Verdict::Stop;
         }
         self.outcome.visited += 1;
+        if self.are_still_apart(pair, now) {
+            return Verdict::Stop;
+        }
+        pair.parting = None;
         if refinement == Refine::Yes {
             if !pair.split && self.is_apart(pair, now) {
                 return Verdict::Stop;
@@ -680,6 +689,8 @@ impl ContactQuery {
         self.outcome.leaf_pairs += 1;
         if beyond {
             if verdict == Verdict::Stop {
+                let nodes = [self.probe.node(a), self.scene.node(b)];
+                pair.parting = Parting::of(&found, nodes, &now.placement, now.turn, true);
                 pair.wake = now.way + settled;
                 pair.apart = self.probe.node(a).is_leaf() && self.scene.node(b).is_leaf();
             }
@@ -736,6 +747,24 @@ impl ContactQuery {
         gap > 0.0
     }
 
+    /// Whether hulls that were out of reach are so still, along the same direction; if so, until when.
+    fn are_still_apart(&self, pair: &mut Pair, now: &Circumstances) -> bool {
+        let Some(parting) = pair.parting else { return false };
+        // With another threshold, the pair may have to be split.
+        if parting.of_patches && now.threshold_changed {
+            return false;
+        }
+        let (a, b) = (self.probe.node(pair.a), self.scene.node(pair.b));
+        let reach = if parting.of_patches { now.settings.tolerance } else { self.reach(pair, now) };
+        let lower = parting.lower([a, b], &now.placement, now.turn, now.rounding);
+        let apart = lower > reach.max(self.precision(pair, now));
+        if apart {
+            pair.wake = now.way + (lower - reach);
+            pair.apart = !parting.of_patches || (a.is_leaf() && b.is_leaf());
+        }
+        apart
+    }
+
     /// Whether the bounding hulls are out of reach; if so, until when.
     fn is_apart(&mut self, pair: &mut Pair, now: &Circumstances) -> bool {
         let (hull_a, hull_b) = (self.probe.hull(pair.a), self.scene.hull(pair.b));
@@ -752,6 +781,8 @@ impl ContactQuery {
         let apart = found.separation == Separation::Beyond;
         if apart {
             pair.nearest = Nearest::of(&found, false);
+            let nodes = [self.probe.node(pair.a), self.scene.node(pair.b)];
+            pair.parting = Parting::of(&found, nodes, &now.placement, now.turn, false);
             pair.wake = now.way + (found.lower - reach);
             pair.apart = true;
         } else {
