@@ -101,7 +101,7 @@ pub(crate) fn overlap(
         }
     }
     if !best.facing {
-        faces(a, b, placement, touch, &mut best);
+        faces(a, b, placement, [touch, least.on_a, least.on_b], &mut best);
         let few = a.triangles.len() * b.triangles.len() <= FEW_TRIANGLE_PAIRS;
         if few && a.vertices.len() <= FEW_VERTICES && b.vertices.len() <= FEW_VERTICES {
             edges(a, b, placement, &mut best);
@@ -122,8 +122,9 @@ pub(crate) fn contact_at(point: DVec3, normal: DVec3, depth: f64) -> Contact {
 }
 
 /// Tries the normals of both patches' triangles: how far the other hull reaches below their planes. At least as far as
-/// the point `touch` that both hulls share, so that most planes need not be tried; that nearest to it is tried first.
-fn faces(a: &Patch, b: &Patch, placement: &Placement, touch: DVec3, best: &mut Best) {
+/// its points among these: one that both hulls share, one of a and one of b. So most planes need not be tried; that
+/// nearest to them is tried first.
+fn faces(a: &Patch, b: &Patch, placement: &Placement, [shared, on_a, on_b]: [DVec3; 3], best: &mut Best) {
     let try_a = |best: &mut Best, normal: DVec3| {
         let in_b = placement.direction_to_b(normal);
         let deepest = b.hull.support(-in_b);
@@ -131,7 +132,7 @@ fn faces(a: &Patch, b: &Patch, placement: &Placement, touch: DVec3, best: &mut B
         let top = a.hull.points()[a.hull.support(normal) as usize];
         best.offer(b.vertex_faces(deepest, -in_b), (top - on_b).dot(normal), normal);
     };
-    each_plane(a, touch, best, try_a);
+    each_plane(a, [shared, on_b], best, try_a);
     let try_b = |best: &mut Best, in_b: DVec3| {
         let normal = -placement.direction(in_b);
         let deepest = a.hull.support(normal);
@@ -139,17 +140,19 @@ fn faces(a: &Patch, b: &Patch, placement: &Placement, touch: DVec3, best: &mut B
         let top = placement.point(b.hull.points()[b.hull.support(in_b) as usize]);
         best.offer(a.vertex_faces(deepest, normal), (on_a - top).dot(normal), normal);
     };
-    each_plane(b, placement.direction_to_b(touch - placement.translation), best, try_b);
+    let to_b = |point| placement.direction_to_b(point - placement.translation);
+    each_plane(b, [shared, on_a].map(to_b), best, try_b);
 }
 
 /// Calls `attempt` with a patch's triangles and their normals, both of them where it has two sides, as long as the
-/// plane's height above a point of the other hull leaves it a chance; all in the patch's frame.
-fn each_plane(patch: &Patch, touch: DVec3, best: &mut Best, attempt: impl Fn(&mut Best, DVec3)) {
+/// plane's height above some points of the other hull leaves it a chance; all in the patch's frame.
+fn each_plane(patch: &Patch, points: [DVec3; 2], best: &mut Best, attempt: impl Fn(&mut Best, DVec3)) {
     let sides: &[f64] = if patch.two_sided { &[1.0, -1.0] } else { &[1.0] };
     let planes = || {
         patch.planes.iter().flat_map(|plane| {
-            let height = -plane.height(touch);
-            sides.iter().map(move |side| (*side * plane.normal, *side * height))
+            let heights = points.map(|point| -plane.height(point));
+            let height = move |side: f64| (side * heights[0]).max(side * heights[1]);
+            sides.iter().map(move |side| (*side * plane.normal, height(*side)))
         })
     };
     let planes = || planes().filter(|(normal, _)| *normal != DVec3::ZERO);
@@ -185,7 +188,13 @@ fn edges(a: &Patch, b: &Patch, placement: &Placement, best: &mut Best) {
                     if length <= 1e-9 * p.distance(q) * r.distance(s) {
                         continue;
                     }
-                    for normal in [across / length, -across / length] {
+                    // Hulls that overlap are not apart along any direction.
+                    let depth = (p - r).dot(across) / length;
+                    for (side, depth) in [(1.0, depth), (-1.0, -depth)] {
+                        if depth < -best.precision || !best.has_a_chance(depth) {
+                            continue;
+                        }
+                        let normal = side * across / length;
                         if !a.faces(normal_a, normal, FACING) || !b.faces(normal_b, -normal, FACING) {
                             continue;
                         }
