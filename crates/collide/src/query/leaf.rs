@@ -35,8 +35,8 @@ pub(crate) struct LeafQuery {
     pub tetrahedron: Option<[(u32, u32); 4]>,
     /// Pairs of triangles within the tolerance: contact, and the triangle of each patch.
     near: Vec<(Contact, u32, u32)>,
-    /// Triangles of b that are within the tolerance of a's sphere: a sphere around each, in a's frame.
-    in_reach: Vec<(Ball, u32)>,
+    /// Triangles of b that are within the tolerance of a's sphere: a sphere around each and its plane, in a's frame.
+    in_reach: Vec<(Ball, Plane, u32)>,
     /// Of the pairs of triangles examined last, the smallest distance within the tolerance (otherwise infinite),
     /// whichever way they face, and the point on a.
     nearest: (f64, DVec3),
@@ -149,10 +149,10 @@ impl LeafQuery {
         let tolerance = reach.tolerance + reach.precision;
         self.in_reach.clear();
         for (j, &on_b) in (0u32..).zip(b.triangles) {
-            let ball = Ball::around(&b.corners(on_b));
-            let ball = Ball { center: placement.point(ball.center), ..ball };
+            let corners = b.corners(on_b).map(|corner| placement.point(corner));
+            let ball = Ball::around(&corners);
             if reaches(a.center, a.radius, ball.center, ball.radius, tolerance) {
-                self.in_reach.push((ball, j));
+                self.in_reach.push((ball, Plane::of(corners), j));
             }
         }
         let center_of_b = placement.point(b.center);
@@ -162,9 +162,13 @@ impl LeafQuery {
             if !reaches(one.center, one.radius, center_of_b, b.radius, tolerance) {
                 continue;
             }
+            let plane = Plane::of(corners_a);
             for index in 0..self.in_reach.len() {
-                let (ball, j) = self.in_reach[index];
-                if !reaches(one.center, one.radius, ball.center, ball.radius, tolerance) {
+                let (ball, plane_b, j) = self.in_reach[index];
+                if !reaches(one.center, one.radius, ball.center, ball.radius, tolerance)
+                    || plane.height(ball.center).abs() > ball.radius + tolerance
+                    || plane_b.height(one.center).abs() > one.radius + tolerance
+                {
                     continue;
                 }
                 let corners_b = b.corners(b.triangles[j as usize]);
