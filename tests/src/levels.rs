@@ -173,7 +173,7 @@ impl Examination {
                 points
             })
             .collect();
-        let map = TriangleTree::new(&mesh);
+        let tree = TriangleTree::new(&mesh);
         Level { clod, nodes, mesh, tree, samples }
     }
 
@@ -501,7 +501,7 @@ impl<'a> Target<'a> {
     fn new(points: &'a [DVec3]) -> Self {
         let map = (points.len() >= SupportMap::WORTHWHILE).then(|| SupportMap::new(points));
         let size = points.iter().map(|p| p.distance(points[0])).fold(0.0, f64::max);
-        Self { points, tree, size }
+        Self { points, map, size }
     }
 
     fn ask(&self, p: DVec3, enough: f64) -> gjk::Distance {
