@@ -68,6 +68,7 @@ fn a_tracked_front_finds_what_a_cold_query_does() {
         let radius = probe.clod().bounding_radius();
         let mut tracked = ContactQuery::new(probe, scene);
         let mut cold = ContactQuery::new(probe, scene);
+        let mut shared = ContactQuery::new(probe, scene);
         // Room for contacts, but hardly any for pairs.
         let mut cramped = ContactQuery::with_capacity(probe, scene, 1 << 14, 200);
         let (mut contacts, mut looked_at, mut overflows) = (0, [0, 0], 0);
@@ -85,6 +86,12 @@ fn a_tracked_front_finds_what_a_cold_query_does() {
                     format!("seed {SEED:#x}, {name}, s₀ {error}, pose {index}: {kept:?}, {fresh:?}");
                 assert!(agree(tracked.contacts(), cold.contacts(), 1e-8 * radius), "{context}");
                 assert!(!kept.overflow && !kept.front_overflow, "{context}");
+                let at_once = shared.run(pose, &scene_pose, &QuerySettings { parallel: true, ..settings });
+                assert_eq!(
+                    shared.contacts(),
+                    tracked.contacts(),
+                    "{context}: on several threads, {at_once:?}"
+                );
                 let fixed = QuerySettings { fixed_capacity: true, ..settings };
                 let little = cramped.run(pose, &scene_pose, &fixed);
                 assert!(agree(cramped.contacts(), cold.contacts(), 1e-8 * radius), "{context}: {little:?}");

@@ -40,10 +40,30 @@ pub(crate) struct LeafQuery {
     /// Of the pairs of triangles examined last, the smallest distance within the tolerance (otherwise infinite),
     /// whichever way they face, and the point on a.
     nearest: (f64, DVec3),
+    pub counts: Counts,
+}
+
+/// What pairs took.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Counts {
+    /// Pairs looked at, with their bounding spheres within reach.
+    pub visited: usize,
+    /// Pairs examined for contacts.
+    pub leaf_pairs: usize,
     pub convex_queries: usize,
     pub not_converged: usize,
     /// Pairs that had to be decided triangle by triangle.
     pub by_triangles: usize,
+}
+
+impl Counts {
+    pub fn add(&mut self, other: &Self) {
+        self.visited += other.visited;
+        self.leaf_pairs += other.leaf_pairs;
+        self.convex_queries += other.convex_queries;
+        self.not_converged += other.not_converged;
+        self.by_triangles += other.by_triangles;
+    }
 }
 
 /// The pair's circumstances.
@@ -125,24 +145,24 @@ impl LeafQuery {
     }
 
     fn distance(&mut self, a: &Patch, b: &Patch, axis: DVec3, reach: &Reach) -> Distance {
-        self.convex_queries += 1;
+        self.counts.convex_queries += 1;
         let limits = Limits { beyond: reach.tolerance, share: 0.0, enough: -1.0, precision: reach.precision };
         let found = gjk::distance(&a.hull, &b.hull, reach.placement, Start::Axis(axis), &limits);
-        self.not_converged += usize::from(found.separation == Separation::NotConverged);
+        self.counts.not_converged += usize::from(found.separation == Separation::NotConverged);
         found
     }
 
     fn penetrating(&mut self, a: &Patch, b: &Patch, found: &Distance, reach: &Reach) {
-        self.convex_queries += 1;
+        self.counts.convex_queries += 1;
         let overlap = overlap(a, b, reach, found, &mut self.polytope);
-        self.not_converged += usize::from(!overlap.sure);
+        self.counts.not_converged += usize::from(!overlap.sure);
         self.contacts.push(overlap.contact);
         self.tetrahedron = Some(overlap.tetrahedron);
     }
 
     /// Decides the pair by its triangles. `true` if the patches penetrate; otherwise the separated contacts are reported.
     fn triangles(&mut self, a: &Patch, b: &Patch, reach: &Reach) -> bool {
-        self.by_triangles += 1;
+        self.counts.by_triangles += 1;
         self.near.clear();
         self.nearest = (f64::INFINITY, DVec3::ZERO);
         let placement = reach.placement;

@@ -19,31 +19,33 @@
 //! within reach, and stop as soon as either bound on the distance settles it; nodes with a single child are passed
 //! through, as long as they are to be refined anyway. In §3.4.2 every node of the front is tested in every query.
 
+mod bodies;
+mod budget;
 mod front;
 mod leaf;
 mod metrics;
 mod overlap;
+mod parallel;
 mod parting;
 pub(crate) mod refinement;
 mod thinning;
 
-use std::cmp::Ordering;
 use std::collections::BinaryHeap;
-use std::ops::Range;
-use std::time::{Duration, Instant};
 
 use palpate_core::glam::DVec3;
 use palpate_core::{Clod, Contact, Pose};
 
-use self::front::{Front, Nearest, Pair};
-use self::leaf::{LeafQuery, Reach};
-use self::parting::Parting;
-use self::refinement::{Refine, refine, refined_share, urgency, weighted_deviation};
+use self::bodies::{Bodies, Verdict};
+use self::budget::{PACE, Urgent};
+use self::front::{Front, Pair};
+use self::leaf::{Counts, LeafQuery};
+use self::parallel::Deferred;
 use self::thinning::{LEAST_ROOM, thin};
-use crate::convex::{Limits, Placement, Separation, Start, gjk};
+use crate::convex::Placement;
 use crate::motion::Motion;
 use crate::shape::Shape;
 
+pub use self::budget::Budget;
 pub use self::metrics::{Combination, ErrorMetrics, VelocityMetric, ViewMetric};
 
 /// Separations and depths are found to this fraction of the size of the hulls involved.
@@ -62,10 +64,6 @@ const PAIRS: usize = 1 << 15;
 
 /// The way after which it is counted anew, in radii of the bodies.
 const LONG_WAY: f64 = 1e3;
-
-/// What examining a pair is expected to take before it has been measured, s; and queries over which that is averaged.
-const PACE: f64 = 1e-6;
-const PACE_MEMORY: f64 = 8.0;
 
 /// Part of s₀ over which interpolated contacts go over from one resolution to the next.
 const BAND: f64 = 0.5;
@@ -97,16 +95,9 @@ pub struct QuerySettings {
     pub interpolate: bool,
     /// Time-critical: refine in the order of s*/s₀, and stop when this is spent ([`QueryOutcome::out_of_budget`]).
     pub budget: Option<Budget>,
-}
-
-/// What a time-critical query may cost. Pairs above the coarsest level that is not free have to be gone through in any
-/// case, and every pair that the query stops at costs one convex query more.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Budget {
-    /// Time.
-    Time(Duration),
-    /// Convex queries.
-    Queries(usize),
+    /// Examine pairs on all threads of the current rayon pool, where there are many. The answer is the same. A time-critical
+    /// query does not.
+    pub parallel: bool,
 }
 
 impl QuerySettings {
@@ -119,6 +110,7 @@ impl QuerySettings {
             error: ErrorMetrics::EXACT,
             interpolate: false,
             budget: None,
+            parallel: false,
         }
     }
 }
@@ -187,8 +179,7 @@ pub struct QueryOutcome {
 /// last query, from which the next one starts.
 #[derive(Clone, Debug)]
 pub struct ContactQuery {
-    probe: Shape,
-    scene: Shape,
+    bodies: Bodies,
     front: Front,
     motion: Motion,
     /// Of the last query.
@@ -202,6 +193,7 @@ pub struct ContactQuery {
     /// What it took lately to examine a pair for want of time, s.
     pace: f64,
     leaf: LeafQuery,
+    deferred: Deferred,
     contacts: Vec<PatchContact>,
     outcome: QueryOutcome,
 }
@@ -231,44 +223,8 @@ struct Circumstances {
     band: f64,
     /// The threshold is, or may be, another one than it was.
     threshold_changed: bool,
-}
-
-/// A pair on the way of a time-critical query.
-#[derive(Clone, Copy, Debug)]
-struct Urgent {
-    /// s*/s₀.
-    deviation: f64,
-    slot: u32,
-    weight: f64,
-}
-
-impl Ord for Urgent {
-    fn cmp(&self, other: &Self) -> Ordering {
-        self.deviation.total_cmp(&other.deviation).then(other.slot.cmp(&self.slot))
-    }
-}
-
-impl PartialOrd for Urgent {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl PartialEq for Urgent {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
-    }
-}
-
-impl Eq for Urgent {}
-
-/// What becomes of a pair.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Verdict {
-    /// It stays on the front, or comes back to it.
-    Stop,
-    /// It is split.
-    Refine,
+    /// Pairs are examined at once, after the descent.
+    parallel: bool,
 }
 
 impl ContactQuery {
@@ -291,10 +247,10 @@ impl ContactQuery {
             urgent: BinaryHeap::with_capacity(pairs),
             pace: PACE,
             leaf: LeafQuery::default(),
+            deferred: Deferred::default(),
             contacts: Vec::with_capacity(contacts.max(LEAST_ROOM)),
             outcome: QueryOutcome::default(),
-            probe,
-            scene,
+            bodies: Bodies { probe, scene },
         }
     }
 
@@ -309,6 +265,7 @@ impl ContactQuery {
             + self.stack.capacity() * size_of::<(u32, f64)>()
             + self.unrecorded.capacity() * size_of::<(u32, u32, f64)>()
             + self.urgent.capacity() * size_of::<Urgent>()
+            + self.deferred.bytes()
             + self.contacts.capacity() * size_of::<PatchContact>()
     }
 
@@ -326,33 +283,42 @@ impl ContactQuery {
         self.outcome = QueryOutcome::default();
         let asked = settings.tolerance.is_finite() && settings.tolerance >= 0.0 && settings.error.is_valid();
         let valid = probe_pose.is_valid() && scene_pose.is_valid();
-        if !valid || !asked || self.probe.is_empty() || self.scene.is_empty() {
+        if !valid || !asked || self.bodies.probe.is_empty() || self.bodies.scene.is_empty() {
             self.outcome.refused = true;
             return self.outcome;
         }
         let now = self.circumstances(probe_pose, scene_pose, settings);
         let buffers = self.buffers();
-        (self.leaf.convex_queries, self.leaf.not_converged, self.leaf.by_triangles) = (0, 0, 0);
+        self.leaf.counts = Counts::default();
         match settings.budget {
             None => {
-                self.stack.push((Front::ROOT, 1.0));
                 self.traverse(&now);
+                if now.parallel {
+                    self.examine_deferred(&now);
+                }
             }
             Some(budget) => self.traverse_within(budget, &now),
         }
         self.outcome.front += self.front.len();
         self.outcome.front_high_water = self.front.high_water();
-        self.outcome.convex_queries += self.leaf.convex_queries;
-        self.outcome.not_converged = self.leaf.not_converged;
-        self.outcome.by_triangles = self.leaf.by_triangles;
+        let Counts { visited, leaf_pairs, convex_queries, not_converged, by_triangles } = self.leaf.counts;
+        self.outcome =
+            QueryOutcome { visited, leaf_pairs, convex_queries, not_converged, by_triangles, ..self.outcome };
         self.outcome.reallocated = self.buffers() != buffers;
         self.outcome
     }
 
-    fn buffers(&self) -> [usize; 6] {
-        let Self { leaf, contacts, stack, unrecorded, urgent, front, .. } = self;
-        let waiting = [stack.capacity(), unrecorded.capacity(), urgent.capacity()];
-        [waiting[0], waiting[1], waiting[2], leaf.capacity(), contacts.capacity(), front.capacity()]
+    fn buffers(&self) -> [usize; 7] {
+        let Self { leaf, contacts, stack, unrecorded, urgent, front, deferred, .. } = self;
+        [
+            stack.capacity(),
+            unrecorded.capacity(),
+            urgent.capacity(),
+            leaf.capacity(),
+            contacts.capacity(),
+            front.capacity(),
+            deferred.bytes(),
+        ]
     }
 
     /// Notes how the bodies have moved, and whether what is kept of the last query still holds.
@@ -363,14 +329,16 @@ impl ContactQuery {
         settings: &QuerySettings,
     ) -> Circumstances {
         let placement = Placement::between(probe_pose, scene_pose);
+        let Bodies { probe, scene } = &self.bodies;
+        let balls = [probe.ball(), scene.ball()];
         let coordinates =
-            self.probe.coordinates() + self.scene.coordinates() + placement.translation.abs().max_element();
+            probe.coordinates() + scene.coordinates() + placement.translation.abs().max_element();
         let rounding = 4.0 * f64::EPSILON * coordinates;
-        let radii = self.probe.clod().bounding_radius() + self.scene.clod().bounding_radius();
+        let radii = probe.clod().bounding_radius() + scene.clod().bounding_radius();
         let mut threshold_changed = false;
         match self.last.filter(|last| last.patch_tolerance == settings.patch_tolerance) {
             Some(last) => {
-                self.motion.step(&self.probe.ball(), &self.scene.ball(), &placement, rounding);
+                self.motion.step(&balls[0], &balls[1], &placement, rounding);
                 self.motion.add((settings.tolerance - last.tolerance).abs());
                 threshold_changed = last.error != settings.error
                     || !settings.error.is_constant()
@@ -382,7 +350,7 @@ impl ContactQuery {
             }
             None => {
                 self.motion.reset();
-                self.motion.step(&self.probe.ball(), &self.scene.ball(), &placement, rounding);
+                self.motion.step(&balls[0], &balls[1], &placement, rounding);
                 self.start(settings.error.is_exact());
             }
         }
@@ -409,24 +377,30 @@ impl ContactQuery {
             constant: settings.error.is_constant().then(|| settings.error.threshold(DVec3::ZERO, probe_pose)),
             band: if settings.interpolate { BAND } else { 0.0 },
             threshold_changed,
+            parallel: settings.parallel && settings.budget.is_none(),
         }
     }
 
     /// Starts anew from the roots.
     fn start(&mut self, exact: bool) {
-        let [a, b] = [&self.probe, &self.scene].map(|shape| shape.pass_through(Clod::ROOT, exact));
+        let [a, b] =
+            [&self.bodies.probe, &self.bodies.scene].map(|shape| shape.pass_through(Clod::ROOT, exact));
         self.front.reset(Pair::new(a, b));
     }
 
-    /// Looks at all pairs below those on the stack that are awake, depth first.
+    /// Looks at all pairs that are awake, depth first.
     fn traverse(&mut self, now: &Circumstances) {
+        self.stack.push((Front::ROOT, 1.0));
         while let Some((entry, weight)) = self.stack.pop() {
             if entry & LEAVE != 0 {
                 self.leave(entry ^ LEAVE, now);
                 continue;
             }
             let Some(share) = self.enter(entry, weight, now) else { continue };
-            self.stack.push((entry | LEAVE, weight));
+            // Pairs that are examined later may keep it awake.
+            if !now.parallel {
+                self.stack.push((entry | LEAVE, weight));
+            }
             let from = self.stack.len();
             // When the threshold has changed, how long pairs may sleep does not tell whether they do.
             let (way, all) = (now.way, now.threshold_changed);
@@ -434,65 +408,6 @@ impl ContactQuery {
             self.stack.extend(awake.map(|child| (child, weight * share)));
             self.stack[from..].reverse();
             self.outcome.stack_high_water = self.outcome.stack_high_water.max(self.stack.len());
-        }
-    }
-
-    /// Looks at pairs that are awake in the order of s*/s₀, as far as the budget goes. What is left then is examined as it
-    /// is.
-    fn traverse_within(&mut self, budget: Budget, now: &Circumstances) {
-        let begun = Instant::now();
-        self.urgent.clear();
-        self.urgent.push(Urgent { deviation: f64::INFINITY, slot: Front::ROOT, weight: 1.0 });
-        // Pairs that wait, and could be examined as they are.
-        let roots = self.front.get(Front::ROOT);
-        let mut waiting = usize::from(self.is_reportable(roots.a, roots.b));
-        let mut stopped: Option<Instant> = None;
-        let mut examined = 0;
-        while let Some(Urgent { deviation, slot, weight }) = self.urgent.pop() {
-            let pair = *self.front.get(slot);
-            let reportable = self.is_reportable(pair.a, pair.b);
-            waiting -= usize::from(reportable);
-            if self.sleeps(slot, now) {
-                continue;
-            }
-            if reportable && deviation > 1.0 && self.is_spent(budget, begun, waiting) {
-                stopped = stopped.or_else(|| Some(Instant::now()));
-                examined += 1;
-                self.outcome.out_of_budget = true;
-                self.outcome.worst_deviation = self.outcome.worst_deviation.max(deviation);
-                self.examine(&mut { pair }, false, weight, now);
-                continue;
-            }
-            let Some(share) = self.enter(slot, weight, now) else { continue };
-            for child in self.front.below(slot) {
-                let Pair { a, b, .. } = *self.front.get(child);
-                let (detail_a, detail_b) = (self.probe.detail(a), self.scene.detail(b));
-                let deviation = urgency(detail_a, detail_b, self.threshold(a, b, now));
-                self.urgent.push(Urgent { deviation, slot: child, weight: weight * share });
-                waiting += usize::from(self.is_reportable(a, b));
-            }
-            self.outcome.stack_high_water = self.outcome.stack_high_water.max(self.urgent.len());
-        }
-        if let Some(stopped) = stopped {
-            let pace = stopped.elapsed().as_secs_f64() / f64::from(examined);
-            self.pace += (pace - self.pace) / PACE_MEMORY;
-        }
-        self.leave_all(now);
-    }
-
-    /// Whether contacts of a pair can be reported.
-    fn is_reportable(&self, a: u32, b: u32) -> bool {
-        !self.probe.detail(a).is_free() && !self.scene.detail(b).is_free()
-    }
-
-    /// Whether a budget is spent, but for examining the pairs that wait.
-    fn is_spent(&self, budget: Budget, begun: Instant, waiting: usize) -> bool {
-        let made = self.outcome.convex_queries + self.leaf.convex_queries;
-        match budget {
-            Budget::Queries(queries) => made + waiting >= queries,
-            Budget::Time(time) => {
-                begun.elapsed().as_secs_f64() + waiting as f64 * self.pace >= time.as_secs_f64()
-            }
         }
     }
 
@@ -525,23 +440,22 @@ impl ContactQuery {
         }
         let mut pair = *self.front.get(slot);
         let settled = pair.split && pair.settled > now.way && !now.threshold_changed;
-        let verdict = if settled { Verdict::Refine } else { self.look_at(&mut pair, weight, now) };
-        if verdict == Verdict::Stop {
+        let mut verdict =
+            if settled { Verdict::Refine } else { self.bodies.look_at(&mut pair, now, &mut self.leaf) };
+        if verdict == Verdict::Examine && now.parallel {
+            self.deferred.defer(slot, pair, weight);
+            pair.wake = f64::NEG_INFINITY;
+        } else {
+            verdict = self.examined(verdict, &mut pair, weight, now);
+        }
+        if verdict != Verdict::Refine {
             self.front.join(slot);
             self.front.set(slot, pair);
             return None;
         }
         self.front.set(slot, pair);
         if !pair.split {
-            let (of_probe, children) = self.children(pair.a, pair.b, now.exact);
-            let (probe, scene) = (&self.probe, &self.scene);
-            let into = children.rev().map(|child| {
-                if of_probe {
-                    Pair::new(probe.pass_through(child, now.exact), pair.b)
-                } else {
-                    Pair::new(pair.a, scene.pass_through(child, now.exact))
-                }
-            });
+            let into = self.bodies.below(pair, now.exact).rev();
             if !self.front.split(slot, into, !now.settings.fixed_capacity) {
                 self.outcome.front_overflow = true;
                 self.front.set_wake(slot, f64::NEG_INFINITY);
@@ -563,10 +477,10 @@ impl ContactQuery {
         if wake > now.way {
             let pair = *self.front.get(slot);
             wake = wake.min(pair.settled);
-            let radii = self.probe.node(pair.a).radius + self.scene.node(pair.b).radius;
+            let radii = self.bodies.radii(&pair);
             if quiet && wake > now.way + RAISE * radii && now.way >= pair.within {
                 let mut raised = pair;
-                if self.is_apart(&mut raised, now) {
+                if self.bodies.is_apart(&mut raised, now, &mut self.leaf) {
                     self.front.join(slot);
                     self.front.set(slot, raised);
                     return;
@@ -580,11 +494,13 @@ impl ContactQuery {
     /// Looks at all below a pair, of which nothing is kept.
     fn descend(&mut self, pair: &Pair, weight: f64, now: &Circumstances) {
         self.unrecorded.clear();
-        self.push_children(pair.a, pair.b, weight, now.exact);
+        let below = |pair: Pair, weight: f64| move |child: Pair| (child.a, child.b, weight * pair.share);
+        self.unrecorded.extend(self.bodies.below(*pair, now.exact).rev().map(below(*pair, weight)));
         while let Some((a, b, weight)) = self.unrecorded.pop() {
             let mut pair = Pair::new(a, b);
-            if self.look_at(&mut pair, weight, now) == Verdict::Refine {
-                self.push_children(a, b, weight * pair.share, now.exact);
+            let verdict = self.bodies.look_at(&mut pair, now, &mut self.leaf);
+            if self.examined(verdict, &mut pair, weight, now) == Verdict::Refine {
+                self.unrecorded.extend(self.bodies.below(pair, now.exact).rev().map(below(pair, weight)));
             } else {
                 self.outcome.front += 1;
             }
@@ -593,202 +509,36 @@ impl ContactQuery {
         self.outcome.front -= 1;
     }
 
-    fn push_children(&mut self, a: u32, b: u32, weight: f64, exact: bool) {
-        let (of_probe, children) = self.children(a, b, exact);
-        for child in children.rev() {
-            self.unrecorded.push(if of_probe {
-                (self.probe.pass_through(child, exact), b, weight)
-            } else {
-                (a, self.scene.pass_through(child, exact), weight)
-            });
-        }
-    }
-
-    /// The children that a pair is split into: whether they are the probe's, and which.
-    fn children(&self, a: u32, b: u32, exact: bool) -> (bool, Range<u32>) {
-        let (node_a, node_b) = (self.probe.node(a), self.scene.node(b));
-        let (below_a, below_b) = (self.probe.detail(a).below, self.scene.detail(b).below);
-        // Among free levels, and at full resolution, the larger one.
-        let by_size = exact || below_a == below_b;
-        let split_a = if by_size { node_a.radius >= node_b.radius } else { below_a < below_b };
-        if node_b.is_leaf() || (!node_a.is_leaf() && split_a) {
-            (true, node_a.first_child..node_a.last_child)
-        } else {
-            (false, node_b.first_child..node_b.last_child)
-        }
-    }
-
-    /// Decides about a pair that is awake, and finds its contacts if it is not to be refined.
-    fn look_at(&mut self, pair: &mut Pair, weight: f64, now: &Circumstances) -> Verdict {
-        let (a, b) = (pair.a, pair.b);
-        let leaves = self.probe.node(a).is_leaf() && self.scene.node(b).is_leaf();
-        let refinement = if leaves {
-            Refine::No
-        } else if now.exact {
-            Refine::Yes
-        } else {
-            refine(self.probe.detail(a), self.scene.detail(b), self.threshold(a, b, now), now.band)
-        };
-        pair.apart = false;
-        if !pair.split && self.spheres_are_apart(pair, now) {
-            return Verdict::Stop;
-        }
-        self.outcome.visited += 1;
-        if self.are_still_apart(pair, now) {
-            return Verdict::Stop;
-        }
-        pair.parting = None;
-        if refinement == Refine::Yes {
-            if !pair.split && self.is_apart(pair, now) {
-                return Verdict::Stop;
-            }
-            pair.settled = f64::INFINITY;
-            pair.share = 1.0;
-            return Verdict::Refine;
-        }
-        let depends = refinement == Refine::Depends;
-        let warm = !pair.nearest.vertices(true).is_empty();
-        if depends && !warm && self.is_apart(pair, now) {
-            return Verdict::Stop;
-        }
-        self.examine(pair, depends, weight, now)
-    }
-
-    /// Finds the contacts of a pair, unless it is to be refined, which `depends` on where its nearest points are.
-    fn examine(&mut self, pair: &mut Pair, depends: bool, weight: f64, now: &Circumstances) -> Verdict {
-        let (a, b) = (pair.a, pair.b);
-        let tolerance = now.settings.tolerance;
-        let precision = self.precision(pair, now);
-        let (patch_a, patch_b) = (self.probe.patch(a), self.scene.patch(b));
-        let limits = Limits { beyond: tolerance, share: SHARE, enough: -1.0, precision };
-        let axis = patch_a.center - now.placement.point(patch_b.center);
-        let start = Start::Vertices(pair.nearest.vertices(true), axis);
-        let found = gjk::distance(&patch_a.hull, &patch_b.hull, &now.placement, start, &limits);
-        self.outcome.convex_queries += 1;
-        self.outcome.not_converged += usize::from(found.separation == Separation::NotConverged);
-        pair.nearest = Nearest::of(&found, true);
-        let beyond = found.separation == Separation::Beyond || found.distance > tolerance.max(precision);
-        pair.share = 0.0;
-        if depends {
-            let side_a = (self.probe.detail(a), self.probe.support_areas(a));
-            let side_b = (self.scene.detail(b), self.scene.support_areas(b));
-            let error = self.threshold(a, b, now);
-            pair.share =
-                refined_share(weighted_deviation(&found, side_a, side_b, tolerance, error), now.band);
-        }
-        let verdict = if pair.share > 0.0 { Verdict::Refine } else { Verdict::Stop };
-        // Nearest points count where there are any within the tolerance only, and hulls that overlap go on to do so until
-        // they have moved by their depth.
-        let settled = if beyond { found.lower - tolerance } else { found.simplex.depth() };
-        let all_refined = pair.share == 1.0;
-        pair.settled = if beyond || all_refined { now.way + settled } else { f64::NEG_INFINITY };
-        pair.wake = f64::NEG_INFINITY;
-        if all_refined {
+    /// What becomes of a pair, after it has been examined if need be.
+    fn examined(&mut self, verdict: Verdict, pair: &mut Pair, weight: f64, now: &Circumstances) -> Verdict {
+        if !matches!(verdict, Verdict::Examine | Verdict::Ask) {
             return verdict;
         }
-        self.outcome.leaf_pairs += 1;
-        if beyond {
-            if verdict == Verdict::Stop {
-                let nodes = [self.probe.node(a), self.scene.node(b)];
-                pair.parting = Parting::of(&found, nodes, &now.placement, now.turn, true);
-                pair.wake = now.way + settled;
-                pair.apart = self.probe.node(a).is_leaf() && self.scene.node(b).is_leaf();
-            }
-            return verdict;
-        }
-        let reach = Reach { placement: &now.placement, tolerance, precision, looseness: now.looseness };
-        self.leaf.run(&patch_a, &patch_b, &found, &reach);
-        if let Some(tetrahedron) = self.leaf.tetrahedron {
-            pair.nearest = Nearest::around(tetrahedron);
-        }
+        let verdict = self.bodies.examine(pair, verdict == Verdict::Ask, now, &mut self.leaf);
         let weight = weight * (1.0 - pair.share);
-        for contact in &self.leaf.contacts {
-            self.outcome.count(contact);
-            if now.settings.fixed_capacity && self.contacts.len() == self.contacts.capacity() {
-                let finest = now.settings.tolerance.max(self.outcome.merged_within);
-                self.outcome.merged_within = thin(&mut self.contacts, finest);
-                self.outcome.overflow = true;
-            }
-            let contact = placed(contact, &now.probe_pose);
-            self.contacts.push(PatchContact { contact, probe_node: a, scene_node: b, weight });
+        if now.parallel {
+            self.deferred.report(*pair, weight, &self.leaf.contacts);
+        } else {
+            let Self { leaf, contacts, outcome, .. } = self;
+            leaf.contacts.iter().for_each(|contact| report(contacts, outcome, contact, pair, weight, now));
         }
         verdict
     }
 
-    /// s₀ at a pair, m.
-    fn threshold(&self, a: u32, b: u32, now: &Circumstances) -> f64 {
-        now.constant.unwrap_or_else(|| {
-            let (a, b) = (self.probe.node(a), self.scene.node(b));
-            let at = if a.radius <= b.radius { a.center } else { now.placement.point(b.center) };
-            now.settings.error.threshold(now.probe_pose.transform_point(at), &now.probe_pose)
-        })
-    }
-
-    /// Smallest length that is told from zero, m.
-    fn precision(&self, pair: &Pair, now: &Circumstances) -> f64 {
-        PRECISION * (self.probe.node(pair.a).radius + self.scene.node(pair.b).radius) + now.rounding
-    }
-
-    /// d_ab, m (Eq. 3.5).
-    fn reach(&self, pair: &Pair, now: &Circumstances) -> f64 {
-        now.settings.tolerance + self.probe.node(pair.a).hausdorff + self.scene.node(pair.b).hausdorff
-    }
-
-    /// Whether the bounding spheres are out of reach; if so, until when.
-    fn spheres_are_apart(&self, pair: &mut Pair, now: &Circumstances) -> bool {
-        let (a, b) = (self.probe.node(pair.a), self.scene.node(pair.b));
-        let distance = a.center.distance(now.placement.point(b.center));
-        // A little slack for rounding in the spheres.
-        let gap = distance * (1.0 - 1e-9) - (a.radius + b.radius) - now.settings.tolerance - now.rounding;
-        if gap > 0.0 {
-            pair.wake = now.way + gap;
-            pair.apart = true;
+    /// Examines the pairs that wait for it.
+    fn examine_deferred(&mut self, now: &Circumstances) {
+        let Self { bodies, deferred, leaf, front, contacts, outcome, .. } = self;
+        deferred.run(bodies, now, leaf);
+        for (task, found) in deferred.found() {
+            if let Some(slot) = task.slot {
+                front.set(slot, task.pair);
+            }
+            for contact in found {
+                report(contacts, outcome, contact, &task.pair, task.weight, now);
+            }
         }
-        gap > 0.0
-    }
-
-    /// Whether hulls that were out of reach are so still, along the same direction; if so, until when.
-    fn are_still_apart(&self, pair: &mut Pair, now: &Circumstances) -> bool {
-        let Some(parting) = pair.parting else { return false };
-        // With another threshold, the pair may have to be split.
-        if parting.of_patches && now.threshold_changed {
-            return false;
-        }
-        let (a, b) = (self.probe.node(pair.a), self.scene.node(pair.b));
-        let reach = if parting.of_patches { now.settings.tolerance } else { self.reach(pair, now) };
-        let lower = parting.lower([a, b], &now.placement, now.turn, now.rounding);
-        let apart = lower > reach.max(self.precision(pair, now));
-        if apart {
-            pair.wake = now.way + (lower - reach);
-            pair.apart = !parting.of_patches || (a.is_leaf() && b.is_leaf());
-        }
-        apart
-    }
-
-    /// Whether the bounding hulls are out of reach; if so, until when.
-    fn is_apart(&mut self, pair: &mut Pair, now: &Circumstances) -> bool {
-        let (hull_a, hull_b) = (self.probe.hull(pair.a), self.scene.hull(pair.b));
-        if hull_a.points().len().max(hull_b.points().len()) > HULL_TEST_POINTS {
-            return false;
-        }
-        self.outcome.convex_queries += 1;
-        let reach = self.reach(pair, now);
-        let limits =
-            Limits { beyond: reach, share: SHARE, enough: reach, precision: self.precision(pair, now) };
-        let axis = self.probe.node(pair.a).center - now.placement.point(self.scene.node(pair.b).center);
-        let start = Start::Vertices(pair.nearest.vertices(false), axis);
-        let found = gjk::distance(&hull_a, &hull_b, &now.placement, start, &limits);
-        let apart = found.separation == Separation::Beyond;
-        if apart {
-            pair.nearest = Nearest::of(&found, false);
-            let nodes = [self.probe.node(pair.a), self.scene.node(pair.b)];
-            pair.parting = Parting::of(&found, nodes, &now.placement, now.turn, false);
-            pair.wake = now.way + (found.lower - reach);
-            pair.apart = true;
-        } else {
-            pair.within = now.way + (reach - found.distance).max(0.0) + found.simplex.depth();
-        }
-        apart
+        deferred.clear();
+        self.leave_all(now);
     }
 
     /// The contacts of the last query, in world axes, in the order of the descent.
@@ -804,6 +554,25 @@ impl QueryOutcome {
         self.smallest_distance = Some(self.smallest_distance.map_or(distance, |d| d.min(distance)));
         self.deepest = Some(self.deepest.map_or(contact.depth, |d| d.max(contact.depth)));
     }
+}
+
+/// Adds a contact of a pair, given in the probe's frame, to what is reported.
+fn report(
+    contacts: &mut Vec<PatchContact>,
+    outcome: &mut QueryOutcome,
+    contact: &Contact,
+    pair: &Pair,
+    weight: f64,
+    now: &Circumstances,
+) {
+    outcome.count(contact);
+    if now.settings.fixed_capacity && contacts.len() == contacts.capacity() {
+        let finest = now.settings.tolerance.max(outcome.merged_within);
+        outcome.merged_within = thin(contacts, finest);
+        outcome.overflow = true;
+    }
+    let contact = placed(contact, &now.probe_pose);
+    contacts.push(PatchContact { contact, probe_node: pair.a, scene_node: pair.b, weight });
 }
 
 /// A contact in a body's frame, in world axes.
