@@ -104,6 +104,7 @@ struct Kind {
     /// Furthest corner from the sphere's centre, m.
     corner: f64,
     /// Workspaces that no object holds; room for all that there are.
+    #[expect(clippy::vec_box, reason = "as objects hold them, to be handed on without being copied")]
     spare: Vec<Box<Workspace>>,
     workspaces: usize,
 }
