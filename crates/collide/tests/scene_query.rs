@@ -131,7 +131,7 @@ fn the_contacts_are_those_of_a_query_with_each_object() {
                 _ => wander(&mut rng, &probe_pose),
             };
             // A quaternion may be a little off unit length.
-            probe_pose.rotation = probe_pose.rotation * (1.0 + 4e-7 * vector(&mut rng).x);
+            probe_pose.rotation *= 1.0 + 4e-7 * vector(&mut rng).x;
             for _ in 0..rng.random_range(0..8) {
                 let moved = rng.random_range(0..both.plain.len());
                 let (handle, pose, _) = &mut both.plain[moved];
