@@ -2,7 +2,8 @@
 //!
 //! At full resolution the contacts reported are the contact set: local minima of the distance and one contact for each
 //! region of intersection, made of the query's contacts between patches and timed with it. With an error or a budget
-//! they are those between patches.
+//! they are those between patches: making the set would take longer than such a query does, and contacts that fade in and
+//! out between levels would lose their weights.
 
 use std::path::Path;
 use std::time::{Duration, Instant};

@@ -7,8 +7,11 @@
 //! earlier by as much. A run looks at the objects that are awake only. They come first in a heap, so that the cost for the
 //! others is nothing while nothing moves, and grows with the logarithm of their number for each one that is moved.
 //!
-//! Why no tree of boxes: it has to be descended in every run, to find mostly what was there before, and refitted for every
-//! object that moved. `cargo bench -p palpate-benches --bench broad_phase` compares both on the same scenes.
+//! Why no tree of boxes: it has to be descended in every run, to find what was there before, and refitted for every object
+//! that moves, where a heap gives the objects that may matter. Of 10,000 instances, with every tenth moving, a run takes
+//! less time in all than refitting and asking parry's tree (f64), and nothing measurable while nothing moves; only a probe
+//! that leaps across the scene wakes all at once, for 0.7 ms (`cargo bench -p palpate-benches --bench broad_phase`).
+//! `obvhs`, the broad phase of other crates here, holds its boxes in f32, which would have to be widened.
 //!
 //! Only objects within reach hold a workspace. Those that an object has left go to others of the same shape, of which
 //! there may be thousands.
