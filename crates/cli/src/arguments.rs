@@ -158,7 +158,9 @@ pub struct QueryArguments {
     /// percentage of the probe's bounding radius such as 2.5% [default: full resolution]
     #[arg(long, value_name = "S0", conflicts_with = "exact")]
     pub error: Option<Length>,
-    /// Report contacts at full resolution
+    /// Report contacts at full resolution: local minima of the distance, merged within 10 % of D, and one contact for each
+    /// region of intersection. So it is, too, without --error and --budget-us; with one of these every pair of patches in
+    /// contact is reported
     #[arg(long)]
     pub exact: bool,
     /// Go over smoothly from contacts at one resolution to those at the next

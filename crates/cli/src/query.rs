@@ -1,9 +1,16 @@
 //! `palpate query`: replays a trajectory of the probe and times each contact query.
+//!
+//! At full resolution the contacts reported are the contact set: local minima of the distance and one contact for each
+//! region of intersection, made of the query's contacts between patches and timed with it. With an error or a budget
+//! they are those between patches: making the set would take longer than such a query does, and contacts that fade in and
+//! out between levels would lose their weights.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use palpate::collide::{Budget, Clustering, ContactQuery, PatchContact, QuerySettings};
+use palpate::collide::{
+    Budget, Clustering, ContactQuery, ContactSet, ContactSetSettings, PatchContact, QuerySettings,
+};
 use palpate::device::{Interpolation, MotionPath};
 use palpate::{Object, Pose, Wrench};
 use serde::Serialize;
@@ -11,6 +18,9 @@ use serde::Serialize;
 use crate::arguments::QueryArguments;
 use crate::failure::Failure;
 use crate::{output, progress};
+
+/// Separated contacts that are closer to one another than this part of the tolerance are merged in contact sets.
+const MERGED: f64 = 0.1;
 
 #[derive(Serialize)]
 struct Replay {
@@ -72,6 +82,9 @@ pub fn run(arguments: &QueryArguments) -> Result<(), Failure> {
     };
 
     let mut query = ContactQuery::new(probe.shape(), scene.shape());
+    let full_resolution = error == 0.0 && settings.budget.is_none();
+    let mut set = full_resolution.then(|| ContactSet::new(probe.shape(), scene.shape()));
+    let set_settings = ContactSetSettings::new(MERGED * settings.tolerance);
     let mut clustering = Clustering::new(arguments.clusters);
     let mut poses = Vec::with_capacity(trajectory.keyframes().len());
     let bar = progress::bar("contact queries");
@@ -81,8 +94,11 @@ pub fn run(arguments: &QueryArguments) -> Result<(), Failure> {
         }
         let begun = Instant::now();
         let outcome = query.run(&sample.pose, &Pose::IDENTITY, &settings);
+        let found = match &mut set {
+            Some(set) => set.run(query.contacts(), &sample.pose, &Pose::IDENTITY, &set_settings),
+            None => query.contacts(),
+        };
         let query_us = begun.elapsed().as_secs_f64() * 1e6;
-        let found = query.contacts();
         let wrench = penalty(&mut clustering, found, &settings, arguments.stiffness, &sample.pose);
         if let Some((path, file)) = &mut contacts_file {
             write_contacts(file, sample.time, found, &probe, &scene)
@@ -92,8 +108,8 @@ pub fn run(arguments: &QueryArguments) -> Result<(), Failure> {
             t: sample.time,
             query_us,
             front: outcome.front,
-            contacts: outcome.contacts,
-            depth_max: outcome.deepest.unwrap_or(0.0).max(0.0),
+            contacts: found.len(),
+            depth_max: found.iter().map(|found| found.contact.depth).fold(0.0, f64::max),
             distance_min: outcome.smallest_distance,
             force: wrench.force.to_array(),
             torque: wrench.torque.to_array(),
@@ -108,7 +124,8 @@ pub fn run(arguments: &QueryArguments) -> Result<(), Failure> {
         .map(|object| object.clod.total_bytes() + object.shape().bytes())
         .iter()
         .sum::<usize>()
-        + query.bytes();
+        + query.bytes()
+        + set.as_ref().map_or(0, ContactSet::bytes);
     let replay = Replay { summary: summarise(&poses, memory), poses };
     output::result(&arguments.json, &replay, |table| {
         let Summary {

@@ -246,18 +246,21 @@ fn a_trajectory_is_queried() {
         deepest["force"][2].as_f64().is_some_and(|force| force > 0.0),
         "the ball pushes back up: {deepest}"
     );
-    // From the roots, the same is found; with an error, less, and in a budget as well as can be.
+    // From the roots, the same is found; with an error, less is looked at, and in a budget as much as can be.
     let replayed = |options: &[&str]| json(&[&arguments[..8], options].concat(), folder);
     let cold = replayed(&["--cold"]);
     let counts = |replay: &Value| -> Vec<u64> {
         replay["poses"].as_array().unwrap().iter().map(|pose| pose["contacts"].as_u64().unwrap()).collect()
     };
     assert_eq!(counts(&cold), counts(&replay));
+    // Both are convex, but for the dimples: few regions, each one contact.
+    assert!(counts(&replay).iter().all(|count| *count < 20), "{:?}", counts(&replay));
+    let fronts = |replay: &Value| -> f64 {
+        replay["poses"].as_array().unwrap().iter().map(|pose| pose["front"].as_f64().unwrap()).sum()
+    };
     for options in [&["--error", "10%"][..], &["--error", "10%", "--interpolate"], &["--budget-us", "50"]] {
         let coarse = replayed(options);
-        // Contacts of two levels at once may be more.
-        let fewer = counts(&coarse).iter().sum::<u64>() < counts(&replay).iter().sum();
-        assert!(fewer || options.contains(&"--interpolate"), "{options:?}: {:?}", counts(&coarse));
+        assert!(fronts(&coarse) < fronts(&replay), "{options:?}: {} {}", fronts(&coarse), fronts(&replay));
         assert!(counts(&coarse)[40] > 0, "{options:?}: {:?}", counts(&coarse));
     }
     let rows = std::fs::read_to_string(folder.join("c.csv")).unwrap();

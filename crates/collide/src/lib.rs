@@ -2,7 +2,8 @@
 //!
 //! A [`Shape`] is a hierarchy prepared for queries. [`ContactQuery`] descends two of them in tandem and reports a
 //! [`PatchContact`] for every pair of convex surface patches that come within the tolerance, or penetrate: at full
-//! resolution, or each at the coarsest whose error would not be felt. [`ContactSet`] puts the pieces together
+//! resolution, or each at the coarsest whose error would not be felt. [`SceneQuery`] does so for one probe and many
+//! objects, of which it leaves alone those that are far away. [`ContactSet`] puts the pieces together
 //! again: local minima of the distance, and one contact for each connected region of intersection. [`Clustering`]
 //! condenses contacts to a few representatives. [`ProximityQuery`] answers plainer questions: how far two surfaces are
 //! apart, and whether two bodies intersect. The queries between two convex hulls that it rests on are in [`convex`].
@@ -18,6 +19,7 @@ mod motion;
 mod patch;
 mod proximity;
 mod query;
+mod scene_query;
 mod sets;
 mod shape;
 
@@ -28,4 +30,5 @@ pub use query::{
     Budget, Combination, ContactQuery, ErrorMetrics, PatchContact, QueryOutcome, QuerySettings,
     VelocityMetric, ViewMetric,
 };
+pub use scene_query::{ObjectContacts, ObjectHandle, SceneOutcome, SceneQuery};
 pub use shape::Shape;

@@ -1,6 +1,8 @@
 //! The contact loop (§5.1.2): query the scene at the object's pose, cluster the contacts, linearise their response.
 
-use palpate_collide::{Clustering, ContactQuery, PatchContact, QuerySettings};
+use std::sync::Arc;
+
+use palpate_collide::{Clustering, ObjectHandle, PatchContact, QuerySettings, SceneQuery};
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
 use palpate_dynamics::{BodyState, ContactParameters, LinearContactModel};
@@ -8,6 +10,10 @@ use palpate_dynamics::{BodyState, ContactParameters, LinearContactModel};
 use crate::object::Object;
 use crate::scene::Placed;
 use crate::telemetry::ContactTelemetry;
+
+/// Scene objects that have a full workspace from the start. Those of further ones are made, or grow, when they are first
+/// within reach.
+const RESERVED: usize = 16;
 
 /// What a contact step hands to the haptic loop.
 #[derive(Clone, Copy, Debug)]
@@ -35,11 +41,18 @@ impl ContactUpdate {
 }
 
 /// The state of the contact loop, with the workspaces of its queries.
+///
+/// Contacts are clustered as the queries find them, between patches, and not made a
+/// [contact set](palpate_collide::ContactSet) of before. That would leave few of those that are close to one another in
+/// depth: of a face that rests flat on another one, the corner alone that is closest by a trace, as soon as it tilts, so
+/// that the torque jumps; and contacts that fade in and out between levels of detail would not.
 #[derive(Debug)]
 pub struct ContactLoop {
     /// Centre of mass of the probe in its mesh's frame, m.
     center_of_mass: DVec3,
-    scene: Vec<(Placed, ContactQuery)>,
+    scene: SceneQuery,
+    /// In the scene's order.
+    objects: Vec<ObjectHandle>,
     settings: QuerySettings,
     parameters: ContactParameters,
     /// Contacts with all scene objects.
@@ -57,13 +70,16 @@ impl ContactLoop {
         error: f64,
         clusters: usize,
     ) -> Self {
-        let scene = scene
-            .iter()
-            .map(|placed| (placed.clone(), ContactQuery::new(probe.shape(), placed.object.shape())))
-            .collect();
+        let mut query = SceneQuery::new(probe.shape());
+        let objects = scene.iter().map(|placed| query.add(placed.object.shape(), &placed.pose)).collect();
+        for (index, placed) in scene.iter().enumerate().take(RESERVED) {
+            let same = |other: &&Placed| Arc::ptr_eq(&other.object.clod, &placed.object.clod);
+            query.reserve(placed.object.shape(), scene[..=index].iter().filter(same).count());
+        }
         Self {
             center_of_mass,
-            scene,
+            scene: query,
+            objects,
             settings: QuerySettings {
                 error: error.into(),
                 interpolate: error > 0.0,
@@ -81,20 +97,24 @@ impl ContactLoop {
     pub fn step(&mut self, body: &BodyState, time: f64) -> ContactUpdate {
         let probe_pose = body.pose * Pose::from_translation(-self.center_of_mass);
         self.contacts.clear();
-        let mut depth: f64 = 0.0;
-        for (placed, query) in &mut self.scene {
-            let outcome = query.run(&probe_pose, &placed.pose, &self.settings);
-            depth = depth.max(outcome.deepest.unwrap_or(0.0));
-            self.telemetry.events.contact_overflow += u64::from(outcome.overflow);
-            self.telemetry.events.contact_refused += u64::from(outcome.refused);
-            self.telemetry.events.not_converged += outcome.not_converged as u64;
-            self.contacts.extend_from_slice(query.contacts());
-        }
+        let outcome = self.scene.run(&probe_pose, &self.settings).query;
+        let depth = outcome.deepest.unwrap_or(0.0).max(0.0);
+        self.telemetry.events.contact_overflow += u64::from(outcome.overflow);
+        self.telemetry.events.contact_refused += u64::from(outcome.refused);
+        self.telemetry.events.not_converged += outcome.not_converged as u64;
+        self.contacts.extend(self.scene.contacts().flat_map(|found| found.contacts));
         let clusters = self.clustering.run(&self.contacts, self.parameters.tolerance, &probe_pose);
         let representatives = clusters.iter().map(|cluster| cluster.contact);
         let model = LinearContactModel::from_contacts(representatives, &body.pose, &self.parameters, time);
         self.telemetry.events.contact_refused += u64::from(model.refused());
         ContactUpdate { model, time, depth, contacts: self.contacts.len() as u32 }
+    }
+
+    /// Moves a scene object, by its place in [`Scene::objects`](crate::Scene::objects), to a pose of its mesh's frame in the
+    /// world, from the next step on; `false` if there is none. Contacts are rendered as if the object stood still there:
+    /// its velocity does not enter into damping.
+    pub fn set_pose(&mut self, object: usize, pose: &Pose) -> bool {
+        self.objects.get(object).is_some_and(|object| self.scene.set_pose(*object, pose))
     }
 
     /// Contacts of the last step, before clustering, world axes.

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use palpate_collide::{ContactQuery, QuerySettings};
+use palpate_collide::{QuerySettings, SceneQuery};
 use palpate_core::Pose;
 use palpate_core::glam::{DQuat, DVec3};
 use palpate_device::{
@@ -100,24 +100,14 @@ fn first_touch(probe: &Object, scene: &Scene) -> DVec3 {
     let top = DVec3::new(middle.x, middle.y, high.z + radius) - center;
     let bottom = middle.z - center.z;
     let settings = QuerySettings::new(0.1 * radius);
-    let mut queries: Vec<ContactQuery> = scene
-        .objects()
-        .iter()
-        .map(|placed| ContactQuery::new(probe.shape(), placed.object.shape()))
-        .collect();
+    let mut query = SceneQuery::new(probe.shape());
+    for placed in scene.objects() {
+        query.add(placed.object.shape(), &placed.pose);
+    }
     let mut position = top;
     for _ in 0..MAX_DESCENT {
-        let pose = Pose::from_translation(position);
-        let nearest = scene
-            .objects()
-            .iter()
-            .zip(&mut queries)
-            .map(|(placed, query)| {
-                query.run(&pose, &placed.pose, &settings);
-                let distances = query.contacts().iter().map(|found| -found.contact.depth);
-                distances.fold(settings.tolerance, f64::min)
-            })
-            .fold(settings.tolerance, f64::min);
+        let outcome = query.run(&Pose::from_translation(position), &settings).query;
+        let nearest = outcome.deepest.map_or(settings.tolerance, |depth| -depth);
         if nearest < 1e-4 * radius || position.z < bottom {
             break;
         }

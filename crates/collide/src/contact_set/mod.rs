@@ -27,7 +27,7 @@ mod spacing;
 use palpate_core::glam::DVec3;
 use palpate_core::{Contact, Pose};
 
-use self::patchwork::{NearestSearch, corners};
+use self::patchwork::NearestSearch;
 use self::regions::{Deep, Measures, Place, Regions, Side};
 use self::spacing::Spaced;
 use crate::PatchContact;
@@ -383,11 +383,11 @@ impl Undercut {
         at: &mut Vec<AtPoint>,
     ) -> bool {
         at.clear();
-        let (clod, neighbours) = (shape.clod(), &shape.patchwork().neighbours);
+        let neighbours = &shape.patchwork().neighbours;
         let Some(found) = search.on_patch(shape, node, own, 2.0 * self.same) else { return false };
         let towards = other - own;
         for &triangle in neighbours.around(found.nearest_vertex(shape)) {
-            let corners = corners(clod, neighbours.owner(triangle), triangle);
+            let corners = neighbours.corners(triangle);
             // A triangle with the point has closer ones only if one of its corners lies on that side.
             let slides = corners.iter().any(|corner| (corner - own).dot(towards) > 0.0);
             if slides && !self.has(&corners, own) {
@@ -404,7 +404,9 @@ impl Undercut {
 
     /// Whether a triangle has a point.
     fn has(&self, corners: &[DVec3; 3], point: DVec3) -> bool {
-        nearest_on(corners, point).distance(point) <= self.same
+        let [p, q, r] = *corners;
+        let in_box = point.clamp(p.min(q).min(r) - self.same, p.max(q).max(r) + self.same) == point;
+        in_box && nearest_on(corners, point).distance(point) <= self.same
     }
 
     /// Whether two triangles, each in its body's frame, are closer to one another.
@@ -418,7 +420,7 @@ impl Undercut {
 
 /// The point of a triangle nearest to another.
 fn nearest_on(corners: &[DVec3; 3], point: DVec3) -> DVec3 {
-    let [p, q, r] = corners.map(|corner| corner - point);
+    let (p, q, r) = (corners[0] - point, corners[1] - point, corners[2] - point);
     let [u, v, w] = nearest_on_triangle(p, q, r);
     point + u * p + v * q + w * r
 }

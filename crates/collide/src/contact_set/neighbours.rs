@@ -13,16 +13,16 @@ const NO_VERTEX: u32 = u32::MAX;
 
 /// The neighbourhood of patches, on every level that is not free.
 ///
-/// Memory: 4 bytes a patch vertex, and again for every vertex of a level's mesh; 16 a triangle; 4 a node, and for
-/// every ordered pair of neighbouring patches.
+/// Memory: 28 bytes a vertex of a level's mesh; 28 a triangle; 4 a node, and for every ordered pair of neighbouring
+/// patches.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Neighbours {
     /// First node that has a patch.
     first_node: u32,
-    /// Where the vertices of that node start.
-    first_vertex: u32,
-    /// The mesh vertex that each vertex of the hierarchy, from there on, is.
-    mesh_vertex: Vec<u32>,
+    /// Per mesh vertex, m.
+    points: Vec<DVec3>,
+    /// Per triangle: the mesh vertices at its corners.
+    ends: Vec<[u32; 3]>,
     /// Per mesh vertex: where its triangles start; one more at the end.
     starts: Vec<u32>,
     /// Triangles around the mesh vertices, as indices into [`Clod::triangles`].
@@ -45,23 +45,30 @@ impl Neighbours {
         let first_vertex = clod.nodes[first_node as usize].vertices.start;
         let mut found = Self {
             first_node,
-            first_vertex,
-            mesh_vertex: vec![NO_VERTEX; clod.vertices.len() - first_vertex as usize],
+            ends: vec![[NO_VERTEX; 3]; clod.triangles.len()],
             owner: vec![NO_NODE; clod.triangles.len()],
             ..Self::default()
         };
-        let mut vertices = 0;
+        // The mesh vertex that each vertex of the hierarchy, from the first on, is.
+        let mut mesh_vertex = vec![NO_VERTEX; clod.vertices.len() - first_vertex as usize];
         for level in regular() {
-            vertices = found.weld(clod, level.nodes.clone(), vertices);
+            found.weld(clod, level.nodes.clone(), &mut mesh_vertex, first_vertex);
         }
-        found.surround(clod, vertices as usize);
+        for (index, node) in (0u32..).zip(&clod.nodes).skip(first_node as usize) {
+            let triangles = node.triangles.start as usize..node.triangles.end as usize;
+            found.owner[triangles.clone()].fill(index);
+            let start = (node.vertices.start - first_vertex) as usize;
+            for (ends, corners) in found.ends[triangles.clone()].iter_mut().zip(&clod.triangles[triangles]) {
+                *ends = corners.map(|corner| mesh_vertex[start + corner as usize]);
+            }
+        }
+        found.surround();
         found.meet(clod);
         found
     }
 
-    /// Joins equal vertices of a level, and numbers them; `next` is the first number, and the one after the last is
-    /// returned.
-    fn weld(&mut self, clod: &Clod, nodes: std::ops::Range<u32>, mut next: u32) -> u32 {
+    /// Joins equal vertices of a level, and numbers them.
+    fn weld(&mut self, clod: &Clod, nodes: std::ops::Range<u32>, mesh_vertex: &mut [u32], first: u32) {
         let of_level = &clod.nodes[nodes.start as usize..nodes.end as usize];
         let mut vertices: Vec<([u64; 3], u32)> = of_level
             .iter()
@@ -71,32 +78,28 @@ impl Neighbours {
         vertices.sort_unstable();
         let mut last = None;
         for (key, vertex) in vertices {
-            next += u32::from(last != Some(key));
-            last = Some(key);
-            self.mesh_vertex[(vertex - self.first_vertex) as usize] = next - 1;
+            if last.replace(key) != Some(key) {
+                self.points.push(clod.vertices[vertex as usize]);
+            }
+            mesh_vertex[(vertex - first) as usize] = self.points.len() as u32 - 1;
         }
-        next
     }
 
     /// Lists the triangles around every vertex.
-    fn surround(&mut self, clod: &Clod, vertices: usize) {
-        for (index, node) in (0u32..).zip(&clod.nodes).skip(self.first_node as usize) {
-            self.owner[node.triangles.start as usize..node.triangles.end as usize].fill(index);
+    fn surround(&mut self) {
+        let mut starts = vec![0u32; self.points.len() + 1];
+        for vertex in self.ends.iter().flatten() {
+            starts[*vertex as usize + 1] += 1;
         }
-        let mut starts = vec![0u32; vertices + 1];
-        let triangles = 0..clod.triangles.len() as u32;
-        for vertex in triangles.clone().flat_map(|t| self.corners(clod, t)) {
-            starts[vertex as usize + 1] += 1;
-        }
-        for index in 0..vertices {
+        for index in 0..self.points.len() {
             starts[index + 1] += starts[index];
         }
         let mut next = starts.clone();
-        self.around = vec![0; 3 * clod.triangles.len()];
-        for triangle in triangles {
-            for vertex in self.corners(clod, triangle) {
-                self.around[next[vertex as usize] as usize] = triangle;
-                next[vertex as usize] += 1;
+        self.around = vec![0; 3 * self.ends.len()];
+        for (triangle, ends) in (0u32..).zip(&self.ends) {
+            for vertex in ends {
+                self.around[next[*vertex as usize] as usize] = triangle;
+                next[*vertex as usize] += 1;
             }
         }
         self.starts = starts;
@@ -109,7 +112,7 @@ impl Neighbours {
         for (index, node) in (0u32..).zip(&clod.nodes).skip(self.first_node as usize) {
             of_node.clear();
             for triangle in node.triangles.clone() {
-                for vertex in self.corners(clod, triangle) {
+                for vertex in self.ends(triangle) {
                     of_node.extend(self.around(vertex).iter().map(|t| self.owner(*t)));
                 }
             }
@@ -122,13 +125,14 @@ impl Neighbours {
 
     /// Number of mesh vertices, over all levels.
     pub fn vertices(&self) -> usize {
-        self.starts.len().saturating_sub(1)
+        self.points.len()
     }
 
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
-        let Self { mesh_vertex, starts, around, owner, node_starts, nodes, .. } = self;
-        [mesh_vertex, starts, around, owner, node_starts, nodes].map(|list| size_of_val(&**list)).iter().sum()
+        let Self { points, ends, starts, around, owner, node_starts, nodes, .. } = self;
+        let lists = [starts, around, owner, node_starts, nodes].map(|list| size_of_val(&**list));
+        size_of_val(&**points) + size_of_val(&**ends) + lists.iter().sum::<usize>()
     }
 
     /// The node whose patch a triangle belongs to.
@@ -137,11 +141,15 @@ impl Neighbours {
     }
 
     /// The mesh vertices at the corners of a triangle.
-    pub fn corners(&self, clod: &Clod, triangle: u32) -> [u32; 3] {
-        let start = clod.nodes[self.owner(triangle) as usize].vertices.start - self.first_vertex;
-        let mesh_vertex = |local: u32| self.mesh_vertex[(start + local) as usize];
-        let [i, j, k] = clod.triangles[triangle as usize];
-        [mesh_vertex(i), mesh_vertex(j), mesh_vertex(k)]
+    pub fn ends(&self, triangle: u32) -> [u32; 3] {
+        self.ends[triangle as usize]
+    }
+
+    /// The corners of a triangle, m.
+    pub fn corners(&self, triangle: u32) -> [DVec3; 3] {
+        // Spelt out: as a map it is not inlined.
+        let [i, j, k] = self.ends(triangle);
+        [self.points[i as usize], self.points[j as usize], self.points[k as usize]]
     }
 
     /// The triangles around a mesh vertex.

@@ -42,8 +42,6 @@ struct Bunch {
     last: u32,
     /// The second half; 0 if it is not split.
     second: u32,
-    /// The node that the triangles belong to, unless it is split.
-    node: u32,
 }
 
 impl Bunch {
@@ -77,7 +75,7 @@ impl Patchwork {
         if let [node] = *nodes {
             let first = self.order.len();
             self.order.extend(clod.nodes[node as usize].triangles.clone());
-            self.of_node[node as usize] = self.split(clod, node, first, self.order.len());
+            self.of_node[node as usize] = self.split(first, self.order.len());
             return self.of_node[node as usize];
         }
         let center = |node: &u32| clod.nodes[*node as usize].center;
@@ -89,30 +87,28 @@ impl Patchwork {
     }
 
     /// Makes a tree over a range of the order, of triangles of one patch.
-    fn split(&mut self, clod: &Clod, node: u32, first: usize, last: usize) -> u32 {
+    fn split(&mut self, first: usize, last: usize) -> u32 {
         let triangles = &mut self.order[first..last];
         if triangles.len() <= BUNCH {
-            let points = || triangles.iter().flat_map(|t| corners(clod, node, *t));
+            let neighbours = &self.neighbours;
+            let points = || triangles.iter().flat_map(|t| neighbours.corners(*t));
             let (low, high) =
                 (points().fold(DVec3::INFINITY, DVec3::min), points().fold(DVec3::NEG_INFINITY, DVec3::max));
             let (first, last) = (first as u32, last as u32);
-            self.trees.push(Bunch { low, high, first, last, second: 0, node });
+            self.trees.push(Bunch { low, high, first, last, second: 0 });
             return self.trees.len() as u32 - 1;
         }
-        let middle = |t: &u32| corners(clod, node, *t).iter().sum::<DVec3>() / 3.0;
+        let middle = |t: &u32| self.neighbours.corners(*t).iter().sum::<DVec3>() / 3.0;
         let axis = longest_axis(triangles.iter().map(middle));
         let half = (last - first) / 2;
         triangles.select_nth_unstable_by(half, |s, t| middle(s)[axis].total_cmp(&middle(t)[axis]));
-        self.halves(
-            |surface| surface.split(clod, node, first, first + half),
-            |surface| surface.split(clod, node, first + half, last),
-        )
+        self.halves(|surface| surface.split(first, first + half), |surface| surface.split(first + half, last))
     }
 
     fn halves(&mut self, first: impl FnOnce(&mut Self) -> u32, second: impl FnOnce(&mut Self) -> u32) -> u32 {
         let index = self.trees.len();
         let (low, high) = (DVec3::ZERO, DVec3::ZERO);
-        self.trees.push(Bunch { low, high, first: 0, last: 0, second: 0, node: 0 });
+        self.trees.push(Bunch { low, high, first: 0, last: 0, second: 0 });
         let first = first(self);
         let second = second(self);
         let [x, y] = [first, second].map(|half| self.trees[half as usize]);
@@ -122,16 +118,15 @@ impl Patchwork {
     }
 
     /// Calls `each` with the triangles of a node's patch whose boxes reach into a sphere, in the shape's frame.
-    pub fn in_reach(&self, clod: &Clod, node: u32, center: DVec3, radius: f64, each: &mut impl FnMut(u32)) {
+    pub fn in_reach(&self, node: u32, center: DVec3, radius: f64, each: &mut impl FnMut(u32)) {
         let root = self.of_node[node as usize];
         if root != NO_TREE {
-            self.bunch_in_reach(clod, root, (center, radius * radius * (1.0 + ROUNDING)), each);
+            self.bunch_in_reach(root, (center, radius * radius * (1.0 + ROUNDING)), each);
         }
     }
 
     fn bunch_in_reach(
         &self,
-        clod: &Clod,
         bunch: u32,
         sphere @ (center, squared): (DVec3, f64),
         each: &mut impl FnMut(u32),
@@ -141,17 +136,23 @@ impl Patchwork {
             return;
         }
         if found.second != 0 {
-            self.bunch_in_reach(clod, bunch + 1, sphere, each);
-            self.bunch_in_reach(clod, found.second, sphere, each);
+            self.bunch_in_reach(bunch + 1, sphere, each);
+            self.bunch_in_reach(found.second, sphere, each);
             return;
         }
         for &triangle in &self.order[found.first as usize..found.last as usize] {
-            let [p, q, r] = corners(clod, found.node, triangle);
+            let [p, q, r] = self.neighbours.corners(triangle);
             let nearest = center.clamp(p.min(q).min(r), p.max(q).max(r));
             if nearest.distance_squared(center) <= squared {
                 each(triangle);
             }
         }
+    }
+
+    /// The box around a node's patch: its lowest and its highest corner, m; empty if it has none.
+    pub fn box_of(&self, node: u32) -> [DVec3; 2] {
+        let root = self.trees.get(self.of_node[node as usize] as usize);
+        root.map_or([DVec3::INFINITY, DVec3::NEG_INFINITY], |root| [root.low, root.high])
     }
 
     /// Bytes of memory held.
@@ -200,12 +201,12 @@ pub(crate) struct NearestSearch {
 struct Best {
     point: DVec3,
     squared: f64,
-    found: Option<([f64; 3], u32, u32)>,
+    found: Option<([f64; 3], u32)>,
 }
 
 impl Best {
-    fn offer(&mut self, clod: &Clod, node: u32, triangle: u32) {
-        let [p, q, r] = corners(clod, node, triangle);
+    fn offer(&mut self, neighbours: &Neighbours, triangle: u32) {
+        let [p, q, r] = neighbours.corners(triangle);
         let (low, high) = (p.min(q).min(r), p.max(q).max(r));
         if self.point.distance_squared(self.point.clamp(low, high)) * (1.0 - ROUNDING) >= self.squared {
             return;
@@ -215,7 +216,7 @@ impl Best {
         let squared = (weights[0] * p + weights[1] * q + weights[2] * r).length_squared();
         if squared < self.squared {
             self.squared = squared;
-            self.found = Some((weights, triangle, node));
+            self.found = Some((weights, triangle));
         }
     }
 }
@@ -229,7 +230,7 @@ impl NearestSearch {
     /// that may be near.
     pub fn on_level(&mut self, shape: &Shape, level: u32, point: DVec3, hint: u32) -> Option<NearestPoint> {
         let mut best = Best { point, squared: f64::INFINITY, found: None };
-        best.offer(shape.clod(), shape.patchwork().neighbours.owner(hint), hint);
+        best.offer(&shape.patchwork().neighbours, hint);
         self.descend(shape, shape.patchwork().of_level[level as usize], best)
     }
 
@@ -240,7 +241,7 @@ impl NearestSearch {
     }
 
     fn descend(&mut self, shape: &Shape, root: u32, mut best: Best) -> Option<NearestPoint> {
-        let (clod, surface) = (shape.clod(), shape.patchwork());
+        let surface = shape.patchwork();
         self.stack.clear();
         if root != NO_TREE {
             self.stack.push((0.0, root));
@@ -249,17 +250,16 @@ impl NearestSearch {
             if bound >= best.squared {
                 continue;
             }
-            let Bunch { first, last, second, node, .. } = surface.trees[index as usize];
+            let Bunch { first, last, second, .. } = surface.trees[index as usize];
             if second == 0 {
                 let order = &surface.order[first as usize..last as usize];
-                order.iter().for_each(|triangle| best.offer(clod, node, *triangle));
+                order.iter().for_each(|triangle| best.offer(&surface.neighbours, *triangle));
                 continue;
             }
-            let halves = [index + 1, second];
-            let [x, y] = halves.map(|half| {
-                // A little less than it is, for rounding.
-                (surface.trees[half as usize].distance_squared(best.point) * (1.0 - ROUNDING), half)
-            });
+            // A little less than it is, for rounding.
+            let bound =
+                |half: u32| surface.trees[half as usize].distance_squared(best.point) * (1.0 - ROUNDING);
+            let (x, y) = ((bound(index + 1), index + 1), (bound(second), second));
             // The nearer one is looked at first.
             for half in if x.0 < y.0 { [y, x] } else { [x, y] } {
                 if half.0 < best.squared {
@@ -267,31 +267,25 @@ impl NearestSearch {
                 }
             }
         }
-        let (weights, triangle, node) = best.found?;
-        let [p, q, r] = corners(clod, node, triangle).map(|corner| corner - best.point);
+        let (weights, triangle) = best.found?;
+        let node = surface.neighbours.owner(triangle);
+        let [p, q, r] = surface.neighbours.corners(triangle).map(|corner| corner - best.point);
         let offset = weights[0] * p + weights[1] * q + weights[2] * r;
         let (distance, point) = (offset.length(), best.point + offset);
         Some(NearestPoint { distance, point, weights, triangle, node })
     }
 }
 
-/// The corners of a triangle of a node, m.
-pub(crate) fn corners(clod: &Clod, node: u32, triangle: u32) -> [DVec3; 3] {
-    let [i, j, k] = clod.triangles[triangle as usize];
-    let vertices = clod.hull(&clod.nodes[node as usize]);
-    [vertices[i as usize], vertices[j as usize], vertices[k as usize]]
-}
-
 impl NearestPoint {
     /// Unit outward normal of the surface, if the point is in the middle of a triangle.
     pub fn face_normal(&self, shape: &Shape) -> Option<DVec3> {
-        let [p, q, r] = corners(shape.clod(), self.node, self.triangle);
+        let [p, q, r] = shape.patchwork().neighbours.corners(self.triangle);
         self.weights.iter().all(|weight| *weight > 0.0).then(|| (q - p).cross(r - p).normalize())
     }
 
     /// The mesh vertex at the corner of the triangle that counts most: one that all triangles at the point have.
     pub fn nearest_vertex(&self, shape: &Shape) -> u32 {
-        let ends = shape.patchwork().neighbours.corners(shape.clod(), self.triangle);
+        let ends = shape.patchwork().neighbours.ends(self.triangle);
         let [u, v, w] = self.weights;
         if u >= v && u >= w {
             ends[0]
@@ -305,17 +299,17 @@ impl NearestPoint {
     /// Outward normal of the surface at the point, not of unit length: the sum over the triangles that meet there,
     /// weighted by their angles.
     pub fn normal(&self, shape: &Shape) -> DVec3 {
-        let (clod, neighbours) = (shape.clod(), &shape.patchwork().neighbours);
-        let ends = neighbours.corners(clod, self.triangle);
+        let neighbours = &shape.patchwork().neighbours;
+        let ends = neighbours.ends(self.triangle);
         let normal = |triangle: u32| {
-            let [p, q, r] = corners(clod, neighbours.owner(triangle), triangle);
+            let [p, q, r] = neighbours.corners(triangle);
             (q - p).cross(r - p).normalize_or_zero()
         };
         let mut carriers = (0..3).filter(|i| self.weights[*i] > 0.0);
         match [carriers.next(), carriers.next(), carriers.next()] {
             [Some(i), Some(j), None] => {
                 let both = neighbours.around(ends[i]).iter();
-                let both = both.filter(|t| neighbours.corners(clod, **t).contains(&ends[j]));
+                let both = both.filter(|t| neighbours.ends(**t).contains(&ends[j]));
                 both.map(|t| normal(*t)).sum()
             }
             [Some(i), None, None] => {
@@ -329,9 +323,9 @@ impl NearestPoint {
 
 /// The angle of a triangle at one of its mesh vertices, rad.
 fn angle_at(shape: &Shape, vertex: u32, triangle: u32) -> f64 {
-    let (clod, neighbours) = (shape.clod(), &shape.patchwork().neighbours);
-    let at = neighbours.corners(clod, triangle).iter().position(|v| *v == vertex).unwrap_or(0);
-    let corners = corners(clod, neighbours.owner(triangle), triangle);
+    let neighbours = &shape.patchwork().neighbours;
+    let at = neighbours.ends(triangle).iter().position(|v| *v == vertex).unwrap_or(0);
+    let corners = neighbours.corners(triangle);
     let (u, v) = (corners[(at + 1) % 3] - corners[at], corners[(at + 2) % 3] - corners[at]);
     u.cross(v).length().atan2(u.dot(v))
 }

@@ -17,7 +17,7 @@ use palpate_core::glam::DVec3;
 
 use crate::PatchContact;
 use crate::contact_set::pairs::{Groups, Pair};
-use crate::contact_set::patchwork::{NearestPoint, NearestSearch, corners};
+use crate::contact_set::patchwork::{NearestPoint, NearestSearch};
 use crate::convex::Placement;
 use crate::sets::Sets;
 use crate::shape::Shape;
@@ -276,12 +276,17 @@ impl Regions {
                 other.clod().nodes[nodes[1 - index] as usize];
             let hint = triangles.start;
             let center = side.to_other.direction_to_b(center - side.to_other.translation);
-            own.patchwork().in_reach(own.clod(), node, center, radius, &mut |triangle| {
-                for (vertex, point) in neighbours.corners(own.clod(), triangle).into_iter().zip(corners(
-                    own.clod(),
-                    node,
-                    triangle,
-                )) {
+            let [low, high] = other.patchwork().box_of(nodes[1 - index]);
+            own.patchwork().in_reach(node, center, radius, &mut |triangle| {
+                let [p, q, r] = neighbours.corners(triangle);
+                let (p, q, r) = (side.to_other.point(p), side.to_other.point(q), side.to_other.point(r));
+                let below = p.max(q).max(r).cmplt(low - measures.same);
+                let above = p.min(q).min(r).cmpgt(high + measures.same);
+                if (below | above).any() {
+                    return;
+                }
+                for (vertex, point) in neighbours.ends(triangle).into_iter().zip(neighbours.corners(triangle))
+                {
                     self.look_at(side, measures, (vertex, node, point), (level, hint));
                 }
             });
@@ -294,8 +299,7 @@ impl Regions {
             for &triangle in neighbours.around(vertex) {
                 let node = neighbours.owner(triangle);
                 let crossing = !self.groups[index].of(node).is_empty();
-                let ends = neighbours.corners(own.clod(), triangle);
-                for (end, point) in ends.into_iter().zip(corners(own.clod(), node, triangle)) {
+                for (end, point) in neighbours.ends(triangle).into_iter().zip(neighbours.corners(triangle)) {
                     if end == vertex {
                         continue;
                     }
@@ -457,8 +461,8 @@ impl Regions {
     fn list_maxima(&mut self, sides: &[Side; 2], same: f64) {
         for index in 0..self.inside.len() {
             let Inside { side, vertex, nearest, .. } = self.inside[index];
-            let (clod, neighbours) = (sides[side].own.clod(), &sides[side].own.patchwork().neighbours);
-            let around = neighbours.around(vertex).iter().flat_map(|t| neighbours.corners(clod, *t));
+            let neighbours = &sides[side].own.patchwork().neighbours;
+            let around = neighbours.around(vertex).iter().flat_map(|t| neighbours.ends(*t));
             // Vertices of a face that was pressed in flat are equally deep, but for rounding.
             let deepest = nearest.distance + same;
             let states = around.map(|end| self.state[side][end as usize]).filter(|state| *state < OUTSIDE);
