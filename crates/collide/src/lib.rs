@@ -6,7 +6,7 @@
 //! objects, of which it leaves alone those that are far away. [`ContactSet`] puts the pieces together
 //! again: local minima of the distance, and one contact for each connected region of intersection. [`Clustering`]
 //! condenses contacts to a few representatives. [`ProximityQuery`] answers plainer questions: how far two surfaces are
-//! apart, and whether two bodies intersect. The queries between two convex hulls that it rests on are in [`convex`].
+//! apart, and whether two bodies intersect. [`CollisionEvents`] tells hosts that step through time when surfaces met. The queries between two convex hulls that it rests on are in [`convex`].
 //!
 //! Guarantees: everything is f64; the caller owns the workspaces; a query takes no lock, does not panic, and allocates
 //! only while it exceeds the sizes reached before.
@@ -15,6 +15,7 @@ mod ball;
 mod clustering;
 mod contact_set;
 pub mod convex;
+mod events;
 mod motion;
 mod patch;
 mod proximity;
@@ -25,6 +26,7 @@ mod shape;
 
 pub use clustering::{Cluster, Clustering};
 pub use contact_set::{ContactSet, ContactSetOutcome, ContactSetSettings};
+pub use events::{CollisionEvent, CollisionEvents};
 pub use proximity::{Effort, Intersection, NearestPoints, ProximityQuery, SurfaceDistance};
 pub use query::{
     Budget, Combination, ContactQuery, ErrorMetrics, PatchContact, QueryOutcome, QuerySettings,

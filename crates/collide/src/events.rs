@@ -1,0 +1,172 @@
+//! Collision events of hosts that step through time, interpolated between levels of detail (§3.4.4).
+//!
+//! Such a host looks for the instant in a step at which surfaces meet that were apart at its beginning and penetrate at
+//! its end. Where the resolution changes within the step there may be none: a pair of coarse patches is apart at both
+//! ends, the finer one that it is refined to penetrates at both, and a search for the instant finds nothing or does not
+//! end. The dissertation's way out is to estimate it, from the separation distance of the one at the beginning and the
+//! penetration depth of the other at the end, both taken to change evenly; the response is applied then, as if the
+//! patches that were active at the beginning still were.
+//!
+//! Here all events are estimated so, whether or not the resolution has changed: none takes further queries. For surfaces
+//! that approach evenly along the normal the instant is exact, and otherwise off by the square of the step.
+//! Patches belong together when one is the other or was refined to it, on both bodies.
+
+use palpate_core::clod::NO_NODE;
+use palpate_core::glam::DVec3;
+use palpate_core::{Clod, Contact};
+
+use crate::PatchContact;
+use crate::shape::Shape;
+
+/// An instant at which surfaces that were apart meet.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CollisionEvent {
+    /// When, as a part of the step: 0 at its beginning, 1 at its end.
+    pub fraction: f64,
+    /// Where: the contact's points at the beginning and at the end, interpolated; world axes, m.
+    pub point: DVec3,
+    /// Unit normal that points out of the probe, at the end; world axes.
+    pub normal: DVec3,
+    /// The probe's node that was active at the beginning, where there was one, otherwise at the end.
+    pub probe_node: u32,
+    /// Likewise, the scene object's node.
+    pub scene_node: u32,
+    /// Whether other nodes were active at the end: the resolution has changed within the step.
+    pub switched: bool,
+}
+
+/// What is remembered of a contact.
+#[derive(Clone, Copy, Debug)]
+struct Remembered {
+    /// The coarsest patches that its own belong to, on either body.
+    tops: [u32; 2],
+    nodes: [u32; 2],
+    depth: f64,
+    point: DVec3,
+    normal: DVec3,
+}
+
+/// Finds collision events from the contacts at the ends of a host's time steps.
+#[derive(Clone, Debug)]
+pub struct CollisionEvents {
+    shapes: [Shape; 2],
+    /// Contacts at the beginning of a step, if it is known, and at its end, by their coarsest patches.
+    before: Vec<Remembered>,
+    known: bool,
+    after: Vec<Remembered>,
+    events: Vec<CollisionEvent>,
+}
+
+impl CollisionEvents {
+    /// A workspace for the contacts of queries between two objects. It knows no beginning yet.
+    pub fn new(probe: &Shape, scene: &Shape) -> Self {
+        Self {
+            shapes: [probe.clone(), scene.clone()],
+            before: Vec::new(),
+            known: false,
+            after: Vec::new(),
+            events: Vec::new(),
+        }
+    }
+
+    /// Forgets the beginning of the next step: after the host has set a body back or elsewhere.
+    pub fn reset(&mut self) {
+        self.known = false;
+    }
+
+    /// The events of a step, the earliest first, given the contacts of a query at its end, with tolerance d (m): one for
+    /// each of those that penetrate and did not at the beginning, which is the end of the step before. Surfaces that
+    /// were further apart than d then count as d apart. Contacts with nodes that are not the objects' are passed over, and
+    /// so are those that are not finite.
+    ///
+    /// Without a beginning there are no events. Allocates only while there are more contacts than ever before.
+    pub fn step(&mut self, contacts: &[PatchContact], tolerance: f64) -> &[CollisionEvent] {
+        self.events.clear();
+        self.after.clear();
+        let [probe, scene] = &self.shapes;
+        self.after.extend(contacts.iter().filter_map(|found| Remembered::of(found, probe, scene)));
+        self.after.sort_unstable_by(|x, y| {
+            let key = |one: &Remembered| (one.tops, one.nodes);
+            key(x).cmp(&key(y)).then(y.depth.total_cmp(&x.depth))
+        });
+        for end in self.after.iter().filter(|end| self.known && end.depth > 0.0) {
+            let beginning = match beginning_of(end, &self.before, [probe.clod(), scene.clod()]) {
+                Some(beginning) if beginning.depth > 0.0 => continue,
+                beginning => beginning,
+            };
+            let separation = beginning.map_or(tolerance, |beginning| -beginning.depth);
+            let fraction = separation / (separation + end.depth);
+            let from = beginning.unwrap_or(end);
+            self.events.push(CollisionEvent {
+                fraction,
+                point: from.point.lerp(end.point, fraction),
+                normal: end.normal,
+                probe_node: from.nodes[0],
+                scene_node: from.nodes[1],
+                switched: from.nodes != end.nodes,
+            });
+        }
+        self.events.sort_unstable_by(|x, y| {
+            let nodes = |event: &CollisionEvent| (event.probe_node, event.scene_node);
+            x.fraction.total_cmp(&y.fraction).then(nodes(x).cmp(&nodes(y)))
+        });
+        std::mem::swap(&mut self.before, &mut self.after);
+        self.known = true;
+        &self.events
+    }
+
+    /// The events of the last step.
+    pub fn events(&self) -> &[CollisionEvent] {
+        &self.events
+    }
+}
+
+impl Remembered {
+    fn of(found: &PatchContact, probe: &Shape, scene: &Shape) -> Option<Self> {
+        let Contact { point, depth, normal, .. } = found.contact;
+        let tops = [top(probe.clod(), found.probe_node)?, top(scene.clod(), found.scene_node)?];
+        let nodes = [found.probe_node, found.scene_node];
+        let finite = point.is_finite() && depth.is_finite() && normal.is_finite();
+        finite.then_some(Self { tops, nodes, depth, point, normal })
+    }
+}
+
+/// The coarsest patch that a node's patch belongs to; none if there is no such node, or it has no patch.
+fn top(clod: &Clod, node: u32) -> Option<u32> {
+    let has_patch = |node: u32| {
+        let node = clod.nodes.get(node as usize);
+        node.is_some_and(|node| !clod.levels[node.level as usize].free)
+    };
+    let mut top = has_patch(node).then_some(node)?;
+    loop {
+        let parent = clod.nodes[top as usize].parent;
+        if parent == NO_NODE || !has_patch(parent) {
+            return Some(top);
+        }
+        top = parent;
+    }
+}
+
+/// Of the contacts at the beginning whose patches belong together with another's, the deepest.
+fn beginning_of<'r>(end: &Remembered, before: &'r [Remembered], clods: [&Clod; 2]) -> Option<&'r Remembered> {
+    let first = before.partition_point(|one| one.tops < end.tops);
+    let near = before[first..].iter().take_while(|one| one.tops == end.tops);
+    let related = |one: &&Remembered| {
+        (0..2).all(|body| {
+            let (own, other) = (end.nodes[body], one.nodes[body]);
+            descends(clods[body], own, other) || descends(clods[body], other, own)
+        })
+    };
+    near.filter(related).max_by(|x, y| x.depth.total_cmp(&y.depth))
+}
+
+/// Whether a node is another one or below it.
+fn descends(clod: &Clod, mut node: u32, from: u32) -> bool {
+    while node != from {
+        node = clod.nodes[node as usize].parent;
+        if node == NO_NODE {
+            return false;
+        }
+    }
+    true
+}
