@@ -169,6 +169,9 @@ pub struct QueryArguments {
     /// Time-critical: refine most needed detail first, and stop after about this many microseconds
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub budget_us: Option<u64>,
+    /// Examine contacts on all processors where there are many of them; they are the same
+    #[arg(long, conflicts_with = "budget_us")]
+    pub parallel: bool,
     /// Start every query from the root, rather than from the last one's front
     #[arg(long)]
     pub cold: bool,

@@ -74,6 +74,7 @@ pub fn run(arguments: &QueryArguments) -> Result<(), Failure> {
         error: error.into(),
         interpolate: arguments.interpolate,
         budget: arguments.budget_us.map(|us| Budget::Time(Duration::from_micros(us))),
+        parallel: arguments.parallel,
         ..QuerySettings::new(tolerance(arguments, &probe)?)
     };
     let mut contacts_file = match &arguments.contacts {

@@ -238,8 +238,8 @@ impl Polytope {
         let normal = edges[0].cross(edges[1]);
         let volume = normal.dot(edges[2]);
         let longest = edges.iter().map(|edge| edge.length_squared()).fold(0.0, f64::max).sqrt();
-        // Not negated, so that what is not a number is thin as well.
-        if !(volume.abs() > THIN * longest * longest * longest) {
+        let thin = volume.abs() <= THIN * longest * longest * longest;
+        if thin || volume.is_nan() {
             return false;
         }
         if volume < 0.0 {

@@ -2,14 +2,16 @@
 //!
 //! Both hierarchies are descended in tandem. A pair of nodes stays where it is when its bounding spheres, or then its
 //! hulls, are further apart than d + h(a) + h(b) (Eq. 3.5); otherwise one of them is split, down to pairs whose missing
-//! detail is below the threshold s₀ ([`refinement`]), and those are asked for contacts. Of nodes with such a threshold the one with the coarser children is split (§3.4.2). At full resolution, where s₀ is 0, it is
-//! the larger one, down to pairs of leaves. As §3.4.1 has it, they are a superset of the local minima of the distance
-//! where the objects are disjoint, and local penetration depths where they overlap. Only surfaces that meet make
-//! contacts: an object that has sunk wholly into another, deeper than that one's patches are thick, has none.
+//! detail is below the threshold s₀ ([`refinement`]), and those are asked for contacts. With such a threshold the one
+//! with the coarser children is split (§3.4.2). At full resolution, where s₀ is 0, it is the larger one, down to pairs of
+//! leaves. As §3.4.1 has it, they are a superset of the local minima of the distance where the objects are disjoint, and
+//! local penetration depths where they overlap. Only surfaces that meet make contacts: an object that has sunk wholly into
+//! another, deeper than that one's patches are thick, has none.
 //!
-//! A query starts from the [front] of the last one (§3.4.2), raised and lowered in place. The answer is
-//! that of a query from the roots: a pair is only passed over while the bodies have not moved enough to change its
-//! answer, and searches that start from old nearest points find the same ones.
+//! A query starts from the [front] of the last one (§3.4.2), raised and lowered in place. The answer is that of a query
+//! from the roots: a pair is only passed over while the bodies have not moved enough to change its answer, or its hulls
+//! are apart along the direction that [parted](parting) them before, and searches that start from old nearest points find
+//! the same ones. Pairs may be examined on several [threads](parallel).
 //!
 //! With a threshold, what is reported are contacts between the surfaces of coarser levels, each within s of the mesh.
 //! Contacts can go over from one level to the next as s* nears s₀ (§3.4.4), and a time-critical query refines the pairs
