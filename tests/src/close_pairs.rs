@@ -1,5 +1,5 @@
 //! What a contact query should find: the pairs of triangles within a distance of each other, all of them, the connected
-//! regions that they make up, and the local minima of the distance among them.
+//! regions that they make up, the local minima of the distance among them, and how deep the regions of intersection are.
 
 use std::collections::HashMap;
 
@@ -76,6 +76,15 @@ pub struct ClosePair {
     pub region: usize,
 }
 
+/// A local minimum of the distance.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Minimum {
+    /// The pair; others that have the same nearest points are minima as well.
+    pub pair: ClosePair,
+    /// The triangles at its points, on both surfaces.
+    pub around: [Vec<u32>; 2],
+}
+
 /// All close pairs of triangles of a probe and a scene object, which stands at the origin.
 #[derive(Clone, Debug)]
 pub struct ClosePairs {
@@ -99,22 +108,20 @@ impl ClosePairs {
             }
         }
         let (regions, region_of) = joined.parts();
-        let pairs = found.into_iter().zip(region_of).map(|((triangles, distance, points), region)| ClosePair {
-            triangles,
-            distance,
-            points,
-            region,
-        });
+        let pairs = found
+            .into_iter()
+            .zip(region_of)
+            .map(|((triangles, distance, points), region)| ClosePair { triangles, distance, points, region });
         Self { pairs: pairs.collect(), regions }
     }
 
-    /// Which of the pairs that do not intersect are local minima: no pair of triangles at their nearest points is closer,
-    /// and of solids either is outside the other there. Lengths (m) are told apart from `same` on.
-    pub fn minima(&self, probe: &Surface, pose: &Pose, scene: &Surface, same: f64) -> Vec<usize> {
+    /// The pairs that do not intersect and are local minima: no pair of triangles at their nearest points is closer, and of
+    /// solids either is outside the other there. Lengths (m) are told apart from `same` on.
+    pub fn minima(&self, probe: &Surface, pose: &Pose, scene: &Surface, same: f64) -> Vec<Minimum> {
         let distances: HashMap<[u32; 2], f64> =
             self.pairs.iter().map(|pair| (pair.triangles, pair.distance)).collect();
         let mut minima = Vec::new();
-        for (index, pair) in self.pairs.iter().enumerate().filter(|(_, pair)| pair.distance > 0.0) {
+        for pair in self.pairs.iter().filter(|pair| pair.distance > 0.0) {
             let ([i, j], [p, q]) = (pair.triangles, pair.points);
             let at_p = probe.at(p, i, pose, same);
             let at_q = scene.at(q, j, &Pose::IDENTITY, same);
@@ -128,10 +135,91 @@ impl ClosePairs {
                 && probe.faces(p, &at_p, pose, direction, same)
                 && scene.faces(q, &at_q, &Pose::IDENTITY, -direction, same)
             {
-                minima.push(index);
+                minima.push(Minimum { pair: *pair, around: [at_p, at_q] });
             }
         }
         minima
+    }
+}
+
+/// A connected region of intersection: pairs of intersecting triangles that share vertices on both sides, and vertices of
+/// either object inside the other one that are corners of those triangles, or joined to such by edges.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Intersection {
+    /// The distance of the vertex that is furthest from the other surface, m; 0 without vertices inside.
+    pub depth: f64,
+    /// That vertex, or otherwise a point that the surfaces have in common, m.
+    pub deepest: DVec3,
+    /// Least and greatest coordinates of its vertices and of the common points that are known, m.
+    pub low: DVec3,
+    /// Likewise.
+    pub high: DVec3,
+}
+
+impl ClosePairs {
+    /// The regions of intersection. A solid that is wholly inside the other is in none.
+    pub fn intersections(&self, probe: &Surface, pose: &Pose, scene: &Surface) -> Vec<Intersection> {
+        let crossing: Vec<&ClosePair> = self.pairs.iter().filter(|pair| pair.distance == 0.0).collect();
+        // The mesh, its pose, the other mesh, and the pose in that one's frame.
+        let sides = [(probe, *pose, scene, *pose), (scene, Pose::IDENTITY, probe, pose.inverse())];
+        let mut inside: [HashMap<u32, Option<usize>>; 2] = Default::default();
+        let mut found: Vec<(usize, u32)> = Vec::new();
+        let mut joins = Vec::new();
+        for side in 0..2 {
+            let (own, _, other, in_other) = sides[side];
+            let mut look = |vertex: u32, found: &mut Vec<(usize, u32)>| {
+                *inside[side].entry(vertex).or_insert_with(|| {
+                    let at = in_other.transform_point(own.mesh.vertices()[vertex as usize]);
+                    (other.solid && other.tree.winding(at) > 0).then(|| {
+                        found.push((side, vertex));
+                        crossing.len() + found.len() - 1
+                    })
+                })
+            };
+            let mut next = found.len();
+            for (index, pair) in crossing.iter().enumerate() {
+                for vertex in own.mesh.triangles()[pair.triangles[side] as usize] {
+                    joins.extend(look(vertex, &mut found).map(|own| (index, own)));
+                }
+            }
+            while let Some(&(_, vertex)) = found.get(next) {
+                for triangle in &own.around[vertex as usize] {
+                    for neighbour in own.mesh.triangles()[*triangle as usize] {
+                        let joined = look(neighbour, &mut found);
+                        joins.extend(joined.map(|other| (crossing.len() + next, other)));
+                    }
+                }
+                next += 1;
+            }
+        }
+        let mut parts = Partition::new(crossing.len() + found.len());
+        joins.into_iter().for_each(|(i, j)| parts.join(i, j));
+        let mut first_with = HashMap::new();
+        for (index, pair) in crossing.iter().enumerate() {
+            for v in probe.mesh.triangles()[pair.triangles[0] as usize] {
+                for w in scene.mesh.triangles()[pair.triangles[1] as usize] {
+                    parts.join(index, *first_with.entry([v, w]).or_insert(index));
+                }
+            }
+        }
+        let (count, part_of) = parts.parts();
+        let nowhere = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        let empty = Intersection { depth: 0.0, deepest: DVec3::NAN, low: nowhere.0, high: nowhere.1 };
+        let mut regions = vec![empty; count];
+        let points = crossing.iter().map(|pair| (0.0, pair.points[0]));
+        let vertices = found.iter().map(|(side, vertex)| {
+            let (own, own_pose, other, in_other) = sides[*side];
+            let vertex = own.mesh.vertices()[*vertex as usize];
+            (other.tree.distance(in_other.transform_point(vertex)), own_pose.transform_point(vertex))
+        });
+        for ((depth, point), part) in points.chain(vertices).zip(part_of) {
+            let region = &mut regions[part];
+            if depth > region.depth || region.deepest.is_nan() {
+                (region.depth, region.deepest) = (depth, point);
+            }
+            (region.low, region.high) = (region.low.min(point), region.high.max(point));
+        }
+        regions
     }
 }
 
@@ -171,5 +259,56 @@ impl Partition {
             part_of.push(part);
         }
         (count, part_of)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate::models::Model;
+
+    use super::*;
+
+    #[test]
+    fn a_ball_pressed_into_a_larger_one_is_one_region() {
+        let ball = Surface::new(Model::GolfBall.generate(4_000).expect("in range"));
+        let radius = ball.mesh.bounding_sphere().radius;
+        for press in [0.02, 0.1] {
+            let pose = Pose::from_translation((2.0 - press) * radius * DVec3::X);
+            let close = ClosePairs::new(&ball, &pose, &ball, 0.01 * radius);
+            let found = close.intersections(&ball, &pose, &ball);
+            let [region] = &found[..] else { panic!("pressed {press}: {found:?}") };
+            // A dimple is a hundredth of the radius deep.
+            assert!((region.depth / radius - press).abs() < 0.02, "pressed {press}: {region:?}");
+            assert!((region.deepest.x / radius - 1.0).abs() < 1.1 * press, "{region:?}");
+        }
+    }
+
+    #[test]
+    fn a_ball_next_to_another_has_one_minimum_that_is_nearest() {
+        let ball = Surface::new(Model::Ellipsoid.generate(1_000).expect("in range"));
+        let radius = ball.mesh.bounding_sphere().radius;
+        for apart in [0.01, 0.03] {
+            let pose = Pose::from_translation((2.0 + apart) * radius * DVec3::X);
+            let reach = 0.1 * radius;
+            let close = ClosePairs::new(&ball, &pose, &ball, reach);
+            let minima = close.minima(&ball, &pose, &ball, 1e-9 * radius);
+            let nearest = close.pairs.iter().map(|pair| pair.distance).fold(f64::INFINITY, f64::min);
+            assert_eq!(
+                (close.regions, close.intersections(&ball, &pose, &ball)),
+                (usize::from(!close.pairs.is_empty()), vec![])
+            );
+            // Several pairs share the nearest vertices.
+            assert!(minima.iter().all(|minimum| (minimum.pair.distance - nearest).abs() < 1e-9 * radius));
+            assert_eq!(minima.is_empty(), close.pairs.is_empty());
+        }
+    }
+
+    #[test]
+    fn sets_are_numbered_in_order() {
+        let mut sets = Partition::new(6);
+        for (i, j) in [(4, 1), (5, 3), (1, 5)] {
+            sets.join(i, j);
+        }
+        assert_eq!(sets.parts(), (3, vec![0, 1, 2, 1, 1, 1]));
     }
 }

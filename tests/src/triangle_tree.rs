@@ -49,7 +49,8 @@ impl TriangleTree {
     /// The tree of the mesh at a pose.
     pub fn placed(&self, pose: &Pose) -> Self {
         let place = |(corners, index): &([DVec3; 3], u32)| (corners.map(|p| pose.transform_point(p)), *index);
-        let mut placed = Self { triangles: self.triangles.iter().map(place).collect(), nodes: self.nodes.clone() };
+        let mut placed =
+            Self { triangles: self.triangles.iter().map(place).collect(), nodes: self.nodes.clone() };
         for index in (0..placed.nodes.len()).rev() {
             let node = placed.nodes[index];
             let (low, high) = if node.second == 0 {
@@ -251,8 +252,12 @@ mod tests {
             let mut vector = || DVec3::from_array(std::array::from_fn(|_| random.random_range(-1.0..1.0)));
             let pose = Pose::new(radius * vector(), DQuat::from_scaled_axis(3.0 * vector()));
             let reach = 0.05 * radius;
-            let mut close: Vec<[u32; 2]> =
-                trees[0].placed(&pose).pairs_within(&trees[1], reach).into_iter().map(|pair| pair.0).collect();
+            let mut close: Vec<[u32; 2]> = trees[0]
+                .placed(&pose)
+                .pairs_within(&trees[1], reach)
+                .into_iter()
+                .map(|pair| pair.0)
+                .collect();
             close.sort_unstable();
             let mut plain = Vec::new();
             for i in 0..a.triangles().len() {
