@@ -74,10 +74,14 @@ pub struct EngineSet {
 }
 
 impl EngineSet {
-    /// One contact for each region of intersection, and separated ones merged within the query's tolerance.
-    pub fn new(mut query: EngineQuery, probe: &Object, scene: &Object) -> Self {
+    /// One contact for each region of intersection, or more at the noticeable spacing, and separated ones merged within
+    /// the query's tolerance.
+    pub fn new(mut query: EngineQuery, probe: &Object, scene: &Object, spaced: bool) -> Self {
         let set = ContactSet::new(probe.shape(), scene.shape());
-        let settings = ContactSetSettings::new(query.settings.tolerance);
+        let mut settings = ContactSetSettings::new(query.settings.tolerance);
+        if spaced {
+            settings.spacing = set.noticeable_spacing();
+        }
         // Contact sets add to the objects' shapes.
         query.object_bytes = object_bytes(probe, scene);
         Self { query, set, settings }

@@ -2,7 +2,9 @@
 //! pairs of triangles within d and the signed distances of vertices.
 //!
 //! `cargo bench -p palpate-benches --bench scores -- --scenario jaws --poses 60`; `--build` also times building, with
-//! hierarchies and grids built anew, which takes minutes. Poses are evenly spaced on the path. The scores:
+//! hierarchies and grids built anew, which takes minutes. Poses are evenly spaced on the path. Of palpate there are the
+//! contact sets, with one contact for each region of intersection and with further ones at the noticeable spacing, and
+//! the query's contacts of which they are made. The scores:
 //!
 //! - smallest distance: how far it is off at most, in percent of the probe's radius. A false contact at 0 is as far off as
 //!   the surfaces are apart, and no contact within d as much as the true distance is less than d.
@@ -240,9 +242,11 @@ fn rows<'a>(
         (mode, query)
     });
     for (mode, query) in modes {
-        let set = EngineSet::new(query.clone(), &probe.object, &scene.object);
-        rows.push(Row::new(format!("palpate, {mode}"), set, hierarchies));
-        rows.push(Row::new(format!("palpate, {mode}, before they are a set"), query, hierarchies));
+        for (kind, spaced) in [("one a region", false), ("spaced in regions", true)] {
+            let set = EngineSet::new(query.clone(), &probe.object, &scene.object, spaced);
+            rows.push(Row::new(format!("palpate, {mode}, {kind}"), set, hierarchies));
+        }
+        rows.push(Row::new(format!("palpate, {mode}, all of the query"), query, hierarchies));
     }
     for samples in GRIDS {
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
