@@ -2,11 +2,12 @@
 //! 3.16 (§3.5.3): same path, same stiffness, penalties at five clusters of the query's contacts.
 //!
 //! `cargo bench -p palpate-benches --bench force_profile -- --scenario jaws golf --svg FOLDER`, where the pictures are
-//! written. Profiles are magnitudes, a value a millisecond; torques are about the probe's centre of mass. §3.5.3 calls
-//! profiles alike whose second derivatives are almost identical, and does not say how these were taken: here they are
-//! central differences, of the profiles as they are and smoothed by a Gaussian (`--smoothing`, its standard deviation in
-//! ms). The deviation is that of the profiles about their means, |(F − F̄) − (F₀ − F̄₀)|, in percent of the mean at full
-//! resolution: a coarser surface lies elsewhere, which shifts the mean.
+//! written. Profiles are magnitudes, a value a millisecond; torques are about the probe's centre of mass. `in contact`
+//! leaves out the parts of the path without force at full resolution, on which all agree easily. §3.5.3 calls profiles
+//! alike whose second derivatives are almost identical, and does not say how these were taken: here they are central
+//! differences, of the profiles as they are and smoothed by a Gaussian (`--smoothing`, its standard deviation in ms). The
+//! deviation is that of the profiles about their means, |(F − F̄) − (F₀ − F̄₀)|, in percent of the mean at full resolution:
+//! a coarser surface lies elsewhere, which shifts the mean.
 
 #![allow(missing_docs, clippy::print_stdout, reason = "it prints tables")]
 
@@ -95,6 +96,9 @@ fn deviation(values: &[f64], exact: &[f64]) -> f64 {
 
 fn compare(scenario: &Scenario, arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     let exact = Profile::new(scenario, 0.0, false);
+    let in_contact = |values: &[f64]| -> Vec<f64> {
+        values.iter().zip(&exact.force).filter(|(_, exact)| **exact > 0.0).map(|(value, _)| *value).collect()
+    };
     println!(
         "## {}: {} on {}, {} poses\n",
         scenario.name,
@@ -103,9 +107,9 @@ fn compare(scenario: &Scenario, arguments: &Arguments) -> Result<(), Box<dyn Err
         scenario.poses.len()
     );
     println!(
-        "| s₀, % | interpolated | correlation of force | of torque | of the force's 2nd derivative | smoothed | of the torque's, smoothed | mean force, % of exact | force off about the mean, % | torque |"
+        "| s₀, % | interpolated | correlation of force | in contact | of torque | of the force's 2nd derivative | smoothed | of the torque's, smoothed | mean force, % of exact | force off about the mean, % | torque |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|---|---|");
     let [mut force, mut torque] = [&exact.force, &exact.torque].map(|values| {
         [false, true].map(|interpolate| (interpolate, vec![("exact".to_owned(), values.clone())]))
     });
@@ -116,10 +120,11 @@ fn compare(scenario: &Scenario, arguments: &Arguments) -> Result<(), Box<dyn Err
                 correlation(&curvature(&smoothed(values, smoothing)), &curvature(&smoothed(exact, smoothing)))
             };
             println!(
-                "| {} | {} | {:.4} | {:.4} | {:.3} | {:.3} | {:.3} | {:.1} | {:.1} | {:.1} |",
+                "| {} | {} | {:.4} | {:.4} | {:.4} | {:.3} | {:.3} | {:.3} | {:.1} | {:.1} | {:.1} |",
                 100.0 * error,
                 if interpolate { "yes" } else { "no" },
                 correlation(&profile.force, &exact.force),
+                correlation(&in_contact(&profile.force), &in_contact(&exact.force)),
                 correlation(&profile.torque, &exact.torque),
                 of_curvature(&profile.force, &exact.force, 0.0),
                 of_curvature(&profile.force, &exact.force, arguments.smoothing),
