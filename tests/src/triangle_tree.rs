@@ -248,7 +248,7 @@ mod tests {
         let trees = [&a, &b].map(TriangleTree::new);
         let radius = a.bounding_sphere().radius;
         let mut found = 0;
-        for round in 0..20 {
+        for round in 0..4 {
             let mut vector = || DVec3::from_array(std::array::from_fn(|_| random.random_range(-1.0..1.0)));
             let pose = Pose::new(radius * vector(), DQuat::from_scaled_axis(3.0 * vector()));
             let reach = 0.05 * radius;
@@ -271,6 +271,6 @@ mod tests {
             assert_eq!(close, plain, "seed {seed}, round {round}");
             found += close.len();
         }
-        assert!(found > 1000, "{found} pairs");
+        assert!(found > 200, "{found} pairs");
     }
 }
