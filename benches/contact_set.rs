@@ -14,7 +14,9 @@ use clap::Parser;
 use palpate::Pose;
 use palpate::collide::{ContactSet, ContactSetSettings, Shape};
 use palpate_benches::engine::EngineQuery;
+use palpate_benches::method::Method as _;
 use palpate_benches::scenarios::{self, Scenario};
+use palpate_benches::statistics::quantile;
 
 #[derive(Parser)]
 #[command(about = "What contact sets leave of a query's contacts, and what they cost")]
@@ -33,13 +35,6 @@ struct Arguments {
     bench: bool,
 }
 
-/// Of a list, the value below which a part of it lies; 0 if it is empty.
-fn quantile(values: &mut [f64], part: f64) -> f64 {
-    values.sort_unstable_by(f64::total_cmp);
-    let last = values.len().saturating_sub(1) as f64;
-    values.get((last * part).round() as usize).copied().unwrap_or(0.0)
-}
-
 #[derive(Default)]
 struct Row {
     contacts: Vec<f64>,
@@ -52,13 +47,13 @@ struct Row {
 }
 
 impl Row {
-    fn print(&mut self, name: &str) {
-        let pair = |values: &mut Vec<f64>| (quantile(values, 0.5), quantile(values, 1.0));
-        let (contacts, most_contacts) = pair(&mut self.contacts);
-        let (regions, most_regions) = pair(&mut self.regions);
-        let (measured, most_measured) = pair(&mut self.measured);
-        let (time, p99) = (1e6 * quantile(&mut self.times, 0.5), 1e6 * quantile(&mut self.times, 0.99));
-        let share = 100.0 * quantile(&mut self.shares, 0.5);
+    fn print(&self, name: &str) {
+        let pair = |values: &[f64]| (quantile(values, 0.5), quantile(values, 1.0));
+        let (contacts, most_contacts) = pair(&self.contacts);
+        let (regions, most_regions) = pair(&self.regions);
+        let (measured, most_measured) = pair(&self.measured);
+        let (time, p99) = (1e6 * quantile(&self.times, 0.5), 1e6 * quantile(&self.times, 0.99));
+        let share = 100.0 * quantile(&self.shares, 0.5);
         println!(
             "| {name} | {contacts:.0} ({most_contacts:.0}) | {regions:.0} ({most_regions:.0}) | {time:.0} / {p99:.0} | {share:.1} % | {measured:.0} ({most_measured:.0}) | {} of {} |",
             self.by_patches, self.all_regions,
@@ -129,18 +124,15 @@ fn measure(scenario: &Scenario, arguments: &Arguments) {
         "| | contacts, median (max) | regions | time µs, median / p99 | share | vertices measured | deeper by patches |"
     );
     println!("|---|---|---|---|---|---|---|");
-    for (row, name) in rows.iter_mut().zip(["query", "first", "spaced"]) {
+    for (row, name) in rows.iter().zip(["query", "first", "spaced"]) {
         row.print(name);
     }
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments = Arguments::parse();
-    for name in &arguments.scenario {
-        match scenarios::open(name)? {
-            Some(scenario) => measure(&scenario, &arguments),
-            None => println!("{name}: skipped, its files are absent"),
-        }
-    }
-    Ok(())
+    scenarios::each(&arguments.scenario, |scenario| {
+        measure(scenario, &arguments);
+        Ok(())
+    })
 }

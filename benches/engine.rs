@@ -1,7 +1,11 @@
-//! The engine's contact query between a probe and a scene object that stands at the origin.
+//! The engine's contact query between a probe and a scene object that stands at the origin, and its contact set.
 
-use palpate::collide::{ContactQuery, PatchContact, QueryOutcome, QuerySettings};
+use palpate::collide::{
+    ContactQuery, ContactSet, ContactSetSettings, PatchContact, QueryOutcome, QuerySettings,
+};
 use palpate::{Object, Pose};
+
+use crate::method::Method;
 
 /// A contact query with the objects that it is asked about.
 #[derive(Clone, Debug)]
@@ -9,6 +13,7 @@ pub struct EngineQuery {
     /// Of both objects' hierarchies and shapes, which workspaces share.
     object_bytes: usize,
     query: ContactQuery,
+    outcome: QueryOutcome,
     /// What each query asks for.
     pub settings: QuerySettings,
     /// Whether each query starts from the roots, rather than from the last one's front.
@@ -18,21 +23,13 @@ pub struct EngineQuery {
 impl EngineQuery {
     /// A query for contacts within a tolerance (m), at full resolution.
     pub fn new(probe: &Object, scene: &Object, tolerance: f64) -> Self {
-        let bytes = |object: &Object| object.clod.total_bytes() + object.shape().bytes();
         Self {
-            object_bytes: bytes(probe) + bytes(scene),
+            object_bytes: object_bytes(probe, scene),
             query: ContactQuery::new(probe.shape(), scene.shape()),
+            outcome: QueryOutcome::default(),
             settings: QuerySettings::new(tolerance),
             cold: false,
         }
-    }
-
-    /// Finds the contacts at a pose of the probe.
-    pub fn run(&mut self, pose: &Pose) -> QueryOutcome {
-        if self.cold {
-            self.query.reset();
-        }
-        self.query.run(pose, &Pose::IDENTITY, &self.settings)
     }
 
     /// The contacts of the last query.
@@ -40,8 +37,68 @@ impl EngineQuery {
         self.query.contacts()
     }
 
-    /// Bytes of memory that both objects and the workspace hold.
-    pub fn bytes(&self) -> usize {
+    /// What the last query found and what it cost.
+    pub fn outcome(&self) -> &QueryOutcome {
+        &self.outcome
+    }
+}
+
+impl Method for EngineQuery {
+    fn run(&mut self, pose: &Pose) {
+        if self.cold {
+            self.query.reset();
+        }
+        self.outcome = self.query.run(pose, &Pose::IDENTITY, &self.settings);
+    }
+
+    fn append_contacts(&self, _: &Pose, found: &mut Vec<PatchContact>) {
+        found.extend_from_slice(self.contacts());
+    }
+
+    /// Of both objects and the workspace.
+    fn bytes(&self) -> usize {
         self.object_bytes + self.query.bytes()
+    }
+}
+
+fn object_bytes(probe: &Object, scene: &Object) -> usize {
+    [probe, scene].map(|object| object.clod.total_bytes() + object.shape().bytes()).iter().sum()
+}
+
+/// A query with the contact set of what it finds.
+#[derive(Clone, Debug)]
+pub struct EngineSet {
+    query: EngineQuery,
+    set: ContactSet,
+    settings: ContactSetSettings,
+}
+
+impl EngineSet {
+    /// One contact for each region of intersection, or more at the noticeable spacing, and separated ones merged within
+    /// the query's tolerance.
+    pub fn new(mut query: EngineQuery, probe: &Object, scene: &Object, spaced: bool) -> Self {
+        let set = ContactSet::new(probe.shape(), scene.shape());
+        let mut settings = ContactSetSettings::new(query.settings.tolerance);
+        if spaced {
+            settings.spacing = set.noticeable_spacing();
+        }
+        // Contact sets add to the objects' shapes.
+        query.object_bytes = object_bytes(probe, scene);
+        Self { query, set, settings }
+    }
+}
+
+impl Method for EngineSet {
+    fn run(&mut self, pose: &Pose) {
+        self.query.run(pose);
+        self.set.run(self.query.contacts(), pose, &Pose::IDENTITY, &self.settings);
+    }
+
+    fn append_contacts(&self, _: &Pose, found: &mut Vec<PatchContact>) {
+        found.extend_from_slice(self.set.contacts());
+    }
+
+    fn bytes(&self) -> usize {
+        self.query.bytes() + self.set.bytes()
     }
 }

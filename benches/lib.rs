@@ -1,5 +1,9 @@
-//! Benchmarks, and what the comparison of contact queries with other methods' (`peers`) is made of.
+//! Benchmarks, and what the comparisons of contact queries with other methods' (`peers`, `scores`) are made of.
 
 pub mod engine;
+pub mod method;
+pub mod parry;
+pub mod penalty;
 pub mod point_shell;
 pub mod scenarios;
+pub mod statistics;

@@ -1,12 +1,17 @@
 //! What parry3d (f64) offers for the contacts between two meshes: its contact manifolds, and all pairs of triangles
-//! within the tolerance by a walk of both of its bounding volume hierarchies.
+//! within the tolerance by a walk of both of its bounding volume hierarchies. Signed distances, of which distance grids
+//! are made, are parry's as well.
 //!
 //! Some of parry's tolerances are absolute (a manifold is kept while its points move by less than 1e-3): lengths are
 //! scaled here so that the probe's radius is [`RADIUS`].
 
+use std::error::Error;
+use std::hash::{DefaultHasher, Hash as _, Hasher as _};
+use std::path::Path;
+
+use palpate::collide::PatchContact;
 use palpate::glam::DVec3;
 use palpate::{Contact, Pose};
-use palpate_benches::scenarios::{Body, Scenario};
 use parry3d_f64::math::{Matrix, Pose as Isometry, Rotation, Vector};
 use parry3d_f64::partitioning::BvhNode;
 use parry3d_f64::query::details::{ContactManifoldsWorkspace, contact_support_map_support_map};
@@ -14,6 +19,10 @@ use parry3d_f64::query::{
     self, ContactManifold, DefaultQueryDispatcher, PersistentQueryDispatcher as _, PointQuery as _,
 };
 use parry3d_f64::shape::{TriMesh, TriMeshBuilderError, TriMeshFlags};
+
+use crate::method::{Method, without_nodes};
+use crate::point_shell::DistanceGrid;
+use crate::scenarios::{Body, Scenario};
 
 /// The probe's radius in parry.
 const RADIUS: f64 = 100.0;
@@ -68,17 +77,18 @@ pub struct Manifolds {
 }
 
 impl Manifolds {
+    /// Of a scenario's bodies.
+    ///
+    /// # Errors
+    /// If parry refuses a mesh.
     pub fn new(scenario: &Scenario) -> Result<Self, TriMeshBuilderError> {
         let pair = ParryPair::new(scenario, TriMeshFlags::ORIENTED | TriMeshFlags::FIX_INTERNAL_EDGES)?;
         Ok(Self { pair, manifolds: Vec::new(), workspace: None })
     }
+}
 
-    /// Bytes of memory that both meshes hold; what the manifolds take is not told.
-    pub fn bytes(&self) -> usize {
-        self.pair.bytes()
-    }
-
-    pub fn run(&mut self, pose: &Pose) {
+impl Method for Manifolds {
+    fn run(&mut self, pose: &Pose) {
         let ParryPair { probe, scene, tolerance, .. } = &self.pair;
         let found = DefaultQueryDispatcher.contact_manifolds(
             &self.pair.scene_in_probe(pose),
@@ -92,11 +102,18 @@ impl Manifolds {
     }
 
     /// The manifolds' points within the tolerance.
-    pub fn contacts(&self, pose: &Pose) -> impl Iterator<Item = Contact> {
-        self.manifolds.iter().flat_map(move |manifold| {
+    fn append_contacts(&self, pose: &Pose, found: &mut Vec<PatchContact>) {
+        for manifold in &self.manifolds {
             let within = manifold.points.iter().filter(|point| point.dist < self.pair.tolerance);
-            within.map(move |point| self.pair.placed(point.local_p1, manifold.local_n1, point.dist, pose))
-        })
+            found.extend(within.map(|point| {
+                without_nodes(self.pair.placed(point.local_p1, manifold.local_n1, point.dist, pose))
+            }));
+        }
+    }
+
+    /// Of both meshes; what the manifolds take is not told.
+    fn bytes(&self) -> usize {
+        self.pair.bytes()
     }
 }
 
@@ -107,16 +124,17 @@ pub struct TrianglePairs {
 }
 
 impl TrianglePairs {
+    /// Of a scenario's bodies.
+    ///
+    /// # Errors
+    /// If parry refuses a mesh.
     pub fn new(scenario: &Scenario) -> Result<Self, TriMeshBuilderError> {
         Ok(Self { pair: ParryPair::new(scenario, TriMeshFlags::empty())?, found: Vec::new() })
     }
+}
 
-    /// Bytes of memory held.
-    pub fn bytes(&self) -> usize {
-        self.pair.bytes() + self.found.capacity() * size_of::<query::Contact>()
-    }
-
-    pub fn run(&mut self, pose: &Pose) {
+impl Method for TrianglePairs {
+    fn run(&mut self, pose: &Pose) {
         self.found.clear();
         let ParryPair { probe, scene, tolerance, .. } = &self.pair;
         let placement = self.pair.scene_in_probe(pose);
@@ -137,8 +155,14 @@ impl TrianglePairs {
         }
     }
 
-    pub fn contacts(&self, pose: &Pose) -> impl Iterator<Item = Contact> {
-        self.found.iter().map(|contact| self.pair.placed(contact.point1, contact.normal1, contact.dist, pose))
+    fn append_contacts(&self, pose: &Pose, found: &mut Vec<PatchContact>) {
+        found.extend(self.found.iter().map(|contact| {
+            without_nodes(self.pair.placed(contact.point1, contact.normal1, contact.dist, pose))
+        }));
+    }
+
+    fn bytes(&self) -> usize {
+        self.pair.bytes() + self.found.capacity() * size_of::<query::Contact>()
     }
 }
 
@@ -149,6 +173,10 @@ pub struct SignedDistance {
 }
 
 impl SignedDistance {
+    /// From a body.
+    ///
+    /// # Errors
+    /// If parry refuses a mesh.
     pub fn new(body: &Body) -> Result<Self, TriMeshBuilderError> {
         let scale = RADIUS / body.object.bounding_radius();
         Ok(Self { mesh: mesh(body, scale, TriMeshFlags::ORIENTED)?, scale })
@@ -158,6 +186,31 @@ impl SignedDistance {
     pub fn at(&self, point: DVec3) -> f64 {
         self.mesh.distance_to_local_point(vector(point, self.scale), false) / self.scale
     }
+}
+
+/// The distance grid of a body, kept in a folder if one is given, and built anew otherwise.
+///
+/// # Errors
+/// If parry refuses the mesh, or the folder cannot be written to.
+pub fn distance_grid(
+    body: &Body,
+    samples: usize,
+    tolerance: f64,
+    folder: Option<&Path>,
+) -> Result<DistanceGrid, Box<dyn Error>> {
+    let distance = SignedDistance::new(body)?;
+    // Three cells' diagonals, of which there are about as many across the bounding sphere.
+    let band = 2.0 * tolerance + 6.0 * body.object.bounding_radius() / samples as f64;
+    let build = || DistanceGrid::new(&body.mesh, samples, tolerance, band, |point| distance.at(point));
+    let Some(folder) = folder else { return Ok(build()) };
+    let mut hasher = DefaultHasher::new();
+    body.mesh.triangles().hash(&mut hasher);
+    for vertex in body.mesh.vertices() {
+        vertex.to_array().map(f64::to_bits).hash(&mut hasher);
+    }
+    tolerance.to_bits().hash(&mut hasher);
+    let name = format!("distance-{samples}-{:016x}.grid", hasher.finish());
+    Ok(DistanceGrid::cached(&folder.join(name), build)?)
 }
 
 fn mesh(body: &Body, scale: f64, flags: TriMeshFlags) -> Result<TriMesh, TriMeshBuilderError> {

@@ -11,21 +11,21 @@
 
 #![allow(missing_docs, clippy::print_stdout, reason = "it prints tables")]
 
-mod parry;
-
 use std::error::Error;
-use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use std::path::Path;
 use std::time::Instant;
 
 use clap::Parser;
-use palpate::collide::{Clustering, PatchContact};
+use palpate::Pose;
+use palpate::collide::PatchContact;
 use palpate::glam::DVec3;
-use palpate::{Contact, Pose};
 use palpate_benches::engine::EngineQuery;
-use palpate_benches::point_shell::{DistanceGrid, PointShell, ShellContact};
-use palpate_benches::scenarios::{self, Body, Scenario};
-use parry::{Manifolds, SignedDistance, TrianglePairs};
+use palpate_benches::method::Method;
+use palpate_benches::parry::{Manifolds, TrianglePairs, distance_grid};
+use palpate_benches::penalty::Penalty;
+use palpate_benches::point_shell::{PointShell, ShellInGrid};
+use palpate_benches::scenarios::{self, Scenario};
+use palpate_benches::statistics::{correlation, mean, quantile};
 
 #[derive(Parser)]
 #[command(about = "Contact queries compared with what others use for them")]
@@ -55,88 +55,11 @@ const ERRORS: [f64; 5] = [0.0, 0.004, 0.01, 0.025, 0.05];
 const COLD: [f64; 2] = [0.0, 0.025];
 /// Samples of distance grids along each axis.
 const GRIDS: [usize; 2] = [128, 256];
-/// Number of contact clusters (§5.5.1).
-const CLUSTERS: usize = 5;
-
-/// A way to find contacts.
-trait Method {
-    /// Finds the contacts at a pose of the probe; this is timed.
-    fn run(&mut self, pose: &Pose);
-    /// The contacts of the last query, at the same pose, in scene axes.
-    fn contacts(&self, pose: &Pose, found: &mut Vec<PatchContact>);
-    /// Bytes of memory held.
-    fn bytes(&self) -> usize;
-}
-
-impl Method for EngineQuery {
-    fn run(&mut self, pose: &Pose) {
-        Self::run(self, pose);
-    }
-    fn contacts(&self, _: &Pose, found: &mut Vec<PatchContact>) {
-        found.extend_from_slice(self.contacts());
-    }
-    fn bytes(&self) -> usize {
-        Self::bytes(self)
-    }
-}
-
-impl Method for Manifolds {
-    fn run(&mut self, pose: &Pose) {
-        Self::run(self, pose);
-    }
-    fn contacts(&self, pose: &Pose, found: &mut Vec<PatchContact>) {
-        found.extend(Self::contacts(self, pose).map(without_nodes));
-    }
-    fn bytes(&self) -> usize {
-        Self::bytes(self)
-    }
-}
-
-impl Method for TrianglePairs {
-    fn run(&mut self, pose: &Pose) {
-        Self::run(self, pose);
-    }
-    fn contacts(&self, pose: &Pose, found: &mut Vec<PatchContact>) {
-        found.extend(Self::contacts(self, pose).map(without_nodes));
-    }
-    fn bytes(&self) -> usize {
-        Self::bytes(self)
-    }
-}
-
-struct ShellInGrid<'a> {
-    shell: &'a PointShell,
-    grid: DistanceGrid,
-    tolerance: f64,
-    found: Vec<ShellContact>,
-}
-
-impl Method for ShellInGrid<'_> {
-    fn run(&mut self, pose: &Pose) {
-        self.shell.query(pose, &self.grid, self.tolerance, &mut self.found);
-    }
-    fn contacts(&self, _: &Pose, found: &mut Vec<PatchContact>) {
-        found.extend(self.found.iter().map(|contact| {
-            let (point, normal) = (contact.point.as_dvec3(), contact.normal.as_dvec3());
-            let depth = f64::from(contact.depth);
-            without_nodes(Contact { point, scene_point: point - depth * normal, normal, depth })
-        }));
-    }
-    fn bytes(&self) -> usize {
-        self.shell.bytes() + self.grid.bytes()
-    }
-}
-
-/// A contact that was not found between nodes of hierarchies.
-fn without_nodes(contact: Contact) -> PatchContact {
-    PatchContact { contact, probe_node: 0, scene_node: 0, weight: 1.0 }
-}
-
 /// A method with what was measured of it.
 struct Row<'a> {
     name: String,
     method: Box<dyn Method + 'a>,
-    clustering: Clustering,
+    penalty: Penalty,
     times: Vec<f64>,
     contacts: Vec<f64>,
     /// In units of the stiffness.
@@ -148,7 +71,7 @@ impl<'a> Row<'a> {
         Self {
             name: name.into(),
             method: Box::new(method),
-            clustering: Clustering::new(CLUSTERS),
+            penalty: Penalty::default(),
             times: Vec::new(),
             contacts: Vec::new(),
             forces: Vec::new(),
@@ -162,12 +85,8 @@ impl<'a> Row<'a> {
             self.method.run(pose);
             let time = 1e6 * start.elapsed().as_secs_f64();
             found.clear();
-            self.method.contacts(pose, found);
-            let clusters = self.clustering.run(found, tolerance, pose);
-            let force: DVec3 = clusters
-                .iter()
-                .map(|cluster| -cluster.contact.normal * (cluster.contact.depth + tolerance).max(0.0))
-                .sum();
+            self.method.append_contacts(pose, found);
+            let force = self.penalty.wrench(found, tolerance, pose, DVec3::ZERO).force;
             if index > 0 {
                 self.times.push(time);
                 self.contacts.push(found.len() as f64);
@@ -182,18 +101,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     if arguments.quick {
         arguments.poses = 80;
     }
-    let names = if arguments.scenario.is_empty() {
-        scenarios::names().map(str::to_owned).collect()
-    } else {
-        arguments.scenario.clone()
-    };
-    for name in &names {
-        match scenarios::open(name)? {
-            None => println!("## {name}\n\nskipped: its files are absent\n"),
-            Some(scenario) => compare(&scenario, &arguments)?,
-        }
-    }
-    Ok(())
+    scenarios::each(&arguments.scenario, |scenario| compare(scenario, &arguments))
 }
 
 fn compare(scenario: &Scenario, arguments: &Arguments) -> Result<(), Box<dyn Error>> {
@@ -217,8 +125,9 @@ fn compare(scenario: &Scenario, arguments: &Arguments) -> Result<(), Box<dyn Err
     rows.push(Row::new("parry, manifolds", Manifolds::new(scenario)?));
     rows.push(Row::new("parry, all pairs of triangles", TrianglePairs::new(scenario)?));
     for samples in GRIDS.into_iter().take(if arguments.quick { 1 } else { GRIDS.len() }) {
-        let grid = distance_grid(scene, samples, *tolerance)?;
-        let method = ShellInGrid { shell: &shell, grid, tolerance: *tolerance, found: Vec::new() };
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+        let grid = distance_grid(scene, samples, *tolerance, Some(folder))?;
+        let method = ShellInGrid::new(&shell, grid, *tolerance);
         rows.push(Row::new(format!("point shell in {samples}³ grid"), method));
     }
 
@@ -236,9 +145,9 @@ fn compare(scenario: &Scenario, arguments: &Arguments) -> Result<(), Box<dyn Err
 
     println!(
         "## {name}: {} ({} triangles) on {} ({}), {} poses\n",
-        short_name(probe),
+        probe.short_name(),
         probe.mesh.triangles().len(),
-        short_name(scene),
+        scene.short_name(),
         scene.mesh.triangles().len(),
         rows[0].times.len()
     );
@@ -276,12 +185,6 @@ fn compare(scenario: &Scenario, arguments: &Arguments) -> Result<(), Box<dyn Err
     Ok(())
 }
 
-/// A model's name, or that of a file without its folder.
-fn short_name(body: &Body) -> &str {
-    let name = &body.object.name;
-    name.rsplit_once('/').map_or(name, |(_, file)| file)
-}
-
 /// Where blocks of a path begin, one pose before the first that counts: at the middles of equal parts, and in such an
 /// order that the first few are spread over the path.
 fn blocks(path: usize, poses: usize) -> impl Iterator<Item = usize> {
@@ -292,23 +195,6 @@ fn blocks(path: usize, poses: usize) -> impl Iterator<Item = usize> {
     let key = |block: usize| (GOLDEN * (block as f64 - (chosen / 2) as f64)).rem_euclid(1.0);
     order.sort_by(|a, b| key(*a).total_cmp(&key(*b)));
     order.into_iter().map(move |block| (2 * block + 1) * all / (2 * chosen) * BLOCK)
-}
-
-/// The distance grid of a body, kept in the target folder.
-fn distance_grid(body: &Body, samples: usize, tolerance: f64) -> Result<DistanceGrid, Box<dyn Error>> {
-    let mut hasher = DefaultHasher::new();
-    body.mesh.triangles().hash(&mut hasher);
-    for vertex in body.mesh.vertices() {
-        vertex.to_array().map(f64::to_bits).hash(&mut hasher);
-    }
-    tolerance.to_bits().hash(&mut hasher);
-    let name = format!("distance-{samples}-{:016x}.grid", hasher.finish());
-    let distance = SignedDistance::new(body)?;
-    // Three cells' diagonals, of which there are about as many across the bounding sphere.
-    let band = 2.0 * tolerance + 6.0 * body.object.bounding_radius() / samples as f64;
-    Ok(DistanceGrid::cached(&Path::new(env!("CARGO_TARGET_TMPDIR")).join(name), || {
-        DistanceGrid::new(&body.mesh, samples, tolerance, band, |point| distance.at(point))
-    })?)
 }
 
 /// How far forces are from those at full resolution, relative to the mean of the latter.
@@ -325,26 +211,7 @@ impl ForceError {
         let (own, reference) = (lengths(forces), lengths(exact));
         let scale = mean(&reference);
         let errors: Vec<f64> = forces.iter().zip(exact).map(|(f, g)| f.distance(*g) / scale).collect();
-        let (center, reference_center) = (mean(&own), scale);
-        let covariance = |x: &[f64], x0: f64, y: &[f64], y0: f64| {
-            x.iter().zip(y).map(|(x, y)| (x - x0) * (y - y0)).sum::<f64>()
-        };
-        let correlation = covariance(&own, center, &reference, reference_center)
-            / (covariance(&own, center, &own, center)
-                * covariance(&reference, reference_center, &reference, reference_center))
-            .sqrt();
+        let correlation = correlation(&own, &reference);
         Self { mean: mean(&errors), p99: quantile(&errors, 0.99), correlation }
     }
-}
-
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
-}
-
-/// By the nearest rank; 0 when there are no values.
-fn quantile(values: &[f64], fraction: f64) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let rank = (fraction * sorted.len() as f64).ceil() as usize;
-    sorted.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
 }

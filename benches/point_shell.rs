@@ -13,8 +13,11 @@ use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::path::Path;
 use std::sync::Mutex;
 
+use palpate::collide::PatchContact;
 use palpate::glam::{Affine3A, DAffine3, DMat3, DVec3, Vec3, Vec3A};
-use palpate::{Pose, TriMesh};
+use palpate::{Contact, Pose, TriMesh};
+
+use crate::method::{Method, without_nodes};
 
 /// Samples along an edge of a block, all of which are measured or none.
 const BLOCK: usize = 4;
@@ -299,6 +302,40 @@ impl PointShell {
             }
             index += 1;
         }
+    }
+}
+
+/// A probe's shell of points, asked for contacts with a scene object's distance grid.
+#[derive(Clone, Debug)]
+pub struct ShellInGrid<'a> {
+    shell: &'a PointShell,
+    grid: DistanceGrid,
+    tolerance: f64,
+    found: Vec<ShellContact>,
+}
+
+impl<'a> ShellInGrid<'a> {
+    /// A query for contacts within a tolerance, m.
+    pub fn new(shell: &'a PointShell, grid: DistanceGrid, tolerance: f64) -> Self {
+        Self { shell, grid, tolerance, found: Vec::new() }
+    }
+}
+
+impl Method for ShellInGrid<'_> {
+    fn run(&mut self, pose: &Pose) {
+        self.shell.query(pose, &self.grid, self.tolerance, &mut self.found);
+    }
+
+    fn append_contacts(&self, _: &Pose, found: &mut Vec<PatchContact>) {
+        found.extend(self.found.iter().map(|contact| {
+            let (point, normal) = (contact.point.as_dvec3(), contact.normal.as_dvec3());
+            let depth = f64::from(contact.depth);
+            without_nodes(Contact { point, scene_point: point - depth * normal, normal, depth })
+        }));
+    }
+
+    fn bytes(&self) -> usize {
+        self.shell.bytes() + self.grid.bytes()
     }
 }
 

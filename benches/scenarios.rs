@@ -15,6 +15,7 @@ use palpate::glam::{DQuat, DVec3};
 use palpate::{Object, OpenOptions, Pose, TriMesh, open_mesh};
 
 use crate::engine::EngineQuery;
+use crate::method::Method as _;
 
 /// d as a fraction of the probe's radius.
 pub const TOLERANCE: f64 = 0.01;
@@ -53,6 +54,14 @@ pub struct Body {
     pub object: Object,
     /// The mesh, exactly welded, m.
     pub mesh: TriMesh,
+}
+
+impl Body {
+    /// The model's name, or that of the file without its folder.
+    pub fn short_name(&self) -> &str {
+        let name = &self.object.name;
+        name.rsplit_once('/').map_or(name, |(_, file)| file)
+    }
 }
 
 /// What a scenario is made from: built-in models, or files of the optional test data (`shared` beside the repository).
@@ -200,6 +209,26 @@ pub fn names() -> impl Iterator<Item = &'static str> {
     SCENARIOS.iter().map(|entry| entry.name)
 }
 
+/// Runs something on the scenarios of these names, or on all if there are none; says which are skipped.
+///
+/// # Errors
+/// If a scenario cannot be [opened](open), or what is run on one fails.
+#[expect(clippy::print_stdout, reason = "for benchmarks, which print tables")]
+pub fn each(
+    chosen: &[String],
+    mut run: impl FnMut(&Scenario) -> Result<(), Box<dyn Error>>,
+) -> Result<(), Box<dyn Error>> {
+    let all: Vec<&str> =
+        if chosen.is_empty() { names().collect() } else { chosen.iter().map(String::as_str).collect() };
+    for name in all {
+        match open(name)? {
+            None => println!("## {name}\n\nskipped: its files are absent\n"),
+            Some(scenario) => run(&scenario)?,
+        }
+    }
+    Ok(())
+}
+
 /// Loads a scenario; `None` when its files, which are optional test data, are absent.
 ///
 /// # Errors
@@ -329,7 +358,8 @@ impl Press {
     }
 
     fn is_deep(&mut self, pose: &Pose) -> bool {
-        self.query.run(pose).deepest.is_some_and(|depth| depth >= LIGHT * self.radius)
+        self.query.run(pose);
+        self.query.outcome().deepest.is_some_and(|depth| depth >= LIGHT * self.radius)
     }
 }
 
@@ -350,7 +380,10 @@ mod tests {
         assert_eq!(poses.len(), POSES);
         let radius = probe.object.bounding_radius();
         let mut query = EngineQuery::new(&probe.object, &scene.object, TOLERANCE * radius);
-        let mut depths = poses.iter().map(|pose| query.run(pose).deepest);
+        let mut depths = poses.iter().map(|pose| {
+            query.run(pose);
+            query.outcome().deepest
+        });
         assert_eq!(depths.next(), Some(None), "clear at first");
         let contacts: Vec<f64> = depths.by_ref().take(800).flatten().collect();
         assert!(contacts.len() > 600, "{} poses in contact", contacts.len());

@@ -1,13 +1,18 @@
 //! What the integration tests share: the optional test data, and brute force to compare clever answers with.
 
 pub mod brute_force;
+pub mod close_pairs;
 pub mod levels;
+pub mod random_tree;
 pub mod triangle_tree;
 
+use std::collections::HashMap;
 use std::io::Write as _;
 use std::path::PathBuf;
 
 use palpate::clod_build::unwatched;
+use palpate::core::Clod;
+use palpate::glam::DVec3;
 use palpate::mesh_io::{LoadOptions, load};
 use palpate::{Object, OpenOptions, TriMesh};
 
@@ -45,4 +50,24 @@ pub fn model(name: &str) -> Object {
         Ok((object, _)) => object,
         Err(error) => panic!("{error}"),
     }
+}
+
+/// The leaf that each triangle of a hierarchy's mesh belongs to.
+///
+/// # Panics
+/// If a triangle belongs to none.
+pub fn leaf_of_triangle(clod: &Clod, mesh: &TriMesh) -> Vec<u32> {
+    let bits = |corners: [DVec3; 3]| {
+        let mut keys = corners.map(|corner| corner.to_array().map(|x| (x + 0.0).to_bits()));
+        keys.sort_unstable();
+        keys
+    };
+    let mut leaf_of = HashMap::new();
+    for (index, leaf) in clod.levels[0].nodes.clone().zip(clod.leaves()) {
+        let hull = clod.hull(leaf);
+        for triangle in clod.patch(leaf) {
+            leaf_of.insert(bits(triangle.map(|vertex| hull[vertex as usize])), index);
+        }
+    }
+    (0..mesh.triangles().len()).map(|triangle| leaf_of[&bits(mesh.corners(triangle))]).collect()
 }

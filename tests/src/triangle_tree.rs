@@ -1,10 +1,10 @@
-//! Nearest points and inside tests on a mesh, by a plain tree of boxes: independent of the trees that the engine and the
-//! builder use, and itself compared with brute force below.
+//! Nearest points and inside tests on a mesh, and the pairs of triangles of two meshes that are close, by a plain tree of
+//! boxes: independent of the trees that the engine and the builder use, and itself compared with brute force below.
 
-use palpate::TriMesh;
 use palpate::glam::DVec3;
+use palpate::{Pose, TriMesh};
 
-use crate::brute_force::nearest_on_triangle;
+use crate::brute_force::{nearest_on_triangle, triangle_distance};
 
 /// Triangles of a leaf.
 const LEAF: usize = 4;
@@ -19,7 +19,8 @@ const RAYS: [DVec3; 3] = [
 /// A mesh to ask for distances and for inside.
 #[derive(Clone, Debug)]
 pub struct TriangleTree {
-    corners: Vec<[DVec3; 3]>,
+    /// With their indices in the mesh, in the order of the leaves.
+    triangles: Vec<([DVec3; 3], u32)>,
     nodes: Vec<Node>,
 }
 
@@ -37,11 +38,59 @@ struct Node {
 impl TriangleTree {
     /// A tree over a mesh with at least one triangle.
     pub fn new(mesh: &TriMesh) -> Self {
-        let mut corners: Vec<_> = (0..mesh.triangles().len()).map(|t| mesh.corners(t)).collect();
+        let count = mesh.triangles().len() as u32;
+        let mut triangles: Vec<_> = (0..count).map(|t| (mesh.corners(t as usize), t)).collect();
         let mut nodes = Vec::new();
-        let end = corners.len();
-        split(&mut corners, 0, end, &mut nodes);
-        Self { corners, nodes }
+        let end = triangles.len();
+        split(&mut triangles, 0, end, &mut nodes);
+        Self { triangles, nodes }
+    }
+
+    /// The tree of the mesh at a pose.
+    pub fn placed(&self, pose: &Pose) -> Self {
+        let place = |(corners, index): &([DVec3; 3], u32)| (corners.map(|p| pose.transform_point(p)), *index);
+        let mut placed =
+            Self { triangles: self.triangles.iter().map(place).collect(), nodes: self.nodes.clone() };
+        for index in (0..placed.nodes.len()).rev() {
+            let node = placed.nodes[index];
+            let (low, high) = if node.second == 0 {
+                bounds(&placed.triangles[node.first..node.end])
+            } else {
+                let [first, second] = [index + 1, node.second].map(|child| placed.nodes[child]);
+                (first.low.min(second.low), first.high.max(second.high))
+            };
+            placed.nodes[index] = Node { low, high, ..node };
+        }
+        placed
+    }
+
+    /// All pairs of a triangle of this mesh and one of another that are no further apart than `reach` (m): their indices,
+    /// the distance (m; 0 where they intersect), and a nearest point of each.
+    pub fn pairs_within(&self, other: &Self, reach: f64) -> Vec<([u32; 2], f64, [DVec3; 2])> {
+        let mut found = Vec::new();
+        let mut stack = vec![(0, 0)];
+        while let Some((i, j)) = stack.pop() {
+            let (a, b) = (&self.nodes[i], &other.nodes[j]);
+            let gap = (a.low - b.high).max(b.low - a.high).max(DVec3::ZERO).length();
+            if gap > reach * (1.0 + 1e-9) {
+                continue;
+            }
+            if a.second == 0 && b.second == 0 {
+                for (s, first) in &self.triangles[a.first..a.end] {
+                    for (t, second) in &other.triangles[b.first..b.end] {
+                        let (distance, p, q) = triangle_distance(s, t);
+                        if distance <= reach {
+                            found.push(([*first, *second], distance, [p, q]));
+                        }
+                    }
+                }
+            } else if b.second == 0 || (a.second != 0 && a.end - a.first >= b.end - b.first) {
+                stack.extend([(i + 1, j), (a.second, j)]);
+            } else {
+                stack.extend([(i, j + 1), (i, b.second)]);
+            }
+        }
+        found
     }
 
     /// Distance (m) of a point from the surface.
@@ -54,7 +103,7 @@ impl TriangleTree {
             }
             let node = &self.nodes[index];
             if node.second == 0 {
-                for triangle in &self.corners[node.first..node.end] {
+                for (triangle, _) in &self.triangles[node.first..node.end] {
                     best = best.min(nearest_on_triangle(p, triangle).distance_squared(p));
                 }
                 continue;
@@ -86,7 +135,7 @@ impl TriangleTree {
                 stack.extend([index + 1, node.second]);
                 continue;
             }
-            for corners in &self.corners[node.first..node.end] {
+            for (corners, _) in &self.triangles[node.first..node.end] {
                 let [a, b, c] = corners.map(|q| q - p);
                 // Which way the ray passes each side; the same arithmetic for both triangles at an edge.
                 let sides = [side(a, b, ray), side(b, c, ray), side(c, a, ray)];
@@ -122,10 +171,14 @@ impl Node {
     }
 }
 
-fn split(corners: &mut [[DVec3; 3]], first: usize, end: usize, nodes: &mut Vec<Node>) {
-    let own = &mut corners[first..end];
-    let low = own.as_flattened().iter().copied().fold(DVec3::INFINITY, DVec3::min);
-    let high = own.as_flattened().iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
+fn bounds(triangles: &[([DVec3; 3], u32)]) -> (DVec3, DVec3) {
+    let corners = || triangles.iter().flat_map(|(corners, _)| corners).copied();
+    (corners().fold(DVec3::INFINITY, DVec3::min), corners().fold(DVec3::NEG_INFINITY, DVec3::max))
+}
+
+fn split(triangles: &mut [([DVec3; 3], u32)], first: usize, end: usize, nodes: &mut Vec<Node>) {
+    let own = &mut triangles[first..end];
+    let (low, high) = bounds(own);
     let index = nodes.len();
     nodes.push(Node { low, high, first, end, second: 0 });
     if end - first <= LEAF {
@@ -133,15 +186,16 @@ fn split(corners: &mut [[DVec3; 3]], first: usize, end: usize, nodes: &mut Vec<N
     }
     let axis = (high - low).max_position();
     let middle = own.len() / 2;
-    let along = |t: &[DVec3; 3]| t[0][axis] + t[1][axis] + t[2][axis];
+    let along = |(t, _): &([DVec3; 3], u32)| t[0][axis] + t[1][axis] + t[2][axis];
     own.select_nth_unstable_by(middle, |s, t| along(s).total_cmp(&along(t)));
-    split(corners, first, first + middle, nodes);
+    split(triangles, first, first + middle, nodes);
     nodes[index].second = nodes.len();
-    split(corners, first + middle, end, nodes);
+    split(triangles, first + middle, end, nodes);
 }
 
 #[cfg(test)]
 mod tests {
+    use palpate::glam::DQuat;
     use palpate::models::Model;
     use rand::rngs::StdRng;
     use rand::{RngExt, SeedableRng};
@@ -184,5 +238,39 @@ mod tests {
             }
             assert!(inside > 10, "{}: {inside} points inside", model.name());
         }
+    }
+
+    #[test]
+    fn close_pairs_are_those_of_all_pairs() {
+        let seed = 34;
+        let mut random = StdRng::seed_from_u64(seed);
+        let [a, b] = [Model::Torus, Model::Cup].map(|model| model.generate(1000).expect("within range"));
+        let trees = [&a, &b].map(TriangleTree::new);
+        let radius = a.bounding_sphere().radius;
+        let mut found = 0;
+        for round in 0..4 {
+            let mut vector = || DVec3::from_array(std::array::from_fn(|_| random.random_range(-1.0..1.0)));
+            let pose = Pose::new(radius * vector(), DQuat::from_scaled_axis(3.0 * vector()));
+            let reach = 0.05 * radius;
+            let mut close: Vec<[u32; 2]> = trees[0]
+                .placed(&pose)
+                .pairs_within(&trees[1], reach)
+                .into_iter()
+                .map(|pair| pair.0)
+                .collect();
+            close.sort_unstable();
+            let mut plain = Vec::new();
+            for i in 0..a.triangles().len() {
+                let corners = a.corners(i).map(|p| pose.transform_point(p));
+                for j in 0..b.triangles().len() {
+                    if triangle_distance(&corners, &b.corners(j)).0 <= reach {
+                        plain.push([i as u32, j as u32]);
+                    }
+                }
+            }
+            assert_eq!(close, plain, "seed {seed}, round {round}");
+            found += close.len();
+        }
+        assert!(found > 200, "{found} pairs");
     }
 }

@@ -42,3 +42,12 @@ fn models_follow_the_count_asked_for() {
         }
     }
 }
+
+#[test]
+#[ignore = "for a release build: cargo test --release -p palpate-tests --test built_in_models -- --ignored"]
+fn fine_models_do_not_cross_themselves() {
+    for model in Model::ALL {
+        let mesh = model.generate(320_000).unwrap_or_else(|error| panic!("{error}"));
+        assert!(mesh.validate().is_solid() && self_intersections(&mesh).count == 0, "{}", model.name());
+    }
+}

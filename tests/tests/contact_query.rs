@@ -1,7 +1,7 @@
 //! Full-resolution contact queries, on real meshes against brute force over all pairs of triangles, and on built-in
 //! ones against hierarchies without levels of detail.
 
-use std::collections::{BTreeMap, HashMap, HashSet};
+use std::collections::{BTreeMap, HashSet};
 
 use palpate::clod_build::{BuildOptions, build, unwatched};
 use palpate::collide::{ContactQuery, PatchContact, QuerySettings, Shape};
@@ -12,7 +12,7 @@ use palpate::mesh_io::intersecting_pairs;
 use palpate::models::Model;
 use palpate::{Pose, TriMesh};
 use palpate_tests::brute_force::{self, nearest_on_triangle, triangle_distance};
-use palpate_tests::shared_mesh;
+use palpate_tests::{leaf_of_triangle, shared_mesh};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 
@@ -37,23 +37,6 @@ impl Body {
         let corner = |local: u32| pose.transform_point(hull[local as usize]);
         self.clod.patch(node).iter().map(|triangle| triangle.map(corner)).collect()
     }
-
-    /// The leaf that each triangle of the mesh belongs to.
-    fn leaf_of_triangle(&self) -> Vec<u32> {
-        let bits = |corners: [DVec3; 3]| {
-            let mut keys = corners.map(|corner| corner.to_array().map(|x| (x + 0.0).to_bits()));
-            keys.sort_unstable();
-            keys
-        };
-        let mut leaf_of = HashMap::new();
-        let leaves = &self.clod.levels[0].nodes;
-        for index in leaves.clone() {
-            for corners in self.patch(index, &Pose::IDENTITY) {
-                leaf_of.insert(bits(corners), index);
-            }
-        }
-        (0..self.mesh.triangles().len()).map(|triangle| leaf_of[&bits(self.mesh.corners(triangle))]).collect()
-    }
 }
 
 /// Poses of the probe: some where the bodies are disjoint and near, some where they intersect. `tolerance`: d as a
@@ -64,7 +47,8 @@ fn check(probe_path: &str, scene_path: &str, tolerance: f64, poses: &[Pose]) {
     let eps = 1e-6 * probe.radius;
     let settings = QuerySettings::new(tolerance);
     let mut query = ContactQuery::new(&probe.shape, &scene.shape);
-    let (probe_leaf, scene_leaf) = (probe.leaf_of_triangle(), scene.leaf_of_triangle());
+    let probe_leaf = leaf_of_triangle(&probe.clod, &probe.mesh);
+    let scene_leaf = leaf_of_triangle(&scene.clod, &scene.mesh);
     let (mut disjoint, mut intersecting) = (0, 0);
     for (index, pose) in poses.iter().enumerate() {
         let outcome = query.run(pose, &Pose::IDENTITY, &settings);

@@ -6,7 +6,8 @@ mod solids;
 use std::collections::{HashMap, HashSet};
 
 use oracle::{Triangle, normal};
-use palpate_collide::{ContactQuery, PatchContact, QueryOutcome, QuerySettings};
+use palpate_clod_build::{BuildOptions, build, unwatched};
+use palpate_collide::{ContactQuery, ErrorMetrics, PatchContact, QueryOutcome, QuerySettings, Shape};
 use palpate_core::glam::{DQuat, DVec3};
 use palpate_core::{Pose, TriMesh};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
@@ -378,6 +379,71 @@ fn swapping_the_bodies_swaps_the_contacts() {
         };
         assert!(close(one.smallest_distance, other.smallest_distance), "round {round}: {one:?} {other:?}");
         assert!(close(one.deepest, other.deepest), "round {round}: {one:?} {other:?}");
+    }
+}
+
+/// Lengths scale, and with them all that is found, at full resolution and at coarser levels: no contact comes or goes.
+#[test]
+fn the_unit_of_length_does_not_matter() {
+    let seed = SEED + 3;
+    let mut rng = StdRng::seed_from_u64(seed);
+    let meshes = [bumpy(), torus(0.8, 0.3, 40, 16)];
+    let built = meshes.map(|mesh| build(&mesh, &BuildOptions::default(), &mut unwatched).unwrap());
+    let exact = QuerySettings::new(0.02);
+    let coarse = QuerySettings { error: 0.025.into(), ..exact };
+    let kinds = [exact, coarse, QuerySettings { interpolate: true, ..coarse }];
+    let poses: Vec<Pose> = (0..60)
+        .map(|_| {
+            let away = vector(&mut rng).normalize() * rng.random_range(1.2..2.1);
+            pose(&mut rng, away)
+        })
+        .collect();
+    let mut powers: Vec<f64> = (0..6).map(|_| rng.random_range(-3.0..3.0)).collect();
+    powers.extend([-3.0, 3.0]);
+    let run = |scale: f64| {
+        let shapes = [0, 1].map(|i: usize| Shape::new(built[i].scaled(scale).unwrap()));
+        let mut found = Vec::new();
+        for kind in &kinds {
+            let mut query = ContactQuery::new(&shapes[0], &shapes[1]);
+            let haptic = kind.error.haptic.map(|error| error * scale);
+            let error = ErrorMetrics { haptic, ..kind.error };
+            let settings = QuerySettings { tolerance: kind.tolerance * scale, error, ..*kind };
+            for pose in &poses {
+                let placed = Pose::new(pose.translation * scale, pose.rotation);
+                query.run(&placed, &Pose::IDENTITY, &settings);
+                let mut contacts = query.contacts().to_vec();
+                contacts.iter_mut().for_each(|PatchContact { contact: c, .. }| {
+                    (c.point, c.scene_point, c.depth) =
+                        (c.point / scale, c.scene_point / scale, c.depth / scale);
+                });
+                // The order of the descent is no promise.
+                contacts.sort_by(|x, y| {
+                    let nodes = |c: &PatchContact| (c.probe_node, c.scene_node);
+                    nodes(x).cmp(&nodes(y)).then(x.contact.depth.total_cmp(&y.contact.depth))
+                });
+                found.push(contacts);
+            }
+        }
+        found
+    };
+    let unit = run(1.0);
+    let count = |found: &[Vec<PatchContact>]| found.iter().map(Vec::len).sum::<usize>();
+    assert!(count(&unit[..poses.len()]) > 1000 && count(&unit[poses.len()..]) > 500, "{}", count(&unit));
+    for scale in powers.into_iter().map(|power| 10f64.powf(power)) {
+        for (index, (one, other)) in unit.iter().zip(run(scale)).enumerate() {
+            let context = format!("seed {seed:#x}, scale {scale}, query {index}");
+            assert_eq!(one.len(), other.len(), "{context}");
+            for (x, y) in one.iter().zip(&other) {
+                assert_eq!((x.probe_node, x.scene_node), (y.probe_node, y.scene_node), "{context}");
+                let (a, b) = (&x.contact, &y.contact);
+                let same = (a.depth - b.depth).abs() < 1e-9
+                    && a.point.distance(b.point) < 1e-7
+                    && a.scene_point.distance(b.scene_point) < 1e-7
+                    && a.normal.distance(b.normal) < 1e-6
+                    && (x.weight - y.weight).abs() < 1e-7;
+                assert!(same, "{context}: {x:?} {y:?}");
+            }
+        }
     }
 }
 

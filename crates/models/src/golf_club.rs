@@ -106,9 +106,10 @@ fn hosel(p: DVec3) -> f64 {
     let around = (p - heel - along * axis).length();
     let lower =
         smooth_max(around - 6.6 - 0.5 * smooth_step(20.0, 0.0, along), (along - 32.0).abs() - 34.0, 3.0);
-    // The ferrule narrows from the hosel to the shaft.
+    // The ferrule narrows from the hosel to the shaft. It begins where the hosel is still wide: a slit between their
+    // ends would be narrower than the edges of any mesh.
     let ferrule =
-        smooth_max(around - 6.4 + 1.4 * smooth_step(66.0, 84.0, along), (along - 75.0).abs() - 9.0, 0.8);
+        smooth_max(around - 6.4 + 1.4 * smooth_step(66.0, 84.0, along), (along - 73.0).abs() - 11.0, 0.8);
     let steps = 0.25 * smooth_step(118.0, 119.0, along) + 0.25 * smooth_step(150.0, 151.0, along);
     let shaft =
         smooth_max(around - 4.7 - steps, (along - 0.5 * (40.0 + LENGTH)).abs() - 0.5 * (LENGTH - 40.0), 1.0);

@@ -1,6 +1,6 @@
 //! What palpate's results look like to a person: self-contained HTML [`Report`]s of sessions with plots over time,
-//! figures and pictures of contact levels of detail ([`Table32`], [`LevelFigures`], [`LevelPictures`]), and pictures of
-//! meshes drawn in software ([`raster`], [`sheet`], [`views`]).
+//! figures and pictures of contact levels of detail ([`Table32`], [`LevelFigures`], [`LevelPictures`]), [plots](draw) of
+//! other measurements, and pictures of meshes drawn in software ([`raster`], [`sheet`], [`views`]).
 
 mod lettering;
 mod level_pictures;
@@ -18,7 +18,7 @@ use palpate::{Record, Summary};
 
 pub use level_pictures::{LevelPictures, grouped};
 pub use levels::{LevelFigures, Spread, Table32};
-pub use plot::PlotError;
+pub use plot::{Curve, Figure, PlotError, draw};
 
 /// What a report is about.
 #[derive(Clone, Copy, Debug)]
@@ -42,8 +42,8 @@ impl Report<'_> {
         let mut plots = String::new();
         for figure in series::figures(self.records) {
             plots.push_str("<figure>");
-            plots.push_str(&plot::draw(&figure)?);
-            let _ = writeln!(plots, "<figcaption>{}</figcaption></figure>", escape(figure.caption));
+            plots.push_str(&plot::draw(std::slice::from_ref(&figure))?);
+            let _ = writeln!(plots, "<figcaption>{}</figcaption></figure>", escape(&figure.caption));
         }
         let mut rows = String::new();
         for (name, value) in measured(self.summary) {

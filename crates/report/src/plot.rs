@@ -1,8 +1,27 @@
-//! Draws a figure as SVG.
+//! Draws figures as SVG.
 
+use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use crate::series::{Curve, Figure};
+/// One curve.
+#[derive(Clone, Debug)]
+pub struct Curve {
+    /// What the legend says.
+    pub name: String,
+    /// In the order of time (s).
+    pub points: Vec<(f64, f64)>,
+}
+
+/// One plot over time.
+#[derive(Clone, Debug)]
+pub struct Figure {
+    /// What it shows, to be written below it.
+    pub caption: String,
+    /// Unit of the values.
+    pub axis: String,
+    /// At most as many as there are colours: six.
+    pub curves: Vec<Curve>,
+}
 
 /// A plot could not be drawn.
 #[derive(Debug, thiserror::Error)]
@@ -10,21 +29,48 @@ use crate::series::{Curve, Figure};
 pub struct PlotError(String);
 
 const SIZE: (u32, u32) = (960, 260);
-const COLOURS: [RGBColor; 2] = [RGBColor(31, 96, 168), RGBColor(205, 97, 30)];
+const COLOURS: [RGBColor; 6] = [
+    RGBColor(31, 96, 168),
+    RGBColor(205, 97, 30),
+    RGBColor(46, 139, 87),
+    RGBColor(148, 68, 158),
+    RGBColor(166, 124, 0),
+    RGBColor(90, 107, 123),
+];
 
-pub(crate) fn draw(figure: &Figure) -> Result<String, PlotError> {
+/// Figures below one another as one SVG document, without their captions.
+///
+/// # Errors
+/// If a figure has more curves than there are colours, or cannot be drawn.
+pub fn draw(figures: &[Figure]) -> Result<String, PlotError> {
     let mut svg = String::new();
-    draw_into(&mut svg, figure).map_err(|error| PlotError(error.to_string()))?;
+    draw_into(&mut svg, figures).map_err(|error| PlotError(error.to_string()))?;
     Ok(svg)
 }
 
-fn draw_into(svg: &mut String, figure: &Figure) -> Result<(), Box<dyn std::error::Error>> {
+fn draw_into(svg: &mut String, figures: &[Figure]) -> Result<(), Box<dyn std::error::Error>> {
+    let root = SVGBackend::with_string(svg, (SIZE.0, SIZE.1 * figures.len() as u32)).into_drawing_area();
+    for (area, figure) in root.split_evenly((figures.len(), 1)).iter().zip(figures) {
+        draw_one(area, figure)?;
+    }
+    root.present()?;
+    Ok(())
+}
+
+fn draw_one(
+    area: &DrawingArea<SVGBackend<'_>, Shift>,
+    figure: &Figure,
+) -> Result<(), Box<dyn std::error::Error>> {
+    if figure.curves.len() > COLOURS.len() {
+        return Err(
+            format!("{} curves, of which {} can be told apart", figure.curves.len(), COLOURS.len()).into()
+        );
+    }
     let finite: Vec<Curve> = figure.curves.iter().map(only_finite).collect();
     let points = || finite.iter().flat_map(|curve| &curve.points);
     let (start, end) = range(points().map(|point| point.0));
     let (_, top) = range(points().map(|point| point.1));
-    let root = SVGBackend::with_string(svg, SIZE).into_drawing_area();
-    let mut chart = ChartBuilder::on(&root)
+    let mut chart = ChartBuilder::on(area)
         .margin(8)
         .x_label_area_size(34)
         .y_label_area_size(64)
@@ -36,7 +82,7 @@ fn draw_into(svg: &mut String, figure: &Figure) -> Result<(), Box<dyn std::error
         .axis_style(RGBColor(90, 107, 123))
         .label_style(("sans-serif", 13))
         .x_desc("s")
-        .y_desc(figure.axis)
+        .y_desc(&figure.axis)
         .draw()?;
     for (curve, colour) in finite.into_iter().zip(COLOURS) {
         let Curve { name, points } = curve;
@@ -53,15 +99,12 @@ fn draw_into(svg: &mut String, figure: &Figure) -> Result<(), Box<dyn std::error
             .label_font(("sans-serif", 13))
             .draw()?;
     }
-    root.present()?;
-    drop(chart);
-    drop(root);
     Ok(())
 }
 
 fn only_finite(curve: &Curve) -> Curve {
     let points = curve.points.iter().copied().filter(|(x, y)| x.is_finite() && y.is_finite());
-    Curve { name: curve.name, points: points.collect() }
+    Curve { name: curve.name.clone(), points: points.collect() }
 }
 
 /// The least and greatest of `values`, widened where an axis would have no length.

@@ -2,18 +2,7 @@
 
 use palpate::Record;
 
-/// One curve.
-pub(crate) struct Curve {
-    pub name: &'static str,
-    pub points: Vec<(f64, f64)>,
-}
-
-/// One plot over time.
-pub(crate) struct Figure {
-    pub caption: &'static str,
-    pub axis: &'static str,
-    pub curves: Vec<Curve>,
-}
+use crate::plot::{Curve, Figure};
 
 /// Width of the windows in which rates are counted, s.
 const RATE_WINDOW: f64 = 0.1;
@@ -21,48 +10,52 @@ const RATE_WINDOW: f64 = 0.1;
 const MOST_POINTS: usize = 1600;
 
 pub(crate) fn figures(records: &[Record]) -> Vec<Figure> {
-    let curve = |name, value: &dyn Fn(&Record) -> f64| Curve {
-        name,
+    let curve = |name: &str, value: &dyn Fn(&Record) -> f64| Curve {
+        name: name.to_owned(),
         points: thin(records.iter().map(|record| (record.time, value(record))).collect()),
     };
     let end = records.last().map_or(0.0, |record| record.time);
     vec![
         Figure {
-            caption: "Deepest penetration that the contact query reported.",
-            axis: "mm",
+            caption: "Deepest penetration that the contact query reported.".to_owned(),
+            axis: "mm".to_owned(),
             curves: vec![curve("penetration", &|r| 1e3 * r.depth)],
         },
         Figure {
-            caption: "Force sent to the device, and contact force on the grasped object.",
-            axis: "N",
+            caption: "Force sent to the device, and contact force on the grasped object.".to_owned(),
+            axis: "N".to_owned(),
             curves: vec![
                 curve("coupling", &|r| r.coupling.force.length()),
                 curve("contact", &|r| r.contact.force.length()),
             ],
         },
         Figure {
-            caption: "Torque sent to the device, about its origin.",
-            axis: "mN·m",
+            caption: "Torque sent to the device, about its origin.".to_owned(),
+            axis: "mN·m".to_owned(),
             curves: vec![curve("coupling", &|r| 1e3 * r.coupling.torque.length())],
         },
         Figure {
-            caption: "How far the grasped object stays behind the device: distance of their frames' origins.",
-            axis: "mm",
+            caption: "How far the grasped object stays behind the device: distance of their frames' origins."
+                .to_owned(),
+            axis: "mm".to_owned(),
             curves: vec![curve("deviation", &|r| {
                 1e3 * (r.device.translation - r.object.translation).length()
             })],
         },
         Figure {
-            caption: "Contacts found, before clustering.",
-            axis: "contacts",
+            caption: "Contacts found, before clustering.".to_owned(),
+            axis: "contacts".to_owned(),
             curves: vec![curve("contacts", &|r| f64::from(r.contacts))],
         },
         Figure {
-            caption: "Haptic steps and contact models a second, in windows of 0.1 s.",
-            axis: "Hz",
+            caption: "Haptic steps and contact models a second, in windows of 0.1 s.".to_owned(),
+            axis: "Hz".to_owned(),
             curves: vec![
-                Curve { name: "haptic", points: rate(records.iter().map(|record| record.time), end) },
-                Curve { name: "contact", points: rate(model_times(records), end) },
+                Curve {
+                    name: "haptic".to_owned(),
+                    points: rate(records.iter().map(|record| record.time), end),
+                },
+                Curve { name: "contact".to_owned(), points: rate(model_times(records), end) },
             ],
         },
     ]
