@@ -5,6 +5,9 @@
 //! climbing that needs no hull faces, which a hierarchy does not store, cannot get stuck on coplanar points, and takes no
 //! longer when the direction has changed much.
 
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
+
 use palpate_core::glam::DVec3;
 
 /// Cells with no more points than this are not quartered.
@@ -13,8 +16,11 @@ const FEW: usize = 6;
 /// Most times that a face of the cube is quartered.
 const DEEPEST: u32 = 12;
 
+/// Most cells for each point of a hull.
+const CELLS: usize = 2;
+
 /// Of cells with at most this many points, each is compared with all others.
-const COMPARED: usize = 48;
+const COMPARED: usize = 24;
 
 /// Points that are behind others by less than this fraction of the distance are kept: rounding may find a direction in the
 /// cell beside its own.
@@ -85,19 +91,73 @@ struct Cell {
     count: u32,
 }
 
+/// A cell while a map is made. Those with the most points come first.
+#[derive(Debug)]
+struct Unfilled {
+    candidates: Vec<u32>,
+    cell: usize,
+    square: Square,
+    depth: u32,
+}
+
+impl Ord for Unfilled {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.candidates.len().cmp(&other.candidates.len()).then(other.cell.cmp(&self.cell))
+    }
+}
+
+impl PartialOrd for Unfilled {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl PartialEq for Unfilled {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+
+impl Eq for Unfilled {}
+
 /// Binary digits of a place on a face of the cube.
 const DIGITS: u32 = 30;
 
 impl SupportMap {
     /// From this many points on, a map is faster than a scan.
-    pub const WORTHWHILE: usize = 24;
+    pub const WORTHWHILE: usize = 48;
 
     /// A map of a hull's points, at least one.
     pub fn new(points: &[DVec3]) -> Self {
         let mut map = Self { cells: vec![Cell::default(); 6], candidates: Vec::new(), count: points.len() };
         let all: Vec<u32> = (0u32..).take(points.len()).collect();
-        for face in 0..6 {
-            map.fill(points, face, &Square::face(face), &all, 0);
+        let face = |cell| {
+            let square = Square::face(cell);
+            Unfilled { candidates: square.candidates(points, &all), cell, square, depth: 0 }
+        };
+        let mut unfilled: BinaryHeap<Unfilled> = (0..6).map(face).collect();
+        while let Some(next) = unfilled.pop() {
+            let Unfilled { candidates, cell, square, depth } = &next;
+            let room = map.cells.len() + 4 <= CELLS * points.len();
+            if candidates.len() > FEW && *depth < DEEPEST && room {
+                let first = map.cells.len();
+                let quarters: [Unfilled; 4] = std::array::from_fn(|quarter| {
+                    let square = square.quarter(quarter);
+                    let candidates = square.candidates(points, candidates);
+                    Unfilled { candidates, cell: first + quarter, square, depth: depth + 1 }
+                });
+                // Where many points meet, quarters would have them all again.
+                if quarters.iter().map(|quarter| quarter.candidates.len()).sum::<usize>()
+                    <= 3 * candidates.len()
+                {
+                    map.cells[*cell] = Cell { first: first as u32, count: 0 };
+                    map.cells.extend([Cell::default(); 4]);
+                    unfilled.extend(quarters);
+                    continue;
+                }
+            }
+            map.cells[*cell] = Cell { first: map.candidates.len() as u32, count: candidates.len() as u32 };
+            map.candidates.extend(candidates);
         }
         map.cells.shrink_to_fit();
         map.candidates.shrink_to_fit();
@@ -107,27 +167,6 @@ impl SupportMap {
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
         size_of_val(&*self.cells) + size_of_val(&*self.candidates)
-    }
-
-    /// Fills a cell with those of some points that can be extreme in it, or with quarters.
-    fn fill(&mut self, points: &[DVec3], cell: usize, square: &Square, among: &[u32], depth: u32) {
-        let kept = square.candidates(points, among);
-        if kept.len() > FEW && depth < DEEPEST {
-            let quarters = square.quarters();
-            let lists = quarters.map(|quarter| quarter.candidates(points, &kept));
-            // Where many points meet, quarters would have them all again.
-            if lists.iter().map(Vec::len).sum::<usize>() <= 3 * kept.len() {
-                let first = self.cells.len();
-                self.cells[cell] = Cell { first: first as u32, count: 0 };
-                self.cells.extend([Cell::default(); 4]);
-                for (quarter, list) in lists.iter().enumerate() {
-                    self.fill(points, first + quarter, &quarters[quarter], list, depth + 1);
-                }
-                return;
-            }
-        }
-        self.cells[cell] = Cell { first: self.candidates.len() as u32, count: kept.len() as u32 };
-        self.candidates.extend(kept);
     }
 
     fn support(&self, points: &[DVec3], direction: DVec3) -> u32 {
@@ -174,29 +213,31 @@ impl Square {
         Self([along - u - v, along + u - v, along - u + v, along + u + v])
     }
 
-    fn quarters(&self) -> [Self; 4] {
-        std::array::from_fn(|quarter| Self(self.0.map(|corner| (corner + self.0[quarter]) / 2.0)))
+    fn quarter(&self, quarter: usize) -> Self {
+        Self(self.0.map(|corner| (corner + self.0[quarter]) / 2.0))
     }
 
     /// Those of some points that can be extreme in the cell: which no other is beyond at all four corners.
     fn candidates(&self, points: &[DVec3], among: &[u32]) -> Vec<u32> {
-        let reaches = |index: u32| self.0.map(|corner| points[index as usize].dot(corner));
-        let rivals: Vec<u32> = if among.len() <= COMPARED {
-            among.to_vec()
-        } else {
-            let middle = self.0.iter().sum();
-            let furthest = |direction| {
-                first_furthest(among.iter().map(|&index| (index, &points[index as usize])), direction)
-            };
-            self.0.into_iter().chain([middle]).map(furthest).collect()
+        let reaches: Vec<[f64; 4]> =
+            among.iter().map(|&index| self.0.map(|corner| points[index as usize].dot(corner))).collect();
+        let furthest = |reach: &dyn Fn(&[f64; 4]) -> f64| {
+            (0..among.len()).max_by(|&i, &j| reach(&reaches[i]).total_cmp(&reach(&reaches[j]))).unwrap_or(0)
         };
-        let behind = |index: u32, reach: &[f64; 4]| {
-            rivals.iter().any(|&rival| {
-                let slack = SLACK * points[index as usize].distance(points[rival as usize]);
-                reaches(rival).iter().zip(reach).all(|(ahead, own)| ahead - own > slack)
+        let few: [usize; 5] = std::array::from_fn(|corner| match corner {
+            4 => furthest(&|reach| reach.iter().sum()),
+            corner => furthest(&|reach| reach[corner]),
+        });
+        let all = if among.len() <= COMPARED { 0..among.len() } else { 0..0 };
+        let behind = |own: usize| {
+            few.into_iter().chain(all.clone()).any(|rival| {
+                let lead = |corner: usize| reaches[rival][corner] - reaches[own][corner];
+                let lead = lead(0).min(lead(1)).min(lead(2)).min(lead(3));
+                let apart = || points[among[own] as usize].distance(points[among[rival] as usize]);
+                lead > 0.0 && lead > SLACK * apart()
             })
         };
-        among.iter().copied().filter(|&index| !behind(index, &reaches(index))).collect()
+        (0..among.len()).filter(|&own| !behind(own)).map(|own| among[own]).collect()
     }
 }
 
