@@ -3,7 +3,7 @@
 //! are made, are parry's as well.
 //!
 //! Some of parry's tolerances are absolute (a manifold is kept while its points move by less than 1e-3): lengths are
-//! scaled here so that the probe's radius is [`RADIUS`].
+//! scaled here so that the probe's radius is `RADIUS`.
 
 use std::error::Error;
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
