@@ -48,12 +48,16 @@ pub(crate) struct Plane {
     pub normal: DVec3,
     /// How far the plane lies from the origin along the normal, m.
     pub offset: f64,
+    /// How far the hull that the triangle belongs to reaches along the normal, m: a little further where a patch is convex
+    /// up to a tolerance.
+    pub top: f64,
 }
 
 impl Plane {
     pub fn of([p, q, r]: [DVec3; 3]) -> Self {
         let normal = (q - p).cross(r - p).normalize_or_zero();
-        Self { normal, offset: normal.dot(p) }
+        let offset = normal.dot(p);
+        Self { normal, offset, top: offset }
     }
 
     /// How far a point lies above the plane, m.

@@ -85,7 +85,7 @@ impl Shape {
         let shared = clod.into();
         let clod: &Clod = &shared;
         let (mut supports, mut incidences) = (Vec::new(), Vec::new());
-        let nodes = clod
+        let nodes: Vec<Packed> = clod
             .nodes
             .iter()
             .map(|node| {
@@ -126,7 +126,7 @@ impl Shape {
         let details = clod.nodes.iter().map(|node| Detail::of(clod, node)).collect();
         let coordinates = clod.vertices.iter().map(|v| v.abs().max_element()).fold(0.0, f64::max);
         Self(Arc::new(Prepared {
-            planes: planes_of(clod),
+            planes: planes_of(clod, &nodes, &supports),
             clod: shared,
             nodes,
             details,
@@ -233,12 +233,18 @@ impl Shape {
 }
 
 /// The planes of all triangles of a hierarchy, in their order.
-fn planes_of(clod: &Clod) -> Vec<Plane> {
-    let of_node = |node| {
-        let hull = clod.hull(node);
-        clod.patch(node).iter().map(|corners| Plane::of(corners.map(|v| hull[v as usize])))
+fn planes_of(clod: &Clod, nodes: &[Packed], supports: &[SupportMap]) -> Vec<Plane> {
+    let of_node = |(node, packed): (&Node, &Packed)| {
+        let vertices = clod.hull(node);
+        let hull = Hull::with_map(clod.extreme(node), supports.get(packed.patch_support as usize));
+        let planes = clod.patch(node).iter().map(move |corners| {
+            let plane = Plane::of(corners.map(|v| vertices[v as usize]));
+            let top = hull.points()[hull.support(plane.normal) as usize].dot(plane.normal);
+            Plane { top: top.max(plane.offset), ..plane }
+        });
+        planes.collect::<Vec<_>>()
     };
-    clod.nodes.iter().flat_map(of_node).collect()
+    clod.nodes.iter().zip(nodes).flat_map(of_node).collect()
 }
 
 /// Whether no vertex of a patch's hull is above the planes of its triangles, to rounding.

@@ -20,7 +20,7 @@ use palpate_core::Contact;
 use palpate_core::glam::DVec3;
 
 use crate::convex::{Distance, Placement, Polytope};
-use crate::patch::{FACING, Patch, Surface};
+use crate::patch::{FACING, Patch, Plane, Surface};
 use crate::query::leaf::Reach;
 
 /// Patches with at most this product of triangle counts have the normals of their edges tried.
@@ -125,45 +125,44 @@ pub(crate) fn contact_at(point: DVec3, normal: DVec3, depth: f64) -> Contact {
 /// its points among these: one that both hulls share, one of a and one of b. So most planes need not be tried; that
 /// nearest to them is tried first.
 fn faces(a: &Patch, b: &Patch, placement: &Placement, [shared, on_a, on_b]: [DVec3; 3], best: &mut Best) {
-    let try_a = |best: &mut Best, normal: DVec3| {
+    let try_a = |best: &mut Best, normal: DVec3, top: f64| {
         let in_b = placement.direction_to_b(normal);
         let deepest = b.hull.support(-in_b);
         let on_b = placement.point(b.hull.points()[deepest as usize]);
-        let top = a.hull.points()[a.hull.support(normal) as usize];
-        best.offer(b.vertex_faces(deepest, -in_b), (top - on_b).dot(normal), normal);
+        best.offer(b.vertex_faces(deepest, -in_b), top - on_b.dot(normal), normal);
     };
     each_plane(a, [shared, on_b], best, try_a);
-    let try_b = |best: &mut Best, in_b: DVec3| {
+    let try_b = |best: &mut Best, in_b: DVec3, top: f64| {
         let normal = -placement.direction(in_b);
         let deepest = a.hull.support(normal);
         let on_a = a.hull.points()[deepest as usize];
-        let top = placement.point(b.hull.points()[b.hull.support(in_b) as usize]);
-        best.offer(a.vertex_faces(deepest, normal), (on_a - top).dot(normal), normal);
+        best.offer(a.vertex_faces(deepest, normal), top + (on_a - placement.translation).dot(normal), normal);
     };
     let to_b = |point| placement.direction_to_b(point - placement.translation);
     each_plane(b, [shared, on_a].map(to_b), best, try_b);
 }
 
-/// Calls `attempt` with a patch's triangles and their normals, both of them where it has two sides, as long as the
-/// plane's height above some points of the other hull leaves it a chance; all in the patch's frame.
-fn each_plane(patch: &Patch, points: [DVec3; 2], best: &mut Best, attempt: impl Fn(&mut Best, DVec3)) {
-    let sides: &[f64] = if patch.two_sided { &[1.0, -1.0] } else { &[1.0] };
-    let planes = || {
-        patch.planes.iter().flat_map(|plane| {
-            let heights = points.map(|point| -plane.height(point));
-            let height = move |side: f64| (side * heights[0]).max(side * heights[1]);
-            sides.iter().map(move |side| (*side * plane.normal, height(*side)))
-        })
+/// Calls `attempt` with the normals of a patch's triangles, both of them where it has two sides, and how far its hull
+/// reaches along each, as long as that leaves it a chance, given some points of the other hull; all in the patch's frame.
+fn each_plane(patch: &Patch, points: [DVec3; 2], best: &mut Best, attempt: impl Fn(&mut Best, DVec3, f64)) {
+    let deep = |normal: DVec3, top: f64| top - points[0].dot(normal).min(points[1].dot(normal));
+    let sides = |plane: &Plane| {
+        let back = -plane.normal;
+        let behind = || patch.hull.points()[patch.hull.support(back) as usize].dot(back);
+        [Some((plane.normal, plane.top)), patch.two_sided.then(|| (back, behind()))]
     };
-    let planes = || planes().filter(|(normal, _)| *normal != DVec3::ZERO);
-    let nearest = planes().min_by(|(_, x), (_, y)| x.total_cmp(y));
-    if let Some((normal, _)) = nearest {
-        attempt(best, normal);
+    let planes = || {
+        let real = patch.planes.iter().filter(|plane| plane.normal != DVec3::ZERO);
+        real.flat_map(sides).flatten().map(|(normal, top)| (normal, top, deep(normal, top)))
+    };
+    let nearest = planes().min_by(|(.., x), (.., y)| x.total_cmp(y));
+    if let Some((normal, top, _)) = nearest {
+        attempt(best, normal, top);
     }
-    for (normal, height) in planes() {
-        // The height is known to rounding only.
-        if best.has_a_chance(height - best.precision) {
-            attempt(best, normal);
+    for (normal, top, depth) in planes() {
+        // The depth is known to rounding only.
+        if best.has_a_chance(depth - best.precision) {
+            attempt(best, normal, top);
         }
     }
 }
