@@ -33,7 +33,8 @@ fn wander(rng: &mut StdRng, at: DVec3, radius: f64, count: usize) -> Vec<Pose> {
         }
         poses.push(match rng.random_range(0..40) {
             0 => Pose::new(at + 0.3 * radius * vector(rng), DQuat::from_scaled_axis(vector(rng))),
-            1 => Pose::new(at + 20.0 * radius * vector(rng), last.rotation),
+            // So far that the way is counted anew now and then.
+            1 => Pose::new(at + 300.0 * radius * vector(rng), last.rotation),
             2 => start,
             3 => last,
             _ => Pose::new(

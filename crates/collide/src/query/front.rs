@@ -6,6 +6,7 @@
 //! all below it do, so that a query goes down to those that are awake only.
 
 use crate::convex::Distance;
+use crate::query::Circumstances;
 use crate::query::parting::Parting;
 
 /// Index of a pair that is not there.
@@ -18,8 +19,7 @@ pub(crate) struct Pair {
     pub a: u32,
     /// Node of the scene object.
     pub b: u32,
-    /// How far the bodies may have moved, in all ([`Motion`](crate::motion::Motion)), before the pair is looked at again, as
-    /// found when it was looked at last, m. [`Front::wake`] is what counts for a pair that is kept.
+    /// How far the bodies may have moved, in all ([`Motion`](crate::motion::Motion)), before the pair is looked at again, m.
     pub wake: f64,
     /// Likewise, before it has to be asked again whether a pair that was split would be split.
     pub settled: f64,
@@ -157,8 +157,8 @@ impl Front {
         self.links.push(Link { wake: pair.wake, first: NO_PAIR, next });
     }
 
-    pub fn get(&self, slot: u32) -> &Pair {
-        &self.pairs[slot as usize]
+    pub fn get(&self, slot: u32) -> Pair {
+        Pair { wake: self.wake(slot), ..self.pairs[slot as usize] }
     }
 
     /// Changes what is known of a pair, but not whether it is split.
@@ -170,6 +170,11 @@ impl Front {
     /// How far the bodies may have moved before the pair is looked at again, m.
     pub fn wake(&self, slot: u32) -> f64 {
         self.links[slot as usize].wake
+    }
+
+    /// Whether a pair's answer cannot have changed.
+    pub fn sleeps(&self, slot: u32, now: &Circumstances) -> bool {
+        self.wake(slot) > now.way && (!now.threshold_changed || self.pairs[slot as usize].apart)
     }
 
     pub fn set_wake(&mut self, slot: u32, wake: f64) {

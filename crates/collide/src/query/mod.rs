@@ -38,7 +38,7 @@ use palpate_core::glam::DVec3;
 use palpate_core::{Clod, Contact, Pose};
 
 use self::bodies::{Bodies, Verdict};
-use self::budget::{PACE, Urgent};
+use self::budget::{Pace, Urgent};
 use self::front::{Front, Pair};
 use self::leaf::{Counts, LeafQuery};
 use self::parallel::Deferred;
@@ -192,8 +192,7 @@ pub struct ContactQuery {
     unrecorded: Vec<(u32, u32, f64)>,
     /// Pairs on the way of a time-critical query.
     urgent: BinaryHeap<Urgent>,
-    /// What it took lately to examine a pair for want of time, s.
-    pace: f64,
+    pace: Pace,
     leaf: LeafQuery,
     deferred: Deferred,
     contacts: Vec<PatchContact>,
@@ -247,7 +246,7 @@ impl ContactQuery {
             unrecorded: Vec::with_capacity(width),
             // No more wait than are kept.
             urgent: BinaryHeap::with_capacity(pairs),
-            pace: PACE,
+            pace: Pace::default(),
             leaf: LeafQuery::default(),
             deferred: Deferred::default(),
             contacts: Vec::with_capacity(contacts.max(LEAST_ROOM)),
@@ -421,7 +420,7 @@ impl ContactQuery {
                 self.leave(entry ^ LEAVE, now);
                 continue;
             }
-            if !self.front.is_split(entry) || self.sleeps(entry, now) {
+            if !self.front.is_split(entry) || self.front.sleeps(entry, now) {
                 continue;
             }
             self.stack.push((entry | LEAVE, weight));
@@ -429,18 +428,13 @@ impl ContactQuery {
         }
     }
 
-    /// Whether a pair's answer cannot have changed.
-    fn sleeps(&self, slot: u32, now: &Circumstances) -> bool {
-        self.front.wake(slot) > now.way && (!now.threshold_changed || self.front.get(slot).apart)
-    }
-
     /// Looks at a pair if it is awake, and splits it if it is to be refined. Then: how much of its contact is left to the
     /// pairs that it is split into.
     fn enter(&mut self, slot: u32, weight: f64, now: &Circumstances) -> Option<f64> {
-        if self.sleeps(slot, now) {
+        if self.front.sleeps(slot, now) {
             return None;
         }
-        let mut pair = *self.front.get(slot);
+        let mut pair = self.front.get(slot);
         let settled = pair.split && pair.settled > now.way && !now.threshold_changed;
         let mut verdict =
             if settled { Verdict::Refine } else { self.bodies.look_at(&mut pair, now, &mut self.leaf) };
@@ -477,7 +471,7 @@ impl ContactQuery {
             quiet &= !self.front.is_split(child);
         }
         if wake > now.way {
-            let pair = *self.front.get(slot);
+            let pair = self.front.get(slot);
             wake = wake.min(pair.settled);
             let radii = self.bodies.radii(&pair);
             if quiet && wake > now.way + RAISE * radii && now.way >= pair.within {
