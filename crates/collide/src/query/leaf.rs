@@ -25,8 +25,12 @@ use crate::convex::{Distance, Limits, Placement, Polytope, Separation, Start, gj
 use crate::patch::{Patch, Plane, Surface, distance_to_triangle, separated};
 use crate::query::overlap::{contact_at, overlap};
 
+/// Contacts, and triangles, of a pair of patches that there is room for at first: patches have at most a few hundred.
+const CONTACTS: usize = 512;
+const TRIANGLES: usize = 256;
+
 /// Buffers for the contacts of one pair of leaves, with counts over a whole query.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(crate) struct LeafQuery {
     pub polytope: Polytope,
     /// Contacts of the pair, in the probe's frame.
@@ -76,6 +80,20 @@ pub(crate) struct Reach<'a> {
     pub precision: f64,
     /// How far a hull may stand off the surface that it was built for, m.
     pub looseness: f64,
+}
+
+impl Default for LeafQuery {
+    fn default() -> Self {
+        Self {
+            polytope: Polytope::default(),
+            contacts: Vec::with_capacity(CONTACTS),
+            tetrahedron: None,
+            near: Vec::with_capacity(CONTACTS),
+            in_reach: Vec::with_capacity(TRIANGLES),
+            nearest: (f64::INFINITY, DVec3::ZERO),
+            counts: Counts::default(),
+        }
+    }
 }
 
 impl LeafQuery {
