@@ -125,7 +125,8 @@ fn long_ways_change_nothing() {
             };
             cold.reset();
             contacts += run(&mut tracked, false).contacts;
-            (run(&mut shared, true), run(&mut cold, false));
+            run(&mut shared, true);
+            run(&mut cold, false);
             let same = agree(tracked.contacts(), cold.contacts(), 1e-8 * radius);
             assert!(same && shared.contacts() == tracked.contacts(), "pose {index}");
         }
