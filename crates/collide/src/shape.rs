@@ -244,7 +244,7 @@ fn planes_of(clod: &Clod, nodes: &[Packed], supports: &[SupportMap]) -> Vec<Plan
         });
         planes.collect::<Vec<_>>()
     };
-    clod.nodes.iter().zip(nodes).flat_map(of_node).collect()
+    clod.nodes.iter().zip(nodes).filter(|(node, _)| !node.triangles.is_empty()).flat_map(of_node).collect()
 }
 
 /// Whether no vertex of a patch's hull is above the planes of its triangles, to rounding.
