@@ -124,7 +124,7 @@ impl CollisionEvents {
 impl Remembered {
     fn of(found: &PatchContact, probe: &Shape, scene: &Shape) -> Option<Self> {
         let Contact { point, depth, normal, .. } = found.contact;
-        let tops = [top(probe.clod(), found.probe_node)?, top(scene.clod(), found.scene_node)?];
+        let tops = [top(probe, found.probe_node)?, top(scene, found.scene_node)?];
         let nodes = [found.probe_node, found.scene_node];
         let finite = point.is_finite() && depth.is_finite() && normal.is_finite();
         finite.then_some(Self { tops, nodes, depth, point, normal })
@@ -132,15 +132,12 @@ impl Remembered {
 }
 
 /// The coarsest patch that a node's patch belongs to; none if there is no such node, or it has no patch.
-fn top(clod: &Clod, node: u32) -> Option<u32> {
-    let has_patch = |node: u32| {
-        let node = clod.nodes.get(node as usize);
-        node.is_some_and(|node| !clod.levels[node.level as usize].free)
-    };
-    let mut top = has_patch(node).then_some(node)?;
+fn top(shape: &Shape, node: u32) -> Option<u32> {
+    let mut top = shape.has_patch(node).then_some(node)?;
     loop {
-        let parent = clod.nodes[top as usize].parent;
-        if parent == NO_NODE || !has_patch(parent) {
+        // The root's parent is no node.
+        let parent = shape.clod().nodes[top as usize].parent;
+        if !shape.has_patch(parent) {
             return Some(top);
         }
         top = parent;

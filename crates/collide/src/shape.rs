@@ -178,6 +178,11 @@ impl Shape {
         &self.0.details[node as usize]
     }
 
+    /// Whether there is such a node, and it has a patch: contacts may be reported with it.
+    pub(crate) fn has_patch(&self, node: u32) -> bool {
+        self.0.details.get(node as usize).is_some_and(|detail| !detail.is_free())
+    }
+
     /// The bounding hull of a node.
     pub(crate) fn hull(&self, node: u32) -> Hull<'_> {
         let support = self.0.supports.get(self.node(node).support as usize);

@@ -221,17 +221,13 @@ impl ContactSet {
     /// Whether a contact may be one of these objects.
     fn knows(&self, found: &PatchContact) -> bool {
         let Contact { point, scene_point, normal, depth } = found.contact;
-        let has_patch = |shape: &Shape, node: u32| {
-            let node = shape.clod().nodes.get(node as usize);
-            node.is_some_and(|node| !shape.clod().levels[node.level as usize].free)
-        };
         point.is_finite()
             && scene_point.is_finite()
             && normal.is_finite()
             && depth.is_finite()
             && found.weight.is_finite()
-            && has_patch(&self.probe, found.probe_node)
-            && has_patch(&self.scene, found.scene_node)
+            && self.probe.has_patch(found.probe_node)
+            && self.scene.has_patch(found.scene_node)
     }
 
     /// Adds the contacts of the regions.

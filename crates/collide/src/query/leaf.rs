@@ -97,9 +97,11 @@ impl Default for LeafQuery {
 }
 
 impl LeafQuery {
-    /// Bytes of buffer in use, for telling whether a query allocated.
-    pub fn capacity(&self) -> usize {
-        self.contacts.capacity() + self.near.capacity() + self.in_reach.capacity()
+    /// Bytes of memory held, but for the polytope, whose size is fixed.
+    pub fn bytes(&self) -> usize {
+        self.contacts.capacity() * size_of::<Contact>()
+            + self.near.capacity() * size_of::<(Contact, u32, u32)>()
+            + self.in_reach.capacity() * size_of::<(Ball, Plane, u32)>()
     }
 
     /// Finds the contacts of a pair of patches, given the distance between their hulls. They are left in

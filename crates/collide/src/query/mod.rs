@@ -266,6 +266,7 @@ impl ContactQuery {
             + self.stack.capacity() * size_of::<(u32, f64)>()
             + self.unrecorded.capacity() * size_of::<(u32, u32, f64)>()
             + self.urgent.capacity() * size_of::<Urgent>()
+            + self.leaf.bytes()
             + self.deferred.bytes()
             + self.contacts.capacity() * size_of::<PatchContact>()
     }
@@ -315,7 +316,7 @@ impl ContactQuery {
             stack.capacity(),
             unrecorded.capacity(),
             urgent.capacity(),
-            leaf.capacity(),
+            leaf.bytes(),
             contacts.capacity(),
             front.capacity(),
             deferred.bytes(),
@@ -403,9 +404,7 @@ impl ContactQuery {
                 self.stack.push((entry | LEAVE, weight));
             }
             let from = self.stack.len();
-            // When the threshold has changed, how long pairs may sleep does not tell whether they do.
-            let (way, all) = (now.way, now.threshold_changed);
-            let awake = self.front.below(entry).filter(|child| all || self.front.wake(*child) <= way);
+            let awake = self.front.below(entry).filter(|child| !self.front.sleeps(*child, now));
             self.stack.extend(awake.map(|child| (child, weight * share)));
             self.stack[from..].reverse();
             self.outcome.stack_high_water = self.outcome.stack_high_water.max(self.stack.len());

@@ -50,7 +50,7 @@ impl Deferred {
     /// Bytes of buffer, for telling whether a query allocated.
     pub fn bytes(&self) -> usize {
         let of_worker = |worker: &Worker| {
-            worker.leaf.capacity() + worker.contacts.capacity() * size_of::<Contact>() + size_of::<Worker>()
+            worker.leaf.bytes() + worker.contacts.capacity() * size_of::<Contact>() + size_of::<Worker>()
         };
         self.tasks.capacity() * size_of::<Task>()
             + self.found.capacity() * size_of::<Contact>()
