@@ -66,6 +66,37 @@ impl Plane {
     }
 }
 
+/// The planes through a triangle and, upright on it, through its edges.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Prism {
+    plane: Plane,
+    edges: [Plane; 3],
+}
+
+impl Prism {
+    pub fn of(corners: [DVec3; 3]) -> Self {
+        let plane = Plane::of(corners);
+        let [p, q, r] = corners;
+        let edges = [(p, q), (q, r), (r, p)].map(|(from, to)| {
+            let normal = (to - from).cross(plane.normal).normalize_or_zero();
+            let offset = normal.dot(from);
+            Plane { normal, offset, top: offset }
+        });
+        Self { plane, edges }
+    }
+
+    /// Whether one of the planes shows that another triangle is further away than `reach`, m.
+    pub fn clears(&self, corners: [DVec3; 3], reach: f64) -> bool {
+        let least = |plane: &Plane, sign: f64| {
+            let [p, q, r] = corners.map(|corner| sign * plane.height(corner));
+            p.min(q).min(r)
+        };
+        least(&self.plane, 1.0) > reach
+            || least(&self.plane, -1.0) > reach
+            || self.edges.iter().any(|edge| least(edge, 1.0) > reach)
+    }
+}
+
 /// The triangles at each vertex of a patch.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Incidence {

@@ -22,7 +22,7 @@ use palpate_core::glam::DVec3;
 
 use crate::ball::Ball;
 use crate::convex::{Distance, Limits, Placement, Polytope, Separation, Start, gjk};
-use crate::patch::{Patch, Plane, Surface, distance_to_triangle, separated};
+use crate::patch::{Patch, Plane, Prism, Surface, distance_to_triangle, separated};
 use crate::query::overlap::{contact_at, overlap};
 
 /// Contacts, and triangles, of a pair of patches that there is room for at first: patches have at most a few hundred.
@@ -39,12 +39,21 @@ pub(crate) struct LeafQuery {
     pub tetrahedron: Option<[(u32, u32); 4]>,
     /// Pairs of triangles within the tolerance: contact, and the triangle of each patch.
     near: Vec<(Contact, u32, u32)>,
-    /// Triangles of b that are within the tolerance of a's sphere: a sphere around each and its plane, in a's frame.
-    in_reach: Vec<(Ball, Plane, u32)>,
+    /// Triangles of b that are within the tolerance of a's sphere.
+    in_reach: Vec<Placed>,
     /// Of the pairs of triangles examined last, the smallest distance within the tolerance (otherwise infinite),
     /// whichever way they face, and the point on a.
     nearest: (f64, DVec3),
     pub counts: Counts,
+}
+
+/// A triangle of b in a's frame.
+#[derive(Clone, Copy, Debug)]
+struct Placed {
+    index: u32,
+    corners: [DVec3; 3],
+    ball: Ball,
+    prism: Prism,
 }
 
 /// What pairs took.
@@ -101,7 +110,7 @@ impl LeafQuery {
     pub fn bytes(&self) -> usize {
         self.contacts.capacity() * size_of::<Contact>()
             + self.near.capacity() * size_of::<(Contact, u32, u32)>()
-            + self.in_reach.capacity() * size_of::<(Ball, Plane, u32)>()
+            + self.in_reach.capacity() * size_of::<Placed>()
     }
 
     /// Finds the contacts of a pair of patches, given the distance between their hulls. They are left in
@@ -192,7 +201,7 @@ impl LeafQuery {
             let corners = b.corners(on_b).map(|corner| placement.point(corner));
             let ball = Ball::around(&corners);
             if reaches(a.center, a.radius, ball.center, ball.radius, tolerance) {
-                self.in_reach.push((ball, Plane::of(corners), j));
+                self.in_reach.push(Placed { index: j, corners, ball, prism: Prism::of(corners) });
             }
         }
         let center_of_b = placement.point(b.center);
@@ -202,12 +211,12 @@ impl LeafQuery {
             if !reaches(one.center, one.radius, center_of_b, b.radius, tolerance) {
                 continue;
             }
-            let plane = Plane::of(corners_a);
+            let prism = Prism::of(corners_a);
             for index in 0..self.in_reach.len() {
-                let (ball, plane_b, j) = self.in_reach[index];
+                let Placed { index: j, corners, ball, prism: ref prism_b } = self.in_reach[index];
                 if !reaches(one.center, one.radius, ball.center, ball.radius, tolerance)
-                    || plane.height(ball.center).abs() > ball.radius + tolerance
-                    || plane_b.height(one.center).abs() > one.radius + tolerance
+                    || prism.clears(corners, tolerance)
+                    || prism_b.clears(corners_a, tolerance)
                 {
                     continue;
                 }

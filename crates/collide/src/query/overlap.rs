@@ -122,47 +122,54 @@ pub(crate) fn contact_at(point: DVec3, normal: DVec3, depth: f64) -> Contact {
 }
 
 /// Tries the normals of both patches' triangles: how far the other hull reaches below their planes. At least as far as
-/// its points among these: one that both hulls share, one of a and one of b. So most planes need not be tried; that
-/// nearest to them is tried first.
+/// the points of it that are known: one that both hulls share, one of its own, and those found on the way. So most planes
+/// need not be tried; that nearest to them is tried first.
 fn faces(a: &Patch, b: &Patch, placement: &Placement, [shared, on_a, on_b]: [DVec3; 3], best: &mut Best) {
-    let try_a = |best: &mut Best, normal: DVec3, top: f64| {
+    each_plane(a, [shared, on_b], best, |best, normal, top| {
         let in_b = placement.direction_to_b(normal);
         let deepest = b.hull.support(-in_b);
         let on_b = placement.point(b.hull.points()[deepest as usize]);
         best.offer(b.vertex_faces(deepest, -in_b), top - on_b.dot(normal), normal);
-    };
-    each_plane(a, [shared, on_b], best, try_a);
-    let try_b = |best: &mut Best, in_b: DVec3, top: f64| {
+        on_b
+    });
+    let to_b = |point| placement.direction_to_b(point - placement.translation);
+    each_plane(b, [shared, on_a].map(to_b), best, |best, in_b, top| {
         let normal = -placement.direction(in_b);
         let deepest = a.hull.support(normal);
         let on_a = a.hull.points()[deepest as usize];
         best.offer(a.vertex_faces(deepest, normal), top + (on_a - placement.translation).dot(normal), normal);
-    };
-    let to_b = |point| placement.direction_to_b(point - placement.translation);
-    each_plane(b, [shared, on_a].map(to_b), best, try_b);
+        to_b(on_a)
+    });
 }
 
 /// Calls `attempt` with the normals of a patch's triangles, both of them where it has two sides, and how far its hull
-/// reaches along each, as long as that leaves it a chance, given some points of the other hull; all in the patch's frame.
-fn each_plane(patch: &Patch, points: [DVec3; 2], best: &mut Best, attempt: impl Fn(&mut Best, DVec3, f64)) {
-    let deep = |normal: DVec3, top: f64| top - points[0].dot(normal).min(points[1].dot(normal));
-    let sides = |plane: &Plane| {
-        let back = -plane.normal;
-        let behind = || patch.hull.points()[patch.hull.support(back) as usize].dot(back);
-        [Some((plane.normal, plane.top)), patch.two_sided.then(|| (back, behind()))]
-    };
-    let planes = || {
-        let real = patch.planes.iter().filter(|plane| plane.normal != DVec3::ZERO);
-        real.flat_map(sides).flatten().map(|(normal, top)| (normal, top, deep(normal, top)))
-    };
-    let nearest = planes().min_by(|(.., x), (.., y)| x.total_cmp(y));
-    if let Some((normal, top, _)) = nearest {
-        attempt(best, normal, top);
-    }
-    for (normal, top, depth) in planes() {
-        // The depth is known to rounding only.
-        if best.has_a_chance(depth - best.precision) {
-            attempt(best, normal, top);
+/// reaches along each, as long as that leaves it a chance, given some points of the other hull. It returns another one. All
+/// in the patch's frame.
+fn each_plane(
+    patch: &Patch,
+    [p, q]: [DVec3; 2],
+    best: &mut Best,
+    attempt: impl Fn(&mut Best, DVec3, f64) -> DVec3,
+) {
+    let sides = if patch.two_sided { &[1.0, -1.0][..] } else { &[1.0] };
+    for side in sides {
+        let planes = || patch.planes.iter().filter(|plane| plane.normal != DVec3::ZERO);
+        let normal = |plane: &Plane| *side * plane.normal;
+        let top = |plane: &Plane| {
+            let behind =
+                || patch.hull.points()[patch.hull.support(-plane.normal) as usize].dot(-plane.normal);
+            if *side > 0.0 { plane.top } else { behind() }
+        };
+        let deep = |plane: &Plane| top(plane) - normal(plane).dot(p).min(normal(plane).dot(q));
+        let Some(nearest) = planes().min_by(|x, y| deep(x).total_cmp(&deep(y))) else { continue };
+        let mut known = [p, q, attempt(best, normal(nearest), top(nearest)), p];
+        for plane in planes() {
+            let (normal, top) = (normal(plane), top(plane));
+            let lowest = known.iter().map(|point| normal.dot(*point)).fold(f64::INFINITY, f64::min);
+            // The depth is known to rounding only.
+            if best.has_a_chance(top - lowest - best.precision) {
+                known[3] = attempt(best, normal, top);
+            }
         }
     }
 }
