@@ -5,13 +5,11 @@
 //! nearest points stands: s* = max(φ_a, φ_b) / max(D_a, D_b) (Eq. 3.7). Where s* is above the threshold s₀ the pair has
 //! to be refined.
 //!
-//! Where contacts go over smoothly from one level to the next (§3.4.4), D is interpolated at the nearest points (§3.4.3), so
-//! that patches side by side agree where they meet. The nearest points are only searched for where the least and the largest
-//! D of the nodes' vertices do not decide already. Patches that overlap have none, and where they are further apart than d
-//! these are no contact: there it is the mean D of each patch, and it goes over to that before either happens.
-//!
-//! Otherwise D is the mean of each patch, a departure from §3.4.3: contacts do not switch between levels and back while an
-//! object slides, and it is known without the nearest points.
+//! D is interpolated at the nearest points (§3.4.3), which are only searched for where the least and the largest D of
+//! the nodes' vertices do not decide already. Patches that overlap have no nearest points, and where they are further apart
+//! than d these are no contact: there it is the mean D of each patch, and it goes over to that before either happens. (With the
+//! mean everywhere, jaws took three quarters of the time at s₀ = 2.5 %, and forces between cusps, where D is small, came
+//! out twice as far off: the same error takes the same time.)
 
 use palpate_core::Clod;
 use palpate_core::clod::Node;
@@ -76,10 +74,6 @@ pub(crate) enum Refine {
 /// The test without the nearest points; `error` is s₀, m. With a `band`, pairs are refined in part from (1 − band) s₀ on.
 pub(crate) fn refine(a: &Detail, b: &Detail, error: f64, band: f64) -> Refine {
     let missing = a.missing.max(b.missing);
-    if band == 0.0 {
-        let felt = missing > error * a.mean_area.max(b.mean_area);
-        return if felt { Refine::Yes } else { Refine::No };
-    }
     if missing > error * a.areas.1.max(b.areas.1) {
         Refine::Yes
     } else if missing <= (1.0 - band) * error * a.areas.0.max(b.areas.0) {
