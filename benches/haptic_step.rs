@@ -11,7 +11,7 @@ use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion};
 use palpate::dynamics::{
-    Body, BodyState, ContactParameters, DeviceMotion, LinearContactModel, Step, VirtualCoupling,
+    Body, BodyState, ContactParameters, DeviceMotion, Friction, LinearContactModel, Step, VirtualCoupling,
     semi_implicit_step,
 };
 use palpate::glam::{DMat3, DQuat, DVec3};
@@ -43,7 +43,12 @@ impl Scene {
                 depth: 0.0,
             }
         });
-        let parameters = ContactParameters { stiffness: 1000.0, damping: 1.0, tolerance: 0.0005 };
+        let parameters = ContactParameters {
+            stiffness: 1000.0,
+            damping: 1.0,
+            tolerance: 0.0005,
+            friction: Friction::NONE,
+        };
         let contacts = LinearContactModel::from_contacts(found, &pose, &parameters, 0.0);
         let held = pose * grasp;
         let turn = DQuat::from_scaled_axis(DVec3::new(0.0, 0.0, 0.005));

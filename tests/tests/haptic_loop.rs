@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 use std::sync::{Arc, Mutex};
 
 use palpate::device::{Axes, DeviceError, DeviceState, Emulation, HapticDevice, Specification, Status};
-use palpate::dynamics::{ContactParameters, LinearContactModel};
+use palpate::dynamics::{ContactParameters, Friction, LinearContactModel};
 use palpate::glam::{DQuat, DVec3};
 use palpate::{Contact, ContactUpdate, HapticLoop, HapticRenderer, Pose, Scene, Settings, Twist, Wrench};
 use palpate_tests::model;
@@ -268,7 +268,8 @@ fn pressed_on_a_contact_the_hand_is_pushed_back() {
         normal: DVec3::NEG_Z,
         depth: 1e-3,
     };
-    let parameters = ContactParameters { stiffness: 2000.0, damping: 1.0, tolerance: 0.0 };
+    let parameters =
+        ContactParameters { stiffness: 2000.0, damping: 1.0, tolerance: 0.0, friction: Friction::NONE };
     let center = haptic.body_state().pose;
     let model = LinearContactModel::from_contacts([touch], &center, &parameters, 0.0);
     let mut last = None;

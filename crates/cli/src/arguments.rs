@@ -247,6 +247,12 @@ pub struct Physics {
     /// Angular damping of the virtual coupling, N·m·s/rad [default: critical]
     #[arg(long)]
     angular_damping: Option<f64>,
+    /// Coulomb coefficient of friction [default: 0]
+    #[arg(long, value_name = "MU")]
+    friction: Option<f64>,
+    /// Coefficient of friction of contacts at rest [default: that of sliding ones]
+    #[arg(long, value_name = "MU")]
+    static_friction: Option<f64>,
     /// Distance at which contact begins: metres, or a percentage of the probe's radius [default: 1%]
     #[arg(long, value_name = "D")]
     tolerance: Option<Length>,
@@ -271,6 +277,8 @@ impl Physics {
             mass: self.mass.unwrap_or(default.mass),
             contact_stiffness: self.contact_stiffness.unwrap_or(default.contact_stiffness),
             contact_damping: self.contact_damping,
+            friction: self.friction.unwrap_or(default.friction),
+            static_friction: self.static_friction,
             coupling_stiffness: self.coupling_stiffness,
             coupling_damping: self.coupling_damping,
             angular_stiffness: self.angular_stiffness,

@@ -61,6 +61,8 @@ pub struct Cluster {
     pub contact: Contact,
     /// w: accumulated weight Σ (δ + d), m.
     pub weight: f64,
+    /// Root mean square distance of its contacts from the representative's point, by their weight, m.
+    pub radius: f64,
 }
 
 /// The workspace of the clustering, with the seeds carried from call to call.
@@ -93,6 +95,8 @@ struct Sums {
     depth: f64,
     /// Σ (δ + d) p about the seed, m².
     point: DVec3,
+    /// Σ (δ + d) |p|² likewise, m³.
+    spread: f64,
     /// Σ (δ + d) n, m.
     push: DVec3,
 }
@@ -106,6 +110,7 @@ impl Sums {
             weight: 0.0,
             depth: 0.0,
             point: DVec3::ZERO,
+            spread: 0.0,
             push: DVec3::ZERO,
         }
     }
@@ -130,7 +135,8 @@ impl Sums {
         let depth = part * self.penalty().min(push) - tolerance;
         let point = self.mean();
         let contact = Contact { point, scene_point: point - depth * normal, normal, depth };
-        Some(Cluster { contact, weight: self.weight })
+        let variance = self.spread / self.weight - (point - self.seed).length_squared();
+        Some(Cluster { contact, weight: self.weight, radius: variance.max(0.0).sqrt() })
     }
 }
 
@@ -225,6 +231,7 @@ impl Clustering {
                 sums.weight += weight;
                 sums.depth += weight * (depth + tolerance);
                 sums.point += weight * (point - sums.seed);
+                sums.spread += weight * (point - sums.seed).length_squared();
                 sums.push += weight * normal;
             }
         }
@@ -386,9 +393,12 @@ mod tests {
                 let depth = own.iter().map(|c| (c.depth + D) * c.depth).sum::<f64>() / sum;
                 let normal = own.iter().map(|c| (c.depth + D) * c.normal).sum::<DVec3>().normalize();
                 let found = found.iter().find(|found| found.contact.point.distance(point) < 1e-12);
-                let Cluster { contact, weight } = found.unwrap_or_else(|| panic!("Eq. 5.33, {context}"));
+                let Cluster { contact, weight, radius } =
+                    found.unwrap_or_else(|| panic!("Eq. 5.33, {context}"));
                 assert!((contact.depth - depth).abs() < 1e-12, "Eq. 5.34, {context}");
                 assert!(contact.normal.distance(normal) < 1e-12, "Eq. 5.35, {context}");
+                let spread = own.iter().map(|c| (c.depth + D) * c.point.distance_squared(point)).sum::<f64>();
+                assert!((radius - (spread / sum).sqrt()).abs() < 1e-7, "radius, {context}");
                 let offset = contact.point - contact.depth * contact.normal;
                 assert!(contact.scene_point.distance(offset) < 1e-12, "Eq. 5.36, {context}");
                 assert!((weight - sum).abs() < 1e-12, "{context}");

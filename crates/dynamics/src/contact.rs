@@ -11,18 +11,26 @@
 //! Taylor expansion (Eq. 5.14), so force, clamp and derivatives are those of the body's present placement
 //! however far it has moved.
 //!
-//! The stiffness that the body feels is at most the number of constraints times k, and that number is at most
-//! [`MAX_CLUSTERS`]: this is what the clustering of §5.4.2 is for.
+//! Where the surfaces have friction, the point is also held along the plane, by a spring and damper of the same
+//! gains that yield at the Coulomb limit ([`friction`](crate::friction)).
+//!
+//! The stiffness that the body feels is at most the number of contacts times k, and that number is at most
+//! [`MAX_CLUSTERS`]: this is what the clustering of §5.4.2 is for. While one model [goes
+//! over](crate::ContactBlend) to the next, the two share it.
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Contact, Pose, Wrench};
 
 use crate::body::BodyState;
+use crate::friction::{Friction, Grip, Hold};
 use crate::jacobian::{Block6, WrenchJacobian};
 use crate::rotation::skew_skew;
 
-/// The most contacts a model holds: the upper bound on the number of clusters K (§5.4.2).
+/// The most contacts that a model is made of: the upper bound on the number of clusters K (§5.4.2).
 pub const MAX_CLUSTERS: usize = 16;
+
+/// The most constraints that a model holds: those of one that comes and of one that goes.
+pub const MAX_CONSTRAINTS: usize = 2 * MAX_CLUSTERS;
 
 /// Penalty gains, the same for every contact (§5.4.3).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,6 +41,23 @@ pub struct ContactParameters {
     pub damping: f64,
     /// d, the distance at which contact force begins, m.
     pub tolerance: f64,
+    /// Between the surfaces.
+    pub friction: Friction,
+}
+
+/// A contact with the size of what it stands for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ContactPatch {
+    /// The contact, in world axes.
+    pub contact: Contact,
+    /// Root mean square distance of the contacts that it stands for from its point, m: 0 for a single one.
+    pub radius: f64,
+}
+
+impl From<Contact> for ContactPatch {
+    fn from(contact: Contact) -> Self {
+        Self { contact, radius: 0.0 }
+    }
 }
 
 /// One contact: a point of the body held on one side of a plane.
@@ -50,6 +75,12 @@ pub struct PlaneConstraint {
     pub damping: f64,
     /// d, m.
     pub tolerance: f64,
+    /// Between the surfaces.
+    pub friction: Friction,
+    /// Radius of the patch that the contact stands for, m.
+    pub radius: f64,
+    /// Where friction holds the point.
+    pub grip: Grip,
 }
 
 /// A constraint seen from one state of the body.
@@ -65,13 +96,48 @@ pub(crate) struct ContactState {
     pub rate: f64,
 }
 
+/// A constraint's force and moment on the body, without and with the lever arm.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Push {
+    /// λ, N.
+    pub normal: f64,
+    pub hold: Hold,
+}
+
 impl PlaneConstraint {
+    /// Pushes nothing.
+    const NONE: Self = Self {
+        point: DVec3::ZERO,
+        scene_point: DVec3::ZERO,
+        normal: DVec3::ZERO,
+        stiffness: 0.0,
+        damping: 0.0,
+        tolerance: 0.0,
+        friction: Friction::NONE,
+        radius: 0.0,
+        grip: Grip { anchor: DVec3::ZERO, rotation: DQuat::IDENTITY },
+    };
+
     pub(crate) fn at(&self, state: &BodyState, rotation: &DMat3) -> ContactState {
         let arm = *rotation * self.point;
         let moment = arm.cross(self.normal);
         let depth = self.normal.dot(state.pose.translation + arm - self.scene_point);
         let rate = self.normal.dot(state.twist.linear) + moment.dot(state.twist.angular);
         ContactState { arm, moment, overlap: depth + self.tolerance, rate }
+    }
+
+    /// The wrench on the body, about its centre of mass, and what it is made of.
+    fn respond(&self, state: &BodyState, rotation: &DMat3) -> (Wrench, ContactState, Push) {
+        let at = self.at(state, rotation);
+        let normal = self.normal_force(&at);
+        let mut wrench = Wrench { force: self.normal * -normal, torque: at.moment * -normal };
+        let mut hold = Hold::default();
+        if normal > 0.0 && self.friction.is_some() {
+            hold = self.hold(state, &at, normal);
+            wrench.force += hold.force;
+            wrench.torque += at.arm.cross(hold.force) + self.normal * hold.moment;
+        }
+        (wrench, at, Push { normal, hold })
     }
 
     /// λ at a state: the size of the repulsive force, N, never negative.
@@ -95,7 +161,7 @@ pub struct ContactResponse {
 /// `Copy`, nothing on the heap.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinearContactModel {
-    constraints: [PlaneConstraint; MAX_CLUSTERS],
+    constraints: [PlaneConstraint; MAX_CONSTRAINTS],
     count: usize,
     overflow: u32,
     refused: u32,
@@ -105,9 +171,9 @@ pub struct LinearContactModel {
 
 impl LinearContactModel {
     /// No contact, as of `time` (s).
-    pub fn empty(pose: &Pose, time: f64) -> Self {
+    pub const fn empty(pose: &Pose, time: f64) -> Self {
         Self {
-            constraints: [PlaneConstraint::default(); MAX_CLUSTERS],
+            constraints: [PlaneConstraint::NONE; MAX_CONSTRAINTS],
             count: 0,
             overflow: 0,
             refused: 0,
@@ -124,7 +190,7 @@ impl LinearContactModel {
     /// shallowest are left out ([`Self::overflow`]); a contact that is not finite or has no normal is refused
     /// ([`Self::refused`]).
     pub fn from_contacts(
-        contacts: impl IntoIterator<Item = Contact>,
+        contacts: impl IntoIterator<Item = impl Into<ContactPatch>>,
         pose: &Pose,
         parameters: &ContactParameters,
         time: f64,
@@ -132,10 +198,13 @@ impl LinearContactModel {
         let mut model = Self::empty(pose, time);
         let mut depths = [0.0; MAX_CLUSTERS];
         let to_body = pose.rotation.conjugate();
-        for contact in contacts {
+        for patch in contacts {
+            let ContactPatch { contact, radius } = patch.into();
             let length = contact.normal.length();
-            let usable =
-                contact.point.is_finite() && contact.depth.is_finite() && length.is_finite() && length > 0.0;
+            let usable = contact.point.is_finite()
+                && (contact.depth + radius).is_finite()
+                && length.is_finite()
+                && length > 0.0;
             if !usable {
                 model.refused += 1;
                 continue;
@@ -160,6 +229,9 @@ impl LinearContactModel {
                 stiffness: parameters.stiffness,
                 damping: parameters.damping,
                 tolerance: parameters.tolerance,
+                friction: parameters.friction,
+                radius,
+                grip: Grip { anchor: contact.point, rotation: pose.rotation },
             };
         }
         model
@@ -167,7 +239,7 @@ impl LinearContactModel {
 
     /// Adds a constraint; `false` if the model is full, which then stays as it was.
     pub fn push(&mut self, constraint: PlaneConstraint) -> bool {
-        if self.count == MAX_CLUSTERS {
+        if self.count == MAX_CONSTRAINTS {
             self.overflow += 1;
             return false;
         }
@@ -179,6 +251,33 @@ impl LinearContactModel {
     /// The constraints.
     pub fn constraints(&self) -> &[PlaneConstraint] {
         &self.constraints[..self.count]
+    }
+
+    /// Takes all of another model, at the cost of what that holds.
+    pub(crate) fn assign(&mut self, other: &Self) {
+        let Self { constraints, count, overflow, refused, pose, time } = other;
+        self.constraints[..*count].copy_from_slice(&constraints[..*count]);
+        (self.count, self.overflow, self.refused) = (*count, *overflow, *refused);
+        (self.pose, self.time) = (*pose, *time);
+    }
+
+    /// Scales the gains of all constraints but the first ones.
+    pub(crate) fn scale_from(&mut self, first: usize, share: f64) {
+        for constraint in &mut self.constraints_mut()[first..] {
+            constraint.stiffness *= share;
+            constraint.damping *= share;
+        }
+    }
+
+    /// Adds another model's constraints.
+    pub(crate) fn extend(&mut self, other: &Self) {
+        for constraint in other.constraints() {
+            self.push(*constraint);
+        }
+    }
+
+    pub(crate) fn constraints_mut(&mut self) -> &mut [PlaneConstraint] {
+        &mut self.constraints[..self.count]
     }
 
     /// Whether there is no contact.
@@ -229,9 +328,7 @@ impl LinearContactModel {
         let rotation = DMat3::from_quat(state.pose.rotation);
         let mut sum = Wrench::ZERO;
         for c in self.constraints() {
-            let at = c.at(state, &rotation);
-            let force = c.normal_force(&at);
-            sum += Wrench { force: c.normal * -force, torque: at.moment * -force };
+            sum += c.respond(state, &rotation).0;
         }
         sum
     }
@@ -242,19 +339,21 @@ impl LinearContactModel {
         let mut response =
             ContactResponse { wrench: Wrench::ZERO, jacobian: WrenchJacobian::ZERO, active: 0 };
         for (i, c) in self.constraints().iter().enumerate() {
-            let at = c.at(state, &rotation);
-            let force = c.normal_force(&at);
+            let (wrench, at, Push { normal: force, hold }) = c.respond(state, &rotation);
             if force <= 0.0 {
                 continue;
             }
             response.active |= 1 << i;
-            response.wrench += Wrench { force: c.normal * -force, torque: at.moment * -force };
+            response.wrench += wrench;
             let direction = (-c.normal, -at.moment);
             let by_turn = at.moment * c.stiffness + c.swept(&at, state.twist.angular);
             let mut pose = Block6::outer(direction, (c.normal * c.stiffness, by_turn));
             pose.torque_angular += skew_skew(c.normal * -force, at.arm);
             let twist = Block6::outer(direction, (c.normal * c.damping, at.moment * c.damping));
             response.jacobian += WrenchJacobian { pose, twist };
+            if c.friction.is_some() {
+                response.jacobian += c.hold_jacobian(state, &at, force, &hold);
+            }
         }
         response
     }
@@ -298,6 +397,7 @@ mod tests {
             stiffness: rng.random_range(100.0..1e4),
             damping: rng.random_range(0.0..20.0),
             tolerance: rng.random_range(0.0..0.005),
+            friction: Friction::NONE,
         }
     }
 
@@ -390,7 +490,8 @@ mod tests {
     #[test]
     fn a_full_model_keeps_the_deepest_and_says_so() {
         let pose = Pose::IDENTITY;
-        let parameters = ContactParameters { stiffness: 1.0, damping: 0.0, tolerance: 0.0 };
+        let parameters =
+            ContactParameters { stiffness: 1.0, damping: 0.0, tolerance: 0.0, friction: Friction::NONE };
         let contact = |i: usize| Contact {
             point: DVec3::ZERO,
             scene_point: DVec3::ZERO,
@@ -409,7 +510,8 @@ mod tests {
 
     #[test]
     fn contacts_that_are_not_finite_are_refused() {
-        let parameters = ContactParameters { stiffness: 1.0, damping: 0.0, tolerance: 0.0 };
+        let parameters =
+            ContactParameters { stiffness: 1.0, damping: 0.0, tolerance: 0.0, friction: Friction::NONE };
         let good = Contact { point: DVec3::X, scene_point: DVec3::X, normal: DVec3::Z, depth: 0.5 };
         let bad = [
             Contact { point: DVec3::NAN, ..good },
@@ -428,7 +530,8 @@ mod tests {
 
     #[test]
     fn displacement_is_the_furthest_motion_of_a_contact_point() {
-        let parameters = ContactParameters { stiffness: 1.0, damping: 0.0, tolerance: 0.0 };
+        let parameters =
+            ContactParameters { stiffness: 1.0, damping: 0.0, tolerance: 0.0, friction: Friction::NONE };
         let contact =
             |x| Contact { point: DVec3::X * x, scene_point: DVec3::ZERO, normal: DVec3::Z, depth: 0.0 };
         let model = LinearContactModel::from_contacts(

@@ -18,7 +18,8 @@
 //! ```
 //! use palpate_core::{Contact, Pose, glam::{DMat3, DVec3}};
 //! use palpate_dynamics::{
-//!     Body, BodyState, ContactParameters, DeviceMotion, LinearContactModel, VirtualCoupling, semi_implicit_step,
+//!     Body, BodyState, ContactParameters, DeviceMotion, Friction, LinearContactModel, VirtualCoupling,
+//!     semi_implicit_step,
 //! };
 //!
 //! // A 10 g ball of 1 cm radius held over a floor whose surface is z = 0; the hand pushes 5 mm below it.
@@ -31,7 +32,7 @@
 //!     depth: 0.0,
 //! };
 //! let mut state = BodyState::at_rest(Pose::from_translation(DVec3::new(0.0, 0.0, 0.01)));
-//! let parameters = ContactParameters { stiffness: 1000.0, damping: 1.0, tolerance: 0.0 };
+//! let parameters = ContactParameters { stiffness: 1000.0, damping: 1.0, tolerance: 0.0, friction: Friction::NONE };
 //! let contacts = LinearContactModel::from_contacts([touch], &state.pose, &parameters, 0.0);
 //! let device = DeviceMotion::at_rest(Pose::from_translation(DVec3::new(0.0, 0.0, 0.005)));
 //! let mut felt = DVec3::ZERO;
@@ -46,20 +47,27 @@
 //! # Ok::<(), palpate_dynamics::BodyError>(())
 //! ```
 
+mod blend;
 mod body;
 mod contact;
 mod coupling;
 #[cfg(test)]
 mod differences;
+mod friction;
 mod jacobian;
 mod linear_solve;
 mod rotation;
 mod saturation;
 mod step;
 
+pub use blend::ContactBlend;
 pub use body::{Body, BodyError, BodyState};
-pub use contact::{ContactParameters, ContactResponse, LinearContactModel, MAX_CLUSTERS, PlaneConstraint};
+pub use contact::{
+    ContactParameters, ContactPatch, ContactResponse, LinearContactModel, MAX_CLUSTERS, MAX_CONSTRAINTS,
+    PlaneConstraint,
+};
 pub use coupling::{CouplingResponse, DeviceMotion, VirtualCoupling};
+pub use friction::{Friction, Grip};
 pub use jacobian::{Block6, WrenchJacobian};
 pub use linear_solve::{is_positive_definite, solve};
 pub use rotation::{inverse_right_jacobian, left_jacobian, rotation_minus_identity, skew};

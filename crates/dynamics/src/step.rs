@@ -25,6 +25,13 @@
 //! [`FREE_SOLVES`] solves contacts only leave the set. Whatever the outcome, no contact attracts: one whose
 //! predicted force is negative is never in the solution that is used.
 //!
+//! # Friction
+//!
+//! A contact in the set with friction adds its spring and damper along the plane, and about its normal, likewise
+//! linearised. One that slides adds the share of them that friction holds; the shares are found by the same iteration,
+//! from those of the start. So the matrix stays as definite as it is, and a contact that slides is damped by as much as
+//! friction allows.
+//!
 //! # Geometric stiffness
 //!
 //! A force that keeps its direction while its lever arm turns makes a torque whose derivative F* a* is never
@@ -38,8 +45,9 @@ use glam::{DMat3, DVec3};
 use palpate_core::{Pose, Twist, Wrench};
 
 use crate::body::{Body, BodyState};
-use crate::contact::{ContactState, LinearContactModel, MAX_CLUSTERS, PlaneConstraint};
+use crate::contact::{ContactState, LinearContactModel, MAX_CONSTRAINTS, PlaneConstraint};
 use crate::coupling::{CouplingLinearisation, DeviceMotion, VirtualCoupling};
+use crate::friction::{Strain, sticking};
 use crate::jacobian::Block6;
 use crate::linear_solve::{is_positive_definite, solve};
 use crate::rotation::{cross_columns, exponential, skew_skew};
@@ -49,7 +57,10 @@ const FREE_SOLVES: u32 = 6;
 
 /// The most 6×6 systems that one step solves: the free ones, and one for each contact that may leave, and the
 /// last.
-pub const MAX_SOLVES: u32 = FREE_SOLVES + MAX_CLUSTERS as u32 + 1;
+pub const MAX_SOLVES: u32 = FREE_SOLVES + MAX_CONSTRAINTS as u32 + 1;
+
+/// Shares of friction that change by less, in a solve, have been found.
+const SHARES_ALIKE: f64 = 0.01;
 
 /// Why a step was not taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -194,6 +205,28 @@ impl Linear {
         }
     }
 
+    /// Adds what friction holds a contact with, for a step of `dt` s.
+    fn add_friction(&mut self, c: &PlaneConstraint, rubbing: &Rubbing, dt: f64) {
+        let gain = dt * (dt * c.stiffness + c.damping) * rubbing.share;
+        for (axis, moment) in rubbing.axes.into_iter().zip(rubbing.moments) {
+            self.add_row(&six(axis, moment), gain, dt * rubbing.share * rubbing.trial.along.dot(axis));
+        }
+        if c.radius > 0.0 {
+            let row = six(DVec3::ZERO, c.normal * c.radius);
+            self.add_row(&row, gain, dt * rubbing.share * rubbing.trial.spin);
+        }
+    }
+
+    /// Adds `gain` times the outer product of a row with itself, and takes `impulse` along it from the right.
+    fn add_row(&mut self, row: &[f64; 6], gain: f64, impulse: f64) {
+        for ((entries, right), along) in self.matrix.iter_mut().zip(&mut self.right).zip(row) {
+            for (entry, value) in entries.iter_mut().zip(row) {
+                *entry += gain * along * value;
+            }
+            *right -= impulse * along;
+        }
+    }
+
     fn add_right(&mut self, force: DVec3, torque: DVec3) {
         for (entry, value) in self.right.iter_mut().zip(six(force, torque)) {
             *entry += value;
@@ -221,19 +254,71 @@ struct Pressing {
     force: f64,
     /// λ at the start, N.
     force_at_start: f64,
+    rubbing: Option<Rubbing>,
+}
+
+/// What friction adds to a contact that pushes.
+#[derive(Clone, Copy)]
+struct Rubbing {
+    /// Along the plane.
+    axes: [DVec3; 2],
+    /// a × each of them.
+    moments: [DVec3; 2],
+    /// v_t at the start, m/s.
+    slide: Strain,
+    /// k ξ + b v_t at the end of the step if the velocity does not change, N.
+    trial: Strain,
+    /// s.
+    share: f64,
+    /// F_t at the start, N.
+    force_at_start: DVec3,
+}
+
+impl Rubbing {
+    fn new(c: &PlaneConstraint, at: &ContactState, state: &BodyState, force: f64, dt: f64) -> Self {
+        let (x, y) = c.normal.any_orthonormal_pair();
+        let slide = c.slide(state, at);
+        let gain = c.stiffness * dt + c.damping;
+        let trial = c.stretch(state, at).scaled(c.stiffness).plus(&slide.scaled(gain));
+        let limit = c.friction.coefficient(slide.length()) * force.max(0.0);
+        let at_start = c.normal_force(at);
+        let force_at_start = if at_start > 0.0 { c.hold(state, at, at_start).force } else { DVec3::ZERO };
+        Self {
+            axes: [x, y],
+            moments: [at.arm.cross(x), at.arm.cross(y)],
+            slide,
+            trial,
+            share: sticking(limit, trial.length()),
+            force_at_start,
+        }
+    }
+
+    /// s after a velocity change, at which the contact pushes with `force`.
+    fn share_after(&self, change: &Twist, c: &PlaneConstraint, force: f64, dt: f64) -> f64 {
+        let [x, y] = [0, 1]
+            .map(|i| self.axes[i] * (self.axes[i].dot(change.linear) + self.moments[i].dot(change.angular)));
+        let gained = Strain { along: x + y, spin: c.radius * c.normal.dot(change.angular) };
+        let gain = c.stiffness * dt + c.damping;
+        let trial = self.trial.plus(&gained.scaled(gain));
+        let speed = self.slide.plus(&gained).length();
+        sticking(c.friction.coefficient(speed) * force.max(0.0), trial.length())
+    }
 }
 
 impl Pressing {
-    fn new(c: &PlaneConstraint, at: &ContactState, twist: &Twist, dt: f64, geometric: bool) -> Self {
+    fn new(c: &PlaneConstraint, at: &ContactState, state: &BodyState, dt: f64, geometric: bool) -> Self {
+        let twist = &state.twist;
         let swept = if geometric { c.swept(at, twist.angular) * dt } else { DVec3::ZERO };
         let overlap = at.overlap + dt * at.rate;
+        let force = c.stiffness * overlap + c.damping * at.rate + swept.dot(twist.angular);
         Self {
             arm: at.arm,
             moment: at.moment,
             swept,
             overlap,
-            force: c.stiffness * overlap + c.damping * at.rate + swept.dot(twist.angular),
+            force,
             force_at_start: c.normal_force(at),
+            rubbing: c.friction.is_some().then(|| Rubbing::new(c, at, state, force, dt)),
         }
     }
 }
@@ -243,7 +328,7 @@ struct System<'a> {
     contacts: &'a LinearContactModel,
     rotation: DMat3,
     state: &'a BodyState,
-    pressing: [Pressing; MAX_CLUSTERS],
+    pressing: [Pressing; MAX_CONSTRAINTS],
     /// Bit i is set if contact i is closed at the start.
     closed_at_start: u32,
     dt: f64,
@@ -256,6 +341,8 @@ struct System<'a> {
     turning: (DMat3, DMat3),
     /// Whether geometric stiffness is in.
     geometric: bool,
+    /// Whether the shares of friction were what the last solve led to.
+    alike: bool,
 }
 
 impl<'a> System<'a> {
@@ -292,7 +379,7 @@ impl<'a> System<'a> {
             contacts,
             rotation,
             state,
-            pressing: [Pressing::default(); MAX_CLUSTERS],
+            pressing: [Pressing::default(); MAX_CONSTRAINTS],
             closed_at_start: 0,
             dt,
             mass: body.mass,
@@ -300,6 +387,7 @@ impl<'a> System<'a> {
             base,
             turning,
             geometric: true,
+            alike: true,
         }
     }
 
@@ -309,7 +397,7 @@ impl<'a> System<'a> {
         for (i, c) in self.contacts.constraints().iter().enumerate() {
             let at = c.at(self.state, &self.rotation);
             self.closed_at_start |= u32::from(at.overlap > 0.0) << i;
-            self.pressing[i] = Pressing::new(c, &at, &self.state.twist, self.dt, self.geometric);
+            self.pressing[i] = Pressing::new(c, &at, self.state, self.dt, self.geometric);
         }
     }
 
@@ -336,7 +424,12 @@ impl<'a> System<'a> {
                 }
                 *right -= along * p.force;
             }
-            turning += skew_skew(c.normal * -p.force_at_start, p.arm);
+            let mut force = c.normal * -p.force_at_start;
+            if let Some(rubbing) = &p.rubbing {
+                linear.add_friction(c, rubbing, h);
+                force += rubbing.force_at_start;
+            }
+            turning += skew_skew(force, p.arm);
         }
         if self.geometric {
             let angular = self.state.twist.angular;
@@ -361,16 +454,24 @@ impl<'a> System<'a> {
     }
 
     /// The contacts that are closed and pushing at the end of the step for a velocity change, and those of
-    /// them that are closed.
-    fn predict(&self, change: &Twist) -> (u32, u32) {
+    /// them that are closed. Takes over the shares of friction that follow; [`Self::alike`] tells whether these were
+    /// others.
+    fn predict(&mut self, change: &Twist) -> (u32, u32) {
         let (mut pushing, mut closed) = (0, 0);
-        for (i, (c, p)) in self.pressing() {
+        self.alike = true;
+        for (i, (c, p)) in self.contacts.constraints().iter().zip(&mut self.pressing).enumerate() {
             let rate = c.normal.dot(change.linear) + p.moment.dot(change.angular);
             let gain = self.dt * c.stiffness + c.damping;
             let is_closed = p.overlap + self.dt * rate > 0.0;
-            let pushes = p.force + gain * rate + p.swept.dot(change.angular) > 0.0;
+            let force = p.force + gain * rate + p.swept.dot(change.angular);
+            let pushes = is_closed && force > 0.0;
             closed |= u32::from(is_closed) << i;
-            pushing |= u32::from(is_closed && pushes) << i;
+            pushing |= u32::from(pushes) << i;
+            if let Some(rubbing) = p.rubbing.as_mut().filter(|_| pushes) {
+                let share = rubbing.share_after(change, c, force, self.dt);
+                self.alike &= (share - rubbing.share).abs() <= SHARES_ALIKE * rubbing.share;
+                rubbing.share = share;
+            }
         }
         (pushing, closed)
     }
@@ -395,7 +496,8 @@ impl<'a> System<'a> {
             left_for_next |= active & !closed & !self.closed_at_start;
             let wanted = pushing & !left_for_next;
             let next = if status.solves < FREE_SOLVES { wanted } else { wanted & active };
-            if next == active || status.solves >= MAX_SOLVES {
+            let settled = next == active && (self.alike || status.solves >= FREE_SOLVES);
+            if settled || status.solves >= MAX_SOLVES {
                 status.active_set_unsettled = wanted != active;
                 return Some((change, active, status));
             }
@@ -421,8 +523,9 @@ mod tests {
     use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
 
     use super::*;
-    use crate::contact::ContactParameters;
+    use crate::contact::{ContactParameters, MAX_CLUSTERS};
     use crate::differences::{derivative, largest, random_pose, random_twist, random_vector};
+    use crate::friction::Friction;
     use crate::rotation::skew;
 
     /// An inertia like that of a solid of uneven shape, turned to arbitrary axes.
@@ -499,7 +602,12 @@ mod tests {
                     depth: 0.003,
                 })
                 .collect();
-            let parameters = ContactParameters { stiffness: 500.0, damping: 0.5, tolerance: 0.001 };
+            let parameters = ContactParameters {
+                stiffness: 500.0,
+                damping: 0.5,
+                tolerance: 0.001,
+                friction: Friction::NONE,
+            };
             let model = LinearContactModel::from_contacts(contacts, &state.pose, &parameters, 0.0);
             let gravity = DVec3::NEG_Z * 9.81;
             let dt = 1e-3;
@@ -564,6 +672,7 @@ mod tests {
                 stiffness: rng.random_range(100.0..20_000.0),
                 damping: rng.random_range(0.0..30.0),
                 tolerance: 0.001,
+                friction: Friction::coulomb([0.0, 0.4, 2.0][case % 3]),
             };
             let model = LinearContactModel::from_contacts(contacts, &state.pose, &parameters, 0.0);
             let mut system = System::new(&body, &state, &device, &coupling, &model, DVec3::ZERO, 1e-3);

@@ -5,8 +5,8 @@
 use palpate_core::glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Contact, Pose, Twist};
 use palpate_dynamics::{
-    Body, BodyState, ContactParameters, DeviceMotion, HeldBecause, LinearContactModel, MAX_SOLVES,
-    PlaneConstraint, Step, VirtualCoupling, semi_implicit_step,
+    Body, BodyState, ContactParameters, DeviceMotion, Friction, Grip, HeldBecause, LinearContactModel,
+    MAX_SOLVES, PlaneConstraint, Step, VirtualCoupling, semi_implicit_step,
 };
 use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
 
@@ -33,7 +33,8 @@ impl Inputs {
             normal: DVec3::Z,
             depth: 0.001,
         };
-        let parameters = ContactParameters { stiffness: 1000.0, damping: 1.0, tolerance: 0.001 };
+        let parameters =
+            ContactParameters { stiffness: 1000.0, damping: 1.0, tolerance: 0.001, friction: Friction::NONE };
         Self {
             body,
             state,
@@ -119,8 +120,7 @@ fn unusable_gains_contacts_and_gravity_hold_the_body() {
             scene_point: DVec3::ZERO,
             normal: DVec3::Z,
             stiffness: 1000.0,
-            damping: 0.0,
-            tolerance: 0.0,
+            ..PlaneConstraint::default()
         };
         // A contact with a position that is no number is never closed, so it may also do nothing.
         let _ = with(|i| assert!(i.contacts.push(constraint)));
@@ -173,6 +173,7 @@ fn numbers_of_any_size_give_finite_numbers() {
         inputs.coupling.angular_damping = any();
         inputs.coupling.max_force = any();
         inputs.coupling.max_torque = any();
+        let friction = Friction { static_coefficient: any(), dynamic_coefficient: any() };
         let constraint = PlaneConstraint {
             point,
             scene_point,
@@ -180,10 +181,13 @@ fn numbers_of_any_size_give_finite_numbers() {
             stiffness: any(),
             damping: any(),
             tolerance: any(),
+            friction,
+            radius: any(),
+            grip: Grip { anchor: scene_point, rotation: inputs.state.pose.rotation },
         };
         inputs.contacts.push(constraint);
         let contact = Contact { point, scene_point, normal, depth: any() };
-        let parameters = ContactParameters { stiffness: any(), damping: any(), tolerance: any() };
+        let parameters = ContactParameters { stiffness: any(), damping: any(), tolerance: any(), friction };
         let more = LinearContactModel::from_contacts([contact], &inputs.state.pose, &parameters, any());
         for c in more.constraints() {
             inputs.contacts.push(*c);

@@ -6,7 +6,7 @@
 use palpate_core::glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Contact, Pose, Twist, Wrench};
 use palpate_dynamics::{
-    Body, BodyState, ContactParameters, DeviceMotion, LinearContactModel, Step, VirtualCoupling,
+    Body, BodyState, ContactParameters, DeviceMotion, Friction, LinearContactModel, Step, VirtualCoupling,
     semi_implicit_step,
 };
 use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
@@ -187,7 +187,8 @@ fn press(
 fn a_wall_press_comes_to_the_analytic_equilibrium_and_is_felt_by_the_device() {
     let body = Body::new(0.05, DMat3::from_diagonal(DVec3::splat(1e-5))).unwrap();
     for (k, d) in [(500.0, 0.0), (2000.0, 0.001), (10_000.0, 0.0005)] {
-        let parameters = ContactParameters { stiffness: k, damping: 2.0, tolerance: d };
+        let parameters =
+            ContactParameters { stiffness: k, damping: 2.0, tolerance: d, friction: Friction::NONE };
         let start = BodyState::at_rest(Pose::from_translation(DVec3::Z * 0.01));
         let (k_c, below) = (200.0, 0.004);
         let last = *press(&body, &parameters, k_c, below, start).last().unwrap();
@@ -205,7 +206,8 @@ fn a_wall_press_comes_to_the_analytic_equilibrium_and_is_felt_by_the_device() {
 fn a_stiff_wall_and_a_light_body_settle_at_one_kilohertz() {
     let body = Body::new(0.010, DMat3::from_diagonal(DVec3::splat(4e-7))).unwrap();
     for damping in [0.0, 1.0, 20.0] {
-        let parameters = ContactParameters { stiffness: 10_000.0, damping, tolerance: 0.0005 };
+        let parameters =
+            ContactParameters { stiffness: 10_000.0, damping, tolerance: 0.0005, friction: Friction::NONE };
         let start = BodyState {
             pose: Pose::from_translation(DVec3::Z * 0.005),
             twist: Twist::new(DVec3::NEG_Z * 0.5, DVec3::ZERO),
@@ -234,7 +236,7 @@ fn a_one_gram_spoon_against_five_stiff_contacts_settles() {
             contact(&Pose::IDENTITY, DVec3::X * 0.07 + normal * 0.01, normal, -0.001)
         }),
         &Pose::IDENTITY,
-        &ContactParameters { stiffness: 10_000.0, damping: 1.0, tolerance: 0.0005 },
+        &ContactParameters { stiffness: 10_000.0, damping: 1.0, tolerance: 0.0005, friction: Friction::NONE },
         0.0,
     );
     let mut state = BodyState::at_rest(Pose::IDENTITY);
@@ -311,6 +313,7 @@ fn energy_never_grows_in_contact_from_rest() {
             stiffness: rng.random_range(200.0..10_000.0),
             damping: rng.random_range(0.0..2.0),
             tolerance: 0.0005,
+            friction: Friction::NONE,
         };
         let model = LinearContactModel::from_contacts(contacts, &start.pose, &parameters, 0.0);
         let gravity = DVec3::NEG_Z * 9.81;
@@ -339,7 +342,7 @@ fn energy_never_grows_in_contact_from_rest() {
 fn a_body_thrown_at_a_wall_leaves_it_and_is_never_held_by_it() {
     let body = Body::new(0.02, DMat3::from_diagonal(DVec3::splat(1e-5))).unwrap();
     for (stiffness, damping) in [(1000.0, 0.0), (1000.0, 5.0), (10_000.0, 50.0)] {
-        let parameters = ContactParameters { stiffness, damping, tolerance: 0.0 };
+        let parameters = ContactParameters { stiffness, damping, tolerance: 0.0, friction: Friction::NONE };
         let touch = contact(&Pose::IDENTITY, DVec3::ZERO, DVec3::X, 0.0);
         let model = LinearContactModel::from_contacts([touch], &Pose::IDENTITY, &parameters, 0.0);
         let mut state = BodyState {
@@ -374,7 +377,8 @@ fn a_tool_that_buckles_faster_than_the_step_stays_bounded() {
     coupling.angular_damping = 0.0;
     coupling.linear_damping = 0.0;
     let touch = contact(&Pose::IDENTITY, DVec3::X * 0.2, DVec3::X, 0.005);
-    let parameters = ContactParameters { stiffness: 10_000.0, damping: 0.0, tolerance: 0.0 };
+    let parameters =
+        ContactParameters { stiffness: 10_000.0, damping: 0.0, tolerance: 0.0, friction: Friction::NONE };
     let model = LinearContactModel::from_contacts([touch], &Pose::IDENTITY, &parameters, 0.0);
     let device =
         DeviceMotion::at_rest(Pose::new(grasp.translation + DVec3::X * 0.05, DQuat::from_rotation_z(1e-3)));

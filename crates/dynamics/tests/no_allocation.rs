@@ -4,8 +4,8 @@ use allocation_counter::measure;
 use palpate_core::glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Contact, Pose};
 use palpate_dynamics::{
-    Body, BodyState, ContactParameters, DeviceMotion, LinearContactModel, VirtualCoupling, saturate,
-    semi_implicit_step,
+    Body, BodyState, ContactParameters, DeviceMotion, Friction, LinearContactModel, VirtualCoupling,
+    saturate, semi_implicit_step,
 };
 
 #[test]
@@ -13,7 +13,8 @@ fn a_hundred_thousand_steps_allocate_nothing() {
     let body = Body::new(0.05, DMat3::from_diagonal(DVec3::new(1e-5, 2e-5, 2.5e-5))).unwrap();
     let coupling =
         VirtualCoupling::critically_damped(&body, Pose::from_translation(DVec3::X * 0.02), 400.0, 0.6);
-    let parameters = ContactParameters { stiffness: 2000.0, damping: 1.0, tolerance: 0.0005 };
+    let parameters =
+        ContactParameters { stiffness: 2000.0, damping: 1.0, tolerance: 0.0005, friction: Friction::NONE };
     let mut state = BodyState::at_rest(Pose::IDENTITY);
     let mut pushes = 0_u64;
     let mut felt = DVec3::ZERO;

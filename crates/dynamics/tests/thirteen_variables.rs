@@ -14,7 +14,8 @@
 use palpate_core::glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Contact, Pose, Twist};
 use palpate_dynamics::{
-    Body, BodyState, ContactParameters, DeviceMotion, LinearContactModel, VirtualCoupling, semi_implicit_step,
+    Body, BodyState, ContactParameters, DeviceMotion, Friction, LinearContactModel, VirtualCoupling,
+    semi_implicit_step,
 };
 
 const N: usize = 13;
@@ -285,7 +286,8 @@ fn scene(contacts: usize, turn: f64) -> (Scene, BodyState) {
         }
     });
     // Deep enough that nothing opens or closes: the clamp has a kink, where no order is to be seen.
-    let parameters = ContactParameters { stiffness: 25.0, damping: 0.1, tolerance: 0.02 };
+    let parameters =
+        ContactParameters { stiffness: 25.0, damping: 0.1, tolerance: 0.02, friction: Friction::NONE };
     let contacts = LinearContactModel::from_contacts(found, &pose, &parameters, 0.0);
     (Scene { body, coupling, device, contacts, gravity: DVec3::NEG_Z * 9.81 }, state)
 }

@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use palpate_collide::{Clustering, ObjectHandle, PatchContact, QuerySettings, SceneQuery};
+use palpate_collide::{Cluster, Clustering, ObjectHandle, PatchContact, QuerySettings, SceneQuery};
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
-use palpate_dynamics::{BodyState, ContactParameters, LinearContactModel};
+use palpate_dynamics::{BodyState, ContactParameters, ContactPatch, LinearContactModel};
 
 use crate::object::Object;
 use crate::scene::Placed;
@@ -104,7 +104,8 @@ impl ContactLoop {
         self.telemetry.events.not_converged += outcome.not_converged as u64;
         self.contacts.extend(self.scene.contacts().flat_map(|found| found.contacts));
         let clusters = self.clustering.run(&self.contacts, self.parameters.tolerance, &probe_pose);
-        let representatives = clusters.iter().map(|cluster| cluster.contact);
+        let representatives =
+            clusters.iter().map(|&Cluster { contact, radius, .. }| ContactPatch { contact, radius });
         let model = LinearContactModel::from_contacts(representatives, &body.pose, &self.parameters, time);
         self.telemetry.events.contact_refused += u64::from(model.refused());
         ContactUpdate { model, time, depth, contacts: self.contacts.len() as u32 }

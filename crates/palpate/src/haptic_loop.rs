@@ -5,7 +5,9 @@
 use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist, Wrench};
 use palpate_device::{Axes, DeviceState, HapticDevice, Specification, Status};
-use palpate_dynamics::{Body, BodyState, DeviceMotion, VirtualCoupling, saturate, semi_implicit_step};
+use palpate_dynamics::{
+    Body, BodyState, ContactBlend, DeviceMotion, VirtualCoupling, saturate, semi_implicit_step,
+};
 
 use crate::contact_loop::ContactUpdate;
 use crate::record::Record;
@@ -26,6 +28,7 @@ pub struct HapticLoop {
     /// The last good state of the device.
     device: DeviceState,
     update: ContactUpdate,
+    contacts: ContactBlend,
     contact_timeout: f64,
     /// Time of the first step, s, from which the first contact model is waited for; NaN before it.
     started: f64,
@@ -33,6 +36,9 @@ pub struct HapticLoop {
     presence: f64,
     telemetry: HapticTelemetry,
 }
+
+/// The longest time over which one contact model goes over to the next, s.
+const LONGEST_BLEND: f64 = 5e-3;
 
 /// What the device can render.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -83,6 +89,7 @@ impl HapticLoop {
             },
             device,
             update: ContactUpdate::none(),
+            contacts: ContactBlend::new(),
             contact_timeout,
             started: f64::NAN,
             presence: 1.0,
@@ -110,8 +117,12 @@ impl HapticLoop {
         &mut self.telemetry
     }
 
-    /// Takes a newer contact model into use.
+    /// Takes a newer contact model into use: [gradually](ContactBlend), over as long as lies between the last two, but no
+    /// longer than 5 ms.
     pub fn update_contacts(&mut self, update: &ContactUpdate) {
+        let since = update.time - self.update.time;
+        let duration = if since.is_nan() { 0.0 } else { since.min(LONGEST_BLEND) };
+        self.contacts.arrive(&update.model, &self.state, duration);
         self.update = *update;
         self.telemetry.depth_max = self.telemetry.depth_max.max(update.depth);
     }
@@ -145,12 +156,13 @@ impl HapticLoop {
         let twist = Twist::new(self.device.twist.velocity_at(arm), self.device.twist.angular);
         let motion = DeviceMotion { pose: held, twist };
 
+        self.contacts.advance(&self.state, dt);
         let step = semi_implicit_step(
             &self.body,
             &self.state,
             &motion,
             &self.coupling,
-            &self.update.model,
+            self.contacts.contacts(),
             DVec3::ZERO,
             dt,
         );

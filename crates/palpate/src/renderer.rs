@@ -2,7 +2,7 @@
 
 use palpate_core::Pose;
 use palpate_device::{DeviceError, HapticDevice};
-use palpate_dynamics::{Body, BodyError, ContactParameters, VirtualCoupling};
+use palpate_dynamics::{Body, BodyError, ContactParameters, Friction, VirtualCoupling};
 
 use crate::contact_loop::ContactLoop;
 use crate::haptic_loop::{Grasped, HapticLoop};
@@ -73,6 +73,10 @@ impl HapticRenderer {
                 .contact_damping
                 .unwrap_or(2.0 * (settings.contact_stiffness * settings.mass).sqrt()),
             tolerance: settings.tolerance.unwrap_or(0.01 * radius),
+            friction: Friction {
+                static_coefficient: settings.static_friction.unwrap_or(settings.friction),
+                dynamic_coefficient: settings.friction,
+            },
         };
         let state = device.read(0.0)?;
         let grasped = Grasped {

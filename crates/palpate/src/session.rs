@@ -161,7 +161,13 @@ impl HapticRenderer {
         }
         stages.insert("clustering", format!("on beyond {} contacts", self.settings().clusters));
         stages.insert("textures", "off: no object has a haptic texture".to_owned());
-        stages.insert("friction", "off: not in this version".to_owned());
+        let friction = match self.settings().friction {
+            0.0 if self.settings().static_friction.unwrap_or(0.0) == 0.0 => {
+                "off: its coefficient is 0".to_owned()
+            }
+            coefficient => format!("on: coefficient {coefficient}"),
+        };
+        stages.insert("friction", friction);
         stages
     }
 }

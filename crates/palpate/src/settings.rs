@@ -14,6 +14,10 @@ pub struct Settings {
     pub contact_stiffness: f64,
     /// Contact damping b, N·s/m; by default critical for the grasped mass on one cluster.
     pub contact_damping: Option<f64>,
+    /// Coulomb coefficient of friction μ of sliding contacts, 0 by default.
+    pub friction: f64,
+    /// That of contacts at rest, which they have to exceed to slide; by default the same.
+    pub static_friction: Option<f64>,
     /// Stiffness of the virtual coupling k_c, N/m; by default half of what the device renders stably, 500 N/m where it
     /// sets no limit.
     pub coupling_stiffness: Option<f64>,
@@ -49,6 +53,8 @@ impl Default for Settings {
             mass: 0.1,
             contact_stiffness: 2000.0,
             contact_damping: None,
+            friction: 0.0,
+            static_friction: None,
             coupling_stiffness: None,
             coupling_damping: None,
             angular_stiffness: None,
@@ -85,6 +91,8 @@ impl Settings {
             ("rate", Some(self.rate), "a rate from 10 to 20000 Hz", 10.0..=20_000.0),
             ("contact-stiffness", Some(self.contact_stiffness), "N/m from 0 to 1e8", 0.0..=1e8),
             ("contact-damping", self.contact_damping, "N·s/m from 0 to 1e6", 0.0..=1e6),
+            ("friction", Some(self.friction), "a coefficient from 0 to 100", 0.0..=100.0),
+            ("static-friction", self.static_friction, "a coefficient from 0 to 100", 0.0..=100.0),
             ("coupling-stiffness", self.coupling_stiffness, "N/m from 0 to 1e7", 0.0..=1e7),
             ("coupling-damping", self.coupling_damping, "N·s/m from 0 to 1e6", 0.0..=1e6),
             ("angular-stiffness", self.angular_stiffness, "N·m/rad from 0 to 1e6", 0.0..=1e6),

@@ -1,0 +1,189 @@
+//! One contact model goes over to the next, so that its arrival makes no step in force (design of the multirate loop, §5.1.2).
+//!
+//! For a time after a model has arrived, the body feels both, the old one with the share 1 − w of its gains and the new
+//! one with w, which grows from step to step. Both are unilateral and extrapolate with the body's motion, so that at no
+//! time anything attracts or is stiffer than the stiffer of the two. Friction is [taken
+//! over](LinearContactModel::take_over_friction) at once, with the same wrench. A model that arrives meanwhile waits, or
+//! gives way to a newer one.
+
+use palpate_core::Pose;
+
+use crate::body::BodyState;
+use crate::contact::LinearContactModel;
+
+/// The contacts of a haptic loop, between the models that arrive.
+#[derive(Clone, Debug)]
+pub struct ContactBlend {
+    /// What the body feels.
+    felt: LinearContactModel,
+    /// What goes and what comes, while one goes over to the other.
+    outgoing: LinearContactModel,
+    incoming: LinearContactModel,
+    /// Has arrived meanwhile, with the time that it is to take, s.
+    waiting: Option<(LinearContactModel, f64)>,
+    /// Since the incoming one arrived, and until it is all that there is, s: 0 when nothing goes over.
+    elapsed: f64,
+    duration: f64,
+}
+
+impl Default for ContactBlend {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl ContactBlend {
+    /// No contact.
+    pub const fn new() -> Self {
+        let none = LinearContactModel::empty(&Pose::IDENTITY, f64::NAN);
+        Self { felt: none, outgoing: none, incoming: none, waiting: None, elapsed: 0.0, duration: 0.0 }
+    }
+
+    /// What the body feels in the next step.
+    pub fn contacts(&self) -> &LinearContactModel {
+        &self.felt
+    }
+
+    /// A model has arrived, with the body at `state`; it is to be all that is felt `duration` (s) later, or at once if that
+    /// is not positive. While another one is still to become so, it waits for that.
+    pub fn arrive(&mut self, model: &LinearContactModel, state: &BodyState, duration: f64) {
+        if self.is_going_over() {
+            self.waiting = Some((*model, duration));
+        } else {
+            self.start(model, state, duration);
+        }
+    }
+
+    /// To be called before each step of `dt` (s), with the state at its start: friction yields where it does not hold, and
+    /// the new model gains its share.
+    pub fn advance(&mut self, state: &BodyState, dt: f64) {
+        if !self.is_going_over() {
+            self.felt.settle(state);
+            return;
+        }
+        self.outgoing.settle(state);
+        self.incoming.settle(state);
+        self.elapsed += dt;
+        if self.is_going_over() {
+            self.mix();
+            return;
+        }
+        self.felt.assign(&self.incoming);
+        self.duration = 0.0;
+        if let Some((model, duration)) = self.waiting.take() {
+            self.start(&model, state, duration);
+        }
+    }
+
+    fn is_going_over(&self) -> bool {
+        self.elapsed < self.duration
+    }
+
+    fn start(&mut self, model: &LinearContactModel, state: &BodyState, duration: f64) {
+        self.outgoing.assign(&self.felt);
+        self.incoming.assign(model);
+        self.incoming.take_over_friction(&self.outgoing, state);
+        (self.elapsed, self.duration) = (0.0, duration);
+        if self.is_going_over() {
+            self.mix();
+        } else {
+            self.felt.assign(&self.incoming);
+        }
+    }
+
+    fn mix(&mut self) {
+        let share = self.elapsed / self.duration;
+        self.felt.assign(&self.incoming);
+        self.felt.scale_from(0, share);
+        let first = self.felt.constraints().len();
+        self.felt.extend(&self.outgoing);
+        self.felt.scale_from(first, 1.0 - share);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate_core::{Contact, Wrench};
+    use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
+
+    use super::*;
+    use crate::contact::ContactParameters;
+    use crate::differences::{random_direction, random_pose, random_vector};
+    use crate::friction::Friction;
+
+    const STEP: f64 = 1e-3;
+
+    fn random_model(rng: &mut StdRng, pose: &Pose) -> LinearContactModel {
+        let contacts = (0..rng.random_range(0..=16)).map(|_| {
+            let point = pose.translation + random_vector(rng, 0.05);
+            let (normal, depth) = (random_direction(rng), rng.random_range(-0.001..0.003));
+            Contact { point, scene_point: point - normal * depth, normal, depth }
+        });
+        let contacts: Vec<_> = contacts.collect();
+        let parameters = ContactParameters {
+            stiffness: 1000.0,
+            damping: 1.0,
+            tolerance: 0.001,
+            friction: Friction::coulomb(0.5),
+        };
+        LinearContactModel::from_contacts(contacts, pose, &parameters, 0.0)
+    }
+
+    fn distance(a: &Wrench, b: &Wrench) -> f64 {
+        (*a - *b).force.length() + 10.0 * (*a - *b).torque.length()
+    }
+
+    /// Models arrive at random: on a body at rest the wrench goes to each in steps no larger than the part of the way that
+    /// one step is, and is that of the last one in the end.
+    #[test]
+    fn no_model_arrives_with_a_step() {
+        let seed = 71;
+        let mut rng = StdRng::seed_from_u64(seed);
+        let pose = random_pose(&mut rng, 0.3);
+        let state = BodyState::at_rest(pose);
+        for case in 0..200 {
+            let mut blend = ContactBlend::new();
+            let steps = rng.random_range(2..10);
+            let duration = f64::from(steps) * STEP;
+            let (mut felt, mut last) = (Wrench::ZERO, blend.felt);
+            for _ in 0..50 {
+                if rng.random_bool(0.3) {
+                    last = random_model(&mut rng, &pose);
+                    blend.arrive(&last, &state, duration);
+                }
+                let most = distance(&blend.incoming.wrench(&state), &blend.outgoing.wrench(&state))
+                    / f64::from(steps);
+                blend.advance(&state, STEP);
+                let now = blend.contacts().wrench(&state);
+                let change = distance(&now, &felt);
+                assert!(
+                    change <= most * (1.0 + 1e-6) + 1e-9,
+                    "seed {seed}, case {case}: {change} N of {most}"
+                );
+                felt = now;
+            }
+            (0..20).for_each(|_| blend.advance(&state, STEP));
+            let normal = |model: &LinearContactModel| {
+                let mut smooth = *model;
+                smooth.constraints_mut().iter_mut().for_each(|c| c.friction = Friction::NONE);
+                smooth.wrench(&state)
+            };
+            let (found, wanted) = (normal(blend.contacts()), normal(&last));
+            assert!(distance(&found, &wanted) < 1e-9, "seed {seed}, case {case}: {found:?} {wanted:?}");
+        }
+    }
+
+    #[test]
+    fn without_a_duration_a_model_counts_at_once() {
+        let mut rng = StdRng::seed_from_u64(72);
+        let pose = random_pose(&mut rng, 0.3);
+        let state = BodyState::at_rest(pose);
+        let mut blend = ContactBlend::new();
+        for _ in 0..20 {
+            let model = random_model(&mut rng, &pose);
+            blend.arrive(&model, &state, 0.0);
+            assert_eq!(blend.contacts().constraints().len(), model.constraints().len());
+            blend.advance(&state, STEP);
+        }
+    }
+}

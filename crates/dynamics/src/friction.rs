@@ -1,0 +1,592 @@
+//! Coulomb friction of a contact (absent in the dissertation, §6.2.1).
+//!
+//! The body's point is held along the contact's plane by a spring and a damper with the gains k and b of the contact
+//! itself, from an anchor in the world. With ξ the way from the anchor and v_t the velocity, both along the plane,
+//!
+//! F_t = −s (k ξ + b v_t),  s = min(1, μ λ / ‖k ξ + b v_t‖),
+//!
+//! so that a contact sticks (s = 1) as long as it can, without drift, and slides at the Coulomb limit otherwise. At the
+//! end of each step the anchor is drawn after the point, as far as the spring alone exceeds the limit: it never holds more
+//! energy than it was given. Between sticking and sliding the force is continuous. The coefficient falls with the speed of
+//! sliding, from the static one to the dynamic one, μ = μ_d + (μ_s − μ_d) / (1 + (v / v_s)²) (Stribeck), so that neither
+//! is there a jump when a contact breaks away.
+//!
+//! A contact that stands for a patch of contacts, of radius ρ, resists spinning too: by ρ² (k τ + b ω_n), with τ the angle
+//! that it has turned about its normal. Sliding and spinning share the limit, (F_t / μ λ)² + (T_n / ρ μ λ)² ≤ 1, the
+//! ellipsoid that is usual for soft fingers (Howe and Cutkosky 1996): a patch that spins slides easily.
+
+use glam::{DMat3, DQuat, DVec3};
+use palpate_core::Wrench;
+
+use crate::body::BodyState;
+use crate::contact::{ContactState, LinearContactModel, PlaneConstraint};
+use crate::jacobian::{Block6, WrenchJacobian, outer};
+use crate::linear_solve::solve;
+use crate::rotation::{skew, skew_skew};
+
+/// v_s: speed of sliding at which the coefficient is half way from static to dynamic, m/s.
+const STRIBECK_SPEED: f64 = 0.005;
+
+/// What keeps the system of [`LinearContactModel::take_over_friction`] regular, as a part of its entries.
+const REGULAR: f64 = 1e-9;
+
+/// Rounds of it.
+const ROUNDS: usize = 3;
+
+/// Coulomb friction between two surfaces.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Friction {
+    /// μ_s: the most that a contact holds before it slides, over its normal force.
+    pub static_coefficient: f64,
+    /// μ_d: what it resists sliding with, over its normal force.
+    pub dynamic_coefficient: f64,
+}
+
+impl Friction {
+    /// No friction.
+    pub const NONE: Self = Self { static_coefficient: 0.0, dynamic_coefficient: 0.0 };
+
+    /// Friction with the same coefficient at rest and in motion.
+    pub const fn coulomb(coefficient: f64) -> Self {
+        Self { static_coefficient: coefficient, dynamic_coefficient: coefficient }
+    }
+
+    /// Whether there is any.
+    pub fn is_some(&self) -> bool {
+        self.static_coefficient > 0.0 || self.dynamic_coefficient > 0.0
+    }
+
+    /// μ at a speed of sliding, m/s.
+    pub(crate) fn coefficient(&self, speed: f64) -> f64 {
+        let x = speed / STRIBECK_SPEED;
+        self.dynamic_coefficient + (self.static_coefficient - self.dynamic_coefficient) / (1.0 + x * x)
+    }
+
+    /// dμ/dv over v, s²/m².
+    fn falling(&self, speed: f64) -> f64 {
+        let x = speed / STRIBECK_SPEED;
+        let below = 1.0 + x * x;
+        -2.0 * (self.static_coefficient - self.dynamic_coefficient)
+            / (below * below * STRIBECK_SPEED * STRIBECK_SPEED)
+    }
+}
+
+/// Where friction holds a point of the body.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Grip {
+    /// The anchor in the world, m; only its place along the contact's plane counts.
+    pub anchor: DVec3,
+    /// Orientation of the body in which the contact is not twisted; [`DQuat::IDENTITY`] also where nothing resists spinning.
+    pub rotation: DQuat,
+}
+
+impl Default for Grip {
+    fn default() -> Self {
+        Self { anchor: DVec3::ZERO, rotation: DQuat::IDENTITY }
+    }
+}
+
+/// How a contact is strained along its plane: ξ or v_t, m or m/s, and ρ τ or ρ ω_n likewise.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Strain {
+    pub along: DVec3,
+    pub spin: f64,
+}
+
+impl Strain {
+    pub fn length(&self) -> f64 {
+        (self.along.length_squared() + self.spin * self.spin).sqrt()
+    }
+
+    pub fn scaled(&self, by: f64) -> Self {
+        Self { along: self.along * by, spin: self.spin * by }
+    }
+
+    pub fn plus(&self, other: &Self) -> Self {
+        Self { along: self.along + other.along, spin: self.spin + other.spin }
+    }
+}
+
+/// What friction does at one state.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Hold {
+    /// F_t on the body, N.
+    pub force: DVec3,
+    /// Moment on the body about the contact's normal, N·m.
+    pub moment: f64,
+    /// k ξ + b v_t, N.
+    trial: Strain,
+    /// s.
+    share: f64,
+    /// Speed of sliding, m/s.
+    speed: f64,
+}
+
+impl PlaneConstraint {
+    /// ξ.
+    pub(crate) fn stretch(&self, state: &BodyState, at: &ContactState) -> Strain {
+        let along = self.along_plane(state.pose.translation + at.arm - self.grip.anchor);
+        if self.radius == 0.0 {
+            return Strain { along, spin: 0.0 };
+        }
+        let (turn, real) = self.turned(state);
+        Strain { along, spin: self.radius * 2.0 * real.signum() * turn.dot(self.normal) }
+    }
+
+    /// v_t.
+    pub(crate) fn slide(&self, state: &BodyState, at: &ContactState) -> Strain {
+        let spin = self.radius * self.normal.dot(state.twist.angular);
+        Strain { along: self.along_plane(state.twist.velocity_at(at.arm)), spin }
+    }
+
+    fn along_plane(&self, vector: DVec3) -> DVec3 {
+        vector - self.normal * self.normal.dot(vector)
+    }
+
+    /// Vector and real part of the turn since the contact was not twisted.
+    fn turned(&self, state: &BodyState) -> (DVec3, f64) {
+        let turn = state.pose.rotation * self.grip.rotation.conjugate();
+        (turn.xyz(), turn.w)
+    }
+
+    /// What friction does while the contact pushes with λ.
+    pub(crate) fn hold(&self, state: &BodyState, at: &ContactState, normal_force: f64) -> Hold {
+        let slide = self.slide(state, at);
+        let trial = self.stretch(state, at).scaled(self.stiffness).plus(&slide.scaled(self.damping));
+        let speed = slide.length();
+        let share = sticking(self.friction.coefficient(speed) * normal_force, trial.length());
+        let felt = trial.scaled(-share);
+        Hold { force: felt.along, moment: self.radius * felt.spin, trial, share, speed }
+    }
+
+    /// Derivatives of what friction does.
+    pub(crate) fn hold_jacobian(
+        &self,
+        state: &BodyState,
+        at: &ContactState,
+        normal_force: f64,
+        hold: &Hold,
+    ) -> WrenchJacobian {
+        let (n, angular) = (self.normal, state.twist.angular);
+        let plane = DMat3::IDENTITY - outer(n, n);
+        let by_turn = plane * -skew(at.arm);
+        // Of ξ by (δx, φ), and of v_t by φ and by (v, ω).
+        let swept = plane * skew(angular) * -skew(at.arm);
+        let spin_by_turn = if self.radius > 0.0 {
+            let (turn, real) = self.turned(state);
+            (n * real + turn.cross(n)) * (self.radius * real.signum())
+        } else {
+            DVec3::ZERO
+        };
+        let mut pose = StrainBy {
+            linear: plane * self.stiffness,
+            angular: by_turn * self.stiffness + swept * self.damping,
+            spin: Row { linear: DVec3::ZERO, angular: spin_by_turn * self.stiffness },
+        };
+        let mut twist = StrainBy {
+            linear: plane * self.damping,
+            angular: by_turn * self.damping,
+            spin: Row { linear: DVec3::ZERO, angular: n * (self.radius * self.damping) },
+        };
+        if hold.share < 1.0 {
+            let size = hold.trial.length();
+            let direction = hold.trial.scaled(1.0 / size);
+            // μ λ by pose and twist.
+            let coefficient = self.friction.coefficient(hold.speed);
+            let falling = self.friction.falling(hold.speed) * normal_force;
+            let slide = self.slide(state, at);
+            let normal_by_turn = at.moment * self.stiffness + self.swept(at, angular);
+            let sliding = Row {
+                linear: slide.along,
+                angular: at.arm.cross(slide.along) + n * (self.radius * slide.spin),
+            };
+            let limit_by_pose = Row {
+                linear: n * (coefficient * self.stiffness),
+                angular: normal_by_turn * coefficient + swept.transpose() * slide.along * falling,
+            };
+            let limit_by_twist = Row {
+                linear: n * (coefficient * self.damping) + sliding.linear * falling,
+                angular: at.moment * (coefficient * self.damping) + sliding.angular * falling,
+            };
+            pose.limit(hold.share, &direction, &limit_by_pose);
+            twist.limit(hold.share, &direction, &limit_by_twist);
+        }
+        let mut pose = pose.wrench(at, n, self.radius);
+        pose.torque_angular += skew_skew(hold.force, at.arm);
+        WrenchJacobian { pose, twist: twist.wrench(at, n, self.radius) }
+    }
+
+    /// Draws the anchor after the point where the spring exceeds what friction holds; whether it did.
+    fn settle(&mut self, state: &BodyState, rotation: &DMat3) -> bool {
+        let at = self.at(state, rotation);
+        let limit = self.friction.coefficient(self.slide(state, &at).length()) * self.normal_force(&at);
+        let stretch = self.stretch(state, &at);
+        let share = sticking(limit, self.stiffness * stretch.length());
+        if share < 1.0 {
+            self.hold_at(state, &at, &stretch.scaled(share));
+        }
+        share < 1.0
+    }
+
+    /// Puts the anchor where the contact is strained so.
+    fn hold_at(&mut self, state: &BodyState, at: &ContactState, stretch: &Strain) {
+        self.grip.anchor = state.pose.translation + at.arm - stretch.along;
+        if self.radius > 0.0 {
+            let half = (0.5 * stretch.spin / self.radius).clamp(-1.0, 1.0);
+            let turn = DQuat::from_vec4((self.normal * half).extend((1.0 - half * half).sqrt()));
+            self.grip.rotation = (turn.conjugate() * state.pose.rotation).normalize();
+        }
+    }
+}
+
+/// s: which part of a trial force friction can hold.
+pub(crate) fn sticking(limit: f64, trial: f64) -> f64 {
+    if trial > limit { limit / trial } else { 1.0 }
+}
+
+/// The derivative of a strain by a motion.
+#[derive(Clone, Copy)]
+struct StrainBy {
+    linear: DMat3,
+    angular: DMat3,
+    spin: Row,
+}
+
+/// The derivative of a number by a motion.
+#[derive(Clone, Copy)]
+struct Row {
+    linear: DVec3,
+    angular: DVec3,
+}
+
+impl StrainBy {
+    /// Of a strain's `direction` times the limit, where this was that of the strain, of which `share` is held.
+    fn limit(&mut self, share: f64, direction: &Strain, limit: &Row) {
+        let d = direction.along;
+        let across = direction.spin;
+        // Of its length.
+        let linear = self.linear.transpose() * d + self.spin.linear * across;
+        let angular = self.angular.transpose() * d + self.spin.angular * across;
+        let linear = limit.linear - linear * share;
+        let angular = limit.angular - angular * share;
+        self.linear = self.linear * share + outer(d, linear);
+        self.angular = self.angular * share + outer(d, angular);
+        self.spin.linear = self.spin.linear * share + linear * across;
+        self.spin.angular = self.spin.angular * share + angular * across;
+    }
+
+    fn wrench(&self, at: &ContactState, normal: DVec3, radius: f64) -> Block6 {
+        let arm = skew(at.arm);
+        Block6 {
+            force_linear: -self.linear,
+            force_angular: -self.angular,
+            torque_linear: -(arm * self.linear) - outer(normal, self.spin.linear * radius),
+            torque_angular: -(arm * self.angular) - outer(normal, self.spin.angular * radius),
+        }
+    }
+}
+
+impl LinearContactModel {
+    /// To be called with the state at the end of each step: lets contacts slide where friction does not hold them.
+    pub fn settle(&mut self, state: &BodyState) {
+        let rotation = DMat3::from_quat(state.pose.rotation);
+        for constraint in self.constraints_mut().iter_mut().filter(|c| c.friction.is_some()) {
+            constraint.settle(state, &rotation);
+        }
+    }
+
+    /// Strains the contacts such that friction holds the body with the springs' wrench of `other`, the model before, as far
+    /// as they can: as if they had been there when the body was moved by one small displacement, which is found by a 6×6
+    /// solve. What some cannot hold is left to the others, in a few rounds. The contacts of a body at rest hence never
+    /// creep, however often they are found anew.
+    pub fn take_over_friction(&mut self, other: &Self, state: &BodyState) {
+        let rotation = DMat3::from_quat(state.pose.rotation);
+        let mut missing = other.springs(state, &rotation);
+        let mut yielding = 0;
+        self.let_go(state, &rotation);
+        for _ in 0..ROUNDS {
+            let found = (missing != Wrench::ZERO)
+                .then(|| self.displacement_for(&missing, yielding, state, &rotation));
+            let Some((moved, turned)) = found.flatten() else { break };
+            let springs = self.springs(state, &rotation);
+            for (i, c) in self.constraints_mut().iter_mut().enumerate() {
+                if yielding & (1 << i) == 0 && c.friction.is_some() {
+                    let at = c.at(state, &rotation);
+                    let along = c.along_plane(moved + turned.cross(at.arm));
+                    let more = Strain { along, spin: c.radius * c.normal.dot(turned) };
+                    c.hold_at(state, &at, &c.stretch(state, &at).plus(&more));
+                    yielding |= u32::from(c.settle(state, &rotation)) << i;
+                }
+            }
+            missing = missing - (self.springs(state, &rotation) - springs);
+        }
+    }
+
+    /// Lets all contacts go, where they are.
+    fn let_go(&mut self, state: &BodyState, rotation: &DMat3) {
+        for c in self.constraints_mut().iter_mut().filter(|c| c.friction.is_some()) {
+            let at = c.at(state, rotation);
+            c.hold_at(state, &at, &Strain::default());
+        }
+    }
+
+    /// The wrench, about the centre of mass, that friction's springs are strained with.
+    fn springs(&self, state: &BodyState, rotation: &DMat3) -> Wrench {
+        let rubbing = self.constraints().iter().filter(|c| c.friction.is_some());
+        rubbing.fold(Wrench::ZERO, |sum, c| {
+            let at = c.at(state, rotation);
+            let strain = c.stretch(state, &at).scaled(c.stiffness);
+            let couple = c.normal * (c.radius * strain.spin);
+            sum + Wrench::new(strain.along, at.arm.cross(strain.along) + couple)
+        })
+    }
+
+    /// The displacement (m, rad) to which the springs of all contacts but the `yielding` ones answer with −`held`.
+    fn displacement_for(
+        &self,
+        held: &Wrench,
+        yielding: u32,
+        state: &BodyState,
+        rotation: &DMat3,
+    ) -> Option<(DVec3, DVec3)> {
+        let rubbing = || {
+            let holding = self.constraints().iter().enumerate().filter(|(i, _)| yielding & (1 << i) == 0);
+            holding.map(|(_, c)| c).filter(|c| c.friction.is_some())
+        };
+        // Angles are counted as way at this distance.
+        let reach = rubbing().map(|c| c.point.length() + c.radius).fold(0.0, f64::max);
+        let mut matrix = [[0.0; 6]; 6];
+        for c in rubbing() {
+            let at = c.at(state, rotation);
+            let (x, y) = c.normal.any_orthonormal_pair();
+            let rows = [(x, at.arm.cross(x)), (y, at.arm.cross(y)), (DVec3::ZERO, c.normal * c.radius)];
+            for (linear, angular) in rows {
+                let angular = angular / reach;
+                let row = [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z];
+                for (entries, along) in matrix.iter_mut().zip(row) {
+                    for (entry, value) in entries.iter_mut().zip(row) {
+                        *entry += c.stiffness * along * value;
+                    }
+                }
+            }
+        }
+        let trace: f64 = (0..6).map(|i| matrix[i][i]).sum();
+        (0..6).for_each(|i| matrix[i][i] += REGULAR * trace);
+        let torque = held.torque / reach;
+        let right = [held.force.x, held.force.y, held.force.z, torque.x, torque.y, torque.z];
+        let [x, y, z, a, b, c] = solve(matrix, right)?;
+        Some((DVec3::new(x, y, z), DVec3::new(a, b, c) / reach))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate_core::{Pose, Twist};
+    use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
+
+    use super::*;
+    use crate::differences::{
+        derivative, random_direction, random_pose, random_twist, random_vector, relative_error,
+        wrench_jacobian,
+    };
+
+    /// A contact that pushes, strained and sliding at random.
+    fn random_constraint(rng: &mut StdRng, state: &BodyState) -> PlaneConstraint {
+        let point = random_vector(rng, 0.1);
+        let at = state.pose.transform_point(point);
+        let normal = random_direction(rng);
+        let twist = DQuat::from_scaled_axis(random_vector(rng, 0.05));
+        PlaneConstraint {
+            point,
+            scene_point: at - normal * rng.random_range(0.004..0.01),
+            normal,
+            stiffness: rng.random_range(100.0..1e4),
+            damping: rng.random_range(0.0..20.0),
+            tolerance: rng.random_range(0.0..0.005),
+            friction: if rng.random_bool(0.5) {
+                Friction::coulomb(rng.random_range(0.1..1.0))
+            } else {
+                let dynamic_coefficient = rng.random_range(0.1..1.0);
+                Friction { static_coefficient: 2.0 * dynamic_coefficient, dynamic_coefficient }
+            },
+            radius: if rng.random_bool(0.5) { rng.random_range(0.001..0.02) } else { 0.0 },
+            grip: Grip { anchor: at - random_vector(rng, 0.01), rotation: twist * state.pose.rotation },
+        }
+    }
+
+    #[test]
+    fn jacobian_equals_central_differences_whether_it_sticks_or_slides() {
+        let seed = 61;
+        let mut rng = StdRng::seed_from_u64(seed);
+        let (mut stuck, mut slid) = (0, 0);
+        for case in 0..2000 {
+            let state =
+                BodyState { pose: random_pose(&mut rng, 0.5), twist: random_twist(&mut rng, 0.3, 3.0) };
+            let constraint = random_constraint(&mut rng, &state);
+            let mut model = LinearContactModel::empty(&state.pose, 0.0);
+            assert!(model.push(constraint));
+            let at = constraint.at(&state, &DMat3::from_quat(state.pose.rotation));
+            let hold = constraint.hold(&state, &at, constraint.normal_force(&at));
+            // The differences reach 6e-4 m and 0.2 m/s, over which the contact has to stay open or closed, and stuck or not.
+            let limit = constraint.friction.coefficient(hold.speed) * constraint.normal_force(&at);
+            let margin = 0.4 * constraint.damping + 0.002 * constraint.stiffness;
+            let clear = constraint.normal_force(&at) > 3.0 * margin
+                && (hold.trial.length() - limit).abs() > 3.0 * margin
+                && hold.speed > 0.1;
+            if !clear {
+                continue;
+            }
+            let found = model.evaluate(&state).jacobian;
+            let falls = constraint.friction.static_coefficient > constraint.friction.dynamic_coefficient;
+            let error = if falls {
+                // Along one motion, in steps so small that the coefficient changes little.
+                let (way, change) = (random_twist(&mut rng, 1.0, 10.0), random_twist(&mut rng, 1.0, 10.0));
+                let at = |s: f64| BodyState {
+                    pose: state.pose.moved(&way, s),
+                    twist: Twist::new(
+                        state.twist.linear + change.linear * s,
+                        state.twist.angular + change.angular * s,
+                    ),
+                };
+                let expected = derivative(|s| model.wrench(&at(s)), 1e-5);
+                let off = found.pose.apply(&way) + found.twist.apply(&change) - expected;
+                (off.force.length() / expected.force.length())
+                    .max(off.torque.length() / expected.torque.length())
+            } else {
+                relative_error(&found, &wrench_jacobian(|s| model.wrench(s), &state))
+            };
+            assert!(error < 1e-5, "seed {seed}, case {case}, share {}: relative error {error}", hold.share);
+            stuck += usize::from(hold.share == 1.0);
+            slid += usize::from(hold.share < 1.0);
+        }
+        assert!(stuck > 15 && slid > 50, "{stuck} stuck and {slid} slid");
+    }
+
+    #[test]
+    fn the_coefficient_falls_as_its_derivative_says() {
+        let friction = Friction { static_coefficient: 0.8, dynamic_coefficient: 0.5 };
+        for speed in [1e-4, 1e-3, 0.005, 0.02, 0.3] {
+            let h = 1e-6 * speed;
+            let slope = (friction.coefficient(speed + h) - friction.coefficient(speed - h)) / (2.0 * h);
+            assert!((slope - friction.falling(speed) * speed).abs() < 1e-6 * slope.abs(), "at {speed} m/s");
+        }
+        assert_eq!(friction.coefficient(0.0), 0.8);
+        assert!((friction.coefficient(1.0) - 0.5).abs() < 1e-4);
+    }
+
+    #[test]
+    fn the_coulomb_limit_holds_in_every_state() {
+        let seed = 62;
+        let mut rng = StdRng::seed_from_u64(seed);
+        for case in 0..5000 {
+            let state =
+                BodyState { pose: random_pose(&mut rng, 0.5), twist: random_twist(&mut rng, 1.0, 10.0) };
+            let constraint = random_constraint(&mut rng, &state);
+            let at = constraint.at(&state, &DMat3::from_quat(state.pose.rotation));
+            let normal = constraint.normal_force(&at);
+            let hold = constraint.hold(&state, &at, normal);
+            let most = constraint.friction.static_coefficient.max(constraint.friction.dynamic_coefficient);
+            let over = if constraint.radius > 0.0 { hold.moment / constraint.radius } else { 0.0 };
+            let felt = (hold.force.length_squared() + over * over).sqrt();
+            assert!(felt <= most * normal * (1.0 + 1e-9), "seed {seed}, case {case}: {felt} N of {normal} N");
+            assert!(hold.force.dot(constraint.normal).abs() <= 1e-9 * felt, "seed {seed}, case {case}");
+        }
+    }
+
+    /// Settling takes energy out of the springs, never puts any in, and the same state settles once.
+    #[test]
+    fn settling_never_stretches_a_spring() {
+        let seed = 63;
+        let mut rng = StdRng::seed_from_u64(seed);
+        let mut yielded = 0;
+        for case in 0..2000 {
+            let state =
+                BodyState { pose: random_pose(&mut rng, 0.5), twist: random_twist(&mut rng, 0.3, 3.0) };
+            let rotation = DMat3::from_quat(state.pose.rotation);
+            let before = random_constraint(&mut rng, &state);
+            let mut after = before;
+            after.settle(&state, &rotation);
+            let at = before.at(&state, &rotation);
+            let (x, y) = (before.stretch(&state, &at), after.stretch(&state, &at));
+            assert!(y.length() <= x.length() * (1.0 + 1e-9), "seed {seed}, case {case}");
+            yielded += usize::from(y.length() < 0.99 * x.length());
+            let limit =
+                before.friction.coefficient(before.slide(&state, &at).length()) * before.normal_force(&at);
+            let small_turn = 0.5 * y.spin.abs() < 0.1 * before.radius;
+            assert!(
+                !small_turn || before.stiffness * y.length() <= limit * (1.0 + 1e-6) + 1e-9,
+                "seed {seed}, case {case}: {} N of {limit}",
+                before.stiffness * y.length()
+            );
+        }
+        assert!(yielded > 200, "{yielded} yielded");
+    }
+
+    /// Contacts found anew, elsewhere and another number of them, hold the body with the same wrench.
+    #[test]
+    fn friction_goes_over_to_new_contacts() {
+        let seed = 64;
+        let mut rng = StdRng::seed_from_u64(seed);
+        for case in 0..500 {
+            let pose = random_pose(&mut rng, 0.5);
+            let state = BodyState::at_rest(pose);
+            let mut model = |count: usize| {
+                let mut model = LinearContactModel::empty(&pose, 0.0);
+                for _ in 0..count {
+                    let mut constraint = random_constraint(&mut rng, &state);
+                    constraint.friction = Friction::coulomb(1e6);
+                    model.push(constraint);
+                }
+                model
+            };
+            let (old, mut new) = (model(3), model(5));
+            new.take_over_friction(&old, &state);
+            let friction = |model: &LinearContactModel| {
+                let mut smooth = *model;
+                smooth.constraints_mut().iter_mut().for_each(|c| c.friction = Friction::NONE);
+                model.wrench(&state) - smooth.wrench(&state)
+            };
+            let (was, is) = (friction(&old), friction(&new));
+            let (force, torque) = ((was - is).force.length(), (was - is).torque.length());
+            // The old springs' own wrench, large turns of theirs apart.
+            assert!(force < 1e-3 * was.force.length(), "seed {seed}, case {case}: {was:?} {is:?}");
+            assert!(
+                torque < 1e-2 * (was.torque.length() + 0.1 * was.force.length()),
+                "seed {seed}, case {case}"
+            );
+        }
+    }
+
+    #[test]
+    fn friction_of_the_same_contacts_stays_however_often_they_are_found_anew() {
+        let pose = Pose::from_translation(DVec3::Z * 0.02);
+        let parameters = crate::ContactParameters {
+            stiffness: 1000.0,
+            damping: 1.0,
+            tolerance: 0.001,
+            friction: Friction::coulomb(0.5),
+        };
+        let touch = |x: f64, y: f64, depth: f64| palpate_core::Contact {
+            point: DVec3::new(x, y, 0.0),
+            scene_point: DVec3::new(x, y, depth),
+            normal: DVec3::NEG_Z,
+            depth,
+        };
+        let found = [touch(0.01, 0.0, 0.001), touch(-0.01, 0.01, 0.0015), touch(0.0, -0.01, 0.0005)];
+        let fresh = LinearContactModel::from_contacts(found, &pose, &parameters, 0.0);
+        let moved = BodyState::at_rest(Pose::new(
+            pose.translation + DVec3::new(2e-4, -1e-4, 0.0),
+            DQuat::from_rotation_z(0.01),
+        ));
+        let mut model = fresh;
+        let held = model.wrench(&moved);
+        for _ in 0..30_000 {
+            let mut next = fresh;
+            next.take_over_friction(&model, &moved);
+            model = next;
+        }
+        let after = model.wrench(&moved);
+        assert!((after - held).force.length() < 1e-3 * held.force.length(), "{held:?} {after:?}");
+        assert!((after - held).torque.length() < 1e-3 * held.torque.length(), "{held:?} {after:?}");
+    }
+}
