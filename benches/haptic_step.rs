@@ -1,34 +1,40 @@
 //! Time of one haptic step (§5.2) by the number of contacts that push: 0, 1, 5 (the K of §5.5.1) and 16 (the
-//! most a model holds).
+//! most a model is made of), without friction and with it, and with 5 while one model goes over to the next.
 //!
 //! `cargo bench -p palpate-benches --bench haptic_step`. A line before each measurement says how many
-//! contacts push and how many 6×6 systems a step solves; `valgrind --tool=callgrind` on the same program with
-//! the arguments `count CONTACTS STEPS` counts instructions, where the clock of a shared machine says little.
+//! contacts push and how many 6×6 systems a step solves. With the arguments `histogram STEPS`, as in
+//! `cargo bench -p palpate-benches --bench haptic_step -- histogram 10000000`, it gives percentiles of single steps
+//! with 5 contacts and friction, of a body that is dragged to and fro. `valgrind --tool=callgrind` on the same program
+//! with the arguments `count CONTACTS STEPS` counts instructions, where the clock of a shared machine says little.
 
 #![allow(missing_docs, clippy::print_stdout, reason = "a program that reports to the console")]
 
 use std::hint::black_box;
+use std::time::Instant;
 
 use criterion::{BenchmarkId, Criterion};
 use palpate::dynamics::{
-    Body, BodyState, ContactParameters, DeviceMotion, Friction, LinearContactModel, Step, VirtualCoupling,
-    semi_implicit_step,
+    Body, BodyState, ContactBlend, ContactParameters, DeviceMotion, Friction, LinearContactModel, Step,
+    VirtualCoupling, semi_implicit_step,
 };
 use palpate::glam::{DMat3, DQuat, DVec3};
-use palpate::{Contact, Pose, Twist};
+use palpate::{Contact, Pose, Times, Twist};
+
+const STEP: f64 = 1e-3;
 
 struct Scene {
     body: Body,
     coupling: VirtualCoupling,
     device: DeviceMotion,
-    contacts: LinearContactModel,
+    model: LinearContactModel,
+    contacts: ContactBlend,
     state: BodyState,
 }
 
 impl Scene {
     /// A 50 g body pressed on a floor at `contacts` points by a device 2 cm lower, after 100 steps, which
     /// bring it into steady pressing; then it is set moving a little, so that no term vanishes.
-    fn pressed(contacts: usize) -> Self {
+    fn pressed(contacts: usize, friction: Friction) -> Self {
         let body = Body::new(0.05, DMat3::from_diagonal(DVec3::new(2e-5, 3e-5, 4e-5))).expect("a body");
         let grasp = Pose::new(DVec3::new(0.002, -0.003, 0.004), DQuat::from_rotation_x(0.3));
         let coupling = VirtualCoupling::critically_damped(&body, grasp, 400.0, 0.6);
@@ -43,20 +49,17 @@ impl Scene {
                 depth: 0.0,
             }
         });
-        let parameters = ContactParameters {
-            stiffness: 1000.0,
-            damping: 1.0,
-            tolerance: 0.0005,
-            friction: Friction::NONE,
-        };
-        let contacts = LinearContactModel::from_contacts(found, &pose, &parameters, 0.0);
+        let parameters = ContactParameters { stiffness: 1000.0, damping: 1.0, tolerance: 0.0005, friction };
+        let model = LinearContactModel::from_contacts(found, &pose, &parameters, 0.0);
         let held = pose * grasp;
         let turn = DQuat::from_scaled_axis(DVec3::new(0.0, 0.0, 0.005));
         let device = DeviceMotion {
             pose: Pose::new(held.translation + DVec3::new(0.0002, 0.0, -0.02), turn * held.rotation),
             twist: Twist::new(DVec3::X * 0.001, DVec3::Z * 0.01),
         };
-        let mut scene = Self { body, coupling, device, contacts, state: BodyState::at_rest(pose) };
+        let state = BodyState::at_rest(pose);
+        let mut scene = Self { body, coupling, device, model, contacts: ContactBlend::new(), state };
+        scene.contacts.arrive(&model, &state, 0.0);
         for _ in 0..100 {
             scene.state = scene.step().state;
         }
@@ -64,43 +67,84 @@ impl Scene {
         scene
     }
 
+    /// With a model on the way that never becomes all that is felt.
+    fn going_over(mut self) -> Self {
+        self.contacts.arrive(&self.model, &self.state, 1e9);
+        self.step();
+        self
+    }
+
     #[inline(never)]
-    fn step(&self) -> Step {
+    fn step(&mut self) -> Step {
+        self.contacts.advance(&self.state, STEP);
         let gravity = DVec3::NEG_Z * 9.81;
         semi_implicit_step(
             &self.body,
             &self.state,
             &self.device,
             &self.coupling,
-            &self.contacts,
+            self.contacts.contacts(),
             gravity,
-            1e-3,
+            STEP,
         )
     }
 }
 
-fn main() {
-    let arguments: Vec<_> = std::env::args().skip(1).collect();
-    if let [command, contacts, steps] = &arguments[..]
-        && command == "count"
-    {
-        let scene = Scene::pressed(contacts.parse().expect("a number of contacts"));
-        for _ in 0..steps.parse().expect("a number of steps") {
-            black_box(black_box(&scene).step());
+/// Percentiles of single steps, while the device drags the body to and fro and a model arrives every other step.
+fn histogram(steps: u64) {
+    let mut scene = Scene::pressed(5, Friction::coulomb(0.3));
+    let middle = scene.device.pose.translation.x;
+    let mut times = Times::new();
+    let mut solves = 0;
+    for index in 0..steps {
+        let phase = index as f64 * 0.01;
+        scene.device.pose.translation.x = middle + 0.005 * phase.sin();
+        scene.device.twist.linear.x = 0.05 * phase.cos();
+        let begun = Instant::now();
+        if index % 2 == 0 {
+            scene.contacts.arrive(&scene.model, &scene.state, 2.0 * STEP);
         }
-        return;
+        let step = black_box(&mut scene).step();
+        times.record(begun.elapsed().as_nanos() as u64);
+        scene.state = step.state;
+        solves += u64::from(step.status.solves);
     }
+    println!(
+        "{steps} steps, {:.2} solves each, ns: {:?}",
+        solves as f64 / steps as f64,
+        times.percentiles(1.0)
+    );
+}
 
+fn main() {
+    let arguments: Vec<_> = std::env::args().skip(1).filter(|argument| argument != "--bench").collect();
+    match &arguments[..] {
+        [command, contacts, steps] if command == "count" => {
+            let mut scene =
+                Scene::pressed(contacts.parse().expect("a number of contacts"), Friction::coulomb(0.3));
+            for _ in 0..steps.parse().expect("a number of steps") {
+                black_box(black_box(&mut scene).step());
+            }
+        }
+        [command, steps] if command == "histogram" => histogram(steps.parse().expect("a number of steps")),
+        _ => measure(),
+    }
+}
+
+fn measure() {
     let mut criterion = Criterion::default().configure_from_args();
     let mut group = criterion.benchmark_group("haptic_step");
-    for contacts in [0, 1, 5, 16] {
-        let scene = Scene::pressed(contacts);
+    let mut one = |name: &str, contacts: usize, mut scene: Scene| {
         let step = scene.step();
         assert!(step.status.held.is_none());
-        assert_eq!(step.active.count_ones(), contacts as u32, "a contact does not push");
         println!("{contacts} contacts: {} push, {} solves", step.active.count_ones(), step.status.solves);
-        group.bench_function(BenchmarkId::new("contacts", contacts), |b| b.iter(|| black_box(&scene).step()));
+        group.bench_function(BenchmarkId::new(name, contacts), |b| b.iter(|| black_box(&mut scene).step()));
+    };
+    for contacts in [0, 1, 5, 16] {
+        one("frictionless", contacts, Scene::pressed(contacts, Friction::NONE));
+        one("friction", contacts, Scene::pressed(contacts, Friction::coulomb(0.3)));
     }
+    one("friction, going over", 5, Scene::pressed(5, Friction::coulomb(0.3)).going_over());
     group.finish();
     criterion.final_summary();
 }

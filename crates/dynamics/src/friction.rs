@@ -16,7 +16,7 @@
 //! ellipsoid that is usual for soft fingers (Howe and Cutkosky 1996): a patch that spins slides easily.
 
 use glam::{DMat3, DQuat, DVec3};
-use palpate_core::Wrench;
+use palpate_core::{Twist, Wrench};
 
 use crate::body::BodyState;
 use crate::contact::{ContactState, LinearContactModel, PlaneConstraint};
@@ -60,6 +60,11 @@ impl Friction {
     pub(crate) fn coefficient(&self, speed: f64) -> f64 {
         let x = speed / STRIBECK_SPEED;
         self.dynamic_coefficient + (self.static_coefficient - self.dynamic_coefficient) / (1.0 + x * x)
+    }
+
+    /// The least that μ can be.
+    fn least(&self) -> f64 {
+        self.static_coefficient.min(self.dynamic_coefficient)
     }
 
     /// dμ/dv over v, s²/m².
@@ -135,8 +140,13 @@ impl PlaneConstraint {
 
     /// v_t.
     pub(crate) fn slide(&self, state: &BodyState, at: &ContactState) -> Strain {
-        let spin = self.radius * self.normal.dot(state.twist.angular);
-        Strain { along: self.along_plane(state.twist.velocity_at(at.arm)), spin }
+        self.velocity_strain(&state.twist, at.arm)
+    }
+
+    /// What a twist moves the point at `arm` by along the plane, and the rim of the patch by about it, m/s.
+    pub(crate) fn velocity_strain(&self, twist: &Twist, arm: DVec3) -> Strain {
+        let spin = self.radius * self.normal.dot(twist.angular);
+        Strain { along: self.along_plane(twist.velocity_at(arm)), spin }
     }
 
     fn along_plane(&self, vector: DVec3) -> DVec3 {
@@ -219,9 +229,14 @@ impl PlaneConstraint {
     /// Draws the anchor after the point where the spring exceeds what friction holds; whether it did.
     fn settle(&mut self, state: &BodyState, rotation: &DMat3) -> bool {
         let at = self.at(state, rotation);
-        let limit = self.friction.coefficient(self.slide(state, &at).length()) * self.normal_force(&at);
+        let normal = self.normal_force(&at);
         let stretch = self.stretch(state, &at);
-        let share = sticking(limit, self.stiffness * stretch.length());
+        let spring = self.stiffness * stretch.length();
+        if spring <= self.friction.least() * normal {
+            return false;
+        }
+        let limit = self.friction.coefficient(self.slide(state, &at).length()) * normal;
+        let share = sticking(limit, spring);
         if share < 1.0 {
             self.hold_at(state, &at, &stretch.scaled(share));
         }
@@ -381,7 +396,7 @@ impl LinearContactModel {
 
 #[cfg(test)]
 mod tests {
-    use palpate_core::{Pose, Twist};
+    use palpate_core::Pose;
     use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
 
     use super::*;

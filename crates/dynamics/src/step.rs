@@ -41,6 +41,7 @@
 //! terms (and without the turning of the dampers' arms), which leaves springs, dampers and mass. Consistency
 //! to first order does not need them.
 
+use arrayvec::ArrayVec;
 use glam::{DMat3, DVec3};
 use palpate_core::{Pose, Twist, Wrench};
 
@@ -48,9 +49,9 @@ use crate::body::{Body, BodyState};
 use crate::contact::{ContactState, LinearContactModel, MAX_CONSTRAINTS, PlaneConstraint};
 use crate::coupling::{CouplingLinearisation, DeviceMotion, VirtualCoupling};
 use crate::friction::{Strain, sticking};
-use crate::jacobian::Block6;
+use crate::jacobian::{Block6, outer};
 use crate::linear_solve::{is_positive_definite, solve};
-use crate::rotation::{cross_columns, exponential, skew_skew};
+use crate::rotation::{cross_columns, exponential, skew, skew_skew};
 
 /// Solves in which contacts may both join and leave the active set.
 const FREE_SOLVES: u32 = 6;
@@ -149,7 +150,8 @@ pub fn semi_implicit_step(
         return Step::held(state, HeldBecause::TimeStep);
     }
 
-    let mut system = System::new(body, state, device, coupling, contacts, gravity, dt);
+    let mut pressing = ArrayVec::new();
+    let mut system = System::new(body, state, device, coupling, contacts, gravity, dt, &mut pressing);
     let Some((change, active, status)) = system.solve() else {
         return Step::held(state, HeldBecause::Singular);
     };
@@ -205,25 +207,18 @@ impl Linear {
         }
     }
 
-    /// Adds what friction holds a contact with, for a step of `dt` s.
-    fn add_friction(&mut self, c: &PlaneConstraint, rubbing: &Rubbing, dt: f64) {
-        let gain = dt * (dt * c.stiffness + c.damping) * rubbing.share;
-        for (axis, moment) in rubbing.axes.into_iter().zip(rubbing.moments) {
-            self.add_row(&six(axis, moment), gain, dt * rubbing.share * rubbing.trial.along.dot(axis));
+    /// Adds a damper that resists motion of the point at `arm` in all directions alike, and turning about a unit axis at a
+    /// radius from it.
+    fn add_lateral(&mut self, arm: DVec3, gain: f64, axis: DVec3, radius: f64) {
+        for i in 0..3 {
+            self.matrix[i][i] += gain;
         }
-        if c.radius > 0.0 {
-            let row = six(DVec3::ZERO, c.normal * c.radius);
-            self.add_row(&row, gain, dt * rubbing.share * rubbing.trial.spin);
-        }
-    }
-
-    /// Adds `gain` times the outer product of a row with itself, and takes `impulse` along it from the right.
-    fn add_row(&mut self, row: &[f64; 6], gain: f64, impulse: f64) {
-        for ((entries, right), along) in self.matrix.iter_mut().zip(&mut self.right).zip(row) {
-            for (entry, value) in entries.iter_mut().zip(row) {
-                *entry += gain * along * value;
-            }
-            *right -= impulse * along;
+        let cross = skew(arm * gain);
+        self.add(0, 3, &cross, -1.0);
+        self.add(3, 0, &cross, 1.0);
+        self.add(3, 3, &skew_skew(arm, arm), -gain);
+        if radius > 0.0 {
+            self.add(3, 3, &outer(axis, axis), gain * radius * radius);
         }
     }
 
@@ -240,7 +235,7 @@ fn six(first: DVec3, second: DVec3) -> [f64; 6] {
 
 /// A contact as the step's linear systems see it. Its wrench is along (n, a × n), which also takes the
 /// velocity to δ̇.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 struct Pressing {
     /// a.
     arm: DVec3,
@@ -260,10 +255,6 @@ struct Pressing {
 /// What friction adds to a contact that pushes.
 #[derive(Clone, Copy)]
 struct Rubbing {
-    /// Along the plane.
-    axes: [DVec3; 2],
-    /// a × each of them.
-    moments: [DVec3; 2],
     /// v_t at the start, m/s.
     slide: Strain,
     /// k ξ + b v_t at the end of the step if the velocity does not change, N.
@@ -275,31 +266,31 @@ struct Rubbing {
 }
 
 impl Rubbing {
-    fn new(c: &PlaneConstraint, at: &ContactState, state: &BodyState, force: f64, dt: f64) -> Self {
-        let (x, y) = c.normal.any_orthonormal_pair();
+    /// `force`: λ at the end of the step if the velocity does not change, N; `at_start`: λ at the start, N.
+    fn new(
+        c: &PlaneConstraint,
+        at: &ContactState,
+        state: &BodyState,
+        [force, at_start]: [f64; 2],
+        dt: f64,
+    ) -> Self {
         let slide = c.slide(state, at);
-        let gain = c.stiffness * dt + c.damping;
-        let trial = c.stretch(state, at).scaled(c.stiffness).plus(&slide.scaled(gain));
-        let limit = c.friction.coefficient(slide.length()) * force.max(0.0);
-        let at_start = c.normal_force(at);
-        let force_at_start = if at_start > 0.0 { c.hold(state, at, at_start).force } else { DVec3::ZERO };
+        let held = c.stretch(state, at).scaled(c.stiffness).plus(&slide.scaled(c.damping));
+        let trial = held.plus(&slide.scaled(c.stiffness * dt));
+        let coefficient = c.friction.coefficient(slide.length());
+        let share_at_start = sticking(coefficient * at_start, held.length());
         Self {
-            axes: [x, y],
-            moments: [at.arm.cross(x), at.arm.cross(y)],
             slide,
             trial,
-            share: sticking(limit, trial.length()),
-            force_at_start,
+            share: sticking(coefficient * force.max(0.0), trial.length()),
+            force_at_start: held.along * -share_at_start,
         }
     }
 
     /// s after a velocity change, at which the contact pushes with `force`.
-    fn share_after(&self, change: &Twist, c: &PlaneConstraint, force: f64, dt: f64) -> f64 {
-        let [x, y] = [0, 1]
-            .map(|i| self.axes[i] * (self.axes[i].dot(change.linear) + self.moments[i].dot(change.angular)));
-        let gained = Strain { along: x + y, spin: c.radius * c.normal.dot(change.angular) };
-        let gain = c.stiffness * dt + c.damping;
-        let trial = self.trial.plus(&gained.scaled(gain));
+    fn share_after(&self, change: &Twist, c: &PlaneConstraint, arm: DVec3, force: f64, dt: f64) -> f64 {
+        let gained = c.velocity_strain(change, arm);
+        let trial = self.trial.plus(&gained.scaled(c.stiffness * dt + c.damping));
         let speed = self.slide.plus(&gained).length();
         sticking(c.friction.coefficient(speed) * force.max(0.0), trial.length())
     }
@@ -311,14 +302,16 @@ impl Pressing {
         let swept = if geometric { c.swept(at, twist.angular) * dt } else { DVec3::ZERO };
         let overlap = at.overlap + dt * at.rate;
         let force = c.stiffness * overlap + c.damping * at.rate + swept.dot(twist.angular);
+        let force_at_start = c.normal_force(at);
+        let rubs = c.friction.is_some();
         Self {
             arm: at.arm,
             moment: at.moment,
             swept,
             overlap,
             force,
-            force_at_start: c.normal_force(at),
-            rubbing: c.friction.is_some().then(|| Rubbing::new(c, at, state, force, dt)),
+            force_at_start,
+            rubbing: rubs.then(|| Rubbing::new(c, at, state, [force, force_at_start], dt)),
         }
     }
 }
@@ -328,7 +321,8 @@ struct System<'a> {
     contacts: &'a LinearContactModel,
     rotation: DMat3,
     state: &'a BodyState,
-    pressing: [Pressing; MAX_CONSTRAINTS],
+    /// Of each contact. Elsewhere: it is large.
+    pressing: &'a mut ArrayVec<Pressing, MAX_CONSTRAINTS>,
     /// Bit i is set if contact i is closed at the start.
     closed_at_start: u32,
     dt: f64,
@@ -355,6 +349,7 @@ impl<'a> System<'a> {
         contacts: &'a LinearContactModel,
         gravity: DVec3,
         dt: f64,
+        pressing: &'a mut ArrayVec<Pressing, MAX_CONSTRAINTS>,
     ) -> Self {
         let rotation = DMat3::from_quat(state.pose.rotation);
         let inertia = rotation * body.inertia * rotation.transpose();
@@ -379,7 +374,7 @@ impl<'a> System<'a> {
             contacts,
             rotation,
             state,
-            pressing: [Pressing::default(); MAX_CONSTRAINTS],
+            pressing,
             closed_at_start: 0,
             dt,
             mass: body.mass,
@@ -394,16 +389,17 @@ impl<'a> System<'a> {
     /// Looks at the contacts from the start of the step.
     fn see_contacts(&mut self) {
         self.closed_at_start = 0;
+        self.pressing.clear();
         for (i, c) in self.contacts.constraints().iter().enumerate() {
             let at = c.at(self.state, &self.rotation);
             self.closed_at_start |= u32::from(at.overlap > 0.0) << i;
-            self.pressing[i] = Pressing::new(c, &at, self.state, self.dt, self.geometric);
+            self.pressing.push(Pressing::new(c, &at, self.state, self.dt, self.geometric));
         }
     }
 
     /// The contacts with the planes they are with.
     fn pressing(&self) -> impl Iterator<Item = (usize, (&PlaneConstraint, &Pressing))> {
-        self.contacts.constraints().iter().zip(&self.pressing).enumerate()
+        self.contacts.constraints().iter().zip(&*self.pressing).enumerate()
     }
 
     #[inline]
@@ -416,18 +412,24 @@ impl<'a> System<'a> {
                 continue;
             }
             let gain = h * c.stiffness + c.damping;
-            let direction = six(c.normal * h, p.moment * h);
-            let row = six(c.normal * gain, p.moment * gain + p.swept);
+            let mut force = c.normal * -p.force_at_start;
+            let mut lateral = 0.0;
+            if let Some(rubbing) = &p.rubbing {
+                lateral = h * gain * rubbing.share;
+                let Strain { along, spin } = rubbing.trial.scaled(-h * rubbing.share);
+                linear.add_right(along, p.arm.cross(along) + c.normal * (c.radius * spin));
+                linear.add_lateral(p.arm, lateral, c.normal, c.radius);
+                force += rubbing.force_at_start;
+            }
+            // Along the normal the contact has its own gains.
+            let along_normal = h * gain - lateral;
+            let direction = six(c.normal, p.moment);
+            let row = six(c.normal * along_normal, p.moment * along_normal + p.swept * h);
             for ((entries, right), along) in linear.matrix.iter_mut().zip(&mut linear.right).zip(direction) {
                 for (entry, value) in entries.iter_mut().zip(&row) {
                     *entry += along * value;
                 }
-                *right -= along * p.force;
-            }
-            let mut force = c.normal * -p.force_at_start;
-            if let Some(rubbing) = &p.rubbing {
-                linear.add_friction(c, rubbing, h);
-                force += rubbing.force_at_start;
+                *right -= along * h * p.force;
             }
             turning += skew_skew(force, p.arm);
         }
@@ -455,11 +457,12 @@ impl<'a> System<'a> {
 
     /// The contacts that are closed and pushing at the end of the step for a velocity change, and those of
     /// them that are closed. Takes over the shares of friction that follow; [`Self::alike`] tells whether these were
-    /// others.
+    /// what they have been.
     fn predict(&mut self, change: &Twist) -> (u32, u32) {
         let (mut pushing, mut closed) = (0, 0);
         self.alike = true;
-        for (i, (c, p)) in self.contacts.constraints().iter().zip(&mut self.pressing).enumerate() {
+        let at_start = *change == Twist::ZERO;
+        for (i, (c, p)) in self.contacts.constraints().iter().zip(&mut *self.pressing).enumerate() {
             let rate = c.normal.dot(change.linear) + p.moment.dot(change.angular);
             let gain = self.dt * c.stiffness + c.damping;
             let is_closed = p.overlap + self.dt * rate > 0.0;
@@ -467,8 +470,8 @@ impl<'a> System<'a> {
             let pushes = is_closed && force > 0.0;
             closed |= u32::from(is_closed) << i;
             pushing |= u32::from(pushes) << i;
-            if let Some(rubbing) = p.rubbing.as_mut().filter(|_| pushes) {
-                let share = rubbing.share_after(change, c, force, self.dt);
+            if let Some(rubbing) = p.rubbing.as_mut().filter(|_| pushes && !at_start) {
+                let share = rubbing.share_after(change, c, p.arm, force, self.dt);
                 self.alike &= (share - rubbing.share).abs() <= SHARES_ALIKE * rubbing.share;
                 rubbing.share = share;
             }
@@ -526,7 +529,6 @@ mod tests {
     use crate::contact::{ContactParameters, MAX_CLUSTERS};
     use crate::differences::{derivative, largest, random_pose, random_twist, random_vector};
     use crate::friction::Friction;
-    use crate::rotation::skew;
 
     /// An inertia like that of a solid of uneven shape, turned to arbitrary axes.
     fn random_inertia(rng: &mut StdRng, size: f64) -> DMat3 {
@@ -675,7 +677,9 @@ mod tests {
                 friction: Friction::coulomb([0.0, 0.4, 2.0][case % 3]),
             };
             let model = LinearContactModel::from_contacts(contacts, &state.pose, &parameters, 0.0);
-            let mut system = System::new(&body, &state, &device, &coupling, &model, DVec3::ZERO, 1e-3);
+            let mut pressing = ArrayVec::new();
+            let mut system =
+                System::new(&body, &state, &device, &coupling, &model, DVec3::ZERO, 1e-3, &mut pressing);
             let (change, active, status) = system.solve().expect("regular");
             let (pushing, _) = system.predict(&change);
             assert_eq!(active & !pushing, 0, "seed {seed}, case {case}: an active contact attracts");
