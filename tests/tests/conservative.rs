@@ -7,7 +7,8 @@
 //! - every local minimum of the distance within d that faces both objects has a contact at that distance, at the same
 //!   points or, where parallel features leave those open, between the same patches; unless patches there penetrate;
 //! - so each connected region of close pairs has a contact in it, but for those that are seen from behind (the far side of
-//!   a wall that is thinner than d); and none of its pairs is further from a contact of its own region than [`REACH`].
+//!   a wall that is thinner than d); and none of its pairs is further from a contact of its own region than [`REACH`],
+//!   unless its own patches, which may be long, have one.
 //!
 //! `PALPATE_POSES` says how many poses a pair has, [`FEW`] by default or, for the real models, [`FEW_REAL`]; `PALPATE_PAIR`
 //! chooses the pairs whose names it is part of:
@@ -219,7 +220,7 @@ fn compare(
     for pair in close.pairs.iter().filter(|pair| faces[pair.region]) {
         let apart = contacts_of[pair.region].iter().map(|p| p.distance(pair.points[0]));
         let apart = apart.fold(f64::INFINITY, f64::min) / probe.radius;
-        if apart > REACH {
+        if apart > REACH && !reported.contains_key(&leaves(pair.triangles)) {
             return Err(format!("{apart} radii to the nearest contact of region {}: {pair:?}", pair.region));
         }
         tally.farthest = tally.farthest.max(apart);
