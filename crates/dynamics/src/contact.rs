@@ -11,6 +11,14 @@
 //! Taylor expansion (Eq. 5.14), so force, clamp and derivatives are those of the body's present placement
 //! however far it has moved.
 //!
+//! A constraint may also brake before it is closed: with a time τ, and δ + d < 0,
+//!
+//! λ = b (δ̇ + (δ + d) / τ) while that is positive,
+//!
+//! so that the gap that is left is not closed faster than in about τ, which goes over to the law above where it closes.
+//! It takes energy only. A body that comes fast is slowed before there is a force that could be felt of a slow one, and is
+//! not behind a thin wall before the next contacts are found (§5.6.1).
+//!
 //! Where the surfaces have friction, the point is also held along the plane, by a spring and damper of the same
 //! gains that yield at the Coulomb limit ([`friction`](crate::friction)).
 //!
@@ -29,8 +37,11 @@ use crate::rotation::skew_skew;
 /// The most contacts that a model is made of: the upper bound on the number of clusters K (§5.4.2).
 pub const MAX_CLUSTERS: usize = 16;
 
+/// The most approaching contacts that a model is told of besides.
+pub const MAX_APPROACHING: usize = 4;
+
 /// The most constraints that a model holds: those of one that comes and of one that goes.
-pub const MAX_CONSTRAINTS: usize = 2 * MAX_CLUSTERS;
+pub const MAX_CONSTRAINTS: usize = 2 * (MAX_CLUSTERS + MAX_APPROACHING);
 
 /// Penalty gains, the same for every contact (§5.4.3).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -75,6 +86,8 @@ pub struct PlaneConstraint {
     pub damping: f64,
     /// d, m.
     pub tolerance: f64,
+    /// τ, s: how long before it would close the constraint starts to brake; 0 for not before.
+    pub braking_time: f64,
     /// Between the surfaces.
     pub friction: Friction,
     /// Radius of the patch that the contact stands for, m.
@@ -113,6 +126,7 @@ impl PlaneConstraint {
         stiffness: 0.0,
         damping: 0.0,
         tolerance: 0.0,
+        braking_time: 0.0,
         friction: Friction::NONE,
         radius: 0.0,
         grip: Grip { anchor: DVec3::ZERO, rotation: DQuat::IDENTITY },
@@ -132,7 +146,7 @@ impl PlaneConstraint {
         let normal = self.normal_force(&at);
         let mut wrench = Wrench { force: self.normal * -normal, torque: at.moment * -normal };
         let mut hold = Hold::default();
-        if normal > 0.0 && self.friction.is_some() {
+        if self.gripping_force(&at) > 0.0 && self.friction.is_some() {
             hold = self.hold(state, &at, normal);
             wrench.force += hold.force;
             wrench.torque += at.arm.cross(hold.force) + self.normal * hold.moment;
@@ -142,7 +156,22 @@ impl PlaneConstraint {
 
     /// λ at a state: the size of the repulsive force, N, never negative.
     pub(crate) fn normal_force(&self, at: &ContactState) -> f64 {
-        if at.overlap > 0.0 { (self.stiffness * at.overlap + self.damping * at.rate).max(0.0) } else { 0.0 }
+        let stiffness = self.stiffness_at(at.overlap);
+        stiffness.map_or(0.0, |stiffness| (stiffness * at.overlap + self.damping * at.rate).max(0.0))
+    }
+
+    /// By what λ grows with δ, N/m, given δ + d; none where the constraint does nothing.
+    pub(crate) fn stiffness_at(&self, overlap: f64) -> Option<f64> {
+        if overlap > 0.0 {
+            Some(self.stiffness)
+        } else {
+            (self.braking_time > 0.0).then(|| self.damping / self.braking_time)
+        }
+    }
+
+    /// λ as far as there is friction with it: that of a closed contact, N.
+    pub(crate) fn gripping_force(&self, at: &ContactState) -> f64 {
+        if at.overlap > 0.0 { self.normal_force(at) } else { 0.0 }
     }
 }
 
@@ -154,7 +183,7 @@ pub struct ContactResponse {
     /// Derivatives of the wrench; contacts that push with no force add nothing.
     pub jacobian: WrenchJacobian,
     /// Bit i is set if contact i pushes.
-    pub active: u32,
+    pub active: u64,
 }
 
 /// The latest contacts, from which the haptic thread evaluates force and derivatives on its own: fixed size,
@@ -229,12 +258,34 @@ impl LinearContactModel {
                 stiffness: parameters.stiffness,
                 damping: parameters.damping,
                 tolerance: parameters.tolerance,
+                braking_time: 0.0,
                 friction: parameters.friction,
                 radius,
                 grip: Grip { anchor: contact.point, rotation: pose.rotation },
             };
         }
         model
+    }
+
+    /// Adds contacts further apart than d that are to brake the body from `time` (s) before they would close. Beyond
+    /// [`MAX_APPROACHING`] the rest are left out.
+    pub fn with_approaching(
+        mut self,
+        contacts: impl IntoIterator<Item = Contact>,
+        parameters: &ContactParameters,
+        time: f64,
+    ) -> Self {
+        let found = Self::from_contacts(
+            contacts.into_iter().take(MAX_APPROACHING),
+            &self.pose,
+            parameters,
+            self.time,
+        );
+        for constraint in found.constraints() {
+            self.push(PlaneConstraint { braking_time: time, ..*constraint });
+        }
+        self.refused += found.refused;
+        self
     }
 
     /// Adds a constraint; `false` if the model is full, which then stays as it was.
@@ -346,12 +397,13 @@ impl LinearContactModel {
             response.active |= 1 << i;
             response.wrench += wrench;
             let direction = (-c.normal, -at.moment);
-            let by_turn = at.moment * c.stiffness + c.swept(&at, state.twist.angular);
-            let mut pose = Block6::outer(direction, (c.normal * c.stiffness, by_turn));
+            let stiffness = c.stiffness_at(at.overlap).unwrap_or(0.0);
+            let by_turn = at.moment * stiffness + c.swept(&at, state.twist.angular);
+            let mut pose = Block6::outer(direction, (c.normal * stiffness, by_turn));
             pose.torque_angular += skew_skew(c.normal * -force, at.arm);
             let twist = Block6::outer(direction, (c.normal * c.damping, at.moment * c.damping));
             response.jacobian += WrenchJacobian { pose, twist };
-            if c.friction.is_some() {
+            if c.friction.is_some() && at.overlap > 0.0 {
                 response.jacobian += c.hold_jacobian(state, &at, force, &hold);
             }
         }
@@ -411,7 +463,9 @@ mod tests {
             let parameters = random_parameters(&mut rng);
             let contacts: Vec<_> =
                 (0..rng.random_range(1..6)).map(|_| random_contact(&mut rng, &found_at)).collect();
-            let model = LinearContactModel::from_contacts(contacts, &found_at, &parameters, 0.0);
+            let mut model = LinearContactModel::from_contacts(contacts, &found_at, &parameters, 0.0);
+            let braking_time = [0.0, 0.01][case % 2];
+            model.constraints_mut().iter_mut().for_each(|c| c.braking_time = braking_time);
             // The body has moved and turned since the contacts were found.
             let pose = found_at.moved(&random_twist(&mut rng, 0.002, 0.5), 1.0);
             let state = BodyState { pose, twist: random_twist(&mut rng, 0.1, 2.0) };
@@ -421,8 +475,9 @@ mod tests {
                 0.003 * (parameters.stiffness + 40.0 * parameters.damping) + 1.0 * parameters.damping;
             let clear = model.constraints().iter().all(|c| {
                 let at = c.at(&state, &rotation);
-                let force = c.stiffness * at.overlap + c.damping * at.rate;
-                at.overlap.abs() > 0.003 && (at.overlap < 0.0 || force.abs() > margin)
+                let Some(stiffness) = c.stiffness_at(at.overlap) else { return at.overlap < -0.003 };
+                let force = stiffness * at.overlap + c.damping * at.rate;
+                at.overlap.abs() > 0.003 && force.abs() > margin + 0.3 * stiffness * 0.003
             });
             if !clear {
                 continue;
@@ -468,7 +523,8 @@ mod tests {
             let pose = random_pose(&mut rng, 0.5);
             let parameters = random_parameters(&mut rng);
             let contact = random_contact(&mut rng, &pose);
-            let model = LinearContactModel::from_contacts([contact], &pose, &parameters, 0.0);
+            let mut model = LinearContactModel::from_contacts([contact], &pose, &parameters, 0.0);
+            model.constraints_mut()[0].braking_time = [0.0, 0.01][case % 2];
             let state = BodyState {
                 pose: pose.moved(&random_twist(&mut rng, 0.01, 0.3), 1.0),
                 twist: random_twist(&mut rng, 1.0, 20.0),
@@ -476,7 +532,7 @@ mod tests {
             let along = model.wrench(&state).force.dot(contact.normal);
             assert!(along <= 0.0, "seed {seed}, case {case}: attracts with {along} N");
             let at = model.constraints()[0].at(&state, &DMat3::from_quat(state.pose.rotation));
-            if at.overlap <= 0.0 {
+            if at.overlap <= 0.0 && case % 2 == 0 {
                 assert_eq!(along, 0.0, "seed {seed}, case {case}: open contact pushes");
             } else if along == 0.0 {
                 clamped += 1;

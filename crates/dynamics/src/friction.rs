@@ -229,7 +229,7 @@ impl PlaneConstraint {
     /// Draws the anchor after the point where the spring exceeds what friction holds; whether it did.
     fn settle(&mut self, state: &BodyState, rotation: &DMat3) -> bool {
         let at = self.at(state, rotation);
-        let normal = self.normal_force(&at);
+        let normal = self.gripping_force(&at);
         let stretch = self.stretch(state, &at);
         let spring = self.stiffness * stretch.length();
         if spring <= self.friction.least() * normal {
@@ -330,7 +330,7 @@ impl LinearContactModel {
                     let along = c.along_plane(moved + turned.cross(at.arm));
                     let more = Strain { along, spin: c.radius * c.normal.dot(turned) };
                     c.hold_at(state, &at, &c.stretch(state, &at).plus(&more));
-                    yielding |= u32::from(c.settle(state, &rotation)) << i;
+                    yielding |= u64::from(c.settle(state, &rotation)) << i;
                 }
             }
             missing = missing - (self.springs(state, &rotation) - springs);
@@ -360,7 +360,7 @@ impl LinearContactModel {
     fn displacement_for(
         &self,
         held: &Wrench,
-        yielding: u32,
+        yielding: u64,
         state: &BodyState,
         rotation: &DMat3,
     ) -> Option<(DVec3, DVec3)> {
@@ -418,6 +418,7 @@ mod tests {
             stiffness: rng.random_range(100.0..1e4),
             damping: rng.random_range(0.0..20.0),
             tolerance: rng.random_range(0.0..0.005),
+            braking_time: 0.0,
             friction: if rng.random_bool(0.5) {
                 Friction::coulomb(rng.random_range(0.1..1.0))
             } else {

@@ -63,8 +63,8 @@ mod step;
 pub use blend::ContactBlend;
 pub use body::{Body, BodyError, BodyState};
 pub use contact::{
-    ContactParameters, ContactPatch, ContactResponse, LinearContactModel, MAX_CLUSTERS, MAX_CONSTRAINTS,
-    PlaneConstraint,
+    ContactParameters, ContactPatch, ContactResponse, LinearContactModel, MAX_APPROACHING, MAX_CLUSTERS,
+    MAX_CONSTRAINTS, PlaneConstraint,
 };
 pub use coupling::{CouplingResponse, DeviceMotion, VirtualCoupling};
 pub use friction::{Friction, Grip};

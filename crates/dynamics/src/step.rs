@@ -18,7 +18,7 @@
 //! # Unilateral contact
 //!
 //! A contact is in the system, with its spring and damper linearised at the start, if at the *end* of the
-//! step it is both closed (δ + d > 0) and pushing (λ > 0), as the linear system predicts them. The set is
+//! step it is both closed (δ + d > 0, or braking before) and pushing (λ > 0), as the linear system predicts them. The set is
 //! found by iteration: guess from the motion at the start velocity, solve, compare, solve again. Two rules
 //! make it end: a contact that is open at the start and that its own force would keep open is left to the
 //! next step (the damper's force jumps at closing, so that neither answer is consistent); and after
@@ -116,7 +116,7 @@ pub struct Step {
     /// The contacts' wrench on the body, about its centre of mass, at the new state.
     pub contact: Wrench,
     /// Bit i is set if contact i pushed during the step.
-    pub active: u32,
+    pub active: u64,
     /// How the step went.
     pub status: StepStatus,
 }
@@ -243,6 +243,8 @@ struct Pressing {
     moment: DVec3,
     /// h ∂(b δ̇)/∂φ, or zero without geometric stiffness.
     swept: DVec3,
+    /// By what λ grows with δ, N/m.
+    stiffness: f64,
     /// δ + d at the end of the step if the velocity does not change, m.
     overlap: f64,
     /// λ at the end of the step if the velocity does not change, before the clamp, N.
@@ -301,17 +303,19 @@ impl Pressing {
         let twist = &state.twist;
         let swept = if geometric { c.swept(at, twist.angular) * dt } else { DVec3::ZERO };
         let overlap = at.overlap + dt * at.rate;
-        let force = c.stiffness * overlap + c.damping * at.rate + swept.dot(twist.angular);
+        let stiffness = c.stiffness_at(overlap).unwrap_or(c.stiffness);
+        let force = stiffness * overlap + c.damping * at.rate + swept.dot(twist.angular);
         let force_at_start = c.normal_force(at);
-        let rubs = c.friction.is_some();
+        let rubs = c.friction.is_some() && (overlap > 0.0 || c.braking_time == 0.0);
         Self {
             arm: at.arm,
             moment: at.moment,
             swept,
+            stiffness,
             overlap,
             force,
             force_at_start,
-            rubbing: rubs.then(|| Rubbing::new(c, at, state, [force, force_at_start], dt)),
+            rubbing: rubs.then(|| Rubbing::new(c, at, state, [force, c.gripping_force(at)], dt)),
         }
     }
 }
@@ -324,7 +328,7 @@ struct System<'a> {
     /// Of each contact. Elsewhere: it is large.
     pressing: &'a mut ArrayVec<Pressing, MAX_CONSTRAINTS>,
     /// Bit i is set if contact i is closed at the start.
-    closed_at_start: u32,
+    closed_at_start: u64,
     dt: f64,
     mass: f64,
     inertia: DMat3,
@@ -392,7 +396,7 @@ impl<'a> System<'a> {
         self.pressing.clear();
         for (i, c) in self.contacts.constraints().iter().enumerate() {
             let at = c.at(self.state, &self.rotation);
-            self.closed_at_start |= u32::from(at.overlap > 0.0) << i;
+            self.closed_at_start |= u64::from(c.stiffness_at(at.overlap).is_some()) << i;
             self.pressing.push(Pressing::new(c, &at, self.state, self.dt, self.geometric));
         }
     }
@@ -403,7 +407,7 @@ impl<'a> System<'a> {
     }
 
     #[inline]
-    fn assemble(&self, active: u32) -> Linear {
+    fn assemble(&self, active: u64) -> Linear {
         let h = self.dt;
         let mut linear = self.base;
         let mut turning = self.turning.1;
@@ -411,11 +415,11 @@ impl<'a> System<'a> {
             if active & (1 << i) == 0 {
                 continue;
             }
-            let gain = h * c.stiffness + c.damping;
+            let gain = h * p.stiffness + c.damping;
             let mut force = c.normal * -p.force_at_start;
             let mut lateral = 0.0;
             if let Some(rubbing) = &p.rubbing {
-                lateral = h * gain * rubbing.share;
+                lateral = h * (h * c.stiffness + c.damping) * rubbing.share;
                 let Strain { along, spin } = rubbing.trial.scaled(-h * rubbing.share);
                 linear.add_right(along, p.arm.cross(along) + c.normal * (c.radius * spin));
                 linear.add_lateral(p.arm, lateral, c.normal, c.radius);
@@ -458,18 +462,18 @@ impl<'a> System<'a> {
     /// The contacts that are closed and pushing at the end of the step for a velocity change, and those of
     /// them that are closed. Takes over the shares of friction that follow; [`Self::alike`] tells whether these were
     /// what they have been.
-    fn predict(&mut self, change: &Twist) -> (u32, u32) {
+    fn predict(&mut self, change: &Twist) -> (u64, u64) {
         let (mut pushing, mut closed) = (0, 0);
         self.alike = true;
         let at_start = *change == Twist::ZERO;
         for (i, (c, p)) in self.contacts.constraints().iter().zip(&mut *self.pressing).enumerate() {
             let rate = c.normal.dot(change.linear) + p.moment.dot(change.angular);
-            let gain = self.dt * c.stiffness + c.damping;
-            let is_closed = p.overlap + self.dt * rate > 0.0;
+            let gain = self.dt * p.stiffness + c.damping;
+            let is_closed = c.stiffness_at(p.overlap + self.dt * rate).is_some();
             let force = p.force + gain * rate + p.swept.dot(change.angular);
             let pushes = is_closed && force > 0.0;
-            closed |= u32::from(is_closed) << i;
-            pushing |= u32::from(pushes) << i;
+            closed |= u64::from(is_closed) << i;
+            pushing |= u64::from(pushes) << i;
             if let Some(rubbing) = p.rubbing.as_mut().filter(|_| pushes && !at_start) {
                 let share = rubbing.share_after(change, c, p.arm, force, self.dt);
                 self.alike &= (share - rubbing.share).abs() <= SHARES_ALIKE * rubbing.share;
@@ -479,9 +483,9 @@ impl<'a> System<'a> {
         (pushing, closed)
     }
 
-    fn solve(&mut self) -> Option<(Twist, u32, StepStatus)> {
+    fn solve(&mut self) -> Option<(Twist, u64, StepStatus)> {
         let mut status = StepStatus::default();
-        let mut left_for_next = 0_u32;
+        let mut left_for_next = 0_u64;
         self.see_contacts();
         let (mut active, _) = self.predict(&Twist::ZERO);
         loop {

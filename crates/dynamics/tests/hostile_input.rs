@@ -181,6 +181,7 @@ fn numbers_of_any_size_give_finite_numbers() {
             stiffness: any(),
             damping: any(),
             tolerance: any(),
+            braking_time: any(),
             friction,
             radius: any(),
             grip: Grip { anchor: scene_point, rotation: inputs.state.pose.rotation },

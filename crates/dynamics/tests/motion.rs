@@ -397,3 +397,41 @@ fn a_tool_that_buckles_faster_than_the_step_stays_bounded() {
     assert!(fastest < 60.0, "{fastest} m/s");
     assert!(state.pose.translation.length() < 0.5);
 }
+
+/// A body that comes at a wall fast is slowed before it touches, and by nothing where it comes slowly.
+#[test]
+fn braking_slows_what_comes_fast() {
+    let body = Body::new(0.1, DMat3::from_diagonal(DVec3::splat(1e-5))).unwrap();
+    let coupling = VirtualCoupling::critically_damped(&body, Pose::IDENTITY, 0.0, 0.0);
+    let device = DeviceMotion::at_rest(Pose::IDENTITY);
+    let parameters =
+        ContactParameters { stiffness: 2000.0, damping: 28.0, tolerance: 0.0, friction: Friction::NONE };
+    let deepest = |speed: f64, braking: bool| {
+        let start = Pose::from_translation(DVec3::Z * 0.02);
+        let touch = contact(&start, DVec3::ZERO, DVec3::NEG_Z, -0.02);
+        let none = LinearContactModel::empty(&start, 0.0);
+        let model = if braking {
+            none.with_approaching([touch], &parameters, 0.01)
+        } else {
+            LinearContactModel::from_contacts([touch], &start, &parameters, 0.0)
+        };
+        let mut state = BodyState { pose: start, twist: Twist::new(DVec3::Z * -speed, DVec3::ZERO) };
+        let (mut deepest, mut arrived) = (f64::INFINITY, 0.0);
+        for _ in 0..2000 {
+            let before = state;
+            state = semi_implicit_step(&body, &state, &device, &coupling, &model, DVec3::ZERO, 1e-3).state;
+            deepest = deepest.min(state.pose.translation.z);
+            if before.pose.translation.z > 0.0 && state.pose.translation.z <= 0.0 {
+                arrived = -before.twist.linear.z;
+            }
+        }
+        (-deepest, arrived)
+    };
+    for speed in [0.5, 1.0, 5.0] {
+        let ((with, arrived), (without, _)) = (deepest(speed, true), deepest(speed, false));
+        assert!(
+            with < 0.6 * without && arrived < 0.8 * speed,
+            "{speed} m/s: {with} m, {without} m, {arrived} m/s"
+        );
+    }
+}

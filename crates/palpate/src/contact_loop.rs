@@ -3,17 +3,26 @@
 use std::sync::Arc;
 
 use palpate_collide::{Cluster, Clustering, ObjectHandle, PatchContact, QuerySettings, SceneQuery};
-use palpate_core::Pose;
 use palpate_core::glam::DVec3;
-use palpate_dynamics::{BodyState, ContactParameters, ContactPatch, LinearContactModel};
+use palpate_core::{Contact, Pose};
+use palpate_dynamics::{BodyState, ContactParameters, ContactPatch, LinearContactModel, MAX_APPROACHING};
 
 use crate::object::Object;
 use crate::scene::Placed;
+use crate::settings::Settings;
 use crate::telemetry::ContactTelemetry;
 
 /// Scene objects that have a full workspace from the start. Those of further ones are made, or grow, when they are first
 /// within reach.
 const RESERVED: usize = 16;
+
+/// Approaching contacts are looked for as far as the body comes in this many intervals between queries: one passes
+/// before their answer is in use, and one more before the next.
+const INTERVALS: f64 = 2.0;
+
+/// The longest interval that is reckoned with, s, and the furthest way, in radii of the probe.
+const LONGEST_INTERVAL: f64 = 0.02;
+const FURTHEST: f64 = 0.1;
 
 /// What a contact step hands to the haptic loop.
 #[derive(Clone, Copy, Debug)]
@@ -58,6 +67,14 @@ pub struct ContactLoop {
     /// Contacts with all scene objects.
     contacts: Vec<PatchContact>,
     clustering: Clustering,
+    /// Contacts further apart than d that the body comes at, and their clusters.
+    approaching: Vec<PatchContact>,
+    approaching_clusters: Clustering,
+    braking: bool,
+    /// Bounding radius of the probe about its centre of mass, m.
+    radius: f64,
+    /// Of the last step, s.
+    time: f64,
     telemetry: ContactTelemetry,
 }
 
@@ -67,9 +84,9 @@ impl ContactLoop {
         center_of_mass: DVec3,
         scene: &[Placed],
         parameters: ContactParameters,
-        error: f64,
-        clusters: usize,
+        settings: &Settings,
     ) -> Self {
+        let Settings { error, clusters, braking, .. } = *settings;
         let mut query = SceneQuery::new(probe.shape());
         let objects = scene.iter().map(|placed| query.add(placed.object.shape(), &placed.pose)).collect();
         for (index, placed) in scene.iter().enumerate().take(RESERVED) {
@@ -88,6 +105,11 @@ impl ContactLoop {
             parameters,
             contacts: Vec::new(),
             clustering: Clustering::new(clusters),
+            approaching: Vec::new(),
+            approaching_clusters: Clustering::new(MAX_APPROACHING),
+            braking,
+            radius: probe.bounding_radius() + probe.clod.source.center_of_mass.length(),
+            time: f64::NAN,
             telemetry: ContactTelemetry::default(),
         }
     }
@@ -96,19 +118,49 @@ impl ContactLoop {
     /// need.
     pub fn step(&mut self, body: &BodyState, time: f64) -> ContactUpdate {
         let probe_pose = body.pose * Pose::from_translation(-self.center_of_mass);
+        let ahead = self.time_ahead(time);
+        let tolerance = self.parameters.tolerance;
+        let settings = QuerySettings { tolerance: tolerance + self.way(body, ahead), ..self.settings };
         self.contacts.clear();
-        let outcome = self.scene.run(&probe_pose, &self.settings).query;
+        self.approaching.clear();
+        let outcome = self.scene.run(&probe_pose, &settings).query;
         let depth = outcome.deepest.unwrap_or(0.0).max(0.0);
         self.telemetry.events.contact_overflow += u64::from(outcome.overflow);
         self.telemetry.events.contact_refused += u64::from(outcome.refused);
         self.telemetry.events.not_converged += outcome.not_converged as u64;
-        self.contacts.extend(self.scene.contacts().flat_map(|found| found.contacts));
-        let clusters = self.clustering.run(&self.contacts, self.parameters.tolerance, &probe_pose);
+        for found in self.scene.contacts().flat_map(|found| found.contacts) {
+            let contact = &found.contact;
+            if contact.depth > -tolerance {
+                self.contacts.push(*found);
+            } else if comes_within(contact, body, tolerance, ahead) {
+                self.approaching.push(*found);
+            }
+        }
+        let clusters = self.clustering.run(&self.contacts, tolerance, &probe_pose);
         let representatives =
             clusters.iter().map(|&Cluster { contact, radius, .. }| ContactPatch { contact, radius });
         let model = LinearContactModel::from_contacts(representatives, &body.pose, &self.parameters, time);
+        let clusters = self.approaching_clusters.run(&self.approaching, settings.tolerance, &probe_pose);
+        let representatives = clusters.iter().map(|cluster| cluster.contact);
+        let model = model.with_approaching(representatives, &self.parameters, ahead);
         self.telemetry.events.contact_refused += u64::from(model.refused());
         ContactUpdate { model, time, depth, contacts: self.contacts.len() as u32 }
+    }
+
+    /// How far ahead approaching contacts are looked for, s: none where the body does not brake.
+    fn time_ahead(&mut self, time: f64) -> f64 {
+        let interval = time - std::mem::replace(&mut self.time, time);
+        let known = self.braking && interval > 0.0;
+        if known { INTERVALS * interval.min(LONGEST_INTERVAL) } else { 0.0 }
+    }
+
+    /// At least how far any point of the body comes in a time (s), m, in whole tolerances, so that the query's seldom changes:
+    /// 0 where that is less than one.
+    fn way(&self, body: &BodyState, time: f64) -> f64 {
+        let speed = body.twist.linear.length() + body.twist.angular.length() * self.radius;
+        let way = (speed * time).min(FURTHEST * self.radius);
+        let step = self.parameters.tolerance;
+        if way > step { (way / step).ceil() * step } else { 0.0 }
     }
 
     /// Moves a scene object, by its place in [`Scene::objects`](crate::Scene::objects), to a pose of its mesh's frame in the
@@ -131,4 +183,11 @@ impl ContactLoop {
     pub(crate) fn telemetry_mut(&mut self) -> &mut ContactTelemetry {
         &mut self.telemetry
     }
+}
+
+/// Whether a contact comes within a distance (m) in a time (s) if the body moves on as it does.
+fn comes_within(contact: &Contact, body: &BodyState, distance: f64, time: f64) -> bool {
+    let arm = contact.point - body.pose.translation;
+    let rate = body.twist.velocity_at(arm).dot(contact.normal);
+    contact.depth + rate * time > -distance
 }

@@ -87,14 +87,7 @@ impl HapticRenderer {
             contact_timeout: settings.contact_timeout,
         };
         let haptic = HapticLoop::new(grasped, state, &specification);
-        let contact = ContactLoop::new(
-            &probe,
-            source.center_of_mass,
-            scene.objects(),
-            parameters,
-            settings.error,
-            settings.clusters,
-        );
+        let contact = ContactLoop::new(&probe, source.center_of_mass, scene.objects(), parameters, &settings);
         Ok(Self { haptic, contact, device, period: 1.0 / settings.rate, probe, scene, settings })
     }
 

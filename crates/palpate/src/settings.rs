@@ -37,6 +37,9 @@ pub struct Settings {
     pub error: f64,
     /// K: how many representative contacts there may be (§5.4.2).
     pub clusters: usize,
+    /// Brake the grasped object before it touches what it comes at fast, so that it is not inside or behind it by the time
+    /// that a contact query finds it (§5.6.1).
+    pub braking: bool,
     /// The grasp: where the device holds the object, and the device's axes there, in the mesh's frame; by default the
     /// centre of mass with the mesh's axes.
     pub grasp: Option<Pose>,
@@ -62,6 +65,7 @@ impl Default for Settings {
             tolerance: None,
             error: 0.0,
             clusters: 5,
+            braking: true,
             grasp: None,
             contact_timeout: 0.5,
         }
