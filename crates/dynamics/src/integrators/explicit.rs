@@ -1,0 +1,45 @@
+//! The two explicit Euler methods, in (x, R, P, L).
+
+use crate::body::BodyState;
+use crate::integrators::{Frame, Integrator};
+use crate::step::{Step, StepStatus};
+
+/// Forward Euler: everything advances at the rates of the start of the step.
+///
+/// A free body keeps its momenta, and gains energy. It is here to compare with (Fig. 5.6): with stiff springs or
+/// light bodies it diverges, until the step is held for [`Overflow`](crate::HeldBecause::Overflow).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct ForwardEuler;
+
+impl Integrator for ForwardEuler {
+    fn step(&self, frame: &Frame<'_>, state: &BodyState, dt: f64) -> Step {
+        if let Some(refused) = frame.refused(state, dt) {
+            return refused;
+        }
+        let (load, active) = frame.load(state);
+        let pose = state.pose.moved(&state.twist, dt);
+        let twist = frame.pushed(state, &(load * dt), &frame.body.inertia.inverse(), &pose);
+        frame.ended(state, &BodyState { pose, twist }, active, StepStatus::default())
+    }
+}
+
+/// Symplectic (semi-explicit) Euler: first the momenta, by the wrench at the start of the step, then the placement
+/// at the new velocity.
+///
+/// Symplectic in the translation under springs. A free body keeps its momenta, but the energy of its rotation
+/// only to first order. Diverges as [`ForwardEuler`] does, without damping later.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct SymplecticEuler;
+
+impl Integrator for SymplecticEuler {
+    fn step(&self, frame: &Frame<'_>, state: &BodyState, dt: f64) -> Step {
+        if let Some(refused) = frame.refused(state, dt) {
+            return refused;
+        }
+        let (load, active) = frame.load(state);
+        let (impulse, inverse) = (load * dt, frame.body.inertia.inverse());
+        let pose = state.pose.moved(&frame.pushed(state, &impulse, &inverse, &state.pose), dt);
+        let twist = frame.pushed(state, &impulse, &inverse, &pose);
+        frame.ended(state, &BodyState { pose, twist }, active, StepStatus::default())
+    }
+}
