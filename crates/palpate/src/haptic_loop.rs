@@ -1,11 +1,13 @@
-//! The haptic loop (§5.1.2): read the device, move the grasped object by an implicit step, send the coupling wrench.
+//! The haptic loop (§5.1.2): read the device, move the grasped object by a step of the integrator, send the coupling wrench.
 //!
 //! A step never allocates, locks, blocks or panics; what goes wrong is counted in [`HapticTelemetry::events`].
 
 use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist, Wrench};
 use palpate_device::{Axes, DeviceState, HapticDevice, Specification, Status};
-use palpate_dynamics::{Body, BodyState, DeviceMotion, VirtualCoupling, saturate, semi_implicit_step};
+use palpate_dynamics::{
+    Body, BodyState, DeviceMotion, Frame, Integrator, IntegratorKind, VirtualCoupling, saturate,
+};
 
 use crate::contact_loop::ContactUpdate;
 use crate::record::Record;
@@ -27,6 +29,7 @@ pub struct HapticLoop {
     device: DeviceState,
     update: ContactUpdate,
     contact_timeout: f64,
+    integrator: IntegratorKind,
     /// Time of the first step, s, from which the first contact model is waited for; NaN before it.
     started: f64,
     /// Share of the wrench that is sent: see [`Self::fade`].
@@ -63,12 +66,13 @@ pub(crate) struct Grasped {
     pub center_of_mass: DVec3,
     pub grasp: Pose,
     pub contact_timeout: f64,
+    pub integrator: IntegratorKind,
 }
 
 impl HapticLoop {
     /// Starts with the object at rest in the device's hand: the mesh's frame coincides with the device's.
     pub(crate) fn new(grasped: Grasped, device: DeviceState, specification: &Specification) -> Self {
-        let Grasped { body, coupling, center_of_mass, grasp, contact_timeout } = grasped;
+        let Grasped { body, coupling, center_of_mass, grasp, contact_timeout, integrator } = grasped;
         let pose = device.pose * Pose::from_translation(center_of_mass);
         Self {
             body,
@@ -84,6 +88,7 @@ impl HapticLoop {
             device,
             update: ContactUpdate::none(),
             contact_timeout,
+            integrator,
             started: f64::NAN,
             presence: 1.0,
             telemetry: HapticTelemetry::default(),
@@ -145,17 +150,17 @@ impl HapticLoop {
         let twist = Twist::new(self.device.twist.velocity_at(arm), self.device.twist.angular);
         let motion = DeviceMotion { pose: held, twist };
 
-        let step = semi_implicit_step(
-            &self.body,
-            &self.state,
-            &motion,
-            &self.coupling,
-            &self.update.model,
-            DVec3::ZERO,
-            dt,
-        );
+        let frame = Frame {
+            body: &self.body,
+            device: &motion,
+            coupling: &self.coupling,
+            contacts: &self.update.model,
+            gravity: DVec3::ZERO,
+        };
+        let step = self.integrator.step(&frame, &self.state, dt);
         self.telemetry.events.step_refused += u64::from(step.status.held.is_some());
         self.telemetry.events.contacts_unsettled += u64::from(step.status.active_set_unsettled);
+        self.telemetry.events.step_unconverged += u64::from(step.status.unconverged);
         self.state = step.state;
 
         let waited = now - if self.update.time.is_nan() { self.started } else { self.update.time };

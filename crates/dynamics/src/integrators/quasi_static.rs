@@ -96,7 +96,8 @@ impl QuasiStatic {
         while status.solves < self.iterations {
             status.solves += 1;
             let Some(change) = here.newton_step(added, gains) else {
-                added = more(added)?;
+                let Some(next) = more(added) else { break };
+                added = next;
                 continue;
             };
             let length = (change.linear.length_squared()
@@ -114,10 +115,11 @@ impl QuasiStatic {
                 here = next;
                 added = if added > LEAST { added / GROWTH } else { 0.0 };
             } else {
-                added = more(added)?;
+                let Some(next) = more(added) else { break };
+                added = next;
             }
         }
-        Some((here, status))
+        here.off.is_finite().then_some((here, status))
     }
 
     fn limited(&self, change: &Twist) -> Twist {
