@@ -211,24 +211,32 @@ fn a_damped_spring_follows_the_analytic_solution_with_the_order_of_each() {
         let axis = DVec3::new(0.0, 0.6, 0.8);
         let start = BodyState::at_rest(Pose::new(DVec3::X * 0.01, DQuat::from_scaled_axis(axis * 0.5)));
         let seconds = 0.04;
+        // The deviation and its rate over w, of a start at 1 and rest.
         let at = |w: f64| {
             let s = seconds * w;
             let damped = (1.0 - ratio * ratio).sqrt();
-            if damped == 0.0 {
-                (1.0 + s) * (-s).exp()
+            let decayed = (-ratio * s).exp();
+            let (sine, cosine) = if damped == 0.0 {
+                (s, 1.0)
             } else {
                 let (sine, cosine) = (s * damped).sin_cos();
-                (cosine + ratio / damped * sine) * (-ratio * s).exp()
-            }
+                (sine / damped, cosine)
+            };
+            ((cosine + ratio * sine) * decayed, -sine * decayed)
+        };
+        let error = |deviation: f64, rate: f64, w: f64| {
+            let expected = at(w);
+            (deviation - expected.0).hypot(rate / w - expected.1)
         };
         for (kind, order) in DYNAMIC {
             let counts = if order == 4 { [10, 20, 40, 80] } else { [400, 800, 1600, 3200] };
             let errors = counts.map(|steps| {
-                let end = scene.run(&kind, start, seconds, steps).state.pose;
-                let angle = end.rotation_vector_to(&Pose::IDENTITY).dot(-axis);
+                let end = scene.run(&kind, start, seconds, steps).state;
+                let angle = end.pose.rotation_vector_to(&Pose::IDENTITY).dot(-axis);
+                let spin = end.twist.angular.dot(axis);
                 [
-                    (end.translation.x / 0.01 - at((90.0_f64 / 0.1).sqrt())).abs(),
-                    (angle / 0.5 - at((0.4_f64 / 1e-4).sqrt())).abs(),
+                    error(end.pose.translation.x / 0.01, end.twist.linear.x / 0.01, (90.0_f64 / 0.1).sqrt()),
+                    error(angle / 0.5, spin / 0.5, (0.4_f64 / 1e-4).sqrt()),
                 ]
             });
             for (i, what) in ["translation", "rotation"].into_iter().enumerate() {
@@ -254,7 +262,6 @@ fn a_free_needle_keeps_its_momentum_and_energy() {
             (SemiImplicit, 1e-2, 1e-2),
             (IntegratorKind::FullyImplicit, 1e-9, 1e-2),
             (RungeKutta4, 1e-9, 1e-6),
-            (SymplecticEuler, 1e-9, 1e-1),
         ] {
             let end = scene.run(&kind, start, 10.0, 10_000).state;
             let drift = (scene.body.angular_momentum(&end) - momentum).length() / momentum.length();
@@ -382,7 +389,9 @@ fn the_quasi_static_body_finds_balance_from_anywhere_near() {
     for case in 0..cases {
         let (mut scene, state) = random_scene(&mut rng);
         if case % 2 == 1 {
+            // Saturated springs; a weight beyond them would have no balance.
             (scene.coupling.max_force, scene.coupling.max_torque) = (3.0, 0.3);
+            scene.gravity = DVec3::ZERO;
         }
         let step = QuasiStatic::default().step(&scene.frame(), &state, 1e-3);
         assert!(step.status.held.is_none(), "seed {seed}, case {case}: {:?}", step.status);

@@ -16,7 +16,7 @@ use crate::step::{HeldBecause, Step, StepStatus};
 /// No damper acts and no mass: of the time step only the velocity depends, which is the change of placement over
 /// it, and the wrenches given are those of the springs alone. The equilibrium is searched for from the present
 /// placement by Newton's method. Where the stiffness is not positive definite (a saturated spring, a tool about
-/// to buckle), or a step does not bring the springs closer to balance, springs to the present placement are
+/// to buckle), or a step neither brings the springs closer to balance nor takes energy from them, springs to the present placement are
 /// added, of the coupling's gains times a factor that grows until it does (Levenberg's method).
 ///
 /// The search is bounded; if it ends early, the body is where it came to, [`StepStatus::unconverged`] is set, and
@@ -82,6 +82,8 @@ struct Balance {
     active: u32,
     /// The deviation of the linear spring that would hold the energy of the load, m.
     off: f64,
+    /// Energy of the springs and the weight, J.
+    energy: f64,
 }
 
 impl QuasiStatic {
@@ -110,8 +112,8 @@ impl QuasiStatic {
                 let better = next.off < here.off;
                 return Some((if better { next } else { here }, status));
             }
-            // A saturated spring pulls no less after a step towards balance.
-            if next.off <= here.off * (1.0 + 1e-12) {
+            // Of a saturated spring only the energy falls.
+            if next.off < here.off || next.energy < here.energy {
                 here = next;
                 added = if added > LEAST { added / GROWTH } else { 0.0 };
             } else {
@@ -149,6 +151,9 @@ impl Balance {
             stiffness: (held.jacobian.pose + touch.jacobian.pose).scaled(-1.0),
             active: touch.active,
             off: square.sqrt(),
+            energy: frame.coupling.potential_energy(&state, frame.device)
+                + frame.contacts.potential_energy(&pose)
+                - weight.force.dot(pose.translation),
         }
     }
 
