@@ -190,6 +190,8 @@ fn a_free_asymmetric_body_precesses_with_the_order_of_each() {
     assert!(kept < 1e-12, "the reference loses momentum: {kept}");
     for (kind, order) in DYNAMIC {
         let counts = if order == 4 { [50, 100, 200, 400] } else { [1000, 2000, 4000, 8000] };
+        // Without forces the symplectic method is its own adjoint.
+        let order = if kind == SymplecticEuler { 2 } else { order };
         let errors = counts.map(|steps| {
             let end = scene.run(&kind, start, seconds, steps).state;
             assert!((end.pose.translation - expected.pose.translation).length() < 1e-12);
@@ -262,6 +264,7 @@ fn a_free_needle_keeps_its_momentum_and_energy() {
             (SemiImplicit, 1e-2, 1e-2),
             (IntegratorKind::FullyImplicit, 1e-9, 1e-2),
             (RungeKutta4, 1e-9, 1e-4),
+            (SymplecticEuler, 1e-9, 1e-2),
         ] {
             let end = scene.run(&kind, start, 10.0, 10_000).state;
             let drift = (scene.body.angular_momentum(&end) - momentum).length() / momentum.length();

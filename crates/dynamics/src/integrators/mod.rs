@@ -10,15 +10,16 @@
 //! | [`SemiImplicit`] | 1 | stable; one linear system for each change of contacts |
 //! | [`FullyImplicit`] | 1 | stable; some linear systems more |
 //! | [`ForwardEuler`] | 1 | diverges: a mode of rate b/m needs dt b/m < 2 |
-//! | [`SymplecticEuler`] | 1 | diverges later than forward Euler without damping, earlier with much |
+//! | [`SymplecticEuler`] | 1 | diverges: later than forward Euler without damping, as early with much |
 //! | [`RungeKutta4`] | 4 while no contact opens or closes | diverges: dt b/m < 2.785 |
 //! | [`QuasiStatic`] | no dynamics | nothing to diverge; the body has no mass |
 
-mod explicit;
+mod forward_euler;
 mod fully_implicit;
 mod kind;
 mod quasi_static;
 mod runge_kutta;
+mod symplectic;
 
 use glam::{DMat3, DVec3};
 use palpate_core::{Pose, Twist, Wrench};
@@ -28,11 +29,12 @@ use crate::contact::LinearContactModel;
 use crate::coupling::{DeviceMotion, VirtualCoupling};
 use crate::step::{Step, StepStatus, semi_implicit_step};
 
-pub use explicit::{ForwardEuler, SymplecticEuler};
+pub use forward_euler::ForwardEuler;
 pub use fully_implicit::FullyImplicit;
 pub use kind::{IntegratorKind, UnknownIntegrator};
 pub use quasi_static::QuasiStatic;
 pub use runge_kutta::RungeKutta4;
+pub use symplectic::SymplecticEuler;
 
 /// What acts on the body during a step.
 #[derive(Clone, Copy, Debug)]
