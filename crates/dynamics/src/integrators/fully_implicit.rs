@@ -218,3 +218,106 @@ fn end_derivative(jacobian: &WrenchJacobian, turn: &DMat3, dt: f64) -> Block6 {
 fn sum(twist: &Twist, change: &Twist, part: f64) -> Twist {
     Twist { linear: twist.linear + change.linear * part, angular: twist.angular + change.angular * part }
 }
+
+#[cfg(test)]
+mod tests {
+    use palpate_core::{Contact, Pose};
+    use rand::{SeedableRng as _, rngs::StdRng};
+
+    use super::*;
+    use crate::body::Body;
+    use crate::contact::ContactParameters;
+    use crate::coupling::{DeviceMotion, VirtualCoupling};
+    use crate::differences::{random_pose, random_twist, random_vector};
+
+    const PARAMETERS: ContactParameters =
+        ContactParameters { stiffness: 2000.0, damping: 3.0, tolerance: 0.001 };
+
+    #[test]
+    fn derivative_of_the_residual_equals_central_differences() {
+        let seed = 93;
+        let mut rng = StdRng::seed_from_u64(seed);
+        let mut pressed = 0;
+        for case in 0..300 {
+            let body = Body::new(0.05, DMat3::from_diagonal(DVec3::new(1e-5, 2e-5, 2.5e-5))).unwrap();
+            let mut coupling =
+                VirtualCoupling::critically_damped(&body, random_pose(&mut rng, 0.05), 300.0, 0.5);
+            if case % 2 == 1 {
+                (coupling.max_force, coupling.max_torque) = (5.0, 0.5);
+            }
+            let start =
+                BodyState { pose: random_pose(&mut rng, 0.5), twist: random_twist(&mut rng, 0.2, 20.0) };
+            let pull = random_twist(&mut rng, 0.01, 0.4);
+            let device = DeviceMotion::at_rest((start.pose * coupling.grasp).moved(&pull, 1.0));
+            let contacts = (0..3).map(|_| Contact {
+                point: start.pose.translation + random_vector(&mut rng, 0.05),
+                scene_point: DVec3::ZERO,
+                normal: random_vector(&mut rng, 1.0).normalize(),
+                depth: 0.02,
+            });
+            let contacts: Vec<_> = contacts.collect();
+            let model = LinearContactModel::from_contacts(contacts, &start.pose, &PARAMETERS, 0.0);
+            let frame = Frame {
+                body: &body,
+                device: &device,
+                coupling: &coupling,
+                contacts: &model,
+                gravity: DVec3::NEG_Z,
+            };
+            let dt = [1e-3, 1e-2][case % 2];
+            let mut run = Iteration::new(&frame, &start, &model, dt);
+            let at = Twist::new(random_vector(&mut rng, 0.2), random_vector(&mut rng, 20.0));
+            let (matrix, _) = run.system(&at);
+            pressed += run.pushed.count_ones();
+            for column in 0..6 {
+                let mut axis = [0.0; 6];
+                axis[column] = 1.0;
+                let change = Twist::new(DVec3::from_slice(&axis[..3]), DVec3::from_slice(&axis[3..]));
+                let h = if column < 3 { 1e-4 } else { 1e-2 };
+                let mut residual = |s: f64| run.system(&sum(&at, &change, s * h)).1;
+                let ends = [residual(1.0), residual(-1.0), residual(2.0), residual(-2.0)];
+                let size = matrix.iter().fold(0.0, |m: f64, row| m.max(row[column].abs()));
+                for (i, row) in matrix.iter().enumerate() {
+                    let expected = ((ends[0][i] - ends[1][i]) * 8.0 - (ends[2][i] - ends[3][i])) / (12.0 * h);
+                    let error = (row[column] - expected).abs() / size;
+                    assert!(error < 1e-7, "seed {seed}, case {case}, entry {i}, {column}: {error}");
+                }
+            }
+        }
+        assert!(pressed > 300, "only {pressed} contacts pressed");
+    }
+
+    /// A body just outside a wall with a hard damper: without contact it would end inside, and with it outside.
+    #[test]
+    fn a_contact_that_can_neither_open_nor_close_is_left_to_the_next_step() {
+        let body = Body::new(0.02, DMat3::from_diagonal(DVec3::splat(1e-5))).unwrap();
+        let mut coupling = VirtualCoupling::critically_damped(&body, Pose::IDENTITY, 200.0, 0.6);
+        coupling.linear_damping = 0.0;
+        let touch =
+            |point: DVec3, normal: DVec3, depth: f64| Contact { point, scene_point: point, normal, depth };
+        // The other wall pushes throughout.
+        let contacts = [touch(DVec3::ZERO, DVec3::X, -1e-4 - 1e-3), touch(DVec3::ZERO, DVec3::Y, 0.001)];
+        let hard = ContactParameters { damping: 1000.0, ..PARAMETERS };
+        let mut model = LinearContactModel::empty(&Pose::IDENTITY, 0.0);
+        for (contact, parameters) in contacts.into_iter().zip([hard, PARAMETERS]) {
+            let one = LinearContactModel::from_contacts([contact], &Pose::IDENTITY, &parameters, 0.0);
+            assert!(model.push(one.constraints()[0]));
+        }
+        let device = DeviceMotion::default();
+        let frame = Frame {
+            body: &body,
+            device: &device,
+            coupling: &coupling,
+            contacts: &model,
+            gravity: DVec3::ZERO,
+        };
+        let start = BodyState { pose: Pose::IDENTITY, twist: Twist::new(DVec3::X * 0.5, DVec3::ZERO) };
+        let step = FullyImplicit::default().step(&frame, &start, 1e-3);
+        assert!(step.status.is_ok(), "{:?}", step.status);
+        assert_eq!(step.active, 0b10);
+        assert!(step.state.pose.translation.x > 1e-4, "it is in the wall: {}", step.state.pose.translation);
+        let next = FullyImplicit::default().step(&frame, &step.state, 1e-3);
+        assert_eq!(next.active & 1, 1);
+        assert!(next.status.is_ok() && next.state.twist.linear.x.abs() < 0.1);
+    }
+}
