@@ -471,6 +471,7 @@ fn a_session_says_which_stages_are_on_and_why() {
         ("contact query", "on: one scene object"),
         ("hierarchy", "probe ellipsoid@500: off, one convex hull; scene torus@4000: on, "),
         ("clustering", "on beyond 5 contacts"),
+        ("integrator", "semi-implicit"),
         ("textures", "off: "),
         ("friction", "off: "),
         ("events", "none"),
