@@ -85,13 +85,13 @@ fn open(contacts: &LinearContactModel, state: &BodyState) -> u32 {
     })
 }
 
+/// The places of a set of contacts.
+const PLACES: usize = u32::BITS as usize;
+
 /// The model without some of its contacts, and the places that the others had in it.
-fn without(
-    contacts: &LinearContactModel,
-    left_out: u32,
-) -> (LinearContactModel, [u8; crate::contact::MAX_CLUSTERS]) {
+fn without(contacts: &LinearContactModel, left_out: u32) -> (LinearContactModel, [u8; PLACES]) {
     let mut fewer = LinearContactModel::empty(contacts.pose(), contacts.time());
-    let mut places = [0; crate::contact::MAX_CLUSTERS];
+    let mut places = [0; PLACES];
     let kept = (0_u8..).zip(contacts.constraints()).filter(|(i, _)| left_out & (1 << i) == 0);
     for (place, (i, c)) in places.iter_mut().zip(kept) {
         fewer.push(*c);
