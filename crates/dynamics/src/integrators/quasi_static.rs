@@ -8,7 +8,7 @@ use crate::body::BodyState;
 use crate::coupling::DeviceMotion;
 use crate::integrators::{Frame, Integrator};
 use crate::jacobian::Block6;
-use crate::linear_solve::{is_positive_definite, solve};
+use crate::linear_solve::{has_positive_minors, solve};
 use crate::step::{HeldBecause, Step, StepStatus};
 
 /// A body without dynamics: each step puts it where the springs of coupling and contacts balance, with gravity.
@@ -158,15 +158,15 @@ impl Balance {
     }
 
     /// The change of placement that balances the springs to first order, with `added` times the gains as springs
-    /// to the present placement; `None` if the stiffness is not positive definite.
+    /// to the present placement; `None` if the stiffness is not positive definite. Of one that is not symmetric,
+    /// which a load off balance makes it, the leading minors have to be positive: with a symmetric one that is the
+    /// same.
     fn newton_step(&self, added: f64, gains: (f64, f64)) -> Option<Twist> {
         let mut stiffness = self.stiffness;
         stiffness.force_linear += DMat3::from_diagonal(DVec3::splat(added * gains.0));
         stiffness.torque_angular += DMat3::from_diagonal(DVec3::splat(added * gains.1));
         let matrix = stiffness.to_rows();
-        let symmetric: [[f64; 6]; 6] =
-            std::array::from_fn(|i| std::array::from_fn(|j| matrix[i][j] + matrix[j][i]));
-        if !is_positive_definite(symmetric) {
+        if !has_positive_minors(matrix) {
             return None;
         }
         let Wrench { force, torque } = self.load;
