@@ -13,11 +13,12 @@ use crate::step::{HeldBecause, Step, StepStatus};
 
 /// A body without dynamics: each step puts it where the springs of coupling and contacts balance, with gravity.
 ///
-/// No damper acts and no mass: of the time step only the velocity depends, which is the change of placement over
-/// it, and the wrenches given are those of the springs alone. The equilibrium is searched for from the present
-/// placement by Newton's method. Where the stiffness is not positive definite (a saturated spring, a tool about
-/// to buckle), or a step neither brings the springs closer to balance nor takes energy from them, springs to the present placement are
-/// added, of the coupling's gains times a factor that grows until it does (Levenberg's method).
+/// No damper acts and no mass but for the weight: of the time step only the velocity depends, which is the change of
+/// placement over it, and the wrenches given are those of the springs alone. The equilibrium is searched for from
+/// the present placement by Newton's method. Where the stiffness is not positive definite (a saturated spring, a tool
+/// about to buckle), or a step neither brings the springs closer to balance nor takes energy from them, springs to
+/// the present placement are added, of the coupling's gains times a factor that grows until it does (Levenberg's
+/// method).
 ///
 /// The search is bounded; if it ends early, the body is where it came to, [`StepStatus::unconverged`] is set, and
 /// the next step goes on from there. Both of the coupling's springs must have a positive stiffness: without them
