@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Parser, Subcommand};
-use palpate::{OpenOptions, Settings};
+use palpate::{IntegratorKind, OpenOptions, Settings};
 
 #[derive(Parser)]
 #[command(name = "palpate", version, about = "6-DoF haptic rendering: feel one mesh touching another")]
@@ -266,6 +266,10 @@ pub struct Physics {
     /// Rate of the haptic loop, Hz [default: 1000]
     #[arg(long)]
     rate: Option<f64>,
+    /// How the object's motion is integrated: semi-implicit, fully-implicit, forward-euler, symplectic-euler,
+    /// runge-kutta-4 or quasi-static [default: semi-implicit]
+    #[arg(long, value_name = "NAME")]
+    integrator: Option<IntegratorKind>,
 }
 
 impl Physics {
@@ -286,6 +290,7 @@ impl Physics {
             tolerance: self.tolerance.map(|tolerance| tolerance.metres(radius)),
             error: self.error.map_or(default.error, |error| error.metres(radius)),
             clusters: self.clusters.unwrap_or(default.clusters),
+            integrator: self.integrator.unwrap_or(default.integrator),
             ..default
         }
     }

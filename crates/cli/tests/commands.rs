@@ -441,6 +441,28 @@ fn extensions_may_be_upper_case_and_null_devices_written_twice() {
 }
 
 #[test]
+fn a_session_runs_with_any_integrator() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let session = |more: &[&str]| {
+        let run =
+            ["run", "ellipsoid@500", "ellipsoid@500", "--lockstep", "--seconds", "2", "--record", "r.csv"];
+        succeeds(&[&run, more].concat(), folder.path());
+        std::fs::read_to_string(folder.path().join("r.csv")).expect("recording")
+    };
+    let default = session(&[]);
+    assert_eq!(session(&["--integrator", "semi-implicit"]), default);
+    for name in ["fully-implicit", "forward-euler", "symplectic-euler", "runge-kutta-4", "quasi-static"] {
+        assert!(session(&["--integrator", name]) != default, "{name} gives what the default does");
+    }
+    let wrong = palpate(&["run", "ellipsoid@500", "ellipsoid@500", "--integrator", "rk4"], folder.path());
+    let message = String::from_utf8_lossy(&wrong.stderr);
+    assert!(
+        !wrong.status.success() && message.contains("rk4") && message.contains("quasi-static"),
+        "{message}"
+    );
+}
+
+#[test]
 fn a_session_says_which_stages_are_on_and_why() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let arguments = ["run", "ellipsoid@500", "torus@4000", "--lockstep", "--seconds", "0.01"];
@@ -449,6 +471,7 @@ fn a_session_says_which_stages_are_on_and_why() {
         ("contact query", "on: one scene object"),
         ("hierarchy", "probe ellipsoid@500: off, one convex hull; scene torus@4000: on, "),
         ("clustering", "on beyond 5 contacts"),
+        ("integrator", "semi-implicit"),
         ("textures", "off: "),
         ("friction", "off: "),
         ("events", "none"),

@@ -6,6 +6,7 @@
 //! ([`LinearContactModel`]), and gives the body's next state and the wrench for the device. The step
 //! allocates nothing, takes no lock, never panics and never gives NaN: what it cannot compute it refuses,
 //! with the state held and a reason in [`StepStatus`].
+//! [`IntegratorKind`] has other integrators under the same rules, to compare with.
 //!
 //! # Conventions
 //!
@@ -54,6 +55,7 @@ mod coupling;
 #[cfg(test)]
 mod differences;
 mod friction;
+mod integrators;
 mod jacobian;
 mod linear_solve;
 mod rotation;
@@ -68,6 +70,10 @@ pub use contact::{
 };
 pub use coupling::{CouplingResponse, DeviceMotion, VirtualCoupling};
 pub use friction::{Friction, Grip};
+pub use integrators::{
+    ForwardEuler, Frame, FullyImplicit, Integrator, IntegratorKind, QuasiStatic, RungeKutta4, SemiImplicit,
+    SymplecticEuler, UnknownIntegrator,
+};
 pub use jacobian::{Block6, WrenchJacobian};
 pub use linear_solve::{is_positive_definite, solve};
 pub use rotation::{inverse_right_jacobian, left_jacobian, rotation_minus_identity, skew};

@@ -39,6 +39,18 @@ fn coefficients(t: f64) -> (f64, f64, f64) {
     (a, (1.0 - cosine) / t, (1.0 - a) / t)
 }
 
+/// The coefficients (a, b) above for a squared angle, and their derivatives by it.
+pub(crate) fn turn_coefficients(t: f64) -> ((f64, f64), (f64, f64)) {
+    let (a, b, c) = coefficients(t);
+    if t < SERIES_BELOW {
+        let a_slope = -(1.0 - t / 10.0 * (1.0 - t / 28.0 * (1.0 - t / 54.0))) / 6.0;
+        let b_slope = -(1.0 - t / 15.0 * (1.0 - t * 3.0 / 112.0 * (1.0 - t / 67.5))) / 24.0;
+        return ((a, b), (a_slope, b_slope));
+    }
+    // cos θ = 1 − b t, and 1 − a = c t.
+    ((a, b), (0.5 * (c - b), (0.5 * a - b) / t))
+}
+
 /// exp(u*) − 1: what a rotation by `u` (rad) adds to a vector. The 1 is left out so that small rotations keep
 /// their digits.
 pub fn rotation_minus_identity(u: DVec3) -> DMat3 {

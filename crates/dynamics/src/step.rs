@@ -49,6 +49,7 @@ use crate::body::{Body, BodyState};
 use crate::contact::{ContactState, LinearContactModel, MAX_CONSTRAINTS, PlaneConstraint};
 use crate::coupling::{CouplingLinearisation, DeviceMotion, VirtualCoupling};
 use crate::friction::{Strain, sticking};
+use crate::integrators::Frame;
 use crate::jacobian::{Block6, outer};
 use crate::linear_solve::{is_positive_definite, solve};
 use crate::rotation::{cross_columns, exponential, skew, skew_skew};
@@ -76,7 +77,7 @@ pub enum HeldBecause {
     /// The linear system is singular, or something that went into it is not finite: a gain, a contact,
     /// gravity, the body.
     Singular,
-    /// The system was solved but the state or a wrench it leads to is not finite.
+    /// The step was computed, but the state or a wrench it leads to is not finite.
     Overflow,
 }
 
@@ -91,14 +92,16 @@ pub struct StepStatus {
     /// The step was taken without geometric stiffness, because with it the linear system was not a
     /// prediction.
     pub geometric_stiffness_dropped: bool,
-    /// Number of 6×6 systems solved, at most [`MAX_SOLVES`].
+    /// An iterative integrator ended before its tolerance was reached; see there for what the step is then.
+    pub unconverged: bool,
+    /// Number of 6×6 systems solved; by [`semi_implicit_step`] at most [`MAX_SOLVES`].
     pub solves: u32,
 }
 
 impl StepStatus {
-    /// Whether the step was taken and its contacts settled.
+    /// Whether the step was taken, its contacts settled and its iteration converged.
     pub fn is_ok(&self) -> bool {
-        self.held.is_none() && !self.active_set_unsettled
+        self.held.is_none() && !self.active_set_unsettled && !self.unconverged
     }
 }
 
@@ -138,20 +141,13 @@ pub fn semi_implicit_step(
     gravity: DVec3,
     dt: f64,
 ) -> Step {
-    if !state.is_valid() {
-        let relaxed = coupling.relaxed_pose(&device.pose);
-        let pose = if relaxed.is_valid() { relaxed } else { Pose::IDENTITY };
-        return Step::held(&BodyState::at_rest(pose), HeldBecause::State);
-    }
-    if !device.is_valid() {
-        return Step::held(state, HeldBecause::Device);
-    }
-    if !(dt > 0.0 && dt.is_finite()) {
-        return Step::held(state, HeldBecause::TimeStep);
+    if let Some(refused) = Step::refused(state, device, coupling, dt) {
+        return refused;
     }
 
     let mut pressing = ArrayVec::new();
-    let mut system = System::new(body, state, device, coupling, contacts, gravity, dt, &mut pressing);
+    let frame = Frame { body, device, coupling, contacts, gravity };
+    let mut system = System::new(&frame, state, dt, &mut pressing);
     let Some((change, active, status)) = system.solve() else {
         return Step::held(state, HeldBecause::Singular);
     };
@@ -159,19 +155,54 @@ pub fn semi_implicit_step(
     let twist =
         Twist { linear: state.twist.linear + change.linear, angular: state.twist.angular + change.angular };
     let next = BodyState { pose: state.pose.moved(&twist, dt), twist };
-    if !next.is_valid() {
-        return Step::held(state, HeldBecause::Overflow);
-    }
-    let (coupling_on_body, on_device) = coupling.wrenches(&next, device);
-    let contact = contacts.wrench(&next);
-    if !(coupling_on_body.is_finite() && on_device.is_finite() && contact.is_finite()) {
-        return Step::held(state, HeldBecause::Overflow);
-    }
-    Step { state: next, coupling: on_device, coupling_on_body, contact, active, status }
+    Step::ended(state, &next, device, coupling, contacts, active, status)
 }
 
 impl Step {
-    fn held(state: &BodyState, why: HeldBecause) -> Self {
+    /// The step that is not taken for its inputs, or `None` if they will do: the rules of
+    /// [`semi_implicit_step`], which are every integrator's.
+    pub(crate) fn refused(
+        state: &BodyState,
+        device: &DeviceMotion,
+        coupling: &VirtualCoupling,
+        dt: f64,
+    ) -> Option<Self> {
+        if !state.is_valid() {
+            let relaxed = coupling.relaxed_pose(&device.pose);
+            let pose = if relaxed.is_valid() { relaxed } else { Pose::IDENTITY };
+            return Some(Self::held(&BodyState::at_rest(pose), HeldBecause::State));
+        }
+        if !device.is_valid() {
+            return Some(Self::held(state, HeldBecause::Device));
+        }
+        if !(dt > 0.0 && dt.is_finite()) {
+            return Some(Self::held(state, HeldBecause::TimeStep));
+        }
+        None
+    }
+
+    /// The step from `start` to `next` with the wrenches there, or one that is held if they are not finite.
+    pub(crate) fn ended(
+        start: &BodyState,
+        next: &BodyState,
+        device: &DeviceMotion,
+        coupling: &VirtualCoupling,
+        contacts: &LinearContactModel,
+        active: u64,
+        status: StepStatus,
+    ) -> Self {
+        if !next.is_valid() {
+            return Self::held(start, HeldBecause::Overflow);
+        }
+        let (coupling_on_body, on_device) = coupling.wrenches(next, device);
+        let contact = contacts.wrench(next);
+        if !(coupling_on_body.is_finite() && on_device.is_finite() && contact.is_finite()) {
+            return Self::held(start, HeldBecause::Overflow);
+        }
+        Self { state: *next, coupling: on_device, coupling_on_body, contact, active, status }
+    }
+
+    pub(crate) fn held(state: &BodyState, why: HeldBecause) -> Self {
         Self {
             state: *state,
             coupling: Wrench::ZERO,
@@ -346,12 +377,8 @@ struct System<'a> {
 impl<'a> System<'a> {
     #[inline]
     fn new(
-        body: &Body,
+        &Frame { body, device, coupling, contacts, gravity }: &Frame<'a>,
         state: &'a BodyState,
-        device: &DeviceMotion,
-        coupling: &VirtualCoupling,
-        contacts: &'a LinearContactModel,
-        gravity: DVec3,
         dt: f64,
         pressing: &'a mut ArrayVec<Pressing, MAX_CONSTRAINTS>,
     ) -> Self {
@@ -515,7 +542,7 @@ impl<'a> System<'a> {
 
 /// The momentum exp(h ω*) I ω that a body spinning at ω carries over the step, less I ω, and the derivative
 /// of the former by ω.
-fn carried_momentum(inertia: &DMat3, angular: DVec3, dt: f64) -> (DVec3, DMat3) {
+pub(crate) fn carried_momentum(inertia: &DMat3, angular: DVec3, dt: f64) -> (DVec3, DMat3) {
     let (turn, left) = exponential(angular * dt);
     let momentum = *inertia * angular;
     let gained = turn * momentum;
@@ -681,9 +708,15 @@ mod tests {
                 friction: Friction::coulomb([0.0, 0.4, 2.0][case % 3]),
             };
             let model = LinearContactModel::from_contacts(contacts, &state.pose, &parameters, 0.0);
+            let frame = Frame {
+                body: &body,
+                device: &device,
+                coupling: &coupling,
+                contacts: &model,
+                gravity: DVec3::ZERO,
+            };
             let mut pressing = ArrayVec::new();
-            let mut system =
-                System::new(&body, &state, &device, &coupling, &model, DVec3::ZERO, 1e-3, &mut pressing);
+            let mut system = System::new(&frame, &state, 1e-3, &mut pressing);
             let (change, active, status) = system.solve().expect("regular");
             let (pushing, _) = system.predict(&change);
             assert_eq!(active & !pushing, 0, "seed {seed}, case {case}: an active contact attracts");

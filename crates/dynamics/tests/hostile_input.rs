@@ -3,10 +3,10 @@
 #![allow(clippy::print_stdout, reason = "measured figures, shown by --nocapture")]
 
 use palpate_core::glam::{DMat3, DQuat, DVec3};
-use palpate_core::{Contact, Pose, Twist};
+use palpate_core::{Contact, Pose, Twist, Wrench};
 use palpate_dynamics::{
-    Body, BodyState, ContactParameters, DeviceMotion, Friction, Grip, HeldBecause, LinearContactModel,
-    MAX_SOLVES, PlaneConstraint, Step, VirtualCoupling, semi_implicit_step,
+    Body, BodyState, ContactParameters, DeviceMotion, Frame, Friction, Grip, HeldBecause, Integrator,
+    IntegratorKind, LinearContactModel, MAX_SOLVES, PlaneConstraint, Step, VirtualCoupling,
 };
 use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
 
@@ -46,23 +46,54 @@ impl Inputs {
         }
     }
 
+    fn frame(&self) -> Frame<'_> {
+        let Self { body, device, coupling, contacts, gravity, .. } = self;
+        Frame { body, device, coupling, contacts, gravity: *gravity }
+    }
+
     fn step(&self) -> Step {
-        let i = self;
-        let step =
-            semi_implicit_step(&i.body, &i.state, &i.device, &i.coupling, &i.contacts, i.gravity, i.dt);
-        assert!(step.state.is_valid(), "{:?}", step.status);
-        assert!(step.coupling.is_finite() && step.coupling_on_body.is_finite() && step.contact.is_finite());
+        let step = self.step_by(IntegratorKind::SemiImplicit);
         assert!(step.status.solves <= MAX_SOLVES);
-        if step.status.held.is_some() && i.state.is_valid() {
-            assert_eq!(step.state, i.state, "a step that was not taken moved the body");
+        step
+    }
+
+    fn step_by(&self, kind: IntegratorKind) -> Step {
+        let step = kind.step(&self.frame(), &self.state, self.dt);
+        assert!(step.state.is_valid(), "{kind}: {:?}", step.status);
+        let wrenches = [step.coupling, step.coupling_on_body, step.contact];
+        assert!(wrenches.iter().all(Wrench::is_finite), "{kind}: {wrenches:?}");
+        assert!(step.status.solves < 1000, "{kind}: {:?}", step.status);
+        if step.status.held.is_some() {
+            assert_eq!(wrenches, [Wrench::ZERO; 3], "{kind}: a step that was not taken gives wrenches");
+            if self.state.is_valid() {
+                assert_eq!(step.state, self.state, "{kind}: a step that was not taken moved the body");
+            }
         }
         step
     }
 }
 
+/// Why a step is held, where all integrators hold it for one reason.
 fn with(change: impl FnOnce(&mut Inputs)) -> Option<HeldBecause> {
     let mut inputs = Inputs::usable();
     change(&mut inputs);
+    let held = inputs.step().status.held;
+    for kind in IntegratorKind::ALL {
+        assert_eq!(inputs.step_by(kind).status.held, held, "{kind}");
+    }
+    held
+}
+
+/// Why the implicit steps are held, where the others hold for a reason of their own.
+fn with_unusable_numbers(change: impl FnOnce(&mut Inputs)) -> Option<HeldBecause> {
+    let mut inputs = Inputs::usable();
+    change(&mut inputs);
+    for kind in IntegratorKind::ALL {
+        // A quasi-static body has neither dampers nor inertia.
+        let held = inputs.step_by(kind).status.held.is_some();
+        assert!(held || kind == IntegratorKind::QuasiStatic, "{kind}");
+    }
+    assert_eq!(inputs.step_by(IntegratorKind::FullyImplicit).status.held, Some(HeldBecause::Singular));
     inputs.step().status.held
 }
 
@@ -109,12 +140,15 @@ fn an_unusable_state_is_replaced_by_the_relaxed_one() {
 #[test]
 fn unusable_gains_contacts_and_gravity_hold_the_body() {
     for bad in [f64::NAN, f64::INFINITY] {
-        assert_eq!(with(|i| i.coupling.linear_stiffness = bad), Some(HeldBecause::Singular));
-        assert_eq!(with(|i| i.coupling.angular_damping = bad), Some(HeldBecause::Singular));
-        assert_eq!(with(|i| i.coupling.grasp.translation.x = bad), Some(HeldBecause::Singular));
-        assert_eq!(with(|i| i.gravity.z = bad), Some(HeldBecause::Singular));
-        assert_eq!(with(|i| i.body.mass = bad), Some(HeldBecause::Singular));
-        assert_eq!(with(|i| i.body.inertia.x_axis.x = bad), Some(HeldBecause::Singular));
+        assert_eq!(with_unusable_numbers(|i| i.coupling.linear_stiffness = bad), Some(HeldBecause::Singular));
+        assert_eq!(with_unusable_numbers(|i| i.coupling.angular_damping = bad), Some(HeldBecause::Singular));
+        assert_eq!(
+            with_unusable_numbers(|i| i.coupling.grasp.translation.x = bad),
+            Some(HeldBecause::Singular)
+        );
+        assert_eq!(with_unusable_numbers(|i| i.gravity.z = bad), Some(HeldBecause::Singular));
+        assert_eq!(with_unusable_numbers(|i| i.body.mass = bad), Some(HeldBecause::Singular));
+        assert_eq!(with_unusable_numbers(|i| i.body.inertia.x_axis.x = bad), Some(HeldBecause::Singular));
         let constraint = PlaneConstraint {
             point: DVec3::Z * bad,
             scene_point: DVec3::ZERO,
@@ -123,7 +157,11 @@ fn unusable_gains_contacts_and_gravity_hold_the_body() {
             ..PlaneConstraint::default()
         };
         // A contact with a position that is no number is never closed, so it may also do nothing.
-        let _ = with(|i| assert!(i.contacts.push(constraint)));
+        let mut inputs = Inputs::usable();
+        assert!(inputs.contacts.push(constraint));
+        for kind in IntegratorKind::ALL {
+            let _ = inputs.step_by(kind);
+        }
     }
     let body_without_mass = |i: &mut Inputs| {
         i.body.mass = 0.0;
@@ -131,7 +169,7 @@ fn unusable_gains_contacts_and_gravity_hold_the_body() {
         i.coupling.linear_damping = 0.0;
         i.contacts = LinearContactModel::empty(&Pose::IDENTITY, 0.0);
     };
-    assert_eq!(with(body_without_mass), Some(HeldBecause::Singular));
+    assert_eq!(with_unusable_numbers(body_without_mass), Some(HeldBecause::Singular));
 }
 
 #[test]
@@ -141,15 +179,24 @@ fn numbers_that_overflow_hold_the_body() {
         (i.coupling.linear_stiffness, i.coupling.linear_damping) = (0.0, 0.0);
         i.contacts = LinearContactModel::empty(&Pose::IDENTITY, 0.0);
     };
-    assert_eq!(with(too_far), Some(HeldBecause::Overflow));
+    let mut inputs = Inputs::usable();
+    too_far(&mut inputs);
+    for kind in IntegratorKind::ALL {
+        let expected = match kind {
+            IntegratorKind::QuasiStatic => HeldBecause::Singular,
+            _ => HeldBecause::Overflow,
+        };
+        assert_eq!(inputs.step_by(kind).status.held, Some(expected), "{kind}");
+    }
 }
 
 #[test]
 fn numbers_of_any_size_give_finite_numbers() {
     let seed = 71;
     let mut rng = StdRng::seed_from_u64(seed);
-    let (mut taken, mut held) = (0, 0);
-    for case in 0..100_000 {
+    let mut taken = [0; IntegratorKind::ALL.len()];
+    let cases = 100_000;
+    for case in 0..cases {
         let widest = [3.0, 30.0, 300.0][case % 3];
         let mut any = || {
             let special = [0.0, f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::MIN_POSITIVE, f64::MAX];
@@ -194,11 +241,37 @@ fn numbers_of_any_size_give_finite_numbers() {
             inputs.contacts.push(*c);
         }
         inputs.dt = any().abs();
-        match inputs.step().status.held {
-            None => taken += 1,
-            Some(_) => held += 1,
+        for (taken, kind) in taken.iter_mut().zip(IntegratorKind::ALL) {
+            *taken += usize::from(inputs.step_by(kind).status.held.is_none());
         }
     }
-    println!("seed {seed}: {taken} steps taken, {held} held");
-    assert!(taken > 1000 && held > 1000);
+    for (taken, kind) in taken.into_iter().zip(IntegratorKind::ALL) {
+        println!("seed {seed}, {kind}: {taken} steps taken of {cases}");
+        assert!(taken > 1000 && cases - taken > 1000, "{kind}");
+    }
+}
+
+#[test]
+fn integrators_that_diverge_end_held_or_finite() {
+    for kind in IntegratorKind::ALL {
+        let mut inputs = Inputs::usable();
+        inputs.body = Body::new(1e-6, DMat3::from_diagonal(DVec3::new(1e-12, 2e-9, 2e-9))).unwrap();
+        let mut fastest: f64 = 0.0;
+        let mut held = 0;
+        for _ in 0..2000 {
+            let step = inputs.step_by(kind);
+            held += u32::from(step.status.held.is_some());
+            inputs.state = step.state;
+            fastest = fastest.max(step.state.twist.linear.length());
+        }
+        println!("{kind}: fastest {fastest:.1e} m/s, held {held} times");
+        let explicit =
+            [IntegratorKind::ForwardEuler, IntegratorKind::SymplecticEuler, IntegratorKind::RungeKutta4];
+        if explicit.contains(&kind) {
+            assert!(fastest > 1e6 && held > 0, "{kind} does not diverge");
+        } else {
+            // A quasi-static body is out of the wall in one step.
+            assert!(fastest < 5.0 && held == 0, "{kind}");
+        }
+    }
 }

@@ -1,4 +1,4 @@
-//! The haptic loop (§5.1.2): read the device, move the grasped object by an implicit step, send the coupling wrench.
+//! The haptic loop (§5.1.2): read the device, move the grasped object by a step of the integrator, send the coupling wrench.
 //!
 //! A step never allocates, locks, blocks or panics; what goes wrong is counted in [`HapticTelemetry::events`].
 
@@ -6,7 +6,7 @@ use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist, Wrench};
 use palpate_device::{Axes, DeviceState, HapticDevice, Specification, Status};
 use palpate_dynamics::{
-    Body, BodyState, ContactBlend, DeviceMotion, VirtualCoupling, saturate, semi_implicit_step,
+    Body, BodyState, ContactBlend, DeviceMotion, Frame, Integrator, IntegratorKind, VirtualCoupling, saturate,
 };
 
 use crate::contact_loop::ContactUpdate;
@@ -30,6 +30,7 @@ pub struct HapticLoop {
     update: ContactUpdate,
     contacts: ContactBlend,
     contact_timeout: f64,
+    integrator: IntegratorKind,
     /// Time of the first step, s, from which the first contact model is waited for; NaN before it.
     started: f64,
     /// Share of the wrench that is sent: see [`Self::fade`].
@@ -69,12 +70,13 @@ pub(crate) struct Grasped {
     pub center_of_mass: DVec3,
     pub grasp: Pose,
     pub contact_timeout: f64,
+    pub integrator: IntegratorKind,
 }
 
 impl HapticLoop {
     /// Starts with the object at rest in the device's hand: the mesh's frame coincides with the device's.
     pub(crate) fn new(grasped: Grasped, device: DeviceState, specification: &Specification) -> Self {
-        let Grasped { body, coupling, center_of_mass, grasp, contact_timeout } = grasped;
+        let Grasped { body, coupling, center_of_mass, grasp, contact_timeout, integrator } = grasped;
         let pose = device.pose * Pose::from_translation(center_of_mass);
         Self {
             body,
@@ -91,6 +93,7 @@ impl HapticLoop {
             update: ContactUpdate::none(),
             contacts: ContactBlend::new(),
             contact_timeout,
+            integrator,
             started: f64::NAN,
             presence: 1.0,
             telemetry: HapticTelemetry::default(),
@@ -157,17 +160,17 @@ impl HapticLoop {
         let motion = DeviceMotion { pose: held, twist };
 
         self.contacts.advance(&self.state, dt);
-        let step = semi_implicit_step(
-            &self.body,
-            &self.state,
-            &motion,
-            &self.coupling,
-            self.contacts.contacts(),
-            DVec3::ZERO,
-            dt,
-        );
+        let frame = Frame {
+            body: &self.body,
+            device: &motion,
+            coupling: &self.coupling,
+            contacts: self.contacts.contacts(),
+            gravity: DVec3::ZERO,
+        };
+        let step = self.integrator.step(&frame, &self.state, dt);
         self.telemetry.events.step_refused += u64::from(step.status.held.is_some());
         self.telemetry.events.contacts_unsettled += u64::from(step.status.active_set_unsettled);
+        self.telemetry.events.step_unconverged += u64::from(step.status.unconverged);
         self.state = step.state;
 
         let waited = now - if self.update.time.is_nan() { self.started } else { self.update.time };

@@ -37,6 +37,7 @@ pub use palpate_core as core;
 pub use palpate_core::{Contact, Pose, TriMesh, Twist, Wrench, glam};
 pub use palpate_device as device;
 pub use palpate_dynamics as dynamics;
+pub use palpate_dynamics::IntegratorKind;
 pub use palpate_mesh_io as mesh_io;
 pub use palpate_models as models;
 pub use record::{COLUMNS, Record, RecordWriter};

@@ -85,6 +85,7 @@ impl HapticRenderer {
             center_of_mass: source.center_of_mass,
             grasp,
             contact_timeout: settings.contact_timeout,
+            integrator: settings.integrator,
         };
         let haptic = HapticLoop::new(grasped, state, &specification);
         let contact = ContactLoop::new(&probe, source.center_of_mass, scene.objects(), parameters, &settings);

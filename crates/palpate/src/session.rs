@@ -140,6 +140,7 @@ impl HapticRenderer {
             n => format!("on: {n} scene objects"),
         };
         stages.insert("contact query", query);
+        stages.insert("integrator", self.settings().integrator.to_string());
         for (role, object) in std::iter::once(("probe", self.probe()))
             .chain(self.scene().objects().iter().map(|placed| ("scene", &placed.object)))
         {

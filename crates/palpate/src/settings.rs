@@ -1,6 +1,7 @@
 //! The physical settings of a session, in SI units.
 
 use palpate_core::Pose;
+use palpate_dynamics::IntegratorKind;
 use serde::{Deserialize, Serialize};
 
 /// What a session renders with. Values that are `None` are derived from the grasped object and the device.
@@ -46,6 +47,8 @@ pub struct Settings {
     /// Age of the newest contact model, s, from which the wrench fades out, to nothing at twice this age; it fades in
     /// again over as long a time.
     pub contact_timeout: f64,
+    /// How the motion of the grasped object is integrated; only the implicit integrators stay stable with a light object.
+    pub integrator: IntegratorKind,
 }
 
 impl Default for Settings {
@@ -68,6 +71,7 @@ impl Default for Settings {
             braking: true,
             grasp: None,
             contact_timeout: 0.5,
+            integrator: IntegratorKind::default(),
         }
     }
 }

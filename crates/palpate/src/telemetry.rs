@@ -62,6 +62,8 @@ pub struct Events {
     pub step_refused: u64,
     /// The set of pushing contacts was still changing when the step ended, so that one may have been left out.
     pub contacts_unsettled: u64,
+    /// An iterative integrator did not converge, and the step was taken as far as it came or semi-implicitly.
+    pub step_unconverged: u64,
     /// The wrench was reduced towards what the device can render: it was above three quarters of it.
     pub saturated: u64,
     /// The wrench was faded: contact models were overdue, or the device or the step had failed within the last timeout.
