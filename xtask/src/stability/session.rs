@@ -1,0 +1,1 @@
+pub fn map(_: &super::grid::Plan) -> Result<super::page::Section, String> { Ok(super::page::Section::default()) }
