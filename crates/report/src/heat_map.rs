@@ -105,7 +105,9 @@ fn draw_one(area: &DrawingArea<SVGBackend<'_>, Shift>, map: &HeatMap) -> Drawn {
         return Err(format!("{} values for {columns} × {rows} cells", map.cells.len()).into());
     }
     if map.boundaries.len() > LINES.len() {
-        return Err(format!("{} lines, of which {} can be told apart", map.boundaries.len(), LINES.len()).into());
+        return Err(
+            format!("{} lines, of which {} can be told apart", map.boundaries.len(), LINES.len()).into()
+        );
     }
     let (plot, legend) = area.split_vertically(SIZE.1);
     let mut chart = ChartBuilder::on(&plot)
@@ -114,13 +116,7 @@ fn draw_one(area: &DrawingArea<SVGBackend<'_>, Shift>, map: &HeatMap) -> Drawn {
         .x_label_area_size(36)
         .y_label_area_size(62)
         .build_cartesian_2d(0.0..columns as f64, 0.0..rows as f64)?;
-    chart
-        .configure_mesh()
-        .disable_mesh()
-        .axis_style(INK)
-        .disable_x_axis()
-        .disable_y_axis()
-        .draw()?;
+    chart.configure_mesh().disable_mesh().axis_style(INK).disable_x_axis().disable_y_axis().draw()?;
     for (index, value) in map.cells.iter().enumerate() {
         let (column, row) = ((index % columns) as f64, (index / columns) as f64);
         let cell = [(column, row), (column + 1.0, row + 1.0)];
@@ -217,7 +213,9 @@ mod tests {
     #[test]
     fn positions_are_those_of_the_cells_middles() {
         let logarithmic = axis(&[1.0, 100.0, 1000.0]);
-        for (value, expected) in [(1.0, 0.5), (10.0, 1.0), (100.0, 1.5), (1000.0, 2.5), (0.1, 0.0), (1e9, 3.0)] {
+        for (value, expected) in
+            [(1.0, 0.5), (10.0, 1.0), (100.0, 1.5), (1000.0, 2.5), (0.1, 0.0), (1e9, 3.0)]
+        {
             assert!((logarithmic.position(value) - expected).abs() < 1e-12, "{value}");
         }
         assert!((axis(&[0.0, 4.0]).position(1.0) - 0.75).abs() < 1e-12);
@@ -226,9 +224,15 @@ mod tests {
 
     #[test]
     fn numbers_are_short() {
-        for (value, text) in
-            [(0.0, "0"), (20.0, "20"), (100.0, "100"), (0.0001, "0.0001"), (12_500.0, "12.5k"), (1.5e6, "1.5M"), (-0.25, "-0.25")]
-        {
+        for (value, text) in [
+            (0.0, "0"),
+            (20.0, "20"),
+            (100.0, "100"),
+            (0.0001, "0.0001"),
+            (12_500.0, "12.5k"),
+            (1.5e6, "1.5M"),
+            (-0.25, "-0.25"),
+        ] {
             assert_eq!(number(value), text);
         }
     }

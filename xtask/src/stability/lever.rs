@@ -35,8 +35,7 @@ fn tool(arm: f64, along: bool) -> Result<(Body, Pose, Geometry), String> {
 /// # Errors
 /// If a case cannot be simulated.
 pub fn map(plan: &Plan) -> Result<Section, String> {
-    let arms = plan
-        .choose(&[0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0], &[0.0, 0.05, 0.3, 1.0]);
+    let arms = plan.choose(&[0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0], &[0.0, 0.05, 0.3, 1.0]);
     let stiffness = logarithmic(100.0, 1e5, if plan.quick { 3 } else { 13 });
     let cells = pairs(&stiffness, &arms);
     let cases = pairs(&[true, false], &cells);

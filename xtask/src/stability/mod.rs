@@ -11,6 +11,7 @@ mod grid;
 mod judge;
 mod lever;
 mod meshes;
+mod metered;
 mod page;
 mod peg;
 mod pressing;

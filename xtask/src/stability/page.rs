@@ -32,9 +32,43 @@ pub struct Table {
 
 /// A row of a table from values that can be written.
 macro_rules! row {
-    ($($value:expr),* $(,)?) => { vec![$($value.to_string()),*] };
+    ($($value:expr),* $(,)?) => { vec![$($crate::stability::page::Entry::entry(&$value)),*] };
 }
 pub(crate) use row;
+
+/// What can stand in a table.
+pub trait Entry {
+    fn entry(&self) -> String;
+}
+
+impl Entry for f64 {
+    /// Six significant digits.
+    fn entry(&self) -> String {
+        let rounded: f64 = format!("{self:.5e}").parse().unwrap_or(*self);
+        if rounded == 0.0 || (1e-4..1e7).contains(&rounded.abs()) || !rounded.is_finite() {
+            format!("{}", rounded + 0.0)
+        } else {
+            format!("{rounded:e}")
+        }
+    }
+}
+
+macro_rules! entries {
+    ($($kind:ty),*) => {
+        $(impl Entry for $kind {
+            fn entry(&self) -> String {
+                self.to_string()
+            }
+        })*
+    };
+}
+entries!(&str, String, bool, u32, u64, usize);
+
+impl<E: Entry> Entry for &E {
+    fn entry(&self) -> String {
+        (*self).entry()
+    }
+}
 
 /// A picture of a map.
 #[derive(Clone, Debug)]
@@ -76,7 +110,8 @@ impl Section {
         for picture in &self.pictures {
             let path = folder.join(format!("{}.svg", picture.name));
             let svg = draw_heat_maps(&picture.maps, picture.columns).map_err(|error| error.to_string())?;
-            std::fs::write(&path, svg).map_err(|error| format!("cannot write {}: {error}", path.display()))?;
+            std::fs::write(&path, svg)
+                .map_err(|error| format!("cannot write {}: {error}", path.display()))?;
         }
         Ok(())
     }

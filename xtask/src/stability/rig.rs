@@ -42,7 +42,8 @@ pub struct RigResult {
     pub held_force: f64,
     /// The largest torque sent, N·m.
     pub largest_torque: f64,
-    /// The least energy that had flowed from the device into the session, J.
+    /// The least energy that the session had, J: what the coupling held at the start, and what had flowed in from the
+    /// device.
     pub port_energy: f64,
     /// Steps that had no solution.
     pub refused: u64,
@@ -151,6 +152,8 @@ struct Running {
     found: Vec<Contact>,
     motion: DeviceMotion,
     held: f64,
+    /// Energy in the coupling at the start, J.
+    stored: f64,
     result: RigResult,
 }
 
@@ -165,6 +168,7 @@ impl Running {
             found: Vec::new(),
             motion: DeviceMotion::default(),
             held: 0.0,
+            stored: f64::NAN,
             result: RigResult {
                 outcome: Outcome::Diverged,
                 amplitude: f64::INFINITY,
@@ -197,6 +201,9 @@ impl Running {
         }
         let read = device.read(now).map_err(|error| error.to_string())?;
         self.motion = DeviceMotion { pose: read.pose, twist: read.twist };
+        if self.stored.is_nan() {
+            self.stored = rig.coupling.potential_energy(&self.state, &self.motion);
+        }
         let step = rig.stepper.step(&StepInput {
             body: &rig.body,
             state: &self.state,
@@ -215,7 +222,7 @@ impl Running {
         result.refused += u64::from(step.status.held.is_some());
         result.largest_force = result.largest_force.max(sent.force.length());
         result.largest_torque = result.largest_torque.max(sent.torque.length());
-        result.port_energy = result.port_energy.min(-device.work());
+        result.port_energy = result.port_energy.min(self.stored - device.work());
         if now > DURATION - 0.5 {
             self.held += sent.force.length() * dt * (0.5 / dt).floor() / 0.5;
         }

@@ -75,6 +75,9 @@ pub struct WallResult {
     pub amplitude: f64,
     /// The least energy that had flowed from the device into the wall, J.
     pub port_energy: f64,
+    /// The least energy that had flowed from the hand into the device with the wall, J: what the wall took, what the
+    /// device's damping and friction turned to heat, and what the handle's motion holds.
+    pub hand_energy: f64,
 }
 
 /// How finely forces are timed and the motion is looked at, s.
@@ -120,10 +123,9 @@ impl WallCase {
         let handle = Emulation::default().handle;
         let (device_damping, friction) = match self.motion {
             Motion::Translation => (handle.damping, handle.friction),
-            Motion::Rotation => (
-                handle.angular_damping / lever_arm().powi(2),
-                handle.angular_friction / lever_arm(),
-            ),
+            Motion::Rotation => {
+                (handle.angular_damping / lever_arm().powi(2), handle.angular_friction / lever_arm())
+            }
         };
         SampledWall {
             device_damping,
@@ -149,11 +151,12 @@ impl WallCase {
     pub fn run(&self) -> Result<WallResult, String> {
         let mut device = self.device().map_err(|error| error.to_string())?;
         let (period, delay) = ((self.period / TICK).round() as u64, (self.delay / TICK).round() as u64);
+        let theory = self.sampled();
         let ticks = (DURATION / TICK).round() as u64;
         let mut trace = Vec::with_capacity(ticks as usize);
         let mut pending = VecDeque::new();
         let mut last = f64::NAN;
-        let mut most_work: f64 = 0.0;
+        let (mut most_work, mut lost, mut hand_energy): (f64, f64, f64) = (0.0, 0.0, 0.0);
         for tick in 0..ticks {
             let state = device.read(tick as f64 * TICK).map_err(|error| error.to_string())?;
             if tick % period == 0 {
@@ -169,20 +172,25 @@ impl WallCase {
             while let Some((_, force)) = pending.pop_front_if(|(arrival, _)| *arrival <= tick) {
                 device.write(&self.wrench(force)).map_err(|error| error.to_string())?;
             }
-            let position = self.position(&device.handle().0);
+            let (pose, twist) = device.handle();
+            let (position, speed) = (self.position(&pose), self.speed(&twist));
             most_work = most_work.max(device.work());
+            lost += (theory.device_damping * speed.abs() + theory.friction) * speed.abs() * TICK;
+            let moving = 0.5 * Emulation::default().handle.mass * speed * speed;
+            hand_energy = hand_energy.min(lost + moving - device.work());
             trace.push([position]);
             if position.is_nan() || position.abs() > FAR {
                 return Ok(WallResult {
                     outcome: Outcome::Diverged,
                     amplitude: f64::INFINITY,
                     port_energy: -most_work,
+                    hand_energy,
                 });
             }
         }
         let (rest, after) = trace.split_at(trace.len() - HALF);
         let (outcome, amplitude) = judge([&rest[rest.len() - HALF..], after], self.floor());
-        Ok(WallResult { outcome, amplitude, port_energy: -most_work })
+        Ok(WallResult { outcome, amplitude, port_energy: -most_work, hand_energy })
     }
 
     /// The wall never pulls.

@@ -34,8 +34,10 @@ const PORT: f64 = -1e-3;
 /// If a case cannot be simulated.
 pub fn map(plan: &Plan) -> Result<Section, String> {
     let stiffness = logarithmic(50.0, 20_000.0, if plan.quick { 6 } else { 14 });
-    let damping = plan
-        .choose(&[0.0, 0.1, 0.2, 0.5, 0.8, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 20.0, 30.0], &[0.0, 0.5, 2.0, 10.0, 30.0]);
+    let damping = plan.choose(
+        &[0.0, 0.1, 0.2, 0.5, 0.8, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 20.0, 30.0],
+        &[0.0, 0.5, 2.0, 10.0, 30.0],
+    );
     let walls = pairs(&stiffness, &damping);
     let sweeps = sweeps(plan);
     let mut cases: Vec<(&'static str, WallCase)> = Vec::new();
@@ -75,16 +77,15 @@ fn sweeps(plan: &Plan) -> Vec<Sweep> {
     for motion in Motion::ALL {
         let base = WallCase::base(motion);
         let mut sweep = |name, settings| sweeps.push(Sweep { name, motion, settings });
-        let settings = periods.iter().map(|&period| {
-            (format!("T = {} ms", 1e3 * period), WallCase { period, ..base })
-        });
+        let settings =
+            periods.iter().map(|&period| (format!("T = {} ms", 1e3 * period), WallCase { period, ..base }));
         sweep("period", settings.collect());
         let settings =
             delays.iter().map(|&delay| (format!("delay {} ms", 1e3 * delay), WallCase { delay, ..base }));
         sweep("delay", settings.collect());
-        let settings = quanta.iter().map(|&quantum| {
-            (format!("encoder step {} µm", 1e6 * quantum), WallCase { quantum, ..base })
-        });
+        let settings = quanta
+            .iter()
+            .map(|&quantum| (format!("encoder step {} µm", 1e6 * quantum), WallCase { quantum, ..base }));
         sweep("quantum", settings.collect());
         let settings = hands.iter().map(|&hand| (format!("hand: {}", hand.0), WallCase { hand, ..base }));
         sweep("hand", settings.collect());
@@ -202,8 +203,10 @@ fn verdicts(runs: &[Run], explained: &[Option<&'static str>]) -> Vec<Verdict> {
     let stable = || runs.iter().filter(|run| run.result.outcome.is_stable());
     let least = stable().map(|run| run.result.port_energy).fold(0.0, f64::min);
     let under = stable().filter(|run| run.result.port_energy < PORT).count();
+    let at_hand = stable().filter(|run| run.result.hand_energy < PORT).count();
+    let least_at_hand = stable().map(|run| run.result.hand_energy).fold(0.0, f64::min);
     let passive = || stable().filter(|run| called_passive(&run.case) && as_assumed(&run.case));
-    let least_passive = passive().map(|run| run.result.port_energy).fold(0.0, f64::min);
+    let least_passive = passive().map(|run| run.result.hand_energy).fold(0.0, f64::min);
     let left = explained.iter().filter(|why| why.is_none()).count();
     vec![
         inside(
@@ -233,13 +236,19 @@ fn verdicts(runs: &[Run], explained: &[Option<&'static str>]) -> Vec<Verdict> {
             format!("{left} of {} do not", explained.len()),
         ),
         Verdict::new(
-            "every stable wall keeps the energy at the port above −1 mJ",
+            "every stable wall, taken alone, keeps the energy that it had from the device above −1 mJ",
             under == 0,
             format!("{under} of {} go below; the least is {:.3} mJ", stable().count(), 1e3 * least),
         ),
         Verdict::new(
-            "every wall that is passive by Colgate and Schenkel under its assumptions keeps the energy at the port \
-             above −1 mJ",
+            "every stable wall, taken with the device's damping and friction, keeps the energy that it had from the \
+             hand above −1 mJ",
+            at_hand == 0,
+            format!("{at_hand} of {} go below; the least is {:.3} mJ", stable().count(), 1e3 * least_at_hand),
+        ),
+        Verdict::new(
+            "every wall that is passive by Colgate and Schenkel under its assumptions, with the device, keeps the \
+             energy that it had from the hand above −1 mJ",
             passive().count() > 0 && least_passive > PORT,
             format!("{} walls; the least is {:.6} mJ", passive().count(), 1e3 * least_passive),
         ),
@@ -360,7 +369,10 @@ fn boundaries(setting: &WallCase, stiffness: &[f64]) -> Vec<Boundary> {
     let spring = viscous.min(rounding);
     vec![
         Boundary { name: "Colgate and Schenkel".to_owned(), points },
-        Boundary { name: "Diolaiti and others, B = 0".to_owned(), points: vec![(0.0, spring), (0.1, spring)] },
+        Boundary {
+            name: "Diolaiti and others, B = 0".to_owned(),
+            points: vec![(0.0, spring), (0.1, spring)],
+        },
     ]
 }
 
@@ -381,6 +393,7 @@ fn table(runs: &[Run]) -> Table {
             result.outcome.word(),
             result.amplitude,
             result.port_energy,
+            result.hand_energy,
             wall.colgate_schenkel(),
             case.damping == 0.0 && wall.abbott_okamura(),
             case.damping == 0.0 && wall.diolaiti(),
@@ -400,6 +413,7 @@ fn table(runs: &[Run]) -> Table {
         "outcome",
         "amplitude_m",
         "port_energy_min_j",
+        "hand_energy_min_j",
         "colgate_schenkel",
         "abbott_okamura",
         "diolaiti",
