@@ -45,40 +45,53 @@ impl Outcome {
     }
 }
 
-/// A motion that, half a second on, has kept more than this of its amplitude does not die away.
+/// A motion that, half a second on, has kept more than this of its amplitude does not die away; nor does one that, a
+/// quarter of a second on, has kept more than [`STEADY`] of it.
 const DECAY: f64 = 0.8;
+const STEADY: f64 = 0.97;
 
-/// Judges a motion by its last second, given as its two halves, each a sequence of samples of all coordinates.
+/// Judges a motion by its last second, a sequence of samples of all coordinates, and gives its amplitude in the last
+/// half of it.
 ///
-/// With a the peak to peak amplitude, the largest over the coordinates: quiet if a of the second half is no more than
-/// `floor`, decaying if it is less than 0.8 of that of the first half.
-pub fn judge<const N: usize>(halves: [&[[f64; N]]; 2], floor: f64) -> (Outcome, f64) {
-    let [before, after] = halves.map(peak_to_peak);
-    let outcome = if !before.is_finite() || !after.is_finite() {
+/// Of three windows of half a second, a quarter of a second apart, two amplitudes are taken: from peak to peak, and the
+/// standard deviation, each the largest over the coordinates. The motion is quiet if that from peak to peak ends at no
+/// more than `floor`, and decaying if both fall from window to window, and by a fifth from the first to the last. A limit
+/// cycle that is irregular may by chance do one of these, but hardly all.
+pub fn judge<const N: usize>(last_second: &[[f64; N]], floor: f64) -> (Outcome, f64) {
+    let quarter = last_second.len() / 4;
+    let windows = [0, 1, 2].map(|start| &last_second[start * quarter..(start + 2) * quarter]);
+    let amplitudes = windows.map(amplitudes);
+    let finite = amplitudes.iter().flatten().all(|amplitude| amplitude.is_finite());
+    let [first, middle, last] = amplitudes;
+    let falls = |i: usize| {
+        last[i] < DECAY * first[i] && last[i] < STEADY * middle[i] && middle[i] < STEADY * first[i]
+    };
+    let outcome = if !finite {
         Outcome::Diverged
-    } else if after <= floor {
+    } else if last[0] <= floor {
         Outcome::Quiet
-    } else if after < DECAY * before {
+    } else if falls(0) && falls(1) {
         Outcome::Decaying
     } else {
         Outcome::Oscillating
     };
-    (outcome, after)
+    (outcome, last[0])
 }
 
-/// The largest range that a coordinate goes through; not finite if a sample is not.
-fn peak_to_peak<const N: usize>(samples: &[[f64; N]]) -> f64 {
-    let mut largest: f64 = 0.0;
+/// The largest range that a coordinate goes through, and the largest standard deviation; not finite if a sample is not.
+fn amplitudes<const N: usize>(samples: &[[f64; N]]) -> [f64; 2] {
+    let count = samples.len() as f64;
+    let mut largest: [f64; 2] = [0.0; 2];
     for coordinate in 0..N {
-        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-        for sample in samples {
-            let value = sample[coordinate];
-            if !value.is_finite() {
-                return f64::INFINITY;
-            }
-            (low, high) = (low.min(value), high.max(value));
+        let values = || samples.iter().map(|sample| sample[coordinate]);
+        if !values().all(f64::is_finite) {
+            return [f64::INFINITY; 2];
         }
-        largest = largest.max(high - low);
+        let (low, high) =
+            values().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
+        let mean = values().sum::<f64>() / count;
+        let square = values().map(|value| (value - mean).powi(2)).sum::<f64>() / count;
+        largest = [largest[0].max(high - low), largest[1].max(square.sqrt())];
     }
     largest
 }

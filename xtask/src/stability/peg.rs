@@ -247,8 +247,7 @@ fn insert(fit: &Pair, tilt: f64) -> Result<Insertion, String> {
         Ok::<_, Infallible>(())
     });
     let Ok(session) = run;
-    let (rest, after) = trace.split_at(trace.len().saturating_sub(500));
-    (found.outcome, found.amplitude) = judge([&rest[rest.len().saturating_sub(500)..], after], floor);
+    (found.outcome, found.amplitude) = judge(&trace[trace.len().saturating_sub(1000)..], floor);
     found.port_energy = -meter.seen().most_work;
     found.refused = session.summary().events.step_refused;
     Ok(found)

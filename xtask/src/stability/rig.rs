@@ -29,6 +29,8 @@ pub struct Rig {
     pub emulation: Emulation,
     /// Where the body's centre of mass is at the start.
     pub start: Pose,
+    /// Seconds simulated; the last is judged.
+    pub duration: f64,
 }
 
 /// What a simulation showed.
@@ -51,7 +53,7 @@ pub struct RigResult {
     pub deviation: (f64, f64),
 }
 
-/// Seconds simulated; of the last, two halves are judged.
+/// Seconds simulated unless told; the last is judged.
 pub const DURATION: f64 = 2.0;
 /// A handle this far away has left, m.
 const FAR: f64 = 2.0;
@@ -83,6 +85,7 @@ impl Rig {
             frozen: false,
             emulation,
             start: Pose::from_translation(DVec3::Z * super::pressing::CLEARANCE),
+            duration: DURATION,
         }
     }
 
@@ -117,7 +120,7 @@ impl Rig {
         let mut device = self.emulation.clone().open(intended).map_err(|error| error.to_string())?;
         let mut run = Running::new(self);
         let rate = self.contact_rate.max(1000.0);
-        let steps = (DURATION * rate).round() as usize;
+        let steps = (self.duration * rate).round() as usize;
         let mut trace = Vec::with_capacity(steps);
         for step in 1..=steps {
             run.advance(self, &mut device, step as f64 / rate, 1.0 / rate)?;
@@ -127,15 +130,14 @@ impl Rig {
                 break;
             }
         }
-        let half = (0.5 * rate) as usize;
+        let last = rate as usize;
         let mut result = run.result;
         if result.refused > 0 || trace.len() < steps {
             (result.outcome, result.amplitude) = (Outcome::Diverged, f64::INFINITY);
         } else {
-            let (rest, after) = trace.split_at(steps - half);
-            (result.outcome, result.amplitude) = judge([&rest[rest.len() - half..], after], self.floor());
+            (result.outcome, result.amplitude) = judge(&trace[steps - last..], self.floor());
         }
-        result.held_force = run.held / half as f64;
+        result.held_force = run.held / (0.5 * last as f64);
         Ok(result)
     }
 }
@@ -223,8 +225,8 @@ impl Running {
         result.largest_force = result.largest_force.max(sent.force.length());
         result.largest_torque = result.largest_torque.max(sent.torque.length());
         result.port_energy = result.port_energy.min(self.stored - device.work());
-        if now > DURATION - 0.5 {
-            self.held += sent.force.length() * dt * (0.5 / dt).floor() / 0.5;
+        if now > rig.duration - 0.5 + slack {
+            self.held += sent.force.length();
         }
         let relaxed = rig.coupling.relaxed_pose(&self.motion.pose);
         let turn = self.state.pose.rotation_vector_to(&relaxed).length();

@@ -82,9 +82,9 @@ pub struct WallResult {
 
 /// How finely forces are timed and the motion is looked at, s.
 pub const TICK: f64 = 1e-4;
-/// Simulated time, s, the last second of which is judged.
+/// Simulated time, s, and the ticks of the last second of it, which is judged.
 const DURATION: f64 = 2.0;
-const HALF: usize = 5000;
+const LAST: usize = 10_000;
 /// The device's integration step, s.
 const SUBSTEP: f64 = 1e-5;
 /// How far from the wall the hand starts, and how far behind it it ends, m; and how fast it goes, m/s.
@@ -188,8 +188,7 @@ impl WallCase {
                 });
             }
         }
-        let (rest, after) = trace.split_at(trace.len() - HALF);
-        let (outcome, amplitude) = judge([&rest[rest.len() - HALF..], after], self.floor());
+        let (outcome, amplitude) = judge(&trace[trace.len() - LAST..], self.floor());
         Ok(WallResult { outcome, amplitude, port_energy: -most_work, hand_energy })
     }
 

@@ -273,7 +273,7 @@ fn paragraphs(
          integrated in steps of 10 µs, with Coulomb friction and rounded encoders; the hand drives it into the wall at \
          0.2 m/s and leans on it, and where there is no hand a steady force of 1 N pushes. Stable means that in the \
          last second of two the handle is at rest, within two encoder steps or the dead zone of friction (2 f_c/K), or \
-         that its motion dies away by a fifth each half second. Forces are not clipped. In rotation all values are \
+         that its motion dies away steadily, by a fifth in half a second. Forces are not clipped. In rotation all values are \
          those at the lever arm of {:.1} mm at which the device's inertia weighs as much as its mass. The base case \
          is T = 1 ms, no delay, the device's own encoder step and velocity filter, and a relaxed grip. {} walls were \
          simulated.",
