@@ -1,8 +1,9 @@
-//! Project tasks: `cargo xtask test`, `cargo xtask ci`, `cargo xtask pictures`.
+//! Project tasks: `cargo xtask test`, `cargo xtask ci`, `cargo xtask pictures`, `cargo xtask stability`.
 
 #![allow(clippy::print_stdout, clippy::print_stderr)] // Tasks report to a person at a terminal.
 
 mod pictures;
+mod stability;
 mod vulkan;
 
 use std::process::{Command, ExitCode};
@@ -24,6 +25,8 @@ enum Task {
     Ci,
     /// Draws the built-in models.
     Pictures(pictures::Arguments),
+    /// Maps where the engine is stable, and says whether it is where it should be.
+    Stability(stability::Arguments),
 }
 
 /// What went wrong, for a person to read.
@@ -34,6 +37,7 @@ fn main() -> ExitCode {
         Task::Test => test(),
         Task::Ci => ci(),
         Task::Pictures(arguments) => pictures::run(&arguments),
+        Task::Stability(arguments) => stability::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

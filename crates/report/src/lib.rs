@@ -1,7 +1,8 @@
 //! What palpate's results look like to a person: self-contained HTML [`Report`]s of sessions with plots over time,
-//! figures and pictures of contact levels of detail ([`Table32`], [`LevelFigures`], [`LevelPictures`]), [plots](draw) of
-//! other measurements, and pictures of meshes drawn in software ([`raster`], [`sheet`], [`views`]).
+//! figures and pictures of contact levels of detail ([`Table32`], [`LevelFigures`], [`LevelPictures`]), [plots](draw) and
+//! [heat maps](draw_heat_maps) of other measurements, and pictures of meshes drawn in software ([`raster`], [`sheet`], [`views`]).
 
+mod heat_map;
 mod lettering;
 mod level_pictures;
 mod levels;
@@ -16,6 +17,7 @@ use std::fmt::Write;
 
 use palpate::{Record, Summary};
 
+pub use heat_map::{Boundary, CellAxis, HeatMap, draw_heat_maps};
 pub use level_pictures::{LevelPictures, grouped};
 pub use levels::{LevelFigures, Spread, Table32};
 pub use plot::{Curve, Figure, PlotError, draw};

@@ -28,6 +28,12 @@ pub struct Figure {
 #[error("a plot could not be drawn: {0}")]
 pub struct PlotError(String);
 
+impl PlotError {
+    pub(crate) fn new(why: String) -> Self {
+        Self(why)
+    }
+}
+
 const SIZE: (u32, u32) = (960, 260);
 const COLOURS: [RGBColor; 6] = [
     RGBColor(31, 96, 168),

@@ -1,0 +1,137 @@
+//! Stability maps: where the engine is stable, by mass, stiffness, rates, delays and much else, found by simulation.
+//!
+//! `cargo xtask stability [NAME…|all] [--quick] [--out FOLDER]` writes for each map its results as CSV and pictures of
+//! them, and a page, `stability.md`, that says what was found. Every number and every verdict on the page is computed
+//! from the results; the same arguments give the same files, whatever the number of threads.
+
+mod body;
+mod contacts;
+mod geometry;
+mod grid;
+mod judge;
+mod lever;
+mod meshes;
+mod metered;
+mod page;
+mod peg;
+mod pressing;
+mod rate;
+mod rig;
+mod session;
+mod stepper;
+#[cfg(test)]
+mod tests;
+mod thin_wall;
+mod turn;
+mod wall;
+mod z_width;
+
+use std::error::Error;
+use std::path::PathBuf;
+
+use grid::Plan;
+use page::Section;
+
+/// What `cargo xtask stability` is asked to map.
+#[derive(clap::Args, Clone, Debug)]
+pub struct Arguments {
+    /// Maps to make, or all.
+    #[arg(value_enum, default_value = "all")]
+    names: Vec<Name>,
+    /// Coarse grids and a short session: under a minute.
+    #[arg(long)]
+    quick: bool,
+    /// Folder for tables, pictures and the page.
+    #[arg(long, value_name = "FOLDER", default_value = "target/stability")]
+    out: PathBuf,
+    /// Haptic steps of the map `session`; ten million unless told, 200,000 with --quick.
+    #[arg(long)]
+    steps: Option<u64>,
+}
+
+/// The maps, in the order of the page.
+#[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+enum Name {
+    All,
+    ZWidth,
+    Body,
+    Rate,
+    Contacts,
+    Lever,
+    Turn,
+    ThinWall,
+    Peg,
+    Session,
+}
+
+impl Name {
+    const MAPS: [Self; 9] = [
+        Self::ZWidth,
+        Self::Body,
+        Self::Rate,
+        Self::Contacts,
+        Self::Lever,
+        Self::Turn,
+        Self::ThinWall,
+        Self::Peg,
+        Self::Session,
+    ];
+
+    fn make(self, plan: &Plan) -> Result<Section, String> {
+        match self {
+            Self::ZWidth => z_width::map(plan),
+            Self::Body => body::map(plan),
+            Self::Rate => rate::map(plan),
+            Self::Contacts => contacts::map(plan),
+            Self::Lever => lever::map(plan),
+            Self::Turn => turn::map(plan),
+            Self::ThinWall => thin_wall::map(plan),
+            Self::Peg => peg::map(plan),
+            Self::Session => session::map(plan),
+            Self::All => Err("all is not a map".to_owned()),
+        }
+    }
+
+    fn word(self) -> String {
+        use clap::ValueEnum;
+        self.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
+    }
+}
+
+/// Haptic steps of the session, in full and quick.
+const STEPS: u64 = 10_000_000;
+const QUICK_STEPS: u64 = 200_000;
+
+/// Makes the maps and prints the name of the page.
+///
+/// # Errors
+/// If a case cannot be simulated or a file cannot be written.
+pub fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
+    std::fs::create_dir_all(&arguments.out)
+        .map_err(|error| format!("cannot create the folder {}: {error}", arguments.out.display()))?;
+    let steps = arguments.steps.unwrap_or(if arguments.quick { QUICK_STEPS } else { STEPS });
+    let plan = Plan { quick: arguments.quick, steps };
+    let all = arguments.names.contains(&Name::All);
+    let mut sections = Vec::new();
+    for name in Name::MAPS.into_iter().filter(|name| all || arguments.names.contains(name)) {
+        let section = name.make(&plan).map_err(|error| format!("{}: {error}", name.word()))?;
+        section.write(&arguments.out)?;
+        sections.push(section);
+    }
+    let page = page::render(&command(arguments), &sections);
+    let path = arguments.out.join("stability.md");
+    std::fs::write(&path, page).map_err(|error| format!("cannot write {}: {error}", path.display()))?;
+    println!("{}", path.display());
+    Ok(())
+}
+
+/// The command that makes the same files.
+fn command(arguments: &Arguments) -> String {
+    let mut words = vec!["cargo xtask stability".to_owned()];
+    words.extend(arguments.names.iter().map(|name| name.word()));
+    if arguments.quick {
+        words.push("--quick".to_owned());
+    }
+    words.extend(arguments.steps.map(|steps| format!("--steps {steps}")));
+    words.join(" ")
+}

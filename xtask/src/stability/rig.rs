@@ -1,0 +1,256 @@
+//! A body coupled to a device that a hand holds, touching simple shapes: the engine's two loops without its queries.
+
+use std::collections::VecDeque;
+
+use palpate::device::{EmulatedDevice, Emulation, HapticDevice, IntendedPath};
+use palpate::dynamics::{
+    Body, BodyState, ContactParameters, DeviceMotion, LinearContactModel, VirtualCoupling, saturate,
+};
+use palpate::glam::{DMat3, DVec3};
+use palpate::{Contact, Pose};
+
+use super::geometry::{BALL, Geometry};
+use super::judge::{Outcome, judge};
+use super::stepper::{StepInput, Stepper};
+
+/// What to simulate.
+#[derive(Clone, Debug)]
+pub struct Rig {
+    pub stepper: Stepper,
+    pub body: Body,
+    pub coupling: VirtualCoupling,
+    pub parameters: ContactParameters,
+    pub geometry: Geometry,
+    /// Contact queries a second, Hz, each taking its whole period. The haptic loop is as fast, and at least 1 kHz.
+    pub contact_rate: f64,
+    /// Whether the force stays, from query to query, what it was at the state that the query saw, instead of being that
+    /// of the contact model. For balls, on which forces make no torque.
+    pub frozen: bool,
+    pub emulation: Emulation,
+    /// Where the body's centre of mass is at the start.
+    pub start: Pose,
+    /// Seconds simulated; the last is judged.
+    pub duration: f64,
+}
+
+/// What a simulation showed.
+#[derive(Clone, Copy, Debug)]
+pub struct RigResult {
+    pub outcome: Outcome,
+    /// Peak to peak over the last half second, of handle and body, m; of their turning at a lever of [`BALL`].
+    pub amplitude: f64,
+    /// The largest force sent, N, and its mean over the last half second.
+    pub largest_force: f64,
+    pub held_force: f64,
+    /// The largest torque sent, N·m.
+    pub largest_torque: f64,
+    /// The least energy that the session had, J: what the coupling held at the start, and what had flowed in from the
+    /// device.
+    pub port_energy: f64,
+    /// Steps that had no solution.
+    pub refused: u64,
+    /// Deviation of the coupling at the end, m and rad.
+    pub deviation: (f64, f64),
+}
+
+/// Seconds simulated unless told; the last is judged.
+pub const DURATION: f64 = 2.0;
+/// A handle this far away has left, m.
+const FAR: f64 = 2.0;
+
+/// A solid ball of [`BALL`] radius.
+pub fn ball(mass: f64) -> Result<Body, String> {
+    let inertia = DMat3::from_diagonal(DVec3::splat(0.4 * mass * BALL * BALL));
+    Body::new(mass, inertia).map_err(|error| error.to_string())
+}
+
+impl Rig {
+    /// A body held by the default device as a session does it: half of the stiffness that the device renders, and
+    /// contacts of `stiffness` (N/m) that are damped critically.
+    pub fn new(body: Body, grasp: Pose, stiffness: f64, geometry: Geometry) -> Self {
+        let emulation = Emulation::default();
+        let device = &emulation.specification;
+        let (linear, angular) = (0.5 * device.stiffness, 0.5 * device.angular_stiffness);
+        let mut coupling = VirtualCoupling::critically_damped(&body, grasp, linear, angular);
+        coupling.max_force = device.peak_force;
+        coupling.max_torque = device.peak_torque;
+        let damping = 2.0 * (stiffness * body.mass).sqrt();
+        Self {
+            stepper: Stepper::SemiImplicit,
+            body,
+            coupling,
+            parameters: ContactParameters { stiffness, damping, tolerance: 0.01 * BALL },
+            geometry,
+            contact_rate: 500.0,
+            frozen: false,
+            emulation,
+            start: Pose::from_translation(DVec3::Z * super::pressing::CLEARANCE),
+            duration: DURATION,
+        }
+    }
+
+    /// The amplitude up to which a motion counts as rest, m: two encoder steps, or the dead zone in which friction holds
+    /// the handle against the coupling.
+    fn floor(&self) -> f64 {
+        let Emulation { specification, handle, .. } = &self.emulation;
+        let linear = 2.0 * handle.friction / self.coupling.linear_stiffness;
+        let angular = 2.0 * handle.angular_friction / self.coupling.angular_stiffness * BALL;
+        (2.0 * specification.encoder_step).max(linear).max(angular)
+    }
+
+    /// Simulates, with a hand that means to hold the handle where `path` says, relative to where it starts.
+    ///
+    /// # Errors
+    /// If the device refuses its parameters.
+    pub fn run(mut self, path: fn(f64) -> (DVec3, DVec3)) -> Result<RigResult, String> {
+        let handle = self.start * self.coupling.grasp;
+        let intended = IntendedPath::function(move |time| {
+            let (offset, velocity) = path(time);
+            let pose = Pose { translation: handle.translation + offset, ..handle };
+            (pose, palpate::Twist::new(velocity, DVec3::ZERO))
+        });
+        self.run_held(intended)
+    }
+
+    /// Simulates, with a hand that follows a path of its own.
+    ///
+    /// # Errors
+    /// If the device refuses its parameters.
+    pub fn run_held(&mut self, intended: IntendedPath) -> Result<RigResult, String> {
+        let mut device = self.emulation.clone().open(intended).map_err(|error| error.to_string())?;
+        let mut run = Running::new(self);
+        let rate = self.contact_rate.max(1000.0);
+        let steps = (self.duration * rate).round() as usize;
+        let mut trace = Vec::with_capacity(steps);
+        for step in 1..=steps {
+            run.advance(self, &mut device, step as f64 / rate, 1.0 / rate)?;
+            trace.push(run.coordinates(&device));
+            if device.handle().0.translation.length() > FAR {
+                run.result.refused += 1;
+                break;
+            }
+        }
+        let last = rate as usize;
+        let mut result = run.result;
+        if result.refused > 0 || trace.len() < steps {
+            (result.outcome, result.amplitude) = (Outcome::Diverged, f64::INFINITY);
+        } else {
+            (result.outcome, result.amplitude) = judge(&trace[steps - last..], self.floor());
+        }
+        result.held_force = run.held / (0.5 * last as f64);
+        Ok(result)
+    }
+}
+
+/// A simulation under way.
+struct Running {
+    state: BodyState,
+    model: LinearContactModel,
+    /// Acceleration by the frozen force, m/s².
+    frozen: DVec3,
+    /// Models on their way, with the time at which they are in use.
+    pending: VecDeque<(f64, LinearContactModel, DVec3)>,
+    queries: u64,
+    found: Vec<Contact>,
+    motion: DeviceMotion,
+    held: f64,
+    /// Energy in the coupling at the start, J.
+    stored: f64,
+    result: RigResult,
+}
+
+impl Running {
+    fn new(rig: &Rig) -> Self {
+        Self {
+            state: BodyState::at_rest(rig.start),
+            model: LinearContactModel::empty(&rig.start, 0.0),
+            frozen: DVec3::ZERO,
+            pending: VecDeque::new(),
+            queries: 0,
+            found: Vec::new(),
+            motion: DeviceMotion::default(),
+            held: 0.0,
+            stored: f64::NAN,
+            result: RigResult {
+                outcome: Outcome::Diverged,
+                amplitude: f64::INFINITY,
+                largest_force: 0.0,
+                held_force: 0.0,
+                largest_torque: 0.0,
+                port_energy: 0.0,
+                refused: 0,
+                deviation: (f64::NAN, f64::NAN),
+            },
+        }
+    }
+
+    fn advance(
+        &mut self,
+        rig: &mut Rig,
+        device: &mut EmulatedDevice,
+        now: f64,
+        dt: f64,
+    ) -> Result<(), String> {
+        let slack = 1e-6 * dt;
+        if (self.queries as f64 / rig.contact_rate) < now - slack {
+            let arrival = (self.queries + 1) as f64 / rig.contact_rate;
+            let (model, frozen) = self.query(rig, now - dt);
+            self.pending.push_back((arrival, model, frozen));
+            self.queries += 1;
+        }
+        while let Some((_, model, frozen)) = self.pending.pop_front_if(|(at, ..)| *at <= now + slack) {
+            (self.model, self.frozen) = (model, frozen);
+        }
+        let read = device.read(now).map_err(|error| error.to_string())?;
+        self.motion = DeviceMotion { pose: read.pose, twist: read.twist };
+        if self.stored.is_nan() {
+            self.stored = rig.coupling.potential_energy(&self.state, &self.motion);
+        }
+        let step = rig.stepper.step(&StepInput {
+            body: &rig.body,
+            state: &self.state,
+            device: &self.motion,
+            coupling: &rig.coupling,
+            contacts: &self.model,
+            gravity: self.frozen,
+            dt,
+        });
+        self.state = step.state;
+        let limits = &rig.emulation.specification;
+        let sent = saturate(&step.coupling, limits.peak_force, limits.peak_torque);
+        device.write(&sent).map_err(|error| error.to_string())?;
+
+        let result = &mut self.result;
+        result.refused += u64::from(step.status.held.is_some());
+        result.largest_force = result.largest_force.max(sent.force.length());
+        result.largest_torque = result.largest_torque.max(sent.torque.length());
+        result.port_energy = result.port_energy.min(self.stored - device.work());
+        if now > rig.duration - 0.5 + slack {
+            self.held += sent.force.length();
+        }
+        let relaxed = rig.coupling.relaxed_pose(&self.motion.pose);
+        let turn = self.state.pose.rotation_vector_to(&relaxed).length();
+        result.deviation = (self.state.pose.translation.distance(relaxed.translation), turn);
+        Ok(())
+    }
+
+    /// The contact model at the state now, or, frozen, what its force accelerates the body by.
+    fn query(&mut self, rig: &mut Rig, time: f64) -> (LinearContactModel, DVec3) {
+        rig.geometry.contacts(&self.state, rig.parameters.tolerance, &mut self.found);
+        let contacts = self.found.iter().copied();
+        let model = LinearContactModel::from_contacts(contacts, &self.state.pose, &rig.parameters, time);
+        if rig.frozen {
+            let force = model.wrench(&self.state).force;
+            return (LinearContactModel::empty(&self.state.pose, time), force / rig.body.mass);
+        }
+        (model, DVec3::ZERO)
+    }
+
+    /// Where handle and body are, and how the body is turned, m.
+    fn coordinates(&self, device: &EmulatedDevice) -> [f64; 9] {
+        let handle = device.handle().0.translation;
+        let place = self.state.pose.translation;
+        let turn = Pose::IDENTITY.rotation_vector_to(&self.state.pose) * BALL;
+        [handle.x, handle.y, handle.z, place.x, place.y, place.z, turn.x, turn.y, turn.z]
+    }
+}

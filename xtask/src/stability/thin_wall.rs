@@ -1,0 +1,193 @@
+//! Thin walls and fast hands: how often an object pops through, in sessions with the engine's contact query.
+
+use std::convert::Infallible;
+use std::sync::atomic::AtomicBool;
+
+use palpate::device::{Emulation, Hand, IntendedPath};
+use palpate::glam::DVec3;
+use palpate::models::Model;
+use palpate::{ContactTiming, HapticRenderer, Object, Pose, Scene, Settings, Twist};
+use palpate_report::{CellAxis, HeatMap};
+
+use super::grid::{Plan, pairs};
+use super::meshes;
+use super::metered::Metered;
+use super::page::{Picture, Section, Table, Verdict, row};
+
+/// Half the width of the plate, m.
+const PLATE: f64 = 0.05;
+/// How far past the touch the hand means to go, m.
+const PRESS: f64 = 5e-3;
+/// Seconds in which the hand gets up to speed and keeps it before the touch, and until all is over.
+const SPEED_UP: f64 = 0.15;
+const CRUISE: f64 = 0.1;
+const AFTER: f64 = 0.35;
+
+/// A hit.
+#[derive(Clone, Copy, Debug)]
+struct Case {
+    rate: f64,
+    speed: f64,
+    /// How late the hand is, as a part of the period between contact queries.
+    phase: f64,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Hit {
+    popped: bool,
+    /// The handle's speed when the object was about to touch, m/s.
+    speed: f64,
+    largest_force: f64,
+    port_energy: f64,
+}
+
+/// Makes the map.
+///
+/// # Errors
+/// If a session cannot be started.
+pub fn map(plan: &Plan) -> Result<Section, String> {
+    let rates = plan.choose(&[50.0, 200.0, 1000.0], &[200.0]);
+    let speeds = plan.choose(&[0.1, 0.2, 0.5, 1.0, 2.0, 3.0, 5.0], &[0.1, 1.0, 5.0]);
+    let walls = plan.choose(&[2e-4, 5e-4, 1e-3, 2e-3, 3e-3, 5e-3], &[5e-4, 2e-3]);
+    let phases = plan.choose(&[0.0, 0.2, 0.4, 0.6, 0.8], &[0.0]);
+    let mesh = Model::Ellipsoid.generate(500).map_err(|error| error.to_string())?;
+    let lowest = mesh.vertices().iter().fold(f64::INFINITY, |low, vertex| low.min(vertex.z));
+    let probe = Object::from_mesh("ellipsoid", &mesh).map_err(|error| error.to_string())?;
+    let plates: Result<Vec<(f64, Object)>, String> = walls
+        .iter()
+        .map(|&wall| Ok((wall, meshes::block("plate", DVec3::new(PLATE, PLATE, 0.5 * wall))?)))
+        .collect();
+    let plates = plates?;
+    let cells = pairs(&plates, &speeds);
+    let cases = pairs(&pairs(&rates, &cells), &phases);
+    let hits = plan.each("thin wall", &cases, |((rate, ((thickness, plate), speed)), phase)| {
+        let case = Case { rate: *rate, speed: *speed, phase: *phase };
+        hit(&case, &probe, plate, 0.5 * thickness - lowest)
+    })?;
+    let counts: Vec<usize> =
+        hits.chunks(phases.len()).map(|tries| tries.iter().filter(|hit| hit.popped).count()).collect();
+    let maps = rates.iter().zip(counts.chunks(cells.len())).map(|(rate, counts)| HeatMap {
+        title: format!("contacts at {rate} Hz"),
+        x: CellAxis { name: "speed of the hand, m/s".to_owned(), values: speeds.clone() },
+        y: CellAxis {
+            name: "thickness, mm".to_owned(),
+            values: walls.iter().map(|wall| 1e3 * wall).collect(),
+        },
+        cells: counts.iter().map(|&count| count as f64 / phases.len() as f64).collect(),
+        legend: vec![
+            (0.0, "never through".to_owned()),
+            (0.5, "half of the hits".to_owned()),
+            (1.0, "always through".to_owned()),
+        ],
+        boundaries: Vec::new(),
+    });
+    let rows = cases.iter().zip(&hits).map(|(((rate, ((thickness, _), speed)), phase), hit)| {
+        row![rate, thickness, speed, phase, hit.speed, hit.popped, hit.largest_force, hit.port_energy]
+    });
+    let columns = vec![
+        "contact_rate_hz",
+        "thickness_m",
+        "speed_m_s",
+        "phase",
+        "speed_at_touch_m_s",
+        "popped_through",
+        "largest_force_n",
+        "port_energy_min_j",
+    ];
+    let popped = counts.iter().sum::<usize>();
+    let peak = Emulation::default().specification.peak_force;
+    let largest = hits.iter().fold(0.0, |most: f64, hit| most.max(hit.largest_force));
+    let stopped = || hits.iter().filter(|hit| !hit.popped);
+    let least = stopped().map(|hit| hit.port_energy).fold(0.0, f64::min);
+    let under = stopped().filter(|hit| hit.port_energy < super::body::PORT).count();
+    Ok(Section {
+        title: "Thin wall: fast hands",
+        paragraphs: vec![format!(
+            "An ellipsoid of {:.1} mm radius, in a relaxed grip, is driven at a plate that is 100 mm wide, and the hand \
+             means to stop 5 mm past the touch, each hit {} times with the contact queries differently in time. The \
+             session is the engine's own, with its contact query and default settings. {popped} of {} hits come out on the \
+             other side of the plate.{}",
+            1e3 * probe.bounding_radius(),
+            phases.len(),
+            hits.len(),
+            by_rate(&rates, &counts, cells.len(), phases.len())
+        )],
+        pictures: vec![Picture {
+            name: "thin-wall".to_owned(),
+            caption: "Share of the hits that pop through, by speed and thickness.".to_owned(),
+            maps: maps.collect(),
+            columns: 3,
+        }],
+        tables: vec![Table { name: "thin-wall".to_owned(), columns, rows: rows.collect() }],
+        verdicts: vec![
+            Verdict::new(
+                "nothing pops through a wall",
+                popped == 0,
+                format!("{popped} of {} hits do", hits.len()),
+            ),
+            Verdict::new(
+                "the force stays within what the device renders",
+                largest <= peak * (1.0 + 1e-9),
+                format!("at most {largest:.2} N of {peak} N"),
+            ),
+            Verdict::new(
+                "the energy at the port stays above −1 mJ in every hit that is stopped",
+                under == 0,
+                format!("{under} of {} go below; the least is {:.2} mJ", stopped().count(), 1e3 * least),
+            ),
+        ],
+    })
+}
+
+fn by_rate(rates: &[f64], counts: &[usize], cells: usize, tries: usize) -> String {
+    rates.iter().zip(counts.chunks(cells)).fold(String::new(), |text, (rate, counts)| {
+        let through: usize = counts.iter().sum();
+        format!("{text} With contacts at {rate} Hz it is {through} of {}.", counts.len() * tries)
+    })
+}
+
+/// Drives the probe, which touches at the height `touch`, at the plate.
+fn hit(case: &Case, probe: &Object, plate: &Object, touch: f64) -> Result<Hit, String> {
+    let Case { rate, speed, phase, .. } = *case;
+    let start = speed * (0.5 * SPEED_UP + CRUISE);
+    let late = phase / rate;
+    let path = IntendedPath::function(move |time| {
+        let time = (time - late).max(0.0);
+        let faster = time.min(SPEED_UP);
+        let travel = speed * (0.5 * faster * faster / SPEED_UP + (time - faster));
+        let height = start - travel;
+        if height > -PRESS {
+            let velocity = -speed * faster / SPEED_UP;
+            (
+                Pose::from_translation(DVec3::Z * (touch + height)),
+                Twist::new(DVec3::Z * velocity, DVec3::ZERO),
+            )
+        } else {
+            (Pose::from_translation(DVec3::Z * (touch - PRESS)), Twist::ZERO)
+        }
+    });
+    let emulation = Emulation { hand: Hand::GRIP, ..Emulation::default() };
+    let (device, meter) = Metered::new(emulation.open(path).map_err(|error| error.to_string())?);
+    let scene = Scene::new().with(plate.clone(), Pose::IDENTITY);
+    let renderer = HapticRenderer::new(probe.clone(), scene, Box::new(device), Settings::default())
+        .map_err(|error| error.to_string())?;
+    // The middle of the probe is beyond the middle of the plate.
+    let center = probe.clod.source.center;
+    let mut touched = false;
+    let seconds = SPEED_UP + CRUISE + late + PRESS / speed + AFTER;
+    let mut found = Hit { popped: false, speed: 0.0, largest_force: 0.0, port_energy: 0.0 };
+    let stop = AtomicBool::new(false);
+    let run = renderer.run_lockstep(seconds, ContactTiming::busy(rate), &stop, |record| {
+        found.popped |= record.object.transform_point(center).z < 0.0;
+        found.largest_force = found.largest_force.max(record.coupling.force.length());
+        let seen = meter.seen();
+        touched |= seen.pose.translation.z <= touch;
+        if !touched {
+            found.speed = -seen.twist.linear.z;
+        }
+        Ok::<_, Infallible>(())
+    });
+    let Ok(_) = run;
+    found.port_energy = -meter.seen().most_work;
+    Ok(found)
+}

@@ -1,0 +1,269 @@
+//! A sampled virtual wall, rendered directly to an emulated device and hand, without a body or a coupling between.
+//!
+//! In rotation everything is as in translation at the lever arm ℓ = √(J/m) of the device, at which its inertia J weighs
+//! as much as its mass m: K ℓ², B ℓ², x/ℓ.
+
+use std::collections::VecDeque;
+
+use palpate::device::{EmulatedDevice, Emulation, Hand, HapticDevice, IntendedPath};
+use palpate::glam::{DQuat, DVec3};
+use palpate::{Pose, Twist, Wrench};
+
+use super::judge::{Outcome, SampledWall, judge};
+
+/// Along or about which axis the device meets the wall.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Motion {
+    Translation,
+    Rotation,
+}
+
+impl Motion {
+    pub const ALL: [Self; 2] = [Self::Translation, Self::Rotation];
+
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Translation => "translation",
+            Self::Rotation => "rotation",
+        }
+    }
+}
+
+/// What the wall's damper takes for the velocity.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Velocity {
+    /// What the device reports: differences of rounded readings through its low-pass filter.
+    Sensed,
+    /// The difference of successive readings over the sampling period.
+    BackwardDifference,
+}
+
+impl Velocity {
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Sensed => "sensed",
+            Self::BackwardDifference => "backward difference",
+        }
+    }
+}
+
+/// One simulation. Lengths, forces, stiffness and damping in rotation are those at the lever arm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WallCase {
+    pub motion: Motion,
+    /// K, N/m.
+    pub stiffness: f64,
+    /// B, N·s/m.
+    pub damping: f64,
+    /// T, s; a multiple of [`TICK`], as is the delay.
+    pub period: f64,
+    /// From a sample to its force, t_d, s.
+    pub delay: f64,
+    /// Δ, m.
+    pub quantum: f64,
+    pub velocity: Velocity,
+    /// Whether the device has its Coulomb friction.
+    pub friction: bool,
+    pub hand: (&'static str, Hand),
+}
+
+/// What a simulation showed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WallResult {
+    pub outcome: Outcome,
+    /// Peak to peak over the last half second, m.
+    pub amplitude: f64,
+    /// The least energy that had flowed from the device into the wall, J.
+    pub port_energy: f64,
+    /// The least energy that had flowed from the hand into the device with the wall, J: what the wall took, what the
+    /// device's damping and friction turned to heat, and what the handle's motion holds.
+    pub hand_energy: f64,
+}
+
+/// How finely forces are timed and the motion is looked at, s.
+pub const TICK: f64 = 1e-4;
+/// Simulated time, s, and the ticks of the last second of it, which is judged.
+const DURATION: f64 = 2.0;
+const LAST: usize = 10_000;
+/// The device's integration step, s.
+const SUBSTEP: f64 = 1e-5;
+/// How far from the wall the hand starts, and how far behind it it ends, m; and how fast it goes, m/s.
+const REACH: f64 = 5e-3;
+const SPEED: f64 = 0.2;
+/// What pushes a device that no hand holds: a spring this soft, N/m, drawn this far, m: a force of 1 N.
+const PUSH: (f64, f64) = (20.0, 0.05);
+/// A handle this far away has left, m.
+const FAR: f64 = 0.5;
+/// The least floor of the amplitude, m.
+const STILL: f64 = 1e-6;
+
+impl WallCase {
+    /// The premium-1.5 at 1 kHz with a relaxed grip, as it senses.
+    pub fn base(motion: Motion) -> Self {
+        let specification = Emulation::default().specification;
+        let quantum = match motion {
+            Motion::Translation => specification.encoder_step,
+            Motion::Rotation => specification.angular_encoder_step * lever_arm(),
+        };
+        Self {
+            motion,
+            stiffness: 0.0,
+            damping: 0.0,
+            period: 1e-3,
+            delay: 0.0,
+            quantum,
+            velocity: Velocity::Sensed,
+            friction: true,
+            hand: ("grip", Hand::GRIP),
+        }
+    }
+
+    /// The case in the terms of the conditions of theory.
+    pub fn sampled(&self) -> SampledWall {
+        let handle = Emulation::default().handle;
+        let (device_damping, friction) = match self.motion {
+            Motion::Translation => (handle.damping, handle.friction),
+            Motion::Rotation => {
+                (handle.angular_damping / lever_arm().powi(2), handle.angular_friction / lever_arm())
+            }
+        };
+        SampledWall {
+            device_damping,
+            friction: if self.friction { friction } else { 0.0 },
+            stiffness: self.stiffness,
+            damping: self.damping,
+            period: self.period,
+            delay: self.delay,
+            quantum: self.quantum,
+        }
+    }
+
+    /// The amplitude up to which a motion counts as rest, m: two encoder steps, or the width of the dead zone in which
+    /// friction holds the handle against the wall, 2 f_c/K.
+    pub fn floor(&self) -> f64 {
+        (2.0 * self.quantum).max(2.0 * self.sampled().friction / self.stiffness).max(STILL)
+    }
+
+    /// Lets the hand drive the device into the wall, and judges what becomes of it.
+    ///
+    /// # Errors
+    /// If the device refuses its parameters.
+    pub fn run(&self) -> Result<WallResult, String> {
+        let mut device = self.device().map_err(|error| error.to_string())?;
+        let (period, delay) = ((self.period / TICK).round() as u64, (self.delay / TICK).round() as u64);
+        let theory = self.sampled();
+        let ticks = (DURATION / TICK).round() as u64;
+        let mut trace = Vec::with_capacity(ticks as usize);
+        let mut pending = VecDeque::new();
+        let mut last = f64::NAN;
+        let (mut most_work, mut lost, mut hand_energy): (f64, f64, f64) = (0.0, 0.0, 0.0);
+        for tick in 0..ticks {
+            let state = device.read(tick as f64 * TICK).map_err(|error| error.to_string())?;
+            if tick % period == 0 {
+                let (position, sensed) = (self.position(&state.pose), self.speed(&state.twist));
+                let difference = if last.is_nan() { 0.0 } else { (position - last) / self.period };
+                last = position;
+                let speed = match self.velocity {
+                    Velocity::Sensed => sensed,
+                    Velocity::BackwardDifference => difference,
+                };
+                pending.push_back((tick + delay, self.force(position, speed)));
+            }
+            while let Some((_, force)) = pending.pop_front_if(|(arrival, _)| *arrival <= tick) {
+                device.write(&self.wrench(force)).map_err(|error| error.to_string())?;
+            }
+            let (pose, twist) = device.handle();
+            let (position, speed) = (self.position(&pose), self.speed(&twist));
+            most_work = most_work.max(device.work());
+            lost += (theory.device_damping * speed.abs() + theory.friction) * speed.abs() * TICK;
+            let moving = 0.5 * Emulation::default().handle.mass * speed * speed;
+            hand_energy = hand_energy.min(lost + moving - device.work());
+            trace.push([position]);
+            if position.is_nan() || position.abs() > FAR {
+                return Ok(WallResult {
+                    outcome: Outcome::Diverged,
+                    amplitude: f64::INFINITY,
+                    port_energy: -most_work,
+                    hand_energy,
+                });
+            }
+        }
+        let (outcome, amplitude) = judge(&trace[trace.len() - LAST..], self.floor());
+        Ok(WallResult { outcome, amplitude, port_energy: -most_work, hand_energy })
+    }
+
+    /// The wall never pulls.
+    fn force(&self, position: f64, speed: f64) -> f64 {
+        if position < 0.0 { (-self.stiffness * position - self.damping * speed).max(0.0) } else { 0.0 }
+    }
+
+    fn position(&self, pose: &Pose) -> f64 {
+        match self.motion {
+            Motion::Translation => pose.translation.z,
+            Motion::Rotation => Pose::IDENTITY.rotation_vector_to(pose).z * lever_arm(),
+        }
+    }
+
+    fn speed(&self, twist: &Twist) -> f64 {
+        match self.motion {
+            Motion::Translation => twist.linear.z,
+            Motion::Rotation => twist.angular.z * lever_arm(),
+        }
+    }
+
+    fn wrench(&self, force: f64) -> Wrench {
+        match self.motion {
+            Motion::Translation => Wrench::new(DVec3::Z * force, DVec3::ZERO),
+            Motion::Rotation => Wrench::new(DVec3::ZERO, DVec3::Z * (force * lever_arm())),
+        }
+    }
+
+    fn device(&self) -> Result<EmulatedDevice, palpate::device::DeviceError> {
+        let mut emulation = Emulation { substep: SUBSTEP, ..Emulation::default() };
+        let specification = &mut emulation.specification;
+        specification.peak_force = f64::INFINITY;
+        specification.peak_torque = f64::INFINITY;
+        specification.encoder_step = 0.0;
+        specification.angular_encoder_step = 0.0;
+        match self.motion {
+            Motion::Translation => specification.encoder_step = self.quantum,
+            Motion::Rotation => specification.angular_encoder_step = self.quantum / lever_arm(),
+        }
+        if !self.friction {
+            emulation.handle.friction = 0.0;
+            emulation.handle.angular_friction = 0.0;
+        }
+        let held = self.hand.1 != Hand::NONE;
+        emulation.hand = if held {
+            self.hand.1
+        } else {
+            Hand { stiffness: PUSH.0, angular_stiffness: PUSH.0 * lever_arm().powi(2), ..Hand::NONE }
+        };
+        let motion = self.motion;
+        emulation.open(IntendedPath::function(move |time| {
+            let (position, speed) = if held { approach(time) } else { (-PUSH.1, 0.0) };
+            let place = if time == 0.0 { REACH } else { position };
+            match motion {
+                Motion::Translation => {
+                    (Pose::from_translation(DVec3::Z * place), Twist::new(DVec3::Z * speed, DVec3::ZERO))
+                }
+                Motion::Rotation => (
+                    Pose::new(DVec3::ZERO, DQuat::from_rotation_z(place / lever_arm())),
+                    Twist::new(DVec3::ZERO, DVec3::Z * (speed / lever_arm())),
+                ),
+            }
+        }))
+    }
+}
+
+/// Where the hand means to be, and how fast: straight into the wall, then still.
+fn approach(time: f64) -> (f64, f64) {
+    let position = REACH - SPEED * time;
+    if position > -REACH { (position, -SPEED) } else { (-REACH, 0.0) }
+}
+
+/// ℓ, m.
+pub fn lever_arm() -> f64 {
+    let handle = Emulation::default().handle;
+    (handle.inertia / handle.mass).sqrt()
+}
