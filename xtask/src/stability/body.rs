@@ -1,5 +1,6 @@
 //! The grasped body's mass by the stiffness of its contacts, for each integrator.
 
+use palpate::dynamics::IntegratorKind;
 use palpate_report::{CellAxis, HeatMap};
 
 use super::geometry::Geometry;
@@ -7,7 +8,6 @@ use super::grid::{Plan, logarithmic, pairs};
 use super::judge::Outcome;
 use super::page::{Picture, Section, Table, Verdict, row};
 use super::rig::{Rig, RigResult, ball};
-use super::stepper::Stepper;
 use super::{pressing, rig};
 
 /// Observed energy at the port stays above this, J.
@@ -21,23 +21,23 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
     let masses = logarithmic(1e-4, 1.0, if plan.quick { 5 } else { 17 });
     let stiffness = logarithmic(100.0, 1e5, if plan.quick { 4 } else { 13 });
     let cells = pairs(&stiffness, &masses);
-    let cases = pairs(&Stepper::ALL, &cells);
-    let results = plan.each("body", &cases, |&(stepper, (stiffness, mass))| {
+    let cases = pairs(&IntegratorKind::ALL, &cells);
+    let results = plan.each("body", &cases, |&(integrator, (stiffness, mass))| {
         let body = ball(mass)?;
         let rig = Rig::new(body, palpate::Pose::IDENTITY, stiffness, Geometry::Plane);
-        Rig { stepper, ..rig }.run(pressing::path)
+        Rig { integrator, ..rig }.run(pressing::path)
     })?;
-    let chunks = || Stepper::ALL.iter().zip(results.chunks(cells.len()));
-    let maps = chunks().map(|(stepper, results)| HeatMap {
-        title: stepper.name().to_owned(),
+    let chunks = || IntegratorKind::ALL.iter().zip(results.chunks(cells.len()));
+    let maps = chunks().map(|(integrator, results)| HeatMap {
+        title: integrator.name().to_owned(),
         x: CellAxis { name: "mass, kg".to_owned(), values: masses.clone() },
         y: CellAxis { name: "contact stiffness, N/m".to_owned(), values: stiffness.clone() },
         cells: results.iter().map(|result| result.outcome.shade()).collect(),
         legend: Outcome::legend(),
         boundaries: Vec::new(),
     });
-    let rows = cases.iter().zip(&results).map(|(&(stepper, (stiffness, mass)), result)| {
-        [row![stepper.name(), mass, stiffness], measured(result)].concat()
+    let rows = cases.iter().zip(&results).map(|(&(integrator, (stiffness, mass)), result)| {
+        [row![integrator.name(), mass, stiffness], measured(result)].concat()
     });
     let columns = [vec!["integrator", "mass_kg", "stiffness_n_m"], MEASURED.to_vec()].concat();
     let (_, engine) = chunks().next().ok_or("no integrator")?;

@@ -18,7 +18,6 @@ mod pressing;
 mod rate;
 mod rig;
 mod session;
-mod stepper;
 #[cfg(test)]
 mod tests;
 mod thin_wall;

@@ -4,19 +4,22 @@ use std::collections::VecDeque;
 
 use palpate::device::{EmulatedDevice, Emulation, HapticDevice, IntendedPath};
 use palpate::dynamics::{
-    Body, BodyState, ContactParameters, DeviceMotion, LinearContactModel, VirtualCoupling, saturate,
+    Body, BodyState, ContactBlend, ContactParameters, DeviceMotion, Frame, Friction, Integrator as _,
+    IntegratorKind, LinearContactModel, VirtualCoupling, saturate,
 };
 use palpate::glam::{DMat3, DVec3};
 use palpate::{Contact, Pose};
 
 use super::geometry::{BALL, Geometry};
 use super::judge::{Outcome, judge};
-use super::stepper::{StepInput, Stepper};
+
+/// As long as the engine's haptic loop takes at most to go over to a new model, s.
+const LONGEST_BLEND: f64 = 5e-3;
 
 /// What to simulate.
 #[derive(Clone, Debug)]
 pub struct Rig {
-    pub stepper: Stepper,
+    pub integrator: IntegratorKind,
     pub body: Body,
     pub coupling: VirtualCoupling,
     pub parameters: ContactParameters,
@@ -76,10 +79,15 @@ impl Rig {
         coupling.max_torque = device.peak_torque;
         let damping = 2.0 * (stiffness * body.mass).sqrt();
         Self {
-            stepper: Stepper::SemiImplicit,
+            integrator: IntegratorKind::default(),
             body,
             coupling,
-            parameters: ContactParameters { stiffness, damping, tolerance: 0.01 * BALL },
+            parameters: ContactParameters {
+                stiffness,
+                damping,
+                tolerance: 0.01 * BALL,
+                friction: Friction::NONE,
+            },
             geometry,
             contact_rate: 500.0,
             frozen: false,
@@ -145,7 +153,7 @@ impl Rig {
 /// A simulation under way.
 struct Running {
     state: BodyState,
-    model: LinearContactModel,
+    contacts: ContactBlend,
     /// Acceleration by the frozen force, m/s².
     frozen: DVec3,
     /// Models on their way, with the time at which they are in use.
@@ -163,7 +171,7 @@ impl Running {
     fn new(rig: &Rig) -> Self {
         Self {
             state: BodyState::at_rest(rig.start),
-            model: LinearContactModel::empty(&rig.start, 0.0),
+            contacts: ContactBlend::new(),
             frozen: DVec3::ZERO,
             pending: VecDeque::new(),
             queries: 0,
@@ -199,22 +207,23 @@ impl Running {
             self.queries += 1;
         }
         while let Some((_, model, frozen)) = self.pending.pop_front_if(|(at, ..)| *at <= now + slack) {
-            (self.model, self.frozen) = (model, frozen);
+            self.contacts.arrive(&model, &self.state, (1.0 / rig.contact_rate).min(LONGEST_BLEND));
+            self.frozen = frozen;
         }
         let read = device.read(now).map_err(|error| error.to_string())?;
         self.motion = DeviceMotion { pose: read.pose, twist: read.twist };
         if self.stored.is_nan() {
             self.stored = rig.coupling.potential_energy(&self.state, &self.motion);
         }
-        let step = rig.stepper.step(&StepInput {
+        self.contacts.advance(&self.state, dt);
+        let frame = Frame {
             body: &rig.body,
-            state: &self.state,
             device: &self.motion,
             coupling: &rig.coupling,
-            contacts: &self.model,
+            contacts: self.contacts.contacts(),
             gravity: self.frozen,
-            dt,
-        });
+        };
+        let step = rig.integrator.step(&frame, &self.state, dt);
         self.state = step.state;
         let limits = &rig.emulation.specification;
         let sent = saturate(&step.coupling, limits.peak_force, limits.peak_torque);

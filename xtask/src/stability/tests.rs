@@ -12,7 +12,6 @@ use super::geometry::Geometry;
 use super::judge::{Outcome, SampledWall, judge};
 use super::page::{Entry, Section, Verdict, render};
 use super::rig::{Rig, ball};
-use super::stepper::Stepper;
 use super::wall::{Motion, Velocity, WallCase};
 use super::{Arguments, Name, meshes, pressing, run};
 
@@ -250,12 +249,4 @@ fn cheap_maps_are_the_same_with_any_number_of_threads() {
     ] {
         assert!(page.contains(words), "{words} is not in {page}");
     }
-}
-
-#[test]
-fn every_integrator_has_a_name_of_its_own() {
-    let mut names = Stepper::ALL.map(Stepper::name).to_vec();
-    names.sort_unstable();
-    names.dedup();
-    assert_eq!(names.len(), Stepper::ALL.len());
 }
