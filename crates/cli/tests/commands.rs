@@ -311,6 +311,7 @@ fn a_lockstep_session_is_recorded_and_reported_twice_alike() {
             "contact",
             "coupling_force_max",
             "depth_max",
+            "dissipated_j",
             "energy_min_j",
             "events",
             "haptic",

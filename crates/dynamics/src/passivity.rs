@@ -9,6 +9,7 @@
 //! charged with the mean of the forces before and after it.
 
 use glam::DVec3;
+use palpate_core::{Twist, Wrench};
 
 /// Diagonal of a cube: how far rounding on three axes reaches, in steps.
 const DIAGONAL: f64 = 1.732_050_807_568_877_2;
@@ -71,65 +72,87 @@ impl PassivityObserver {
     }
 }
 
-/// Damps a port that gives out more energy than it was given: the time-domain passivity controller of Hannaford and
-/// Ryu, with three bounds.
+/// Damps a device that is given more energy than it gave: the time-domain passivity controller of Hannaford and Ryu,
+/// with three bounds.
 ///
 /// - It counts only on energy that can still come back: what flowed in beyond `stored` has been dissipated and is
 ///   forgotten, so that a session which dissipated much before is not free to create as much.
 /// - Its damping never exceeds a maximum, to be chosen so that a damper of that size is itself passive at the port.
 /// - What rounding of the position may hide, √3 Δ ‖f‖, is not answered.
+///
+/// Translation and rotation have an observer each but share one reserve, for a body may give back by turning what it
+/// was given by moving.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PassivityController {
-    observer: PassivityObserver,
-    max_damping: f64,
+    translation: PassivityObserver,
+    rotation: PassivityObserver,
+    max_damping: (f64, f64),
     /// What may come out, J; negative for what was created.
     reserve: f64,
-    damping_force: DVec3,
+    damping: Wrench,
     dissipated: f64,
 }
 
 impl PassivityController {
-    /// A controller whose damping is at most `max_damping` (N·s/m, N·m·s/rad), on positions in steps of `step` (m,
-    /// rad).
-    pub fn new(max_damping: f64, step: f64) -> Self {
-        let observer = PassivityObserver::new(step);
-        let max_damping = if max_damping.is_finite() { max_damping.max(0.0) } else { 0.0 };
-        Self { observer, max_damping, reserve: 0.0, damping_force: DVec3::ZERO, dissipated: 0.0 }
+    /// A controller on positions in steps of `steps` (m, rad), with damping of at most `max_damping` (N·s/m,
+    /// N·m·s/rad): none where that is not a positive number.
+    pub fn new(max_damping: (f64, f64), steps: (f64, f64)) -> Self {
+        let usable = |damping: f64| if damping.is_finite() { damping.max(0.0) } else { 0.0 };
+        Self {
+            translation: PassivityObserver::new(steps.0),
+            rotation: PassivityObserver::new(steps.1),
+            max_damping: (usable(max_damping.0), usable(max_damping.1)),
+            reserve: 0.0,
+            damping: Wrench::ZERO,
+            dissipated: 0.0,
+        }
     }
 
     /// Takes the displacement (m, rad) since the last call. `stored` is the most energy (J) that what is rendered
     /// now holds and may give back.
-    pub fn observe(&mut self, displacement: DVec3, stored: f64) {
-        let work = -self.damping_force.dot(displacement);
+    pub fn observe(&mut self, displacement: &Twist, stored: f64) {
+        let work = -self.damping.power(displacement);
         self.dissipated += if work.is_finite() { work } else { 0.0 };
-        self.reserve += self.observer.observe(displacement);
-        // A reserve that is not needed any more was dissipated.
+        self.reserve += self.translation.observe(displacement.linear);
+        self.reserve += self.rotation.observe(displacement.angular);
         self.reserve = self.reserve.min(stored.max(0.0));
     }
 
-    /// The force (N, N·m) to add, at a port that moves at `velocity` (m/s, rad/s) and is sampled again in `dt` (s):
-    /// against the velocity, and such that it takes out in that time what was created, as far as the maximum goes.
-    pub fn damping_force(&mut self, velocity: DVec3, dt: f64) -> DVec3 {
-        let hidden = DIAGONAL * self.observer.step * self.observer.held.length();
-        let created = -self.reserve - hidden;
-        let travel = velocity.length_squared() * dt;
-        self.damping_force = if created > 0.0 && travel > 0.0 && travel.is_finite() {
-            velocity * -(created / travel).min(self.max_damping)
+    /// The wrench (N, N·m) to add at a handle that moves at `twist` (m/s, rad/s) and is sampled again in `dt` (s):
+    /// against its motion, and such that it takes out in that time what was created, as far as the maxima go.
+    pub fn damping(&mut self, twist: &Twist, dt: f64) -> Wrench {
+        let hidden = |observer: &PassivityObserver| DIAGONAL * observer.step * observer.held.length();
+        let created = -self.reserve - hidden(&self.translation) - hidden(&self.rotation);
+        let most = Wrench::new(twist.linear * -self.max_damping.0, twist.angular * -self.max_damping.1);
+        let taken = -most.power(twist) * dt;
+        self.damping = if created > 0.0 && taken > 0.0 && taken.is_finite() {
+            most * (created / taken).min(1.0)
         } else {
-            DVec3::ZERO
+            Wrench::ZERO
         };
-        self.damping_force
+        self.damping
     }
 
-    /// Says what is held from now on (N, N·m), and how much of the damping force is in it, 0 to 1.
-    pub fn hold(&mut self, force: DVec3, damped: f64) {
-        self.damping_force *= damped;
-        self.reserve += self.observer.hold(force);
+    /// Adds nothing for now: no wrench is wanted.
+    pub fn rest(&mut self) -> Wrench {
+        self.damping = Wrench::ZERO;
+        Wrench::ZERO
     }
 
-    /// What it observed.
-    pub fn observer(&self) -> &PassivityObserver {
-        &self.observer
+    /// Says what is held from now on (N, N·m).
+    pub fn hold(&mut self, wrench: &Wrench) {
+        self.reserve += self.translation.hold(wrench.force);
+        self.reserve += self.rotation.hold(wrench.torque);
+    }
+
+    /// Energy that has flowed in, J: [`PassivityObserver::energy`] of translation and rotation together.
+    pub fn energy(&self) -> f64 {
+        self.translation.energy() + self.rotation.energy()
+    }
+
+    /// The observers of translation and of rotation.
+    pub fn observers(&self) -> (&PassivityObserver, &PassivityObserver) {
+        (&self.translation, &self.rotation)
     }
 
     /// Energy that the damping took out, J.
@@ -143,6 +166,14 @@ mod tests {
     use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
 
     use super::*;
+
+    fn along(x: f64) -> Twist {
+        Twist::new(DVec3::X * x, DVec3::ZERO)
+    }
+
+    fn pushing(force: f64) -> Wrench {
+        Wrench::new(DVec3::X * force, DVec3::ZERO)
+    }
 
     /// A handle with the spring that is rendered on it.
     struct Port {
@@ -168,7 +199,7 @@ mod tests {
     /// Four seconds at 1 kHz, the handle let go at 5 mm.
     fn run(port: &Port, max_damping: f64) -> Outcome {
         let (period, substeps) = (1e-3, 10);
-        let mut controller = PassivityController::new(max_damping, port.step);
+        let mut controller = PassivityController::new((max_damping, 0.0), (port.step, 0.0));
         let rounded = |x: f64| if port.step > 0.0 { (x / port.step).round() * port.step } else { x };
         let (mut x, mut v, mut force) = (5e-3, 0.0, 0.0);
         let mut seen = vec![rounded(x); port.delay + 1];
@@ -180,15 +211,15 @@ mod tests {
             let displacement = reading - seen[seen.len() - 1];
             seen.push(reading);
             velocity += 0.5 * (displacement / period - velocity);
-            controller.observe(DVec3::X * displacement, 0.5 * port.stiffness * reading * reading);
-            let damping = controller.damping_force(DVec3::X * velocity, period).x;
+            controller.observe(&along(displacement), 0.5 * port.stiffness * reading * reading);
+            let damping = controller.damping(&along(velocity), period).force.x;
             assert!(
                 damping * velocity <= 0.0 && damping.abs() <= max_damping * velocity.abs() * (1.0 + 1e-12)
             );
             largest = largest.max(damping.abs());
             let spring = (-port.stiffness * seen[seen.len() - 1 - port.delay]).clamp(-port.limit, port.limit);
             force = spring + damping;
-            controller.hold(DVec3::X * force, 1.0);
+            controller.hold(&pushing(force));
             for _ in 0..substeps {
                 let h = period / f64::from(substeps);
                 v = (v + h / port.mass * force) / (1.0 + h * port.viscous / port.mass);
@@ -234,7 +265,7 @@ mod tests {
     fn the_observer_counts_the_work_on_the_handle() {
         let port = Port { mass: 0.1, viscous: 0.1, stiffness: 200.0, delay: 4, step: 0.0, limit: 2.0 };
         let run = run(&port, 0.0);
-        let seen = run.controller.observer().energy();
+        let seen = run.controller.energy();
         assert!((seen + run.created).abs() < 1e-9 * run.created, "{seen} of {}", -run.created);
     }
 
@@ -261,33 +292,50 @@ mod tests {
     #[test]
     fn a_passive_spring_is_left_alone_and_old_dissipation_is_no_credit() {
         let step = 1e-4;
-        let mut controller = PassivityController::new(5.0, 0.0);
+        let mut controller = PassivityController::new((5.0, 0.1), (0.0, 0.0));
         let mut last = 0.0;
         // Pressed in against 300 N/m and friction, then let out slowly without the friction.
         for tick in 0..2000 {
             let x: f64 = if tick < 1000 { f64::from(tick) * 1e-5 } else { f64::from(2000 - tick) * 1e-5 };
-            controller.observe(DVec3::X * (x - last), 0.5 * 300.0 * x * x + 300.0 * 1e-5 * x);
-            let damping = controller.damping_force(DVec3::X * (x - last) / 1e-3, 1e-3);
-            assert_eq!(damping, DVec3::ZERO, "tick {tick}");
-            controller.hold(DVec3::X * (-300.0 * x - if tick < 1000 { 1.0 } else { 0.0 }), 1.0);
+            controller.observe(&along(x - last), 0.5 * 300.0 * x * x + 300.0 * 1e-5 * x);
+            let damping = controller.damping(&along((x - last) / 1e-3), 1e-3);
+            assert_eq!(damping, Wrench::ZERO, "tick {tick}");
+            controller.hold(&pushing(-300.0 * x - if tick < 1000 { 1.0 } else { 0.0 }));
             last = x;
         }
-        assert!(controller.observer().energy() > 5e-3, "{}", controller.observer().energy());
+        assert!(controller.energy() > 5e-3, "{}", controller.energy());
         // At rest nothing is stored: a force that drives the hand from here creates, whatever was dissipated before.
-        controller.observe(DVec3::ZERO, 0.0);
-        controller.hold(DVec3::X, 1.0);
-        controller.observe(DVec3::X * step, 0.0);
-        let damping = controller.damping_force(DVec3::X * 0.1, 1e-3);
+        controller.observe(&Twist::ZERO, 0.0);
+        controller.hold(&pushing(1.0));
+        controller.observe(&along(step), 0.0);
+        let damping = controller.damping(&along(0.1), 1e-3).force;
         assert!((damping.x + 0.5).abs() < 1e-9, "the most that it may: {damping}");
     }
 
     #[test]
+    fn what_goes_in_by_moving_may_come_out_by_turning() {
+        let mut controller = PassivityController::new((5.0, 0.1), (0.0, 0.0));
+        controller.hold(&Wrench::new(DVec3::X * -1.0, DVec3::Z));
+        controller.observe(&along(1e-2), 1e-2);
+        let turn = Twist::new(DVec3::ZERO, DVec3::Z * 9e-3);
+        controller.observe(&turn, 1e-3);
+        assert_eq!(controller.damping(&turn, 1e-3), Wrench::ZERO);
+        assert!((controller.observers().1.energy() + 9e-3).abs() < 1e-15);
+        // But no more than that.
+        controller.observe(&turn, 0.0);
+        let damping = controller.damping(&turn, 1e-3);
+        assert!(damping.torque.z < 0.0 && damping.force == DVec3::ZERO, "{damping:?}");
+    }
+
+    #[test]
     fn nonsense_is_not_counted() {
-        let mut controller = PassivityController::new(f64::INFINITY, 1e-5);
-        controller.hold(DVec3::X, 1.0);
-        controller.observe(DVec3::NAN, f64::NAN);
-        controller.observe(DVec3::splat(f64::INFINITY), 1.0);
-        assert_eq!(controller.damping_force(DVec3::NAN, 1e-3), DVec3::ZERO);
-        assert!(controller.observer().energy().is_finite() && controller.dissipated() == 0.0);
+        let mut controller = PassivityController::new((f64::INFINITY, f64::NAN), (1e-5, 1e-4));
+        controller.hold(&pushing(1.0));
+        controller.observe(&Twist::new(DVec3::NAN, DVec3::NAN), f64::NAN);
+        controller.observe(&Twist::new(DVec3::splat(f64::INFINITY), DVec3::ZERO), 1.0);
+        controller.hold(&Wrench::new(DVec3::NAN, DVec3::NAN));
+        controller.observe(&along(1e-3), 1.0);
+        assert_eq!(controller.damping(&Twist::new(DVec3::NAN, DVec3::NAN), 1e-3), Wrench::ZERO);
+        assert!(controller.energy().is_finite() && controller.dissipated() == 0.0);
     }
 }

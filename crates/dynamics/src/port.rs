@@ -88,14 +88,26 @@ impl PortAxes {
     /// needs. If b is not known, the damper may at half the sampling rate be what the maker's damping is there
     /// through the device's own lag, `velocity_delay` (s).
     pub fn velocity_lag(&self, stiffness: f64, damping: f64, velocity_delay: f64, period: f64) -> f64 {
-        let room = match positive(self.viscous) {
-            Some(b) => (TOTAL_SHARE * b - 0.5 * stiffness * period).max(DAMPER_SHARE * b),
-            None => self.damping * period / (2.0 * velocity_delay + period),
-        };
+        let room = self.room(stiffness, velocity_delay, period);
         if !(self.peak > 0.0 && room > 0.0 && room.is_finite()) {
             return 0.0;
         }
         (0.5 * period * (damping / room - 1.0)).max(0.0)
+    }
+
+    /// The largest damping (N·s/m, N·m·s/rad) that is passive beside `stiffness` (N/m, N·m/rad) on a velocity
+    /// that lags by `lag` (s), `velocity_delay` (s) being the device's own lag: the bound of
+    /// [`Self::velocity_lag`]. Infinite if nothing limits it.
+    pub fn largest_damping(&self, stiffness: f64, lag: f64, velocity_delay: f64, period: f64) -> f64 {
+        self.room(stiffness, velocity_delay, period) * (2.0 * lag + period) / period
+    }
+
+    /// What the damper may be at half the sampling rate.
+    fn room(&self, stiffness: f64, velocity_delay: f64, period: f64) -> f64 {
+        match positive(self.viscous) {
+            Some(b) => (TOTAL_SHARE * b - 0.5 * stiffness * period).max(DAMPER_SHARE * b),
+            None => self.damping * period / (2.0 * velocity_delay + period),
+        }
     }
 
     /// The damping (N·s/m, N·m·s/rad) that a device must have of its own to render `stiffness` and `damping` of
