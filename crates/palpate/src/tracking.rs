@@ -35,6 +35,8 @@ pub(crate) struct Tracking {
     /// Time since the last good reading, s, up to now.
     blind: f64,
     started: bool,
+    /// Whether it counts as lost.
+    lost: bool,
     /// A place that the device jumped to, and how many readings were there.
     suspect: Option<(Pose, u32)>,
     /// Lags of the velocity and the angular velocity, s; 0 takes the device's own.
@@ -51,6 +53,7 @@ impl Tracking {
             displacement: Twist::ZERO,
             blind: 0.0,
             started: false,
+            lost: false,
             suspect: None,
             lags,
             lagged: Twist::ZERO,
@@ -87,8 +90,8 @@ impl Tracking {
         self.displacement = Twist::ZERO;
         let Some(state) = device else {
             events.device_refused += 1;
-            // However short, a device that does not answer is to be sent nothing.
-            self.blind = self.blind.max(2.0 * LONGEST_HOLD);
+            // A device that does not answer is sent nothing, however short that is.
+            self.lost = true;
             return self.hold();
         };
         if !(state.pose.is_valid() && state.twist.is_finite()) {
@@ -104,8 +107,8 @@ impl Tracking {
             events.device_jumped += 1;
             return self.hold();
         }
-        let back = !self.started || jumped || self.blind > LONGEST_HOLD;
-        self.started = true;
+        let back = !self.started || jumped || self.lost;
+        (self.started, self.lost) = (true, false);
         self.suspect = None;
         self.blind = 0.0;
         self.state = *state;
@@ -123,7 +126,8 @@ impl Tracking {
     fn hold(&mut self) -> Reading {
         self.state.twist = Twist::ZERO;
         self.lagged = Twist::ZERO;
-        if self.blind > LONGEST_HOLD { Reading::Lost } else { Reading::Held }
+        self.lost |= self.blind > LONGEST_HOLD;
+        if self.lost { Reading::Lost } else { Reading::Held }
     }
 
     /// Whether the device has been where it jumped to for long enough.
