@@ -85,7 +85,14 @@ fn a_wall_is_stable_from_one_to_ten_kilohertz() {
                     "{context}: the force wanders by {spread} N about {mean} N"
                 );
                 assert_eq!((summary.events.step_refused, summary.events.faded), (0, 0), "{context}");
-                assert!(summary.energy_min_j > -2e-5, "{context}: {} J", summary.energy_min_j);
+                // The rounding of the encoders hides the work of the largest force over a step or two of theirs.
+                let step = Emulation::preset(preset).expect("a preset").specification.encoder_step;
+                let hidden = 2.0 * step * summary.coupling_force_max;
+                assert!(
+                    summary.energy_min_j > -hidden,
+                    "{context}: {} J of {hidden} J",
+                    summary.energy_min_j
+                );
             }
         }
     }
