@@ -20,6 +20,9 @@
 //!
 //! b > K T/2 + B T/(2 τ + T).
 //!
+//! A step Δ of the encoder answers with K Δ + B Δ/(τ + T) at once, so that what friction absorbs is, as for the spring
+//! alone, K + B/(τ + T) ≤ 2 f_c/Δ.
+//!
 //! So the damper stays critical for the body, and it is the device's velocity that is given the lag which the
 //! device's damping asks for ([`PortAxes::velocity_lag`]). The body's own motion is damped without lag. For a
 //! free body the port stays passive at every frequency: with m = k = 1 and damping B it has Re Z(jω) ∝ B + τ B² +
@@ -84,22 +87,36 @@ impl PortAxes {
     /// The lag τ (s) of the device's velocity with which `damping` (N·s/m, N·m·s/rad) beside `stiffness` (N/m,
     /// N·m/rad) is rendered passively at a sampling `period` (s); 0 if any lag does.
     ///
-    /// Spring and damper may need nine tenths of b together, and the damper has a tenth whatever the spring
-    /// needs. If b is not known, the damper may at half the sampling rate be what the maker's damping is there
+    /// Spring and damper may need nine tenths of b together, and of 2 f_c/Δ, and the damper has a tenth whatever
+    /// the spring needs. If b is not known, the damper may at half the sampling rate be what the maker's damping is there
     /// through the device's own lag, `velocity_delay` (s).
     pub fn velocity_lag(&self, stiffness: f64, damping: f64, velocity_delay: f64, period: f64) -> f64 {
-        let room = self.room(stiffness, velocity_delay, period);
-        if !(self.peak > 0.0 && room > 0.0 && room.is_finite()) {
+        if self.peak.is_nan() || self.peak <= 0.0 {
             return 0.0;
         }
-        (0.5 * period * (damping / room - 1.0)).max(0.0)
+        let usable = |lag: f64| if lag.is_finite() { lag.max(0.0) } else { 0.0 };
+        let sampled = 0.5 * period * (damping / self.room(stiffness, velocity_delay, period) - 1.0);
+        let rounded = damping / self.rounding_room(stiffness) - period;
+        usable(sampled).max(usable(rounded))
     }
 
     /// The largest damping (N·s/m, N·m·s/rad) that is passive beside `stiffness` (N/m, N·m/rad) on a velocity
     /// that lags by `lag` (s), `velocity_delay` (s) being the device's own lag: the bound of
     /// [`Self::velocity_lag`]. Infinite if nothing limits it.
     pub fn largest_damping(&self, stiffness: f64, lag: f64, velocity_delay: f64, period: f64) -> f64 {
-        self.room(stiffness, velocity_delay, period) * (2.0 * lag + period) / period
+        let sampled = self.room(stiffness, velocity_delay, period) * (2.0 * lag + period) / period;
+        sampled.min(self.rounding_room(stiffness) * (lag + period))
+    }
+
+    /// What B/(τ + T) may be, N/m or N·m/rad.
+    fn rounding_room(&self, stiffness: f64) -> f64 {
+        match positive(self.friction).filter(|_| self.step > 0.0) {
+            Some(friction) => {
+                let whole = 2.0 * friction / self.step;
+                (TOTAL_SHARE * whole - stiffness).max(DAMPER_SHARE * whole)
+            }
+            None => f64::INFINITY,
+        }
     }
 
     /// What the damper may be at half the sampling rate.
@@ -298,6 +315,8 @@ mod tests {
                 let has = axes.viscous.unwrap();
                 assert!(needed <= 0.9 * has * (1.0 + 1e-9), "seed {seed}, case {case}: {needed} of {has}");
                 assert!(stiffness <= axes.friction.unwrap() / axes.step * (1.0 + 1e-12));
+                let answer = (stiffness + damping / (lag + limits.period)) * axes.step;
+                assert!(answer <= 1.8 * axes.friction.unwrap() * (1.0 + 1e-9), "seed {seed}, case {case}");
                 assert!(stiffness <= 0.5 * axes.stiffness * (1.0 + 1e-12), "seed {seed}, case {case}");
                 assert!(stiffness > 0.0 && damping > 0.0 && lag.is_finite(), "seed {seed}, case {case}");
             }
