@@ -452,7 +452,7 @@ fn a_session_says_which_stages_are_on_and_why() {
         ("clustering", "on beyond 5 contacts"),
         ("textures", "off: "),
         ("friction", "off: "),
-        ("events", "none"),
+        ("events", "engaging: 10"),
     ] {
         let row = printed.lines().find(|line| line.starts_with(&format!("{stage}  ")));
         assert!(row.is_some_and(|row| row.contains(why)), "{stage}: {why}\n{printed}");
