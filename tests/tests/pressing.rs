@@ -140,10 +140,10 @@ fn press(name: &str, rate: f64, probe: &Object, ball: &Object, touch: DVec3) {
     let hand = palpate::device::Hand::default().stiffness * PRESS;
     assert!(force.z > 0.3 * hand && force.z < hand, "{context}: {force} N of {hand} N");
     assert!(summary.coupling_force_max < 1.5 * force.z, "{context}: {} N", summary.coupling_force_max);
-    // Settled: the handle stays within two steps of its encoders.
+    // Settled: the handle, which its friction holds, slips by no more than three steps of its encoders.
     let position = held.iter().map(|h| h.1).sum::<DVec3>() / count;
     let wander = held.iter().map(|h| h.1.distance(position)).fold(0.0, f64::max);
-    assert!(wander < 2.0 * specification.encoder_step, "{context}: the handle wanders by {wander} m");
+    assert!(wander < 3.0 * specification.encoder_step, "{context}: the handle wanders by {wander} m");
 
     let stiffness = 0.5 * specification.stiffness;
     let unseen = 2.0 * handle.fastest / rate;

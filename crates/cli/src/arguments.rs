@@ -235,13 +235,13 @@ pub struct Physics {
     /// Contact damping, N·s/m [default: critical]
     #[arg(long)]
     contact_damping: Option<f64>,
-    /// Stiffness of the virtual coupling, N/m [default: half of what the device renders stably]
+    /// Stiffness of the virtual coupling, N/m [default: what the device renders passively]
     #[arg(long)]
     coupling_stiffness: Option<f64>,
     /// Damping of the virtual coupling, N·s/m [default: critical]
     #[arg(long)]
     coupling_damping: Option<f64>,
-    /// Angular stiffness of the virtual coupling, N·m/rad [default: half of what the device renders stably]
+    /// Angular stiffness of the virtual coupling, N·m/rad [default: what the device renders passively]
     #[arg(long)]
     angular_stiffness: Option<f64>,
     /// Angular damping of the virtual coupling, N·m·s/rad [default: critical]
@@ -270,6 +270,15 @@ pub struct Physics {
     /// runge-kutta-4 or quasi-static [default: semi-implicit]
     #[arg(long, value_name = "NAME")]
     integrator: Option<IntegratorKind>,
+    /// How far the object moves for a metre at the device; forces are divided by it, torques by its square [default: 1]
+    #[arg(long, value_name = "S")]
+    workspace_scale: Option<f64>,
+    /// Button, counted from 0, that moves the device without the object while it is held [default: none]
+    #[arg(long, value_name = "N")]
+    clutch_button: Option<u32>,
+    /// Damp the device where more energy came out of the session than went in
+    #[arg(long)]
+    passivity_controller: bool,
 }
 
 impl Physics {
@@ -278,6 +287,9 @@ impl Physics {
         let default = Settings::default();
         Settings {
             rate: self.rate.unwrap_or(default.rate),
+            workspace_scale: self.workspace_scale.unwrap_or(default.workspace_scale),
+            clutch_button: self.clutch_button,
+            passivity_controller: self.passivity_controller,
             mass: self.mass.unwrap_or(default.mass),
             contact_stiffness: self.contact_stiffness.unwrap_or(default.contact_stiffness),
             contact_damping: self.contact_damping,

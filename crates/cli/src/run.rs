@@ -6,7 +6,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use indicatif::ProgressBar;
-use palpate::{ContactTiming, HapticRenderer, Pose, Record, RecordWriter, Scene, Summary};
+use palpate::dynamics::DeviceMapping;
+use palpate::{ContactTiming, HapticRenderer, Pose, Record, RecordWriter, RendererError, Scene, Summary};
 use palpate_report::Report;
 
 use crate::arguments::RunArguments;
@@ -30,7 +31,9 @@ pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
     let object = progress::open(&arguments.scene, &options)?;
     let scene = Scene::new().with(object, Pose::IDENTITY);
     let settings = arguments.physics.settings(probe.bounding_radius());
-    let device = palpate::explore::open_device(&arguments.device, &probe, &scene)?;
+    settings.check().map_err(RendererError::from)?;
+    let mapping = DeviceMapping::new(settings.workspace_scale, settings.device_frame);
+    let device = palpate::explore::open_mapped_device(&arguments.device, &probe, &scene, &mapping)?;
     if arguments.report.is_some() && seconds * settings.rate > MOST_REPORTED {
         let most = MOST_REPORTED / settings.rate;
         return Err(Failure::Message(format!(

@@ -311,6 +311,7 @@ fn a_lockstep_session_is_recorded_and_reported_twice_alike() {
             "contact",
             "coupling_force_max",
             "depth_max",
+            "dissipated_j",
             "energy_min_j",
             "events",
             "haptic",
@@ -474,7 +475,7 @@ fn a_session_says_which_stages_are_on_and_why() {
         ("integrator", "semi-implicit"),
         ("textures", "off: "),
         ("friction", "off: "),
-        ("events", "none"),
+        ("events", "engaging: 10"),
     ] {
         let row = printed.lines().find(|line| line.starts_with(&format!("{stage}  ")));
         assert!(row.is_some_and(|row| row.contains(why)), "{stage}: {why}\n{printed}");

@@ -44,6 +44,7 @@ impl ReplayDevice {
             velocity_delay: 0.0,
             sensed: Axes::ALL,
             actuated: Axes::ALL,
+            handle: None,
         };
         Self {
             specification,

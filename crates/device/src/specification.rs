@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::mechanics::Handle;
+
 /// Which of the six axes something holds for: x, y, z of translation and of rotation, in the device's axes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Axes {
@@ -59,4 +61,7 @@ pub struct Specification {
     pub sensed: Axes,
     /// The axes along and about which a wrench reaches the hand; other components of a wrench are dropped.
     pub actuated: Axes,
+    /// What the handle resists motion with, where that is known: its damping and friction bound what the device
+    /// renders passively. An [`Emulation`](crate::Emulation) moves by its own handle, whatever stands here.
+    pub handle: Option<Handle>,
 }

@@ -5,6 +5,8 @@
 //! the end of its range is placed where it needs no third-order term, so that the slope falls linearly from k
 //! to 0: the law is concave and the tangent stiffness (Eq. 5.31) is never above k nor below 0.
 
+use std::f64::consts::PI;
+
 use glam::DVec3;
 use palpate_core::Wrench;
 
@@ -54,11 +56,88 @@ pub(crate) fn spring_energy(stiffness: f64, deviation: f64, limit: f64) -> f64 {
     limit * limit / stiffness * (0.5 * LINEAR_SHARE * LINEAR_SHARE + bent + flat)
 }
 
+/// Angle from which an angular spring fades, rad: 150°.
+const FADE_FROM: f64 = 5.0 / 6.0 * PI;
+
+/// Magnitude and slope of the torque of an angular spring of `stiffness` (N·m/rad) at an `angle` of 0 to π (rad),
+/// limited to `limit` (N·m).
+///
+/// The law of [`spring_force`] up to 150°. From there it fades along a cubic, with continuous slope, to nothing
+/// at 180°, where the short way round changes sides: the torque is continuous through a half turn. The slope is
+/// negative where it fades.
+pub fn angular_spring_torque(stiffness: f64, angle: f64, limit: f64) -> (f64, f64) {
+    let (torque, slope) = spring_force(stiffness, angle, limit);
+    if angle <= FADE_FROM {
+        return (torque, slope);
+    }
+    let width = PI - FADE_FROM;
+    let t = ((angle - FADE_FROM) / width).min(1.0);
+    let share = 1.0 - t * t * (3.0 - 2.0 * t);
+    let share_slope = -6.0 * t * (1.0 - t) / width;
+    (torque * share, slope * share + torque * share_slope)
+}
+
+/// Energy (J) held in the spring of [`angular_spring_torque`].
+pub(crate) fn angular_spring_energy(stiffness: f64, angle: f64, limit: f64) -> f64 {
+    let held = spring_energy(stiffness, angle.min(FADE_FROM), limit);
+    if angle <= FADE_FROM {
+        return held;
+    }
+    // The law is of degree five at most between its joints, which three points integrate exactly.
+    let joint = |share: f64| (share * limit / stiffness).clamp(FADE_FROM, angle);
+    let ends = [FADE_FROM, joint(LINEAR_SHARE), joint(2.0 - LINEAR_SHARE), angle];
+    let faded: f64 = ends
+        .windows(2)
+        .map(|piece| {
+            let (middle, half) = (0.5 * (piece[0] + piece[1]), 0.5 * (piece[1] - piece[0]));
+            let torque = |x: f64| angular_spring_torque(stiffness, middle + half * x, limit).0;
+            let node = 0.6_f64.sqrt();
+            half / 9.0 * (5.0 * (torque(-node) + torque(node)) + 8.0 * torque(0.0))
+        })
+        .sum();
+    held + faded
+}
+
 /// The wrench with the magnitudes of its force and torque limited to `max_force` (N) and `max_torque` (N·m),
 /// each by the law of [`spring_force`] and each keeping its direction: unchanged up to three quarters of the
 /// limit, smooth beyond. What is not finite becomes zero, for this is the last function before a motor.
 pub fn saturate(wrench: &Wrench, max_force: f64, max_torque: f64) -> Wrench {
     Wrench { force: limited(wrench.force, max_force), torque: limited(wrench.torque, max_torque) }
+}
+
+/// How fast a wrench may change.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SlewLimit {
+    /// N/s; infinite for no limit.
+    pub force: f64,
+    /// N·m/s; infinite for no limit.
+    pub torque: f64,
+}
+
+impl SlewLimit {
+    /// No limit.
+    pub const NONE: Self = Self { force: f64::INFINITY, torque: f64::INFINITY };
+
+    /// The wrench nearest to `wanted`, in force and in torque, that `previous` may change to within `dt` (s). What
+    /// is not finite in `wanted` counts as zero; without a time nothing changes.
+    pub fn approach(&self, previous: &Wrench, wanted: &Wrench, dt: f64) -> Wrench {
+        Wrench {
+            force: approached(previous.force, wanted.force, self.force * dt),
+            torque: approached(previous.torque, wanted.torque, self.torque * dt),
+        }
+    }
+}
+
+/// `wanted`, or the point `most` away from `previous` towards it.
+fn approached(previous: DVec3, wanted: DVec3, most: f64) -> DVec3 {
+    let wanted = if wanted.is_finite() { wanted } else { DVec3::ZERO };
+    let change = wanted - previous;
+    let length = change.length();
+    // A limit that is infinite, and `0 · ∞`, which is no number, let through.
+    if length <= most || most.is_nan() || !length.is_finite() {
+        return wanted;
+    }
+    previous + change * (most.max(0.0) / length)
 }
 
 fn limited(vector: DVec3, limit: f64) -> DVec3 {
@@ -117,6 +196,48 @@ mod tests {
             assert!((difference - spring_force(200.0, deviation, 3.0).0).abs() < 1e-6, "at {deviation}");
         }
         assert_eq!(spring_energy(200.0, 0.1, f64::INFINITY), 1.0);
+    }
+
+    #[test]
+    fn angular_law_fades_to_nothing_at_a_half_turn_with_continuous_slope() {
+        for limit in [0.5, 2.0, 2.6, 5.0, f64::INFINITY] {
+            let f = |angle| angular_spring_torque(1.0, angle, limit);
+            let e = |angle| angular_spring_energy(1.0, angle, limit);
+            let (h, mut previous) = (1e-6, f(0.0).1);
+            for i in 1..3140 {
+                let angle = f64::from(i) * 1e-3;
+                let (torque, slope) = f(angle);
+                assert!((0.0..=limit.min(angle)).contains(&torque), "limit {limit}, angle {angle}: {torque}");
+                assert!(angle > FADE_FROM || (torque, slope) == spring_force(1.0, angle, limit));
+                let difference = (f(angle + h).0 - f(angle - h).0) / (2.0 * h);
+                assert!((difference - slope).abs() < 1e-4, "limit {limit}, angle {angle}: slope {slope}");
+                let difference = (e(angle + h) - e(angle - h)) / (2.0 * h);
+                assert!((difference - torque).abs() < 1e-6, "limit {limit}, angle {angle}: energy");
+                assert!((slope - previous).abs() < 0.1, "limit {limit}, angle {angle}: slope jumps");
+                previous = slope;
+            }
+            assert!(f(PI).0.abs() < 1e-12 && f(PI).1.abs() < 1e-9, "limit {limit}");
+        }
+    }
+
+    #[test]
+    fn slew_limit_approaches_in_bounded_steps_and_arrives() {
+        let slew = SlewLimit { force: 100.0, torque: 2.0 };
+        let wanted = Wrench::new(DVec3::new(3.0, -4.0, 0.0), DVec3::Z * 0.01);
+        let mut now = Wrench::ZERO;
+        for step in 1..=60 {
+            let next = slew.approach(&now, &wanted, 1e-3);
+            assert!(
+                (next - now).force.length() <= 0.1 + 1e-12 && (next - now).torque.length() <= 0.002 + 1e-15
+            );
+            assert!((next.force.length() - (0.1 * f64::from(step)).min(5.0)).abs() < 1e-9, "step {step}");
+            now = next;
+        }
+        assert_eq!(now, wanted);
+        assert_eq!(SlewLimit::NONE.approach(&Wrench::ZERO, &wanted, 0.0), wanted);
+        assert_eq!(slew.approach(&now, &Wrench::ZERO, 0.0), now);
+        let nan = Wrench::new(DVec3::NAN, DVec3::INFINITY);
+        assert!(slew.approach(&now, &nan, 1e-3).is_finite());
     }
 
     #[test]

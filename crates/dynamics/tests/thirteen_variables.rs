@@ -334,7 +334,8 @@ fn the_oracles_own_jacobian_equals_central_differences() {
 
 #[test]
 fn one_step_of_each_differs_by_the_cube_of_the_time_step() {
-    for (contacts, turn) in [(0, 0.3), (3, 0.3), (3, 1.5), (5, 2.8)] {
+    // Turned less than 150°, from where the crate's angular spring fades: the dissertation's does not.
+    for (contacts, turn) in [(0, 0.3), (3, 0.3), (3, 1.5), (5, 2.5)] {
         let (scene, state) = scene(contacts, turn);
         let at = |h: f64| {
             difference(&six_unknown_step(&scene, &state, h), &thirteen_variable_step(&scene, &state, h))

@@ -8,6 +8,7 @@ use palpate_core::glam::{DQuat, DVec3};
 use palpate_device::{
     DeviceError, Emulation, HapticDevice, IntendedPath, Interpolation, Keyframe, MotionPath, PathError,
 };
+use palpate_dynamics::DeviceMapping;
 
 use crate::object::Object;
 use crate::scene::Scene;
@@ -37,13 +38,27 @@ pub fn open_device(
     probe: &Object,
     scene: &Scene,
 ) -> Result<Box<dyn HapticDevice>, DeviceError> {
+    open_mapped_device(address, probe, scene, &DeviceMapping::IDENTITY)
+}
+
+/// [`open_device`] for a session in which the device's motion is mapped: the hand moves so that the probe explores the
+/// scene all the same. A replayed path is one of the device, and stays what it is.
+///
+/// # Errors
+/// As [`open_device`].
+pub fn open_mapped_device(
+    address: &str,
+    probe: &Object,
+    scene: &Scene,
+    mapping: &DeviceMapping,
+) -> Result<Box<dyn HapticDevice>, DeviceError> {
     let emulation = match address.strip_prefix("emulated") {
         Some("") => Some(Emulation::default()),
         Some(preset) => preset.strip_prefix(':').and_then(Emulation::preset),
         None => None,
     };
     match emulation {
-        Some(emulation) => Ok(Box::new(emulation.open(path(probe, scene)?)?)),
+        Some(emulation) => Ok(Box::new(emulation.open(mapped_path(probe, scene, mapping)?)?)),
         None => palpate_device::open(address),
     }
 }
@@ -54,6 +69,11 @@ pub fn open_device(
 /// # Errors
 /// If an object is so large or so far away that a pose is out of a path's range.
 pub fn path(probe: &Object, scene: &Scene) -> Result<IntendedPath, PathError> {
+    mapped_path(probe, scene, &DeviceMapping::IDENTITY)
+}
+
+/// [`path`] of the device that `mapping` takes to the world.
+fn mapped_path(probe: &Object, scene: &Scene, mapping: &DeviceMapping) -> Result<IntendedPath, PathError> {
     let touch = first_touch(probe, scene);
     let radius = probe.bounding_radius();
     let center = probe.clod.source.center;
@@ -69,7 +89,7 @@ pub fn path(probe: &Object, scene: &Scene) -> Result<IntendedPath, PathError> {
         ) * radius;
         let rotation = DQuat::from_rotation_z(TWIST * (2.0 * TAU * rubbing).sin());
         let translation = touch + offset + center - rotation * center;
-        Keyframe { time: phase * CYCLE, pose: Pose::new(translation, rotation) }
+        Keyframe { time: phase * CYCLE, pose: mapping.device_pose(&Pose::new(translation, rotation)) }
     };
     let cycle = MotionPath::new((0..=SAMPLES).map(keyframe).collect(), Interpolation::Smooth)?;
     let mut segment = 0;

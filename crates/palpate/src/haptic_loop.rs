@@ -3,15 +3,19 @@
 //! A step never allocates, locks, blocks or panics; what goes wrong is counted in [`HapticTelemetry::events`].
 
 use palpate_core::glam::DVec3;
-use palpate_core::{Pose, Twist, Wrench};
-use palpate_device::{Axes, DeviceState, HapticDevice, Specification, Status};
+use palpate_core::{Pose, Wrench};
+use palpate_device::{Axes, DeviceState, HapticDevice, Specification};
 use palpate_dynamics::{
-    Body, BodyState, ContactBlend, DeviceMotion, Frame, Integrator, IntegratorKind, VirtualCoupling, saturate,
+    Body, BodyState, ContactBlend, DeviceMapping, DeviceMotion, Frame, Integrator, IntegratorKind,
+    PassivityController, SlewLimit, Step, VirtualCoupling, saturate,
 };
 
 use crate::contact_loop::ContactUpdate;
+use crate::presence::Presence;
 use crate::record::Record;
 use crate::telemetry::HapticTelemetry;
+use crate::tracking::{Reading, Tracking};
+use crate::workspace::{Workspace, motion_at};
 
 /// The state of the haptic loop: the grasped object, its coupling to the device and the newest contact model.
 #[derive(Clone, Debug)]
@@ -25,16 +29,18 @@ pub struct HapticLoop {
     /// The grasp: the frame that the coupling holds, in the mesh's frame, which the device's frame stands for.
     grasp: Pose,
     limits: Limits,
-    /// The last good state of the device.
-    device: DeviceState,
+    slew: SlewLimit,
+    tracking: Tracking,
+    workspace: Workspace,
+    presence: Presence,
+    passivity: PassivityController,
+    /// The wrench that the device holds, as far as known.
+    sent: Wrench,
     update: ContactUpdate,
     contacts: ContactBlend,
-    contact_timeout: f64,
     integrator: IntegratorKind,
     /// Time of the first step, s, from which the first contact model is waited for; NaN before it.
     started: f64,
-    /// Share of the wrench that is sent: see [`Self::fade`].
-    presence: f64,
     telemetry: HapticTelemetry,
 }
 
@@ -69,33 +75,50 @@ pub(crate) struct Grasped {
     pub coupling: VirtualCoupling,
     pub center_of_mass: DVec3,
     pub grasp: Pose,
+    pub mapping: DeviceMapping,
+    pub clutch_button: Option<u32>,
     pub contact_timeout: f64,
     pub integrator: IntegratorKind,
+    pub engagement: f64,
+    /// Lags of velocity and angular velocity for the coupling's dampers, s; 0 for the device's own.
+    pub velocity_lags: (f64, f64),
+    pub slew: SlewLimit,
+    /// Most damping of the passivity controller, N·s/m and N·m·s/rad at the device; 0 where it is off.
+    pub max_damping: (f64, f64),
+    /// Period of the loop, s.
+    pub period: f64,
 }
+
+/// Energy that contacts may store for each joule in the coupling and in the body's motion: as much again, for they are
+/// at least as stiff.
+const STORED_IN_CONTACTS: f64 = 1.0;
 
 impl HapticLoop {
     /// Starts with the object at rest in the device's hand: the mesh's frame coincides with the device's.
     pub(crate) fn new(grasped: Grasped, device: DeviceState, specification: &Specification) -> Self {
-        let Grasped { body, coupling, center_of_mass, grasp, contact_timeout, integrator } = grasped;
-        let pose = device.pose * Pose::from_translation(center_of_mass);
+        let steps = (specification.encoder_step, specification.angular_encoder_step);
+        let pose = grasped.mapping.pose(&device.pose) * Pose::from_translation(grasped.center_of_mass);
         Self {
-            body,
-            coupling,
+            body: grasped.body,
+            coupling: grasped.coupling,
             state: BodyState::at_rest(pose),
-            center_of_mass,
-            grasp,
+            center_of_mass: grasped.center_of_mass,
+            grasp: grasped.grasp,
             limits: Limits {
                 force: specification.peak_force,
                 torque: specification.peak_torque,
                 actuated: specification.actuated,
             },
-            device,
+            slew: grasped.slew,
+            tracking: Tracking::new(device, grasped.velocity_lags, grasped.period),
+            workspace: Workspace::new(grasped.mapping, grasped.clutch_button),
+            presence: Presence::new(grasped.contact_timeout, grasped.engagement),
+            passivity: PassivityController::new(grasped.max_damping, steps),
+            sent: Wrench::ZERO,
             update: ContactUpdate::none(),
             contacts: ContactBlend::new(),
-            contact_timeout,
-            integrator,
+            integrator: grasped.integrator,
             started: f64::NAN,
-            presence: 1.0,
             telemetry: HapticTelemetry::default(),
         }
     }
@@ -108,6 +131,22 @@ impl HapticLoop {
     /// Pose of the grasped object's mesh frame.
     pub fn object_pose(&self) -> Pose {
         self.state.pose * Pose::from_translation(-self.center_of_mass)
+    }
+
+    /// The coupling that holds the object, in the world: as chosen for the device, or as the settings ask.
+    pub fn coupling(&self) -> &VirtualCoupling {
+        &self.coupling
+    }
+
+    /// Where the device's workspace is in the world now; each release of the clutch moves it.
+    pub fn mapping(&self) -> &DeviceMapping {
+        self.workspace.mapping()
+    }
+
+    /// Holds the clutch, from the next step on, or lets it go: while it is held, by this or by its button, the device
+    /// moves without the object, which stays where the hand's image was.
+    pub fn set_clutch(&mut self, held: bool) {
+        self.workspace.ask_clutch(held);
     }
 
     /// What was measured so far.
@@ -135,8 +174,11 @@ impl HapticLoop {
     pub fn step_device(&mut self, device: &mut dyn HapticDevice, now: f64, dt: f64) -> Record {
         let state = device.read(now).ok();
         let record = self.advance(state.as_ref(), now, dt);
-        if device.write(&record.coupling).is_err() && state.is_some() {
-            self.telemetry.events.device_refused += 1;
+        if device.write(&record.coupling).is_err() {
+            self.telemetry.events.device_refused += u64::from(state.is_some());
+            // What it holds is not known; when it takes wrenches again they come up from zero.
+            self.presence.release();
+            self.sent = Wrench::ZERO;
         }
         record
     }
@@ -149,15 +191,14 @@ impl HapticLoop {
 
     fn advance(&mut self, device: Option<&DeviceState>, now: f64, dt: f64) -> Record {
         self.telemetry.steps += 1;
-        self.take_or_hold(device);
+        let reading = self.tracking.take(device, dt, &mut self.telemetry.events);
         if self.started.is_nan() {
             self.started = now;
         }
-        let model_age = now - self.update.time;
-        let held = self.device.pose * self.grasp;
-        let arm = held.translation - self.device.pose.translation;
-        let twist = Twist::new(self.device.twist.velocity_at(arm), self.device.twist.angular);
-        let motion = DeviceMotion { pose: held, twist };
+        let handle = self.workspace.locate(&self.tracking.damped_state());
+        let motion = motion_at(&handle, &self.grasp);
+        let arm = motion.pose.translation - handle.pose.translation;
+        self.observe(&motion);
 
         self.contacts.advance(&self.state, dt);
         let frame = Frame {
@@ -173,52 +214,68 @@ impl HapticLoop {
         self.telemetry.events.step_unconverged += u64::from(step.status.unconverged);
         self.state = step.state;
 
+        self.pass(reading, &step, now, dt);
+        let sound = step.status.held.is_none() && reading != Reading::Lost;
+        let wanted = self.workspace.mapping().wrench(&step.coupling.about(-arm)) * self.presence.share();
+        self.sent = if sound { self.fit(&wanted, dt) } else { self.passivity.rest() };
+        self.passivity.hold(&self.sent);
+        self.telemetry.coupling_force_max = self.telemetry.coupling_force_max.max(self.sent.force.length());
+
+        Record {
+            time: now,
+            device: self.tracking.state().pose,
+            handle: handle.pose,
+            object: self.object_pose(),
+            coupling: self.sent,
+            contact: step.contact,
+            depth: self.update.depth,
+            contacts: self.update.contacts,
+            model_age: now - self.update.time,
+        }
+    }
+
+    /// Counts the energy that flowed over the last period.
+    fn observe(&mut self, motion: &DeviceMotion) {
+        let scale = self.workspace.mapping().scale;
+        let stored = (1.0 + STORED_IN_CONTACTS)
+            * (self.coupling.potential_energy(&self.state, motion) + self.body.kinetic_energy(&self.state));
+        self.passivity.observe(self.tracking.displacement(), stored / (scale * scale));
+        let telemetry = &mut self.telemetry;
+        telemetry.energy = self.passivity.energy();
+        telemetry.energy_min = telemetry.energy_min.min(telemetry.energy);
+        telemetry.dissipated = self.passivity.dissipated();
+    }
+
+    /// Lets the wrench's share come up, fade or fall to nothing, and counts why.
+    fn pass(&mut self, reading: Reading, step: &Step, now: f64, dt: f64) {
         let waited = now - if self.update.time.is_nan() { self.started } else { self.update.time };
         let taken = step.status.held.is_none();
         // A step that is refused may be so because of its `dt`.
         let dt = if taken { dt } else { 0.0 };
-        self.fade(taken && device.is_some(), waited, dt);
-        let (sent, limited) = self.limits.fit(&(step.coupling.about(-arm) * self.presence));
-        self.telemetry.events.saturated += u64::from(limited);
-        self.telemetry.coupling_force_max = self.telemetry.coupling_force_max.max(sent.force.length());
-        self.telemetry.energy -= sent.power(&self.device.twist) * dt;
-        self.telemetry.energy_min = self.telemetry.energy_min.min(self.telemetry.energy);
-
-        Record {
-            time: now,
-            device: self.device.pose,
-            object: self.object_pose(),
-            coupling: sent,
-            contact: step.contact,
-            depth: self.update.depth,
-            contacts: self.update.contacts,
-            model_age,
+        if !taken || matches!(reading, Reading::Lost | Reading::Back) {
+            self.presence.release();
         }
-    }
-
-    /// Takes the device's state, or, where there is none or it is not finite, holds the last good one at rest.
-    fn take_or_hold(&mut self, device: Option<&DeviceState>) {
+        self.presence.pass(
+            waited,
+            self.workspace.clutched(),
+            if reading == Reading::Lost { 0.0 } else { dt },
+        );
         let events = &mut self.telemetry.events;
-        match device {
-            Some(state) if state.pose.is_valid() && state.twist.is_finite() => {
-                self.device = *state;
-                events.device_refused += u64::from(state.status.contains(Status::HELD));
-                events.device_ended += u64::from(state.status.contains(Status::ENDED));
-            }
-            _ => {
-                self.device.twist = Twist::ZERO;
-                events.device_refused += 1;
-            }
-        }
+        events.faded += u64::from(self.presence.fading());
+        events.engaging += u64::from(self.presence.engaging());
+        events.clutched += u64::from(self.workspace.clutched());
     }
 
-    /// Sets the share of the wrench to send: all of it while contact models are younger than the timeout, nothing from
-    /// twice that age on, and nothing without a wrench to trust (`sound`). It comes back over the length of the timeout,
-    /// so that no force appears at once.
-    fn fade(&mut self, sound: bool, waited: f64, dt: f64) {
-        let allowed = if sound { 2.0 - waited / self.contact_timeout } else { 0.0 };
-        let recovered = self.presence + dt / self.contact_timeout;
-        self.presence = recovered.min(allowed).clamp(0.0, 1.0);
-        self.telemetry.events.faded += u64::from(self.presence < 1.0);
+    /// What is sent of a wrench: with the passivity controller's damping, within what the device renders, and no
+    /// further from the last than it may change.
+    fn fit(&mut self, wanted: &Wrench, dt: f64) -> Wrench {
+        let damping = self.passivity.damping(&self.tracking.damped_state().twist, dt);
+        let (fitting, limited) = self.limits.fit(&(*wanted + damping));
+        let sent = self.slew.approach(&self.sent, &fitting, dt);
+        let events = &mut self.telemetry.events;
+        events.damped += u64::from(damping != Wrench::ZERO);
+        events.saturated += u64::from(limited);
+        events.slewed += u64::from(sent != fitting);
+        sent
     }
 }

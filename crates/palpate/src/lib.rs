@@ -19,6 +19,7 @@ pub mod explore;
 mod haptic_loop;
 mod lockstep;
 mod object;
+mod presence;
 mod realtime;
 mod record;
 mod renderer;
@@ -26,6 +27,8 @@ mod scene;
 mod session;
 mod settings;
 mod telemetry;
+mod tracking;
+mod workspace;
 
 pub use contact_loop::{ContactLoop, ContactUpdate};
 pub use haptic_loop::HapticLoop;

@@ -7,16 +7,19 @@ use std::path::Path;
 use palpate_core::{Pose, Wrench};
 use serde::Serialize;
 
-/// The state of one haptic step. Poses are those of the frames themselves in the world; SI units, world axes.
+/// The state of one haptic step. SI units; in world axes but for what is the device's.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Record {
     /// Time since the start, s.
     pub time: f64,
-    /// Pose of the device as it was read.
+    /// Pose of the device as it was read, in its own axes and at its own scale; the last good one where it was refused.
     pub device: Pose,
-    /// Pose of the grasped object's mesh frame after the step.
+    /// The same in the world, where the coupling has it: mapped, and held in place while the clutch is held. Not written
+    /// to recordings.
+    pub handle: Pose,
+    /// Pose of the grasped object's mesh frame in the world after the step.
     pub object: Pose,
-    /// Wrench sent to the device: force, and torque about the device's origin.
+    /// Wrench sent to the device, in its axes: force, and torque about its handle's origin.
     pub coupling: Wrench,
     /// Contact wrench on the grasped object: force, and torque about its centre of mass.
     pub contact: Wrench,

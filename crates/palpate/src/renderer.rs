@@ -1,8 +1,11 @@
 //! The renderer: an object in the hand, a scene, a device, and the two loops that join them.
 
 use palpate_core::Pose;
-use palpate_device::{DeviceError, HapticDevice};
-use palpate_dynamics::{Body, BodyError, ContactParameters, Friction, VirtualCoupling};
+use palpate_device::{DeviceError, HapticDevice, Specification};
+use palpate_dynamics::{
+    Body, BodyError, ContactParameters, DeviceMapping, Friction, PortAxes, PortLimits, SlewLimit,
+    VirtualCoupling,
+};
 
 use crate::contact_loop::ContactLoop;
 use crate::haptic_loop::{Grasped, HapticLoop};
@@ -43,8 +46,7 @@ pub enum RendererError {
 }
 
 impl HapticRenderer {
-    /// Puts `probe` into the hand that holds `device`, where the device now is, and `scene` around it. The device's axes
-    /// are the world's: motion is neither scaled nor turned between them.
+    /// Puts `probe` into the hand that holds `device`, where the device now is, and `scene` around it.
     ///
     /// # Errors
     /// If a setting is out of range, the probe cannot be given a mass, or the device does not answer.
@@ -61,7 +63,8 @@ impl HapticRenderer {
         let specification = device.specification().clone();
         let grasp = settings.grasp.unwrap_or(Pose::from_translation(source.center_of_mass));
         let grasp_in_body = Pose::from_translation(-source.center_of_mass) * grasp;
-        let coupling = coupling(&settings, &body, &specification, grasp_in_body);
+        let limits = port_limits(&specification, 1.0 / settings.rate);
+        let coupling = coupling(&settings, &body, grasp_in_body, &limits);
         let radius = probe.bounding_radius();
         if let Some(value) = settings.tolerance.filter(|&tolerance| tolerance > radius) {
             let expected = "metres, at most the bounding radius of the grasped object";
@@ -84,8 +87,15 @@ impl HapticRenderer {
             coupling,
             center_of_mass: source.center_of_mass,
             grasp,
+            mapping: DeviceMapping::new(settings.workspace_scale, settings.device_frame),
+            clutch_button: settings.clutch_button,
             contact_timeout: settings.contact_timeout,
             integrator: settings.integrator,
+            engagement: settings.engagement,
+            velocity_lags: limits.in_world(settings.workspace_scale).velocity_lags(&coupling),
+            slew: slew(&settings, &limits),
+            max_damping: max_damping(&settings, &coupling, &limits),
+            period: limits.period,
         };
         let haptic = HapticLoop::new(grasped, state, &specification);
         let contact = ContactLoop::new(&probe, source.center_of_mass, scene.objects(), parameters, &settings);
@@ -120,37 +130,69 @@ impl HapticRenderer {
     }
 }
 
-/// Stiffness of the coupling where the device sets no limit: the upper values of §5.5.1, N/m and N·m/rad.
-const STIFFNESS: f64 = 500.0;
-const ANGULAR_STIFFNESS: f64 = 3.0;
-
-/// Half of what the device renders stably; `otherwise` where it sets no limit, or renders nothing along these axes.
-fn default_stiffness(device: f64, otherwise: f64) -> f64 {
-    if device > 0.0 && device.is_finite() { 0.5 * device } else { otherwise }
+/// What the device's specification says of its port, sampled every `period` seconds.
+fn port_limits(specification: &Specification, period: f64) -> PortLimits {
+    let handle = specification.handle.as_ref();
+    // Nothing reaches the hand along or about axes that are not driven.
+    let driven = |axes: [bool; 3], peak: f64| if axes.contains(&true) { peak } else { 0.0 };
+    PortLimits {
+        translation: PortAxes {
+            stiffness: specification.stiffness,
+            damping: specification.damping,
+            viscous: handle.map(|handle| handle.damping),
+            friction: handle.map(|handle| handle.friction),
+            peak: driven(specification.actuated.translation, specification.peak_force),
+            step: specification.encoder_step,
+        },
+        rotation: PortAxes {
+            stiffness: specification.angular_stiffness,
+            damping: specification.angular_damping,
+            viscous: handle.map(|handle| handle.angular_damping),
+            friction: handle.map(|handle| handle.angular_friction),
+            peak: driven(specification.actuated.rotation, specification.peak_torque),
+            step: specification.angular_encoder_step,
+        },
+        velocity_delay: specification.velocity_delay,
+        period,
+    }
 }
 
 /// The coupling that the settings ask for, the rest chosen for the body and the device.
-fn coupling(
-    settings: &Settings,
-    body: &Body,
-    specification: &palpate_device::Specification,
-    grasp: Pose,
-) -> VirtualCoupling {
-    let linear = settings.coupling_stiffness.unwrap_or(default_stiffness(specification.stiffness, STIFFNESS));
-    let angular = settings
-        .angular_stiffness
-        .unwrap_or(default_stiffness(specification.angular_stiffness, ANGULAR_STIFFNESS));
-    let mut coupling = VirtualCoupling::critically_damped(body, grasp, linear, angular);
-    // Pressing harder than the device can render must not press the object deeper (§5.3.3). Axes that it does not
-    // render at all still have to move the object.
-    let limit = |peak: f64| if peak > 0.0 { peak } else { f64::INFINITY };
-    coupling.max_force = limit(specification.peak_force);
-    coupling.max_torque = limit(specification.peak_torque);
-    if let Some(damping) = settings.coupling_damping {
-        coupling.linear_damping = damping;
-    }
-    if let Some(damping) = settings.angular_damping {
-        coupling.angular_damping = damping;
-    }
+fn coupling(settings: &Settings, body: &Body, grasp: Pose, limits: &PortLimits) -> VirtualCoupling {
+    let limits = limits.in_world(settings.workspace_scale);
+    let chosen = VirtualCoupling::auto(body, grasp, &limits);
+    let linear = settings.coupling_stiffness.unwrap_or(chosen.linear_stiffness);
+    let angular = settings.angular_stiffness.unwrap_or(chosen.angular_stiffness);
+    let mut coupling = VirtualCoupling::critically_damped(body, grasp, linear, angular).limited_to(&limits);
+    coupling.linear_damping = settings.coupling_damping.unwrap_or(coupling.linear_damping);
+    coupling.angular_damping = settings.angular_damping.unwrap_or(coupling.angular_damping);
     coupling
+}
+
+/// Time in which the wrench may rise from zero to the device's peak, s.
+const SLEW_TIME: f64 = 0.01;
+
+/// How fast the wrench at the device may change.
+fn slew(settings: &Settings, limits: &PortLimits) -> SlewLimit {
+    SlewLimit {
+        force: settings.force_slew.unwrap_or(limits.translation.peak / SLEW_TIME),
+        torque: settings.torque_slew.unwrap_or(limits.rotation.peak / SLEW_TIME),
+    }
+}
+
+/// The most damping (N·s/m, N·m·s/rad) that the passivity controller may put at the device: what is passive there beside
+/// the coupling's springs; none where it is off.
+fn max_damping(settings: &Settings, coupling: &VirtualCoupling, limits: &PortLimits) -> (f64, f64) {
+    if !settings.passivity_controller {
+        return (0.0, 0.0);
+    }
+    let scale = settings.workspace_scale;
+    let (lag, angular_lag) = limits.in_world(scale).velocity_lags(coupling);
+    let largest = |axes: &PortAxes, stiffness: f64, lag: f64| {
+        axes.largest_damping(stiffness, lag.max(limits.velocity_delay), limits.velocity_delay, limits.period)
+    };
+    (
+        largest(&limits.translation, coupling.linear_stiffness, lag),
+        largest(&limits.rotation, coupling.angular_stiffness / (scale * scale), angular_lag),
+    )
 }

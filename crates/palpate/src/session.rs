@@ -49,6 +49,8 @@ pub struct Summary {
     pub coupling_force_max: f64,
     /// Smallest energy absorbed at the device port, J.
     pub energy_min_j: f64,
+    /// Energy that the passivity controller took out, J.
+    pub dissipated_j: f64,
     /// Which stages ran, and why.
     pub stages: BTreeMap<&'static str, String>,
     /// Counts of events.
@@ -123,6 +125,7 @@ impl Session {
             depth_max: haptic.depth_max,
             coupling_force_max: haptic.coupling_force_max,
             energy_min_j: haptic.energy_min,
+            dissipated_j: haptic.dissipated,
             stages: self.stages.clone(),
             events,
         }

@@ -19,16 +19,17 @@ pub struct Settings {
     pub friction: f64,
     /// That of contacts at rest, which they have to exceed to slide; by default the same.
     pub static_friction: Option<f64>,
-    /// Stiffness of the virtual coupling k_c, N/m; by default half of what the device renders stably, 500 N/m where it
-    /// sets no limit.
+    /// Stiffness of the virtual coupling k_c, N/m; by default what the device renders passively with a margin, at most
+    /// half of what its maker calls stable ([`VirtualCoupling::auto`](palpate_dynamics::VirtualCoupling::auto)); 500 N/m
+    /// where it sets no limit.
     pub coupling_stiffness: Option<f64>,
     /// Damping of the virtual coupling b_c, N·s/m; by default critical.
     pub coupling_damping: Option<f64>,
-    /// Angular stiffness of the virtual coupling k_θ, N·m/rad; by default half of what the device renders stably,
-    /// 3 N·m/rad where it sets no limit or renders no torque.
+    /// Angular stiffness of the virtual coupling k_θ, N·m/rad, in the world; by default likewise, 3 N·m/rad where the
+    /// device sets no limit or renders no torque.
     pub angular_stiffness: Option<f64>,
     /// Angular damping of the virtual coupling b_θ, N·m·s/rad; by default critical for the largest principal moment of
-    /// inertia about the grasp.
+    /// inertia about the grasp. Both dampers act on a velocity of the device that lags as much as passivity asks for.
     pub angular_damping: Option<f64>,
     /// Distance tolerance d of the contact query, m, at most the grasped object's bounding radius; by default 1 % of it.
     pub tolerance: Option<f64>,
@@ -49,6 +50,23 @@ pub struct Settings {
     pub contact_timeout: f64,
     /// How the motion of the grasped object is integrated; only the implicit integrators stay stable with a light object.
     pub integrator: IntegratorKind,
+    /// Time, s, over which the wrench comes up from zero: after the start, wherever the object then is, and after the
+    /// device or the step has failed. It goes down and comes up over as long a time for the clutch.
+    pub engagement: f64,
+    /// How far in the world a metre at the device is. Forces at the device are those of the world divided by it, torques
+    /// by its square ([`DeviceMapping`](palpate_dynamics::DeviceMapping), §5.3.3).
+    pub workspace_scale: f64,
+    /// The device's axes and origin in the world.
+    pub device_frame: Pose,
+    /// The device's button, counted from 0, that is the clutch: while it is held the device moves without the object.
+    pub clutch_button: Option<u32>,
+    /// Largest change of the force at the device, N/s; by default its peak in 10 ms.
+    pub force_slew: Option<f64>,
+    /// Largest change of the torque at the device, N·m/s; by default its peak in 10 ms.
+    pub torque_slew: Option<f64>,
+    /// Whether the session damps the device where more energy came out of the session than went in
+    /// ([`PassivityController`](palpate_dynamics::PassivityController)).
+    pub passivity_controller: bool,
 }
 
 impl Default for Settings {
@@ -72,6 +90,13 @@ impl Default for Settings {
             grasp: None,
             contact_timeout: 0.5,
             integrator: IntegratorKind::default(),
+            engagement: 0.2,
+            workspace_scale: 1.0,
+            device_frame: Pose::IDENTITY,
+            clutch_button: None,
+            force_slew: None,
+            torque_slew: None,
+            passivity_controller: false,
         }
     }
 }
@@ -108,6 +133,11 @@ impl Settings {
             ("tolerance", self.tolerance, "metres above 0", f64::MIN_POSITIVE..=f64::MAX),
             ("error", Some(self.error), "metres, 0 or more", 0.0..=f64::MAX),
             ("contact-timeout", Some(self.contact_timeout), "seconds above 0", f64::MIN_POSITIVE..=f64::MAX),
+            ("engagement", Some(self.engagement), "seconds from 0 to 10", 0.0..=10.0),
+            ("workspace-scale", Some(self.workspace_scale), "a factor from 1e-4 to 1e4", 1e-4..=1e4),
+            ("force-slew", self.force_slew, "N/s above 0", f64::MIN_POSITIVE..=f64::INFINITY),
+            ("torque-slew", self.torque_slew, "N·m/s above 0", f64::MIN_POSITIVE..=f64::INFINITY),
+            ("clutch-button", self.clutch_button.map(f64::from), "a button from 0 to 31", 0.0..=31.0),
             (
                 "clusters",
                 Some(self.clusters as f64),
@@ -120,13 +150,15 @@ impl Settings {
                 return Err(SettingsError { name, value, expected });
             }
         }
-        if let Some(grasp) = self.grasp.filter(|grasp| !grasp.is_valid()) {
-            let value = grasp.rotation.length();
-            return Err(SettingsError {
-                name: "grasp rotation's length",
-                value,
-                expected: "a finite pose with a unit quaternion",
-            });
+        let poses = [
+            ("grasp rotation's length", self.grasp),
+            ("device-frame rotation's length", Some(self.device_frame)),
+        ];
+        for (name, pose) in poses {
+            if let Some(pose) = pose.filter(|pose| !pose.is_valid()) {
+                let expected = "a finite pose with a unit quaternion";
+                return Err(SettingsError { name, value: pose.rotation.length(), expected });
+            }
         }
         Ok(())
     }

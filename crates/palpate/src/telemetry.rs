@@ -55,7 +55,11 @@ pub struct Percentiles {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Events {
     /// The device did not answer, reported a motion that is not finite or refused a wrench; its last good pose was held.
+    /// Nothing is sent while it does not answer, nor when no reading has been good for 10 ms.
     pub device_refused: u64,
+    /// The device reported a place that no hand could have moved it to since the last reading; its last good pose was
+    /// held. It is believed after five readings in a row, and the wrench then comes up from zero.
+    pub device_jumped: u64,
     /// The device has no more to give: a replayed path came to its end.
     pub device_ended: u64,
     /// The step had no finite solution; the object's state was held and no wrench sent.
@@ -66,8 +70,17 @@ pub struct Events {
     pub step_unconverged: u64,
     /// The wrench was reduced towards what the device can render: it was above three quarters of it.
     pub saturated: u64,
-    /// The wrench was faded: contact models were overdue, or the device or the step had failed within the last timeout.
+    /// The wrench was limited in how fast it changes.
+    pub slewed: u64,
+    /// The wrench was faded: contact models were overdue, or had been within the last timeout.
     pub faded: u64,
+    /// The wrench was coming up, after the start, or after the device or the step had failed; or going down and coming
+    /// up for the clutch.
+    pub engaging: u64,
+    /// The clutch was held: the device moved without the object.
+    pub clutched: u64,
+    /// The passivity controller added damping, for more energy had come out than can have been in.
+    pub damped: u64,
     /// A contact query ran out of room and reported fewer contacts than there are.
     pub contact_overflow: u64,
     /// A contact query was refused, its pose not being finite, and found nothing; or a contact was not finite.
@@ -98,12 +111,13 @@ pub struct HapticTelemetry {
     /// Energy that has flowed from the device into the session, J. A passive session keeps it above zero but for what
     /// holding the wrench over a period creates.
     ///
-    /// An estimate from the twist that the device reports, which is late and filtered: where the coupling is damped it
-    /// counts more as taken in than was. (Work over encoder steps would miss by more: a force that answers to every
-    /// step of size Δ with stiffness K seems to create K Δ²/2 at each.)
+    /// The work of the wrench that was held over each period, on the displacement that the device reported: exact but
+    /// for the rounding of its encoders (see [`PassivityObserver`](palpate_dynamics::PassivityObserver)).
     pub energy: f64,
     /// The smallest value of [`energy`](Self::energy), J.
     pub energy_min: f64,
+    /// Energy that the passivity controller's damping took out of the hand's motion, J.
+    pub dissipated: f64,
     /// Events.
     pub events: Events,
 }

@@ -39,7 +39,7 @@ pub(crate) fn figures(records: &[Record]) -> Vec<Figure> {
                 .to_owned(),
             axis: "mm".to_owned(),
             curves: vec![curve("deviation", &|r| {
-                1e3 * (r.device.translation - r.object.translation).length()
+                1e3 * (r.handle.translation - r.object.translation).length()
             })],
         },
         Figure {
@@ -144,6 +144,7 @@ mod tests {
         let record = |step: i32| palpate::Record {
             time: f64::from(step) * 1e-3,
             device: pose,
+            handle: pose,
             object: pose,
             coupling: wrench,
             contact: wrench,

@@ -1,0 +1,152 @@
+//! What the haptic loop takes a device's readings for: the last good one held, jumps refused, and the velocity that
+//! the coupling's damper needs.
+
+use palpate_core::{Pose, Twist};
+use palpate_device::{DeviceState, Status};
+
+use crate::telemetry::Events;
+
+/// No hand moves or turns a handle faster: m/s and rad/s.
+const FASTEST: (f64, f64) = (10.0, 100.0);
+/// Readings in a row, each within reach of the one before, after which a place that the device jumped to is believed.
+const BELIEVED: u32 = 5;
+/// How long the last good reading is held for the device, s, before it counts as lost.
+const LONGEST_HOLD: f64 = 0.01;
+
+/// What came of a reading.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Reading {
+    /// It was taken.
+    Good,
+    /// It was refused; the last good one is held at rest.
+    Held,
+    /// It is the first one taken of a device that was lost or is elsewhere now: the displacement since the last is none.
+    Back,
+    /// There is none, or none that is good has come for too long; the last good one is held at rest.
+    Lost,
+}
+
+/// The device as the loop sees it, in the device's axes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Tracking {
+    state: DeviceState,
+    /// What the handle moved by from the reading before: m, and rad as a rotation vector.
+    displacement: Twist,
+    /// Time since the last good reading, s, up to now.
+    blind: f64,
+    started: bool,
+    /// Whether it counts as lost.
+    lost: bool,
+    /// A place that the device jumped to, and how many readings were there.
+    suspect: Option<(Pose, u32)>,
+    /// Lags of the velocity and the angular velocity, s; 0 takes the device's own.
+    lags: (f64, f64),
+    /// Velocities through these lags.
+    lagged: Twist,
+    period: f64,
+}
+
+impl Tracking {
+    pub fn new(state: DeviceState, lags: (f64, f64), period: f64) -> Self {
+        Self {
+            state,
+            displacement: Twist::ZERO,
+            blind: 0.0,
+            started: false,
+            lost: false,
+            suspect: None,
+            lags,
+            lagged: Twist::ZERO,
+            period,
+        }
+    }
+
+    /// The last good state, its twist zero while it is held.
+    pub fn state(&self) -> &DeviceState {
+        &self.state
+    }
+
+    /// The same with the velocities for the coupling's damper.
+    pub fn damped_state(&self) -> DeviceState {
+        let pick = |lag: f64| lag > 0.0;
+        let twist = &self.state.twist;
+        DeviceState {
+            twist: Twist {
+                linear: if pick(self.lags.0) { self.lagged.linear } else { twist.linear },
+                angular: if pick(self.lags.1) { self.lagged.angular } else { twist.angular },
+            },
+            ..self.state
+        }
+    }
+
+    /// What the handle moved by at the last call of [`Self::take`].
+    pub fn displacement(&self) -> &Twist {
+        &self.displacement
+    }
+
+    /// Takes a reading that comes `dt` seconds after the one before, or counts why it was not taken.
+    pub fn take(&mut self, device: Option<&DeviceState>, dt: f64, events: &mut Events) -> Reading {
+        self.blind += if dt > 0.0 && dt.is_finite() { dt } else { 0.0 };
+        self.displacement = Twist::ZERO;
+        let Some(state) = device else {
+            events.device_refused += 1;
+            // A device that does not answer is sent nothing, however short that is.
+            self.lost = true;
+            return self.hold();
+        };
+        if !(state.pose.is_valid() && state.twist.is_finite()) {
+            events.device_refused += 1;
+            return self.hold();
+        }
+        events.device_refused += u64::from(state.status.contains(Status::HELD));
+        events.device_ended += u64::from(state.status.contains(Status::ENDED));
+        let elapsed = self.blind.max(self.period);
+        let moved = moved(&self.state.pose, &state.pose);
+        let jumped = self.started && !reachable(&moved, elapsed);
+        if jumped && !self.believe(&state.pose) {
+            events.device_jumped += 1;
+            return self.hold();
+        }
+        let back = !self.started || jumped || self.lost;
+        (self.started, self.lost) = (true, false);
+        self.suspect = None;
+        self.blind = 0.0;
+        self.state = *state;
+        if back {
+            self.lagged = Twist::ZERO;
+            return Reading::Back;
+        }
+        self.displacement = moved;
+        let lag = |tau: f64| if tau > 0.0 { elapsed / (tau + elapsed) } else { 0.0 };
+        self.lagged.linear += (moved.linear / elapsed - self.lagged.linear) * lag(self.lags.0);
+        self.lagged.angular += (moved.angular / elapsed - self.lagged.angular) * lag(self.lags.1);
+        Reading::Good
+    }
+
+    fn hold(&mut self) -> Reading {
+        self.state.twist = Twist::ZERO;
+        self.lagged = Twist::ZERO;
+        self.lost |= self.blind > LONGEST_HOLD;
+        if self.lost { Reading::Lost } else { Reading::Held }
+    }
+
+    /// Whether the device has been where it jumped to for long enough.
+    fn believe(&mut self, pose: &Pose) -> bool {
+        let count = match self.suspect {
+            Some((last, count)) if reachable(&moved(&last, pose), self.period) => count + 1,
+            _ => 1,
+        };
+        self.suspect = Some((*pose, count));
+        count >= BELIEVED
+    }
+}
+
+/// The displacement from one pose to another: m, and rad as a rotation vector.
+fn moved(from: &Pose, to: &Pose) -> Twist {
+    Twist::new(to.translation - from.translation, from.rotation_vector_to(to))
+}
+
+/// Whether a hand can move a handle so far in `seconds`.
+fn reachable(moved: &Twist, seconds: f64) -> bool {
+    moved.linear.length() <= FASTEST.0 * seconds && moved.angular.length() <= FASTEST.1 * seconds
+}
