@@ -27,7 +27,7 @@ pub enum Command {
     /// Replay a trajectory of a probe and time the contact queries
     Query(QueryArguments),
     /// Render: feel a probe touching a scene through a device
-    Run(RunArguments),
+    Run(Box<RunArguments>),
     /// List the devices and what they can do
     Devices(DevicesArguments),
 }
