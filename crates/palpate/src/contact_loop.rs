@@ -16,13 +16,13 @@ use crate::telemetry::ContactTelemetry;
 /// within reach.
 const RESERVED: usize = 16;
 
-/// Approaching contacts are looked for as far as the body comes in this many intervals between queries: one passes
-/// before their answer is in use, and one more before the next.
-const INTERVALS: f64 = 2.0;
+/// Approaching contacts are looked for as far as the body comes in this many intervals between queries: one passes before
+/// a query's answer is in use, another while it goes over to it, and one more before the next.
+const INTERVALS: f64 = 4.0;
 
 /// The longest interval that is reckoned with, s, and the furthest way, in radii of the probe.
 const LONGEST_INTERVAL: f64 = 0.02;
-const FURTHEST: f64 = 0.1;
+const FURTHEST: f64 = 0.5;
 
 /// What a contact step hands to the haptic loop.
 #[derive(Clone, Copy, Debug)]
@@ -71,6 +71,8 @@ pub struct ContactLoop {
     approaching: Vec<PatchContact>,
     approaching_clusters: Clustering,
     braking: bool,
+    /// Of the grasped object, kg.
+    mass: f64,
     /// Bounding radius of the probe about its centre of mass, m.
     radius: f64,
     /// Of the last step, s.
@@ -86,7 +88,7 @@ impl ContactLoop {
         parameters: ContactParameters,
         settings: &Settings,
     ) -> Self {
-        let Settings { error, clusters, braking, .. } = *settings;
+        let Settings { error, clusters, braking, mass, .. } = *settings;
         let mut query = SceneQuery::new(probe.shape());
         let objects = scene.iter().map(|placed| query.add(placed.object.shape(), &placed.pose)).collect();
         for (index, placed) in scene.iter().enumerate().take(RESERVED) {
@@ -108,6 +110,7 @@ impl ContactLoop {
             approaching: Vec::new(),
             approaching_clusters: Clustering::new(MAX_APPROACHING),
             braking,
+            mass,
             radius: probe.bounding_radius() + probe.clod.source.center_of_mass.length(),
             time: f64::NAN,
             telemetry: ContactTelemetry::default(),
@@ -140,9 +143,10 @@ impl ContactLoop {
         let representatives =
             clusters.iter().map(|&Cluster { contact, radius, .. }| ContactPatch { contact, radius });
         let model = LinearContactModel::from_contacts(representatives, &body.pose, &self.parameters, time);
+        let braking = self.braking_parameters(ahead);
         let clusters = self.approaching_clusters.run(&self.approaching, settings.tolerance, &probe_pose);
         let representatives = clusters.iter().map(|cluster| cluster.contact);
-        let model = model.with_approaching(representatives, &self.parameters, ahead);
+        let model = model.with_approaching(representatives, &braking, ahead);
         self.telemetry.events.contact_refused += u64::from(model.refused());
         ContactUpdate { model, time, depth, contacts: self.contacts.len() as u32 }
     }
@@ -152,6 +156,12 @@ impl ContactLoop {
         let interval = time - std::mem::replace(&mut self.time, time);
         let known = self.braking && interval > 0.0;
         if known { INTERVALS * interval.min(LONGEST_INTERVAL) } else { 0.0 }
+    }
+
+    /// Gains of contacts that brake in `time` (s): damping that takes all of a body's speed in a tenth of it.
+    fn braking_parameters(&self, time: f64) -> ContactParameters {
+        let damping = if time > 0.0 { 10.0 * self.mass / time } else { 0.0 };
+        ContactParameters { damping: damping.max(self.parameters.damping), ..self.parameters }
     }
 
     /// At least how far any point of the body comes in a time (s), m, in whole tolerances, so that the query's seldom changes:
