@@ -39,8 +39,9 @@ pub struct HapticLoop {
     update: ContactUpdate,
     contacts: ContactBlend,
     integrator: IntegratorKind,
-    /// Time of the first step, s, from which the first contact model is waited for; NaN before it.
+    /// Time of the first step, s, from which the first contact model is waited for, and of the last one; NaN before.
     started: f64,
+    now: f64,
     telemetry: HapticTelemetry,
 }
 
@@ -119,6 +120,7 @@ impl HapticLoop {
             contacts: ContactBlend::new(),
             integrator: grasped.integrator,
             started: f64::NAN,
+            now: f64::NAN,
             telemetry: HapticTelemetry::default(),
         }
     }
@@ -195,6 +197,8 @@ impl HapticLoop {
         if self.started.is_nan() {
             self.started = now;
         }
+        // A step may come late.
+        let elapsed = (now - std::mem::replace(&mut self.now, now)).max(dt);
         let handle = self.workspace.locate(&self.tracking.damped_state());
         let motion = motion_at(&handle, &self.grasp);
         let arm = motion.pose.translation - handle.pose.translation;
@@ -217,7 +221,12 @@ impl HapticLoop {
         self.pass(reading, &step, now, dt);
         let sound = step.status.held.is_none() && reading != Reading::Lost;
         let wanted = self.workspace.mapping().wrench(&step.coupling.about(-arm)) * self.presence.share();
-        self.sent = if sound { self.fit(&wanted, dt) } else { self.passivity.rest() };
+        self.sent = match device {
+            Some(_) if sound && self.presence.share() > 0.0 => self.fit(&wanted, dt),
+            // The device still holds the last wrench. It goes down as fast as it may, also for the time that a step is late.
+            Some(_) => self.slew.approach(&self.sent, &self.passivity.rest(), elapsed),
+            None => self.passivity.rest(),
+        };
         self.passivity.hold(&self.sent);
         self.telemetry.coupling_force_max = self.telemetry.coupling_force_max.max(self.sent.force.length());
 

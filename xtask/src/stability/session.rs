@@ -369,11 +369,12 @@ impl Part {
         let within = force <= self.peak.0 * (1.0 + 1e-9) && torque <= self.peak.1 * (1.0 + 1e-9);
         count.beyond += u64::from(!within);
         let lost = fault == Some(Fault::Lost);
-        // What is not sent at all because the device is lost does not count as a change.
-        if !lost {
+        // What is not sent at all, because the device is lost or a late tick finds the models overdue, is no change.
+        let overdue = late && sent == Wrench::ZERO;
+        if !lost && !overdue {
             let change = sent.force.distance(self.last);
             count.fastest = count.fastest.max(change);
-            count.too_fast += u64::from(change > SLEW * self.peak.0);
+            count.too_fast += u64::from(change > SLEW * self.peak.0 * (1.0 + 1e-9));
         }
         self.last = sent.force;
         if lost || record.model_age >= 2.0 * TIMEOUT {
