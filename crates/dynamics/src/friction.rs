@@ -369,7 +369,7 @@ impl LinearContactModel {
             holding.map(|(_, c)| c).filter(|c| c.friction.is_some())
         };
         // Angles are counted as way at this distance.
-        let reach = rubbing().map(|c| c.point.length() + c.radius).fold(0.0, f64::max);
+        let reach = rubbing().map(|c| c.point.length() + c.radius).fold(f64::MIN_POSITIVE, f64::max);
         let mut matrix = [[0.0; 6]; 6];
         for c in rubbing() {
             let at = c.at(state, rotation);
