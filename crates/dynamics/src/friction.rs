@@ -316,14 +316,14 @@ impl LinearContactModel {
     /// creep, however often they are found anew.
     pub fn take_over_friction(&mut self, other: &Self, state: &BodyState) {
         let rotation = DMat3::from_quat(state.pose.rotation);
-        let mut missing = other.springs(state, &rotation);
-        let mut yielding = 0;
+        let wanted = other.springs(state, &rotation);
+        let (mut missing, mut yielding) = (wanted, 0);
         self.let_go(state, &rotation);
         for _ in 0..ROUNDS {
             let found = (missing != Wrench::ZERO)
                 .then(|| self.displacement_for(&missing, yielding, state, &rotation));
             let Some((moved, turned)) = found.flatten() else { break };
-            let springs = self.springs(state, &rotation);
+            let before = yielding;
             for (i, c) in self.constraints_mut().iter_mut().enumerate() {
                 if yielding & (1 << i) == 0 && c.friction.is_some() {
                     let at = c.at(state, &rotation);
@@ -333,7 +333,10 @@ impl LinearContactModel {
                     yielding |= u64::from(c.settle(state, &rotation)) << i;
                 }
             }
-            missing = missing - (self.springs(state, &rotation) - springs);
+            if yielding == before {
+                break;
+            }
+            missing = wanted - self.springs(state, &rotation);
         }
     }
 
