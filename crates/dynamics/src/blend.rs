@@ -33,6 +33,9 @@ impl Default for ContactBlend {
 }
 
 impl ContactBlend {
+    /// The longest time, s, that a loop should let one model take to go over to the next: longer ones would be felt late.
+    pub const LONGEST: f64 = 5e-3;
+
     /// No contact.
     pub const fn new() -> Self {
         let none = LinearContactModel::empty(&Pose::IDENTITY, f64::NAN);

@@ -109,7 +109,7 @@ pub(crate) struct ContactState {
     pub rate: f64,
 }
 
-/// A constraint's force and moment on the body, without and with the lever arm.
+/// What a constraint's wrench on the body is made of.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Push {
     /// λ, N.
@@ -146,7 +146,7 @@ impl PlaneConstraint {
         let normal = self.normal_force(&at);
         let mut wrench = Wrench { force: self.normal * -normal, torque: at.moment * -normal };
         let mut hold = Hold::default();
-        if self.gripping_force(&at) > 0.0 && self.friction.is_some() {
+        if normal > 0.0 && at.overlap > 0.0 && self.friction.is_some() {
             hold = self.hold(state, &at, normal);
             wrench.force += hold.force;
             wrench.torque += at.arm.cross(hold.force) + self.normal * hold.moment;

@@ -30,7 +30,7 @@ const STRIBECK_SPEED: f64 = 0.005;
 /// What keeps the system of [`LinearContactModel::take_over_friction`] regular, as a part of its entries.
 const REGULAR: f64 = 1e-9;
 
-/// Rounds of it.
+/// Rounds in which what some contacts cannot hold is left to others.
 const ROUNDS: usize = 3;
 
 /// Coulomb friction between two surfaces.
@@ -120,11 +120,11 @@ pub(crate) struct Hold {
     /// Moment on the body about the contact's normal, N·m.
     pub moment: f64,
     /// k ξ + b v_t, N.
-    trial: Strain,
+    pub trial: Strain,
+    /// v_t, m/s.
+    pub slide: Strain,
     /// s.
     share: f64,
-    /// Speed of sliding, m/s.
-    speed: f64,
 }
 
 impl PlaneConstraint {
@@ -163,10 +163,9 @@ impl PlaneConstraint {
     pub(crate) fn hold(&self, state: &BodyState, at: &ContactState, normal_force: f64) -> Hold {
         let slide = self.slide(state, at);
         let trial = self.stretch(state, at).scaled(self.stiffness).plus(&slide.scaled(self.damping));
-        let speed = slide.length();
-        let share = sticking(self.friction.coefficient(speed) * normal_force, trial.length());
+        let share = sticking(self.friction.coefficient(slide.length()) * normal_force, trial.length());
         let felt = trial.scaled(-share);
-        Hold { force: felt.along, moment: self.radius * felt.spin, trial, share, speed }
+        Hold { force: felt.along, moment: self.radius * felt.spin, trial, slide, share }
     }
 
     /// Derivatives of what friction does.
@@ -202,9 +201,9 @@ impl PlaneConstraint {
             let size = hold.trial.length();
             let direction = hold.trial.scaled(1.0 / size);
             // μ λ by pose and twist.
-            let coefficient = self.friction.coefficient(hold.speed);
-            let falling = self.friction.falling(hold.speed) * normal_force;
-            let slide = self.slide(state, at);
+            let Hold { slide, .. } = hold;
+            let coefficient = self.friction.coefficient(slide.length());
+            let falling = self.friction.falling(slide.length()) * normal_force;
             let normal_by_turn = at.moment * self.stiffness + self.swept(at, angular);
             let sliding = Row {
                 linear: slide.along,
@@ -447,11 +446,11 @@ mod tests {
             let at = constraint.at(&state, &DMat3::from_quat(state.pose.rotation));
             let hold = constraint.hold(&state, &at, constraint.normal_force(&at));
             // The differences reach 6e-4 m and 0.2 m/s, over which the contact has to stay open or closed, and stuck or not.
-            let limit = constraint.friction.coefficient(hold.speed) * constraint.normal_force(&at);
+            let limit = constraint.friction.coefficient(hold.slide.length()) * constraint.normal_force(&at);
             let margin = 0.4 * constraint.damping + 0.002 * constraint.stiffness;
             let clear = constraint.normal_force(&at) > 3.0 * margin
                 && (hold.trial.length() - limit).abs() > 3.0 * margin
-                && hold.speed > 0.1;
+                && hold.slide.length() > 0.1;
             if !clear {
                 continue;
             }

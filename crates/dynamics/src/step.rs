@@ -43,12 +43,12 @@
 
 use arrayvec::ArrayVec;
 use glam::{DMat3, DVec3};
-use palpate_core::{Pose, Twist, Wrench};
+use palpate_core::{Twist, Wrench};
 
 use crate::body::{Body, BodyState};
 use crate::contact::{ContactState, LinearContactModel, MAX_CONSTRAINTS, PlaneConstraint};
 use crate::coupling::{CouplingLinearisation, DeviceMotion, VirtualCoupling};
-use crate::friction::{Strain, sticking};
+use crate::friction::{Hold, Strain, sticking};
 use crate::integrators::Frame;
 use crate::jacobian::{Block6, outer};
 use crate::linear_solve::{is_positive_definite, solve};
@@ -141,12 +141,12 @@ pub fn semi_implicit_step(
     gravity: DVec3,
     dt: f64,
 ) -> Step {
-    if let Some(refused) = Step::refused(state, device, coupling, dt) {
+    let frame = Frame { body, device, coupling, contacts, gravity };
+    if let Some(refused) = frame.refused(state, dt) {
         return refused;
     }
 
     let mut pressing = ArrayVec::new();
-    let frame = Frame { body, device, coupling, contacts, gravity };
     let mut system = System::new(&frame, state, dt, &mut pressing);
     let Some((change, active, status)) = system.solve() else {
         return Step::held(state, HeldBecause::Singular);
@@ -155,53 +155,10 @@ pub fn semi_implicit_step(
     let twist =
         Twist { linear: state.twist.linear + change.linear, angular: state.twist.angular + change.angular };
     let next = BodyState { pose: state.pose.moved(&twist, dt), twist };
-    Step::ended(state, &next, device, coupling, contacts, active, status)
+    frame.ended(state, &next, active, status)
 }
 
 impl Step {
-    /// The step that is not taken for its inputs, or `None` if they will do: the rules of
-    /// [`semi_implicit_step`], which are every integrator's.
-    pub(crate) fn refused(
-        state: &BodyState,
-        device: &DeviceMotion,
-        coupling: &VirtualCoupling,
-        dt: f64,
-    ) -> Option<Self> {
-        if !state.is_valid() {
-            let relaxed = coupling.relaxed_pose(&device.pose);
-            let pose = if relaxed.is_valid() { relaxed } else { Pose::IDENTITY };
-            return Some(Self::held(&BodyState::at_rest(pose), HeldBecause::State));
-        }
-        if !device.is_valid() {
-            return Some(Self::held(state, HeldBecause::Device));
-        }
-        if !(dt > 0.0 && dt.is_finite()) {
-            return Some(Self::held(state, HeldBecause::TimeStep));
-        }
-        None
-    }
-
-    /// The step from `start` to `next` with the wrenches there, or one that is held if they are not finite.
-    pub(crate) fn ended(
-        start: &BodyState,
-        next: &BodyState,
-        device: &DeviceMotion,
-        coupling: &VirtualCoupling,
-        contacts: &LinearContactModel,
-        active: u64,
-        status: StepStatus,
-    ) -> Self {
-        if !next.is_valid() {
-            return Self::held(start, HeldBecause::Overflow);
-        }
-        let (coupling_on_body, on_device) = coupling.wrenches(next, device);
-        let contact = contacts.wrench(next);
-        if !(coupling_on_body.is_finite() && on_device.is_finite() && contact.is_finite()) {
-            return Self::held(start, HeldBecause::Overflow);
-        }
-        Self { state: *next, coupling: on_device, coupling_on_body, contact, active, status }
-    }
-
     pub(crate) fn held(state: &BodyState, why: HeldBecause) -> Self {
         Self {
             state: *state,
@@ -307,17 +264,10 @@ impl Rubbing {
         [force, at_start]: [f64; 2],
         dt: f64,
     ) -> Self {
-        let slide = c.slide(state, at);
-        let held = c.stretch(state, at).scaled(c.stiffness).plus(&slide.scaled(c.damping));
-        let trial = held.plus(&slide.scaled(c.stiffness * dt));
-        let coefficient = c.friction.coefficient(slide.length());
-        let share_at_start = sticking(coefficient * at_start, held.length());
-        Self {
-            slide,
-            trial,
-            share: sticking(coefficient * force.max(0.0), trial.length()),
-            force_at_start: held.along * -share_at_start,
-        }
+        let Hold { force: force_at_start, trial, slide, .. } = c.hold(state, at, at_start);
+        let trial = trial.plus(&slide.scaled(c.stiffness * dt));
+        let limit = c.friction.coefficient(slide.length()) * force.max(0.0);
+        Self { slide, trial, share: sticking(limit, trial.length()), force_at_start }
     }
 
     /// s after a velocity change, at which the contact pushes with `force`.

@@ -45,9 +45,6 @@ pub struct HapticLoop {
     telemetry: HapticTelemetry,
 }
 
-/// The longest time over which one contact model goes over to the next, s.
-const LONGEST_BLEND: f64 = 5e-3;
-
 /// What the device can render.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Limits {
@@ -162,10 +159,10 @@ impl HapticLoop {
     }
 
     /// Takes a newer contact model into use: [gradually](ContactBlend), over as long as lies between the last two, but no
-    /// longer than 5 ms.
+    /// longer than [`ContactBlend::LONGEST`].
     pub fn update_contacts(&mut self, update: &ContactUpdate) {
         let since = update.time - self.update.time;
-        let duration = if since.is_nan() { 0.0 } else { since.min(LONGEST_BLEND) };
+        let duration = if since.is_nan() { 0.0 } else { since.min(ContactBlend::LONGEST) };
         self.contacts.arrive(&update.model, &self.state, duration);
         self.update = *update;
         self.telemetry.depth_max = self.telemetry.depth_max.max(update.depth);

@@ -13,9 +13,6 @@ use palpate::{Contact, Pose};
 use super::geometry::{BALL, Geometry};
 use super::judge::{Outcome, judge};
 
-/// As long as the engine's haptic loop takes at most to go over to a new model, s.
-const LONGEST_BLEND: f64 = 5e-3;
-
 /// What to simulate.
 #[derive(Clone, Debug)]
 pub struct Rig {
@@ -207,7 +204,7 @@ impl Running {
             self.queries += 1;
         }
         while let Some((_, model, frozen)) = self.pending.pop_front_if(|(at, ..)| *at <= now + slack) {
-            self.contacts.arrive(&model, &self.state, (1.0 / rig.contact_rate).min(LONGEST_BLEND));
+            self.contacts.arrive(&model, &self.state, (1.0 / rig.contact_rate).min(ContactBlend::LONGEST));
             self.frozen = frozen;
         }
         let read = device.read(now).map_err(|error| error.to_string())?;

@@ -27,7 +27,7 @@ use palpate_core::{Pose, Twist, Wrench};
 use crate::body::{Body, BodyState};
 use crate::contact::LinearContactModel;
 use crate::coupling::{DeviceMotion, VirtualCoupling};
-use crate::step::{Step, StepStatus, semi_implicit_step};
+use crate::step::{HeldBecause, Step, StepStatus, semi_implicit_step};
 
 pub use forward_euler::ForwardEuler;
 pub use fully_implicit::FullyImplicit;
@@ -87,12 +87,34 @@ impl Integrator for SemiImplicit {
 }
 
 impl Frame<'_> {
-    fn refused(&self, state: &BodyState, dt: f64) -> Option<Step> {
-        Step::refused(state, self.device, self.coupling, dt)
+    /// The step that is not taken for its inputs, or `None` if they will do: the rules of [`semi_implicit_step`], which
+    /// are every integrator's.
+    pub(crate) fn refused(&self, state: &BodyState, dt: f64) -> Option<Step> {
+        if !state.is_valid() {
+            let relaxed = self.coupling.relaxed_pose(&self.device.pose);
+            let pose = if relaxed.is_valid() { relaxed } else { Pose::IDENTITY };
+            return Some(Step::held(&BodyState::at_rest(pose), HeldBecause::State));
+        }
+        if !self.device.is_valid() {
+            return Some(Step::held(state, HeldBecause::Device));
+        }
+        if !(dt > 0.0 && dt.is_finite()) {
+            return Some(Step::held(state, HeldBecause::TimeStep));
+        }
+        None
     }
 
-    fn ended(&self, start: &BodyState, next: &BodyState, active: u64, status: StepStatus) -> Step {
-        Step::ended(start, next, self.device, self.coupling, self.contacts, active, status)
+    /// The step from `start` to `next` with the wrenches there, or one that is held if they are not finite.
+    pub(crate) fn ended(&self, start: &BodyState, next: &BodyState, active: u64, status: StepStatus) -> Step {
+        if !next.is_valid() {
+            return Step::held(start, HeldBecause::Overflow);
+        }
+        let (coupling_on_body, on_device) = self.coupling.wrenches(next, self.device);
+        let contact = self.contacts.wrench(next);
+        if !(coupling_on_body.is_finite() && on_device.is_finite() && contact.is_finite()) {
+            return Step::held(start, HeldBecause::Overflow);
+        }
+        Step { state: *next, coupling: on_device, coupling_on_body, contact, active, status }
     }
 
     /// The wrench on the body about its centre of mass, and the contacts that push.
