@@ -50,6 +50,7 @@
 
 mod blend;
 mod body;
+mod constrained_motion;
 mod contact;
 mod coupling;
 #[cfg(test)]
@@ -67,6 +68,7 @@ mod step;
 
 pub use blend::ContactBlend;
 pub use body::{Body, BodyError, BodyState};
+pub use constrained_motion::{MotionLimit, constrained_motion};
 pub use contact::{
     ContactParameters, ContactPatch, ContactResponse, LinearContactModel, MAX_APPROACHING, MAX_CLUSTERS,
     MAX_CONSTRAINTS, PlaneConstraint,

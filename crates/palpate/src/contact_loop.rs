@@ -5,9 +5,12 @@ use std::sync::Arc;
 use palpate_collide::{Cluster, Clustering, ObjectHandle, PatchContact, QuerySettings, SceneQuery};
 use palpate_core::glam::DVec3;
 use palpate_core::{Contact, Pose};
-use palpate_dynamics::{BodyState, ContactParameters, ContactPatch, LinearContactModel, MAX_APPROACHING};
+use palpate_dynamics::{
+    Body, BodyState, ContactParameters, ContactPatch, LinearContactModel, MAX_APPROACHING,
+};
 
 use crate::object::Object;
+use crate::proxy::{Proxy, carried};
 use crate::scene::Placed;
 use crate::settings::Settings;
 use crate::telemetry::ContactTelemetry;
@@ -60,6 +63,7 @@ pub struct ContactLoop {
     /// Centre of mass of the probe in its mesh's frame, m.
     center_of_mass: DVec3,
     scene: SceneQuery,
+    proxy: Proxy,
     /// In the scene's order.
     objects: Vec<ObjectHandle>,
     settings: QuerySettings,
@@ -71,6 +75,8 @@ pub struct ContactLoop {
     approaching: Vec<PatchContact>,
     approaching_clusters: Clustering,
     braking: bool,
+    /// Whether contacts further away than d matter.
+    looks_ahead: bool,
     /// Of the grasped object, kg.
     mass: f64,
     /// Bounding radius of the probe about its centre of mass, m.
@@ -83,12 +89,14 @@ pub struct ContactLoop {
 impl ContactLoop {
     pub(crate) fn new(
         probe: &Object,
+        body: Body,
         center_of_mass: DVec3,
         scene: &[Placed],
         parameters: ContactParameters,
         settings: &Settings,
     ) -> Self {
-        let Settings { error, clusters, braking, mass, .. } = *settings;
+        let Settings { error, clusters, braking, proxy, .. } = *settings;
+        let radius = probe.bounding_radius() + probe.clod.source.center_of_mass.length();
         let mut query = SceneQuery::new(probe.shape());
         let objects = scene.iter().map(|placed| query.add(placed.object.shape(), &placed.pose)).collect();
         for (index, placed) in scene.iter().enumerate().take(RESERVED) {
@@ -98,6 +106,7 @@ impl ContactLoop {
         Self {
             center_of_mass,
             scene: query,
+            proxy: Proxy::new(body, center_of_mass, radius, parameters.tolerance, proxy),
             objects,
             settings: QuerySettings {
                 error: error.into(),
@@ -110,8 +119,9 @@ impl ContactLoop {
             approaching: Vec::new(),
             approaching_clusters: Clustering::new(MAX_APPROACHING),
             braking,
-            mass,
-            radius: probe.bounding_radius() + probe.clod.source.center_of_mass.length(),
+            looks_ahead: braking || proxy,
+            mass: body.mass,
+            radius,
             time: f64::NAN,
             telemetry: ContactTelemetry::default(),
         }
@@ -120,25 +130,19 @@ impl ContactLoop {
     /// Contacts for the grasped object's state at `time` (s). Allocates only while its workspaces grow to the scene's
     /// need.
     pub fn step(&mut self, body: &BodyState, time: f64) -> ContactUpdate {
-        let probe_pose = body.pose * Pose::from_translation(-self.center_of_mass);
         let ahead = self.time_ahead(time);
         let tolerance = self.parameters.tolerance;
         let settings = QuerySettings { tolerance: tolerance + self.way(body, ahead), ..self.settings };
-        self.contacts.clear();
-        self.approaching.clear();
-        let outcome = self.scene.run(&probe_pose, &settings).query;
-        let depth = outcome.deepest.unwrap_or(0.0).max(0.0);
-        self.telemetry.events.contact_overflow += u64::from(outcome.overflow);
-        self.telemetry.events.contact_refused += u64::from(outcome.refused);
-        self.telemetry.events.not_converged += outcome.not_converged as u64;
-        for found in self.scene.contacts().flat_map(|found| found.contacts) {
-            let contact = &found.contact;
-            if contact.depth > -tolerance {
-                self.contacts.push(*found);
-            } else if comes_within(contact, body, tolerance, ahead) {
-                self.approaching.push(*found);
-            }
-        }
+        let followed = self.proxy.follow(&body.pose, &settings, &mut self.scene);
+        let events = &mut self.telemetry.events;
+        events.contact_overflow += u64::from(followed.overflow);
+        events.contact_refused += u64::from(followed.refused);
+        events.not_converged += followed.not_converged as u64;
+        events.held_back += u64::from(*self.proxy.pose() != body.pose);
+        self.sort(body, ahead);
+        let depth = self.contacts.iter().fold(0.0, |most: f64, found| most.max(found.contact.depth));
+
+        let probe_pose = body.pose * Pose::from_translation(-self.center_of_mass);
         let clusters = self.clustering.run(&self.contacts, tolerance, &probe_pose);
         let representatives =
             clusters.iter().map(|&Cluster { contact, radius, .. }| ContactPatch { contact, radius });
@@ -151,11 +155,27 @@ impl ContactLoop {
         ContactUpdate { model, time, depth, contacts: self.contacts.len() as u32 }
     }
 
-    /// How far ahead approaching contacts are looked for, s: none where the body does not brake.
+    /// Sorts the proxy's contacts, as they hold the body, into those that are closed, or within d, and those that the body
+    /// comes at.
+    fn sort(&mut self, body: &BodyState, ahead: f64) {
+        let tolerance = self.parameters.tolerance;
+        self.contacts.clear();
+        self.approaching.clear();
+        for found in self.proxy.contacts() {
+            let contact = carried(&found.contact, self.proxy.pose(), &body.pose);
+            let found = PatchContact { contact, ..*found };
+            if contact.depth > -tolerance {
+                self.contacts.push(found);
+            } else if self.braking && comes_within(&contact, body, tolerance, ahead) {
+                self.approaching.push(found);
+            }
+        }
+    }
+
+    /// How far ahead contacts are looked for, s: none where nothing asks for them.
     fn time_ahead(&mut self, time: f64) -> f64 {
         let interval = time - std::mem::replace(&mut self.time, time);
-        let known = self.braking && interval > 0.0;
-        if known { INTERVALS * interval.min(LONGEST_INTERVAL) } else { 0.0 }
+        if self.looks_ahead && interval > 0.0 { INTERVALS * interval.min(LONGEST_INTERVAL) } else { 0.0 }
     }
 
     /// Gains of contacts that brake in `time` (s): damping that takes all of a body's speed in a tenth of it.
@@ -177,6 +197,7 @@ impl ContactLoop {
     /// world, from the next step on; `false` if there is none. Contacts are rendered as if the object stood still there:
     /// its velocity does not enter into damping.
     pub fn set_pose(&mut self, object: usize, pose: &Pose) -> bool {
+        self.proxy.scene_has_changed();
         self.objects.get(object).is_some_and(|object| self.scene.set_pose(*object, pose))
     }
 

@@ -20,6 +20,7 @@ mod haptic_loop;
 mod lockstep;
 mod object;
 mod presence;
+mod proxy;
 mod realtime;
 mod record;
 mod renderer;

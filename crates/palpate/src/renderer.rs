@@ -98,7 +98,8 @@ impl HapticRenderer {
             period: limits.period,
         };
         let haptic = HapticLoop::new(grasped, state, &specification);
-        let contact = ContactLoop::new(&probe, source.center_of_mass, scene.objects(), parameters, &settings);
+        let contact =
+            ContactLoop::new(&probe, body, source.center_of_mass, scene.objects(), parameters, &settings);
         Ok(Self { haptic, contact, device, period: 1.0 / settings.rate, probe, scene, settings })
     }
 

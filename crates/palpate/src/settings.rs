@@ -42,6 +42,9 @@ pub struct Settings {
     /// Brake the grasped object before it touches what it comes at fast, so that it is not inside or behind it by the time
     /// that a contact query finds it (§5.6.1).
     pub braking: bool,
+    /// Keep a proxy of the grasped object on the side of surfaces that it came from, and have contacts push the object
+    /// there, so that it does not come out behind what it is pressed or driven through (§5.6.1).
+    pub proxy: bool,
     /// The grasp: where the device holds the object, and the device's axes there, in the mesh's frame; by default the
     /// centre of mass with the mesh's axes.
     pub grasp: Option<Pose>,
@@ -87,6 +90,7 @@ impl Default for Settings {
             error: 0.0,
             clusters: 5,
             braking: true,
+            proxy: true,
             grasp: None,
             contact_timeout: 0.5,
             integrator: IntegratorKind::default(),

@@ -81,6 +81,9 @@ pub struct Events {
     pub clutched: u64,
     /// The passivity controller added damping, for more energy had come out than can have been in.
     pub damped: u64,
+    /// A contact step in which the grasped object was deeper in a surface than its proxy may be, or had been carried past
+    /// one, so that contacts push it back.
+    pub held_back: u64,
     /// A contact query ran out of room and reported fewer contacts than there are.
     pub contact_overflow: u64,
     /// A contact query was refused, its pose not being finite, and found nothing; or a contact was not finite.

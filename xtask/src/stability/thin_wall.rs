@@ -23,9 +23,27 @@ const SPEED_UP: f64 = 0.15;
 const CRUISE: f64 = 0.1;
 const AFTER: f64 = 0.35;
 
+/// What keeps the object on its side.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Method {
+    name: &'static str,
+    braking: bool,
+    proxy: bool,
+}
+
+/// The last one is the default.
+const METHODS: [Method; 4] = [
+    Method { name: "neither", braking: false, proxy: false },
+    Method { name: "braking", braking: true, proxy: false },
+    Method { name: "proxy", braking: false, proxy: true },
+    DEFAULT,
+];
+const DEFAULT: Method = Method { name: "both", braking: true, proxy: true };
+
 /// A hit.
 #[derive(Clone, Copy, Debug)]
 struct Case {
+    method: Method,
     rate: f64,
     speed: f64,
     /// How late the hand is, as a part of the period between contact queries.
@@ -34,7 +52,10 @@ struct Case {
 
 #[derive(Clone, Copy, Debug)]
 struct Hit {
+    /// Whether it ends behind the plate.
     popped: bool,
+    /// How far below its touch the object came, m.
+    deepest: f64,
     /// The handle's speed when the object was about to touch, m/s.
     speed: f64,
     largest_force: f64,
@@ -59,21 +80,22 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
         .collect();
     let plates = plates?;
     let cells = pairs(&plates, &speeds);
-    let cases = pairs(&pairs(&rates, &cells), &phases);
-    let hits = plan.each("thin wall", &cases, |((rate, ((thickness, plate), speed)), phase)| {
-        let case = Case { rate: *rate, speed: *speed, phase: *phase };
+    let cases = pairs(&pairs(&pairs(&METHODS, &rates), &cells), &phases);
+    let hits = plan.each("thin wall", &cases, |(((method, rate), ((thickness, plate), speed)), phase)| {
+        let case = Case { method: *method, rate: *rate, speed: *speed, phase: *phase };
         hit(&case, &probe, plate, 0.5 * thickness - lowest)
     })?;
-    let counts: Vec<usize> =
-        hits.chunks(phases.len()).map(|tries| tries.iter().filter(|hit| hit.popped).count()).collect();
-    let maps = rates.iter().zip(counts.chunks(cells.len())).map(|(rate, counts)| HeatMap {
-        title: format!("contacts at {rate} Hz"),
+    let by_cell: Vec<&[Hit]> = hits.chunks(phases.len()).collect();
+    let shares = pairs(&METHODS, &rates).into_iter().zip(by_cell.chunks(cells.len()));
+    let shown = |method: &Method| *method == METHODS[0] || *method == DEFAULT;
+    let maps = shares.filter(|((method, _), _)| shown(method)).map(|((method, rate), tries)| HeatMap {
+        title: format!("{}, contacts at {rate} Hz", method.name),
         x: CellAxis { name: "speed of the hand, m/s".to_owned(), values: speeds.clone() },
         y: CellAxis {
             name: "thickness, mm".to_owned(),
             values: walls.iter().map(|wall| 1e3 * wall).collect(),
         },
-        cells: counts.iter().map(|&count| count as f64 / phases.len() as f64).collect(),
+        cells: tries.iter().map(|tries| through(tries) as f64 / tries.len() as f64).collect(),
         legend: vec![
             (0.0, "never through".to_owned()),
             (0.5, "half of the hits".to_owned()),
@@ -81,49 +103,69 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
         ],
         boundaries: Vec::new(),
     });
-    let rows = cases.iter().zip(&hits).map(|(((rate, ((thickness, _), speed)), phase), hit)| {
-        row![rate, thickness, speed, phase, hit.speed, hit.popped, hit.largest_force, hit.port_energy]
+    let rows = cases.iter().zip(&hits).map(|((((method, rate), ((thickness, _), speed)), phase), hit)| {
+        row![
+            method.name,
+            rate,
+            thickness,
+            speed,
+            phase,
+            hit.speed,
+            hit.popped,
+            hit.deepest,
+            hit.largest_force,
+            hit.port_energy
+        ]
     });
     let columns = vec![
+        "method",
         "contact_rate_hz",
         "thickness_m",
         "speed_m_s",
         "phase",
         "speed_at_touch_m_s",
         "popped_through",
+        "deepest_m",
         "largest_force_n",
         "port_energy_min_j",
     ];
-    let popped = counts.iter().sum::<usize>();
+    let by_method: Vec<&[Hit]> = hits.chunks(hits.len() / METHODS.len()).collect();
+    let judged = by_method[by_method.len() - 1];
+    let popped = through(judged);
     let peak = Emulation::default().specification.peak_force;
-    let largest = hits.iter().fold(0.0, |most: f64, hit| most.max(hit.largest_force));
-    let stopped = || hits.iter().filter(|hit| !hit.popped);
+    let largest = judged.iter().fold(0.0, |most: f64, hit| most.max(hit.largest_force));
+    let stopped = || judged.iter().filter(|hit| !hit.popped);
     let least = stopped().map(|hit| hit.port_energy).fold(0.0, f64::min);
     let under = stopped().filter(|hit| hit.port_energy < super::body::PORT).count();
     Ok(Section {
         title: "Thin wall: fast hands",
-        paragraphs: vec![format!(
-            "An ellipsoid of {:.1} mm radius, in a relaxed grip, is driven at a plate that is 100 mm wide, and the hand \
-             means to stop 5 mm past the touch, each hit {} times with the contact queries differently in time. The \
-             session is the engine's own, with its contact query and default settings. {popped} of {} hits come out on the \
-             other side of the plate.{}",
-            1e3 * probe.bounding_radius(),
-            phases.len(),
-            hits.len(),
-            by_rate(&rates, &counts, cells.len(), phases.len())
-        )],
+        paragraphs: vec![
+            format!(
+                "An ellipsoid of {:.1} mm radius, in a relaxed grip, is driven at a plate that is 100 mm wide, and the \
+                 hand means to stop 5 mm past the touch, each hit {} times with the contact queries differently in time. \
+                 The session is the engine's own, with its contact query and default settings, but for what is to keep \
+                 the object on its side: braking before it touches, a proxy that does not pass through surfaces, \
+                 neither, or both.",
+                1e3 * probe.bounding_radius(),
+                phases.len(),
+            ),
+            by_method
+                .iter()
+                .zip(METHODS)
+                .fold(String::new(), |text, (hits, method)| text + &told(&method, &rates, hits)),
+        ],
         pictures: vec![Picture {
             name: "thin-wall".to_owned(),
-            caption: "Share of the hits that pop through, by speed and thickness.".to_owned(),
+            caption: "Share of the hits that end behind the plate, by speed and thickness.".to_owned(),
             maps: maps.collect(),
-            columns: 3,
+            columns: rates.len(),
         }],
         tables: vec![Table { name: "thin-wall".to_owned(), columns, rows: rows.collect() }],
         verdicts: vec![
             Verdict::new(
                 "nothing pops through a wall",
                 popped == 0,
-                format!("{popped} of {} hits do", hits.len()),
+                format!("{popped} of {} hits do", judged.len()),
             ),
             Verdict::new(
                 "the force stays within what the device renders",
@@ -139,16 +181,29 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
     })
 }
 
-fn by_rate(rates: &[f64], counts: &[usize], cells: usize, tries: usize) -> String {
-    rates.iter().zip(counts.chunks(cells)).fold(String::new(), |text, (rate, counts)| {
-        let through: usize = counts.iter().sum();
-        format!("{text} With contacts at {rate} Hz it is {through} of {}.", counts.len() * tries)
-    })
+fn through(hits: &[Hit]) -> usize {
+    hits.iter().filter(|hit| hit.popped).count()
+}
+
+/// What came of the hits with one method, by contact rate.
+fn told(method: &Method, rates: &[f64], hits: &[Hit]) -> String {
+    let counts = rates.iter().zip(hits.chunks(hits.len() / rates.len()));
+    let counts: Vec<String> = counts.map(|(rate, hits)| format!("{} at {rate} Hz", through(hits))).collect();
+    let mut depths: Vec<f64> = hits.iter().map(|hit| hit.deepest).collect();
+    depths.sort_by(f64::total_cmp);
+    format!(
+        "With {}: {} of {} hits end behind the plate ({}); half of all hits go deeper than {:.1} mm for a moment. ",
+        method.name,
+        through(hits),
+        hits.len(),
+        counts.join(", "),
+        1e3 * depths[depths.len() / 2]
+    )
 }
 
 /// Drives the probe, which touches at the height `touch`, at the plate.
 fn hit(case: &Case, probe: &Object, plate: &Object, touch: f64) -> Result<Hit, String> {
-    let Case { rate, speed, phase, .. } = *case;
+    let Case { method, rate, speed, phase } = *case;
     let start = speed * (0.5 * SPEED_UP + CRUISE);
     let late = phase / rate;
     let path = IntendedPath::function(move |time| {
@@ -169,16 +224,18 @@ fn hit(case: &Case, probe: &Object, plate: &Object, touch: f64) -> Result<Hit, S
     let emulation = Emulation { hand: Hand::GRIP, ..Emulation::default() };
     let (device, meter) = Metered::new(emulation.open(path).map_err(|error| error.to_string())?);
     let scene = Scene::new().with(plate.clone(), Pose::IDENTITY);
-    let renderer = HapticRenderer::new(probe.clone(), scene, Box::new(device), Settings::default())
+    let settings = Settings { braking: method.braking, proxy: method.proxy, ..Settings::default() };
+    let renderer = HapticRenderer::new(probe.clone(), scene, Box::new(device), settings)
         .map_err(|error| error.to_string())?;
     // The middle of the probe is beyond the middle of the plate.
     let center = probe.clod.source.center;
     let mut touched = false;
     let seconds = SPEED_UP + CRUISE + late + PRESS / speed + AFTER;
-    let mut found = Hit { popped: false, speed: 0.0, largest_force: 0.0, port_energy: 0.0 };
+    let mut found = Hit { popped: false, deepest: 0.0, speed: 0.0, largest_force: 0.0, port_energy: 0.0 };
     let stop = AtomicBool::new(false);
     let run = renderer.run_lockstep(seconds, ContactTiming::busy(rate), &stop, |record| {
-        found.popped |= record.object.transform_point(center).z < 0.0;
+        found.popped = record.object.transform_point(center).z < 0.0;
+        found.deepest = found.deepest.max(touch - record.object.translation.z);
         found.largest_force = found.largest_force.max(record.coupling.force.length());
         let seen = meter.seen();
         touched |= seen.pose.translation.z <= touch;

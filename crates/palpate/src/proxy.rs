@@ -1,0 +1,251 @@
+//! The proxy: where the grasped object would be if it could not pass through surfaces (§5.6.1).
+//!
+//! Penalty forces know the object's present pose only: once it is deeper in a thin wall than half of that, or was carried
+//! across between two contact queries, the nearest way out is the wrong one. The proxy is moved from where it was towards
+//! the object, in steps of which none goes further than the contacts that were found before it allow, and stops where it
+//! would penetrate more than a trace. From there it slides on as far as the surfaces let it
+//! ([`constrained_motion`]): a god-object (Zilles and Salisbury 1995; of six degrees of freedom, Ortega, Redon and
+//! Coquillart 2007). The contacts are those of the proxy, and their planes push the object back to it.
+//!
+//! Where the object itself penetrates no more than that trace, and has come there without passing anything, it is its own
+//! proxy, with one query a step.
+
+use palpate_collide::{PatchContact, QueryOutcome, QuerySettings, SceneQuery};
+use palpate_core::glam::{DMat3, DVec3};
+use palpate_core::{Contact, Pose, Twist};
+use palpate_dynamics::{Body, MotionLimit, constrained_motion};
+
+/// The penetration, in tolerances, up to which the proxy may go, and to which its motion is planned.
+const SHALLOW: f64 = 0.25;
+const PLANNED: f64 = 0.2;
+
+/// A motion that takes no point further than this, in tolerances, is tried whatever turning may do on its way.
+const STRIDE: f64 = 0.5;
+
+/// Queries in a step of the contact loop, at most. What is left of the way is gone in the next.
+const LOOKS: usize = 8;
+
+/// The proxy, and what it touches.
+#[derive(Clone, Debug)]
+pub(crate) struct Proxy {
+    body: Body,
+    /// Centre of mass in the mesh's frame, m.
+    center_of_mass: DVec3,
+    /// Bounding radius about the centre of mass, m.
+    radius: f64,
+    /// d, m.
+    tolerance: f64,
+    /// Whether there is to be one; otherwise it always is where the object is.
+    enabled: bool,
+    /// Of the centre of mass.
+    pose: Pose,
+    /// Whether the proxy penetrates no more than a trace there, and so is on the side of all surfaces that it came from.
+    sound: bool,
+    /// All contacts within the reach (m) there.
+    found: Vec<PatchContact>,
+    reach: f64,
+    /// Whether the scene has changed since.
+    stale: bool,
+    limits: Vec<MotionLimit>,
+    multipliers: Vec<f64>,
+}
+
+/// How a step of the proxy went.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Followed {
+    /// Queries' refusals, overflows and pairs that did not converge, added up.
+    pub overflow: bool,
+    pub refused: bool,
+    pub not_converged: usize,
+}
+
+impl Followed {
+    fn count(&mut self, outcome: &QueryOutcome) {
+        self.overflow |= outcome.overflow;
+        self.refused |= outcome.refused;
+        self.not_converged += outcome.not_converged;
+    }
+}
+
+impl Proxy {
+    pub fn new(body: Body, center_of_mass: DVec3, radius: f64, tolerance: f64, enabled: bool) -> Self {
+        Self {
+            body,
+            center_of_mass,
+            radius,
+            tolerance,
+            enabled,
+            pose: Pose::IDENTITY,
+            sound: false,
+            found: Vec::new(),
+            reach: 0.0,
+            stale: false,
+            limits: Vec::new(),
+            multipliers: Vec::new(),
+        }
+    }
+
+    /// Where it is: the pose of the centre of mass.
+    pub fn pose(&self) -> &Pose {
+        &self.pose
+    }
+
+    /// Contacts there, within the reach last asked for.
+    pub fn contacts(&self) -> &[PatchContact] {
+        &self.found
+    }
+
+    /// What was found may hold no longer.
+    pub fn scene_has_changed(&mut self) {
+        self.stale = true;
+    }
+
+    /// Moves towards the pose of the object's centre of mass, as far as surfaces let it, with queries by `settings`, whose
+    /// tolerance is the reach in which contacts are found.
+    pub fn follow(&mut self, goal: &Pose, settings: &QuerySettings, scene: &mut SceneQuery) -> Followed {
+        let mut followed = Followed::default();
+        if !(self.enabled && self.sound && self.approach(goal, settings, scene, &mut followed)) {
+            // It has no side that it could be kept on.
+            let outcome = self.look(goal, settings, scene, &mut followed);
+            self.accept(goal, settings, scene);
+            self.sound = self.is_shallow(&outcome);
+        }
+        followed
+    }
+
+    /// Goes towards a pose; `false` if the proxy penetrates where it is, so that a surface must have come over it.
+    fn approach(
+        &mut self,
+        goal: &Pose,
+        settings: &QuerySettings,
+        scene: &mut SceneQuery,
+        followed: &mut Followed,
+    ) -> bool {
+        if self.stale && !self.stays(settings, scene, followed) {
+            return false;
+        }
+        self.limits.clear();
+        let mut caution = 1.0;
+        for _ in 0..LOOKS {
+            let wanted = motion_between(&self.pose, goal);
+            let motion = self.plan(&wanted);
+            let share = self.share_without_contact(&motion);
+            let whole = share * caution >= 1.0;
+            let next =
+                if whole && motion == wanted { *goal } else { self.pose.moved(&motion, share * caution) };
+            let outcome = self.look(&next, settings, scene, followed);
+            if !self.is_shallow(&outcome) {
+                self.avoid(&next, scene);
+                caution *= 0.5;
+                continue;
+            }
+            self.accept(&next, settings, scene);
+            self.limits.clear();
+            if whole {
+                return true;
+            }
+            caution = 1.0;
+        }
+        self.stays(settings, scene, followed)
+    }
+
+    /// Looks again where it is; `false` if it penetrates there.
+    fn stays(&mut self, settings: &QuerySettings, scene: &mut SceneQuery, followed: &mut Followed) -> bool {
+        let pose = self.pose;
+        let outcome = self.look(&pose, settings, scene, followed);
+        self.accept(&pose, settings, scene);
+        self.is_shallow(&outcome)
+    }
+
+    /// The motion nearest to a wanted one that goes past no plane of the contacts, nor of those to be avoided.
+    fn plan(&mut self, wanted: &Twist) -> Twist {
+        let known = self.limits.len();
+        let planned = PLANNED * self.tolerance;
+        let length = self.length(wanted);
+        let (pose, found) = (&self.pose, &self.found);
+        let near = found.iter().filter(|found| found.contact.depth + length > planned);
+        self.limits.extend(near.map(|found| limit(&found.contact, pose, planned - found.contact.depth)));
+        self.multipliers.resize(self.limits.len(), 0.0);
+        let rotation = DMat3::from_quat(self.pose.rotation);
+        let motion = constrained_motion(&self.body, &rotation, wanted, &self.limits, &mut self.multipliers);
+        self.limits.truncate(known);
+        motion
+    }
+
+    /// How far, m, a motion takes any point of the object, at most.
+    fn length(&self, motion: &Twist) -> f64 {
+        motion.linear.length() + motion.angular.length() * self.radius
+    }
+
+    /// The share of a motion in which no point of the object goes deeper into what was found than allowed, however it
+    /// turns, nor further than the reach into what was not found; but at least a stride.
+    fn share_without_contact(&self, motion: &Twist) -> f64 {
+        let allowed = SHALLOW * self.tolerance;
+        let turning = motion.angular.length() * self.radius;
+        let length = self.length(motion);
+        let free = |room: f64, way: f64| if way > room { room.max(0.0) / way } else { 1.0 };
+        let share = self.found.iter().fold(free(self.reach + allowed, length), |share: f64, found| {
+            let way = motion.linear.dot(found.contact.normal) + turning;
+            share.min(free(allowed - found.contact.depth, way))
+        });
+        share.max(free(STRIDE * self.tolerance, length))
+    }
+
+    fn is_shallow(&self, outcome: &QueryOutcome) -> bool {
+        outcome.deepest.is_none_or(|depth| depth <= SHALLOW * self.tolerance)
+    }
+
+    fn look(
+        &self,
+        pose: &Pose,
+        settings: &QuerySettings,
+        scene: &mut SceneQuery,
+        followed: &mut Followed,
+    ) -> QueryOutcome {
+        let mesh = *pose * Pose::from_translation(-self.center_of_mass);
+        let outcome = scene.run(&mesh, settings).query;
+        followed.count(&outcome);
+        outcome
+    }
+
+    /// Is where the query was that was made last.
+    fn accept(&mut self, pose: &Pose, settings: &QuerySettings, scene: &SceneQuery) {
+        self.pose = *pose;
+        self.reach = settings.tolerance;
+        self.stale = false;
+        self.found.clear();
+        self.found.extend(scene.contacts().flat_map(|object| object.contacts));
+    }
+
+    /// Plans motions from now on so that they stay clear of what the last query, at `pose`, found to be too deep.
+    fn avoid(&mut self, pose: &Pose, scene: &SceneQuery) {
+        let planned = PLANNED * self.tolerance;
+        let motion = motion_between(&self.pose, pose);
+        for found in scene.contacts().flat_map(|object| object.contacts) {
+            if found.contact.depth > planned {
+                let gone = limit(&found.contact, pose, planned - found.contact.depth);
+                self.limits.push(MotionLimit { room: gone.room + gone.way(&motion), ..gone });
+            }
+        }
+    }
+}
+
+/// The motion (a twist for the time of 1) from one pose to another.
+fn motion_between(from: &Pose, to: &Pose) -> Twist {
+    Twist::new(to.translation - from.translation, from.rotation_vector_to(to))
+}
+
+fn limit(contact: &Contact, pose: &Pose, room: f64) -> MotionLimit {
+    MotionLimit { direction: contact.normal, arm: contact.point - pose.translation, room }
+}
+
+/// A contact of the body at one pose of its centre of mass, as its plane holds the body at another: the point moves with
+/// the body, the plane stays.
+pub(crate) fn carried(contact: &Contact, from: &Pose, to: &Pose) -> Contact {
+    if from == to {
+        return *contact;
+    }
+    let arm = from.rotation.conjugate() * (contact.point - from.translation);
+    let point = to.transform_point(arm);
+    Contact { point, depth: contact.depth + (point - contact.point).dot(contact.normal), ..*contact }
+}
