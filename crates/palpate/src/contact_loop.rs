@@ -27,6 +27,15 @@ const INTERVALS: f64 = 4.0;
 const LONGEST_INTERVAL: f64 = 0.02;
 const FURTHEST: f64 = 0.5;
 
+/// How far the query looks ahead goes in steps of this, in tolerances.
+const STEP: f64 = 0.25;
+
+/// Contacts further apart than d are to be no more than this, or than those within d, so that looking ahead costs no
+/// more than the contacts themselves. How far the query looks is halved where they are more, and grows by as much where it
+/// is not far enough and they are not.
+const FAR_CONTACTS: usize = 64;
+const GROWTH: f64 = 1.01;
+
 /// What a contact step hands to the haptic loop.
 #[derive(Clone, Copy, Debug)]
 pub struct ContactUpdate {
@@ -81,6 +90,8 @@ pub struct ContactLoop {
     mass: f64,
     /// Bounding radius of the probe about its centre of mass, m.
     radius: f64,
+    /// How much further than d the query may look, m.
+    outlook: f64,
     /// Of the last step, s.
     time: f64,
     telemetry: ContactTelemetry,
@@ -122,6 +133,7 @@ impl ContactLoop {
             looks_ahead: braking || proxy,
             mass: body.mass,
             radius,
+            outlook: FURTHEST * radius,
             time: f64::NAN,
             telemetry: ContactTelemetry::default(),
         }
@@ -139,6 +151,7 @@ impl ContactLoop {
         events.contact_refused += u64::from(followed.refused);
         events.not_converged += followed.not_converged as u64;
         events.held_back += u64::from(*self.proxy.pose() != body.pose);
+        self.adapt_outlook(settings.tolerance - tolerance);
         self.sort(body, ahead);
         let depth = self.contacts.iter().fold(0.0, |most: f64, found| most.max(found.contact.depth));
 
@@ -184,13 +197,26 @@ impl ContactLoop {
         ContactParameters { damping: damping.max(self.parameters.damping), ..self.parameters }
     }
 
-    /// At least how far any point of the body comes in a time (s), m, in whole tolerances, so that the query's seldom changes:
-    /// 0 where that is less than one.
+    /// At least how far any point of the body comes in a time (s), m, as far as the query looks ahead at all, and in whole
+    /// steps, so that its reach seldom changes.
     fn way(&self, body: &BodyState, time: f64) -> f64 {
         let speed = body.twist.linear.length() + body.twist.angular.length() * self.radius;
-        let way = (speed * time).min(FURTHEST * self.radius);
-        let step = self.parameters.tolerance;
+        let step = STEP * self.parameters.tolerance;
+        let way = (speed * time).min(self.outlook);
         if way > step { (way / step).ceil() * step } else { 0.0 }
+    }
+
+    /// Looks less far ahead next time if too much was found further than d apart, within so much more (m), or further
+    /// again if that was as far as it looks.
+    fn adapt_outlook(&mut self, ahead: f64) {
+        let tolerance = self.parameters.tolerance;
+        let found = self.proxy.contacts();
+        let near = found.iter().filter(|found| found.contact.depth > -tolerance).count();
+        if found.len() - near > near.max(FAR_CONTACTS) {
+            self.outlook = (0.5 * ahead).max(STEP * tolerance);
+        } else if ahead >= self.outlook {
+            self.outlook = (GROWTH * self.outlook).min(FURTHEST * self.radius);
+        }
     }
 
     /// Moves a scene object, by its place in [`Scene::objects`](crate::Scene::objects), to a pose of its mesh's frame in the
