@@ -1,36 +1,69 @@
-//! Fast hands and thin walls (§5.6.1): an object that is braked before it touches stays on its side of a plate.
+//! Fast and strong hands at thin walls (§5.6.1): an object stays on the side that it came from.
 
 use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
 
-use palpate::device::{Emulation, IntendedPath};
-use palpate::glam::DVec3;
+use palpate::device::{Emulation, IntendedPath, Interpolation, Keyframe, MotionPath};
+use palpate::glam::{DQuat, DVec3};
 use palpate::models::Model;
-use palpate::{ContactTiming, HapticRenderer, Object, Pose, Scene, Settings, TriMesh, Twist};
+use palpate::{
+    ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Session, Settings, TriMesh, Twist,
+};
 
-/// Thickness of the plate, m; contact queries a second, Hz.
-const THICKNESS: f64 = 1e-3;
-const RATE: f64 = 200.0;
+/// Half the sides of plates, m.
+const HALF: f64 = 0.05;
 
-fn plate() -> Object {
+/// A block about the origin with the given sides, m.
+fn block(size: DVec3) -> Object {
     let mesh = Model::Block.generate(300).expect("in range");
     let (low, high) = mesh
         .vertices()
         .iter()
         .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
-    let size = DVec3::new(0.1, 0.1, THICKNESS) / (high - low);
-    let vertices = mesh.vertices().iter().map(|v| (*v - 0.5 * (low + high)) * size).collect();
+    let scale = size / (high - low);
+    let vertices = mesh.vertices().iter().map(|v| (*v - 0.5 * (low + high)) * scale).collect();
     let mesh = TriMesh::new(vertices, mesh.triangles().to_vec()).expect("a block");
-    Object::from_mesh("plate", &mesh).expect("a hierarchy")
+    Object::from_mesh("block", &mesh).expect("a hierarchy")
 }
 
-/// How often an ellipsoid that is driven 5 mm past its touch comes out behind the plate, of five hits that meet the
-/// contact queries at different times.
-fn hits_through(speed: f64, braking: bool) -> usize {
+fn plate(thickness: f64) -> Object {
+    block(DVec3::new(2.0 * HALF, 2.0 * HALF, thickness))
+}
+
+/// An ellipsoid, and how far its middle is above what it lies on.
+fn ellipsoid() -> (Object, f64) {
     let mesh = Model::Ellipsoid.generate(500).expect("in range");
     let lowest = mesh.vertices().iter().fold(f64::INFINITY, |low, v| low.min(v.z));
-    let probe = Object::from_mesh("ellipsoid", &mesh).expect("a hierarchy");
-    let touch = 0.5 * THICKNESS - lowest;
+    (Object::from_mesh("ellipsoid", &mesh).expect("a hierarchy"), -lowest)
+}
+
+/// Renders a probe that a hand moves over a scene object at the origin.
+fn render(
+    probe: &Object,
+    scene: &Object,
+    path: impl Into<IntendedPath>,
+    settings: Settings,
+    (seconds, rate): (f64, f64),
+) -> (Session, Vec<Record>) {
+    let device = Emulation::default().open(path).expect("an emulation");
+    let scene = Scene::new().with(scene.clone(), Pose::IDENTITY);
+    let renderer = HapticRenderer::new(probe.clone(), scene, Box::new(device), settings).expect("a session");
+    let mut records = Vec::new();
+    let stop = AtomicBool::new(false);
+    let Ok(session) = renderer.run_lockstep(seconds, ContactTiming::busy(rate), &stop, |record| {
+        records.push(*record);
+        Ok::<_, Infallible>(())
+    });
+    (session, records)
+}
+
+/// How often an ellipsoid that is driven 5 mm past its touch ends behind the plate, of five hits that meet the
+/// contact queries, 200 a second, at different times.
+fn hits_through(thickness: f64, speed: f64, braking: bool, proxy: bool) -> usize {
+    let (probe, low) = ellipsoid();
+    let plate = plate(thickness);
+    let touch = 0.5 * thickness + low;
+    let rate = 200.0;
     let through = |late: f64| {
         let start = 0.15 * speed;
         let path = IntendedPath::function(move |time| {
@@ -44,26 +77,106 @@ fn hits_through(speed: f64, braking: bool) -> usize {
                 Twist::new(DVec3::Z * velocity, DVec3::ZERO),
             )
         });
-        let device = Emulation::default().open(path).expect("an emulation");
-        let scene = Scene::new().with(plate(), Pose::IDENTITY);
-        let settings = Settings { braking, ..Settings::default() };
-        let renderer =
-            HapticRenderer::new(probe.clone(), scene, Box::new(device), settings).expect("a session");
-        let mut behind = false;
-        let stop = AtomicBool::new(false);
-        let Ok(_) = renderer.run_lockstep(0.6, ContactTiming::busy(RATE), &stop, |record| {
-            behind |= record.object.translation.z < 0.0;
-            Ok::<_, Infallible>(())
-        });
-        behind
+        let settings = Settings { braking, proxy, ..Settings::default() };
+        let (_, records) = render(&probe, &plate, path, settings, (0.6, rate));
+        records.last().is_some_and(|record| record.object.translation.z < 0.0)
     };
-    (0..5).filter(|phase| through(0.2 * f64::from(*phase) / RATE)).count()
+    (0..5).filter(|phase| through(0.2 * f64::from(*phase) / rate)).count()
 }
 
 #[test]
 fn braking_keeps_an_object_on_its_side() {
     for speed in [0.3, 1.0] {
-        assert_eq!(hits_through(speed, true), 0, "{speed} m/s");
+        assert_eq!(hits_through(1e-3, speed, true, false), 0, "{speed} m/s");
     }
-    assert!(hits_through(1.0, false) > 0, "without braking none goes through, and nothing is shown");
+    let without = hits_through(1e-3, 1.0, false, false);
+    assert!(without > 0, "without braking none goes through, and nothing is shown");
+}
+
+#[test]
+fn proxy_keeps_an_object_on_its_side() {
+    for thickness in [2e-5, 1e-3] {
+        for speed in [0.3, 1.0, 3.0, 5.0] {
+            for braking in [false, true] {
+                let through = hits_through(thickness, speed, braking, true);
+                assert_eq!(through, 0, "{thickness} m at {speed} m/s, braking: {braking}");
+            }
+        }
+    }
+    assert!(hits_through(1e-3, 3.0, true, false) > 0, "braking alone does as well, and nothing is shown");
+}
+
+fn linear(keyframes: &[(f64, DVec3)]) -> MotionPath {
+    let keyframes =
+        keyframes.iter().map(|&(time, at)| Keyframe { time, pose: Pose::from_translation(at) }).collect();
+    MotionPath::new(keyframes, Interpolation::Linear).expect("a path")
+}
+
+/// Pressed far past a sheet, the object is held on its side with the force that the hand presses with, slides freely,
+/// and is free again beyond the edge, where it may go below.
+#[test]
+fn sheet_is_pressed_stroked_and_left_over_its_edge() {
+    let (probe, low) = ellipsoid();
+    let thickness = 1e-4;
+    let touch = 0.5 * thickness + low;
+    let at = |x: f64, height: f64| DVec3::new(x, 0.0, touch + height);
+    let beyond = HALF + 0.04;
+    let path = linear(&[
+        (0.0, at(0.0, 0.005)),
+        (0.5, at(0.0, 0.005)),
+        (1.0, at(0.0, -0.02)),
+        (2.0, at(0.0, -0.02)),
+        (3.0, at(0.02, -0.02)),
+        (3.5, at(0.02, -0.02)),
+        (5.0, at(beyond, -0.02)),
+        (5.5, at(beyond, -0.06)),
+        (7.0, at(0.0, -0.06)),
+        (8.0, at(0.0, -0.06)),
+    ]);
+    for rate in [1000.0, 200.0] {
+        let (session, records) =
+            render(&probe, &plate(thickness), path.clone(), Settings::default(), (8.0, rate));
+        assert!(session.contact.events.held_back > 100, "the proxy is never elsewhere, and nothing is shown");
+        let at = |time: f64| &records[(time * 1000.0) as usize];
+        let pressed = at(1.9);
+        assert!(pressed.coupling.force.z > 3.0, "{rate} Hz: {} N", pressed.coupling.force);
+        assert!(pressed.object.translation.z > touch - 0.005, "{rate} Hz: {}", pressed.object.translation);
+        let sideways = |record: &Record| record.coupling.force.truncate().length();
+        let most = records[1500..3400].iter().map(sideways).fold(0.0, f64::max);
+        assert!(most < 0.3, "{rate} Hz: {most} N along a sheet without friction");
+        let stroked = at(3.4).object.translation;
+        assert!((stroked.x - at(3.4).handle.translation.x).abs() < 1e-3, "{rate} Hz: {stroked}");
+        // Below the sheet, and free.
+        let left = at(7.9);
+        assert!(left.object.translation.z < -0.02, "{rate} Hz: {}", left.object.translation);
+        assert!(left.coupling.force.length() < 0.05, "{rate} Hz: {} N", left.coupling.force);
+    }
+}
+
+/// A blade that is turned flat on to a sheet does not swing through.
+#[test]
+fn blade_does_not_turn_through_a_sheet() {
+    let blade = block(DVec3::new(0.06, 0.02, 5e-4));
+    let sheet = plate(2e-4);
+    for turns_a_second in [0.5, 2.0] {
+        let rate = std::f64::consts::TAU * turns_a_second;
+        let path = IntendedPath::function(move |time| {
+            // 10 mm above the sheet, to a quarter turn of an end that is 30 mm away, and back.
+            let angle = (rate * (time - 0.3).max(0.0)).sin();
+            let speed = if time > 0.3 { rate * (rate * (time - 0.3)).cos() } else { 0.0 };
+            let pose = Pose::new(DVec3::Z * 0.01, DQuat::from_rotation_y(angle));
+            (pose, Twist::new(DVec3::ZERO, DVec3::Y * speed))
+        });
+        let (_, records) = render(&blade, &sheet, path, Settings::default(), (3.0, 200.0));
+        let most = records.iter().map(|record| {
+            let down = |x: f64| -record.object.transform_point(DVec3::new(x, 0.0, 0.0)).z;
+            down(0.03).max(down(-0.03))
+        });
+        let most = most.fold(f64::NEG_INFINITY, f64::max);
+        let turned = records.iter().map(|r| r.handle.rotation.to_scaled_axis().length()).fold(0.0, f64::max);
+        assert!(turned > 0.5, "the blade never reaches the sheet, and nothing is shown");
+        assert!(most < 0.006, "{turns_a_second} turns/s: an end comes {most} m below the sheet");
+        let last = records.last().expect("records").object.translation;
+        assert!(last.z > 0.0, "{turns_a_second} turns/s: {last}");
+    }
 }
