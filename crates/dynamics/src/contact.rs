@@ -103,6 +103,8 @@ pub(crate) struct ContactState {
     pub arm: DVec3,
     /// a × n: with n, the direction of the contact's wrench.
     pub moment: DVec3,
+    /// v + ω × a: of the point, m/s.
+    pub velocity: DVec3,
     /// δ + d.
     pub overlap: f64,
     /// δ̇.
@@ -132,25 +134,27 @@ impl PlaneConstraint {
         grip: Grip { anchor: DVec3::ZERO, rotation: DQuat::IDENTITY },
     };
 
+    #[inline]
     pub(crate) fn at(&self, state: &BodyState, rotation: &DMat3) -> ContactState {
         let arm = *rotation * self.point;
         let moment = arm.cross(self.normal);
         let depth = self.normal.dot(state.pose.translation + arm - self.scene_point);
-        let rate = self.normal.dot(state.twist.linear) + moment.dot(state.twist.angular);
-        ContactState { arm, moment, overlap: depth + self.tolerance, rate }
+        let velocity = state.twist.velocity_at(arm);
+        let rate = self.normal.dot(velocity);
+        ContactState { arm, moment, velocity, overlap: depth + self.tolerance, rate }
     }
 
     /// The wrench on the body, about its centre of mass, and what it is made of.
+    #[inline]
     fn respond(&self, state: &BodyState, rotation: &DMat3) -> (Wrench, ContactState, Push) {
         let at = self.at(state, rotation);
         let normal = self.normal_force(&at);
-        let mut wrench = Wrench { force: self.normal * -normal, torque: at.moment * -normal };
         let mut hold = Hold::default();
         if normal > 0.0 && at.overlap > 0.0 && self.friction.is_some() {
             hold = self.hold(state, &at, normal);
-            wrench.force += hold.force;
-            wrench.torque += at.arm.cross(hold.force) + self.normal * hold.moment;
         }
+        let force = hold.force - self.normal * normal;
+        let wrench = Wrench { force, torque: at.arm.cross(force) + self.normal * hold.moment };
         (wrench, at, Push { normal, hold })
     }
 

@@ -48,11 +48,11 @@ use palpate_core::{Twist, Wrench};
 use crate::body::{Body, BodyState};
 use crate::contact::{ContactState, LinearContactModel, MAX_CONSTRAINTS, PlaneConstraint};
 use crate::coupling::{CouplingLinearisation, DeviceMotion, VirtualCoupling};
-use crate::friction::{Hold, Strain, sticking};
+use crate::friction::{Hold, Strain};
 use crate::integrators::Frame;
 use crate::jacobian::{Block6, outer};
 use crate::linear_solve::{is_positive_definite, solve};
-use crate::rotation::{cross_columns, exponential, skew, skew_skew};
+use crate::rotation::{cross_columns, exponential, skew};
 
 /// Solves in which contacts may both join and leave the active set.
 const FREE_SOLVES: u32 = 6;
@@ -195,18 +195,23 @@ impl Linear {
         }
     }
 
-    /// Adds a damper that resists motion of the point at `arm` in all directions alike, and turning about a unit axis at a
-    /// radius from it.
-    fn add_lateral(&mut self, arm: DVec3, gain: f64, axis: DVec3, radius: f64) {
+    /// Adds dampers that resist motion in all directions alike.
+    fn add_lateral(&mut self, dampers: &Lateral) {
         for i in 0..3 {
-            self.matrix[i][i] += gain;
+            self.matrix[i][i] += dampers.gain;
         }
-        let cross = skew(arm * gain);
+        let cross = skew(dampers.first);
         self.add(0, 3, &cross, -1.0);
         self.add(3, 0, &cross, 1.0);
-        self.add(3, 3, &skew_skew(arm, arm), -gain);
-        if radius > 0.0 {
-            self.add(3, 3, &outer(axis, axis), gain * radius * radius);
+        self.add(3, 3, &without_trace(&dampers.second), -1.0);
+    }
+
+    /// Adds a matrix of rank one, along a direction.
+    fn add_along(&mut self, direction: &[f64; 6], row: &[f64; 6]) {
+        for (entries, along) in self.matrix.iter_mut().zip(direction) {
+            for (entry, value) in entries.iter_mut().zip(row) {
+                *entry += along * value;
+            }
         }
     }
 
@@ -215,6 +220,30 @@ impl Linear {
             *entry += value;
         }
     }
+}
+
+/// Dampers that resist motion of points of the body in all directions alike: the sum of their gains, and the first and
+/// second moments of these about the centre of mass.
+struct Lateral {
+    gain: f64,
+    first: DVec3,
+    second: DMat3,
+}
+
+impl Lateral {
+    const NONE: Self = Self { gain: 0.0, first: DVec3::ZERO, second: DMat3::ZERO };
+
+    fn add(&mut self, gain: f64, arm: DVec3) {
+        self.gain += gain;
+        self.first += arm * gain;
+        self.second += outer(arm * gain, arm);
+    }
+}
+
+/// The sum of a* b* where `sum` is that of b aᵀ.
+fn without_trace(sum: &DMat3) -> DMat3 {
+    let trace = sum.x_axis.x + sum.y_axis.y + sum.z_axis.z;
+    *sum - DMat3::from_diagonal(DVec3::splat(trace))
 }
 
 fn six(first: DVec3, second: DVec3) -> [f64; 6] {
@@ -266,20 +295,19 @@ impl Rubbing {
     ) -> Self {
         let Hold { force: force_at_start, trial, slide, .. } = c.hold(state, at, at_start);
         let trial = trial.plus(&slide.scaled(c.stiffness * dt));
-        let limit = c.friction.coefficient(slide.length()) * force.max(0.0);
-        Self { slide, trial, share: sticking(limit, trial.length()), force_at_start }
+        Self { slide, trial, share: c.friction.share(&trial, &slide, force.max(0.0)), force_at_start }
     }
 
-    /// s after a velocity change, at which the contact pushes with `force`.
-    fn share_after(&self, change: &Twist, c: &PlaneConstraint, arm: DVec3, force: f64, dt: f64) -> f64 {
-        let gained = c.velocity_strain(change, arm);
+    /// s after what the contact is strained by (m/s) has `gained`, where it pushes with `force`.
+    #[inline]
+    fn share_after(&self, gained: &Strain, c: &PlaneConstraint, force: f64, dt: f64) -> f64 {
         let trial = self.trial.plus(&gained.scaled(c.stiffness * dt + c.damping));
-        let speed = self.slide.plus(&gained).length();
-        sticking(c.friction.coefficient(speed) * force.max(0.0), trial.length())
+        c.friction.share(&trial, &self.slide.plus(gained), force)
     }
 }
 
 impl Pressing {
+    #[inline]
     fn new(c: &PlaneConstraint, at: &ContactState, state: &BodyState, dt: f64, geometric: bool) -> Self {
         let twist = &state.twist;
         let swept = if geometric { c.swept(at, twist.angular) * dt } else { DVec3::ZERO };
@@ -367,15 +395,20 @@ impl<'a> System<'a> {
         }
     }
 
-    /// Looks at the contacts from the start of the step.
-    fn see_contacts(&mut self) {
+    /// Looks at the contacts from the start of the step. Those that are closed and push at the end of it if the velocity
+    /// does not change.
+    fn see_contacts(&mut self) -> u64 {
+        let mut pushing = 0;
         self.closed_at_start = 0;
         self.pressing.clear();
         for (i, c) in self.contacts.constraints().iter().enumerate() {
             let at = c.at(self.state, &self.rotation);
             self.closed_at_start |= u64::from(c.stiffness_at(at.overlap).is_some()) << i;
-            self.pressing.push(Pressing::new(c, &at, self.state, self.dt, self.geometric));
+            let pressing = Pressing::new(c, &at, self.state, self.dt, self.geometric);
+            pushing |= u64::from(c.stiffness_at(pressing.overlap).is_some() && pressing.force > 0.0) << i;
+            self.pressing.push(pressing);
         }
+        pushing
     }
 
     /// The contacts with the planes they are with.
@@ -387,35 +420,38 @@ impl<'a> System<'a> {
     fn assemble(&self, active: u64) -> Linear {
         let h = self.dt;
         let mut linear = self.base;
-        let mut turning = self.turning.1;
+        let mut lateral = Lateral::NONE;
+        // Of the products of arm and force at the start.
+        let mut turning = DMat3::ZERO;
         for (i, (c, p)) in self.pressing() {
             if active & (1 << i) == 0 {
                 continue;
             }
-            let gain = h * p.stiffness + c.damping;
+            let mut along_normal = h * (h * p.stiffness + c.damping);
+            let mut impulse = c.normal * (-h * p.force);
             let mut force = c.normal * -p.force_at_start;
-            let mut lateral = 0.0;
             if let Some(rubbing) = &p.rubbing {
-                lateral = h * (h * c.stiffness + c.damping) * rubbing.share;
+                let gain = h * (h * c.stiffness + c.damping) * rubbing.share;
+                lateral.add(gain, p.arm);
+                // Along the normal the contact has its own gains.
+                along_normal -= gain;
                 let Strain { along, spin } = rubbing.trial.scaled(-h * rubbing.share);
-                linear.add_right(along, p.arm.cross(along) + c.normal * (c.radius * spin));
-                linear.add_lateral(p.arm, lateral, c.normal, c.radius);
+                impulse += along;
                 force += rubbing.force_at_start;
-            }
-            // Along the normal the contact has its own gains.
-            let along_normal = h * gain - lateral;
-            let direction = six(c.normal, p.moment);
-            let row = six(c.normal * along_normal, p.moment * along_normal + p.swept * h);
-            for ((entries, right), along) in linear.matrix.iter_mut().zip(&mut linear.right).zip(direction) {
-                for (entry, value) in entries.iter_mut().zip(&row) {
-                    *entry += along * value;
+                if c.radius > 0.0 {
+                    linear.add(3, 3, &outer(c.normal, c.normal), gain * c.radius * c.radius);
+                    linear.add_right(DVec3::ZERO, c.normal * (c.radius * spin));
                 }
-                *right -= along * h * p.force;
             }
-            turning += skew_skew(force, p.arm);
+            let row = six(c.normal * along_normal, p.moment * along_normal + p.swept * h);
+            linear.add_along(&six(c.normal, p.moment), &row);
+            linear.add_right(impulse, p.arm.cross(impulse));
+            turning += outer(p.arm, force);
         }
+        linear.add_lateral(&lateral);
         if self.geometric {
             let angular = self.state.twist.angular;
+            let turning = self.turning.1 + without_trace(&turning);
             linear.add(0, 3, &self.turning.0, -h * h);
             linear.add(3, 3, &turning, -h * h);
             linear.add_right(self.turning.0 * angular * (h * h), turning * angular * (h * h));
@@ -442,17 +478,18 @@ impl<'a> System<'a> {
     fn predict(&mut self, change: &Twist) -> (u64, u64) {
         let (mut pushing, mut closed) = (0, 0);
         self.alike = true;
-        let at_start = *change == Twist::ZERO;
         for (i, (c, p)) in self.contacts.constraints().iter().zip(&mut *self.pressing).enumerate() {
-            let rate = c.normal.dot(change.linear) + p.moment.dot(change.angular);
+            let velocity = change.velocity_at(p.arm);
+            let rate = c.normal.dot(velocity);
             let gain = self.dt * p.stiffness + c.damping;
             let is_closed = c.stiffness_at(p.overlap + self.dt * rate).is_some();
             let force = p.force + gain * rate + p.swept.dot(change.angular);
             let pushes = is_closed && force > 0.0;
             closed |= u64::from(is_closed) << i;
             pushing |= u64::from(pushes) << i;
-            if let Some(rubbing) = p.rubbing.as_mut().filter(|_| pushes && !at_start) {
-                let share = rubbing.share_after(change, c, p.arm, force, self.dt);
+            if let Some(rubbing) = p.rubbing.as_mut().filter(|_| pushes) {
+                let gained = c.velocity_strain(velocity, rate, change.angular);
+                let share = rubbing.share_after(&gained, c, force, self.dt);
                 self.alike &= (share - rubbing.share).abs() <= SHARES_ALIKE * rubbing.share;
                 rubbing.share = share;
             }
@@ -463,8 +500,7 @@ impl<'a> System<'a> {
     fn solve(&mut self) -> Option<(Twist, u64, StepStatus)> {
         let mut status = StepStatus::default();
         let mut left_for_next = 0_u64;
-        self.see_contacts();
-        let (mut active, _) = self.predict(&Twist::ZERO);
+        let mut active = self.see_contacts();
         loop {
             let mut linear = self.assemble(active);
             if self.geometric && !self.predicts(&linear.matrix) {
