@@ -144,18 +144,20 @@ impl PlaneConstraint {
         ContactState { arm, moment, velocity, overlap: depth + self.tolerance, rate }
     }
 
-    /// The wrench on the body, about its centre of mass, and what it is made of.
+    /// What the constraint does at a state.
     #[inline]
-    fn respond(&self, state: &BodyState, rotation: &DMat3) -> (Wrench, ContactState, Push) {
-        let at = self.at(state, rotation);
-        let normal = self.normal_force(&at);
-        let mut hold = Hold::default();
-        if normal > 0.0 && at.overlap > 0.0 && self.friction.is_some() {
-            hold = self.hold(state, &at, normal);
-        }
-        let force = hold.force - self.normal * normal;
-        let wrench = Wrench { force, torque: at.arm.cross(force) + self.normal * hold.moment };
-        (wrench, at, Push { normal, hold })
+    fn push(&self, state: &BodyState, at: &ContactState) -> Push {
+        let normal = self.normal_force(at);
+        let grips = normal > 0.0 && at.overlap > 0.0 && self.friction.is_some();
+        let hold = if grips { self.hold(state, at, normal) } else { Hold::default() };
+        Push { normal, hold }
+    }
+
+    /// The wrench on the body, about its centre of mass.
+    #[inline]
+    fn wrench(&self, at: &ContactState, Push { normal, hold }: &Push) -> Wrench {
+        let force = hold.force - self.normal * *normal;
+        Wrench { force, torque: at.arm.cross(force) + self.normal * hold.moment }
     }
 
     /// λ at a state: the size of the repulsive force, N, never negative.
@@ -383,7 +385,11 @@ impl LinearContactModel {
         let rotation = DMat3::from_quat(state.pose.rotation);
         let mut sum = Wrench::ZERO;
         for c in self.constraints() {
-            sum += c.respond(state, &rotation).0;
+            let at = c.at(state, &rotation);
+            let push = c.push(state, &at);
+            if push.normal > 0.0 {
+                sum += c.wrench(&at, &push);
+            }
         }
         sum
     }
@@ -394,12 +400,14 @@ impl LinearContactModel {
         let mut response =
             ContactResponse { wrench: Wrench::ZERO, jacobian: WrenchJacobian::ZERO, active: 0 };
         for (i, c) in self.constraints().iter().enumerate() {
-            let (wrench, at, Push { normal: force, hold }) = c.respond(state, &rotation);
+            let at = c.at(state, &rotation);
+            let push = c.push(state, &at);
+            let Push { normal: force, hold } = push;
             if force <= 0.0 {
                 continue;
             }
             response.active |= 1 << i;
-            response.wrench += wrench;
+            response.wrench += c.wrench(&at, &push);
             let direction = (-c.normal, -at.moment);
             let stiffness = c.stiffness_at(at.overlap).unwrap_or(0.0);
             let by_turn = at.moment * stiffness + c.swept(&at, state.twist.angular);

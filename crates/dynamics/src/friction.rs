@@ -150,6 +150,7 @@ pub(crate) struct Hold {
 
 impl PlaneConstraint {
     /// ξ.
+    #[inline]
     pub(crate) fn stretch(&self, state: &BodyState, at: &ContactState) -> Strain {
         let along = self.along_plane(state.pose.translation + at.arm - self.grip.anchor);
         if self.radius == 0.0 {
@@ -160,12 +161,14 @@ impl PlaneConstraint {
     }
 
     /// v_t.
+    #[inline]
     pub(crate) fn slide(&self, state: &BodyState, at: &ContactState) -> Strain {
         self.velocity_strain(at.velocity, at.rate, state.twist.angular)
     }
 
     /// What a motion strains the contact by, m/s, given the velocity of the point, its part along the normal, and the
     /// angular velocity.
+    #[inline]
     pub(crate) fn velocity_strain(&self, velocity: DVec3, rate: f64, angular: DVec3) -> Strain {
         Strain { along: velocity - self.normal * rate, spin: self.radius * self.normal.dot(angular) }
     }
@@ -248,6 +251,7 @@ impl PlaneConstraint {
     }
 
     /// Draws the anchor after the point where the spring exceeds what friction holds.
+    #[inline]
     fn settle(&mut self, state: &BodyState, rotation: &DMat3) {
         let at = self.at(state, rotation);
         let stretch = self.stretch(state, &at);
@@ -258,6 +262,7 @@ impl PlaneConstraint {
     }
 
     /// Which part of the spring's force friction alone holds.
+    #[inline]
     fn share_of_spring(&self, state: &BodyState, at: &ContactState, stretch: &Strain) -> f64 {
         let spring = stretch.scaled(self.stiffness);
         self.friction.share(&spring, &self.slide(state, at), self.gripping_force(at))

@@ -50,8 +50,8 @@ use crate::contact::{ContactState, LinearContactModel, MAX_CONSTRAINTS, PlaneCon
 use crate::coupling::{CouplingLinearisation, DeviceMotion, VirtualCoupling};
 use crate::friction::{Hold, Strain};
 use crate::integrators::Frame;
-use crate::jacobian::{Block6, outer};
-use crate::linear_solve::{is_positive_definite, solve};
+use crate::jacobian::outer;
+use crate::linear_solve::{is_positive_definite, solve, solve_definite};
 use crate::rotation::{cross_columns, exponential, skew};
 
 /// Solves in which contacts may both join and leave the active set.
@@ -179,32 +179,15 @@ struct Linear {
 }
 
 impl Linear {
-    /// Adds `scale` · `block` to the matrix.
-    fn add_block(&mut self, block: &Block6, scale: f64) {
-        self.add(0, 0, &block.force_linear, scale);
-        self.add(0, 3, &block.force_angular, scale);
-        self.add(3, 0, &block.torque_linear, scale);
-        self.add(3, 3, &block.torque_angular, scale);
-    }
-
-    fn add(&mut self, row: usize, column: usize, block: &DMat3, scale: f64) {
+    /// Adds a block of the matrix.
+    fn add(&mut self, row: usize, column: usize, block: &DMat3) {
         for (j, entries) in block.to_cols_array_2d().iter().enumerate() {
             for (i, value) in entries.iter().enumerate() {
-                self.matrix[row + i][column + j] += scale * value;
+                self.matrix[row + i][column + j] += value;
             }
         }
     }
 
-    /// Adds dampers that resist motion in all directions alike.
-    fn add_lateral(&mut self, dampers: &Lateral) {
-        for i in 0..3 {
-            self.matrix[i][i] += dampers.gain;
-        }
-        let cross = skew(dampers.first);
-        self.add(0, 3, &cross, -1.0);
-        self.add(3, 0, &cross, 1.0);
-        self.add(3, 3, &without_trace(&dampers.second), -1.0);
-    }
 
     /// Adds a matrix of rank one, along a direction.
     fn add_along(&mut self, direction: &[f64; 6], row: &[f64; 6]) {
@@ -213,6 +196,12 @@ impl Linear {
                 *entry += along * value;
             }
         }
+    }
+
+    /// The solution; `definite` tells whether the symmetric part is known to be.
+    fn solution(&self, definite: bool) -> Option<[f64; 6]> {
+        let quick = if definite { solve_definite(self.matrix, self.right) } else { None };
+        quick.or_else(|| solve(self.matrix, self.right))
     }
 
     fn add_right(&mut self, force: DVec3, torque: DVec3) {
@@ -365,14 +354,11 @@ impl<'a> System<'a> {
         let CouplingLinearisation { on_body, material, geometric: turning } =
             coupling.linearise(state, device);
 
-        let mut base = Linear { matrix: [[0.0; 6]; 6], right: [0.0; 6] };
-        for i in 0..3 {
-            base.matrix[i][i] = body.mass;
-        }
         let (gained, momentum_by_spin) = carried_momentum(&inertia, state.twist.angular, dt);
-        base.add(3, 3, &momentum_by_spin, 1.0);
-        base.add_block(&material.twist, -dt);
-        base.add_block(&material.pose, -dt * dt);
+        let mut block = (material.pose.scaled(dt) + material.twist).scaled(-dt);
+        block.force_linear += DMat3::from_diagonal(DVec3::splat(body.mass));
+        block.torque_angular += momentum_by_spin;
+        let mut base = Linear { matrix: block.to_rows(), right: [0.0; 6] };
 
         let drift = material.pose.apply(&state.twist);
         let force = on_body.force + gravity * body.mass + drift.force * dt;
@@ -439,7 +425,7 @@ impl<'a> System<'a> {
                 impulse += along;
                 force += rubbing.force_at_start;
                 if c.radius > 0.0 {
-                    linear.add(3, 3, &outer(c.normal, c.normal), gain * c.radius * c.radius);
+                    linear.add(3, 3, &outer(c.normal, c.normal * (gain * c.radius * c.radius)));
                     linear.add_right(DVec3::ZERO, c.normal * (c.radius * spin));
                 }
             }
@@ -448,14 +434,20 @@ impl<'a> System<'a> {
             linear.add_right(impulse, p.arm.cross(impulse));
             turning += outer(p.arm, force);
         }
-        linear.add_lateral(&lateral);
+        let cross = skew(lateral.first);
+        let (mut force_by_turn, mut torque_by_turn) = (-cross, -without_trace(&lateral.second));
         if self.geometric {
             let angular = self.state.twist.angular;
-            let turning = self.turning.1 + without_trace(&turning);
-            linear.add(0, 3, &self.turning.0, -h * h);
-            linear.add(3, 3, &turning, -h * h);
-            linear.add_right(self.turning.0 * angular * (h * h), turning * angular * (h * h));
+            let (force, torque) = self.turning;
+            let (force, torque) = (force * (h * h), (torque + without_trace(&turning)) * (h * h));
+            force_by_turn -= force;
+            torque_by_turn -= torque;
+            linear.add_right(force * angular, torque * angular);
         }
+        linear.add(0, 0, &DMat3::from_diagonal(DVec3::splat(lateral.gain)));
+        linear.add(0, 3, &force_by_turn);
+        linear.add(3, 0, &cross);
+        linear.add(3, 3, &torque_by_turn);
         linear
     }
 
@@ -510,7 +502,7 @@ impl<'a> System<'a> {
                 linear = self.assemble(active);
             }
             status.solves += 1;
-            let [vx, vy, vz, wx, wy, wz] = solve(linear.matrix, linear.right)?;
+            let [vx, vy, vz, wx, wy, wz] = linear.solution(self.geometric)?;
             let change = Twist { linear: DVec3::new(vx, vy, vz), angular: DVec3::new(wx, wy, wz) };
             let (pushing, closed) = self.predict(&change);
             left_for_next |= active & !closed & !self.closed_at_start;
