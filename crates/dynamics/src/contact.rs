@@ -134,7 +134,7 @@ impl PlaneConstraint {
         grip: Grip { anchor: DVec3::ZERO, rotation: DQuat::IDENTITY },
     };
 
-    #[inline]
+    #[inline(always)]
     pub(crate) fn at(&self, state: &BodyState, rotation: &DMat3) -> ContactState {
         let arm = *rotation * self.point;
         let moment = arm.cross(self.normal);
@@ -145,7 +145,7 @@ impl PlaneConstraint {
     }
 
     /// What the constraint does at a state.
-    #[inline]
+    #[inline(always)]
     fn push(&self, state: &BodyState, at: &ContactState) -> Push {
         let normal = self.normal_force(at);
         let grips = normal > 0.0 && at.overlap > 0.0 && self.friction.is_some();
@@ -154,7 +154,7 @@ impl PlaneConstraint {
     }
 
     /// The wrench on the body, about its centre of mass.
-    #[inline]
+    #[inline(always)]
     fn wrench(&self, at: &ContactState, Push { normal, hold }: &Push) -> Wrench {
         let force = hold.force - self.normal * *normal;
         Wrench { force, torque: at.arm.cross(force) + self.normal * hold.moment }

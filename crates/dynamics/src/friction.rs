@@ -65,7 +65,7 @@ impl Friction {
 
     /// s: which part of a `trial` force (N) of a contact that slides so (m/s) friction holds under a normal force
     /// (N, not negative).
-    #[inline]
+    #[inline(always)]
     pub(crate) fn share(&self, trial: &Strain, slide: &Strain, normal_force: f64) -> f64 {
         let surely = self.least() * normal_force;
         let square = trial.length_squared();
@@ -150,14 +150,20 @@ pub(crate) struct Hold {
 
 impl PlaneConstraint {
     /// ξ.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn stretch(&self, state: &BodyState, at: &ContactState) -> Strain {
         let along = self.along_plane(state.pose.translation + at.arm - self.grip.anchor);
         if self.radius == 0.0 {
             return Strain { along, spin: 0.0 };
         }
+        Strain { along, spin: self.twisted(state) }
+    }
+
+    /// ρ τ.
+    #[inline(never)]
+    fn twisted(&self, state: &BodyState) -> f64 {
         let (turn, real) = self.turned(state);
-        Strain { along, spin: self.radius * 2.0 * real.signum() * turn.dot(self.normal) }
+        self.radius * 2.0 * real.signum() * turn.dot(self.normal)
     }
 
     /// v_t.
@@ -184,7 +190,7 @@ impl PlaneConstraint {
     }
 
     /// What friction does while the contact pushes with λ.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn hold(&self, state: &BodyState, at: &ContactState, normal_force: f64) -> Hold {
         let slide = self.slide(state, at);
         let trial = self.stretch(state, at).scaled(self.stiffness).plus(&slide.scaled(self.damping));

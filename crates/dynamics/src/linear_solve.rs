@@ -47,18 +47,18 @@ pub(crate) fn solve_definite<const N: usize>(
     for column in 0..N {
         let pivot_row = matrix[column];
         let pivot_right = right[column];
-        let pivot = pivot_row[column];
-        if !(pivot > 0.0 && pivot.is_finite()) {
+        // Zero for an infinite pivot.
+        let inverse = 1.0 / pivot_row[column];
+        if inverse.is_nan() || inverse <= 0.0 {
             return None;
         }
-        let inverse = 1.0 / pivot;
         inverse_pivots[column] = inverse;
         for row in column + 1..N {
             let factor = matrix[row][column] * inverse;
+            right[row] -= factor * pivot_right;
             for (entry, above) in matrix[row].iter_mut().zip(&pivot_row) {
                 *entry -= factor * above;
             }
-            right[row] -= factor * pivot_right;
         }
     }
     substitute_back(&matrix, &inverse_pivots, right)

@@ -179,6 +179,20 @@ struct Linear {
 }
 
 impl Linear {
+    const ZERO: Self = Self { matrix: [[0.0; 6]; 6], right: [0.0; 6] };
+
+    fn plus(mut self, other: &Self) -> Self {
+        for (entries, others) in self.matrix.iter_mut().zip(&other.matrix) {
+            for (entry, value) in entries.iter_mut().zip(others) {
+                *entry += value;
+            }
+        }
+        for (entry, value) in self.right.iter_mut().zip(&other.right) {
+            *entry += value;
+        }
+        self
+    }
+
     /// Adds a block of the matrix.
     fn add(&mut self, row: usize, column: usize, block: &DMat3) {
         for (j, entries) in block.to_cols_array_2d().iter().enumerate() {
@@ -405,7 +419,7 @@ impl<'a> System<'a> {
     #[inline]
     fn assemble(&self, active: u64) -> Linear {
         let h = self.dt;
-        let mut linear = self.base;
+        let mut linear = Linear::ZERO;
         let mut lateral = Lateral::NONE;
         // Of the products of arm and force at the start.
         let mut turning = DMat3::ZERO;
@@ -448,7 +462,7 @@ impl<'a> System<'a> {
         linear.add(0, 3, &force_by_turn);
         linear.add(3, 0, &cross);
         linear.add(3, 3, &torque_by_turn);
-        linear
+        linear.plus(&self.base)
     }
 
     /// Whether the symmetric part of the matrix exceeds half the mass matrix.
