@@ -84,6 +84,7 @@ fn substitute_back<const N: usize>(
 }
 
 /// Whether a symmetric matrix is positive definite, by the signs of the pivots of its LDLᵀ factorisation.
+#[inline]
 pub fn is_positive_definite<const N: usize>(mut matrix: [[f64; N]; N]) -> bool {
     for column in 0..N {
         let pivot_row = matrix[column];

@@ -47,7 +47,7 @@ use palpate_core::{Twist, Wrench};
 
 use crate::body::{Body, BodyState};
 use crate::contact::{ContactState, LinearContactModel, MAX_CONSTRAINTS, PlaneConstraint};
-use crate::coupling::{CouplingLinearisation, DeviceMotion, VirtualCoupling};
+use crate::coupling::{DeviceMotion, VirtualCoupling};
 use crate::friction::{Hold, Strain};
 use crate::integrators::Frame;
 use crate::jacobian::outer;
@@ -179,20 +179,6 @@ struct Linear {
 }
 
 impl Linear {
-    const ZERO: Self = Self { matrix: [[0.0; 6]; 6], right: [0.0; 6] };
-
-    fn plus(mut self, other: &Self) -> Self {
-        for (entries, others) in self.matrix.iter_mut().zip(&other.matrix) {
-            for (entry, value) in entries.iter_mut().zip(others) {
-                *entry += value;
-            }
-        }
-        for (entry, value) in self.right.iter_mut().zip(&other.right) {
-            *entry += value;
-        }
-        self
-    }
-
     /// Adds a block of the matrix.
     fn add(&mut self, row: usize, column: usize, block: &DMat3) {
         for (j, entries) in block.to_cols_array_2d().iter().enumerate() {
@@ -227,6 +213,7 @@ impl Linear {
 
 /// Dampers that resist motion of points of the body in all directions alike: the sum of their gains, and the first and
 /// second moments of these about the centre of mass.
+#[derive(Clone, Copy)]
 struct Lateral {
     gain: f64,
     first: DVec3,
@@ -289,6 +276,7 @@ struct Rubbing {
 
 impl Rubbing {
     /// `force`: λ at the end of the step if the velocity does not change, N; `at_start`: λ at the start, N.
+    #[inline(always)]
     fn new(
         c: &PlaneConstraint,
         at: &ContactState,
@@ -302,7 +290,7 @@ impl Rubbing {
     }
 
     /// s after what the contact is strained by (m/s) has `gained`, where it pushes with `force`.
-    #[inline]
+    #[inline(always)]
     fn share_after(&self, gained: &Strain, c: &PlaneConstraint, force: f64, dt: f64) -> f64 {
         let trial = self.trial.plus(&gained.scaled(c.stiffness * dt + c.damping));
         c.friction.share(&trial, &self.slide.plus(gained), force)
@@ -310,7 +298,7 @@ impl Rubbing {
 }
 
 impl Pressing {
-    #[inline]
+    #[inline(always)]
     fn new(c: &PlaneConstraint, at: &ContactState, state: &BodyState, dt: f64, geometric: bool) -> Self {
         let twist = &state.twist;
         let swept = if geometric { c.swept(at, twist.angular) * dt } else { DVec3::ZERO };
@@ -344,9 +332,14 @@ struct System<'a> {
     dt: f64,
     mass: f64,
     inertia: DMat3,
-    /// Mass, carried momentum, coupling stiffness and damping, gravity: all but contacts and geometric
-    /// stiffness.
-    base: Linear,
+    /// The coupling's spring and damper at the grasp, but for what the spring is softer along its deviation.
+    held: Lateral,
+    /// That, as a direction and a row.
+    bend: Option<([f64; 6], [f64; 6])>,
+    /// Carried momentum and the coupling's angular spring and damper.
+    spin: DMat3,
+    /// Coupling, carried momentum and gravity on the right.
+    right: [f64; 6],
     /// The coupling's geometric stiffness (force, torque) by φ.
     turning: (DMat3, DMat3),
     /// Whether geometric stiffness is in.
@@ -365,19 +358,20 @@ impl<'a> System<'a> {
     ) -> Self {
         let rotation = DMat3::from_quat(state.pose.rotation);
         let inertia = rotation * body.inertia * rotation.transpose();
-        let CouplingLinearisation { on_body, material, geometric: turning } =
-            coupling.linearise(state, device);
-
+        let held_by = coupling.linearise(state, device);
+        let mut held = Lateral::NONE;
+        held.add(dt * (dt * held_by.stiffness + held_by.damping), held_by.arm);
+        let (bend, axis) = held_by.bend;
+        let bend = (bend != 0.0).then(|| {
+            let (gain, lever) = (dt * dt * bend, held_by.arm.cross(axis));
+            (six(axis, lever), six(axis * gain, lever * gain))
+        });
         let (gained, momentum_by_spin) = carried_momentum(&inertia, state.twist.angular, dt);
-        let mut block = (material.pose.scaled(dt) + material.twist).scaled(-dt);
-        block.force_linear += DMat3::from_diagonal(DVec3::splat(body.mass));
-        block.torque_angular += momentum_by_spin;
-        let mut base = Linear { matrix: block.to_rows(), right: [0.0; 6] };
-
-        let drift = material.pose.apply(&state.twist);
-        let force = on_body.force + gravity * body.mass + drift.force * dt;
-        let torque = on_body.torque + drift.torque * dt;
-        base.add_right(force * dt, torque * dt - gained);
+        let damping = DMat3::from_diagonal(DVec3::splat(held_by.angular_damping));
+        let spin = momentum_by_spin + (held_by.angular_stiffness * dt + damping) * dt;
+        let drift = held_by.drift(&state.twist);
+        let force = held_by.on_body.force + gravity * body.mass + drift.force * dt;
+        let torque = held_by.on_body.torque + drift.torque * dt;
 
         Self {
             contacts,
@@ -388,8 +382,11 @@ impl<'a> System<'a> {
             dt,
             mass: body.mass,
             inertia,
-            base,
-            turning,
+            held,
+            bend,
+            spin,
+            right: six(force * dt, torque * dt - gained),
+            turning: held_by.geometric,
             geometric: true,
             alike: true,
         }
@@ -419,8 +416,11 @@ impl<'a> System<'a> {
     #[inline]
     fn assemble(&self, active: u64) -> Linear {
         let h = self.dt;
-        let mut linear = Linear::ZERO;
-        let mut lateral = Lateral::NONE;
+        let mut linear = Linear { matrix: [[0.0; 6]; 6], right: self.right };
+        let mut lateral = self.held;
+        if let Some((direction, row)) = &self.bend {
+            linear.add_along(direction, row);
+        }
         // Of the products of arm and force at the start.
         let mut turning = DMat3::ZERO;
         for (i, (c, p)) in self.pressing() {
@@ -449,7 +449,7 @@ impl<'a> System<'a> {
             turning += outer(p.arm, force);
         }
         let cross = skew(lateral.first);
-        let (mut force_by_turn, mut torque_by_turn) = (-cross, -without_trace(&lateral.second));
+        let (mut force_by_turn, mut torque_by_turn) = (-cross, self.spin - without_trace(&lateral.second));
         if self.geometric {
             let angular = self.state.twist.angular;
             let (force, torque) = self.turning;
@@ -458,11 +458,11 @@ impl<'a> System<'a> {
             torque_by_turn -= torque;
             linear.add_right(force * angular, torque * angular);
         }
-        linear.add(0, 0, &DMat3::from_diagonal(DVec3::splat(lateral.gain)));
+        linear.add(0, 0, &DMat3::from_diagonal(DVec3::splat(self.mass + lateral.gain)));
         linear.add(0, 3, &force_by_turn);
         linear.add(3, 0, &cross);
         linear.add(3, 3, &torque_by_turn);
-        linear.plus(&self.base)
+        linear
     }
 
     /// Whether the symmetric part of the matrix exceeds half the mass matrix.
