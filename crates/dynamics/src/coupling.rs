@@ -203,6 +203,7 @@ impl VirtualCoupling {
             + angular_spring_energy(self.angular_stiffness, d.turn.length(), self.max_torque)
     }
 
+    #[inline(always)]
     fn deviation(&self, state: &BodyState, device: &DeviceMotion) -> Deviation {
         let arm = state.pose.transform_vector(self.grasp.translation);
         let offset = device.pose.translation - state.pose.translation - arm;

@@ -39,6 +39,7 @@ pub fn solve<const N: usize>(mut matrix: [[f64; N]; N], mut right: [f64; N]) -> 
 
 /// The solution of `matrix` · x = `right` by LU factorisation without pivoting, for a matrix whose symmetric part is
 /// positive definite; `None` also if a pivot is not positive.
+#[inline(always)]
 pub(crate) fn solve_definite<const N: usize>(
     mut matrix: [[f64; N]; N],
     mut right: [f64; N],
@@ -65,6 +66,7 @@ pub(crate) fn solve_definite<const N: usize>(
 }
 
 /// The solution of `upper` · x = `right`, of which what is below the diagonal is not read; `None` if it is not finite.
+#[inline(always)]
 fn substitute_back<const N: usize>(
     upper: &[[f64; N]; N],
     inverse_pivots: &[f64; N],
@@ -84,7 +86,7 @@ fn substitute_back<const N: usize>(
 }
 
 /// Whether a symmetric matrix is positive definite, by the signs of the pivots of its LDLᵀ factorisation.
-#[inline]
+#[inline(always)]
 pub fn is_positive_definite<const N: usize>(mut matrix: [[f64; N]; N]) -> bool {
     for column in 0..N {
         let pivot_row = matrix[column];

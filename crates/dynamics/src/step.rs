@@ -413,7 +413,7 @@ impl<'a> System<'a> {
         self.contacts.constraints().iter().zip(&*self.pressing).enumerate()
     }
 
-    #[inline]
+    #[inline(always)]
     fn assemble(&self, active: u64) -> Linear {
         let h = self.dt;
         let mut linear = Linear { matrix: [[0.0; 6]; 6], right: self.right };
@@ -466,6 +466,7 @@ impl<'a> System<'a> {
     }
 
     /// Whether the symmetric part of the matrix exceeds half the mass matrix.
+    #[inline(always)]
     fn predicts(&self, matrix: &[[f64; 6]; 6]) -> bool {
         let mut symmetric: [[f64; 6]; 6] =
             std::array::from_fn(|i| std::array::from_fn(|j| matrix[i][j] + matrix[j][i]));
@@ -534,6 +535,7 @@ impl<'a> System<'a> {
 
 /// The momentum exp(h ω*) I ω that a body spinning at ω carries over the step, less I ω, and the derivative
 /// of the former by ω.
+#[inline(always)]
 pub(crate) fn carried_momentum(inertia: &DMat3, angular: DVec3, dt: f64) -> (DVec3, DMat3) {
     let (turn, left) = exponential(angular * dt);
     let momentum = *inertia * angular;
