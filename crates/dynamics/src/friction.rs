@@ -22,7 +22,7 @@ use palpate_core::{Twist, Wrench};
 use crate::body::BodyState;
 use crate::contact::{ContactState, LinearContactModel, MAX_CONSTRAINTS, PlaneConstraint};
 use crate::jacobian::{Block6, WrenchJacobian, outer};
-use crate::linear_solve::solve;
+use crate::linear_solve::solve_definite;
 use crate::rotation::{skew, skew_skew};
 
 /// v_s: speed of sliding at which the coefficient is half way from static to dynamic, m/s.
@@ -375,8 +375,8 @@ impl LinearContactModel {
             }
             missing = straining.iter().fold(wanted, |missing, one| missing - one.wrench());
         }
-        for Straining { constraint, at, stretch, .. } in straining {
-            constraint.hold_at(state, &at, &stretch);
+        for Straining { constraint, at, stretch, .. } in &mut straining {
+            constraint.hold_at(state, at, stretch);
         }
     }
 
@@ -447,7 +447,7 @@ fn displacement_for(held: &Wrench, straining: &[Straining<'_>]) -> Option<Twist>
     (0..6).for_each(|i| matrix[i][i] += REGULAR * trace);
     let torque = held.torque / reach;
     let right = [held.force.x, held.force.y, held.force.z, torque.x, torque.y, torque.z];
-    let [x, y, z, a, b, c] = solve(matrix, right)?;
+    let [x, y, z, a, b, c] = solve_definite(matrix, right)?;
     Some(Twist { linear: DVec3::new(x, y, z), angular: DVec3::new(a, b, c) / reach })
 }
 
