@@ -22,8 +22,8 @@ use palpate_core::{Twist, Wrench};
 use crate::body::BodyState;
 use crate::contact::{ContactState, LinearContactModel, MAX_CONSTRAINTS, PlaneConstraint};
 use crate::jacobian::{Block6, WrenchJacobian, outer};
-use crate::linear_solve::solve_definite;
 use crate::rotation::{skew, skew_skew};
+use crate::system::{Lateral, Linear, six};
 
 /// v_s: speed of sliding at which the coefficient is half way from static to dynamic, m/s.
 const STRIBECK_SPEED: f64 = 0.005;
@@ -59,8 +59,7 @@ impl Friction {
 
     /// μ at a speed of sliding, given its square, m²/s².
     pub(crate) fn coefficient(&self, speed_squared: f64) -> f64 {
-        self.dynamic_coefficient
-            + (self.static_coefficient - self.dynamic_coefficient) / below(speed_squared)
+        self.dynamic_coefficient + (self.static_coefficient - self.dynamic_coefficient) / below(speed_squared)
     }
 
     /// s: which part of a `trial` force (N) of a contact that slides so (m/s) friction holds under a normal force
@@ -429,25 +428,20 @@ fn displacement_for(held: &Wrench, straining: &[Straining<'_>]) -> Option<Twist>
     let reach = holding()
         .map(|one| one.constraint.point.length() + one.constraint.radius)
         .fold(f64::MIN_POSITIVE, f64::max);
-    let mut matrix = [[0.0; 6]; 6];
+    let mut linear = Linear::with_right(six(held.force, held.torque / reach));
+    let mut lateral = Lateral::NONE;
     for Straining { constraint: c, at, .. } in holding() {
-        let (x, y) = c.normal.any_orthonormal_pair();
-        let rows = [(x, at.arm.cross(x)), (y, at.arm.cross(y)), (DVec3::ZERO, c.normal * c.radius)];
-        for (linear, angular) in rows {
-            let angular = angular / reach;
-            let row = [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z];
-            for (entries, along) in matrix.iter_mut().zip(row) {
-                for (entry, value) in entries.iter_mut().zip(row) {
-                    *entry += c.stiffness * along * value;
-                }
-            }
-        }
+        lateral.add(c.stiffness, at.arm / reach);
+        // Along the normal friction does nothing.
+        let direction = six(c.normal, at.moment / reach);
+        linear.add_along(&direction, &direction.map(|value| -c.stiffness * value));
+        let radius = c.radius / reach;
+        linear.add(3, 3, &outer(c.normal, c.normal * (c.stiffness * radius * radius)));
     }
-    let trace: f64 = (0..6).map(|i| matrix[i][i]).sum();
-    (0..6).for_each(|i| matrix[i][i] += REGULAR * trace);
-    let torque = held.torque / reach;
-    let right = [held.force.x, held.force.y, held.force.z, torque.x, torque.y, torque.z];
-    let [x, y, z, a, b, c] = solve_definite(matrix, right)?;
+    linear.add_lateral(&lateral);
+    let trace: f64 = (0..6).map(|i| linear.matrix[i][i]).sum();
+    (0..6).for_each(|i| linear.matrix[i][i] += REGULAR * trace);
+    let [x, y, z, a, b, c] = linear.solution(true)?;
     Some(Twist { linear: DVec3::new(x, y, z), angular: DVec3::new(a, b, c) / reach })
 }
 
@@ -501,7 +495,8 @@ mod tests {
             let at = constraint.at(&state, &DMat3::from_quat(state.pose.rotation));
             let hold = constraint.hold(&state, &at, constraint.normal_force(&at));
             // The differences reach 6e-4 m and 0.2 m/s, over which the contact has to stay open or closed, and stuck or not.
-            let limit = constraint.friction.coefficient(hold.slide.length_squared()) * constraint.normal_force(&at);
+            let limit =
+                constraint.friction.coefficient(hold.slide.length_squared()) * constraint.normal_force(&at);
             let margin = 0.4 * constraint.damping + 0.002 * constraint.stiffness;
             let clear = constraint.normal_force(&at) > 3.0 * margin
                 && (hold.trial.length() - limit).abs() > 3.0 * margin
@@ -585,8 +580,8 @@ mod tests {
             let (x, y) = (before.stretch(&state, &at), after.stretch(&state, &at));
             assert!(y.length() <= x.length() * (1.0 + 1e-9), "seed {seed}, case {case}");
             yielded += usize::from(y.length() < 0.99 * x.length());
-            let limit =
-                before.friction.coefficient(before.slide(&state, &at).length_squared()) * before.normal_force(&at);
+            let limit = before.friction.coefficient(before.slide(&state, &at).length_squared())
+                * before.normal_force(&at);
             let small_turn = 0.5 * y.spin.abs() < 0.1 * before.radius;
             assert!(
                 !small_turn || before.stiffness * y.length() <= limit * (1.0 + 1e-6) + 1e-9,

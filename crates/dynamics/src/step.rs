@@ -51,8 +51,9 @@ use crate::coupling::{DeviceMotion, VirtualCoupling};
 use crate::friction::{Hold, Strain};
 use crate::integrators::Frame;
 use crate::jacobian::outer;
-use crate::linear_solve::{is_positive_definite, solve, solve_definite};
-use crate::rotation::{cross_columns, exponential, skew};
+use crate::linear_solve::is_positive_definite;
+use crate::rotation::{cross_columns, exponential};
+use crate::system::{Lateral, Linear, cross_sum, six};
 
 /// Solves in which contacts may both join and leave the active set.
 const FREE_SOLVES: u32 = 6;
@@ -171,75 +172,6 @@ impl Step {
     }
 }
 
-/// The matrix and right-hand side of a linear system in (Δv, Δω).
-#[derive(Clone, Copy)]
-struct Linear {
-    matrix: [[f64; 6]; 6],
-    right: [f64; 6],
-}
-
-impl Linear {
-    /// Adds a block of the matrix.
-    fn add(&mut self, row: usize, column: usize, block: &DMat3) {
-        for (j, entries) in block.to_cols_array_2d().iter().enumerate() {
-            for (i, value) in entries.iter().enumerate() {
-                self.matrix[row + i][column + j] += value;
-            }
-        }
-    }
-
-
-    /// Adds a matrix of rank one, along a direction.
-    fn add_along(&mut self, direction: &[f64; 6], row: &[f64; 6]) {
-        for (entries, along) in self.matrix.iter_mut().zip(direction) {
-            for (entry, value) in entries.iter_mut().zip(row) {
-                *entry += along * value;
-            }
-        }
-    }
-
-    /// The solution; `definite` tells whether the symmetric part is known to be.
-    fn solution(&self, definite: bool) -> Option<[f64; 6]> {
-        let quick = if definite { solve_definite(self.matrix, self.right) } else { None };
-        quick.or_else(|| solve(self.matrix, self.right))
-    }
-
-    fn add_right(&mut self, force: DVec3, torque: DVec3) {
-        for (entry, value) in self.right.iter_mut().zip(six(force, torque)) {
-            *entry += value;
-        }
-    }
-}
-
-/// Dampers that resist motion of points of the body in all directions alike: the sum of their gains, and the first and
-/// second moments of these about the centre of mass.
-#[derive(Clone, Copy)]
-struct Lateral {
-    gain: f64,
-    first: DVec3,
-    second: DMat3,
-}
-
-impl Lateral {
-    const NONE: Self = Self { gain: 0.0, first: DVec3::ZERO, second: DMat3::ZERO };
-
-    fn add(&mut self, gain: f64, arm: DVec3) {
-        self.gain += gain;
-        self.first += arm * gain;
-        self.second += outer(arm * gain, arm);
-    }
-}
-
-/// The sum of a* b* where `sum` is that of b aᵀ.
-fn without_trace(sum: &DMat3) -> DMat3 {
-    let trace = sum.x_axis.x + sum.y_axis.y + sum.z_axis.z;
-    *sum - DMat3::from_diagonal(DVec3::splat(trace))
-}
-
-fn six(first: DVec3, second: DVec3) -> [f64; 6] {
-    [first.x, first.y, first.z, second.x, second.y, second.z]
-}
-
 /// A contact as the step's linear systems see it. Its wrench is along (n, a × n), which also takes the
 /// velocity to δ̇.
 #[derive(Clone, Copy)]
@@ -332,7 +264,7 @@ struct System<'a> {
     dt: f64,
     mass: f64,
     inertia: DMat3,
-    /// The coupling's spring and damper at the grasp, but for what the spring is softer along its deviation.
+    /// The mass, and the coupling's spring and damper at the grasp but for what the spring is softer along its deviation.
     held: Lateral,
     /// That, as a direction and a row.
     bend: Option<([f64; 6], [f64; 6])>,
@@ -359,7 +291,7 @@ impl<'a> System<'a> {
         let rotation = DMat3::from_quat(state.pose.rotation);
         let inertia = rotation * body.inertia * rotation.transpose();
         let held_by = coupling.linearise(state, device);
-        let mut held = Lateral::NONE;
+        let mut held = Lateral::at_centre(body.mass);
         held.add(dt * (dt * held_by.stiffness + held_by.damping), held_by.arm);
         let (bend, axis) = held_by.bend;
         let bend = (bend != 0.0).then(|| {
@@ -416,12 +348,12 @@ impl<'a> System<'a> {
     #[inline(always)]
     fn assemble(&self, active: u64) -> Linear {
         let h = self.dt;
-        let mut linear = Linear { matrix: [[0.0; 6]; 6], right: self.right };
+        let mut linear = Linear::with_right(self.right);
         let mut lateral = self.held;
         if let Some((direction, row)) = &self.bend {
             linear.add_along(direction, row);
         }
-        // Of the products of arm and force at the start.
+        // Of the products arm · forceᵀ at the start.
         let mut turning = DMat3::ZERO;
         for (i, (c, p)) in self.pressing() {
             if active & (1 << i) == 0 {
@@ -448,20 +380,16 @@ impl<'a> System<'a> {
             linear.add_right(impulse, p.arm.cross(impulse));
             turning += outer(p.arm, force);
         }
-        let cross = skew(lateral.first);
-        let (mut force_by_turn, mut torque_by_turn) = (-cross, self.spin - without_trace(&lateral.second));
+        let (mut force_by_turn, mut torque_by_turn) = (DMat3::ZERO, self.spin);
         if self.geometric {
             let angular = self.state.twist.angular;
             let (force, torque) = self.turning;
-            let (force, torque) = (force * (h * h), (torque + without_trace(&turning)) * (h * h));
+            let (force, torque) = (force * (h * h), (torque + cross_sum(&turning)) * (h * h));
             force_by_turn -= force;
             torque_by_turn -= torque;
             linear.add_right(force * angular, torque * angular);
         }
-        linear.add(0, 0, &DMat3::from_diagonal(DVec3::splat(self.mass + lateral.gain)));
-        linear.add(0, 3, &force_by_turn);
-        linear.add(3, 0, &cross);
-        linear.add(3, 3, &torque_by_turn);
+        linear.add_with_lateral(&lateral, &force_by_turn, &torque_by_turn);
         linear
     }
 
@@ -554,6 +482,7 @@ mod tests {
     use crate::contact::{ContactParameters, MAX_CLUSTERS};
     use crate::differences::{derivative, largest, random_pose, random_twist, random_vector};
     use crate::friction::Friction;
+    use crate::rotation::skew;
 
     /// An inertia like that of a solid of uneven shape, turned to arbitrary axes.
     fn random_inertia(rng: &mut StdRng, size: f64) -> DMat3 {
