@@ -1,8 +1,7 @@
 //! Linear systems in a small motion of the body, linear and angular: what springs and dampers on points of it make.
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, Vec3Swizzles as _};
 
-use crate::jacobian::outer;
 use crate::linear_solve::{solve, solve_definite};
 use crate::rotation::skew;
 
@@ -52,7 +51,7 @@ impl Linear {
         self.add(0, 0, &DMat3::from_diagonal(DVec3::splat(lateral.gain)));
         self.add(0, 3, &(*force_by_turn - cross));
         self.add(3, 0, &cross);
-        self.add(3, 3, &(*torque_by_turn - cross_sum(&lateral.second)));
+        self.add(3, 3, &(*torque_by_turn + lateral.torque_by_turn()));
     }
 
     #[inline]
@@ -76,7 +75,8 @@ impl Linear {
 pub(crate) struct Lateral {
     gain: f64,
     first: DVec3,
-    second: DMat3,
+    /// Of xx, yy and zz; of yz, zx and xy.
+    second: (DVec3, DVec3),
 }
 
 impl Lateral {
@@ -84,15 +84,29 @@ impl Lateral {
 
     /// One at the centre of mass.
     pub const fn at_centre(gain: f64) -> Self {
-        Self { gain, first: DVec3::ZERO, second: DMat3::ZERO }
+        Self { gain, first: DVec3::ZERO, second: (DVec3::ZERO, DVec3::ZERO) }
     }
 
     /// Adds one at `arm`.
     #[inline]
     pub fn add(&mut self, gain: f64, arm: DVec3) {
+        let first = arm * gain;
         self.gain += gain;
-        self.first += arm * gain;
-        self.second += outer(arm * gain, arm);
+        self.first += first;
+        self.second.0 += first * arm;
+        self.second.1 += first.yzx() * arm.zxy();
+    }
+
+    /// The sum of −gain · a* a*.
+    #[inline]
+    fn torque_by_turn(&self) -> DMat3 {
+        let (square, mixed) = self.second;
+        let about = square.yzx() + square.zxy();
+        DMat3::from_cols(
+            DVec3::new(about.x, -mixed.z, -mixed.y),
+            DVec3::new(-mixed.z, about.y, -mixed.x),
+            DVec3::new(-mixed.y, -mixed.x, about.z),
+        )
     }
 }
 
@@ -115,6 +129,7 @@ mod tests {
 
     use super::*;
     use crate::differences::{random_twist, random_vector};
+    use crate::jacobian::outer;
     use crate::rotation::skew_skew;
 
     #[test]
