@@ -134,6 +134,8 @@ impl PlaneConstraint {
         grip: Grip { anchor: DVec3::ZERO, rotation: DQuat::IDENTITY },
     };
 
+    // What a step does at each contact is inlined: results that go through memory cost more than the arithmetic.
+
     #[inline(always)]
     pub(crate) fn at(&self, state: &BodyState, rotation: &DMat3) -> ContactState {
         let arm = *rotation * self.point;
