@@ -34,6 +34,7 @@ impl Pose {
     }
 
     /// A direction given in local axes, in world axes.
+    #[inline]
     pub fn transform_vector(&self, vector: DVec3) -> DVec3 {
         self.rotation * vector
     }
@@ -46,6 +47,7 @@ impl Pose {
 
     /// The pose reached after moving for `dt` seconds at a constant twist: x ← x + v dt, R ← exp(ω dt) R.
     /// The rotation is exact for constant ω, and of unit length again.
+    #[inline]
     pub fn moved(&self, twist: &Twist, dt: f64) -> Self {
         Self {
             translation: self.translation + twist.linear * dt,
@@ -54,6 +56,7 @@ impl Pose {
     }
 
     /// The rotation vector (rad, world axes) of the short way round from this orientation to `other`'s.
+    #[inline]
     pub fn rotation_vector_to(&self, other: &Self) -> DVec3 {
         rotation_vector(other.rotation * self.rotation.conjugate())
     }
@@ -88,6 +91,7 @@ impl Mul for Pose {
 ///
 /// The dissertation's Eq. 5.18 as corrected: u = 2 atan2(‖q_xyz‖, q_s) q_xyz / ‖q_xyz‖, with the sign of q flipped
 /// when q_s < 0 and the series 2 q_xyz (1 + ‖q_xyz‖²/6) near zero.
+#[inline]
 pub fn rotation_vector(q: DQuat) -> DVec3 {
     let q = if q.w < 0.0 { -q } else { q };
     let v = DVec3::new(q.x, q.y, q.z);

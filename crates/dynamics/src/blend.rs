@@ -19,8 +19,9 @@ pub struct ContactBlend {
     /// What goes and what comes, while one goes over to the other.
     outgoing: LinearContactModel,
     incoming: LinearContactModel,
-    /// Has arrived meanwhile, with the time that it is to take, s.
-    waiting: Option<(LinearContactModel, f64)>,
+    /// Has arrived meanwhile, if there is a time that it is to take, s.
+    waiting: LinearContactModel,
+    waiting_duration: Option<f64>,
     /// Since the incoming one arrived, and until it is all that there is, s: 0 when nothing goes over.
     elapsed: f64,
     duration: f64,
@@ -39,7 +40,15 @@ impl ContactBlend {
     /// No contact.
     pub const fn new() -> Self {
         let none = LinearContactModel::empty(&Pose::IDENTITY, f64::NAN);
-        Self { felt: none, outgoing: none, incoming: none, waiting: None, elapsed: 0.0, duration: 0.0 }
+        Self {
+            felt: none,
+            outgoing: none,
+            incoming: none,
+            waiting: none,
+            waiting_duration: None,
+            elapsed: 0.0,
+            duration: 0.0,
+        }
     }
 
     /// What the body feels in the next step.
@@ -51,9 +60,11 @@ impl ContactBlend {
     /// is not positive. While another one is still to become so, it waits for that.
     pub fn arrive(&mut self, model: &LinearContactModel, state: &BodyState, duration: f64) {
         if self.is_going_over() {
-            self.waiting = Some((*model, duration));
+            self.waiting.assign(model);
+            self.waiting_duration = Some(duration);
         } else {
-            self.start(model, state, duration);
+            self.incoming.assign(model);
+            self.start(state, duration);
         }
     }
 
@@ -73,8 +84,9 @@ impl ContactBlend {
         }
         self.felt.assign(&self.incoming);
         self.duration = 0.0;
-        if let Some((model, duration)) = self.waiting.take() {
-            self.start(&model, state, duration);
+        if let Some(duration) = self.waiting_duration.take() {
+            self.incoming.assign(&self.waiting);
+            self.start(state, duration);
         }
     }
 
@@ -82,13 +94,13 @@ impl ContactBlend {
         self.elapsed < self.duration
     }
 
-    fn start(&mut self, model: &LinearContactModel, state: &BodyState, duration: f64) {
-        self.outgoing.assign(&self.felt);
-        self.incoming.assign(model);
-        self.incoming.take_over_friction(&self.outgoing, state);
+    /// Lets the incoming model become all that is felt.
+    fn start(&mut self, state: &BodyState, duration: f64) {
+        self.incoming.take_over_friction(&self.felt, state);
         (self.elapsed, self.duration) = (0.0, duration);
         if self.is_going_over() {
-            self.mix();
+            // The incoming one has no share yet: what is felt stays as it is until the next step.
+            self.outgoing.assign(&self.felt);
         } else {
             self.felt.assign(&self.incoming);
         }

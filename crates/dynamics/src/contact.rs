@@ -103,6 +103,8 @@ pub(crate) struct ContactState {
     pub arm: DVec3,
     /// a × n: with n, the direction of the contact's wrench.
     pub moment: DVec3,
+    /// v + ω × a: of the point, m/s.
+    pub velocity: DVec3,
     /// δ + d.
     pub overlap: f64,
     /// δ̇.
@@ -132,26 +134,32 @@ impl PlaneConstraint {
         grip: Grip { anchor: DVec3::ZERO, rotation: DQuat::IDENTITY },
     };
 
+    // What a step does at each contact is inlined: results that go through memory cost more than the arithmetic.
+
+    #[inline(always)]
     pub(crate) fn at(&self, state: &BodyState, rotation: &DMat3) -> ContactState {
         let arm = *rotation * self.point;
         let moment = arm.cross(self.normal);
         let depth = self.normal.dot(state.pose.translation + arm - self.scene_point);
-        let rate = self.normal.dot(state.twist.linear) + moment.dot(state.twist.angular);
-        ContactState { arm, moment, overlap: depth + self.tolerance, rate }
+        let velocity = state.twist.velocity_at(arm);
+        let rate = self.normal.dot(velocity);
+        ContactState { arm, moment, velocity, overlap: depth + self.tolerance, rate }
     }
 
-    /// The wrench on the body, about its centre of mass, and what it is made of.
-    fn respond(&self, state: &BodyState, rotation: &DMat3) -> (Wrench, ContactState, Push) {
-        let at = self.at(state, rotation);
-        let normal = self.normal_force(&at);
-        let mut wrench = Wrench { force: self.normal * -normal, torque: at.moment * -normal };
-        let mut hold = Hold::default();
-        if normal > 0.0 && at.overlap > 0.0 && self.friction.is_some() {
-            hold = self.hold(state, &at, normal);
-            wrench.force += hold.force;
-            wrench.torque += at.arm.cross(hold.force) + self.normal * hold.moment;
-        }
-        (wrench, at, Push { normal, hold })
+    /// What the constraint does at a state.
+    #[inline(always)]
+    fn push(&self, state: &BodyState, at: &ContactState) -> Push {
+        let normal = self.normal_force(at);
+        let grips = normal > 0.0 && at.overlap > 0.0 && self.friction.is_some();
+        let hold = if grips { self.hold(state, at, normal) } else { Hold::default() };
+        Push { normal, hold }
+    }
+
+    /// The wrench on the body, about its centre of mass.
+    #[inline(always)]
+    fn wrench(&self, at: &ContactState, Push { normal, hold }: &Push) -> Wrench {
+        let force = hold.force - self.normal * *normal;
+        Wrench { force, torque: at.arm.cross(force) + self.normal * hold.moment }
     }
 
     /// λ at a state: the size of the repulsive force, N, never negative.
@@ -379,7 +387,11 @@ impl LinearContactModel {
         let rotation = DMat3::from_quat(state.pose.rotation);
         let mut sum = Wrench::ZERO;
         for c in self.constraints() {
-            sum += c.respond(state, &rotation).0;
+            let at = c.at(state, &rotation);
+            let push = c.push(state, &at);
+            if push.normal > 0.0 {
+                sum += c.wrench(&at, &push);
+            }
         }
         sum
     }
@@ -390,12 +402,14 @@ impl LinearContactModel {
         let mut response =
             ContactResponse { wrench: Wrench::ZERO, jacobian: WrenchJacobian::ZERO, active: 0 };
         for (i, c) in self.constraints().iter().enumerate() {
-            let (wrench, at, Push { normal: force, hold }) = c.respond(state, &rotation);
+            let at = c.at(state, &rotation);
+            let push = c.push(state, &at);
+            let Push { normal: force, hold } = push;
             if force <= 0.0 {
                 continue;
             }
             response.active |= 1 << i;
-            response.wrench += wrench;
+            response.wrench += c.wrench(&at, &push);
             let direction = (-c.normal, -at.moment);
             let stiffness = c.stiffness_at(at.overlap).unwrap_or(0.0);
             let by_turn = at.moment * stiffness + c.swept(&at, state.twist.angular);

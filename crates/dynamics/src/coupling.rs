@@ -74,14 +74,56 @@ pub struct CouplingResponse {
     pub jacobian: WrenchJacobian,
 }
 
-/// The coupling's wrench with its derivatives, the latter in the two parts that the step treats apart.
+/// The coupling's wrench with what its derivatives are made of, in the two parts that the step treats apart.
+///
+/// Stiffness and damping have a negative semidefinite symmetric part; they are those of a spring and damper that resist
+/// motion of the point at `arm` in all directions alike, less the `bend`, and those of the angular ones.
 pub(crate) struct CouplingLinearisation {
     pub on_body: Wrench,
-    /// Stiffness and damping: symmetric part negative semidefinite.
-    pub material: WrenchJacobian,
+    pub arm: DVec3,
+    /// N/m.
+    pub stiffness: f64,
+    /// N·s/m.
+    pub damping: f64,
+    /// What the spring is stiffer along its deviation, N/m (negative, and zero where it is linear), and that direction.
+    pub bend: (f64, DVec3),
+    /// Of the couple against φ, N·m/rad.
+    pub angular_stiffness: DMat3,
+    /// N·m·s/rad.
+    pub angular_damping: f64,
     /// By φ alone: from the turning of the lever arm under a constant force and velocity, and the negative
     /// stiffness of an angular spring that fades (force, torque). Indefinite.
     pub geometric: (DMat3, DMat3),
+}
+
+impl CouplingLinearisation {
+    /// The derivatives by stiffness and damping.
+    fn material(&self) -> WrenchJacobian {
+        let at_arm = |gain: f64| {
+            let arm = skew(self.arm) * gain;
+            Block6 {
+                force_linear: scalar(-gain),
+                force_angular: arm,
+                torque_linear: -arm,
+                torque_angular: skew_skew(self.arm, self.arm) * gain,
+            }
+        };
+        let (bend, axis) = self.bend;
+        let lever = self.arm.cross(axis);
+        let mut pose = at_arm(self.stiffness) + Block6::outer((axis, lever), (axis * -bend, lever * -bend));
+        pose.torque_angular -= self.angular_stiffness;
+        let mut twist = at_arm(self.damping);
+        twist.torque_angular -= scalar(self.angular_damping);
+        WrenchJacobian { pose, twist }
+    }
+
+    /// What the springs add to the wrench when the body moves by a small displacement (m, rad).
+    pub fn drift(&self, displacement: &Twist) -> Wrench {
+        let way = displacement.velocity_at(self.arm);
+        let (bend, axis) = self.bend;
+        let force = way * -self.stiffness - axis * (bend * axis.dot(way));
+        Wrench { force, torque: self.arm.cross(force) - self.angular_stiffness * displacement.angular }
+    }
 }
 
 /// The quantities that the wrench and its derivatives share.
@@ -148,7 +190,7 @@ impl VirtualCoupling {
     pub fn evaluate(&self, state: &BodyState, device: &DeviceMotion) -> CouplingResponse {
         let (on_body, on_device) = self.wrenches(state, device);
         let parts = self.linearise(state, device);
-        let mut jacobian = parts.material;
+        let mut jacobian = parts.material();
         jacobian.pose.force_angular += parts.geometric.0;
         jacobian.pose.torque_angular += parts.geometric.1;
         CouplingResponse { on_body, on_device, jacobian }
@@ -161,6 +203,7 @@ impl VirtualCoupling {
             + angular_spring_energy(self.angular_stiffness, d.turn.length(), self.max_torque)
     }
 
+    #[inline(always)]
     fn deviation(&self, state: &BodyState, device: &DeviceMotion) -> Deviation {
         let arm = state.pose.transform_vector(self.grasp.translation);
         let offset = device.pose.translation - state.pose.translation - arm;
@@ -173,50 +216,33 @@ impl VirtualCoupling {
         Deviation { arm, offset, turn, force, couple }
     }
 
+    #[inline(always)]
     pub(crate) fn linearise(&self, state: &BodyState, device: &DeviceMotion) -> CouplingLinearisation {
         let d = self.deviation(state, device);
-        let arm = skew(d.arm);
-        let arm_squared = skew_skew(d.arm, d.arm);
-        // The tangent stiffness is secant · 1 + bend · û ûᵀ, û along the deviation. Of S, S a*, a* S and a* S
-        // a* the part in ûûᵀ is there only beyond the linear range.
-        let (secant, bend, axis) = tangent_stiffness(self.linear_stiffness, d.offset, self.max_force);
-        let mut pose = Block6 {
-            force_linear: scalar(-secant),
-            force_angular: arm * secant,
-            torque_linear: arm * -secant,
-            torque_angular: arm_squared * secant,
-        };
-        if bend != 0.0 {
-            let lever = d.arm.cross(axis);
-            pose.force_linear -= outer(axis, axis) * bend;
-            pose.force_angular -= outer(axis, lever) * bend;
-            pose.torque_linear -= outer(lever, axis) * bend;
-            pose.torque_angular -= outer(lever, lever) * bend;
-        }
+        // The tangent stiffness is secant · 1 + bend · û ûᵀ, û along the deviation.
+        let (stiffness, bend, along) = tangent_stiffness(self.linear_stiffness, d.offset, self.max_force);
         // Likewise S_θ J_r⁻¹, where ûᵀ J_r⁻¹ = ûᵀ.
-        let (secant, bend, axis) = angular_tangent_stiffness(self.angular_stiffness, d.turn, self.max_torque);
-        pose.torque_angular -= inverse_right_jacobian(d.turn) * secant;
+        let (secant, angular_bend, axis) =
+            angular_tangent_stiffness(self.angular_stiffness, d.turn, self.max_torque);
+        let mut angular_stiffness = inverse_right_jacobian(d.turn) * secant;
         // Where the spring fades its slope is negative: that part is not semidefinite.
-        let falling = (secant + bend).min(0.0);
-        if bend != 0.0 {
-            pose.torque_angular -= outer(axis, axis) * (bend - falling);
+        let falling = (secant + angular_bend).min(0.0);
+        let mut faded = DMat3::ZERO;
+        if angular_bend != 0.0 {
+            angular_stiffness += outer(axis, axis * (angular_bend - falling));
+            faded = outer(axis, axis * falling);
         }
-        let damped_arm = arm * self.linear_damping;
-        let twist = Block6 {
-            force_linear: scalar(-self.linear_damping),
-            force_angular: damped_arm,
-            torque_linear: -damped_arm,
-            torque_angular: arm_squared * self.linear_damping - scalar(self.angular_damping),
-        };
         // The damper sees the arm turn too: −b_c ω* (∂a/∂φ), the term that Eq. 5.23 lacks.
         let swept = skew_skew(state.twist.angular * self.linear_damping, d.arm);
         CouplingLinearisation {
             on_body: Wrench { force: d.force, torque: d.arm.cross(d.force) + d.couple },
-            material: WrenchJacobian { pose, twist },
-            geometric: (
-                swept,
-                cross_columns(d.arm, &swept) + skew_skew(d.force, d.arm) - outer(axis, axis) * falling,
-            ),
+            arm: d.arm,
+            stiffness,
+            damping: self.linear_damping,
+            bend: (bend, along),
+            angular_stiffness,
+            angular_damping: self.angular_damping,
+            geometric: (swept, cross_columns(d.arm, &swept) + skew_skew(d.force, d.arm) - faded),
         }
     }
 }

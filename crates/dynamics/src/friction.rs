@@ -15,14 +15,15 @@
 //! that it has turned about its normal. Sliding and spinning share the limit, (F_t / μ λ)² + (T_n / ρ μ λ)² ≤ 1, the
 //! ellipsoid that is usual for soft fingers (Howe and Cutkosky 1996): a patch that spins slides easily.
 
+use arrayvec::ArrayVec;
 use glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Twist, Wrench};
 
 use crate::body::BodyState;
-use crate::contact::{ContactState, LinearContactModel, PlaneConstraint};
+use crate::contact::{ContactState, LinearContactModel, MAX_CONSTRAINTS, PlaneConstraint};
 use crate::jacobian::{Block6, WrenchJacobian, outer};
-use crate::linear_solve::solve;
 use crate::rotation::{skew, skew_skew};
+use crate::system::{Lateral, Linear, six};
 
 /// v_s: speed of sliding at which the coefficient is half way from static to dynamic, m/s.
 const STRIBECK_SPEED: f64 = 0.005;
@@ -56,10 +57,21 @@ impl Friction {
         self.static_coefficient > 0.0 || self.dynamic_coefficient > 0.0
     }
 
-    /// μ at a speed of sliding, m/s.
-    pub(crate) fn coefficient(&self, speed: f64) -> f64 {
-        let x = speed / STRIBECK_SPEED;
-        self.dynamic_coefficient + (self.static_coefficient - self.dynamic_coefficient) / (1.0 + x * x)
+    /// μ at a speed of sliding, given its square, m²/s².
+    pub(crate) fn coefficient(&self, speed_squared: f64) -> f64 {
+        self.dynamic_coefficient + (self.static_coefficient - self.dynamic_coefficient) / below(speed_squared)
+    }
+
+    /// s: which part of a `trial` force (N) of a contact that slides so (m/s) friction holds under a normal force
+    /// (N, not negative).
+    #[inline(always)]
+    pub(crate) fn share(&self, trial: &Strain, slide: &Strain, normal_force: f64) -> f64 {
+        let surely = self.least() * normal_force;
+        let square = trial.length_squared();
+        if square <= surely * surely {
+            return 1.0;
+        }
+        sticking(self.coefficient(slide.length_squared()) * normal_force, square.sqrt())
     }
 
     /// The least that μ can be.
@@ -67,13 +79,17 @@ impl Friction {
         self.static_coefficient.min(self.dynamic_coefficient)
     }
 
-    /// dμ/dv over v, s²/m².
-    fn falling(&self, speed: f64) -> f64 {
-        let x = speed / STRIBECK_SPEED;
-        let below = 1.0 + x * x;
+    /// dμ/dv over v, s²/m², given v².
+    fn falling(&self, speed_squared: f64) -> f64 {
+        let below = below(speed_squared);
         -2.0 * (self.static_coefficient - self.dynamic_coefficient)
             / (below * below * STRIBECK_SPEED * STRIBECK_SPEED)
     }
+}
+
+/// 1 + (v / v_s)², given v².
+fn below(speed_squared: f64) -> f64 {
+    1.0 + speed_squared * (1.0 / (STRIBECK_SPEED * STRIBECK_SPEED))
 }
 
 /// Where friction holds a point of the body.
@@ -100,7 +116,11 @@ pub(crate) struct Strain {
 
 impl Strain {
     pub fn length(&self) -> f64 {
-        (self.along.length_squared() + self.spin * self.spin).sqrt()
+        self.length_squared().sqrt()
+    }
+
+    pub fn length_squared(&self) -> f64 {
+        self.along.length_squared() + self.spin * self.spin
     }
 
     pub fn scaled(&self, by: f64) -> Self {
@@ -129,24 +149,33 @@ pub(crate) struct Hold {
 
 impl PlaneConstraint {
     /// ξ.
+    #[inline(always)]
     pub(crate) fn stretch(&self, state: &BodyState, at: &ContactState) -> Strain {
         let along = self.along_plane(state.pose.translation + at.arm - self.grip.anchor);
         if self.radius == 0.0 {
             return Strain { along, spin: 0.0 };
         }
+        Strain { along, spin: self.twisted(state) }
+    }
+
+    /// ρ τ.
+    #[inline(never)]
+    fn twisted(&self, state: &BodyState) -> f64 {
         let (turn, real) = self.turned(state);
-        Strain { along, spin: self.radius * 2.0 * real.signum() * turn.dot(self.normal) }
+        self.radius * 2.0 * real.signum() * turn.dot(self.normal)
     }
 
     /// v_t.
+    #[inline]
     pub(crate) fn slide(&self, state: &BodyState, at: &ContactState) -> Strain {
-        self.velocity_strain(&state.twist, at.arm)
+        self.velocity_strain(at.velocity, at.rate, state.twist.angular)
     }
 
-    /// What a twist moves the point at `arm` by along the plane, and the rim of the patch by about it, m/s.
-    pub(crate) fn velocity_strain(&self, twist: &Twist, arm: DVec3) -> Strain {
-        let spin = self.radius * self.normal.dot(twist.angular);
-        Strain { along: self.along_plane(twist.velocity_at(arm)), spin }
+    /// What a motion strains the contact by, m/s, given the velocity of the point, its part along the normal, and the
+    /// angular velocity.
+    #[inline]
+    pub(crate) fn velocity_strain(&self, velocity: DVec3, rate: f64, angular: DVec3) -> Strain {
+        Strain { along: velocity - self.normal * rate, spin: self.radius * self.normal.dot(angular) }
     }
 
     fn along_plane(&self, vector: DVec3) -> DVec3 {
@@ -160,10 +189,11 @@ impl PlaneConstraint {
     }
 
     /// What friction does while the contact pushes with λ.
+    #[inline(always)]
     pub(crate) fn hold(&self, state: &BodyState, at: &ContactState, normal_force: f64) -> Hold {
         let slide = self.slide(state, at);
         let trial = self.stretch(state, at).scaled(self.stiffness).plus(&slide.scaled(self.damping));
-        let share = sticking(self.friction.coefficient(slide.length()) * normal_force, trial.length());
+        let share = self.friction.share(&trial, &slide, normal_force);
         let felt = trial.scaled(-share);
         Hold { force: felt.along, moment: self.radius * felt.spin, trial, slide, share }
     }
@@ -202,8 +232,8 @@ impl PlaneConstraint {
             let direction = hold.trial.scaled(1.0 / size);
             // μ λ by pose and twist.
             let Hold { slide, .. } = hold;
-            let coefficient = self.friction.coefficient(slide.length());
-            let falling = self.friction.falling(slide.length()) * normal_force;
+            let coefficient = self.friction.coefficient(slide.length_squared());
+            let falling = self.friction.falling(slide.length_squared()) * normal_force;
             let normal_by_turn = at.moment * self.stiffness + self.swept(at, angular);
             let sliding = Row {
                 linear: slide.along,
@@ -225,21 +255,29 @@ impl PlaneConstraint {
         WrenchJacobian { pose, twist: twist.wrench(at, n, self.radius) }
     }
 
-    /// Draws the anchor after the point where the spring exceeds what friction holds; whether it did.
-    fn settle(&mut self, state: &BodyState, rotation: &DMat3) -> bool {
+    /// Draws the anchor after the point where the spring exceeds what friction holds.
+    #[inline]
+    fn settle(&mut self, state: &BodyState, rotation: &DMat3) {
         let at = self.at(state, rotation);
-        let normal = self.gripping_force(&at);
         let stretch = self.stretch(state, &at);
-        let spring = self.stiffness * stretch.length();
-        if spring <= self.friction.least() * normal {
-            return false;
-        }
-        let limit = self.friction.coefficient(self.slide(state, &at).length()) * normal;
-        let share = sticking(limit, spring);
+        let share = self.share_of_spring(state, &at, &stretch);
         if share < 1.0 {
             self.hold_at(state, &at, &stretch.scaled(share));
         }
-        share < 1.0
+    }
+
+    /// Which part of the spring's force friction alone holds.
+    #[inline]
+    fn share_of_spring(&self, state: &BodyState, at: &ContactState, stretch: &Strain) -> f64 {
+        let spring = stretch.scaled(self.stiffness);
+        self.friction.share(&spring, &self.slide(state, at), self.gripping_force(at))
+    }
+
+    /// The wrench, about the centre of mass, that a strain's spring is strained with.
+    fn spring_wrench(&self, at: &ContactState, stretch: &Strain) -> Wrench {
+        let spring = stretch.scaled(self.stiffness);
+        let couple = self.normal * (self.radius * spring.spin);
+        Wrench::new(spring.along, at.arm.cross(spring.along) + couple)
     }
 
     /// Puts the anchor where the contact is strained so.
@@ -253,8 +291,8 @@ impl PlaneConstraint {
     }
 }
 
-/// s: which part of a trial force friction can hold.
-pub(crate) fn sticking(limit: f64, trial: f64) -> f64 {
+/// s: which part of a trial force is within a limit.
+fn sticking(limit: f64, trial: f64) -> f64 {
     if trial > limit { limit / trial } else { 1.0 }
 }
 
@@ -316,34 +354,28 @@ impl LinearContactModel {
     pub fn take_over_friction(&mut self, other: &Self, state: &BodyState) {
         let rotation = DMat3::from_quat(state.pose.rotation);
         let wanted = other.springs(state, &rotation);
-        let (mut missing, mut yielding) = (wanted, 0);
-        self.let_go(state, &rotation);
+        let mut straining: ArrayVec<_, MAX_CONSTRAINTS> = self
+            .constraints_mut()
+            .iter_mut()
+            .filter(|constraint| constraint.friction.is_some())
+            .map(|constraint| Straining::new(constraint, state, &rotation))
+            .collect();
+        let mut missing = wanted;
         for _ in 0..ROUNDS {
-            let found = (missing != Wrench::ZERO)
-                .then(|| self.displacement_for(&missing, yielding, state, &rotation));
-            let Some((moved, turned)) = found.flatten() else { break };
-            let before = yielding;
-            for (i, c) in self.constraints_mut().iter_mut().enumerate() {
-                if yielding & (1 << i) == 0 && c.friction.is_some() {
-                    let at = c.at(state, &rotation);
-                    let along = c.along_plane(moved + turned.cross(at.arm));
-                    let more = Strain { along, spin: c.radius * c.normal.dot(turned) };
-                    c.hold_at(state, &at, &c.stretch(state, &at).plus(&more));
-                    yielding |= u64::from(c.settle(state, &rotation)) << i;
-                }
+            let found = (missing != Wrench::ZERO).then(|| displacement_for(&missing, &straining));
+            let Some(displacement) = found.flatten() else { break };
+            let mut yielded = false;
+            for one in straining.iter_mut().filter(|one| !one.yields) {
+                one.strain_by(&displacement, state);
+                yielded |= one.yields;
             }
-            if yielding == before {
+            if !yielded {
                 break;
             }
-            missing = wanted - self.springs(state, &rotation);
+            missing = straining.iter().fold(wanted, |missing, one| missing - one.wrench());
         }
-    }
-
-    /// Lets all contacts go, where they are.
-    fn let_go(&mut self, state: &BodyState, rotation: &DMat3) {
-        for c in self.constraints_mut().iter_mut().filter(|c| c.friction.is_some()) {
-            let at = c.at(state, rotation);
-            c.hold_at(state, &at, &Strain::default());
+        for Straining { constraint, at, stretch, .. } in &mut straining {
+            constraint.hold_at(state, at, stretch);
         }
     }
 
@@ -352,48 +384,65 @@ impl LinearContactModel {
         let rubbing = self.constraints().iter().filter(|c| c.friction.is_some());
         rubbing.fold(Wrench::ZERO, |sum, c| {
             let at = c.at(state, rotation);
-            let strain = c.stretch(state, &at).scaled(c.stiffness);
-            let couple = c.normal * (c.radius * strain.spin);
-            sum + Wrench::new(strain.along, at.arm.cross(strain.along) + couple)
+            sum + c.spring_wrench(&at, &c.stretch(state, &at))
         })
     }
+}
 
-    /// The displacement (m, rad) to which the springs of all contacts but the `yielding` ones answer with −`held`.
-    fn displacement_for(
-        &self,
-        held: &Wrench,
-        yielding: u64,
-        state: &BodyState,
-        rotation: &DMat3,
-    ) -> Option<(DVec3, DVec3)> {
-        let rubbing = || {
-            let holding = self.constraints().iter().enumerate().filter(|(i, _)| yielding & (1 << i) == 0);
-            holding.map(|(_, c)| c).filter(|c| c.friction.is_some())
-        };
-        // Angles are counted as way at this distance.
-        let reach = rubbing().map(|c| c.point.length() + c.radius).fold(f64::MIN_POSITIVE, f64::max);
-        let mut matrix = [[0.0; 6]; 6];
-        for c in rubbing() {
-            let at = c.at(state, rotation);
-            let (x, y) = c.normal.any_orthonormal_pair();
-            let rows = [(x, at.arm.cross(x)), (y, at.arm.cross(y)), (DVec3::ZERO, c.normal * c.radius)];
-            for (linear, angular) in rows {
-                let angular = angular / reach;
-                let row = [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z];
-                for (entries, along) in matrix.iter_mut().zip(row) {
-                    for (entry, value) in entries.iter_mut().zip(row) {
-                        *entry += c.stiffness * along * value;
-                    }
-                }
-            }
-        }
-        let trace: f64 = (0..6).map(|i| matrix[i][i]).sum();
-        (0..6).for_each(|i| matrix[i][i] += REGULAR * trace);
-        let torque = held.torque / reach;
-        let right = [held.force.x, held.force.y, held.force.z, torque.x, torque.y, torque.z];
-        let [x, y, z, a, b, c] = solve(matrix, right)?;
-        Some((DVec3::new(x, y, z), DVec3::new(a, b, c) / reach))
+/// A contact that takes over friction.
+struct Straining<'a> {
+    constraint: &'a mut PlaneConstraint,
+    at: ContactState,
+    stretch: Strain,
+    /// Whether it cannot hold more.
+    yields: bool,
+}
+
+impl<'a> Straining<'a> {
+    /// Not strained yet.
+    fn new(constraint: &'a mut PlaneConstraint, state: &BodyState, rotation: &DMat3) -> Self {
+        let at = constraint.at(state, rotation);
+        Self { constraint, at, stretch: Strain::default(), yields: false }
     }
+
+    /// Strains it by a displacement (m, rad) of the body, as far as friction holds.
+    fn strain_by(&mut self, displacement: &Twist, state: &BodyState) {
+        let c = &*self.constraint;
+        let way = displacement.velocity_at(self.at.arm);
+        let more = c.velocity_strain(way, c.normal.dot(way), displacement.angular);
+        let stretch = self.stretch.plus(&more);
+        let share = c.share_of_spring(state, &self.at, &stretch);
+        self.stretch = stretch.scaled(share);
+        self.yields = share < 1.0;
+    }
+
+    fn wrench(&self) -> Wrench {
+        self.constraint.spring_wrench(&self.at, &self.stretch)
+    }
+}
+
+/// The displacement (m, rad) of the body to which the springs of all contacts that do not yield answer with −`held`.
+fn displacement_for(held: &Wrench, straining: &[Straining<'_>]) -> Option<Twist> {
+    let holding = || straining.iter().filter(|one| !one.yields);
+    // Angles are counted as way at this distance.
+    let reach = holding()
+        .map(|one| one.constraint.point.length() + one.constraint.radius)
+        .fold(f64::MIN_POSITIVE, f64::max);
+    let mut linear = Linear::with_right(six(held.force, held.torque / reach));
+    let mut lateral = Lateral::NONE;
+    for Straining { constraint: c, at, .. } in holding() {
+        lateral.add(c.stiffness, at.arm / reach);
+        // Along the normal friction does nothing.
+        let direction = six(c.normal, at.moment / reach);
+        linear.add_along(&direction, &direction.map(|value| -c.stiffness * value));
+        let radius = c.radius / reach;
+        linear.add(3, 3, &outer(c.normal, c.normal * (c.stiffness * radius * radius)));
+    }
+    linear.add_lateral(&lateral);
+    let trace: f64 = (0..6).map(|i| linear.matrix[i][i]).sum();
+    (0..6).for_each(|i| linear.matrix[i][i] += REGULAR * trace);
+    let [x, y, z, a, b, c] = linear.solution(true)?;
+    Some(Twist { linear: DVec3::new(x, y, z), angular: DVec3::new(a, b, c) / reach })
 }
 
 #[cfg(test)]
@@ -446,7 +495,8 @@ mod tests {
             let at = constraint.at(&state, &DMat3::from_quat(state.pose.rotation));
             let hold = constraint.hold(&state, &at, constraint.normal_force(&at));
             // The differences reach 6e-4 m and 0.2 m/s, over which the contact has to stay open or closed, and stuck or not.
-            let limit = constraint.friction.coefficient(hold.slide.length()) * constraint.normal_force(&at);
+            let limit =
+                constraint.friction.coefficient(hold.slide.length_squared()) * constraint.normal_force(&at);
             let margin = 0.4 * constraint.damping + 0.002 * constraint.stiffness;
             let clear = constraint.normal_force(&at) > 3.0 * margin
                 && (hold.trial.length() - limit).abs() > 3.0 * margin
@@ -485,8 +535,10 @@ mod tests {
         let friction = Friction { static_coefficient: 0.8, dynamic_coefficient: 0.5 };
         for speed in [1e-4, 1e-3, 0.005, 0.02, 0.3] {
             let h = 1e-6 * speed;
-            let slope = (friction.coefficient(speed + h) - friction.coefficient(speed - h)) / (2.0 * h);
-            assert!((slope - friction.falling(speed) * speed).abs() < 1e-6 * slope.abs(), "at {speed} m/s");
+            let at = |speed: f64| friction.coefficient(speed * speed);
+            let slope = (at(speed + h) - at(speed - h)) / (2.0 * h);
+            let expected = friction.falling(speed * speed) * speed;
+            assert!((slope - expected).abs() < 1e-6 * slope.abs(), "at {speed} m/s");
         }
         assert_eq!(friction.coefficient(0.0), 0.8);
         assert!((friction.coefficient(1.0) - 0.5).abs() < 1e-4);
@@ -528,8 +580,8 @@ mod tests {
             let (x, y) = (before.stretch(&state, &at), after.stretch(&state, &at));
             assert!(y.length() <= x.length() * (1.0 + 1e-9), "seed {seed}, case {case}");
             yielded += usize::from(y.length() < 0.99 * x.length());
-            let limit =
-                before.friction.coefficient(before.slide(&state, &at).length()) * before.normal_force(&at);
+            let limit = before.friction.coefficient(before.slide(&state, &at).length_squared())
+                * before.normal_force(&at);
             let small_turn = 0.5 * y.spin.abs() < 0.1 * before.radius;
             assert!(
                 !small_turn || before.stiffness * y.length() <= limit * (1.0 + 1e-6) + 1e-9,

@@ -65,6 +65,7 @@ mod port;
 mod rotation;
 mod saturation;
 mod step;
+mod system;
 
 pub use blend::ContactBlend;
 pub use body::{Body, BodyError, BodyState};

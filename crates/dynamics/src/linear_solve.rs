@@ -34,6 +34,44 @@ pub fn solve<const N: usize>(mut matrix: [[f64; N]; N], mut right: [f64; N]) -> 
             right[row] -= factor * pivot_right;
         }
     }
+    substitute_back(&matrix, &inverse_pivots, right)
+}
+
+/// The solution of `matrix` · x = `right` by LU factorisation without pivoting, for a matrix whose symmetric part is
+/// positive definite; `None` also if a pivot is not positive.
+#[inline(always)]
+pub(crate) fn solve_definite<const N: usize>(
+    mut matrix: [[f64; N]; N],
+    mut right: [f64; N],
+) -> Option<[f64; N]> {
+    let mut inverse_pivots = [0.0; N];
+    for column in 0..N {
+        let pivot_row = matrix[column];
+        let pivot_right = right[column];
+        // Zero for an infinite pivot.
+        let inverse = 1.0 / pivot_row[column];
+        if inverse.is_nan() || inverse <= 0.0 {
+            return None;
+        }
+        inverse_pivots[column] = inverse;
+        for row in column + 1..N {
+            let factor = matrix[row][column] * inverse;
+            right[row] -= factor * pivot_right;
+            for (entry, above) in matrix[row].iter_mut().zip(&pivot_row) {
+                *entry -= factor * above;
+            }
+        }
+    }
+    substitute_back(&matrix, &inverse_pivots, right)
+}
+
+/// The solution of `upper` · x = `right`, of which what is below the diagonal is not read; `None` if it is not finite.
+#[inline(always)]
+fn substitute_back<const N: usize>(
+    upper: &[[f64; N]; N],
+    inverse_pivots: &[f64; N],
+    mut right: [f64; N],
+) -> Option<[f64; N]> {
     for row in (0..N).rev() {
         let value = right[row] * inverse_pivots[row];
         if !value.is_finite() {
@@ -41,13 +79,14 @@ pub fn solve<const N: usize>(mut matrix: [[f64; N]; N], mut right: [f64; N]) -> 
         }
         right[row] = value;
         for above in 0..row {
-            right[above] -= matrix[above][row] * value;
+            right[above] -= upper[above][row] * value;
         }
     }
     Some(right)
 }
 
 /// Whether a symmetric matrix is positive definite, by the signs of the pivots of its LDLᵀ factorisation.
+#[inline(always)]
 pub fn is_positive_definite<const N: usize>(mut matrix: [[f64; N]; N]) -> bool {
     for column in 0..N {
         let pivot_row = matrix[column];
@@ -112,6 +151,30 @@ mod tests {
                 assert!((found - wanted).abs() < 1e-13 * size, "seed {seed}, case {case}");
             }
         }
+    }
+
+    #[test]
+    fn solution_without_pivoting_has_a_small_residual_where_the_matrix_is_definite() {
+        let seed = 13;
+        let mut rng = StdRng::seed_from_u64(seed);
+        for case in 0..2000 {
+            // A Gram matrix, which is definite, and a skew one.
+            let (factor, skew) = (random_matrix::<6>(&mut rng), random_matrix::<6>(&mut rng));
+            let matrix: [[f64; 6]; 6] = std::array::from_fn(|i| {
+                std::array::from_fn(|j| {
+                    let gram: f64 = (0..6).map(|k| factor[i][k] * factor[j][k]).sum();
+                    gram + f64::from(i == j) + skew[i][j] - skew[j][i]
+                })
+            });
+            let right = std::array::from_fn(|_| rng.random_range(-1.0..1.0));
+            let x = solve_definite(matrix, right).expect("definite");
+            for (found, wanted) in product(&matrix, &x).iter().zip(right) {
+                assert!((found - wanted).abs() < 1e-13, "seed {seed}, case {case}");
+            }
+        }
+        assert_eq!(solve_definite([[-1.0, 0.0], [0.0, 1.0]], [1.0, 1.0]), None);
+        assert_eq!(solve_definite([[1.0, f64::NAN], [0.0, 1.0]], [1.0, 1.0]), None);
+        assert_eq!(solve_definite([[f64::INFINITY, 0.0], [0.0, 1.0]], [1.0, 1.0]), None);
     }
 
     #[test]

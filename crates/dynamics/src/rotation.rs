@@ -26,6 +26,7 @@ pub(crate) fn cross_columns(a: DVec3, m: &DMat3) -> DMat3 {
 const SERIES_BELOW: f64 = 0.01;
 
 /// The coefficients (a, b, c) above for a squared angle.
+#[inline(always)]
 fn coefficients(t: f64) -> (f64, f64, f64) {
     if t < SERIES_BELOW {
         let a = 1.0 - t / 6.0 * (1.0 - t / 20.0 * (1.0 - t / 42.0 * (1.0 - t / 72.0)));
@@ -65,6 +66,7 @@ pub fn left_jacobian(u: DVec3) -> DMat3 {
 }
 
 /// Both [`rotation_minus_identity`] and [`left_jacobian`].
+#[inline(always)]
 pub(crate) fn exponential(u: DVec3) -> (DMat3, DMat3) {
     let (a, b, c) = coefficients(u.length_squared());
     let (first, second) = (skew(u), skew_skew(u, u));
@@ -76,6 +78,7 @@ pub(crate) fn exponential(u: DVec3) -> (DMat3, DMat3) {
 /// J_r⁻¹ = 1 + u*/2 + e u*², e = (1 − (θ/2) cot(θ/2)) / θ², which is regular up to and including θ = π, the
 /// end of the short way round. Its symmetric part is positive semidefinite there: across the axis it is (θ/2)
 /// cot(θ/2).
+#[inline(always)]
 pub fn inverse_right_jacobian(u: DVec3) -> DMat3 {
     let t = u.length_squared();
     let e = if t < SERIES_BELOW {

@@ -126,6 +126,28 @@ impl SlewLimit {
             torque: approached(previous.torque, wanted.torque, self.torque * dt),
         }
     }
+
+    /// As [`Self::approach`], for a step of `dt` (s) that comes `elapsed` (s) after the last one, over which `previous`
+    /// was held. Beyond `dt` that time counts only for the wrench to shrink, along its direction and no further than
+    /// `wanted` does. So a wrench goes down as fast in steps that come late as in others, and never up faster.
+    pub fn approach_late(&self, previous: &Wrench, wanted: &Wrench, dt: f64, elapsed: f64) -> Wrench {
+        let late = (elapsed - dt).max(0.0);
+        let shrunk = Wrench {
+            force: approached(previous.force, part_wanted(previous.force, wanted.force), self.force * late),
+            torque: approached(
+                previous.torque,
+                part_wanted(previous.torque, wanted.torque),
+                self.torque * late,
+            ),
+        };
+        self.approach(&shrunk, wanted, dt)
+    }
+}
+
+/// The part of `previous`, along it and no longer, that is nearest to `wanted`.
+fn part_wanted(previous: DVec3, wanted: DVec3) -> DVec3 {
+    let part = previous.dot(wanted) / previous.length_squared();
+    if part > 0.0 { previous * part.min(1.0) } else { DVec3::ZERO }
 }
 
 /// `wanted`, or the point `most` away from `previous` towards it.
@@ -238,6 +260,36 @@ mod tests {
         assert_eq!(slew.approach(&now, &Wrench::ZERO, 0.0), now);
         let nan = Wrench::new(DVec3::NAN, DVec3::INFINITY);
         assert!(slew.approach(&now, &nan, 1e-3).is_finite());
+    }
+
+    #[test]
+    fn a_late_step_shrinks_the_wrench_as_fast_as_steps_in_time_and_never_lets_it_grow_faster() {
+        let slew = SlewLimit { force: 100.0, torque: 2.0 };
+        let held = Wrench::new(DVec3::new(0.3, -0.4, 0.0), DVec3::Z * 0.01);
+        let far = Wrench::new(DVec3::new(-3.0, 4.0, 1.0), DVec3::X);
+        let (dt, elapsed) = (1e-3, 4e-3);
+        for wanted in [Wrench::ZERO, held * 0.5, held * 3.0, far] {
+            assert_eq!(slew.approach_late(&held, &wanted, dt, dt), slew.approach(&held, &wanted, dt));
+            let next = slew.approach_late(&held, &wanted, dt, elapsed);
+            let change = (next - held).force.length();
+            assert!(change <= 100.0 * elapsed + 1e-12, "{change} N to {wanted:?}");
+            let longer = next.force.length() - held.force.length();
+            assert!(longer <= 100.0 * dt + 1e-12, "{longer} N longer, to {wanted:?}");
+        }
+        // 0.1 N for each of four steps, and 0.002 N·m.
+        let next = slew.approach_late(&held, &Wrench::ZERO, dt, elapsed);
+        assert!((next.force - held.force * 0.2).length() < 1e-12, "{next:?}");
+        assert!((next.torque - held.torque * 0.2).length() < 1e-15, "{next:?}");
+        assert_eq!(slew.approach_late(&held, &Wrench::ZERO, dt, 6e-3), Wrench::ZERO);
+        // It does not shrink beyond what is wanted, and grows as in one step.
+        let next = slew.approach_late(&held, &(held * 0.9), dt, elapsed);
+        assert!((next - held * 0.9).force.length() < 1e-12, "{next:?}");
+        let next = slew.approach_late(&held, &(held * 3.0), dt, elapsed);
+        assert_eq!(next, slew.approach(&held, &(held * 3.0), dt));
+        let nan = Wrench::new(DVec3::NAN, DVec3::INFINITY);
+        assert!(slew.approach_late(&held, &nan, dt, elapsed).is_finite());
+        assert!(slew.approach_late(&Wrench::ZERO, &held, f64::NAN, f64::NAN).is_finite());
+        assert_eq!(SlewLimit::NONE.approach_late(&held, &far, dt, elapsed), far);
     }
 
     #[test]

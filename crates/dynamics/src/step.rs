@@ -47,12 +47,13 @@ use palpate_core::{Twist, Wrench};
 
 use crate::body::{Body, BodyState};
 use crate::contact::{ContactState, LinearContactModel, MAX_CONSTRAINTS, PlaneConstraint};
-use crate::coupling::{CouplingLinearisation, DeviceMotion, VirtualCoupling};
-use crate::friction::{Hold, Strain, sticking};
+use crate::coupling::{DeviceMotion, VirtualCoupling};
+use crate::friction::{Hold, Strain};
 use crate::integrators::Frame;
-use crate::jacobian::{Block6, outer};
-use crate::linear_solve::{is_positive_definite, solve};
-use crate::rotation::{cross_columns, exponential, skew, skew_skew};
+use crate::jacobian::outer;
+use crate::linear_solve::is_positive_definite;
+use crate::rotation::{cross_columns, exponential};
+use crate::system::{Lateral, Linear, cross_sum, six};
 
 /// Solves in which contacts may both join and leave the active set.
 const FREE_SOLVES: u32 = 6;
@@ -171,56 +172,6 @@ impl Step {
     }
 }
 
-/// The matrix and right-hand side of a linear system in (Δv, Δω).
-#[derive(Clone, Copy)]
-struct Linear {
-    matrix: [[f64; 6]; 6],
-    right: [f64; 6],
-}
-
-impl Linear {
-    /// Adds `scale` · `block` to the matrix.
-    fn add_block(&mut self, block: &Block6, scale: f64) {
-        self.add(0, 0, &block.force_linear, scale);
-        self.add(0, 3, &block.force_angular, scale);
-        self.add(3, 0, &block.torque_linear, scale);
-        self.add(3, 3, &block.torque_angular, scale);
-    }
-
-    fn add(&mut self, row: usize, column: usize, block: &DMat3, scale: f64) {
-        for (j, entries) in block.to_cols_array_2d().iter().enumerate() {
-            for (i, value) in entries.iter().enumerate() {
-                self.matrix[row + i][column + j] += scale * value;
-            }
-        }
-    }
-
-    /// Adds a damper that resists motion of the point at `arm` in all directions alike, and turning about a unit axis at a
-    /// radius from it.
-    fn add_lateral(&mut self, arm: DVec3, gain: f64, axis: DVec3, radius: f64) {
-        for i in 0..3 {
-            self.matrix[i][i] += gain;
-        }
-        let cross = skew(arm * gain);
-        self.add(0, 3, &cross, -1.0);
-        self.add(3, 0, &cross, 1.0);
-        self.add(3, 3, &skew_skew(arm, arm), -gain);
-        if radius > 0.0 {
-            self.add(3, 3, &outer(axis, axis), gain * radius * radius);
-        }
-    }
-
-    fn add_right(&mut self, force: DVec3, torque: DVec3) {
-        for (entry, value) in self.right.iter_mut().zip(six(force, torque)) {
-            *entry += value;
-        }
-    }
-}
-
-fn six(first: DVec3, second: DVec3) -> [f64; 6] {
-    [first.x, first.y, first.z, second.x, second.y, second.z]
-}
-
 /// A contact as the step's linear systems see it. Its wrench is along (n, a × n), which also takes the
 /// velocity to δ̇.
 #[derive(Clone, Copy)]
@@ -257,6 +208,7 @@ struct Rubbing {
 
 impl Rubbing {
     /// `force`: λ at the end of the step if the velocity does not change, N; `at_start`: λ at the start, N.
+    #[inline(always)]
     fn new(
         c: &PlaneConstraint,
         at: &ContactState,
@@ -266,20 +218,19 @@ impl Rubbing {
     ) -> Self {
         let Hold { force: force_at_start, trial, slide, .. } = c.hold(state, at, at_start);
         let trial = trial.plus(&slide.scaled(c.stiffness * dt));
-        let limit = c.friction.coefficient(slide.length()) * force.max(0.0);
-        Self { slide, trial, share: sticking(limit, trial.length()), force_at_start }
+        Self { slide, trial, share: c.friction.share(&trial, &slide, force.max(0.0)), force_at_start }
     }
 
-    /// s after a velocity change, at which the contact pushes with `force`.
-    fn share_after(&self, change: &Twist, c: &PlaneConstraint, arm: DVec3, force: f64, dt: f64) -> f64 {
-        let gained = c.velocity_strain(change, arm);
+    /// s after what the contact is strained by (m/s) has `gained`, where it pushes with `force`.
+    #[inline(always)]
+    fn share_after(&self, gained: &Strain, c: &PlaneConstraint, force: f64, dt: f64) -> f64 {
         let trial = self.trial.plus(&gained.scaled(c.stiffness * dt + c.damping));
-        let speed = self.slide.plus(&gained).length();
-        sticking(c.friction.coefficient(speed) * force.max(0.0), trial.length())
+        c.friction.share(&trial, &self.slide.plus(gained), force)
     }
 }
 
 impl Pressing {
+    #[inline(always)]
     fn new(c: &PlaneConstraint, at: &ContactState, state: &BodyState, dt: f64, geometric: bool) -> Self {
         let twist = &state.twist;
         let swept = if geometric { c.swept(at, twist.angular) * dt } else { DVec3::ZERO };
@@ -313,9 +264,14 @@ struct System<'a> {
     dt: f64,
     mass: f64,
     inertia: DMat3,
-    /// Mass, carried momentum, coupling stiffness and damping, gravity: all but contacts and geometric
-    /// stiffness.
-    base: Linear,
+    /// The mass, and the coupling's spring and damper at the grasp but for what the spring is softer along its deviation.
+    held: Lateral,
+    /// That, as a direction and a row.
+    bend: Option<([f64; 6], [f64; 6])>,
+    /// Carried momentum and the coupling's angular spring and damper.
+    spin: DMat3,
+    /// Coupling, carried momentum and gravity on the right.
+    right: [f64; 6],
     /// The coupling's geometric stiffness (force, torque) by φ.
     turning: (DMat3, DMat3),
     /// Whether geometric stiffness is in.
@@ -334,22 +290,20 @@ impl<'a> System<'a> {
     ) -> Self {
         let rotation = DMat3::from_quat(state.pose.rotation);
         let inertia = rotation * body.inertia * rotation.transpose();
-        let CouplingLinearisation { on_body, material, geometric: turning } =
-            coupling.linearise(state, device);
-
-        let mut base = Linear { matrix: [[0.0; 6]; 6], right: [0.0; 6] };
-        for i in 0..3 {
-            base.matrix[i][i] = body.mass;
-        }
+        let held_by = coupling.linearise(state, device);
+        let mut held = Lateral::at_centre(body.mass);
+        held.add(dt * (dt * held_by.stiffness + held_by.damping), held_by.arm);
+        let (bend, axis) = held_by.bend;
+        let bend = (bend != 0.0).then(|| {
+            let (gain, lever) = (dt * dt * bend, held_by.arm.cross(axis));
+            (six(axis, lever), six(axis * gain, lever * gain))
+        });
         let (gained, momentum_by_spin) = carried_momentum(&inertia, state.twist.angular, dt);
-        base.add(3, 3, &momentum_by_spin, 1.0);
-        base.add_block(&material.twist, -dt);
-        base.add_block(&material.pose, -dt * dt);
-
-        let drift = material.pose.apply(&state.twist);
-        let force = on_body.force + gravity * body.mass + drift.force * dt;
-        let torque = on_body.torque + drift.torque * dt;
-        base.add_right(force * dt, torque * dt - gained);
+        let damping = DMat3::from_diagonal(DVec3::splat(held_by.angular_damping));
+        let spin = momentum_by_spin + (held_by.angular_stiffness * dt + damping) * dt;
+        let drift = held_by.drift(&state.twist);
+        let force = held_by.on_body.force + gravity * body.mass + drift.force * dt;
+        let torque = held_by.on_body.torque + drift.torque * dt;
 
         Self {
             contacts,
@@ -360,22 +314,30 @@ impl<'a> System<'a> {
             dt,
             mass: body.mass,
             inertia,
-            base,
-            turning,
+            held,
+            bend,
+            spin,
+            right: six(force * dt, torque * dt - gained),
+            turning: held_by.geometric,
             geometric: true,
             alike: true,
         }
     }
 
-    /// Looks at the contacts from the start of the step.
-    fn see_contacts(&mut self) {
+    /// Looks at the contacts from the start of the step. Those that are closed and push at the end of it if the velocity
+    /// does not change.
+    fn see_contacts(&mut self) -> u64 {
+        let mut pushing = 0;
         self.closed_at_start = 0;
         self.pressing.clear();
         for (i, c) in self.contacts.constraints().iter().enumerate() {
             let at = c.at(self.state, &self.rotation);
             self.closed_at_start |= u64::from(c.stiffness_at(at.overlap).is_some()) << i;
-            self.pressing.push(Pressing::new(c, &at, self.state, self.dt, self.geometric));
+            let pressing = Pressing::new(c, &at, self.state, self.dt, self.geometric);
+            pushing |= u64::from(c.stiffness_at(pressing.overlap).is_some() && pressing.force > 0.0) << i;
+            self.pressing.push(pressing);
         }
+        pushing
     }
 
     /// The contacts with the planes they are with.
@@ -383,47 +345,56 @@ impl<'a> System<'a> {
         self.contacts.constraints().iter().zip(&*self.pressing).enumerate()
     }
 
-    #[inline]
+    #[inline(always)]
     fn assemble(&self, active: u64) -> Linear {
         let h = self.dt;
-        let mut linear = self.base;
-        let mut turning = self.turning.1;
+        let mut linear = Linear::with_right(self.right);
+        let mut lateral = self.held;
+        if let Some((direction, row)) = &self.bend {
+            linear.add_along(direction, row);
+        }
+        // Of the products arm · forceᵀ at the start.
+        let mut turning = DMat3::ZERO;
         for (i, (c, p)) in self.pressing() {
             if active & (1 << i) == 0 {
                 continue;
             }
-            let gain = h * p.stiffness + c.damping;
+            let mut along_normal = h * (h * p.stiffness + c.damping);
+            let mut impulse = c.normal * (-h * p.force);
             let mut force = c.normal * -p.force_at_start;
-            let mut lateral = 0.0;
             if let Some(rubbing) = &p.rubbing {
-                lateral = h * (h * c.stiffness + c.damping) * rubbing.share;
+                let gain = h * (h * c.stiffness + c.damping) * rubbing.share;
+                lateral.add(gain, p.arm);
+                // Along the normal the contact has its own gains.
+                along_normal -= gain;
                 let Strain { along, spin } = rubbing.trial.scaled(-h * rubbing.share);
-                linear.add_right(along, p.arm.cross(along) + c.normal * (c.radius * spin));
-                linear.add_lateral(p.arm, lateral, c.normal, c.radius);
+                impulse += along;
                 force += rubbing.force_at_start;
-            }
-            // Along the normal the contact has its own gains.
-            let along_normal = h * gain - lateral;
-            let direction = six(c.normal, p.moment);
-            let row = six(c.normal * along_normal, p.moment * along_normal + p.swept * h);
-            for ((entries, right), along) in linear.matrix.iter_mut().zip(&mut linear.right).zip(direction) {
-                for (entry, value) in entries.iter_mut().zip(&row) {
-                    *entry += along * value;
+                if c.radius > 0.0 {
+                    linear.add(3, 3, &outer(c.normal, c.normal * (gain * c.radius * c.radius)));
+                    linear.add_right(DVec3::ZERO, c.normal * (c.radius * spin));
                 }
-                *right -= along * h * p.force;
             }
-            turning += skew_skew(force, p.arm);
+            let row = six(c.normal * along_normal, p.moment * along_normal + p.swept * h);
+            linear.add_along(&six(c.normal, p.moment), &row);
+            linear.add_right(impulse, p.arm.cross(impulse));
+            turning += outer(p.arm, force);
         }
+        let (mut force_by_turn, mut torque_by_turn) = (DMat3::ZERO, self.spin);
         if self.geometric {
             let angular = self.state.twist.angular;
-            linear.add(0, 3, &self.turning.0, -h * h);
-            linear.add(3, 3, &turning, -h * h);
-            linear.add_right(self.turning.0 * angular * (h * h), turning * angular * (h * h));
+            let (force, torque) = self.turning;
+            let (force, torque) = (force * (h * h), (torque + cross_sum(&turning)) * (h * h));
+            force_by_turn -= force;
+            torque_by_turn -= torque;
+            linear.add_right(force * angular, torque * angular);
         }
+        linear.add_with_lateral(&lateral, &force_by_turn, &torque_by_turn);
         linear
     }
 
     /// Whether the symmetric part of the matrix exceeds half the mass matrix.
+    #[inline(always)]
     fn predicts(&self, matrix: &[[f64; 6]; 6]) -> bool {
         let mut symmetric: [[f64; 6]; 6] =
             std::array::from_fn(|i| std::array::from_fn(|j| matrix[i][j] + matrix[j][i]));
@@ -442,17 +413,18 @@ impl<'a> System<'a> {
     fn predict(&mut self, change: &Twist) -> (u64, u64) {
         let (mut pushing, mut closed) = (0, 0);
         self.alike = true;
-        let at_start = *change == Twist::ZERO;
         for (i, (c, p)) in self.contacts.constraints().iter().zip(&mut *self.pressing).enumerate() {
-            let rate = c.normal.dot(change.linear) + p.moment.dot(change.angular);
+            let velocity = change.velocity_at(p.arm);
+            let rate = c.normal.dot(velocity);
             let gain = self.dt * p.stiffness + c.damping;
             let is_closed = c.stiffness_at(p.overlap + self.dt * rate).is_some();
             let force = p.force + gain * rate + p.swept.dot(change.angular);
             let pushes = is_closed && force > 0.0;
             closed |= u64::from(is_closed) << i;
             pushing |= u64::from(pushes) << i;
-            if let Some(rubbing) = p.rubbing.as_mut().filter(|_| pushes && !at_start) {
-                let share = rubbing.share_after(change, c, p.arm, force, self.dt);
+            if let Some(rubbing) = p.rubbing.as_mut().filter(|_| pushes) {
+                let gained = c.velocity_strain(velocity, rate, change.angular);
+                let share = rubbing.share_after(&gained, c, force, self.dt);
                 self.alike &= (share - rubbing.share).abs() <= SHARES_ALIKE * rubbing.share;
                 rubbing.share = share;
             }
@@ -463,8 +435,7 @@ impl<'a> System<'a> {
     fn solve(&mut self) -> Option<(Twist, u64, StepStatus)> {
         let mut status = StepStatus::default();
         let mut left_for_next = 0_u64;
-        self.see_contacts();
-        let (mut active, _) = self.predict(&Twist::ZERO);
+        let mut active = self.see_contacts();
         loop {
             let mut linear = self.assemble(active);
             if self.geometric && !self.predicts(&linear.matrix) {
@@ -474,7 +445,7 @@ impl<'a> System<'a> {
                 linear = self.assemble(active);
             }
             status.solves += 1;
-            let [vx, vy, vz, wx, wy, wz] = solve(linear.matrix, linear.right)?;
+            let [vx, vy, vz, wx, wy, wz] = linear.solution(self.geometric)?;
             let change = Twist { linear: DVec3::new(vx, vy, vz), angular: DVec3::new(wx, wy, wz) };
             let (pushing, closed) = self.predict(&change);
             left_for_next |= active & !closed & !self.closed_at_start;
@@ -492,6 +463,7 @@ impl<'a> System<'a> {
 
 /// The momentum exp(h ω*) I ω that a body spinning at ω carries over the step, less I ω, and the derivative
 /// of the former by ω.
+#[inline(always)]
 pub(crate) fn carried_momentum(inertia: &DMat3, angular: DVec3, dt: f64) -> (DVec3, DMat3) {
     let (turn, left) = exponential(angular * dt);
     let momentum = *inertia * angular;
@@ -510,6 +482,7 @@ mod tests {
     use crate::contact::{ContactParameters, MAX_CLUSTERS};
     use crate::differences::{derivative, largest, random_pose, random_twist, random_vector};
     use crate::friction::Friction;
+    use crate::rotation::skew;
 
     /// An inertia like that of a solid of uneven shape, turned to arbitrary axes.
     fn random_inertia(rng: &mut StdRng, size: f64) -> DMat3 {
@@ -569,7 +542,11 @@ mod tests {
         let mut with_contact = 0;
         for case in 0..500 {
             let body = Body::new(rng.random_range(0.01..0.5), random_inertia(&mut rng, 1e-4)).unwrap();
-            let coupling = VirtualCoupling::critically_damped(&body, random_pose(&mut rng, 0.05), 300.0, 0.5);
+            let mut coupling =
+                VirtualCoupling::critically_damped(&body, random_pose(&mut rng, 0.05), 300.0, 0.5);
+            // Linear, and in the bend before the limit.
+            (coupling.max_force, coupling.max_torque) =
+                [(f64::INFINITY, f64::INFINITY), (1.5, 0.1)][case % 2];
             let state =
                 BodyState { pose: random_pose(&mut rng, 0.5), twist: random_twist(&mut rng, 0.2, 2.0) };
             let grasp = state.pose * coupling.grasp;
