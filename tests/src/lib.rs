@@ -11,10 +11,11 @@ use std::io::Write as _;
 use std::path::PathBuf;
 
 use palpate::clod_build::unwatched;
+use palpate::collide::{ContactQuery, QuerySettings};
 use palpate::core::Clod;
 use palpate::glam::DVec3;
 use palpate::mesh_io::{LoadOptions, load};
-use palpate::{Object, OpenOptions, TriMesh};
+use palpate::{Object, OpenOptions, Pose, TriMesh};
 
 /// A file of the optional test data, which lies in `shared` beside the repository; says that the test is skipped, and
 /// gives `None`, when it is absent.
@@ -50,6 +51,27 @@ pub fn model(name: &str) -> Object {
         Ok((object, _)) => object,
         Err(error) => panic!("{error}"),
     }
+}
+
+/// Where the frame of a probe that is let down along z above the middle of a scene object is when it touches it.
+///
+/// # Panics
+/// If it never does.
+pub fn first_touch(probe: &Object, scene: &Object) -> DVec3 {
+    let settings = QuerySettings::new(0.1 * probe.bounding_radius());
+    let mut query = ContactQuery::new(probe.shape(), scene.shape());
+    let top = scene.bounding_radius() + probe.bounding_radius();
+    let mut position = scene.clod.source.center - probe.clod.source.center + DVec3::Z * top;
+    for _ in 0..1000 {
+        let pose = Pose::from_translation(position);
+        let outcome = query.run(&pose, &Pose::IDENTITY, &settings);
+        let distance = outcome.smallest_distance.unwrap_or(settings.tolerance);
+        if distance < 1e-6 {
+            return position;
+        }
+        position.z -= distance;
+    }
+    panic!("the probe never touches");
 }
 
 /// The leaf that each triangle of a hierarchy's mesh belongs to.

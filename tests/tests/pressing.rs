@@ -10,14 +10,13 @@ use std::f64::consts::TAU;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 
-use palpate::collide::{ContactQuery, QuerySettings};
 use palpate::core::{Twist, Wrench};
 use palpate::device::{
     DeviceError, DeviceState, EmulatedDevice, Emulation, HapticDevice, IntendedPath, Specification,
 };
 use palpate::glam::{DQuat, DVec3};
 use palpate::{ContactTiming, HapticRenderer, Object, Pose, Scene, Settings};
-use palpate_tests::model;
+use palpate_tests::{first_touch, model};
 
 /// What was seen at the handle itself.
 #[derive(Clone, Copy, Debug, Default)]
@@ -91,24 +90,6 @@ fn intended(touch: DVec3, time: f64) -> (Pose, Twist) {
     )
 }
 
-/// Where the probe, let down along z above the middle of the scene's object, touches it.
-fn touch(probe: &Object, scene: &Object) -> DVec3 {
-    let settings = QuerySettings::new(0.1 * probe.bounding_radius());
-    let mut query = ContactQuery::new(probe.shape(), scene.shape());
-    let top = scene.bounding_radius() + probe.bounding_radius();
-    let mut position = scene.clod.source.center - probe.clod.source.center + DVec3::Z * top;
-    for _ in 0..1000 {
-        let pose = Pose::from_translation(position);
-        let outcome = query.run(&pose, &Pose::IDENTITY, &settings);
-        let distance = outcome.smallest_distance.unwrap_or(settings.tolerance);
-        if distance < 1e-6 {
-            return position;
-        }
-        position.z -= distance;
-    }
-    panic!("the probe never touches");
-}
-
 fn press(name: &str, rate: f64, probe: &Object, ball: &Object, touch: DVec3) {
     let emulation = Emulation::preset(name).expect("a preset");
     let specification = emulation.specification.clone();
@@ -164,7 +145,7 @@ fn press(name: &str, rate: f64, probe: &Object, ball: &Object, touch: DVec3) {
 #[test]
 fn every_device_presses_a_ball_steadily_at_fast_and_slow_contact_rates() {
     let (probe, ball) = (model("ellipsoid@2000"), model("golf-ball@20000"));
-    let touch = touch(&probe, &ball);
+    let touch = first_touch(&probe, &ball);
     let names: Vec<&str> = Emulation::presets().map(|(name, _)| name).collect();
     assert!(names.len() >= 6);
     std::thread::scope(|scope| {

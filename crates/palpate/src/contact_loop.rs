@@ -210,9 +210,9 @@ impl ContactLoop {
     /// again if that was as far as it looks.
     fn adapt_outlook(&mut self, ahead: f64) {
         let tolerance = self.parameters.tolerance;
-        let found = self.proxy.contacts();
-        let near = found.iter().filter(|found| found.contact.depth > -tolerance).count();
-        if found.len() - near > near.max(FAR_CONTACTS) {
+        let found = self.proxy.contacts().count();
+        let near = self.proxy.contacts().filter(|found| found.contact.depth > -tolerance).count();
+        if found - near > near.max(FAR_CONTACTS) {
             self.outlook = (0.5 * ahead).max(STEP * tolerance);
         } else if ahead >= self.outlook {
             self.outlook = (GROWTH * self.outlook).min(FURTHEST * self.radius);

@@ -36,13 +36,22 @@ pub struct HapticLoop {
     passivity: PassivityController,
     /// The wrench that the device holds, as far as known.
     sent: Wrench,
-    update: ContactUpdate,
+    /// What the newest contact model was found with.
+    found: Found,
     contacts: ContactBlend,
     integrator: IntegratorKind,
     /// Time of the first step, s, from which the first contact model is waited for, and of the last one; NaN before.
     started: f64,
     now: f64,
     telemetry: HapticTelemetry,
+}
+
+/// What a [`ContactUpdate`] says beside its model.
+#[derive(Clone, Copy, Debug)]
+struct Found {
+    time: f64,
+    depth: f64,
+    contacts: u32,
 }
 
 /// What the device can render.
@@ -113,7 +122,7 @@ impl HapticLoop {
             presence: Presence::new(grasped.contact_timeout, grasped.engagement),
             passivity: PassivityController::new(grasped.max_damping, steps),
             sent: Wrench::ZERO,
-            update: ContactUpdate::none(),
+            found: Found { time: f64::NAN, depth: 0.0, contacts: 0 },
             contacts: ContactBlend::new(),
             integrator: grasped.integrator,
             started: f64::NAN,
@@ -161,11 +170,12 @@ impl HapticLoop {
     /// Takes a newer contact model into use: [gradually](ContactBlend), over as long as lies between the last two, but no
     /// longer than [`ContactBlend::LONGEST`].
     pub fn update_contacts(&mut self, update: &ContactUpdate) {
-        let since = update.time - self.update.time;
+        let &ContactUpdate { ref model, time, depth, contacts } = update;
+        let since = time - self.found.time;
         let duration = if since.is_nan() { 0.0 } else { since.min(ContactBlend::LONGEST) };
-        self.contacts.arrive(&update.model, &self.state, duration);
-        self.update = *update;
-        self.telemetry.depth_max = self.telemetry.depth_max.max(update.depth);
+        self.contacts.arrive(model, &self.state, duration);
+        self.found = Found { time, depth, contacts };
+        self.telemetry.depth_max = self.telemetry.depth_max.max(depth);
     }
 
     /// One step of `dt` seconds up to time `now` (s) on a device: reads it, steps and writes the wrench. A device that
@@ -219,7 +229,7 @@ impl HapticLoop {
         let sound = step.status.held.is_none() && reading != Reading::Lost;
         let wanted = self.workspace.mapping().wrench(&step.coupling.about(-arm)) * self.presence.share();
         self.sent = match device {
-            Some(_) if sound && self.presence.share() > 0.0 => self.fit(&wanted, dt),
+            Some(_) if sound && self.presence.share() > 0.0 => self.fit(&wanted, dt, elapsed),
             // The device still holds the last wrench. It goes down as fast as it may, also for the time that a step is late.
             Some(_) => self.slew.approach(&self.sent, &self.passivity.rest(), elapsed),
             None => self.passivity.rest(),
@@ -234,9 +244,9 @@ impl HapticLoop {
             object: self.object_pose(),
             coupling: self.sent,
             contact: step.contact,
-            depth: self.update.depth,
-            contacts: self.update.contacts,
-            model_age: now - self.update.time,
+            depth: self.found.depth,
+            contacts: self.found.contacts,
+            model_age: now - self.found.time,
         }
     }
 
@@ -254,7 +264,7 @@ impl HapticLoop {
 
     /// Lets the wrench's share come up, fade or fall to nothing, and counts why.
     fn pass(&mut self, reading: Reading, step: &Step, now: f64, dt: f64) {
-        let waited = now - if self.update.time.is_nan() { self.started } else { self.update.time };
+        let waited = now - if self.found.time.is_nan() { self.started } else { self.found.time };
         let taken = step.status.held.is_none();
         // A step that is refused may be so because of its `dt`.
         let dt = if taken { dt } else { 0.0 };
@@ -274,10 +284,10 @@ impl HapticLoop {
 
     /// What is sent of a wrench: with the passivity controller's damping, within what the device renders, and no
     /// further from the last than it may change.
-    fn fit(&mut self, wanted: &Wrench, dt: f64) -> Wrench {
+    fn fit(&mut self, wanted: &Wrench, dt: f64, elapsed: f64) -> Wrench {
         let damping = self.passivity.damping(&self.tracking.damped_state().twist, dt);
         let (fitting, limited) = self.limits.fit(&(*wanted + damping));
-        let sent = self.slew.approach(&self.sent, &fitting, dt);
+        let sent = self.slew.approach_late(&self.sent, &fitting, dt, elapsed);
         let events = &mut self.telemetry.events;
         events.damped += u64::from(damping != Wrench::ZERO);
         events.saturated += u64::from(limited);

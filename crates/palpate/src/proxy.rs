@@ -10,6 +10,7 @@
 //! Where the object itself penetrates no more than that trace, and has come there without passing anything, it is its own
 //! proxy, with one query a step.
 
+use arrayvec::ArrayVec;
 use palpate_collide::{PatchContact, QueryOutcome, QuerySettings, SceneQuery};
 use palpate_core::glam::{DMat3, DVec3};
 use palpate_core::{Contact, Pose, Twist};
@@ -21,6 +22,12 @@ const PLANNED: f64 = 0.2;
 
 /// A motion that takes no point further than this, in tolerances, is tried whatever turning may do on its way.
 const STRIDE: f64 = 0.5;
+
+/// Contacts closer than d are the same if their normals' cosine is above this.
+const SAME_DIRECTION: f64 = 0.9;
+
+/// Contacts that are remembered, at most.
+const REMEMBERED: usize = 16;
 
 /// Queries in a step of the contact loop, at most. What is left of the way is gone in the next.
 const LOOKS: usize = 8;
@@ -46,6 +53,9 @@ pub(crate) struct Proxy {
     reach: f64,
     /// Whether the scene has changed since.
     stale: bool,
+    /// Contacts in which it was too deep where it was to go, as its present pose has them. Convex patches that lie flat on
+    /// one another have one contact only at a time, and would rock on it.
+    remembered: ArrayVec<PatchContact, REMEMBERED>,
     limits: Vec<MotionLimit>,
     multipliers: Vec<f64>,
 }
@@ -80,6 +90,7 @@ impl Proxy {
             found: Vec::new(),
             reach: 0.0,
             stale: false,
+            remembered: ArrayVec::new(),
             limits: Vec::new(),
             multipliers: Vec::new(),
         }
@@ -90,9 +101,9 @@ impl Proxy {
         &self.pose
     }
 
-    /// Contacts there, within the reach last asked for.
-    pub fn contacts(&self) -> &[PatchContact] {
-        &self.found
+    /// Contacts there, within the reach last asked for, and those remembered that hold the proxy as well.
+    pub fn contacts(&self) -> impl Iterator<Item = &PatchContact> {
+        self.found.iter().chain(&self.remembered)
     }
 
     /// What was found may hold no longer.
@@ -106,6 +117,7 @@ impl Proxy {
         let mut followed = Followed::default();
         if !(self.enabled && self.sound && self.approach(goal, settings, scene, &mut followed)) {
             // It has no side that it could be kept on.
+            self.remembered.clear();
             let outcome = self.look(goal, settings, scene, &mut followed);
             self.accept(goal, settings, scene);
             self.sound = self.is_shallow(&outcome);
@@ -121,10 +133,12 @@ impl Proxy {
         scene: &mut SceneQuery,
         followed: &mut Followed,
     ) -> bool {
-        if self.stale && !self.stays(settings, scene, followed) {
-            return false;
+        if self.stale {
+            self.remembered.clear();
+            if !self.stays(settings, scene, followed) {
+                return false;
+            }
         }
-        self.limits.clear();
         let mut caution = 1.0;
         for _ in 0..LOOKS {
             let wanted = motion_between(&self.pose, goal);
@@ -140,7 +154,9 @@ impl Proxy {
                 continue;
             }
             self.accept(&next, settings, scene);
-            self.limits.clear();
+            if next == *goal {
+                self.remembered.clear();
+            }
             if whole {
                 return true;
             }
@@ -157,19 +173,21 @@ impl Proxy {
         self.is_shallow(&outcome)
     }
 
-    /// The motion nearest to a wanted one that goes past no plane of the contacts, nor of those to be avoided.
+    /// The motion nearest to a wanted one that goes past no plane of the contacts.
     fn plan(&mut self, wanted: &Twist) -> Twist {
-        let known = self.limits.len();
         let planned = PLANNED * self.tolerance;
         let length = self.length(wanted);
-        let (pose, found) = (&self.pose, &self.found);
-        let near = found.iter().filter(|found| found.contact.depth + length > planned);
-        self.limits.extend(near.map(|found| limit(&found.contact, pose, planned - found.contact.depth)));
-        self.multipliers.resize(self.limits.len(), 0.0);
+        let Self { found, remembered, limits, multipliers, .. } = self;
+        let near = found.iter().chain(&*remembered).filter(|found| found.contact.depth + length > planned);
+        limits.clear();
+        limits.extend(near.map(|PatchContact { contact, .. }| MotionLimit {
+            direction: contact.normal,
+            arm: contact.point - self.pose.translation,
+            room: planned - contact.depth,
+        }));
+        multipliers.resize(limits.len(), 0.0);
         let rotation = DMat3::from_quat(self.pose.rotation);
-        let motion = constrained_motion(&self.body, &rotation, wanted, &self.limits, &mut self.multipliers);
-        self.limits.truncate(known);
-        motion
+        constrained_motion(&self.body, &rotation, wanted, limits, multipliers)
     }
 
     /// How far, m, a motion takes any point of the object, at most.
@@ -184,7 +202,7 @@ impl Proxy {
         let turning = motion.angular.length() * self.radius;
         let length = self.length(motion);
         let free = |room: f64, way: f64| if way > room { room.max(0.0) / way } else { 1.0 };
-        let share = self.found.iter().fold(free(self.reach + allowed, length), |share: f64, found| {
+        let share = self.contacts().fold(free(self.reach + allowed, length), |share: f64, found| {
             let way = motion.linear.dot(found.contact.normal) + turning;
             share.min(free(allowed - found.contact.depth, way))
         });
@@ -210,6 +228,14 @@ impl Proxy {
 
     /// Is where the query was that was made last.
     fn accept(&mut self, pose: &Pose, settings: &QuerySettings, scene: &SceneQuery) {
+        let tolerance = self.tolerance;
+        for found in &mut self.remembered {
+            found.contact = carried(&found.contact, &self.pose, pose);
+        }
+        self.remembered.retain(|found| {
+            let Contact { point, scene_point, normal, depth } = found.contact;
+            depth > -tolerance && (point - scene_point).reject_from(normal).length() < tolerance
+        });
         self.pose = *pose;
         self.reach = settings.tolerance;
         self.stale = false;
@@ -217,14 +243,31 @@ impl Proxy {
         self.found.extend(scene.contacts().flat_map(|object| object.contacts));
     }
 
-    /// Plans motions from now on so that they stay clear of what the last query, at `pose`, found to be too deep.
+    /// Remembers in what the last query, at `pose`, found the proxy to be too deep. Where there is no room
+    /// for it, the shallowest gives way.
     fn avoid(&mut self, pose: &Pose, scene: &SceneQuery) {
         let planned = PLANNED * self.tolerance;
-        let motion = motion_between(&self.pose, pose);
         for found in scene.contacts().flat_map(|object| object.contacts) {
-            if found.contact.depth > planned {
-                let gone = limit(&found.contact, pose, planned - found.contact.depth);
-                self.limits.push(MotionLimit { room: gone.room + gone.way(&motion), ..gone });
+            if found.contact.depth <= planned {
+                continue;
+            }
+            let found = PatchContact { contact: carried(&found.contact, pose, &self.pose), ..*found };
+            let same = |other: &&mut PatchContact| {
+                let near = other.contact.point.distance(found.contact.point) < self.tolerance;
+                near && other.contact.normal.dot(found.contact.normal) > SAME_DIRECTION
+            };
+            if let Some(known) = self.remembered.iter_mut().find(same) {
+                *known = found;
+            } else if let Err(full) = self.remembered.try_push(found) {
+                let by_depth = |a: &&mut PatchContact, b: &&mut PatchContact| {
+                    a.contact.depth.total_cmp(&b.contact.depth)
+                };
+                let shallowest = self.remembered.iter_mut().min_by(by_depth);
+                if let Some(known) =
+                    shallowest.filter(|known| known.contact.depth < full.element().contact.depth)
+                {
+                    *known = full.element();
+                }
             }
         }
     }
@@ -233,10 +276,6 @@ impl Proxy {
 /// The motion (a twist for the time of 1) from one pose to another.
 fn motion_between(from: &Pose, to: &Pose) -> Twist {
     Twist::new(to.translation - from.translation, from.rotation_vector_to(to))
-}
-
-fn limit(contact: &Contact, pose: &Pose, room: f64) -> MotionLimit {
-    MotionLimit { direction: contact.normal, arm: contact.point - pose.translation, room }
 }
 
 /// A contact of the body at one pose of its centre of mass, as its plane holds the body at another: the point moves with

@@ -1,0 +1,169 @@
+//! The dissertation's experiments in contact (§5.5.3): how deep light objects go into stiff surfaces, and whether they are
+//! quiet there, with contacts found at various rates.
+//!
+//! Both hold still while the hand does, and where the contact force is that of the last query, instead of its linear
+//! model, they do not.
+
+use std::collections::VecDeque;
+
+use palpate::device::{Emulation, Interpolation, Keyframe, MotionPath};
+use palpate::dynamics::{BodyState, LinearContactModel, PlaneConstraint};
+use palpate::glam::{DMat3, DQuat, DVec3};
+use palpate::{HapticRenderer, Object, Pose, Scene, Settings};
+use palpate_tests::{first_touch, model};
+
+const STEP: f64 = 1e-3;
+
+/// What the hand does after the touch: it comes down, presses, rubs, and holds still.
+#[derive(Clone, Copy)]
+struct Task {
+    /// How far past the touch the hand means to go, m.
+    press: f64,
+    /// Amplitudes of rubbing, m, and twisting, rad, and their frequency, Hz.
+    rub: f64,
+    twist: f64,
+    frequency: f64,
+}
+
+/// Seconds until the touch, pressed down, rubbed, and at the end.
+const TIMES: [f64; 4] = [0.2, 0.7, 2.2, 3.0];
+
+/// What was seen.
+#[derive(Clone, Copy, Debug, Default)]
+struct Seen {
+    /// The deepest penetration that a query found, m.
+    depth: f64,
+    /// How far the object came from its mean place in the last half second, m.
+    wander: f64,
+    /// Mean force at the device in the last half second, N, and the largest difference from it.
+    force: DVec3,
+    unrest: f64,
+}
+
+fn intended(touch: DVec3, task: &Task) -> MotionPath {
+    let [start, pressed, rubbed, end] = TIMES;
+    let keyframe = |sample: usize| {
+        let time = sample as f64 * 0.01;
+        let smooth = |x: f64| x * x * (3.0 - 2.0 * x);
+        let down = smooth(((time - start) / (pressed - start)).clamp(0.0, 1.0));
+        let phase = std::f64::consts::TAU * task.frequency * (time.clamp(pressed, rubbed) - pressed);
+        let height = 2e-3 - (2e-3 + task.press) * down;
+        let place = touch + DVec3::new(task.rub * phase.sin(), 0.0, height);
+        let pose = Pose::new(place, DQuat::from_rotation_z(task.twist * phase.sin()));
+        Keyframe { time, pose }
+    };
+    let samples = (0..=(end / 0.01) as usize + 10).map(keyframe).collect();
+    MotionPath::new(samples, Interpolation::Smooth).expect("a path")
+}
+
+/// The force that a model has at a state, whatever the body does afterwards: springs so soft and so far compressed that no
+/// motion changes their force.
+fn frozen(model: &LinearContactModel, state: &BodyState) -> LinearContactModel {
+    const SOFT: f64 = 1e-6;
+    let mut frozen = LinearContactModel::empty(&state.pose, model.time());
+    let rotation = DMat3::from_quat(state.pose.rotation);
+    for constraint in model.constraints() {
+        let arm = rotation * constraint.point;
+        let depth = (state.pose.translation + arm - constraint.scene_point).dot(constraint.normal);
+        let rate = state.twist.velocity_at(arm).dot(constraint.normal);
+        let overlap = depth + constraint.tolerance;
+        let force = constraint.stiffness * overlap + constraint.damping * rate;
+        if overlap > 0.0 && force > 0.0 {
+            let scene_point = state.pose.translation + arm;
+            let tolerance = force / SOFT;
+            frozen.push(PlaneConstraint {
+                stiffness: SOFT,
+                damping: 0.0,
+                tolerance,
+                scene_point,
+                ..*constraint
+            });
+        }
+    }
+    frozen
+}
+
+/// Renders the task with queries at `rate` (Hz), each taking its whole period; with `hold`, the force stays what it was at
+/// the state that the query saw.
+fn render(probe: &Object, scene: &Object, settings: Settings, task: &Task, rate: f64, hold: bool) -> Seen {
+    let touch = first_touch(probe, scene);
+    let placed = Scene::new().with(scene.clone(), Pose::IDENTITY);
+    // What the hand means to do is as large in the world.
+    let scale = settings.workspace_scale;
+    let settings = Settings { device_frame: Pose::from_translation(touch * (1.0 - scale)), ..settings };
+    let device = Emulation::default().open(intended(touch, task)).expect("an emulation");
+    let renderer = HapticRenderer::new(probe.clone(), placed, Box::new(device), settings).expect("a session");
+    let (mut haptic, mut contact, mut device) = renderer.into_loops();
+    let every = (1.0 / (rate * STEP)).round() as usize;
+    let mut pending = VecDeque::new();
+    let mut seen = Seen::default();
+    let mut rows = Vec::new();
+    for step in 0..(TIMES[3] / STEP) as usize {
+        let now = (step + 1) as f64 * STEP;
+        if step % every == 0 {
+            if let Some(update) = pending.pop_front() {
+                haptic.update_contacts(&update);
+            }
+            let mut update = contact.step(haptic.body_state(), now - STEP);
+            seen.depth = seen.depth.max(update.depth);
+            if hold {
+                update.model = frozen(&update.model, haptic.body_state());
+            }
+            pending.push_back(update);
+        }
+        let record = haptic.step_device(device.as_mut(), now, STEP);
+        if now > TIMES[3] - 0.5 {
+            rows.push((record.object.translation, record.coupling.force));
+        }
+    }
+    let count = rows.len() as f64;
+    let place = rows.iter().map(|row| row.0).sum::<DVec3>() / count;
+    seen.force = rows.iter().map(|row| row.1).sum::<DVec3>() / count;
+    for (object, force) in rows {
+        seen.wander = seen.wander.max(object.distance(place));
+        seen.unrest = seen.unrest.max(force.distance(seen.force));
+    }
+    seen
+}
+
+#[test]
+fn spoon_in_cup() {
+    let (spoon, cup) = (model("spoon@1344"), model("cup@4000"));
+    let task = Task { press: 7e-3, rub: 5e-3, twist: 0.05, frequency: 1.0 };
+    for (mass, contact_stiffness, bound) in [(0.01, 2e3, 6e-4), (0.1, 1e4, 2e-4), (0.01, 1e4, 2e-4)] {
+        for rate in [1000.0, 500.0, 200.0] {
+            let settings = Settings {
+                mass,
+                contact_stiffness,
+                coupling_stiffness: Some(200.0),
+                angular_stiffness: Some(0.6),
+                ..Settings::default()
+            };
+            let seen = render(&spoon, &cup, settings, &task, rate, false);
+            let context = format!("{mass} kg, {contact_stiffness} N/m, {rate} Hz: {seen:?}");
+            eprintln!("{context}");
+            assert!(seen.depth < bound, "{context}");
+            assert!(seen.force.z > 0.3, "never pressed: {context}");
+            assert!(seen.wander < 2e-5 && seen.unrest < 0.02, "{context}");
+        }
+    }
+}
+
+#[test]
+fn jaws() {
+    let (upper, lower) = (model("upper-jaw@10000"), model("lower-jaw@10000"));
+    let settings = Settings {
+        mass: 0.01,
+        contact_stiffness: 5e3,
+        coupling_stiffness: Some(500.0),
+        workspace_scale: 0.4,
+        error: 0.025 * upper.bounding_radius(),
+        ..Settings::default()
+    };
+    let task = Task { press: 3e-3, rub: 1e-3, twist: 0.0, frequency: 1.0 };
+    for rate in [500.0, 100.0, 50.0] {
+        let seen = render(&upper, &lower, settings, &task, rate, false);
+        let held = render(&upper, &lower, settings, &task, rate, true);
+        eprintln!("{rate} Hz: {seen:?}\n   held {held:?}");
+    }
+}
