@@ -1,8 +1,7 @@
 //! The dissertation's experiments in contact (§5.5.3): how deep light objects go into stiff surfaces, and whether they are
 //! quiet there, with contacts found at various rates.
 //!
-//! Both hold still while the hand does, and where the contact force is that of the last query, instead of its linear
-//! model, they do not.
+//! They hold still while the hand does; with the contact force of the last query in place of its linear model they do not.
 
 use std::collections::VecDeque;
 
@@ -14,7 +13,10 @@ use palpate_tests::{first_touch, model};
 
 const STEP: f64 = 1e-3;
 
-/// What the hand does after the touch: it comes down, presses, rubs, and holds still.
+/// An object this deep in another, m, is lost.
+const LOST: f64 = 5e-3;
+
+/// What the hand does: it comes down, presses, rubs, and holds still; in metres at the device.
 #[derive(Clone, Copy)]
 struct Task {
     /// How far past the touch the hand means to go, m.
@@ -25,7 +27,7 @@ struct Task {
     frequency: f64,
 }
 
-/// Seconds until the touch, pressed down, rubbed, and at the end.
+/// Seconds until it sets out, has pressed down, has rubbed, rubbed, and at the end.
 const TIMES: [f64; 4] = [0.2, 0.7, 2.2, 3.0];
 
 /// What was seen.
@@ -88,7 +90,7 @@ fn frozen(model: &LinearContactModel, state: &BodyState) -> LinearContactModel {
 fn render(probe: &Object, scene: &Object, settings: Settings, task: &Task, rate: f64, hold: bool) -> Seen {
     let touch = first_touch(probe, scene);
     let placed = Scene::new().with(scene.clone(), Pose::IDENTITY);
-    // What the hand means to do is as large in the world.
+    // The touch is where it is in the world, whatever the scale.
     let scale = settings.workspace_scale;
     let settings = Settings { device_frame: Pose::from_translation(touch * (1.0 - scale)), ..settings };
     let device = Emulation::default().open(intended(touch, task)).expect("an emulation");
@@ -106,6 +108,9 @@ fn render(probe: &Object, scene: &Object, settings: Settings, task: &Task, rate:
             }
             let mut update = contact.step(haptic.body_state(), now - STEP);
             seen.depth = seen.depth.max(update.depth);
+            if seen.depth > LOST {
+                return seen;
+            }
             if hold {
                 update.model = frozen(&update.model, haptic.body_state());
             }
@@ -127,9 +132,10 @@ fn render(probe: &Object, scene: &Object, settings: Settings, task: &Task, rate:
 }
 
 #[test]
-fn spoon_in_cup() {
+fn spoon_in_cup_is_shallow_and_quiet() {
     let (spoon, cup) = (model("spoon@1344"), model("cup@4000"));
-    let task = Task { press: 7e-3, rub: 5e-3, twist: 0.05, frequency: 1.0 };
+    let task = Task { press: 12e-3, rub: 5e-3, twist: 0.05, frequency: 1.0 };
+    // The dissertation's, of which the second oscillated, and one more.
     for (mass, contact_stiffness, bound) in [(0.01, 2e3, 6e-4), (0.1, 1e4, 2e-4), (0.01, 1e4, 2e-4)] {
         for rate in [1000.0, 500.0, 200.0] {
             let settings = Settings {
@@ -137,33 +143,42 @@ fn spoon_in_cup() {
                 contact_stiffness,
                 coupling_stiffness: Some(200.0),
                 angular_stiffness: Some(0.6),
+                tolerance: Some(1e-4),
                 ..Settings::default()
             };
             let seen = render(&spoon, &cup, settings, &task, rate, false);
             let context = format!("{mass} kg, {contact_stiffness} N/m, {rate} Hz: {seen:?}");
-            eprintln!("{context}");
+            assert!(seen.force.z > 0.6, "never pressed: {context}");
             assert!(seen.depth < bound, "{context}");
-            assert!(seen.force.z > 0.3, "never pressed: {context}");
             assert!(seen.wander < 2e-5 && seen.unrest < 0.02, "{context}");
         }
     }
 }
 
+/// At 50 Hz the teeth pass one another by more between queries than planes know of: there a tooth goes deeper in passing.
 #[test]
-fn jaws() {
-    let (upper, lower) = (model("upper-jaw@10000"), model("lower-jaw@10000"));
+fn jaws_are_quiet_at_slow_contact_rates_by_the_linearised_model_alone() {
+    let (upper, lower) = (model("upper-jaw@5000"), model("lower-jaw@5000"));
     let settings = Settings {
         mass: 0.01,
         contact_stiffness: 5e3,
         coupling_stiffness: Some(500.0),
         workspace_scale: 0.4,
-        error: 0.025 * upper.bounding_radius(),
+        error: 0.004 * upper.bounding_radius(),
+        clusters: 16,
         ..Settings::default()
     };
     let task = Task { press: 3e-3, rub: 1e-3, twist: 0.0, frequency: 1.0 };
-    for rate in [500.0, 100.0, 50.0] {
+    for (rate, bound) in [(500.0, 1e-4), (100.0, 1e-4), (50.0, 6e-4)] {
         let seen = render(&upper, &lower, settings, &task, rate, false);
+        let context = format!("{rate} Hz: {seen:?}");
+        assert!(seen.force.length() > 0.2, "never pressed: {context}");
+        assert!(seen.depth < bound, "{context}");
+        assert!(seen.wander < 5e-5 && seen.unrest < 0.05, "{context}");
         let held = render(&upper, &lower, settings, &task, rate, true);
-        eprintln!("{rate} Hz: {seen:?}\n   held {held:?}");
+        assert!(
+            held.depth > 5e-3,
+            "stable without the model as well, and nothing is shown: {rate} Hz: {held:?}"
+        );
     }
 }
