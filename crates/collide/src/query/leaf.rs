@@ -52,6 +52,8 @@ pub(crate) struct LeafQuery {
 struct Placed {
     index: u32,
     corners: [DVec3; 3],
+    /// How far it begins along the direction from a to b, m.
+    begin: f64,
     ball: Ball,
     prism: Prism,
 }
@@ -123,7 +125,8 @@ impl LeafQuery {
             Separation::Beyond => {}
             Separation::Overlapping if sheet || !a.contained || !b.contained => {
                 let flat = a.is_single_triangle() && b.is_single_triangle();
-                if flat || self.triangles(a, b, reach) {
+                let towards_b = reach.placement.point(b.center) - a.center;
+                if flat || self.triangles(a, b, towards_b, reach) {
                     self.penetrating(a, b, found, reach);
                 }
             }
@@ -134,7 +137,8 @@ impl LeafQuery {
                     // If the triangles are apart, their distances replace the contact. Hulls may touch where they are
                     // virtual; the contact is where the triangles do.
                     let touching = self.contacts.pop();
-                    let penetrating = self.triangles(a, b, reach);
+                    let towards_b = touching.map_or(DVec3::ZERO, |contact| contact.normal);
+                    let penetrating = self.triangles(a, b, towards_b, reach);
                     let (distance, at) = self.nearest;
                     if penetrating || (self.contacts.is_empty() && distance <= reach.looseness) {
                         self.contacts
@@ -143,7 +147,7 @@ impl LeafQuery {
                 }
             }
             Separation::Within | Separation::NotConverged if sheet => {
-                self.triangles(a, b, reach);
+                self.triangles(a, b, -found.axis, reach);
             }
             Separation::Within | Separation::NotConverged => {
                 let (on_a, on_b) = witnesses(a, b, found);
@@ -160,12 +164,12 @@ impl LeafQuery {
                 match (at_a, at_b) {
                     (Surface::Front, Surface::Front) => self.contacts.push(contact),
                     (Surface::Near, _) | (_, Surface::Near) => {
-                        self.triangles(a, b, reach);
+                        self.triangles(a, b, contact.normal, reach);
                     }
                     (Surface::Virtual, _) | (_, Surface::Virtual)
                         if !(a.contained && b.contained) || ambiguous(a, b, contact.normal, reach) =>
                     {
-                        self.triangles(a, b, reach);
+                        self.triangles(a, b, contact.normal, reach);
                     }
                     _ => {}
                 }
@@ -189,32 +193,56 @@ impl LeafQuery {
         self.tetrahedron = Some(overlap.tetrahedron);
     }
 
+    /// Places the triangles of b that may be within the tolerance of a, given a unit vector from a to b, or zero.
+    fn place(&mut self, a: &Patch, b: &Patch, towards_b: DVec3, reach: &Reach) {
+        let placement = reach.placement;
+        let tolerance = reach.tolerance + reach.precision;
+        let ends = a.triangles.iter().map(|&on_a| end_along(&a.corners(on_a), towards_b));
+        let end = ends.fold(f64::NEG_INFINITY, f64::max);
+        let back = -placement.direction_to_b(towards_b);
+        let from = placement.translation.dot(towards_b);
+        self.in_reach.clear();
+        for (j, &on_b) in (0u32..).zip(b.triangles) {
+            let own = b.corners(on_b);
+            let begin = from - end_along(&own, back);
+            if begin - end > tolerance {
+                continue;
+            }
+            let corners = own.map(|corner| placement.point(corner));
+            let ball = Ball::around(&corners);
+            if reaches(a.center, a.radius, ball.center, ball.radius, tolerance) {
+                self.in_reach.push(Placed { index: j, corners, begin, ball, prism: Prism::of(corners) });
+            }
+        }
+    }
+
     /// Decides the pair by its triangles. `true` if the patches penetrate; otherwise the separated contacts are reported.
-    fn triangles(&mut self, a: &Patch, b: &Patch, reach: &Reach) -> bool {
+    /// Triangles that a vector from a to b tells apart are passed over: the closer it is to the normal, the more.
+    fn triangles(&mut self, a: &Patch, b: &Patch, towards_b: DVec3, reach: &Reach) -> bool {
         self.counts.by_triangles += 1;
         self.near.clear();
         self.nearest = (f64::INFINITY, DVec3::ZERO);
         let placement = reach.placement;
         let tolerance = reach.tolerance + reach.precision;
-        self.in_reach.clear();
-        for (j, &on_b) in (0u32..).zip(b.triangles) {
-            let corners = b.corners(on_b).map(|corner| placement.point(corner));
-            let ball = Ball::around(&corners);
-            if reaches(a.center, a.radius, ball.center, ball.radius, tolerance) {
-                self.in_reach.push(Placed { index: j, corners, ball, prism: Prism::of(corners) });
-            }
-        }
+        let towards_b = towards_b.normalize_or_zero();
+        self.place(a, b, towards_b, reach);
+        let begin = self.in_reach.iter().map(|placed| placed.begin).fold(f64::INFINITY, f64::min);
         let center_of_b = placement.point(b.center);
         for (i, &on_a) in (0u32..).zip(a.triangles) {
             let corners_a = a.corners(on_a);
+            let end = end_along(&corners_a, towards_b);
+            if begin - end > tolerance {
+                continue;
+            }
             let one = a.single(&corners_a);
             if !reaches(one.center, one.radius, center_of_b, b.radius, tolerance) {
                 continue;
             }
             let prism = Prism::of(corners_a);
             for index in 0..self.in_reach.len() {
-                let Placed { index: j, corners, ball, prism: ref prism_b } = self.in_reach[index];
-                if !reaches(one.center, one.radius, ball.center, ball.radius, tolerance)
+                let Placed { index: j, corners, begin, ball, prism: ref prism_b } = self.in_reach[index];
+                if begin - end > tolerance
+                    || !reaches(one.center, one.radius, ball.center, ball.radius, tolerance)
                     || prism.clears(corners, tolerance)
                     || prism_b.clears(corners_a, tolerance)
                 {
@@ -286,6 +314,11 @@ impl LeafQuery {
 /// The nearest points, each in its own body's frame.
 fn witnesses(a: &Patch, b: &Patch, found: &Distance) -> (DVec3, DVec3) {
     found.witnesses(&a.hull, &b.hull, &Placement::IDENTITY)
+}
+
+/// How far a triangle reaches along a direction.
+fn end_along([p, q, r]: &[DVec3; 3], direction: DVec3) -> f64 {
+    direction.dot(*p).max(direction.dot(*q)).max(direction.dot(*r))
 }
 
 fn reaches(a: DVec3, radius_a: f64, b: DVec3, radius_b: f64, tolerance: f64) -> bool {
