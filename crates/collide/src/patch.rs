@@ -266,11 +266,7 @@ impl<'a> Patch<'a> {
         }
     }
 
-    /// Whether a point (body frame, m) is within `reach` of a triangle.
-    pub fn lies_on(&self, point: DVec3, triangle: [u32; 3], reach: f64) -> bool {
-        self.in_box(point, triangle, reach) && distance_to_triangle(self.corners(triangle), point) <= reach
-    }
-
+    /// Whether a point (body frame, m) may be within `reach` of a triangle.
     fn in_box(&self, point: DVec3, triangle: [u32; 3], reach: f64) -> bool {
         let [p, q, r] = self.corners(triangle);
         let (low, high) = (p.min(q).min(r) - reach, p.max(q).max(r) + reach);

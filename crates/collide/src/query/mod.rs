@@ -31,6 +31,7 @@ mod parallel;
 mod parting;
 pub(crate) mod refinement;
 mod thinning;
+mod triangles;
 
 use std::collections::BinaryHeap;
 
