@@ -13,6 +13,7 @@
 
 use palpate_core::Clod;
 use palpate_core::clod::Node;
+use palpate_core::glam::DVec3;
 
 use crate::convex::Distance;
 
@@ -54,6 +55,27 @@ impl Detail {
         let largest = areas.iter().copied().fold(0.0, f64::max);
         let mean_area = areas.iter().sum::<f64>() / areas.len().max(1) as f64;
         Self { missing, below, areas: (least, largest), mean_area }
+    }
+
+    /// How far above the plane that supports the patch's hull across a direction a point of the hull has to lie, m, for D
+    /// there, or between there and the mean, to be as much as `allowed` (m²). 0 if that is not known.
+    ///
+    /// A point is a mean of vertices. Where none has a D that is more than c + kh at a height h, nor has the point.
+    pub fn rise(&self, points: &[DVec3], areas: &[f64], direction: DVec3, allowed: f64) -> f64 {
+        if self.mean_area >= allowed || direction == DVec3::ZERO {
+            return 0.0;
+        }
+        if self.areas.1 < allowed {
+            return f64::INFINITY;
+        }
+        let bottom = points.iter().map(|point| point.dot(direction)).fold(f64::INFINITY, f64::min);
+        let level = 0.5 * allowed;
+        points
+            .iter()
+            .zip(areas)
+            .filter(|(_, area)| **area > level)
+            .map(|(point, area)| (point.dot(direction) - bottom) * (allowed - level) / (area - level))
+            .fold(f64::INFINITY, f64::min)
     }
 
     /// Whether the level is free.
