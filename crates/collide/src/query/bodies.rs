@@ -6,7 +6,7 @@ use std::ops::Range;
 use super::front::{Nearest, Pair};
 use super::leaf::{LeafQuery, Reach};
 use super::parting::Parting;
-use super::refinement::{Refine, refine, refined_share, weighted_deviation};
+use super::refinement::{Refine, refine, refined_for, refined_share, weighted_deviation};
 use super::{Circumstances, HULL_TEST_POINTS, PRECISION, SHARE};
 use crate::convex::{Distance, Hull, Limits, Separation, Start, gjk};
 use crate::shape::{Packed, Shape};
@@ -169,14 +169,10 @@ impl Bodies {
 
     /// How far the bodies may move with all of a pair's contact left to finer ones still, m.
     fn refined_for(&self, pair: &Pair, found: &Distance, hulls: &[Hull; 2], now: &Circumstances) -> f64 {
-        let (detail_a, detail_b) = (self.probe.detail(pair.a), self.scene.detail(pair.b));
-        let allowed = detail_a.missing.max(detail_b.missing) / self.threshold(pair, now);
-        let in_b = -now.placement.direction_to_b(found.direction);
-        let rise_a =
-            detail_a.rise(hulls[0].points(), self.probe.support_areas(pair.a), found.direction, allowed);
-        let rise_b = || detail_b.rise(hulls[1].points(), self.scene.support_areas(pair.b), in_b, allowed);
-        let slack = found.distance - found.lower + now.rounding;
-        if rise_a <= slack { 0.0 } else { (0.5 * (rise_a.min(rise_b()) - slack)).max(0.0) }
+        let [hull_a, hull_b] = hulls;
+        let side_a = (self.probe.detail(pair.a), hull_a.points(), self.probe.support_areas(pair.a));
+        let side_b = (self.scene.detail(pair.b), hull_b.points(), self.scene.support_areas(pair.b));
+        refined_for(found, side_a, side_b, &now.placement, self.threshold(pair, now), now.rounding)
     }
 
     /// s₀ at a pair, m.
