@@ -129,14 +129,20 @@ impl Bodies {
         let beyond = found.separation == Separation::Beyond || found.distance > tolerance.max(precision);
         pair.share = if asks { self.share(pair, &found, now) } else { 0.0 };
         let verdict = if pair.share > 0.0 { Verdict::Refine } else { Verdict::Stop };
+        let all_refined = pair.share == 1.0;
         // Nearest points count where there are any within the tolerance only, and hulls that overlap go on to do so until
         // they have moved by their depth.
-        let mut settled = if beyond { found.lower - tolerance } else { found.simplex.depth() };
-        let all_refined = pair.share == 1.0;
-        if all_refined && asks {
+        let mut settled = if beyond {
+            found.lower - tolerance
+        } else if all_refined {
+            found.simplex.depth()
+        } else {
+            f64::NEG_INFINITY
+        };
+        if all_refined {
             settled = settled.max(self.refined_for(pair, &found, &hulls, now));
         }
-        pair.settled = if beyond || all_refined { now.way + settled } else { f64::NEG_INFINITY };
+        pair.settled = now.way + settled;
         pair.wake = f64::NEG_INFINITY;
         if all_refined {
             return verdict;

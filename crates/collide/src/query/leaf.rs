@@ -218,25 +218,23 @@ impl LeafQuery {
         let corners_b = b.corners(b.triangles[j as usize]);
         let (one, other) = (a.single(&corners_a), b.single(&corners_b));
         let found = self.distance(&one, &other, axis, reach);
+        if found.separation == Separation::Beyond {
+            return false;
+        }
         let (p, q) = witnesses(&one, &other, &found);
-        match found.separation {
-            Separation::Beyond => {}
-            Separation::Overlapping => {
-                self.nearest = (0.0, p);
-                return true;
-            }
-            Separation::Within | Separation::NotConverged => {
-                if found.distance < self.nearest.0 {
-                    self.nearest = (found.distance, p);
-                }
-                let (contact, slack) = separated(p, reach.placement.point(q), found.axis, reach.precision);
-                let n = contact.normal;
-                if one.faces(Plane::of(corners_a).normal, n, slack)
-                    && other.faces(Plane::of(corners_b).normal, -reach.placement.direction_to_b(n), slack)
-                {
-                    self.near.push((contact, i, j));
-                }
-            }
+        if found.separation == Separation::Overlapping {
+            self.nearest = (0.0, p);
+            return true;
+        }
+        if found.distance < self.nearest.0 {
+            self.nearest = (found.distance, p);
+        }
+        let (contact, slack) = separated(p, reach.placement.point(q), found.axis, reach.precision);
+        let n = contact.normal;
+        if one.faces(Plane::of(corners_a).normal, n, slack)
+            && other.faces(Plane::of(corners_b).normal, -reach.placement.direction_to_b(n), slack)
+        {
+            self.near.push((contact, i, j));
         }
         false
     }
