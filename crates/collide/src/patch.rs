@@ -218,25 +218,16 @@ impl<'a> Patch<'a> {
         point: DVec3,
         direction: DVec3,
         slack: f64,
-        carriers: impl Iterator<Item = u32>,
+        carriers: impl Iterator<Item = u32> + Clone,
         [precision, near]: [f64; 2],
     ) -> Surface {
         if self.all_real {
             return Surface::Front;
         }
-        let on = ON_TRIANGLE * self.radius + precision;
-        if let Some(incidence) = self.incidence {
-            for vertex in carriers {
-                for &index in incidence.around(vertex) {
-                    let triangle = self.triangles[index as usize];
-                    if self.lies_on(point, triangle, on)
-                        && self.faces(self.planes[index as usize].normal, direction, slack)
-                    {
-                        return Surface::Front;
-                    }
-                }
-            }
+        if self.carried(direction, slack, carriers) {
+            return Surface::Front;
         }
+        let on = ON_TRIANGLE * self.radius + precision;
         let near = near.max(on);
         let mut surface = Surface::Virtual;
         // The height is known to rounding only.
@@ -258,11 +249,24 @@ impl<'a> Patch<'a> {
         surface
     }
 
-    /// Whether a point (body frame, m) is within `reach` of a triangle.
-    pub fn lies_on(&self, point: DVec3, triangle: [u32; 3], reach: f64) -> bool {
-        self.in_box(point, triangle, reach) && distance_to_triangle(self.corners(triangle), point) <= reach
+    /// Whether some triangle that faces a direction has all of these vertices, and so whatever point they combine to.
+    fn carried(&self, direction: DVec3, slack: f64, mut carriers: impl Iterator<Item = u32> + Clone) -> bool {
+        let Some(first) = carriers.next() else { return false };
+        let carries = |(triangle, plane): (&[u32; 3], &Plane)| {
+            triangle.contains(&first)
+                && carriers.clone().all(|vertex| triangle.contains(&vertex))
+                && self.faces(plane.normal, direction, slack)
+        };
+        match self.incidence {
+            Some(incidence) => {
+                let at = |&index: &u32| (&self.triangles[index as usize], &self.planes[index as usize]);
+                incidence.around(first).iter().map(at).any(carries)
+            }
+            None => self.triangles.iter().zip(self.planes).any(carries),
+        }
     }
 
+    /// Whether a point (body frame, m) may be within `reach` of a triangle.
     fn in_box(&self, point: DVec3, triangle: [u32; 3], reach: f64) -> bool {
         let [p, q, r] = self.corners(triangle);
         let (low, high) = (p.min(q).min(r) - reach, p.max(q).max(r) + reach);

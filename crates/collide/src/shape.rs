@@ -189,6 +189,12 @@ impl Shape {
         Hull::with_map(self.clod().bounding_hull(&self.clod().nodes[node as usize]), support)
     }
 
+    /// The hull of a node's patch.
+    pub(crate) fn patch_hull(&self, node: u32) -> Hull<'_> {
+        let support = self.0.supports.get(self.node(node).patch_support as usize);
+        Hull::with_map(self.clod().extreme(&self.clod().nodes[node as usize]), support)
+    }
+
     /// D, the support areas (m²) of a node's vertices.
     pub(crate) fn support_areas(&self, node: u32) -> &[f64] {
         self.clod().support_areas(&self.clod().nodes[node as usize])

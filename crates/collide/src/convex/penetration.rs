@@ -172,14 +172,9 @@ impl Polytope {
                     best.extent - height <= 64.0 * precision
                 })
         };
-        let mut nearest = near(best.face);
-        for (index, face) in self.faces.iter().filter(on_plane).enumerate() {
-            let other = near(face.vertices);
-            if index == 0 || other.0 < nearest.0 {
-                nearest = other;
-            }
-        }
-        let (_, corners, weights) = nearest;
+        let faces = self.faces.iter().filter(on_plane).map(|face| near(face.vertices));
+        let closer = |x: &(f64, _, _), y: &(f64, _, _)| x.0.total_cmp(&y.0);
+        let (_, corners, weights) = faces.min_by(closer).unwrap_or_else(|| near(best.face));
         let apex = self.apex(corners.map(|v| v.difference));
         let (mut on_a, mut on_b) = (DVec3::ZERO, DVec3::ZERO);
         for (vertex, weight) in corners.iter().zip(weights) {

@@ -6,9 +6,9 @@ use std::ops::Range;
 use super::front::{Nearest, Pair};
 use super::leaf::{LeafQuery, Reach};
 use super::parting::Parting;
-use super::refinement::{Refine, refine, refined_share, weighted_deviation};
+use super::refinement::{Refine, refine, refined_for, refined_share, weighted_deviation};
 use super::{Circumstances, HULL_TEST_POINTS, PRECISION, SHARE};
-use crate::convex::{Distance, Limits, Separation, Start, gjk};
+use crate::convex::{Distance, Hull, Limits, Separation, Start, gjk};
 use crate::shape::{Packed, Shape};
 
 /// What becomes of a pair.
@@ -118,22 +118,31 @@ impl Bodies {
         leaf.contacts.clear();
         let tolerance = now.settings.tolerance;
         let precision = self.precision(pair, now);
-        let (patch_a, patch_b) = (self.probe.patch(pair.a), self.scene.patch(pair.b));
+        let hulls = [self.probe.patch_hull(pair.a), self.scene.patch_hull(pair.b)];
         let limits = Limits { beyond: tolerance, share: SHARE, enough: -1.0, precision };
-        let axis = patch_a.center - now.placement.point(patch_b.center);
-        let start = Start::Vertices(pair.nearest.vertices(true), axis);
-        let found = gjk::distance(&patch_a.hull, &patch_b.hull, &now.placement, start, &limits);
+        let [a, b] = self.nodes(pair);
+        let start = Start::Vertices(pair.nearest.vertices(true), a.center - now.placement.point(b.center));
+        let found = gjk::distance(&hulls[0], &hulls[1], &now.placement, start, &limits);
         leaf.counts.convex_queries += 1;
         leaf.counts.not_converged += usize::from(found.separation == Separation::NotConverged);
         pair.nearest = Nearest::of(&found, true);
         let beyond = found.separation == Separation::Beyond || found.distance > tolerance.max(precision);
         pair.share = if asks { self.share(pair, &found, now) } else { 0.0 };
         let verdict = if pair.share > 0.0 { Verdict::Refine } else { Verdict::Stop };
+        let all_refined = pair.share == 1.0;
         // Nearest points count where there are any within the tolerance only, and hulls that overlap go on to do so until
         // they have moved by their depth.
-        let settled = if beyond { found.lower - tolerance } else { found.simplex.depth() };
-        let all_refined = pair.share == 1.0;
-        pair.settled = if beyond || all_refined { now.way + settled } else { f64::NEG_INFINITY };
+        let mut settled = if beyond {
+            found.lower - tolerance
+        } else if all_refined {
+            found.simplex.depth()
+        } else {
+            f64::NEG_INFINITY
+        };
+        if all_refined {
+            settled = settled.max(self.refined_for(pair, &found, &hulls, now));
+        }
+        pair.settled = now.way + settled;
         pair.wake = f64::NEG_INFINITY;
         if all_refined {
             return verdict;
@@ -148,6 +157,7 @@ impl Bodies {
             return verdict;
         }
         let reach = Reach { placement: &now.placement, tolerance, precision, looseness: now.looseness };
+        let (patch_a, patch_b) = (self.probe.patch(pair.a), self.scene.patch(pair.b));
         leaf.run(&patch_a, &patch_b, &found, &reach);
         if let Some(tetrahedron) = leaf.tetrahedron {
             pair.nearest = Nearest::around(tetrahedron);
@@ -161,6 +171,14 @@ impl Bodies {
         let side_b = (self.scene.detail(pair.b), self.scene.support_areas(pair.b));
         let error = self.threshold(pair, now);
         refined_share(weighted_deviation(found, side_a, side_b, now.settings.tolerance, error), now.band)
+    }
+
+    /// How far the bodies may move with all of a pair's contact left to finer ones still, m.
+    fn refined_for(&self, pair: &Pair, found: &Distance, hulls: &[Hull; 2], now: &Circumstances) -> f64 {
+        let [hull_a, hull_b] = hulls;
+        let side_a = (self.probe.detail(pair.a), hull_a.points(), self.probe.support_areas(pair.a));
+        let side_b = (self.scene.detail(pair.b), hull_b.points(), self.scene.support_areas(pair.b));
+        refined_for(found, side_a, side_b, &now.placement, self.threshold(pair, now), now.rounding)
     }
 
     /// s₀ at a pair, m.

@@ -161,6 +161,19 @@ impl Front {
         Pair { wake: self.wake(slot), ..self.pairs[slot as usize] }
     }
 
+    /// How much of its contact is left to the pairs that a pair is split into, if it would be split again.
+    pub fn settled_share(&self, slot: u32, now: &Circumstances) -> Option<f64> {
+        let pair = &self.pairs[slot as usize];
+        (pair.split && pair.settled > now.way && !now.threshold_changed).then_some(pair.share)
+    }
+
+    /// How far the bodies may have moved before it has to be asked again whether a pair would be split, and before its
+    /// bounding hulls may be out of reach, m.
+    pub fn settled_and_within(&self, slot: u32) -> (f64, f64) {
+        let pair = &self.pairs[slot as usize];
+        (pair.settled, pair.within)
+    }
+
     /// Changes what is known of a pair, but not whether it is split.
     pub fn set(&mut self, slot: u32, pair: Pair) {
         self.pairs[slot as usize] = Pair { split: self.is_split(slot), ..pair };

@@ -20,14 +20,13 @@
 use palpate_core::Contact;
 use palpate_core::glam::DVec3;
 
-use crate::ball::Ball;
 use crate::convex::{Distance, Limits, Placement, Polytope, Separation, Start, gjk};
-use crate::patch::{Patch, Plane, Prism, Surface, distance_to_triangle, separated};
+use crate::patch::{Patch, Plane, Surface, separated};
 use crate::query::overlap::{contact_at, overlap};
+use crate::query::triangles::InReach;
 
-/// Contacts, and triangles, of a pair of patches that there is room for at first: patches have at most a few hundred.
+/// Contacts of a pair of patches that there is room for at first.
 const CONTACTS: usize = 512;
-const TRIANGLES: usize = 256;
 
 /// Buffers for the contacts of one pair of leaves, with counts over a whole query.
 #[derive(Clone, Debug)]
@@ -39,21 +38,11 @@ pub(crate) struct LeafQuery {
     pub tetrahedron: Option<[(u32, u32); 4]>,
     /// Pairs of triangles within the tolerance: contact, and the triangle of each patch.
     near: Vec<(Contact, u32, u32)>,
-    /// Triangles of b that are within the tolerance of a's sphere.
-    in_reach: Vec<Placed>,
+    in_reach: InReach,
     /// Of the pairs of triangles examined last, the smallest distance within the tolerance (otherwise infinite),
     /// whichever way they face, and the point on a.
     nearest: (f64, DVec3),
     pub counts: Counts,
-}
-
-/// A triangle of b in a's frame.
-#[derive(Clone, Copy, Debug)]
-struct Placed {
-    index: u32,
-    corners: [DVec3; 3],
-    ball: Ball,
-    prism: Prism,
 }
 
 /// What pairs took.
@@ -98,7 +87,7 @@ impl Default for LeafQuery {
             contacts: Vec::with_capacity(CONTACTS),
             tetrahedron: None,
             near: Vec::with_capacity(CONTACTS),
-            in_reach: Vec::with_capacity(TRIANGLES),
+            in_reach: InReach::default(),
             nearest: (f64::INFINITY, DVec3::ZERO),
             counts: Counts::default(),
         }
@@ -110,7 +99,7 @@ impl LeafQuery {
     pub fn bytes(&self) -> usize {
         self.contacts.capacity() * size_of::<Contact>()
             + self.near.capacity() * size_of::<(Contact, u32, u32)>()
-            + self.in_reach.capacity() * size_of::<Placed>()
+            + self.in_reach.bytes()
     }
 
     /// Finds the contacts of a pair of patches, given the distance between their hulls. They are left in
@@ -123,7 +112,8 @@ impl LeafQuery {
             Separation::Beyond => {}
             Separation::Overlapping if sheet || !a.contained || !b.contained => {
                 let flat = a.is_single_triangle() && b.is_single_triangle();
-                if flat || self.triangles(a, b, reach) {
+                let towards_b = reach.placement.point(b.center) - a.center;
+                if flat || self.triangles(a, b, towards_b, reach) {
                     self.penetrating(a, b, found, reach);
                 }
             }
@@ -134,7 +124,8 @@ impl LeafQuery {
                     // If the triangles are apart, their distances replace the contact. Hulls may touch where they are
                     // virtual; the contact is where the triangles do.
                     let touching = self.contacts.pop();
-                    let penetrating = self.triangles(a, b, reach);
+                    let towards_b = touching.map_or(DVec3::ZERO, |contact| contact.normal);
+                    let penetrating = self.triangles(a, b, towards_b, reach);
                     let (distance, at) = self.nearest;
                     if penetrating || (self.contacts.is_empty() && distance <= reach.looseness) {
                         self.contacts
@@ -143,7 +134,7 @@ impl LeafQuery {
                 }
             }
             Separation::Within | Separation::NotConverged if sheet => {
-                self.triangles(a, b, reach);
+                self.triangles(a, b, -found.axis, reach);
             }
             Separation::Within | Separation::NotConverged => {
                 let (on_a, on_b) = witnesses(a, b, found);
@@ -160,12 +151,12 @@ impl LeafQuery {
                 match (at_a, at_b) {
                     (Surface::Front, Surface::Front) => self.contacts.push(contact),
                     (Surface::Near, _) | (_, Surface::Near) => {
-                        self.triangles(a, b, reach);
+                        self.triangles(a, b, contact.normal, reach);
                     }
                     (Surface::Virtual, _) | (_, Surface::Virtual)
                         if !(a.contained && b.contained) || ambiguous(a, b, contact.normal, reach) =>
                     {
-                        self.triangles(a, b, reach);
+                        self.triangles(a, b, contact.normal, reach);
                     }
                     _ => {}
                 }
@@ -189,70 +180,61 @@ impl LeafQuery {
         self.tetrahedron = Some(overlap.tetrahedron);
     }
 
-    /// Decides the pair by its triangles. `true` if the patches penetrate; otherwise the separated contacts are reported.
-    fn triangles(&mut self, a: &Patch, b: &Patch, reach: &Reach) -> bool {
+    /// Decides the pair by its triangles, given a vector from a to b, which is that of the contact if it is known. `true` if
+    /// the patches penetrate; otherwise the separated contacts are reported.
+    fn triangles(&mut self, a: &Patch, b: &Patch, towards_b: DVec3, reach: &Reach) -> bool {
         self.counts.by_triangles += 1;
         self.near.clear();
         self.nearest = (f64::INFINITY, DVec3::ZERO);
-        let placement = reach.placement;
-        let tolerance = reach.tolerance + reach.precision;
-        self.in_reach.clear();
-        for (j, &on_b) in (0u32..).zip(b.triangles) {
-            let corners = b.corners(on_b).map(|corner| placement.point(corner));
-            let ball = Ball::around(&corners);
-            if reaches(a.center, a.radius, ball.center, ball.radius, tolerance) {
-                self.in_reach.push(Placed { index: j, corners, ball, prism: Prism::of(corners) });
-            }
-        }
-        let center_of_b = placement.point(b.center);
-        for (i, &on_a) in (0u32..).zip(a.triangles) {
-            let corners_a = a.corners(on_a);
-            let one = a.single(&corners_a);
-            if !reaches(one.center, one.radius, center_of_b, b.radius, tolerance) {
-                continue;
-            }
-            let prism = Prism::of(corners_a);
-            for index in 0..self.in_reach.len() {
-                let Placed { index: j, corners, ball, prism: ref prism_b } = self.in_reach[index];
-                if !reaches(one.center, one.radius, ball.center, ball.radius, tolerance)
-                    || prism.clears(corners, tolerance)
-                    || prism_b.clears(corners_a, tolerance)
+        self.in_reach.gather(a, b, towards_b, reach);
+        for on_a in 0..self.in_reach.of_a.len() {
+            for on_b in 0..self.in_reach.of_b.len() {
+                let (one, other) = (&self.in_reach.of_a[on_a], &self.in_reach.of_b[on_b]);
+                if !one.clears(other, reach.tolerance + reach.precision)
+                    && self.triangle_pair(a, b, on_a, on_b, reach)
                 {
-                    continue;
-                }
-                let corners_b = b.corners(b.triangles[j as usize]);
-                let other = b.single(&corners_b);
-                let found = self.distance(&one, &other, one.center - ball.center, reach);
-                match found.separation {
-                    Separation::Beyond => {}
-                    Separation::Overlapping => {
-                        self.nearest = (0.0, witnesses(&one, &other, &found).0);
-                        return true;
-                    }
-                    Separation::Within | Separation::NotConverged => {
-                        let (p, q) = witnesses(&one, &other, &found);
-                        if found.distance < self.nearest.0 {
-                            self.nearest = (found.distance, p);
-                        }
-                        let (contact, slack) = separated(p, placement.point(q), found.axis, reach.precision);
-                        let n = contact.normal;
-                        if one.faces(Plane::of(corners_a).normal, n, slack)
-                            && other.faces(Plane::of(corners_b).normal, -placement.direction_to_b(n), slack)
-                        {
-                            self.near.push((contact, i, j));
-                        }
-                    }
+                    return true;
                 }
             }
         }
         if a.contained != b.contained && self.sunk(a, b, reach) {
             return true;
         }
+        let same = 1e-9 * (a.radius + b.radius) + reach.precision;
         for index in 0..self.near.len() {
             let (contact, i, j) = self.near[index];
-            if local_minimum(a, b, &contact, [i, j], reach) && !self.repeated(&contact, reach) {
+            if !self.in_reach.undercut(&contact, [i, j], same) && !self.repeated(&contact, reach) {
                 self.contacts.push(contact);
             }
+        }
+        false
+    }
+
+    /// Notes the contact of two triangles in reach. `true` if they intersect.
+    fn triangle_pair(&mut self, a: &Patch, b: &Patch, on_a: usize, on_b: usize, reach: &Reach) -> bool {
+        let (on_a, on_b) = (&self.in_reach.of_a[on_a], &self.in_reach.of_b[on_b]);
+        let (i, j, axis) = (on_a.index, on_b.index, on_a.ball.center - on_b.ball.center);
+        let corners_a = on_a.corners;
+        let corners_b = b.corners(b.triangles[j as usize]);
+        let (one, other) = (a.single(&corners_a), b.single(&corners_b));
+        let found = self.distance(&one, &other, axis, reach);
+        if found.separation == Separation::Beyond {
+            return false;
+        }
+        let (p, q) = witnesses(&one, &other, &found);
+        if found.separation == Separation::Overlapping {
+            self.nearest = (0.0, p);
+            return true;
+        }
+        if found.distance < self.nearest.0 {
+            self.nearest = (found.distance, p);
+        }
+        let (contact, slack) = separated(p, reach.placement.point(q), found.axis, reach.precision);
+        let n = contact.normal;
+        if one.faces(Plane::of(corners_a).normal, n, slack)
+            && other.faces(Plane::of(corners_b).normal, -reach.placement.direction_to_b(n), slack)
+        {
+            self.near.push((contact, i, j));
         }
         false
     }
@@ -286,32 +268,6 @@ impl LeafQuery {
 /// The nearest points, each in its own body's frame.
 fn witnesses(a: &Patch, b: &Patch, found: &Distance) -> (DVec3, DVec3) {
     found.witnesses(&a.hull, &b.hull, &Placement::IDENTITY)
-}
-
-fn reaches(a: DVec3, radius_a: f64, b: DVec3, radius_b: f64, tolerance: f64) -> bool {
-    let reach = radius_a + radius_b + tolerance;
-    a.distance_squared(b) <= reach * reach * (1.0 + 1e-12)
-}
-
-/// Whether other triangles of the patches at the contact's points undercut the pair `[i, j]`.
-fn local_minimum(a: &Patch, b: &Patch, contact: &Contact, [i, j]: [u32; 2], reach: &Reach) -> bool {
-    let same = 1e-9 * (a.radius + b.radius) + reach.precision;
-    let distance = contact.distance() - same;
-    let to_b = |p: DVec3| reach.placement.direction_to_b(p - reach.placement.translation);
-    let (q_in_b, p_in_b) = (to_b(contact.scene_point), to_b(contact.point));
-    let undercut_a = (0u32..).zip(a.triangles).any(|(index, &triangle)| {
-        index != i
-            && a.lies_on(contact.point, triangle, same)
-            && distance_to_triangle(a.corners(triangle), contact.scene_point) < distance
-    });
-    let undercut_b = || {
-        (0u32..).zip(b.triangles).any(|(index, &triangle)| {
-            index != j
-                && b.lies_on(q_in_b, triangle, same)
-                && distance_to_triangle(b.corners(triangle), p_in_b) < distance
-        })
-    };
-    !undercut_a && !undercut_b()
 }
 
 /// Whether the hulls' features along a normal (a's frame) are parallel, so that their nearest points are not unique.

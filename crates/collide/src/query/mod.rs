@@ -31,6 +31,7 @@ mod parallel;
 mod parting;
 pub(crate) mod refinement;
 mod thinning;
+mod triangles;
 
 use std::collections::BinaryHeap;
 
@@ -433,10 +434,11 @@ impl ContactQuery {
         if self.front.sleeps(slot, now) {
             return None;
         }
+        if let Some(share) = self.front.settled_share(slot, now) {
+            return Some(share);
+        }
         let mut pair = self.front.get(slot);
-        let settled = pair.split && pair.settled > now.way && !now.threshold_changed;
-        let mut verdict =
-            if settled { Verdict::Refine } else { self.bodies.look_at(&mut pair, now, &mut self.leaf) };
+        let mut verdict = self.bodies.look_at(&mut pair, now, &mut self.leaf);
         if verdict == Verdict::Examine && now.parallel {
             self.deferred.defer(slot, pair, weight);
             pair.wake = f64::NEG_INFINITY;
@@ -470,20 +472,30 @@ impl ContactQuery {
             quiet &= !self.front.is_split(child);
         }
         if wake > now.way {
-            let pair = self.front.get(slot);
-            wake = wake.min(pair.settled);
-            let radii = self.bodies.radii(&pair);
-            if quiet && wake > now.way + RAISE * radii && now.way >= pair.within {
-                let mut raised = pair;
-                if self.bodies.is_apart(&mut raised, now, &mut self.leaf) {
-                    self.front.join(slot);
-                    self.front.set(slot, raised);
-                    return;
-                }
-                self.front.set(slot, Pair { within: raised.within, ..pair });
+            let (settled, within) = self.front.settled_and_within(slot);
+            wake = wake.min(settled);
+            if quiet && now.way >= within && self.raise(slot, wake, now) {
+                return;
             }
         }
         self.front.set_wake(slot, wake);
+    }
+
+    /// Joins the pairs below one that sleep until `wake`, if that is long and the pair's bounding hulls are out of reach.
+    fn raise(&mut self, slot: u32, wake: f64, now: &Circumstances) -> bool {
+        let pair = self.front.get(slot);
+        if wake <= now.way + RAISE * self.bodies.radii(&pair) {
+            return false;
+        }
+        let mut raised = pair;
+        let apart = self.bodies.is_apart(&mut raised, now, &mut self.leaf);
+        if apart {
+            self.front.join(slot);
+            self.front.set(slot, raised);
+        } else {
+            self.front.set(slot, Pair { within: raised.within, ..pair });
+        }
+        apart
     }
 
     /// Looks at all below a pair, of which nothing is kept.

@@ -161,7 +161,8 @@ fn each_plane(
             if *side > 0.0 { plane.top } else { behind() }
         };
         let deep = |plane: &Plane| top(plane) - normal(plane).dot(p).min(normal(plane).dot(q));
-        let Some(nearest) = planes().min_by(|x, y| deep(x).total_cmp(&deep(y))) else { continue };
+        let deeper = |x: &(f64, &Plane), y: &(f64, &Plane)| x.0.total_cmp(&y.0);
+        let Some((_, nearest)) = planes().map(|plane| (deep(plane), plane)).min_by(deeper) else { continue };
         let mut known = [p, q, attempt(best, normal(nearest), top(nearest)), p];
         for plane in planes() {
             let (normal, top) = (normal(plane), top(plane));

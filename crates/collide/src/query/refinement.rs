@@ -13,8 +13,9 @@
 
 use palpate_core::Clod;
 use palpate_core::clod::Node;
+use palpate_core::glam::DVec3;
 
-use crate::convex::Distance;
+use crate::convex::{Distance, Placement};
 
 /// D goes over from that of the nearest points to the patches' mean over this part of d, at either end.
 const GOING_OVER: f64 = 0.25;
@@ -54,6 +55,27 @@ impl Detail {
         let largest = areas.iter().copied().fold(0.0, f64::max);
         let mean_area = areas.iter().sum::<f64>() / areas.len().max(1) as f64;
         Self { missing, below, areas: (least, largest), mean_area }
+    }
+
+    /// How far above the plane that supports the patch's hull across a direction a point of the hull lies at least, m, where
+    /// D, or anything between it and the mean, is `allowed` (m²) or more. 0 if that is not known.
+    ///
+    /// A point is a mean of vertices: where none at a height h has a D above c + kh, nor has the point.
+    fn rise(&self, points: &[DVec3], areas: &[f64], direction: DVec3, allowed: f64) -> f64 {
+        if self.mean_area >= allowed || direction == DVec3::ZERO {
+            return 0.0;
+        }
+        if self.areas.1 < allowed {
+            return f64::INFINITY;
+        }
+        let bottom = points.iter().map(|point| point.dot(direction)).fold(f64::INFINITY, f64::min);
+        let level = 0.5 * allowed;
+        points
+            .iter()
+            .zip(areas)
+            .filter(|(_, area)| **area > level)
+            .map(|(point, area)| (point.dot(direction) - bottom) * (allowed - level) / (area - level))
+            .fold(f64::INFINITY, f64::min)
     }
 
     /// Whether the level is free.
@@ -105,6 +127,30 @@ pub(crate) fn weighted_deviation(
     over(detail_a.missing.max(detail_b.missing), error * f64::max(area(detail_a, on_a), area(detail_b, on_b)))
 }
 
+/// How far two bodies may move with s* above s₀ still at the contact between two patches, where it is, m; 0 if that is not
+/// known. Of each patch: its hull's points, and D there. `error` is s₀, `rounding` that of coordinates, m.
+///
+/// When the bodies have moved by m, the new nearest points were at most 2m further apart before than the nearest points
+/// then. So along the direction that the hulls were apart in, they lay that far above the supporting planes at most.
+pub(crate) fn refined_for(
+    found: &Distance,
+    (detail_a, points_a, areas_a): (&Detail, &[DVec3], &[f64]),
+    (detail_b, points_b, areas_b): (&Detail, &[DVec3], &[f64]),
+    placement: &Placement,
+    error: f64,
+    rounding: f64,
+) -> f64 {
+    let allowed = detail_a.missing.max(detail_b.missing) / error;
+    let slack = found.distance - found.lower + rounding;
+    let rise_a = detail_a.rise(points_a, areas_a, found.direction, allowed);
+    if rise_a <= slack {
+        return 0.0;
+    }
+    let in_b = -placement.direction_to_b(found.direction);
+    let rise_b = detail_b.rise(points_b, areas_b, in_b, allowed);
+    (0.5 * (rise_a.min(rise_b) - slack)).max(0.0)
+}
+
 /// s*/s₀ of a pair, with the mean D of its patches; infinite on free levels. Where s₀ is 0 it orders pairs by s* alone.
 pub(crate) fn urgency(a: &Detail, b: &Detail, error: f64) -> f64 {
     let missing = a.missing.max(b.missing);
@@ -125,4 +171,72 @@ pub(crate) fn refined_share(deviation: f64, band: f64) -> f64 {
     }
     let x = if band > 0.0 { ((deviation - (1.0 - band)) / band).max(0.0) } else { 0.0 };
     x * x * (3.0 - 2.0 * x)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ball::Ball;
+    use crate::convex::{Hull, Limits, Separation, Start, gjk};
+    use crate::motion::Motion;
+    use palpate_core::Pose;
+    use palpate_core::glam::DQuat;
+    use rand::{RngExt, SeedableRng, rngs::StdRng};
+
+    #[test]
+    fn what_is_refined_stays_so_for_as_long_as_it_tells() {
+        const ERROR: f64 = 0.1;
+        let mut rng = StdRng::seed_from_u64(0x0D1A);
+        let mut kept = 0;
+        for round in 0..4000 {
+            let mut random = |size: f64| rng.random_range(-size..size);
+            let mut vector = |size: f64| DVec3::new(random(size), random(size), random(size));
+            let points = [0, 1].map(|_| (0..12).map(|_| vector(1.0).normalize()).collect::<Vec<_>>());
+            let mut pose = Pose::new(vector(1.0).normalize() * 2.2, DQuat::from_scaled_axis(vector(3.0)));
+            let moves = [0; 4].map(|_| (vector(0.03), vector(0.03)));
+            // Most vertices have a small D, some a large one.
+            let areas =
+                [0, 1].map(|_| (0..12).map(|_| 0.01 + random(1.0).max(0.0).powi(3)).collect::<Vec<_>>());
+            let details = areas.each_ref().map(|areas| Detail {
+                missing: ERROR * 0.5,
+                below: f64::INFINITY,
+                areas: (0.01, areas.iter().copied().fold(0.0, f64::max)),
+                mean_area: areas.iter().sum::<f64>() / 12.0,
+            });
+            let hulls = points.each_ref().map(|points| Hull::new(points));
+            let limits = Limits { beyond: 1.0, share: 0.0, enough: -1.0, precision: 1e-12 };
+            let find = |placement: &Placement| {
+                gjk::distance(&hulls[0], &hulls[1], placement, Start::Axis(DVec3::X), &limits)
+            };
+            let is_refined = |found: &Distance| {
+                let [side_a, side_b] = [0, 1].map(|side| (&details[side], &*areas[side]));
+                weighted_deviation(found, side_a, side_b, limits.beyond, ERROR) > 1.0
+            };
+            let ball = Ball { center: DVec3::ZERO, radius: 1.0 };
+            let mut motion = Motion::default();
+            let mut placement = Placement::between(&pose, &Pose::IDENTITY);
+            motion.step(&ball, &ball, &placement, 0.0);
+            let found = find(&placement);
+            if found.separation != Separation::Within || !is_refined(&found) {
+                continue;
+            }
+            let [side_a, side_b] = [0, 1].map(|side| (&details[side], &*points[side], &*areas[side]));
+            let lasts = refined_for(&found, side_a, side_b, &placement, ERROR, 1e-15);
+            for (shift, turn) in moves {
+                pose = Pose::new(pose.translation + shift, DQuat::from_scaled_axis(turn) * pose.rotation);
+                placement = Placement::between(&pose, &Pose::IDENTITY);
+                motion.step(&ball, &ball, &placement, 0.0);
+                if motion.way() > lasts {
+                    break;
+                }
+                assert!(
+                    is_refined(&find(&placement)),
+                    "seed 0x0D1A, round {round}: {} of {lasts} m",
+                    motion.way()
+                );
+                kept += 1;
+            }
+        }
+        assert!(kept > 300, "{kept}");
+    }
 }
