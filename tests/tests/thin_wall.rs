@@ -4,6 +4,7 @@ use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
 
 use palpate::device::{Emulation, IntendedPath, Interpolation, Keyframe, MotionPath};
+use palpate::dynamics::BodyState;
 use palpate::glam::{DQuat, DVec3};
 use palpate::models::Model;
 use palpate::{
@@ -183,4 +184,45 @@ fn blade_is_not_rocked_through_a_sheet() {
     }
     let without = blade_below(false, 0.5);
     assert!(without > 0.01, "without a proxy an end comes {without} m below, and nothing is shown");
+}
+
+/// A body state that is not finite, and a sheet that the scene moves over the object, do not lose the proxy for good.
+#[test]
+fn proxy_comes_back_after_nonsense_and_after_a_moving_scene() {
+    let (probe, low) = ellipsoid();
+    let device = Emulation::default().open(IntendedPath::Still(Pose::IDENTITY)).expect("an emulation");
+    let scene = Scene::new().with(plate(2e-4), Pose::IDENTITY);
+    let settings = Settings { contact_stiffness: 2000.0, ..Settings::default() };
+    let renderer = HapticRenderer::new(probe, scene, Box::new(device), settings).expect("a session");
+    let (_, mut contact, _) = renderer.into_loops();
+    let mut time = 0.0;
+    let mut step = |contact: &mut palpate::ContactLoop, height: f64| {
+        time += 5e-3;
+        let state = BodyState::at_rest(Pose::from_translation(DVec3::Z * (low + height)));
+        contact.step(&state, time)
+    };
+    let pushed_up = |update: &palpate::ContactUpdate, height: f64| {
+        let state = BodyState::at_rest(Pose::from_translation(DVec3::Z * (low + height)));
+        update.model.wrench(&state).force.z
+    };
+    step(&mut contact, 1e-3);
+    let deep = step(&mut contact, -5e-3);
+    assert!(pushed_up(&deep, -5e-3) > 9.0 && deep.depth > 4e-3, "held by {} N", pushed_up(&deep, -5e-3));
+
+    for _ in 0..3 {
+        let update = step(&mut contact, f64::NAN);
+        assert!(update.model.is_empty() && update.depth == 0.0);
+    }
+    let again = step(&mut contact, -5e-3);
+    assert!(pushed_up(&again, -5e-3) > 9.0, "held again by {} N", pushed_up(&again, -5e-3));
+
+    // The sheet jumps above the object: there is nothing that it is held back from.
+    assert!(contact.set_pose(0, &Pose::from_translation(DVec3::Z * 0.1)));
+    let free = step(&mut contact, -5e-3);
+    assert!(free.model.is_empty(), "{} m deep", free.depth);
+    // Above where the sheet comes back to, it is held there.
+    step(&mut contact, 5e-3);
+    assert!(contact.set_pose(0, &Pose::IDENTITY));
+    let deep = step(&mut contact, -5e-3);
+    assert!(pushed_up(&deep, -5e-3) > 9.0, "held after all by {} N", pushed_up(&deep, -5e-3));
 }

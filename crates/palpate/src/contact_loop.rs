@@ -43,7 +43,7 @@ pub struct ContactUpdate {
     pub model: LinearContactModel,
     /// Time of the body state that the query saw, s; NaN before the first query.
     pub time: f64,
-    /// Deepest penetration, m; 0 when disjoint.
+    /// Deepest penetration, m, by the contacts' planes; 0 when disjoint.
     pub depth: f64,
     /// Contacts found, before clustering.
     pub contacts: u32,

@@ -139,6 +139,7 @@ impl Proxy {
                 return false;
             }
         }
+        // Halved as often as it was too deep.
         let mut caution = 1.0;
         for _ in 0..LOOKS {
             let wanted = motion_between(&self.pose, goal);
@@ -210,7 +211,7 @@ impl Proxy {
     }
 
     fn is_shallow(&self, outcome: &QueryOutcome) -> bool {
-        outcome.deepest.is_none_or(|depth| depth <= SHALLOW * self.tolerance)
+        !outcome.refused && outcome.deepest.is_none_or(|depth| depth <= SHALLOW * self.tolerance)
     }
 
     fn look(
@@ -243,32 +244,35 @@ impl Proxy {
         self.found.extend(scene.contacts().flat_map(|object| object.contacts));
     }
 
-    /// Remembers in what the last query, at `pose`, found the proxy to be too deep. Where there is no room
-    /// for it, the shallowest gives way.
+    /// Remembers in what the last query, at `pose`, found the proxy to be too deep.
     fn avoid(&mut self, pose: &Pose, scene: &SceneQuery) {
         let planned = PLANNED * self.tolerance;
         for found in scene.contacts().flat_map(|object| object.contacts) {
-            if found.contact.depth <= planned {
-                continue;
+            if found.contact.depth > planned {
+                let contact = carried(&found.contact, pose, &self.pose);
+                self.remember(PatchContact { contact, ..*found });
             }
-            let found = PatchContact { contact: carried(&found.contact, pose, &self.pose), ..*found };
-            let same = |other: &&mut PatchContact| {
-                let near = other.contact.point.distance(found.contact.point) < self.tolerance;
-                near && other.contact.normal.dot(found.contact.normal) > SAME_DIRECTION
-            };
-            if let Some(known) = self.remembered.iter_mut().find(same) {
-                *known = found;
-            } else if let Err(full) = self.remembered.try_push(found) {
-                let by_depth = |a: &&mut PatchContact, b: &&mut PatchContact| {
-                    a.contact.depth.total_cmp(&b.contact.depth)
-                };
-                let shallowest = self.remembered.iter_mut().min_by(by_depth);
-                if let Some(known) =
-                    shallowest.filter(|known| known.contact.depth < full.element().contact.depth)
-                {
-                    *known = full.element();
-                }
-            }
+        }
+    }
+
+    /// Remembers a contact, in place of what was known of it. Where there is no room for it, the shallowest gives way.
+    fn remember(&mut self, found: PatchContact) {
+        let Contact { point, normal, depth, .. } = found.contact;
+        let same = |other: &PatchContact| {
+            let near = other.contact.point.distance(point) < self.tolerance;
+            near && other.contact.normal.dot(normal) > SAME_DIRECTION
+        };
+        let shallower = |one: &&mut PatchContact, other: &&mut PatchContact| {
+            one.contact.depth.total_cmp(&other.contact.depth)
+        };
+        if let Some(known) = self.remembered.iter().position(same) {
+            self.remembered[known] = found;
+        } else if !self.remembered.is_full() {
+            self.remembered.push(found);
+        } else if let Some(shallowest) = self.remembered.iter_mut().min_by(shallower)
+            && shallowest.contact.depth < depth
+        {
+            *shallowest = found;
         }
     }
 }
