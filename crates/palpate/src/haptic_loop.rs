@@ -229,7 +229,11 @@ impl HapticLoop {
         let sound = step.status.held.is_none() && reading != Reading::Lost;
         let wanted = self.workspace.mapping().wrench(&step.coupling.about(-arm)) * self.presence.share();
         self.sent = match device {
-            Some(_) if sound && self.presence.share() > 0.0 => self.fit(&wanted, dt, elapsed),
+            Some(_) if sound && self.presence.share() > 0.0 => {
+                // Overdue, it has to be nothing in time.
+                let elapsed = if self.presence.fading() { elapsed } else { dt };
+                self.fit(&wanted, dt, elapsed)
+            }
             // The device still holds the last wrench. It goes down as fast as it may, also for the time that a step is late.
             Some(_) => self.slew.approach(&self.sent, &self.passivity.rest(), elapsed),
             None => self.passivity.rest(),
@@ -283,7 +287,7 @@ impl HapticLoop {
     }
 
     /// What is sent of a wrench: with the passivity controller's damping, within what the device renders, and no
-    /// further from the last than it may change.
+    /// further from the last than it may change in `dt` (s), or shrink in the time that has `elapsed` (s).
     fn fit(&mut self, wanted: &Wrench, dt: f64, elapsed: f64) -> Wrench {
         let damping = self.passivity.damping(&self.tracking.damped_state().twist, dt);
         let (fitting, limited) = self.limits.fit(&(*wanted + damping));
