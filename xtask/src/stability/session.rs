@@ -73,7 +73,8 @@ struct Count {
     /// Steps with a wrench or a pose that is not finite, and with a wrench beyond what the device renders.
     not_finite: u64,
     beyond: u64,
-    /// Steps at which the force changed by more than [`SLEW`] of the peak, and the largest change, N.
+    /// Steps at which the force changed by more than [`SLEW`] of the peak a period, or grew by as much, and the fastest
+    /// change, N a period.
     too_fast: u64,
     fastest: f64,
     /// Steps that should have sent nothing and did: contact models twice overdue, or the device lost.
@@ -133,7 +134,7 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
         "steps_not_finite",
         "steps_beyond_peak",
         "steps_too_fast",
-        "largest_change_n",
+        "fastest_change_n_ms",
         "steps_to_be_silent",
         "steps_not_silent",
         "segments_not_normal_after",
@@ -170,11 +171,12 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
             ),
             Verdict::new(
                 format!(
-                    "the force never changes by more than {:.2} N a step, a tenth of the peak",
+                    "the force never changes by more than {0:.2} N a millisecond, a tenth of the peak, and never grows by \
+                     more than {0:.2} N a step, however late",
                     SLEW * peak
                 ),
                 all.too_fast == 0,
-                format!("{} of {steps} steps; the largest change is {:.2} N", all.too_fast, all.fastest),
+                format!("{} of {steps} steps; the fastest is {:.2} N/ms", all.too_fast, all.fastest),
             ),
             Verdict::new(
                 "nothing is sent while contact models are overdue by twice the timeout or the device is lost",
@@ -190,10 +192,10 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
     })
 }
 
-/// The largest change of the force under each fault.
+/// The fastest change of the force under each fault.
 fn picture(counts: &[Count], peak: f64) -> Picture {
     let map = HeatMap {
-        title: "largest change of the force a step, of the peak".to_owned(),
+        title: "fastest change of the force a millisecond, of the peak".to_owned(),
         x: CellAxis {
             name: "fault, in the order of the table".to_owned(),
             values: (1..=counts.len()).map(|index| index as f64).collect(),
@@ -369,12 +371,13 @@ impl Part {
         let within = force <= self.peak.0 * (1.0 + 1e-9) && torque <= self.peak.1 * (1.0 + 1e-9);
         count.beyond += u64::from(!within);
         let lost = fault == Some(Fault::Lost);
-        // What is not sent at all, because the device is lost or a late tick finds the models overdue, is no change.
-        let overdue = late && sent == Wrench::ZERO;
-        if !lost && !overdue {
-            let change = sent.force.distance(self.last);
+        // What is not sent, because the device is lost, is no change.
+        if !lost {
+            let limit = SLEW * self.peak.0 * (1.0 + 1e-9);
+            let change = sent.force.distance(self.last) / ((self.now - seen) / PERIOD);
+            let grown = force - self.last.length();
             count.fastest = count.fastest.max(change);
-            count.too_fast += u64::from(change > SLEW * self.peak.0 * (1.0 + 1e-9));
+            count.too_fast += u64::from(change > limit || grown > limit);
         }
         self.last = sent.force;
         if lost || record.model_age >= 2.0 * TIMEOUT {
