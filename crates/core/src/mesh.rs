@@ -6,6 +6,7 @@ mod double_double;
 mod mass;
 #[cfg(test)]
 mod test_shapes;
+mod textured;
 mod validation;
 
 use glam::DVec3;
@@ -14,6 +15,7 @@ use serde::{Deserialize, Serialize};
 pub use adjacency::{Adjacency, EdgeKind, HalfEdge, NO_NEIGHBOUR};
 pub use bounding::Sphere;
 pub use mass::MassProperties;
+pub use textured::{UvMesh, UvMeshError};
 pub use validation::{FirstOffenders, NEGLIGIBLE_HEIGHT, OffendingEdge, ValidationReport};
 
 /// An indexed triangle mesh. Counter-clockwise triangles face outwards.

@@ -27,13 +27,15 @@
 mod backend;
 #[cfg(feature = "gpu")]
 mod gpu;
+mod height_image;
 mod kernels;
 mod pairs;
 
 pub use backend::{Backend, BackendError, CpuBackend};
 #[cfg(feature = "gpu")]
 pub use gpu::WgpuBackend;
-pub use pairs::{DirectionalDepth, MAX_SIZE, PairsError, Patch, PatchPairs};
+pub use height_image::{HeightImage, HeightImageError, MAX_SIDE, Wrap};
+pub use pairs::{DirectionalDepth, MAX_GRID, PairsError, Patch, PatchPairs};
 /// The version of wgpu whose devices [`WgpuBackend::with_device`] takes.
 #[cfg(feature = "gpu")]
 pub use wgpu;

@@ -3,7 +3,7 @@
 use thiserror::Error;
 
 /// The largest grid: texels along a side of a patch.
-pub const MAX_SIZE: u32 = 4096;
+pub const MAX_GRID: u32 = 4096;
 /// The most heights in a batch: a gibibyte of them.
 const MAX_HEIGHTS: usize = 1 << 28;
 
@@ -11,7 +11,7 @@ const MAX_HEIGHTS: usize = 1 << 28;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum PairsError {
     /// The grid is empty or too fine.
-    #[error("a grid of {size} × {size} texels; give a size from 1 to {MAX_SIZE}")]
+    #[error("a grid of {size} × {size} texels; give a size from 1 to {MAX_GRID}")]
     Size {
         /// Texels along a side.
         size: u32,
@@ -62,7 +62,7 @@ pub struct PatchPairs {
 impl PatchPairs {
     /// An empty batch for grids of `size` × `size` texels.
     pub fn new(size: u32) -> Result<Self, PairsError> {
-        if !(1..=MAX_SIZE).contains(&size) {
+        if !(1..=MAX_GRID).contains(&size) {
             return Err(PairsError::Size { size });
         }
         Ok(Self { size, heights: Vec::new(), pairs: Vec::new() })
