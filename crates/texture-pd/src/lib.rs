@@ -29,12 +29,14 @@ mod backend;
 mod gpu;
 mod height_image;
 mod kernels;
+mod normals;
 mod pairs;
 
 pub use backend::{Backend, BackendError, CpuBackend};
 #[cfg(feature = "gpu")]
 pub use gpu::WgpuBackend;
 pub use height_image::{HeightImage, HeightImageError, MAX_SIDE, Wrap};
+pub use normals::corner_directions;
 pub use pairs::{DirectionalDepth, MAX_GRID, PairsError, Patch, PatchPairs};
 /// The version of wgpu whose devices [`WgpuBackend::with_device`] takes.
 #[cfg(feature = "gpu")]
