@@ -31,6 +31,7 @@ mod height_image;
 mod kernels;
 mod normals;
 mod pairs;
+mod spline;
 
 pub use backend::{Backend, BackendError, CpuBackend};
 #[cfg(feature = "gpu")]

@@ -1,0 +1,302 @@
+//! Displacement as a smooth function: an interpolating cubic B-spline through the texels of an image.
+//!
+//! The coefficients are stored, not slopes and curvatures (§5.6.2 suggests images of those): from the 4 × 4 coefficients
+//! around a point the displacement, its slopes and its curvatures follow exactly and fit together, at a quarter of the
+//! memory. Coarser levels are the means of the texels below, with coefficients of their own.
+
+use crate::height_image::{HeightImage, Wrap};
+
+/// Where a level's coefficients are: first one, width, height, and how it goes on along u and along v. The layout that
+/// the kernels bind.
+pub(crate) type Level = [u32; 4];
+
+/// Displacement with its derivatives by x and y, in texels.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Jet {
+    pub value: f32,
+    pub x: f32,
+    pub y: f32,
+    pub xx: f32,
+    pub xy: f32,
+    pub yy: f32,
+}
+
+/// Appends an image's levels, the finest first, each half as wide and high as the one before, down to 4 texels.
+pub(crate) fn push_levels(image: &HeightImage, levels: &mut Vec<Level>, coefficients: &mut Vec<f32>) {
+    let mut heights: Vec<f64> = image.displacements().iter().map(|&height| f64::from(height)).collect();
+    let [mut width, mut height] = [image.width(), image.height()].map(|n| n as usize);
+    let wrap = image.wrap().map(|wrap| wrap as u32);
+    loop {
+        levels.push([coefficients.len() as u32, width as u32, height as u32, wrap[0] | wrap[1] << 2]);
+        coefficients.extend(spline_coefficients(&heights, width, image.wrap()).iter().map(|&c| c as f32));
+        if width.min(height) < 8 {
+            return;
+        }
+        heights = averaged(&heights, width, width.div_ceil(2));
+        heights = transposed(&heights, height);
+        width = width.div_ceil(2);
+        heights = averaged(&heights, height, height.div_ceil(2));
+        height = height.div_ceil(2);
+        heights = transposed(&heights, width);
+    }
+}
+
+/// Rows of `width` made `narrow` wide: each new texel is the mean over what it covers.
+fn averaged(heights: &[f64], width: usize, narrow: usize) -> Vec<f64> {
+    let ratio = width as f64 / narrow as f64;
+    let mut means = Vec::with_capacity(heights.len() / width * narrow);
+    for row in heights.chunks_exact(width) {
+        for i in 0..narrow {
+            let (from, to) = (i as f64 * ratio, (i + 1) as f64 * ratio);
+            let covered = (from as usize)..(to.ceil() as usize).min(width);
+            let sum = covered.map(|j| row[j] * ((j + 1) as f64).min(to) - row[j] * (j as f64).max(from));
+            means.push(sum.sum::<f64>() / ratio);
+        }
+    }
+    means
+}
+
+/// Rows become columns; the result's rows are as long as there are `width`-long columns.
+fn transposed(heights: &[f64], rows: usize) -> Vec<f64> {
+    let width = heights.len() / rows;
+    (0..heights.len()).map(|i| heights[i % rows * width + i / rows]).collect()
+}
+
+fn spline_coefficients(heights: &[f64], width: usize, wrap: [Wrap; 2]) -> Vec<f64> {
+    let mut rows = heights.to_vec();
+    let mut scratch = vec![0.0; width.max(heights.len() / width)];
+    rows.chunks_exact_mut(width).for_each(|row| interpolate(row, wrap[0], &mut scratch));
+    let mut columns = transposed(&rows, heights.len() / width);
+    columns
+        .chunks_exact_mut(heights.len() / width)
+        .for_each(|column| interpolate(column, wrap[1], &mut scratch));
+    transposed(&columns, width)
+}
+
+/// Solves (c₋ + 4 c + c₊) / 6 = h along a row, in place. Beyond its ends the row goes on as `wrap` says; a mirror through
+/// the border repeats the last coefficient, as clamping does.
+fn interpolate(row: &mut [f64], wrap: Wrap, scratch: &mut [f64]) {
+    let n = row.len();
+    if n == 1 {
+        return;
+    }
+    if wrap != Wrap::Repeat {
+        solve(row, [5.0; 2], scratch);
+        return;
+    }
+    if n == 2 {
+        // c₋ and c₊ are the other one.
+        let [a, b] = [row[0], row[1]];
+        (row[0], row[1]) = (2.0 * a - b, 2.0 * b - a);
+        return;
+    }
+    // Sherman and Morrison: the matrix with 1 in its corners is one without, and a product of two vectors.
+    let mut corner = vec![0.0; n];
+    (corner[0], corner[n - 1]) = (1.0, 1.0);
+    corner.iter_mut().for_each(|value| *value /= 6.0);
+    solve(&mut corner, [3.0; 2], scratch);
+    solve(row, [3.0; 2], scratch);
+    let factor = (row[0] + row[n - 1]) / (1.0 + corner[0] + corner[n - 1]);
+    row.iter_mut().zip(&corner).for_each(|(value, corner)| *value -= factor * corner);
+}
+
+/// Thomas' algorithm for the rows 1 4 1, with other first and last diagonals, over 6.
+fn solve(row: &mut [f64], ends: [f64; 2], scratch: &mut [f64]) {
+    let n = row.len();
+    let diagonal = |i: usize| {
+        if i == 0 {
+            ends[0]
+        } else if i == n - 1 {
+            ends[1]
+        } else {
+            4.0
+        }
+    };
+    let mut last = 0.0;
+    for i in 0..n {
+        let pivot = diagonal(i) - last;
+        row[i] = (6.0 * row[i] - if i > 0 { row[i - 1] } else { 0.0 }) / pivot;
+        last = 1.0 / pivot;
+        scratch[i] = last;
+    }
+    for i in (0..n - 1).rev() {
+        row[i] -= scratch[i] * row[i + 1];
+    }
+}
+
+/// Which coefficient stands for index `i` of `n`.
+#[inline]
+fn wrapped(i: i32, n: u32, wrap: u32) -> u32 {
+    let size = n as i32;
+    let at = match wrap {
+        0 => i.rem_euclid(size),
+        1 => i.clamp(0, size - 1),
+        _ => {
+            let j = i.rem_euclid(2 * size);
+            if j < size { j } else { 2 * size - 1 - j }
+        }
+    };
+    at as u32
+}
+
+#[inline]
+fn weights(f: f32) -> [f32; 4] {
+    let g = 1.0 - f;
+    [
+        g * g * g / 6.0,
+        (f * f * (3.0 * f - 6.0) + 4.0) / 6.0,
+        (g * g * (3.0 * g - 6.0) + 4.0) / 6.0,
+        f * f * f / 6.0,
+    ]
+}
+
+#[inline]
+fn slopes(f: f32) -> [f32; 4] {
+    let g = 1.0 - f;
+    [-0.5 * g * g, 0.5 * f * (3.0 * f - 4.0), -0.5 * g * (3.0 * g - 4.0), 0.5 * f * f]
+}
+
+#[inline]
+fn curvatures(f: f32) -> [f32; 4] {
+    let g = 1.0 - f;
+    [g, 3.0 * f - 2.0, 3.0 * g - 2.0, f]
+}
+
+/// The 4 × 4 coefficients around a point in texels (the centre of the first texel is at 0.5), and where it is among them.
+#[inline]
+fn taps(level: &Level, coefficients: &[f32], x: f32, y: f32) -> ([[f32; 4]; 4], f32, f32) {
+    let &[first, width, height, wrap] = level;
+    let (x, y) = (x - 0.5, y - 0.5);
+    let (left, top) = (x.floor(), y.floor());
+    let (column, row) = (left as i32 - 1, top as i32 - 1);
+    let mut taps = [[0.0; 4]; 4];
+    let inside = column >= 0 && row >= 0 && column + 4 <= width as i32 && row + 4 <= height as i32;
+    if inside {
+        for (j, taps) in taps.iter_mut().enumerate() {
+            let from = first as usize + (row as usize + j) * width as usize + column as usize;
+            taps.copy_from_slice(&coefficients[from..from + 4]);
+        }
+    } else {
+        let columns = [0, 1, 2, 3].map(|i| wrapped(column + i, width, wrap & 3));
+        for (j, taps) in (0..).zip(&mut taps) {
+            let from = first + wrapped(row + j, height, wrap >> 2) * width;
+            *taps = columns.map(|column| coefficients[(from + column) as usize]);
+        }
+    }
+    (taps, x - left, y - top)
+}
+
+#[inline]
+fn dot(a: &[f32; 4], b: &[f32; 4]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
+}
+
+/// The displacement at a point in texels.
+#[inline]
+pub(crate) fn value(level: &Level, coefficients: &[f32], x: f32, y: f32) -> f32 {
+    let (taps, f, g) = taps(level, coefficients, x, y);
+    let along = weights(f);
+    dot(&weights(g), &taps.map(|row| dot(&along, &row)))
+}
+
+/// The displacement at a point in texels with its derivatives.
+pub(crate) fn jet(level: &Level, coefficients: &[f32], x: f32, y: f32) -> Jet {
+    let (taps, f, g) = taps(level, coefficients, x, y);
+    let [rows, rows_x, rows_xx] =
+        [weights(f), slopes(f), curvatures(f)].map(|along| taps.map(|row| dot(&along, &row)));
+    let [across, across_y, across_yy] = [weights(g), slopes(g), curvatures(g)];
+    Jet {
+        value: dot(&across, &rows),
+        x: dot(&across, &rows_x),
+        y: dot(&across_y, &rows),
+        xx: dot(&across, &rows_xx),
+        xy: dot(&across_y, &rows_x),
+        yy: dot(&across_yy, &rows),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
+
+    use super::*;
+
+    const WRAPS: [Wrap; 3] = [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror];
+
+    fn levels(image: &HeightImage) -> (Vec<Level>, Vec<f32>) {
+        let (mut levels, mut coefficients) = (Vec::new(), Vec::new());
+        push_levels(image, &mut levels, &mut coefficients);
+        (levels, coefficients)
+    }
+
+    #[test]
+    fn spline_goes_through_every_texel_of_every_size_and_wrap() {
+        let seed = 61;
+        let mut rng = StdRng::seed_from_u64(seed);
+        for case in 0..300 {
+            let (width, height) = (rng.random_range(1..20_u32), rng.random_range(1..20_u32));
+            let wrap = [0, 1].map(|_| WRAPS[rng.random_range(0..3)]);
+            let heights: Vec<f32> = (0..width * height).map(|_| rng.random_range(-1e-3..1e-3)).collect();
+            let image = HeightImage::new(width, height, heights.clone(), wrap).unwrap();
+            let (levels, coefficients) = levels(&image);
+            for row in 0..height {
+                for column in 0..width {
+                    let (x, y) = (column as f32 + 0.5, row as f32 + 0.5);
+                    let error =
+                        value(&levels[0], &coefficients, x, y) - heights[(row * width + column) as usize];
+                    assert!(error.abs() < 3e-9, "seed {seed}, case {case}: {error} at {column}, {row}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn jet_is_the_derivative_of_the_value_beyond_the_border_too() {
+        let seed = 62;
+        let mut rng = StdRng::seed_from_u64(seed);
+        for case in 0..200 {
+            let (width, height) = (rng.random_range(4..12_u32), rng.random_range(4..12_u32));
+            let wrap = [0, 1].map(|_| WRAPS[rng.random_range(0..3)]);
+            let heights: Vec<f32> = (0..width * height).map(|_| rng.random_range(-1.0..1.0)).collect();
+            let image = HeightImage::new(width, height, heights, wrap).unwrap();
+            let (levels, coefficients) = levels(&image);
+            let at = |x: f32, y: f32| jet(&levels[0], &coefficients, x, y);
+            let (x, y) = (rng.random_range(-15.0..25.0_f32), rng.random_range(-15.0..25.0_f32));
+            let here = at(x, y);
+            assert!((here.value - value(&levels[0], &coefficients, x, y)).abs() < 1e-6);
+            let step = 2_f32.powi(-6);
+            let ([left, right], [up, down]) =
+                ([at(x - step, y), at(x + step, y)], [at(x, y - step), at(x, y + step)]);
+            let pairs = [
+                (here.x, right.value - left.value),
+                (here.y, down.value - up.value),
+                (here.xx, right.x - left.x),
+                (here.xy, down.x - up.x),
+                (here.yy, down.y - up.y),
+            ];
+            for (index, (slope, difference)) in pairs.into_iter().enumerate() {
+                // Third derivatives jump by up to some ten at the knots.
+                let error = slope - difference / (2.0 * step);
+                assert!(error.abs() < 0.3, "seed {seed}, case {case}, {index}: {slope}, off by {error}");
+            }
+        }
+    }
+
+    #[test]
+    fn coarser_levels_keep_the_mean_and_a_wave_that_they_can_hold() {
+        let wave = |column: u32| (std::f32::consts::TAU * (column as f32 + 0.5) / 64.0).sin();
+        let heights: Vec<f32> = (0..64 * 24).map(|i| 0.25 + wave(i % 64)).collect();
+        let image = HeightImage::new(64, 24, heights, [Wrap::Repeat, Wrap::Clamp]).unwrap();
+        let (levels, coefficients) = levels(&image);
+        let sizes: Vec<_> = levels.iter().map(|level| [level[1], level[2]]).collect();
+        assert_eq!(sizes, [[64, 24], [32, 12], [16, 6]]);
+        for level in &levels {
+            for i in 0..200 {
+                let u = i as f32 / 200.0;
+                let expected = 0.25 + (std::f32::consts::TAU * u).sin();
+                let found = value(level, &coefficients, u * level[1] as f32, 0.3 * level[2] as f32);
+                assert!((found - expected).abs() < 0.01, "{} texels, u = {u}: {found}, {expected}", level[1]);
+            }
+        }
+    }
+}
