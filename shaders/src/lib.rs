@@ -16,19 +16,19 @@ pub struct Shader {
     pub entry_points: &'static [&'static str],
 }
 
-/// Directional penetration depth of pairs of height patches (§4.4.1, Eq. 4.10).
+/// Directional penetration depth of textured surfaces (§4.4): `height_images` makes images of their heights over a common
+/// grid (Eq. 4.9), `overlaps` finds the largest overlap of pairs of images (Eq. 4.10) and what its derivatives are made of.
 ///
-/// Bindings of group 0: 0, uniform `{ pairs: u32, texels: u32 }`; 1, storage, bits of the f32 heights (m); 2,
-/// storage, for each pair the first height of A and of B; 3, storage to write, for each pair `{ depth: f32,
-/// texel: u32 }`. One workgroup a pair, numbered along x and then y.
-pub const DIRECTIONAL_DEPTH: Shader = Shader {
-    name: "directional_depth",
-    source: include_str!("../wgsl/directional_depth.wgsl"),
-    entry_points: &["directional_depth"],
+/// Bindings of group 0, described in the file: 0, uniform, the batch; 1, triangles; 2, images; 3, levels of the textures; 4,
+/// their coefficients; 5, heights, written by the one and read by the other; 6, pairs; 7, answers.
+pub const TEXTURE_DEPTH: Shader = Shader {
+    name: "texture_depth",
+    source: include_str!("../wgsl/texture_depth.wgsl"),
+    entry_points: &["height_images", "overlaps"],
 };
 
 /// Every shader.
-pub const SHADERS: &[Shader] = &[DIRECTIONAL_DEPTH];
+pub const SHADERS: &[Shader] = &[TEXTURE_DEPTH];
 
 #[cfg(test)]
 mod tests {

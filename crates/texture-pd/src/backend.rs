@@ -2,8 +2,8 @@
 
 use thiserror::Error;
 
-use crate::kernels;
-use crate::pairs::{DirectionalDepth, PatchPairs};
+use crate::batch::{Batch, SurfaceSet};
+use crate::kernels::{self, Answer};
 
 /// Why a backend could not be used.
 #[derive(Debug, Error)]
@@ -48,41 +48,54 @@ pub enum BackendError {
     },
 }
 
-/// Computes directional penetration depths. Every backend gives the same answers, but for overlaps below
-/// 1.2e-38 m, which a GPU may flush to zero.
+/// Evaluates batches. Every backend gives the same answers, to within rounding.
 pub trait Backend: Send {
     /// What it runs on.
     fn name(&self) -> &str;
 
-    /// The directional penetration depth of each pair, in their order, in place of what `depths` held. A pair
-    /// that shares no texel has none.
-    fn directional_depths(
+    /// Answers for the pairs of a batch, in their order, in place of what `answers` held. The surfaces' textures are looked at
+    /// again only where the set is another one, or has grown.
+    ///
+    /// # Errors
+    /// If the device fails or is too small.
+    fn evaluate(
         &mut self,
-        pairs: &PatchPairs,
-        depths: &mut Vec<Option<DirectionalDepth>>,
+        surfaces: &SurfaceSet,
+        batch: &Batch,
+        answers: &mut Vec<Answer>,
     ) -> Result<(), BackendError>;
 }
 
-/// The reference backend: one thread, pair after pair. It cannot fail, and allocates only to grow `depths`.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct CpuBackend;
+/// The backend on the processor: it cannot fail, and allocates only to grow its workspace.
+#[derive(Clone, Debug, Default)]
+pub struct CpuBackend {
+    heights: Vec<[u32; 2]>,
+}
+
+impl CpuBackend {
+    /// A backend with an empty workspace.
+    pub fn new() -> Self {
+        Self::default()
+    }
+}
 
 impl Backend for CpuBackend {
     fn name(&self) -> &str {
         "CPU"
     }
 
-    fn directional_depths(
+    fn evaluate(
         &mut self,
-        pairs: &PatchPairs,
-        depths: &mut Vec<Option<DirectionalDepth>>,
+        surfaces: &SurfaceSet,
+        batch: &Batch,
+        answers: &mut Vec<Answer>,
     ) -> Result<(), BackendError> {
-        depths.clear();
-        depths.extend(pairs.pairs().iter().map(|pair| {
-            let mut overlap = [[0; 2]];
-            kernels::directional_depth(pairs.texels(), pairs.heights(), &[*pair], &mut overlap);
-            pairs.decode(overlap[0])
-        }));
+        let SurfaceSet { levels, coefficients, .. } = surfaces;
+        let Batch { header, triangles, images, pairs } = batch;
+        self.heights.resize(batch.texels(), [0; 2]);
+        answers.resize(pairs.len(), Answer::default());
+        kernels::height_images(header, triangles, images, levels, coefficients, &mut self.heights);
+        kernels::overlaps(header, triangles, images, levels, coefficients, &self.heights, pairs, answers);
         Ok(())
     }
 }

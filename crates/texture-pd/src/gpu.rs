@@ -1,28 +1,30 @@
 //! Directional penetration depth on the GPU, through wgpu.
 //!
-//! The pipeline is built once, and buffers grow to the largest batch met and stay. A batch is one upload, one
-//! dispatch (a workgroup a pair) and one copy in one submission, then a wait for the results; heights are never
-//! read back. wgpu allocates a few small objects for each submission: a backend belongs on the contact thread,
-//! not on the haptic one.
+//! Pipelines are built and run once when the backend is made. Textures are uploaded once, and buffers grow to the largest
+//! batch met and stay. A batch is one upload, two dispatches (an invocation a texel of the images, then a workgroup a pair)
+//! and one copy in one submission, then a wait for the answers, 272 bytes a pair; images are never read back. wgpu allocates
+//! a few small objects for each submission: a backend belongs on the contact thread, not on the haptic one.
 
 use std::sync::mpsc;
 use std::time::Duration;
 
-use palpate_shaders::DIRECTIONAL_DEPTH;
+use palpate_shaders::TEXTURE_DEPTH;
 use wgpu::{
     BindGroup, BindGroupDescriptor, BindGroupEntry, Buffer, BufferDescriptor, BufferUsages, ComputePipeline,
     ComputePipelineDescriptor, Device, ErrorFilter, Instance, InstanceDescriptor, MapMode, PollType, Queue,
 };
 
 use crate::backend::{Backend, BackendError};
-use crate::pairs::{DirectionalDepth, PatchPairs};
+use crate::batch::{Batch, SurfaceSet};
+use crate::kernels::{Answer, Header, Image, Pair, Triangle};
 
-/// Bytes of the uniform `{ pairs, texels }`, of a pair and of an answer.
-const UNIFORM_BYTES: u64 = 8;
-const PAIR_BYTES: u64 = 8;
-const OVERLAP_BYTES: u64 = 8;
+/// Invocations of a workgroup of `height_images`.
+const TEXELS: u32 = 64;
 /// A batch that takes longer has hung the device.
 const TIMEOUT: Duration = Duration::from_secs(10);
+
+/// What the kernels bind.
+const STORAGE: BufferUsages = BufferUsages::STORAGE.union(BufferUsages::COPY_DST);
 
 /// A backend on a GPU, or on a software driver that stands in for one.
 #[derive(Debug)]
@@ -30,21 +32,29 @@ pub struct WgpuBackend {
     name: String,
     device: Device,
     queue: Queue,
-    pipeline: ComputePipeline,
-    buffers: Option<Buffers>,
+    images: ComputePipeline,
+    overlaps: ComputePipeline,
+    header: Buffer,
+    triangles: Store,
+    image_records: Store,
+    levels: Store,
+    coefficients: Store,
+    heights: Store,
+    pairs: Store,
+    answers: Store,
+    readback: Store,
+    /// Those of the stores as they are.
+    groups: Option<[BindGroup; 2]>,
+    /// Which textures are uploaded.
+    uploaded: Option<u64>,
 }
 
-/// Buffers for batches of up to a number of heights and pairs.
+/// A buffer that grows and stays.
 #[derive(Debug)]
-struct Buffers {
-    heights_bytes: u64,
-    pairs: u64,
-    uniform: Buffer,
-    heights: Buffer,
-    pair_starts: Buffer,
-    overlaps: Buffer,
-    readback: Buffer,
-    bind_group: BindGroup,
+struct Store {
+    what: &'static str,
+    usage: BufferUsages,
+    buffer: Option<Buffer>,
 }
 
 impl WgpuBackend {
@@ -63,12 +73,12 @@ impl WgpuBackend {
         let adapter = pollster::block_on(instance.request_adapter(&options))
             .map_err(|error| BackendError::NoAdapter { reason: error.to_string() })?;
         let name = adapter.get_info().name;
-        // The least that WebGPU asks for, but room for as much as the adapter binds.
+        // What WebGPU promises everywhere, but room for as much as the adapter binds.
         let most = adapter.limits();
         let limits = wgpu::Limits {
             max_buffer_size: most.max_buffer_size,
             max_storage_buffer_binding_size: most.max_storage_buffer_binding_size,
-            ..wgpu::Limits::downlevel_defaults()
+            ..wgpu::Limits::default()
         };
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("palpate"),
@@ -85,90 +95,200 @@ impl WgpuBackend {
     ///
     /// The backend submits to `queue` and waits for its own submissions. Errors of its own calls are caught and
     /// do not reach the host's error handler.
+    ///
+    /// # Errors
+    /// If the device fails, or gives fewer than the eight storage buffers that WebGPU promises.
     pub fn with_device(name: &str, device: Device, queue: Queue) -> Result<Self, BackendError> {
-        let pipeline = caught(name, &device, || {
+        let (images, overlaps, header) = caught(name, &device, || {
             let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
-                label: Some(DIRECTIONAL_DEPTH.name),
-                source: wgpu::ShaderSource::Wgsl(DIRECTIONAL_DEPTH.source.into()),
+                label: Some(TEXTURE_DEPTH.name),
+                source: wgpu::ShaderSource::Wgsl(TEXTURE_DEPTH.source.into()),
             });
-            device.create_compute_pipeline(&ComputePipelineDescriptor {
-                label: Some(DIRECTIONAL_DEPTH.name),
-                layout: None,
-                module: &module,
-                entry_point: Some(DIRECTIONAL_DEPTH.entry_points[0]),
-                compilation_options: Default::default(),
-                cache: None,
-            })
+            let [images, overlaps] = ["height_images", "overlaps"].map(|entry_point| {
+                device.create_compute_pipeline(&ComputePipelineDescriptor {
+                    label: Some(entry_point),
+                    layout: None,
+                    module: &module,
+                    entry_point: Some(entry_point),
+                    compilation_options: Default::default(),
+                    cache: None,
+                })
+            });
+            let header = device.create_buffer(&BufferDescriptor {
+                label: Some("header"),
+                size: size_of::<Header>() as u64,
+                usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            });
+            (images, overlaps, header)
         })?;
-        Ok(Self { name: name.into(), device, queue, pipeline, buffers: None })
-    }
-
-    /// Takes the buffers out, or new ones where those there are cannot hold the batch.
-    fn take_buffers(&mut self, heights_bytes: u64, pairs: u64) -> Result<Buffers, BackendError> {
-        // The old ones are given back before new ones are made, and those hold as much at least.
-        let (had_heights, had_pairs) = match self.buffers.take() {
-            Some(buffers) if heights_bytes <= buffers.heights_bytes && pairs <= buffers.pairs => {
-                return Ok(buffers);
-            }
-            Some(buffers) => (buffers.heights_bytes, buffers.pairs),
-            None => (0, 0),
+        let store = |what, usage| Store { what, usage, buffer: None };
+        let mut backend = Self {
+            name: name.into(),
+            device,
+            queue,
+            images,
+            overlaps,
+            header,
+            triangles: store("triangles", STORAGE),
+            image_records: store("images", STORAGE),
+            levels: store("levels", STORAGE),
+            coefficients: store("textures", STORAGE),
+            heights: store("heights", BufferUsages::STORAGE),
+            pairs: store("pairs", STORAGE),
+            answers: store("answers", BufferUsages::STORAGE | BufferUsages::COPY_SRC),
+            readback: store("readback", BufferUsages::MAP_READ | BufferUsages::COPY_DST),
+            groups: None,
+            uploaded: None,
         };
-        let limits = self.device.limits();
-        let limit =
-            limits.max_buffer_size.min(limits.max_storage_buffer_binding_size) / PAIR_BYTES * PAIR_BYTES;
-        for (what, bytes) in [("heights", heights_bytes), ("pairs", pairs * PAIR_BYTES)] {
-            if bytes > limit {
-                return Err(BackendError::TooLarge { what, bytes, limit, device: self.name.clone() });
-            }
-        }
-        let heights_bytes = heights_bytes.max(had_heights).next_power_of_two().min(limit);
-        let pairs = pairs.max(had_pairs).next_power_of_two().min(limit / PAIR_BYTES);
-        caught(&self.name, &self.device, || Buffers::new(&self.device, &self.pipeline, heights_bytes, pairs))
+        backend.warm_up()?;
+        Ok(backend)
     }
 
-    fn run(
-        &self,
-        buffers: &Buffers,
-        batch: &PatchPairs,
-        depths: &mut Vec<Option<DirectionalDepth>>,
-    ) -> Result<(), BackendError> {
-        let count = batch.len() as u32;
-        self.queue.write_buffer(&buffers.uniform, 0, bytemuck::cast_slice(&[count, batch.texels()]));
-        self.queue.write_buffer(&buffers.heights, 0, bytemuck::cast_slice(batch.heights()));
-        self.queue.write_buffer(&buffers.pair_starts, 0, bytemuck::cast_slice(batch.pairs()));
+    /// Runs both kernels once, on one pair of empty images: drivers compile at the first use.
+    fn warm_up(&mut self) -> Result<(), BackendError> {
+        let mut batch = Batch::default();
+        batch.clear(2, 0);
+        let (a, b) = (batch.push_image(0, 1.0, 1.0, 1.0), batch.push_image(0, -1.0, 1.0, 1.0));
+        batch.push_pair(a, b, 0.0);
+        self.evaluate(&SurfaceSet::default(), &batch, &mut Vec::new())
+    }
+
+    /// Makes room and uploads.
+    fn load(&mut self, surfaces: &SurfaceSet, batch: &Batch) -> Result<(), BackendError> {
+        let (device, queue, name) = (&self.device, &self.queue, &self.name);
+        let mut grown = false;
+        if self.uploaded != Some(surfaces.revision()) {
+            self.uploaded = None;
+            grown |= self.levels.write(device, queue, name, bytemuck::cast_slice(&surfaces.levels))?;
+            grown |=
+                self.coefficients.write(device, queue, name, bytemuck::cast_slice(&surfaces.coefficients))?;
+            self.uploaded = Some(surfaces.revision());
+        }
+        grown |= self.triangles.write(
+            device,
+            queue,
+            name,
+            bytemuck::cast_slice::<Triangle, _>(&batch.triangles),
+        )?;
+        grown |=
+            self.image_records.write(device, queue, name, bytemuck::cast_slice::<Image, _>(&batch.images))?;
+        grown |= self.pairs.write(device, queue, name, bytemuck::cast_slice::<Pair, _>(&batch.pairs))?;
+        grown |= self.heights.reserve(device, name, (batch.texels() * size_of::<[u32; 2]>()) as u64)?;
+        let answers = (batch.pairs.len() * size_of::<Answer>()) as u64;
+        grown |= self.answers.reserve(device, name, answers)?;
+        self.readback.reserve(device, name, answers)?;
+        queue.write_buffer(&self.header, 0, bytemuck::bytes_of(&batch.header));
+        if grown || self.groups.is_none() {
+            self.groups = self.bind();
+        }
+        Ok(())
+    }
+
+    fn bind(&self) -> Option<[BindGroup; 2]> {
+        let stores = [
+            (1, &self.triangles),
+            (2, &self.image_records),
+            (3, &self.levels),
+            (4, &self.coefficients),
+            (5, &self.heights),
+            (6, &self.pairs),
+            (7, &self.answers),
+        ];
+        let header = BindGroupEntry { binding: 0, resource: self.header.as_entire_binding() };
+        let mut entries = vec![header];
+        for (binding, store) in stores {
+            entries.push(BindGroupEntry { binding, resource: store.buffer.as_ref()?.as_entire_binding() });
+        }
+        // Images know nothing of pairs.
+        Some([(&self.images, &entries[..6]), (&self.overlaps, &entries[..])].map(|(pipeline, entries)| {
+            self.device.create_bind_group(&BindGroupDescriptor {
+                label: Some(TEXTURE_DEPTH.name),
+                layout: &pipeline.get_bind_group_layout(0),
+                entries,
+            })
+        }))
+    }
+
+    fn submit(&self, batch: &Batch, answers: &mut Vec<Answer>) -> Result<(), BackendError> {
+        let failed = |reason: String| BackendError::Device { device: self.name.clone(), reason };
+        let missing = || failed("a buffer is missing".into());
+        let [images, overlaps] = self.groups.as_ref().ok_or_else(missing)?;
+        let (found, readback) = (self.answers.buffer.as_ref(), self.readback.buffer.as_ref());
+        let (found, readback) = (found.ok_or_else(missing)?, readback.ok_or_else(missing)?);
+        let Header { grid, images: image_count, pairs, .. } = batch.header;
         let mut encoder = self.device.create_command_encoder(&Default::default());
         {
             let mut pass = encoder.begin_compute_pass(&Default::default());
-            pass.set_pipeline(&self.pipeline);
-            pass.set_bind_group(0, &buffers.bind_group, &[]);
-            let across = count.min(self.device.limits().max_compute_workgroups_per_dimension);
-            pass.dispatch_workgroups(across, count.div_ceil(across), 1);
+            let most = self.device.limits().max_compute_workgroups_per_dimension;
+            pass.set_pipeline(&self.images);
+            pass.set_bind_group(0, images, &[]);
+            let across = image_count.min(most);
+            pass.dispatch_workgroups((grid * grid).div_ceil(TEXELS), across, image_count.div_ceil(across));
+            pass.set_pipeline(&self.overlaps);
+            pass.set_bind_group(0, overlaps, &[]);
+            let across = pairs.min(most);
+            pass.dispatch_workgroups(across, pairs.div_ceil(across), 1);
         }
-        let used = u64::from(count) * OVERLAP_BYTES;
-        encoder.copy_buffer_to_buffer(&buffers.overlaps, 0, &buffers.readback, 0, used);
+        let used = u64::from(pairs) * size_of::<Answer>() as u64;
+        encoder.copy_buffer_to_buffer(found, 0, readback, 0, used);
         let submission = self.queue.submit([encoder.finish()]);
 
         let (send, receive) = mpsc::sync_channel(1);
-        buffers.readback.map_async(MapMode::Read, ..used, move |result| {
+        readback.map_async(MapMode::Read, ..used, move |result| {
             // The receiver is gone only after a timeout.
             let _ = send.send(result);
         });
-        let failed = |reason: String| BackendError::Device { device: self.name.clone(), reason };
         let wait = PollType::Wait { submission_index: Some(submission), timeout: Some(TIMEOUT) };
         self.device.poll(wait).map_err(|error| failed(error.to_string()))?;
         match receive.try_recv() {
             Ok(Ok(())) => {}
             Ok(Err(error)) => return Err(failed(error.to_string())),
-            Err(_) => return Err(failed("the results did not arrive".into())),
+            Err(_) => return Err(failed("the answers did not arrive".into())),
         }
         {
-            let bytes =
-                buffers.readback.get_mapped_range(..used).map_err(|error| failed(error.to_string()))?;
-            let overlaps: &[[u32; 2]] = bytemuck::cast_slice(&bytes);
-            depths.extend(overlaps.iter().map(|&overlap| batch.decode(overlap)));
+            let bytes = readback.get_mapped_range(..used).map_err(|error| failed(error.to_string()))?;
+            answers.extend_from_slice(bytemuck::cast_slice(&bytes));
         }
-        buffers.readback.unmap();
+        readback.unmap();
         Ok(())
+    }
+}
+
+impl Store {
+    /// Makes room for as many bytes; whether the buffer is a new one.
+    fn reserve(&mut self, device: &Device, name: &str, bytes: u64) -> Result<bool, BackendError> {
+        if self.buffer.as_ref().is_some_and(|buffer| buffer.size() >= bytes) {
+            return Ok(false);
+        }
+        let limits = device.limits();
+        let limit = limits.max_buffer_size.min(limits.max_storage_buffer_binding_size) / 16 * 16;
+        if bytes > limit {
+            return Err(BackendError::TooLarge { what: self.what, bytes, limit, device: name.into() });
+        }
+        // The old one is given back before the new one is made.
+        self.buffer = None;
+        self.buffer = Some(device.create_buffer(&BufferDescriptor {
+            label: Some(self.what),
+            size: bytes.next_power_of_two().clamp(256, limit),
+            usage: self.usage,
+            mapped_at_creation: false,
+        }));
+        Ok(true)
+    }
+
+    fn write(
+        &mut self,
+        device: &Device,
+        queue: &Queue,
+        name: &str,
+        bytes: &[u8],
+    ) -> Result<bool, BackendError> {
+        let grown = self.reserve(device, name, bytes.len() as u64)?;
+        if let Some(buffer) = &self.buffer {
+            queue.write_buffer(buffer, 0, bytes);
+        }
+        Ok(grown)
     }
 }
 
@@ -177,54 +297,30 @@ impl Backend for WgpuBackend {
         &self.name
     }
 
-    fn directional_depths(
+    fn evaluate(
         &mut self,
-        pairs: &PatchPairs,
-        depths: &mut Vec<Option<DirectionalDepth>>,
+        surfaces: &SurfaceSet,
+        batch: &Batch,
+        answers: &mut Vec<Answer>,
     ) -> Result<(), BackendError> {
-        depths.clear();
-        if pairs.is_empty() {
+        answers.clear();
+        if batch.pairs.is_empty() {
             return Ok(());
         }
-        let buffers = self.take_buffers(size_of_val(pairs.heights()) as u64, pairs.len() as u64)?;
-        let result = caught(&self.name, &self.device, || self.run(&buffers, pairs, depths)).flatten();
-        match result {
-            Ok(()) => self.buffers = Some(buffers),
+        let (name, device) = (self.name.clone(), self.device.clone());
+        let result = caught(&name, &device, || {
+            self.load(surfaces, batch)?;
+            self.submit(batch, answers)
+        });
+        let result = result.flatten();
+        if result.is_err() {
             // Buffers of a failed run may still be mapped or in use: the next run makes new ones.
-            Err(_) => depths.clear(),
+            answers.clear();
+            self.readback.buffer = None;
+            self.groups = None;
+            self.uploaded = None;
         }
         result
-    }
-}
-
-impl Buffers {
-    fn new(device: &Device, pipeline: &ComputePipeline, heights_bytes: u64, pairs: u64) -> Self {
-        let buffer = |label, size, usage| {
-            device.create_buffer(&BufferDescriptor {
-                label: Some(label),
-                size,
-                usage,
-                mapped_at_creation: false,
-            })
-        };
-        let input = BufferUsages::STORAGE | BufferUsages::COPY_DST;
-        let uniform = buffer("batch", UNIFORM_BYTES, BufferUsages::UNIFORM | BufferUsages::COPY_DST);
-        let heights = buffer("heights", heights_bytes, input);
-        let pair_starts = buffer("pairs", pairs * PAIR_BYTES, input);
-        let overlaps =
-            buffer("overlaps", pairs * OVERLAP_BYTES, BufferUsages::STORAGE | BufferUsages::COPY_SRC);
-        let readback =
-            buffer("readback", pairs * OVERLAP_BYTES, BufferUsages::MAP_READ | BufferUsages::COPY_DST);
-        let bind_group = device.create_bind_group(&BindGroupDescriptor {
-            label: Some(DIRECTIONAL_DEPTH.name),
-            layout: &pipeline.get_bind_group_layout(0),
-            entries: &[&uniform, &heights, &pair_starts, &overlaps]
-                .into_iter()
-                .zip(0..)
-                .map(|(buffer, binding)| BindGroupEntry { binding, resource: buffer.as_entire_binding() })
-                .collect::<Vec<_>>(),
-        });
-        Self { heights_bytes, pairs, uniform, heights, pair_starts, overlaps, readback, bind_group }
     }
 }
 

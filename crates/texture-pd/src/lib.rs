@@ -1,44 +1,74 @@
-//! Haptic textures: the directional penetration depth of two surface patches (§4.4.1), on the CPU and on the GPU.
+//! Haptic textures: the directional penetration depth of two surfaces with fine detail (§4.4), on the CPU and on the GPU.
 //!
-//! Two patches A and B in contact, projected along the penetration direction **n** onto a common grid, are height
-//! fields h_A and h_B (Eq. 4.9). Their directional penetration depth is the largest overlap (Eq. 4.10)
-//!
-//! δ_n = max over the texels where both have a surface of (h_A − h_B).
-//!
-//! [`PatchPairs`] holds the heights of a batch of patches and says which pairs to evaluate; a [`Backend`] gives
-//! depth and texel of each pair. [`CpuBackend`] is the reference; [`WgpuBackend`] (feature `gpu`) evaluates a
-//! batch in one submission and reads back only the results. Both give the same answers.
+//! A [`TexturedSurface`] is a coarse mesh and, as a [`HeightImage`], the fine detail that displaces it. Where coarse collision
+//! detection finds two of them in contact, [`DepthQuery`] looks along the contact's direction **n** at both and finds their
+//! directional penetration depth δ_n, and how that changes as one of them moves. A [`Backend`] does the work on the images.
 //!
 //! ```
-//! use palpate_texture_pd::{Backend, CpuBackend, PatchPairs};
+//! use std::sync::Arc;
+//! use glam::{DVec2, DVec3};
+//! use palpate_core::mesh::UvMesh;
+//! use palpate_core::{Pose, TriMesh};
+//! use palpate_texture_pd::*;
 //!
-//! let mut pairs = PatchPairs::new(2)?;
-//! let a = pairs.add_patch(&[0.001, 0.003, f32::NAN, 0.002])?; // metres along n; NaN: no surface there
-//! let b = pairs.add_patch(&[0.0; 4])?;
-//! pairs.add_pair(a, b)?;
+//! // A plate of 10 cm with ridges 1 mm high and 5 mm apart, and a tetrahedron above it.
+//! let corners = [[-0.05, -0.05], [0.05, -0.05], [0.05, 0.05], [-0.05, 0.05]];
+//! let plate = TriMesh::new(corners.map(|[x, y]| DVec3::new(x, y, 0.0)).to_vec(), vec![[0, 1, 2], [0, 2, 3]])?;
+//! let uv = [DVec2::ZERO, DVec2::X * 20.0, DVec2::new(20.0, 1.0), DVec2::Y];
+//! let plate = UvMesh::new(plate, vec![[uv[0], uv[1], uv[2]], [uv[0], uv[2], uv[3]]])?;
+//! let ridge = (0..16).map(|i| 0.0005 * (std::f32::consts::TAU * (i as f32 + 0.5) / 16.0).cos()).collect();
+//! let ridges = HeightImage::new(16, 1, ridge, [Wrap::Repeat; 2])?;
+//! let tip = vec![DVec3::ZERO, DVec3::new(0.01, 0.0, 0.02), DVec3::new(-0.01, 0.01, 0.02), DVec3::new(-0.01, -0.01, 0.02)];
+//! let tip = TriMesh::new(tip, vec![[0, 2, 1], [0, 3, 2], [0, 1, 3], [1, 2, 3]])?;
 //!
-//! let mut depths = Vec::new();
-//! CpuBackend.directional_depths(&pairs, &mut depths)?;
-//! let deepest = depths[0].expect("the patches share texels");
-//! assert_eq!((deepest.depth, deepest.column, deepest.row), (0.003, 1, 0));
+//! let mut surfaces = SurfaceSet::default();
+//! let a = surfaces.add(&Arc::new(TexturedSurface::plain(&tip)?))?;
+//! let b = surfaces.add(&Arc::new(TexturedSurface::textured(&plate, &ridges, 0.5)?))?;
+//!
+//! // The tip stands on the flank of a ridge.
+//! let place = DVec3::new(0.001, 0.0, 0.0);
+//! let contact = TextureContact {
+//!     a,
+//!     pose_a: Pose::from_translation(place),
+//!     center: place,
+//!     b,
+//!     pose_b: Pose::IDENTITY,
+//!     normal: -DVec3::Z,
+//!     point: place,
+//!     half_size: 0.002,
+//!     reach: 0.01,
+//! };
+//! let mut query = DepthQuery::new();
+//! let depths = query.run(&surfaces, &[contact], &DepthSettings::default(), &mut CpuBackend::new())?;
+//! let found = depths[0].expect("they are seen above each other");
+//! // Pushed down the flank, towards the next groove.
+//! assert!(found.linear.x < 0.0);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
 mod backend;
+mod batch;
+mod depth;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod height_image;
 mod kernels;
+mod maximum;
 mod normals;
-mod pairs;
 mod spline;
+mod surface;
 
 pub use backend::{Backend, BackendError, CpuBackend};
+pub use batch::{Batch, MAX_GRID, SurfaceId, SurfaceSet, TooManyTexels};
+pub use depth::{
+    DepthError, DepthQuery, DepthSettings, Derivatives, TextureContact, TextureDepth, TextureFilter,
+};
 #[cfg(feature = "gpu")]
 pub use gpu::WgpuBackend;
 pub use height_image::{HeightImage, HeightImageError, MAX_SIDE, Wrap};
+pub use kernels::Answer;
 pub use normals::corner_directions;
-pub use pairs::{DirectionalDepth, MAX_GRID, PairsError, Patch, PatchPairs};
+pub use surface::{SurfaceError, TexturedSurface};
 /// The version of wgpu whose devices [`WgpuBackend::with_device`] takes.
 #[cfg(feature = "gpu")]
 pub use wgpu;

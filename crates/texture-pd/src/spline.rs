@@ -199,6 +199,15 @@ pub(crate) fn value(level: &Level, coefficients: &[f32], x: f32, y: f32) -> f32 
     dot(&weights(g), &taps.map(|row| dot(&along, &row)))
 }
 
+/// The displacement at a point in texels and its slopes by x and y.
+#[inline]
+pub(crate) fn slope(level: &Level, coefficients: &[f32], x: f32, y: f32) -> [f32; 3] {
+    let (taps, f, g) = taps(level, coefficients, x, y);
+    let [rows, rows_x] = [weights(f), slopes(f)].map(|along| taps.map(|row| dot(&along, &row)));
+    let across = weights(g);
+    [dot(&across, &rows), dot(&across, &rows_x), dot(&slopes(g), &rows)]
+}
+
 /// The displacement at a point in texels with its derivatives.
 pub(crate) fn jet(level: &Level, coefficients: &[f32], x: f32, y: f32) -> Jet {
     let (taps, f, g) = taps(level, coefficients, x, y);

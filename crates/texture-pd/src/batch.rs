@@ -1,0 +1,123 @@
+//! What one submission evaluates: surfaces' textures, which stay, and images and pairs, which are new each time.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use crate::kernels::{Header, Image, Pair, Triangle};
+use crate::spline::Level;
+use crate::surface::TexturedSurface;
+
+/// The most texels along a side of a grid.
+pub const MAX_GRID: u32 = 1024;
+/// The most levels of textures, so that an f32 counts them, and the most coefficients, so that 4 bytes each stay within a
+/// 32-bit size.
+const MAX_LEVELS: usize = 1 << 20;
+const MAX_COEFFICIENTS: usize = 1 << 29;
+
+/// 0 is that of sets without a texture.
+static NEXT_REVISION: AtomicU64 = AtomicU64::new(1);
+
+/// The surfaces that may touch each other, with all of their textures.
+#[derive(Clone, Debug, Default)]
+pub struct SurfaceSet {
+    /// With where the levels of its texture begin.
+    surfaces: Vec<(Arc<TexturedSurface>, u32)>,
+    /// Tells what the set holds from what it held before, and from other sets.
+    revision: u64,
+    pub(crate) levels: Vec<Level>,
+    pub(crate) coefficients: Vec<f32>,
+}
+
+/// A surface of a [`SurfaceSet`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct SurfaceId(usize);
+
+/// The textures of a [`SurfaceSet`] are too large.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the textures have more than {MAX_COEFFICIENTS} texels in all: make them smaller")]
+pub struct TooManyTexels;
+
+impl SurfaceSet {
+    /// Adds a surface. Surfaces that are the same [`Arc`] share their texture.
+    ///
+    /// # Errors
+    /// If all textures together are too large.
+    pub fn add(&mut self, surface: &Arc<TexturedSurface>) -> Result<SurfaceId, TooManyTexels> {
+        if let Some(known) = self.surfaces.iter().position(|(known, _)| Arc::ptr_eq(known, surface)) {
+            return Ok(SurfaceId(known));
+        }
+        let first = self.levels.len() as u32;
+        if let Some(texture) = surface.texture() {
+            let coefficients = self.coefficients.len();
+            if coefficients + texture.coefficients.len() > MAX_COEFFICIENTS
+                || self.levels.len() + texture.levels.len() > MAX_LEVELS
+            {
+                return Err(TooManyTexels);
+            }
+            let moved =
+                |&[from, width, height, wrap]: &Level| [from + coefficients as u32, width, height, wrap];
+            self.levels.extend(texture.levels.iter().map(moved));
+            self.coefficients.extend_from_slice(&texture.coefficients);
+            self.revision = NEXT_REVISION.fetch_add(1, Ordering::Relaxed);
+        }
+        self.surfaces.push((surface.clone(), first));
+        Ok(SurfaceId(self.surfaces.len() - 1))
+    }
+
+    /// A surface of the set.
+    pub fn surface(&self, id: SurfaceId) -> &TexturedSurface {
+        &self.surfaces[id.0].0
+    }
+
+    #[cfg(feature = "gpu")]
+    pub(crate) fn revision(&self) -> u64 {
+        self.revision
+    }
+
+    /// Where the levels of its texture begin.
+    pub(crate) fn first_level(&self, id: SurfaceId) -> u32 {
+        self.surfaces[id.0].1
+    }
+}
+
+/// Images of heights, and pairs of them to compare.
+#[derive(Clone, Debug, Default)]
+pub struct Batch {
+    pub(crate) header: Header,
+    pub(crate) triangles: Vec<Triangle>,
+    pub(crate) images: Vec<Image>,
+    pub(crate) pairs: Vec<Pair>,
+}
+
+impl Batch {
+    pub(crate) fn clear(&mut self, grid: u32, refinements: u32) {
+        self.header = Header { grid, images: 0, pairs: 0, refinements };
+        self.triangles.clear();
+        self.images.clear();
+        self.pairs.clear();
+    }
+
+    /// Adds an image of the triangles from `first` on.
+    pub(crate) fn push_image(&mut self, first: usize, side: f64, step: f64, reach: f64) -> u32 {
+        self.images.push(Image {
+            first: first as u32,
+            count: (self.triangles.len() - first) as u32,
+            side: side as f32,
+            step: step as f32,
+            reach: reach as f32,
+            unused: [0; 3],
+        });
+        self.header.images += 1;
+        self.header.images - 1
+    }
+
+    pub(crate) fn push_pair(&mut self, a: u32, b: u32, temperature: f64) {
+        self.pairs.push(Pair { a, b, temperature: temperature as f32, unused: 0 });
+        self.header.pairs += 1;
+    }
+
+    /// Texels of all images.
+    pub(crate) fn texels(&self) -> usize {
+        (self.header.grid * self.header.grid) as usize * self.images.len()
+    }
+}

@@ -1,0 +1,390 @@
+//! Directional penetration depth of textured surfaces in contact with its derivatives (§4.3.3, §4.4, §5.4.4).
+//!
+//! A contact gives a direction **n** out of the moving surface A and a point; both surfaces are seen along **n** as height
+//! functions over a square grid around the point (Eq. 4.9), and the depth is the largest overlap h_A − h_B (Eq. 4.10), or a
+//! smooth maximum of the overlaps:
+//!
+//! δ = τ ln (Σ exp((h_A − h_B) / τ) · area of a texel / 2 π τ ρ), with ρ half the side of the grid,
+//!
+//! summed over the texels. A single maximum whose curvatures' product is 1/ρ² has the same δ either way. Where the
+//! largest overlap jumps from one place to another, the smooth maximum goes over, within some temperatures τ of δ.
+//!
+//! Derivatives are by how A moves: by a shift, and by a turn (right-handed rotation vector) about a given point, both in
+//! world axes. They come
+//!
+//! - from the largest overlap (or, smoothly, the large ones), where the texture's slopes and curvatures give them: the point
+//!   (u, v, h_A) of A is over B's height function, and so its motion changes the overlap by the gradient (−∂h_B/∂u,
+//!   −∂h_B/∂v, 1) at it, and further by h_B's curvature. That the place of the maximum moves as well adds nothing to the
+//!   first derivative, and to the second what its motion gains (the envelope theorem): −φ_qs φ_ss⁻¹ φ_sq for the largest
+//!   overlap, the gradients' covariance over τ for the smooth maximum. The latter are the derivatives of δ as it is
+//!   computed.
+//! - or from central differences of δ as in the dissertation (Eq. 4.8, 5.57, 5.58): 11 configurations of A for the gradient,
+//!   51 with the second derivatives. (∂δ/∂n is 1, and second derivatives by n are 0.)
+//!
+//! At the end of a surface the largest overlap is no stationary point. Where B ends and A does not, A slides over the point
+//! of B, and A's slopes are those that count; its second derivatives are left out.
+
+use glam::{DMat3, DVec2, DVec3};
+use palpate_core::Pose;
+
+use crate::backend::{Backend, BackendError};
+use crate::batch::{Batch, MAX_GRID, SurfaceId, SurfaceSet};
+use crate::kernels::{Answer, NOWHERE, coordinate};
+use crate::maximum::{self, LocalDepth};
+use crate::surface::{Field, View};
+
+/// Where two surfaces touch, as coarse collision detection has it.
+#[derive(Clone, Copy, Debug)]
+pub struct TextureContact {
+    /// The moving surface A.
+    pub a: SurfaceId,
+    /// Pose of A's mesh in the world.
+    pub pose_a: Pose,
+    /// What A turns about, usually its centre of mass, world, m.
+    pub center: DVec3,
+    /// The other surface.
+    pub b: SurfaceId,
+    /// Pose of B's mesh in the world.
+    pub pose_b: Pose,
+    /// **n**: unit normal out of A, world axes.
+    pub normal: DVec3,
+    /// The middle of the grid, world, m.
+    pub point: DVec3,
+    /// Half the side of the grid, m.
+    pub half_size: f64,
+    /// Undisplaced surfaces further than this from the point along **n** are left out, m.
+    pub reach: f64,
+}
+
+/// How derivatives are found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Derivatives {
+    /// From slopes and curvatures at the maximum.
+    Maximum,
+    /// By central differences.
+    Differences {
+        /// Shift, m.
+        shift: f64,
+        /// Turn, rad.
+        turn: f64,
+        /// Whether second derivatives are wanted.
+        second: bool,
+    },
+}
+
+/// Which of a texture's levels is looked at.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum TextureFilter {
+    /// The finest.
+    Finest,
+    /// The coarsest whose texels are no larger than the grid's, so that detail between them does not alias (§4.6.2).
+    #[default]
+    Footprint,
+}
+
+/// How depths are computed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DepthSettings {
+    /// Texels along a side of the grid: 50 in the dissertation (§4.5.2).
+    pub grid: u32,
+    /// τ, m: 0 for the largest overlap itself.
+    pub temperature: f64,
+    /// Where derivatives come from.
+    pub derivatives: Derivatives,
+    /// Newton steps, at most, to the point of a triangle that is displaced to a texel: 0 for the dissertation's approximate
+    /// height function (Eq. 4.9), which displaces the point below the texel wherever that is displaced to.
+    pub refinements: u32,
+    /// Which level of a texture is looked at.
+    pub filter: TextureFilter,
+}
+
+impl Default for DepthSettings {
+    /// A grid of 50 × 50, the largest overlap, derivatives there, 3 Newton steps, filtered textures.
+    fn default() -> Self {
+        Self {
+            grid: 50,
+            temperature: 0.0,
+            derivatives: Derivatives::Maximum,
+            refinements: 3,
+            filter: TextureFilter::Footprint,
+        }
+    }
+}
+
+/// A setting or a contact that was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum DepthError {
+    /// A setting is out of range.
+    #[error("{name} is {value}; give {expected}")]
+    Setting {
+        /// The setting.
+        name: &'static str,
+        /// What was given.
+        value: f64,
+        /// What would do.
+        expected: &'static str,
+    },
+    /// The backend failed.
+    #[error(transparent)]
+    Backend(#[from] BackendError),
+}
+
+/// The directional penetration depth of a contact.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TextureDepth {
+    /// δ_n, m: negative where the surfaces are apart along **n**.
+    pub depth: f64,
+    /// ∂δ/∂x: by how A shifts, world axes.
+    pub linear: DVec3,
+    /// ∂δ/∂θ: by how A turns about the contact's centre, m/rad.
+    pub angular: DVec3,
+    /// Second derivatives by shift and turn, 1/m, 1, and m: symmetric.
+    pub second: [[f64; 6]; 6],
+    /// The point of A at the largest overlap, world, m.
+    pub point: DVec3,
+    /// The point of B there.
+    pub scene_point: DVec3,
+    /// Part of the texels with both surfaces where one of them is folded as seen along **n**, so that its height is
+    /// approximated (§4.6.1).
+    pub folded: f64,
+}
+
+/// The workspace of depth queries.
+#[derive(Clone, Debug, Default)]
+pub struct DepthQuery {
+    batch: Batch,
+    answers: Vec<Answer>,
+    near: Vec<u32>,
+    depths: Vec<Option<TextureDepth>>,
+}
+
+impl DepthQuery {
+    /// An empty workspace.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// The depth of each contact, in their order: none where the surfaces share no texel, or the contact is not finite.
+    ///
+    /// Allocates only to grow its workspace, and what the backend does.
+    ///
+    /// # Errors
+    /// If a setting is out of range, or the backend fails.
+    pub fn run(
+        &mut self,
+        surfaces: &SurfaceSet,
+        contacts: &[TextureContact],
+        settings: &DepthSettings,
+        backend: &mut dyn Backend,
+    ) -> Result<&[Option<TextureDepth>], DepthError> {
+        settings.check()?;
+        self.batch.clear(settings.grid, settings.refinements);
+        for contact in contacts.iter().filter(|contact| contact.is_usable()) {
+            self.add(surfaces, contact, settings);
+        }
+        backend.evaluate(surfaces, &self.batch, &mut self.answers)?;
+        self.depths.clear();
+        let mut answers = self.answers.chunks_exact(settings.configurations());
+        self.depths.extend(contacts.iter().map(|contact| {
+            let answers = if contact.is_usable() { answers.next()? } else { return None };
+            contact.depth(answers, settings)
+        }));
+        Ok(&self.depths)
+    }
+
+    fn add(&mut self, surfaces: &SurfaceSet, contact: &TextureContact, settings: &DepthSettings) {
+        let Self { batch, near, .. } = self;
+        let step = contact.step(settings);
+        let footprint = if settings.filter == TextureFilter::Footprint { step } else { 0.0 };
+        let axes = contact.axes();
+        let mut image = |id: SurfaceId, view: &View, side: f64, near: &[u32]| {
+            let first = batch.triangles.len();
+            let (surface, level) = (surfaces.surface(id), surfaces.first_level(id));
+            let seen = near.iter().filter_map(|&index| surface.triangle(index, view, side, footprint, level));
+            batch.triangles.extend(seen);
+            batch.push_image(first, side, step, contact.reach)
+        };
+        let field = |side| Field { half: contact.half_size, reach: contact.reach, side };
+        let view = View::new(&contact.pose_b, &axes, contact.point);
+        near.clear();
+        surfaces.surface(contact.b).gather(&view, &field(-1.0), 0.0, near);
+        let b = image(contact.b, &view, -1.0, near);
+
+        let view = View::new(&contact.pose_a, &axes, contact.point);
+        let center = axes.transpose() * (contact.center - contact.point);
+        near.clear();
+        let margin = contact.margin(center, settings);
+        surfaces.surface(contact.a).gather(&view, &field(1.0), margin, near);
+        let mut images = Vec::new();
+        for [shift, turn] in configurations(&settings.derivatives) {
+            images.push(image(contact.a, &view.moved(shift, turn, center), 1.0, near));
+        }
+        for a in images {
+            batch.push_pair(a, b, settings.temperature);
+        }
+    }
+}
+
+impl DepthSettings {
+    fn check(&self) -> Result<(), DepthError> {
+        let refuse = |name, value, expected| Err(DepthError::Setting { name, value, expected });
+        if !(2..=MAX_GRID).contains(&self.grid) {
+            return refuse("grid", self.grid.into(), "2 to 1024 texels");
+        }
+        if !(self.temperature.is_finite() && self.temperature >= 0.0) {
+            return refuse("temperature", self.temperature, "metres, 0 or more");
+        }
+        if let Derivatives::Differences { shift, turn, .. } = self.derivatives {
+            for (name, value) in [("shift", shift), ("turn", turn)] {
+                if !(value.is_finite() && value > 0.0) {
+                    return refuse(name, value, "a step above 0");
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// How many pairs a contact has.
+    fn configurations(&self) -> usize {
+        configurations(&self.derivatives).count()
+    }
+}
+
+/// The unknowns of central differences: shifts along u and v, and turns about u, v and n.
+const UNKNOWNS: usize = 5;
+
+/// Shifts and turns of A, in a contact's frame: none; each unknown forwards and backwards; and, with second derivatives, each
+/// pair of them: both forwards, the first backwards, the second backwards, both.
+fn configurations(derivatives: &Derivatives) -> impl Iterator<Item = [DVec3; 2]> {
+    let (steps, first, second) = match *derivatives {
+        Derivatives::Maximum => ([0.0; 2], false, false),
+        Derivatives::Differences { shift, turn, second } => ([shift, turn], true, second),
+    };
+    let unit = move |unknown: usize, sign: f64| match unknown {
+        0 => [DVec3::X * sign * steps[0], DVec3::ZERO],
+        1 => [DVec3::Y * sign * steps[0], DVec3::ZERO],
+        _ => [DVec3::ZERO, DVec3::AXES[unknown - 2] * sign * steps[1]],
+    };
+    let sum = |a: [DVec3; 2], b: [DVec3; 2]| [a[0] + b[0], a[1] + b[1]];
+    let single = (0..UNKNOWNS).filter(move |_| first).flat_map(move |i| [unit(i, 1.0), unit(i, -1.0)]);
+    let pairs = (0..UNKNOWNS).flat_map(|i| (i + 1..UNKNOWNS).map(move |j| (i, j)));
+    let double = pairs.filter(move |_| second).flat_map(move |(i, j)| {
+        [(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)].map(|(p, q)| sum(unit(i, p), unit(j, q)))
+    });
+    std::iter::once([DVec3::ZERO; 2]).chain(single).chain(double)
+}
+
+impl TextureContact {
+    fn is_usable(&self) -> bool {
+        let lengths = [self.half_size, self.reach];
+        self.pose_a.is_valid()
+            && self.pose_b.is_valid()
+            && self.center.is_finite()
+            && self.point.is_finite()
+            && self.normal.is_normalized()
+            && lengths.iter().all(|length| length.is_finite() && *length > 0.0)
+    }
+
+    /// u, v and n.
+    fn axes(&self) -> DMat3 {
+        let (u, v) = self.normal.any_orthonormal_pair();
+        DMat3::from_cols(u, v, self.normal)
+    }
+
+    /// Distance of texels, m.
+    fn step(&self, settings: &DepthSettings) -> f64 {
+        2.0 * self.half_size / f64::from(settings.grid)
+    }
+
+    /// How far a point in the field moves in any configuration, m.
+    fn margin(&self, center: DVec3, settings: &DepthSettings) -> f64 {
+        match settings.derivatives {
+            Derivatives::Maximum => 0.0,
+            Derivatives::Differences { shift, turn, .. } => {
+                2.0 * (shift + turn * (center.length() + 2.0 * self.half_size + self.reach))
+            }
+        }
+    }
+
+    /// What the answers to a contact's pairs say.
+    fn depth(&self, answers: &[Answer], settings: &DepthSettings) -> Option<TextureDepth> {
+        let step = self.step(settings);
+        let [answer, moved @ ..] = answers else { return None };
+        if answer.texel == NOWHERE {
+            return None;
+        }
+        let at = |index: u32| f64::from(coordinate(index, settings.grid, step as f32));
+        let at = |texel: u32| DVec2::new(at(texel % settings.grid), at(texel / settings.grid));
+        let smooth = |answer: &Answer| {
+            maximum::smooth(answer, at(answer.texel), settings.temperature, step, self.half_size)
+        };
+        let local = if settings.temperature > 0.0 {
+            smooth(answer)?
+        } else {
+            maximum::largest(answer, at(answer.texel), step)
+        };
+        let axes = self.axes();
+        let local = match settings.derivatives {
+            Derivatives::Maximum => local.about(axes.transpose() * (self.center - self.point)),
+            Derivatives::Differences { shift, turn, second } => {
+                // As the dissertation has it, of the texels alone.
+                let depth = |answer: &Answer| match answer.texel {
+                    NOWHERE => None,
+                    _ if settings.temperature > 0.0 => smooth(answer).map(|local| local.depth),
+                    _ => Some(f64::from(answer.depth)),
+                };
+                differences([shift, turn], second, depth(answer)?, |index| depth(&moved[index]))?
+            }
+        };
+        let at = at(answer.texel);
+        let world = |height: f32| self.point + axes * at.extend(height.into());
+        let (linear, angular, second) = local.in_axes(&axes);
+        Some(TextureDepth {
+            depth: local.depth,
+            linear,
+            angular,
+            second,
+            point: world(answer.jet_a[0]),
+            scene_point: world(answer.jet_b[0]),
+            folded: f64::from(answer.folded) / f64::from(answer.shared),
+        })
+    }
+}
+
+/// Central differences of the depths of [`configurations`] but the first (Eq. 4.8, 5.57, 5.58).
+fn differences(
+    [shift, turn]: [f64; 2],
+    second: bool,
+    here: f64,
+    depth: impl Fn(usize) -> Option<f64>,
+) -> Option<LocalDepth> {
+    // Unknowns 2 to 4 are components 3 to 5.
+    let component = |unknown: usize| if unknown < 2 { unknown } else { unknown + 1 };
+    let step = |unknown: usize| if unknown < 2 { shift } else { turn };
+    let mut local = LocalDepth { depth: here, gradient: [0.0; 6], second: [[0.0; 6]; 6] };
+    local.gradient[2] = 1.0;
+    let mut next = 0;
+    let mut take = || {
+        next += 1;
+        depth(next - 1)
+    };
+    for i in 0..UNKNOWNS {
+        let (forwards, backwards) = (take()?, take()?);
+        local.gradient[component(i)] = (forwards - backwards) / (2.0 * step(i));
+        if second {
+            local.second[component(i)][component(i)] =
+                (forwards - 2.0 * here + backwards) / (step(i) * step(i));
+        }
+    }
+    for i in 0..UNKNOWNS {
+        for j in i + 1..UNKNOWNS {
+            if second {
+                let [both, first, other, neither] = [take()?, take()?, take()?, take()?];
+                let mixed = (both - first - other + neither) / (4.0 * step(i) * step(j));
+                local.second[component(i)][component(j)] = mixed;
+                local.second[component(j)][component(i)] = mixed;
+            }
+        }
+    }
+    Some(local)
+}

@@ -1,0 +1,166 @@
+//! A displaced triangle as a height function over the grid (Eq. 4.9).
+
+use super::Triangle;
+use crate::spline::{self, Level};
+
+/// Points this far outside a triangle, as a part of it, still count, so that no texel falls between neighbours.
+const EDGE: f32 = 1e-5;
+/// A displaced point may miss its texel by this part of a step.
+const MISS: f32 = 1e-3;
+/// The surface is folded where displacing shrinks the triangle's area as seen along n below this part of it.
+const FOLD: f32 = 0.1;
+
+/// A point of a displaced triangle.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Point {
+    pub s: f32,
+    pub t: f32,
+    pub height: f32,
+    pub folded: bool,
+}
+
+/// Height with its derivatives by u and v.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct HeightJet {
+    pub height: f32,
+    pub u: f32,
+    pub v: f32,
+    pub uu: f32,
+    pub uv: f32,
+    pub vv: f32,
+}
+
+/// The textures' levels and their coefficients.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Textures<'a> {
+    pub levels: &'a [Level],
+    pub coefficients: &'a [f32],
+}
+
+impl Triangle {
+    fn texel(&self, s: f32, t: f32) -> (f32, f32) {
+        let along = |i: usize| self.uv0[i] + s * self.d1[i] + t * self.d2[i];
+        (along(0), along(1))
+    }
+
+    #[inline]
+    fn base(&self, s: f32, t: f32, axis: usize) -> f32 {
+        self.p0[axis] + s * self.e1[axis] + t * self.e2[axis]
+    }
+
+    #[inline]
+    fn direction(&self, s: f32, t: f32, axis: usize) -> f32 {
+        self.n0[axis] + s * self.m1[axis] + t * self.m2[axis]
+    }
+
+    /// The point above (u, v), m, unless the triangle is not there or its flat surface is further than `reach` away along n.
+    ///
+    /// The displaced surface above (u, v) is that of another point of the triangle, where its direction is not n: it is
+    /// found by at most `refinements` of Newton's steps. Where the surface is folded, it is approximated by the point's own
+    /// displacement, as in the dissertation.
+    #[inline]
+    pub(super) fn above(
+        &self,
+        u: f32,
+        v: f32,
+        (step, reach): (f32, f32),
+        refinements: u32,
+        textures: &Textures,
+    ) -> Option<Point> {
+        let (du, dv) = (u - self.p0[0], v - self.p0[1]);
+        let mut s = (du * self.e2[1] - dv * self.e2[0]) * self.inverse_area;
+        let mut t = (self.e1[0] * dv - self.e1[1] * du) * self.inverse_area;
+        let base = self.base(s, t, 2);
+        if s < -EDGE || t < -EDGE || s + t > 1.0 + EDGE || base.abs() > reach {
+            return None;
+        }
+        if self.level == 0.0 {
+            return Some(Point { s, t, height: base, folded: false });
+        }
+        let level = &textures.levels[self.level as usize - 1];
+        let upright = |s: f32, t: f32| {
+            let (x, y) = self.texel(s, t);
+            let displacement = spline::value(level, textures.coefficients, x, y);
+            self.base(s, t, 2) + displacement * self.direction(s, t, 2)
+        };
+        let tilt = self.direction(s, t, 0).hypot(self.direction(s, t, 1));
+        if self.most * tilt <= MISS * step || refinements == 0 {
+            return Some(Point { s, t, height: upright(s, t), folded: false });
+        }
+        let start = (s, t);
+        for _ in 0..refinements {
+            let (x, y) = self.texel(s, t);
+            let [h, hx, hy] = spline::slope(level, textures.coefficients, x, y);
+            let hs = hx * self.d1[0] + hy * self.d1[1];
+            let ht = hx * self.d2[0] + hy * self.d2[1];
+            let [nu, nv] = [0, 1].map(|axis| self.direction(s, t, axis));
+            let miss_u = self.base(s, t, 0) + h * nu - u;
+            let miss_v = self.base(s, t, 1) + h * nv - v;
+            if miss_u.abs() + miss_v.abs() <= MISS * step {
+                return Some(Point {
+                    s,
+                    t,
+                    height: self.base(s, t, 2) + h * self.direction(s, t, 2),
+                    folded: false,
+                });
+            }
+            let us = self.e1[0] + hs * nu + h * self.m1[0];
+            let vs = self.e1[1] + hs * nv + h * self.m1[1];
+            let ut = self.e2[0] + ht * nu + h * self.m2[0];
+            let vt = self.e2[1] + ht * nv + h * self.m2[1];
+            let area = us * vt - ut * vs;
+            if area * self.inverse_area < FOLD {
+                let (s, t) = start;
+                return Some(Point { s, t, height: upright(s, t), folded: true });
+            }
+            s -= (miss_u * vt - miss_v * ut) / area;
+            t -= (us * miss_v - vs * miss_u) / area;
+        }
+        Some(Point { s, t, height: upright(s, t), folded: false })
+    }
+
+    /// The height function at a point of the displaced triangle, with its derivatives.
+    pub(super) fn jet(&self, &Point { s, t, height, .. }: &Point, textures: &Textures) -> HeightJet {
+        let texture = match self.level as usize {
+            0 => spline::Jet::default(),
+            level => {
+                let (x, y) = self.texel(s, t);
+                spline::jet(&textures.levels[level - 1], textures.coefficients, x, y)
+            }
+        };
+        let [(ax, ay), (bx, by)] = [self.d1, self.d2].map(|[x, y]| (x, y));
+        let h = texture.value;
+        let (hs, ht) = (texture.x * ax + texture.y * ay, texture.x * bx + texture.y * by);
+        let second = |px: f32, py: f32, qx: f32, qy: f32| {
+            texture.xx * px * qx + texture.xy * (px * qy + py * qx) + texture.yy * py * qy
+        };
+        let (hss, hst, htt) = (second(ax, ay, ax, ay), second(ax, ay, bx, by), second(bx, by, bx, by));
+        // Derivatives of the displaced point along each axis: by s, t, ss, st, tt.
+        let along = |axis: usize| {
+            let (n, m1, m2) = (self.direction(s, t, axis), self.m1[axis], self.m2[axis]);
+            [
+                self.e1[axis] + hs * n + h * m1,
+                self.e2[axis] + ht * n + h * m2,
+                hss * n + 2.0 * hs * m1,
+                hst * n + hs * m2 + ht * m1,
+                htt * n + 2.0 * ht * m2,
+            ]
+        };
+        let ([us, ut, uss, ust, utt], [vs, vt, vss, vst, vtt], [ws, wt, wss, wst, wtt]) =
+            (along(0), along(1), along(2));
+        let area = us * vt - ut * vs;
+        let u = (ws * vt - wt * vs) / area;
+        let v = (us * wt - ut * ws) / area;
+        let (kss, kst, ktt) = (wss - u * uss - v * vss, wst - u * ust - v * vst, wtt - u * utt - v * vtt);
+        // Of s and t by u and v.
+        let (su, sv, tu, tv) = (vt / area, -ut / area, -vs / area, us / area);
+        HeightJet {
+            height,
+            u,
+            v,
+            uu: kss * su * su + 2.0 * kst * su * tu + ktt * tu * tu,
+            uv: kss * su * sv + kst * (su * tv + sv * tu) + ktt * tu * tv,
+            vv: kss * sv * sv + 2.0 * kst * sv * tv + ktt * tv * tv,
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! The twin on the CPU of each WGSL entry point: the same bindings in the same layout, the same answers to within rounding.
+//!
+//! Coordinates are those of a contact's frame: u and v along the grid and n along the penetration direction, from the
+//! middle of the grid, in f32. A frame is no larger than the contact, so that rounding is some 1e-7 of its size.
+
+mod displaced;
+mod height_images;
+mod overlaps;
+
+use bytemuck::{Pod, Zeroable};
+
+pub(crate) use height_images::height_images;
+pub use overlaps::Answer;
+pub(crate) use overlaps::overlaps;
+
+/// Texel of a pair that shares none.
+pub(crate) const NOWHERE: u32 = u32::MAX;
+/// Bits of a height where an image has no surface: 2⁶⁴ m.
+pub(crate) const NO_SURFACE: u32 = 0x5f80_0000;
+/// Set in a texel's triangle where the displaced surface is folded as seen along n.
+pub(crate) const FOLDED: u32 = 1 << 31;
+
+/// What all invocations share.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub(crate) struct Header {
+    /// Texels along a side of an image.
+    pub grid: u32,
+    pub images: u32,
+    pub pairs: u32,
+    /// How often the point that is displaced to a texel is improved at most.
+    pub refinements: u32,
+}
+
+/// A flat triangle p₀ + s e₁ + t e₂ in a contact's frame, displaced by h(uv₀ + s d₁ + t d₂) along n₀ + s m₁ + t m₂.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub(crate) struct Triangle {
+    pub p0: [f32; 3],
+    pub e1: [f32; 3],
+    pub e2: [f32; 3],
+    pub n0: [f32; 3],
+    pub m1: [f32; 3],
+    pub m2: [f32; 3],
+    /// Texels.
+    pub uv0: [f32; 2],
+    pub d1: [f32; 2],
+    pub d2: [f32; 2],
+    /// One more than the index of the texture's level; 0 without a texture.
+    pub level: f32,
+    /// The largest displacement either way, m.
+    pub most: f32,
+    /// One over twice the signed area as seen along n, 1/m².
+    pub inverse_area: f32,
+    pub unused: f32,
+}
+
+/// An image of heights to make.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub(crate) struct Image {
+    /// The first of its triangles.
+    pub first: u32,
+    pub count: u32,
+    /// 1 for the highest surface along n, −1 for the lowest.
+    pub side: f32,
+    /// Distance of texels, m.
+    pub step: f32,
+    /// Undisplaced surfaces further than this from the frame's origin along n are left out, m.
+    pub reach: f32,
+    pub unused: [u32; 3],
+}
+
+/// Two images to compare.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub(crate) struct Pair {
+    pub a: u32,
+    pub b: u32,
+    /// τ, m; 0 for the largest overlap alone.
+    pub temperature: f32,
+    pub unused: u32,
+}
+
+/// Where a texel is along u or v, m.
+#[inline]
+pub(crate) fn coordinate(index: u32, grid: u32, step: f32) -> f32 {
+    (index as f32 + 0.5 - 0.5 * grid as f32) * step
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    /// The twin of each entry point: `tests/backends.rs` runs both on the same inputs.
+    const TWINS: [&str; 2] = ["height_images", "overlaps"];
+
+    #[test]
+    fn every_entry_point_has_a_twin() {
+        // They exist, or this would not compile.
+        let _ = (super::height_images, super::overlaps);
+        let entry_points = palpate_shaders::SHADERS.iter().flat_map(|shader| shader.entry_points).copied();
+        assert_eq!(entry_points.collect::<BTreeSet<_>>(), TWINS.into());
+    }
+}

@@ -1,0 +1,291 @@
+//! Surfaces with a haptic texture: a coarse mesh and its fine detail (§4.2.2).
+
+use glam::{DMat3, DVec2, DVec3, Vec3A};
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::Bvh2;
+use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
+use palpate_core::mesh::UvMesh;
+use palpate_core::{Pose, TriMesh};
+
+use crate::height_image::{HeightImage, Wrap};
+use crate::kernels::Triangle;
+use crate::normals::corner_directions;
+use crate::spline::{self, Level};
+
+/// Triangles that are seen more edge-on than this (cosine of the angle between their normal and the direction) are no part
+/// of a height function.
+const EDGE_ON: f64 = 1e-3;
+
+/// A mesh, displaced by an image or plain, to be touched by another one.
+pub struct TexturedSurface {
+    triangles: Vec<SurfaceTriangle>,
+    tree: Bvh2,
+    /// What boxes in the tree are relative to, m.
+    middle: DVec3,
+    texture: Option<Texture>,
+}
+
+impl std::fmt::Debug for TexturedSurface {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        let levels = self.texture.as_ref().map_or(&[][..], |texture| &texture.levels);
+        f.debug_struct("TexturedSurface")
+            .field("triangles", &self.triangles.len())
+            .field("levels", &levels)
+            .finish_non_exhaustive()
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct SurfaceTriangle {
+    corners: [DVec3; 3],
+    directions: [DVec3; 3],
+    coordinates: [DVec2; 3],
+    /// Side of a square texel on the surface, m: infinite where the triangle has no area in the texture.
+    texel: f64,
+}
+
+#[derive(Clone, Debug)]
+pub(crate) struct Texture {
+    /// First coefficients counted from this texture's own.
+    pub levels: Vec<Level>,
+    pub coefficients: Vec<f32>,
+    wrap: [Wrap; 2],
+    /// Range of displacements with what the spline may overshoot, m.
+    range: [f64; 2],
+}
+
+/// Why a mesh cannot be touched.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SurfaceError {
+    /// No triangle.
+    #[error("the mesh has no triangles")]
+    Empty,
+    /// A vertex is infinite or not a number.
+    #[error("triangle {triangle} has a vertex that is not finite: repair the mesh")]
+    NonFinite {
+        /// The first such triangle.
+        triangle: usize,
+    },
+}
+
+/// A rigid motion from a mesh's frame into a contact's: u, v and n.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct View {
+    rotation: DMat3,
+    translation: DVec3,
+}
+
+impl View {
+    /// Of a mesh at `pose`, from the frame with those axes at `origin`, world.
+    pub fn new(pose: &Pose, axes: &DMat3, origin: DVec3) -> Self {
+        let to_axes = axes.transpose();
+        Self {
+            rotation: to_axes * DMat3::from_quat(pose.rotation),
+            translation: to_axes * (pose.translation - origin),
+        }
+    }
+
+    fn point(&self, point: DVec3) -> DVec3 {
+        self.rotation * point + self.translation
+    }
+
+    /// The motion followed by a turn by a rotation vector about `center` and a shift, all in the contact's frame.
+    pub fn moved(&self, shift: DVec3, turn: DVec3, center: DVec3) -> Self {
+        let rotation = DMat3::from_quat(glam::DQuat::from_scaled_axis(turn));
+        Self {
+            rotation: rotation * self.rotation,
+            translation: rotation * (self.translation - center) + center + shift,
+        }
+    }
+}
+
+/// What of a surface is seen in a contact's frame.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Field {
+    /// Half the side of the grid, m.
+    pub half: f64,
+    /// How far from the frame's origin along n, m.
+    pub reach: f64,
+    /// 1 for what faces along n, −1 for what faces against it.
+    pub side: f64,
+}
+
+impl TexturedSurface {
+    /// A surface without a texture.
+    ///
+    /// # Errors
+    /// If the mesh is empty or has a vertex that is not finite.
+    pub fn plain(mesh: &TriMesh) -> Result<Self, SurfaceError> {
+        let triangles = (0..mesh.triangles().len()).map(|triangle| SurfaceTriangle {
+            corners: mesh.corners(triangle),
+            directions: [DVec3::ZERO; 3],
+            coordinates: [DVec2::ZERO; 3],
+            texel: f64::INFINITY,
+        });
+        Self::new(triangles.collect(), None)
+    }
+
+    /// A mesh that an image displaces: each point of a triangle by the image's displacement there times the direction
+    /// there ([`corner_directions`], with that angle for creases, rad).
+    ///
+    /// # Errors
+    /// If the mesh is empty or has a vertex that is not finite.
+    pub fn textured(mesh: &UvMesh, image: &HeightImage, crease: f64) -> Result<Self, SurfaceError> {
+        let size = DVec2::new(image.width().into(), image.height().into());
+        let directions = corner_directions(mesh.mesh(), crease);
+        let triangles = directions.into_iter().zip(mesh.coordinates()).enumerate();
+        let triangles = triangles.map(|(triangle, (directions, coordinates))| {
+            let corners = mesh.mesh().corners(triangle);
+            let area = (corners[1] - corners[0]).cross(corners[2] - corners[0]).length();
+            let [a, b, c] = coordinates.map(|uv| uv * size);
+            let texel = (area / (b - a).perp_dot(c - a).abs()).sqrt();
+            SurfaceTriangle { corners, directions, coordinates: *coordinates, texel }
+        });
+        Self::new(triangles.collect(), Some(Texture::new(image)))
+    }
+
+    fn new(triangles: Vec<SurfaceTriangle>, texture: Option<Texture>) -> Result<Self, SurfaceError> {
+        if triangles.is_empty() {
+            return Err(SurfaceError::Empty);
+        }
+        if let Some(triangle) = triangles.iter().position(|t| !t.corners.iter().all(|p| p.is_finite())) {
+            return Err(SurfaceError::NonFinite { triangle });
+        }
+        let corners = || triangles.iter().flat_map(|triangle| triangle.corners);
+        let low = corners().fold(DVec3::INFINITY, DVec3::min);
+        let high = corners().fold(DVec3::NEG_INFINITY, DVec3::max);
+        let middle = low.midpoint(high);
+        let boxes: Vec<Aabb> = triangles
+            .iter()
+            .map(|SurfaceTriangle { corners: [a, b, c], .. }| {
+                rounded(a.min(*b).min(*c), a.max(*b).max(*c), middle)
+            })
+            .collect();
+        let indices = (0..boxes.len() as u32).collect();
+        let tree = PlocBuilder::new().build(PlocSearchDistance::Low, &boxes, indices, SortPrecision::U64, 0);
+        Ok(Self { triangles, tree, middle, texture })
+    }
+
+    /// The smallest and largest displacement along a surface's directions, m: zero without a texture.
+    pub fn displacement(&self) -> [f64; 2] {
+        self.texture.as_ref().map_or([0.0; 2], |texture| texture.range)
+    }
+
+    /// The largest displacement either way, m.
+    pub fn amplitude(&self) -> f64 {
+        self.displacement().into_iter().fold(0.0, |most, bound| most.max(bound.abs()))
+    }
+
+    pub(crate) fn texture(&self) -> Option<&Texture> {
+        self.texture.as_ref()
+    }
+
+    /// Appends the triangles that may be seen in a field, or may be once the surface has moved in its frame by up to
+    /// `margin` (m).
+    pub(crate) fn gather(&self, view: &View, field: &Field, margin: f64, found: &mut Vec<u32>) {
+        let half = field.half + margin;
+        let reach = field.reach + margin;
+        let [low, high] = [-1.0, 1.0].map(|sign| sign * DVec3::new(half, half, reach));
+        // The box of the turned box, in the mesh's frame.
+        let back = view.rotation.transpose();
+        let middle = back * -view.translation;
+        let extent = DMat3::from_cols(back.x_axis.abs(), back.y_axis.abs(), back.z_axis.abs()) * high;
+        let bounds = rounded(middle - extent, middle + extent, self.middle);
+        // A turn by the margin may show what is a little more edge-on.
+        let edge_on = if margin > 0.0 { -0.1 } else { EDGE_ON };
+        self.tree.aabb_traverse(bounds, |tree, leaf| {
+            let node = &tree.nodes[leaf as usize];
+            let first = node.first_index as usize;
+            for &index in &tree.primitive_indices[first..first + node.prim_count as usize] {
+                let [a, b, c] = self.triangles[index as usize].corners.map(|corner| view.point(corner));
+                let inside = a.min(b).min(c).cmple(high).all() && a.max(b).max(c).cmpge(low).all();
+                if inside && field.side * facing(a, b, c) > edge_on {
+                    found.push(index);
+                }
+            }
+            true
+        });
+    }
+
+    /// A triangle in a contact's frame, with the level of its texture for texels of `footprint` (m; 0 for the finest) in a
+    /// list in which the texture's levels begin at `first_level`; `None` if it is seen edge-on or from behind.
+    pub(crate) fn triangle(
+        &self,
+        index: u32,
+        view: &View,
+        side: f64,
+        footprint: f64,
+        first_level: u32,
+    ) -> Option<Triangle> {
+        let SurfaceTriangle { corners, directions, coordinates, texel } = self.triangles[index as usize];
+        let [p0, p1, p2] = corners.map(|corner| view.point(corner));
+        if side * facing(p0, p1, p2) <= EDGE_ON {
+            return None;
+        }
+        let (e1, e2) = (p1 - p0, p2 - p0);
+        let single = |v: DVec3| v.as_vec3().to_array();
+        let mut triangle = Triangle {
+            p0: single(p0),
+            e1: single(e1),
+            e2: single(e2),
+            inverse_area: (1.0 / (e1.x * e2.y - e1.y * e2.x)) as f32,
+            ..Triangle::default()
+        };
+        if let Some(texture) = &self.texture {
+            let [n0, n1, n2] = directions.map(|direction| view.rotation * direction);
+            let level = texture.level(texel, footprint);
+            let [uv0, uv1, uv2] = texture.texels(level, coordinates);
+            let pair = |v: DVec2| v.as_vec2().to_array();
+            triangle.n0 = single(n0);
+            (triangle.m1, triangle.m2) = (single(n1 - n0), single(n2 - n0));
+            triangle.uv0 = pair(uv0);
+            (triangle.d1, triangle.d2) = (pair(uv1 - uv0), pair(uv2 - uv0));
+            triangle.level = (first_level + level as u32 + 1) as f32;
+            triangle.most = texture.range[1].max(-texture.range[0]) as f32;
+        }
+        Some(triangle)
+    }
+}
+
+/// The part of a triangle's normal along n.
+fn facing(a: DVec3, b: DVec3, c: DVec3) -> f64 {
+    (b - a).cross(c - a).normalize_or_zero().z
+}
+
+fn rounded(low: DVec3, high: DVec3, middle: DVec3) -> Aabb {
+    let single = |p: DVec3| Vec3A::from((p - middle).as_vec3());
+    Aabb::new(single(low), single(high))
+}
+
+impl Texture {
+    fn new(image: &HeightImage) -> Self {
+        let (mut levels, mut coefficients) = (Vec::new(), Vec::new());
+        spline::push_levels(image, &mut levels, &mut coefficients);
+        // The spline lies within its coefficients.
+        let finest = &coefficients[..image.displacements().len()];
+        let low = finest.iter().fold(0.0_f32, |low, &c| low.min(c));
+        let high = finest.iter().fold(0.0_f32, |high, &c| high.max(c));
+        Self { levels, coefficients, wrap: image.wrap(), range: [low.into(), high.into()] }
+    }
+
+    /// The coarsest level of which a texel is no larger than `footprint` (m).
+    fn level(&self, texel: f64, footprint: f64) -> usize {
+        let ratio = footprint / texel;
+        let level = if ratio >= 1.0 { ratio.log2() as usize } else { 0 };
+        level.min(self.levels.len() - 1)
+    }
+
+    /// Texture coordinates in texels of a level. Whole repetitions are left off, so that f32 holds them.
+    fn texels(&self, level: usize, coordinates: [DVec2; 3]) -> [DVec2; 3] {
+        let whole = |least: f64, wrap: Wrap| match wrap {
+            Wrap::Repeat => least.floor(),
+            Wrap::Clamp => 0.0,
+            Wrap::Mirror => 2.0 * (0.5 * least).floor(),
+        };
+        let least = coordinates[0].min(coordinates[1]).min(coordinates[2]);
+        let off = DVec2::new(whole(least.x, self.wrap[0]), whole(least.y, self.wrap[1]));
+        let [_, width, height, _] = self.levels[level];
+        let size = DVec2::new(width.into(), height.into());
+        coordinates.map(|uv| (uv - off) * size)
+    }
+}

@@ -1,0 +1,553 @@
+// Directional penetration depth of textured surfaces (§4.4): images of their heights over a common grid (Eq. 4.9), and the
+// largest overlap of pairs of images (Eq. 4.10) with what its derivatives are made of.
+//
+// Coordinates are those of a contact's frame: u and v along the grid and n along the penetration direction, from the middle
+// of the grid, in metres.
+
+struct Header {
+    // Texels along a side of an image.
+    grid: u32,
+    images: u32,
+    pairs: u32,
+    // How often the point that is displaced to a texel is improved at most.
+    refinements: u32,
+}
+
+struct Image {
+    // Its triangles.
+    first: u32,
+    count: u32,
+    // 1 for the highest surface along n, -1 for the lowest.
+    side: f32,
+    // Distance of texels.
+    step: f32,
+    // Undisplaced surfaces further than this from the origin along n are left out.
+    reach: f32,
+    unused_a: u32,
+    unused_b: u32,
+    unused_c: u32,
+}
+
+struct Pair {
+    a: u32,
+    b: u32,
+    // 0 for the largest overlap alone.
+    temperature: f32,
+    unused: u32,
+}
+
+@group(0) @binding(0) var<uniform> header: Header;
+// Seven vectors a triangle; see `load_triangle`.
+@group(0) @binding(1) var<storage, read> triangles: array<vec4<f32>>;
+@group(0) @binding(2) var<storage, read> images: array<Image>;
+// Levels of the textures: first coefficient, width, height, and how they go on: bits 0 and 1 along u, 2 and 3 along v.
+@group(0) @binding(3) var<storage, read> levels: array<vec4<u32>>;
+@group(0) @binding(4) var<storage, read> coefficients: array<f32>;
+// For each texel of each image the bits of its height and the index of its triangle.
+@group(0) @binding(5) var<storage, read_write> heights: array<vec2<u32>>;
+@group(0) @binding(6) var<storage, read> pairs: array<Pair>;
+// ANSWER_WORDS words a pair.
+@group(0) @binding(7) var<storage, read_write> answers: array<u32>;
+
+// In place of a texel or a triangle: there is none.
+const NOWHERE: u32 = 0xffffffffu;
+// Bits of a height where there is no surface.
+const NO_SURFACE: u32 = 0x5f800000u;
+// Set in a texel's triangle where the displaced surface is folded.
+const FOLDED: u32 = 0x80000000u;
+
+// Points this far outside a triangle, as a part of it, still count, so that no texel falls between neighbours.
+const EDGE: f32 = 1e-5;
+// A displaced point may miss its texel by this part of a step.
+const MISS: f32 = 1e-3;
+// The surface is folded where displacing shrinks the triangle's area as seen along n below this part of it.
+const FOLD: f32 = 0.1;
+
+fn coordinate(index: u32, step: f32) -> f32 {
+    return (f32(index) + 0.5 - 0.5 * f32(header.grid)) * step;
+}
+
+// --- Displacement: a cubic B-spline ---
+
+// Displacement with its derivatives by x and y, in texels.
+struct Jet {
+    value: f32,
+    x: f32,
+    y: f32,
+    xx: f32,
+    xy: f32,
+    yy: f32,
+}
+
+fn wrapped(i: i32, n: u32, wrap: u32) -> u32 {
+    let size = i32(n);
+    if wrap == 1u { return u32(clamp(i, 0, size - 1)); }
+    let period = select(2 * size, size, wrap == 0u);
+    let j = ((i % period) + period) % period;
+    return u32(select(2 * size - 1 - j, j, j < size));
+}
+
+fn weights(f: f32) -> vec4<f32> {
+    let g = 1.0 - f;
+    return vec4(
+        g * g * g / 6.0,
+        (f * f * (3.0 * f - 6.0) + 4.0) / 6.0,
+        (g * g * (3.0 * g - 6.0) + 4.0) / 6.0,
+        f * f * f / 6.0,
+    );
+}
+
+fn slopes(f: f32) -> vec4<f32> {
+    let g = 1.0 - f;
+    return vec4(-0.5 * g * g, 0.5 * f * (3.0 * f - 4.0), -0.5 * g * (3.0 * g - 4.0), 0.5 * f * f);
+}
+
+fn curvatures(f: f32) -> vec4<f32> {
+    let g = 1.0 - f;
+    return vec4(g, 3.0 * f - 2.0, 3.0 * g - 2.0, f);
+}
+
+// The 4 x 4 coefficients around a point in texels, a row each, and where it is among them.
+struct Taps {
+    rows: mat4x4<f32>,
+    f: f32,
+    g: f32,
+}
+
+fn taps_at(level: vec4<u32>, at: vec2<f32>) -> Taps {
+    let p = at - 0.5;
+    let corner = floor(p);
+    let first = vec2<i32>(corner) - 1;
+    var columns: vec4<u32>;
+    for (var i = 0; i < 4; i++) { columns[i] = wrapped(first.x + i, level.y, level.w & 3u); }
+    var rows: mat4x4<f32>;
+    for (var j = 0; j < 4; j++) {
+        let begin = level.x + wrapped(first.y + j, level.z, level.w >> 2u) * level.y;
+        rows[j] = vec4(
+            coefficients[begin + columns.x],
+            coefficients[begin + columns.y],
+            coefficients[begin + columns.z],
+            coefficients[begin + columns.w],
+        );
+    }
+    return Taps(rows, p.x - corner.x, p.y - corner.y);
+}
+
+fn spline_value(level: vec4<u32>, at: vec2<f32>) -> f32 {
+    let taps = taps_at(level, at);
+    return dot(weights(taps.f) * taps.rows, weights(taps.g));
+}
+
+fn spline_slope(level: vec4<u32>, at: vec2<f32>) -> vec3<f32> {
+    let taps = taps_at(level, at);
+    let rows = weights(taps.f) * taps.rows;
+    let across = weights(taps.g);
+    return vec3(dot(rows, across), dot(slopes(taps.f) * taps.rows, across), dot(rows, slopes(taps.g)));
+}
+
+fn spline_jet(level: vec4<u32>, at: vec2<f32>) -> Jet {
+    let taps = taps_at(level, at);
+    let rows = weights(taps.f) * taps.rows;
+    let rows_x = slopes(taps.f) * taps.rows;
+    let rows_xx = curvatures(taps.f) * taps.rows;
+    let across = weights(taps.g);
+    let across_y = slopes(taps.g);
+    return Jet(
+        dot(rows, across),
+        dot(rows_x, across),
+        dot(rows, across_y),
+        dot(rows_xx, across),
+        dot(rows_x, across_y),
+        dot(rows, curvatures(taps.g)),
+    );
+}
+
+// --- Displaced triangles ---
+
+// A flat triangle p0 + s e1 + t e2, displaced by h(uv0 + s d1 + t d2) along n0 + s m1 + t m2.
+struct Triangle {
+    p0: vec3<f32>,
+    e1: vec3<f32>,
+    e2: vec3<f32>,
+    n0: vec3<f32>,
+    m1: vec3<f32>,
+    m2: vec3<f32>,
+    uv0: vec2<f32>,
+    d1: vec2<f32>,
+    d2: vec2<f32>,
+    // One more than the index of the texture's level; 0 without a texture.
+    level: f32,
+    // The largest displacement either way.
+    most: f32,
+    // One over twice the signed area as seen along n.
+    inverse_area: f32,
+}
+
+fn load_triangle(index: u32) -> Triangle {
+    let at = index * 7u;
+    let a = triangles[at];
+    let b = triangles[at + 1u];
+    let c = triangles[at + 2u];
+    let d = triangles[at + 3u];
+    let e = triangles[at + 4u];
+    let f = triangles[at + 5u];
+    let g = triangles[at + 6u];
+    return Triangle(
+        a.xyz, vec3(a.w, b.xy), vec3(b.zw, c.x), c.yzw, d.xyz, vec3(d.w, e.xy),
+        e.zw, f.xy, f.zw, g.x, g.y, g.z,
+    );
+}
+
+struct Point {
+    found: bool,
+    folded: bool,
+    s: f32,
+    t: f32,
+    height: f32,
+}
+
+fn upright(tri: Triangle, level: vec4<u32>, s: f32, t: f32) -> f32 {
+    let displacement = spline_value(level, tri.uv0 + s * tri.d1 + t * tri.d2);
+    return tri.p0.z + s * tri.e1.z + t * tri.e2.z + displacement * (tri.n0.z + s * tri.m1.z + t * tri.m2.z);
+}
+
+// The point above `at`, if the triangle is there and its flat surface within `reach` along n: that of the displaced surface,
+// found by Newton's steps, or where it is folded the displaced point of the flat surface.
+fn above(tri: Triangle, at: vec2<f32>, step: f32, reach: f32, refinements: u32) -> Point {
+    let d = at - tri.p0.xy;
+    var s = (d.x * tri.e2.y - d.y * tri.e2.x) * tri.inverse_area;
+    var t = (tri.e1.x * d.y - tri.e1.y * d.x) * tri.inverse_area;
+    let base = tri.p0.z + s * tri.e1.z + t * tri.e2.z;
+    if s < -EDGE || t < -EDGE || s + t > 1.0 + EDGE || abs(base) > reach {
+        return Point(false, false, 0.0, 0.0, 0.0);
+    }
+    if tri.level == 0.0 { return Point(true, false, s, t, base); }
+    let level = levels[u32(tri.level) - 1u];
+    let tilt = length(tri.n0.xy + s * tri.m1.xy + t * tri.m2.xy);
+    if tri.most * tilt <= MISS * step || refinements == 0u {
+        return Point(true, false, s, t, upright(tri, level, s, t));
+    }
+    let start = vec2(s, t);
+    for (var i = 0u; i < refinements; i++) {
+        let h = spline_slope(level, tri.uv0 + s * tri.d1 + t * tri.d2);
+        let direction = tri.n0 + s * tri.m1 + t * tri.m2;
+        let miss = tri.p0.xy + s * tri.e1.xy + t * tri.e2.xy + h.x * direction.xy - at;
+        if abs(miss.x) + abs(miss.y) <= MISS * step {
+            return Point(true, false, s, t, tri.p0.z + s * tri.e1.z + t * tri.e2.z + h.x * direction.z);
+        }
+        let by_s = tri.e1.xy + dot(h.yz, tri.d1) * direction.xy + h.x * tri.m1.xy;
+        let by_t = tri.e2.xy + dot(h.yz, tri.d2) * direction.xy + h.x * tri.m2.xy;
+        let area = by_s.x * by_t.y - by_t.x * by_s.y;
+        if area * tri.inverse_area < FOLD {
+            return Point(true, true, start.x, start.y, upright(tri, level, start.x, start.y));
+        }
+        s -= (miss.x * by_t.y - miss.y * by_t.x) / area;
+        t -= (by_s.x * miss.y - by_s.y * miss.x) / area;
+    }
+    return Point(true, false, s, t, upright(tri, level, s, t));
+}
+
+// Height with its derivatives by u and v.
+struct HeightJet {
+    height: f32,
+    u: f32,
+    v: f32,
+    uu: f32,
+    uv: f32,
+    vv: f32,
+}
+
+fn height_jet(tri: Triangle, point: Point) -> HeightJet {
+    let s = point.s;
+    let t = point.t;
+    var h = Jet(0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    if tri.level != 0.0 {
+        h = spline_jet(levels[u32(tri.level) - 1u], tri.uv0 + s * tri.d1 + t * tri.d2);
+    }
+    let slope = vec2(h.x, h.y);
+    let curvature = mat2x2(h.xx, h.xy, h.xy, h.yy);
+    let hs = dot(slope, tri.d1);
+    let ht = dot(slope, tri.d2);
+    let hss = dot(tri.d1, curvature * tri.d1);
+    let hst = dot(tri.d1, curvature * tri.d2);
+    let htt = dot(tri.d2, curvature * tri.d2);
+    // Derivatives of the displaced point by s and t.
+    let n = tri.n0 + s * tri.m1 + t * tri.m2;
+    let by_s = tri.e1 + hs * n + h.value * tri.m1;
+    let by_t = tri.e2 + ht * n + h.value * tri.m2;
+    let by_ss = hss * n + 2.0 * hs * tri.m1;
+    let by_st = hst * n + hs * tri.m2 + ht * tri.m1;
+    let by_tt = htt * n + 2.0 * ht * tri.m2;
+    let area = by_s.x * by_t.y - by_t.x * by_s.y;
+    let u = (by_s.z * by_t.y - by_t.z * by_s.y) / area;
+    let v = (by_s.x * by_t.z - by_t.x * by_s.z) / area;
+    let kss = by_ss.z - u * by_ss.x - v * by_ss.y;
+    let kst = by_st.z - u * by_st.x - v * by_st.y;
+    let ktt = by_tt.z - u * by_tt.x - v * by_tt.y;
+    // Of s and t by u and v.
+    let su = by_t.y / area;
+    let sv = -by_t.x / area;
+    let tu = -by_s.y / area;
+    let tv = by_s.x / area;
+    return HeightJet(
+        point.height,
+        u,
+        v,
+        kss * su * su + 2.0 * kst * su * tu + ktt * tu * tu,
+        kss * su * sv + kst * (su * tv + sv * tu) + ktt * tu * tv,
+        kss * sv * sv + 2.0 * kst * sv * tv + ktt * tv * tv,
+    );
+}
+
+// --- Images ---
+
+// One invocation a texel; the images are numbered along y and then z.
+@compute @workgroup_size(64)
+fn height_images(
+    @builtin(workgroup_id) workgroup: vec3<u32>,
+    @builtin(num_workgroups) workgroups: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let texels = header.grid * header.grid;
+    let texel = workgroup.x * 64u + lane;
+    let number = workgroup.z * workgroups.y + workgroup.y;
+    if texel >= texels || number >= header.images { return; }
+    let image = images[number];
+    let at = vec2(coordinate(texel % header.grid, image.step), coordinate(texel / header.grid, image.step));
+    var best = vec2(NO_SURFACE, NOWHERE);
+    var height = 0.0;
+    for (var index = image.first; index < image.first + image.count; index++) {
+        let point = above(load_triangle(index), at, image.step, image.reach, header.refinements);
+        if point.found && (best.y == NOWHERE || (point.height - height) * image.side > 0.0) {
+            height = point.height;
+            best = vec2(bitcast<u32>(height), index | select(0u, FOLDED, point.folded));
+        }
+    }
+    heights[number * texels + texel] = best;
+}
+
+// --- Pairs of images ---
+
+const LANES: u32 = 256u;
+const ANSWER_WORDS: u32 = 68u;
+// Overlaps this many temperatures below the largest weigh nothing.
+const LEAST: f32 = -16.0;
+// Weights fall off over this part of the grid, from its border inwards.
+const BORDER: f32 = 0.1;
+
+struct Overlap {
+    depth: f32,
+    texel: u32,
+    shared_texels: u32,
+    folded: u32,
+}
+
+// What is at a texel of both images.
+struct Sample {
+    at: vec2<f32>,
+    a: HeightJet,
+    b: HeightJet,
+    // Bit 0: A ends there; bit 1: B does.
+    ends: u32,
+}
+
+// Sums over texels: the weight; the gradient's differences from that at the largest overlap; the products of those; and the
+// overlaps' second derivatives. Upper triangles of 6 x 6 matrices, row by row.
+const SUMS: u32 = 49u;
+
+var<workgroup> largest: array<Overlap, LANES>;
+var<workgroup> partial: array<f32, LANES>;
+
+fn is_better(candidate: Overlap, than: Overlap) -> bool {
+    if candidate.texel == NOWHERE { return false; }
+    if than.texel == NOWHERE { return true; }
+    return candidate.depth > than.depth || (candidate.depth == than.depth && candidate.texel < than.texel);
+}
+
+fn taper(texel: u32) -> f32 {
+    let last = header.grid - 1u;
+    let column = texel % header.grid;
+    let row = texel / header.grid;
+    let inwards = min(min(column, row), min(last - column, last - row));
+    let part = min((f32(inwards) + 0.5) / (BORDER * f32(header.grid)), 1.0);
+    return part * part * (3.0 - 2.0 * part);
+}
+
+fn ends(image: u32, texel: u32) -> bool {
+    let start = image * header.grid * header.grid;
+    let column = texel % header.grid;
+    let row = texel / header.grid;
+    let last = header.grid - 1u;
+    if column > 0u && heights[start + texel - 1u].x == NO_SURFACE { return true; }
+    if column < last && heights[start + texel + 1u].x == NO_SURFACE { return true; }
+    if row > 0u && heights[start + texel - header.grid].x == NO_SURFACE { return true; }
+    return row < last && heights[start + texel + header.grid].x == NO_SURFACE;
+}
+
+fn surface(image: u32, texel: u32, at: vec2<f32>) -> HeightJet {
+    let known = heights[image * header.grid * header.grid + texel];
+    let tri = load_triangle(known.y & ~FOLDED);
+    let refinements = select(0u, header.refinements, (known.y & FOLDED) == 0u);
+    var point = above(tri, at, images[image].step, images[image].reach, refinements);
+    if !point.found { point = Point(true, false, 0.0, 0.0, bitcast<f32>(known.x)); }
+    return height_jet(tri, point);
+}
+
+fn sample_at(pair: Pair, texel: u32) -> Sample {
+    let step = images[pair.a].step;
+    let at = vec2(coordinate(texel % header.grid, step), coordinate(texel / header.grid, step));
+    let ending = select(0u, 1u, ends(pair.a, texel)) | select(0u, 2u, ends(pair.b, texel));
+    return Sample(at, surface(pair.a, texel, at), surface(pair.b, texel, at), ending);
+}
+
+// The overlap's gradient, as A moves along u, v, n and turns about them.
+fn gradient(known: Sample) -> array<f32, 6> {
+    var g = vec3(-known.b.u, -known.b.v, 1.0);
+    if known.ends == 2u { g = vec3(-known.a.u, -known.a.v, 1.0); }
+    let turn = cross(vec3(known.at, known.a.height), g);
+    return array(g.x, g.y, g.z, turn.x, turn.y, turn.z);
+}
+
+// The overlap's second derivatives, of the point of A there over B: the upper triangle, row by row.
+fn curvature(known: Sample) -> array<f32, 21> {
+    if known.ends == 2u { return array<f32, 21>(); }
+    let r = vec3(known.at, known.a.height);
+    let g = vec3(-known.b.u, -known.b.v, 1.0);
+    let a = -known.b.uu;
+    let b = -known.b.uv;
+    let c = -known.b.vv;
+    let row_u = vec3(-b * r.z, a * r.z, b * r.x - a * r.y);
+    let row_v = vec3(-c * r.z, b * r.z, c * r.x - b * r.y);
+    let along = dot(g, r);
+    let turn_x = -r.z * row_v + 0.5 * (r.x * g + g.x * r) - vec3(along, 0.0, 0.0);
+    let turn_y = r.z * row_u + 0.5 * (r.y * g + g.y * r) - vec3(0.0, along, 0.0);
+    let turn_z = r.x * row_v - r.y * row_u + 0.5 * (r.z * g + g.z * r) - vec3(0.0, 0.0, along);
+    return array(
+        a, b, 0.0, row_u.x, row_u.y, row_u.z,
+        c, 0.0, row_v.x, row_v.y, row_v.z,
+        0.0, 0.0, 0.0, 0.0,
+        turn_x.x, turn_x.y, turn_x.z,
+        turn_y.y, turn_y.z,
+        turn_z.z,
+    );
+}
+
+fn add(sums: ptr<function, array<f32, SUMS>>, weight: f32, known: Sample, origin: array<f32, 6>) {
+    let slope = gradient(known);
+    let second = curvature(known);
+    (*sums)[0] += weight;
+    var at = 0u;
+    for (var i = 0u; i < 6u; i++) {
+        let difference = slope[i] - origin[i];
+        (*sums)[1u + i] += weight * difference;
+        for (var j = i; j < 6u; j++) {
+            (*sums)[7u + at] += weight * difference * (slope[j] - origin[j]);
+            (*sums)[28u + at] += weight * second[at];
+            at += 1u;
+        }
+    }
+}
+
+// The largest overlap of the texels, of equal ones the first: each invocation walks its texels in rising order, and the tree
+// that joins them prefers the lower texel.
+fn find_largest(pair: Pair, lane: u32) -> Overlap {
+    let texels = header.grid * header.grid;
+    var mine = Overlap(0.0, NOWHERE, 0u, 0u);
+    for (var texel = lane; texel < texels; texel += LANES) {
+        let a = heights[pair.a * texels + texel];
+        let b = heights[pair.b * texels + texel];
+        if a.x == NO_SURFACE || b.x == NO_SURFACE { continue; }
+        mine.shared_texels += 1u;
+        mine.folded += ((a.y | b.y) & FOLDED) >> 31u;
+        let overlap = bitcast<f32>(a.x) - bitcast<f32>(b.x);
+        if mine.texel == NOWHERE || overlap > mine.depth {
+            mine.depth = overlap;
+            mine.texel = texel;
+        }
+    }
+    largest[lane] = mine;
+    workgroupBarrier();
+    for (var width = LANES / 2u; width > 0u; width /= 2u) {
+        if lane < width {
+            let other = largest[lane + width];
+            var kept = largest[lane];
+            if is_better(other, kept) {
+                kept.depth = other.depth;
+                kept.texel = other.texel;
+            }
+            kept.shared_texels += other.shared_texels;
+            kept.folded += other.folded;
+            largest[lane] = kept;
+        }
+        workgroupBarrier();
+    }
+    return workgroupUniformLoad(&largest[0]);
+}
+
+fn store(at: u32, value: f32) {
+    answers[at] = bitcast<u32>(value);
+}
+
+fn store_jet(at: u32, jet: HeightJet) {
+    store(at, jet.height);
+    store(at + 1u, jet.u);
+    store(at + 2u, jet.v);
+    store(at + 3u, jet.uu);
+    store(at + 4u, jet.uv);
+    store(at + 5u, jet.vv);
+}
+
+// One workgroup a pair, numbered along x and then y.
+@compute @workgroup_size(256)
+fn overlaps(
+    @builtin(workgroup_id) workgroup: vec3<u32>,
+    @builtin(num_workgroups) workgroups: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let number = workgroup.y * workgroups.x + workgroup.x;
+    if number >= header.pairs { return; }
+    let pair = pairs[number];
+    let answer = number * ANSWER_WORDS;
+    let best = find_largest(pair, lane);
+    if best.texel == NOWHERE {
+        if lane < ANSWER_WORDS { answers[answer + lane] = select(0u, NOWHERE, lane == 1u); }
+        return;
+    }
+    let deepest = sample_at(pair, best.texel);
+    let origin = gradient(deepest);
+
+    var sums: array<f32, SUMS>;
+    if pair.temperature > 0.0 {
+        let texels = header.grid * header.grid;
+        for (var texel = lane; texel < texels; texel += LANES) {
+            let a = heights[pair.a * texels + texel];
+            let b = heights[pair.b * texels + texel];
+            if a.x == NO_SURFACE || b.x == NO_SURFACE { continue; }
+            let below = (bitcast<f32>(a.x) - bitcast<f32>(b.x) - best.depth) / pair.temperature;
+            if below < LEAST { continue; }
+            let weight = exp(below) * taper(texel);
+            if weight > 0.0 { add(&sums, weight, sample_at(pair, texel), origin); }
+        }
+    }
+    for (var i = 0u; i < SUMS; i++) {
+        partial[lane] = sums[i];
+        workgroupBarrier();
+        for (var width = LANES / 2u; width > 0u; width /= 2u) {
+            if lane < width { partial[lane] += partial[lane + width]; }
+            workgroupBarrier();
+        }
+        if lane == 0u { store(answer + 4u + i, partial[0]); }
+        workgroupBarrier();
+    }
+    if lane == 0u {
+        store(answer, best.depth);
+        answers[answer + 1u] = best.texel;
+        answers[answer + 2u] = best.shared_texels;
+        answers[answer + 3u] = best.folded;
+        store_jet(answer + 53u, deepest.a);
+        store_jet(answer + 59u, deepest.b);
+        answers[answer + 65u] = deepest.ends;
+        answers[answer + 66u] = 0u;
+        answers[answer + 67u] = 0u;
+    }
+}
