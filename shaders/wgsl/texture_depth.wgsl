@@ -193,9 +193,19 @@ fn load_triangle(index: u32) -> Triangle {
     let f = triangles[at + 5u];
     let g = triangles[at + 6u];
     return Triangle(
-        a.xyz, vec3(a.w, b.xy), vec3(b.zw, c.x), c.yzw, d.xyz, vec3(d.w, e.xy),
-        e.zw, f.xy, f.zw, g.x, g.y, g.z,
+        vec3(a.xy, c.x), vec3(a.zw, c.y), vec3(b.xy, c.z), d.xyz, vec3(d.w, e.xy), vec3(e.zw, f.x),
+        f.yz, vec2(f.w, g.x), g.yz, b.w, c.w, b.z,
     );
+}
+
+// Whether a point is in a triangle as seen along n, by its first two vectors alone.
+fn covers(index: u32, at: vec2<f32>) -> bool {
+    let a = triangles[index * 7u];
+    let b = triangles[index * 7u + 1u];
+    let d = at - a.xy;
+    let s = (d.x * b.y - d.y * b.x) * b.z;
+    let t = (a.z * d.y - a.w * d.x) * b.z;
+    return s >= -EDGE && t >= -EDGE && s + t <= 1.0 + EDGE;
 }
 
 struct Point {
@@ -223,8 +233,8 @@ fn above(tri: Triangle, at: vec2<f32>, step: f32, reach: f32, refinements: u32) 
     }
     if tri.level == 0.0 { return Point(true, false, s, t, base); }
     let level = levels[u32(tri.level) - 1u];
-    let tilt = length(tri.n0.xy + s * tri.m1.xy + t * tri.m2.xy);
-    if tri.most * tilt <= MISS * step || refinements == 0u {
+    let tilt = tri.most * (tri.n0.xy + s * tri.m1.xy + t * tri.m2.xy);
+    if dot(tilt, tilt) <= MISS * step * MISS * step || refinements == 0u {
         return Point(true, false, s, t, upright(tri, level, s, t));
     }
     let start = vec2(s, t);
@@ -317,6 +327,7 @@ fn height_images(
     var best = vec2(NO_SURFACE, NOWHERE);
     var height = 0.0;
     for (var index = image.first; index < image.first + image.count; index++) {
+        if !covers(index, at) { continue; }
         let point = above(load_triangle(index), at, image.step, image.reach, header.refinements);
         if point.found && (best.y == NOWHERE || (point.height - height) * image.side > 0.0) {
             height = point.height;

@@ -22,6 +22,8 @@ use crate::kernels::{Answer, Header, Image, Pair, Triangle};
 const TEXELS: u32 = 64;
 /// A batch that takes longer has hung the device.
 const TIMEOUT: Duration = Duration::from_secs(10);
+/// The first batch waits for the driver's compiler, which takes a second on a software driver, and more on a busy machine.
+const COMPILE_TIMEOUT: Duration = Duration::from_secs(120);
 
 /// What the kernels bind.
 const STORAGE: BufferUsages = BufferUsages::STORAGE.union(BufferUsages::COPY_DST);
@@ -47,6 +49,7 @@ pub struct WgpuBackend {
     groups: Option<[BindGroup; 2]>,
     /// Which textures are uploaded.
     uploaded: Option<u64>,
+    timeout: Duration,
 }
 
 /// A buffer that grows and stays.
@@ -140,8 +143,10 @@ impl WgpuBackend {
             readback: store("readback", BufferUsages::MAP_READ | BufferUsages::COPY_DST),
             groups: None,
             uploaded: None,
+            timeout: COMPILE_TIMEOUT,
         };
         backend.warm_up()?;
+        backend.timeout = TIMEOUT;
         Ok(backend)
     }
 
@@ -239,7 +244,7 @@ impl WgpuBackend {
             // The receiver is gone only after a timeout.
             let _ = send.send(result);
         });
-        let wait = PollType::Wait { submission_index: Some(submission), timeout: Some(TIMEOUT) };
+        let wait = PollType::Wait { submission_index: Some(submission), timeout: Some(self.timeout) };
         self.device.poll(wait).map_err(|error| failed(error.to_string()))?;
         match receive.try_recv() {
             Ok(Ok(())) => {}

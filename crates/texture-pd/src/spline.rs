@@ -167,8 +167,8 @@ fn curvatures(f: f32) -> [f32; 4] {
 fn taps(level: &Level, coefficients: &[f32], x: f32, y: f32) -> ([[f32; 4]; 4], f32, f32) {
     let &[first, width, height, wrap] = level;
     let (x, y) = (x - 0.5, y - 0.5);
-    let (left, top) = (x.floor(), y.floor());
-    let (column, row) = (left as i32 - 1, top as i32 - 1);
+    let (left, top) = (floor(x), floor(y));
+    let (column, row) = (left - 1, top - 1);
     let mut taps = [[0.0; 4]; 4];
     let inside = column >= 0 && row >= 0 && column + 4 <= width as i32 && row + 4 <= height as i32;
     if inside {
@@ -183,7 +183,14 @@ fn taps(level: &Level, coefficients: &[f32], x: f32, y: f32) -> ([[f32; 4]; 4], 
             *taps = columns.map(|column| coefficients[(from + column) as usize]);
         }
     }
-    (taps, x - left, y - top)
+    (taps, x - left as f32, y - top as f32)
+}
+
+/// `f32::floor` is a call where the processor is not known to round.
+#[inline]
+fn floor(x: f32) -> i32 {
+    let towards_zero = x as i32;
+    towards_zero - i32::from(x < towards_zero as f32)
 }
 
 #[inline]

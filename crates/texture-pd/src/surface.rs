@@ -223,11 +223,9 @@ impl TexturedSurface {
             return None;
         }
         let (e1, e2) = (p1 - p0, p2 - p0);
-        let single = |v: DVec3| v.as_vec3().to_array();
         let mut triangle = Triangle {
-            p0: single(p0),
-            e1: single(e1),
-            e2: single(e2),
+            plane: [p0, e1, e2].map(|edge| edge.truncate().as_vec2().to_array()),
+            rise: [p0, e1, e2].map(|edge| edge.z as f32),
             inverse_area: (1.0 / (e1.x * e2.y - e1.y * e2.x)) as f32,
             ..Triangle::default()
         };
@@ -235,11 +233,8 @@ impl TexturedSurface {
             let [n0, n1, n2] = directions.map(|direction| view.rotation * direction);
             let level = texture.level(texel, footprint);
             let [uv0, uv1, uv2] = texture.texels(level, coordinates);
-            let pair = |v: DVec2| v.as_vec2().to_array();
-            triangle.n0 = single(n0);
-            (triangle.m1, triangle.m2) = (single(n1 - n0), single(n2 - n0));
-            triangle.uv0 = pair(uv0);
-            (triangle.d1, triangle.d2) = (pair(uv1 - uv0), pair(uv2 - uv0));
+            triangle.directions = [n0, n1 - n0, n2 - n0].map(|direction| direction.as_vec3().to_array());
+            triangle.texture = [uv0, uv1 - uv0, uv2 - uv0].map(|uv| uv.as_vec2().to_array());
             triangle.level = (first_level + level as u32 + 1) as f32;
             triangle.most = texture.range[1].max(-texture.range[0]) as f32;
         }

@@ -58,11 +58,7 @@ fn exact(plates: &Plates, contact: &TextureContact) -> (f64, [f64; 6], [[f64; 6]
     (here, gradient, second)
 }
 
-fn found(
-    surfaces: &SurfaceSet,
-    contact: &TextureContact,
-    settings: &DepthSettings,
-) -> TextureDepth {
+fn found(surfaces: &SurfaceSet, contact: &TextureContact, settings: &DepthSettings) -> TextureDepth {
     let mut query = DepthQuery::new();
     query.run(surfaces, &[*contact], settings, &mut CpuBackend::new()).unwrap()[0].unwrap()
 }

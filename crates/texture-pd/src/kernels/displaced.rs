@@ -38,19 +38,30 @@ pub(super) struct Textures<'a> {
 }
 
 impl Triangle {
+    #[inline]
     fn texel(&self, s: f32, t: f32) -> (f32, f32) {
-        let along = |i: usize| self.uv0[i] + s * self.d1[i] + t * self.d2[i];
+        let [uv0, d1, d2] = &self.texture;
+        let along = |i: usize| uv0[i] + s * d1[i] + t * d2[i];
         (along(0), along(1))
     }
 
+    /// Of the flat triangle, along u (0) or v (1).
     #[inline]
-    fn base(&self, s: f32, t: f32, axis: usize) -> f32 {
-        self.p0[axis] + s * self.e1[axis] + t * self.e2[axis]
+    fn place(&self, s: f32, t: f32, axis: usize) -> f32 {
+        let [p0, e1, e2] = &self.plane;
+        p0[axis] + s * e1[axis] + t * e2[axis]
+    }
+
+    #[inline]
+    fn base(&self, s: f32, t: f32) -> f32 {
+        let [p0, e1, e2] = self.rise;
+        p0 + s * e1 + t * e2
     }
 
     #[inline]
     fn direction(&self, s: f32, t: f32, axis: usize) -> f32 {
-        self.n0[axis] + s * self.m1[axis] + t * self.m2[axis]
+        let [n0, m1, m2] = &self.directions;
+        n0[axis] + s * m1[axis] + t * m2[axis]
     }
 
     /// The point above (u, v), m, unless the triangle is not there or its flat surface is further than `reach` away along n.
@@ -67,10 +78,11 @@ impl Triangle {
         refinements: u32,
         textures: &Textures,
     ) -> Option<Point> {
-        let (du, dv) = (u - self.p0[0], v - self.p0[1]);
-        let mut s = (du * self.e2[1] - dv * self.e2[0]) * self.inverse_area;
-        let mut t = (self.e1[0] * dv - self.e1[1] * du) * self.inverse_area;
-        let base = self.base(s, t, 2);
+        let [p0, e1, e2] = self.plane;
+        let (du, dv) = (u - p0[0], v - p0[1]);
+        let mut s = (du * e2[1] - dv * e2[0]) * self.inverse_area;
+        let mut t = (e1[0] * dv - e1[1] * du) * self.inverse_area;
+        let base = self.base(s, t);
         if s < -EDGE || t < -EDGE || s + t > 1.0 + EDGE || base.abs() > reach {
             return None;
         }
@@ -81,33 +93,32 @@ impl Triangle {
         let upright = |s: f32, t: f32| {
             let (x, y) = self.texel(s, t);
             let displacement = spline::value(level, textures.coefficients, x, y);
-            self.base(s, t, 2) + displacement * self.direction(s, t, 2)
+            self.base(s, t) + displacement * self.direction(s, t, 2)
         };
-        let tilt = self.direction(s, t, 0).hypot(self.direction(s, t, 1));
-        if self.most * tilt <= MISS * step || refinements == 0 {
+        let (tilt_u, tilt_v) = (self.most * self.direction(s, t, 0), self.most * self.direction(s, t, 1));
+        let miss = MISS * step;
+        if tilt_u * tilt_u + tilt_v * tilt_v <= miss * miss || refinements == 0 {
             return Some(Point { s, t, height: upright(s, t), folded: false });
         }
+        let [_, m1, m2] = &self.directions;
+        let [_, d1, d2] = &self.texture;
         let start = (s, t);
         for _ in 0..refinements {
             let (x, y) = self.texel(s, t);
             let [h, hx, hy] = spline::slope(level, textures.coefficients, x, y);
-            let hs = hx * self.d1[0] + hy * self.d1[1];
-            let ht = hx * self.d2[0] + hy * self.d2[1];
+            let hs = hx * d1[0] + hy * d1[1];
+            let ht = hx * d2[0] + hy * d2[1];
             let [nu, nv] = [0, 1].map(|axis| self.direction(s, t, axis));
-            let miss_u = self.base(s, t, 0) + h * nu - u;
-            let miss_v = self.base(s, t, 1) + h * nv - v;
-            if miss_u.abs() + miss_v.abs() <= MISS * step {
-                return Some(Point {
-                    s,
-                    t,
-                    height: self.base(s, t, 2) + h * self.direction(s, t, 2),
-                    folded: false,
-                });
+            let miss_u = self.place(s, t, 0) + h * nu - u;
+            let miss_v = self.place(s, t, 1) + h * nv - v;
+            if miss_u.abs() + miss_v.abs() <= miss {
+                let height = self.base(s, t) + h * self.direction(s, t, 2);
+                return Some(Point { s, t, height, folded: false });
             }
-            let us = self.e1[0] + hs * nu + h * self.m1[0];
-            let vs = self.e1[1] + hs * nv + h * self.m1[1];
-            let ut = self.e2[0] + ht * nu + h * self.m2[0];
-            let vt = self.e2[1] + ht * nv + h * self.m2[1];
+            let us = e1[0] + hs * nu + h * m1[0];
+            let vs = e1[1] + hs * nv + h * m1[1];
+            let ut = e2[0] + ht * nu + h * m2[0];
+            let vt = e2[1] + ht * nv + h * m2[1];
             let area = us * vt - ut * vs;
             if area * self.inverse_area < FOLD {
                 let (s, t) = start;
@@ -128,7 +139,7 @@ impl Triangle {
                 spline::jet(&textures.levels[level - 1], textures.coefficients, x, y)
             }
         };
-        let [(ax, ay), (bx, by)] = [self.d1, self.d2].map(|[x, y]| (x, y));
+        let [_, [ax, ay], [bx, by]] = self.texture;
         let h = texture.value;
         let (hs, ht) = (texture.x * ax + texture.y * ay, texture.x * bx + texture.y * by);
         let second = |px: f32, py: f32, qx: f32, qy: f32| {
@@ -137,10 +148,12 @@ impl Triangle {
         let (hss, hst, htt) = (second(ax, ay, ax, ay), second(ax, ay, bx, by), second(bx, by, bx, by));
         // Derivatives of the displaced point along each axis: by s, t, ss, st, tt.
         let along = |axis: usize| {
-            let (n, m1, m2) = (self.direction(s, t, axis), self.m1[axis], self.m2[axis]);
+            let n = self.direction(s, t, axis);
+            let [_, m1, m2] = self.directions.map(|direction| direction[axis]);
+            let [_, e1, e2] = if axis < 2 { self.plane.map(|edge| edge[axis]) } else { self.rise };
             [
-                self.e1[axis] + hs * n + h * m1,
-                self.e2[axis] + ht * n + h * m2,
+                e1 + hs * n + h * m1,
+                e2 + ht * n + h * m2,
                 hss * n + 2.0 * hs * m1,
                 hst * n + hs * m2 + ht * m1,
                 htt * n + 2.0 * ht * m2,

@@ -36,22 +36,20 @@ pub(crate) struct Header {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub(crate) struct Triangle {
-    pub p0: [f32; 3],
-    pub e1: [f32; 3],
-    pub e2: [f32; 3],
-    pub n0: [f32; 3],
-    pub m1: [f32; 3],
-    pub m2: [f32; 3],
-    /// Texels.
-    pub uv0: [f32; 2],
-    pub d1: [f32; 2],
-    pub d2: [f32; 2],
-    /// One more than the index of the texture's level; 0 without a texture.
-    pub level: f32,
-    /// The largest displacement either way, m.
-    pub most: f32,
+    /// p₀, e₁ and e₂ along u and v.
+    pub plane: [[f32; 2]; 3],
     /// One over twice the signed area as seen along n, 1/m².
     pub inverse_area: f32,
+    /// One more than the index of the texture's level; 0 without a texture.
+    pub level: f32,
+    /// p₀, e₁ and e₂ along n.
+    pub rise: [f32; 3],
+    /// The largest displacement either way, m.
+    pub most: f32,
+    /// n₀, m₁ and m₂.
+    pub directions: [[f32; 3]; 3],
+    /// uv₀, d₁ and d₂, texels.
+    pub texture: [[f32; 2]; 3],
     pub unused: f32,
 }
 

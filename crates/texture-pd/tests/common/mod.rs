@@ -45,8 +45,8 @@ pub fn turned_over(place: DVec2, height: f64, turn: DVec3) -> Pose {
 impl Plates<'_> {
     pub fn surfaces(&self, texels: u32) -> (SurfaceSet, [palpate_texture_pd::SurfaceId; 2]) {
         let mut set = SurfaceSet::default();
-        let ids = [self.relief_a, self.relief_b]
-            .map(|relief| set.add(&plate(self.half, texels, relief)).unwrap());
+        let ids =
+            [self.relief_a, self.relief_b].map(|relief| set.add(&plate(self.half, texels, relief)).unwrap());
         (set, ids)
     }
 
@@ -101,8 +101,5 @@ impl Plates<'_> {
 /// A pose shifted and turned about a point, world axes.
 pub fn moved(pose: &Pose, center: DVec3, shift: DVec3, turn: DVec3) -> Pose {
     let rotation = DQuat::from_scaled_axis(turn);
-    Pose::new(
-        center + rotation * (pose.translation - center) + shift,
-        (rotation * pose.rotation).normalize(),
-    )
+    Pose::new(center + rotation * (pose.translation - center) + shift, (rotation * pose.rotation).normalize())
 }
