@@ -83,7 +83,8 @@ pub(crate) fn largest(answer: &Answer, at: DVec2, step: f64) -> LocalDepth {
     let inverse = curvature.inverse();
     let way = -(inverse * slope);
     // Further away a neighbour would be higher, but for what the second order leaves out.
-    if !(way.abs().max_element() <= 1.5 * step) {
+    let near = way.abs().max_element() <= 1.5 * step;
+    if !near {
         return plain();
     }
     let height = height + slope_a.dot(way) + 0.5 * way.dot(curvature_a * way);
@@ -162,9 +163,7 @@ impl LocalDepth {
         for i in 0..6 {
             moved.gradient[i] = dot(&map[i], &self.gradient);
             let row: [f64; 6] = std::array::from_fn(|k| dot(&map[i], &self.second[k]));
-            for j in 0..6 {
-                moved.second[i][j] = dot(&row, &map[j]);
-            }
+            moved.second[i] = map.map(|column| dot(&row, &column));
         }
         add_turns(&mut moved.second, arm, linear);
         moved

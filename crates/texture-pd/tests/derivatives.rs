@@ -1,6 +1,8 @@
 //! Depth, gradient and second derivatives of analytic surfaces, by every method, against differences of the exact depth.
 //! `cargo test --release -p palpate-texture-pd --test derivatives -- --nocapture` prints the errors.
 
+#![allow(clippy::print_stdout, clippy::needless_range_loop, reason = "it prints a table of matrices' errors")]
+
 mod common;
 
 use std::f64::consts::TAU;
