@@ -44,6 +44,7 @@ pub use palpate_dynamics as dynamics;
 pub use palpate_dynamics::IntegratorKind;
 pub use palpate_mesh_io as mesh_io;
 pub use palpate_models as models;
+pub use palpate_texture_pd as texture_pd;
 pub use record::{COLUMNS, Record, RecordWriter};
 pub use renderer::{HapticRenderer, RendererError};
 pub use scene::{Placed, Scene};
