@@ -27,17 +27,23 @@
 mod backend;
 #[cfg(feature = "gpu")]
 mod gpu;
+#[cfg(feature = "images")]
+mod height_file;
 mod height_image;
 mod kernels;
 mod normals;
 mod pairs;
+mod texels;
 
 pub use backend::{Backend, BackendError, CpuBackend};
 #[cfg(feature = "gpu")]
 pub use gpu::WgpuBackend;
+#[cfg(feature = "images")]
+pub use height_file::{HeightFileError, HeightOptions, MAX_FILE_SIDE};
 pub use height_image::{HeightImage, HeightImageError, MAX_SIDE, Wrap};
 pub use normals::corner_directions;
 pub use pairs::{DirectionalDepth, MAX_GRID, PairsError, Patch, PatchPairs};
+pub use texels::{TexelReport, texel_sizes};
 /// The version of wgpu whose devices [`WgpuBackend::with_device`] takes.
 #[cfg(feature = "gpu")]
 pub use wgpu;
