@@ -1,4 +1,5 @@
-//! Any bytes as a mesh file, of the format that the first byte chooses: loaded as it is and with repair, and validated.
+//! Any bytes as a mesh file, of the format that the first byte chooses: loaded as it is and with repair, and validated;
+//! and loaded with texture coordinates.
 
 #![no_main]
 
@@ -6,7 +7,7 @@ use std::path::PathBuf;
 use std::sync::LazyLock;
 
 use libfuzzer_sys::fuzz_target;
-use palpate::mesh_io::{LoadOptions, load};
+use palpate::mesh_io::{LoadOptions, load, load_uv};
 
 const FORMATS: [&str; 5] = ["obj", "stl", "ply", "glb", "gltf"];
 
@@ -30,5 +31,9 @@ fuzz_target!(|data: &[u8]| {
             }
             Err(error) => assert!(!error.to_string().contains('\n'), "{error}"),
         }
+    }
+    match load_uv(&file, &LoadOptions::default()) {
+        Ok(loaded) => assert_eq!(loaded.mesh.coordinates().len(), loaded.mesh.mesh().triangles().len()),
+        Err(error) => assert!(!error.to_string().contains('\n'), "{error}"),
     }
 });

@@ -78,6 +78,18 @@ pub enum LoadError {
         /// Its z coordinate.
         z: f64,
     },
+    /// A mesh with texture coordinates was asked for, but they are missing, or not finite, or could not be kept.
+    #[error("{}: {place}: {reason}; {remedy}", .file.display())]
+    TextureCoordinates {
+        /// The file.
+        file: PathBuf,
+        /// Where in the file: a line, a primitive, a triangle.
+        place: String,
+        /// What is wrong there.
+        reason: String,
+        /// What to do about it.
+        remedy: &'static str,
+    },
     /// More vertices or triangles than 32-bit indices can name.
     #[error("{}: {source}; split the model", .file.display())]
     TooLarge {

@@ -11,7 +11,7 @@
 //! # Ok::<(), palpate_mesh_io::LoadError>(())
 //! ```
 //!
-//! Files come from anywhere: whatever the bytes, [`load`] returns a mesh or one line that says what is wrong, where,
+//! Files come from anywhere: whatever the bytes, [`load`] and [`load_uv`] return a mesh or one line that says what is wrong, where,
 //! and what to do. It does not panic, its memory is bounded by the size of the files (and for glTF, whose nodes can
 //! repeat a mesh, by a limit of its own), and no file is walked recursively. No parser needs to be fenced off: those of
 //! other crates that are used (JSON and GLB of `gltf`, binary STL of `stl_io`) are handed nothing whose lengths have
@@ -23,6 +23,7 @@ mod intersect;
 mod load;
 mod polygon;
 mod repair;
+mod textured;
 mod weld;
 mod write;
 
@@ -30,5 +31,6 @@ pub use error::LoadError;
 pub use intersect::{SelfIntersections, intersecting_pairs, self_intersections};
 pub use load::{LoadOptions, LoadedMesh, load};
 pub use repair::{RepairSummary, repair};
+pub use textured::{HeightTexture, LoadedUvMesh, TextureWrap, load_uv};
 pub use weld::weld;
 pub use write::write_obj;

@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::DVec3;
 use palpate_core::TriMesh;
 
-use crate::formats::surface::Surface;
+use crate::formats::surface::{Surface, Wanted};
 use crate::formats::{gltf_scene, obj, ply, read_file, stl};
 use crate::{LoadError, RepairSummary, repair, weld};
 
@@ -52,6 +52,11 @@ pub struct LoadedMesh {
 /// See [`LoadError`]. A triangle with a coordinate that is not finite (also after scaling) is an error unless repair is
 /// asked for, which drops it; so is a mesh of which repair leaves nothing.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<LoadedMesh, LoadError> {
+    finish(read(path, options, Wanted::Surface)?, path, options)
+}
+
+/// The surface of a file, its vertices not yet scaled.
+pub(crate) fn read(path: &Path, options: &LoadOptions, wanted: Wanted) -> Result<Surface, LoadError> {
     if !(options.scale.is_finite() && options.scale > 0.0) {
         return Err(LoadError::Scale { file: path.into(), scale: options.scale });
     }
@@ -59,12 +64,13 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<LoadedMesh, LoadError>
         return Err(LoadError::UnknownFormat { file: path.into(), what: "has no extension".into() });
     };
     let extension = extension.to_string_lossy().to_ascii_lowercase();
-    let read: fn(&[u8], &Path) -> Result<Surface, LoadError> = match extension.as_str() {
+    let read: fn(&[u8], &Path, Wanted) -> Result<Surface, LoadError> = match extension.as_str() {
         "obj" => obj::read,
         "gltf" => gltf_scene::read_gltf,
         "glb" => gltf_scene::read_glb,
-        "stl" => stl::read,
-        "ply" => ply::read,
+        "stl" | "ply" if wanted == Wanted::Textured => return Err(no_coordinates(path, &extension)),
+        "stl" => |bytes, path, _| stl::read(bytes, path),
+        "ply" => |bytes, path, _| ply::read(bytes, path),
         _ => {
             let what = format!("the extension {extension:?} names no supported format");
             return Err(LoadError::UnknownFormat { file: path.into(), what });
@@ -74,21 +80,34 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<LoadedMesh, LoadError>
     if bytes.is_empty() {
         return Err(LoadError::NoTriangles { file: path.into(), found: "the file is empty".into() });
     }
-    finish(read(&bytes, path)?, path, options)
-}
-
-fn finish(surface: Surface, path: &Path, options: &LoadOptions) -> Result<LoadedMesh, LoadError> {
-    let Surface { mut vertices, triangles, mut warnings } = surface;
-    let raw_vertices = vertices.len();
-    let none = |found| LoadError::NoTriangles { file: path.into(), found };
-    if triangles.is_empty() {
-        let mut found = format!("{raw_vertices} vertices");
-        for warning in &warnings {
+    let surface = read(&bytes, path, wanted)?;
+    if surface.triangles.is_empty() {
+        let mut found = format!("{} vertices", surface.vertices.len());
+        for warning in &surface.warnings {
             found.push_str("; ");
             found.push_str(warning);
         }
-        return Err(none(found));
+        return Err(LoadError::NoTriangles { file: path.into(), found });
     }
+    Ok(surface)
+}
+
+fn no_coordinates(path: &Path, extension: &str) -> LoadError {
+    LoadError::TextureCoordinates {
+        file: path.into(),
+        place: format!("extension {extension:?}"),
+        reason: format!("no texture coordinates are read from {} files", extension.to_ascii_uppercase()),
+        remedy: "export the model with texture coordinates as OBJ or glTF",
+    }
+}
+
+/// Scales the vertices and makes a mesh of them. Those of triangles must be finite unless repair follows.
+pub(crate) fn scaled(
+    mut vertices: Vec<DVec3>,
+    triangles: Vec<[u32; 3]>,
+    path: &Path,
+    options: &LoadOptions,
+) -> Result<TriMesh, LoadError> {
     if options.scale != 1.0 {
         vertices.iter_mut().for_each(|v| *v *= options.scale);
     }
@@ -107,29 +126,41 @@ fn finish(surface: Surface, path: &Path, options: &LoadOptions) -> Result<Loaded
             }
         }
     }
-    let mut mesh = TriMesh::new(vertices, triangles)
+    let mesh = TriMesh::new(vertices, triangles)
         .map_err(|source| LoadError::TooLarge { file: path.into(), source })?;
-    mesh = if options.weld || options.repair { weld::weld(&mesh) } else { weld::drop_unreferenced(&mesh) };
+    Ok(if options.weld || options.repair { weld::weld(&mesh) } else { weld::drop_unreferenced(&mesh) })
+}
+
+/// Doubts about the unit of a mesh.
+pub(crate) fn doubtful_size(mesh: &TriMesh, options: &LoadOptions) -> Option<String> {
+    let radius = mesh.bounding_sphere().radius;
+    if radius == 0.0 {
+        return Some("all triangles lie in one point".into());
+    }
+    if PLAUSIBLE_RADIUS.contains(&radius) {
+        return None;
+    }
+    let other = if radius > 1.0 { options.scale * 0.001 } else { options.scale * 1000.0 };
+    Some(format!("the bounding radius of {radius:.3e} m suggests a wrong unit: try --scale {other}"))
+}
+
+fn finish(surface: Surface, path: &Path, options: &LoadOptions) -> Result<LoadedMesh, LoadError> {
+    let Surface { vertices, triangles, mut warnings, .. } = surface;
+    let raw_vertices = vertices.len();
+    let mut mesh = scaled(vertices, triangles, path, options)?;
     let mut repairs = None;
     if options.repair {
         let before = mesh.triangles().len();
         let (repaired, summary) = repair::repair(&mesh);
         if repaired.triangles().is_empty() {
-            return Err(none(format!("repair leaves none of the {before} in the file: {summary}")));
+            let found = format!("repair leaves none of the {before} in the file: {summary}");
+            return Err(LoadError::NoTriangles { file: path.into(), found });
         }
         if summary != RepairSummary::default() {
             warnings.push(format!("repaired: {summary}"));
         }
         (mesh, repairs) = (repaired, Some(summary));
     }
-    let radius = mesh.bounding_sphere().radius;
-    if radius == 0.0 {
-        warnings.push("all triangles lie in one point".into());
-    } else if !PLAUSIBLE_RADIUS.contains(&radius) {
-        let other = if radius > 1.0 { options.scale * 0.001 } else { options.scale * 1000.0 };
-        warnings.push(format!(
-            "the bounding radius of {radius:.3e} m suggests a wrong unit: try --scale {other}"
-        ));
-    }
+    warnings.extend(doubtful_size(&mesh, options));
     Ok(LoadedMesh { mesh, raw_vertices, warnings, repairs })
 }

@@ -22,12 +22,12 @@ pub(crate) enum Cut {
     Fan,
 }
 
-/// Appends the triangles of a polygon of at least three corners, given as vertex indices, in its orientation. There are
-/// two fewer triangles than corners. Concave polygons are allowed; one that is not flat is cut as its projection along
+/// Appends the triangles of a polygon of at least three corners, given as vertex indices, in its orientation: each as
+/// the numbers of three of its corners. There are two fewer triangles than corners. Concave polygons are allowed; one that is not flat is cut as its projection along
 /// the coordinate axis closest to its mean normal (Newell's).
-pub(crate) fn triangulate(polygon: &[u32], vertices: &[DVec3], triangles: &mut Vec<[u32; 3]>) -> Cut {
-    if let &[a, b, c] = polygon {
-        triangles.push([a, b, c]);
+pub(crate) fn triangulate(polygon: &[u32], vertices: &[DVec3], triangles: &mut Vec<[usize; 3]>) -> Cut {
+    if polygon.len() == 3 {
+        triangles.push([0, 1, 2]);
         return Cut::Covered;
     }
     let at = |corner: usize| vertices[polygon[corner] as usize];
@@ -35,7 +35,7 @@ pub(crate) fn triangulate(polygon: &[u32], vertices: &[DVec3], triangles: &mut V
     // Newell's normal about the first corner, so that a polygon far from the origin loses no digits.
     let normal: DVec3 = (1..n - 1).map(|i| (at(i) - at(0)).cross(at(i + 1) - at(0))).sum();
     let Some(facing) = Facing::of(normal) else {
-        return fan(&(0..n).collect::<Vec<_>>(), polygon, triangles);
+        return fan(&(0..n).collect::<Vec<_>>(), triangles);
     };
     let mut next: Vec<usize> = (1..n).chain([0]).collect();
     let mut previous: Vec<usize> = [n - 1].into_iter().chain(0..n - 1).collect();
@@ -59,7 +59,7 @@ pub(crate) fn triangulate(polygon: &[u32], vertices: &[DVec3], triangles: &mut V
                         && ![at(a), at(b), at(c)].contains(&at(p))
                 });
             if is_ear {
-                triangles.push([a, b, c].map(|i| polygon[i]));
+                triangles.push([a, b, c]);
                 next[a] = c;
                 previous[c] = a;
                 left -= 1;
@@ -74,18 +74,17 @@ pub(crate) fn triangulate(polygon: &[u32], vertices: &[DVec3], triangles: &mut V
         }
         if left == 3 {
             let (a, c) = (previous[corner], next[corner]);
-            triangles.push([a, corner, c].map(|i| polygon[i]));
+            triangles.push([a, corner, c]);
             return if turn(a, corner, c) >= 0 { Cut::Covered } else { Cut::Fan };
         }
     }
     let start = (0..n).find(|&i| next[previous[i]] == i && previous[next[i]] == i).unwrap_or(0);
     let rest: Vec<usize> = std::iter::successors(Some(start), |&i| Some(next[i])).take(left).collect();
-    fan(&rest, polygon, triangles)
+    fan(&rest, triangles)
 }
 
-fn fan(corners: &[usize], polygon: &[u32], triangles: &mut Vec<[u32; 3]>) -> Cut {
-    let first = polygon[corners[0]];
-    triangles.extend(corners[1..].windows(2).map(|pair| [first, polygon[pair[0]], polygon[pair[1]]]));
+fn fan(corners: &[usize], triangles: &mut Vec<[usize; 3]>) -> Cut {
+    triangles.extend(corners[1..].windows(2).map(|pair| [corners[0], pair[0], pair[1]]));
     Cut::Fan
 }
 
@@ -146,10 +145,10 @@ mod tests {
             let mut triangles = Vec::new();
             assert_eq!(triangulate(&polygon, &vertices, &mut triangles), Cut::Covered, "{case}, {place}");
             assert_eq!(triangles.len(), n - 2, "{case}, {place}");
-            let mut edges: HashMap<[u32; 2], i32> = HashMap::new();
+            let mut edges: HashMap<[usize; 2], i32> = HashMap::new();
             let mut sum = 0.0;
             for &[a, b, c] in &triangles {
-                let part = area(&[a, b, c].map(|i| outline[i as usize])) * whole.signum();
+                let part = area(&[a, b, c].map(|i| outline[i])) * whole.signum();
                 assert!(part > -1e-12, "{case}, {place}: a triangle is turned over");
                 sum += part;
                 for [from, to] in [[a, b], [b, c], [c, a]] {
@@ -158,8 +157,8 @@ mod tests {
             }
             assert!((sum - whole.abs()).abs() < 1e-9, "{case}, {place}: {sum} of {whole}");
             edges.retain(|_, sum| *sum != 0);
-            let expected: HashMap<[u32; 2], i32> = (0..n as u32)
-                .map(|i| (i, (i + 1) % n as u32))
+            let expected: HashMap<[usize; 2], i32> = (0..n)
+                .map(|i| (i, (i + 1) % n))
                 .map(|(a, b)| ([a.min(b), a.max(b)], if a < b { 1 } else { -1 }))
                 .collect();
             assert_eq!(edges, expected, "{case}, {place}");

@@ -26,6 +26,7 @@ mod tests {
     use palpate_core::glam::DVec3;
 
     use super::*;
+    use crate::formats::surface::Wanted;
 
     #[test]
     fn numbers_survive_to_the_last_bit() {
@@ -33,7 +34,7 @@ mod tests {
         let mesh = TriMesh::new(vec![awkward, DVec3::ZERO, DVec3::ONE / 3.0], vec![[2, 1, 0]]).unwrap();
         let mut bytes = Vec::new();
         write_obj(&mesh, &mut bytes).unwrap();
-        let read = crate::formats::obj::read(&bytes, std::path::Path::new("memory")).unwrap();
+        let read = crate::formats::obj::read(&bytes, "memory".as_ref(), Wanted::Surface).unwrap();
         assert_eq!(
             (read.vertices.as_slice(), read.triangles.as_slice()),
             (mesh.vertices(), mesh.triangles())

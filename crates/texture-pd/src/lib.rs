@@ -41,7 +41,7 @@
 //! let mut query = DepthQuery::new();
 //! let depths = query.run(&surfaces, &[contact], &DepthSettings::default(), &mut CpuBackend::new())?;
 //! let found = depths[0].expect("they are seen above each other");
-//! // Pushed down the flank, towards the next groove.
+//! // The force is against the gradient: down the flank, towards the next groove.
 //! assert!(found.linear.x < 0.0);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
@@ -51,12 +51,15 @@ mod batch;
 mod depth;
 #[cfg(feature = "gpu")]
 mod gpu;
+#[cfg(feature = "images")]
+mod height_file;
 mod height_image;
 mod kernels;
 mod maximum;
 mod normals;
 mod spline;
 mod surface;
+mod texels;
 
 pub use backend::{Backend, BackendError, CpuBackend};
 pub use batch::{Batch, MAX_GRID, SurfaceId, SurfaceSet, TooManyTexels};
@@ -65,10 +68,13 @@ pub use depth::{
 };
 #[cfg(feature = "gpu")]
 pub use gpu::WgpuBackend;
+#[cfg(feature = "images")]
+pub use height_file::{HeightFileError, HeightOptions, MAX_FILE_SIDE};
 pub use height_image::{HeightImage, HeightImageError, MAX_SIDE, Wrap};
 pub use kernels::Answer;
 pub use normals::corner_directions;
 pub use surface::{SurfaceError, TexturedSurface};
+pub use texels::{TexelReport, texel_sizes};
 /// The version of wgpu whose devices [`WgpuBackend::with_device`] takes.
 #[cfg(feature = "gpu")]
 pub use wgpu;

@@ -1,4 +1,5 @@
-//! Wavefront OBJ: the `v` and `f` lines; everything else does not bear on the surface and is skipped.
+//! Wavefront OBJ: the `v` and `f` lines, and where texture coordinates are asked for the `vt` lines; everything else does
+//! not bear on the surface and is skipped.
 //!
 //! Read here rather than through the crate `tobj` (which the tests hold it against), because a file that anyone may
 //! hand in asks for what that lacks: it takes polylines (`l`) of three and more points for faces, overflows on relative
@@ -7,19 +8,19 @@
 //!
 //! Departures from the letter of the format, as other readers have them: numbers such as `nan`, `inf` and MSVC's
 //! `1.#IND` are read as what they mean; faces of fewer than three corners are skipped with a warning; the weight `w`
-//! of a vertex, meant for rational curves, is ignored.
+//! of a vertex, meant for rational curves, is ignored. So is the third texture coordinate.
 
 use std::path::Path;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 use crate::LoadError;
-use crate::formats::surface::{Skipped, Surface};
+use crate::formats::surface::{Skipped, Surface, Wanted};
 use crate::formats::text::{parse_number, quoted};
 
 const REMEDY: &str = "correct that line or export the model again";
 
-pub(crate) fn read(bytes: &[u8], path: &Path) -> Result<Surface, LoadError> {
+pub(crate) fn read(bytes: &[u8], path: &Path, wanted: Wanted) -> Result<Surface, LoadError> {
     let malformed = |line: usize, reason: String| LoadError::Malformed {
         file: path.into(),
         place: format!("line {line}"),
@@ -38,12 +39,15 @@ pub(crate) fn read(bytes: &[u8], path: &Path) -> Result<Surface, LoadError> {
             remedy: "save it as UTF-8 text",
         });
     }
+    let textured = wanted == Wanted::Textured;
     let mut vertices = Vec::new();
-    let mut corners: Vec<u32> = Vec::new();
+    let mut coordinates = Vec::new();
+    let mut corners = Named::new("vertex", "vertices");
+    // As many as `corners`, if textured.
+    let mut places = Named::new("texture coordinate", "texture coordinates");
+    let mut untextured = Untextured::default();
     // Where each face starts in `corners`.
     let mut faces: Vec<usize> = Vec::new();
-    // A corner may name a vertex that comes later in the file: checked at the end.
-    let mut furthest: Option<(u64, usize)> = None;
     let mut skipped = Skipped::default();
     let mut joined = Vec::new();
     let separator = if bytes.contains(&b'\n') { b'\n' } else { b'\r' };
@@ -81,22 +85,41 @@ pub(crate) fn read(bytes: &[u8], path: &Path) -> Result<Surface, LoadError> {
                 }
                 vertices.push(DVec3::from_array(position));
             }
-            Some(b"f" | b"fo") => {
-                let start = corners.len();
-                for word in words {
-                    let index = resolve(word, vertices.len()).map_err(|reason| malformed(number, reason))?;
-                    if index >= vertices.len() as u64 && furthest.is_none_or(|(far, _)| index > far) {
-                        furthest = Some((index, number));
-                    }
-                    // Below 2³², or refused at the end.
-                    corners.push(index as u32);
+            Some(b"vt") if textured => {
+                if coordinates.len() >= u32::MAX as usize - 1 {
+                    return Err(malformed(number, "too many texture coordinates for 32-bit indices".into()));
                 }
-                match corners.len() - start {
+                coordinates.push(texture_coordinate(words).map_err(|reason| malformed(number, reason))?);
+            }
+            Some(b"f" | b"fo") => {
+                let start = corners.indices.len();
+                let mut missing = None;
+                for (corner, word) in words.enumerate() {
+                    let mut fields = word.split(|&b| b == b'/');
+                    corners
+                        .push(fields.next().unwrap_or(word), word, vertices.len(), number)
+                        .map_err(|reason| malformed(number, reason))?;
+                    match fields.next().filter(|field| !field.is_empty()) {
+                        Some(field) if textured => places
+                            .push(field, word, coordinates.len(), number)
+                            .map_err(|reason| malformed(number, reason))?,
+                        None if textured => {
+                            places.indices.push(0);
+                            missing = missing.or(Some(corner));
+                        }
+                        _ => {}
+                    }
+                }
+                match corners.indices.len() - start {
                     0..=2 => {
-                        corners.truncate(start);
+                        corners.indices.truncate(start);
+                        places.indices.truncate(start);
                         skipped.incomplete.push(number);
                     }
-                    _ => faces.push(start),
+                    _ => {
+                        faces.push(start);
+                        untextured.count(missing, number);
+                    }
                 }
             }
             Some(b"l") => skipped.lines += 1,
@@ -105,31 +128,115 @@ pub(crate) fn read(bytes: &[u8], path: &Path) -> Result<Surface, LoadError> {
             _ => {}
         }
     }
-    if let Some((index, number)) = furthest.filter(|&(index, _)| index >= vertices.len() as u64) {
-        let reason = format!("the face names vertex {}, but the file has {}", index + 1, vertices.len());
-        return Err(malformed(number, reason));
+    for (named, count) in [(&corners, vertices.len()), (&places, coordinates.len())] {
+        named.check(count).map_err(|(number, reason)| malformed(number, reason))?;
     }
-    let mut triangles = Vec::with_capacity(faces.len());
+    untextured.check(faces.len(), path)?;
+    let (corners, places) = (corners.indices, places.indices);
+    let mut surface = Surface { triangles: Vec::with_capacity(faces.len()), ..Surface::default() };
     let ends = faces.iter().skip(1).copied().chain([corners.len()]);
     for (&start, end) in faces.iter().zip(ends) {
-        skipped.cut(&corners[start..end], &vertices, &mut triangles);
+        skipped.cut(&corners[start..end], &vertices, |cut| {
+            surface.triangles.push(cut.map(|corner| corners[start + corner]));
+            if textured {
+                surface.coordinates.push(cut.map(|corner| coordinates[places[start + corner] as usize]));
+            }
+        });
     }
-    Ok(Surface { vertices, triangles, warnings: skipped.warnings("line") })
+    Ok(Surface { vertices, warnings: skipped.warnings("line"), ..surface })
 }
 
-/// The vertex that a face's corner (`7`, `7/1`, `7//3`, `-1/…`) names, counted from zero. May lie beyond the vertices
-/// so far.
-fn resolve(word: &[u8], vertices: usize) -> Result<u64, String> {
-    let index = word.split(|&b| b == b'/').next().unwrap_or(word);
-    let index: i64 = std::str::from_utf8(index)
-        .ok()
-        .and_then(|s| s.parse().ok())
-        .ok_or_else(|| format!("{} is not a vertex index", quoted(word)))?;
-    match index {
-        1.. => Ok(index as u64 - 1),
-        0 => Err("the face names vertex 0, but vertices count from 1".into()),
-        _ => (vertices as u64)
-            .checked_sub(index.unsigned_abs())
-            .ok_or_else(|| format!("the face names vertex {index}, but only {vertices} come before it")),
+/// The coordinates of a `vt` line, with v turned over: in OBJ it points up. A missing v is 0.
+fn texture_coordinate<'a>(mut words: impl Iterator<Item = &'a [u8]>) -> Result<DVec2, String> {
+    let parsed = |word: &[u8]| parse_number(word).ok_or_else(|| format!("{} is not a number", quoted(word)));
+    let u = parsed(words.next().ok_or("the texture coordinate has no u")?)?;
+    let v = words.next().map_or(Ok(0.0), parsed)?;
+    Ok(DVec2::new(u, 1.0 - v))
+}
+
+/// What the corners of faces name: vertices or texture coordinates.
+struct Named {
+    one: &'static str,
+    many: &'static str,
+    /// Counted from zero.
+    indices: Vec<u32>,
+    /// The largest index of what came later in the file, if at all, and the line that names it: checked at the end.
+    furthest: Option<(u64, usize)>,
+}
+
+impl Named {
+    fn new(one: &'static str, many: &'static str) -> Self {
+        Self { one, many, indices: Vec::new(), furthest: None }
+    }
+
+    /// Adds what `field` of a corner (`7`, `7/1`, `7//3`, `-1/…`) names when there are `so_far`.
+    fn push(&mut self, field: &[u8], corner: &[u8], so_far: usize, line: usize) -> Result<(), String> {
+        let index = self.resolve(field, corner, so_far)?;
+        if index >= so_far as u64 && self.furthest.is_none_or(|(far, _)| index > far) {
+            self.furthest = Some((index, line));
+        }
+        // Below 2³², or refused at the end.
+        self.indices.push(index as u32);
+        Ok(())
+    }
+
+    /// Counted from zero. May lie beyond those so far.
+    fn resolve(&self, field: &[u8], corner: &[u8], so_far: usize) -> Result<u64, String> {
+        let (one, many) = (self.one, self.many);
+        let index: i64 = std::str::from_utf8(field)
+            .ok()
+            .and_then(|s| s.parse().ok())
+            .ok_or_else(|| format!("{} is not a {one} index", quoted(corner)))?;
+        match index {
+            1.. => Ok(index as u64 - 1),
+            0 => Err(format!("the face names {one} 0, but {many} count from 1")),
+            _ => (so_far as u64)
+                .checked_sub(index.unsigned_abs())
+                .ok_or_else(|| format!("the face names {one} {index}, but only {so_far} come before it")),
+        }
+    }
+
+    /// Whether all that is named is among the `count` of the file; else the line and why.
+    fn check(&self, count: usize) -> Result<(), (usize, String)> {
+        match self.furthest.filter(|&(index, _)| index >= count as u64) {
+            Some((index, line)) => {
+                Err((line, format!("the face names {} {}, but the file has {count}", self.one, index + 1)))
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+/// Faces with a corner that names no texture coordinate.
+#[derive(Default)]
+struct Untextured {
+    faces: usize,
+    /// Line of the first such face, and its corner.
+    first: Option<(usize, usize)>,
+}
+
+impl Untextured {
+    fn count(&mut self, corner: Option<usize>, line: usize) {
+        if let Some(corner) = corner {
+            self.faces += 1;
+            self.first = self.first.or(Some((line, corner)));
+        }
+    }
+
+    fn check(&self, faces: usize, path: &Path) -> Result<(), LoadError> {
+        let Some((line, corner)) = self.first else { return Ok(()) };
+        let corner = corner + 1;
+        Err(LoadError::TextureCoordinates {
+            file: path.into(),
+            place: format!("line {line}"),
+            reason: match self.faces {
+                1 => format!("corner {corner} of the face has no texture coordinate"),
+                n if n == faces => "no face of the file has texture coordinates at all its corners".into(),
+                n => format!(
+                    "corner {corner} of the face has no texture coordinate; so in {n} faces of {faces}"
+                ),
+            },
+            remedy: "unwrap the whole model and export it with texture coordinates",
+        })
     }
 }

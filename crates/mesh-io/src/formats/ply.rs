@@ -197,7 +197,9 @@ pub(crate) fn read(bytes: &[u8], path: &Path) -> Result<Surface, LoadError> {
     let corners: Vec<u32> = corners.iter().map(|&c| c as u32).collect();
     let ends = faces.iter().skip(1).copied().chain([corners.len()]);
     for (&start, end) in faces.iter().zip(ends) {
-        skipped.cut(&corners[start..end], &surface.vertices, &mut surface.triangles);
+        let polygon = &corners[start..end];
+        let triangles = &mut surface.triangles;
+        skipped.cut(polygon, &surface.vertices, |cut| triangles.push(cut.map(|corner| polygon[corner])));
     }
     surface.warnings = skipped.warnings("face");
     Ok(surface)

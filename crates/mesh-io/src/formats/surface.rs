@@ -1,8 +1,18 @@
 //! What every reader gives: the surface as it stands in the file, and what was left out of it.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
+use crate::HeightTexture;
 use crate::polygon::{self, Cut};
+
+/// What a reader is asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Wanted {
+    /// The surface; what bears on textures is not looked at.
+    Surface,
+    /// The surface with texture coordinates for every triangle, or an error.
+    Textured,
+}
 
 /// A surface as it stands in the file.
 #[derive(Default)]
@@ -11,6 +21,11 @@ pub(crate) struct Surface {
     pub vertices: Vec<DVec3>,
     /// Indices of `vertices`, all in range.
     pub triangles: Vec<[u32; 3]>,
+    /// For each triangle the texture coordinates of its corners, v = 0 on the image's first row; may be infinite or not a
+    /// number. Empty unless asked for.
+    pub coordinates: Vec<[DVec2; 3]>,
+    /// The image of fine detail, if asked for and there.
+    pub height_texture: Option<HeightTexture>,
     pub warnings: Vec<String>,
 }
 
@@ -25,30 +40,35 @@ pub(crate) struct Skipped {
     /// Polygons that could only be cut into a fan.
     pub fans: usize,
     collapsed: usize,
-    scratch: Vec<u32>,
+    kept: Vec<usize>,
+    outline: Vec<u32>,
+    cuts: Vec<[usize; 3]>,
 }
 
 impl Skipped {
-    /// Cuts a polygon of three or more corners into triangles. In a larger one, corners that repeat their predecessor
-    /// are left out first.
-    pub(crate) fn cut(&mut self, polygon: &[u32], vertices: &[DVec3], triangles: &mut Vec<[u32; 3]>) {
-        let mut polygon = polygon;
-        if polygon.len() > 3 {
-            self.scratch.clear();
-            self.scratch.extend_from_slice(polygon);
-            self.scratch.dedup();
-            if self.scratch.len() > 1 && self.scratch.first() == self.scratch.last() {
-                self.scratch.pop();
-            }
-            if self.scratch.len() < 3 {
-                self.collapsed += 1;
-                return;
-            }
-            polygon = &self.scratch;
+    /// Cuts a polygon of three or more corners into triangles, each handed to `emit` as the numbers of three of its
+    /// corners. In a larger one, corners that repeat their predecessor are left out first.
+    pub(crate) fn cut(&mut self, polygon: &[u32], vertices: &[DVec3], mut emit: impl FnMut([usize; 3])) {
+        if polygon.len() == 3 {
+            return emit([0, 1, 2]);
         }
-        if polygon::triangulate(polygon, vertices, triangles) == Cut::Fan {
+        self.kept.clear();
+        self.kept.extend(0..polygon.len());
+        self.kept.dedup_by_key(|corner| polygon[*corner]);
+        if self.kept.len() > 1 && polygon.first() == self.kept.last().map(|corner| &polygon[*corner]) {
+            self.kept.pop();
+        }
+        if self.kept.len() < 3 {
+            self.collapsed += 1;
+            return;
+        }
+        self.outline.clear();
+        self.outline.extend(self.kept.iter().map(|corner| polygon[*corner]));
+        self.cuts.clear();
+        if polygon::triangulate(&self.outline, vertices, &mut self.cuts) == Cut::Fan {
             self.fans += 1;
         }
+        self.cuts.iter().for_each(|corners| emit(corners.map(|corner| self.kept[corner])));
     }
 
     /// One line for each kind of thing skipped. `place` is what `incomplete` counts: lines or faces.

@@ -1,10 +1,10 @@
-//! What the scene's accessors hold: positions and indices, dequantised, with sparse values put in, from whichever buffer.
+//! What the scene's accessors hold: positions, texture coordinates and indices, dequantised, with sparse values put in, from whichever buffer.
 
 use std::borrow::Cow;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use base64::Engine;
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use gltf::json::accessor::{Accessor, ComponentType, Type};
 use gltf::json::validation::Checked;
 use gltf::json::{Index, accessor, buffer};
@@ -21,13 +21,35 @@ const COMPRESSED: [&str; 3] =
 impl<'a> Reader<'a> {
     /// The positions of an accessor, one a vertex.
     pub(super) fn positions(&mut self, index: Index<Accessor>, place: &str) -> Result<Vec<DVec3>, LoadError> {
-        let place = format!("{place}, accessor {} (POSITION)", index.value());
-        let accessor = self.accessor(index, Type::Vec3, &place)?;
+        let values =
+            self.vectors(index, (Type::Vec3, 3), format!("{place}, accessor {} (POSITION)", index.value()))?;
+        Ok(values.chunks_exact(3).map(|v| DVec3::new(v[0], v[1], v[2])).collect())
+    }
+
+    /// The texture coordinates of an accessor, one a vertex.
+    pub(super) fn coordinates(
+        &mut self,
+        index: Index<Accessor>,
+        set: u32,
+        place: &str,
+    ) -> Result<Vec<DVec2>, LoadError> {
+        let place = format!("{place}, accessor {} (TEXCOORD_{set})", index.value());
+        let values = self.vectors(index, (Type::Vec2, 2), place)?;
+        Ok(values.chunks_exact(2).map(|v| DVec2::new(v[0], v[1])).collect())
+    }
+
+    /// The components of vectors of a type and as many components.
+    fn vectors(
+        &mut self,
+        index: Index<Accessor>,
+        (kind, width): (Type, usize),
+        place: String,
+    ) -> Result<Vec<f64>, LoadError> {
+        let accessor = self.accessor(index, kind, &place)?;
         let Checked::Valid(accessor::GenericComponentType(component)) = accessor.component_type else {
             return Err(self.malformed(place, "its component type is none of glTF's".into()));
         };
-        let values = self.components(accessor, component, 3, &place)?;
-        Ok(values.chunks_exact(3).map(|v| DVec3::new(v[0], v[1], v[2])).collect())
+        self.components(accessor, component, width, &place)
     }
 
     /// The indices of a primitive, all below `vertices`.
@@ -133,47 +155,32 @@ impl<'a> Reader<'a> {
         normalized: bool,
         place: &str,
     ) -> Result<Vec<f64>, LoadError> {
-        let index = view.value();
-        let Some(view) = self.root.buffer_views.get(index) else {
-            return Err(
-                self.malformed(place.into(), format!("names buffer view {index}, which is not there"))
-            );
-        };
         let size = match component {
             ComponentType::I8 | ComponentType::U8 => 1,
             ComponentType::I16 | ComponentType::U16 => 2,
             ComponentType::U32 | ComponentType::F32 => 4,
         };
         let element = size * width;
-        let stride = view.byte_stride.map_or(element, |stride| stride.0);
+        let stride = self.view(view, place)?.byte_stride.map_or(element, |stride| stride.0);
         if stride < element {
             let reason = format!(
                 "its buffer view's stride of {stride} bytes is less than the {element} of an element"
             );
             return Err(self.malformed(place.into(), reason));
         }
-        let start = view.byte_offset.unwrap_or_default().0;
-        let length = view.byte_length.0;
         let needed = match count {
             0 => Some(0),
             _ => (stride as u64).checked_mul(count as u64 - 1).and_then(|n| n.checked_add(element as u64)),
         };
-        let data = self.buffer(view.buffer.value())?;
-        let view_bytes = usize::try_from(start)
-            .ok()
-            .zip(start.checked_add(length).and_then(|end| usize::try_from(end).ok()))
-            .and_then(|(start, end)| data.get(start..end));
+        let (view_bytes, described) = self.view_bytes(view, place)?;
         let bytes = needed
             .and_then(|needed| {
                 Some(usize::try_from(offset).ok()?..usize::try_from(offset.checked_add(needed)?).ok()?)
             })
             .and_then(|range| view_bytes?.get(range));
         let Some(bytes) = bytes else {
-            let reason = format!(
-                "{count} elements of {element} bytes from byte {offset} on do not fit buffer view {index} ({length} bytes from \
-                 byte {start} of a buffer of {})",
-                data.len()
-            );
+            let reason =
+                format!("{count} elements of {element} bytes from byte {offset} on do not fit {described}");
             return Err(self.malformed(place.into(), reason));
         };
         let decode = |b: &[u8]| match component {
@@ -185,6 +192,35 @@ impl<'a> Reader<'a> {
             ComponentType::F32 => f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]])),
         };
         Ok(bytes.chunks(stride).flat_map(|chunk| chunk[..element].chunks_exact(size).map(decode)).collect())
+    }
+
+    fn view(&self, index: Index<buffer::View>, place: &str) -> Result<&'a buffer::View, LoadError> {
+        let index = index.value();
+        self.root.buffer_views.get(index).ok_or_else(|| {
+            self.malformed(place.into(), format!("names buffer view {index}, which is not there"))
+        })
+    }
+
+    /// The bytes of a buffer view, if its buffer holds them, and the view in words.
+    pub(super) fn view_bytes(
+        &mut self,
+        index: Index<buffer::View>,
+        place: &str,
+    ) -> Result<(Option<&[u8]>, String), LoadError> {
+        let view = self.view(index, place)?;
+        let start = view.byte_offset.unwrap_or_default().0;
+        let length = view.byte_length.0;
+        let data = self.buffer(view.buffer.value())?;
+        let described = format!(
+            "buffer view {} ({length} bytes from byte {start} of a buffer of {})",
+            index.value(),
+            data.len()
+        );
+        let bytes = usize::try_from(start)
+            .ok()
+            .zip(start.checked_add(length).and_then(|end| usize::try_from(end).ok()))
+            .and_then(|(start, end)| data.get(start..end));
+        Ok((bytes, described))
     }
 
     fn buffer(&mut self, index: usize) -> Result<&[u8], LoadError> {
@@ -209,37 +245,40 @@ impl<'a> Reader<'a> {
                     None => self.malformed(place(), "has neither a uri nor a binary chunk".into()),
                 });
             }
-            (Some(uri), _) => match uri.strip_prefix("data:") {
-                Some(data) => {
-                    let Some((_, data)) = data.split_once(";base64,") else {
-                        return Err(self.malformed(place(), "its data URI is not base64".into()));
-                    };
-                    let engine = base64::engine::general_purpose::GeneralPurpose::new(
-                        &base64::alphabet::STANDARD,
-                        base64::engine::general_purpose::NO_PAD
-                            .with_decode_padding_mode(base64::engine::DecodePaddingMode::Indifferent),
-                    );
-                    let decoded = engine.decode(data);
-                    decoded.map_err(|e| self.malformed(place(), format!("its data URI: {e}")))?.into()
-                }
-                None => {
-                    let name = percent_decoded(uri);
-                    let relative = Path::new(&name);
-                    if relative.is_absolute() || uri.split('/').next().is_some_and(|head| head.contains(':'))
-                    {
-                        let feature =
-                            format!("buffer uri {} (neither relative nor data)", quoted(uri.as_bytes()));
-                        return Err(self.unsupported(feature));
-                    }
-                    read_file(&self.path.parent().unwrap_or(Path::new("")).join(relative))?.into()
-                }
-            },
+            (Some(uri), _) => self.uri_bytes(uri, "buffer", &place())?.into(),
         };
         if (bytes.len() as u64) < buffer.byte_length.0 {
             let reason = format!("has {} bytes instead of {}", bytes.len(), buffer.byte_length.0);
             return Err(self.malformed(place(), reason));
         }
         Ok(bytes)
+    }
+
+    /// What a URI names: base64 data in itself, or a file beside the scene's. `what` says what for.
+    pub(super) fn uri_bytes(&self, uri: &str, what: &str, place: &str) -> Result<Vec<u8>, LoadError> {
+        let Some(data) = uri.strip_prefix("data:") else {
+            return read_file(&self.beside(uri, what)?);
+        };
+        let Some((_, data)) = data.split_once(";base64,") else {
+            return Err(self.malformed(place.into(), "its data URI is not base64".into()));
+        };
+        let engine = base64::engine::general_purpose::GeneralPurpose::new(
+            &base64::alphabet::STANDARD,
+            base64::engine::general_purpose::NO_PAD
+                .with_decode_padding_mode(base64::engine::DecodePaddingMode::Indifferent),
+        );
+        engine.decode(data).map_err(|e| self.malformed(place.into(), format!("its data URI: {e}")))
+    }
+
+    /// The file that a relative URI names.
+    pub(super) fn beside(&self, uri: &str, what: &str) -> Result<PathBuf, LoadError> {
+        let name = percent_decoded(uri);
+        let relative = Path::new(&name);
+        if relative.is_absolute() || uri.split('/').next().is_some_and(|head| head.contains(':')) {
+            let feature = format!("{what} uri {} (neither relative nor data)", quoted(uri.as_bytes()));
+            return Err(self.unsupported(feature));
+        }
+        Ok(self.path.parent().unwrap_or(Path::new("")).join(relative))
     }
 }
 

@@ -5,17 +5,21 @@
 //! f32 (KHR_mesh_quantization allows 8 and 16 bits) and panic on what a file merely claims. Every index, offset and count
 //! is checked before use; the node graph is walked with a list of its own, each node at most once, as the format demands.
 //!
+//! Where textures are asked for, texture coordinates and the height texture come with the triangles: `textures`.
+//!
 //! Left out, with a warning: points and lines, skins and morph targets (the mesh is loaded as it stands at rest),
 //! instances placed by EXT_mesh_gpu_instancing. Compressed geometry (KHR_draco_mesh_compression,
 //! EXT_meshopt_compression) is refused unless the file carries an uncompressed form as well.
 
 mod accessors;
+mod textures;
 
 use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::Path;
+use std::rc::Rc;
 
-use glam::{DAffine3, DMat4, DQuat, DVec3};
+use glam::{DAffine3, DMat4, DQuat, DVec2, DVec3};
 use gltf::Glb;
 use gltf::json::Root;
 use gltf::json::mesh::{Mode, Primitive, Semantic};
@@ -23,7 +27,7 @@ use gltf::json::scene::Node;
 use gltf::json::validation::Checked;
 
 use crate::LoadError;
-use crate::formats::surface::Surface;
+use crate::formats::surface::{Surface, Wanted};
 use crate::formats::text::quoted;
 
 /// Vertices or triangles above which a scene is refused: one mesh may be placed by any number of nodes, and a count
@@ -36,7 +40,7 @@ const REMEDY: &str = "the file breaks the glTF 2.0 rules: run a glTF validator o
 const HARMLESS: [&str; 6] =
     ["KHR_mesh_quantization", "KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "KHR_xmp"];
 
-pub(crate) fn read_glb(bytes: &[u8], path: &Path) -> Result<Surface, LoadError> {
+pub(crate) fn read_glb(bytes: &[u8], path: &Path, wanted: Wanted) -> Result<Surface, LoadError> {
     let bad = |place: &str, reason: String| LoadError::Malformed {
         file: path.into(),
         place: place.into(),
@@ -65,25 +69,33 @@ pub(crate) fn read_glb(bytes: &[u8], path: &Path) -> Result<Surface, LoadError> 
         return Err(bad("header", "nothing follows it".into()));
     }
     let glb = Glb::from_slice(bytes).map_err(|e| bad("chunks", one_line(&e.to_string())))?;
-    read_scene(&glb.json, glb.bin.as_deref(), path)
+    read_scene(&glb.json, glb.bin.as_deref(), path, wanted)
 }
 
-pub(crate) fn read_gltf(bytes: &[u8], path: &Path) -> Result<Surface, LoadError> {
-    read_scene(bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes), None, path)
+pub(crate) fn read_gltf(bytes: &[u8], path: &Path, wanted: Wanted) -> Result<Surface, LoadError> {
+    read_scene(bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes), None, path, wanted)
 }
 
 fn one_line(message: &str) -> String {
     message.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-fn read_scene(json: &[u8], bin: Option<&[u8]>, path: &Path) -> Result<Surface, LoadError> {
+fn read_scene(json: &[u8], bin: Option<&[u8]>, path: &Path, wanted: Wanted) -> Result<Surface, LoadError> {
     let root = Root::from_slice(json).map_err(|e| LoadError::Malformed {
         file: path.into(),
         place: "JSON".into(),
         reason: one_line(&e.to_string()),
         remedy: REMEDY,
     })?;
-    let mut reader = Reader { root: &root, bin, path, buffers: HashMap::new() };
+    let mut reader = Reader {
+        root: &root,
+        bin,
+        path,
+        wanted,
+        buffers: HashMap::new(),
+        heights: HashMap::new(),
+        height: None,
+    };
     if !root.asset.version.starts_with("2.") {
         return Err(reader.unsupported(format!("glTF version {}", quoted(root.asset.version.as_bytes()))));
     }
@@ -99,20 +111,34 @@ fn read_scene(json: &[u8], bin: Option<&[u8]>, path: &Path) -> Result<Surface, L
             return Err(reader.malformed("nodes".into(), format!("name mesh {mesh}, which is not there")));
         };
         // Primitives that differ in material often share their vertices.
-        let mut loaded = HashMap::new();
+        let mut loaded = Shared::default();
         for (number, primitive) in definition.primitives.iter().enumerate() {
             let place = format!("mesh {mesh}, primitive {number}");
             reader.primitive(primitive, &placement, place, &mut loaded, &mut surface, &mut skipped)?;
         }
     }
     skipped.warn(&root, &mut surface.warnings);
+    if wanted == Wanted::Textured {
+        reader.warn_of_transforms(&mut surface.warnings);
+        surface.height_texture = reader.height_texture()?;
+    }
     Ok(surface)
+}
+
+/// What primitives of a placed mesh share, by accessor.
+#[derive(Default)]
+struct Shared {
+    /// The first vertex in the surface, and how many there are.
+    positions: HashMap<usize, (u32, usize)>,
+    coordinates: HashMap<usize, Rc<[DVec2]>>,
 }
 
 #[derive(Default)]
 struct Skipped {
     /// Corners gone through so far, whether or not they made triangles.
     corners: usize,
+    /// Texture coordinates read so far.
+    coordinates: usize,
     points: usize,
     lines: usize,
     leftover: usize,
@@ -144,7 +170,12 @@ struct Reader<'a> {
     /// The binary chunk of a GLB.
     bin: Option<&'a [u8]>,
     path: &'a Path,
+    wanted: Wanted,
     buffers: HashMap<usize, Cow<'a, [u8]>>,
+    /// The height textures of materials that were looked at, with their sets of texture coordinates.
+    heights: HashMap<usize, Option<(textures::Height, u32)>>,
+    /// The height texture of the first primitive, or that it has none; and which primitive that is.
+    height: Option<(Option<textures::Height>, String)>,
 }
 
 impl<'a> Reader<'a> {
@@ -204,7 +235,7 @@ impl<'a> Reader<'a> {
         primitive: &Primitive,
         placement: &DAffine3,
         place: String,
-        loaded: &mut HashMap<usize, (u32, usize)>,
+        loaded: &mut Shared,
         surface: &mut Surface,
         skipped: &mut Skipped,
     ) -> Result<(), LoadError> {
@@ -224,7 +255,7 @@ impl<'a> Reader<'a> {
         let Some(positions) = primitive.attributes.get(&Checked::Valid(Semantic::Positions)) else {
             return Err(self.malformed(place, "has no POSITION attribute".into()));
         };
-        let (base, count) = match loaded.get(&positions.value()) {
+        let (base, count) = match loaded.positions.get(&positions.value()) {
             Some(&known) => known,
             None => {
                 let points = self.positions(*positions, &place)?;
@@ -233,19 +264,26 @@ impl<'a> Reader<'a> {
                     return Err(self.too_large("vertices"));
                 }
                 surface.vertices.extend(points.iter().map(|p| placement.transform_point3(*p)));
-                loaded.insert(positions.value(), (base as u32, points.len()));
+                loaded.positions.insert(positions.value(), (base as u32, points.len()));
                 (base as u32, points.len())
             }
+        };
+        let coordinates = match self.wanted {
+            Wanted::Surface => None,
+            Wanted::Textured => Some(self.corner_coordinates(primitive, count, &place, loaded, skipped)?),
         };
         let indices: Vec<u32> = match primitive.indices {
             Some(indices) => self.indices(indices, count, &place)?,
             None => (0..count as u32).collect(),
         };
         let mirrored = placement.matrix3.determinant() < 0.0;
-        let corners = |a: usize, b: usize, c: usize| {
-            let [a, b, c] = [a, b, c].map(|i| base + indices[i]);
+        let mut push = |a: usize, b: usize, c: usize| {
             // A mirrored placement turns the surface inside out: its triangles are turned over (glTF 2.0, 3.7.4).
-            if mirrored { [a, c, b] } else { [a, b, c] }
+            let corners = if mirrored { [a, c, b] } else { [a, b, c] }.map(|i| indices[i]);
+            surface.triangles.push(corners.map(|corner| base + corner));
+            if let Some(coordinates) = &coordinates {
+                surface.coordinates.push(corners.map(|corner| coordinates[corner as usize]));
+            }
         };
         let n = indices.len();
         // Any number of primitives may name the same indices, and those of a strip need not make a triangle.
@@ -257,21 +295,20 @@ impl<'a> Reader<'a> {
             Mode::TriangleStrip | Mode::TriangleFan => {
                 skipped.leftover += usize::from(n == 1 || n == 2);
                 for i in 2..n {
-                    let triangle = match mode {
-                        Mode::TriangleFan => corners(i - 1, i, 0),
-                        _ if i % 2 == 0 => corners(i - 2, i - 1, i),
-                        _ => corners(i - 2, i, i - 1),
+                    let (a, b, c) = match mode {
+                        Mode::TriangleFan => (i - 1, i, 0),
+                        _ if i % 2 == 0 => (i - 2, i - 1, i),
+                        _ => (i - 2, i, i - 1),
                     };
                     // Repeated corners stitch strips together and are not meant as triangles.
-                    let [a, b, c] = triangle;
-                    if a != b && b != c && c != a {
-                        surface.triangles.push(triangle);
+                    if indices[a] != indices[b] && indices[b] != indices[c] && indices[c] != indices[a] {
+                        push(a, b, c);
                     }
                 }
             }
             _ => {
                 skipped.leftover += usize::from(!n.is_multiple_of(3));
-                surface.triangles.extend((0..n / 3).map(|t| corners(3 * t, 3 * t + 1, 3 * t + 2)));
+                (0..n / 3).for_each(|t| push(3 * t, 3 * t + 1, 3 * t + 2));
             }
         }
         if surface.triangles.len() > MAX_ELEMENTS {

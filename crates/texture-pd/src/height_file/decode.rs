@@ -1,0 +1,227 @@
+//! From the bytes of an image file to its samples.
+//!
+//! TIFF and EXR are read through the crates that `image` uses for them: `image` itself knows no grey floats.
+
+use std::io::Cursor;
+
+use exr::prelude::{FlatSamples, ReadChannels, ReadLayers};
+use image::codecs::png::PngDecoder;
+use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageError, Limits};
+use tiff::decoder::{Decoder, DecodingResult};
+use tiff::tags::Tag;
+use tiff::{ColorType, TiffError};
+
+use super::{HeightFileError, MAX_BYTES, MAX_FILE_SIDE};
+
+/// An image as it stands in its file: row after row, the channels of a texel side by side.
+#[derive(Debug)]
+pub(super) struct Raw {
+    pub width: u32,
+    pub height: u32,
+    /// 1: grey, 2: grey and alpha, 3: red, green and blue, 4: these and alpha.
+    pub channels: usize,
+    /// Bits of an integer sample in the file. 0 for floats.
+    pub bits: u32,
+    pub samples: Samples,
+}
+
+#[derive(Debug)]
+pub(super) enum Samples {
+    Byte(Vec<u8>),
+    Word(Vec<u16>),
+    Float(Vec<f32>),
+}
+
+impl Samples {
+    fn len(&self) -> usize {
+        match self {
+            Self::Byte(samples) => samples.len(),
+            Self::Word(samples) => samples.len(),
+            Self::Float(samples) => samples.len(),
+        }
+    }
+
+    /// The value of a sample, of integers from 0 to 1.
+    pub(super) fn value(&self, at: usize) -> f64 {
+        match self {
+            Self::Byte(samples) => f64::from(samples[at]) / f64::from(u8::MAX),
+            Self::Word(samples) => f64::from(samples[at]) / f64::from(u16::MAX),
+            Self::Float(samples) => f64::from(samples[at]),
+        }
+    }
+}
+
+/// Why there are no samples.
+enum Refused {
+    /// The bytes or the decoder.
+    Reason(String),
+    /// Width, height and bytes.
+    TooLarge([u64; 3]),
+}
+
+impl Refused {
+    fn because(reason: impl std::fmt::Display) -> Self {
+        Self::Reason(reason.to_string())
+    }
+}
+
+/// The samples of an image file: as many as its texels have channels, and a texel at least.
+pub(super) fn decode(bytes: &[u8], name: &str) -> Result<Raw, HeightFileError> {
+    let name = || name.to_string();
+    let decoded = match bytes {
+        [0x89, b'P', b'N', b'G', ..] => png(bytes),
+        [b'I', b'I', 42 | 43, 0, ..] | [b'M', b'M', 0, 42 | 43, ..] => tiff(bytes),
+        [0x76, 0x2f, 0x31, 0x01, ..] => exr(bytes),
+        [] => return Err(HeightFileError::Format { name: name(), found: "empty" }),
+        [0xff, 0xd8, 0xff, ..] => {
+            return Err(HeightFileError::Format { name: name(), found: "a JPEG, which loses fine detail" });
+        }
+        _ => return Err(HeightFileError::Format { name: name(), found: "no image of a known format" }),
+    };
+    let raw = decoded.map_err(|refused| match refused {
+        // Whatever a decoder says, a message is one line.
+        Refused::Reason(reason) => HeightFileError::Decode {
+            name: name(),
+            reason: reason.split_whitespace().collect::<Vec<_>>().join(" "),
+        },
+        Refused::TooLarge([width, height, bytes]) => {
+            HeightFileError::TooLarge { name: name(), width, height, bytes }
+        }
+    })?;
+    let expected = u64::from(raw.width) * u64::from(raw.height) * raw.channels as u64;
+    if expected == 0 || raw.samples.len() as u64 != expected {
+        let reason = format!(
+            "{} samples for {} x {} texels of {} channels",
+            raw.samples.len(),
+            raw.width,
+            raw.height,
+            raw.channels
+        );
+        return Err(HeightFileError::Decode { name: name(), reason });
+    }
+    Ok(raw)
+}
+
+/// Refuses what takes too much memory, before it is taken.
+fn checked_size(width: u64, height: u64, texel_bytes: u64) -> Result<[u32; 2], Refused> {
+    let bytes = width.saturating_mul(height).saturating_mul(texel_bytes);
+    let side = |side: u64| u32::try_from(side).ok().filter(|side| *side <= MAX_FILE_SIDE);
+    match (side(width), side(height)) {
+        (Some(width), Some(height)) if bytes <= MAX_BYTES => Ok([width, height]),
+        _ => Err(Refused::TooLarge([width, height, bytes])),
+    }
+}
+
+fn png(bytes: &[u8]) -> Result<Raw, Refused> {
+    let broken = |error: ImageError| Refused::because(error);
+    // Width and height stand behind the signature and the head of the first chunk. Here, a texel takes a byte at least.
+    if let Some(&[a, b, c, d, e, f, g, h]) = bytes.get(16..24) {
+        let [width, height] = [[a, b, c, d], [e, f, g, h]].map(|side| u64::from(u32::from_be_bytes(side)));
+        checked_size(width, height, 1)?;
+    }
+    let mut limits = Limits::default();
+    limits.max_alloc = Some(MAX_BYTES);
+    let decoder = PngDecoder::with_limits(Cursor::new(bytes), limits).map_err(broken)?;
+    let (width, height) = decoder.dimensions();
+    let texel_bytes = u64::from(decoder.color_type().bytes_per_pixel());
+    checked_size(width.into(), height.into(), texel_bytes)?;
+    let bits = match decoder.original_color_type() {
+        ExtendedColorType::L1 => 1,
+        ExtendedColorType::L2 => 2,
+        ExtendedColorType::L4 => 4,
+        _ => 8 * u32::from(decoder.color_type().bytes_per_pixel() / decoder.color_type().channel_count()),
+    };
+    let (channels, samples) = match DynamicImage::from_decoder(decoder).map_err(broken)? {
+        DynamicImage::ImageLuma8(image) => (1, Samples::Byte(image.into_raw())),
+        DynamicImage::ImageLumaA8(image) => (2, Samples::Byte(image.into_raw())),
+        DynamicImage::ImageRgb8(image) => (3, Samples::Byte(image.into_raw())),
+        DynamicImage::ImageRgba8(image) => (4, Samples::Byte(image.into_raw())),
+        DynamicImage::ImageLuma16(image) => (1, Samples::Word(image.into_raw())),
+        DynamicImage::ImageLumaA16(image) => (2, Samples::Word(image.into_raw())),
+        DynamicImage::ImageRgb16(image) => (3, Samples::Word(image.into_raw())),
+        DynamicImage::ImageRgba16(image) => (4, Samples::Word(image.into_raw())),
+        other => return Err(Refused::because(format!("texels of type {:?}", other.color()))),
+    };
+    Ok(Raw { width, height, channels, bits, samples })
+}
+
+fn tiff(bytes: &[u8]) -> Result<Raw, Refused> {
+    let broken = |error: TiffError| Refused::because(error);
+    let mut limits = tiff::decoder::Limits::default();
+    limits.decoding_buffer_size = MAX_BYTES as usize;
+    limits.intermediate_buffer_size = MAX_BYTES as usize / 4;
+    let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(broken)?.with_limits(limits);
+    let (width, height) = decoder.dimensions().map_err(broken)?;
+    let kind = decoder.colortype().map_err(broken)?;
+    let (channels, bits) = match kind {
+        ColorType::Gray(bits) => (1, bits),
+        ColorType::GrayA(bits) => (2, bits),
+        ColorType::RGB(bits) => (3, bits),
+        ColorType::RGBA(bits) => (4, bits),
+        _ => return Err(Refused::because(format!("texels of type {kind:?} are not read"))),
+    };
+    if !matches!(bits, 8 | 16 | 32) {
+        return Err(Refused::because(format!("samples of {bits} bits are not read")));
+    }
+    let planar = decoder.find_tag_unsigned::<u16>(Tag::PlanarConfiguration).map_err(broken)?;
+    if channels > 1 && planar.is_some_and(|planar| planar != 1) {
+        return Err(Refused::because("channels that lie apart (planar configuration) are not read"));
+    }
+    checked_size(width.into(), height.into(), channels as u64 * u64::from(bits) / 8)?;
+    let (bits, samples) = match decoder.read_image().map_err(broken)? {
+        DecodingResult::U8(samples) => (8, Samples::Byte(samples)),
+        DecodingResult::U16(samples) => (16, Samples::Word(samples)),
+        DecodingResult::F32(samples) => (0, Samples::Float(samples)),
+        _ => return Err(Refused::because(format!("samples of {bits} bits of this kind are not read"))),
+    };
+    Ok(Raw { width, height, channels, bits, samples })
+}
+
+/// The first layer. Its only channel, else the channel Y, else R, G and B with or without A.
+fn exr(bytes: &[u8]) -> Result<Raw, Refused> {
+    let broken = |error: exr::error::Error| Refused::because(error);
+    let about = exr::meta::MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(broken)?;
+    for header in &about.headers {
+        let size = header.layer_size;
+        // Decoded once, and once more side by side.
+        let texel_bytes = header.channels.list.len() as u64 * 8;
+        checked_size(size.width() as u64, size.height() as u64, texel_bytes)?;
+    }
+    let image = exr::prelude::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .non_parallel()
+        .from_buffered(Cursor::new(bytes))
+        .map_err(broken)?;
+    let layer = &image.layer_data;
+    let window = image.attributes.display_window;
+    if layer.size != window.size || layer.attributes.layer_position != window.position {
+        return Err(Refused::because("the data window is not the display window: save it uncropped"));
+    }
+    let [width, height] = checked_size(layer.size.width() as u64, layer.size.height() as u64, 4)?;
+    let list = &layer.channel_data.list;
+    let named = |name: &str| list.iter().find(|channel| channel.name.eq(name));
+    let chosen = match (list.as_slice(), named("Y"), named("R"), named("G"), named("B"), named("A")) {
+        ([only], ..) => vec![only],
+        (_, Some(grey), ..) => vec![grey],
+        (_, None, Some(r), Some(g), Some(b), None) => vec![r, g, b],
+        (_, None, Some(r), Some(g), Some(b), Some(a)) => vec![r, g, b, a],
+        _ => return Err(Refused::because("of several channels none is named Y, nor are there R, G and B")),
+    };
+    let count = width as usize * height as usize;
+    if chosen.iter().any(|channel| channel.sample_data.len() != count) {
+        return Err(Refused::because("channels of different sizes (subsampling) are not read"));
+    }
+    let mut samples = Vec::with_capacity(count * chosen.len());
+    for at in 0..count {
+        samples.extend(chosen.iter().map(|channel| match &channel.sample_data {
+            FlatSamples::F16(values) => values[at].to_f32(),
+            FlatSamples::F32(values) => values[at],
+            FlatSamples::U32(values) => values[at] as f32,
+        }));
+    }
+    Ok(Raw { width, height, channels: chosen.len(), bits: 0, samples: Samples::Float(samples) })
+}
