@@ -25,6 +25,7 @@
 //! ```
 
 mod backend;
+mod bake;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod height_image;
@@ -33,6 +34,7 @@ mod normals;
 mod pairs;
 
 pub use backend::{Backend, BackendError, CpuBackend};
+pub use bake::{BakeError, BakeOptions, BakeReport, Baked, bake};
 #[cfg(feature = "gpu")]
 pub use gpu::WgpuBackend;
 pub use height_image::{HeightImage, HeightImageError, MAX_SIDE, Wrap};
