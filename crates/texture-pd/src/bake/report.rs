@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use glam::{DMat2, DVec3};
+use glam::{DMat2, DVec2, DVec3};
 use palpate_core::TriMesh;
 use palpate_core::mesh::{Adjacency, EdgeKind, HalfEdge, UvMesh};
 use rayon::prelude::*;
@@ -50,7 +50,8 @@ pub struct BakeReport {
     /// Texels in triangles where the detailed surface faces outwards at several places within reach, so that it is no
     /// height field along the direction there: an overhang, or another part within reach. The nearest was taken.
     pub folded: usize,
-    /// Largest distance of points on the displaced surface, half-way between texels, from the detailed one, m.
+    /// Largest distance of points on the displaced surface, half-way between texels and in the middle of each
+    /// triangle, from the detailed one, m.
     pub largest_deviation: f64,
     /// Mean of those distances, m.
     pub mean_deviation: f64,
@@ -242,11 +243,13 @@ fn outward_deviation(
         .flat_map(|chart| (0..chart.size.y).step_by(stride).map(move |row| (chart, row)))
         .collect();
     let measure = |(chart, row): &(&Chart, i32)| {
-        let Some([first, last]) = chart.span(*row, 1) else { return Deviation::default() };
-        (first..=last)
-            .step_by(stride)
-            .map(|column| chart.weights(f64::from(column) + 0.5, f64::from(*row) + 0.5))
+        let [first, last] = chart.span(*row, 1).unwrap_or([0, -1]);
+        let middles = (first..=last).step_by(stride);
+        let middles = middles.map(|column| chart.weights(f64::from(column) + 0.5, f64::from(*row) + 0.5));
+        // The triangle's centre as well, once, since a small triangle has no other points.
+        middles
             .filter(|at| is_inside(*at, 0.0))
+            .chain((*row == 0).then_some([1.0 / 3.0; 2]))
             .filter_map(|at| subject.detailed_tree.nearest(surface.point(chart.triangle, at)?))
             .fold(Deviation::default(), |deviation, nearest| deviation.add(nearest.distance))
     };
@@ -351,15 +354,15 @@ fn distortion(subject: &Subject) -> f64 {
 }
 
 /// The larger of the stretch and of the compression from a triangle to one in the plane.
-fn stretch(sheet: &Sheet, [a, b, c]: [glam::DVec2; 3]) -> f64 {
+fn stretch(sheet: &Sheet, [a, b, c]: [DVec2; 3]) -> f64 {
     let [p, q, r] = sheet.corners;
     let along = (q - p).normalize_or_zero();
     let across = sheet.normal.cross(along);
-    let flat = |side: DVec3| glam::DVec2::new(side.dot(along), side.dot(across));
+    let flat = |side: DVec3| DVec2::new(side.dot(along), side.dot(across));
     let map = DMat2::from_cols(b - a, c - a) * DMat2::from_cols(flat(q - p), flat(r - p)).inverse();
     // The squares of the singular values are the eigenvalues of MᵀM.
     let square = map.transpose() * map;
-    let (half, determinant) = ((square.x_axis.x + square.y_axis.y) / 2.0, map.determinant());
-    let spread = (half * half - determinant * determinant).max(0.0).sqrt();
-    ((half + spread).sqrt()).max((half + spread).sqrt() / determinant.abs())
+    let [xx, yy, xy] = [square.x_axis.x, square.y_axis.y, square.x_axis.y];
+    let largest = ((xx + yy) / 2.0 + ((xx - yy) / 2.0).hypot(xy)).sqrt();
+    largest.max(largest / map.determinant().abs())
 }
