@@ -1,7 +1,8 @@
 //! Values for the texels of a chart that no ray gave one.
 
-/// Layers next to known texels that are extrapolated; beyond, values level off.
-const EXTRAPOLATED: u8 = 2;
+/// To which order values are extrapolated in the layers next to known texels: less and less, since noise grows with the
+/// distance, and the farther ones have little influence. Beyond, values level off.
+const ORDERS: [u32; 5] = [3, 3, 2, 2, 2];
 
 /// Rounds in which holes are smoothed.
 const ROUNDS: usize = 32;
@@ -19,7 +20,7 @@ struct Field<'a> {
 const MISSING: u8 = u8::MAX;
 
 /// Fills the texels of a grid with rows of `width` whose value is not a number. Next to known ones values are
-/// extrapolated, to third order where three known texels are in a row; farther off they are means of their neighbours,
+/// extrapolated, as smoothly as those known in a row allow; farther off they are means of their neighbours,
 /// and where `matters` says so (holes in a triangle) they are smoothed until they are nearly harmonic. The order of
 /// texels has no influence but for that smoothing, where it is that of the grid. All become 0 if none is known.
 pub(super) fn fill(values: &mut [f64], width: usize, matters: impl Fn(usize) -> bool) {
@@ -38,21 +39,17 @@ pub(super) fn fill(values: &mut [f64], width: usize, matters: impl Fn(usize) -> 
     let mut holes = Vec::new();
     let mut layer = 1;
     while !front.is_empty() {
-        let filled: Vec<f64> = front
-            .iter()
-            .map(|at| {
-                if layer <= EXTRAPOLATED {
-                    field.extrapolated(*at).clamp(limits[0], limits[1])
-                } else {
-                    field.mean(*at)
-                }
-            })
-            .collect();
+        let order = ORDERS.get(usize::from(layer) - 1);
+        let value = |at: &usize| match order {
+            Some(order) => field.extrapolated(*at, *order).clamp(limits[0], limits[1]),
+            None => field.mean(*at),
+        };
+        let filled: Vec<f64> = front.iter().map(value).collect();
         for (at, value) in front.iter().zip(filled) {
             field.values[*at] = value;
             field.layers[*at] = layer;
         }
-        if layer > EXTRAPOLATED {
+        if order.is_none() {
             holes.extend(front.iter().copied().filter(|at| matters(*at)));
         }
         let mut next: Vec<usize> = front
@@ -89,14 +86,14 @@ impl Field<'_> {
         (self.layers[at] != MISSING).then(|| self.values[at])
     }
 
-    /// The mean of what the directions with the most texels known in a row say.
-    fn extrapolated(&self, at: usize) -> f64 {
+    /// The mean of what the directions with the most texels known in a row, up to `highest`, say.
+    fn extrapolated(&self, at: usize, highest: u32) -> f64 {
         let mut best = (0, 0.0, 0.0);
         for direction in AROUND {
             let [a, b, c] = [1, 2, 3].map(|steps| self.filled(at, direction, steps));
             let (order, value) = match (a, b, c) {
-                (Some(a), Some(b), Some(c)) => (3, 3.0 * (a - b) + c),
-                (Some(a), Some(b), None) => (2, 2.0 * a - b),
+                (Some(a), Some(b), Some(c)) if highest >= 3 => (3, 3.0 * (a - b) + c),
+                (Some(a), Some(b), _) => (2, 2.0 * a - b),
                 (Some(a), None, _) => (1, a),
                 (None, ..) => continue,
             };
