@@ -246,7 +246,6 @@ mod tests {
     use super::*;
 
     fn random_sheets(seed: u64, count: usize) -> Vec<Sheet> {
-        println!("seed {seed}");
         let mut rng = StdRng::seed_from_u64(seed);
         (0..count)
             .map(|_| {
@@ -268,10 +267,10 @@ mod tests {
                     let sides =
                         [&chart.corners.map(|p| p.extend(0.0) * texel), &sheets[chart.triangle].corners];
                     let [there, here] = sides.map(|corners| corners[k].distance(corners[(k + 1) % 3]));
-                    assert!((there - here).abs() < 1e-12, "{chart:?}");
+                    assert!((there - here).abs() < 1e-12, "seed {seed}: {chart:?}");
                 }
                 let [a, b, c] = chart.corners;
-                assert!((b - a).perp_dot(c - a) < 0.0, "seen from inside: {chart:?}");
+                assert!((b - a).perp_dot(c - a) < 0.0, "seed {seed}, seen from inside: {chart:?}");
                 for row in 0..chart.size.y {
                     for column in chart.span(row, SUPPORT).map_or(0..0, |[first, last]| first..last + 1) {
                         let at = chart.place + IVec2::new(column, row);

@@ -159,6 +159,27 @@ const CAST: f64 = 0.6;
 /// `progress` gets the share of the work that is done, now and then, and may break it off. The result does not depend on
 /// the number of threads.
 ///
+/// Texels are to be smaller than the coarse triangles: a triangle within one texel gets little more than one displacement.
+///
+/// ```
+/// use std::ops::ControlFlow;
+///
+/// use palpate_core::TriMesh;
+/// use palpate_core::glam::DVec3;
+/// use palpate_texture_pd::{BakeOptions, bake};
+///
+/// // A plate, and one 0.2 mm above it, twice as wide.
+/// let plate = |size: f64, height: f64| {
+///     let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
+///     let vertices = corners.map(|[x, y]| DVec3::new(size * x, size * y, height)).to_vec();
+///     TriMesh::new(vertices, vec![[0, 1, 2], [0, 2, 3]])
+/// };
+/// let options = BakeOptions { texel: 0.001, reach: None, crease: 0.8 };
+/// let baked = bake(&plate(0.01, 0.0)?, &plate(0.02, 2e-4)?, &options, &mut |_| ControlFlow::Continue(()))?;
+/// assert!(baked.report.largest_deviation < 1e-9);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// If a mesh has no triangle with an area, a vertex that is not finite or a size far from that of objects; if an option
 /// makes no sense; if the coarse mesh has too many triangles for one image; if nothing of the detailed mesh is within

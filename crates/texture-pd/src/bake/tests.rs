@@ -53,6 +53,7 @@ fn unwatched(_: f64) -> ControlFlow<()> {
     ControlFlow::Continue(())
 }
 
+#[expect(clippy::print_stdout, reason = "measured figures, shown by --nocapture or on failure")]
 fn baked(coarse: &TriMesh, detailed: &TriMesh, options: &BakeOptions) -> Baked {
     let baked = bake(coarse, detailed, options, &mut unwatched).unwrap();
     println!("{}\n", baked.report);

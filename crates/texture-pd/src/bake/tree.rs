@@ -195,7 +195,6 @@ mod tests {
     #[test]
     fn tree_finds_what_looking_at_all_finds() {
         let seed = 11;
-        println!("seed {seed}");
         let mut rng = StdRng::seed_from_u64(seed);
         let offset = DVec3::new(1e4, -3.0, 0.5);
         let vertices = (0..900)
@@ -217,13 +216,13 @@ mod tests {
             let mut found: Vec<f64> = hits.iter().map(|hit| hit.along).collect();
             expected.sort_by(f64::total_cmp);
             found.sort_by(f64::total_cmp);
-            assert_eq!(found, expected, "case {case}");
+            assert_eq!(found, expected, "seed {seed}, case {case}");
             met += found.len();
             let all = (0..900).map(|t| nearest_in(mesh.corners(t), origin).distance(origin));
             let nearest = tree.nearest(origin).unwrap();
-            assert_eq!(nearest.distance, all.fold(f64::INFINITY, f64::min), "case {case}");
+            assert_eq!(nearest.distance, all.fold(f64::INFINITY, f64::min), "seed {seed}, case {case}");
             assert_eq!(nearest.distance, nearest_in(mesh.corners(nearest.triangle), origin).distance(origin));
         }
-        assert!(met > 100, "{met}");
+        assert!(met > 100, "seed {seed}: {met}");
     }
 }
