@@ -47,6 +47,7 @@
 //! ```
 
 mod backend;
+mod bake;
 mod batch;
 mod depth;
 #[cfg(feature = "gpu")]
@@ -62,6 +63,7 @@ mod surface;
 mod texels;
 
 pub use backend::{Backend, BackendError, CpuBackend};
+pub use bake::{BakeError, BakeOptions, BakeReport, Baked, bake};
 pub use batch::{Batch, MAX_GRID, SurfaceId, SurfaceSet, TooManyTexels};
 pub use depth::{
     DepthError, DepthQuery, DepthSettings, Derivatives, TextureContact, TextureDepth, TextureFilter,

@@ -1,0 +1,152 @@
+//! Values for the texels of a chart that no ray gave one.
+
+/// To which order values are extrapolated in the layers next to known texels: less and less, since noise grows with the
+/// distance, and the farther ones have little influence. Beyond, values level off.
+const ORDERS: [u32; 5] = [3, 3, 2, 2, 2];
+
+/// Rounds in which holes are smoothed.
+const ROUNDS: usize = 32;
+
+/// The eight directions to the texels around one.
+const AROUND: [[isize; 2]; 8] = [[1, 0], [-1, 0], [0, 1], [0, -1], [1, 1], [-1, 1], [1, -1], [-1, -1]];
+
+struct Field<'a> {
+    values: &'a mut [f64],
+    /// 0 for a known texel, else the layer in which it was filled.
+    layers: Vec<u8>,
+    width: usize,
+}
+
+const MISSING: u8 = u8::MAX;
+
+/// Fills the texels of a grid with rows of `width` whose value is not a number. Next to known ones values are
+/// extrapolated, as smoothly as those known in a row allow; farther off they are means of their neighbours,
+/// and where `matters` says so (holes in a triangle) they are smoothed until they are nearly harmonic. The order of
+/// texels has no influence but for that smoothing, where it is that of the grid. All become 0 if none is known.
+pub(super) fn fill(values: &mut [f64], width: usize, matters: impl Fn(usize) -> bool) {
+    let known = values.iter().filter(|value| value.is_finite());
+    let [low, high] = known.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], v| [l.min(*v), h.max(*v)]);
+    if low > high {
+        values.fill(0.0);
+        return;
+    }
+    let limits = [2.0 * low - high, 2.0 * high - low];
+    let layers = values.iter().map(|value| if value.is_finite() { 0 } else { MISSING }).collect();
+    let mut field = Field { values, layers, width };
+    let mut front: Vec<usize> = (0..field.values.len())
+        .filter(|at| field.layers[*at] == MISSING && field.around(*at, 1).any(|at| field.layers[at] == 0))
+        .collect();
+    let mut holes = Vec::new();
+    let mut layer = 1;
+    while !front.is_empty() {
+        let order = ORDERS.get(usize::from(layer) - 1);
+        let value = |at: &usize| match order {
+            Some(order) => field.extrapolated(*at, *order).clamp(limits[0], limits[1]),
+            None => field.mean(*at),
+        };
+        let filled: Vec<f64> = front.iter().map(value).collect();
+        for (at, value) in front.iter().zip(filled) {
+            field.values[*at] = value;
+            field.layers[*at] = layer;
+        }
+        if order.is_none() {
+            holes.extend(front.iter().copied().filter(|at| matters(*at)));
+        }
+        let mut next: Vec<usize> = front
+            .iter()
+            .flat_map(|at| field.around(*at, 1).filter(|at| field.layers[*at] == MISSING).collect::<Vec<_>>())
+            .collect();
+        next.sort_unstable();
+        next.dedup();
+        front = next;
+        layer = (layer + 1).min(MISSING - 1);
+    }
+    holes.sort_unstable();
+    for _ in 0..ROUNDS {
+        for at in &holes {
+            field.values[*at] = field.mean(*at);
+        }
+    }
+}
+
+impl Field<'_> {
+    /// The texel `steps` away in a direction, if it is there.
+    fn toward(&self, at: usize, [dx, dy]: [isize; 2], steps: isize) -> Option<usize> {
+        let (width, height) = (self.width as isize, (self.values.len() / self.width) as isize);
+        let (x, y) = (at as isize % width + dx * steps, at as isize / width + dy * steps);
+        ((0..width).contains(&x) && (0..height).contains(&y)).then(|| (y * width + x) as usize)
+    }
+
+    fn around(&self, at: usize, steps: isize) -> impl Iterator<Item = usize> {
+        AROUND.into_iter().filter_map(move |direction| self.toward(at, direction, steps))
+    }
+
+    fn filled(&self, at: usize, direction: [isize; 2], steps: isize) -> Option<f64> {
+        let at = self.toward(at, direction, steps)?;
+        (self.layers[at] != MISSING).then(|| self.values[at])
+    }
+
+    /// The mean of what the directions with the most texels known in a row, up to `highest`, say.
+    fn extrapolated(&self, at: usize, highest: u32) -> f64 {
+        let mut best = (0, 0.0, 0.0);
+        for direction in AROUND {
+            let [a, b, c] = [1, 2, 3].map(|steps| self.filled(at, direction, steps));
+            let (order, value) = match (a, b, c) {
+                (Some(a), Some(b), Some(c)) if highest >= 3 => (3, 3.0 * (a - b) + c),
+                (Some(a), Some(b), _) => (2, 2.0 * a - b),
+                (Some(a), None, _) => (1, a),
+                (None, ..) => continue,
+            };
+            if order > best.0 {
+                best = (order, 0.0, 0.0);
+            }
+            if order == best.0 {
+                best = (order, best.1 + value, best.2 + 1.0);
+            }
+        }
+        best.1 / best.2
+    }
+
+    fn mean(&self, at: usize) -> f64 {
+        let known = self.around(at, 1).filter(|at| self.layers[*at] != MISSING);
+        let (sum, count) = known.fold((0.0, 0.0), |(sum, count), at| (sum + self.values[at], count + 1.0));
+        sum / count
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quadratic_goes_on_next_to_known_texels() {
+        let value = |at: usize| {
+            let (x, y) = ((at % 12) as f64, (at / 12) as f64);
+            0.02 * x * x - 0.03 * x * y + y
+        };
+        let is_known = |at: usize| (3..9).contains(&(at % 12)) && (3..9).contains(&(at / 12));
+        let mut values: Vec<f64> =
+            (0..144).map(|at| if is_known(at) { value(at) } else { f64::NAN }).collect();
+        fill(&mut values, 12, |_| false);
+        for (at, filled) in values.into_iter().enumerate() {
+            assert!(filled.is_finite());
+            if (1..11).contains(&(at % 12)) && (1..11).contains(&(at / 12)) {
+                assert!((filled - value(at)).abs() < 1e-9, "{at}: {filled} {}", value(at));
+            }
+        }
+    }
+
+    #[test]
+    fn hole_is_filled_within_what_surrounds_it_and_nothing_with_zero() {
+        let is_known = |at: usize| at % 20 < 4 || at % 20 > 15 || at / 20 < 4 || at / 20 > 15;
+        let mut values: Vec<f64> =
+            (0..400).map(|at| if is_known(at) { (at % 20) as f64 } else { f64::NAN }).collect();
+        fill(&mut values, 20, |_| true);
+        for (at, filled) in values.into_iter().enumerate() {
+            assert!((filled - (at % 20) as f64).abs() < 1.0, "{at}: {filled}");
+        }
+        let mut nothing = vec![f64::NAN; 6];
+        fill(&mut nothing, 3, |_| true);
+        assert_eq!(nothing, [0.0; 6]);
+    }
+}

@@ -1,0 +1,368 @@
+//! How well a coarse mesh with its image matches the detailed one.
+
+use std::fmt;
+
+use glam::{DMat2, DVec2, DVec3};
+use palpate_core::TriMesh;
+use palpate_core::mesh::{Adjacency, EdgeKind, HalfEdge, UvMesh};
+use rayon::prelude::*;
+
+use super::BakeError;
+use super::atlas::{Atlas, Chart};
+use super::bspline::Spline;
+use super::sheet::{Place, Sheet, is_inside};
+use super::tree::Tree;
+use crate::HeightImage;
+
+/// Points of either surface whose distance from the other is measured, about.
+const POINTS: f64 = 200_000.0;
+
+/// Items that are measured between two calls of the progress callback.
+const BATCH: usize = 2048;
+
+/// Directions at a corner that differ by less are equal.
+const SAME_DIRECTION: f64 = 1e-9;
+
+/// Points at which the two sides of a coarse edge are compared, at most.
+const EDGE_POINTS: f64 = 4096.0;
+
+/// Quality of a baked texture. Lengths in metres.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct BakeReport {
+    /// Size of a texel on the coarse surface, m.
+    pub texel: f64,
+    /// The size that was asked for, m; smaller than [`texel`](Self::texel) if the image would have been too large.
+    pub asked: f64,
+    /// How far to either side the detailed surface was looked for, m.
+    pub reach: f64,
+    /// Texels along a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Share of the image's area that is covered by triangles.
+    pub used: f64,
+    /// The factor by which a length in the image, at the size of a texel, is off at most; 1 is exact.
+    pub distortion: f64,
+    /// Coarse triangles without area, which have no texels.
+    pub without_area: usize,
+    /// Texels in triangles from which no ray hit the detailed surface; they are filled from those around.
+    pub missed: usize,
+    /// Texels in triangles where the detailed surface faces outwards at several places within reach, so that it is no
+    /// height field along the direction there: an overhang, or another part within reach. The nearest was taken.
+    pub folded: usize,
+    /// Largest distance of points on the displaced surface, half-way between texels and in the middle of each
+    /// triangle, from the detailed one, m.
+    pub largest_deviation: f64,
+    /// Mean of those distances, m.
+    pub mean_deviation: f64,
+    /// How many points were measured.
+    pub points: usize,
+    /// Largest distance of vertices of the detailed mesh from the displaced surface along the direction of displacement, m.
+    pub largest_vertex_deviation: f64,
+    /// Mean of those distances, m.
+    pub mean_vertex_deviation: f64,
+    /// How many vertices were measured.
+    pub vertices: usize,
+    /// Vertices beside those: they are not above or below any coarse triangle near them, as at sharp edges.
+    pub beside: usize,
+    /// Largest gap between the displaced surfaces of coarse triangles that share an edge, and the directions there, m.
+    pub largest_seam: f64,
+    /// How many such edges there are.
+    pub smooth_edges: usize,
+}
+
+impl fmt::Display for BakeReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { width, height, texel, reach, missed, folded, without_area, .. } = self;
+        write!(f, "image: {width} x {height} texels of {texel:.3e} m, {:.1} % in use", 100.0 * self.used)?;
+        if *texel > self.asked {
+            write!(f, " ({:.3e} m were asked for, but the image would be too large)", self.asked)?;
+        }
+        writeln!(f, "; distortion {:.6}", self.distortion)?;
+        writeln!(
+            f,
+            "rays: {missed} texels without a hit within {reach:.3e} m, {folded} with several; {without_area} coarse \
+             triangles without area"
+        )?;
+        writeln!(
+            f,
+            "displaced surface to detailed mesh: {:.3e} m at most, {:.3e} m on average of {} points",
+            self.largest_deviation, self.mean_deviation, self.points
+        )?;
+        writeln!(
+            f,
+            "detailed vertices to displaced surface: {:.3e} m at most, {:.3e} m on average of {}; {} beside it",
+            self.largest_vertex_deviation, self.mean_vertex_deviation, self.vertices, self.beside
+        )?;
+        write!(f, "largest gap at {} smooth coarse edges: {:.3e} m", self.smooth_edges, self.largest_seam)
+    }
+}
+
+/// What is measured.
+pub(super) struct Subject<'a> {
+    pub coarse: &'a TriMesh,
+    pub detailed: &'a TriMesh,
+    pub coarse_tree: &'a Tree<'a>,
+    pub detailed_tree: &'a Tree<'a>,
+    pub sheets: &'a [Sheet],
+    pub atlas: &'a Atlas,
+    pub mesh: &'a UvMesh,
+    pub image: &'a HeightImage,
+}
+
+/// What baking has told already.
+pub(super) struct Counts {
+    pub asked: f64,
+    pub reach: f64,
+    pub missed: usize,
+    pub folded: usize,
+}
+
+/// Called with the share that is done.
+type Progress<'a> = dyn FnMut(f64) -> Result<(), BakeError> + 'a;
+
+pub(super) fn measure(
+    subject: &Subject,
+    counts: Counts,
+    progress: &mut Progress,
+) -> Result<BakeReport, BakeError> {
+    let Subject { sheets, atlas, .. } = subject;
+    let [width, height] = atlas.size.to_array().map(|side| side as u32);
+    let surface = Displaced::new(subject);
+    let outward = outward_deviation(subject, &surface, &mut |done| progress(0.5 * done))?;
+    let inward = inward_deviation(subject, &surface, &mut |done| progress(0.5 + 0.5 * done))?;
+    let (smooth_edges, largest_seam) = seams(subject, &surface);
+    Ok(BakeReport {
+        texel: atlas.texel,
+        asked: counts.asked,
+        reach: counts.reach,
+        width,
+        height,
+        used: atlas.charts.iter().map(Chart::area).sum::<f64>() / (f64::from(width) * f64::from(height)),
+        distortion: distortion(subject),
+        without_area: sheets.iter().filter(|sheet| !sheet.has_area()).count(),
+        missed: counts.missed,
+        folded: counts.folded,
+        largest_deviation: outward.largest,
+        mean_deviation: outward.mean(),
+        points: outward.count,
+        largest_vertex_deviation: inward.largest,
+        mean_vertex_deviation: inward.mean(),
+        vertices: inward.count,
+        beside: inward.beside,
+        largest_seam,
+        smooth_edges,
+    })
+}
+
+/// The displaced surface, from the image as the run time sees it.
+struct Displaced<'a> {
+    sheets: &'a [Sheet],
+    /// By triangle.
+    charts: Vec<Option<&'a Chart>>,
+    spline: Spline,
+}
+
+impl<'a> Displaced<'a> {
+    fn new(subject: &Subject<'a>) -> Self {
+        let mut charts = vec![None; subject.sheets.len()];
+        for chart in &subject.atlas.charts {
+            charts[chart.triangle] = Some(chart);
+        }
+        Self { sheets: subject.sheets, charts, spline: Spline::through(subject.image) }
+    }
+
+    /// The displacement on a triangle, m; none without area.
+    fn height(&self, triangle: usize, at: [f64; 2]) -> Option<f64> {
+        let texel = self.charts[triangle]?.texel(at);
+        Some(self.spline.at(texel.x, texel.y))
+    }
+
+    fn point(&self, triangle: usize, at: [f64; 2]) -> Option<DVec3> {
+        Some(self.sheets[triangle].point(Place { at, height: self.height(triangle, at)? }))
+    }
+}
+
+/// Largest and mean of some lengths.
+#[derive(Clone, Copy, Default)]
+struct Deviation {
+    largest: f64,
+    sum: f64,
+    count: usize,
+    beside: usize,
+}
+
+impl Deviation {
+    fn add(mut self, length: f64) -> Self {
+        self.largest = self.largest.max(length);
+        self.sum += length;
+        self.count += 1;
+        self
+    }
+
+    fn and(self, other: Self) -> Self {
+        Self {
+            largest: self.largest.max(other.largest),
+            sum: self.sum + other.sum,
+            count: self.count + other.count,
+            beside: self.beside + other.beside,
+        }
+    }
+
+    fn mean(&self) -> f64 {
+        self.sum / self.count.max(1) as f64
+    }
+}
+
+/// Measures all of some work, in parallel, and adds up in its order.
+fn measured<T: Sync>(
+    work: &[T],
+    measure: impl Fn(&T) -> Deviation + Sync,
+    progress: &mut Progress,
+) -> Result<Deviation, BakeError> {
+    let mut total = Deviation::default();
+    for (at, batch) in work.chunks(BATCH).enumerate() {
+        progress((at * BATCH) as f64 / work.len() as f64)?;
+        let parts: Vec<Deviation> = batch.par_iter().map(&measure).collect();
+        total = parts.into_iter().fold(total, Deviation::and);
+    }
+    Ok(total)
+}
+
+/// From points of the displaced surface to the nearest of the detailed one.
+fn outward_deviation(
+    subject: &Subject,
+    surface: &Displaced,
+    progress: &mut Progress,
+) -> Result<Deviation, BakeError> {
+    let charts = &subject.atlas.charts;
+    let texels: f64 = charts.iter().map(Chart::area).sum();
+    let stride = (texels / POINTS).sqrt().ceil().max(1.0) as usize;
+    let work: Vec<(&Chart, i32)> = charts
+        .iter()
+        .flat_map(|chart| (0..chart.size.y).step_by(stride).map(move |row| (chart, row)))
+        .collect();
+    let measure = |(chart, row): &(&Chart, i32)| {
+        let [first, last] = chart.span(*row, 1).unwrap_or([0, -1]);
+        let middles = (first..=last).step_by(stride);
+        let middles = middles.map(|column| chart.weights(f64::from(column) + 0.5, f64::from(*row) + 0.5));
+        // The triangle's centre as well, once, since a small triangle has no other points.
+        middles
+            .filter(|at| is_inside(*at, 0.0))
+            .chain((*row == 0).then_some([1.0 / 3.0; 2]))
+            .filter_map(|at| subject.detailed_tree.nearest(surface.point(chart.triangle, at)?))
+            .fold(Deviation::default(), |deviation, nearest| deviation.add(nearest.distance))
+    };
+    measured(&work, measure, progress)
+}
+
+/// From vertices of the detailed mesh along the direction of displacement.
+fn inward_deviation(
+    subject: &Subject,
+    surface: &Displaced,
+    progress: &mut Progress,
+) -> Result<Deviation, BakeError> {
+    let adjacency = subject.coarse.adjacency();
+    let detailed = subject.detailed;
+    let mut used = vec![false; detailed.vertices().len()];
+    for vertex in detailed.triangles().iter().flatten() {
+        used[*vertex as usize] = true;
+    }
+    let vertices: Vec<DVec3> =
+        detailed.vertices().iter().zip(used).filter_map(|(vertex, used)| used.then_some(*vertex)).collect();
+    let stride = (vertices.len() as f64 / POINTS).ceil().max(1.0) as usize;
+    let vertices: Vec<DVec3> = vertices.into_iter().step_by(stride).collect();
+    let measure = |vertex: &DVec3| match vertex_deviation(subject, surface, &adjacency, *vertex) {
+        Some(length) => Deviation::default().add(length),
+        None => Deviation { beside: 1, ..Deviation::default() },
+    };
+    measured(&vertices, measure, progress)
+}
+
+/// The least distance of a vertex along the direction from the surface over the nearest coarse triangle or one around it.
+fn vertex_deviation(
+    subject: &Subject,
+    surface: &Displaced,
+    adjacency: &Adjacency,
+    vertex: DVec3,
+) -> Option<f64> {
+    let nearest = subject.coarse_tree.nearest(vertex)?.triangle;
+    let corners = subject.coarse.triangles()[nearest];
+    let around = corners.iter().flat_map(|corner| adjacency.vertex_triangles(*corner)).map(|t| *t as usize);
+    let lengths = std::iter::once(nearest).chain(around).filter_map(|triangle| {
+        let sheet = &surface.sheets[triangle];
+        let place = sheet.locate(vertex)?;
+        let height = surface.height(triangle, place.at)?;
+        Some((place.height - height).abs() * sheet.direction(place.at).length())
+    });
+    lengths.min_by(f64::total_cmp)
+}
+
+/// How many coarse edges are smooth, and the largest gap at them.
+fn seams(subject: &Subject, surface: &Displaced) -> (usize, f64) {
+    let adjacency = subject.coarse.adjacency();
+    let edges = 0..adjacency.edges().len() as u32;
+    let gaps: Vec<f64> = edges
+        .into_par_iter()
+        .filter(|edge| adjacency.edge_kind(*edge) == EdgeKind::Manifold)
+        .filter_map(|edge| match *adjacency.edge_sides(edge) {
+            [here, there] => gap(subject, surface, here, there),
+            _ => None,
+        })
+        .collect();
+    (gaps.len(), gaps.into_iter().fold(0.0, f64::max))
+}
+
+/// The largest gap along an edge between two triangles; none if the directions differ there.
+fn gap(subject: &Subject, surface: &Displaced, here: HalfEdge, there: HalfEdge) -> Option<f64> {
+    let [a, b] = [(here, false), (there, true)].map(|(side, reversed)| {
+        let (triangle, from) = (side.triangle() as usize, side.side() as usize);
+        let ends = [from, (from + 1) % 3];
+        (triangle, if reversed { [ends[1], ends[0]] } else { ends })
+    });
+    let sharp = (0..2).any(|end| {
+        let direction =
+            |(triangle, ends): (usize, [usize; 2])| subject.sheets[triangle].directions[ends[end]];
+        direction(a).distance(direction(b)) > SAME_DIRECTION
+    });
+    if sharp {
+        return None;
+    }
+    let [from, to] = a.1.map(|corner| subject.sheets[a.0].corners[corner]);
+    let steps = (2.0 * from.distance(to) / subject.atlas.texel).ceil().clamp(2.0, EDGE_POINTS);
+    (0..=steps as usize).try_fold(0.0_f64, |largest, step| {
+        let share = step as f64 / steps;
+        let [p, q] = [a, b].map(|(triangle, ends)| surface.point(triangle, along(ends, share)));
+        Some(largest.max(p?.distance(q?)))
+    })
+}
+
+/// The weights of the second and the third corner at a share of the way from one corner to another.
+fn along([from, to]: [usize; 2], share: f64) -> [f64; 2] {
+    let mut weights = [0.0; 3];
+    weights[from] = 1.0 - share;
+    weights[to] = share;
+    [weights[1], weights[2]]
+}
+
+/// The largest factor by which lengths in the image differ from those on the coarse mesh.
+fn distortion(subject: &Subject) -> f64 {
+    let size = subject.atlas.size.as_dvec2() * subject.atlas.texel;
+    let with_area =
+        subject.sheets.iter().zip(subject.mesh.coordinates()).filter(|(sheet, _)| sheet.has_area());
+    with_area.map(|(sheet, uv)| stretch(sheet, uv.map(|uv| uv * size))).fold(1.0, f64::max)
+}
+
+/// The larger of the stretch and of the compression from a triangle to one in the plane.
+fn stretch(sheet: &Sheet, [a, b, c]: [DVec2; 3]) -> f64 {
+    let [p, q, r] = sheet.corners;
+    let along = (q - p).normalize_or_zero();
+    let across = sheet.normal.cross(along);
+    let flat = |side: DVec3| DVec2::new(side.dot(along), side.dot(across));
+    let map = DMat2::from_cols(b - a, c - a) * DMat2::from_cols(flat(q - p), flat(r - p)).inverse();
+    // The squares of the singular values are the eigenvalues of MᵀM.
+    let square = map.transpose() * map;
+    let [xx, yy, xy] = [square.x_axis.x, square.y_axis.y, square.x_axis.y];
+    let largest = ((xx + yy) / 2.0 + ((xx - yy) / 2.0).hypot(xy)).sqrt();
+    largest.max(largest / map.determinant().abs())
+}
