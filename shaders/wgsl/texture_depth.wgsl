@@ -222,7 +222,7 @@ fn upright(tri: Triangle, level: vec4<u32>, s: f32, t: f32) -> f32 {
 }
 
 // The point above `at`, if the triangle is there and its flat surface within `reach` along n: that of the displaced surface,
-// found by Newton's steps, or where it is folded the displaced point of the flat surface.
+// found by Newton's steps, or where they do not find it, as it is folded, the displaced point of the flat surface.
 fn above(tri: Triangle, at: vec2<f32>, step: f32, reach: f32, refinements: u32) -> Point {
     let d = at - tri.p0.xy;
     var s = (d.x * tri.e2.y - d.y * tri.e2.x) * tri.inverse_area;
@@ -238,23 +238,22 @@ fn above(tri: Triangle, at: vec2<f32>, step: f32, reach: f32, refinements: u32) 
         return Point(true, false, s, t, upright(tri, level, s, t));
     }
     let start = vec2(s, t);
-    for (var i = 0u; i < refinements; i++) {
+    for (var i = 0u; i <= refinements; i++) {
         let h = spline_slope(level, tri.uv0 + s * tri.d1 + t * tri.d2);
         let direction = tri.n0 + s * tri.m1 + t * tri.m2;
         let miss = tri.p0.xy + s * tri.e1.xy + t * tri.e2.xy + h.x * direction.xy - at;
         if abs(miss.x) + abs(miss.y) <= MISS * step {
             return Point(true, false, s, t, tri.p0.z + s * tri.e1.z + t * tri.e2.z + h.x * direction.z);
         }
+        if i == refinements { break; }
         let by_s = tri.e1.xy + dot(h.yz, tri.d1) * direction.xy + h.x * tri.m1.xy;
         let by_t = tri.e2.xy + dot(h.yz, tri.d2) * direction.xy + h.x * tri.m2.xy;
         let area = by_s.x * by_t.y - by_t.x * by_s.y;
-        if area * tri.inverse_area < FOLD {
-            return Point(true, true, start.x, start.y, upright(tri, level, start.x, start.y));
-        }
+        if area * tri.inverse_area < FOLD { break; }
         s -= (miss.x * by_t.y - miss.y * by_t.x) / area;
         t -= (by_s.x * miss.y - by_s.y * miss.x) / area;
     }
-    return Point(true, false, s, t, upright(tri, level, s, t));
+    return Point(true, true, start.x, start.y, upright(tri, level, start.x, start.y));
 }
 
 // Height with its derivatives by u and v.

@@ -66,22 +66,22 @@ pub trait Backend: Send {
     ) -> Result<(), BackendError>;
 }
 
-/// The backend on the processor: it cannot fail, and allocates only to grow its workspace.
+/// The kernels' twins on the processor, one after the other: what the other backends are held against. It cannot fail.
 #[derive(Clone, Debug, Default)]
-pub struct CpuBackend {
+pub struct ReferenceBackend {
     heights: Vec<[u32; 2]>,
 }
 
-impl CpuBackend {
+impl ReferenceBackend {
     /// A backend with an empty workspace.
     pub fn new() -> Self {
         Self::default()
     }
 }
 
-impl Backend for CpuBackend {
+impl Backend for ReferenceBackend {
     fn name(&self) -> &str {
-        "CPU"
+        "reference"
     }
 
     fn evaluate(

@@ -111,13 +111,19 @@ impl Batch {
         self.header.images - 1
     }
 
+    /// Adds a pair of images. An image of an A is in one pair only.
     pub(crate) fn push_pair(&mut self, a: u32, b: u32, temperature: f64) {
         self.pairs.push(Pair { a, b, temperature: temperature as f32, unused: 0 });
         self.header.pairs += 1;
     }
 
+    /// Texels of an image.
+    pub(crate) fn grid_texels(&self) -> usize {
+        (self.header.grid * self.header.grid) as usize
+    }
+
     /// Texels of all images.
     pub(crate) fn texels(&self) -> usize {
-        (self.header.grid * self.header.grid) as usize * self.images.len()
+        self.grid_texels() * self.images.len()
     }
 }

@@ -99,13 +99,13 @@ pub struct DepthSettings {
 }
 
 impl Default for DepthSettings {
-    /// A grid of 50 × 50, the largest overlap, derivatives there, 3 Newton steps, filtered textures.
+    /// A grid of 50 × 50, the largest overlap, derivatives there, 5 Newton steps, filtered textures.
     fn default() -> Self {
         Self {
             grid: 50,
             temperature: 0.0,
             derivatives: Derivatives::Maximum,
-            refinements: 3,
+            refinements: 5,
             filter: TextureFilter::Footprint,
         }
     }
@@ -144,7 +144,7 @@ pub struct TextureDepth {
     pub point: DVec3,
     /// The point of B there.
     pub scene_point: DVec3,
-    /// Part of the texels with both surfaces where one of them is folded as seen along **n**, so that its height is
+    /// Part of the texels looked at where one of them is folded as seen along **n**, so that its height is
     /// approximated (§4.6.1).
     pub folded: f64,
 }

@@ -19,6 +19,7 @@ pub struct HeightImage {
     height: u32,
     displacements: Vec<f32>,
     wrap: [Wrap; 2],
+    atlas: bool,
 }
 
 /// Why an image was refused.
@@ -91,8 +92,20 @@ impl HeightImage {
                 let at = at as u32;
                 Err(HeightImageError::NonFinite { column: at % width, row: at / width })
             }
-            None => Ok(Self { width, height, displacements, wrap }),
+            None => Ok(Self { width, height, displacements, wrap, atlas: false }),
         }
+    }
+
+    /// The image as an atlas, whose neighbouring texels need not be neighbours on a surface: it has no coarser levels, as
+    /// those would mix them.
+    #[must_use]
+    pub fn into_atlas(self) -> Self {
+        Self { atlas: true, ..self }
+    }
+
+    /// Whether the image is an atlas.
+    pub fn is_atlas(&self) -> bool {
+        self.atlas
     }
 
     /// Texels along a row.

@@ -49,6 +49,7 @@
 mod backend;
 mod bake;
 mod batch;
+mod cpu;
 mod depth;
 #[cfg(feature = "gpu")]
 mod gpu;
@@ -62,9 +63,10 @@ mod spline;
 mod surface;
 mod texels;
 
-pub use backend::{Backend, BackendError, CpuBackend};
+pub use backend::{Backend, BackendError, ReferenceBackend};
 pub use bake::{BakeError, BakeOptions, BakeReport, Baked, bake};
 pub use batch::{Batch, MAX_GRID, SurfaceId, SurfaceSet, TooManyTexels};
+pub use cpu::CpuBackend;
 pub use depth::{
     DepthError, DepthQuery, DepthSettings, Derivatives, TextureContact, TextureDepth, TextureFilter,
 };

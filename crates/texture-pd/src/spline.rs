@@ -21,7 +21,33 @@ pub(crate) struct Jet {
     pub yy: f32,
 }
 
-/// Appends an image's levels, the finest first, each half as wide and high as the one before, down to 4 texels.
+/// The finest level of one image.
+#[derive(Clone, Debug)]
+pub(crate) struct Spline {
+    level: Level,
+    coefficients: Vec<f32>,
+}
+
+impl Spline {
+    pub fn through(image: &HeightImage) -> Self {
+        let [width, height] = [image.width(), image.height()];
+        let wrap = image.wrap().map(|wrap| wrap as u32);
+        let heights: Vec<f64> = image.displacements().iter().map(|&height| f64::from(height)).collect();
+        let coefficients = spline_coefficients(&heights, width as usize, image.wrap());
+        Self {
+            level: [0, width, height, wrap[0] | wrap[1] << 2],
+            coefficients: coefficients.iter().map(|&c| c as f32).collect(),
+        }
+    }
+
+    /// The displacement at a place in texels, where the first texel's centre is at (0, 0).
+    pub fn at(&self, x: f64, y: f64) -> f64 {
+        value(&self.level, &self.coefficients, (x + 0.5) as f32, (y + 0.5) as f32).into()
+    }
+}
+
+/// Appends an image's levels, the finest first, each half as wide and high as the one before, down to 4 texels; of an atlas
+/// the finest only.
 pub(crate) fn push_levels(image: &HeightImage, levels: &mut Vec<Level>, coefficients: &mut Vec<f32>) {
     let mut heights: Vec<f64> = image.displacements().iter().map(|&height| f64::from(height)).collect();
     let [mut width, mut height] = [image.width(), image.height()].map(|n| n as usize);
@@ -29,7 +55,7 @@ pub(crate) fn push_levels(image: &HeightImage, levels: &mut Vec<Level>, coeffici
     loop {
         levels.push([coefficients.len() as u32, width as u32, height as u32, wrap[0] | wrap[1] << 2]);
         coefficients.extend(spline_coefficients(&heights, width, image.wrap()).iter().map(|&c| c as f32));
-        if width.min(height) < 8 {
+        if width.min(height) < 8 || image.is_atlas() {
             return;
         }
         heights = averaged(&heights, width, width.div_ceil(2));

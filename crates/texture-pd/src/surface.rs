@@ -237,6 +237,7 @@ impl TexturedSurface {
             triangle.texture = [uv0, uv1 - uv0, uv2 - uv0].map(|uv| uv.as_vec2().to_array());
             triangle.level = (first_level + level as u32 + 1) as f32;
             triangle.most = texture.range[1].max(-texture.range[0]) as f32;
+            triangle.outwards = texture.range[1] as f32;
         }
         Some(triangle)
     }

@@ -210,7 +210,7 @@ pub fn bake(
         return Err(BakeError::NothingWithinReach { reach });
     }
     let [width, height] = atlas.size.to_array().map(|side| side as u32);
-    let image = HeightImage::new(width, height, texels.displacements, [Wrap::Clamp; 2])?;
+    let image = HeightImage::new(width, height, texels.displacements, [Wrap::Clamp; 2])?.into_atlas();
     let mesh = UvMesh::new(coarse.clone(), coordinates(&atlas, sheets.len()))?;
     let subject = report::Subject {
         coarse,
@@ -368,7 +368,7 @@ fn coefficients_of(chart: &Chart, rows: &[Row]) -> Vec<f64> {
         supports[at / width].is_some_and(|[first, last]| (first..=last).contains(&column))
     };
     fill::fill(&mut grid, width, matters);
-    bspline::prefilter(&mut grid, width, bspline::Ends::Smooth);
+    bspline::prefilter(&mut grid, width);
     grid
 }
 

@@ -9,7 +9,6 @@ use rayon::prelude::*;
 
 use super::BakeError;
 use super::atlas::{Atlas, Chart};
-use super::bspline::Spline;
 use super::sheet::{Place, Sheet, is_inside};
 use super::tree::Tree;
 use crate::HeightImage;
@@ -160,7 +159,7 @@ struct Displaced<'a> {
     sheets: &'a [Sheet],
     /// By triangle.
     charts: Vec<Option<&'a Chart>>,
-    spline: Spline,
+    spline: crate::spline::Spline,
 }
 
 impl<'a> Displaced<'a> {
@@ -169,7 +168,7 @@ impl<'a> Displaced<'a> {
         for chart in &subject.atlas.charts {
             charts[chart.triangle] = Some(chart);
         }
-        Self { sheets: subject.sheets, charts, spline: Spline::through(subject.image) }
+        Self { sheets: subject.sheets, charts, spline: crate::spline::Spline::through(subject.image) }
     }
 
     /// The displacement on a triangle, m; none without area.

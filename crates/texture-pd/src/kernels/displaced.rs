@@ -12,7 +12,7 @@ const FOLD: f32 = 0.1;
 
 /// A point of a displaced triangle.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Point {
+pub(crate) struct Point {
     pub s: f32,
     pub t: f32,
     pub height: f32,
@@ -32,7 +32,7 @@ pub(super) struct HeightJet {
 
 /// The textures' levels and their coefficients.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Textures<'a> {
+pub(crate) struct Textures<'a> {
     pub levels: &'a [Level],
     pub coefficients: &'a [f32],
 }
@@ -64,13 +64,43 @@ impl Triangle {
         n0[axis] + s * m1[axis] + t * m2[axis]
     }
 
+    /// Where (u, v), m, is on the flat triangle, and its height there, if it is within `reach`.
+    #[inline(always)]
+    pub(crate) fn flat(&self, u: f32, v: f32, reach: f32) -> Option<(f32, f32, f32)> {
+        let [p0, e1, e2] = self.plane;
+        let (du, dv) = (u - p0[0], v - p0[1]);
+        let s = (du * e2[1] - dv * e2[0]) * self.inverse_area;
+        let t = (e1[0] * dv - e1[1] * du) * self.inverse_area;
+        let base = self.base(s, t);
+        let outside = s < -EDGE || t < -EDGE || s + t > 1.0 + EDGE || base.abs() > reach;
+        (!outside).then_some((s, t, base))
+    }
+
+    /// How much further out the displaced triangle is than the flat one at most, m, at the same texel.
+    pub(crate) fn lift(&self) -> f32 {
+        let [n0, m1, m2] = self.directions;
+        let corners = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]
+            .map(|[s, t]| [0, 1, 2].map(|axis| n0[axis] + s * m1[axis] + t * m2[axis]));
+        let most = |of: &dyn Fn(&[f32; 3]) -> f32| corners.iter().map(of).fold(0.0, f32::max);
+        let tilt = most(&|n| n[0].hypot(n[1]));
+        let upright = most(&|n| n[2].abs());
+        let [_, e1, e2] = self.plane;
+        let [_, r1, r2] = self.rise;
+        let slope_u = (r1 * e2[1] - r2 * e1[1]) * self.inverse_area;
+        let slope_v = (r2 * e1[0] - r1 * e2[0]) * self.inverse_area;
+        // Where not all directions point outwards, displacements inwards may reach out as well.
+        let outwards =
+            if corners.iter().all(|n| n[2] * self.inverse_area >= 0.0) { self.outwards } else { self.most };
+        outwards * upright + self.most * tilt * slope_u.hypot(slope_v)
+    }
+
     /// The point above (u, v), m, unless the triangle is not there or its flat surface is further than `reach` away along n.
     ///
     /// The displaced surface above (u, v) is that of another point of the triangle, where its direction is not n: it is
-    /// found by at most `refinements` of Newton's steps. Where the surface is folded, it is approximated by the point's own
-    /// displacement, as in the dissertation.
+    /// found by at most `refinements` of Newton's steps. Where they do not find it, as the surface is folded, it is
+    /// approximated by the point's own displacement, as in the dissertation.
     #[inline]
-    pub(super) fn above(
+    pub(crate) fn above(
         &self,
         u: f32,
         v: f32,
@@ -78,14 +108,7 @@ impl Triangle {
         refinements: u32,
         textures: &Textures,
     ) -> Option<Point> {
-        let [p0, e1, e2] = self.plane;
-        let (du, dv) = (u - p0[0], v - p0[1]);
-        let mut s = (du * e2[1] - dv * e2[0]) * self.inverse_area;
-        let mut t = (e1[0] * dv - e1[1] * du) * self.inverse_area;
-        let base = self.base(s, t);
-        if s < -EDGE || t < -EDGE || s + t > 1.0 + EDGE || base.abs() > reach {
-            return None;
-        }
+        let (mut s, mut t, base) = self.flat(u, v, reach)?;
         if self.level == 0.0 {
             return Some(Point { s, t, height: base, folded: false });
         }
@@ -100,10 +123,11 @@ impl Triangle {
         if tilt_u * tilt_u + tilt_v * tilt_v <= miss * miss || refinements == 0 {
             return Some(Point { s, t, height: upright(s, t), folded: false });
         }
+        let [_, e1, e2] = &self.plane;
         let [_, m1, m2] = &self.directions;
         let [_, d1, d2] = &self.texture;
         let start = (s, t);
-        for _ in 0..refinements {
+        for left in (0..=refinements).rev() {
             let (x, y) = self.texel(s, t);
             let [h, hx, hy] = spline::slope(level, textures.coefficients, x, y);
             let hs = hx * d1[0] + hy * d1[1];
@@ -115,19 +139,22 @@ impl Triangle {
                 let height = self.base(s, t) + h * self.direction(s, t, 2);
                 return Some(Point { s, t, height, folded: false });
             }
+            if left == 0 {
+                break;
+            }
             let us = e1[0] + hs * nu + h * m1[0];
             let vs = e1[1] + hs * nv + h * m1[1];
             let ut = e2[0] + ht * nu + h * m2[0];
             let vt = e2[1] + ht * nv + h * m2[1];
             let area = us * vt - ut * vs;
             if area * self.inverse_area < FOLD {
-                let (s, t) = start;
-                return Some(Point { s, t, height: upright(s, t), folded: true });
+                break;
             }
             s -= (miss_u * vt - miss_v * ut) / area;
             t -= (us * miss_v - vs * miss_u) / area;
         }
-        Some(Point { s, t, height: upright(s, t), folded: false })
+        let (s, t) = start;
+        Some(Point { s, t, height: upright(s, t), folded: true })
     }
 
     /// The height function at a point of the displaced triangle, with its derivatives.

@@ -43,7 +43,7 @@ pub(crate) fn height_images(
 }
 
 /// The columns and rows of texels that may be in a triangle.
-fn covered(triangle: &Triangle, grid: u32, step: f32) -> [std::ops::Range<u32>; 2] {
+pub(crate) fn covered(triangle: &Triangle, grid: u32, step: f32) -> [std::ops::Range<u32>; 2] {
     [0, 1].map(|axis| {
         let [p, e1, e2] = triangle.plane.map(|edge| edge[axis]);
         let (low, high) = (p + e1.min(e2).min(0.0), p + e1.max(e2).max(0.0));

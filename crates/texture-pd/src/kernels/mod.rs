@@ -1,4 +1,6 @@
 //! The twin on the CPU of each WGSL entry point: the same bindings in the same layout, the same answers to within rounding.
+//! [`ReferenceBackend`](crate::ReferenceBackend) runs them as they are; [`CpuBackend`](crate::CpuBackend) is made of the same
+//! parts, but makes no whole images.
 //!
 //! Coordinates are those of a contact's frame: u and v along the grid and n along the penetration direction, from the
 //! middle of the grid, in f32. A frame is no larger than the contact, so that rounding is some 1e-7 of its size.
@@ -9,9 +11,10 @@ mod overlaps;
 
 use bytemuck::{Pod, Zeroable};
 
-pub(crate) use height_images::height_images;
+pub(crate) use displaced::Textures;
+pub(crate) use height_images::{covered, height_images};
 pub use overlaps::Answer;
-pub(crate) use overlaps::overlaps;
+pub(crate) use overlaps::{LEAST, overlaps, pair_answer};
 
 /// Texel of a pair that shares none.
 pub(crate) const NOWHERE: u32 = u32::MAX;
@@ -50,7 +53,8 @@ pub(crate) struct Triangle {
     pub directions: [[f32; 3]; 3],
     /// uv₀, d₁ and d₂, texels.
     pub texture: [[f32; 2]; 3],
-    pub unused: f32,
+    /// The largest displacement outwards, m.
+    pub outwards: f32,
 }
 
 /// An image of heights to make.

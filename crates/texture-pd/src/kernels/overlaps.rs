@@ -5,7 +5,7 @@ use super::{FOLDED, Header, Image, NO_SURFACE, NOWHERE, Pair, Triangle, coordina
 use crate::spline::Level;
 
 /// Overlaps this many temperatures below the largest weigh nothing.
-const LEAST: f32 = -16.0;
+pub(crate) const LEAST: f32 = -16.0;
 /// Weights fall off over this part of the grid, from its border inwards.
 const BORDER: f32 = 0.1;
 
@@ -75,12 +75,24 @@ pub(crate) fn overlaps(
     answers: &mut [Answer],
 ) {
     let textures = Textures { levels, coefficients };
-    let texels = (header.grid * header.grid) as usize;
     for (pair, answer) in pairs.iter().zip(answers) {
-        let side = |image: u32| (&images[image as usize], &heights[image as usize * texels..][..texels]);
-        let sides = [side(pair.a), side(pair.b)];
-        *answer = Images { header, triangles, textures, sides }.compare(pair);
+        *answer = pair_answer(header, triangles, images, textures, heights, pair);
     }
+}
+
+/// The answer to one pair.
+pub(crate) fn pair_answer(
+    header: &Header,
+    triangles: &[Triangle],
+    images: &[Image],
+    textures: Textures,
+    heights: &[[u32; 2]],
+    pair: &Pair,
+) -> Answer {
+    let texels = (header.grid * header.grid) as usize;
+    let side = |image: u32| (&images[image as usize], &heights[image as usize * texels..][..texels]);
+    let sides = [side(pair.a), side(pair.b)];
+    Images { header, triangles, textures, sides }.compare(pair)
 }
 
 impl Images<'_> {
