@@ -121,7 +121,11 @@ impl Texels<'_> {
             let [columns, rows] = covered(triangle, grid, step);
             for row in rows {
                 let v = coordinate(row, grid, step);
-                for column in columns.clone() {
+                let [from, to] = triangle.crossing(v).map(|u| u / step + 0.5 * grid as f32 - 0.5);
+                // A texel more either side, for rounding and the width of edges.
+                let from = columns.start.max((from - 1.0) as u32);
+                let to = columns.end.min((to + 3.0) as u32);
+                for column in from..to {
                     let Some((_, _, base)) = triangle.flat(coordinate(column, grid, step), v, reach) else {
                         continue;
                     };

@@ -76,6 +76,26 @@ impl Triangle {
         (!outside).then_some((s, t, base))
     }
 
+    /// From where to where along u the line at v crosses the triangle, m: everywhere where rounding leaves that open, and from
+    /// beyond to before where it does not cross.
+    pub(crate) fn crossing(&self, v: f32) -> [f32; 2] {
+        let [p0, e1, e2] = self.plane;
+        let dv = v - p0[1];
+        // s = s₀ + su (u − u₀) and so on: each of s, t and 1 − s − t is not negative on one side.
+        let (s0, su) = (-dv * e2[0] * self.inverse_area, e2[1] * self.inverse_area);
+        let (t0, tu) = (e1[0] * dv * self.inverse_area, -e1[1] * self.inverse_area);
+        let (mut from, mut to) = (f32::NEG_INFINITY, f32::INFINITY);
+        for (start, slope) in [(s0, su), (t0, tu), (1.0 - s0 - t0, -su - tu)] {
+            let root = p0[0] - (start + EDGE) / slope;
+            if slope > 0.0 && root.is_finite() {
+                from = from.max(root);
+            } else if slope < 0.0 && root.is_finite() {
+                to = to.min(root);
+            }
+        }
+        [from, to]
+    }
+
     /// How much further out the displaced triangle is than the flat one at most, m, at the same texel.
     pub(crate) fn lift(&self) -> f32 {
         let [n0, m1, m2] = self.directions;
