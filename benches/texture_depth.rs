@@ -58,7 +58,8 @@ fn plate(length: f64, angle: f64) -> Arc<TexturedSurface> {
         let place = ((texel + 0.5) / f64::from(TEXELS) * 2.0 - 1.0) * HALF;
         (0.0002 * (TAU * place.dot(along) / length).cos()) as f32
     };
-    let image = HeightImage::new(TEXELS, TEXELS, (0..TEXELS * TEXELS).map(height).collect(), [Wrap::Clamp; 2]);
+    let image =
+        HeightImage::new(TEXELS, TEXELS, (0..TEXELS * TEXELS).map(height).collect(), [Wrap::Clamp; 2]);
     Arc::new(TexturedSurface::textured(&mesh, &image.expect("an image"), 1.0).expect("a surface"))
 }
 

@@ -46,11 +46,13 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod auto;
 mod backend;
 mod bake;
 mod batch;
 mod cpu;
 mod depth;
+mod force;
 #[cfg(feature = "gpu")]
 mod gpu;
 #[cfg(feature = "images")]
@@ -63,6 +65,7 @@ mod spline;
 mod surface;
 mod texels;
 
+pub use auto::AutoBackend;
 pub use backend::{Backend, BackendError, ReferenceBackend};
 pub use bake::{BakeError, BakeOptions, BakeReport, Baked, bake};
 pub use batch::{Batch, MAX_GRID, SurfaceId, SurfaceSet, TooManyTexels};
@@ -70,6 +73,7 @@ pub use cpu::CpuBackend;
 pub use depth::{
     DepthError, DepthQuery, DepthSettings, Derivatives, TextureContact, TextureDepth, TextureFilter,
 };
+pub use force::{TextureForce, sum_of_forces};
 #[cfg(feature = "gpu")]
 pub use gpu::WgpuBackend;
 #[cfg(feature = "images")]
