@@ -197,7 +197,7 @@ impl DepthQuery {
         let step = contact.step(settings);
         let footprint = if settings.filter == TextureFilter::Footprint { step } else { 0.0 };
         let axes = contact.axes();
-        let mut image = |id: SurfaceId, view: &View, side: f64, near: &[u32]| {
+        let seen = |batch: &mut Batch, id: SurfaceId, view: &View, side: f64, near: &[u32]| {
             let first = batch.triangles.len();
             let (surface, level) = (surfaces.surface(id), surfaces.first_level(id));
             let seen = near.iter().filter_map(|&index| surface.triangle(index, view, side, footprint, level));
@@ -208,18 +208,15 @@ impl DepthQuery {
         let view = View::new(&contact.pose_b, &axes, contact.point);
         near.clear();
         surfaces.surface(contact.b).gather(&view, &field(-1.0), 0.0, near);
-        let b = image(contact.b, &view, -1.0, near);
+        let b = seen(batch, contact.b, &view, -1.0, near);
 
         let view = View::new(&contact.pose_a, &axes, contact.point);
         let center = axes.transpose() * (contact.center - contact.point);
         near.clear();
         let margin = contact.margin(center, settings);
         surfaces.surface(contact.a).gather(&view, &field(1.0), margin, near);
-        let mut images = Vec::new();
         for [shift, turn] in configurations(&settings.derivatives) {
-            images.push(image(contact.a, &view.moved(shift, turn, center), 1.0, near));
-        }
-        for a in images {
+            let a = seen(batch, contact.a, &view.moved(shift, turn, center), 1.0, near);
             batch.push_pair(a, b, settings.temperature);
         }
     }
