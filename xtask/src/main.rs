@@ -1,8 +1,11 @@
-//! Project tasks: `cargo xtask test`, `cargo xtask ci`, `cargo xtask pictures`, `cargo xtask stability`.
+//! Project tasks: `cargo xtask test`, `cargo xtask ci`, `cargo xtask pictures`, `cargo xtask stability`,
+//! `cargo xtask reproduce`.
 
 #![allow(clippy::print_stdout, clippy::print_stderr)] // Tasks report to a person at a terminal.
 
 mod pictures;
+mod progress;
+mod reproduce;
 mod stability;
 mod vulkan;
 
@@ -27,6 +30,8 @@ enum Task {
     Pictures(pictures::Arguments),
     /// Maps where the engine is stable, and says whether it is where it should be.
     Stability(stability::Arguments),
+    /// Repeats the dissertation's experiments, and says whether what it claims holds.
+    Reproduce(reproduce::Arguments),
 }
 
 /// What went wrong, for a person to read.
@@ -38,6 +43,7 @@ fn main() -> ExitCode {
         Task::Ci => ci(),
         Task::Pictures(arguments) => pictures::run(&arguments),
         Task::Stability(arguments) => stability::run(&arguments),
+        Task::Reproduce(arguments) => reproduce::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -1,11 +1,13 @@
 //! What palpate's results look like to a person: self-contained HTML [`Report`]s of sessions with plots over time,
-//! figures and pictures of contact levels of detail ([`Table32`], [`LevelFigures`], [`LevelPictures`]), [plots](draw) and
+//! figures and pictures of contact levels of detail ([`Table32`], [`LevelFigures`], [`LevelPictures`]), [plots](draw),
+//! [logarithmic ones](draw_log_log) and
 //! [heat maps](draw_heat_maps) of other measurements, and pictures of meshes drawn in software ([`raster`], [`sheet`], [`views`]).
 
 mod heat_map;
 mod lettering;
 mod level_pictures;
 mod levels;
+mod log_plot;
 mod patches;
 mod plot;
 pub mod raster;
@@ -20,6 +22,7 @@ use palpate::{Record, Summary};
 pub use heat_map::{Boundary, CellAxis, HeatMap, draw_heat_maps};
 pub use level_pictures::{LevelPictures, grouped};
 pub use levels::{LevelFigures, Spread, Table32};
+pub use log_plot::{LogAxis, LogPlot, draw_log_log};
 pub use plot::{Curve, Figure, PlotError, draw};
 
 /// What a report is about.

@@ -8,7 +8,7 @@ use plotters::prelude::*;
 pub struct Curve {
     /// What the legend says.
     pub name: String,
-    /// In the order of time (s).
+    /// In the order of the first value: time (s) in a [`Figure`].
     pub points: Vec<(f64, f64)>,
 }
 
@@ -35,7 +35,7 @@ impl PlotError {
 }
 
 const SIZE: (u32, u32) = (960, 260);
-const COLOURS: [RGBColor; 6] = [
+pub(crate) const COLOURS: [RGBColor; 6] = [
     RGBColor(31, 96, 168),
     RGBColor(205, 97, 30),
     RGBColor(46, 139, 87),
@@ -108,7 +108,7 @@ fn draw_one(
     Ok(())
 }
 
-fn only_finite(curve: &Curve) -> Curve {
+pub(crate) fn only_finite(curve: &Curve) -> Curve {
     let points = curve.points.iter().copied().filter(|(x, y)| x.is_finite() && y.is_finite());
     Curve { name: curve.name.clone(), points: points.collect() }
 }

@@ -7,12 +7,12 @@
 mod body;
 mod contacts;
 mod geometry;
-mod grid;
+pub mod grid;
 mod judge;
 mod lever;
 mod meshes;
 mod metered;
-mod page;
+pub mod page;
 mod peg;
 mod pressing;
 mod rate;

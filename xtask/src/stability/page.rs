@@ -30,6 +30,23 @@ pub struct Table {
     pub rows: Vec<Vec<String>>,
 }
 
+impl Table {
+    /// Writes it into a folder as CSV.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn write(&self, folder: &Path) -> Result<(), String> {
+        let path = folder.join(format!("{}.csv", self.name));
+        let fail = |error: csv::Error| format!("cannot write {}: {error}", path.display());
+        let mut out = csv::Writer::from_path(&path).map_err(fail)?;
+        out.write_record(&self.columns).map_err(fail)?;
+        for row in &self.rows {
+            out.write_record(row).map_err(fail)?;
+        }
+        out.flush().map_err(|error| fail(error.into()))
+    }
+}
+
 /// A row of a table from values that can be written.
 macro_rules! row {
     ($($value:expr),* $(,)?) => { vec![$($crate::stability::page::Entry::entry(&$value)),*] };
@@ -98,14 +115,7 @@ impl Section {
     /// If a file cannot be written or a picture drawn.
     pub fn write(&self, folder: &Path) -> Result<(), String> {
         for table in &self.tables {
-            let path = folder.join(format!("{}.csv", table.name));
-            let fail = |error: csv::Error| format!("cannot write {}: {error}", path.display());
-            let mut out = csv::Writer::from_path(&path).map_err(fail)?;
-            out.write_record(&table.columns).map_err(fail)?;
-            for row in &table.rows {
-                out.write_record(row).map_err(fail)?;
-            }
-            out.flush().map_err(|error| fail(error.into()))?;
+            table.write(folder)?;
         }
         for picture in &self.pictures {
             let path = folder.join(format!("{}.svg", picture.name));

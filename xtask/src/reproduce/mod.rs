@@ -1,0 +1,87 @@
+//! The dissertation's experiments, repeated: what it claims, what we measure, and whether the claim holds.
+//!
+//! `cargo xtask reproduce [NAME…|all] [--json] [--out FOLDER]` writes for each figure its values as CSV and a plot of them
+//! as SVG, and prints a table of verdicts, or with `--json` a list of them. A verdict is computed from a stated condition.
+
+mod outcome;
+mod roughness;
+
+use std::error::Error;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use outcome::{Outcome, Reproduction};
+
+/// What `cargo xtask reproduce` is asked to repeat.
+#[derive(clap::Args, Clone, Debug)]
+pub struct Arguments {
+    /// Figures and tables to reproduce, or all.
+    #[arg(value_enum, default_value = "all")]
+    names: Vec<Name>,
+    /// Prints the outcomes as a JSON list.
+    #[arg(long)]
+    json: bool,
+    /// Folder for values and plots.
+    #[arg(long, value_name = "FOLDER", default_value = "target/reproduce")]
+    out: PathBuf,
+}
+
+/// What can be reproduced, in the order of the dissertation.
+#[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+enum Name {
+    All,
+    /// Roughness by probe diameter.
+    #[value(name = "fig-4.8")]
+    Figure4_8,
+    /// Roughness by applied force.
+    #[value(name = "fig-4.9")]
+    Figure4_9,
+    /// Roughness by exploratory speed.
+    #[value(name = "fig-4.10")]
+    Figure4_10,
+}
+
+impl Name {
+    const EACH: [Self; 3] = [Self::Figure4_8, Self::Figure4_9, Self::Figure4_10];
+
+    fn reproduce(self) -> Result<Reproduction, String> {
+        match self {
+            Self::Figure4_8 => roughness::reproduce(&roughness::probe_diameter(), &self.word()),
+            Self::Figure4_9 => roughness::reproduce(&roughness::applied_force(), &self.word()),
+            Self::Figure4_10 => roughness::reproduce(&roughness::exploratory_speed(), &self.word()),
+            Self::All => Err("all is not an experiment".to_owned()),
+        }
+    }
+
+    fn word(self) -> String {
+        use clap::ValueEnum;
+        self.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
+    }
+
+    fn run(self, out: &Path) -> Result<Outcome, String> {
+        let start = Instant::now();
+        let name = self.word();
+        let reproduction = self.reproduce().map_err(|error| format!("{name}: {error}"))?;
+        reproduction.write(out, &name)?;
+        Ok(Outcome::new(name, reproduction.finding, start.elapsed().as_secs_f64()))
+    }
+}
+
+/// Repeats the experiments and prints their outcomes.
+///
+/// # Errors
+/// If an experiment cannot be simulated or a file cannot be written.
+pub fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
+    std::fs::create_dir_all(&arguments.out)
+        .map_err(|error| format!("cannot create the folder {}: {error}", arguments.out.display()))?;
+    let all = arguments.names.contains(&Name::All);
+    let names = Name::EACH.into_iter().filter(|name| all || arguments.names.contains(name));
+    let outcomes = names.map(|name| name.run(&arguments.out)).collect::<Result<Vec<_>, _>>()?;
+    if arguments.json {
+        println!("{}", serde_json::to_string_pretty(&outcomes)?);
+    } else {
+        print!("{}", outcome::table(&outcomes));
+        println!("Values and plots: {}", arguments.out.display());
+    }
+    Ok(())
+}

@@ -1,0 +1,119 @@
+//! What came of an experiment.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use serde::Serialize;
+
+use crate::stability::page::Table;
+
+/// A claim of the dissertation and what was measured of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Finding {
+    /// What the dissertation says.
+    pub claim: String,
+    /// What was found, in numbers.
+    pub measured: String,
+    /// What has to be found for the claim to hold.
+    pub condition: String,
+    /// Whether it was.
+    pub holds: bool,
+}
+
+/// A finding with the values it comes from.
+#[derive(Clone, Debug)]
+pub struct Reproduction {
+    pub finding: Finding,
+    pub table: Table,
+    /// SVG document.
+    pub plot: String,
+}
+
+impl Reproduction {
+    /// Writes values and plot into a folder.
+    ///
+    /// # Errors
+    /// If a file cannot be written.
+    pub fn write(&self, folder: &Path, name: &str) -> Result<(), String> {
+        self.table.write(folder)?;
+        let path = folder.join(format!("{name}.svg"));
+        std::fs::write(&path, &self.plot).map_err(|error| format!("cannot write {}: {error}", path.display()))
+    }
+}
+
+/// A finding as it is printed.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Outcome {
+    pub name: String,
+    pub claim: String,
+    pub measured: String,
+    pub condition: String,
+    /// "holds" or "falls short".
+    pub verdict: &'static str,
+    /// Wall time that it took, s.
+    pub seconds: f64,
+}
+
+impl Outcome {
+    pub fn new(name: String, finding: Finding, seconds: f64) -> Self {
+        let Finding { claim, measured, condition, holds } = finding;
+        let verdict = if holds { "holds" } else { "falls short" };
+        Self { name, claim, measured, condition, verdict, seconds: (seconds * 100.0).round() / 100.0 }
+    }
+}
+
+/// Characters of a line of text in the table.
+const WIDTH: usize = 96;
+
+/// Outcomes for a person to read: names, verdicts and times, with the rest in full below each.
+pub fn table(outcomes: &[Outcome]) -> String {
+    let mut text = String::new();
+    for Outcome { name, claim, measured, condition, verdict, seconds } in outcomes {
+        let _ = writeln!(text, "{name:10} {verdict:12} {seconds:8.1} s");
+        for (title, said) in [("claim", claim), ("condition", condition), ("measured", measured)] {
+            for (index, line) in wrapped(said).iter().enumerate() {
+                let title = if index == 0 { title } else { "" };
+                let _ = writeln!(text, "  {title:10} {line}");
+            }
+        }
+    }
+    text
+}
+
+/// The text in lines of [`WIDTH`], broken at spaces.
+fn wrapped(text: &str) -> Vec<String> {
+    let mut lines = vec![String::new()];
+    for word in text.split(' ') {
+        let fits = |line: &String| line.is_empty() || line.chars().count() + word.chars().count() < WIDTH;
+        match lines.last_mut() {
+            Some(line) if fits(line) => {
+                if !line.is_empty() {
+                    line.push(' ');
+                }
+                line.push_str(word);
+            }
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn outcomes_print_as_table_and_json() {
+        let words = |count| vec!["word"; count].join(" ");
+        let finding = Finding { claim: words(50), measured: words(1), condition: words(2), holds: false };
+        let outcome = Outcome::new("fig-0.0".to_owned(), finding, 1.234);
+        let text = table(std::slice::from_ref(&outcome));
+        assert_eq!(text.matches("word").count(), 53, "{text}");
+        assert!(text.lines().all(|line| line.chars().count() <= WIDTH + 13), "{text}");
+        assert!(text.starts_with("fig-0.0    falls short       1.2 s\n"), "{text}");
+        let json = serde_json::to_value(&outcome).unwrap();
+        let keys = ["name", "claim", "measured", "condition", "verdict", "seconds"];
+        assert!(keys.iter().all(|key| json.get(key).is_some()), "{json}");
+        assert_eq!(json["seconds"], 1.23);
+    }
+}
