@@ -87,7 +87,8 @@ pub enum TextureFilter {
 pub struct DepthSettings {
     /// Texels along a side of the grid: 50 in the dissertation (§4.5.2).
     pub grid: u32,
-    /// τ, m: 0 for the largest overlap itself.
+    /// τ, m: 0 for the largest overlap itself. The smooth maximum is over some √(τ R) where R is the gap's radius of curvature:
+    /// where that is less than a texel's side, it depends on where the texels are.
     pub temperature: f64,
     /// Where derivatives come from.
     pub derivatives: Derivatives,

@@ -69,23 +69,19 @@ pub(crate) fn largest(answer: &Answer, at: DVec2, step: f64) -> LocalDepth {
         let gradient = gradient(at.extend(height), slope_a);
         return LocalDepth { depth, gradient, second: [[0.0; 6]; 6] };
     }
-    let plain = || LocalDepth {
-        depth,
-        gradient: gradient(at.extend(height), slope_b),
-        second: second(at.extend(height), slope_b, &curvature_b),
-    };
-    // φ = h_A − h_B over the grid.
-    let (slope, curvature) = (slope_a - slope_b, curvature_a - curvature_b);
-    let hollow = curvature.x_axis.x < 0.0 && curvature.determinant() > 0.0;
-    if answer.ends != 0 || !hollow {
-        return plain();
-    }
-    let inverse = curvature.inverse();
-    let way = -(inverse * slope);
-    // Further away a neighbour would be higher, but for what the second order leaves out.
-    let near = way.abs().max_element() <= 1.5 * step;
-    if !near {
-        return plain();
+    // φ = h_A − h_B over the grid: the way to its maximum, as far as it is curved towards one, and the inverse of its
+    // curvature there.
+    let slope = slope_a - slope_b;
+    let (mut way, mut inverse) = (DVec2::ZERO, DMat2::ZERO);
+    if answer.ends == 0 {
+        for (value, axis) in crests(&(curvature_a - curvature_b)) {
+            let along = -slope.dot(axis) / value;
+            // Further away a neighbour would be higher, but for what the second order leaves out.
+            if along.abs() <= 1.5 * step {
+                way += axis * along;
+                inverse += DMat2::from_cols(axis * (axis.x / value), axis * (axis.y / value));
+            }
+        }
     }
     let height = height + slope_a.dot(way) + 0.5 * way.dot(curvature_a * way);
     let point = (at + way).extend(height);
@@ -111,6 +107,19 @@ pub(crate) fn largest(answer: &Answer, at: DVec2, step: f64) -> LocalDepth {
         }
     }
     local
+}
+
+/// Eigenvalues and unit eigenvectors of a symmetric matrix, of those that are negative and no thousandth of the other: along
+/// a ridge there is no maximum to be found.
+fn crests(matrix: &DMat2) -> impl Iterator<Item = (f64, DVec2)> {
+    let DMat2 { x_axis: DVec2 { x: a, y: b }, y_axis: DVec2 { y: c, .. } } = *matrix;
+    let angle = 0.5 * (2.0 * b).atan2(a - c);
+    let (mean, radius) = (0.5 * (a + c), (0.5 * (a - c)).hypot(b));
+    let largest = mean.abs() + radius;
+    let axis = DVec2::from_angle(angle);
+    [(mean + radius, axis), (mean - radius, axis.perp())]
+        .into_iter()
+        .filter(move |(value, _)| *value < 0.0 && -value > 1e-3 * largest)
 }
 
 /// By how A moves, of the overlap at a point of A over B's height function with a slope.

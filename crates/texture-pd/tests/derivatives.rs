@@ -12,6 +12,7 @@ use glam::{DVec2, DVec3};
 use palpate_core::Pose;
 use palpate_texture_pd::{
     CpuBackend, DepthQuery, DepthSettings, Derivatives, SurfaceSet, TextureContact, TextureDepth,
+    TextureFilter,
 };
 use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
 
@@ -164,4 +165,25 @@ fn cone_on_ridges() {
     let [largest, smooth, ..] = compare("cone on ridges", &plates, 0.05);
     assert!(largest.depth < 4e-5 && largest.gradient < 5e-3, "{largest:?}");
     assert!(smooth.gradient < 1e-2, "{smooth:?}");
+}
+
+/// A cylinder that lies along ridges overlaps most all along a line.
+#[test]
+fn line_of_largest_overlaps_is_found_between_texels() {
+    let a = |at: DVec2| -15.0 * at.x * at.x;
+    let b = |at: DVec2| 0.0002 * (TAU * at.x / 0.008).cos();
+    let plates = Plates { half: HALF, relief_a: &a, relief_b: &b };
+    let (surfaces, ids) = plates.surfaces(TEXELS);
+    let settings = DepthSettings { grid: 64, filter: TextureFilter::Finest, ..DepthSettings::default() };
+    for shift in [0.0003, 0.00117, -0.0022] {
+        let contact = plates.contact(ids, turned_over(DVec2::X * shift, 0.0, DVec3::ZERO), WINDOW);
+        let overlap = |x: f64| a(DVec2::X * (x - shift)) + b(DVec2::X * x);
+        let places = (-400_000..400_000).map(|i| shift + f64::from(i) * 1e-8);
+        let at = places.max_by(|x, y| overlap(*x).total_cmp(&overlap(*y))).unwrap();
+        let slope = -0.0002 * TAU / 0.008 * (TAU * at / 0.008).sin();
+        let found = found(&surfaces, &contact, &settings);
+        let wanted = DVec3::new(slope, 0.0, -1.0);
+        assert!((found.depth - overlap(at)).abs() < 2e-9, "{shift}: {} {}", found.depth, overlap(at));
+        assert!((found.linear - wanted).length() < 2e-4, "{shift}: {:?} {wanted}", found.linear);
+    }
 }
