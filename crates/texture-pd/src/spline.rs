@@ -165,6 +165,13 @@ fn wrapped(i: i32, n: u32, wrap: u32) -> u32 {
     at as u32
 }
 
+/// A level's coefficient, anywhere.
+pub(crate) fn coefficient(level: &Level, coefficients: &[f32], column: i32, row: i32) -> f32 {
+    let &[first, width, height, wrap] = level;
+    coefficients
+        [(first + wrapped(row, height, wrap >> 2) * width + wrapped(column, width, wrap & 3)) as usize]
+}
+
 #[inline]
 fn weights(f: f32) -> [f32; 4] {
     let g = 1.0 - f;

@@ -42,6 +42,8 @@ struct SurfaceTriangle {
     coordinates: [DVec2; 3],
     /// Side of a square texel on the surface, m: infinite where the triangle has no area in the texture.
     texel: f64,
+    /// Range of the displacements, with 0, m.
+    range: [f32; 2],
 }
 
 #[derive(Clone, Debug)]
@@ -50,8 +52,6 @@ pub(crate) struct Texture {
     pub levels: Vec<Level>,
     pub coefficients: Vec<f32>,
     wrap: [Wrap; 2],
-    /// Range of displacements with what the spline may overshoot, m.
-    range: [f64; 2],
 }
 
 /// Why a mesh cannot be touched.
@@ -121,6 +121,7 @@ impl TexturedSurface {
             directions: [DVec3::ZERO; 3],
             coordinates: [DVec2::ZERO; 3],
             texel: f64::INFINITY,
+            range: [0.0; 2],
         });
         Self::new(triangles.collect(), None)
     }
@@ -132,6 +133,7 @@ impl TexturedSurface {
     /// If the mesh is empty or has a vertex that is not finite.
     pub fn textured(mesh: &UvMesh, image: &HeightImage, crease: f64) -> Result<Self, SurfaceError> {
         let size = DVec2::new(image.width().into(), image.height().into());
+        let texture = Texture::new(image);
         let directions = corner_directions(mesh.mesh(), crease);
         let triangles = directions.into_iter().zip(mesh.coordinates()).enumerate();
         let triangles = triangles.map(|(triangle, (directions, coordinates))| {
@@ -139,9 +141,11 @@ impl TexturedSurface {
             let area = (corners[1] - corners[0]).cross(corners[2] - corners[0]).length();
             let [a, b, c] = coordinates.map(|uv| uv * size);
             let texel = (area / (b - a).perp_dot(c - a).abs()).sqrt();
-            SurfaceTriangle { corners, directions, coordinates: *coordinates, texel }
+            let range = texture.range_between(a.min(b).min(c), a.max(b).max(c));
+            SurfaceTriangle { corners, directions, coordinates: *coordinates, texel, range }
         });
-        Self::new(triangles.collect(), Some(Texture::new(image)))
+        let triangles = triangles.collect();
+        Self::new(triangles, Some(texture))
     }
 
     fn new(triangles: Vec<SurfaceTriangle>, texture: Option<Texture>) -> Result<Self, SurfaceError> {
@@ -166,9 +170,12 @@ impl TexturedSurface {
         Ok(Self { triangles, tree, middle, texture })
     }
 
-    /// The smallest and largest displacement along a surface's directions, m: zero without a texture.
+    /// The smallest and largest displacement along a surface's directions, or bounds of them, m: zero without a texture.
     pub fn displacement(&self) -> [f64; 2] {
-        self.texture.as_ref().map_or([0.0; 2], |texture| texture.range)
+        let range = |[low, high]: [f64; 2], triangle: &SurfaceTriangle| {
+            [low.min(triangle.range[0].into()), high.max(triangle.range[1].into())]
+        };
+        self.triangles.iter().fold([0.0; 2], range)
     }
 
     /// The largest displacement either way, m.
@@ -217,7 +224,8 @@ impl TexturedSurface {
         footprint: f64,
         first_level: u32,
     ) -> Option<Triangle> {
-        let SurfaceTriangle { corners, directions, coordinates, texel } = self.triangles[index as usize];
+        let SurfaceTriangle { corners, directions, coordinates, texel, range } =
+            self.triangles[index as usize];
         let [p0, p1, p2] = corners.map(|corner| view.point(corner));
         if side * facing(p0, p1, p2) <= EDGE_ON {
             return None;
@@ -236,8 +244,8 @@ impl TexturedSurface {
             triangle.directions = [n0, n1 - n0, n2 - n0].map(|direction| direction.as_vec3().to_array());
             triangle.texture = [uv0, uv1 - uv0, uv2 - uv0].map(|uv| uv.as_vec2().to_array());
             triangle.level = (first_level + level as u32 + 1) as f32;
-            triangle.most = texture.range[1].max(-texture.range[0]) as f32;
-            triangle.outwards = texture.range[1] as f32;
+            triangle.most = range[1].max(-range[0]);
+            triangle.outwards = range[1];
         }
         Some(triangle)
     }
@@ -257,11 +265,26 @@ impl Texture {
     fn new(image: &HeightImage) -> Self {
         let (mut levels, mut coefficients) = (Vec::new(), Vec::new());
         spline::push_levels(image, &mut levels, &mut coefficients);
-        // The spline lies within its coefficients.
-        let finest = &coefficients[..image.displacements().len()];
-        let low = finest.iter().fold(0.0_f32, |low, &c| low.min(c));
-        let high = finest.iter().fold(0.0_f32, |high, &c| high.max(c));
-        Self { levels, coefficients, wrap: image.wrap(), range: [low.into(), high.into()] }
+        Self { levels, coefficients, wrap: image.wrap() }
+    }
+
+    /// The range of displacements, with 0, in a box of texels of the finest level, m. The spline lies within its
+    /// coefficients, and so do those of coarser levels, but for what they overshoot by: those are looked at as well.
+    fn range_between(&self, low: DVec2, high: DVec2) -> [f32; 2] {
+        let mut range = [0.0_f32; 2];
+        let finest = DVec2::new(self.levels[0][1].into(), self.levels[0][2].into());
+        for level in &self.levels {
+            let scale = DVec2::new(level[1].into(), level[2].into()) / finest;
+            let (from, to) = ((low * scale).floor() - 2.0, (high * scale).ceil() + 2.0);
+            let columns = indices(from.x, to.x, level[1], self.wrap[0]);
+            for row in indices(from.y, to.y, level[2], self.wrap[1]) {
+                for column in columns.clone() {
+                    let value = spline::coefficient(level, &self.coefficients, column, row);
+                    range = [range[0].min(value), range[1].max(value)];
+                }
+            }
+        }
+        range
     }
 
     /// The coarsest level of which a texel is no larger than `footprint` (m).
@@ -283,5 +306,53 @@ impl Texture {
         let [_, width, height, _] = self.levels[level];
         let size = DVec2::new(width.into(), height.into());
         coordinates.map(|uv| (uv - off) * size)
+    }
+}
+
+/// Indices from one to another, or those that stand for them: all of a period where there are more.
+fn indices(from: f64, to: f64, count: u32, wrap: Wrap) -> std::ops::Range<i32> {
+    // A mirrored period has each index twice.
+    let period = 2.0 * f64::from(count);
+    if wrap == Wrap::Clamp {
+        let [from, to] = [from, to].map(|at| at.clamp(-1.0, f64::from(count) + 1.0));
+        return from as i32..to as i32 + 1;
+    }
+    if to - from >= period {
+        return 0..period as i32;
+    }
+    let whole = (from / period).floor() * period;
+    (from - whole) as i32..(to - whole) as i32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn range_of_a_box_is_that_of_the_texels_in_it_wherever_it_is() {
+        // One texel stands out.
+        let (width, height) = (32_u32, 16_u32);
+        let (column, row) = (20, 3);
+        for wrap in [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror] {
+            let mut heights = vec![0.0; (width * height) as usize];
+            heights[(row * width + column) as usize] = 1.0;
+            let image = HeightImage::new(width, height, heights, [wrap; 2]).unwrap().into_atlas();
+            let texture = Texture::new(&image);
+            let around = |x: f64, y: f64| {
+                let at = DVec2::new(x, y);
+                texture.range_between(at - 0.5, at + 0.5)[1]
+            };
+            let (x, y) = (f64::from(column) + 0.5, f64::from(row) + 0.5);
+            assert!(around(x, y) >= 1.0);
+            assert!(around(x - 12.0, y + 8.0) < 1e-3);
+            let period = if wrap == Wrap::Mirror { 64.0 } else { 32.0 };
+            let expected = if wrap == Wrap::Clamp { 0.0..1e-3 } else { 1.0..4.0 };
+            for periods in [1.0, -3.0, 1e9] {
+                let found = around(x + period * periods, y);
+                assert!(expected.contains(&found), "{wrap:?}, {periods}: {found}");
+            }
+            let all = texture.range_between(DVec2::splat(-1e12), DVec2::splat(1e12));
+            assert!(all[1] >= 1.0);
+        }
     }
 }

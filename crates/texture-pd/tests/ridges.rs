@@ -3,6 +3,8 @@
 //! Depths are smooth maxima with a temperature of some µm: interlocked ridges fit everywhere at once, so that the place of the
 //! largest overlap, and with it the largest overlap's gradient, is left to chance there, and jumps from flank to flank.
 
+#![allow(clippy::print_stdout, reason = "it prints what it finds")]
+
 mod common;
 
 use std::f64::consts::TAU;

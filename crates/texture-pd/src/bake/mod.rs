@@ -293,6 +293,9 @@ struct Texels {
     folded: usize,
 }
 
+/// How far coefficients may go beyond the displacements that rays found for their chart, as a part of the range of those.
+const BEYOND: f64 = 0.5;
+
 /// Casts the rays of all charts and makes the image of their splines.
 fn texels(
     atlas: &Atlas,
@@ -369,6 +372,14 @@ fn coefficients_of(chart: &Chart, rows: &[Row]) -> Vec<f64> {
     };
     fill::fill(&mut grid, width, matters);
     bspline::prefilter(&mut grid, width);
+    // What is extrapolated far, over a hole or past a sharp edge, is kept from going wild.
+    let hits = rows.iter().flat_map(|row| &row.heights).filter(|height| height.is_finite());
+    let range = [f64::INFINITY, f64::NEG_INFINITY];
+    let [low, high] = hits.fold(range, |[low, high], &height| [low.min(height), high.max(height)]);
+    if low <= high {
+        let margin = BEYOND * (high - low);
+        grid.iter_mut().for_each(|value| *value = value.clamp(low - margin, high + margin));
+    }
     grid
 }
 
