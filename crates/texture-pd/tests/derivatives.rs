@@ -187,3 +187,49 @@ fn line_of_largest_overlaps_is_found_between_texels() {
         assert!((found.linear - wanted).length() < 2e-4, "{shift}: {:?} {wanted}", found.linear);
     }
 }
+
+/// The largest overlap of the texels alone is off by the second order of their size, that between them by the fourth.
+#[test]
+fn error_of_the_depth_falls_with_the_grid() {
+    let (a, b) = (sphere(0.02), ridges(0.0002, 0.008, 0.3));
+    let plates = Plates { half: HALF, relief_a: &a, relief_b: &b };
+    let (surfaces, ids) = plates.surfaces(TEXELS);
+    let seed = 72;
+    let mut rng = StdRng::seed_from_u64(seed);
+    let mut random = |most: f64| rng.random_range(-most..most);
+    let poses: Vec<Pose> = (0..15)
+        .map(|_| {
+            let place = DVec2::new(random(0.004), random(0.004));
+            turned_over(place, 0.0005, DVec3::new(random(0.05), random(0.05), random(0.5)))
+        })
+        .collect();
+    let exact: Vec<f64> = poses
+        .iter()
+        .map(|pose| {
+            let inside = pose.inverse().transform_point(pose.translation.with_z(0.0)).truncate();
+            plates.depth(pose, inside, 0.9 * WINDOW)
+        })
+        .collect();
+    let texels_alone = Derivatives::Differences { shift: 1e-4, turn: 1e-2, second: false };
+    let errors = |grid, derivatives| {
+        let settings =
+            DepthSettings { grid, derivatives, filter: TextureFilter::Finest, ..DepthSettings::default() };
+        let error = |(pose, exact): (&Pose, &f64)| {
+            (found(&surfaces, &plates.contact(ids, *pose, WINDOW), &settings).depth - exact).abs()
+        };
+        let errors: Vec<f64> = poses.iter().zip(&exact).map(error).collect();
+        (errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64).sqrt()
+    };
+    println!(
+        "sphere on ridges (seed {seed}): root mean square error of depth, m: texels alone; between them"
+    );
+    let grids = [12, 24, 48, 96];
+    let all = grids.map(|grid| [errors(grid, texels_alone), errors(grid, Derivatives::Maximum)]);
+    for (grid, [alone, between]) in grids.iter().zip(&all) {
+        println!("  {grid:3} {alone:10.2e} {between:10.2e}");
+    }
+    for two in all.windows(2) {
+        assert!(two[1][0] < 0.4 * two[0][0], "{all:?}");
+        assert!(two[1][1] < 0.15 * two[0][1] || two[1][1] < 5e-9, "{all:?}");
+    }
+}
