@@ -1,7 +1,7 @@
 //! Displacement as a smooth function: an interpolating cubic B-spline through the texels of an image.
 //!
 //! The coefficients are stored, not slopes and curvatures (§5.6.2 suggests images of those): from the 4 × 4 coefficients
-//! around a point the displacement, its slopes and its curvatures follow exactly and fit together, at a quarter of the
+//! around a point the displacement, its slopes and its curvatures follow exactly and fit together, at a sixth of the
 //! memory. Coarser levels are the means of the texels below, with coefficients of their own.
 
 use crate::height_image::{HeightImage, Wrap};
