@@ -42,8 +42,6 @@ struct SurfaceTriangle {
     coordinates: [DVec2; 3],
     /// Side of a square texel on the surface, m: infinite where the triangle has no area in the texture.
     texel: f64,
-    /// Range of the displacements, with 0, m.
-    range: [f32; 2],
 }
 
 #[derive(Clone, Debug)]
@@ -52,6 +50,8 @@ pub(crate) struct Texture {
     pub levels: Vec<Level>,
     pub coefficients: Vec<f32>,
     wrap: [Wrap; 2],
+    /// For each triangle and level the range of displacements there, with 0, m.
+    ranges: Vec<[f32; 2]>,
 }
 
 /// Why a mesh cannot be touched.
@@ -121,7 +121,6 @@ impl TexturedSurface {
             directions: [DVec3::ZERO; 3],
             coordinates: [DVec2::ZERO; 3],
             texel: f64::INFINITY,
-            range: [0.0; 2],
         });
         Self::new(triangles.collect(), None)
     }
@@ -133,7 +132,7 @@ impl TexturedSurface {
     /// If the mesh is empty or has a vertex that is not finite.
     pub fn textured(mesh: &UvMesh, image: &HeightImage, crease: f64) -> Result<Self, SurfaceError> {
         let size = DVec2::new(image.width().into(), image.height().into());
-        let texture = Texture::new(image);
+        let mut texture = Texture::new(image);
         let directions = corner_directions(mesh.mesh(), crease);
         let triangles = directions.into_iter().zip(mesh.coordinates()).enumerate();
         let triangles = triangles.map(|(triangle, (directions, coordinates))| {
@@ -141,8 +140,8 @@ impl TexturedSurface {
             let area = (corners[1] - corners[0]).cross(corners[2] - corners[0]).length();
             let [a, b, c] = coordinates.map(|uv| uv * size);
             let texel = (area / (b - a).perp_dot(c - a).abs()).sqrt();
-            let range = texture.range_between(a.min(b).min(c), a.max(b).max(c));
-            SurfaceTriangle { corners, directions, coordinates: *coordinates, texel, range }
+            texture.add_ranges(a.min(b).min(c), a.max(b).max(c));
+            SurfaceTriangle { corners, directions, coordinates: *coordinates, texel }
         });
         let triangles = triangles.collect();
         Self::new(triangles, Some(texture))
@@ -172,10 +171,10 @@ impl TexturedSurface {
 
     /// The smallest and largest displacement along a surface's directions, or bounds of them, m: zero without a texture.
     pub fn displacement(&self) -> [f64; 2] {
-        let range = |[low, high]: [f64; 2], triangle: &SurfaceTriangle| {
-            [low.min(triangle.range[0].into()), high.max(triangle.range[1].into())]
-        };
-        self.triangles.iter().fold([0.0; 2], range)
+        let widened =
+            |[low, high]: [f64; 2], range: &[f32; 2]| [low.min(range[0].into()), high.max(range[1].into())];
+        let ranges = self.texture.iter().flat_map(|texture| &texture.ranges);
+        ranges.fold([0.0; 2], widened)
     }
 
     /// The largest displacement either way, m.
@@ -224,8 +223,7 @@ impl TexturedSurface {
         footprint: f64,
         first_level: u32,
     ) -> Option<Triangle> {
-        let SurfaceTriangle { corners, directions, coordinates, texel, range } =
-            self.triangles[index as usize];
+        let SurfaceTriangle { corners, directions, coordinates, texel } = self.triangles[index as usize];
         let [p0, p1, p2] = corners.map(|corner| view.point(corner));
         if side * facing(p0, p1, p2) <= EDGE_ON {
             return None;
@@ -244,8 +242,8 @@ impl TexturedSurface {
             triangle.directions = [n0, n1 - n0, n2 - n0].map(|direction| direction.as_vec3().to_array());
             triangle.texture = [uv0, uv1 - uv0, uv2 - uv0].map(|uv| uv.as_vec2().to_array());
             triangle.level = (first_level + level as u32 + 1) as f32;
-            triangle.most = range[1].max(-range[0]);
-            triangle.outwards = range[1];
+            let [low, high] = texture.ranges[index as usize * texture.levels.len() + level];
+            (triangle.most, triangle.outwards) = (high.max(-low), high);
         }
         Some(triangle)
     }
@@ -265,26 +263,25 @@ impl Texture {
     fn new(image: &HeightImage) -> Self {
         let (mut levels, mut coefficients) = (Vec::new(), Vec::new());
         spline::push_levels(image, &mut levels, &mut coefficients);
-        Self { levels, coefficients, wrap: image.wrap() }
+        Self { levels, coefficients, wrap: image.wrap(), ranges: Vec::new() }
     }
 
-    /// The range of displacements, with 0, in a box of texels of the finest level, m. The spline lies within its
-    /// coefficients, and so do those of coarser levels, but for what they overshoot by: those are looked at as well.
-    fn range_between(&self, low: DVec2, high: DVec2) -> [f32; 2] {
-        let mut range = [0.0_f32; 2];
+    /// Adds the ranges of a triangle in a box of texels of the finest level. A spline lies within its coefficients.
+    fn add_ranges(&mut self, low: DVec2, high: DVec2) {
         let finest = DVec2::new(self.levels[0][1].into(), self.levels[0][2].into());
         for level in &self.levels {
             let scale = DVec2::new(level[1].into(), level[2].into()) / finest;
             let (from, to) = ((low * scale).floor() - 2.0, (high * scale).ceil() + 2.0);
             let columns = indices(from.x, to.x, level[1], self.wrap[0]);
+            let mut range = [0.0_f32; 2];
             for row in indices(from.y, to.y, level[2], self.wrap[1]) {
                 for column in columns.clone() {
                     let value = spline::coefficient(level, &self.coefficients, column, row);
                     range = [range[0].min(value), range[1].max(value)];
                 }
             }
+            self.ranges.push(range);
         }
-        range
     }
 
     /// The coarsest level of which a texel is no larger than `footprint` (m).
@@ -337,11 +334,12 @@ mod tests {
             let mut heights = vec![0.0; (width * height) as usize];
             heights[(row * width + column) as usize] = 1.0;
             let image = HeightImage::new(width, height, heights, [wrap; 2]).unwrap().into_atlas();
-            let texture = Texture::new(&image);
-            let around = |x: f64, y: f64| {
-                let at = DVec2::new(x, y);
-                texture.range_between(at - 0.5, at + 0.5)[1]
+            let mut texture = Texture::new(&image);
+            let mut highest = |low: DVec2, high: DVec2| {
+                texture.add_ranges(low, high);
+                texture.ranges.pop().unwrap()[1]
             };
+            let mut around = |x: f64, y: f64| highest(DVec2::new(x, y) - 0.5, DVec2::new(x, y) + 0.5);
             let (x, y) = (f64::from(column) + 0.5, f64::from(row) + 0.5);
             assert!(around(x, y) >= 1.0);
             assert!(around(x - 12.0, y + 8.0) < 1e-3);
@@ -351,8 +349,7 @@ mod tests {
                 let found = around(x + period * periods, y);
                 assert!(expected.contains(&found), "{wrap:?}, {periods}: {found}");
             }
-            let all = texture.range_between(DVec2::splat(-1e12), DVec2::splat(1e12));
-            assert!(all[1] >= 1.0);
+            assert!(highest(DVec2::splat(-1e12), DVec2::splat(1e12)) >= 1.0);
         }
     }
 }
