@@ -117,9 +117,9 @@ impl Batch {
         self.header.pairs += 1;
     }
 
-    /// Texels of an image.
+    /// Texels of an image: one, for a batch that was never filled.
     pub(crate) fn grid_texels(&self) -> usize {
-        (self.header.grid * self.header.grid) as usize
+        (self.header.grid * self.header.grid).max(1) as usize
     }
 
     /// Texels of all images.

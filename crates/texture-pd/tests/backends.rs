@@ -10,8 +10,8 @@ use glam::{DQuat, DVec2, DVec3};
 use palpate_core::mesh::UvMesh;
 use palpate_core::{Pose, TriMesh};
 use palpate_texture_pd::{
-    Backend, CpuBackend, DepthQuery, DepthSettings, Derivatives, HeightImage, ReferenceBackend, SurfaceId,
-    SurfaceSet, TextureContact, TextureDepth, TextureFilter, TexturedSurface, Wrap,
+    Backend, Batch, CpuBackend, DepthQuery, DepthSettings, Derivatives, HeightImage, ReferenceBackend,
+    SurfaceId, SurfaceSet, TextureContact, TextureDepth, TextureFilter, TexturedSurface, Wrap,
 };
 use rand::rngs::StdRng;
 use rand::{RngExt as _, SeedableRng as _};
@@ -212,6 +212,8 @@ fn surfaces_that_are_not_seen_above_each_other_have_no_depth() {
         assert_eq!(found.iter().map(Option::is_some).collect::<Vec<_>>(), [false, false, true, false]);
         assert!((found[2].unwrap().depth - 1e-3).abs() < 1e-9);
         assert!(depths(&mut **backend, &surfaces, &[], &DepthSettings::default()).is_empty());
+        let mut answers = Vec::new();
+        assert!(backend.evaluate(&surfaces, &Batch::default(), &mut answers).is_ok() && answers.is_empty());
     }
 }
 

@@ -16,7 +16,7 @@ pub(crate) fn height_images(
 ) {
     let textures = Textures { levels, coefficients };
     let grid = header.grid;
-    let texels = (grid * grid) as usize;
+    let texels = (grid * grid).max(1) as usize;
     for (image, heights) in images.iter().zip(heights.chunks_exact_mut(texels)) {
         heights.fill([NO_SURFACE, NOWHERE]);
         for index in image.first..image.first + image.count {
