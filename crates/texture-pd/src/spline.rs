@@ -30,14 +30,9 @@ pub(crate) struct Spline {
 
 impl Spline {
     pub fn through(image: &HeightImage) -> Self {
-        let [width, height] = [image.width(), image.height()];
-        let wrap = image.wrap().map(|wrap| wrap as u32);
-        let heights: Vec<f64> = image.displacements().iter().map(|&height| f64::from(height)).collect();
-        let coefficients = spline_coefficients(&heights, width as usize, image.wrap());
-        Self {
-            level: [0, width, height, wrap[0] | wrap[1] << 2],
-            coefficients: coefficients.iter().map(|&c| c as f32).collect(),
-        }
+        let (mut levels, mut coefficients) = (Vec::new(), Vec::new());
+        push_levels(image, &mut levels, &mut coefficients);
+        Self { level: levels[0], coefficients }
     }
 
     /// The displacement at a place in texels, where the first texel's centre is at (0, 0).
