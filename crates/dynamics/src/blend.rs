@@ -111,7 +111,7 @@ impl ContactBlend {
         self.felt.assign(&self.incoming);
         self.felt.scale_from(0, share);
         let first = self.felt.constraints().len();
-        self.felt.extend(&self.outgoing);
+        self.felt.extend(&self.outgoing, u64::MAX);
         self.felt.scale_from(first, 1.0 - share);
     }
 }

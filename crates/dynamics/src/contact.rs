@@ -22,6 +22,9 @@
 //! Where the surfaces have friction, the point is also held along the plane, by a spring and damper of the same
 //! gains that yield at the Coulomb limit ([`friction`](crate::friction)).
 //!
+//! A contact between detailed surfaces is more than a plane: [`CurvedContact`], whose [bends](crate::Bend) let the plane turn
+//! as the body moves on.
+//!
 //! The stiffness that the body feels is at most the number of contacts times k, and that number is at most
 //! [`MAX_CLUSTERS`]: this is what the clustering of §5.4.2 is for. While one model [goes
 //! over](crate::ContactBlend) to the next, the two share it.
@@ -29,10 +32,11 @@
 use glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Contact, Pose, Wrench};
 
+use crate::bend::{Bend, CurvedContact, MAX_BENDS};
 use crate::body::BodyState;
 use crate::friction::{Friction, Grip, Hold};
 use crate::jacobian::{Block6, WrenchJacobian};
-use crate::rotation::skew_skew;
+use crate::rotation::{skew, skew_skew};
 
 /// The most contacts that a model is made of: the upper bound on the number of clusters K (§5.4.2).
 pub const MAX_CLUSTERS: usize = 16;
@@ -101,7 +105,8 @@ pub struct PlaneConstraint {
 pub(crate) struct ContactState {
     /// a = R r.
     pub arm: DVec3,
-    /// a × n: with n, the direction of the contact's wrench.
+    /// ∂δ/∂x and ∂δ/∂φ, the direction of the contact's wrench: n and a × n, but for bends.
+    pub direction: DVec3,
     pub moment: DVec3,
     /// v + ω × a: of the point, m/s.
     pub velocity: DVec3,
@@ -143,7 +148,8 @@ impl PlaneConstraint {
         let depth = self.normal.dot(state.pose.translation + arm - self.scene_point);
         let velocity = state.twist.velocity_at(arm);
         let rate = self.normal.dot(velocity);
-        ContactState { arm, moment, velocity, overlap: depth + self.tolerance, rate }
+        let overlap = depth + self.tolerance;
+        ContactState { arm, direction: self.normal, moment, velocity, overlap, rate }
     }
 
     /// What the constraint does at a state.
@@ -158,8 +164,8 @@ impl PlaneConstraint {
     /// The wrench on the body, about its centre of mass.
     #[inline(always)]
     fn wrench(&self, at: &ContactState, Push { normal, hold }: &Push) -> Wrench {
-        let force = hold.force - self.normal * *normal;
-        Wrench { force, torque: at.arm.cross(force) + self.normal * hold.moment }
+        let torque = at.arm.cross(hold.force) + self.normal * hold.moment;
+        Wrench { force: hold.force - at.direction * *normal, torque: torque - at.moment * *normal }
     }
 
     /// λ at a state: the size of the repulsive force, N, never negative.
@@ -200,6 +206,8 @@ pub struct ContactResponse {
 pub struct LinearContactModel {
     constraints: [PlaneConstraint; MAX_CONSTRAINTS],
     count: usize,
+    bends: [Bend; MAX_BENDS],
+    bend_count: usize,
     overflow: u32,
     refused: u32,
     pose: Pose,
@@ -212,6 +220,8 @@ impl LinearContactModel {
         Self {
             constraints: [PlaneConstraint::NONE; MAX_CONSTRAINTS],
             count: 0,
+            bends: [Bend::NONE; MAX_BENDS],
+            bend_count: 0,
             overflow: 0,
             refused: 0,
             pose: *pose,
@@ -296,6 +306,37 @@ impl LinearContactModel {
         self
     }
 
+    /// Adds a contact with how its depth changes as the body moves; gains are those of a plane along the depth's gradient
+    /// (Eqs. 5.51–5.56). It brakes the body from `braking_time` (s) before it would close. Left out where the model has
+    /// [`MAX_CLUSTERS`] already, refused where it is not finite or has no gradient.
+    pub fn push_curved(
+        &mut self,
+        contact: &CurvedContact,
+        parameters: &ContactParameters,
+        braking_time: f64,
+    ) {
+        let Some((constraint, bends)) = contact.constraint(&self.pose, parameters) else {
+            self.refused += 1;
+            return;
+        };
+        if self.count >= MAX_CLUSTERS {
+            self.overflow += 1;
+            return;
+        }
+        self.push(PlaneConstraint { braking_time, ..constraint });
+        for bend in bends {
+            self.push_bend(&bend);
+        }
+    }
+
+    /// Adds a bend of the last constraint; where there is no room for it, the depth is a little straighter.
+    fn push_bend(&mut self, bend: &Bend) {
+        if self.bend_count < MAX_BENDS {
+            self.bends[self.bend_count] = bend.of(self.count - 1);
+            self.bend_count += 1;
+        }
+    }
+
     /// Adds a constraint; `false` if the model is full, which then stays as it was.
     pub fn push(&mut self, constraint: PlaneConstraint) -> bool {
         if self.count == MAX_CONSTRAINTS {
@@ -307,6 +348,11 @@ impl LinearContactModel {
         true
     }
 
+    /// The bends of all constraints.
+    pub(crate) fn bends(&self) -> &[Bend] {
+        &self.bends[..self.bend_count]
+    }
+
     /// The constraints.
     pub fn constraints(&self) -> &[PlaneConstraint] {
         &self.constraints[..self.count]
@@ -314,9 +360,12 @@ impl LinearContactModel {
 
     /// Takes all of another model, at the cost of what that holds.
     pub(crate) fn assign(&mut self, other: &Self) {
-        let Self { constraints, count, overflow, refused, pose, time } = other;
+        let Self { constraints, count, bends, bend_count, overflow, refused, pose, time } = other;
         self.constraints[..*count].copy_from_slice(&constraints[..*count]);
-        (self.count, self.overflow, self.refused) = (*count, *overflow, *refused);
+        self.count = *count;
+        self.bends[..*bend_count].copy_from_slice(&bends[..*bend_count]);
+        self.bend_count = *bend_count;
+        (self.overflow, self.refused) = (*overflow, *refused);
         (self.pose, self.time) = (*pose, *time);
     }
 
@@ -328,11 +377,38 @@ impl LinearContactModel {
         }
     }
 
-    /// Adds another model's constraints.
-    pub(crate) fn extend(&mut self, other: &Self) {
-        for constraint in other.constraints() {
-            self.push(*constraint);
+    /// Adds those of another model's constraints, with their bends, whose bits are set.
+    pub(crate) fn extend(&mut self, other: &Self, chosen: u64) {
+        for (i, constraint) in other.constraints().iter().enumerate() {
+            if chosen & (1 << i) == 0 || !self.push(*constraint) {
+                continue;
+            }
+            for bend in other.bends().iter().filter(|bend| bend.constraint == i) {
+                self.push_bend(bend);
+            }
         }
+    }
+
+    /// A constraint, by its place, seen from a state.
+    #[inline(always)]
+    pub(crate) fn at(&self, place: usize, state: &BodyState, rotation: &DMat3) -> ContactState {
+        let mut at = self.constraints[place].at(state, rotation);
+        if self.bend_count > 0 {
+            self.bend(place, state, &mut at);
+        }
+        at
+    }
+
+    /// Adds a constraint's bends to how it is seen.
+    #[inline(never)]
+    fn bend(&self, place: usize, state: &BodyState, at: &mut ContactState) {
+        for bend in self.bends().iter().filter(|bend| bend.constraint == place) {
+            let bent = bend.at(state);
+            at.overlap += bent.value;
+            at.direction += bent.linear * bent.slope;
+            at.moment += bent.angular * bent.slope;
+        }
+        at.rate = at.direction.dot(state.twist.linear) + at.moment.dot(state.twist.angular);
     }
 
     pub(crate) fn constraints_mut(&mut self) -> &mut [PlaneConstraint] {
@@ -386,8 +462,8 @@ impl LinearContactModel {
     pub fn wrench(&self, state: &BodyState) -> Wrench {
         let rotation = DMat3::from_quat(state.pose.rotation);
         let mut sum = Wrench::ZERO;
-        for c in self.constraints() {
-            let at = c.at(state, &rotation);
+        for (i, c) in self.constraints().iter().enumerate() {
+            let at = self.at(i, state, &rotation);
             let push = c.push(state, &at);
             if push.normal > 0.0 {
                 sum += c.wrench(&at, &push);
@@ -402,7 +478,7 @@ impl LinearContactModel {
         let mut response =
             ContactResponse { wrench: Wrench::ZERO, jacobian: WrenchJacobian::ZERO, active: 0 };
         for (i, c) in self.constraints().iter().enumerate() {
-            let at = c.at(state, &rotation);
+            let at = self.at(i, state, &rotation);
             let push = c.push(state, &at);
             let Push { normal: force, hold } = push;
             if force <= 0.0 {
@@ -410,12 +486,20 @@ impl LinearContactModel {
             }
             response.active |= 1 << i;
             response.wrench += c.wrench(&at, &push);
-            let direction = (-c.normal, -at.moment);
+            let direction = (-at.direction, -at.moment);
             let stiffness = c.stiffness_at(at.overlap).unwrap_or(0.0);
             let by_turn = at.moment * stiffness + c.swept(&at, state.twist.angular);
-            let mut pose = Block6::outer(direction, (c.normal * stiffness, by_turn));
+            let mut pose = Block6::outer(direction, (at.direction * stiffness, by_turn));
             pose.torque_angular += skew_skew(c.normal * -force, at.arm);
-            let twist = Block6::outer(direction, (c.normal * c.damping, at.moment * c.damping));
+            for bend in self.bends().iter().filter(|bend| bend.constraint == i) {
+                let bent = bend.at(state);
+                let (along, turn) = (bent.linear * bent.curvature, bent.angular * bent.curvature);
+                pose += Block6::outer((bent.linear * -force, bent.angular * -force), (along, turn));
+                let swept = c.damping * bent.rate(&state.twist);
+                pose += Block6::outer(direction, (along * swept, turn * swept));
+                pose.torque_angular += skew(bent.angular) * (0.5 * force * bent.slope);
+            }
+            let twist = Block6::outer(direction, (at.direction * c.damping, at.moment * c.damping));
             response.jacobian += WrenchJacobian { pose, twist };
             if c.friction.is_some() && at.overlap > 0.0 {
                 response.jacobian += c.hold_jacobian(state, &at, force, &hold);
@@ -428,10 +512,10 @@ impl LinearContactModel {
     pub fn potential_energy(&self, pose: &Pose) -> f64 {
         let state = BodyState::at_rest(*pose);
         let rotation = DMat3::from_quat(pose.rotation);
-        self.constraints()
-            .iter()
-            .map(|c| 0.5 * c.stiffness * c.at(&state, &rotation).overlap.max(0.0).powi(2))
-            .sum()
+        let energy = |(i, c): (usize, &PlaneConstraint)| {
+            0.5 * c.stiffness * self.at(i, &state, &rotation).overlap.max(0.0).powi(2)
+        };
+        self.constraints().iter().enumerate().map(energy).sum()
     }
 }
 

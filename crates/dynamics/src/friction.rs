@@ -168,7 +168,7 @@ impl PlaneConstraint {
     /// v_t.
     #[inline]
     pub(crate) fn slide(&self, state: &BodyState, at: &ContactState) -> Strain {
-        self.velocity_strain(at.velocity, at.rate, state.twist.angular)
+        self.velocity_strain(at.velocity, self.normal.dot(at.velocity), state.twist.angular)
     }
 
     /// What a motion strains the contact by, m/s, given the velocity of the point, its part along the normal, and the

@@ -48,6 +48,7 @@
 //! # Ok::<(), palpate_dynamics::BodyError>(())
 //! ```
 
+mod bend;
 mod blend;
 mod body;
 mod constrained_motion;
@@ -55,6 +56,7 @@ mod contact;
 mod coupling;
 #[cfg(test)]
 mod differences;
+mod eigen;
 mod friction;
 mod integrators;
 mod jacobian;
@@ -67,6 +69,7 @@ mod saturation;
 mod step;
 mod system;
 
+pub use bend::CurvedContact;
 pub use blend::ContactBlend;
 pub use body::{Body, BodyError, BodyState};
 pub use constrained_motion::{MotionLimit, constrained_motion};

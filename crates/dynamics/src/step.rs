@@ -32,6 +32,11 @@
 //! from those of the start. So the matrix stays as definite as it is, and a contact that slides is damped by as much as
 //! friction allows.
 //!
+//! # Bends
+//!
+//! Where a contact's depth [bends](crate::Bend), its direction is that of the start, and the bend's stiffness is in the
+//! matrix with the force at the end of the step if the velocity does not change. It adds to the definiteness of the matrix.
+//!
 //! # Geometric stiffness
 //!
 //! A force that keeps its direction while its lever arm turns makes a torque whose derivative F* a* is never
@@ -45,6 +50,7 @@ use arrayvec::ArrayVec;
 use glam::{DMat3, DVec3};
 use palpate_core::{Twist, Wrench};
 
+use crate::bend::{Bent, MAX_BENDS};
 use crate::body::{Body, BodyState};
 use crate::contact::{ContactState, LinearContactModel, MAX_CONSTRAINTS, PlaneConstraint};
 use crate::coupling::{DeviceMotion, VirtualCoupling};
@@ -172,13 +178,15 @@ impl Step {
     }
 }
 
-/// A contact as the step's linear systems see it. Its wrench is along (n, a × n), which also takes the
+/// A contact as the step's linear systems see it. Its wrench is along (direction, moment), which also takes the
 /// velocity to δ̇.
 #[derive(Clone, Copy)]
 struct Pressing {
     /// a.
     arm: DVec3,
-    /// a × n.
+    /// n, but for bends.
+    direction: DVec3,
+    /// a × n, but for bends.
     moment: DVec3,
     /// h ∂(b δ̇)/∂φ, or zero without geometric stiffness.
     swept: DVec3,
@@ -241,6 +249,7 @@ impl Pressing {
         let rubs = c.friction.is_some() && (overlap > 0.0 || c.braking_time == 0.0);
         Self {
             arm: at.arm,
+            direction: at.direction,
             moment: at.moment,
             swept,
             stiffness,
@@ -259,6 +268,8 @@ struct System<'a> {
     state: &'a BodyState,
     /// Of each contact. Elsewhere: it is large.
     pressing: &'a mut ArrayVec<Pressing, MAX_CONSTRAINTS>,
+    /// What bends there are, by the contacts' places.
+    bent: ArrayVec<(usize, Bent), MAX_BENDS>,
     /// Bit i is set if contact i is closed at the start.
     closed_at_start: u64,
     dt: f64,
@@ -310,6 +321,7 @@ impl<'a> System<'a> {
             rotation,
             state,
             pressing,
+            bent: contacts.bends().iter().map(|bend| (bend.constraint, bend.at(state))).collect(),
             closed_at_start: 0,
             dt,
             mass: body.mass,
@@ -331,7 +343,7 @@ impl<'a> System<'a> {
         self.closed_at_start = 0;
         self.pressing.clear();
         for (i, c) in self.contacts.constraints().iter().enumerate() {
-            let at = c.at(self.state, &self.rotation);
+            let at = self.contacts.at(i, self.state, &self.rotation);
             self.closed_at_start |= u64::from(c.stiffness_at(at.overlap).is_some()) << i;
             let pressing = Pressing::new(c, &at, self.state, self.dt, self.geometric);
             pushing |= u64::from(c.stiffness_at(pressing.overlap).is_some() && pressing.force > 0.0) << i;
@@ -360,7 +372,7 @@ impl<'a> System<'a> {
                 continue;
             }
             let mut along_normal = h * (h * p.stiffness + c.damping);
-            let mut impulse = c.normal * (-h * p.force);
+            let mut impulse = DVec3::ZERO;
             let mut force = c.normal * -p.force_at_start;
             if let Some(rubbing) = &p.rubbing {
                 let gain = h * (h * c.stiffness + c.damping) * rubbing.share;
@@ -375,10 +387,18 @@ impl<'a> System<'a> {
                     linear.add_right(DVec3::ZERO, c.normal * (c.radius * spin));
                 }
             }
-            let row = six(c.normal * along_normal, p.moment * along_normal + p.swept * h);
-            linear.add_along(&six(c.normal, p.moment), &row);
-            linear.add_right(impulse, p.arm.cross(impulse));
+            let row = six(p.direction * along_normal, p.moment * along_normal + p.swept * h);
+            linear.add_along(&six(p.direction, p.moment), &row);
+            let torque = p.arm.cross(impulse) - p.moment * (h * p.force);
+            linear.add_right(impulse - p.direction * (h * p.force), torque);
             turning += outer(p.arm, force);
+        }
+        for (place, bent) in self.bent.iter().filter(|(place, _)| active & (1 << place) != 0) {
+            let gain = h * h * bent.curvature * self.pressing[*place].force.max(0.0);
+            let row = six(bent.linear * gain, bent.angular * gain);
+            linear.add_along(&six(bent.linear, bent.angular), &row);
+            let rate = bent.rate(&self.state.twist);
+            linear.add_right(bent.linear * (-gain * rate), bent.angular * (-gain * rate));
         }
         let (mut force_by_turn, mut torque_by_turn) = (DMat3::ZERO, self.spin);
         if self.geometric {
@@ -414,8 +434,7 @@ impl<'a> System<'a> {
         let (mut pushing, mut closed) = (0, 0);
         self.alike = true;
         for (i, (c, p)) in self.contacts.constraints().iter().zip(&mut *self.pressing).enumerate() {
-            let velocity = change.velocity_at(p.arm);
-            let rate = c.normal.dot(velocity);
+            let rate = p.direction.dot(change.linear) + p.moment.dot(change.angular);
             let gain = self.dt * p.stiffness + c.damping;
             let is_closed = c.stiffness_at(p.overlap + self.dt * rate).is_some();
             let force = p.force + gain * rate + p.swept.dot(change.angular);
@@ -423,7 +442,8 @@ impl<'a> System<'a> {
             closed |= u64::from(is_closed) << i;
             pushing |= u64::from(pushes) << i;
             if let Some(rubbing) = p.rubbing.as_mut().filter(|_| pushes) {
-                let gained = c.velocity_strain(velocity, rate, change.angular);
+                let velocity = change.velocity_at(p.arm);
+                let gained = c.velocity_strain(velocity, c.normal.dot(velocity), change.angular);
                 let share = rubbing.share_after(&gained, c, force, self.dt);
                 self.alike &= (share - rubbing.share).abs() <= SHARES_ALIKE * rubbing.share;
                 rubbing.share = share;

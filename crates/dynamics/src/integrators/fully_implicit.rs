@@ -79,9 +79,10 @@ impl Integrator for FullyImplicit {
 
 /// The contacts that are open at a state.
 fn open(contacts: &LinearContactModel, state: &BodyState) -> u64 {
+    let rotation = DMat3::from_quat(state.pose.rotation);
     contacts.constraints().iter().enumerate().fold(0, |open, (i, c)| {
-        let depth = c.normal.dot(state.pose.transform_point(c.point) - c.scene_point);
-        open | u64::from(c.stiffness_at(depth + c.tolerance).is_none()) << i
+        let overlap = contacts.at(i, state, &rotation).overlap;
+        open | u64::from(c.stiffness_at(overlap).is_none()) << i
     })
 }
 
@@ -91,10 +92,10 @@ const PLACES: usize = u64::BITS as usize;
 /// The model without some of its contacts, and the places that the others had in it.
 fn without(contacts: &LinearContactModel, left_out: u64) -> (LinearContactModel, [u8; PLACES]) {
     let mut fewer = LinearContactModel::empty(contacts.pose(), contacts.time());
+    fewer.extend(contacts, !left_out);
     let mut places = [0; PLACES];
-    let kept = (0_u8..).zip(contacts.constraints()).filter(|(i, _)| left_out & (1 << i) == 0);
-    for (place, (i, c)) in places.iter_mut().zip(kept) {
-        fewer.push(*c);
+    let kept = (0..contacts.constraints().len() as u8).filter(|i| left_out & (1 << i) == 0);
+    for (place, i) in places.iter_mut().zip(kept) {
         *place = i;
     }
     (fewer, places)
