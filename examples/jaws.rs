@@ -1,88 +1,33 @@
 //! An emulated hand moves an upper jaw over a lower one: it opens, closes, grinds sideways and back and forth, and opens.
 //!
-//! `cargo run --release --example jaws` renders ten seconds in real time and writes a recording and a report;
-//! `-- --lockstep` does the same on a simulated clock, with the same result each time.
+//! `cargo run --release --example jaws`
 
 use std::error::Error;
 use std::f64::consts::TAU;
-use std::io::{Write, stdout};
-use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Parser;
-use indicatif::{ProgressBar, ProgressStyle};
 use palpate::device::{Emulation, Interpolation, Keyframe, MotionPath};
 use palpate::glam::DVec3;
-use palpate::{ContactTiming, HapticRenderer, Object, OpenOptions, Pose, RecordWriter, Scene, Settings};
-use palpate_report::Report;
+use palpate::{HapticRenderer, Pose, Scene, Settings};
+use palpate_examples::{Options, open};
 
 #[derive(Parser)]
 struct Arguments {
-    /// Simulated clock, one thread, reproducible
-    #[arg(long)]
-    lockstep: bool,
-    /// How long to render, s; at most an hour
-    #[arg(long, default_value_t = 10.0, value_parser = seconds)]
-    seconds: f64,
-    /// Folder for the recording and the report
-    #[arg(long, default_value = "target/jaws")]
-    output: PathBuf,
-}
-
-fn seconds(text: &str) -> Result<f64, String> {
-    let within = |seconds: &f64| *seconds > 0.0 && *seconds <= 3600.0;
-    text.parse().ok().filter(within).ok_or_else(|| "give more than 0 and at most 3600".to_owned())
+    #[command(flatten)]
+    options: Options,
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let arguments = Arguments::parse();
-    let folder = &arguments.output;
-    std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
-    let recording = folder.join("recording.csv");
-    let report = folder.join("report.html");
-
+    let Arguments { options } = Arguments::parse();
     let upper = open("upper-jaw")?;
     let lower = open("lower-jaw")?;
-    let path = MotionPath::new(chewing(arguments.seconds), Interpolation::Smooth)?;
+    let path = MotionPath::new(chewing(options.seconds), Interpolation::Smooth)?;
     let device = Emulation::default().open(path)?;
     let scene = Scene::new().with(lower, Pose::IDENTITY);
     // Contact begins at 0.1 mm: a small part of the teeth's relief.
     let settings = Settings { tolerance: Some(1e-4), ..Settings::default() };
     let renderer = HapticRenderer::new(upper, scene, Box::new(device), settings)?;
-
-    let stop = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&stop);
-    ctrlc::set_handler(move || flag.store(true, Ordering::Release))?;
-    let bar = bar("rendering");
-    let mut writer = RecordWriter::create(&recording)?;
-    let mut records = Vec::new();
-    let sink = |row: &palpate::Record| {
-        records.push(*row);
-        bar.set_position((1000.0 * row.time / arguments.seconds) as u64);
-        writer.write(row)
-    };
-    let session = if arguments.lockstep {
-        renderer.run_lockstep(arguments.seconds, ContactTiming::busy(500.0), &stop, sink)?
-    } else {
-        renderer.run_realtime(arguments.seconds, &stop, sink)?
-    };
-    bar.finish_and_clear();
-    writer.finish()?;
-
-    let summary = session.summary();
-    let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
-    let command = words.collect::<Vec<_>>().join(" ");
-    let title = "Upper jaw over lower jaw";
-    let html = Report { title, command: &command, summary: &summary, records: &records }.to_html()?;
-    std::fs::write(&report, html)?;
-    for (name, value) in palpate_report::measured(&summary) {
-        writeln!(stdout(), "{name:36}{value}")?;
-    }
-    for file in [&recording, &report] {
-        writeln!(stdout(), "{:36}{}", "written", shown(file).display())?;
-    }
+    options.render("jaws", "Upper jaw over lower jaw", renderer)?;
     Ok(())
 }
 
@@ -109,30 +54,4 @@ fn chewing(seconds: f64) -> Vec<Keyframe> {
             Keyframe { time, pose: Pose::from_translation(offset) }
         })
         .collect()
-}
-
-fn open(name: &str) -> Result<Object, Box<dyn Error>> {
-    let bar = bar(name);
-    let (object, _) = Object::open(name, &OpenOptions::default(), &mut |stage, fraction| {
-        bar.set_message(format!("{name}: {stage}"));
-        bar.set_position((1000.0 * fraction) as u64);
-        ControlFlow::Continue(())
-    })?;
-    bar.finish_and_clear();
-    let source = &object.clod.source;
-    let patches = object.clod.leaves().len();
-    writeln!(stdout(), "{name:36}{} triangles, {patches} convex patches", source.triangles)?;
-    Ok(object)
-}
-
-/// A progress bar on the terminal, from 0 to 1000.
-fn bar(message: &str) -> ProgressBar {
-    let style = ProgressStyle::with_template("{msg:36}{bar:30} {percent:>3} %");
-    let bar = ProgressBar::new(1000).with_message(message.to_owned());
-    if let Ok(style) = style { bar.with_style(style) } else { bar }
-}
-
-/// The absolute path, to be found from anywhere.
-fn shown(path: &Path) -> PathBuf {
-    path.canonicalize().unwrap_or_else(|_| path.to_owned())
 }

@@ -1,1 +1,153 @@
-//! The examples of palpate are programs: `cargo run --release --example jaws`.
+//! What the examples of palpate share: `cargo run --release --example jaws` renders ten seconds in real time and writes a
+//! recording and a report; `-- --lockstep` does the same on a simulated clock, with the same result each time.
+
+use std::error::Error;
+use std::io::{Write, stdout};
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use indicatif::{ProgressBar, ProgressStyle};
+use palpate::models::Model;
+use palpate::texture_pd::BakeOptions;
+use palpate::{ContactTiming, HapticRenderer, Object, OpenOptions, Record, RecordWriter, Session};
+use palpate_report::Report;
+
+/// Edges of coarse meshes that are sharp, rad.
+const CREASE: f64 = 0.6;
+
+/// What the user may choose.
+#[derive(clap::Args)]
+pub struct Options {
+    /// Simulated clock, one thread, reproducible
+    #[arg(long)]
+    lockstep: bool,
+    /// How long to render, s; at most an hour
+    #[arg(long, default_value_t = 10.0, value_parser = seconds)]
+    pub seconds: f64,
+    /// Folder for the recording and the report [default: target/NAME]
+    #[arg(long)]
+    output: Option<PathBuf>,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let within = |seconds: &f64| *seconds > 0.0 && *seconds <= 3600.0;
+    text.parse().ok().filter(within).ok_or_else(|| "give more than 0 and at most 3600".to_owned())
+}
+
+impl Options {
+    /// Runs the session of the example of that name, writes its recording and its report, and prints what was measured.
+    /// Contacts are found 500 times a second on the simulated clock.
+    ///
+    /// # Errors
+    /// If a file cannot be written, or the session cannot be started.
+    pub fn render(
+        &self,
+        name: &str,
+        title: &str,
+        renderer: HapticRenderer,
+    ) -> Result<(Session, Vec<Record>), Box<dyn Error>> {
+        let folder = self.output.clone().unwrap_or_else(|| Path::new("target").join(name));
+        std::fs::create_dir_all(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+        let recording = folder.join("recording.csv");
+        let report = folder.join("report.html");
+
+        let stop = Arc::new(AtomicBool::new(false));
+        let flag = Arc::clone(&stop);
+        ctrlc::set_handler(move || flag.store(true, Ordering::Release))?;
+        let bar = bar("rendering");
+        let mut writer = RecordWriter::create(&recording)?;
+        let mut records = Vec::new();
+        let sink = |row: &Record| {
+            records.push(*row);
+            bar.set_position((1000.0 * row.time / self.seconds) as u64);
+            writer.write(row)
+        };
+        let session = if self.lockstep {
+            renderer.run_lockstep(self.seconds, ContactTiming::busy(500.0), &stop, sink)?
+        } else {
+            renderer.run_realtime(self.seconds, &stop, sink)?
+        };
+        bar.finish_and_clear();
+        writer.finish()?;
+
+        let summary = session.summary();
+        let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
+        let command = words.collect::<Vec<_>>().join(" ");
+        let html = Report { title, command: &command, summary: &summary, records: &records }.to_html()?;
+        std::fs::write(&report, html)?;
+        for (name, value) in palpate_report::measured(&summary) {
+            say(&name, value)?;
+        }
+        for file in [&recording, &report] {
+            say("written", shown(file).display())?;
+        }
+        Ok((session, records))
+    }
+}
+
+/// A built-in model, with its hierarchy built or from the cache.
+///
+/// # Errors
+/// If there is no such model.
+pub fn open(name: &str) -> Result<Object, Box<dyn Error>> {
+    let bar = bar(name);
+    let (object, _) = Object::open(name, &OpenOptions::default(), &mut |stage, fraction| {
+        bar.set_message(format!("{name}: {stage}"));
+        bar.set_position((1000.0 * fraction) as u64);
+        ControlFlow::Continue(())
+    })?;
+    bar.finish_and_clear();
+    let source = &object.clod.source;
+    let patches = object.clod.leaves().len();
+    say(name, format_args!("{} triangles, {patches} convex patches", source.triangles))?;
+    Ok(object)
+}
+
+/// A built-in model at so many triangles, with a texture of texels of a size (m) that is baked from it at full resolution.
+///
+/// # Errors
+/// If there is no such model, or it does not come in that size.
+pub fn detailed(name: &str, coarse: usize, texel: f64) -> Result<Object, Box<dyn Error>> {
+    let bar = bar(name);
+    bar.set_message(format!("{name}: baking"));
+    let (model, triangles) = Model::parse(name)?;
+    let (coarse, full) = (model.generate(coarse)?, model.generate(triangles)?);
+    let options = BakeOptions { texel, reach: None, crease: CREASE };
+    let (object, report) = Object::detailed(name, &coarse, &full, &options, &mut |fraction| {
+        bar.set_position((1000.0 * fraction) as u64);
+        ControlFlow::Continue(())
+    })?;
+    bar.finish_and_clear();
+    let patches = object.clod.leaves().len();
+    let sizes = (full.triangles().len(), coarse.triangles().len());
+    say(name, format_args!("{} triangles on {}, {patches} convex patches. {report}", sizes.0, sizes.1))?;
+    Ok(object)
+}
+
+/// Prints a line of a table.
+///
+/// # Errors
+/// If the terminal has gone.
+pub fn say(name: &str, value: impl std::fmt::Display) -> std::io::Result<()> {
+    writeln!(stdout(), "{name:36}{value}")
+}
+
+/// From 0 at 0 to 1 at 1, with no slope at either.
+pub fn smooth(x: f64) -> f64 {
+    let x = x.clamp(0.0, 1.0);
+    x * x * (3.0 - 2.0 * x)
+}
+
+/// A progress bar on the terminal, from 0 to 1000.
+fn bar(message: &str) -> ProgressBar {
+    let style = ProgressStyle::with_template("{msg:36}{bar:30} {percent:>3} %");
+    let bar = ProgressBar::new(1000).with_message(message.to_owned());
+    if let Ok(style) = style { bar.with_style(style) } else { bar }
+}
+
+/// The absolute path, to be found from anywhere.
+fn shown(path: &Path) -> PathBuf {
+    path.canonicalize().unwrap_or_else(|_| path.to_owned())
+}

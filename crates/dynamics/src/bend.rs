@@ -240,7 +240,7 @@ mod tests {
 
     fn model(contact: &CurvedContact, pose: &Pose, parameters: &ContactParameters) -> LinearContactModel {
         let mut model = LinearContactModel::empty(pose, 0.0);
-        model.push_curved(contact, parameters, 0.0);
+        model.push_curved(contact, pose, parameters, 0.0);
         model
     }
 
@@ -400,11 +400,11 @@ mod tests {
         ];
         let mut model = LinearContactModel::empty(&pose, 0.0);
         for contact in bad {
-            model.push_curved(&contact, &PARAMETERS, 0.0);
+            model.push_curved(&contact, &pose, &PARAMETERS, 0.0);
         }
         assert_eq!((model.constraints().len(), model.refused()), (0, 4));
         // A plane is left of one whose curvature is unknown.
-        model.push_curved(&crooked, &PARAMETERS, 0.0);
+        model.push_curved(&crooked, &pose, &PARAMETERS, 0.0);
         assert!(model.bends().iter().all(|bend| bend.curvature == 0.0) && model.constraints().len() == 1);
     }
 }

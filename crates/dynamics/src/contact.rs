@@ -306,16 +306,17 @@ impl LinearContactModel {
         self
     }
 
-    /// Adds a contact with how its depth changes as the body moves; gains are those of a plane along the depth's gradient
+    /// Adds a contact, found while the body was at a pose, with how its depth changes as the body moves; gains are those of a plane along the depth's gradient
     /// (Eqs. 5.51–5.56). It brakes the body from `braking_time` (s) before it would close. Left out where the model has
     /// [`MAX_CLUSTERS`] already, refused where it is not finite or has no gradient.
     pub fn push_curved(
         &mut self,
         contact: &CurvedContact,
+        found_at: &Pose,
         parameters: &ContactParameters,
         braking_time: f64,
     ) {
-        let Some((constraint, bends)) = contact.constraint(&self.pose, parameters) else {
+        let Some((constraint, bends)) = contact.constraint(found_at, parameters) else {
             self.refused += 1;
             return;
         };

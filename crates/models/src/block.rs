@@ -5,7 +5,7 @@ use palpate_core::{TriMesh, glam::DVec3};
 
 use crate::box_lattice::BoxLattice;
 use crate::relief::{self, smooth_step};
-use crate::stitched::{Stitched, cells};
+use crate::stitched::Stitched;
 
 pub(crate) const MIN_TRIANGLES: usize = 300;
 
@@ -21,33 +21,8 @@ const DIMPLE_AMPLITUDE: f64 = 0.5;
 /// Width of the plain border of each face, mm.
 const BORDER: f64 = 2.0;
 
-/// Divides the box into about cubic cells. With three whole numbers to choose, the number of triangles can be met
-/// closely: for each choice of the first two the third follows.
-fn divide(triangles: usize) -> BoxLattice {
-    let area = 2.0 * (SIZE[0] * SIZE[1] + SIZE[1] * SIZE[2] + SIZE[2] * SIZE[0]);
-    let edge = (2.0 * area / triangles as f64).sqrt();
-    let near = |axis: usize| cells(SIZE[axis], 1.5 * edge, 1)..=cells(SIZE[axis], edge / 1.5, 1);
-    let mut best = BoxLattice { cells: [1; 3], windows: Vec::new() };
-    let mut least = f64::INFINITY;
-    for a in near(0) {
-        for b in near(1) {
-            let c = (triangles as f64 / 4.0 - (a * b) as f64) / (a + b) as f64;
-            let lattice = BoxLattice { cells: [a, b, c.round().max(1.0) as usize], windows: Vec::new() };
-            let off = (lattice.triangles() as f64 / triangles as f64).ln().abs();
-            let stretch: f64 =
-                (0..3).map(|axis| (SIZE[axis] / (lattice.cells[axis] as f64 * edge)).ln().powi(2)).sum();
-            // Half a percent off in number weighs as much as cells that are a tenth off in length.
-            let badness = (off / 0.005).powi(2) + stretch / 0.01;
-            if badness < least {
-                (least, best) = (badness, lattice);
-            }
-        }
-    }
-    best
-}
-
 pub(crate) fn build(triangles: usize) -> TriMesh {
-    let lattice = divide(triangles);
+    let lattice = BoxLattice::of(SIZE, triangles);
     let edge: [f64; 3] = std::array::from_fn(|axis| SIZE[axis] / lattice.cells[axis] as f64);
     let ridges = AMPLITUDE * relief::resolved(PITCH, edge[1]);
     let dimples = DIMPLE_AMPLITUDE * relief::resolved(DIMPLE_PITCH, edge[0].max(edge[1]).max(edge[2]));

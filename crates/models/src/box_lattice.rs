@@ -2,7 +2,7 @@
 
 use palpate_core::glam::DVec3;
 
-use crate::stitched::Stitched;
+use crate::stitched::{Stitched, cells};
 use crate::window::Window;
 
 /// The cells of a box along its three axes, and its windows, which pierce both bottom and top at the same cells.
@@ -18,6 +18,31 @@ pub(crate) struct Borders {
 }
 
 impl BoxLattice {
+    /// Divides a box of a size into about cubic cells. With three whole numbers to choose, the number of triangles can be met
+    /// closely: for each choice of the first two the third follows.
+    pub(crate) fn of(size: [f64; 3], triangles: usize) -> Self {
+        let area = 2.0 * (size[0] * size[1] + size[1] * size[2] + size[2] * size[0]);
+        let edge = (2.0 * area / triangles as f64).sqrt();
+        let near = |axis: usize| cells(size[axis], 1.5 * edge, 1)..=cells(size[axis], edge / 1.5, 1);
+        let mut best = Self { cells: [1; 3], windows: Vec::new() };
+        let mut least = f64::INFINITY;
+        for a in near(0) {
+            for b in near(1) {
+                let c = (triangles as f64 / 4.0 - (a * b) as f64) / (a + b) as f64;
+                let lattice = Self { cells: [a, b, c.round().max(1.0) as usize], windows: Vec::new() };
+                let off = (lattice.triangles() as f64 / triangles as f64).ln().abs();
+                let stretch: f64 =
+                    (0..3).map(|axis| (size[axis] / (lattice.cells[axis] as f64 * edge)).ln().powi(2)).sum();
+                // Half a percent off in number weighs as much as cells that are a tenth off in length.
+                let badness = (off / 0.005).powi(2) + stretch / 0.01;
+                if badness < least {
+                    (least, best) = (badness, lattice);
+                }
+            }
+        }
+        best
+    }
+
     /// Number of triangles, without what fills the windows.
     pub(crate) fn triangles(&self) -> usize {
         let [a, b, c] = self.cells;

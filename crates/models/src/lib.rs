@@ -18,10 +18,12 @@ mod hammer;
 mod jaws;
 mod lathe;
 mod path;
+mod plate;
 mod relief;
 mod remesh;
 mod spoon;
 mod stitched;
+mod stylus;
 mod surface;
 mod tetrahedra;
 mod torus;
@@ -70,6 +72,10 @@ pub enum Model {
     File,
     /// Helicoidal torus (Table 4.1).
     Torus,
+    /// Probe with a spherical tip, upright; the tip's centre is the origin (§5.5.4).
+    Stylus,
+    /// Flat plate that the stylus explores; its upper face is in the plane z = 0 (§5.5.4).
+    Plate,
 }
 
 /// Why a model was not generated.
@@ -110,7 +116,7 @@ pub const MAX_TRIANGLES: usize = 20_000_000;
 
 impl Model {
     /// All models, in the order of the tables.
-    pub const ALL: [Self; 17] = [
+    pub const ALL: [Self; 19] = [
         Self::LowerJaw,
         Self::UpperJaw,
         Self::BallJointBall,
@@ -128,6 +134,8 @@ impl Model {
         Self::CadPart,
         Self::File,
         Self::Torus,
+        Self::Stylus,
+        Self::Plate,
     ];
 
     /// The name by which the command line knows the model.
@@ -135,7 +143,7 @@ impl Model {
         self.entry().0
     }
 
-    /// The number of triangles in the dissertation's tables.
+    /// The number of triangles in the dissertation's tables, or one that suits the model where they have none.
     pub const fn default_triangles(self) -> usize {
         self.entry().1
     }
@@ -166,6 +174,8 @@ impl Model {
             Self::CadPart => ("cad-part", 658_432, "textured CAD part (Table 4.1)"),
             Self::File => ("file", 285_824, "cross-cut file (Table 4.1)"),
             Self::Torus => ("torus", 128_000, "helicoidal torus (Table 4.1)"),
+            Self::Stylus => ("stylus", 20_000, "probe with a spherical tip of §5.5.4"),
+            Self::Plate => ("plate", 12, "flat plate of §5.5.4"),
         }
     }
 
@@ -190,6 +200,8 @@ impl Model {
             Self::CadPart => (cad_part::MIN_TRIANGLES, cad_part::build),
             Self::File => (file::MIN_TRIANGLES, file::build),
             Self::Torus => (torus::MIN_TRIANGLES, torus::build),
+            Self::Stylus => (stylus::MIN_TRIANGLES, stylus::build),
+            Self::Plate => (plate::MIN_TRIANGLES, plate::build),
         };
         if !(min..=MAX_TRIANGLES).contains(&triangles) {
             return Err(ModelError::OutOfRange {

@@ -4,16 +4,18 @@ use std::sync::Arc;
 
 use palpate_collide::{Cluster, Clustering, ObjectHandle, PatchContact, QuerySettings, SceneQuery};
 use palpate_core::glam::DVec3;
-use palpate_core::{Contact, Pose};
+use palpate_core::{Contact, Pose, Twist};
 use palpate_dynamics::{
     Body, BodyState, ContactParameters, ContactPatch, LinearContactModel, MAX_APPROACHING,
 };
+use palpate_texture_pd::Backend;
 
 use crate::object::Object;
-use crate::proxy::{Proxy, carried};
+use crate::proxy::{Proxy, carried, motion_between};
 use crate::scene::Placed;
 use crate::settings::Settings;
 use crate::telemetry::ContactTelemetry;
+use crate::textures::{TextureError, Textures};
 
 /// Scene objects that have a full workspace from the start. Those of further ones are made, or grow, when they are first
 /// within reach.
@@ -77,12 +79,14 @@ pub struct ContactLoop {
     objects: Vec<ObjectHandle>,
     settings: QuerySettings,
     parameters: ContactParameters,
-    /// Contacts with all scene objects.
+    /// Contacts with all scene objects that are not textured.
     contacts: Vec<PatchContact>,
     clustering: Clustering,
     /// Contacts further apart than d that the body comes at, and their clusters.
     approaching: Vec<PatchContact>,
     approaching_clusters: Clustering,
+    /// Where an object is textured.
+    textures: Option<Textures>,
     braking: bool,
     /// Whether contacts further away than d matter.
     looks_ahead: bool,
@@ -105,7 +109,7 @@ impl ContactLoop {
         scene: &[Placed],
         parameters: ContactParameters,
         settings: &Settings,
-    ) -> Self {
+    ) -> Result<Self, TextureError> {
         let Settings { error, clusters, braking, proxy, .. } = *settings;
         let radius = probe.bounding_radius() + probe.clod.source.center_of_mass.length();
         let mut query = SceneQuery::new(probe.shape());
@@ -114,10 +118,12 @@ impl ContactLoop {
             let same = |other: &&Placed| Arc::ptr_eq(&other.object.clod, &placed.object.clod);
             query.reserve(placed.object.shape(), scene[..=index].iter().filter(same).count());
         }
-        Self {
+        let textures = Textures::new(probe, scene, settings, parameters.tolerance, radius)?;
+        let recesses = textures.as_ref().map_or_else(Vec::new, Textures::recesses);
+        Ok(Self {
             center_of_mass,
             scene: query,
-            proxy: Proxy::new(body, center_of_mass, radius, parameters.tolerance, proxy),
+            proxy: Proxy::new(body, center_of_mass, radius, parameters.tolerance, recesses, proxy),
             objects,
             settings: QuerySettings {
                 error: error.into(),
@@ -129,6 +135,7 @@ impl ContactLoop {
             clustering: Clustering::new(clusters),
             approaching: Vec::new(),
             approaching_clusters: Clustering::new(MAX_APPROACHING),
+            textures,
             braking,
             looks_ahead: braking || proxy,
             mass: body.mass,
@@ -136,36 +143,76 @@ impl ContactLoop {
             outlook: FURTHEST * radius,
             time: f64::NAN,
             telemetry: ContactTelemetry::default(),
-        }
+        })
     }
 
     /// Contacts for the grasped object's state at `time` (s). Allocates only while its workspaces grow to the scene's
     /// need.
     pub fn step(&mut self, body: &BodyState, time: f64) -> ContactUpdate {
-        let ahead = self.time_ahead(time);
+        let interval = time - std::mem::replace(&mut self.time, time);
+        let ahead = self.time_ahead(interval);
         let tolerance = self.parameters.tolerance;
-        let settings = QuerySettings { tolerance: tolerance + self.way(body, ahead), ..self.settings };
+        let near = tolerance + self.textures.as_ref().map_or(0.0, Textures::protrusion);
+        let settings = QuerySettings { tolerance: near + self.way(body, ahead), ..self.settings };
         let followed = self.proxy.follow(&body.pose, &settings, &mut self.scene);
         let events = &mut self.telemetry.events;
         events.contact_overflow += u64::from(followed.overflow);
         events.contact_refused += u64::from(followed.refused);
         events.not_converged += followed.not_converged as u64;
         events.held_back += u64::from(*self.proxy.pose() != body.pose);
-        self.adapt_outlook(settings.tolerance - tolerance);
+        self.adapt_outlook(settings.tolerance - near, near);
         self.sort(body, ahead);
-        let depth = self.contacts.iter().fold(0.0, |most: f64, found| most.max(found.contact.depth));
+        let mut depth = self.contacts.iter().fold(0.0, |most: f64, found| most.max(found.contact.depth));
 
         let probe_pose = body.pose * Pose::from_translation(-self.center_of_mass);
         let clusters = self.clustering.run(&self.contacts, tolerance, &probe_pose);
         let representatives =
             clusters.iter().map(|&Cluster { contact, radius, .. }| ContactPatch { contact, radius });
-        let model = LinearContactModel::from_contacts(representatives, &body.pose, &self.parameters, time);
+        let mut model =
+            LinearContactModel::from_contacts(representatives, &body.pose, &self.parameters, time);
         let braking = self.braking_parameters(ahead);
+        let coarse = self.add_textured(&mut model, &mut depth, body, &braking, interval, ahead);
         let clusters = self.approaching_clusters.run(&self.approaching, settings.tolerance, &probe_pose);
         let representatives = clusters.iter().map(|cluster| cluster.contact);
         let model = model.with_approaching(representatives, &braking, ahead);
         self.telemetry.events.contact_refused += u64::from(model.refused());
-        ContactUpdate { model, time, depth, contacts: self.contacts.len() as u32 }
+        ContactUpdate { model, time, depth, contacts: (self.contacts.len() + coarse) as u32 }
+    }
+
+    /// Adds contacts with textured objects to a model, and their depth; how many coarse ones there are.
+    fn add_textured(
+        &mut self,
+        model: &mut LinearContactModel,
+        depth: &mut f64,
+        body: &BodyState,
+        braking: &ContactParameters,
+        interval: f64,
+        ahead: f64,
+    ) -> usize {
+        let Some(textures) = &mut self.textures else { return 0 };
+        let tolerance = self.parameters.tolerance;
+        textures.clear();
+        let mut coarse = 0;
+        for found in self.proxy.found() {
+            coarse += usize::from(textures.take(found.object, &found.contact, tolerance));
+        }
+        let pose = *self.proxy.pose();
+        let mesh = pose * Pose::from_translation(-self.center_of_mass);
+        let pose_of = |object: usize| self.scene.pose(*self.objects.get(object)?).copied();
+        let events = &mut self.telemetry.events;
+        let motion = motion_between(&pose, &body.pose);
+        for found in textures.run(&mesh, pose.translation, pose_of, tolerance, events) {
+            let now = found.depth_after(&motion);
+            if now > -tolerance {
+                *depth = depth.max(now);
+                let missed = found.is_undersampled(&body.twist, pose.translation, interval);
+                events.texture_undersampled += u64::from(missed);
+                model.push_curved(&found.contact, &pose, &self.parameters, 0.0);
+            } else if self.braking && now + found.rate(&body.twist) * ahead > -tolerance {
+                model.push_curved(&found.contact, &pose, braking, ahead);
+            }
+        }
+        coarse
     }
 
     /// Sorts the proxy's contacts, as they hold the body, into those that are closed, or within d, and those that the body
@@ -174,9 +221,10 @@ impl ContactLoop {
         let tolerance = self.parameters.tolerance;
         self.contacts.clear();
         self.approaching.clear();
-        for found in self.proxy.contacts() {
-            let contact = carried(&found.contact, self.proxy.pose(), &body.pose);
-            let found = PatchContact { contact, ..*found };
+        let textured = |object| self.textures.as_ref().is_some_and(|textures| textures.has(object));
+        for found in self.proxy.contacts().filter(|found| !textured(found.object)) {
+            let contact = carried(&found.contact.contact, self.proxy.pose(), &body.pose);
+            let found = PatchContact { contact, ..found.contact };
             if contact.depth > -tolerance {
                 self.contacts.push(found);
             } else if self.braking && comes_within(&contact, body, tolerance, ahead) {
@@ -185,9 +233,8 @@ impl ContactLoop {
         }
     }
 
-    /// How far ahead contacts are looked for, s: none where nothing asks for them.
-    fn time_ahead(&mut self, time: f64) -> f64 {
-        let interval = time - std::mem::replace(&mut self.time, time);
+    /// How far ahead contacts are looked for, s, by the time since they last were: none where nothing asks for them.
+    fn time_ahead(&self, interval: f64) -> f64 {
         if self.looks_ahead && interval > 0.0 { INTERVALS * interval.min(LONGEST_INTERVAL) } else { 0.0 }
     }
 
@@ -206,12 +253,12 @@ impl ContactLoop {
         if way > step { (way / step).ceil() * step } else { 0.0 }
     }
 
-    /// Looks less far ahead next time if too much was found further than d apart, within so much more (m), or further
-    /// again if that was as far as it looks.
-    fn adapt_outlook(&mut self, ahead: f64) {
+    /// Looks less far ahead next time if too much was found further apart than what is near (m), within so much more (m), or
+    /// further again if that was as far as it looks.
+    fn adapt_outlook(&mut self, ahead: f64, near: f64) {
         let tolerance = self.parameters.tolerance;
         let found = self.proxy.contacts().count();
-        let near = self.proxy.contacts().filter(|found| found.contact.depth > -tolerance).count();
+        let near = self.proxy.contacts().filter(|found| found.contact.contact.depth > -near).count();
         if found - near > near.max(FAR_CONTACTS) {
             self.outlook = (0.5 * ahead).max(STEP * tolerance);
         } else if ahead >= self.outlook {
@@ -227,7 +274,18 @@ impl ContactLoop {
         self.objects.get(object).is_some_and(|object| self.scene.set_pose(*object, pose))
     }
 
-    /// Contacts of the last step, before clustering, world axes.
+    /// What computes textured contacts; `None` without textures.
+    pub(crate) fn texture_backend(&self) -> Option<&str> {
+        self.textures.as_ref().map(Textures::backend)
+    }
+
+    pub(crate) fn set_texture_backend(&mut self, backend: Box<dyn Backend>) {
+        if let Some(textures) = &mut self.textures {
+            textures.set_backend(backend);
+        }
+    }
+
+    /// Contacts of the last step with objects that are not textured, before clustering, world axes.
     pub fn contacts(&self) -> &[PatchContact] {
         &self.contacts
     }

@@ -28,6 +28,7 @@ mod scene;
 mod session;
 mod settings;
 mod telemetry;
+mod textures;
 mod tracking;
 mod workspace;
 
@@ -49,5 +50,6 @@ pub use record::{COLUMNS, Record, RecordWriter};
 pub use renderer::{HapticRenderer, RendererError};
 pub use scene::{Placed, Scene};
 pub use session::{Clock, ContactSummary, HapticSummary, Session, Summary};
-pub use settings::{Settings, SettingsError};
+pub use settings::{Settings, SettingsError, TextureBackend, TextureDerivatives, TextureSettings};
 pub use telemetry::{ContactTelemetry, Events, HapticTelemetry, Percentiles, Times};
+pub use textures::TextureError;

@@ -7,9 +7,11 @@ use std::sync::{Arc, OnceLock};
 use palpate_clod_build::{BuildError, BuildOptions, Stage, unwatched};
 use palpate_collide::Shape;
 use palpate_core::clod::ClodError;
+use palpate_core::mesh::UvMesh;
 use palpate_core::{Clod, TriMesh};
 use palpate_mesh_io::{LoadError, LoadOptions};
 use palpate_models::{Model, ModelError};
+use palpate_texture_pd::{BakeError, BakeOptions, BakeReport, HeightImage, SurfaceError, TexturedSurface};
 
 use crate::cache;
 
@@ -22,6 +24,7 @@ pub struct Object {
     pub clod: Arc<Clod>,
     /// Made when first asked for.
     shape: Arc<OnceLock<Shape>>,
+    texture: Option<Arc<TexturedSurface>>,
 }
 
 /// How [`Object::open`] reads and builds.
@@ -61,6 +64,22 @@ pub enum OpenError {
         name: String,
         /// Why.
         source: BuildError,
+    },
+    /// A surface cannot be given a texture.
+    #[error("{name}: {source}")]
+    Texture {
+        /// The object's name.
+        name: String,
+        /// Why.
+        source: SurfaceError,
+    },
+    /// No texture could be baked.
+    #[error("{name}: {source}")]
+    Bake {
+        /// The object's name.
+        name: String,
+        /// Why.
+        source: BakeError,
     },
     /// A `.clod` file was refused.
     #[error("{path}: {source}")]
@@ -165,15 +184,74 @@ impl Object {
         Ok(Self::from_clod(name, clod))
     }
 
+    /// An object from a mesh (m) with texture coordinates and an image of fine detail (m) that displaces it (§4.2.2): `crease`
+    /// tells its sharp edges ([`corner_directions`](palpate_texture_pd::corner_directions), rad).
+    ///
+    /// # Errors
+    /// As [`from_mesh`](Self::from_mesh), or if the mesh is empty or not finite.
+    pub fn textured(name: &str, mesh: &UvMesh, image: &HeightImage, crease: f64) -> Result<Self, OpenError> {
+        let surface = TexturedSurface::textured(mesh, image, crease)
+            .map_err(|source| OpenError::Texture { name: name.to_owned(), source })?;
+        Ok(Self::from_mesh(name, mesh.mesh())?.with_texture(surface))
+    }
+
+    /// An object from a coarse mesh, whose texture is baked from a detailed one in the same frame
+    /// ([`bake`](palpate_texture_pd::bake)), with how true that is; `progress` is told how much is done (0 to 1).
+    ///
+    /// # Errors
+    /// As [`from_mesh`](Self::from_mesh), or if nothing can be baked.
+    pub fn detailed(
+        name: &str,
+        coarse: &TriMesh,
+        detailed: &TriMesh,
+        options: &BakeOptions,
+        progress: &mut dyn FnMut(f64) -> ControlFlow<()>,
+    ) -> Result<(Self, BakeReport), OpenError> {
+        let baked = palpate_texture_pd::bake(coarse, detailed, options, progress)
+            .map_err(|source| OpenError::Bake { name: name.to_owned(), source })?;
+        let object = Self::textured(name, &baked.mesh, &baked.image, options.crease)?;
+        Ok((object, baked.report))
+    }
+
     /// An object from a hierarchy that the host already has.
     pub fn from_clod(name: &str, clod: impl Into<Arc<Clod>>) -> Self {
-        Self { name: name.to_owned(), clod: clod.into(), shape: Arc::default() }
+        Self { name: name.to_owned(), clod: clod.into(), shape: Arc::default(), texture: None }
+    }
+
+    /// The object with fine detail (§4.4): the hierarchy is that of its coarse mesh, which `texture` displaces, in the same
+    /// frame. The detail is not looked at by contact queries, but where they find contacts.
+    #[must_use]
+    pub fn with_texture(self, texture: impl Into<Arc<TexturedSurface>>) -> Self {
+        Self { texture: Some(texture.into()), ..self }
+    }
+
+    /// Its haptic texture, with the surface that this displaces.
+    pub fn texture(&self) -> Option<&Arc<TexturedSurface>> {
+        self.texture.as_ref()
+    }
+
+    /// The surface to be touched by textured ones: the textured one, or that of the hierarchy at full resolution.
+    ///
+    /// # Errors
+    /// If the hierarchy has no triangle.
+    pub(crate) fn surface(&self) -> Result<Arc<TexturedSurface>, SurfaceError> {
+        if let Some(texture) = &self.texture {
+            return Ok(texture.clone());
+        }
+        let triangles = self.clod.leaves().iter().flat_map(|leaf| {
+            let hull = self.clod.hull(leaf);
+            self.clod.patch(leaf).iter().map(move |triangle| triangle.map(|corner| hull[corner as usize]))
+        });
+        TexturedSurface::from_triangles(triangles).map(Arc::new)
     }
 
     /// The object made larger by a factor about its frame's origin, which takes as much memory again; `None` if the factor
-    /// is not positive and finite, or extreme. Objects that are moved only are [placed](crate::Scene::with) at several
+    /// is not positive and finite, or extreme, or the object has a texture. Objects that are moved only are [placed](crate::Scene::with) at several
     /// poses instead, which shares everything.
     pub fn scaled(&self, factor: f64) -> Option<Self> {
+        if self.texture.is_some() {
+            return None;
+        }
         Some(Self::from_clod(&self.name, self.clod.scaled(factor)?))
     }
 

@@ -7,6 +7,8 @@
 //! ([`constrained_motion`]): a god-object (Zilles and Salisbury 1995; of six degrees of freedom, Ortega, Redon and
 //! Coquillart 2007). The contacts are those of the proxy, and their planes push the object back to it.
 //!
+//! The coarse meshes of textured objects may sink into one another by their recess, as far as detail lies back in them.
+//!
 //! Where the object itself penetrates no more than that trace, and has come there without passing anything, it is its own
 //! proxy, with one query a step.
 
@@ -42,6 +44,8 @@ pub(crate) struct Proxy {
     radius: f64,
     /// d, m.
     tolerance: f64,
+    /// By how much the coarse mesh may sink into each scene object, m; 0 for those beyond the list.
+    recesses: Vec<f64>,
     /// Whether there is to be one; otherwise it always is where the object is.
     enabled: bool,
     /// Of the centre of mass.
@@ -49,15 +53,23 @@ pub(crate) struct Proxy {
     /// Whether the proxy penetrates no more than a trace there, and so is on the side of all surfaces that it came from.
     sound: bool,
     /// All contacts within the reach (m) there.
-    found: Vec<PatchContact>,
+    found: Vec<Found>,
     reach: f64,
     /// Whether the scene has changed since.
     stale: bool,
     /// Contacts in which it was too deep where it was to go, as its present pose has them. Convex patches that lie flat on
     /// one another have one contact only at a time, and would rock on it.
-    remembered: ArrayVec<PatchContact, REMEMBERED>,
+    remembered: ArrayVec<Found, REMEMBERED>,
     limits: Vec<MotionLimit>,
     multipliers: Vec<f64>,
+}
+
+/// A contact with a scene object.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Found {
+    pub contact: PatchContact,
+    /// By the scene's order.
+    pub object: usize,
 }
 
 /// How a step of the proxy went.
@@ -78,12 +90,20 @@ impl Followed {
 }
 
 impl Proxy {
-    pub fn new(body: Body, center_of_mass: DVec3, radius: f64, tolerance: f64, enabled: bool) -> Self {
+    pub fn new(
+        body: Body,
+        center_of_mass: DVec3,
+        radius: f64,
+        tolerance: f64,
+        recesses: Vec<f64>,
+        enabled: bool,
+    ) -> Self {
         Self {
             body,
             center_of_mass,
             radius,
             tolerance,
+            recesses,
             enabled,
             pose: Pose::IDENTITY,
             sound: false,
@@ -102,8 +122,18 @@ impl Proxy {
     }
 
     /// Contacts there, within the reach last asked for, and those remembered that hold the proxy as well.
-    pub fn contacts(&self) -> impl Iterator<Item = &PatchContact> {
+    pub fn contacts(&self) -> impl Iterator<Item = &Found> {
         self.found.iter().chain(&self.remembered)
+    }
+
+    /// Contacts there alone.
+    pub fn found(&self) -> &[Found] {
+        &self.found
+    }
+
+    /// How deep the proxy may be in a scene object, if so in one that is not textured, m.
+    fn allowed(&self, object: usize, depth: f64) -> f64 {
+        depth + self.recesses.get(object).unwrap_or(&0.0)
     }
 
     /// What was found may hold no longer.
@@ -120,7 +150,7 @@ impl Proxy {
             self.remembered.clear();
             let outcome = self.look(goal, settings, scene, &mut followed);
             self.accept(goal, settings, scene);
-            self.sound = self.is_shallow(&outcome);
+            self.sound = self.is_shallow(&outcome, scene);
         }
         followed
     }
@@ -149,7 +179,7 @@ impl Proxy {
             let next =
                 if whole && motion == wanted { *goal } else { self.pose.moved(&motion, share * caution) };
             let outcome = self.look(&next, settings, scene, followed);
-            if !self.is_shallow(&outcome) {
+            if !self.is_shallow(&outcome, scene) {
                 self.avoid(&next, scene);
                 caution *= 0.5;
                 continue;
@@ -171,21 +201,23 @@ impl Proxy {
         let pose = self.pose;
         let outcome = self.look(&pose, settings, scene, followed);
         self.accept(&pose, settings, scene);
-        self.is_shallow(&outcome)
+        self.is_shallow(&outcome, scene)
     }
 
     /// The motion nearest to a wanted one that goes past no plane of the contacts.
     fn plan(&mut self, wanted: &Twist) -> Twist {
         let planned = PLANNED * self.tolerance;
         let length = self.length(wanted);
-        let Self { found, remembered, limits, multipliers, .. } = self;
-        let near = found.iter().chain(&*remembered).filter(|found| found.contact.depth + length > planned);
+        let mut limits = std::mem::take(&mut self.limits);
         limits.clear();
-        limits.extend(near.map(|PatchContact { contact, .. }| MotionLimit {
-            direction: contact.normal,
-            arm: contact.point - self.pose.translation,
-            room: planned - contact.depth,
+        limits.extend(self.contacts().filter_map(|found| {
+            let Contact { point, normal, depth, .. } = found.contact.contact;
+            let room = self.allowed(found.object, planned) - depth;
+            let arm = point - self.pose.translation;
+            (length > room).then_some(MotionLimit { direction: normal, arm, room })
         }));
+        self.limits = limits;
+        let Self { limits, multipliers, .. } = self;
         multipliers.resize(limits.len(), 0.0);
         let rotation = DMat3::from_quat(self.pose.rotation);
         constrained_motion(&self.body, &rotation, wanted, limits, multipliers)
@@ -204,14 +236,20 @@ impl Proxy {
         let length = self.length(motion);
         let free = |room: f64, way: f64| if way > room { room.max(0.0) / way } else { 1.0 };
         let share = self.contacts().fold(free(self.reach + allowed, length), |share: f64, found| {
-            let way = motion.linear.dot(found.contact.normal) + turning;
-            share.min(free(allowed - found.contact.depth, way))
+            let Contact { normal, depth, .. } = found.contact.contact;
+            let way = motion.linear.dot(normal) + turning;
+            share.min(free(self.allowed(found.object, allowed) - depth, way))
         });
         share.max(free(STRIDE * self.tolerance, length))
     }
 
-    fn is_shallow(&self, outcome: &QueryOutcome) -> bool {
-        !outcome.refused && outcome.deepest.is_none_or(|depth| depth <= SHALLOW * self.tolerance)
+    /// Whether the last query was not refused and found no contact deeper than allowed.
+    fn is_shallow(&self, outcome: &QueryOutcome, scene: &SceneQuery) -> bool {
+        let allowed = |object: usize| self.allowed(object, SHALLOW * self.tolerance);
+        !outcome.refused
+            && scene
+                .contacts()
+                .all(|with| with.outcome.deepest.is_none_or(|depth| depth <= allowed(with.object.place())))
     }
 
     fn look(
@@ -231,54 +269,61 @@ impl Proxy {
     fn accept(&mut self, pose: &Pose, settings: &QuerySettings, scene: &SceneQuery) {
         let tolerance = self.tolerance;
         for found in &mut self.remembered {
-            found.contact = carried(&found.contact, &self.pose, pose);
+            found.contact.contact = carried(&found.contact.contact, &self.pose, pose);
         }
         self.remembered.retain(|found| {
-            let Contact { point, scene_point, normal, depth } = found.contact;
+            let Contact { point, scene_point, normal, depth } = found.contact.contact;
             depth > -tolerance && (point - scene_point).reject_from(normal).length() < tolerance
         });
         self.pose = *pose;
         self.reach = settings.tolerance;
         self.stale = false;
         self.found.clear();
-        self.found.extend(scene.contacts().flat_map(|object| object.contacts));
+        self.found.extend(all_contacts(scene));
     }
 
     /// Remembers in what the last query, at `pose`, found the proxy to be too deep.
     fn avoid(&mut self, pose: &Pose, scene: &SceneQuery) {
         let planned = PLANNED * self.tolerance;
-        for found in scene.contacts().flat_map(|object| object.contacts) {
-            if found.contact.depth > planned {
+        for Found { contact: found, object } in all_contacts(scene) {
+            if found.contact.depth > self.allowed(object, planned) {
                 let contact = carried(&found.contact, pose, &self.pose);
-                self.remember(PatchContact { contact, ..*found });
+                self.remember(Found { contact: PatchContact { contact, ..found }, object });
             }
         }
     }
 
     /// Remembers a contact, in place of what was known of it. Where there is no room for it, the shallowest gives way.
-    fn remember(&mut self, found: PatchContact) {
-        let Contact { point, normal, depth, .. } = found.contact;
-        let same = |other: &PatchContact| {
-            let near = other.contact.point.distance(point) < self.tolerance;
-            near && other.contact.normal.dot(normal) > SAME_DIRECTION
+    fn remember(&mut self, found: Found) {
+        let Contact { point, normal, depth, .. } = found.contact.contact;
+        let same = |other: &Found| {
+            let Contact { point: there, normal: other, .. } = other.contact.contact;
+            there.distance(point) < self.tolerance && other.dot(normal) > SAME_DIRECTION
         };
-        let shallower = |one: &&mut PatchContact, other: &&mut PatchContact| {
-            one.contact.depth.total_cmp(&other.contact.depth)
-        };
+        let depth_of = |found: &Found| found.contact.contact.depth;
+        let shallower = |one: &&mut Found, other: &&mut Found| depth_of(one).total_cmp(&depth_of(other));
         if let Some(known) = self.remembered.iter().position(same) {
             self.remembered[known] = found;
         } else if !self.remembered.is_full() {
             self.remembered.push(found);
         } else if let Some(shallowest) = self.remembered.iter_mut().min_by(shallower)
-            && shallowest.contact.depth < depth
+            && depth_of(shallowest) < depth
         {
             *shallowest = found;
         }
     }
 }
 
+/// The contacts of a scene's last query.
+fn all_contacts(scene: &SceneQuery) -> impl Iterator<Item = Found> {
+    scene.contacts().flat_map(|with| {
+        let object = with.object.place();
+        with.contacts.iter().map(move |&contact| Found { contact, object })
+    })
+}
+
 /// The motion (a twist for the time of 1) from one pose to another.
-fn motion_between(from: &Pose, to: &Pose) -> Twist {
+pub(crate) fn motion_between(from: &Pose, to: &Pose) -> Twist {
     Twist::new(to.translation - from.translation, from.rotation_vector_to(to))
 }
 

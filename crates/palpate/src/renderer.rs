@@ -7,11 +7,14 @@ use palpate_dynamics::{
     VirtualCoupling,
 };
 
+use palpate_texture_pd::Backend;
+
 use crate::contact_loop::ContactLoop;
 use crate::haptic_loop::{Grasped, HapticLoop};
 use crate::object::Object;
 use crate::scene::Scene;
 use crate::settings::{Settings, SettingsError};
+use crate::textures::TextureError;
 
 /// A haptic rendering session, to be run by [`run_lockstep`](Self::run_lockstep) or
 /// [`run_realtime`](Self::run_realtime), or taken apart by a host that owns its loops.
@@ -40,6 +43,9 @@ pub enum RendererError {
         /// Why.
         source: BodyError,
     },
+    /// Textures cannot be rendered.
+    #[error(transparent)]
+    Texture(#[from] TextureError),
     /// The device did not answer.
     #[error(transparent)]
     Device(#[from] DeviceError),
@@ -49,7 +55,7 @@ impl HapticRenderer {
     /// Puts `probe` into the hand that holds `device`, where the device now is, and `scene` around it.
     ///
     /// # Errors
-    /// If a setting is out of range, the probe cannot be given a mass, or the device does not answer.
+    /// If a setting is out of range, the probe cannot be given a mass, textures are too large, or the device does not answer.
     pub fn new(
         probe: Object,
         scene: Scene,
@@ -99,7 +105,7 @@ impl HapticRenderer {
         };
         let haptic = HapticLoop::new(grasped, state, &specification);
         let contact =
-            ContactLoop::new(&probe, body, source.center_of_mass, scene.objects(), parameters, &settings);
+            ContactLoop::new(&probe, body, source.center_of_mass, scene.objects(), parameters, &settings)?;
         Ok(Self { haptic, contact, device, period: 1.0 / settings.rate, probe, scene, settings })
     }
 
@@ -121,6 +127,13 @@ impl HapticRenderer {
     /// The scene.
     pub fn scene(&self) -> &Scene {
         &self.scene
+    }
+
+    /// Lets a backend of the host compute textured contacts, as one on its own GPU device
+    /// ([`WgpuBackend::with_device`](palpate_texture_pd::WgpuBackend::with_device)); nothing changes in a scene without
+    /// textures. Should it fail, the processor goes on.
+    pub fn set_texture_backend(&mut self, backend: Box<dyn Backend>) {
+        self.contact.set_texture_backend(backend);
     }
 
     /// The two loops and the device, for a host that runs them itself: [`HapticLoop::step_device`] once a period,

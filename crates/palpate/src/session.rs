@@ -103,11 +103,6 @@ impl Session {
             Clock::Real { scheduling } => scheduling.clone(),
             Clock::Simulated => "lockstep".to_owned(),
         };
-        let mut events = haptic.events;
-        events.contact_overflow = contact.events.contact_overflow;
-        events.contact_refused = contact.events.contact_refused;
-        events.not_converged = contact.events.not_converged;
-        events.model_dropped = contact.events.model_dropped;
         Summary {
             seconds: self.seconds,
             haptic: HapticSummary {
@@ -127,7 +122,7 @@ impl Session {
             energy_min_j: haptic.energy_min,
             dissipated_j: haptic.dissipated,
             stages: self.stages.clone(),
-            events,
+            events: haptic.events.and(&contact.events),
         }
     }
 }
@@ -164,7 +159,11 @@ impl HapticRenderer {
             entry.push_str(&what);
         }
         stages.insert("clustering", format!("on beyond {} contacts", self.settings().clusters));
-        stages.insert("textures", "off: no object has a haptic texture".to_owned());
+        let textures = match self.contact.texture_backend() {
+            None => "off: no object has a haptic texture".to_owned(),
+            Some(backend) => format!("on, computed by {backend}"),
+        };
+        stages.insert("textures", textures);
         let friction = match self.settings().friction {
             0.0 if self.settings().static_friction.unwrap_or(0.0) == 0.0 => {
                 "off: its coefficient is 0".to_owned()

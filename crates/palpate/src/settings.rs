@@ -45,6 +45,8 @@ pub struct Settings {
     /// Keep a proxy of the grasped object on the side of surfaces that it came from, and have contacts push the object
     /// there, so that it does not come out behind what it is pressed or driven through (§5.6.1).
     pub proxy: bool,
+    /// How contacts with textured objects are looked at.
+    pub textures: TextureSettings,
     /// The grasp: where the device holds the object, and the device's axes there, in the mesh's frame; by default the
     /// centre of mass with the mesh's axes.
     pub grasp: Option<Pose>,
@@ -91,6 +93,7 @@ impl Default for Settings {
             clusters: 5,
             braking: true,
             proxy: true,
+            textures: TextureSettings::default(),
             grasp: None,
             contact_timeout: 0.5,
             integrator: IntegratorKind::default(),
@@ -101,6 +104,56 @@ impl Default for Settings {
             force_slew: None,
             torque_slew: None,
             passivity_controller: false,
+        }
+    }
+}
+
+/// How contacts with textured objects are looked at (§4.4).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TextureSettings {
+    /// Texels along a side of a contact's grid.
+    pub grid: u32,
+    /// Half the side of a grid, m: what lies further from a contact along its plane is not felt. By default such that the grid's
+    /// texels are as large as the smallest of the textures', but no more than the grasped object's bounding radius.
+    pub half_size: Option<f64>,
+    /// τ, m: a contact pushes where the largest overlaps are, by a smooth maximum that goes over from one to another that
+    /// grows larger within some times of it; 0 for the largest alone. By default half the tolerance d.
+    pub temperature: Option<f64>,
+    /// Where the derivatives of depths come from.
+    pub derivatives: TextureDerivatives,
+    /// What computes.
+    pub backend: TextureBackend,
+}
+
+/// Where the derivatives of textured contacts' depths come from (§5.6.2).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum TextureDerivatives {
+    /// From the surfaces' slopes and curvatures, where they overlap most.
+    #[default]
+    Maximum,
+    /// The dissertation's central differences, of 51 configurations of the grasped object a texel apart: for comparison.
+    Differences,
+}
+
+/// What computes textured contacts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum TextureBackend {
+    /// The processor: a session on a simulated clock is the same each time.
+    #[default]
+    Processor,
+    /// The processor or the fastest GPU, whichever is faster when the session is made; the processor where there is no GPU.
+    Auto,
+}
+
+impl Default for TextureSettings {
+    /// A grid of 50 × 50 (§4.5.2), on the processor.
+    fn default() -> Self {
+        Self {
+            grid: 50,
+            half_size: None,
+            temperature: None,
+            derivatives: TextureDerivatives::default(),
+            backend: TextureBackend::default(),
         }
     }
 }
@@ -141,6 +194,9 @@ impl Settings {
             ("workspace-scale", Some(self.workspace_scale), "a factor from 1e-4 to 1e4", 1e-4..=1e4),
             ("force-slew", self.force_slew, "N/s above 0", f64::MIN_POSITIVE..=f64::INFINITY),
             ("torque-slew", self.torque_slew, "N·m/s above 0", f64::MIN_POSITIVE..=f64::INFINITY),
+            ("texture grid", Some(self.textures.grid.into()), "2 to 1024 texels", 2.0..=1024.0),
+            ("texture half-size", self.textures.half_size, "metres above 0", f64::MIN_POSITIVE..=f64::MAX),
+            ("texture temperature", self.textures.temperature, "metres, 0 or more", 0.0..=f64::MAX),
             ("clutch-button", self.clutch_button.map(f64::from), "a button from 0 to 31", 0.0..=31.0),
             (
                 "clusters",

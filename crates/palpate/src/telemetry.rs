@@ -84,6 +84,14 @@ pub struct Events {
     /// A contact step in which the grasped object was deeper in a surface than its proxy may be, or had been carried past
     /// one, so that contacts push it back.
     pub held_back: u64,
+    /// A textured contact slid further between two looks at it than a texel of its grid, so that detail is felt at another
+    /// frequency or not at all: let the contact loop run faster, or make the texture coarser.
+    pub texture_undersampled: u64,
+    /// A textured contact of which more than a tenth folds over itself as seen along its direction, so that its depth is
+    /// approximated (§4.6.1).
+    pub texture_folded: u64,
+    /// What computed textured contacts failed; the processor has done so since.
+    pub texture_backend_lost: u64,
     /// A contact query ran out of room and reported fewer contacts than there are.
     pub contact_overflow: u64,
     /// A contact query was refused, its pose not being finite, and found nothing; or a contact was not finite.
@@ -94,6 +102,63 @@ pub struct Events {
     pub model_dropped: u64,
     /// Rows of the recording were lost because the recorder could not keep up.
     pub record_dropped: u64,
+}
+
+impl Events {
+    /// The events of two loops, or of two times.
+    #[must_use]
+    pub fn and(&self, other: &Self) -> Self {
+        let mut sum = *self;
+        let Self {
+            device_refused,
+            device_jumped,
+            device_ended,
+            step_refused,
+            contacts_unsettled,
+            step_unconverged,
+            saturated,
+            slewed,
+            faded,
+            engaging,
+            clutched,
+            damped,
+            held_back,
+            texture_undersampled,
+            texture_folded,
+            texture_backend_lost,
+            contact_overflow,
+            contact_refused,
+            not_converged,
+            model_dropped,
+            record_dropped,
+        } = *other;
+        for (total, more) in [
+            (&mut sum.device_refused, device_refused),
+            (&mut sum.device_jumped, device_jumped),
+            (&mut sum.device_ended, device_ended),
+            (&mut sum.step_refused, step_refused),
+            (&mut sum.contacts_unsettled, contacts_unsettled),
+            (&mut sum.step_unconverged, step_unconverged),
+            (&mut sum.saturated, saturated),
+            (&mut sum.slewed, slewed),
+            (&mut sum.faded, faded),
+            (&mut sum.engaging, engaging),
+            (&mut sum.clutched, clutched),
+            (&mut sum.damped, damped),
+            (&mut sum.held_back, held_back),
+            (&mut sum.texture_undersampled, texture_undersampled),
+            (&mut sum.texture_folded, texture_folded),
+            (&mut sum.texture_backend_lost, texture_backend_lost),
+            (&mut sum.contact_overflow, contact_overflow),
+            (&mut sum.contact_refused, contact_refused),
+            (&mut sum.not_converged, not_converged),
+            (&mut sum.model_dropped, model_dropped),
+            (&mut sum.record_dropped, record_dropped),
+        ] {
+            *total += more;
+        }
+        sum
+    }
 }
 
 /// What the haptic loop measured.

@@ -193,6 +193,11 @@ impl DepthQuery {
         Ok(&self.depths)
     }
 
+    /// Those of the last run.
+    pub fn depths(&self) -> &[Option<TextureDepth>] {
+        &self.depths
+    }
+
     fn add(&mut self, surfaces: &SurfaceSet, contact: &TextureContact, settings: &DepthSettings) {
         let Self { batch, near, .. } = self;
         let step = contact.step(settings);

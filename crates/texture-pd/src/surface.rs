@@ -116,13 +116,21 @@ impl TexturedSurface {
     /// # Errors
     /// If the mesh is empty or has a vertex that is not finite.
     pub fn plain(mesh: &TriMesh) -> Result<Self, SurfaceError> {
-        let triangles = (0..mesh.triangles().len()).map(|triangle| SurfaceTriangle {
-            corners: mesh.corners(triangle),
+        Self::from_triangles((0..mesh.triangles().len()).map(|triangle| mesh.corners(triangle)))
+    }
+
+    /// Triangles, by their corners (m), without a texture.
+    ///
+    /// # Errors
+    /// If there is none, or one has a corner that is not finite.
+    pub fn from_triangles(triangles: impl IntoIterator<Item = [DVec3; 3]>) -> Result<Self, SurfaceError> {
+        let flat = |corners| SurfaceTriangle {
+            corners,
             directions: [DVec3::ZERO; 3],
             coordinates: [DVec2::ZERO; 3],
             texel: f64::INFINITY,
-        });
-        Self::new(triangles.collect(), None)
+        };
+        Self::new(triangles.into_iter().map(flat).collect(), None)
     }
 
     /// A mesh that an image displaces: each point of a triangle by the image's displacement there times the direction
@@ -175,6 +183,25 @@ impl TexturedSurface {
             |[low, high]: [f64; 2], range: &[f32; 2]| [low.min(range[0].into()), high.max(range[1].into())];
         let ranges = self.texture.iter().flat_map(|texture| &texture.ranges);
         ranges.fold([0.0; 2], widened)
+    }
+
+    /// The smallest size of a texel on the surface, m: infinite without a texture.
+    pub fn texel(&self) -> f64 {
+        self.triangles.iter().fold(f64::INFINITY, |least, triangle| least.min(triangle.texel))
+    }
+
+    /// The middle of the largest triangle, m, and the unit normal there.
+    pub fn middle(&self) -> (DVec3, DVec3) {
+        let across = |triangle: &SurfaceTriangle| {
+            let [a, b, c] = triangle.corners;
+            (b - a).cross(c - a)
+        };
+        let sized = |triangle| across(triangle).length_squared();
+        let largest = self.triangles.iter().max_by(|a, b| sized(a).total_cmp(&sized(b)));
+        largest.map_or((DVec3::ZERO, DVec3::Z), |triangle| {
+            let [a, b, c] = triangle.corners;
+            ((a + b + c) / 3.0, across(triangle).normalize_or(DVec3::Z))
+        })
     }
 
     /// The largest displacement either way, m.

@@ -48,6 +48,14 @@ pub struct ObjectHandle {
     generation: u32,
 }
 
+impl ObjectHandle {
+    /// The object's place among those of its query, in the order in which they were added; that of an object that was removed
+    /// is taken by the next.
+    pub fn place(&self) -> usize {
+        self.slot as usize
+    }
+}
+
 /// The contacts with one object.
 #[derive(Clone, Copy, Debug)]
 pub struct ObjectContacts<'a> {

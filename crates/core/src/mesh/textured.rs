@@ -1,6 +1,6 @@
 //! Meshes with texture coordinates.
 
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 
 use super::TriMesh;
 
@@ -49,6 +49,15 @@ impl UvMesh {
         }
     }
 
+    /// A mesh with texture coordinates by projection: `place` takes each vertex (m) to its place in the texture.
+    ///
+    /// # Errors
+    /// If a coordinate is not finite.
+    pub fn projected(mesh: TriMesh, place: impl Fn(DVec3) -> DVec2) -> Result<Self, UvMeshError> {
+        let coordinates = (0..mesh.triangles().len()).map(|i| mesh.corners(i).map(&place)).collect();
+        Self::new(mesh, coordinates)
+    }
+
     /// The mesh, m.
     pub fn mesh(&self) -> &TriMesh {
         &self.mesh
@@ -62,8 +71,6 @@ impl UvMesh {
 
 #[cfg(test)]
 mod tests {
-    use glam::DVec3;
-
     use super::*;
 
     #[test]

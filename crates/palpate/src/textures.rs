@@ -1,0 +1,319 @@
+//! The texture stage of the contact loop (§4.4, §5.4.4): coarse contacts with textured objects are looked at again, in the
+//! images of their detail.
+//!
+//! An object's hierarchy is that of its coarse mesh, its texture displaces it. What sticks out of the coarse mesh may touch
+//! before it does, so contacts are looked for by so much further away, and what lies back in it lets coarse meshes sink into
+//! one another (the proxy may go as deep). Each cluster of contacts with an object becomes one textured contact, with a grid
+//! of its own around the representative, of which it has the texels that are nearest to it.
+
+use std::fmt;
+use std::sync::Arc;
+
+use palpate_collide::{Cluster, Clustering, PatchContact};
+use palpate_core::glam::DVec3;
+use palpate_core::{Pose, Twist};
+use palpate_dynamics::CurvedContact;
+use palpate_texture_pd::{
+    Backend, CpuBackend, DepthError, DepthQuery, DepthSettings, Derivatives, SurfaceError, SurfaceId,
+    SurfaceSet, TextureContact, TextureDepth, TexturedSurface, TooManyTexels,
+};
+
+use crate::object::Object;
+use crate::scene::Placed;
+use crate::settings::{Settings, TextureBackend, TextureDerivatives, TextureSettings};
+use crate::telemetry::Events;
+
+/// τ by default, in tolerances.
+const SMOOTHNESS: f64 = 0.5;
+
+/// The part of a grid that may be folded before it is counted as no height field.
+const MOSTLY: f64 = 0.1;
+
+/// Why textures cannot be rendered.
+#[derive(Debug, thiserror::Error)]
+pub enum TextureError {
+    /// An object's surface is empty or not finite.
+    #[error("{name}: {source}")]
+    Surface {
+        /// The object's name.
+        name: String,
+        /// Why.
+        source: SurfaceError,
+    },
+    /// All textures together are too large.
+    #[error(transparent)]
+    Size(#[from] TooManyTexels),
+    /// A setting is out of range.
+    #[error(transparent)]
+    Depth(#[from] DepthError),
+}
+
+/// What the stage needs for a scene with textures.
+pub(crate) struct Textures {
+    surfaces: SurfaceSet,
+    probe: SurfaceId,
+    /// By the scene's order; none where neither object is textured.
+    pairs: Vec<Option<Pair>>,
+    settings: DepthSettings,
+    backend: Box<dyn Backend>,
+    query: DepthQuery,
+    grids: Vec<TextureContact>,
+    /// Scene objects of the grids.
+    found: Vec<Found>,
+    /// Bounding radius of the probe about its centre of mass, m.
+    lever: f64,
+}
+
+/// The probe and a scene object, one of which is textured.
+struct Pair {
+    surface: SurfaceId,
+    clustering: Clustering,
+    contacts: Vec<PatchContact>,
+    /// Half the side of grids, m.
+    half_size: f64,
+    /// How far both surfaces stick out of their coarse ones at most, m, and lie back in them.
+    protrusion: f64,
+    recess: f64,
+}
+
+/// A textured contact.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Found {
+    pub contact: CurvedContact,
+    /// Distance of texels, m.
+    pub texel: f64,
+}
+
+impl Textures {
+    /// `None` for a scene without textures.
+    pub fn new(
+        probe: &Object,
+        scene: &[Placed],
+        settings: &Settings,
+        tolerance: f64,
+        lever: f64,
+    ) -> Result<Option<Self>, TextureError> {
+        let pairs = scene.iter().map(|placed| &placed.object);
+        if pairs.clone().all(|object| !is_textured(probe, object)) {
+            return Ok(None);
+        }
+        let TextureSettings { grid, half_size, temperature, derivatives, backend } = settings.textures;
+        let mut surfaces = SurfaceSet::default();
+        let own = surface(probe)?;
+        let id = surfaces.add(&own)?;
+        let pair = |object: &Object| {
+            if !is_textured(probe, object) {
+                return Ok(None);
+            }
+            let other = surface(object)?;
+            let [[back, out], [other_back, other_out]] = [&own, &other].map(|surface| surface.displacement());
+            let resolved = 0.5 * f64::from(grid) * own.texel().min(other.texel());
+            Ok(Some(Pair {
+                surface: surfaces.add(&other)?,
+                clustering: Clustering::new(settings.clusters),
+                contacts: Vec::new(),
+                half_size: half_size.unwrap_or(resolved.min(lever)),
+                protrusion: out + other_out,
+                recess: -back - other_back,
+            }))
+        };
+        let pairs = pairs.map(pair).collect::<Result<Vec<_>, TextureError>>()?;
+        let smallest = pairs.iter().flatten().fold(f64::INFINITY, |least, pair| least.min(pair.half_size));
+        let depth = DepthSettings {
+            grid,
+            temperature: temperature.unwrap_or(SMOOTHNESS * tolerance),
+            derivatives: match derivatives {
+                TextureDerivatives::Maximum => Derivatives::Maximum,
+                TextureDerivatives::Differences => {
+                    let turn = 2.0 / f64::from(grid);
+                    Derivatives::Differences { shift: turn * smallest, turn, second: true }
+                }
+            },
+            ..DepthSettings::default()
+        };
+        let mut textures = Self {
+            surfaces,
+            probe: id,
+            pairs,
+            settings: depth,
+            backend: Box::new(CpuBackend::new()),
+            query: DepthQuery::new(),
+            grids: Vec::new(),
+            found: Vec::new(),
+            lever,
+        };
+        if backend == TextureBackend::Auto {
+            textures.measure(probe, scene, settings.clusters)?;
+        }
+        Ok(Some(textures))
+    }
+
+    /// Takes the faster backend for as many contacts as there may be with one object.
+    #[cfg(feature = "gpu")]
+    fn measure(&mut self, probe: &Object, scene: &[Placed], clusters: usize) -> Result<(), TextureError> {
+        let pairs = self.pairs.iter().zip(scene).find_map(|(pair, placed)| Some((pair.as_ref()?, placed)));
+        let Some((pair, placed)) = pairs else { return Ok(()) };
+        let (own, other) = (surface(probe)?, surface(&placed.object)?);
+        let (point, normal) = own.middle();
+        let (touched, facing) = other.middle();
+        let rotation = palpate_core::glam::DQuat::from_rotation_arc(normal, -facing);
+        let pose = Pose::new(touched - rotation * point, rotation);
+        let contact = self.grid(pair, &pose, pose.translation, &Pose::IDENTITY, (touched, -facing));
+        let contacts = vec![contact; clusters];
+        self.backend =
+            Box::new(palpate_texture_pd::AutoBackend::new(&self.surfaces, &contacts, &self.settings)?);
+        Ok(())
+    }
+
+    #[cfg(not(feature = "gpu"))]
+    #[expect(clippy::unused_self, clippy::unnecessary_wraps, reason = "there is one backend only")]
+    fn measure(&mut self, _: &Object, _: &[Placed], _: usize) -> Result<(), TextureError> {
+        Ok(())
+    }
+
+    pub fn set_backend(&mut self, backend: Box<dyn Backend>) {
+        self.backend = backend;
+    }
+
+    pub fn backend(&self) -> &str {
+        self.backend.name()
+    }
+
+    /// How much further than d coarse contacts with any object are looked for, m.
+    pub fn protrusion(&self) -> f64 {
+        self.pairs.iter().flatten().fold(0.0, |most, pair| most.max(pair.protrusion))
+    }
+
+    /// How deep coarse meshes may sink into each scene object, m.
+    pub fn recesses(&self) -> Vec<f64> {
+        self.pairs.iter().map(|pair| pair.as_ref().map_or(0.0, |pair| pair.recess)).collect()
+    }
+
+    /// Whether contacts with a scene object are textured.
+    pub fn has(&self, object: usize) -> bool {
+        self.pairs.get(object).is_some_and(Option::is_some)
+    }
+
+    /// Forgets the coarse contacts.
+    pub fn clear(&mut self) {
+        self.pairs.iter_mut().flatten().for_each(|pair| pair.contacts.clear());
+    }
+
+    /// Takes a coarse contact with a scene object, as found at the pose of [`run`](Self::run), if it is near enough to count;
+    /// `tolerance`: d, m.
+    pub fn take(&mut self, object: usize, contact: &PatchContact, tolerance: f64) -> bool {
+        let Some(Some(pair)) = self.pairs.get_mut(object) else { return false };
+        let near = contact.contact.depth > -(tolerance + pair.protrusion);
+        if near {
+            pair.contacts.push(*contact);
+        }
+        near
+    }
+
+    /// The textured contacts of the probe with its mesh and centre of mass at a pose; `pose_of` those of scene objects.
+    pub fn run(
+        &mut self,
+        mesh: &Pose,
+        center: DVec3,
+        pose_of: impl Fn(usize) -> Option<Pose>,
+        tolerance: f64,
+        events: &mut Events,
+    ) -> &[Found] {
+        let mut pairs = std::mem::take(&mut self.pairs);
+        self.grids.clear();
+        for (object, pair) in pairs.iter_mut().enumerate() {
+            let Some(pair) = pair else { continue };
+            let Some(pose) = pose_of(object) else { continue };
+            pair.clustering.run(&pair.contacts, tolerance + pair.protrusion, mesh);
+            let clusters = pair.clustering.clusters();
+            for (i, &Cluster { contact, .. }) in clusters.iter().enumerate() {
+                let grid = self.grid(pair, mesh, center, &pose, (contact.point, contact.normal));
+                self.grids.push(grid);
+            }
+        }
+        self.pairs = pairs;
+        self.look(events);
+        &self.found
+    }
+
+    /// The grid of a contact at a point with a normal.
+    fn grid(
+        &self,
+        pair: &Pair,
+        pose_a: &Pose,
+        center: DVec3,
+        pose_b: &Pose,
+        (point, normal): (DVec3, DVec3),
+    ) -> TextureContact {
+        TextureContact {
+            a: self.probe,
+            pose_a: *pose_a,
+            center,
+            b: pair.surface,
+            pose_b: *pose_b,
+            normal,
+            point,
+            half_size: pair.half_size,
+            reach: pair.half_size + pair.protrusion + pair.recess,
+        }
+    }
+
+    /// Finds the depths in all grids, on the processor if need be.
+    fn look(&mut self, events: &mut Events) {
+        let Self { surfaces, settings, backend, query, grids, found, lever, .. } = self;
+        found.clear();
+        if grids.is_empty() {
+            return;
+        }
+        if query.run(surfaces, grids, settings, &mut **backend).is_err() {
+            events.texture_backend_lost += 1;
+            *backend = Box::new(CpuBackend::new());
+            if query.run(surfaces, grids, settings, &mut **backend).is_err() {
+                return;
+            }
+        }
+        for (grid, depth) in grids.iter().zip(query.depths()) {
+            let Some(TextureDepth { depth, linear, angular, second, point, folded, .. }) = *depth else {
+                continue;
+            };
+            events.texture_folded += u64::from(folded > MOSTLY);
+            let contact = CurvedContact { point, depth, linear, angular, second, lever: *lever };
+            found.push(Found { contact, texel: 2.0 * grid.half_size / f64::from(settings.grid) });
+        }
+    }
+}
+
+impl Found {
+    /// δ once the body has moved on by a small motion, m.
+    pub fn depth_after(&self, motion: &Twist) -> f64 {
+        let CurvedContact { depth, linear, angular, .. } = self.contact;
+        depth + linear.dot(motion.linear) + angular.dot(motion.angular)
+    }
+
+    /// dδ/dt, m/s.
+    pub fn rate(&self, twist: &Twist) -> f64 {
+        self.contact.linear.dot(twist.linear) + self.contact.angular.dot(twist.angular)
+    }
+
+    /// Whether the body slides further than a texel in a time (s), so that detail that is felt may be missed, or felt at another
+    /// frequency (§4.6.2).
+    pub fn is_undersampled(&self, twist: &Twist, center: DVec3, time: f64) -> bool {
+        let velocity = twist.velocity_at(self.contact.point - center);
+        velocity.reject_from(self.contact.linear).length() * time > self.texel
+    }
+}
+
+impl fmt::Debug for Textures {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let textured = self.pairs.iter().flatten().count();
+        write!(f, "Textures of {textured} pairs on {}", self.backend.name())
+    }
+}
+
+fn is_textured(probe: &Object, other: &Object) -> bool {
+    probe.texture().is_some() || other.texture().is_some()
+}
+
+fn surface(object: &Object) -> Result<Arc<TexturedSurface>, TextureError> {
+    object.surface().map_err(|source| TextureError::Surface { name: object.name.clone(), source })
+}

@@ -1,0 +1,32 @@
+//! A file scrapes a rough CAD part (Fig. 4.13 of the dissertation): an emulated hand presses, scrubs and twists it.
+//!
+//! `cargo run --release --example file_on_part`
+
+use std::error::Error;
+
+use clap::Parser;
+use palpate::device::Emulation;
+use palpate::{HapticRenderer, Pose, Scene, Settings, TextureSettings, explore};
+use palpate_examples::{Options, detailed};
+
+#[derive(Parser)]
+struct Arguments {
+    #[command(flatten)]
+    options: Options,
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let Arguments { options } = Arguments::parse();
+    let probe = detailed("file", 632, 1e-4)?;
+    let scene = Scene::new().with(detailed("cad-part", 8008, 2e-4)?, Pose::IDENTITY);
+    let device = Emulation::default().open(explore::path(&probe, &scene)?)?;
+    let settings = Settings {
+        tolerance: Some(2e-4),
+        clusters: 7,
+        textures: TextureSettings { half_size: Some(0.004), ..TextureSettings::default() },
+        ..Settings::default()
+    };
+    let renderer = HapticRenderer::new(probe, scene, Box::new(device), settings)?;
+    options.render("file_on_part", "A file scrapes a rough CAD part", renderer)?;
+    Ok(())
+}

@@ -1,0 +1,32 @@
+//! A hammer touches a wrinkled torus (Fig. 4.12 of the dissertation): an emulated hand presses, scrubs and twists it.
+//!
+//! `cargo run --release --example hammer_on_torus`
+
+use std::error::Error;
+
+use clap::Parser;
+use palpate::device::Emulation;
+use palpate::{HapticRenderer, Pose, Scene, Settings, TextureSettings, explore};
+use palpate_examples::{Options, detailed};
+
+#[derive(Parser)]
+struct Arguments {
+    #[command(flatten)]
+    options: Options,
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let Arguments { options } = Arguments::parse();
+    let probe = detailed("hammer", 804, 2e-4)?;
+    let scene = Scene::new().with(detailed("torus", 532, 2e-4)?, Pose::IDENTITY);
+    let device = Emulation::default().open(explore::path(&probe, &scene)?)?;
+    let settings = Settings {
+        tolerance: Some(2e-4),
+        clusters: 7,
+        textures: TextureSettings { half_size: Some(0.01), ..TextureSettings::default() },
+        ..Settings::default()
+    };
+    let renderer = HapticRenderer::new(probe, scene, Box::new(device), settings)?;
+    options.render("hammer_on_torus", "A hammer touches a wrinkled torus", renderer)?;
+    Ok(())
+}

@@ -1,0 +1,82 @@
+//! A probe with a round tip explores a plate with ridges 8 mm high, a flat plate with a texture: from left to right, and faster
+//! back (§5.5.4 of the dissertation).
+//!
+//! `cargo run --release --example textured_plate`; `-- --flat` for the plate without its texture.
+
+use std::error::Error;
+use std::f64::consts::TAU;
+
+use clap::Parser;
+use palpate::core::mesh::UvMesh;
+use palpate::device::{Emulation, Interpolation, Keyframe, MotionPath};
+use palpate::glam::{DVec2, DVec3};
+use palpate::models::Model;
+use palpate::texture_pd::{HeightImage, Wrap};
+use palpate::{HapticRenderer, Object, Pose, Scene, Settings};
+use palpate_examples::{Options, open, smooth};
+
+/// Height of the ridges, and their distance, m.
+const HEIGHT: f64 = 8e-3;
+const SPACING: f64 = 0.04;
+/// Texels from crest to crest.
+const TEXELS: u32 = 64;
+/// Radius of the probe's tip, m.
+const TIP: f64 = 0.01;
+
+#[derive(Parser)]
+struct Arguments {
+    #[command(flatten)]
+    options: Options,
+    /// Without the texture
+    #[arg(long)]
+    flat: bool,
+    /// Contact stiffness, N/m
+    #[arg(long, default_value_t = 2000.0)]
+    stiffness: f64,
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let Arguments { options, flat, stiffness } = Arguments::parse();
+    let stylus = open("stylus")?;
+    let plate = if flat { open("plate")? } else { ridged_plate()? };
+    let device = Emulation::default().open(MotionPath::new(strokes(options.seconds), Interpolation::Smooth)?)?;
+    let scene = Scene::new().with(plate, Pose::IDENTITY);
+    let settings = Settings {
+        mass: 0.01,
+        contact_stiffness: stiffness,
+        coupling_stiffness: Some(200.0),
+        angular_stiffness: Some(3.0),
+        tolerance: Some(2e-4),
+        ..Settings::default()
+    };
+    let renderer = HapticRenderer::new(stylus, scene, Box::new(device), settings)?;
+    options.render("textured_plate", "Probe on a plate with ridges", renderer)?;
+    Ok(())
+}
+
+/// The plate with an image of one ridge, which is repeated.
+fn ridged_plate() -> Result<Object, Box<dyn Error>> {
+    let wave = |i: u32| (TAU * (f64::from(i) + 0.5) / f64::from(TEXELS)).cos();
+    let ridge = (0..TEXELS).map(|i| (0.5 * HEIGHT * wave(i)) as f32).collect();
+    let image = HeightImage::new(TEXELS, 1, ridge, [Wrap::Repeat; 2])?;
+    let texel = SPACING / f64::from(TEXELS);
+    let flat = Model::Plate.generate(Model::Plate.default_triangles())?;
+    let mesh = UvMesh::projected(flat, |corner| DVec2::new(corner.x / SPACING, corner.y / texel))?;
+    Ok(Object::textured("plate with ridges", &mesh, &image, 0.5)?)
+}
+
+/// Where the hand means the tip to be, as 100 poses a second: down onto the plate and 1 cm further, to the right in half of
+/// the time that is left, and back in half of that.
+fn strokes(seconds: f64) -> Vec<Keyframe> {
+    let above = TIP + 0.5 * HEIGHT + 0.002;
+    let samples = ((seconds + 0.1) * 100.0) as usize + 1;
+    let keyframe = |sample: usize| {
+        let time = sample as f64 / 100.0;
+        let part = time / seconds;
+        let down = smooth((part - 0.05) / 0.15);
+        let along = smooth((part - 0.2) / 0.5) - smooth((part - 0.7) / 0.25);
+        let place = DVec3::new(0.24 * along - 0.12, 0.0, above - (above + 0.01 - TIP) * down);
+        Keyframe { time, pose: Pose::from_translation(place) }
+    };
+    (0..samples).map(keyframe).collect()
+}
