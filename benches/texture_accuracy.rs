@@ -20,7 +20,7 @@ use palpate::core::mesh::UvMesh;
 use palpate::glam::{DMat3, DQuat, DVec2, DVec3};
 use palpate::models::Model;
 use palpate::texture_pd::{
-    BakeOptions, CpuBackend, DepthQuery, DepthSettings, HeightImage, HeightOptions, SurfaceSet,
+    BakeOptions, CpuBackend, DepthQuery, DepthSettings, Domain, HeightImage, HeightOptions, SurfaceSet,
     TextureContact, TextureFilter, TexturedSurface, Wrap, bake,
 };
 use palpate::{Pose, TriMesh};
@@ -231,6 +231,7 @@ fn random_contact(
         point: on_b,
         half_size,
         reach: half_size,
+        domain: Domain::WHOLE,
     }
 }
 

@@ -14,8 +14,8 @@ use criterion::{BenchmarkId, Criterion};
 use palpate::core::mesh::UvMesh;
 use palpate::glam::{DQuat, DVec2, DVec3};
 use palpate::texture_pd::{
-    Backend, CpuBackend, DepthQuery, DepthSettings, Derivatives, HeightImage, SurfaceSet, TextureContact,
-    TexturedSurface, Wrap,
+    Backend, CpuBackend, DepthQuery, DepthSettings, Derivatives, Domain, HeightImage, SurfaceSet,
+    TextureContact, TexturedSurface, Wrap,
 };
 use palpate::{Pose, TriMesh};
 
@@ -82,6 +82,7 @@ impl Scene {
                 point: DVec3::new(0.025 * angle.cos(), 0.025 * angle.sin(), 0.0),
                 half_size: WINDOW,
                 reach: 0.01,
+                domain: Domain::WHOLE,
             }
         });
         Self { surfaces, contacts: contacts.collect() }

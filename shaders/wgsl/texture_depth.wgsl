@@ -33,7 +33,9 @@ struct Pair {
     b: u32,
     // 0 for the largest overlap alone.
     temperature: f32,
-    unused: u32,
+    // How many of the clips there are: outside of the half-planes x u + y v <= z, with (x, y) of length 1, there is no overlap.
+    clip_count: u32,
+    clips: array<vec4<f32>, 8>,
 }
 
 @group(0) @binding(0) var<uniform> header: Header;
@@ -374,13 +376,26 @@ fn is_better(candidate: Overlap, than: Overlap) -> bool {
     return candidate.depth > than.depth || (candidate.depth == than.depth && candidate.texel < than.texel);
 }
 
-fn taper(texel: u32) -> f32 {
+// How far inside the domain of a pair a texel is: negative outside.
+fn margin(number: u32, texel: u32) -> f32 {
+    var least = 1e30;
+    let step = images[pairs[number].a].step;
+    let at = vec2(coordinate(texel % header.grid, step), coordinate(texel / header.grid, step));
+    for (var i = 0u; i < pairs[number].clip_count; i++) {
+        let clip = pairs[number].clips[i];
+        least = min(least, clip.z - dot(clip.xy, at));
+    }
+    return least;
+}
+
+fn taper(number: u32, texel: u32) -> f32 {
     let last = header.grid - 1u;
     let column = texel % header.grid;
     let row = texel / header.grid;
     let inwards = min(min(column, row), min(last - column, last - row));
     let part = min((f32(inwards) + 0.5) / (BORDER * f32(header.grid)), 1.0);
-    return part * part * (3.0 - 2.0 * part);
+    let within = clamp(margin(number, texel) / images[pairs[number].a].step, 0.0, 1.0);
+    return part * part * (3.0 - 2.0 * part) * within;
 }
 
 fn ends(image: u32, texel: u32) -> bool {
@@ -403,11 +418,13 @@ fn surface(image: u32, texel: u32, at: vec2<f32>) -> HeightJet {
     return height_jet(tri, point);
 }
 
-fn sample_at(pair: Pair, texel: u32) -> Sample {
-    let step = images[pair.a].step;
+fn sample_at(number: u32, texel: u32) -> Sample {
+    let a = pairs[number].a;
+    let b = pairs[number].b;
+    let step = images[a].step;
     let at = vec2(coordinate(texel % header.grid, step), coordinate(texel / header.grid, step));
-    let ending = select(0u, 1u, ends(pair.a, texel)) | select(0u, 2u, ends(pair.b, texel));
-    return Sample(at, surface(pair.a, texel, at), surface(pair.b, texel, at), ending);
+    let ending = select(0u, 1u, ends(a, texel)) | select(0u, 2u, ends(b, texel));
+    return Sample(at, surface(a, texel, at), surface(b, texel, at), ending);
 }
 
 // The overlap's gradient, as A moves along u, v, n and turns about them.
@@ -460,13 +477,15 @@ fn add(sums: ptr<function, array<f32, SUMS>>, weight: f32, known: Sample, origin
 
 // The largest overlap of the texels, of equal ones the first: each invocation walks its texels in rising order, and the tree
 // that joins them prefers the lower texel.
-fn find_largest(pair: Pair, lane: u32) -> Overlap {
+fn find_largest(number: u32, lane: u32) -> Overlap {
     let texels = header.grid * header.grid;
+    let first_a = pairs[number].a * texels;
+    let first_b = pairs[number].b * texels;
     var mine = Overlap(0.0, NOWHERE, 0u, 0u);
     for (var texel = lane; texel < texels; texel += LANES) {
-        let a = heights[pair.a * texels + texel];
-        let b = heights[pair.b * texels + texel];
-        if a.x == NO_SURFACE || b.x == NO_SURFACE { continue; }
+        let a = heights[first_a + texel];
+        let b = heights[first_b + texel];
+        if a.x == NO_SURFACE || b.x == NO_SURFACE || margin(number, texel) < 0.0 { continue; }
         mine.shared_texels += 1u;
         mine.folded += ((a.y | b.y) & FOLDED) >> 31u;
         let overlap = bitcast<f32>(a.x) - bitcast<f32>(b.x);
@@ -516,27 +535,29 @@ fn overlaps(
 ) {
     let number = workgroup.y * workgroups.x + workgroup.x;
     if number >= header.pairs { return; }
-    let pair = pairs[number];
     let answer = number * ANSWER_WORDS;
-    let best = find_largest(pair, lane);
+    let best = find_largest(number, lane);
     if best.texel == NOWHERE {
         if lane < ANSWER_WORDS { answers[answer + lane] = select(0u, NOWHERE, lane == 1u); }
         return;
     }
-    let deepest = sample_at(pair, best.texel);
+    let deepest = sample_at(number, best.texel);
     let origin = gradient(deepest);
 
     var sums: array<f32, SUMS>;
-    if pair.temperature > 0.0 {
+    let temperature = pairs[number].temperature;
+    if temperature > 0.0 {
         let texels = header.grid * header.grid;
+        let first_a = pairs[number].a * texels;
+        let first_b = pairs[number].b * texels;
         for (var texel = lane; texel < texels; texel += LANES) {
-            let a = heights[pair.a * texels + texel];
-            let b = heights[pair.b * texels + texel];
+            let a = heights[first_a + texel];
+            let b = heights[first_b + texel];
             if a.x == NO_SURFACE || b.x == NO_SURFACE { continue; }
-            let below = (bitcast<f32>(a.x) - bitcast<f32>(b.x) - best.depth) / pair.temperature;
+            let below = (bitcast<f32>(a.x) - bitcast<f32>(b.x) - best.depth) / temperature;
             if below < LEAST { continue; }
-            let weight = exp(below) * taper(texel);
-            if weight > 0.0 { add(&sums, weight, sample_at(pair, texel), origin); }
+            let weight = exp(below) * taper(number, texel);
+            if weight > 0.0 { add(&sums, weight, sample_at(number, texel), origin); }
         }
     }
     for (var i = 0u; i < SUMS; i++) {

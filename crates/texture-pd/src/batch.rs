@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use crate::kernels::{Header, Image, Pair, Triangle};
+use crate::kernels::{Clips, Header, Image, Pair, Triangle};
 use crate::spline::Level;
 use crate::surface::TexturedSurface;
 
@@ -112,8 +112,8 @@ impl Batch {
     }
 
     /// Adds a pair of images. An image of an A is in one pair only.
-    pub(crate) fn push_pair(&mut self, a: u32, b: u32, temperature: f64) {
-        self.pairs.push(Pair { a, b, temperature: temperature as f32, unused: 0 });
+    pub(crate) fn push_pair(&mut self, a: u32, b: u32, temperature: f64, clips: Clips) {
+        self.pairs.push(Pair { a, b, temperature: temperature as f32, clips });
         self.header.pairs += 1;
     }
 

@@ -83,6 +83,9 @@ impl CpuBackend {
             if bound == f32::NEG_INFINITY || bound < largest - slack {
                 return;
             }
+            if pair.clips.margin(texel as u32, header.grid, image.step) < 0.0 {
+                return;
+            }
             for (at, image) in [(a, pair.a), (b, pair.b)] {
                 if matches!(self.heights[at][0], UNKNOWN_A | UNKNOWN_B) {
                     let image = &images[image as usize];

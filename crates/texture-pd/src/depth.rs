@@ -9,6 +9,10 @@
 //! summed over the texels. A single maximum whose curvatures' product is 1/ρ² has the same δ either way. Where the
 //! largest overlap jumps from one place to another, the smooth maximum goes over, within some temperatures τ of δ.
 //!
+//! Of contacts side by side each looks only at its [`Domain`], as all would find the same largest overlap. In the last step
+//! before the border of a domain texels weigh less in the smooth maximum, down to nothing: as borders move with the contacts'
+//! points, δ would jump by more than τ with each row of texels that comes in.
+//!
 //! Derivatives are by how A moves: by a shift, and by a turn (right-handed rotation vector) about a given point, both in
 //! world axes. They come
 //!
@@ -29,6 +33,7 @@ use palpate_core::Pose;
 
 use crate::backend::{Backend, BackendError};
 use crate::batch::{Batch, MAX_GRID, SurfaceId, SurfaceSet};
+use crate::domain::Domain;
 use crate::kernels::{Answer, NOWHERE, coordinate};
 use crate::maximum::{self, LocalDepth};
 use crate::surface::{Field, View};
@@ -54,6 +59,8 @@ pub struct TextureContact {
     pub half_size: f64,
     /// Undisplaced surfaces further than this from the point along **n** are left out, m.
     pub reach: f64,
+    /// Where on the grid overlaps are looked for.
+    pub domain: Domain,
 }
 
 /// How derivatives are found.
@@ -165,7 +172,8 @@ impl DepthQuery {
         Self::default()
     }
 
-    /// The depth of each contact, in their order: none where the surfaces share no texel, or the contact is not finite.
+    /// The depth of each contact, in their order: none where the surfaces share no texel of its domain, or the contact is not
+    /// finite.
     ///
     /// Allocates only to grow its workspace, and what the backend does.
     ///
@@ -221,9 +229,10 @@ impl DepthQuery {
         near.clear();
         let margin = contact.margin(center, settings);
         surfaces.surface(contact.a).gather(&view, &field(1.0), margin, near);
+        let clips = contact.domain.clips(&axes, contact.point);
         for [shift, turn] in configurations(&settings.derivatives) {
             let a = seen(batch, contact.a, &view.moved(shift, turn, center), 1.0, near);
-            batch.push_pair(a, b, settings.temperature);
+            batch.push_pair(a, b, settings.temperature, clips);
         }
     }
 }
@@ -285,6 +294,7 @@ impl TextureContact {
             && self.center.is_finite()
             && self.point.is_finite()
             && self.normal.is_normalized()
+            && self.domain.is_finite()
             && lengths.iter().all(|length| length.is_finite() && *length > 0.0)
     }
 

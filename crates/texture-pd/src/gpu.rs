@@ -16,7 +16,7 @@ use wgpu::{
 
 use crate::backend::{Backend, BackendError};
 use crate::batch::{Batch, SurfaceSet};
-use crate::kernels::{Answer, Header, Image, Pair, Triangle};
+use crate::kernels::{Answer, Clips, Header, Image, Pair, Triangle};
 
 /// Invocations of a workgroup of `height_images`.
 const TEXELS: u32 = 64;
@@ -155,7 +155,7 @@ impl WgpuBackend {
         let mut batch = Batch::default();
         batch.clear(2, 0);
         let (a, b) = (batch.push_image(0, 1.0, 1.0, 1.0), batch.push_image(0, -1.0, 1.0, 1.0));
-        batch.push_pair(a, b, 0.0);
+        batch.push_pair(a, b, 0.0, Clips::default());
         self.evaluate(&SurfaceSet::default(), &batch, &mut Vec::new())
     }
 

@@ -37,6 +37,7 @@
 //!     point: place,
 //!     half_size: 0.002,
 //!     reach: 0.01,
+//!     domain: Domain::WHOLE,
 //! };
 //! let mut query = DepthQuery::new();
 //! let depths = query.run(&surfaces, &[contact], &DepthSettings::default(), &mut CpuBackend::new())?;
@@ -52,6 +53,7 @@ mod bake;
 mod batch;
 mod cpu;
 mod depth;
+mod domain;
 mod force;
 #[cfg(feature = "gpu")]
 mod gpu;
@@ -73,6 +75,7 @@ pub use cpu::CpuBackend;
 pub use depth::{
     DepthError, DepthQuery, DepthSettings, Derivatives, TextureContact, TextureDepth, TextureFilter,
 };
+pub use domain::{Domain, HalfSpace};
 pub use force::{TextureForce, sum_of_forces};
 #[cfg(feature = "gpu")]
 pub use gpu::WgpuBackend;

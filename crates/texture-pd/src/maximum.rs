@@ -17,7 +17,7 @@ pub(crate) struct LocalDepth {
 }
 
 /// The smooth maximum, with its derivatives by turns about the frame's origin. `at` is the texel of the largest overlap
-/// (m). None where all that overlaps most lies on the border of the grid.
+/// (m). None where all that overlaps most lies on the border of the grid or of the domain.
 pub(crate) fn smooth(
     answer: &Answer,
     at: DVec2,

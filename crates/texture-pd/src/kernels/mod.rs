@@ -81,7 +81,40 @@ pub(crate) struct Pair {
     pub b: u32,
     /// τ, m; 0 for the largest overlap alone.
     pub temperature: f32,
-    pub unused: u32,
+    /// Outside of these there is no overlap.
+    pub clips: Clips,
+}
+
+/// Half-planes of a domain, at most.
+pub(crate) const MAX_CLIPS: usize = 8;
+
+/// The half-planes x u + y v ≤ c, with (x, y) of length 1 and c in m, of a contact's domain.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub(crate) struct Clips {
+    count: u32,
+    /// x, y, c and nothing.
+    planes: [[f32; 4]; MAX_CLIPS],
+}
+
+impl Clips {
+    pub fn push(&mut self, [x, y, c]: [f32; 3]) {
+        if let Some(free) = self.planes.get_mut(self.count as usize) {
+            *free = [x, y, c, 0.0];
+            self.count += 1;
+        }
+    }
+
+    /// How far the middle of a texel is inside of all of them, m: negative outside.
+    #[inline]
+    pub fn margin(&self, texel: u32, grid: u32, step: f32) -> f32 {
+        if self.count == 0 {
+            return f32::INFINITY;
+        }
+        let [u, v] = [texel % grid, texel / grid].map(|index| coordinate(index, grid, step));
+        let margins = self.planes.iter().take(self.count as usize).map(|[x, y, c, _]| c - (x * u + y * v));
+        margins.fold(f32::INFINITY, f32::min)
+    }
 }
 
 /// Where a texel is along u or v, m.

@@ -97,7 +97,7 @@ pub(crate) fn pair_answer(
 
 impl Images<'_> {
     fn compare(&self, pair: &Pair) -> Answer {
-        let mut answer = self.largest();
+        let mut answer = self.largest(pair);
         if answer.texel == NOWHERE {
             return answer;
         }
@@ -116,7 +116,7 @@ impl Images<'_> {
             let overlap = f32::from_bits(a[0]) - f32::from_bits(b[0]);
             let below = (overlap - answer.depth) / pair.temperature;
             if below >= LEAST {
-                let weight = below.exp() * self.taper(texel);
+                let weight = below.exp() * self.taper(pair, texel);
                 if weight > 0.0 {
                     answer.add(weight, &self.sample(texel), &reference);
                 }
@@ -126,11 +126,11 @@ impl Images<'_> {
     }
 
     /// The largest overlap, its texel (of equal ones the first), and counts.
-    fn largest(&self) -> Answer {
+    fn largest(&self, pair: &Pair) -> Answer {
         let mut answer = Answer::default();
         let [(_, of_a), (_, of_b)] = self.sides;
         for ((a, b), texel) in of_a.iter().zip(of_b).zip(0..) {
-            if a[0] == NO_SURFACE || b[0] == NO_SURFACE {
+            if a[0] == NO_SURFACE || b[0] == NO_SURFACE || self.margin(pair, texel) < 0.0 {
                 continue;
             }
             answer.shared += 1;
@@ -143,13 +143,21 @@ impl Images<'_> {
         answer
     }
 
-    /// How much a texel counts for where it is on the grid: 1, but less towards the border, and 0 there.
-    fn taper(&self, texel: u32) -> f32 {
+    /// How far inside the pair's domain a texel is, m: negative outside.
+    #[inline]
+    fn margin(&self, pair: &Pair, texel: u32) -> f32 {
+        pair.clips.margin(texel, self.header.grid, self.sides[0].0.step)
+    }
+
+    /// How much a texel counts for where it is on the grid: 1, but less towards the border, and 0 there; likewise in the last
+    /// step before the border of the pair's domain, and 0 outside.
+    fn taper(&self, pair: &Pair, texel: u32) -> f32 {
         let grid = self.header.grid;
         let (column, row) = (texel % grid, texel / grid);
         let inwards = column.min(row).min(grid - 1 - column).min(grid - 1 - row);
         let part = ((inwards as f32 + 0.5) / (BORDER * grid as f32)).min(1.0);
-        part * part * (3.0 - 2.0 * part)
+        let within = (self.margin(pair, texel) / self.sides[0].0.step).clamp(0.0, 1.0);
+        part * part * (3.0 - 2.0 * part) * within
     }
 
     fn sample(&self, texel: u32) -> Sample {

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use glam::{DQuat, DVec2, DVec3};
 use palpate_core::mesh::UvMesh;
 use palpate_core::{Pose, TriMesh};
-use palpate_texture_pd::{HeightImage, SurfaceSet, TextureContact, TexturedSurface, Wrap};
+use palpate_texture_pd::{Domain, HeightImage, SurfaceSet, TextureContact, TexturedSurface, Wrap};
 
 /// Height over the plate's plane at (x, y), m.
 pub type Relief = dyn Fn(DVec2) -> f64;
@@ -66,6 +66,7 @@ impl Plates<'_> {
             point: pose.translation.with_z(0.0),
             half_size,
             reach: 0.5 * self.half,
+            domain: Domain::WHOLE,
         }
     }
 

@@ -8,8 +8,8 @@ use palpate::core::TriMesh;
 use palpate::core::mesh::UvMesh;
 use palpate::glam::{DQuat, DVec2, DVec3};
 use palpate::texture_pd::{
-    CpuBackend, DepthQuery, DepthSettings, Derivatives, HeightImage, SurfaceId, SurfaceSet, TextureContact,
-    TextureFilter, TexturedSurface, Wrap,
+    CpuBackend, DepthQuery, DepthSettings, Derivatives, Domain, HeightImage, SurfaceId, SurfaceSet,
+    TextureContact, TextureFilter, TexturedSurface, Wrap,
 };
 
 /// The plate's height from groove to ridge, m: ours, the size of the raised dots of Klatzky and Lederman's plates; the
@@ -99,6 +99,7 @@ fn contact([a, b]: [SurfaceId; 2], diameter: f64, place: f64) -> TextureContact 
         point: place,
         half_size: 0.5 * REACH * diameter,
         reach: diameter,
+        domain: Domain::WHOLE,
     }
 }
 
