@@ -30,12 +30,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let device = Emulation::default().open(path)?;
     let settings = Settings {
         tolerance: Some(2e-4),
-        textures: TextureSettings {
-            grid: 100,
-            half_size: Some(0.05),
-            temperature: 2e-5,
-            ..TextureSettings::default()
-        },
+        textures: TextureSettings { grid: 100, half_size: Some(0.05), ..TextureSettings::default() },
         ..Settings::default()
     };
     let scene = Scene::new().with(block.clone(), Pose::IDENTITY);

@@ -39,7 +39,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let Arguments { options, flat, stiffness } = Arguments::parse();
     let stylus = open("stylus")?;
     let plate = if flat { open("plate")? } else { ridged_plate()? };
-    let device = Emulation::default().open(MotionPath::new(strokes(options.seconds), Interpolation::Smooth)?)?;
+    let device =
+        Emulation::default().open(MotionPath::new(strokes(options.seconds), Interpolation::Smooth)?)?;
     let scene = Scene::new().with(plate, Pose::IDENTITY);
     let settings = Settings {
         mass: 0.01,

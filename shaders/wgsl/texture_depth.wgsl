@@ -64,6 +64,8 @@ const EDGE: f32 = 1e-5;
 const MISS: f32 = 1e-3;
 // The surface is folded where displacing shrinks the triangle's area as seen along n below this part of it.
 const FOLD: f32 = 0.1;
+// A point that is displaced to a texel may be this far outside of the triangle, in texels of the texture.
+const BEYOND: f32 = 2.0;
 
 fn coordinate(index: u32, step: f32) -> f32 {
     return (f32(index) + 0.5 - 0.5 * f32(header.grid)) * step;
@@ -223,8 +225,16 @@ fn upright(tri: Triangle, level: vec4<u32>, s: f32, t: f32) -> f32 {
     return tri.p0.z + s * tri.e1.z + t * tri.e2.z + displacement * (tri.n0.z + s * tri.m1.z + t * tri.m2.z);
 }
 
+// Whether a point is outside of the triangle and too far.
+fn is_beyond(tri: Triangle, s: f32, t: f32) -> bool {
+    let outside = max(max(-s, -t), max(s + t - 1.0, 0.0));
+    let square = max(dot(tri.d1, tri.d1), dot(tri.d2, tri.d2));
+    return outside * outside * square > BEYOND * BEYOND;
+}
+
 // The point above `at`, if the triangle is there and its flat surface within `reach` along n: that of the displaced surface,
-// found by Newton's steps, or where they do not find it, as it is folded, the displaced point of the flat surface.
+// found by Newton's steps, or where they do not find it, as it is folded, or find it outside of the triangle, the displaced
+// point of the flat surface.
 fn above(tri: Triangle, at: vec2<f32>, step: f32, reach: f32, refinements: u32) -> Point {
     let d = at - tri.p0.xy;
     var s = (d.x * tri.e2.y - d.y * tri.e2.x) * tri.inverse_area;
@@ -245,6 +255,7 @@ fn above(tri: Triangle, at: vec2<f32>, step: f32, reach: f32, refinements: u32) 
         let direction = tri.n0 + s * tri.m1 + t * tri.m2;
         let miss = tri.p0.xy + s * tri.e1.xy + t * tri.e2.xy + h.x * direction.xy - at;
         if abs(miss.x) + abs(miss.y) <= MISS * step {
+            if is_beyond(tri, s, t) { break; }
             return Point(true, false, s, t, tri.p0.z + s * tri.e1.z + t * tri.e2.z + h.x * direction.z);
         }
         if i == refinements { break; }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use palpate_collide::{Cluster, Clustering, ObjectHandle, PatchContact, QuerySettings, SceneQuery};
 use palpate_core::glam::DVec3;
-use palpate_core::{Contact, Pose, Twist};
+use palpate_core::{Contact, Pose};
 use palpate_dynamics::{
     Body, BodyState, ContactParameters, ContactPatch, LinearContactModel, MAX_APPROACHING,
 };
@@ -207,9 +207,9 @@ impl ContactLoop {
                 *depth = depth.max(now);
                 let missed = found.is_undersampled(&body.twist, pose.translation, interval);
                 events.texture_undersampled += u64::from(missed);
-                model.push_curved(&found.contact, &pose, &self.parameters, 0.0);
+                model.push_curved(&found.contact, &pose, &shared(&self.parameters, found.share), 0.0);
             } else if self.braking && now + found.rate(&body.twist) * ahead > -tolerance {
-                model.push_curved(&found.contact, &pose, braking, ahead);
+                model.push_curved(&found.contact, &pose, &shared(braking, found.share), ahead);
             }
         }
         coarse
@@ -298,6 +298,12 @@ impl ContactLoop {
     pub(crate) fn telemetry_mut(&mut self) -> &mut ContactTelemetry {
         &mut self.telemetry
     }
+}
+
+/// A share of a contact's gains.
+fn shared(parameters: &ContactParameters, share: f64) -> ContactParameters {
+    let ContactParameters { stiffness, damping, .. } = *parameters;
+    ContactParameters { stiffness: stiffness * share, damping: damping * share, ..*parameters }
 }
 
 /// Whether a contact comes within a distance (m) in a time (s) if the body moves on as it does.

@@ -3,8 +3,13 @@
 //!
 //! An object's hierarchy is that of its coarse mesh, its texture displaces it. What sticks out of the coarse mesh may touch
 //! before it does, so contacts are looked for by so much further away, and what lies back in it lets coarse meshes sink into
-//! one another (the proxy may go as deep). Each cluster of contacts with an object becomes one textured contact, with a grid
-//! of its own around the representative, of which it has the texels that are nearest to it.
+//! one another (the proxy may go as deep). Each cluster of contacts with an object is looked at in a grid around its
+//! representative, of which it has the texels that are nearest to it.
+//!
+//! The grid is fitted to where both surfaces are, and its four quarters are looked at by themselves: surfaces that touch on both flanks of a groove, or at the corners
+//! of a face, have several contacts, and one alone would let the body fall from each to the next. Where quarters find the same
+//! contact, about their common corner, they share its stiffness. What counts as the same is told by the gradients of their
+//! depths, continuously.
 
 use std::fmt;
 use std::sync::Arc;
@@ -14,8 +19,8 @@ use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist};
 use palpate_dynamics::CurvedContact;
 use palpate_texture_pd::{
-    Backend, CpuBackend, DepthError, DepthQuery, DepthSettings, Derivatives, SurfaceError, SurfaceId,
-    SurfaceSet, TextureContact, TextureDepth, TexturedSurface, TooManyTexels,
+    Backend, CpuBackend, DepthError, DepthQuery, DepthSettings, Derivatives, Domain, HalfSpace, SurfaceError,
+    SurfaceId, SurfaceSet, TextureContact, TextureDepth, TexturedSurface, TooManyTexels,
 };
 
 use crate::object::Object;
@@ -25,6 +30,17 @@ use crate::telemetry::Events;
 
 /// τ by default, in tolerances.
 const SMOOTHNESS: f64 = 0.5;
+
+/// Of a cluster's grid a quarter reaches this part of its half size past the middle, so that overlaps there are not at the
+/// border of the quarter's grid.
+const BEYOND: f64 = 0.25;
+
+/// Quarters have contacts of their own where the gradients of their depths differ by this much (at the body's lever for
+/// turns), and less and less of one the closer these are.
+const DISTINCT: f64 = 0.3;
+
+/// Of a grid.
+const QUARTERS: usize = 4;
 
 /// The part of a grid that may be folded before it is counted as no height field.
 const MOSTLY: f64 = 0.1;
@@ -58,7 +74,6 @@ pub(crate) struct Textures {
     backend: Box<dyn Backend>,
     query: DepthQuery,
     grids: Vec<TextureContact>,
-    /// Scene objects of the grids.
     found: Vec<Found>,
     /// Bounding radius of the probe about its centre of mass, m.
     lever: f64,
@@ -80,6 +95,8 @@ struct Pair {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Found {
     pub contact: CurvedContact,
+    /// Of the stiffness, 0 to 1.
+    pub share: f64,
     /// Distance of texels, m.
     pub texel: f64,
 }
@@ -119,6 +136,8 @@ impl Textures {
         };
         let pairs = pairs.map(pair).collect::<Result<Vec<_>, TextureError>>()?;
         let smallest = pairs.iter().flatten().fold(f64::INFINITY, |least, pair| least.min(pair.half_size));
+        // As many texels in a length as the whole grid has.
+        let grid = (f64::from(grid) * quarter_size(1.0)).ceil().max(2.0) as u32;
         let depth = DepthSettings {
             grid,
             temperature: temperature.unwrap_or(SMOOTHNESS * tolerance),
@@ -126,7 +145,7 @@ impl Textures {
                 TextureDerivatives::Maximum => Derivatives::Maximum,
                 TextureDerivatives::Differences => {
                     let turn = 2.0 / f64::from(grid);
-                    Derivatives::Differences { shift: turn * smallest, turn, second: true }
+                    Derivatives::Differences { shift: turn * quarter_size(smallest), turn, second: true }
                 }
             },
             ..DepthSettings::default()
@@ -159,7 +178,7 @@ impl Textures {
         let rotation = palpate_core::glam::DQuat::from_rotation_arc(normal, -facing);
         let pose = Pose::new(touched - rotation * point, rotation);
         let contact = self.grid(pair, &pose, pose.translation, &Pose::IDENTITY, (touched, -facing));
-        let contacts = vec![contact; clusters];
+        let contacts = quarters(&contact).repeat(clusters);
         self.backend =
             Box::new(palpate_texture_pd::AutoBackend::new(&self.surfaces, &contacts, &self.settings)?);
         Ok(())
@@ -227,12 +246,19 @@ impl Textures {
             pair.clustering.run(&pair.contacts, tolerance + pair.protrusion, mesh);
             let clusters = pair.clustering.clusters();
             for (i, &Cluster { contact, .. }) in clusters.iter().enumerate() {
+                let others = clusters.iter().enumerate().filter(|(j, _)| *j != i);
+                let others = others.map(|(_, cluster)| cluster.contact.point);
                 let grid = self.grid(pair, mesh, center, &pose, (contact.point, contact.normal));
-                self.grids.push(grid);
+                let domain = Domain::nearest(contact.point, others, contact.normal);
+                let grid = TextureContact { domain, ..grid };
+                let margin = pair.protrusion + pair.recess;
+                if let Some(fitted) = self.query.fitted(&self.surfaces, &grid, margin) {
+                    self.grids.extend(quarters(&fitted));
+                }
             }
         }
         self.pairs = pairs;
-        self.look(events);
+        self.look(tolerance, events);
         &self.found
     }
 
@@ -255,11 +281,12 @@ impl Textures {
             point,
             half_size: pair.half_size,
             reach: pair.half_size + pair.protrusion + pair.recess,
+            domain: Domain::WHOLE,
         }
     }
 
     /// Finds the depths in all grids, on the processor if need be.
-    fn look(&mut self, events: &mut Events) {
+    fn look(&mut self, tolerance: f64, events: &mut Events) {
         let Self { surfaces, settings, backend, query, grids, found, lever, .. } = self;
         found.clear();
         if grids.is_empty() {
@@ -272,14 +299,20 @@ impl Textures {
                 return;
             }
         }
-        for (grid, depth) in grids.iter().zip(query.depths()) {
-            let Some(TextureDepth { depth, linear, angular, second, point, folded, .. }) = *depth else {
-                continue;
-            };
-            events.texture_folded += u64::from(folded > MOSTLY);
-            let contact = CurvedContact { point, depth, linear, angular, second, lever: *lever };
-            found.push(Found { contact, texel: 2.0 * grid.half_size / f64::from(settings.grid) });
+        for (grids, depths) in grids.chunks(QUARTERS).zip(query.depths().chunks(QUARTERS)) {
+            let first = found.len();
+            for (grid, depth) in grids.iter().zip(depths) {
+                let Some(TextureDepth { depth, linear, angular, second, point, folded, .. }) = *depth else {
+                    continue;
+                };
+                events.texture_folded += u64::from(folded > MOSTLY);
+                let contact = CurvedContact { point, depth, linear, angular, second, lever: *lever };
+                let texel = 2.0 * grid.half_size / f64::from(settings.grid);
+                found.push(Found { contact, share: 1.0, texel });
+            }
+            share(&mut found[first..], *lever, tolerance);
         }
+        found.sort_unstable_by(|a, b| b.contact.depth.total_cmp(&a.contact.depth));
     }
 }
 
@@ -300,6 +333,44 @@ impl Found {
     pub fn is_undersampled(&self, twist: &Twist, center: DVec3, time: f64) -> bool {
         let velocity = twist.velocity_at(self.contact.point - center);
         velocity.reject_from(self.contact.linear).length() * time > self.texel
+    }
+}
+
+/// The quarters of a grid.
+fn quarters(grid: &TextureContact) -> [TextureContact; QUARTERS] {
+    let (u, v) = grid.normal.any_orthonormal_pair();
+    let half_size = quarter_size(grid.half_size);
+    [(u, v), (-u, v), (u, -v), (-u, -v)].map(|(u, v)| {
+        let mut domain = grid.domain;
+        for direction in [-u, -v] {
+            // Where there is no room for it, quarters see more of the same, which they share.
+            let _ = domain.cut(HalfSpace { through: grid.point, direction });
+        }
+        let point = grid.point + (u + v) * (grid.half_size - half_size);
+        TextureContact { point, half_size, domain, ..*grid }
+    })
+}
+
+/// Half the size of a quarter's grid, m, of half that of the whole one.
+fn quarter_size(half_size: f64) -> f64 {
+    0.5 * (1.0 + BEYOND) * half_size
+}
+
+/// Leaves each contact of a cluster that share of its stiffness that the others have not.
+fn share(found: &mut [Found], lever: f64, tolerance: f64) {
+    let overlap = |one: &Found| (one.contact.depth + tolerance).max(0.0);
+    for i in 0..found.len() {
+        let same = |other: &Found| {
+            let (a, b) = (&found[i].contact, &other.contact);
+            let apart = (a.linear - b.linear).length().hypot((a.angular - b.angular).length() / lever);
+            let alike = (1.0 - apart / DISTINCT).clamp(0.0, 1.0);
+            let weight =
+                if overlap(other) > 0.0 { (overlap(other) / overlap(&found[i])).min(1.0) } else { 0.0 };
+            weight * alike * alike * (3.0 - 2.0 * alike)
+        };
+        // One is the contact itself.
+        let sharing: f64 = found.iter().map(same).sum();
+        found[i].share = 1.0 / sharing.max(1.0);
     }
 }
 

@@ -201,6 +201,39 @@ impl DepthQuery {
         Ok(&self.depths)
     }
 
+    /// The contact with its grid moved and shrunk to where both undisplaced surfaces are seen, by their triangles' boxes; `None`
+    /// if nowhere, or the contact is not finite. A `margin` (m) is left around.
+    pub fn fitted(
+        &mut self,
+        surfaces: &SurfaceSet,
+        contact: &TextureContact,
+        margin: f64,
+    ) -> Option<TextureContact> {
+        if !contact.is_usable() {
+            return None;
+        }
+        let axes = contact.axes();
+        let (mut low, mut high) = (DVec2::splat(-contact.half_size), DVec2::splat(contact.half_size));
+        for (id, pose, side) in [(contact.a, &contact.pose_a, 1.0), (contact.b, &contact.pose_b, -1.0)] {
+            let view = View::new(pose, &axes, contact.point);
+            let field = Field { half: contact.half_size, reach: contact.reach, side };
+            self.near.clear();
+            let surface = surfaces.surface(id);
+            surface.gather(&view, &field, 0.0, &mut self.near);
+            let [least, most] = surface.extent(&self.near, &view);
+            (low, high) = (low.max(least), high.min(most));
+        }
+        let half = 0.5 * (high - low);
+        (half.min_element() > 0.0).then(|| {
+            let middle = low.midpoint(high);
+            TextureContact {
+                point: contact.point + axes * middle.extend(0.0),
+                half_size: (half.max_element() + margin).min(contact.half_size),
+                ..*contact
+            }
+        })
+    }
+
     /// Those of the last run.
     pub fn depths(&self) -> &[Option<TextureDepth>] {
         &self.depths

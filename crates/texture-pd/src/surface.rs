@@ -240,6 +240,15 @@ impl TexturedSurface {
         });
     }
 
+    /// From where to where triangles are in a contact's frame, along u and v.
+    pub(crate) fn extent(&self, triangles: &[u32], view: &View) -> [DVec2; 2] {
+        let corners = triangles.iter().flat_map(|&index| self.triangles[index as usize].corners);
+        corners.fold([DVec2::INFINITY, DVec2::NEG_INFINITY], |[low, high], corner| {
+            let place = view.point(corner).truncate();
+            [low.min(place), high.max(place)]
+        })
+    }
+
     /// A triangle in a contact's frame, with the level of its texture for texels of `footprint` (m; 0 for the finest) in a
     /// list in which the texture's levels begin at `first_level`; `None` if it is seen edge-on or from behind.
     pub(crate) fn triangle(

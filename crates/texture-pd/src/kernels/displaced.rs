@@ -7,6 +7,9 @@ use crate::spline::{self, Level};
 const EDGE: f32 = 1e-5;
 /// A displaced point may miss its texel by this part of a step.
 const MISS: f32 = 1e-3;
+/// A point that is displaced to a texel may be this far outside of the triangle, in texels of the texture: further away the
+/// triangle's plane says nothing of the surface, and an atlas holds other charts.
+const BEYOND: f32 = 2.0;
 /// The surface is folded where displacing shrinks the triangle's area as seen along n below this part of it.
 const FOLD: f32 = 0.1;
 
@@ -117,8 +120,8 @@ impl Triangle {
     /// The point above (u, v), m, unless the triangle is not there or its flat surface is further than `reach` away along n.
     ///
     /// The displaced surface above (u, v) is that of another point of the triangle, where its direction is not n: it is
-    /// found by at most `refinements` of Newton's steps. Where they do not find it, as the surface is folded, it is
-    /// approximated by the point's own displacement, as in the dissertation.
+    /// found by at most `refinements` of Newton's steps. Where they do not find it, as the surface is folded, or find it
+    /// outside of the triangle, it is approximated by the point's own displacement, as in the dissertation.
     #[inline]
     pub(crate) fn above(
         &self,
@@ -156,6 +159,9 @@ impl Triangle {
             let miss_u = self.place(s, t, 0) + h * nu - u;
             let miss_v = self.place(s, t, 1) + h * nv - v;
             if miss_u.abs() + miss_v.abs() <= miss {
+                if self.is_beyond(s, t) {
+                    break;
+                }
                 let height = self.base(s, t) + h * self.direction(s, t, 2);
                 return Some(Point { s, t, height, folded: false });
             }
@@ -175,6 +181,15 @@ impl Triangle {
         }
         let (s, t) = start;
         Some(Point { s, t, height: upright(s, t), folded: true })
+    }
+
+    /// Whether a point is outside of the triangle and too far.
+    #[inline]
+    fn is_beyond(&self, s: f32, t: f32) -> bool {
+        let outside = (-s).max(-t).max(s + t - 1.0).max(0.0);
+        let [_, d1, d2] = &self.texture;
+        let square = (d1[0] * d1[0] + d1[1] * d1[1]).max(d2[0] * d2[0] + d2[1] * d2[1]);
+        outside * outside * square > BEYOND * BEYOND
     }
 
     /// The height function at a point of the displaced triangle, with its derivatives.
