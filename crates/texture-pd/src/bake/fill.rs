@@ -15,15 +15,18 @@ struct Field<'a> {
     /// 0 for a known texel, else the layer in which it was filled.
     layers: Vec<u8>,
     width: usize,
+    /// By how much an extrapolated value may go beyond those next to it.
+    step: f64,
 }
 
 const MISSING: u8 = u8::MAX;
 
 /// Fills the texels of a grid with rows of `width` whose value is not a number. Next to known ones values are
-/// extrapolated, as smoothly as those known in a row allow; farther off they are means of their neighbours,
-/// and where `matters` says so (holes in a triangle) they are smoothed until they are nearly harmonic. The order of
-/// texels has no influence but for that smoothing, where it is that of the grid. All become 0 if none is known.
-pub(super) fn fill(values: &mut [f64], width: usize, matters: impl Fn(usize) -> bool) {
+/// extrapolated, as smoothly as those known in a row allow and by up to `step` a texel; farther off they are means of
+/// their neighbours, and where `matters` says so (holes in a triangle) they are smoothed until they are nearly harmonic.
+/// The order of texels has no influence but for that smoothing, where it is that of the grid. All become 0 if none is
+/// known.
+pub(super) fn fill(values: &mut [f64], width: usize, step: f64, matters: impl Fn(usize) -> bool) {
     let known = values.iter().filter(|value| value.is_finite());
     let [low, high] = known.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], v| [l.min(*v), h.max(*v)]);
     if low > high {
@@ -32,7 +35,7 @@ pub(super) fn fill(values: &mut [f64], width: usize, matters: impl Fn(usize) -> 
     }
     let limits = [2.0 * low - high, 2.0 * high - low];
     let layers = values.iter().map(|value| if value.is_finite() { 0 } else { MISSING }).collect();
-    let mut field = Field { values, layers, width };
+    let mut field = Field { values, layers, width, step };
     let mut front: Vec<usize> = (0..field.values.len())
         .filter(|at| field.layers[*at] == MISSING && field.around(*at, 1).any(|at| field.layers[at] == 0))
         .collect();
@@ -89,6 +92,7 @@ impl Field<'_> {
     /// The mean of what the directions with the most texels known in a row, up to `highest`, say.
     fn extrapolated(&self, at: usize, highest: u32) -> f64 {
         let mut best = (0, 0.0, 0.0);
+        let mut range = [f64::INFINITY, f64::NEG_INFINITY];
         for direction in AROUND {
             let [a, b, c] = [1, 2, 3].map(|steps| self.filled(at, direction, steps));
             let (order, value) = match (a, b, c) {
@@ -97,6 +101,7 @@ impl Field<'_> {
                 (Some(a), None, _) => (1, a),
                 (None, ..) => continue,
             };
+            range = a.map_or(range, |a| [range[0].min(a), range[1].max(a)]);
             if order > best.0 {
                 best = (order, 0.0, 0.0);
             }
@@ -104,7 +109,7 @@ impl Field<'_> {
                 best = (order, best.1 + value, best.2 + 1.0);
             }
         }
-        best.1 / best.2
+        (best.1 / best.2).clamp(range[0] - self.step, range[1] + self.step)
     }
 
     fn mean(&self, at: usize) -> f64 {
@@ -127,7 +132,7 @@ mod tests {
         let is_known = |at: usize| (3..9).contains(&(at % 12)) && (3..9).contains(&(at / 12));
         let mut values: Vec<f64> =
             (0..144).map(|at| if is_known(at) { value(at) } else { f64::NAN }).collect();
-        fill(&mut values, 12, |_| false);
+        fill(&mut values, 12, f64::INFINITY, |_| false);
         for (at, filled) in values.into_iter().enumerate() {
             assert!(filled.is_finite());
             if (1..11).contains(&(at % 12)) && (1..11).contains(&(at / 12)) {
@@ -137,16 +142,26 @@ mod tests {
     }
 
     #[test]
+    fn steep_values_do_not_run_away() {
+        // Steeper and steeper towards the known texels' end.
+        let known = |x: usize| if x < 6 { 2f64.powi(x as i32) } else { f64::NAN };
+        let mut values: Vec<f64> = (0..120).map(|at| known(at % 12)).collect();
+        fill(&mut values, 12, 1.5, |_| false);
+        let largest = values.iter().copied().fold(0.0, f64::max);
+        assert!((33.5..=39.5).contains(&largest), "{largest}");
+    }
+
+    #[test]
     fn hole_is_filled_within_what_surrounds_it_and_nothing_with_zero() {
         let is_known = |at: usize| at % 20 < 4 || at % 20 > 15 || at / 20 < 4 || at / 20 > 15;
         let mut values: Vec<f64> =
             (0..400).map(|at| if is_known(at) { (at % 20) as f64 } else { f64::NAN }).collect();
-        fill(&mut values, 20, |_| true);
+        fill(&mut values, 20, 2.0, |_| true);
         for (at, filled) in values.into_iter().enumerate() {
             assert!((filled - (at % 20) as f64).abs() < 1.0, "{at}: {filled}");
         }
         let mut nothing = vec![f64::NAN; 6];
-        fill(&mut nothing, 3, |_| true);
+        fill(&mut nothing, 3, 1.0, |_| true);
         assert_eq!(nothing, [0.0; 6]);
     }
 }

@@ -14,9 +14,8 @@
 //! texel. Within one triangle h is as smooth as the surface is, and stays so where the triangle's plane and the directions
 //! are continued beyond its sides. So every triangle has a chart of its own, laid out isometrically (no distortion, all
 //! triangles at one scale), and the texels around it get their values from rays from its continued plane to the same
-//! surface: the error falls with the fourth power of the texel up to the very edge, the two sides of an edge differ by no
-//! more than those errors, and there is no parametrisation to be computed that could fail. Larger charts would only save
-//! gutters, which here cost two texels around each triangle.
+//! surface: the error falls with the fourth power of the texel up to the very edge, and there is no parametrisation to be
+//! computed that could fail. Larger charts would only save gutters, which here cost two texels around each triangle.
 //!
 //! Two texels, since what charts must not share is the spline's coefficients, not its values. The coefficients of each
 //! chart are computed by themselves, on a grid that reaches five texels beyond the triangle; those that its points use go
@@ -24,11 +23,19 @@
 //! the run time does, gives back exactly these coefficients. A texel between two triangles therefore may have a value that
 //! belongs to neither.
 //!
+//! # Edges
+//!
+//! Past a sharp edge a ray may meet what belongs to the triangles around the corner. What it meets there is taken only where
+//! the surface goes on to it from the triangle without a sharp bend; elsewhere texels are extrapolated. Across smooth edges
+//! the two sides' splines differ by their errors, which are large at steps; they are made to meet by the smallest changes of
+//! coefficients that do it.
+//!
 //! # What is no height field
 //!
-//! Where no ray hits (a hole, or an edge that is sharp in both meshes) texels are filled from those around: a triangle's
-//! border by extrapolation, larger holes smoothly, each triangle by itself. Where several places face along a ray the
-//! nearest is taken, and steep walls get as steep as texels allow. The report counts both.
+//! Where no ray hits (a hole, or an edge that is sharp in both meshes) texels are filled from those around, within a slope:
+//! a triangle's border by extrapolation, larger holes by the height of the nearest point, so that both sides of an edge
+//! agree. Where several places face along a ray the nearest is taken, and steep walls get as steep as texels allow. The
+//! report counts both, and the vertices of the detailed mesh that the displaced surface does not come near.
 //!
 //! # Contact levels of detail
 //!
@@ -41,7 +48,10 @@ mod bspline;
 mod fill;
 mod rays;
 mod report;
+mod settle;
 mod sheet;
+mod smooth;
+mod stitch;
 #[cfg(test)]
 mod tests;
 mod tree;
@@ -55,7 +65,9 @@ use rayon::prelude::*;
 
 use self::atlas::{Atlas, Chart, SUPPORT};
 use self::rays::{Caster, Row};
+use self::settle::Settled;
 use self::sheet::Sheet;
+use self::smooth::SmoothEdges;
 use self::tree::Tree;
 use crate::{HeightImage, HeightImageError, Wrap};
 
@@ -204,8 +216,10 @@ pub fn bake(
     let atlas = Atlas::new(&sheets, options.texel)?;
     let (coarse_tree, detailed_tree) = (Tree::new(coarse), Tree::new(detailed));
     let reach = options.reach.unwrap_or_else(|| reach_of(&coarse_tree, coarse, &detailed_tree, detailed));
-    let caster = Caster { detailed: &detailed_tree, reach };
-    let texels = texels(&atlas, &sheets, &caster, &mut |done| report_progress(progress, CAST * done))?;
+    let smooth = SmoothEdges::new(coarse, &sheets);
+    let caster =
+        Caster { detailed: &detailed_tree, sheets: &sheets, smooth: &smooth, texel: atlas.texel, reach };
+    let texels = texels(&atlas, &caster, detailed, &mut |done| report_progress(progress, CAST * done))?;
     if texels.found == 0 {
         return Err(BakeError::NothingWithinReach { reach });
     }
@@ -218,6 +232,7 @@ pub fn bake(
         coarse_tree: &coarse_tree,
         detailed_tree: &detailed_tree,
         sheets: &sheets,
+        smooth: &smooth,
         atlas: &atlas,
         mesh: &mesh,
         image: &image,
@@ -296,11 +311,14 @@ struct Texels {
 /// How far coefficients may go beyond the displacements that rays found for their chart, as a part of the range of those.
 const BEYOND: f64 = 0.5;
 
+/// Slope to which displacements are extrapolated.
+const STEEPEST: f64 = 2.0;
+
 /// Casts the rays of all charts and makes the image of their splines.
 fn texels(
     atlas: &Atlas,
-    sheets: &[Sheet],
     caster: &Caster,
+    detailed: &TriMesh,
     progress: &mut dyn FnMut(f64) -> Result<(), BakeError>,
 ) -> Result<Texels, BakeError> {
     let (width, height) = (atlas.size.x as usize, atlas.size.y as usize);
@@ -314,13 +332,11 @@ fn texels(
         let mut rows: Vec<Row> = Vec::with_capacity(work.len());
         for batch in work.chunks(ROWS) {
             progress(done as f64 / total as f64)?;
-            rows.par_extend(
-                batch.par_iter().map(|(chart, row)| caster.row(chart, &sheets[chart.triangle], *row)),
-            );
+            rows.par_extend(batch.par_iter().map(|(chart, row)| caster.row(chart, *row)));
             done += batch.len();
         }
         for row in &rows {
-            texels.found += row.heights.iter().filter(|height| height.is_finite()).count();
+            texels.found += row.heights.iter().filter(|height| height.is_finite()).count() + row.loose.len();
             texels.missed += row.missed;
             texels.folded += row.folded;
         }
@@ -333,12 +349,18 @@ fn texels(
                 (chart, own)
             })
             .collect();
-        let grids: Vec<Vec<f64>> =
-            jobs.par_iter().map(|(chart, rows)| coefficients_of(chart, rows)).collect();
-        for (chart, grid) in group.iter().zip(grids) {
+        let grid = |(chart, rows): &(&Chart, &[Row])| {
+            let sheet = &caster.sheets[chart.triangle];
+            let Settled { heights, dropped } = settle::settle(chart, sheet, rows, detailed, atlas.texel);
+            (coefficients_of(chart, heights, atlas.texel), dropped)
+        };
+        let grids: Vec<(Vec<f64>, usize)> = jobs.par_iter().map(grid).collect();
+        for (chart, (grid, dropped)) in group.iter().zip(grids) {
+            texels.missed += dropped;
             put(chart, &grid, &mut coefficients, width);
         }
     }
+    stitch::stitch(atlas, caster.sheets, caster.smooth, &mut coefficients, width);
     texels.displacements = values(&coefficients, width);
     Ok(texels)
 }
@@ -358,24 +380,20 @@ fn groups(charts: &[Chart]) -> Vec<&[Chart]> {
     groups
 }
 
-/// The coefficients of a chart's spline on its grid.
-fn coefficients_of(chart: &Chart, rows: &[Row]) -> Vec<f64> {
+/// The coefficients of a chart's spline on its grid, from the displacements that are known there.
+fn coefficients_of(chart: &Chart, mut grid: Vec<f64>, texel: f64) -> Vec<f64> {
     let width = chart.size.x as usize;
-    let mut grid = vec![f64::NAN; width * chart.size.y as usize];
-    for (line, row) in grid.chunks_exact_mut(width).zip(rows) {
-        line[row.first..row.first + row.heights.len()].copy_from_slice(&row.heights);
-    }
+    let known = grid.iter().filter(|height| height.is_finite());
+    let range = [f64::INFINITY, f64::NEG_INFINITY];
+    let [low, high] = known.fold(range, |[low, high], &height| [low.min(height), high.max(height)]);
     let supports: Vec<_> = (0..chart.size.y).map(|row| chart.span(row, SUPPORT)).collect();
     let matters = |at: usize| {
         let column = (at % width) as i32;
         supports[at / width].is_some_and(|[first, last]| (first..=last).contains(&column))
     };
-    fill::fill(&mut grid, width, matters);
+    fill::fill(&mut grid, width, STEEPEST * texel, matters);
     bspline::prefilter(&mut grid, width);
     // What is extrapolated far, over a hole or past a sharp edge, is kept from going wild.
-    let hits = rows.iter().flat_map(|row| &row.heights).filter(|height| height.is_finite());
-    let range = [f64::INFINITY, f64::NEG_INFINITY];
-    let [low, high] = hits.fold(range, |[low, high], &height| [low.min(height), high.max(height)]);
     if low <= high {
         let margin = BEYOND * (high - low);
         grid.iter_mut().for_each(|value| *value = value.clamp(low - margin, high + margin));

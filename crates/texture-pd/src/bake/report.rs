@@ -4,12 +4,13 @@ use std::fmt;
 
 use glam::{DMat2, DVec2, DVec3};
 use palpate_core::TriMesh;
-use palpate_core::mesh::{Adjacency, EdgeKind, HalfEdge, UvMesh};
+use palpate_core::mesh::{Adjacency, UvMesh};
 use rayon::prelude::*;
 
 use super::BakeError;
 use super::atlas::{Atlas, Chart};
 use super::sheet::{Place, Sheet, is_inside};
+use super::smooth::{Side, SmoothEdges};
 use super::tree::Tree;
 use crate::HeightImage;
 
@@ -18,9 +19,6 @@ const POINTS: f64 = 200_000.0;
 
 /// Items that are measured between two calls of the progress callback.
 const BATCH: usize = 2048;
-
-/// Directions at a corner that differ by less are equal.
-const SAME_DIRECTION: f64 = 1e-9;
 
 /// Points at which the two sides of a coarse edge are compared, at most.
 const EDGE_POINTS: f64 = 4096.0;
@@ -44,7 +42,8 @@ pub struct BakeReport {
     pub distortion: f64,
     /// Coarse triangles without area, which have no texels.
     pub without_area: usize,
-    /// Texels in triangles from which no ray hit the detailed surface; they are filled from those around.
+    /// Texels in triangles from which no ray hit the detailed surface, or only what is another triangle's past a sharp edge;
+    /// they are filled from those around.
     pub missed: usize,
     /// Texels in triangles where the detailed surface faces outwards at several places within reach, so that it is no
     /// height field along the direction there: an overhang, or another part within reach. The nearest was taken.
@@ -64,6 +63,9 @@ pub struct BakeReport {
     pub vertices: usize,
     /// Vertices beside those: they are not above or below any coarse triangle near them, as at sharp edges.
     pub beside: usize,
+    /// Measured vertices that are farther than a texel from the displaced surface: detail that no displacement along the
+    /// directions reaches, as under overhangs and beside steep walls (§4.6.1).
+    pub unreached: usize,
     /// Largest gap between the displaced surfaces of coarse triangles that share an edge, and the directions there, m.
     pub largest_seam: f64,
     /// How many such edges there are.
@@ -90,8 +92,13 @@ impl fmt::Display for BakeReport {
         )?;
         writeln!(
             f,
-            "detailed vertices to displaced surface: {:.3e} m at most, {:.3e} m on average of {}; {} beside it",
-            self.largest_vertex_deviation, self.mean_vertex_deviation, self.vertices, self.beside
+            "detailed vertices to displaced surface: {:.3e} m at most, {:.3e} m on average of {}; {} farther than a texel, {} \
+             beside it",
+            self.largest_vertex_deviation,
+            self.mean_vertex_deviation,
+            self.vertices,
+            self.unreached,
+            self.beside
         )?;
         write!(f, "largest gap at {} smooth coarse edges: {:.3e} m", self.smooth_edges, self.largest_seam)
     }
@@ -104,6 +111,7 @@ pub(super) struct Subject<'a> {
     pub coarse_tree: &'a Tree<'a>,
     pub detailed_tree: &'a Tree<'a>,
     pub sheets: &'a [Sheet],
+    pub smooth: &'a SmoothEdges,
     pub atlas: &'a Atlas,
     pub mesh: &'a UvMesh,
     pub image: &'a HeightImage,
@@ -130,7 +138,6 @@ pub(super) fn measure(
     let surface = Displaced::new(subject);
     let outward = outward_deviation(subject, &surface, &mut |done| progress(0.5 * done))?;
     let inward = inward_deviation(subject, &surface, &mut |done| progress(0.5 + 0.5 * done))?;
-    let (smooth_edges, largest_seam) = seams(subject, &surface);
     Ok(BakeReport {
         texel: atlas.texel,
         asked: counts.asked,
@@ -149,8 +156,9 @@ pub(super) fn measure(
         mean_vertex_deviation: inward.mean(),
         vertices: inward.count,
         beside: inward.beside,
-        largest_seam,
-        smooth_edges,
+        unreached: inward.unreached,
+        largest_seam: largest_seam(subject, &surface),
+        smooth_edges: subject.smooth.edges.len(),
     })
 }
 
@@ -189,6 +197,7 @@ struct Deviation {
     sum: f64,
     count: usize,
     beside: usize,
+    unreached: usize,
 }
 
 impl Deviation {
@@ -205,6 +214,7 @@ impl Deviation {
             sum: self.sum + other.sum,
             count: self.count + other.count,
             beside: self.beside + other.beside,
+            unreached: self.unreached + other.unreached,
         }
     }
 
@@ -272,7 +282,10 @@ fn inward_deviation(
     let stride = (vertices.len() as f64 / POINTS).ceil().max(1.0) as usize;
     let vertices: Vec<DVec3> = vertices.into_iter().step_by(stride).collect();
     let measure = |vertex: &DVec3| match vertex_deviation(subject, surface, &adjacency, *vertex) {
-        Some(length) => Deviation::default().add(length),
+        Some(length) => {
+            let unreached = usize::from(length > subject.atlas.texel);
+            Deviation { unreached, ..Deviation::default() }.add(length)
+        }
         None => Deviation { beside: 1, ..Deviation::default() },
     };
     measured(&vertices, measure, progress)
@@ -297,51 +310,21 @@ fn vertex_deviation(
     lengths.min_by(f64::total_cmp)
 }
 
-/// How many coarse edges are smooth, and the largest gap at them.
-fn seams(subject: &Subject, surface: &Displaced) -> (usize, f64) {
-    let adjacency = subject.coarse.adjacency();
-    let edges = 0..adjacency.edges().len() as u32;
-    let gaps: Vec<f64> = edges
-        .into_par_iter()
-        .filter(|edge| adjacency.edge_kind(*edge) == EdgeKind::Manifold)
-        .filter_map(|edge| match *adjacency.edge_sides(edge) {
-            [here, there] => gap(subject, surface, here, there),
-            _ => None,
-        })
-        .collect();
-    (gaps.len(), gaps.into_iter().fold(0.0, f64::max))
+/// The largest gap at smooth edges, m.
+fn largest_seam(subject: &Subject, surface: &Displaced) -> f64 {
+    let gaps = subject.smooth.edges.par_iter().map(|sides| gap(subject, surface, sides));
+    gaps.reduce(|| 0.0, f64::max)
 }
 
-/// The largest gap along an edge between two triangles; none if the directions differ there.
-fn gap(subject: &Subject, surface: &Displaced, here: HalfEdge, there: HalfEdge) -> Option<f64> {
-    let [a, b] = [(here, false), (there, true)].map(|(side, reversed)| {
-        let (triangle, from) = (side.triangle() as usize, side.side() as usize);
-        let ends = [from, (from + 1) % 3];
-        (triangle, if reversed { [ends[1], ends[0]] } else { ends })
-    });
-    let sharp = (0..2).any(|end| {
-        let direction =
-            |(triangle, ends): (usize, [usize; 2])| subject.sheets[triangle].directions[ends[end]];
-        direction(a).distance(direction(b)) > SAME_DIRECTION
-    });
-    if sharp {
-        return None;
-    }
-    let [from, to] = a.1.map(|corner| subject.sheets[a.0].corners[corner]);
+/// The largest gap along an edge between two triangles, m.
+fn gap(subject: &Subject, surface: &Displaced, sides: &[Side; 2]) -> f64 {
+    let [from, to] = sides[0].ends.map(|corner| subject.sheets[sides[0].triangle].corners[corner]);
     let steps = (2.0 * from.distance(to) / subject.atlas.texel).ceil().clamp(2.0, EDGE_POINTS);
-    (0..=steps as usize).try_fold(0.0_f64, |largest, step| {
-        let share = step as f64 / steps;
-        let [p, q] = [a, b].map(|(triangle, ends)| surface.point(triangle, along(ends, share)));
-        Some(largest.max(p?.distance(q?)))
-    })
-}
-
-/// The weights of the second and the third corner at a share of the way from one corner to another.
-fn along([from, to]: [usize; 2], share: f64) -> [f64; 2] {
-    let mut weights = [0.0; 3];
-    weights[from] = 1.0 - share;
-    weights[to] = share;
-    [weights[1], weights[2]]
+    let gaps = (0..=steps as usize).filter_map(|step| {
+        let [p, q] = sides.map(|side| surface.point(side.triangle, side.along(step as f64 / steps)));
+        Some(p?.distance(q?))
+    });
+    gaps.fold(0.0, f64::max)
 }
 
 /// The largest factor by which lengths in the image differ from those on the coarse mesh.

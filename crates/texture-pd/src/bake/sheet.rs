@@ -58,11 +58,18 @@ impl Sheet {
     }
 
     /// The weights of a point on the triangle's plane.
-    fn weights(&self, point: DVec3) -> [f64; 2] {
+    pub fn weights(&self, point: DVec3) -> [f64; 2] {
         let [a, b, c] = self.corners;
         let area = (b - a).cross(c - a).dot(self.normal);
         let (from, normal) = (point - a, self.normal);
         [from.cross(c - a).dot(normal) / area, (b - a).cross(from).dot(normal) / area]
+    }
+
+    /// How far inwards of the side across from each corner a point of the plane is, m.
+    pub fn distances(&self, [s, t]: [f64; 2]) -> [f64; 3] {
+        let [a, b, c] = self.corners;
+        let area = (b - a).cross(c - a).length();
+        [(1.0 - s - t) * area / b.distance(c), s * area / c.distance(a), t * area / a.distance(b)]
     }
 
     /// The weights of the nearest point of the triangle to one on its plane.

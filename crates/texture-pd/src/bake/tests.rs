@@ -108,16 +108,15 @@ fn levels_of_a_hierarchy_get_the_same_surface() {
     }
 }
 
-/// A cube, 2 cm wide, with waves on its faces that end before the edges. All faces have vertices of their own.
-fn cube(cells: u32, waves: f64) -> TriMesh {
+/// A cube, 2 cm wide, with a relief (m) on its faces, which are squares of `cells` a side. All faces have vertices of their own.
+fn cube(cells: u32, relief: impl Fn(f64, f64) -> f64) -> TriMesh {
     let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
     for axis in 0..6 {
         let normal = DVec3::AXES[axis / 2] * if axis % 2 == 0 { 1.0 } else { -1.0 };
         let along = DVec3::AXES[(axis / 2 + 1) % 3];
         let across = normal.cross(along);
         let face = grid(cells, |x, y| {
-            let bump = (16.0 * x * (1.0 - x) * y * (1.0 - y)).powi(2) * (11.0 * x).sin() * (9.0 * y).cos();
-            0.01 * (normal + (2.0 * x - 1.0) * along + (2.0 * y - 1.0) * across) + waves * bump * normal
+            0.01 * (normal + (2.0 * x - 1.0) * along + (2.0 * y - 1.0) * across) + relief(x, y) * normal
         });
         let first = vertices.len() as u32;
         vertices.extend(face.vertices());
@@ -126,9 +125,44 @@ fn cube(cells: u32, waves: f64) -> TriMesh {
     TriMesh::new(vertices, triangles).unwrap()
 }
 
+/// Waves that end before the edges of a cube's face.
+fn waves(x: f64, y: f64) -> f64 {
+    3e-4 * (16.0 * x * (1.0 - x) * y * (1.0 - y)).powi(2) * (11.0 * x).sin() * (9.0 * y).cos()
+}
+
+/// Ridges over a cube's face that stand out as far as a tenth from its edges.
+fn ridges(x: f64, y: f64) -> f64 {
+    let border = |x: f64| (10.0 * x.min(1.0 - x)).min(1.0);
+    let smooth = |x: f64| x * x * (3.0 - 2.0 * x);
+    1e-3 * (25.0 * x).cos() * smooth(border(x)) * smooth(border(y))
+}
+
+#[test]
+fn what_is_round_a_corner_is_another_faces() {
+    let (coarse, detailed) = (cube(2, |_, _| 0.0), cube(120, ridges));
+    let report = baked(&coarse, &detailed, &options(1.5e-4)).report;
+    assert_eq!(report.smooth_edges, 6 * 8);
+    assert!(report.reach > 1.5e-3, "too near to see the ridges beyond an edge: {report}");
+    assert!(report.largest_seam < 5e-5 && report.largest_deviation < 1e-4, "{report}");
+    assert!(report.unreached == 0, "{report}");
+}
+
+#[test]
+fn surfaces_meet_at_steps() {
+    // A wall across the coarse plate's triangles, half a texel wide.
+    let coarse = grid(2, |x, y| 0.02 * DVec3::new(x, y, 0.0));
+    let step = |x: f64, y: f64| {
+        let across = (0.02 * (x + 0.3 * y - 0.6) / 1e-4).clamp(0.0, 1.0);
+        0.02 * DVec3::new(x, y, 0.0) + 1e-3 * across * DVec3::Z
+    };
+    let report = baked(&coarse, &grid(400, step), &options(2e-4)).report;
+    assert!(report.largest_seam < 4e-5, "{report}");
+    assert!(report.unreached > 0 && report.unreached < report.vertices / 50, "{report}");
+}
+
 #[test]
 fn sharp_edges_stay_sharp() {
-    let report = baked(&cube(1, 0.0), &cube(100, 3e-4), &options(4e-4)).report;
+    let report = baked(&cube(1, |_, _| 0.0), &cube(100, waves), &options(4e-4)).report;
     assert!(report.largest_deviation < 2e-6 && report.largest_vertex_deviation < 2e-6, "{report}");
     assert_eq!((report.missed, report.beside), (0, 0), "{report}");
     // Along the cube's edges rays graze the waves of the next face.

@@ -30,12 +30,14 @@ pub(super) struct Hit {
     pub along: f64,
     /// Cosine of the angle between the triangle's normal and the direction; above 0.
     pub facing: f64,
+    pub triangle: u32,
 }
 
 /// The triangle of a mesh that is nearest to a point.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Nearest {
     pub triangle: usize,
+    pub point: DVec3,
     /// From the point that was asked about, m.
     pub distance: f64,
 }
@@ -86,7 +88,10 @@ impl<'a> Tree<'a> {
                 stack.extend([node.first_index, node.first_index + 1]);
                 continue;
             }
-            let met = self.items(node).filter_map(|t| meet(self.mesh.corners(t), origin, direction));
+            let met = self.items(node).filter_map(|t| {
+                let [along, facing] = meet(self.mesh.corners(t), origin, direction)?;
+                Some(Hit { along, facing, triangle: t as u32 })
+            });
             hits.extend(met.filter(|hit| hit.along.abs() <= reach));
         }
     }
@@ -104,12 +109,13 @@ impl<'a> Tree<'a> {
             }
             if node.is_leaf() {
                 for triangle in self.items(node) {
-                    let distance = nearest_in(self.mesh.corners(triangle), point).distance(point);
+                    let nearest = nearest_in(self.mesh.corners(triangle), point);
+                    let distance = nearest.distance(point);
                     let nearer = |found: Nearest| {
                         distance < found.distance || distance == found.distance && triangle < found.triangle
                     };
                     if found.is_none_or(nearer) {
-                        found = Some(Nearest { triangle, distance });
+                        found = Some(Nearest { triangle, point: nearest, distance });
                     }
                 }
                 continue;
@@ -142,15 +148,15 @@ fn gap((low, high): (DVec3, DVec3), at: DVec3) -> f64 {
     (low - at).max(at - high).max(DVec3::ZERO).length()
 }
 
-/// Where a line meets a triangle that faces along it.
-fn meet(corners: [DVec3; 3], origin: DVec3, direction: DVec3) -> Option<Hit> {
+/// Where along a line, in lengths of its direction, it meets a triangle that faces along it, and at what cosine.
+fn meet(corners: [DVec3; 3], origin: DVec3, direction: DVec3) -> Option<[f64; 2]> {
     let [a, b, c] = corners.map(|p| p - origin);
     let volumes = [(b, c), (c, a), (a, b)].map(|(p, q)| direction.dot(p.cross(q)));
     let normal = (b - a).cross(c - a);
     let rate = normal.dot(direction);
     let facing = rate / (normal.length() * direction.length());
     let meets = facing > EDGE_ON && volumes.iter().all(|volume| *volume >= -SLACK * rate);
-    meets.then(|| Hit { along: normal.dot(a) / rate, facing })
+    meets.then(|| [normal.dot(a) / rate, facing])
 }
 
 /// The point of a triangle that is nearest to a point (Ericson, *Real-Time Collision Detection*, 2005, §5.1.5).
@@ -210,7 +216,7 @@ mod tests {
             let (origin, direction) = (random(&mut rng) + offset, random(&mut rng));
             tree.hits(origin, direction, 0.7, &mut hits);
             let mut expected: Vec<f64> = (0..900)
-                .filter_map(|t| meet(mesh.corners(t), origin, direction).map(|hit| hit.along))
+                .filter_map(|t| meet(mesh.corners(t), origin, direction).map(|[along, _]| along))
                 .filter(|along| along.abs() <= 0.7)
                 .collect();
             let mut found: Vec<f64> = hits.iter().map(|hit| hit.along).collect();
