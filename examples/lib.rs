@@ -78,7 +78,7 @@ impl Options {
         let html = Report { title, command: &command, summary: &summary, records: &records }.to_html()?;
         std::fs::write(&report, html)?;
         for (name, value) in palpate_report::measured(&summary) {
-            say(&name, value)?;
+            say(name, value)?;
         }
         for file in [&recording, &report] {
             say("written", shown(file).display())?;

@@ -8,12 +8,13 @@
 //!
 //! The grid is fitted to where both surfaces are, and its four quarters are looked at by themselves: surfaces that touch on both flanks of a groove, or at the corners
 //! of a face, have several contacts, and one alone would let the body fall from each to the next. Where quarters find the same
-//! contact, about their common corner, they share its stiffness. What counts as the same is told by the gradients of their
-//! depths, continuously.
+//! contact, about their common corner, they are [joined]. What counts as the same is told by the gradients of their depths,
+//! continuously.
 
 use std::fmt;
 use std::sync::Arc;
 
+use arrayvec::ArrayVec;
 use palpate_collide::{Cluster, Clustering, PatchContact};
 use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist};
@@ -36,8 +37,14 @@ const SMOOTHNESS: f64 = 0.5;
 const BEYOND: f64 = 0.25;
 
 /// Quarters have contacts of their own where the gradients of their depths differ by this much (at the body's lever for
-/// turns), and less and less of one the closer these are.
-const DISTINCT: f64 = 0.3;
+/// turns), and less and less so the closer these are.
+const DISTINCT: f64 = 1.0;
+
+/// The temperature, in tolerances, with which quarters go over into each other where the largest overlap alone is looked at.
+const HARD: f64 = 1e-3;
+
+/// Of less than this share of a contact the others of its grid are enough.
+const NEGLIGIBLE: f64 = 1e-3;
 
 /// Of a grid.
 const QUARTERS: usize = 4;
@@ -300,17 +307,22 @@ impl Textures {
             }
         }
         for (grids, depths) in grids.chunks(QUARTERS).zip(query.depths().chunks(QUARTERS)) {
-            let first = found.len();
-            for (grid, depth) in grids.iter().zip(depths) {
-                let Some(TextureDepth { depth, linear, angular, second, point, folded, .. }) = *depth else {
-                    continue;
-                };
-                events.texture_folded += u64::from(folded > MOSTLY);
-                let contact = CurvedContact { point, depth, linear, angular, second, lever: *lever };
-                let texel = 2.0 * grid.half_size / f64::from(settings.grid);
-                found.push(Found { contact, share: 1.0, texel });
+            let mut quarters: ArrayVec<_, QUARTERS> = ArrayVec::new();
+            for TextureDepth { depth, linear, angular, second, point, folded, .. } in depths.iter().flatten()
+            {
+                events.texture_folded += u64::from(*folded > MOSTLY);
+                quarters.push(CurvedContact {
+                    point: *point,
+                    depth: *depth,
+                    linear: *linear,
+                    angular: *angular,
+                    second: *second,
+                    lever: *lever,
+                });
             }
-            share(&mut found[first..], *lever, tolerance);
+            let texel = grids.first().map_or(0.0, |grid| 2.0 * grid.half_size / f64::from(settings.grid));
+            let joined = joined(&quarters, settings.temperature, tolerance);
+            found.extend(joined.into_iter().map(|(contact, share)| Found { contact, share, texel }));
         }
         found.sort_unstable_by(|a, b| b.contact.depth.total_cmp(&a.contact.depth));
     }
@@ -356,22 +368,49 @@ fn quarter_size(half_size: f64) -> f64 {
     0.5 * (1.0 + BEYOND) * half_size
 }
 
-/// Leaves each contact of a cluster that share of its stiffness that the others have not.
-fn share(found: &mut [Found], lever: f64, tolerance: f64) {
-    let overlap = |one: &Found| (one.contact.depth + tolerance).max(0.0);
-    for i in 0..found.len() {
-        let same = |other: &Found| {
-            let (a, b) = (&found[i].contact, &other.contact);
-            let apart = (a.linear - b.linear).length().hypot((a.angular - b.angular).length() / lever);
-            let alike = (1.0 - apart / DISTINCT).clamp(0.0, 1.0);
-            let weight =
-                if overlap(other) > 0.0 { (overlap(other) / overlap(&found[i])).min(1.0) } else { 0.0 };
-            weight * alike * alike * (3.0 - 2.0 * alike)
+/// The contacts of a grid's quarters, each joined with those that are alike: the smooth maximum over them, of which each has
+/// the share of the stiffness that it contributes. Quarters that are all alike so make the smooth maximum over the whole grid,
+/// with its derivatives; ones that differ make contacts of their own.
+fn joined(
+    quarters: &[CurvedContact],
+    temperature: f64,
+    tolerance: f64,
+) -> ArrayVec<(CurvedContact, f64), QUARTERS> {
+    let soft = temperature.max(HARD * tolerance);
+    let join = |own: &CurvedContact| {
+        let weights: ArrayVec<f64, QUARTERS> = quarters
+            .iter()
+            .map(|other| likeness(own, other) * ((other.depth - own.depth) / soft).exp())
+            .collect();
+        let total: f64 = weights.iter().sum();
+        let weighted = || quarters.iter().zip(weights.iter().map(|weight| weight / total));
+        let mut contact = CurvedContact {
+            point: weighted().map(|(one, weight)| one.point * weight).sum(),
+            depth: own.depth + soft * total.ln(),
+            linear: weighted().map(|(one, weight)| one.linear * weight).sum(),
+            angular: weighted().map(|(one, weight)| one.angular * weight).sum(),
+            second: [[0.0; 6]; 6],
+            ..*own
         };
-        // One is the contact itself.
-        let sharing: f64 = found.iter().map(same).sum();
-        found[i].share = 1.0 / sharing.max(1.0);
-    }
+        for (one, weight) in weighted() {
+            let apart = (one.linear - contact.linear, one.angular - contact.angular);
+            let apart = [apart.0.to_array(), apart.1.to_array()].concat();
+            for (i, row) in contact.second.iter_mut().enumerate() {
+                for (j, value) in row.iter_mut().enumerate() {
+                    *value += weight * (one.second[i][j] + apart[i] * apart[j] / soft);
+                }
+            }
+        }
+        (contact, 1.0 / total)
+    };
+    quarters.iter().map(join).filter(|(_, share)| *share > NEGLIGIBLE).collect()
+}
+
+/// 1 for contacts that push in the same way, less for others, and 0 for those that are distinct.
+fn likeness(a: &CurvedContact, b: &CurvedContact) -> f64 {
+    let apart = (a.linear - b.linear).length().hypot((a.angular - b.angular).length() / a.lever);
+    let alike = (1.0 - apart / DISTINCT).clamp(0.0, 1.0);
+    alike * alike * (3.0 - 2.0 * alike)
 }
 
 impl fmt::Debug for Textures {
