@@ -60,8 +60,11 @@ const FOLDED: u32 = 0x80000000u;
 
 // Points this far outside a triangle, as a part of it, still count, so that no texel falls between neighbours.
 const EDGE: f32 = 1e-5;
-// A displaced point may miss its texel by this part of a step.
-const MISS: f32 = 1e-3;
+// Displaced by no more than this part of a step along the grid, a point needs no search.
+const STILL: f32 = 1e-3;
+// From a point that misses its texel by no more than this part of a step the last of Newton's steps is taken, with what it
+// changes the height by to first order.
+const MISS: f32 = 0.05;
 // The surface is folded where displacing shrinks the triangle's area as seen along n below this part of it.
 const FOLD: f32 = 0.1;
 // A point that is displaced to a texel may be this far outside of the triangle, in texels of the texture.
@@ -246,7 +249,7 @@ fn above(tri: Triangle, at: vec2<f32>, step: f32, reach: f32, refinements: u32) 
     if tri.level == 0.0 { return Point(true, false, s, t, base); }
     let level = levels[u32(tri.level) - 1u];
     let tilt = tri.most * (tri.n0.xy + s * tri.m1.xy + t * tri.m2.xy);
-    if dot(tilt, tilt) <= MISS * step * MISS * step || refinements == 0u {
+    if dot(tilt, tilt) <= STILL * step * STILL * step || refinements == 0u {
         return Point(true, false, s, t, upright(tri, level, s, t));
     }
     let start = vec2(s, t);
@@ -254,17 +257,20 @@ fn above(tri: Triangle, at: vec2<f32>, step: f32, reach: f32, refinements: u32) 
         let h = spline_slope(level, tri.uv0 + s * tri.d1 + t * tri.d2);
         let direction = tri.n0 + s * tri.m1 + t * tri.m2;
         let miss = tri.p0.xy + s * tri.e1.xy + t * tri.e2.xy + h.x * direction.xy - at;
-        if abs(miss.x) + abs(miss.y) <= MISS * step {
-            if is_beyond(tri, s, t) { break; }
-            return Point(true, false, s, t, tri.p0.z + s * tri.e1.z + t * tri.e2.z + h.x * direction.z);
-        }
-        if i == refinements { break; }
         let by_s = tri.e1.xy + dot(h.yz, tri.d1) * direction.xy + h.x * tri.m1.xy;
         let by_t = tri.e2.xy + dot(h.yz, tri.d2) * direction.xy + h.x * tri.m2.xy;
         let area = by_s.x * by_t.y - by_t.x * by_s.y;
         if area * tri.inverse_area < FOLD { break; }
-        s -= (miss.x * by_t.y - miss.y * by_t.x) / area;
-        t -= (by_s.x * miss.y - by_s.y * miss.x) / area;
+        let ds = (miss.y * by_t.x - miss.x * by_t.y) / area;
+        let dt = (by_s.y * miss.x - by_s.x * miss.y) / area;
+        s += ds;
+        t += dt;
+        if abs(miss.x) + abs(miss.y) <= MISS * step {
+            if is_beyond(tri, s, t) { break; }
+            let displacement = h.x + dot(h.yz, tri.d1) * ds + dot(h.yz, tri.d2) * dt;
+            let upright = tri.n0.z + s * tri.m1.z + t * tri.m2.z;
+            return Point(true, false, s, t, tri.p0.z + s * tri.e1.z + t * tri.e2.z + displacement * upright);
+        }
     }
     return Point(true, true, start.x, start.y, upright(tri, level, start.x, start.y));
 }
@@ -354,7 +360,7 @@ fn height_images(
 const LANES: u32 = 256u;
 const ANSWER_WORDS: u32 = 68u;
 // Overlaps this many temperatures below the largest weigh nothing.
-const LEAST: f32 = -16.0;
+const LEAST: f32 = -8.0;
 // Weights fall off over this part of the grid, from its border inwards.
 const BORDER: f32 = 0.1;
 

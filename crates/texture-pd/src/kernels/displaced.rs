@@ -5,8 +5,11 @@ use crate::spline::{self, Level};
 
 /// Points this far outside a triangle, as a part of it, still count, so that no texel falls between neighbours.
 const EDGE: f32 = 1e-5;
-/// A displaced point may miss its texel by this part of a step.
-const MISS: f32 = 1e-3;
+/// Displaced by no more than this part of a step along the grid, a point needs no search.
+const STILL: f32 = 1e-3;
+/// From a point that misses its texel by no more than this part of a step the last of Newton's steps is taken, with what it
+/// changes the height by to first order.
+const MISS: f32 = 0.05;
 /// A point that is displaced to a texel may be this far outside of the triangle, in texels of the texture: further away the
 /// triangle's plane says nothing of the surface, and an atlas holds other charts.
 const BEYOND: f32 = 2.0;
@@ -142,15 +145,15 @@ impl Triangle {
             self.base(s, t) + displacement * self.direction(s, t, 2)
         };
         let (tilt_u, tilt_v) = (self.most * self.direction(s, t, 0), self.most * self.direction(s, t, 1));
-        let miss = MISS * step;
-        if tilt_u * tilt_u + tilt_v * tilt_v <= miss * miss || refinements == 0 {
+        let still = STILL * step;
+        if tilt_u * tilt_u + tilt_v * tilt_v <= still * still || refinements == 0 {
             return Some(Point { s, t, height: upright(s, t), folded: false });
         }
         let [_, e1, e2] = &self.plane;
         let [_, m1, m2] = &self.directions;
         let [_, d1, d2] = &self.texture;
         let start = (s, t);
-        for left in (0..=refinements).rev() {
+        for _ in 0..=refinements {
             let (x, y) = self.texel(s, t);
             let [h, hx, hy] = spline::slope(level, textures.coefficients, x, y);
             let hs = hx * d1[0] + hy * d1[1];
@@ -158,16 +161,6 @@ impl Triangle {
             let [nu, nv] = [0, 1].map(|axis| self.direction(s, t, axis));
             let miss_u = self.place(s, t, 0) + h * nu - u;
             let miss_v = self.place(s, t, 1) + h * nv - v;
-            if miss_u.abs() + miss_v.abs() <= miss {
-                if self.is_beyond(s, t) {
-                    break;
-                }
-                let height = self.base(s, t) + h * self.direction(s, t, 2);
-                return Some(Point { s, t, height, folded: false });
-            }
-            if left == 0 {
-                break;
-            }
             let us = e1[0] + hs * nu + h * m1[0];
             let vs = e1[1] + hs * nv + h * m1[1];
             let ut = e2[0] + ht * nu + h * m2[0];
@@ -176,8 +169,16 @@ impl Triangle {
             if area * self.inverse_area < FOLD {
                 break;
             }
-            s -= (miss_u * vt - miss_v * ut) / area;
-            t -= (us * miss_v - vs * miss_u) / area;
+            let ds = (miss_v * ut - miss_u * vt) / area;
+            let dt = (vs * miss_u - us * miss_v) / area;
+            (s, t) = (s + ds, t + dt);
+            if miss_u.abs() + miss_v.abs() <= MISS * step {
+                if self.is_beyond(s, t) {
+                    break;
+                }
+                let height = self.base(s, t) + (h + hs * ds + ht * dt) * self.direction(s, t, 2);
+                return Some(Point { s, t, height, folded: false });
+            }
         }
         let (s, t) = start;
         Some(Point { s, t, height: upright(s, t), folded: true })
