@@ -30,11 +30,11 @@ use crate::settings::{Settings, TextureBackend, TextureDerivatives, TextureSetti
 use crate::telemetry::Events;
 
 /// τ by default, in tolerances.
-const SMOOTHNESS: f64 = 0.25;
+const SMOOTHNESS: f64 = 0.5;
 
 /// Of a cluster's grid a quarter reaches this part of its half size past the middle, so that overlaps there are not at the
 /// border of the quarter's grid.
-const BEYOND: f64 = 0.12;
+const BEYOND: f64 = 0.25;
 
 /// Quarters have contacts of their own where the gradients of their depths differ by this much (at the body's lever for
 /// turns), and less and less so the closer these are.

@@ -1,0 +1,123 @@
+//! Sessions with haptic textures when something is amiss: a backend that fails, a hand that is too fast, no texture at all.
+
+use std::sync::atomic::AtomicBool;
+
+use palpate::core::mesh::UvMesh;
+use palpate::device::{Emulation, Interpolation, Keyframe, MotionPath};
+use palpate::glam::{DVec2, DVec3};
+use palpate::models::Model;
+use palpate::texture_pd::{Answer, Backend, BackendError, Batch, HeightImage, SurfaceSet, Wrap};
+use palpate::{
+    ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Settings, Summary, TextureBackend,
+    TextureSettings,
+};
+
+/// Ridges on a plate, half a millimetre high and 2 mm apart.
+fn ridges() -> Object {
+    let heights = (0..16).map(|i| 2.5e-4 * (std::f32::consts::TAU * (i as f32 + 0.5) / 16.0).cos()).collect();
+    let image = HeightImage::new(16, 1, heights, [Wrap::Repeat; 2]).unwrap();
+    let mesh = Model::Plate.generate(Model::Plate.default_triangles()).unwrap();
+    let mesh = UvMesh::projected(mesh, |corner| DVec2::new(corner.x, corner.y * 16.0) / 0.002).unwrap();
+    Object::textured("ridges", &mesh, &image, 0.5).unwrap()
+}
+
+/// A probe that is pressed onto the plate and drawn over it at a speed (m/s) from 0.3 s on.
+fn renderer(scene: Object, speed: f64, textures: TextureSettings) -> HapticRenderer {
+    let samples = (0..80).map(|i| {
+        let time = i as f64 * 0.01;
+        let height = 0.0105 - 0.0025 * (time / 0.2).min(1.0);
+        let place = DVec3::new(speed * (time - 0.3).max(0.0) - 0.02, 0.0, height);
+        Keyframe { time, pose: Pose::from_translation(place) }
+    });
+    let path = MotionPath::new(samples.collect(), Interpolation::Smooth).unwrap();
+    let device = Box::new(Emulation::default().open(path).unwrap());
+    let probe = Object::from_mesh("stylus", &Model::Stylus.generate(2000).unwrap()).unwrap();
+    let settings = Settings { textures, ..Settings::default() };
+    HapticRenderer::new(probe, Scene::new().with(scene, Pose::IDENTITY), device, settings).unwrap()
+}
+
+fn run(renderer: HapticRenderer) -> (Vec<Record>, Summary) {
+    let mut records = Vec::new();
+    let session = renderer
+        .run_lockstep(0.6, ContactTiming::busy(500.0), &AtomicBool::new(false), |record| {
+            records.push(*record);
+            Ok::<_, std::convert::Infallible>(())
+        })
+        .unwrap();
+    (records, session.summary())
+}
+
+/// Fails the first time.
+struct Broken;
+
+impl Backend for Broken {
+    fn name(&self) -> &str {
+        "broken"
+    }
+
+    fn evaluate(&mut self, _: &SurfaceSet, _: &Batch, _: &mut Vec<Answer>) -> Result<(), BackendError> {
+        Err(BackendError::Device { device: "a".into(), reason: "b".into() })
+    }
+}
+
+#[test]
+fn the_processor_goes_on_where_a_backend_fails() {
+    let whole = renderer(ridges(), 0.05, TextureSettings::default());
+    let mut broken = renderer(ridges(), 0.05, TextureSettings::default());
+    broken.set_texture_backend(Box::new(Broken));
+    assert_eq!(broken.stages()["textures"], "on, computed by broken");
+    let ((expected, _), (records, summary)) = (run(whole), run(broken));
+    assert_eq!(records.last().map(|r| r.object), expected.last().map(|r| r.object));
+    assert!(records.iter().any(|record| record.contact.force.z > 0.1));
+    assert_eq!(summary.events.texture_backend_lost, 1);
+    assert_eq!(summary.stages["textures"], "on, computed by CPU");
+}
+
+#[test]
+fn a_scene_without_textures_has_no_backend_though_one_is_asked_for() {
+    let plate = Object::from_mesh("plate", &Model::Plate.generate(12).unwrap()).unwrap();
+    let textures = TextureSettings { backend: TextureBackend::Auto, ..TextureSettings::default() };
+    let mut renderer = renderer(plate, 0.05, textures);
+    renderer.set_texture_backend(Box::new(Broken));
+    let (_, summary) = run(renderer);
+    assert_eq!(summary.stages["textures"], "off: no object has a haptic texture");
+    assert_eq!(summary.events.texture_backend_lost, 0);
+}
+
+/// On the software driver at least: whichever is faster renders the same.
+#[test]
+fn the_faster_backend_renders_as_the_processor_does() {
+    let auto = TextureSettings { backend: TextureBackend::Auto, ..TextureSettings::default() };
+    let (expected, _) = run(renderer(ridges(), 0.05, TextureSettings::default()));
+    let (records, summary) = run(renderer(ridges(), 0.05, auto));
+    assert_eq!(summary.events.texture_backend_lost, 0);
+    for (record, expected) in records.iter().zip(&expected) {
+        let apart = record.object.translation.distance(expected.object.translation);
+        assert!(apart < 1e-5, "{apart} m at {} s", record.time);
+    }
+}
+
+/// Ridges that are passed faster than contacts are found are not felt as what they are, which is counted.
+#[test]
+fn sliding_too_fast_for_the_texture_is_told() {
+    let [slow, fast] = [0.005, 0.5].map(|speed| {
+        let (_, summary) = run(renderer(ridges(), speed, TextureSettings::default()));
+        summary.events.texture_undersampled
+    });
+    assert!(slow == 0 && fast > 50, "{slow}, {fast}");
+}
+
+#[test]
+fn settings_out_of_range_are_refused() {
+    let default = TextureSettings::default();
+    for (textures, name) in [
+        (TextureSettings { grid: 1, ..default }, "texture grid"),
+        (TextureSettings { grid: 5000, ..default }, "texture grid"),
+        (TextureSettings { half_size: Some(0.0), ..default }, "texture half-size"),
+        (TextureSettings { half_size: Some(f64::NAN), ..default }, "texture half-size"),
+        (TextureSettings { temperature: Some(-1.0), ..default }, "texture temperature"),
+    ] {
+        let error = Settings { textures, ..Settings::default() }.check().unwrap_err();
+        assert_eq!(error.name, name);
+    }
+}
