@@ -23,7 +23,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     let settings = Settings {
         tolerance: Some(2e-4),
         clusters: 7,
-        textures: TextureSettings { half_size: Some(0.004), ..TextureSettings::default() },
+        textures: TextureSettings {
+            half_size: Some(0.004),
+            temperature: Some(2e-5),
+            ..TextureSettings::default()
+        },
         ..Settings::default()
     };
     let renderer = HapticRenderer::new(probe, scene, Box::new(device), settings)?;

@@ -7,7 +7,8 @@
 use crate::backend::{Backend, BackendError};
 use crate::batch::{Batch, SurfaceSet};
 use crate::kernels::{
-    Answer, FOLDED, Image, LEAST, NO_SURFACE, NOWHERE, Pair, Textures, coordinate, covered, pair_answer,
+    Answer, FOLDED, Image, LEAST, NO_SURFACE, NOWHERE, Pair, Point, Textures, coordinate, covered,
+    pair_answer,
 };
 
 /// Of the first texels that are looked at, each is so many from the next, either way: their largest overlap lets most of the
@@ -28,6 +29,8 @@ pub struct CpuBackend {
     bounds: Vec<f32>,
     /// As the kernels have them, but where nothing was displaced.
     heights: Vec<[u32; 2]>,
+    /// Where in its triangle the point of a texel is that was displaced.
+    points: Vec<[f32; 2]>,
 }
 
 impl CpuBackend {
@@ -51,16 +54,19 @@ impl Backend for CpuBackend {
         let textures = Textures { levels: &surfaces.levels, coefficients: &surfaces.coefficients };
         self.bounds.resize(batch.texels(), 0.0);
         self.heights.resize(batch.texels(), [0; 2]);
+        self.points.resize(batch.texels(), [0.0; 2]);
         let texels = batch.grid_texels();
         let known = self.bounds.chunks_exact_mut(texels).zip(self.heights.chunks_exact_mut(texels));
-        for (image, (bounds, heights)) in batch.images.iter().zip(known) {
-            Texels { batch, textures, image, bounds, heights }.outline();
+        let known = known.zip(self.points.chunks_exact_mut(texels));
+        for (image, ((bounds, heights), points)) in batch.images.iter().zip(known) {
+            Texels { batch, textures, image, bounds, heights, points }.outline();
         }
         answers.clear();
         for pair in &batch.pairs {
             self.displace(batch, textures, pair);
             let Batch { header, triangles, images, .. } = batch;
-            answers.push(pair_answer(header, triangles, images, textures, &self.heights, pair));
+            let points = Some(&self.points[..]);
+            answers.push(pair_answer(header, triangles, images, textures, &self.heights, points, pair));
         }
         Ok(())
     }
@@ -89,7 +95,8 @@ impl CpuBackend {
             for (at, image) in [(a, pair.a), (b, pair.b)] {
                 if matches!(self.heights[at][0], UNKNOWN_A | UNKNOWN_B) {
                     let image = &images[image as usize];
-                    self.heights[at] = displaced(batch, textures, image, self.heights[at][1], [column, row]);
+                    (self.heights[at], self.points[at]) =
+                        displaced(batch, textures, image, self.heights[at][1], [column, row]);
                 }
             }
             largest = largest.max(f32::from_bits(self.heights[a][0]) - f32::from_bits(self.heights[b][0]));
@@ -107,6 +114,7 @@ struct Texels<'a> {
     image: &'a Image,
     bounds: &'a mut [f32],
     heights: &'a mut [[u32; 2]],
+    points: &'a mut [[f32; 2]],
 }
 
 impl Texels<'_> {
@@ -148,27 +156,30 @@ impl Texels<'_> {
     fn choose(&mut self, texel: usize, index: u32, at: [u32; 2], unknown: u32) {
         let displaced = |index| displaced(self.batch, self.textures, self.image, index, at);
         let known = self.heights[texel];
-        let first = if known[0] == unknown { displaced(known[1]) } else { known };
+        let first = if known[0] == unknown { displaced(known[1]) } else { (known, self.points[texel]) };
         let second = displaced(index);
-        let further = f32::from_bits(second[0]) - f32::from_bits(first[0]);
-        self.heights[texel] = if further * self.image.side > 0.0 { second } else { first };
+        let further = f32::from_bits(second.0[0]) - f32::from_bits(first.0[0]);
+        (self.heights[texel], self.points[texel]) =
+            if further * self.image.side > 0.0 { second } else { first };
         self.bounds[texel] = self.image.side * f32::from_bits(self.heights[texel][0]);
     }
 }
 
-/// Height and triangle at a texel that a triangle covers, as the kernels have them.
+/// Height and triangle at a texel that a triangle covers, as the kernels have them, and where in the triangle that is.
 fn displaced(
     batch: &Batch,
     textures: Textures,
     image: &Image,
     index: u32,
     [column, row]: [u32; 2],
-) -> [u32; 2] {
+) -> ([u32; 2], [f32; 2]) {
     let header = &batch.header;
     let [u, v] = [column, row].map(|index| coordinate(index, header.grid, image.step));
     let triangle = &batch.triangles[index as usize];
     match triangle.above(u, v, (image.step, image.reach), header.refinements, &textures) {
-        Some(point) => [point.height.to_bits(), index | if point.folded { FOLDED } else { 0 }],
-        None => [NO_SURFACE, NOWHERE],
+        Some(Point { s, t, height, folded }) => {
+            ([height.to_bits(), index | if folded { FOLDED } else { 0 }], [s, t])
+        }
+        None => ([NO_SURFACE, NOWHERE], [0.0; 2]),
     }
 }

@@ -11,7 +11,7 @@ mod overlaps;
 
 use bytemuck::{Pod, Zeroable};
 
-pub(crate) use displaced::Textures;
+pub(crate) use displaced::{Point, Textures};
 pub(crate) use height_images::{covered, height_images};
 pub use overlaps::Answer;
 pub(crate) use overlaps::{LEAST, overlaps, pair_answer};

@@ -50,6 +50,8 @@ struct Images<'a> {
     textures: Textures<'a>,
     /// Image and heights of A and of B.
     sides: [(&'a Image, &'a [[u32; 2]]); 2],
+    /// Of both, where in its triangle the point of each texel is, if that is known.
+    points: Option<[&'a [[f32; 2]]; 2]>,
 }
 
 /// What is at a texel of both images.
@@ -76,23 +78,25 @@ pub(crate) fn overlaps(
 ) {
     let textures = Textures { levels, coefficients };
     for (pair, answer) in pairs.iter().zip(answers) {
-        *answer = pair_answer(header, triangles, images, textures, heights, pair);
+        *answer = pair_answer(header, triangles, images, textures, heights, None, pair);
     }
 }
 
-/// The answer to one pair.
+/// The answer to one pair. `points`: of each texel of each image, if known, where in its triangle its point is.
 pub(crate) fn pair_answer(
     header: &Header,
     triangles: &[Triangle],
     images: &[Image],
     textures: Textures,
     heights: &[[u32; 2]],
+    points: Option<&[[f32; 2]]>,
     pair: &Pair,
 ) -> Answer {
     let texels = (header.grid * header.grid) as usize;
     let side = |image: u32| (&images[image as usize], &heights[image as usize * texels..][..texels]);
     let sides = [side(pair.a), side(pair.b)];
-    Images { header, triangles, textures, sides }.compare(pair)
+    let points = points.map(|all| [pair.a, pair.b].map(|image| &all[image as usize * texels..][..texels]));
+    Images { header, triangles, textures, sides, points }.compare(pair)
 }
 
 impl Images<'_> {
@@ -101,7 +105,7 @@ impl Images<'_> {
         if answer.texel == NOWHERE {
             return answer;
         }
-        let deepest = self.sample(answer.texel);
+        let deepest = self.sample(answer.texel, true);
         let words = |jet: &HeightJet| [jet.height, jet.u, jet.v, jet.uu, jet.uv, jet.vv];
         (answer.jet_a, answer.jet_b, answer.ends) = (words(&deepest.a), words(&deepest.b), deepest.ends);
         if pair.temperature == 0.0 {
@@ -118,7 +122,7 @@ impl Images<'_> {
             if below >= LEAST {
                 let weight = below.exp() * self.taper(pair, texel);
                 if weight > 0.0 {
-                    answer.add(weight, &self.sample(texel), &reference);
+                    answer.add(weight, &self.sample(texel, false), &reference);
                 }
             }
         }
@@ -160,21 +164,38 @@ impl Images<'_> {
         part * part * (3.0 - 2.0 * part) * within
     }
 
-    fn sample(&self, texel: u32) -> Sample {
+    /// What is at a texel; of the one side that its gradient does not ask for the height alone, unless all is wanted.
+    fn sample(&self, texel: u32, all: bool) -> Sample {
         let grid = self.header.grid;
         let step = self.sides[0].0.step;
         let (u, v) = (coordinate(texel % grid, grid, step), coordinate(texel / grid, grid, step));
-        let [a, b] = self.sides.map(|(image, heights)| {
-            let index = heights[texel as usize][1];
-            let triangle = &self.triangles[(index & !FOLDED) as usize];
-            let refinements = if index & FOLDED == 0 { self.header.refinements } else { 0 };
-            let point = triangle.above(u, v, (step, image.reach), refinements, &self.textures);
-            let height = f32::from_bits(heights[texel as usize][0]);
-            let point = point.unwrap_or(Point { s: 0.0, t: 0.0, height, folded: false });
-            triangle.jet(&point, &self.textures)
-        });
         let ends = [0, 1].map(|side| u32::from(self.ends(texel, side)));
-        Sample { u, v, a, b, ends: ends[0] | ends[1] << 1 }
+        let mut sample =
+            Sample { u, v, a: HeightJet::default(), b: HeightJet::default(), ends: ends[0] | ends[1] << 1 };
+        let [a, b] = [0, 1].map(|side| {
+            if all || (side == 0) == sample.on_b() {
+                return self.jet(texel, side, [u, v]);
+            }
+            let height = f32::from_bits(self.sides[side].1[texel as usize][0]);
+            HeightJet { height, ..HeightJet::default() }
+        });
+        (sample.a, sample.b) = (a, b);
+        sample
+    }
+
+    fn jet(&self, texel: u32, side: usize, [u, v]: [f32; 2]) -> HeightJet {
+        let (image, heights) = self.sides[side];
+        let [height, index] = heights[texel as usize];
+        let height = f32::from_bits(height);
+        let triangle = &self.triangles[(index & !FOLDED) as usize];
+        if let Some(points) = self.points {
+            let [s, t] = points[side][texel as usize];
+            return triangle.jet(&Point { s, t, height, folded: false }, &self.textures);
+        }
+        let refinements = if index & FOLDED == 0 { self.header.refinements } else { 0 };
+        let point = triangle.above(u, v, (image.step, image.reach), refinements, &self.textures);
+        let point = point.unwrap_or(Point { s: 0.0, t: 0.0, height, folded: false });
+        triangle.jet(&point, &self.textures)
     }
 
     /// Whether a surface ends, within the grid, next to a texel.
