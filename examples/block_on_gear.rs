@@ -30,7 +30,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     let upright = Pose::new(DVec3::ZERO, DQuat::from_rotation_y(FRAC_PI_2));
     let path = MotionPath::new(dragging(options.seconds), Interpolation::Smooth)?;
     let device = Emulation::default().open(path)?;
-    let settings = Settings { tolerance: Some(2e-4), ..Settings::default() };
+    let settings = Settings {
+        tolerance: Some(2e-4),
+        textures: TextureSettings { half_size: Some(0.016), ..TextureSettings::default() },
+        ..Settings::default()
+    };
     let scene = Scene::new().with(gear, upright);
     let renderer = HapticRenderer::new(block, scene, Box::new(device), settings)?;
     let (_, records) = options.render("block_on_gear", "Ridged block on a gear", renderer)?;

@@ -36,7 +36,9 @@ pub fn color(model: Model) -> [f32; 3] {
         | Model::SpoonLow
         | Model::Hammer
         | Model::CadPart
-        | Model::File => STEEL,
+        | Model::File
+        | Model::Stylus
+        | Model::Plate => STEEL,
     }
 }
 

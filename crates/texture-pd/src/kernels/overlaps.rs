@@ -5,7 +5,7 @@ use super::{FOLDED, Header, Image, NO_SURFACE, NOWHERE, Pair, Triangle, coordina
 use crate::spline::Level;
 
 /// Overlaps this many temperatures below the largest weigh nothing.
-pub(crate) const LEAST: f32 = -8.0;
+pub(crate) const LEAST: f32 = -12.0;
 /// Weights fall off over this part of the grid, from its border inwards.
 const BORDER: f32 = 0.1;
 
