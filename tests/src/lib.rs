@@ -13,8 +13,11 @@ use std::path::PathBuf;
 use palpate::clod_build::unwatched;
 use palpate::collide::{ContactQuery, QuerySettings};
 use palpate::core::Clod;
-use palpate::glam::DVec3;
+use palpate::core::mesh::UvMesh;
+use palpate::glam::{DVec2, DVec3};
 use palpate::mesh_io::{LoadOptions, load};
+use palpate::models::Model;
+use palpate::texture_pd::{HeightImage, Wrap};
 use palpate::{Object, OpenOptions, Pose, TriMesh};
 
 /// A file of the optional test data, which lies in `shared` beside the repository; says that the test is skipped, and
@@ -49,6 +52,27 @@ pub fn model(name: &str) -> Object {
     let options = OpenOptions { cache: false, ..OpenOptions::default() };
     match Object::open(name, &options, &mut unwatched) {
         Ok((object, _)) => object,
+        Err(error) => panic!("{error}"),
+    }
+}
+
+/// The plate of §5.5.4 with sinusoidal ridges across x, as a texture: their height from groove to crest, and their distance, m.
+///
+/// # Panics
+/// If such a plate cannot be made.
+pub fn ridged_plate(height: f64, spacing: f64) -> Object {
+    const TEXELS: u32 = 64;
+    let wave = |i: u32| (std::f64::consts::TAU * (f64::from(i) + 0.5) / f64::from(TEXELS)).cos();
+    let ridge = (0..TEXELS).map(|i| (0.5 * height * wave(i)) as f32).collect();
+    let texel = spacing / f64::from(TEXELS);
+    let made = || -> Result<Object, Box<dyn std::error::Error>> {
+        let image = HeightImage::new(TEXELS, 1, ridge, [Wrap::Repeat; 2])?;
+        let mesh = Model::Plate.generate(Model::Plate.default_triangles())?;
+        let mesh = UvMesh::projected(mesh, |corner| DVec2::new(corner.x / spacing, corner.y / texel))?;
+        Ok(Object::textured("ridges", &mesh, &image, 0.5)?)
+    };
+    match made() {
+        Ok(object) => object,
         Err(error) => panic!("{error}"),
     }
 }

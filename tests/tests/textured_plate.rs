@@ -5,12 +5,10 @@
 
 #![allow(clippy::print_stdout, reason = "measured figures, shown by --nocapture")]
 
-use palpate::core::mesh::UvMesh;
 use palpate::device::{Emulation, Interpolation, Keyframe, MotionPath};
-use palpate::glam::{DVec2, DVec3};
-use palpate::models::Model;
-use palpate::texture_pd::{HeightImage, Wrap};
+use palpate::glam::DVec3;
 use palpate::{HapticRenderer, Object, Pose, Record, Scene, Settings, TextureDerivatives, TextureSettings};
+use palpate_tests::{model, ridged_plate};
 
 /// Height of ridges and their distance, m.
 const HEIGHT: f64 = 8e-3;
@@ -25,17 +23,7 @@ const TIMES: [f64; 4] = [0.5, 1.5, 5.0, 6.75];
 const STEP: f64 = 1e-3;
 
 fn plate(textured: bool) -> Object {
-    const TEXELS: u32 = 64;
-    let mesh = Model::Plate.generate(Model::Plate.default_triangles()).unwrap();
-    if !textured {
-        return Object::from_mesh("plate", &mesh).unwrap();
-    }
-    let wave = |i: u32| (std::f64::consts::TAU * (f64::from(i) + 0.5) / f64::from(TEXELS)).cos();
-    let ridge = (0..TEXELS).map(|i| (0.5 * HEIGHT * wave(i)) as f32).collect();
-    let image = HeightImage::new(TEXELS, 1, ridge, [Wrap::Repeat; 2]).unwrap();
-    let texel = SPACING / f64::from(TEXELS);
-    let mesh = UvMesh::projected(mesh, |corner| DVec2::new(corner.x / SPACING, corner.y / texel)).unwrap();
-    Object::textured("ridges", &mesh, &image, 0.5).unwrap()
+    if textured { ridged_plate(HEIGHT, SPACING) } else { model("plate") }
 }
 
 #[derive(Clone, Copy)]
@@ -50,7 +38,7 @@ struct Experiment {
 
 /// The records of a run, one a haptic step.
 fn explore(experiment: &Experiment) -> Vec<Record> {
-    let probe = Object::from_mesh("stylus", &Model::Stylus.generate(20_000).unwrap()).unwrap();
+    let probe = model("stylus");
     let [start, pressed, back, end] = TIMES;
     let smooth = |from: f64, to: f64, time: f64| {
         let x = ((time - from) / (to - from)).clamp(0.0, 1.0);

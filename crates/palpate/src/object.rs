@@ -25,6 +25,8 @@ pub struct Object {
     /// Made when first asked for.
     shape: Arc<OnceLock<Shape>>,
     texture: Option<Arc<TexturedSurface>>,
+    /// The hierarchy's surface, made when first asked for.
+    plain: Arc<OnceLock<Arc<TexturedSurface>>>,
 }
 
 /// How [`Object::open`] reads and builds.
@@ -215,7 +217,13 @@ impl Object {
 
     /// An object from a hierarchy that the host already has.
     pub fn from_clod(name: &str, clod: impl Into<Arc<Clod>>) -> Self {
-        Self { name: name.to_owned(), clod: clod.into(), shape: Arc::default(), texture: None }
+        Self {
+            name: name.to_owned(),
+            clod: clod.into(),
+            shape: Arc::default(),
+            texture: None,
+            plain: Arc::default(),
+        }
     }
 
     /// The object with fine detail (§4.4): the hierarchy is that of its coarse mesh, which `texture` displaces, in the same
@@ -235,14 +243,15 @@ impl Object {
     /// # Errors
     /// If the hierarchy has no triangle.
     pub(crate) fn surface(&self) -> Result<Arc<TexturedSurface>, SurfaceError> {
-        if let Some(texture) = &self.texture {
-            return Ok(texture.clone());
+        if let Some(known) = self.texture.as_ref().or_else(|| self.plain.get()) {
+            return Ok(known.clone());
         }
         let triangles = self.clod.leaves().iter().flat_map(|leaf| {
             let hull = self.clod.hull(leaf);
             self.clod.patch(leaf).iter().map(move |triangle| triangle.map(|corner| hull[corner as usize]))
         });
-        TexturedSurface::from_triangles(triangles).map(Arc::new)
+        let surface = Arc::new(TexturedSurface::from_triangles(triangles)?);
+        Ok(self.plain.get_or_init(|| surface).clone())
     }
 
     /// The object made larger by a factor about its frame's origin, which takes as much memory again; `None` if the factor

@@ -87,8 +87,8 @@ pub struct Events {
     /// A textured contact slid further between two looks at it than a texel of its grid, so that detail is felt at another
     /// frequency or not at all: let the contact loop run faster, or make the texture coarser.
     pub texture_undersampled: u64,
-    /// A textured contact of which more than a tenth folds over itself as seen along its direction, so that its depth is
-    /// approximated (§4.6.1).
+    /// A quarter of a textured contact's grid of which more than a tenth folds over itself as seen along the contact, so that
+    /// its depth is approximated (§4.6.1).
     pub texture_folded: u64,
     /// What computed textured contacts failed; the processor has done so since.
     pub texture_backend_lost: u64,

@@ -6,10 +6,10 @@
 //! one another (the proxy may go as deep). Each cluster of contacts with an object is looked at in a grid around its
 //! representative, of which it has the texels that are nearest to it.
 //!
-//! The grid is fitted to where both surfaces are, and its four quarters are looked at by themselves: surfaces that touch on both flanks of a groove, or at the corners
-//! of a face, have several contacts, and one alone would let the body fall from each to the next. Where quarters find the same
-//! contact, about their common corner, they are [joined]. What counts as the same is told by the gradients of their depths,
-//! continuously.
+//! The grid is fitted to where both surfaces are, and its four quarters are looked at by themselves: surfaces that touch on
+//! both flanks of a groove, or at the corners of a face, have several contacts, and one alone would let the body fall from each
+//! to the next. Where quarters find the same contact, about their common corner, they are [joined]. What counts as the same is
+//! told by the gradients of their depths, continuously.
 
 use std::fmt;
 use std::sync::Arc;
@@ -378,30 +378,30 @@ fn joined(
 ) -> ArrayVec<(CurvedContact, f64), QUARTERS> {
     let soft = temperature.max(HARD * tolerance);
     let join = |own: &CurvedContact| {
-        let weights: ArrayVec<f64, QUARTERS> = quarters
-            .iter()
-            .map(|other| likeness(own, other) * ((other.depth - own.depth) / soft).exp())
-            .collect();
-        let total: f64 = weights.iter().sum();
-        let weighted = || quarters.iter().zip(weights.iter().map(|weight| weight / total));
+        let likeness: ArrayVec<f64, QUARTERS> = quarters.iter().map(|other| likeness(own, other)).collect();
+        let alike = || quarters.iter().zip(&likeness).filter(|(_, likeness)| **likeness > 0.0);
+        let deepest = alike().fold(own.depth, |deepest, (other, _)| deepest.max(other.depth));
+        let weight = |depth: f64| ((depth - deepest) / soft).exp();
+        let total: f64 = alike().map(|(other, likeness)| likeness * weight(other.depth)).sum();
+        let weighted = || alike().map(|(other, likeness)| (other, likeness * weight(other.depth) / total));
         let mut contact = CurvedContact {
             point: weighted().map(|(one, weight)| one.point * weight).sum(),
-            depth: own.depth + soft * total.ln(),
+            depth: deepest + soft * total.ln(),
             linear: weighted().map(|(one, weight)| one.linear * weight).sum(),
             angular: weighted().map(|(one, weight)| one.angular * weight).sum(),
             second: [[0.0; 6]; 6],
             ..*own
         };
         for (one, weight) in weighted() {
-            let apart = (one.linear - contact.linear, one.angular - contact.angular);
-            let apart = [apart.0.to_array(), apart.1.to_array()].concat();
+            let (linear, angular) = (one.linear - contact.linear, one.angular - contact.angular);
+            let apart = [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z];
             for (i, row) in contact.second.iter_mut().enumerate() {
                 for (j, value) in row.iter_mut().enumerate() {
                     *value += weight * (one.second[i][j] + apart[i] * apart[j] / soft);
                 }
             }
         }
-        (contact, 1.0 / total)
+        (contact, weight(own.depth) / total)
     };
     quarters.iter().map(join).filter(|(_, share)| *share > NEGLIGIBLE).collect()
 }
