@@ -3,7 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Parser, Subcommand};
-use palpate::{IntegratorKind, OpenOptions, Settings};
+use palpate::{IntegratorKind, OpenOptions, Settings, TextureSettings};
+
+use crate::textures::Detail;
 
 #[derive(Parser)]
 #[command(name = "palpate", version, about = "6-DoF haptic rendering: feel one mesh touching another")]
@@ -218,9 +220,59 @@ pub struct RunArguments {
     #[command(flatten)]
     pub physics: Physics,
     #[command(flatten)]
+    pub textures: Textures,
+    #[command(flatten)]
     pub reading: Reading,
     #[command(flatten)]
     pub json: Json,
+}
+
+/// Haptic textures: fine detail that is felt from images.
+#[derive(Args)]
+pub struct Textures {
+    /// Height image (PNG, TIFF or OpenEXR) that displaces the probe, a mesh file with texture coordinates
+    #[arg(long, value_name = "IMAGE", requires = "amplitude", conflicts_with = "probe_detail")]
+    probe_heights: Option<PathBuf>,
+    /// Height image that displaces the scene's object
+    #[arg(long, value_name = "IMAGE", requires = "amplitude", conflicts_with = "scene_detail")]
+    scene_heights: Option<PathBuf>,
+    /// Height images: metres from black to white, or of a unit of a float image; mid grey is no displacement
+    #[arg(long, value_name = "A")]
+    amplitude: Option<f64>,
+    /// Detailed mesh or built-in model in the probe's frame, whose detail the coarse probe is to have
+    #[arg(long, value_name = "MESH")]
+    probe_detail: Option<String>,
+    /// Detailed mesh or built-in model, whose detail the scene's object is to have
+    #[arg(long, value_name = "MESH")]
+    scene_detail: Option<String>,
+    /// Size of the texels that detail is baked with, m [default: a 400th of the bounding radius]
+    #[arg(long, value_name = "T")]
+    texel: Option<f64>,
+    /// How far around a contact detail is felt, m [default: as far as the grid resolves the texture]
+    #[arg(long, value_name = "R")]
+    texture_reach: Option<f64>,
+}
+
+impl Textures {
+    pub fn of_probe(&self) -> Detail<'_> {
+        self.detail(self.probe_heights.as_deref(), self.probe_detail.as_deref())
+    }
+
+    pub fn of_scene(&self) -> Detail<'_> {
+        self.detail(self.scene_heights.as_deref(), self.scene_detail.as_deref())
+    }
+
+    fn detail<'a>(&self, heights: Option<&'a Path>, mesh: Option<&'a str>) -> Detail<'a> {
+        match (heights, self.amplitude, mesh) {
+            (Some(image), Some(amplitude), _) => Detail::Heights(image, amplitude),
+            (_, _, Some(mesh)) => Detail::Mesh(mesh, self.texel),
+            _ => Detail::None,
+        }
+    }
+
+    pub fn settings(&self) -> TextureSettings {
+        TextureSettings { half_size: self.texture_reach, ..TextureSettings::default() }
+    }
 }
 
 /// Physical settings, SI units.

@@ -10,6 +10,7 @@ mod output;
 mod progress;
 mod query;
 mod run;
+mod textures;
 
 use std::fmt::Arguments as Text;
 use std::io::Write;

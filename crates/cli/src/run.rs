@@ -7,12 +7,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use indicatif::ProgressBar;
 use palpate::dynamics::DeviceMapping;
-use palpate::{ContactTiming, HapticRenderer, Pose, Record, RecordWriter, RendererError, Scene, Summary};
+use palpate::{
+    ContactTiming, HapticRenderer, Pose, Record, RecordWriter, RendererError, Scene, Settings, Summary,
+};
 use palpate_report::Report;
 
 use crate::arguments::RunArguments;
 use crate::failure::Failure;
-use crate::{output, progress};
+use crate::{output, progress, textures};
 
 /// Longest session, s: a day.
 const LONGEST: f64 = 86_400.0;
@@ -27,10 +29,13 @@ pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
     let timing = timing(arguments)?;
     check_files(arguments)?;
     let options = arguments.reading.options();
-    let probe = progress::open(&arguments.probe, &options)?;
-    let object = progress::open(&arguments.scene, &options)?;
+    let probe = textures::open(&arguments.probe, &arguments.textures.of_probe(), &options)?;
+    let object = textures::open(&arguments.scene, &arguments.textures.of_scene(), &options)?;
     let scene = Scene::new().with(object, Pose::IDENTITY);
-    let settings = arguments.physics.settings(probe.bounding_radius());
+    let settings = Settings {
+        textures: arguments.textures.settings(),
+        ..arguments.physics.settings(probe.bounding_radius())
+    };
     settings.check().map_err(RendererError::from)?;
     let mapping = DeviceMapping::new(settings.workspace_scale, settings.device_frame);
     let device = palpate::explore::open_mapped_device(&arguments.device, &probe, &scene, &mapping)?;

@@ -37,8 +37,8 @@ fn models_are_listed_exported_and_checked() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let folder = folder.path();
     let models = json(&["models", "--json"], folder);
-    assert_eq!(models.as_array().map(Vec::len), Some(17));
-    assert_eq!(succeeds(&["models"], folder).lines().count(), 17);
+    assert_eq!(models.as_array().map(Vec::len), Some(19));
+    assert_eq!(succeeds(&["models"], folder).lines().count(), 19);
 
     succeeds(&["export", "ellipsoid@500", "-o", "e.obj"], folder);
     let check = json(&["check", "e.obj", "--json"], folder);
@@ -327,6 +327,46 @@ fn a_lockstep_session_is_recorded_and_reported_twice_alike() {
     let html = std::fs::read_to_string(folder.join("r.html")).unwrap();
     assert!(html.contains("<svg") && html.contains("</html>"));
     assert!(!html.contains("src=") && !html.contains("href="), "the report stands alone");
+}
+
+#[test]
+fn detail_is_felt_on_coarse_meshes() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    let mut square = String::new();
+    for (x, y) in [(-1, -1), (1, -1), (1, 1), (-1, 1)] {
+        let place = [0.05 * f64::from(x), 0.05 * f64::from(y)];
+        square += &format!("v {} {} 0\nvt {} {}\n", place[0], place[1], 10 * x, 640 * y);
+    }
+    std::fs::write(folder.join("plate.obj"), square + "f 1/1 2/2 3/3 4/4\n").unwrap();
+    let ridge = |x: u32| (32_000.0 * (1.0 + (std::f64::consts::TAU * f64::from(x) / 64.0).cos())) as u16;
+    let ridges = image::ImageBuffer::from_fn(64, 1, |x, _| image::Luma([ridge(x)]));
+    ridges.save(folder.join("ridges.png")).unwrap();
+    let run = |arguments: &[&str]| {
+        let always = ["--lockstep", "--seconds", "3", "--tolerance", "2e-4", "--json"];
+        json(&[&["run", "ellipsoid@500"], arguments, &always].concat(), folder)
+    };
+    let flat = run(&["plate.obj"]);
+    let image = ["plate.obj", "--scene-heights", "ridges.png", "--amplitude", "0.001"];
+    let ridged = run(&image);
+    let baked = run(&["block@300", "--scene-detail", "block@20000", "--texel", "5e-4"]);
+    assert_eq!(flat["stages"]["textures"], "off: no object has a haptic texture");
+    for summary in [&ridged, &baked] {
+        assert_eq!(summary["stages"]["textures"], "on, computed by CPU");
+        assert!(summary["coupling_force_max"].as_f64().is_some_and(|force| force > 0.1), "{summary}");
+    }
+    for (arguments, what) in [
+        (["--scene-heights", "ridges.png"].as_slice(), "amplitude"),
+        (&["--scene-heights", "none.png", "--amplitude", "1e-3"], "none.png"),
+        (&["--scene-heights", "ridges.png", "--amplitude", "-1"], "amplitude"),
+        (&["--scene-detail", "block", "--texel", "0"], "texel"),
+        (&["--scene-heights", "ridges.png", "--amplitude", "1e-3", "--texture-reach", "0"], "half-size"),
+    ] {
+        let given = ["run", "ellipsoid@500", "plate.obj", "--lockstep", "--seconds", "1"];
+        let output = palpate(&[&given, arguments].concat(), folder);
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert!(!output.status.success() && stderr.contains(what), "{arguments:?}: {stderr}");
+    }
 }
 
 #[test]
