@@ -22,7 +22,7 @@
 //! Where the surfaces have friction, the point is also held along the plane, by a spring and damper of the same
 //! gains that yield at the Coulomb limit ([`friction`](crate::friction)).
 //!
-//! A contact between detailed surfaces is more than a plane: [`CurvedContact`], whose [bends](crate::Bend) let the plane turn
+//! A contact between detailed surfaces is more than a plane: [`CurvedContact`], whose [bends](crate::bend) let the plane turn
 //! as the body moves on.
 //!
 //! The stiffness that the body feels is at most the number of contacts times k, and that number is at most
@@ -306,9 +306,9 @@ impl LinearContactModel {
         self
     }
 
-    /// Adds a contact, found while the body was at a pose, with how its depth changes as the body moves; gains are those of a plane along the depth's gradient
-    /// (Eqs. 5.51–5.56). It brakes the body from `braking_time` (s) before it would close. Left out where the model has
-    /// [`MAX_CLUSTERS`] already, refused where it is not finite or has no gradient.
+    /// Adds a contact, found while the body was at a pose, with how its depth changes as the body moves; gains are those of
+    /// a plane along the depth's gradient (Eqs. 5.51–5.56). It brakes the body from `braking_time` (s) before it would close.
+    /// Left out where the model has [`MAX_CLUSTERS`] already, refused where it is not finite or has no gradient.
     pub fn push_curved(
         &mut self,
         contact: &CurvedContact,

@@ -34,7 +34,7 @@
 //!
 //! # Bends
 //!
-//! Where a contact's depth [bends](crate::Bend), its direction is that of the start, and the bend's stiffness is in the
+//! Where a contact's depth [bends](crate::bend), its direction is that of the start, and the bend's stiffness is in the
 //! matrix with the force at the end of the step if the velocity does not change. It adds to the definiteness of the matrix.
 //!
 //! # Geometric stiffness
@@ -50,7 +50,6 @@ use arrayvec::ArrayVec;
 use glam::{DMat3, DVec3};
 use palpate_core::{Twist, Wrench};
 
-use crate::bend::{Bent, MAX_BENDS};
 use crate::body::{Body, BodyState};
 use crate::contact::{ContactState, LinearContactModel, MAX_CONSTRAINTS, PlaneConstraint};
 use crate::coupling::{DeviceMotion, VirtualCoupling};
@@ -268,8 +267,6 @@ struct System<'a> {
     state: &'a BodyState,
     /// Of each contact. Elsewhere: it is large.
     pressing: &'a mut ArrayVec<Pressing, MAX_CONSTRAINTS>,
-    /// What bends there are, by the contacts' places.
-    bent: ArrayVec<(usize, Bent), MAX_BENDS>,
     /// Bit i is set if contact i is closed at the start.
     closed_at_start: u64,
     dt: f64,
@@ -321,7 +318,6 @@ impl<'a> System<'a> {
             rotation,
             state,
             pressing,
-            bent: contacts.bends().iter().map(|bend| (bend.constraint, bend.at(state))).collect(),
             closed_at_start: 0,
             dt,
             mass: body.mass,
@@ -393,8 +389,9 @@ impl<'a> System<'a> {
             linear.add_right(impulse - p.direction * (h * p.force), torque);
             turning += outer(p.arm, force);
         }
-        for (place, bent) in self.bent.iter().filter(|(place, _)| active & (1 << place) != 0) {
-            let gain = h * h * bent.curvature * self.pressing[*place].force.max(0.0);
+        for bend in self.contacts.bends().iter().filter(|bend| active & (1 << bend.constraint) != 0) {
+            let bent = bend.at(self.state);
+            let gain = h * h * bent.curvature * self.pressing[bend.constraint].force.max(0.0);
             let row = six(bent.linear * gain, bent.angular * gain);
             linear.add_along(&six(bent.linear, bent.angular), &row);
             let rate = bent.rate(&self.state.twist);

@@ -131,7 +131,7 @@ impl Proxy {
         &self.found
     }
 
-    /// How deep the proxy may be in a scene object, if so in one that is not textured, m.
+    /// How deep the proxy may be in a scene object, m, where it may be so deep in one that is not textured.
     fn allowed(&self, object: usize, depth: f64) -> f64 {
         depth + self.recesses.get(object).unwrap_or(&0.0)
     }
