@@ -37,7 +37,7 @@ struct Arguments {
 
 fn main() -> Result<(), Box<dyn Error>> {
     let Arguments { options, flat, stiffness } = Arguments::parse();
-    let stylus = open("stylus")?;
+    let stylus = open("stylus@5000")?;
     let plate = if flat { open("plate")? } else { ridged_plate()? };
     let device =
         Emulation::default().open(MotionPath::new(strokes(options.seconds), Interpolation::Smooth)?)?;
