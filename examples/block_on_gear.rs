@@ -7,28 +7,22 @@ use std::error::Error;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 use clap::Parser;
-use palpate::device::{Emulation, Interpolation, Keyframe, MotionPath};
+use palpate::device::Emulation;
 use palpate::glam::{DQuat, DVec3};
 use palpate::{HapticRenderer, Pose, Scene, Settings, TextureSettings};
-use palpate_examples::{Options, detailed, say, smooth};
+use palpate_examples::{Options, detailed, path, say, smooth};
 
 /// Half the block's height, m, and where the rim of the gear is above its middle.
 const HALF_BLOCK: f64 = 0.018;
 const RIM: f64 = 0.0306;
 
-#[derive(Parser)]
-struct Arguments {
-    #[command(flatten)]
-    options: Options,
-}
-
 fn main() -> Result<(), Box<dyn Error>> {
-    let Arguments { options } = Arguments::parse();
+    let options = Options::parse();
     let block = detailed("block", 300, 2e-4)?;
     let gear = detailed("gear", 1600, 2e-4)?;
     // The gear stands upright, its axis along x as the block's ridges.
     let upright = Pose::new(DVec3::ZERO, DQuat::from_rotation_y(FRAC_PI_2));
-    let path = MotionPath::new(dragging(options.seconds), Interpolation::Smooth)?;
+    let path = path(options.seconds, |time| dragging(time, options.seconds))?;
     let device = Emulation::default().open(path)?;
     let settings = Settings {
         tolerance: Some(2e-4),
@@ -44,19 +38,14 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Where the hand means the block to be, as 100 poses a second: down onto the gear, across its teeth there and back, along
+/// Where the hand means the block to be: down onto the gear, across its teeth there and back, along
 /// them, and up.
-fn dragging(seconds: f64) -> Vec<Keyframe> {
+fn dragging(time: f64, seconds: f64) -> Pose {
     let touching = HALF_BLOCK + RIM;
-    let samples = ((seconds + 0.1) * 100.0) as usize + 1;
-    let keyframe = |sample: usize| {
-        let time = sample as f64 / 100.0;
-        let part = time / seconds;
-        let down = smooth((part - 0.05) / 0.1) - smooth((part - 0.9) / 0.1);
-        let across = 0.012 * (TAU * smooth((part - 0.2) / 0.4)).sin();
-        let along = 0.006 * (TAU * smooth((part - 0.6) / 0.25)).sin();
-        let place = DVec3::new(along, across, touching + 0.006 - 0.01 * down);
-        Keyframe { time, pose: Pose::from_translation(place) }
-    };
-    (0..samples).map(keyframe).collect()
+    let part = time / seconds;
+    let down = smooth((part - 0.05) / 0.1) - smooth((part - 0.9) / 0.1);
+    let across = 0.012 * (TAU * smooth((part - 0.2) / 0.4)).sin();
+    let along = 0.006 * (TAU * smooth((part - 0.6) / 0.25)).sin();
+    let place = DVec3::new(along, across, touching + 0.006 - 0.01 * down);
+    Pose::from_translation(place)
 }

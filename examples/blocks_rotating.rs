@@ -7,26 +7,20 @@ use std::error::Error;
 use std::f64::consts::TAU;
 
 use clap::Parser;
-use palpate::device::{Emulation, Interpolation, Keyframe, MotionPath};
+use palpate::device::Emulation;
 use palpate::glam::{DQuat, DVec3};
 use palpate::{HapticRenderer, Pose, Scene, Settings, TextureSettings};
-use palpate_examples::{Options, detailed, say, smooth};
+use palpate_examples::{Options, detailed, path, say, smooth};
 
 /// A block's height, m.
 const HEIGHT: f64 = 0.036;
 /// How far the hand turns the block to either side, rad.
 const TURN: f64 = 0.15;
 
-#[derive(Parser)]
-struct Arguments {
-    #[command(flatten)]
-    options: Options,
-}
-
 fn main() -> Result<(), Box<dyn Error>> {
-    let Arguments { options } = Arguments::parse();
+    let options = Options::parse();
     let block = detailed("block", 300, 2e-4)?;
-    let path = MotionPath::new(turning(options.seconds), Interpolation::Smooth)?;
+    let path = path(options.seconds, |time| turning(time, options.seconds))?;
     let device = Emulation::default().open(path)?;
     let settings = Settings {
         tolerance: Some(2e-4),
@@ -50,16 +44,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Where the hand means the block to be, as 100 poses a second: down onto the other one, and turned to and fro three times.
-fn turning(seconds: f64) -> Vec<Keyframe> {
-    let samples = ((seconds + 0.1) * 100.0) as usize + 1;
-    let keyframe = |sample: usize| {
-        let time = sample as f64 / 100.0;
-        let part = time / seconds;
-        let down = smooth((part - 0.05) / 0.1);
-        let turn = TURN * (3.0 * TAU * ((part - 0.2) / 0.75).clamp(0.0, 1.0)).sin();
-        let place = DVec3::new(0.0, 0.0, HEIGHT + 0.004 - 0.007 * down);
-        Keyframe { time, pose: Pose::new(place, DQuat::from_rotation_z(turn)) }
-    };
-    (0..samples).map(keyframe).collect()
+/// Where the hand means the block to be: down onto the other one, and turned to and fro three times.
+fn turning(time: f64, seconds: f64) -> Pose {
+    let part = time / seconds;
+    let down = smooth((part - 0.05) / 0.1);
+    let turn = TURN * (3.0 * TAU * ((part - 0.2) / 0.75).clamp(0.0, 1.0)).sin();
+    let place = DVec3::new(0.0, 0.0, HEIGHT + 0.004 - 0.007 * down);
+    Pose::new(place, DQuat::from_rotation_z(turn))
 }

@@ -9,14 +9,8 @@ use palpate::device::Emulation;
 use palpate::{HapticRenderer, Pose, Scene, Settings, TextureSettings, explore};
 use palpate_examples::{Options, detailed};
 
-#[derive(Parser)]
-struct Arguments {
-    #[command(flatten)]
-    options: Options,
-}
-
 fn main() -> Result<(), Box<dyn Error>> {
-    let Arguments { options } = Arguments::parse();
+    let options = Options::parse();
     let probe = detailed("hammer", 804, 2e-4)?;
     let scene = Scene::new().with(detailed("torus", 532, 2e-4)?, Pose::IDENTITY);
     let device = Emulation::default().open(explore::path(&probe, &scene)?)?;

@@ -9,16 +9,18 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use indicatif::{ProgressBar, ProgressStyle};
+use palpate::device::{Interpolation, Keyframe, MotionPath, PathError};
 use palpate::models::Model;
 use palpate::texture_pd::BakeOptions;
-use palpate::{ContactTiming, HapticRenderer, Object, OpenOptions, Record, RecordWriter, Session};
+use palpate::{ContactTiming, HapticRenderer, Object, OpenOptions, Pose, Record, RecordWriter, Session};
 use palpate_report::Report;
 
 /// Edges of coarse meshes that are sharp, rad.
 const CREASE: f64 = 0.6;
 
 /// What the user may choose.
-#[derive(clap::Args)]
+#[derive(clap::Parser)]
+#[command(about = "Renders a session, prints its summary and writes a recording and a report")]
 pub struct Options {
     /// Simulated clock, one thread, reproducible
     #[arg(long)]
@@ -124,6 +126,20 @@ pub fn detailed(name: &str, coarse: usize, texel: f64) -> Result<Object, Box<dyn
     let sizes = (full.triangles().len(), coarse.triangles().len());
     say(name, format_args!("{} triangles on {}, {patches} convex patches. {report}", sizes.0, sizes.1))?;
     Ok(object)
+}
+
+/// Where the hand means an object to be, by the time (s), as 100 poses a second.
+///
+/// # Errors
+/// If a pose is out of a path's range.
+pub fn path(seconds: f64, intended: impl Fn(f64) -> Pose) -> Result<MotionPath, PathError> {
+    // A little longer than the session, so that the hand never comes to the end of its path.
+    let samples = ((seconds + 0.1) * 100.0) as usize + 1;
+    let keyframe = |sample: usize| {
+        let time = sample as f64 / 100.0;
+        Keyframe { time, pose: intended(time) }
+    };
+    MotionPath::new((0..samples).map(keyframe).collect(), Interpolation::Smooth)
 }
 
 /// Prints a line of a table.

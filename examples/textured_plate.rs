@@ -8,12 +8,12 @@ use std::f64::consts::TAU;
 
 use clap::Parser;
 use palpate::core::mesh::UvMesh;
-use palpate::device::{Emulation, Interpolation, Keyframe, MotionPath};
+use palpate::device::Emulation;
 use palpate::glam::{DVec2, DVec3};
 use palpate::models::Model;
 use palpate::texture_pd::{HeightImage, Wrap};
 use palpate::{HapticRenderer, Object, Pose, Scene, Settings};
-use palpate_examples::{Options, open, smooth};
+use palpate_examples::{Options, open, path, smooth};
 
 /// Height of the ridges, and their distance, m.
 const HEIGHT: f64 = 8e-3;
@@ -39,8 +39,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let Arguments { options, flat, stiffness } = Arguments::parse();
     let stylus = open("stylus@5000")?;
     let plate = if flat { open("plate")? } else { ridged_plate()? };
-    let device =
-        Emulation::default().open(MotionPath::new(strokes(options.seconds), Interpolation::Smooth)?)?;
+    let device = Emulation::default().open(path(options.seconds, |time| strokes(time, options.seconds))?)?;
     let scene = Scene::new().with(plate, Pose::IDENTITY);
     let settings = Settings {
         mass: 0.01,
@@ -66,18 +65,13 @@ fn ridged_plate() -> Result<Object, Box<dyn Error>> {
     Ok(Object::textured("plate with ridges", &mesh, &image, 0.5)?)
 }
 
-/// Where the hand means the tip to be, as 100 poses a second: down onto the plate and 1 cm further, to the right in half of
+/// Where the hand means the tip to be: down onto the plate and 1 cm further, to the right in half of
 /// the time that is left, and back in half of that.
-fn strokes(seconds: f64) -> Vec<Keyframe> {
+fn strokes(time: f64, seconds: f64) -> Pose {
     let above = TIP + 0.5 * HEIGHT + 0.002;
-    let samples = ((seconds + 0.1) * 100.0) as usize + 1;
-    let keyframe = |sample: usize| {
-        let time = sample as f64 / 100.0;
-        let part = time / seconds;
-        let down = smooth((part - 0.05) / 0.15);
-        let along = smooth((part - 0.2) / 0.5) - smooth((part - 0.7) / 0.25);
-        let place = DVec3::new(0.24 * along - 0.12, 0.0, above - (above + 0.01 - TIP) * down);
-        Keyframe { time, pose: Pose::from_translation(place) }
-    };
-    (0..samples).map(keyframe).collect()
+    let part = time / seconds;
+    let down = smooth((part - 0.05) / 0.15);
+    let along = smooth((part - 0.2) / 0.5) - smooth((part - 0.7) / 0.25);
+    let place = DVec3::new(0.24 * along - 0.12, 0.0, above - (above + 0.01 - TIP) * down);
+    Pose::from_translation(place)
 }

@@ -56,6 +56,12 @@ pub fn model(name: &str) -> Object {
     }
 }
 
+/// From 0 at one time to 1 at another, with no slope at either.
+pub fn smooth(from: f64, to: f64, time: f64) -> f64 {
+    let x = ((time - from) / (to - from)).clamp(0.0, 1.0);
+    x * x * (3.0 - 2.0 * x)
+}
+
 /// The plate of §5.5.4 with sinusoidal ridges across x, as a texture: their height from groove to crest, and their distance, m.
 ///
 /// # Panics

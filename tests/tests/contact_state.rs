@@ -9,7 +9,7 @@ use palpate::device::{Emulation, Interpolation, Keyframe, MotionPath};
 use palpate::dynamics::{BodyState, LinearContactModel, PlaneConstraint};
 use palpate::glam::{DMat3, DQuat, DVec3};
 use palpate::{HapticRenderer, Object, Pose, Scene, Settings};
-use palpate_tests::{first_touch, model};
+use palpate_tests::{first_touch, model, smooth};
 
 const STEP: f64 = 1e-3;
 
@@ -46,8 +46,7 @@ fn intended(touch: DVec3, task: &Task) -> MotionPath {
     let [start, pressed, rubbed, end] = TIMES;
     let keyframe = |sample: usize| {
         let time = sample as f64 * 0.01;
-        let smooth = |x: f64| x * x * (3.0 - 2.0 * x);
-        let down = smooth(((time - start) / (pressed - start)).clamp(0.0, 1.0));
+        let down = smooth(start, pressed, time);
         let phase = std::f64::consts::TAU * task.frequency * (time.clamp(pressed, rubbed) - pressed);
         let height = 2e-3 - (2e-3 + task.press) * down;
         let place = touch + DVec3::new(task.rub * phase.sin(), 0.0, height);

@@ -7,7 +7,7 @@ use palpate::device::{Axes, DeviceError, DeviceState, Emulation, HapticDevice, S
 use palpate::dynamics::{ContactParameters, Friction, LinearContactModel};
 use palpate::glam::{DQuat, DVec3};
 use palpate::{Contact, ContactUpdate, HapticLoop, HapticRenderer, Pose, Scene, Settings, Twist, Wrench};
-use palpate_tests::model;
+use palpate_tests::{model, smooth};
 
 const PERIOD: f64 = 1e-3;
 
@@ -24,12 +24,6 @@ fn specification() -> Specification {
         handle: None,
         ..Emulation::default().specification
     }
-}
-
-/// The curve along which a wrench comes up and fades.
-fn smooth(x: f64) -> f64 {
-    let x = x.clamp(0.0, 1.0);
-    x * x * (3.0 - 2.0 * x)
 }
 
 /// A handle that circles and turns whatever is written to it, and keeps what is written.
@@ -178,7 +172,7 @@ fn an_overdue_contact_model_fades_the_wrench_out_and_in() {
             // Ten per cent more each hundredth of a second.
             _ => (f64::from(step - 299) / 100.0).min(1.0),
         };
-        let share = smooth(share);
+        let share = smooth(0.0, 1.0, share);
         assert!((sent.force - whole.force * share).length() < 1e-9, "step {step}: share {share}");
         assert!((sent.torque - whole.torque * share).length() < 1e-9, "step {step}: share {share}");
     }
@@ -222,7 +216,7 @@ fn a_lost_device_gets_no_wrench_and_a_found_one_gets_it_back_slowly() {
         let share = match step {
             ..100 => 1.0,
             100..130 => 0.0,
-            _ => smooth(f64::from(step - 129) / 100.0),
+            _ => smooth(0.0, 1.0, f64::from(step - 129) / 100.0),
         };
         let (sent, whole) = (record.coupling, whole * share);
         assert!((sent.force - whole.force).length() < 1e-9, "step {step}: share {share}");

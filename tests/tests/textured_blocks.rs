@@ -14,6 +14,7 @@ use palpate::texture_pd::BakeOptions;
 use palpate::{
     ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Settings, Summary, TextureSettings,
 };
+use palpate_tests::smooth;
 
 /// Distance of ridges and of teeth, height of the block, and where the gear's rim is, m.
 const PITCH: f64 = 8e-3;
@@ -52,11 +53,6 @@ fn render(
         })
         .unwrap();
     (records, session.summary())
-}
-
-fn smooth(from: f64, to: f64, time: f64) -> f64 {
-    let x = ((time - from) / (to - from)).clamp(0.0, 1.0);
-    x * x * (3.0 - 2.0 * x)
 }
 
 /// Dragged across the gear's teeth the block moves in steps of their distance, and up and down with them; along them it feels less

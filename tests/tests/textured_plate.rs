@@ -8,7 +8,7 @@
 use palpate::device::{Emulation, Interpolation, Keyframe, MotionPath};
 use palpate::glam::DVec3;
 use palpate::{HapticRenderer, Object, Pose, Record, Scene, Settings, TextureDerivatives, TextureSettings};
-use palpate_tests::{model, ridged_plate};
+use palpate_tests::{model, ridged_plate, smooth};
 
 /// Height of ridges and their distance, m.
 const HEIGHT: f64 = 8e-3;
@@ -40,10 +40,6 @@ struct Experiment {
 fn explore(experiment: &Experiment) -> Vec<Record> {
     let probe = model("stylus");
     let [start, pressed, back, end] = TIMES;
-    let smooth = |from: f64, to: f64, time: f64| {
-        let x = ((time - from) / (to - from)).clamp(0.0, 1.0);
-        x * x * (3.0 - 2.0 * x)
-    };
     let keyframes = (0..(end * 100.0) as usize + 20).map(|i| {
         let time = i as f64 * 0.01;
         let along = WAY * (2.0 * (smooth(pressed, back, time) - smooth(back, end, time)) - 1.0);

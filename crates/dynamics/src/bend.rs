@@ -93,6 +93,10 @@ impl Bend {
         limit: 0.0,
     };
 
+    fn along((linear, angular): (DVec3, DVec3), origin: &Pose, limit: f64) -> Self {
+        Self { linear, angular, limit, origin: *origin, ..Self::NONE }
+    }
+
     /// The same of another contact.
     pub fn of(&self, constraint: usize) -> Self {
         Self { constraint, ..*self }
@@ -165,9 +169,7 @@ impl CurvedContact {
         let twists = twist.angular.length_squared() > 0.0;
         Some((plane, twists.then_some(twist).into_iter().chain(bends).collect()))
     }
-}
 
-impl CurvedContact {
     /// Directions b, linear (m^-½) and angular (m^½), of the largest positive second derivatives beyond those of the plane that
     /// has its point at `arm`: none where these are not finite.
     fn bends(&self, arm: DVec3) -> ArrayVec<(DVec3, DVec3), BENDS> {
@@ -196,12 +198,6 @@ impl CurvedContact {
             (DVec3::new(x, y, z), DVec3::new(a, b, c))
         };
         chosen.map(direction).collect()
-    }
-}
-
-impl Bend {
-    fn along((linear, angular): (DVec3, DVec3), origin: &Pose, limit: f64) -> Self {
-        Self { linear, angular, limit, origin: *origin, ..Self::NONE }
     }
 }
 

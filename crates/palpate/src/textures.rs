@@ -169,19 +169,17 @@ impl Textures {
             lever,
         };
         if backend == TextureBackend::Auto {
-            textures.measure(probe, scene, settings.clusters)?;
+            textures.measure(settings.clusters)?;
         }
         Ok(Some(textures))
     }
 
     /// Takes the faster backend for as many contacts as there may be with one object.
     #[cfg(feature = "gpu")]
-    fn measure(&mut self, probe: &Object, scene: &[Placed], clusters: usize) -> Result<(), TextureError> {
-        let pairs = self.pairs.iter().zip(scene).find_map(|(pair, placed)| Some((pair.as_ref()?, placed)));
-        let Some((pair, placed)) = pairs else { return Ok(()) };
-        let (own, other) = (surface(probe)?, surface(&placed.object)?);
-        let (point, normal) = own.middle();
-        let (touched, facing) = other.middle();
+    fn measure(&mut self, clusters: usize) -> Result<(), TextureError> {
+        let Some(pair) = self.pairs.iter().flatten().next() else { return Ok(()) };
+        let (point, normal) = self.surfaces.surface(self.probe).middle();
+        let (touched, facing) = self.surfaces.surface(pair.surface).middle();
         let rotation = palpate_core::glam::DQuat::from_rotation_arc(normal, -facing);
         let pose = Pose::new(touched - rotation * point, rotation);
         let contact = self.grid(pair, &pose, pose.translation, &Pose::IDENTITY, (touched, -facing));
@@ -193,7 +191,7 @@ impl Textures {
 
     #[cfg(not(feature = "gpu"))]
     #[expect(clippy::unused_self, clippy::unnecessary_wraps, reason = "there is one backend only")]
-    fn measure(&mut self, _: &Object, _: &[Placed], _: usize) -> Result<(), TextureError> {
+    fn measure(&mut self, _: usize) -> Result<(), TextureError> {
         Ok(())
     }
 
