@@ -360,7 +360,7 @@ fn height_images(
 const LANES: u32 = 256u;
 const ANSWER_WORDS: u32 = 68u;
 // Overlaps this many temperatures below the largest weigh nothing.
-const LEAST: f32 = -12.0;
+const LEAST: f32 = -8.0;
 // Weights fall off over this part of the grid, from its border inwards.
 const BORDER: f32 = 0.1;
 

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use crate::ceiling::Ceilings;
 use crate::kernels::{Clips, Header, Image, Pair, Triangle};
 use crate::spline::Level;
 use crate::surface::TexturedSurface;
@@ -26,6 +27,7 @@ pub struct SurfaceSet {
     revision: u64,
     pub(crate) levels: Vec<Level>,
     pub(crate) coefficients: Vec<f32>,
+    pub(crate) ceilings: Ceilings,
 }
 
 /// A surface of a [`SurfaceSet`].
@@ -58,6 +60,7 @@ impl SurfaceSet {
                 |&[from, width, height, wrap]: &Level| [from + coefficients as u32, width, height, wrap];
             self.levels.extend(texture.levels.iter().map(moved));
             self.coefficients.extend_from_slice(&texture.coefficients);
+            self.ceilings.add(&texture.levels, &texture.coefficients);
             self.revision = NEXT_REVISION.fetch_add(1, Ordering::Relaxed);
         }
         self.surfaces.push((surface.clone(), first));
@@ -111,7 +114,7 @@ impl Batch {
         self.header.images - 1
     }
 
-    /// Adds a pair of images. An image of an A is in one pair only.
+    /// Adds a pair of images. An image of an A is in one pair only; pairs with the same B have the same clips.
     pub(crate) fn push_pair(&mut self, a: u32, b: u32, temperature: f64, clips: Clips) {
         self.pairs.push(Pair { a, b, temperature: temperature as f32, clips });
         self.header.pairs += 1;

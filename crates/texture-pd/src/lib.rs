@@ -51,6 +51,7 @@ mod auto;
 mod backend;
 mod bake;
 mod batch;
+mod ceiling;
 mod cpu;
 mod depth;
 mod domain;

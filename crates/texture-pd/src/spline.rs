@@ -4,6 +4,8 @@
 //! around a point the displacement, its slopes and its curvatures follow exactly and fit together, at a sixth of the
 //! memory. Coarser levels are the means of the texels below, with coefficients of their own.
 
+use glam::{Mat4, Vec4};
+
 use crate::height_image::{HeightImage, Wrap};
 
 /// Where a level's coefficients are: first one, width, height, and how it goes on along u and along v. The layout that
@@ -147,7 +149,7 @@ fn solve(row: &mut [f64], ends: [f64; 2], scratch: &mut [f64]) {
 
 /// Which coefficient stands for index `i` of `n`.
 #[inline]
-fn wrapped(i: i32, n: u32, wrap: u32) -> u32 {
+pub(crate) fn wrapped(i: i32, n: u32, wrap: u32) -> u32 {
     let size = n as i32;
     let at = match wrap {
         0 => i.rem_euclid(size),
@@ -167,95 +169,91 @@ pub(crate) fn coefficient(level: &Level, coefficients: &[f32], column: i32, row:
         [(first + wrapped(row, height, wrap >> 2) * width + wrapped(column, width, wrap & 3)) as usize]
 }
 
+/// What the four coefficients around a place weigh there, f from the second one.
 #[inline]
-fn weights(f: f32) -> [f32; 4] {
-    let g = 1.0 - f;
-    [
-        g * g * g / 6.0,
-        (f * f * (3.0 * f - 6.0) + 4.0) / 6.0,
-        (g * g * (3.0 * g - 6.0) + 4.0) / 6.0,
-        f * f * f / 6.0,
-    ]
+fn weights(f: f32) -> Vec4 {
+    let [a, b, c, d] = [
+        Vec4::new(1.0, 4.0, 1.0, 0.0),
+        Vec4::new(-3.0, 0.0, 3.0, 0.0),
+        Vec4::new(3.0, -6.0, 3.0, 0.0),
+        Vec4::new(-1.0, 3.0, -3.0, 1.0),
+    ];
+    (a + (b + (c + d * f) * f) * f) * (1.0 / 6.0)
 }
 
 #[inline]
-fn slopes(f: f32) -> [f32; 4] {
-    let g = 1.0 - f;
-    [-0.5 * g * g, 0.5 * f * (3.0 * f - 4.0), -0.5 * g * (3.0 * g - 4.0), 0.5 * f * f]
+fn slopes(f: f32) -> Vec4 {
+    let [a, b, c] =
+        [Vec4::new(-0.5, 0.0, 0.5, 0.0), Vec4::new(1.0, -2.0, 1.0, 0.0), Vec4::new(-0.5, 1.5, -1.5, 0.5)];
+    a + (b + c * f) * f
 }
 
 #[inline]
-fn curvatures(f: f32) -> [f32; 4] {
-    let g = 1.0 - f;
-    [g, 3.0 * f - 2.0, 3.0 * g - 2.0, f]
+fn curvatures(f: f32) -> Vec4 {
+    Vec4::new(1.0, -2.0, 1.0, 0.0) + Vec4::new(-1.0, 3.0, -3.0, 1.0) * f
 }
 
 /// The 4 × 4 coefficients around a point in texels (the centre of the first texel is at 0.5), and where it is among them.
-#[inline]
-fn taps(level: &Level, coefficients: &[f32], x: f32, y: f32) -> ([[f32; 4]; 4], f32, f32) {
-    let &[first, width, height, wrap] = level;
+#[inline(always)]
+fn taps(level: &Level, coefficients: &[f32], x: f32, y: f32) -> (Mat4, f32, f32) {
+    let &[first, width, height, _] = level;
     let (x, y) = (x - 0.5, y - 0.5);
     let (left, top) = (floor(x), floor(y));
     let (column, row) = (left - 1, top - 1);
-    let mut taps = [[0.0; 4]; 4];
     let inside = column >= 0 && row >= 0 && column + 4 <= width as i32 && row + 4 <= height as i32;
-    if inside {
-        for (j, taps) in taps.iter_mut().enumerate() {
-            let from = first as usize + (row as usize + j) * width as usize + column as usize;
-            taps.copy_from_slice(&coefficients[from..from + 4]);
-        }
+    let rows = if inside {
+        let from = first as usize + row as usize * width as usize + column as usize;
+        [0, 1, 2, 3].map(|j| Vec4::from_slice(&coefficients[from + j * width as usize..]))
     } else {
-        let columns = [0, 1, 2, 3].map(|i| wrapped(column + i, width, wrap & 3));
-        for (j, taps) in (0..).zip(&mut taps) {
-            let from = first + wrapped(row + j, height, wrap >> 2) * width;
-            *taps = columns.map(|column| coefficients[(from + column) as usize]);
-        }
-    }
-    (taps, x - left as f32, y - top as f32)
+        beyond(level, coefficients, column, row)
+    };
+    (Mat4::from_cols(rows[0], rows[1], rows[2], rows[3]), x - left as f32, y - top as f32)
+}
+
+/// Coefficients some of which are beyond the border.
+#[cold]
+fn beyond(&[first, width, height, wrap]: &Level, coefficients: &[f32], column: i32, row: i32) -> [Vec4; 4] {
+    let columns = [0, 1, 2, 3].map(|i| wrapped(column + i, width, wrap & 3));
+    [0, 1, 2, 3].map(|j| {
+        let from = first + wrapped(row + j, height, wrap >> 2) * width;
+        Vec4::from_array(columns.map(|column| coefficients[(from + column) as usize]))
+    })
 }
 
 /// `f32::floor` is a call where the processor is not known to round.
 #[inline]
-fn floor(x: f32) -> i32 {
+pub(crate) fn floor(x: f32) -> i32 {
     let towards_zero = x as i32;
     towards_zero - i32::from(x < towards_zero as f32)
-}
-
-#[inline]
-fn dot(a: &[f32; 4], b: &[f32; 4]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
 }
 
 /// The displacement at a point in texels.
 #[inline]
 pub(crate) fn value(level: &Level, coefficients: &[f32], x: f32, y: f32) -> f32 {
     let (taps, f, g) = taps(level, coefficients, x, y);
-    let along = weights(f);
-    dot(&weights(g), &taps.map(|row| dot(&along, &row)))
+    weights(f).dot(taps * weights(g))
 }
 
 /// The displacement at a point in texels and its slopes by x and y.
 #[inline]
 pub(crate) fn slope(level: &Level, coefficients: &[f32], x: f32, y: f32) -> [f32; 3] {
     let (taps, f, g) = taps(level, coefficients, x, y);
-    let [rows, rows_x] = [weights(f), slopes(f)].map(|along| taps.map(|row| dot(&along, &row)));
-    let across = weights(g);
-    [dot(&across, &rows), dot(&across, &rows_x), dot(&slopes(g), &rows)]
+    let (along, across) = (weights(f), taps * weights(g));
+    [along.dot(across), slopes(f).dot(across), along.dot(taps * slopes(g))]
 }
 
 /// The displacement at a point in texels with its derivatives.
 pub(crate) fn jet(level: &Level, coefficients: &[f32], x: f32, y: f32) -> Jet {
     let (taps, f, g) = taps(level, coefficients, x, y);
-    let [rows, rows_x, rows_xx] =
-        [weights(f), slopes(f), curvatures(f)].map(|along| taps.map(|row| dot(&along, &row)));
-    let [across, across_y, across_yy] = [weights(g), slopes(g), curvatures(g)];
+    let [along, along_x, along_xx] = [weights(f), slopes(f), curvatures(f)];
+    let [across, across_y, across_yy] = [weights(g), slopes(g), curvatures(g)].map(|across| taps * across);
     Jet {
-        value: dot(&across, &rows),
-        x: dot(&across, &rows_x),
-        y: dot(&across_y, &rows),
-        xx: dot(&across, &rows_xx),
-        xy: dot(&across_y, &rows_x),
-        yy: dot(&across_yy, &rows),
+        value: along.dot(across),
+        x: along_x.dot(across),
+        y: along.dot(across_y),
+        xx: along_xx.dot(across),
+        xy: along_x.dot(across_y),
+        yy: along.dot(across_yy),
     }
 }
 

@@ -1,6 +1,7 @@
 //! A displaced triangle as a height function over the grid (Eq. 4.9).
 
 use super::Triangle;
+use crate::ceiling::{Ceiling, Ceilings, RADIUS};
 use crate::spline::{self, Level};
 
 /// Points this far outside a triangle, as a part of it, still count, so that no texel falls between neighbours.
@@ -41,6 +42,16 @@ pub(super) struct HeightJet {
 pub(crate) struct Textures<'a> {
     pub levels: &'a [Level],
     pub coefficients: &'a [f32],
+}
+
+/// How much further out a displaced triangle is than the flat one at most, at the same texel, m.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Lift<'a> {
+    /// Anywhere.
+    most: f32,
+    /// The ceiling of the displacement, and what tilted directions add to it: none where the displaced point may be far from
+    /// the flat one.
+    local: Option<(Ceiling<'a>, f32)>,
 }
 
 impl Triangle {
@@ -102,8 +113,8 @@ impl Triangle {
         [from, to]
     }
 
-    /// How much further out the displaced triangle is than the flat one at most, m, at the same texel.
-    pub(crate) fn lift(&self) -> f32 {
+    /// How much further out the displaced triangle is than the flat one.
+    pub(crate) fn lift<'a>(&self, textures: &Textures, ceilings: &'a Ceilings) -> Lift<'a> {
         let [n0, m1, m2] = self.directions;
         let corners = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]
             .map(|[s, t]| [0, 1, 2].map(|axis| n0[axis] + s * m1[axis] + t * m2[axis]));
@@ -111,13 +122,34 @@ impl Triangle {
         let tilt = most(&|n| n[0].hypot(n[1]));
         let upright = most(&|n| n[2].abs());
         let [_, e1, e2] = self.plane;
+        // How steep over the grid something is that changes so along both edges.
+        let slope = |[along_1, along_2]: [f32; 2]| {
+            let u = (along_1 * e2[1] - along_2 * e1[1]) * self.inverse_area;
+            let v = (along_2 * e1[0] - along_1 * e2[0]) * self.inverse_area;
+            u.hypot(v)
+        };
         let [_, r1, r2] = self.rise;
-        let slope_u = (r1 * e2[1] - r2 * e1[1]) * self.inverse_area;
-        let slope_v = (r2 * e1[0] - r1 * e2[0]) * self.inverse_area;
+        let [_, m1, m2] = self.directions;
+        let [_, d1, d2] = self.texture;
+        // The displaced point is so far from the flat one at most, along the grid.
+        let away = self.most * tilt;
+        let risen = away * slope([r1, r2]);
         // Where not all directions point outwards, displacements inwards may reach out as well.
-        let outwards =
-            if corners.iter().all(|n| n[2] * self.inverse_area >= 0.0) { self.outwards } else { self.most };
-        outwards * upright + self.most * tilt * slope_u.hypot(slope_v)
+        let outwards = corners.iter().all(|n| n[2] * self.inverse_area >= 0.0);
+        let most = if outwards { self.outwards } else { self.most } * upright + risen;
+        let texels = [0, 1].map(|axis| away * slope([d1[axis], d2[axis]]));
+        let near = texels.iter().all(|texels| *texels <= RADIUS as f32);
+        let sideways = risen + self.most * away * slope([m1[2], m2[2]]);
+        let level = (outwards && near).then(|| (self.level as usize).checked_sub(1)).flatten();
+        Lift { most, local: level.map(|level| (ceilings.of(level, &textures.levels[level]), sideways)) }
+    }
+
+    /// How much further out the displaced triangle is than the flat one above a point of that, m.
+    #[inline]
+    pub(crate) fn lift_at(&self, lift: &Lift, s: f32, t: f32) -> f32 {
+        let Some((ceiling, sideways)) = lift.local else { return lift.most };
+        let (x, y) = self.texel(s, t);
+        (ceiling.around(x, y) * self.direction(s, t, 2).abs() + sideways).min(lift.most)
     }
 
     /// The point above (u, v), m, unless the triangle is not there or its flat surface is further than `reach` away along n.

@@ -14,7 +14,7 @@ use bytemuck::{Pod, Zeroable};
 pub(crate) use displaced::{Point, Textures};
 pub(crate) use height_images::{covered, height_images};
 pub use overlaps::Answer;
-pub(crate) use overlaps::{LEAST, overlaps, pair_answer};
+pub(crate) use overlaps::{Known, LEAST, overlaps, pair_answer};
 
 /// Texel of a pair that shares none.
 pub(crate) const NOWHERE: u32 = u32::MAX;
@@ -105,16 +105,38 @@ impl Clips {
         }
     }
 
-    /// How far the middle of a texel is inside of all of them, m: negative outside.
+    /// From where to where along u, m, the line at v is inside of all of them, or outside by no more than a step.
+    pub fn crossing(&self, v: f32, step: f32) -> [f32; 2] {
+        let planes = self.planes.iter().take(self.count as usize);
+        planes.fold([f32::NEG_INFINITY, f32::INFINITY], |[from, to], [x, y, c, _]| {
+            let end = (c + step - y * v) / x;
+            if *x > 0.0 {
+                [from, to.min(end)]
+            } else if *x < 0.0 {
+                [from.max(end), to]
+            } else if y * v <= c + step {
+                [from, to]
+            } else {
+                [f32::INFINITY, f32::NEG_INFINITY]
+            }
+        })
+    }
+
+    /// How far a point is inside of all of them, m: negative outside.
     #[inline]
-    pub fn margin(&self, texel: u32, grid: u32, step: f32) -> f32 {
-        if self.count == 0 {
-            return f32::INFINITY;
-        }
-        let [u, v] = [texel % grid, texel / grid].map(|index| coordinate(index, grid, step));
+    pub fn margin(&self, u: f32, v: f32) -> f32 {
         let margins = self.planes.iter().take(self.count as usize).map(|[x, y, c, _]| c - (x * u + y * v));
         margins.fold(f32::INFINITY, f32::min)
     }
+}
+
+/// The texels, of those along u or v, from one place to another, m, and one more either way for rounding.
+#[inline]
+pub(crate) fn between(from: f32, to: f32, grid: u32, step: f32) -> std::ops::Range<u32> {
+    let index = |at: f32| at / step + 0.5 * grid as f32 - 0.5;
+    // Casts take what is out of range to its ends.
+    let (from, to) = ((index(from) - 1.0) as u32, (index(to) + 3.0) as u32);
+    from.min(grid)..to.min(grid)
 }
 
 /// Where a texel is along u or v, m.

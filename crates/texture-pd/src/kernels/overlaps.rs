@@ -5,7 +5,7 @@ use super::{FOLDED, Header, Image, NO_SURFACE, NOWHERE, Pair, Triangle, coordina
 use crate::spline::Level;
 
 /// Overlaps this many temperatures below the largest weigh nothing.
-pub(crate) const LEAST: f32 = -12.0;
+pub(crate) const LEAST: f32 = -8.0;
 /// Weights fall off over this part of the grid, from its border inwards.
 const BORDER: f32 = 0.1;
 
@@ -50,8 +50,18 @@ struct Images<'a> {
     textures: Textures<'a>,
     /// Image and heights of A and of B.
     sides: [(&'a Image, &'a [[u32; 2]]); 2],
-    /// Of both, where in its triangle the point of each texel is, if that is known.
-    points: Option<[&'a [[f32; 2]]; 2]>,
+    known: Option<Known<'a>>,
+    /// Where the texels of A and B begin among all.
+    first: [usize; 2],
+}
+
+/// What a backend knows beside the heights, to spare work.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Known<'a> {
+    /// Where in its triangle the point of each texel of each image is.
+    pub points: &'a [[f32; 2]],
+    /// The texels of the pair that need be looked at, all in its domain.
+    pub texels: &'a [u32],
 }
 
 /// What is at a texel of both images.
@@ -82,21 +92,21 @@ pub(crate) fn overlaps(
     }
 }
 
-/// The answer to one pair. `points`: of each texel of each image, if known, where in its triangle its point is.
+/// The answer to one pair.
 pub(crate) fn pair_answer(
     header: &Header,
     triangles: &[Triangle],
     images: &[Image],
     textures: Textures,
     heights: &[[u32; 2]],
-    points: Option<&[[f32; 2]]>,
+    known: Option<Known>,
     pair: &Pair,
 ) -> Answer {
     let texels = (header.grid * header.grid) as usize;
-    let side = |image: u32| (&images[image as usize], &heights[image as usize * texels..][..texels]);
-    let sides = [side(pair.a), side(pair.b)];
-    let points = points.map(|all| [pair.a, pair.b].map(|image| &all[image as usize * texels..][..texels]));
-    Images { header, triangles, textures, sides, points }.compare(pair)
+    let first = [pair.a, pair.b].map(|image| image as usize * texels);
+    let side = |image: u32, first: usize| (&images[image as usize], &heights[first..][..texels]);
+    let sides = [side(pair.a, first[0]), side(pair.b, first[1])];
+    Images { header, triangles, textures, sides, known, first }.compare(pair)
 }
 
 impl Images<'_> {
@@ -112,12 +122,7 @@ impl Images<'_> {
             return answer;
         }
         let reference = deepest.gradient();
-        let [(_, of_a), (_, of_b)] = self.sides;
-        for ((a, b), texel) in of_a.iter().zip(of_b).zip(0..) {
-            if a[0] == NO_SURFACE || b[0] == NO_SURFACE {
-                continue;
-            }
-            let overlap = f32::from_bits(a[0]) - f32::from_bits(b[0]);
+        for (texel, overlap, _) in self.overlaps() {
             let below = (overlap - answer.depth) / pair.temperature;
             if below >= LEAST {
                 let weight = below.exp() * self.taper(pair, texel);
@@ -132,14 +137,12 @@ impl Images<'_> {
     /// The largest overlap, its texel (of equal ones the first), and counts.
     fn largest(&self, pair: &Pair) -> Answer {
         let mut answer = Answer::default();
-        let [(_, of_a), (_, of_b)] = self.sides;
-        for ((a, b), texel) in of_a.iter().zip(of_b).zip(0..) {
-            if a[0] == NO_SURFACE || b[0] == NO_SURFACE || self.margin(pair, texel) < 0.0 {
+        for (texel, overlap, folded) in self.overlaps() {
+            if self.margin(pair, texel) < 0.0 {
                 continue;
             }
             answer.shared += 1;
-            answer.folded += ((a[1] | b[1]) & FOLDED) >> 31;
-            let overlap = f32::from_bits(a[0]) - f32::from_bits(b[0]);
+            answer.folded += folded;
             if answer.texel == NOWHERE || overlap > answer.depth {
                 (answer.depth, answer.texel) = (overlap, texel);
             }
@@ -147,10 +150,27 @@ impl Images<'_> {
         answer
     }
 
+    /// The texels that are looked at and have both surfaces, the overlap there (m), and whether one of them is folded.
+    fn overlaps(&self) -> impl Iterator<Item = (u32, f32, u32)> {
+        let [(_, of_a), (_, of_b)] = self.sides;
+        let (all, some) = match self.known {
+            None => (0..of_a.len() as u32, &[][..]),
+            Some(known) => (0..0, known.texels),
+        };
+        all.chain(some.iter().copied()).filter_map(|texel| {
+            let (a, b) = (of_a[texel as usize], of_b[texel as usize]);
+            let folded = ((a[1] | b[1]) & FOLDED) >> 31;
+            let both = a[0] != NO_SURFACE && b[0] != NO_SURFACE;
+            both.then(|| (texel, f32::from_bits(a[0]) - f32::from_bits(b[0]), folded))
+        })
+    }
+
     /// How far inside the pair's domain a texel is, m: negative outside.
     #[inline]
     fn margin(&self, pair: &Pair, texel: u32) -> f32 {
-        pair.clips.margin(texel, self.header.grid, self.sides[0].0.step)
+        let grid = self.header.grid;
+        let [u, v] = [texel % grid, texel / grid].map(|index| coordinate(index, grid, self.sides[0].0.step));
+        pair.clips.margin(u, v)
     }
 
     /// How much a texel counts for where it is on the grid: 1, but less towards the border, and 0 there; likewise in the last
@@ -188,8 +208,8 @@ impl Images<'_> {
         let [height, index] = heights[texel as usize];
         let height = f32::from_bits(height);
         let triangle = &self.triangles[(index & !FOLDED) as usize];
-        if let Some(points) = self.points {
-            let [s, t] = points[side][texel as usize];
+        if let Some(known) = self.known {
+            let [s, t] = known.points[self.first[side] + texel as usize];
             return triangle.jet(&Point { s, t, height, folded: false }, &self.textures);
         }
         let refinements = if index & FOLDED == 0 { self.header.refinements } else { 0 };
