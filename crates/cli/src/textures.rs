@@ -3,8 +3,8 @@
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use palpate::mesh_io::{LoadOptions, load_uv};
-use palpate::texture_pd::{BakeOptions, HeightImage, HeightOptions, texel_sizes};
+use palpate::mesh_io::{HeightTexture, LoadOptions, TextureWrap, load_uv, names_height_texture};
+use palpate::texture_pd::{BakeOptions, HeightImage, HeightOptions, Wrap, texel_sizes};
 use palpate::{Object, OpenOptions, open_mesh};
 
 use crate::failure::Failure;
@@ -18,7 +18,7 @@ const TEXEL: f64 = 1.0 / 400.0;
 
 /// Where an object's fine detail comes from.
 pub enum Detail<'a> {
-    /// It has none.
+    /// None is asked for.
     None,
     /// An image for the object's texture coordinates, of so many metres from black to white.
     Heights(&'a Path, f64),
@@ -26,25 +26,54 @@ pub enum Detail<'a> {
     Mesh(&'a str, Option<f64>),
 }
 
-/// Opens an object with its detail and progress bars, and prints what the loaders warn of.
+/// Opens an object with its detail and progress bars, and prints what the loaders warn of. A glTF file has the detail of the
+/// height texture that it names, if it is asked for no other.
 pub fn open(argument: &str, detail: &Detail<'_>, options: &OpenOptions) -> Result<Object, Failure> {
     match *detail {
+        // What cannot be read is told by what opens it.
+        Detail::None if names_height_texture(Path::new(argument)).unwrap_or(false) => {
+            if options.repair {
+                let left_out = "its height texture is left out: repair parts triangles from it";
+                progress::warn(argument, &[left_out.to_owned()]);
+                return Ok(progress::open(argument, options)?);
+            }
+            displaced(argument, None, options)
+        }
         Detail::None => Ok(progress::open(argument, options)?),
-        Detail::Heights(image, amplitude) => displaced(argument, image, amplitude, options),
+        Detail::Heights(image, amplitude) => displaced(argument, Some((image, amplitude)), options),
         Detail::Mesh(detailed, texel) => baked(argument, detailed, texel, options),
     }
 }
 
-fn displaced(argument: &str, image: &Path, amplitude: f64, options: &OpenOptions) -> Result<Object, Failure> {
+/// An object displaced by an image and its amplitude, or by the height texture that its file names.
+fn displaced(argument: &str, image: Option<(&Path, f64)>, options: &OpenOptions) -> Result<Object, Failure> {
     let load = LoadOptions { scale: options.scale, repair: options.repair, ..LoadOptions::default() };
     let loaded = load_uv(Path::new(argument), &load).map_err(|error| Failure::Message(error.to_string()))?;
     progress::warn(argument, &loaded.warnings);
-    let (heights, warnings) = HeightImage::open(image, &HeightOptions::new(amplitude))
-        .map_err(|error| Failure::Message(error.to_string()))?;
-    progress::warn(&image.display().to_string(), &warnings);
+    let (name, heights) = match (image, loaded.height_texture) {
+        (Some((image, amplitude)), _) => {
+            (image.display().to_string(), HeightImage::open(image, &HeightOptions::new(amplitude)))
+        }
+        (None, Some(HeightTexture { bytes, name, amplitude, midlevel, wrap })) => {
+            let options = HeightOptions { amplitude, midlevel, wrap: wrap.map(wrapped) };
+            let heights = HeightImage::decode(&bytes, &name, &options);
+            (name, heights)
+        }
+        (None, None) => return Ok(progress::open(argument, options)?),
+    };
+    let (heights, warnings) = heights.map_err(|error| Failure::Message(error.to_string()))?;
+    progress::warn(&name, &warnings);
     let size = [heights.width(), heights.height()];
     progress::warn(argument, &texel_sizes(&loaded.mesh, size).warnings);
     Ok(Object::textured(argument, &loaded.mesh, &heights, CREASE)?)
+}
+
+fn wrapped(wrap: TextureWrap) -> Wrap {
+    match wrap {
+        TextureWrap::Repeat => Wrap::Repeat,
+        TextureWrap::ClampToEdge => Wrap::Clamp,
+        TextureWrap::MirroredRepeat => Wrap::Mirror,
+    }
 }
 
 fn baked(

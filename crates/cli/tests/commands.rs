@@ -346,12 +346,46 @@ fn detail_is_felt_on_coarse_meshes() {
         let always = ["--lockstep", "--seconds", "3", "--tolerance", "2e-4", "--json"];
         json(&[&["run", "ellipsoid@500"], arguments, &always].concat(), folder)
     };
+    // The same in a glTF file that names the image.
+    let corners = [[-0.05_f32, -0.05], [0.05, -0.05], [0.05, 0.05], [-0.05, 0.05]];
+    let places = corners.iter().flat_map(|[x, y]| [*x, *y, 0.0]);
+    let uv = corners.iter().flat_map(|[x, y]| [200.0 * x, -12_800.0 * y]);
+    let mut data: Vec<u8> = places.chain(uv).flat_map(f32::to_le_bytes).collect();
+    data.extend([0, 1, 2, 0, 2, 3]);
+    std::fs::write(folder.join("plate.bin"), &data).unwrap();
+    let plate = serde_json::json!({
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [
+            {"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0}
+        ]}],
+        "materials": [{"extras": {"heightTexture": {"index": 0, "amplitude": 0.001}}}],
+        "textures": [{"source": 0}], "images": [{"uri": "ridges.png"}],
+        "buffers": [{"uri": "plate.bin", "byteLength": data.len()}],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": 48}, {"buffer": 0, "byteOffset": 48, "byteLength": 32},
+            {"buffer": 0, "byteOffset": 80, "byteLength": 6}
+        ],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3",
+             "min": [-0.05, -0.05, 0.0], "max": [0.05, 0.05, 0.0]},
+            {"bufferView": 1, "componentType": 5126, "count": 4, "type": "VEC2"},
+            {"bufferView": 2, "componentType": 5121, "count": 6, "type": "SCALAR"}
+        ]
+    });
+    std::fs::write(folder.join("plate.gltf"), plate.to_string()).unwrap();
     let flat = run(&["plate.obj"]);
     let image = ["plate.obj", "--scene-heights", "ridges.png", "--amplitude", "0.001"];
     let ridged = run(&image);
+    let named = run(&["plate.gltf"]);
     let baked = run(&["block@300", "--scene-detail", "block@20000", "--texel", "5e-4"]);
     assert_eq!(flat["stages"]["textures"], "off: no object has a haptic texture");
-    for summary in [&ridged, &baked] {
+    let repaired =
+        palpate(&["run", "ellipsoid@500", "plate.gltf", "--repair", "--lockstep", "--seconds", "1"], folder);
+    assert!(repaired.status.success() && String::from_utf8_lossy(&repaired.stderr).contains("left out"));
+    let force = |summary: &Value| summary["coupling_force_max"].as_f64().expect("a force");
+    assert!((force(&named) / force(&ridged) - 1.0).abs() < 1e-3, "{named}, {ridged}");
+    assert!((force(&flat) / force(&ridged) - 1.0).abs() > 1e-2, "{flat}, {ridged}");
+    for summary in [&ridged, &named, &baked] {
         assert_eq!(summary["stages"]["textures"], "on, computed by CPU");
         assert!(summary["coupling_force_max"].as_f64().is_some_and(|force| force > 0.1), "{summary}");
     }

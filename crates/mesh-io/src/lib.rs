@@ -31,6 +31,6 @@ pub use error::LoadError;
 pub use intersect::{SelfIntersections, intersecting_pairs, self_intersections};
 pub use load::{LoadOptions, LoadedMesh, load};
 pub use repair::{RepairSummary, repair};
-pub use textured::{HeightTexture, LoadedUvMesh, TextureWrap, load_uv};
+pub use textured::{HeightTexture, LoadedUvMesh, TextureWrap, load_uv, names_height_texture};
 pub use weld::weld;
 pub use write::write_obj;

@@ -5,6 +5,7 @@ use std::path::Path;
 use palpate_core::mesh::{UvMesh, UvMeshError};
 
 use crate::formats::surface::{Surface, Wanted};
+use crate::formats::{gltf_scene, read_file};
 use crate::load::{doubtful_size, read, scaled};
 use crate::{LoadError, LoadOptions};
 
@@ -53,6 +54,18 @@ pub enum TextureWrap {
     ClampToEdge,
     /// It is repeated, every other time in a mirror.
     MirroredRepeat,
+}
+
+/// Whether a file is glTF and one of its materials names a [`HeightTexture`], which [`load_uv`] would load. Only the file itself
+/// is read, and nothing of its geometry.
+///
+/// # Errors
+/// If the file cannot be read.
+pub fn names_height_texture(path: &Path) -> Result<bool, LoadError> {
+    let named = path
+        .extension()
+        .is_some_and(|extension| ["gltf", "glb"].iter().any(|gltf| extension.eq_ignore_ascii_case(gltf)));
+    Ok(named && gltf_scene::names_height_texture(&read_file(path)?, path))
 }
 
 /// Loads a mesh with texture coordinates; the extension names the format: .obj, .gltf or .glb.

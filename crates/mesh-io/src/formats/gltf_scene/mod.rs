@@ -25,6 +25,7 @@ use gltf::json::Root;
 use gltf::json::mesh::{Mode, Primitive, Semantic};
 use gltf::json::scene::Node;
 use gltf::json::validation::Checked;
+use serde_json::Value;
 
 use crate::LoadError;
 use crate::formats::surface::{Surface, Wanted};
@@ -34,6 +35,9 @@ use crate::formats::text::quoted;
 /// need not be backed by data, so that the file's size does not bound them.
 const MAX_ELEMENTS: usize = 1 << 25;
 
+/// A GLB file starts with it.
+const MAGIC: &[u8] = b"glTF";
+
 const REMEDY: &str = "the file breaks the glTF 2.0 rules: run a glTF validator on it, or export it again";
 
 /// Extensions that a file may require without its triangles being other than they seem.
@@ -41,6 +45,27 @@ const HARMLESS: [&str; 6] =
     ["KHR_mesh_quantization", "KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "KHR_xmp"];
 
 pub(crate) fn read_glb(bytes: &[u8], path: &Path, wanted: Wanted) -> Result<Surface, LoadError> {
+    let glb = chunks(bytes, path)?;
+    read_scene(&glb.json, glb.bin.as_deref(), path, wanted)
+}
+
+/// Whether a material names a height texture, by the JSON alone. What is not glTF names none.
+pub(crate) fn names_height_texture(bytes: &[u8], path: &Path) -> bool {
+    let json = if bytes.starts_with(MAGIC) {
+        chunks(bytes, path).map_or(Cow::Borrowed(&[][..]), |glb| glb.json)
+    } else {
+        Cow::Borrowed(without_mark(bytes))
+    };
+    let named = |root: Root| {
+        let extras = root.materials.iter().filter_map(|material| material.extras.as_ref());
+        let mut values = extras.filter_map(|extras| serde_json::from_str::<Value>(extras.get()).ok());
+        values.any(|extras| extras.get("heightTexture").is_some())
+    };
+    Root::from_slice(&json).is_ok_and(named)
+}
+
+/// The two parts of a GLB file.
+fn chunks<'a>(bytes: &'a [u8], path: &Path) -> Result<Glb<'a>, LoadError> {
     let bad = |place: &str, reason: String| LoadError::Malformed {
         file: path.into(),
         place: place.into(),
@@ -51,7 +76,7 @@ pub(crate) fn read_glb(bytes: &[u8], path: &Path, wanted: Wanted) -> Result<Surf
     let (Some(magic), Some(version), Some(length)) = (bytes.get(..4), word(4), word(8)) else {
         return Err(bad("header", format!("takes 12 bytes, but the file has {}", bytes.len())));
     };
-    if magic != b"glTF" {
+    if magic != MAGIC {
         return Err(bad("header", format!("starts with {} instead of \"glTF\"", quoted(magic))));
     }
     if version != 2 {
@@ -68,12 +93,15 @@ pub(crate) fn read_glb(bytes: &[u8], path: &Path, wanted: Wanted) -> Result<Surf
     if bytes.len() < 20 {
         return Err(bad("header", "nothing follows it".into()));
     }
-    let glb = Glb::from_slice(bytes).map_err(|e| bad("chunks", one_line(&e.to_string())))?;
-    read_scene(&glb.json, glb.bin.as_deref(), path, wanted)
+    Glb::from_slice(bytes).map_err(|e| bad("chunks", one_line(&e.to_string())))
 }
 
 pub(crate) fn read_gltf(bytes: &[u8], path: &Path, wanted: Wanted) -> Result<Surface, LoadError> {
-    read_scene(bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes), None, path, wanted)
+    read_scene(without_mark(bytes), None, path, wanted)
+}
+
+fn without_mark(bytes: &[u8]) -> &[u8] {
+    bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes)
 }
 
 fn one_line(message: &str) -> String {
