@@ -19,6 +19,7 @@ mod replay;
 mod sensing;
 mod specification;
 mod state;
+mod velocity;
 
 pub use emulated::{EmulatedDevice, Emulation};
 pub use error::{DeviceError, PathError};
@@ -31,6 +32,7 @@ pub use registry::{Listing, list, open};
 pub use replay::ReplayDevice;
 pub use specification::{Axes, Specification};
 pub use state::{DeviceState, Status};
+pub use velocity::{AdaptiveWindow, LONGEST_WINDOW, LowPass};
 
 /// A device that reports how its handle moves and applies a wrench to the hand that holds it.
 ///

@@ -5,14 +5,13 @@
 //! which moves it by at most √3/2 steps. A real device rounds its joint angles; the size of the error is the
 //! same, its pattern is not.
 //!
-//! The velocity is the difference of successive rounded readings through a first-order low-pass filter of time
-//! constant τ: it lags behind a steady acceleration by τ, and one encoder step Δ shows as a pulse of height
-//! Δ/τ.
+//! The velocity is the difference of successive rounded readings through a [`LowPass`].
 
 use glam::{DQuat, DVec3};
 use palpate_core::{Pose, Twist};
 
 use crate::specification::{Axes, Specification};
+use crate::velocity::LowPass;
 
 /// Encoders with a velocity filter.
 #[derive(Clone, Debug)]
@@ -20,11 +19,10 @@ pub(crate) struct Encoders {
     step: f64,
     angular_step: f64,
     sensed: Axes,
-    /// Weight of a new difference: h/(τ + h).
-    gain: f64,
     dt: f64,
     reading: Pose,
-    twist: Twist,
+    linear: LowPass,
+    angular: LowPass,
 }
 
 impl Encoders {
@@ -34,26 +32,24 @@ impl Encoders {
             step: specification.encoder_step,
             angular_step: specification.angular_encoder_step,
             sensed: specification.sensed,
-            gain: dt / (specification.velocity_delay + dt),
             dt,
             reading: Pose::IDENTITY,
-            twist: Twist::ZERO,
+            linear: LowPass::new(specification.velocity_delay),
+            angular: LowPass::new(specification.velocity_delay),
         };
         encoders.reading = encoders.encode(pose);
         encoders
     }
 
     pub fn reading(&self) -> (Pose, Twist) {
-        (self.reading, self.twist)
+        (self.reading, Twist::new(self.linear.velocity(), self.angular.velocity()))
     }
 
     /// The next reading, `dt` after the last.
     pub fn sample(&mut self, pose: &Pose) {
         let reading = self.encode(pose);
-        let linear = (reading.translation - self.reading.translation) / self.dt;
-        let angular = self.reading.rotation_vector_to(&reading) / self.dt;
-        self.twist.linear += (linear - self.twist.linear) * self.gain;
-        self.twist.angular += (angular - self.twist.angular) * self.gain;
+        self.linear.push(reading.translation - self.reading.translation, self.dt);
+        self.angular.push(self.reading.rotation_vector_to(&reading), self.dt);
         self.reading = reading;
     }
 
