@@ -3,11 +3,11 @@
 
 #![allow(clippy::print_stdout, clippy::print_stderr)] // Tasks report to a person at a terminal.
 
+mod packages;
 mod pictures;
 mod progress;
 mod reproduce;
 mod stability;
-mod vulkan;
 
 use std::process::{Command, ExitCode};
 
@@ -55,7 +55,8 @@ fn main() -> ExitCode {
 }
 
 fn test() -> Result<(), Failure> {
-    vulkan::ensure_driver()?;
+    packages::ensure_vulkan()?;
+    packages::try_umockdev();
     cargo(&["test", "--workspace", "--locked"], &[])?;
     // Hostile files once more without debug assertions and overflow checks: both builds must refuse them cleanly.
     cargo(&["test", "--release", "--locked", "--package", "palpate-cli", "--test", "hostile_files"], &[])
@@ -69,7 +70,9 @@ fn ci() -> Result<(), Failure> {
     let chosen = ["--", "--ignored", "built_in_models", "a_million"];
     cargo(&[["test", "--release", "--locked"].as_slice(), &tests, &chosen].concat(), &[])?;
     cargo(&["clippy", "--workspace", "--all-targets", "--locked", "--", "-D", "warnings"], &[])?;
-    cargo(&["check", "--package", "palpate-texture-pd", "--no-default-features", "--locked"], &[])?;
+    for package in ["palpate-texture-pd", "palpate-device"] {
+        cargo(&["check", "--package", package, "--no-default-features", "--locked"], &[])?;
+    }
     cargo(&["doc", "--workspace", "--no-deps", "--locked"], &[("RUSTDOCFLAGS", "-D warnings")])?;
     if !Command::new("cargo").args(["deny", "--version"]).output().is_ok_and(|output| output.status.success())
     {

@@ -362,6 +362,9 @@ impl Physics {
 
 #[derive(Args)]
 pub struct DevicesArguments {
+    /// Print the udev rules with which your user may open HID devices on Linux
+    #[arg(long, conflicts_with = "json")]
+    pub udev: bool,
     #[command(flatten)]
     pub json: Json,
 }

@@ -426,6 +426,15 @@ fn devices_are_listed() {
     assert!(
         devices.iter().any(|device| device["address"].as_str().is_some_and(|a| a.starts_with("emulated")))
     );
+    // How to get permission for those that are plugged in, wherever there is one or not.
+    let listed = succeeds(&["devices"], folder.path());
+    assert!(listed.contains("emulated:premium-1.5") && listed.contains("hid:"), "{listed}");
+    let rules = succeeds(&["devices", "--udev"], folder.path());
+    assert!(
+        rules.lines().all(|line| line.starts_with("# ") || line.starts_with("KERNEL==\"hidraw*\", ")),
+        "{rules}"
+    );
+    assert!(rules.contains("256f") && rules.contains("16c0"));
 }
 
 #[test]

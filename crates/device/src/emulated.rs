@@ -13,9 +13,9 @@
 //!
 //! There is no end stop: a handle that leaves the workspace sets [`Status::OUTSIDE_WORKSPACE`] and moves on.
 
-use glam::DVec3;
 use palpate_core::{Pose, Twist, Wrench};
 
+use crate::clip::clipped;
 use crate::hand::{Hand, IntendedPath};
 use crate::mechanics::{self, Handle};
 use crate::sensing::Encoders;
@@ -298,23 +298,9 @@ impl HapticDevice for EmulatedDevice {
         if self.closed {
             return Err(DeviceError::Closed);
         }
-        let specification = &self.emulation.specification;
-        self.wrench = if wrench.is_finite() {
-            let force = DVec3::select(specification.actuated.translation.into(), wrench.force, DVec3::ZERO);
-            let torque = DVec3::select(specification.actuated.rotation.into(), wrench.torque, DVec3::ZERO);
-            let (force, force_clipped) = clipped(force, specification.peak_force);
-            let (torque, torque_clipped) = clipped(torque, specification.peak_torque);
-            if force_clipped {
-                self.events |= Status::FORCE_CLIPPED;
-            }
-            if torque_clipped {
-                self.events |= Status::TORQUE_CLIPPED;
-            }
-            Wrench::new(force, torque)
-        } else {
-            self.events |= Status::WRENCH_REFUSED;
-            Wrench::ZERO
-        };
+        let (wrench, events) = clipped(wrench, &self.emulation.specification);
+        self.wrench = wrench;
+        self.events |= events;
         Ok(())
     }
 
@@ -330,17 +316,6 @@ impl Drop for EmulatedDevice {
         // Closing an emulated device cannot fail.
         let _ = self.close();
     }
-}
-
-/// The vector, shortened to `peak`, and whether it was.
-fn clipped(vector: DVec3, peak: f64) -> (DVec3, bool) {
-    let size = vector.abs().max_element();
-    if size == 0.0 {
-        return (vector, false);
-    }
-    // Scaled first: the square of a large finite component is not finite.
-    let scaled = vector / size;
-    if scaled.length() * size <= peak { (vector, false) } else { (scaled.normalize() * peak, true) }
 }
 
 #[cfg(test)]

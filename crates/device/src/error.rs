@@ -28,6 +28,38 @@ pub enum DeviceError {
     /// The device was closed before.
     #[error("the device is closed; open it again")]
     Closed,
+    /// The device does not answer; it may come back.
+    #[error("the device is lost ({status}); plug it in again, or look after its cable and its power")]
+    Lost {
+        /// Why.
+        status: crate::Status,
+    },
+    /// No such device is connected.
+    #[error("no {device} is connected; plug it in and switch it on (`palpate devices` lists what is seen)")]
+    NotConnected {
+        /// What was looked for.
+        device: String,
+    },
+    /// The device is there, but may not be opened.
+    #[error("{device} cannot be opened ({reason}); {remedy}")]
+    NotOpened {
+        /// The device.
+        device: String,
+        /// What the system says.
+        reason: String,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// A file that describes a device could not be used.
+    #[error("{}: {reason}; {remedy}", file.display())]
+    Model {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong.
+        reason: String,
+        /// What to do.
+        remedy: &'static str,
+    },
     /// The motion to play or to follow could not be used.
     #[error(transparent)]
     Path(#[from] PathError),

@@ -1,5 +1,5 @@
 //! Haptic devices for palpate: the [`HapticDevice`] trait, an emulated device held by an emulated hand
-//! ([`EmulatedDevice`]), and replay of a recorded motion ([`ReplayDevice`]).
+//! ([`EmulatedDevice`]), replay of a recorded motion ([`ReplayDevice`]), and devices that speak HID ([`hid`]).
 //!
 //! SI units throughout. Poses, twists and wrenches are those of the handle's reference point, in the device's own
 //! axes, whose origin is the centre of the workspace. A wrench written to a device is the wrench that the device
@@ -7,9 +7,11 @@
 //!
 //! Between opening and closing, `read` and `write` neither allocate, lock, log nor panic.
 
+mod clip;
 mod emulated;
 mod error;
 mod hand;
+pub mod hid;
 mod mechanics;
 mod path;
 mod path_file;
@@ -28,7 +30,7 @@ pub use mechanics::Handle;
 use palpate_core::Wrench;
 pub use path::{Interpolation, Keyframe, MotionPath, PathPoint};
 pub use path_file::PATH_HEADER;
-pub use registry::{Listing, list, open};
+pub use registry::{DeviceKind, Listing, Opened, Registry, list, open};
 pub use replay::ReplayDevice;
 pub use specification::{Axes, Specification};
 pub use state::{DeviceState, Status};

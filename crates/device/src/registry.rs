@@ -18,46 +18,202 @@ pub struct Listing {
     pub specification: Option<Specification>,
 }
 
-/// Opens a device: `emulated` (a Phantom Premium 1.5), `emulated:PRESET`, or `replay:FILE`.
-///
-/// The hand of a device emulated this way holds still at the centre of the workspace; [`Emulation::open`] gives
-/// it a path to follow.
-pub fn open(address: &str) -> Result<Box<dyn HapticDevice>, DeviceError> {
-    let (kind, rest) = match address.split_once(':') {
-        Some((kind, rest)) => (kind, Some(rest)),
-        None => (address, None),
-    };
-    let unknown = || DeviceError::Unknown {
-        address: address.chars().take(80).collect(),
-        known: list()
-            .into_iter()
-            .map(|listing| format!("`{}`", listing.address))
-            .collect::<Vec<_>>()
-            .join(", "),
-    };
-    match (kind, rest) {
-        ("emulated", None) => Ok(Box::new(Emulation::default().open(Pose::IDENTITY)?)),
-        ("emulated", Some(preset)) => {
-            Ok(Box::new(Emulation::preset(preset).ok_or_else(unknown)?.open(Pose::IDENTITY)?))
-        }
-        ("replay", Some(file)) if !file.is_empty() => Ok(Box::new(ReplayDevice::open(Path::new(file))?)),
-        _ => Err(unknown()),
+/// A device, or why there is none.
+pub type Opened = Result<Box<dyn HapticDevice>, DeviceError>;
+
+/// A kind of devices: what comes before the colon of an address.
+#[derive(Clone, Copy, Debug)]
+pub struct DeviceKind {
+    /// What it goes by: letters, digits and `-`.
+    pub name: &'static str,
+    /// Opens one of it, by what comes after the colon.
+    pub open: fn(Option<&str>) -> Opened,
+    /// Those of it that can be opened.
+    pub list: fn() -> Vec<Listing>,
+}
+
+/// The kinds of devices that can be opened: those of this crate, and drivers from elsewhere.
+#[derive(Clone, Debug)]
+pub struct Registry {
+    kinds: Vec<DeviceKind>,
+}
+
+impl Default for Registry {
+    /// Those of this crate.
+    fn default() -> Self {
+        let emulated = DeviceKind { name: "emulated", open: open_emulated, list: list_emulated };
+        let replay = DeviceKind { name: "replay", open: open_replay, list: list_replay };
+        let own = [emulated, replay].into_iter();
+        #[cfg(feature = "hid")]
+        let own = own.chain(real::KINDS);
+        Self { kinds: own.collect() }
     }
 }
 
-/// The devices that can be opened.
+impl Registry {
+    /// With another kind; one by the name of an earlier kind takes its place.
+    #[must_use]
+    pub fn with(mut self, kind: DeviceKind) -> Self {
+        self.kinds.retain(|known| known.name != kind.name);
+        self.kinds.push(kind);
+        self
+    }
+
+    /// Opens a device by its address, `KIND` or `KIND:WHICH`.
+    ///
+    /// # Errors
+    /// If there is no such kind or device, or it cannot be opened.
+    pub fn open(&self, address: &str) -> Opened {
+        let (name, which) = match address.split_once(':') {
+            Some((name, which)) => (name, Some(which)),
+            None => (address, None),
+        };
+        let unknown = || DeviceError::Unknown {
+            address: address.chars().take(80).collect(),
+            known: self
+                .list()
+                .into_iter()
+                .map(|listing| format!("`{}`", listing.address))
+                .collect::<Vec<_>>()
+                .join(", "),
+        };
+        let kind = self.kinds.iter().find(|kind| kind.name == name).ok_or_else(unknown)?;
+        (kind.open)(which).map_err(|error| match error {
+            DeviceError::Unknown { .. } => unknown(),
+            error => error,
+        })
+    }
+
+    /// The devices that can be opened.
+    pub fn list(&self) -> Vec<Listing> {
+        self.kinds.iter().flat_map(|kind| (kind.list)()).collect()
+    }
+}
+
+/// Opens a device of this crate: `emulated` (a Phantom Premium 1.5), `emulated:PRESET`, `replay:FILE`, `spacemouse`,
+/// `woodenhaptics`, `woodenhaptics:MODEL` or `hid:VENDOR:PRODUCT` (in hexadecimal).
+///
+/// The hand of a device emulated this way holds still at the centre of the workspace; [`Emulation::open`] gives
+/// it a path to follow.
+///
+/// # Errors
+/// See [`Registry::open`].
+pub fn open(address: &str) -> Opened {
+    Registry::default().open(address)
+}
+
+/// The devices of this crate that can be opened.
 pub fn list() -> Vec<Listing> {
-    let emulated = Emulation::presets().map(|(name, description)| Listing {
+    Registry::default().list()
+}
+
+/// Says that there is no such device of a kind; [`Registry::open`] says which there are.
+fn none_such() -> DeviceError {
+    DeviceError::Unknown { address: String::new(), known: String::new() }
+}
+
+fn open_emulated(preset: Option<&str>) -> Opened {
+    let emulation = match preset {
+        None => Emulation::default(),
+        Some(preset) => Emulation::preset(preset).ok_or_else(none_such)?,
+    };
+    Ok(Box::new(emulation.open(Pose::IDENTITY)?))
+}
+
+fn list_emulated() -> Vec<Listing> {
+    let listing = |(name, description)| Listing {
         address: format!("emulated:{name}"),
         description: format!("emulated {description}"),
         specification: Emulation::preset(name).map(|emulation| emulation.specification),
-    });
-    let replay = Listing {
+    };
+    Emulation::presets().map(listing).collect()
+}
+
+fn open_replay(file: Option<&str>) -> Opened {
+    let file = file.filter(|file| !file.is_empty()).ok_or_else(none_such)?;
+    Ok(Box::new(ReplayDevice::open(Path::new(file))?))
+}
+
+fn list_replay() -> Vec<Listing> {
+    vec![Listing {
         address: "replay:FILE.csv".into(),
         description: format!("replays a recorded motion ({})", crate::PATH_HEADER),
         specification: None,
-    };
-    emulated.chain([replay]).collect()
+    }]
+}
+
+/// Devices that are plugged in.
+#[cfg(feature = "hid")]
+mod real {
+    use super::{DeviceKind, Listing, Opened, none_such};
+    use crate::hid::{self, Driver, WoodenHapticsModel};
+
+    pub const KINDS: [DeviceKind; 3] = [
+        DeviceKind { name: "spacemouse", open: open_space_mouse, list: list_space_mouse },
+        DeviceKind { name: "woodenhaptics", open: open_wooden_haptics, list: list_wooden_haptics },
+        DeviceKind { name: "hid", open: open_numbered, list: list_connected },
+    ];
+
+    fn open_space_mouse(which: Option<&str>) -> Opened {
+        if which.is_some() {
+            return Err(none_such());
+        }
+        hid::open(Driver::SpaceMouse, None)
+    }
+
+    fn list_space_mouse() -> Vec<Listing> {
+        vec![Listing {
+            address: "spacemouse".into(),
+            description: "the first SpaceMouse that is plugged in, 6 axes without force".into(),
+            specification: None,
+        }]
+    }
+
+    fn open_wooden_haptics(model: Option<&str>) -> Opened {
+        hid::open(Driver::WoodenHaptics, Some(model.unwrap_or("woodenhaptics")))
+    }
+
+    fn list_wooden_haptics() -> Vec<Listing> {
+        let models = WoodenHapticsModel::MODELS.map(|(name, _)| name).join(", ");
+        vec![Listing {
+            address: "woodenhaptics:MODEL".into(),
+            description: format!(
+                "the first WoodenHaptics that is plugged in: {models} or a woodenhaptics.json"
+            ),
+            specification: None,
+        }]
+    }
+
+    fn open_numbered(numbers: Option<&str>) -> Opened {
+        let number = |text: &str| u16::from_str_radix(text, 16).ok();
+        let parsed = numbers.and_then(|numbers| numbers.split_once(':'));
+        let parsed = parsed.and_then(|(vendor, product)| number(vendor).zip(number(product)));
+        let (vendor, product) = parsed.ok_or_else(none_such)?;
+        hid::open_numbered(vendor, product)
+    }
+
+    /// What is plugged in, and why it cannot be opened.
+    fn list_connected() -> Vec<Listing> {
+        let listing = |device: hid::Connected| Listing {
+            address: format!("hid:{:04x}:{:04x}", device.vendor, device.product),
+            description: match device.refusal() {
+                None => format!("{}, plugged in", device.name),
+                Some(refusal) => refusal.to_string(),
+            },
+            specification: None,
+        };
+        let mut listings: Vec<Listing> = hid::connected().into_iter().map(listing).collect();
+        if listings.is_empty() {
+            listings.push(Listing {
+                address: "hid:VENDOR:PRODUCT".into(),
+                description: "a HID device that is plugged in and has a driver here (there is none); for permission to open \
+                              one on Linux, see `palpate devices --udev`"
+                    .into(),
+                specification: None,
+            });
+        }
+        listings
+    }
 }
 
 #[cfg(test)]
@@ -69,7 +225,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("with:colon.csv");
         std::fs::write(&file, format!("{}\n0,0,0,0,0,0,0,1\n", crate::PATH_HEADER)).unwrap();
-        for listing in list() {
+        for listing in list().into_iter().filter(|listing| listing.address.starts_with(['e', 'r'])) {
             let address = listing.address.replace("FILE.csv", &file.display().to_string());
             let mut device = open(&address).unwrap_or_else(|error| panic!("{address}: {error}"));
             if let Some(specification) = listing.specification {
@@ -82,9 +238,18 @@ mod tests {
 
     #[test]
     fn unknown_addresses_are_refused_with_what_there_is() {
-        for address in
-            ["", "emulated:", "emulated:phantom", "replay", "replay:", "spacemouse", ":", "Emulated"]
-        {
+        for address in [
+            "",
+            "emulated:",
+            "emulated:phantom",
+            "replay",
+            "replay:",
+            "spacemouse:2",
+            "hid:1",
+            "hid:x:y",
+            ":",
+            "Emulated",
+        ] {
             let message = open(address).err().expect(address).to_string();
             assert!(
                 message.contains("`emulated:premium-1.5`") && message.contains("`replay:FILE.csv`"),

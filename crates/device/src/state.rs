@@ -46,7 +46,18 @@ impl Status {
     /// A motion that was not finite was met and the last good one is held.
     pub const HELD: Self = Self(1 << 7);
 
-    const NAMES: [(Self, &str); 8] = [
+    /// The device is not connected.
+    pub const DISCONNECTED: Self = Self(1 << 8);
+    /// The device has not been heard of for too long.
+    pub const SILENT: Self = Self(1 << 9);
+    /// A report that the device sent was not understood, and left out.
+    pub const MALFORMED: Self = Self(1 << 10);
+    /// A report could not be written to the device.
+    pub const UNWRITTEN: Self = Self(1 << 11);
+    /// The wrench is zero as the button that enables it is not held.
+    pub const NOT_ENABLED: Self = Self(1 << 12);
+
+    const NAMES: [(Self, &str); 13] = [
         (Self::WRENCH_REFUSED, "wrench refused"),
         (Self::FORCE_CLIPPED, "force clipped"),
         (Self::TORQUE_CLIPPED, "torque clipped"),
@@ -55,6 +66,11 @@ impl Status {
         (Self::GAP, "time left out"),
         (Self::ENDED, "motion ended"),
         (Self::HELD, "last good motion held"),
+        (Self::DISCONNECTED, "not connected"),
+        (Self::SILENT, "silent"),
+        (Self::MALFORMED, "report not understood"),
+        (Self::UNWRITTEN, "report not written"),
+        (Self::NOT_ENABLED, "not enabled"),
     ];
 
     /// Whether every condition of `other` is in this set.

@@ -1,4 +1,4 @@
-use glam::DQuat;
+use glam::{DQuat, DVec3};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 

@@ -1,4 +1,7 @@
-//! Makes sure that the GPU tests have a Vulkan driver: on Linux a software one (lavapipe) will do.
+//! What tests need of the system: on Linux it is installed with apt where it is missing and that is allowed.
+//!
+//! The GPU tests need a Vulkan driver; a software one (lavapipe) will do. The HID tests play a device with umockdev, and say that they
+//! were skipped where it is not there.
 
 use std::path::Path;
 use std::process::Command;
@@ -6,7 +9,7 @@ use std::process::Command;
 use crate::Failure;
 
 /// The Debian and Ubuntu package of Mesa's Vulkan drivers, lavapipe among them; it brings the loader with it.
-const PACKAGE: &str = "mesa-vulkan-drivers";
+const VULKAN: &str = "mesa-vulkan-drivers";
 
 /// Where the Vulkan loader looks for drivers' manifests; the last is NixOS's.
 const MANIFESTS: [&str; 5] = [
@@ -21,23 +24,39 @@ const MANIFESTS: [&str; 5] = [
 ///
 /// # Errors
 /// With what to install by hand, when it cannot be done here. Other systems than Linux bring a GPU API of their own.
-pub fn ensure_driver() -> Result<(), Failure> {
+pub fn ensure_vulkan() -> Result<(), Failure> {
     if !cfg!(target_os = "linux") || driver_present() {
         return Ok(());
     }
-    println!("no Vulkan driver found; installing {PACKAGE}");
-    // Where the lists of packages cannot be renewed, those that there are may do.
-    apt_get(&["update", "-q"]);
-    if apt_get(&["install", "-y", "-q", "--no-install-recommends", PACKAGE]) && driver_present() {
+    println!("no Vulkan driver found; installing {VULKAN}");
+    if install(VULKAN) && driver_present() {
         return Ok(());
     }
     Err(format!(
         "no Vulkan driver found, and the GPU tests need one. Install a software driver: on Debian and Ubuntu \
-         `sudo apt-get install {PACKAGE}`, on Fedora `sudo dnf install {PACKAGE} vulkan-loader`, on Arch \
+         `sudo apt-get install {VULKAN}`, on Fedora `sudo dnf install {VULKAN} vulkan-loader`, on Arch \
          `sudo pacman -S vulkan-swrast vulkan-icd-loader`, on Alpine `apk add mesa-vulkan-swrast vulkan-loader`. \
          Without one, `cargo test --workspace --exclude palpate-texture-pd` runs the other tests"
     )
     .into())
+}
+
+/// Installs umockdev where it is missing, if that can be done.
+pub fn try_umockdev() {
+    let present = || Command::new("umockdev-run").arg("--version").output().is_ok();
+    if cfg!(target_os = "linux") && !present() {
+        println!("umockdev not found; installing it");
+        if !install("umockdev") {
+            println!("without umockdev the test of devices over hidapi is skipped");
+        }
+    }
+}
+
+/// Installs a package with apt-get; whether it succeeded.
+fn install(package: &str) -> bool {
+    // Where the lists of packages cannot be renewed, those that there are may do.
+    apt_get(&["update", "-q"]);
+    apt_get(&["install", "-y", "-q", "--no-install-recommends", package])
 }
 
 /// Whether a driver is named by the environment, or its manifest lies where the loader looks for one.

@@ -1,0 +1,33 @@
+//! What a device makes of a wrench that is asked for.
+
+use glam::DVec3;
+use palpate_core::Wrench;
+
+use crate::{Specification, Status};
+
+/// The wrench along the axes that the device drives, within its peaks, and what was done to it; zero in place of one that is not
+/// finite.
+pub(crate) fn clipped(wrench: &Wrench, specification: &Specification) -> (Wrench, Status) {
+    if !wrench.is_finite() {
+        return (Wrench::ZERO, Status::WRENCH_REFUSED);
+    }
+    let force = DVec3::select(specification.actuated.translation.into(), wrench.force, DVec3::ZERO);
+    let torque = DVec3::select(specification.actuated.rotation.into(), wrench.torque, DVec3::ZERO);
+    let (force, force_clipped) = shortened(force, specification.peak_force);
+    let (torque, torque_clipped) = shortened(torque, specification.peak_torque);
+    let status = |clipped, status| if clipped { status } else { Status::OK };
+    let events =
+        status(force_clipped, Status::FORCE_CLIPPED) | status(torque_clipped, Status::TORQUE_CLIPPED);
+    (Wrench::new(force, torque), events)
+}
+
+/// The vector, shortened to `peak`, and whether it was.
+fn shortened(vector: DVec3, peak: f64) -> (DVec3, bool) {
+    let size = vector.abs().max_element();
+    if size == 0.0 {
+        return (vector, false);
+    }
+    // Scaled first: the square of a large finite component is not finite.
+    let scaled = vector / size;
+    if scaled.length() * size <= peak { (vector, false) } else { (scaled.normalize() * peak, true) }
+}

@@ -1,0 +1,128 @@
+//! A device that is not there: for tests of drivers, with the faults that real ones have.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use super::transport::{LONGEST_REPORT, Transport, TransportError};
+
+/// Reports that wait to be read, at most: the newest are lost beyond, as in Linux' hidraw.
+pub const QUEUE: usize = 63;
+
+/// The device's end: what it is made to do is seen through the [`FakeTransport`]s that it gives out.
+#[derive(Clone, Debug, Default)]
+pub struct FakeWire(Arc<Mutex<Wire>>);
+
+#[derive(Debug, Default)]
+struct Wire {
+    waiting: VecDeque<Vec<u8>>,
+    written: Vec<Vec<u8>>,
+    unplugged: bool,
+    interrupted: u32,
+    stalled: bool,
+    write_takes: Duration,
+    generation: u32,
+}
+
+/// A host's end. It does not wait: where no report has come, none comes in time.
+#[derive(Clone, Debug)]
+pub struct FakeTransport {
+    wire: FakeWire,
+    generation: u32,
+}
+
+impl FakeWire {
+    /// A device that is plugged in and has said nothing.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Wire> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Opens it, unless it is unplugged.
+    pub fn open(&self) -> Option<FakeTransport> {
+        let wire = self.lock();
+        (!wire.unplugged).then(|| FakeTransport { wire: self.clone(), generation: wire.generation })
+    }
+
+    /// Sends a report to the host; lost where [`QUEUE`] wait already.
+    pub fn send(&self, report: &[u8]) {
+        let mut wire = self.lock();
+        if wire.waiting.len() < QUEUE {
+            wire.waiting.push_back(report.to_vec());
+        }
+    }
+
+    /// The reports that the host has written since this was last asked.
+    pub fn written(&self) -> Vec<Vec<u8>> {
+        std::mem::take(&mut self.lock().written)
+    }
+
+    /// Unplugs the device: what is open fails for good.
+    pub fn unplug(&self) {
+        let mut wire = self.lock();
+        wire.unplugged = true;
+        wire.generation += 1;
+        wire.waiting.clear();
+    }
+
+    /// Plugs it in again.
+    pub fn plug_in(&self) {
+        self.lock().unplugged = false;
+    }
+
+    /// Lets the next so many reads fail, as when a signal comes.
+    pub fn interrupt(&self, times: u32) {
+        self.lock().interrupted = times;
+    }
+
+    /// Refuses what is written, or takes it again.
+    pub fn stall(&self, stalled: bool) {
+        self.lock().stalled = stalled;
+    }
+
+    /// Lets each write take so long.
+    pub fn delay_writes(&self, time: Duration) {
+        self.lock().write_takes = time;
+    }
+}
+
+impl FakeTransport {
+    fn live(&self) -> Result<MutexGuard<'_, Wire>, TransportError> {
+        let wire = self.wire.lock();
+        if wire.unplugged || wire.generation != self.generation {
+            return Err(TransportError::Disconnected);
+        }
+        Ok(wire)
+    }
+}
+
+impl Transport for FakeTransport {
+    fn read(&mut self, report: &mut [u8; LONGEST_REPORT], _: Duration) -> Result<usize, TransportError> {
+        let mut wire = self.live()?;
+        if wire.interrupted > 0 {
+            wire.interrupted -= 1;
+            return Err(TransportError::Failed);
+        }
+        let Some(next) = wire.waiting.pop_front() else { return Ok(0) };
+        let length = next.len().min(LONGEST_REPORT);
+        report[..length].copy_from_slice(&next[..length]);
+        Ok(length)
+    }
+
+    fn write(&mut self, report: &[u8]) -> Result<(), TransportError> {
+        let mut wire = self.live()?;
+        let takes = wire.write_takes;
+        if wire.stalled {
+            return Err(TransportError::Failed);
+        }
+        wire.written.push(report.to_vec());
+        drop(wire);
+        if takes > Duration::ZERO {
+            std::thread::sleep(takes);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,150 @@
+//! HID devices of this machine, by hidapi. Enumerating and opening may take long: never on the haptic thread.
+
+use std::ffi::CString;
+use std::time::Duration;
+
+use hidapi::{HidApi, HidError};
+
+use super::transport::{LONGEST_REPORT, Transport, TransportError};
+use super::wooden_haptics::WoodenHapticsModel;
+use super::{Driver, known, space_mouse, wooden_haptics};
+use crate::{DeviceError, HapticDevice};
+
+const PERMISSION: &str = "let your user open it: `palpate devices --udev | sudo tee /etc/udev/rules.d/70-palpate.rules`, \
+                          then `sudo udevadm control --reload` and plug it in again";
+const IN_USE: &str = "close what else uses it, and plug it in again";
+
+/// A device that is plugged in and has a driver here.
+#[derive(Clone, Debug)]
+pub(crate) struct Connected {
+    pub vendor: u16,
+    pub product: u16,
+    pub name: &'static str,
+    pub driver: Driver,
+    path: CString,
+}
+
+/// The devices that are plugged in and have a driver here, each once.
+pub(crate) fn connected() -> Vec<Connected> {
+    let Ok(api) = HidApi::new() else { return Vec::new() };
+    let mut found: Vec<Connected> = Vec::new();
+    for device in api.device_list() {
+        let numbers = (device.vendor_id(), device.product_id());
+        let Some((vendor, product, name, driver)) =
+            known().find(|(vendor, product, ..)| (*vendor, *product) == numbers)
+        else {
+            continue;
+        };
+        // One entry comes for each usage.
+        if found.iter().all(|known| known.path.as_c_str() != device.path()) {
+            found.push(Connected { vendor, product, name, driver, path: device.path().to_owned() });
+        }
+    }
+    found
+}
+
+impl Connected {
+    /// Why it cannot be opened.
+    pub fn refusal(&self) -> Option<DeviceError> {
+        self.transport().err()
+    }
+
+    fn transport(&self) -> Result<HidTransport, DeviceError> {
+        let opened = HidApi::new().and_then(|api| api.open_path(&self.path));
+        opened.map(HidTransport).map_err(|error| {
+            let reason = error.to_string();
+            let denied = reason.to_lowercase().contains("permission denied");
+            DeviceError::NotOpened {
+                device: format!("{} ({})", self.name, self.path.to_string_lossy()),
+                reason,
+                remedy: if denied { PERMISSION } else { IN_USE },
+            }
+        })
+    }
+}
+
+/// Opens the first device of a driver that is plugged in; `model` is that of a WoodenHaptics.
+pub(crate) fn open(driver: Driver, model: Option<&str>) -> Result<Box<dyn HapticDevice>, DeviceError> {
+    open_any(
+        |device| device.driver == driver,
+        model,
+        || match driver {
+            Driver::SpaceMouse => "SpaceMouse".into(),
+            Driver::WoodenHaptics => "WoodenHaptics".into(),
+        },
+    )
+}
+
+/// Opens the first device with these numbers.
+pub(crate) fn open_numbered(vendor: u16, product: u16) -> Result<Box<dyn HapticDevice>, DeviceError> {
+    let named = || format!("HID device {vendor:04x}:{product:04x} with a driver");
+    open_any(|device| (device.vendor, device.product) == (vendor, product), None, named)
+}
+
+fn open_any(
+    wanted: impl Fn(&Connected) -> bool,
+    model: Option<&str>,
+    named: impl Fn() -> String,
+) -> Result<Box<dyn HapticDevice>, DeviceError> {
+    let model = match model {
+        Some(model) => WoodenHapticsModel::open(model)?,
+        None => WoodenHapticsModel::WOODEN_HAPTICS,
+    };
+    let Some(device) = connected().into_iter().find(wanted) else {
+        return Err(DeviceError::NotConnected { device: named() });
+    };
+    let (vendor, product, name) = (device.vendor, device.product, device.name);
+    // What is open is used first; a device that was gone may come back at another path.
+    let mut first = Some(device.transport()?);
+    let open = move || -> Option<Box<dyn Transport>> {
+        let transport = first.take().or_else(|| {
+            let same = |device: &Connected| (device.vendor, device.product) == (vendor, product);
+            connected().into_iter().find(same)?.transport().ok()
+        });
+        Some(Box::new(transport?))
+    };
+    let opened: std::io::Result<Box<dyn HapticDevice>> = match device.driver {
+        Driver::SpaceMouse => space_mouse::link(name).spawn(open).map(|device| Box::new(device) as _),
+        Driver::WoodenHaptics => {
+            wooden_haptics::link(name, model).spawn(open).map(|device| Box::new(device) as _)
+        }
+    };
+    opened.map_err(|error| DeviceError::NotOpened {
+        device: name.into(),
+        reason: error.to_string(),
+        remedy: "end other programs and try again",
+    })
+}
+
+struct HidTransport(hidapi::HidDevice);
+
+impl Transport for HidTransport {
+    fn read(
+        &mut self,
+        report: &mut [u8; LONGEST_REPORT],
+        patience: Duration,
+    ) -> Result<usize, TransportError> {
+        self.0.read_timeout(report, patience.as_millis() as i32).map_err(|error| match cause(&error) {
+            // A signal came.
+            Some(std::io::ErrorKind::Interrupted | std::io::ErrorKind::WouldBlock) => TransportError::Failed,
+            _ => TransportError::Disconnected,
+        })
+    }
+
+    fn write(&mut self, report: &[u8]) -> Result<(), TransportError> {
+        match self.0.write(report) {
+            Ok(_) => Ok(()),
+            Err(HidError::IoError { error }) if is_gone(&error) => Err(TransportError::Disconnected),
+            Err(_) => Err(TransportError::Failed),
+        }
+    }
+}
+
+fn cause(error: &HidError) -> Option<std::io::ErrorKind> {
+    if let HidError::IoError { error } = error { Some(error.kind()) } else { None }
+}
+
+/// ENODEV and ENXIO, which have no kind of their own.
+fn is_gone(error: &std::io::Error) -> bool {
+    matches!(error.raw_os_error(), Some(19 | 6))
+}
