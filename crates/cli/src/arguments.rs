@@ -199,7 +199,7 @@ pub struct RunArguments {
     pub probe: String,
     /// The object that it touches
     pub scene: String,
-    /// emulated, emulated:PRESET or replay:T.csv (poses of the probe)
+    /// emulated, emulated:PRESET, replay:FILE (poses of the probe, or a recorded device), or one that `palpate devices` lists
     #[arg(long, default_value = "emulated")]
     pub device: String,
     /// How long to render, s
@@ -214,6 +214,9 @@ pub struct RunArguments {
     /// Write one row a haptic step
     #[arg(long, value_name = "FILE.csv")]
     pub record: Option<PathBuf>,
+    /// Write what the device told, to be replayed exactly with --device replay:FILE: text where FILE ends in .csv, else compact
+    #[arg(long, value_name = "FILE")]
+    pub record_device: Option<PathBuf>,
     /// Write a self-contained HTML report
     #[arg(long, value_name = "FILE.html")]
     pub report: Option<PathBuf>,

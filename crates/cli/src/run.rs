@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use indicatif::ProgressBar;
+use palpate::device::{HapticDevice, RecordingWriter, Tap, Taps};
 use palpate::dynamics::DeviceMapping;
 use palpate::{
     ContactTiming, HapticRenderer, Pose, Record, RecordWriter, RendererError, Scene, Settings, Summary,
@@ -45,11 +46,20 @@ pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
             "--report takes at most {most} s; --record takes longer sessions"
         )));
     }
+    let (device, taps) = match &arguments.record_device {
+        None => (device, None),
+        Some(path) => {
+            let (tap, taps) = Tap::new(device);
+            let writer = RecordingWriter::create(path, tap.specification());
+            let writer = writer.map_err(|error| Failure::writing(path, error))?;
+            (Box::new(tap) as Box<dyn HapticDevice>, Some((path.as_path(), taps, writer)))
+        }
+    };
     let renderer = HapticRenderer::new(probe, scene, device, settings)?;
 
     let stop = stop_on_interrupt()?;
     let bar = progress::bar("rendering");
-    let mut recorder = Recorder::open(arguments, &bar)?;
+    let mut recorder = Recorder::open(arguments, taps, &bar)?;
     let session = if arguments.lockstep {
         renderer.run_lockstep(seconds, timing, &stop, |row| recorder.take(row))?
     } else {
@@ -69,7 +79,12 @@ fn check_files(arguments: &RunArguments) -> Result<(), Failure> {
     let replayed = arguments.device.strip_prefix("replay:").map(Path::new);
     let read: Vec<&Path> =
         [Path::new(&arguments.probe), Path::new(&arguments.scene)].into_iter().chain(replayed).collect();
-    let given = [arguments.record.as_deref(), arguments.report.as_deref(), arguments.json.file()];
+    let given = [
+        arguments.record.as_deref(),
+        arguments.record_device.as_deref(),
+        arguments.report.as_deref(),
+        arguments.json.file(),
+    ];
     let written: Vec<&Path> = given.into_iter().flatten().collect();
     output::check_files(&read, &written)
 }
@@ -92,16 +107,24 @@ fn stop_on_interrupt() -> Result<Arc<AtomicBool>, Failure> {
     Ok(stop)
 }
 
+/// What the device tells, and the file that it goes to.
+type Tapped<'a> = (&'a Path, Taps, RecordingWriter<File>);
+
 /// Takes the rows of a session: to a file as they come, and kept where a report wants them.
 struct Recorder<'a> {
     file: Option<(&'a Path, RecordWriter<File>)>,
+    device: Option<Tapped<'a>>,
     kept: Option<Vec<Record>>,
     bar: &'a ProgressBar,
     seconds: f64,
 }
 
 impl<'a> Recorder<'a> {
-    fn open(arguments: &'a RunArguments, bar: &'a ProgressBar) -> Result<Self, Failure> {
+    fn open(
+        arguments: &'a RunArguments,
+        device: Option<Tapped<'a>>,
+        bar: &'a ProgressBar,
+    ) -> Result<Self, Failure> {
         let file = match &arguments.record {
             None => None,
             Some(path) => {
@@ -110,7 +133,7 @@ impl<'a> Recorder<'a> {
             }
         };
         let kept = arguments.report.is_some().then(Vec::new);
-        Ok(Self { file, kept, bar, seconds: arguments.seconds })
+        Ok(Self { file, device, kept, bar, seconds: arguments.seconds })
     }
 
     fn take(&mut self, row: &Record) -> Result<(), Failure> {
@@ -120,13 +143,30 @@ impl<'a> Recorder<'a> {
         if let Some(kept) = &mut self.kept {
             kept.push(*row);
         }
+        self.take_readings()?;
         progress::set(self.bar, row.time / self.seconds);
         Ok(())
     }
 
-    fn close(self, arguments: &RunArguments, summary: &Summary) -> Result<(), Failure> {
-        if let Some((path, file)) = self.file {
+    fn take_readings(&mut self) -> Result<(), Failure> {
+        let Some((path, taps, writer)) = &mut self.device else { return Ok(()) };
+        while let Some(reading) = taps.take() {
+            writer.write(&reading).map_err(|error| Failure::writing(path, error))?;
+        }
+        Ok(())
+    }
+
+    fn close(mut self, arguments: &RunArguments, summary: &Summary) -> Result<(), Failure> {
+        if let Some((path, file)) = self.file.take() {
             file.finish().map_err(|error| Failure::writing(path, error))?;
+        }
+        self.take_readings()?;
+        if let Some((path, taps, writer)) = self.device.take() {
+            writer.finish().map_err(|error| Failure::writing(path, error))?;
+            if taps.lost() > 0 {
+                let lost = format!("{} readings were lost: the disk was too slow for them", taps.lost());
+                progress::warn(&path.display().to_string(), &[lost]);
+            }
         }
         if let (Some(records), Some(path)) = (self.kept, &arguments.report) {
             let title = format!("{} against {}", arguments.probe, arguments.scene);

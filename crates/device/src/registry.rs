@@ -5,7 +5,7 @@ use std::path::Path;
 use palpate_core::Pose;
 use serde::Serialize;
 
-use crate::{DeviceError, Emulation, HapticDevice, ReplayDevice, Specification};
+use crate::{DeviceError, Emulation, HapticDevice, RecordedDevice, Recording, ReplayDevice, Specification};
 
 /// A device that can be opened.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -131,13 +131,17 @@ fn list_emulated() -> Vec<Listing> {
 
 fn open_replay(file: Option<&str>) -> Opened {
     let file = file.filter(|file| !file.is_empty()).ok_or_else(none_such)?;
-    Ok(Box::new(ReplayDevice::open(Path::new(file))?))
+    let file = Path::new(file);
+    if Recording::is_one(file) {
+        return Ok(Box::new(RecordedDevice::new(Recording::load(file)?)));
+    }
+    Ok(Box::new(ReplayDevice::open(file)?))
 }
 
 fn list_replay() -> Vec<Listing> {
     vec![Listing {
         address: "replay:FILE.csv".into(),
-        description: format!("replays a recorded motion ({})", crate::PATH_HEADER),
+        description: format!("replays a recorded motion ({}) or a recorded device", crate::PATH_HEADER),
         specification: None,
     }]
 }

@@ -1,6 +1,6 @@
 //! What a device is and what it can do.
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::mechanics::Handle;
 
@@ -29,27 +29,36 @@ impl Axes {
 
 /// What a device is and what it can do. A limit that the device does not set is infinite (`null` in JSON); an
 /// ability that it lacks is zero.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Specification {
     /// Make and model.
     pub name: String,
     /// Largest force for a moment, N; a longer one is clipped to it.
+    #[serde(deserialize_with = "or_infinite")]
     pub peak_force: f64,
     /// Force that can be kept up without overheating, N.
+    #[serde(deserialize_with = "or_infinite")]
     pub continuous_force: f64,
     /// Largest torque for a moment, N·m.
+    #[serde(deserialize_with = "or_infinite")]
     pub peak_torque: f64,
     /// Torque that can be kept up without overheating, N·m.
+    #[serde(deserialize_with = "or_infinite")]
     pub continuous_torque: f64,
     /// Largest stiffness that the device renders stably at 1 kHz, N/m.
+    #[serde(deserialize_with = "or_infinite")]
     pub stiffness: f64,
     /// Largest angular stiffness that the device renders stably at 1 kHz, N·m/rad.
+    #[serde(deserialize_with = "or_infinite")]
     pub angular_stiffness: f64,
     /// Largest virtual damping that the device renders stably together with `stiffness`, N·s/m.
+    #[serde(deserialize_with = "or_infinite")]
     pub damping: f64,
     /// Largest virtual angular damping together with `angular_stiffness`, N·m·s/rad.
+    #[serde(deserialize_with = "or_infinite")]
     pub angular_damping: f64,
     /// Radius of the workspace around the device's origin, m.
+    #[serde(deserialize_with = "or_infinite")]
     pub workspace_radius: f64,
     /// Smallest change of position that is sensed, m; 0 when sensing is not quantised.
     pub encoder_step: f64,
@@ -64,4 +73,9 @@ pub struct Specification {
     /// What the handle resists motion with, where that is known: its damping and friction bound what the device
     /// renders passively. An [`Emulation`](crate::Emulation) moves by its own handle, whatever stands here.
     pub handle: Option<Handle>,
+}
+
+/// JSON has no infinity, and null stands for it.
+fn or_infinite<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    Ok(Option::<f64>::deserialize(deserializer)?.unwrap_or(f64::INFINITY))
 }

@@ -73,6 +73,16 @@ impl Status {
         (Self::NOT_ENABLED, "not enabled"),
     ];
 
+    /// One bit for each condition, for files.
+    pub(crate) fn bits(self) -> u32 {
+        self.0
+    }
+
+    /// The conditions that there are of those bits.
+    pub(crate) fn from_bits(bits: u32) -> Self {
+        Self(bits & Self::NAMES.iter().fold(0, |all, (flag, _)| all | flag.0))
+    }
+
     /// Whether every condition of `other` is in this set.
     pub fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0
