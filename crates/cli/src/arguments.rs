@@ -202,6 +202,9 @@ pub struct RunArguments {
     /// emulated, emulated:PRESET, replay:FILE (poses of the probe, or a recorded device), or one that `palpate devices` lists
     #[arg(long, default_value = "emulated")]
     pub device: String,
+    /// Button of the device, counted from 0, that is to be held for anything to be felt [default: none]
+    #[arg(long, value_name = "N")]
+    pub enable_button: Option<u32>,
     /// How long to render, s
     #[arg(long, default_value_t = 10.0)]
     pub seconds: f64,

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use indicatif::ProgressBar;
-use palpate::device::{HapticDevice, RecordingWriter, Tap, Taps};
+use palpate::device::{HapticDevice, HoldToEnable, RecordingWriter, Tap, Taps};
 use palpate::dynamics::DeviceMapping;
 use palpate::{
     ContactTiming, HapticRenderer, Pose, Record, RecordWriter, RendererError, Scene, Settings, Summary,
@@ -46,6 +46,10 @@ pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
             "--report takes at most {most} s; --record takes longer sessions"
         )));
     }
+    let device = match arguments.enable_button {
+        None => device,
+        Some(button) => Box::new(HoldToEnable::new(device, button)) as Box<dyn HapticDevice>,
+    };
     let (device, taps) = match &arguments.record_device {
         None => (device, None),
         Some(path) => {

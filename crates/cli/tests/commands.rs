@@ -349,6 +349,12 @@ fn a_recorded_device_is_replayed_exactly() {
     assert!(first == compact, "the replayed compact form");
     let files = ["device.csv", "last.csv"].map(|name| std::fs::read(folder.join(name)).unwrap());
     assert!(files[0] == files[1], "a recording of a replayed recording is that recording");
+    // A button that nobody holds.
+    let held =
+        ["run", "ellipsoid@500", "golf-ball@5000", "--lockstep", "--seconds", "1", "--enable-button", "0"];
+    json(&[&held[..], &["--record-device", "held.csv", "--json"]].concat(), folder);
+    let held = std::fs::read_to_string(folder.join("held.csv")).unwrap();
+    assert!(held.lines().skip(2).all(|line| line.ends_with(",0,4096")), "not enabled");
     // Bare poses of the same device make another twist, and other wrenches.
     let poses: String = String::from_utf8(files[0].clone())
         .unwrap()

@@ -9,6 +9,7 @@
 
 mod clip;
 mod emulated;
+mod enable;
 mod error;
 mod hand;
 pub mod hid;
@@ -25,6 +26,7 @@ mod state;
 mod velocity;
 
 pub use emulated::{EmulatedDevice, Emulation};
+pub use enable::HoldToEnable;
 pub use error::{DeviceError, PathError};
 pub use hand::{Hand, IntendedPath};
 pub use mechanics::Handle;

@@ -1,0 +1,110 @@
+//! Holding a button to feel anything.
+
+use palpate_core::Wrench;
+
+use crate::{DeviceError, DeviceState, HapticDevice, Specification, Status};
+
+/// The wrench comes up in this time after the button is pressed, s.
+const RISE: f64 = 0.2;
+
+/// A device that renders a wrench only while one of its buttons is held: let go, it is zero at the next write, and
+/// [`Status::NOT_ENABLED`] is set; pressed, it comes up smoothly. What drives the device knows of it by the status only: its own
+/// figures of energy are of the wrench that it asked for.
+#[derive(Debug)]
+pub struct HoldToEnable<D> {
+    device: D,
+    /// Its bit.
+    button: u32,
+    /// Since when it has been held, s.
+    held: Option<f64>,
+    now: f64,
+}
+
+impl<D: HapticDevice> HoldToEnable<D> {
+    /// With a button, counted from 0; of those beyond the 32nd none is ever held.
+    pub fn new(device: D, button: u32) -> Self {
+        Self { device, button: 1_u32.checked_shl(button).unwrap_or(0), held: None, now: 0.0 }
+    }
+
+    /// How much of the wrench is rendered, 0 to 1.
+    fn share(&self) -> f64 {
+        let x = self.held.map_or(0.0, |since| ((self.now - since) / RISE).clamp(0.0, 1.0));
+        x * x * (3.0 - 2.0 * x)
+    }
+}
+
+impl<D: HapticDevice> HapticDevice for HoldToEnable<D> {
+    fn specification(&self) -> &Specification {
+        self.device.specification()
+    }
+
+    fn read(&mut self, now: f64) -> Result<DeviceState, DeviceError> {
+        let state = self.device.read(now);
+        if now.is_finite() {
+            self.now = self.now.max(now);
+        }
+        let pressed = state.as_ref().is_ok_and(|state| state.buttons & self.button != 0);
+        self.held = pressed.then(|| self.held.unwrap_or(self.now));
+        let mut state = state?;
+        if !pressed {
+            state.status |= Status::NOT_ENABLED;
+        }
+        Ok(state)
+    }
+
+    fn write(&mut self, wrench: &Wrench) -> Result<(), DeviceError> {
+        match self.share() {
+            0.0 => self.device.write(&Wrench::ZERO),
+            share => self.device.write(&(*wrench * share)),
+        }
+    }
+
+    fn close(&mut self) -> Result<(), DeviceError> {
+        self.device.close()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+    use palpate_core::Pose;
+
+    use super::*;
+    use crate::Emulation;
+
+    const WRENCH: Wrench = Wrench { force: DVec3::X, torque: DVec3::ZERO };
+
+    #[test]
+    fn nothing_is_felt_before_the_button_is_held_or_after() {
+        let mut device = HoldToEnable::new(Emulation::default().open(Pose::IDENTITY).unwrap(), 2);
+        let applied = |device: &mut HoldToEnable<crate::EmulatedDevice>, now: f64, buttons: u32| {
+            device.device.set_buttons(buttons);
+            let status = device.read(now).unwrap().status;
+            device.write(&WRENCH).unwrap();
+            (device.device.applied_wrench().force.x, status.contains(Status::NOT_ENABLED))
+        };
+        assert_eq!(applied(&mut device, 0.0, 0), (0.0, true));
+        assert_eq!(applied(&mut device, 0.1, 0b011), (0.0, true), "another button");
+        let mut last = 0.0;
+        for i in 0..=300 {
+            let (force, disabled) = applied(&mut device, 0.2 + f64::from(i) * 1e-3, 0b100);
+            assert!(!disabled && force >= last && force - last < 0.01, "{i}: {force}");
+            last = force;
+        }
+        assert_eq!(last, 1.0);
+        assert_eq!(applied(&mut device, 0.501, 0), (0.0, true), "let go");
+        assert!(applied(&mut device, 0.502, 0b100).0 < 0.01, "it comes up anew");
+    }
+
+    #[test]
+    fn what_is_no_wrench_is_refused_as_ever() {
+        let mut device = HoldToEnable::new(Emulation::default().open(Pose::IDENTITY).unwrap(), 0);
+        device.device.set_buttons(1);
+        device.read(0.0).unwrap();
+        device.read(0.15).unwrap();
+        device.write(&Wrench::new(DVec3::NAN, DVec3::ZERO)).unwrap();
+        assert!(device.read(0.16).unwrap().status.contains(Status::WRENCH_REFUSED));
+        assert_eq!(device.device.applied_wrench(), Wrench::ZERO);
+        assert!(HoldToEnable::new(device, 40).read(0.2).unwrap().status.contains(Status::NOT_ENABLED));
+    }
+}
