@@ -91,7 +91,7 @@ impl Registry {
 }
 
 /// Opens a device of this crate: `emulated` (a Phantom Premium 1.5), `emulated:PRESET`, `replay:FILE`, `spacemouse`,
-/// `woodenhaptics`, `woodenhaptics:MODEL` or `hid:VENDOR:PRODUCT` (in hexadecimal).
+/// `woodenhaptics`, `woodenhaptics:MODEL` or `hid:VENDOR:PRODUCT` (in hexadecimal; also of a joystick with force feedback).
 ///
 /// The hand of a device emulated this way holds still at the centre of the workspace; [`Emulation::open`] gives
 /// it a path to follow.
@@ -210,7 +210,7 @@ mod real {
         if listings.is_empty() {
             listings.push(Listing {
                 address: "hid:VENDOR:PRODUCT".into(),
-                description: "a HID device that is plugged in and has a driver here (there is none); for permission to open \
+                description: "a HID device that is plugged in, with a driver here (there is none) or force feedback; for permission to open \
                               one on Linux, see `palpate devices --udev`"
                     .into(),
                 specification: None,

@@ -20,6 +20,9 @@ struct Wire {
     unplugged: bool,
     interrupted: u32,
     stalled: bool,
+    features_stalled: bool,
+    features: Vec<Vec<u8>>,
+    features_set: Vec<Vec<u8>>,
     write_takes: Duration,
     generation: u32,
 }
@@ -83,6 +86,21 @@ impl FakeWire {
         self.lock().stalled = stalled;
     }
 
+    /// Answers requests for the feature report that begins with its first byte with it, once for each call.
+    pub fn answer(&self, report: &[u8]) {
+        self.lock().features.push(report.to_vec());
+    }
+
+    /// The feature reports that the host has set since this was last asked.
+    pub fn features_set(&self) -> Vec<Vec<u8>> {
+        std::mem::take(&mut self.lock().features_set)
+    }
+
+    /// Refuses all feature reports, or takes them again.
+    pub fn stall_features(&self, stalled: bool) {
+        self.lock().features_stalled = stalled;
+    }
+
     /// Lets each write take so long.
     pub fn delay_writes(&self, time: Duration) {
         self.lock().write_takes = time;
@@ -124,5 +142,26 @@ impl Transport for FakeTransport {
             std::thread::sleep(takes);
         }
         Ok(())
+    }
+
+    fn set_feature(&mut self, report: &[u8]) -> Result<(), TransportError> {
+        let mut wire = self.live()?;
+        if wire.features_stalled {
+            return Err(TransportError::Failed);
+        }
+        wire.features_set.push(report.to_vec());
+        Ok(())
+    }
+
+    fn get_feature(&mut self, report: &mut [u8; LONGEST_REPORT]) -> Result<usize, TransportError> {
+        let mut wire = self.live()?;
+        let known = wire.features.iter().position(|known| known.first() == report.first());
+        let Some(known) = known.filter(|_| !wire.features_stalled) else {
+            return Err(TransportError::Failed);
+        };
+        let answer = wire.features.remove(known);
+        let length = answer.len().min(LONGEST_REPORT);
+        report[..length].copy_from_slice(&answer[..length]);
+        Ok(length)
     }
 }

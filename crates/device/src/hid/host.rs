@@ -1,13 +1,13 @@
 //! HID devices of this machine, by hidapi. Enumerating and opening may take long: never on the haptic thread.
 
-use std::ffi::CString;
+use std::ffi::{CStr, CString};
 use std::time::Duration;
 
 use hidapi::{HidApi, HidError};
 
 use super::transport::{LONGEST_REPORT, Transport, TransportError};
 use super::wooden_haptics::WoodenHapticsModel;
-use super::{Driver, known, space_mouse, wooden_haptics};
+use super::{Driver, PidCodec, known, pid, space_mouse, wooden_haptics};
 use crate::{DeviceError, HapticDevice};
 
 const PERMISSION: &str = "let your user open it: `palpate devices --udev | sudo tee /etc/udev/rules.d/70-palpate.rules`, \
@@ -50,16 +50,7 @@ impl Connected {
     }
 
     fn transport(&self) -> Result<HidTransport, DeviceError> {
-        let opened = HidApi::new().and_then(|api| api.open_path(&self.path));
-        opened.map(HidTransport).map_err(|error| {
-            let reason = error.to_string();
-            let denied = reason.to_lowercase().contains("permission denied");
-            DeviceError::NotOpened {
-                device: format!("{} ({})", self.name, self.path.to_string_lossy()),
-                reason,
-                remedy: if denied { PERMISSION } else { IN_USE },
-            }
-        })
+        open_path(&self.path, self.name)
     }
 }
 
@@ -75,10 +66,56 @@ pub(crate) fn open(driver: Driver, model: Option<&str>) -> Result<Box<dyn Haptic
     )
 }
 
-/// Opens the first device with these numbers.
+/// Opens the first device with these numbers: one with a driver of its own, or one of force feedback by its report
+/// descriptor.
 pub(crate) fn open_numbered(vendor: u16, product: u16) -> Result<Box<dyn HapticDevice>, DeviceError> {
-    let named = || format!("HID device {vendor:04x}:{product:04x} with a driver");
-    open_any(|device| (device.vendor, device.product) == (vendor, product), None, named)
+    if known().any(|(known, of, ..)| (known, of) == (vendor, product)) {
+        let named = || format!("HID device {vendor:04x}:{product:04x}");
+        return open_any(|device| (device.vendor, device.product) == (vendor, product), None, named);
+    }
+    let name = format!("HID device {vendor:04x}:{product:04x}");
+    let path = path_of(vendor, product).ok_or_else(|| DeviceError::NotConnected { device: name.clone() })?;
+    let mut first = Some(open_path(&path, &name)?);
+    let mut descriptor = [0; hidapi::MAX_REPORT_DESCRIPTOR_SIZE];
+    let described = first.as_ref().map(|transport| transport.0.get_report_descriptor(&mut descriptor));
+    let not_opened = |reason: String| DeviceError::NotOpened {
+        device: name.clone(),
+        reason,
+        remedy: "give a device that `palpate devices` lists, or one with force feedback",
+    };
+    let length = match described {
+        Some(Ok(length)) => length.min(descriptor.len()),
+        Some(Err(error)) => return Err(not_opened(error.to_string())),
+        None => 0,
+    };
+    let codec = PidCodec::new(&descriptor[..length]).map_err(|error| not_opened(error.to_string()))?;
+    let again = name.clone();
+    let open = move || -> Option<Box<dyn Transport>> {
+        let transport = first.take().or_else(|| open_path(&path_of(vendor, product)?, &again).ok())?;
+        Some(Box::new(transport))
+    };
+    let opened = pid::link(&name, codec).spawn(open).map_err(|error| not_opened(error.to_string()))?;
+    Ok(Box::new(opened))
+}
+
+fn path_of(vendor: u16, product: u16) -> Option<CString> {
+    let api = HidApi::new().ok()?;
+    let mut devices = api.device_list();
+    let found = devices.find(|device| (device.vendor_id(), device.product_id()) == (vendor, product))?;
+    Some(found.path().to_owned())
+}
+
+fn open_path(path: &CStr, name: &str) -> Result<HidTransport, DeviceError> {
+    let opened = HidApi::new().and_then(|api| api.open_path(path));
+    opened.map(HidTransport).map_err(|error| {
+        let reason = error.to_string();
+        let denied = reason.to_lowercase().contains("permission denied");
+        DeviceError::NotOpened {
+            device: format!("{name} ({})", path.to_string_lossy()),
+            reason,
+            remedy: if denied { PERMISSION } else { IN_USE },
+        }
+    })
 }
 
 fn open_any(
@@ -132,11 +169,22 @@ impl Transport for HidTransport {
     }
 
     fn write(&mut self, report: &[u8]) -> Result<(), TransportError> {
-        match self.0.write(report) {
-            Ok(_) => Ok(()),
-            Err(HidError::IoError { error }) if is_gone(&error) => Err(TransportError::Disconnected),
-            Err(_) => Err(TransportError::Failed),
-        }
+        self.0.write(report).map(|_| ()).map_err(|error| refused(&error))
+    }
+
+    fn set_feature(&mut self, report: &[u8]) -> Result<(), TransportError> {
+        self.0.send_feature_report(report).map_err(|error| refused(&error))
+    }
+
+    fn get_feature(&mut self, report: &mut [u8; LONGEST_REPORT]) -> Result<usize, TransportError> {
+        self.0.get_feature_report(report).map_err(|error| refused(&error))
+    }
+}
+
+fn refused(error: &HidError) -> TransportError {
+    match error {
+        HidError::IoError { error } if is_gone(error) => TransportError::Disconnected,
+        _ => TransportError::Failed,
     }
 }
 

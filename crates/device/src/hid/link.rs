@@ -69,17 +69,25 @@ pub trait Codec: Send + 'static {
     /// If it is none of the device's; nothing is changed then.
     fn decode(&mut self, report: &[u8], sample: &mut Self::Sample) -> Result<(), Malformed>;
 
-    /// The report that asks for a wrench on the hand (device axes), by what is known; none where the device takes none.
-    fn encode(&mut self, wrench: &Wrench, sample: &Self::Sample) -> Option<Report>;
+    /// Says the reports that ask for a wrench on the hand (device axes), by what is known; none where there is nothing to say.
+    fn encode(&mut self, wrench: &Wrench, sample: &Self::Sample, say: &mut dyn FnMut(Report));
 
-    /// What is written first, and first after the device has come back.
-    fn greeting(&self) -> Option<Report> {
-        None
+    /// What is said first, and first after the device has come back.
+    ///
+    /// # Errors
+    /// If the device does not take part: it is tried anew later.
+    fn start(&mut self, transport: &mut dyn Transport) -> Result<(), TransportError> {
+        let _ = transport;
+        Ok(())
     }
 
-    /// What is written last.
-    fn farewell(&self) -> Option<Report> {
-        None
+    /// What is said last, after a wrench of zero.
+    ///
+    /// # Errors
+    /// If the device does not take it.
+    fn stop(&mut self, transport: &mut dyn Transport) -> Result<(), TransportError> {
+        let _ = transport;
+        Ok(())
     }
 }
 
@@ -122,6 +130,8 @@ pub struct Pump<C: Codec> {
     transport: Option<Box<dyn Transport>>,
     /// How long a round waits for a report.
     patience: Duration,
+    /// Whether a device that is silent is one that is not well.
+    talks: bool,
     news: News<C::Sample>,
     told: triple_buffer::Input<News<C::Sample>>,
     orders: triple_buffer::Output<Order>,
@@ -161,6 +171,7 @@ impl<C: Codec, M: Motion<Sample = C::Sample>> Link<C, M> {
             open: Box::new(open),
             transport: None,
             patience,
+            talks: silence.is_finite(),
             news: News::default(),
             told,
             orders,
@@ -240,32 +251,31 @@ impl<C: Codec> Pump<C> {
         if order.number != self.order {
             (self.order, self.ordered) = (order.number, now);
         }
-        let live = heard && order.number > self.stale && now - self.ordered <= RENEWAL;
+        let live = (heard || !self.talks) && order.number > self.stale && now - self.ordered <= RENEWAL;
         let wrench = if live { order.wrench } else { Wrench::ZERO };
-        if self.transport.is_some()
-            && let Some(report) = self.codec.encode(&wrench, &self.news.sample)
-        {
-            self.say(&report);
-        }
+        self.ask(&wrench);
         self.transport.is_some()
     }
 
     /// The last words.
     pub fn end(&mut self) {
-        let last = [self.codec.encode(&Wrench::ZERO, &self.news.sample), self.codec.farewell()];
-        last.iter().flatten().for_each(|report| self.say(report));
-        self.transport = None;
+        self.ask(&Wrench::ZERO);
+        if let Some(mut transport) = self.transport.take() {
+            // There is nobody left to tell.
+            let _ = self.codec.stop(&mut *transport);
+        }
     }
 
-    fn meet(&mut self, transport: Box<dyn Transport>) {
+    fn meet(&mut self, mut transport: Box<dyn Transport>) {
+        if self.codec.start(&mut *transport).is_err() {
+            self.news.unwritten += 1;
+            return;
+        }
         self.transport = Some(transport);
         self.news.sample = C::Sample::default();
         self.news.connected = true;
         self.news.arrivals += 1;
         self.stale = self.orders.read().number;
-        if let Some(report) = self.codec.greeting() {
-            self.say(&report);
-        }
         self.told.write(self.news);
     }
 
@@ -297,14 +307,23 @@ impl<C: Codec> Pump<C> {
         heard
     }
 
-    fn say(&mut self, report: &Report) {
-        let Some(transport) = &mut self.transport else { return };
-        match transport.write(report.bytes()) {
-            Ok(()) => return,
-            Err(TransportError::Failed) => self.news.unwritten += 1,
-            Err(TransportError::Disconnected) => self.lose(),
+    /// Writes what asks for a wrench.
+    fn ask(&mut self, wrench: &Wrench) {
+        let Self { codec, transport, news, .. } = self;
+        let Some(open) = transport else { return };
+        let (mut failed, mut gone) = (0, false);
+        codec.encode(wrench, &news.sample, &mut |report| match open.write(report.bytes()) {
+            Ok(()) => {}
+            Err(TransportError::Failed) => failed += 1,
+            Err(TransportError::Disconnected) => gone = true,
+        });
+        if failed > 0 || gone {
+            news.unwritten += failed;
+            if gone {
+                self.lose();
+            }
+            self.told.write(self.news);
         }
-        self.told.write(self.news);
     }
 }
 

@@ -8,6 +8,7 @@ mod fake;
 #[cfg(feature = "hid")]
 mod host;
 mod link;
+mod pid;
 mod space_mouse;
 mod transport;
 mod udev;
@@ -17,6 +18,7 @@ pub use fake::{FakeTransport, FakeWire, QUEUE};
 #[cfg(feature = "hid")]
 pub(crate) use host::{Connected, connected, open, open_numbered};
 pub use link::{Codec, Link, LinkedDevice, Malformed, Motion, Pump, Report};
+pub use pid::{NotPid, PEAK_FORCE, PidCodec, Stick, StickMotion};
 pub use space_mouse::{Deflection, RateControl, SpaceMouseCodec};
 pub use transport::{LONGEST_REPORT, Transport, TransportError};
 pub use udev::udev_rules;
@@ -42,6 +44,13 @@ impl Link<SpaceMouseCodec, RateControl> {
     /// A SpaceMouse that goes by a name.
     pub fn space_mouse(name: &str) -> Self {
         space_mouse::link(name)
+    }
+}
+
+impl Link<PidCodec, StickMotion> {
+    /// A joystick with force feedback that goes by a name.
+    pub fn pid(name: &str, codec: PidCodec) -> Self {
+        pid::link(name, codec)
     }
 }
 

@@ -14,6 +14,7 @@ use glam::{DQuat, DVec3};
 use palpate_core::{Pose, Twist, Wrench};
 
 use super::link::{Codec, Link, Malformed, Motion, Report};
+use super::transport::{Transport, TransportError};
 use crate::{Axes, Specification};
 
 /// Deflection of a cap at its stop.
@@ -91,17 +92,22 @@ impl Codec for SpaceMouseCodec {
         Ok(())
     }
 
-    fn encode(&mut self, _: &Wrench, _: &Deflection) -> Option<Report> {
-        None
+    fn encode(&mut self, _: &Wrench, _: &Deflection, _: &mut dyn FnMut(Report)) {}
+
+    /// Its light on. Not every cap has one.
+    fn start(&mut self, transport: &mut dyn Transport) -> Result<(), TransportError> {
+        lit(transport, 1)
     }
 
-    /// Its light on.
-    fn greeting(&self) -> Option<Report> {
-        Some(Report::new(&[4, 1], 2))
+    fn stop(&mut self, transport: &mut dyn Transport) -> Result<(), TransportError> {
+        lit(transport, 0)
     }
+}
 
-    fn farewell(&self) -> Option<Report> {
-        Some(Report::new(&[4, 0], 2))
+fn lit(transport: &mut dyn Transport, light: u8) -> Result<(), TransportError> {
+    match transport.write(&[4, light]) {
+        Err(TransportError::Failed) => Ok(()),
+        result => result,
     }
 }
 

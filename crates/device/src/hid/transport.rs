@@ -34,6 +34,24 @@ pub trait Transport: Send {
     /// # Errors
     /// See [`TransportError`].
     fn write(&mut self, report: &[u8]) -> Result<(), TransportError>;
+
+    /// Sets a feature report, which may take seconds.
+    ///
+    /// # Errors
+    /// See [`TransportError`].
+    fn set_feature(&mut self, report: &[u8]) -> Result<(), TransportError> {
+        let _ = report;
+        Err(TransportError::Failed)
+    }
+
+    /// Gets the feature report whose number stands in its first byte, and its length; it may take seconds.
+    ///
+    /// # Errors
+    /// See [`TransportError`].
+    fn get_feature(&mut self, report: &mut [u8; LONGEST_REPORT]) -> Result<usize, TransportError> {
+        let _ = report;
+        Err(TransportError::Failed)
+    }
 }
 
 impl<T: Transport + ?Sized> Transport for Box<T> {
@@ -47,5 +65,13 @@ impl<T: Transport + ?Sized> Transport for Box<T> {
 
     fn write(&mut self, report: &[u8]) -> Result<(), TransportError> {
         (**self).write(report)
+    }
+
+    fn set_feature(&mut self, report: &[u8]) -> Result<(), TransportError> {
+        (**self).set_feature(report)
+    }
+
+    fn get_feature(&mut self, report: &mut [u8; LONGEST_REPORT]) -> Result<usize, TransportError> {
+        (**self).get_feature(report)
     }
 }

@@ -392,7 +392,7 @@ impl Codec for WoodenHapticsCodec {
         Ok(())
     }
 
-    fn encode(&mut self, wrench: &Wrench, sample: &Encoders) -> Option<Report> {
+    fn encode(&mut self, wrench: &Wrench, sample: &Encoders, say: &mut dyn FnMut(Report)) {
         let mut words = [0; 7];
         if sample.lost {
             let [a, b, c, d, e, f] = self.model.calibration();
@@ -408,7 +408,7 @@ impl Codec for WoodenHapticsCodec {
             .iter_mut()
             .zip(words)
             .for_each(|(to, word)| *to = word.to_le_bytes());
-        Some(Report::new(&bytes, WRITTEN))
+        say(Report::new(&bytes, WRITTEN));
     }
 }
 

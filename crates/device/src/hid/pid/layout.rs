@@ -1,0 +1,292 @@
+//! Where a device's report descriptor puts the numbers of PID ("Device Class Definition for Physical Interface Devices", USB-IF 1999).
+//!
+//! Numbers of reports and widths of fields are each device's own; what they mean is told by usages.
+
+use hidparser::report_data_types::Usage;
+use hidparser::{Report, ReportCollection, ReportField, parse_report_descriptor};
+
+/// Usage pages.
+const DESKTOP: u16 = 0x01;
+const BUTTON: u16 = 0x09;
+const PID: u16 = 0x0f;
+
+/// Axes that are sensed and may be driven.
+pub const AXES: usize = 2;
+/// X and Y of the desktop page.
+const AXIS_USAGES: [u16; AXES] = [0x30, 0x31];
+/// Buttons that are told.
+const BUTTONS: usize = 32;
+/// The longest report that may be, bytes.
+const LONGEST: usize = crate::hid::LONGEST_REPORT;
+
+/// A number in a report.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Slot {
+    /// Bits, the number of the report counted with.
+    first: usize,
+    width: usize,
+    pub minimum: i32,
+    pub maximum: i32,
+}
+
+impl Slot {
+    fn new(bits: &std::ops::Range<u32>, minimum: i32, maximum: i32) -> Option<Self> {
+        // The number of the report comes first.
+        let (first, width) = (8 + bits.start as usize, bits.len());
+        let sound = (1..=32).contains(&width) && first + width <= 8 * LONGEST && minimum < maximum;
+        sound.then_some(Self { first, width, minimum, maximum })
+    }
+
+    /// Puts a number into a report, or the nearest that it may be.
+    pub fn put(&self, report: &mut [u8], value: i32) {
+        let value = value.clamp(self.minimum, self.maximum) as u32;
+        for bit in 0..self.width {
+            let at = self.first + bit;
+            let Some(byte) = report.get_mut(at / 8) else { return };
+            let mask = 1 << (at % 8);
+            *byte = if value >> bit & 1 == 1 { *byte | mask } else { *byte & !mask };
+        }
+    }
+
+    /// The number in a report; none where the report ends before it.
+    pub fn get(&self, report: &[u8]) -> Option<i32> {
+        let mut value = 0_u32;
+        for bit in 0..self.width {
+            let at = self.first + bit;
+            value |= u32::from(report.get(at / 8)? >> (at % 8) & 1) << bit;
+        }
+        let unused = 32 - self.width;
+        let value = if self.minimum < 0 { (value << unused) as i32 >> unused } else { value as i32 };
+        Some(value.clamp(self.minimum, self.maximum))
+    }
+}
+
+/// A number that stands for something.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Choice {
+    pub slot: Slot,
+    pub value: i32,
+}
+
+impl Choice {
+    pub fn put(&self, report: &mut [u8]) {
+        self.slot.put(report, self.value);
+    }
+}
+
+/// A report: its number, and its length in bytes with that.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Form {
+    pub number: u8,
+    pub length: usize,
+}
+
+/// Where everything is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Layout {
+    /// The report and the place of each axis, and of the buttons.
+    pub axes: [Option<(u8, Slot)>; AXES],
+    pub buttons: Vec<(u8, Slot)>,
+    /// A new effect is asked for, and its index told: features.
+    pub create: Form,
+    pub create_constant: Choice,
+    pub load: Form,
+    pub load_index: Slot,
+    pub load_success: Choice,
+    /// What an effect is like.
+    pub effect: Form,
+    pub effect_index: Slot,
+    pub effect_constant: Option<Choice>,
+    pub duration: Option<Slot>,
+    pub gain: Option<Slot>,
+    pub trigger: Option<Slot>,
+    /// Which axes it acts along.
+    pub enabled: [Option<Slot>; AXES],
+    /// How large it is.
+    pub force: Form,
+    pub force_index: Slot,
+    pub magnitude: Slot,
+    /// It is started.
+    pub operation: Form,
+    pub operation_index: Slot,
+    pub start: Choice,
+    pub loops: Option<Slot>,
+    /// The device as a whole.
+    pub control: Option<Control>,
+    pub device_gain: Option<(Form, Slot)>,
+}
+
+/// What the device as a whole is told to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Control {
+    pub form: Form,
+    pub enable: Choice,
+    pub stop: Choice,
+}
+
+/// The fields of one kind of reports, each with its report.
+struct Fields<'a>(Vec<(Form, &'a ReportField)>);
+
+impl<'a> Fields<'a> {
+    fn of(reports: &'a [Report]) -> Self {
+        let mut fields = Vec::new();
+        for report in reports {
+            let number = report.report_id.and_then(|number| u8::try_from(u32::from(number)).ok());
+            let Some(number) = number else { continue };
+            let form = Form { number, length: 1 + report.size_in_bits.div_ceil(8) };
+            if form.length <= LONGEST {
+                fields.extend(report.fields.iter().map(|field| (form, field)));
+            }
+        }
+        Self(fields)
+    }
+
+    /// Those within a collection of the PID page.
+    fn within(&self, collection: u16) -> Self {
+        let inside = |field: &ReportField| {
+            let collections: &[ReportCollection] = match field {
+                ReportField::Variable(field) => &field.member_of,
+                ReportField::Array(field) => &field.member_of,
+                ReportField::Padding(_) => &[],
+            };
+            collections.iter().any(|known| is(&known.usage, PID, collection))
+        };
+        Self(self.0.iter().filter(|(_, field)| inside(field)).copied().collect())
+    }
+
+    /// A number by its usage.
+    fn slot(&self, page: u16, usage: u16) -> Option<(Form, Slot)> {
+        self.0.iter().find_map(|(form, field)| match field {
+            ReportField::Variable(field) if is(&field.usage, page, usage) => {
+                let range = (i32::from(field.logical_minimum), i32::from(field.logical_maximum));
+                Some((*form, Slot::new(&field.bits, range.0, range.1)?))
+            }
+            _ => None,
+        })
+    }
+
+    /// What stands for something by its usage: its place in a list, or a flag of its own.
+    fn choice(&self, usage: u16) -> Option<(Form, Choice)> {
+        let wanted = u32::from(PID) << 16 | u32::from(usage);
+        self.0.iter().find_map(|(form, field)| match field {
+            ReportField::Array(field) => {
+                let mut before = 0_u32;
+                let range = field.usage_list.iter().find(|range| {
+                    let here = range.range().contains(&wanted);
+                    if !here {
+                        before = before
+                            .saturating_add(range.end().saturating_sub(range.start()).saturating_add(1));
+                    }
+                    here
+                })?;
+                let index = i32::try_from(before.checked_add(wanted - range.start())?).ok()?;
+                let minimum = i32::from(field.logical_minimum);
+                let slot = Slot::new(&field.bits, minimum, i32::from(field.logical_maximum))?;
+                Some((*form, Choice { slot, value: minimum.checked_add(index)? }))
+            }
+            ReportField::Variable(field) if is(&field.usage, PID, usage) => {
+                Some((*form, Choice { slot: Slot::new(&field.bits, 0, 1)?, value: 1 }))
+            }
+            _ => None,
+        })
+    }
+}
+
+fn is(usage: &Usage, page: u16, id: u16) -> bool {
+    (usage.page(), usage.id()) == (page, id)
+}
+
+/// Whether no item asks for more, or larger, fields than a report holds: some would fill the memory.
+fn is_bounded(descriptor: &[u8]) -> bool {
+    let mut rest = descriptor;
+    while let [key, tail @ ..] = rest {
+        // A long item tells its size, and has a tag.
+        let size = match (key, tail.first()) {
+            (0xfe, Some(size)) => usize::from(*size) + 2,
+            _ => [0, 1, 2, 4][usize::from(key & 3)],
+        };
+        let mut value = [0; 4];
+        let Some(bytes) = tail.get(..size) else { return true };
+        value.iter_mut().zip(bytes).for_each(|(to, from)| *to = *from);
+        // Report size and report count.
+        if matches!(key & 0xfc, 0x74 | 0x94) && u32::from_le_bytes(value) as usize > 8 * LONGEST {
+            return false;
+        }
+        rest = &tail[size..];
+    }
+    true
+}
+
+impl Layout {
+    /// The layout of a device, by its report descriptor; what it lacks where it is none of a force feedback device with constant
+    /// forces.
+    pub fn parse(descriptor: &[u8]) -> Result<Self, String> {
+        if !is_bounded(descriptor) {
+            return Err(format!("a report of more than {LONGEST} bytes"));
+        }
+        let descriptor = parse_report_descriptor(descriptor).map_err(|error| format!("{error:?}"))?;
+        let input = Fields::of(&descriptor.input_reports);
+        let output = Fields::of(&descriptor.output_reports);
+        let feature = Fields::of(&descriptor.features);
+        let lacks = |what: &'static str| move || format!("it lacks {what}");
+        let slot_of = |fields: &Fields, usage: u16, what| fields.slot(PID, usage).ok_or_else(lacks(what));
+        let choice_of = |fields: &Fields, usage: u16, what| fields.choice(usage).ok_or_else(lacks(what));
+
+        let buttons = input.0.iter().filter_map(|(form, field)| match field {
+            ReportField::Variable(field) if field.usage.page() == BUTTON => {
+                Some((form.number, Slot::new(&field.bits, 0, 1)?))
+            }
+            _ => None,
+        });
+        let (create, create_constant) = choice_of(&feature.within(0xab), 0x26, "new constant forces")?;
+        let loads = feature.within(0x89);
+        let (load, load_index) = slot_of(&loads, 0x22, "the index of a new effect")?;
+        let (_, load_success) = choice_of(&loads, 0x8c, "the success of a new effect")?;
+        let effects = output.within(0x21);
+        let (effect, effect_index) = slot_of(&effects, 0x22, "the index of an effect")?;
+        let enabled = effects.within(0x55);
+        let forces = output.within(0x73);
+        let (force, magnitude) = slot_of(&forces, 0x70, "the magnitude of a constant force")?;
+        let (_, force_index) = slot_of(&forces, 0x22, "the index of a constant force")?;
+        let operations = output.within(0x77);
+        let (operation, start) = choice_of(&operations, 0x79, "the start of an effect")?;
+        let (_, operation_index) = slot_of(&operations, 0x22, "the index of what is started")?;
+        let control = output.choice(0x97).zip(output.choice(0x99));
+        let field = |fields: &Fields, usage| fields.slot(PID, usage).map(|(_, slot)| slot);
+        let layout = Self {
+            axes: AXIS_USAGES.map(|usage| input.slot(DESKTOP, usage).map(|(form, slot)| (form.number, slot))),
+            buttons: buttons.take(BUTTONS).collect(),
+            create,
+            create_constant,
+            load,
+            load_index,
+            load_success,
+            effect,
+            effect_index,
+            effect_constant: effects.choice(0x26).map(|(_, choice)| choice),
+            duration: field(&effects, 0x50),
+            gain: field(&effects, 0x52),
+            trigger: field(&effects, 0x53),
+            enabled: AXIS_USAGES.map(|usage| enabled.slot(DESKTOP, usage).map(|(_, slot)| slot)),
+            force,
+            force_index,
+            magnitude,
+            operation,
+            operation_index,
+            start,
+            loops: field(&operations, 0x7c),
+            control: control.map(|((form, enable), (_, stop))| Control { form, enable, stop }),
+            device_gain: output.slot(PID, 0x7e),
+        };
+        if layout.axes.iter().flatten().next().is_none() {
+            return Err("it lacks axes".into());
+        }
+        if layout.enabled.iter().flatten().next().is_none() {
+            return Err("it lacks forces along its axes".into());
+        }
+        if layout.magnitude.minimum >= 0 || layout.magnitude.maximum <= 0 {
+            return Err("its constant forces have one sign only".into());
+        }
+        Ok(layout)
+    }
+}

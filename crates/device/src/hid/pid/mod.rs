@@ -1,0 +1,246 @@
+//! Joysticks and wheels with force feedback: HID's physical interface devices (PID).
+//!
+//! A constant force is kept for each axis that is driven, up to two of them, and its magnitude set as the wrench asks. How many
+//! newtons the largest magnitude is no device says: [`PEAK_FORCE`] is taken for it. x is to the right, y away from the user
+//! (HID's points at the user). Read from the standard and from OpenFFBoard's sources; not tried with a unit here, the sign of the
+//! force included.
+
+mod layout;
+
+use std::time::Duration;
+
+use glam::DVec3;
+use palpate_core::{Pose, Twist, Wrench};
+
+use self::layout::{AXES, Form, Layout};
+use super::link::{Codec, Link, Malformed, Motion, Report};
+use super::transport::{LONGEST_REPORT, Transport, TransportError};
+use crate::velocity::AdaptiveWindow;
+use crate::{Axes, Specification};
+
+/// What the largest magnitude is taken for, N.
+pub const PEAK_FORCE: f64 = 3.0;
+/// How far the handle is at an axis' end, m.
+const TRAVEL: f64 = 0.05;
+/// Of the handle along HID's axes.
+const SIGNS: [f64; AXES] = [1.0, -1.0];
+/// No trigger.
+const NEVER: i32 = 0xff;
+
+/// A device whose report descriptor is none of a force feedback device with constant forces.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("no force feedback device ({0})")]
+pub struct NotPid(String);
+
+/// Where the handle is.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Stick {
+    /// Along each axis, −1 to 1.
+    pub axes: [f32; AXES],
+    /// Buttons held down, the first in bit 0.
+    pub buttons: u32,
+}
+
+/// The device's language.
+#[derive(Clone, Debug)]
+pub struct PidCodec {
+    layout: Layout,
+    /// The index of each axis' effect, once it is loaded, and the magnitude set last.
+    effects: [Option<(i32, i32)>; AXES],
+}
+
+impl PidCodec {
+    /// By a device's report descriptor.
+    ///
+    /// # Errors
+    /// If it is none of a force feedback device with constant forces.
+    pub fn new(descriptor: &[u8]) -> Result<Self, NotPid> {
+        let layout = Layout::parse(descriptor).map_err(NotPid)?;
+        Ok(Self { layout, effects: [None; AXES] })
+    }
+
+    /// The axes that are sensed, and that are driven.
+    fn axes(&self) -> [[bool; AXES]; 2] {
+        [self.layout.axes.map(|axis| axis.is_some()), self.layout.enabled.map(|axis| axis.is_some())]
+    }
+
+    fn load(&mut self, axis: usize, transport: &mut dyn Transport) -> Result<(), TransportError> {
+        let layout = &self.layout;
+        let mut create = blank(layout.create);
+        layout.create_constant.put(&mut create);
+        transport.set_feature(&create[..layout.create.length])?;
+        let mut loaded = [0; LONGEST_REPORT];
+        loaded[0] = layout.load.number;
+        let length = transport.get_feature(&mut loaded)?;
+        let loaded = &loaded[..length.min(LONGEST_REPORT)];
+        let success = layout.load_success.slot.get(loaded) == Some(layout.load_success.value);
+        let index = layout.load_index.get(loaded).filter(|_| success).ok_or(TransportError::Failed)?;
+
+        let mut effect = blank(layout.effect);
+        layout.effect_index.put(&mut effect, index);
+        if let Some(constant) = &layout.effect_constant {
+            constant.put(&mut effect);
+        }
+        // It goes on and on, as strong as may be, by no button.
+        for slot in [layout.duration, layout.gain].iter().flatten() {
+            slot.put(&mut effect, slot.maximum);
+        }
+        if let Some(trigger) = &layout.trigger {
+            trigger.put(&mut effect, NEVER);
+        }
+        if let Some(enabled) = &layout.enabled[axis] {
+            enabled.put(&mut effect, 1);
+        }
+        transport.write(&effect[..layout.effect.length])?;
+        transport.write(self.magnitude(index, 0).bytes())?;
+        let mut operation = blank(layout.operation);
+        layout.operation_index.put(&mut operation, index);
+        layout.start.put(&mut operation);
+        if let Some(loops) = &layout.loops {
+            loops.put(&mut operation, loops.maximum);
+        }
+        transport.write(&operation[..layout.operation.length])?;
+        self.effects[axis] = Some((index, 0));
+        Ok(())
+    }
+
+    fn magnitude(&self, index: i32, magnitude: i32) -> Report {
+        let mut report = blank(self.layout.force);
+        self.layout.force_index.put(&mut report, index);
+        self.layout.magnitude.put(&mut report, magnitude);
+        Report::new(&report, self.layout.force.length)
+    }
+}
+
+/// A report of zeros with its number.
+fn blank(form: Form) -> [u8; LONGEST_REPORT] {
+    let mut report = [0; LONGEST_REPORT];
+    report[0] = form.number;
+    report
+}
+
+impl Codec for PidCodec {
+    type Sample = Stick;
+
+    fn decode(&mut self, report: &[u8], sample: &mut Stick) -> Result<(), Malformed> {
+        let number = *report.first().ok_or(Malformed)?;
+        let mut next = *sample;
+        for (axis, place) in self.layout.axes.iter().enumerate() {
+            let Some((_, slot)) = place.filter(|(form, _)| *form == number) else { continue };
+            let value = f64::from(slot.get(report).ok_or(Malformed)?);
+            let (low, high) = (f64::from(slot.minimum), f64::from(slot.maximum));
+            next.axes[axis] = (2.0 * (value - low) / (high - low) - 1.0) as f32;
+        }
+        for (bit, (form, slot)) in self.layout.buttons.iter().enumerate() {
+            if *form == number {
+                let held = slot.get(report).ok_or(Malformed)? != 0;
+                next.buttons = next.buttons & !(1 << bit) | u32::from(held) << bit;
+            }
+        }
+        // Reports of effects that have ended, and others, say nothing here.
+        *sample = next;
+        Ok(())
+    }
+
+    fn encode(&mut self, wrench: &Wrench, _: &Stick, say: &mut dyn FnMut(Report)) {
+        let force = [wrench.force.x, wrench.force.y];
+        for axis in 0..AXES {
+            let Some((index, last)) = self.effects[axis] else { continue };
+            let slot = self.layout.magnitude;
+            let part = (SIGNS[axis] * force[axis] / PEAK_FORCE).clamp(-1.0, 1.0);
+            let largest = f64::from(if part < 0.0 { slot.minimum } else { slot.maximum });
+            let magnitude = (part.abs() * largest) as i32;
+            if magnitude != last {
+                self.effects[axis] = Some((index, magnitude));
+                say(self.magnitude(index, magnitude));
+            }
+        }
+    }
+
+    fn start(&mut self, transport: &mut dyn Transport) -> Result<(), TransportError> {
+        self.effects = [None; AXES];
+        if let Some(control) = self.layout.control {
+            for choice in [control.stop, control.enable] {
+                let mut report = blank(control.form);
+                choice.put(&mut report);
+                transport.write(&report[..control.form.length])?;
+            }
+        }
+        if let Some((form, gain)) = self.layout.device_gain {
+            let mut report = blank(form);
+            gain.put(&mut report, gain.maximum);
+            transport.write(&report[..form.length])?;
+        }
+        let driven = self.axes()[1];
+        (0..AXES).filter(|axis| driven[*axis]).try_for_each(|axis| self.load(axis, transport))
+    }
+
+    fn stop(&mut self, transport: &mut dyn Transport) -> Result<(), TransportError> {
+        let Some(control) = self.layout.control else { return Ok(()) };
+        let mut report = blank(control.form);
+        control.stop.put(&mut report);
+        transport.write(&report[..control.form.length])
+    }
+}
+
+/// The handle's motion by its axes.
+#[derive(Clone, Debug)]
+pub struct StickMotion {
+    velocity: AdaptiveWindow,
+    place: DVec3,
+    twist: Twist,
+}
+
+impl Motion for StickMotion {
+    type Sample = Stick;
+
+    fn advance(&mut self, sample: &Stick, _: bool, now: f64) -> (Pose, Twist, u32) {
+        let [x, y] = sample.axes.map(f64::from);
+        self.place = DVec3::new(SIGNS[0] * x, SIGNS[1] * y, 0.0) * TRAVEL;
+        self.twist = Twist::new(self.velocity.push(now, self.place), DVec3::ZERO);
+        (Pose::from_translation(self.place), self.twist, sample.buttons)
+    }
+
+    fn restart(&mut self) {
+        self.velocity.clear();
+    }
+}
+
+/// A device that goes by a name.
+pub(super) fn link(name: &str, codec: PidCodec) -> Link<PidCodec, StickMotion> {
+    let steps = codec
+        .layout
+        .axes
+        .iter()
+        .flatten()
+        .map(|(_, slot)| 2.0 * TRAVEL / (f64::from(slot.maximum) - f64::from(slot.minimum)));
+    let step = steps.fold(0.0, f64::max);
+    let [sensed, driven] =
+        codec.axes().map(|[x, y]| Axes { translation: [x, y, false], rotation: [false; 3] });
+    let specification = Specification {
+        name: name.to_owned(),
+        peak_force: PEAK_FORCE,
+        continuous_force: PEAK_FORCE,
+        peak_torque: 0.0,
+        continuous_torque: 0.0,
+        stiffness: 300.0,
+        angular_stiffness: 0.0,
+        damping: 1.0,
+        angular_damping: 0.0,
+        // To the corners.
+        workspace_radius: 1.5 * TRAVEL,
+        encoder_step: step,
+        angular_encoder_step: 0.0,
+        velocity_delay: 4e-3,
+        sensed,
+        actuated: driven,
+        handle: None,
+    };
+    Link {
+        motion: StickMotion { velocity: AdaptiveWindow::new(step), place: DVec3::ZERO, twist: Twist::ZERO },
+        codec,
+        specification,
+        patience: Duration::from_millis(1),
+        silence: f64::INFINITY,
+    }
+}

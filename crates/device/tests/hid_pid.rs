@@ -1,0 +1,252 @@
+//! Force feedback devices: their report descriptor, what they are told, and what comes of descriptors that are none.
+
+use glam::DVec3;
+use palpate_core::Wrench;
+use palpate_device::hid::{Codec, FakeWire, Link, PEAK_FORCE, PidCodec, Stick};
+use palpate_device::{Axes, HapticDevice, Status};
+use rand::rngs::StdRng;
+use rand::{Rng as _, RngExt as _, SeedableRng as _};
+
+/// Writes a report descriptor, item by item.
+#[derive(Default)]
+struct Descriptor(Vec<u8>);
+
+impl Descriptor {
+    fn item(mut self, key: u8, value: i32) -> Self {
+        let size = if i8::try_from(value).is_ok() { 1 } else { 2 };
+        self.0.push(key | size);
+        self.0.extend(&value.to_le_bytes()[..size.into()]);
+        self
+    }
+
+    fn page(self, page: i32) -> Self {
+        self.item(0x04, page)
+    }
+
+    fn usage(self, usage: i32) -> Self {
+        self.item(0x08, usage)
+    }
+
+    fn range(self, from: i32, to: i32) -> Self {
+        self.item(0x14, from).item(0x24, to)
+    }
+
+    fn collection(self, usage: i32, inner: impl FnOnce(Self) -> Self) -> Self {
+        let mut all = inner(self.usage(usage).item(0xa0, 2));
+        all.0.push(0xc0);
+        all
+    }
+
+    fn number(self, number: i32) -> Self {
+        self.item(0x84, number)
+    }
+
+    /// A field of a width by its usage, into a main item: 0x80 input, 0x90 output, 0xb0 feature.
+    fn field(self, usage: i32, width: i32, main: u8) -> Self {
+        self.usage(usage).item(0x74, width).item(0x94, 1).item(main, 2)
+    }
+
+    /// One of a list.
+    fn list(self, collection: i32, usages: std::ops::RangeInclusive<i32>, main: u8) -> Self {
+        let count = usages.clone().count() as i32;
+        self.collection(collection, |inner| {
+            let inner = usages.fold(inner.range(1, count), Self::usage);
+            inner.item(0x74, 8).item(0x94, 1).item(main, 0)
+        })
+    }
+}
+
+const INPUT: u8 = 0x80;
+const OUTPUT: u8 = 0x90;
+const FEATURE: u8 = 0xb0;
+
+/// A joystick of two axes and eight buttons with constant forces, laid out as OpenFFBoard is, in short.
+fn joystick() -> Vec<u8> {
+    let effect = |d: Descriptor| {
+        let d = d.number(0x01).range(1, 40).field(0x22, 8, OUTPUT).list(0x25, 0x26..=0x29, OUTPUT);
+        let d = d.range(0, 32767).field(0x50, 16, OUTPUT).range(0, 255).field(0x52, 8, OUTPUT);
+        d.field(0x53, 8, OUTPUT).collection(0x55, |d| {
+            let d = d.page(1).range(0, 1).field(0x30, 1, OUTPUT).field(0x31, 1, OUTPUT);
+            // And nothing, up to a whole byte.
+            d.page(0x0f).item(0x74, 6).item(0x94, 1).item(OUTPUT, 3)
+        })
+    };
+    let force = |d: Descriptor| {
+        let d = d.number(0x05).range(1, 40).field(0x22, 8, OUTPUT);
+        d.range(-10_000, 10_000).field(0x70, 16, OUTPUT)
+    };
+    let operation = |d: Descriptor| {
+        let d = d.number(0x0a).range(1, 40).field(0x22, 8, OUTPUT).list(0x78, 0x79..=0x7b, OUTPUT);
+        d.range(0, 255).field(0x7c, 8, OUTPUT)
+    };
+    let create = |d: Descriptor| {
+        let d = d.number(0x11).list(0x25, 0x26..=0x29, FEATURE);
+        d.page(1).range(0, 511).field(0x3b, 16, FEATURE).page(0x0f)
+    };
+    let load = |d: Descriptor| {
+        let d = d.number(0x12).range(1, 40).field(0x22, 8, FEATURE).list(0x8b, 0x8c..=0x8e, FEATURE);
+        d.range(0, 32767).field(0xac, 16, FEATURE)
+    };
+    let input = Descriptor::default().page(1).usage(4).item(0xa0, 1).number(1).range(-32767, 32767);
+    let input = input.field(0x30, 16, INPUT).field(0x31, 16, INPUT).page(9).range(0, 1);
+    let input = (1..=8).fold(input, |d, button| d.field(button, 1, INPUT)).page(0x0f);
+    let pid = input.collection(0x21, effect).collection(0x73, force).collection(0x77, operation);
+    let pid = pid.collection(0x95, |d| d.number(0x0c).list(0x96, 0x97..=0x9c, OUTPUT));
+    let pid = pid.collection(0x7d, |d| d.number(0x0d).range(0, 255).field(0x7e, 8, OUTPUT));
+    let mut all = pid.collection(0xab, create).collection(0x89, load);
+    all.0.push(0xc0);
+    all.0
+}
+
+fn linked() -> (FakeWire, palpate_device::hid::Pump<PidCodec>, impl HapticDevice) {
+    let wire = FakeWire::new();
+    // Two effects are loaded, as 3 and 4.
+    wire.answer(&[0x12, 3, 1, 0, 0]);
+    wire.answer(&[0x12, 4, 1, 0, 0]);
+    let other = wire.clone();
+    let link = Link::pid("stick", PidCodec::new(&joystick()).unwrap());
+    let (pump, device) = link.split(move || Some(Box::new(other.open()?)));
+    (wire, pump, device)
+}
+
+#[test]
+fn a_stick_is_read_by_its_descriptor() {
+    let mut codec = PidCodec::new(&joystick()).unwrap();
+    let mut stick = Stick::default();
+    codec.decode(&[1, 0xff, 0x7f, 0x01, 0x80, 0b1000_0001], &mut stick).unwrap();
+    assert_eq!(stick, Stick { axes: [1.0, -1.0], buttons: 0x81 });
+    let before = stick;
+    assert!(codec.decode(&[1, 0, 0], &mut stick).is_err() && codec.decode(&[], &mut stick).is_err());
+    assert_eq!(stick, before, "what is too short changes nothing");
+    codec.decode(&[2, 9, 9, 9], &mut stick).unwrap();
+    assert_eq!(stick, before, "nor does another report");
+}
+
+#[test]
+fn a_constant_force_is_kept_for_each_axis() {
+    let (wire, mut pump, mut device) = linked();
+    let constant = [0x11, 1, 0, 0];
+    assert_eq!(wire.features_set(), [constant, constant]);
+    let effect = |index: u8, axis: u8| vec![1, index, 1, 0xff, 0x7f, 0xff, 0xff, axis];
+    let expected = [
+        vec![0x0c, 3],
+        vec![0x0c, 1],
+        vec![0x0d, 0xff],
+        effect(3, 1),
+        vec![5, 3, 0, 0],
+        vec![0x0a, 3, 1, 0xff],
+        effect(4, 2),
+        vec![5, 4, 0, 0],
+        vec![0x0a, 4, 1, 0xff],
+    ];
+    assert_eq!(wire.written(), expected);
+    let specification = device.specification().clone();
+    assert_eq!(specification.actuated, Axes { translation: [true, true, false], rotation: [false; 3] });
+    let mut now = 0.0;
+    let mut write = |force: DVec3| {
+        now += 1e-3;
+        let status = device.read(now).unwrap().status;
+        device.write(&Wrench::new(force, DVec3::ZERO)).unwrap();
+        pump.round(now);
+        (wire.written(), status)
+    };
+    // Half the force to the right, a quarter away from the user, which HID's y is not.
+    let (written, _) = write(DVec3::new(0.5, 0.25, 0.1) * PEAK_FORCE);
+    assert_eq!(written, [vec![5, 3, 0x88, 0x13], vec![5, 4, 0x3c, 0xf6]]);
+    assert!(write(DVec3::new(0.5, 0.25, 0.3) * PEAK_FORCE).0.is_empty(), "the same again is not said");
+    let (written, _) = write(DVec3::X * -99.0);
+    assert_eq!(written, [vec![5, 3, 0xf0, 0xd8], vec![5, 4, 0, 0]]);
+    assert_eq!(write(DVec3::ZERO), (vec![vec![5, 3, 0, 0]], Status::FORCE_CLIPPED));
+    drop(device);
+    pump.end();
+    assert_eq!(wire.written(), [[0x0c, 3]], "all stopped");
+}
+
+#[test]
+fn a_device_without_room_or_with_stalled_features_is_none_until_it_is_well() {
+    let wire = FakeWire::new();
+    wire.stall_features(true);
+    let other = wire.clone();
+    let link = Link::pid("stick", PidCodec::new(&joystick()).unwrap());
+    let (mut pump, mut device) = link.split(move || Some(Box::new(other.open()?)));
+    let mut now = 0.0;
+    let mut run = |pump: &mut palpate_device::hid::Pump<_>, steps: usize| {
+        let mut read = false;
+        for _ in 0..steps {
+            now += 1e-3;
+            pump.round(now);
+            read = device.read(now).is_ok();
+            let _ = device.write(&Wrench::new(DVec3::X, DVec3::ZERO));
+        }
+        read
+    };
+    assert!(!run(&mut pump, 700));
+    // It answers, but is full.
+    wire.stall_features(false);
+    wire.answer(&[0x12, 1, 2, 0, 0]);
+    assert!(!run(&mut pump, 600));
+    wire.answer(&[0x12, 1, 1, 0, 0]);
+    wire.answer(&[0x12, 2, 1, 0, 0]);
+    wire.written();
+    assert!(run(&mut pump, 600));
+    assert!(wire.written().iter().any(|report| report[..2] == [5, 1] && report[2..] != [0, 0]));
+}
+
+#[test]
+fn descriptors_of_other_devices_are_refused_with_what_they_lack() {
+    let check = |descriptor: &[u8], what: &str| {
+        let error = PidCodec::new(descriptor).unwrap_err().to_string();
+        assert!(error.contains(what), "{error}");
+    };
+    let mouse = Descriptor::default().page(1).usage(2).item(0xa0, 1).range(-127, 127);
+    let mut mouse = mouse.field(0x30, 8, INPUT).field(0x31, 8, INPUT).0;
+    mouse.push(0xc0);
+    check(&mouse, "constant forces");
+    check(&[], "");
+    let whole = joystick();
+    // Without its axes.
+    let mut deaf = whole.clone();
+    let at = deaf.windows(2).position(|item| item == [0x09, 0x30]).unwrap();
+    deaf[at + 1] = 0x40;
+    let at = deaf.windows(2).position(|item| item == [0x09, 0x31]).unwrap();
+    deaf[at + 1] = 0x41;
+    check(&deaf, "axes");
+}
+
+#[test]
+fn any_descriptor_and_any_bytes_end_well() {
+    let mut rng = StdRng::seed_from_u64(91);
+    let whole = joystick();
+    let (mut parsed, mut said) = (0, 0);
+    for i in 0..30_000 {
+        let mut descriptor = whole.clone();
+        if i % 4 == 0 {
+            descriptor.truncate(rng.random_range(0..whole.len()));
+            rng.fill_bytes(&mut descriptor);
+        } else {
+            for _ in 0..rng.random_range(0..4) {
+                let at = rng.random_range(0..whole.len());
+                descriptor[at] = (rng.next_u32() >> 8) as u8;
+            }
+        }
+        let Ok(mut codec) = PidCodec::new(&descriptor) else { continue };
+        parsed += 1;
+        let wire = FakeWire::new();
+        for _ in 0..2 {
+            wire.answer(&[0x12, 1, 1, 0, 0]);
+        }
+        let _ = codec.start(&mut wire.open().unwrap());
+        let mut stick = Stick::default();
+        for _ in 0..10 {
+            let mut bytes = [0; 65];
+            let length = rng.random_range(0..=65);
+            rng.fill_bytes(&mut bytes[..length]);
+            bytes[0] = rng.random_range(0..3);
+            let _ = codec.decode(&bytes[..length], &mut stick);
+            assert!(stick.axes.iter().all(|axis| (-1.0..=1.0).contains(axis)), "{stick:?}");
+            let force = DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1e3..1e3)));
+            codec.encode(&Wrench::new(force, DVec3::ZERO), &stick, &mut |_| said += 1);
+        }
+    }
+    assert!(parsed > 3_000 && said > 10_000, "{parsed} {said}");
+}
