@@ -73,6 +73,10 @@ fn ci() -> Result<(), Failure> {
     for package in ["palpate-texture-pd", "palpate-device"] {
         cargo(&["check", "--package", package, "--no-default-features", "--locked"], &[])?;
     }
+    cargo(
+        &["test", "--package", "palpate-device", "--features", "haply", "--test", "haply", "--locked"],
+        &[],
+    )?;
     cargo(&["doc", "--workspace", "--no-deps", "--locked"], &[("RUSTDOCFLAGS", "-D warnings")])?;
     if !Command::new("cargo").args(["deny", "--version"]).output().is_ok_and(|output| output.status.success())
     {

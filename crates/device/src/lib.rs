@@ -12,6 +12,7 @@ mod emulated;
 mod enable;
 mod error;
 mod hand;
+pub mod haply;
 pub mod hid;
 mod mechanics;
 mod path;

@@ -46,6 +46,8 @@ impl Default for Registry {
         let own = [emulated, replay].into_iter();
         #[cfg(feature = "hid")]
         let own = own.chain(real::KINDS);
+        #[cfg(feature = "haply")]
+        let own = own.chain([DeviceKind { name: "haply", open: open_haply, list: list_haply }]);
         Self { kinds: own.collect() }
     }
 }
@@ -142,6 +144,20 @@ fn list_replay() -> Vec<Listing> {
     vec![Listing {
         address: "replay:FILE.csv".into(),
         description: format!("replays a recorded motion ({}) or a recorded device", crate::PATH_HEADER),
+        specification: None,
+    }]
+}
+
+#[cfg(feature = "haply")]
+fn open_haply(address: Option<&str>) -> Opened {
+    crate::haply::open(address.unwrap_or(crate::haply::ADDRESS))
+}
+
+#[cfg(feature = "haply")]
+fn list_haply() -> Vec<Listing> {
+    vec![Listing {
+        address: "haply".into(),
+        description: "Haply Inverse3 by the service of its maker, three axes of force; haply:ADDRESS:PORT for another machine".into(),
         specification: None,
     }]
 }

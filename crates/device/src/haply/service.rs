@@ -1,0 +1,125 @@
+//! The connection to Haply's service.
+
+use std::io::{ErrorKind, Read as _, Write as _};
+use std::net::{SocketAddr, TcpStream};
+use std::time::Duration;
+
+use tungstenite::{Error, Message, WebSocket};
+
+use super::message::{Dialect, force_message, parse_state};
+use super::{FORCE, inverse3};
+use crate::hid::{LONGEST_REPORT, Transport, TransportError};
+use crate::{DeviceError, HapticDevice};
+
+/// Where the service listens.
+pub(crate) const ADDRESS: &str = "127.0.0.1:10001";
+/// How long the service may take to let one in.
+const PATIENCE: Duration = Duration::from_millis(500);
+const REMEDY: &str = "start Haply's Inverse service, and plug the device in";
+
+/// Opens the first Inverse3 of the service at an address.
+pub(crate) fn open(address: &str) -> Result<Box<dyn HapticDevice>, DeviceError> {
+    let refused = |reason: String| DeviceError::NotOpened {
+        device: format!("the Haply service at {address}"),
+        reason,
+        remedy: REMEDY,
+    };
+    let place: SocketAddr = address.parse().map_err(|error| refused(format!("{error}")))?;
+    let mut first = Some(Connection::open(place).map_err(refused)?);
+    let open = move || -> Option<Box<dyn Transport>> {
+        Some(Box::new(first.take().or_else(|| Connection::open(place).ok())?))
+    };
+    let device = inverse3().spawn(open).map_err(|error| refused(error.to_string()))?;
+    Ok(Box::new(device))
+}
+
+struct Connection {
+    socket: WebSocket<TcpStream>,
+    dialect: Dialect,
+    /// The device's number, once it is known.
+    device: Option<String>,
+    patience: Duration,
+}
+
+impl Connection {
+    fn open(place: SocketAddr) -> Result<Self, String> {
+        let connect = || -> std::io::Result<TcpStream> {
+            let stream = TcpStream::connect_timeout(&place, PATIENCE)?;
+            stream.set_read_timeout(Some(PATIENCE))?;
+            stream.set_write_timeout(Some(PATIENCE))?;
+            stream.set_nodelay(true)?;
+            Ok(stream)
+        };
+        let dialect = connect().map_or(Dialect::default(), |stream| asked(stream, place));
+        let stream = connect().map_err(|error| error.to_string())?;
+        let (socket, _) =
+            tungstenite::client(format!("ws://{place}"), stream).map_err(|error| error.to_string())?;
+        Ok(Self { socket, dialect, device: None, patience: PATIENCE })
+    }
+}
+
+/// The dialect of a service, by the version that it tells.
+fn asked(mut stream: TcpStream, place: SocketAddr) -> Dialect {
+    let request = format!("GET /version HTTP/1.1\r\nHost: {place}\r\nConnection: close\r\n\r\n");
+    let mut answer = Vec::new();
+    if stream.write_all(request.as_bytes()).is_err() {
+        return Dialect::default();
+    }
+    // What comes until the service or patience ends.
+    let _ = stream.take(1 << 14).read_to_end(&mut answer);
+    let answer = String::from_utf8_lossy(&answer);
+    let body = answer.split_once("\r\n\r\n").map_or("", |(_, body)| body);
+    let version: String = body
+        .chars()
+        .skip_while(|letter| !letter.is_ascii_digit())
+        .take_while(|letter| letter.is_ascii_digit() || *letter == '.')
+        .collect();
+    Dialect::of(&version)
+}
+
+impl Transport for Connection {
+    fn read(
+        &mut self,
+        report: &mut [u8; LONGEST_REPORT],
+        patience: Duration,
+    ) -> Result<usize, TransportError> {
+        // A timeout of nothing would be none at all.
+        let patience = patience.max(Duration::from_micros(50));
+        if patience != self.patience {
+            self.patience = patience;
+            let set = self.socket.get_ref().set_read_timeout(Some(patience));
+            set.map_err(|_| TransportError::Disconnected)?;
+        }
+        let message = match self.socket.read() {
+            Ok(Message::Text(message)) => message,
+            Ok(_) => return Ok(0),
+            Err(Error::Io(error)) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
+                return Ok(0);
+            }
+            Err(Error::Io(error)) if error.kind() == ErrorKind::Interrupted => {
+                return Err(TransportError::Failed);
+            }
+            Err(_) => return Err(TransportError::Disconnected),
+        };
+        let Some((device, state)) = parse_state(&message) else {
+            // A report that none understands.
+            return Ok(1);
+        };
+        self.device = Some(device);
+        let state = state.to_report();
+        report[..state.len()].copy_from_slice(&state);
+        Ok(state.len())
+    }
+
+    fn write(&mut self, report: &[u8]) -> Result<(), TransportError> {
+        let report: &[u8; FORCE] = report.try_into().map_err(|_| TransportError::Failed)?;
+        let (words, _) = report.as_chunks::<4>();
+        let force = [0, 1, 2].map(|axis: usize| f32::from_le_bytes(words[axis]));
+        // Any message is answered; the first ones ask who is there.
+        let message = match &self.device {
+            Some(device) => force_message(device, force, self.dialect),
+            None => "{}".into(),
+        };
+        self.socket.send(Message::text(message)).map_err(|_| TransportError::Disconnected)
+    }
+}
