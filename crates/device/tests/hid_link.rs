@@ -5,7 +5,8 @@ use std::time::{Duration, Instant};
 use glam::DVec3;
 use palpate_core::Wrench;
 use palpate_device::hid::{
-    EncodedMotion, FakeWire, Link, LinkedDevice, Pump, RateControl, WoodenHapticsCodec, WoodenHapticsModel,
+    Codec, Deflection, EncodedMotion, FakeWire, Link, LinkedDevice, Malformed, Pump, RateControl, Report,
+    WoodenHapticsCodec, WoodenHapticsModel,
 };
 use palpate_device::{DeviceError, DeviceState, HapticDevice, Status};
 
@@ -263,4 +264,35 @@ fn a_cap_greets_and_says_farewell_and_may_be_silent() {
     assert_eq!(state.buttons, 2);
     pump.end();
     assert_eq!(wire.written(), [[4, 0]]);
+}
+
+/// A driver from elsewhere whose pump panics.
+#[derive(Debug)]
+struct Faulty;
+
+impl Codec for Faulty {
+    type Sample = Deflection;
+
+    fn decode(&mut self, _: &[u8], _: &mut Deflection) -> Result<(), Malformed> {
+        panic!("a fault of the driver, as the test has it");
+    }
+
+    fn encode(&mut self, _: &Wrench, _: &Deflection, _: &mut dyn FnMut(Report)) {}
+}
+
+#[test]
+fn a_driver_that_panics_is_a_lost_device() {
+    let wire = FakeWire::new();
+    let other = wire.clone();
+    let Link { motion, specification, patience, silence, .. } = Link::space_mouse("cap");
+    let link = Link { codec: Faulty, motion, specification, patience, silence };
+    let mut device = link.spawn(move || Some(Box::new(other.open()?))).unwrap();
+    assert!(device.read(0.0).is_ok());
+    wire.send(&[1, 0, 0, 0, 0, 0, 0]);
+    let start = Instant::now();
+    while device.read(start.elapsed().as_secs_f64()).is_ok() {
+        assert!(start.elapsed() < Duration::from_secs(10), "it is never told");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    assert!(matches!(device.read(20.0), Err(DeviceError::Lost { status: Status::DISCONNECTED })));
 }

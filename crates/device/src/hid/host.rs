@@ -7,7 +7,7 @@ use hidapi::{HidApi, HidError};
 
 use super::transport::{LONGEST_REPORT, Transport, TransportError};
 use super::wooden_haptics::WoodenHapticsModel;
-use super::{Driver, PidCodec, known, pid, space_mouse, wooden_haptics};
+use super::{Driver, Link, PidCodec, known};
 use crate::{DeviceError, HapticDevice};
 
 const PERMISSION: &str = "let your user open it: `palpate devices --udev | sudo tee /etc/udev/rules.d/70-palpate.rules`, \
@@ -94,7 +94,7 @@ pub(crate) fn open_numbered(vendor: u16, product: u16) -> Result<Box<dyn HapticD
         let transport = first.take().or_else(|| open_path(&path_of(vendor, product)?, &again).ok())?;
         Some(Box::new(transport))
     };
-    let opened = pid::link(&name, codec).spawn(open).map_err(|error| not_opened(error.to_string()))?;
+    let opened = Link::pid(&name, codec).spawn(open).map_err(|error| not_opened(error.to_string()))?;
     Ok(Box::new(opened))
 }
 
@@ -141,9 +141,9 @@ fn open_any(
         Some(Box::new(transport?))
     };
     let opened: std::io::Result<Box<dyn HapticDevice>> = match device.driver {
-        Driver::SpaceMouse => space_mouse::link(name).spawn(open).map(|device| Box::new(device) as _),
+        Driver::SpaceMouse => Link::space_mouse(name).spawn(open).map(|device| Box::new(device) as _),
         Driver::WoodenHaptics => {
-            wooden_haptics::link(name, model).spawn(open).map(|device| Box::new(device) as _)
+            Link::wooden_haptics(name, model).spawn(open).map(|device| Box::new(device) as _)
         }
     };
     opened.map_err(|error| DeviceError::NotOpened {

@@ -384,7 +384,9 @@ impl<M: Motion> HapticDevice for LinkedDevice<M> {
         if fresh {
             self.fresh = self.now;
         }
-        self.lost = if !news.connected {
+        // A pump that has ended, by a panic, tells no more.
+        let ended = self.pump.as_ref().is_some_and(|(_, thread)| thread.is_finished());
+        self.lost = if !news.connected || ended {
             Status::DISCONNECTED
         } else if self.silence.is_finite() && self.now - self.fresh > self.silence {
             Status::SILENT

@@ -1,8 +1,8 @@
 //! Devices that speak HID, over USB or Bluetooth.
 //!
 //! A driver is a [`Codec`] (bytes to a sample and a wrench to bytes; no clock, no system call) and a [`Motion`] (samples to
-//! poses and twists). A [`Link`] makes a device of them and of whatever carries their reports ([`Transport`]): [`hidapi`
-//! ](https://docs.rs/hidapi), or a [`FakeWire`] in tests. A driver of one's own needs no more than these.
+//! poses and twists). A [`Link`] makes a device of them and of whatever carries their reports ([`Transport`]): hidapi, or a
+//! [`FakeWire`] in tests. A driver of one's own needs no more than these.
 
 mod fake;
 #[cfg(feature = "hid")]
@@ -38,25 +38,4 @@ fn known() -> impl Iterator<Item = (u16, u16, &'static str, Driver)> {
         .map(|(vendor, product, name)| (vendor, product, name, Driver::SpaceMouse));
     let (vendor, product, name) = wooden_haptics::KNOWN;
     caps.chain([(vendor, product, name, Driver::WoodenHaptics)])
-}
-
-impl Link<SpaceMouseCodec, RateControl> {
-    /// A SpaceMouse that goes by a name.
-    pub fn space_mouse(name: &str) -> Self {
-        space_mouse::link(name)
-    }
-}
-
-impl Link<PidCodec, StickMotion> {
-    /// A joystick with force feedback that goes by a name.
-    pub fn pid(name: &str, codec: PidCodec) -> Self {
-        pid::link(name, codec)
-    }
-}
-
-impl Link<WoodenHapticsCodec, EncodedMotion> {
-    /// A unit of a model that goes by a name.
-    pub fn wooden_haptics(name: &str, model: WoodenHapticsModel) -> Self {
-        wooden_haptics::link(name, model)
-    }
 }

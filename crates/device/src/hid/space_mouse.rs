@@ -165,31 +165,33 @@ impl Motion for RateControl {
     }
 }
 
-/// A cap by that name.
-pub(super) fn link(name: &str) -> Link<SpaceMouseCodec, RateControl> {
-    let specification = Specification {
-        name: name.to_owned(),
-        peak_force: 0.0,
-        continuous_force: 0.0,
-        peak_torque: 0.0,
-        continuous_torque: 0.0,
-        stiffness: 0.0,
-        angular_stiffness: 0.0,
-        damping: 0.0,
-        angular_damping: 0.0,
-        workspace_radius: WORKSPACE,
-        encoder_step: 0.0,
-        angular_encoder_step: 0.0,
-        velocity_delay: 0.0,
-        sensed: Axes::ALL,
-        actuated: Axes::NONE,
-        handle: None,
-    };
-    Link {
-        codec: SpaceMouseCodec,
-        motion: RateControl::default(),
-        specification,
-        patience: Duration::from_millis(10),
-        silence: f64::INFINITY,
+impl Link<SpaceMouseCodec, RateControl> {
+    /// A cap that goes by a name.
+    pub fn space_mouse(name: &str) -> Self {
+        let specification = Specification {
+            name: name.to_owned(),
+            peak_force: 0.0,
+            continuous_force: 0.0,
+            peak_torque: 0.0,
+            continuous_torque: 0.0,
+            stiffness: 0.0,
+            angular_stiffness: 0.0,
+            damping: 0.0,
+            angular_damping: 0.0,
+            workspace_radius: WORKSPACE,
+            encoder_step: 0.0,
+            angular_encoder_step: 0.0,
+            velocity_delay: 0.0,
+            sensed: Axes::ALL,
+            actuated: Axes::NONE,
+            handle: None,
+        };
+        Link {
+            codec: SpaceMouseCodec,
+            motion: RateControl::default(),
+            specification,
+            patience: Duration::from_millis(10),
+            silence: f64::INFINITY,
+        }
     }
 }

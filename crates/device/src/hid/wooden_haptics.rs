@@ -458,13 +458,15 @@ impl Motion for EncodedMotion {
     }
 }
 
-/// A unit of a model.
-pub(super) fn link(name: &str, model: WoodenHapticsModel) -> Link<WoodenHapticsCodec, EncodedMotion> {
-    Link {
-        codec: WoodenHapticsCodec { model },
-        motion: EncodedMotion::new(model),
-        specification: model.specification(name),
-        patience: PATIENCE,
-        silence: SILENCE,
+impl Link<WoodenHapticsCodec, EncodedMotion> {
+    /// A unit of a model that goes by a name.
+    pub fn wooden_haptics(name: &str, model: WoodenHapticsModel) -> Self {
+        Link {
+            codec: WoodenHapticsCodec { model },
+            motion: EncodedMotion::new(model),
+            specification: model.specification(name),
+            patience: PATIENCE,
+            silence: SILENCE,
+        }
     }
 }

@@ -206,41 +206,47 @@ impl Motion for StickMotion {
     }
 }
 
-/// A device that goes by a name.
-pub(super) fn link(name: &str, codec: PidCodec) -> Link<PidCodec, StickMotion> {
-    let steps = codec
-        .layout
-        .axes
-        .iter()
-        .flatten()
-        .map(|(_, slot)| 2.0 * TRAVEL / (f64::from(slot.maximum) - f64::from(slot.minimum)));
-    let step = steps.fold(0.0, f64::max);
-    let [sensed, driven] =
-        codec.axes().map(|[x, y]| Axes { translation: [x, y, false], rotation: [false; 3] });
-    let specification = Specification {
-        name: name.to_owned(),
-        peak_force: PEAK_FORCE,
-        continuous_force: PEAK_FORCE,
-        peak_torque: 0.0,
-        continuous_torque: 0.0,
-        stiffness: 300.0,
-        angular_stiffness: 0.0,
-        damping: 1.0,
-        angular_damping: 0.0,
-        // To the corners.
-        workspace_radius: 1.5 * TRAVEL,
-        encoder_step: step,
-        angular_encoder_step: 0.0,
-        velocity_delay: 4e-3,
-        sensed,
-        actuated: driven,
-        handle: None,
-    };
-    Link {
-        motion: StickMotion { velocity: AdaptiveWindow::new(step), place: DVec3::ZERO, twist: Twist::ZERO },
-        codec,
-        specification,
-        patience: Duration::from_millis(1),
-        silence: f64::INFINITY,
+impl Link<PidCodec, StickMotion> {
+    /// A joystick with force feedback that goes by a name.
+    pub fn pid(name: &str, codec: PidCodec) -> Self {
+        let steps = codec
+            .layout
+            .axes
+            .iter()
+            .flatten()
+            .map(|(_, slot)| 2.0 * TRAVEL / (f64::from(slot.maximum) - f64::from(slot.minimum)));
+        let step = steps.fold(0.0, f64::max);
+        let [sensed, driven] =
+            codec.axes().map(|[x, y]| Axes { translation: [x, y, false], rotation: [false; 3] });
+        let specification = Specification {
+            name: name.to_owned(),
+            peak_force: PEAK_FORCE,
+            continuous_force: PEAK_FORCE,
+            peak_torque: 0.0,
+            continuous_torque: 0.0,
+            stiffness: 300.0,
+            angular_stiffness: 0.0,
+            damping: 1.0,
+            angular_damping: 0.0,
+            // To the corners.
+            workspace_radius: 1.5 * TRAVEL,
+            encoder_step: step,
+            angular_encoder_step: 0.0,
+            velocity_delay: 4e-3,
+            sensed,
+            actuated: driven,
+            handle: None,
+        };
+        Link {
+            motion: StickMotion {
+                velocity: AdaptiveWindow::new(step),
+                place: DVec3::ZERO,
+                twist: Twist::ZERO,
+            },
+            codec,
+            specification,
+            patience: Duration::from_millis(1),
+            silence: f64::INFINITY,
+        }
     }
 }
