@@ -49,7 +49,6 @@ pub fn open(argument: &str, detail: &Detail<'_>, options: &OpenOptions) -> Resul
 fn displaced(argument: &str, image: Option<(&Path, f64)>, options: &OpenOptions) -> Result<Object, Failure> {
     let load = LoadOptions { scale: options.scale, repair: options.repair, ..LoadOptions::default() };
     let loaded = load_uv(Path::new(argument), &load).map_err(|error| Failure::Message(error.to_string()))?;
-    progress::warn(argument, &loaded.warnings);
     let (name, heights) = match (image, loaded.height_texture) {
         (Some((image, amplitude)), _) => {
             (image.display().to_string(), HeightImage::open(image, &HeightOptions::new(amplitude)))
@@ -61,6 +60,7 @@ fn displaced(argument: &str, image: Option<(&Path, f64)>, options: &OpenOptions)
         }
         (None, None) => return Ok(progress::open(argument, options)?),
     };
+    progress::warn(argument, &loaded.warnings);
     let (heights, warnings) = heights.map_err(|error| Failure::Message(error.to_string()))?;
     progress::warn(&name, &warnings);
     let size = [heights.width(), heights.height()];

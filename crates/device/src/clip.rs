@@ -8,17 +8,21 @@ use crate::{Specification, Status};
 /// The wrench along the axes that the device drives, within its peaks, and what was done to it; zero in place of one that is not
 /// finite.
 pub(crate) fn clipped(wrench: &Wrench, specification: &Specification) -> (Wrench, Status) {
-    if !wrench.is_finite() {
-        return (Wrench::ZERO, Status::WRENCH_REFUSED);
-    }
+    let (wrench, refused) = finite(wrench);
     let force = DVec3::select(specification.actuated.translation.into(), wrench.force, DVec3::ZERO);
     let torque = DVec3::select(specification.actuated.rotation.into(), wrench.torque, DVec3::ZERO);
     let (force, force_clipped) = shortened(force, specification.peak_force);
     let (torque, torque_clipped) = shortened(torque, specification.peak_torque);
     let status = |clipped, status| if clipped { status } else { Status::OK };
-    let events =
-        status(force_clipped, Status::FORCE_CLIPPED) | status(torque_clipped, Status::TORQUE_CLIPPED);
+    let events = refused
+        | status(force_clipped, Status::FORCE_CLIPPED)
+        | status(torque_clipped, Status::TORQUE_CLIPPED);
     (Wrench::new(force, torque), events)
+}
+
+/// The wrench, or zero in place of one that is not finite, and what was done to it.
+pub(crate) fn finite(wrench: &Wrench) -> (Wrench, Status) {
+    if wrench.is_finite() { (*wrench, Status::OK) } else { (Wrench::ZERO, Status::WRENCH_REFUSED) }
 }
 
 /// The vector, shortened to `peak`, and whether it was.

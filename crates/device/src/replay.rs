@@ -9,6 +9,7 @@ use std::path::Path;
 
 use palpate_core::{Pose, Twist, Wrench};
 
+use crate::clip::finite;
 use crate::{Axes, DeviceError, DeviceState, HapticDevice, Interpolation, MotionPath, Specification, Status};
 
 /// A device that replays a recorded motion.
@@ -110,12 +111,9 @@ impl HapticDevice for ReplayDevice {
         if self.closed {
             return Err(DeviceError::Closed);
         }
-        self.wrench = if wrench.is_finite() {
-            *wrench
-        } else {
-            self.events |= Status::WRENCH_REFUSED;
-            Wrench::ZERO
-        };
+        let (wrench, events) = finite(wrench);
+        self.wrench = wrench;
+        self.events |= events;
         Ok(())
     }
 

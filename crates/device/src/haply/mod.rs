@@ -52,7 +52,7 @@ impl Codec for Inverse3Codec {
 pub struct Inverse3Motion {
     pose: Pose,
     twist: Twist,
-    /// When the orientation was told last, and for how far it has turned since, s.
+    /// The driver's time of the last report, s.
     told: Option<f64>,
 }
 

@@ -75,27 +75,33 @@ pub(crate) fn open_numbered(vendor: u16, product: u16) -> Result<Box<dyn HapticD
     }
     let name = format!("HID device {vendor:04x}:{product:04x}");
     let path = path_of(vendor, product).ok_or_else(|| DeviceError::NotConnected { device: name.clone() })?;
-    let mut first = Some(open_path(&path, &name)?);
-    let mut descriptor = [0; hidapi::MAX_REPORT_DESCRIPTOR_SIZE];
-    let described = first.as_ref().map(|transport| transport.0.get_report_descriptor(&mut descriptor));
+    let transport = open_path(&path, &name)?;
     let not_opened = |reason: String| DeviceError::NotOpened {
         device: name.clone(),
         reason,
         remedy: "give a device that `palpate devices` lists, or one with force feedback",
     };
-    let length = match described {
-        Some(Ok(length)) => length.min(descriptor.len()),
-        Some(Err(error)) => return Err(not_opened(error.to_string())),
-        None => 0,
-    };
+    let mut descriptor = [0; hidapi::MAX_REPORT_DESCRIPTOR_SIZE];
+    let length = transport.0.get_report_descriptor(&mut descriptor);
+    let length = length.map_err(|error| not_opened(error.to_string()))?.min(descriptor.len());
     let codec = PidCodec::new(&descriptor[..length]).map_err(|error| not_opened(error.to_string()))?;
-    let again = name.clone();
-    let open = move || -> Option<Box<dyn Transport>> {
-        let transport = first.take().or_else(|| open_path(&path_of(vendor, product)?, &again).ok())?;
-        Some(Box::new(transport))
-    };
-    let opened = Link::pid(&name, codec).spawn(open).map_err(|error| not_opened(error.to_string()))?;
-    Ok(Box::new(opened))
+    let opened = Link::pid(&name, codec).spawn(opener(transport, vendor, product, name.clone()));
+    Ok(Box::new(opened.map_err(|error| not_opened(error.to_string()))?))
+}
+
+/// What opens a device: the first time it is the one that is open, later the one with its numbers, which may have come back at
+/// another path.
+fn opener(
+    first: HidTransport,
+    vendor: u16,
+    product: u16,
+    name: String,
+) -> impl FnMut() -> Option<Box<dyn Transport>> + Send + 'static {
+    let mut first = Some(first);
+    move || {
+        let again = || open_path(&path_of(vendor, product)?, &name).ok();
+        Some(Box::new(first.take().or_else(again)?))
+    }
 }
 
 fn path_of(vendor: u16, product: u16) -> Option<CString> {
@@ -131,15 +137,7 @@ fn open_any(
         return Err(DeviceError::NotConnected { device: named() });
     };
     let (vendor, product, name) = (device.vendor, device.product, device.name);
-    // What is open is used first; a device that was gone may come back at another path.
-    let mut first = Some(device.transport()?);
-    let open = move || -> Option<Box<dyn Transport>> {
-        let transport = first.take().or_else(|| {
-            let same = |device: &Connected| (device.vendor, device.product) == (vendor, product);
-            connected().into_iter().find(same)?.transport().ok()
-        });
-        Some(Box::new(transport?))
-    };
+    let open = opener(device.transport()?, vendor, product, name.to_owned());
     let opened: std::io::Result<Box<dyn HapticDevice>> = match device.driver {
         Driver::SpaceMouse => Link::space_mouse(name).spawn(open).map(|device| Box::new(device) as _),
         Driver::WoodenHaptics => {

@@ -3,6 +3,7 @@
 use palpate_core::{Pose, Wrench};
 
 use super::{Reading, Recording};
+use crate::clip::finite;
 use crate::{DeviceError, DeviceState, HapticDevice, Specification, Status};
 
 /// A device that tells what was recorded of another one, whatever wrench is written, as if a hand of infinite impedance held it.
@@ -132,12 +133,9 @@ impl HapticDevice for RecordedDevice {
             self.wrench = Wrench::ZERO;
             return Err(DeviceError::Lost { status: self.lost });
         }
-        self.wrench = if wrench.is_finite() {
-            *wrench
-        } else {
-            self.events |= Status::WRENCH_REFUSED;
-            Wrench::ZERO
-        };
+        let (wrench, events) = finite(wrench);
+        self.wrench = wrench;
+        self.events |= events;
         Ok(())
     }
 
