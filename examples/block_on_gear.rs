@@ -38,8 +38,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Where the hand means the block to be: down onto the gear, across its teeth there and back, along
-/// them, and up.
+/// Where the hand means the block to be: down onto the gear, across its teeth there and back, along them,
+/// and up.
 fn dragging(time: f64, seconds: f64) -> Pose {
     let touching = HALF_BLOCK + RIM;
     let part = time / seconds;

@@ -25,8 +25,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Where the hand means the upper jaw to be. The jaws are closed when their frames coincide; the
-/// hand bites 3 mm further, which its springiness turns into a force.
+/// Where the hand means the upper jaw to be. The jaws are closed when their frames coincide; the hand bites
+/// 3 mm further, which its springiness turns into a force.
 fn chewing(time: f64) -> Pose {
     const OPEN: f64 = 8e-3;
     const BITE: f64 = -3e-3;

@@ -256,8 +256,7 @@ impl Object {
 
     /// The object made larger by a factor about its frame's origin, which takes as much memory again; `None` if the factor
     /// is not positive and finite, or extreme, or the object has a texture. Objects that are moved only are
-    /// [placed](crate::Scene::with) at several
-    /// poses instead, which shares everything.
+    /// [placed](crate::Scene::with) at several poses instead, which shares everything.
     pub fn scaled(&self, factor: f64) -> Option<Self> {
         if self.texture.is_some() {
             return None;

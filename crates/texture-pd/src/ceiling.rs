@@ -120,7 +120,7 @@ mod tests {
                 (sum, count) = (sum + ceiling, count + 1);
             }
         }
-        // Of white noise the coefficients are some √3 as large, and 144 of them nearly reach the most of those.
+        // Of white noise the coefficients are some √3 as large, and the 64 around a block nearly reach the most of those.
         assert!(sum / (count as f32) < 2.6, "{} on average", sum / count as f32);
     }
 }

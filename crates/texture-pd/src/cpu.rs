@@ -109,8 +109,8 @@ struct Texels<'a> {
 }
 
 impl Texels<'_> {
-    /// Finds which triangle is at each texel of an image, of some columns of each row, and how far the displaced one reaches at most. Where there are several,
-    /// they are displaced to tell which is seen.
+    /// Finds which triangle is at each texel of an image, of some columns of each row, and how far the displaced one reaches at
+    /// most. Where there are several, they are displaced to tell which is seen.
     fn outline(&mut self, index: u32, looked_at: &[Range<u32>]) {
         let batch = self.batch;
         let grid = batch.header.grid;
