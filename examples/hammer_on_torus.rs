@@ -5,7 +5,7 @@
 use std::error::Error;
 
 use clap::Parser;
-use palpate::device::Emulation;
+use palpate::device::{Emulation, Task};
 use palpate::{HapticRenderer, Pose, Scene, Settings, TextureSettings, explore};
 use palpate_examples::{Options, detailed};
 
@@ -13,7 +13,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let options = Options::parse();
     let probe = detailed("hammer", 804, 2e-4)?;
     let scene = Scene::new().with(detailed("torus", 532, 2e-4)?, Pose::IDENTITY);
-    let device = Emulation::default().open(explore::path(&probe, &scene)?)?;
+    let device = Emulation::default().open(explore::path(Task::default(), &probe, &scene)?)?;
     let settings = Settings {
         tolerance: Some(2e-4),
         clusters: 7,

@@ -1,6 +1,7 @@
 //! The real-time path does not allocate: 100,000 haptic steps, and contact steps in steady state.
 
 use allocation_counter::measure;
+use palpate::device::Task;
 use palpate::{HapticRenderer, Object, Pose, Scene, Settings, explore};
 use palpate_tests::{model, ridged_plate};
 
@@ -37,7 +38,7 @@ fn run(probe: &Object, object: Object, steps: u32) -> usize {
             let mut update = None;
             let count = allocations_in(|| update = Some(contact.step(haptic.body_state(), now)));
             // The exploration repeats every ten seconds: the first lets the workspaces grow to the scene.
-            in_contact += if now > explore::CYCLE { count } else { 0 };
+            in_contact += if now > Task::Explore.cycle() { count } else { 0 };
             let update = update.expect("a contact step ran");
             contacts = contacts.max(update.contacts as usize);
             in_haptic += allocations_in(|| haptic.update_contacts(&update));

@@ -3,7 +3,7 @@
 use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
 
-use palpate::device::{Emulation, IntendedPath};
+use palpate::device::{Emulation, IntendedPath, Task};
 use palpate::dynamics::BodyState;
 use palpate::glam::DVec3;
 use palpate::{ContactLoop, ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Settings, explore};
@@ -30,7 +30,7 @@ fn far_instances_change_nothing() {
     let small = ball.scaled(0.5).expect("a factor");
     let many = many.with(small, Pose::from_translation(-4.0 * radius * DVec3::X));
     let [alone, among] = [&one, &many].map(|scene| {
-        let path = explore::path(&probe, &one).expect("path");
+        let path = explore::path(Task::default(), &probe, &one).expect("path");
         let mut records: Vec<Record> = Vec::new();
         let session = renderer(probe.clone(), scene.clone(), path)
             .run_lockstep(4.0, ContactTiming::busy(400.0), &AtomicBool::new(false), |row| {

@@ -199,7 +199,8 @@ pub struct RunArguments {
     pub probe: String,
     /// The object that it touches
     pub scene: String,
-    /// emulated, emulated:PRESET, replay:FILE (poses of the probe, or a recorded device), or one that `palpate devices` lists
+    /// emulated, emulated:PRESET,KEY=VALUE,... (task=press, hand=firm, encoder_step=0, path=FILE.csv, ...), replay:FILE (poses
+    /// of the probe, or a recorded device), or one that `palpate devices` lists
     #[arg(long, default_value = "emulated")]
     pub device: String,
     /// Button of the device, counted from 0, that is to be held for anything to be felt [default: none]

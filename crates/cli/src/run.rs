@@ -80,7 +80,9 @@ pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
 }
 
 fn check_files(arguments: &RunArguments) -> Result<(), Failure> {
-    let replayed = arguments.device.strip_prefix("replay:").map(Path::new);
+    let (device, followed) = (&arguments.device, arguments.device.split_once("path="));
+    let followed = followed.filter(|_| device.starts_with("emulated")).map(|(_, file)| file);
+    let replayed = device.strip_prefix("replay:").or(followed).map(Path::new);
     let read: Vec<&Path> =
         [Path::new(&arguments.probe), Path::new(&arguments.scene)].into_iter().chain(replayed).collect();
     let given = [

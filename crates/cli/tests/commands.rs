@@ -495,6 +495,14 @@ fn refusals_say_what_and_what_to_do() {
         (&["inspect", "missing.clod"], "missing.clod"),
         (&["export", "cup-low", "-o", "no/such/folder/cup.obj"], "no/such/folder/cup.obj"),
         (&["run", "cup-low", "spoon-low", "--device", "phantom"], "emulated"),
+        (
+            &["run", "cup-low", "spoon-low", "--device", "emulated:task=fly"],
+            "`task=fly`: give one of explore, press",
+        ),
+        (
+            &["run", "cup-low", "spoon-low", "--device", "emulated:path=ok.csv", "--record", "ok.csv"],
+            "named twice",
+        ),
         (&["run", "cup-low", "spoon-low", "--mass", "-1"], "mass"),
         (&["run", "cup-low", "spoon-low", "--seconds", "-1"], "seconds"),
         (&["run", "cup-low", "spoon-low", "--contact-rate", "nan", "--lockstep"], "contact-rate"),
@@ -590,6 +598,7 @@ fn a_session_says_which_stages_are_on_and_why() {
     let printed = succeeds(&arguments, folder.path());
     for (stage, why) in [
         ("contact query", "on: one scene object"),
+        ("device", "Phantom Premium 1.5 6DOF (emulated): on: force along x, y, z, torque about x, y, z"),
         ("hierarchy", "probe ellipsoid@500: off, one convex hull; scene torus@4000: on, "),
         ("clustering", "on beyond 5 contacts"),
         ("integrator", "semi-implicit"),
@@ -600,6 +609,47 @@ fn a_session_says_which_stages_are_on_and_why() {
         let row = printed.lines().find(|line| line.starts_with(&format!("{stage}  ")));
         assert!(row.is_some_and(|row| row.contains(why)), "{stage}: {why}\n{printed}");
     }
+}
+
+/// Each of the emulated hand's tasks touches for its part of the time, parameters of the device hold, and a device that drives
+/// three axes says so.
+#[test]
+fn the_emulated_hand_does_its_task() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    let run = |device: &str, seconds: &str| {
+        let session = ["run", "ellipsoid@500", "golf-ball@1000", "--lockstep", "--json", "--record", "r.csv"];
+        json(&[&session[..], &["--seconds", seconds, "--device", device]].concat(), folder)
+    };
+    // Part of the recorded steps with a contact force.
+    let touching = || {
+        let mut rows = csv::Reader::from_path(folder.join("r.csv")).expect("a recording");
+        let column =
+            rows.headers().expect("a header").iter().position(|name| name == "contact_fz").expect("a column");
+        let forces: Vec<f64> =
+            rows.records().map(|row| row.expect("a row")[column].parse().expect("a number")).collect();
+        assert!(forces.iter().any(|force| *force > 0.1), "nothing is pressed");
+        forces.iter().filter(|force| **force > 0.0).count() as f64 / forces.len() as f64
+    };
+    for (task, seconds, part) in [
+        ("explore", "10", 0.6..0.9),
+        ("press", "4", 0.4..0.9),
+        ("stroke", "4", 0.3..0.7),
+        ("scrub", "10", 0.7..1.0),
+        ("tap", "4", 0.2..0.7),
+        ("peg-insertion", "8", 0.6..0.9),
+    ] {
+        let summary = run(&format!("emulated:omega,hand=firm,task={task}"), seconds);
+        let touching = touching();
+        assert!(part.contains(&touching), "{task}: in contact {touching} of the time");
+        assert_eq!(summary["stages"]["device"], "omega.6 (emulated): on: force along x, y, z, no torque");
+    }
+    let gentle = run("emulated:omega,hand=firm,task=press,peak_force=0.1", "1");
+    let most = gentle["coupling_force_max"].as_f64().expect("a force");
+    assert!(most > 0.05 && most <= 0.1 + 1e-12, "{most} N");
+    std::fs::write(folder.join("path.csv"), "t,px,py,pz,qx,qy,qz,qw\n0,0,0,1,0,0,0,1\n").expect("a path");
+    let away = run(&format!("emulated:hand=firm,path={}", folder.join("path.csv").display()), "1");
+    assert_eq!(away["coupling_force_max"].as_f64(), Some(0.0));
 }
 
 #[cfg(target_os = "linux")]

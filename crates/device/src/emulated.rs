@@ -14,6 +14,7 @@
 //! There is no end stop: a handle that leaves the workspace sets [`Status::OUTSIDE_WORKSPACE`] and moves on.
 
 use palpate_core::{Pose, Twist, Wrench};
+use serde::{Deserialize, Serialize};
 
 use crate::clip::clipped;
 use crate::hand::{Hand, IntendedPath};
@@ -21,12 +22,17 @@ use crate::mechanics::{self, Handle};
 use crate::sensing::Encoders;
 use crate::{DeviceError, DeviceState, HapticDevice, Specification, Status, presets};
 
+mod address;
+
+pub use address::EmulatedHand;
+pub(crate) use address::KIND;
+
 /// The largest value of a mechanical parameter that passes as one (in its SI unit): beyond it lies a slip of
 /// units.
 const MAX_PARAMETER: f64 = 1e6;
 
 /// What to emulate.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Emulation {
     /// The device's abilities; its peaks, encoder steps, delay and axes are what the emulation keeps to.
     pub specification: Specification,

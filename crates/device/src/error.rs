@@ -25,6 +25,14 @@ pub enum DeviceError {
         /// What it may be.
         expected: String,
     },
+    /// A setting in an address is none.
+    #[error("`{setting}`: give {expected}")]
+    Setting {
+        /// The setting.
+        setting: String,
+        /// What it may be.
+        expected: String,
+    },
     /// The device was closed before.
     #[error("the device is closed; open it again")]
     Closed,

@@ -8,7 +8,11 @@
 use palpate_core::{Pose, Twist};
 use serde::{Deserialize, Serialize};
 
-use crate::path::MotionPath;
+use crate::PathError;
+use crate::path::{Interpolation, Keyframe, MotionPath};
+
+/// How often a movement that is repeated is sampled, Hz.
+const CYCLE_RATE: f64 = 100.0;
 
 /// A hand's passive impedance, held rigidly to the handle.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -125,6 +129,25 @@ impl From<MotionPath> for IntendedPath {
 }
 
 impl IntendedPath {
+    /// Does the same again every so many seconds: what `pose` tells of the times (s) from 0 on, sampled 100 times a second, with
+    /// a continuous twist between.
+    ///
+    /// # Errors
+    /// If a pose is not finite or out of a path's range.
+    pub fn cycle(seconds: f64, pose: impl Fn(f64) -> Pose) -> Result<Self, PathError> {
+        let samples = (seconds * CYCLE_RATE).round().max(1.0) as usize;
+        let keyframe = |sample: usize| {
+            let time = sample as f64 / samples as f64 * seconds;
+            Keyframe { time, pose: pose(time) }
+        };
+        let cycle = MotionPath::new((0..=samples).map(keyframe).collect(), Interpolation::Smooth)?;
+        let mut segment = 0;
+        Ok(Self::function(move |time| {
+            let point = cycle.at_near(time.rem_euclid(seconds), &mut segment);
+            (point.pose, point.twist)
+        }))
+    }
+
     /// Follows `function`, which gives the pose and its derivative at a time in s.
     pub fn function(function: impl FnMut(f64) -> (Pose, Twist) + Send + 'static) -> Self {
         Self::Function(Box::new(function))

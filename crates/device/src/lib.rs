@@ -24,9 +24,11 @@ mod replay;
 mod sensing;
 mod specification;
 mod state;
+mod steering;
+mod task;
 mod velocity;
 
-pub use emulated::{EmulatedDevice, Emulation};
+pub use emulated::{EmulatedDevice, EmulatedHand, Emulation};
 pub use enable::HoldToEnable;
 pub use error::{DeviceError, PathError};
 pub use hand::{Hand, IntendedPath};
@@ -39,6 +41,8 @@ pub use registry::{DeviceKind, Listing, Opened, Registry, list, open};
 pub use replay::ReplayDevice;
 pub use specification::{Axes, Specification};
 pub use state::{DeviceState, Status};
+pub use steering::Steering;
+pub use task::{Task, TaskSite};
 pub use velocity::{AdaptiveWindow, LONGEST_WINDOW, LowPass};
 
 /// A device that reports how its handle moves and applies a wrench to the hand that holds it.

@@ -2,10 +2,18 @@
 
 use std::path::Path;
 
+use glam::DVec3;
 use palpate_core::Pose;
 use serde::Serialize;
 
-use crate::{DeviceError, Emulation, HapticDevice, RecordedDevice, Recording, ReplayDevice, Specification};
+use crate::emulated::KIND;
+use crate::{
+    DeviceError, EmulatedHand, Emulation, HapticDevice, RecordedDevice, Recording, ReplayDevice,
+    Specification, TaskSite,
+};
+
+/// Lengths of a task that is done without a scene are multiples of the workspace's radius, at most of this, m.
+const LARGEST_SITE: f64 = 0.1;
 
 /// A device that can be opened.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -41,7 +49,7 @@ pub struct Registry {
 impl Default for Registry {
     /// Those of this crate.
     fn default() -> Self {
-        let emulated = DeviceKind { name: "emulated", open: open_emulated, list: list_emulated };
+        let emulated = DeviceKind { name: KIND, open: open_emulated, list: list_emulated };
         let replay = DeviceKind { name: "replay", open: open_replay, list: list_replay };
         let own = [emulated, replay].into_iter();
         #[cfg(feature = "hid")]
@@ -92,11 +100,12 @@ impl Registry {
     }
 }
 
-/// Opens a device of this crate: `emulated` (a Phantom Premium 1.5), `emulated:PRESET`, `replay:FILE`, `spacemouse`,
+/// Opens a device of this crate: `emulated` (a Phantom Premium 1.5), `emulated:PRESET,KEY=VALUE,…` (see
+/// [`EmulatedHand::at`]), `replay:FILE`, `spacemouse`,
 /// `woodenhaptics`, `woodenhaptics:MODEL` or `hid:VENDOR:PRODUCT` (in hexadecimal; also of a joystick with force feedback).
 ///
-/// The hand of a device emulated this way holds still at the centre of the workspace; [`Emulation::open`] gives
-/// it a path to follow.
+/// The hand of a device emulated this way holds still at the centre of the workspace, or does its task there;
+/// [`Emulation::open`](crate::Emulation::open) gives it a path to follow.
 ///
 /// # Errors
 /// See [`Registry::open`].
@@ -114,12 +123,17 @@ fn none_such() -> DeviceError {
     DeviceError::Unknown { address: String::new(), known: String::new() }
 }
 
-fn open_emulated(preset: Option<&str>) -> Opened {
-    let emulation = match preset {
-        None => Emulation::default(),
-        Some(preset) => Emulation::preset(preset).ok_or_else(none_such)?,
+fn open_emulated(which: Option<&str>) -> Opened {
+    let hand = EmulatedHand::named(which).ok_or_else(none_such)??;
+    let path = match (hand.path, hand.task) {
+        (Some(path), _) => path.into(),
+        (None, Some(task)) => {
+            let size = hand.emulation.specification.workspace_radius.min(LARGEST_SITE);
+            task.path(&TaskSite { touch: task.beside() * size, pivot: DVec3::ZERO, size })?
+        }
+        (None, None) => Pose::IDENTITY.into(),
     };
-    Ok(Box::new(emulation.open(Pose::IDENTITY)?))
+    Ok(Box::new(hand.emulation.open(path)?))
 }
 
 fn list_emulated() -> Vec<Listing> {
@@ -128,7 +142,12 @@ fn list_emulated() -> Vec<Listing> {
         description: format!("emulated {description}"),
         specification: Emulation::preset(name).map(|emulation| emulation.specification),
     };
-    Emulation::presets().map(listing).collect()
+    let settings = Listing {
+        address: "emulated:PRESET,KEY=VALUE,...".into(),
+        description: "one with settings: hand=firm, task=tap, peak_force=5, ...; a wrong key is answered by all that there are".into(),
+        specification: None,
+    };
+    Emulation::presets().map(listing).chain([settings]).collect()
 }
 
 fn open_replay(file: Option<&str>) -> Opened {
@@ -247,6 +266,7 @@ mod tests {
         std::fs::write(&file, format!("{}\n0,0,0,0,0,0,0,1\n", crate::PATH_HEADER)).unwrap();
         for listing in list().into_iter().filter(|listing| listing.address.starts_with(['e', 'r'])) {
             let address = listing.address.replace("FILE.csv", &file.display().to_string());
+            let address = address.replace("PRESET,KEY=VALUE,...", "omega,hand=firm,task=tap");
             let mut device = open(&address).unwrap_or_else(|error| panic!("{address}: {error}"));
             if let Some(specification) = listing.specification {
                 assert_eq!(device.specification(), &specification);
@@ -262,6 +282,7 @@ mod tests {
             "",
             "emulated:",
             "emulated:phantom",
+            "emulated:phantom,hand=firm",
             "replay",
             "replay:",
             "spacemouse:2",

@@ -1,35 +1,19 @@
-//! A path for an emulated hand that has been told nothing else: come from above, press, scrub and twist, withdraw.
-
-use std::f64::consts::TAU;
+//! What an emulated hand does in a scene when it is not given a path: a [`Task`] where the probe first touches the scene.
 
 use palpate_collide::{QuerySettings, SceneQuery};
 use palpate_core::Pose;
-use palpate_core::glam::{DQuat, DVec3};
-use palpate_device::{
-    DeviceError, Emulation, HapticDevice, IntendedPath, Interpolation, Keyframe, MotionPath, PathError,
-};
+use palpate_core::glam::DVec3;
+use palpate_device::{DeviceError, EmulatedHand, HapticDevice, IntendedPath, PathError, Task, TaskSite};
 use palpate_dynamics::DeviceMapping;
 
 use crate::object::Object;
 use crate::scene::Scene;
 
-/// Length of one exploration, s; it is repeated for as long as the session lasts.
-pub const CYCLE: f64 = 10.0;
-
-/// Poses of one exploration.
-const SAMPLES: usize = 1000;
 /// Most steps of the descent to first touch.
 const MAX_DESCENT: usize = 4000;
 
-/// Lengths of the movement as fractions of the probe's bounding radius.
-const CLEARANCE: f64 = 0.1;
-const PRESS: f64 = 0.03;
-const SCRUB: f64 = 0.1;
-/// Amplitude of the twisting about the vertical, rad.
-const TWIST: f64 = 0.05;
-
-/// Opens a device by its address, as [`palpate_device::open`] does, except that the hand of an emulated one
-/// (`emulated`, `emulated:PRESET`) explores `scene` with `probe`.
+/// Opens a device by its address, as [`palpate_device::open`] does, except that the hand of an emulated one does its task
+/// (`emulated:PRESET,task=NAME`; [`Task::Explore`] where none is named) in `scene` with `probe`.
 ///
 /// # Errors
 /// If there is no such device, or it cannot be opened.
@@ -41,8 +25,8 @@ pub fn open_device(
     open_mapped_device(address, probe, scene, &DeviceMapping::IDENTITY)
 }
 
-/// [`open_device`] for a session in which the device's motion is mapped: the hand moves so that the probe explores the
-/// scene all the same. A replayed path is one of the device, and stays what it is.
+/// [`open_device`] for a session in which the device's motion is mapped: the hand moves so that the probe does its task in the
+/// scene all the same. A path from a file is one of the device, and stays what it is.
 ///
 /// # Errors
 /// As [`open_device`].
@@ -52,57 +36,42 @@ pub fn open_mapped_device(
     scene: &Scene,
     mapping: &DeviceMapping,
 ) -> Result<Box<dyn HapticDevice>, DeviceError> {
-    let emulation = match address.strip_prefix("emulated") {
-        Some("") => Some(Emulation::default()),
-        Some(preset) => preset.strip_prefix(':').and_then(Emulation::preset),
-        None => None,
+    let Some(hand) = EmulatedHand::at(address) else { return palpate_device::open(address) };
+    let hand = hand?;
+    let path = match hand.path {
+        Some(path) => path.into(),
+        None => mapped_path(hand.task.unwrap_or_default(), probe, scene, mapping)?,
     };
-    match emulation {
-        Some(emulation) => Ok(Box::new(emulation.open(mapped_path(probe, scene, mapping)?)?)),
-        None => palpate_device::open(address),
-    }
+    Ok(Box::new(hand.emulation.open(path)?))
 }
 
-/// Where the hand means the probe's mesh frame to be: the probe comes down the world's z axis onto the middle of the
-/// scene, presses 3 % of its radius past first touch, scrubs and twists, withdraws, and begins again.
+/// Where the hand means the probe's mesh frame to be, to do a task: the probe comes down the world's z axis onto the middle of
+/// the scene, and what a task's lengths are multiples of is the probe's bounding radius.
 ///
 /// # Errors
 /// If an object is so large or so far away that a pose is out of a path's range.
-pub fn path(probe: &Object, scene: &Scene) -> Result<IntendedPath, PathError> {
-    mapped_path(probe, scene, &DeviceMapping::IDENTITY)
+pub fn path(task: Task, probe: &Object, scene: &Scene) -> Result<IntendedPath, PathError> {
+    mapped_path(task, probe, scene, &DeviceMapping::IDENTITY)
 }
 
 /// [`path`] of the device that `mapping` takes to the world.
-fn mapped_path(probe: &Object, scene: &Scene, mapping: &DeviceMapping) -> Result<IntendedPath, PathError> {
-    let touch = first_touch(probe, scene);
-    let radius = probe.bounding_radius();
-    let center = probe.clod.source.center;
-    let keyframe = |sample: usize| {
-        let phase = sample as f64 / SAMPLES as f64;
-        // Down in the first fifth, pressed for three, up in the last.
-        let down = smooth_step(phase / 0.2).min(smooth_step((1.0 - phase) / 0.2));
-        let rubbing = ((phase - 0.2) / 0.6).clamp(0.0, 1.0);
-        let offset = DVec3::new(
-            SCRUB * (2.0 * TAU * rubbing).sin(),
-            SCRUB * (3.0 * TAU * rubbing).sin(),
-            CLEARANCE - (CLEARANCE + PRESS) * down,
-        ) * radius;
-        let rotation = DQuat::from_rotation_z(TWIST * (2.0 * TAU * rubbing).sin());
-        let translation = touch + offset + center - rotation * center;
-        Keyframe { time: phase * CYCLE, pose: mapping.device_pose(&Pose::new(translation, rotation)) }
-    };
-    let cycle = MotionPath::new((0..=SAMPLES).map(keyframe).collect(), Interpolation::Smooth)?;
-    let mut segment = 0;
-    Ok(IntendedPath::function(move |time| {
-        let point = cycle.at_near(time.rem_euclid(CYCLE), &mut segment);
-        (point.pose, point.twist)
-    }))
+fn mapped_path(
+    task: Task,
+    probe: &Object,
+    scene: &Scene,
+    mapping: &DeviceMapping,
+) -> Result<IntendedPath, PathError> {
+    let size = probe.bounding_radius();
+    let touch = first_touch(probe, scene, task.beside() * size);
+    let site = TaskSite { touch, pivot: probe.clod.source.center, size };
+    IntendedPath::cycle(task.cycle(), |time| mapping.device_pose(&task.pose(time, &site)))
 }
 
-/// Where the mesh frame of the probe, unrotated, is when it first touches the scene on its way down.
+/// Where the mesh frame of the probe, unrotated, is when it first touches the scene on its way down, so far beside the middle of
+/// the scene.
 ///
 /// Conservative advancement: each step is no longer than the distance that the query reports.
-fn first_touch(probe: &Object, scene: &Scene) -> DVec3 {
+fn first_touch(probe: &Object, scene: &Scene, beside: DVec3) -> DVec3 {
     let radius = probe.bounding_radius();
     let center = probe.clod.source.center;
     let spheres = scene.objects().iter().map(|placed| {
@@ -117,7 +86,7 @@ fn first_touch(probe: &Object, scene: &Scene) -> DVec3 {
         return -center;
     }
     let middle = 0.5 * (low + high);
-    let top = DVec3::new(middle.x, middle.y, high.z + radius) - center;
+    let top = DVec3::new(middle.x, middle.y, high.z + radius) + beside - center;
     let bottom = middle.z - center.z;
     let settings = QuerySettings::new(0.1 * radius);
     let mut query = SceneQuery::new(probe.shape());
@@ -134,10 +103,4 @@ fn first_touch(probe: &Object, scene: &Scene) -> DVec3 {
         position.z -= nearest;
     }
     position
-}
-
-/// 0 below 0, 1 above 1, smooth between.
-fn smooth_step(x: f64) -> f64 {
-    let x = x.clamp(0.0, 1.0);
-    x * x * (3.0 - 2.0 * x)
 }

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use palpate_device::Specification;
 use serde::Serialize;
 
 use crate::renderer::HapticRenderer;
@@ -138,6 +139,7 @@ impl HapticRenderer {
             n => format!("on: {n} scene objects"),
         };
         stages.insert("contact query", query);
+        stages.insert("device", self.device_stage());
         stages.insert("integrator", self.settings().integrator.to_string());
         for (role, object) in std::iter::once(("probe", self.probe()))
             .chain(self.scene().objects().iter().map(|placed| ("scene", &placed.object)))
@@ -173,4 +175,31 @@ impl HapticRenderer {
         stages.insert("friction", friction);
         stages
     }
+
+    /// What of a wrench the device makes felt, and which of the handle's motions it senses.
+    fn device_stage(&self) -> String {
+        let Specification { name, actuated, sensed, .. } = self.device.specification();
+        let felt = match (named(actuated.translation), named(actuated.rotation)) {
+            (None, None) => "off: no force, the device only moves".to_owned(),
+            (Some(force), None) => format!("on: force along {force}, no torque"),
+            (None, Some(torque)) => format!("on: torque about {torque}, no force"),
+            (Some(force), Some(torque)) => format!("on: force along {force}, torque about {torque}"),
+        };
+        let unsensed = match (named(sensed.translation.map(|it| !it)), named(sensed.rotation.map(|it| !it))) {
+            (None, None) => String::new(),
+            (Some(shift), None) => format!("; no motion along {shift} is sensed"),
+            (None, Some(turn)) => format!("; no turn about {turn} is sensed"),
+            (Some(shift), Some(turn)) => {
+                format!("; no motion along {shift} and no turn about {turn} is sensed")
+            }
+        };
+        format!("{name}: {felt}{unsensed}")
+    }
+}
+
+/// The names of the axes that are set.
+fn named(axes: [bool; 3]) -> Option<String> {
+    let names: Vec<&str> =
+        ["x", "y", "z"].into_iter().zip(axes).filter(|&(_, set)| set).map(|(name, _)| name).collect();
+    (!names.is_empty()).then(|| names.join(", "))
 }

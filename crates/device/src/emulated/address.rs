@@ -1,0 +1,229 @@
+//! An emulated device as it is written on a command line: `emulated:PRESET,KEY=VALUE,…`.
+
+use std::path::Path;
+
+use serde_json::{Map, Value};
+
+use super::Emulation;
+use crate::{DeviceError, Hand, Interpolation, MotionPath, Task};
+
+/// What emulated devices go by.
+pub(crate) const KIND: &str = "emulated";
+
+/// An emulated device and what the hand does that holds it, by an address.
+#[derive(Clone, Debug)]
+pub struct EmulatedHand {
+    /// The device and the hand.
+    pub emulation: Emulation,
+    /// What the hand is to do, where the address names a task.
+    pub task: Option<Task>,
+    /// Where it means to go (device axes), where the address names a file.
+    pub path: Option<MotionPath>,
+}
+
+impl EmulatedHand {
+    /// By `emulated`, `emulated:PRESET`, or either with settings: `emulated:PRESET,KEY=VALUE,…`. Absent where that is no
+    /// address of an emulated device.
+    ///
+    /// Keys are `hand` (the name of a [`Hand`]), `task` (that of a [`Task`]), `path` (a file of poses, as of
+    /// [`MotionPath::load`]; it takes the rest of the address), the numbers of a [`Specification`](crate::Specification)
+    /// (`peak_force`, `encoder_step`, …; `inf` for no limit), `handle.mass` and the other parameters of a
+    /// [`Handle`](crate::Handle), `hand.mass` and those of a [`Hand`], `substep` and `catch_up`.
+    ///
+    /// # Errors
+    /// If there is no such key, or its value is none.
+    pub fn at(address: &str) -> Option<Result<Self, DeviceError>> {
+        let which = match address.strip_prefix(KIND)? {
+            "" => None,
+            rest => Some(rest.strip_prefix(':')?),
+        };
+        Self::named(which)
+    }
+
+    /// By what comes after `emulated:`.
+    pub(crate) fn named(which: Option<&str>) -> Option<Result<Self, DeviceError>> {
+        let (preset, settings) = match which {
+            None => (None, ""),
+            Some(which) => {
+                let (first, rest) = which.split_once(',').unwrap_or((which, ""));
+                if first.contains('=') { (None, which) } else { (Some(first), rest) }
+            }
+        };
+        let emulation = preset.map_or_else(|| Some(Emulation::default()), Emulation::preset)?;
+        Some(Self { emulation, task: None, path: None }.with(settings))
+    }
+
+    /// With settings, `KEY=VALUE,…`.
+    fn with(mut self, mut settings: &str) -> Result<Self, DeviceError> {
+        while !settings.is_empty() {
+            if let Some(file) = settings.strip_prefix("path=") {
+                self.path = Some(MotionPath::load(Path::new(file), Interpolation::Smooth)?);
+                break;
+            }
+            let (setting, rest) = settings.split_once(',').unwrap_or((settings, ""));
+            self.set(setting)?;
+            settings = rest;
+        }
+        if self.task.is_some() && self.path.is_some() {
+            return Err(refused("task, path", "one of the two: a hand follows a path or does a task".into()));
+        }
+        Ok(self)
+    }
+
+    fn set(&mut self, setting: &str) -> Result<(), DeviceError> {
+        let (key, value) =
+            setting.split_once('=').ok_or_else(|| refused(setting, "KEY=VALUE, such as hand=firm".into()))?;
+        match key {
+            "hand" => {
+                let hand = Hand::preset(value);
+                self.emulation.hand = hand.ok_or_else(|| refused(setting, names(&Hand::PRESETS)))?;
+            }
+            "task" => {
+                let task = Task::named(value);
+                self.task = Some(task.ok_or_else(|| refused(setting, names(&Task::ALL)))?);
+            }
+            _ => self.emulation = with_number(&self.emulation, key, setting, value)?,
+        }
+        Ok(())
+    }
+}
+
+/// The emulation with one of its numbers replaced.
+///
+/// Numbers are found by the names of their fields, through serde; one that stands nowhere else needs no other line here.
+fn with_number(
+    emulation: &Emulation,
+    key: &str,
+    setting: &str,
+    value: &str,
+) -> Result<Emulation, DeviceError> {
+    let unusable = |error: serde_json::Error| refused(setting, error.to_string());
+    let mut all = serde_json::to_value(emulation).map_err(unusable)?;
+    let keys = keys(&all);
+    let known = || refused(setting, format!("one of {} = a number; hand, task or path", keys.join(", ")));
+    let number: f64 = value.parse().map_err(|_| refused(setting, "a number after `=`".into()))?;
+    // What is infinite is null in JSON.
+    let number = match number {
+        f64::INFINITY => Value::Null,
+        number => Value::from(number),
+    };
+    if !keys.iter().any(|known| known == key) {
+        return Err(known());
+    }
+    let path = key.replace('.', "/");
+    // What the handle resists motion with is told by the specification as well.
+    for place in [format!("/{path}"), format!("/specification/{path}")] {
+        if let Some(entry) = all.pointer_mut(&place) {
+            *entry = number.clone();
+        }
+    }
+    serde_json::from_value(all).map_err(|_| refused(setting, "a finite number after `=`".into()))
+}
+
+/// The keys of an emulation's numbers.
+fn keys(emulation: &Value) -> Vec<String> {
+    let numbers = |entries: Option<&Map<String, Value>>, prefix: &str| -> Vec<String> {
+        let named = entries.into_iter().flatten().filter(|(_, value)| value.is_number() || value.is_null());
+        named.map(|(name, _)| format!("{prefix}{name}")).filter(|name| name != "handle").collect()
+    };
+    let part = |name: &str| emulation.get(name).and_then(Value::as_object);
+    [
+        numbers(part("specification"), ""),
+        numbers(part("handle"), "handle."),
+        numbers(part("hand"), "hand."),
+        numbers(emulation.as_object(), ""),
+    ]
+    .concat()
+}
+
+fn names<T>(named: &[(&'static str, T)]) -> String {
+    format!("one of {}", named.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", "))
+}
+
+fn refused(setting: &str, expected: String) -> DeviceError {
+    DeviceError::Setting { setting: setting.chars().take(80).collect(), expected }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parsed(address: &str) -> EmulatedHand {
+        EmulatedHand::at(address).expect(address).unwrap_or_else(|error| panic!("{address}: {error}"))
+    }
+
+    #[test]
+    fn settings_replace_what_the_preset_has() {
+        assert_eq!(parsed("emulated").emulation, Emulation::default());
+        assert_eq!(parsed("emulated:omega").emulation, Emulation::preset("omega").unwrap());
+        let hand =
+            parsed("emulated:touch,hand=firm,hand.stiffness=900,peak_force=inf,encoder_step=0,task=tap");
+        let touch = Emulation::preset("touch").unwrap();
+        let specification =
+            crate::Specification { peak_force: f64::INFINITY, encoder_step: 0.0, ..touch.specification };
+        let expected = Emulation { specification, hand: Hand { stiffness: 900.0, ..Hand::FIRM }, ..touch };
+        assert_eq!(hand.emulation, expected);
+        assert_eq!(hand.task, Some(Task::Tap));
+
+        // What is set is what the driver is told, too.
+        let heavy = parsed("emulated:handle.mass=0.5,substep=5e-5").emulation;
+        assert_eq!(heavy.handle.mass, 0.5);
+        assert_eq!(heavy.specification.handle, Some(heavy.handle));
+        assert_eq!(heavy.substep, 5e-5);
+    }
+
+    /// Every number of an emulation can be set, and nothing else is changed by that.
+    #[test]
+    fn every_number_has_a_key() {
+        let emulation = Emulation::default();
+        let all = serde_json::to_value(&emulation).unwrap();
+        let keys = keys(&all);
+        assert!(keys.len() > 24, "{keys:?}");
+        for key in keys {
+            let changed = parsed(&format!("emulated:{key}=0.5")).emulation;
+            let told = serde_json::to_value(&changed).unwrap();
+            let path = key.replace('.', "/");
+            let place = [format!("/{path}"), format!("/specification/{path}")];
+            assert!(place.iter().any(|place| told.pointer(place) == Some(&Value::from(0.5))), "{key}");
+            assert_ne!(changed, emulation, "{key}");
+        }
+    }
+
+    #[test]
+    fn a_path_takes_the_rest() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a,b=c.csv");
+        std::fs::write(&file, format!("{}\n0,0,0,0,0,0,0,1\n1,0,0,1,0,0,0,1\n", crate::PATH_HEADER)).unwrap();
+        let hand = parsed(&format!("emulated:hand=light,path={}", file.display()));
+        assert_eq!(hand.path.unwrap().duration(), 1.0);
+        assert_eq!(hand.emulation.hand, Hand::LIGHT);
+    }
+
+    #[test]
+    fn what_is_wrong_is_said() {
+        for (address, said) in [
+            ("emulated:touch,hand=strong", "`hand=strong`: give one of none, light"),
+            ("emulated:task=fly", "one of explore, press, stroke, scrub, tap, peg-insertion"),
+            ("emulated:omega,firm", "KEY=VALUE"),
+            ("emulated:mass=1", "handle.mass"),
+            ("emulated:name=1", "encoder_step"),
+            ("emulated:handle=1", "hand, task or path"),
+            ("emulated:hand.mass=heavy", "a number after"),
+            ("emulated:hand.mass=inf", "a finite number"),
+            ("emulated:hand.mass=nan", "a finite number"),
+            ("emulated:path=no/such.csv", "no/such.csv"),
+            ("emulated:omega,,", "KEY=VALUE"),
+        ] {
+            let error = EmulatedHand::at(address).expect(address).expect_err(address).to_string();
+            assert!(error.contains(said), "{address}: {error}");
+        }
+        for address in
+            ["emulated:", "emulated:phantom", "emulated:phantom,hand=firm", "replay:x", "emulatedx"]
+        {
+            assert!(EmulatedHand::at(address).is_none(), "{address}");
+        }
+        // A number that no emulation can have is refused when it is opened.
+        let hand = parsed("emulated:substep=-1");
+        assert!(hand.emulation.open(palpate_core::Pose::IDENTITY).is_err());
+    }
+}
