@@ -28,7 +28,8 @@ fn run(probe: &Object, object: Object, steps: u32) -> usize {
     let scene = Scene::new().with(object, Pose::IDENTITY);
     let device = explore::open_device("emulated", probe, &scene).expect("emulated device");
     let settings = Settings { clusters: CLUSTERS, ..Settings::default() };
-    let renderer = HapticRenderer::new(probe.clone(), scene, device, settings).expect("renderer");
+    let mut renderer = HapticRenderer::new(probe.clone(), scene, device, settings).expect("renderer");
+    let mut watch = renderer.watch();
     let (mut haptic, mut contact, mut device) = renderer.into_loops();
 
     let (mut in_haptic, mut in_contact, mut contacts) = (0, 0, 0);
@@ -41,6 +42,7 @@ fn run(probe: &Object, object: Object, steps: u32) -> usize {
             in_contact += if now > Task::Explore.cycle() { count } else { 0 };
             let update = update.expect("a contact step ran");
             contacts = contacts.max(update.contacts as usize);
+            in_contact += allocations_in(|| assert_eq!(watch.latest().time.to_bits(), now.to_bits()));
             in_haptic += allocations_in(|| haptic.update_contacts(&update));
         }
         in_haptic += allocations_in(|| {

@@ -16,6 +16,7 @@ use crate::scene::Placed;
 use crate::settings::Settings;
 use crate::telemetry::ContactTelemetry;
 use crate::textures::{TextureError, Textures};
+use crate::watch::{Push, TouchingPatches, Watch, Watched};
 
 /// Scene objects that have a full workspace from the start. Those of further ones are made, or grow, when they are first
 /// within reach.
@@ -99,6 +100,8 @@ pub struct ContactLoop {
     /// Of the last step, s.
     time: f64,
     telemetry: ContactTelemetry,
+    /// Where someone looks on.
+    watched: Option<Watched>,
 }
 
 impl ContactLoop {
@@ -143,6 +146,7 @@ impl ContactLoop {
             outlook: FURTHEST * radius,
             time: f64::NAN,
             telemetry: ContactTelemetry::default(),
+            watched: None,
         })
     }
 
@@ -162,10 +166,17 @@ impl ContactLoop {
         events.held_back += u64::from(*self.proxy.pose() != body.pose);
         self.adapt_outlook(settings.tolerance - near, near);
         self.sort(body, ahead);
+        self.show_patches(time);
         let mut depth = self.contacts.iter().fold(0.0, |most: f64, found| most.max(found.contact.depth));
 
         let probe_pose = body.pose * Pose::from_translation(-self.center_of_mass);
         let clusters = self.clustering.run(&self.contacts, tolerance, &probe_pose);
+        if let Some(watched) = &mut self.watched {
+            for Cluster { contact, .. } in clusters {
+                let force = contact.normal * (-self.parameters.stiffness * (contact.depth + tolerance));
+                watched.sight().add_push(Push { point: contact.point, force, depth: contact.depth });
+            }
+        }
         let representatives =
             clusters.iter().map(|&Cluster { contact, radius, .. }| ContactPatch { contact, radius });
         let mut model =
@@ -176,6 +187,9 @@ impl ContactLoop {
         let representatives = clusters.iter().map(|cluster| cluster.contact);
         let model = model.with_approaching(representatives, &braking, ahead);
         self.telemetry.events.contact_refused += u64::from(model.refused());
+        if let Some(watched) = &mut self.watched {
+            watched.show();
+        }
         ContactUpdate { model, time, depth, contacts: (self.contacts.len() + coarse) as u32 }
     }
 
@@ -207,6 +221,11 @@ impl ContactLoop {
                 *depth = depth.max(now);
                 let missed = found.is_undersampled(&body.twist, pose.translation, interval);
                 events.texture_undersampled += u64::from(missed);
+                if let Some(watched) = &mut self.watched {
+                    let force =
+                        found.contact.linear * (-self.parameters.stiffness * found.share * (now + tolerance));
+                    watched.sight().add_push(Push { point: found.contact.point, force, depth: now });
+                }
                 model.push_curved(&found.contact, &pose, &shared(&self.parameters, found.share), 0.0);
             } else if self.braking && now + found.rate(&body.twist) * ahead > -tolerance {
                 model.push_curved(&found.contact, &pose, &shared(braking, found.share), ahead);
@@ -263,6 +282,25 @@ impl ContactLoop {
             self.outlook = (0.5 * ahead).max(STEP * tolerance);
         } else if ahead >= self.outlook {
             self.outlook = (GROWTH * self.outlook).min(FURTHEST * self.radius);
+        }
+    }
+
+    /// Lets the contacts be watched from elsewhere, from the next step on; an earlier watcher sees nothing new then.
+    pub fn watch(&mut self) -> Watch {
+        let (watched, watch) = Watched::new();
+        self.watched = Some(watched);
+        watch
+    }
+
+    /// Begins to show what is seen at a time (s), with the patches that touch, of textured objects the coarse ones.
+    fn show_patches(&mut self, time: f64) {
+        let Some(watched) = &mut self.watched else { return };
+        let sight = watched.begin(time);
+        for found in self.proxy.contacts() {
+            let PatchContact { contact, probe_node, scene_node, weight } = found.contact;
+            if contact.depth > -self.parameters.tolerance {
+                sight.add_patches(TouchingPatches { object: found.object, probe_node, scene_node, weight });
+            }
         }
     }
 

@@ -3,7 +3,9 @@
 use palpate_collide::{QuerySettings, SceneQuery};
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
-use palpate_device::{DeviceError, EmulatedHand, HapticDevice, IntendedPath, PathError, Task, TaskSite};
+use palpate_device::{
+    DeviceError, EmulatedHand, HapticDevice, IntendedPath, PathError, Steering, Task, TaskSite,
+};
 use palpate_dynamics::DeviceMapping;
 
 use crate::object::Object;
@@ -45,6 +47,27 @@ pub fn open_mapped_device(
     Ok(Box::new(hand.emulation.open(path)?))
 }
 
+/// [`open_mapped_device`], except that the hand of an emulated device whose address names neither a task nor a path goes where
+/// it is steered to, from over the middle of the scene on.
+///
+/// # Errors
+/// As [`open_device`].
+pub fn open_steered_device(
+    address: &str,
+    probe: &Object,
+    scene: &Scene,
+    mapping: &DeviceMapping,
+) -> Result<(Box<dyn HapticDevice>, Option<Steering>), DeviceError> {
+    match EmulatedHand::at(address) {
+        Some(Ok(EmulatedHand { emulation, task: None, path: None })) => {
+            let start = Task::default().pose(0.0, &site(Task::default(), probe, scene));
+            let (steering, path) = Steering::new(mapping.device_pose(&start));
+            Ok((Box::new(emulation.open(path)?), Some(steering)))
+        }
+        _ => Ok((open_mapped_device(address, probe, scene, mapping)?, None)),
+    }
+}
+
 /// Where the hand means the probe's mesh frame to be, to do a task: the probe comes down the world's z axis onto the middle of
 /// the scene, and what a task's lengths are multiples of is the probe's bounding radius.
 ///
@@ -61,10 +84,15 @@ fn mapped_path(
     scene: &Scene,
     mapping: &DeviceMapping,
 ) -> Result<IntendedPath, PathError> {
+    let site = site(task, probe, scene);
+    IntendedPath::cycle(task.cycle(), |time| mapping.device_pose(&task.pose(time, &site)))
+}
+
+/// Where the probe does a task in the scene.
+fn site(task: Task, probe: &Object, scene: &Scene) -> TaskSite {
     let size = probe.bounding_radius();
     let touch = first_touch(probe, scene, task.beside() * size);
-    let site = TaskSite { touch, pivot: probe.clod.source.center, size };
-    IntendedPath::cycle(task.cycle(), |time| mapping.device_pose(&task.pose(time, &site)))
+    TaskSite { touch, pivot: probe.clod.source.center, size }
 }
 
 /// Where the mesh frame of the probe, unrotated, is when it first touches the scene on its way down, so far beside the middle of

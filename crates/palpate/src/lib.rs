@@ -30,6 +30,7 @@ mod settings;
 mod telemetry;
 mod textures;
 mod tracking;
+mod watch;
 mod workspace;
 
 pub use contact_loop::{ContactLoop, ContactUpdate};
@@ -53,3 +54,4 @@ pub use session::{Clock, ContactSummary, HapticSummary, Session, Summary};
 pub use settings::{Settings, SettingsError, TextureBackend, TextureDerivatives, TextureSettings};
 pub use telemetry::{ContactTelemetry, Events, HapticTelemetry, Percentiles, Times};
 pub use textures::TextureError;
+pub use watch::{Push, Sight, TouchingPatches, Watch};

@@ -15,6 +15,7 @@ use crate::object::Object;
 use crate::scene::Scene;
 use crate::settings::{Settings, SettingsError};
 use crate::textures::TextureError;
+use crate::watch::Watch;
 
 /// A haptic rendering session, to be run by [`run_lockstep`](Self::run_lockstep) or
 /// [`run_realtime`](Self::run_realtime), or taken apart by a host that owns its loops.
@@ -127,6 +128,11 @@ impl HapticRenderer {
     /// The scene.
     pub fn scene(&self) -> &Scene {
         &self.scene
+    }
+
+    /// Lets the contacts be watched from elsewhere while the session runs; an earlier watcher sees nothing new then.
+    pub fn watch(&mut self) -> Watch {
+        self.contact.watch()
     }
 
     /// Lets a backend of the host compute textured contacts, as one on its own GPU device

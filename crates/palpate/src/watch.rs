@@ -1,0 +1,108 @@
+//! What the contact loop sees, for those who look at it while it runs: a window, a host's debug view.
+//!
+//! It is handed over through a triple buffer, the latest wins: the contact loop neither waits for a watcher nor allocates for
+//! one.
+
+use palpate_core::glam::DVec3;
+
+/// Most patches and pushes of one look; what is beyond them is left out.
+const MOST: usize = 512;
+
+/// Two patches that touch, or are within the tolerance of each other.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TouchingPatches {
+    /// The scene object, by its place in [`Scene::objects`](crate::Scene::objects).
+    pub object: usize,
+    /// The probe's patch: a node of its hierarchy, whose level says at which resolution it is felt.
+    pub probe_node: u32,
+    /// The scene object's.
+    pub scene_node: u32,
+    /// How much of the contact counts, 0 to 1: the rest is made up by finer patches.
+    pub weight: f64,
+}
+
+/// A push on the probe: that of a cluster of contacts, or of a textured contact.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Push {
+    /// Where, m; world axes.
+    pub point: DVec3,
+    /// By how much, N: the penalty k(δ + d), without damping and friction.
+    pub force: DVec3,
+    /// δ, m; negative where the surfaces are apart.
+    pub depth: f64,
+}
+
+/// What one contact step saw.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sight {
+    /// Time of the body state that it is about, s; NaN before the first.
+    pub time: f64,
+    /// The patches that touch.
+    pub patches: Vec<TouchingPatches>,
+    /// What pushes the probe.
+    pub pushes: Vec<Push>,
+}
+
+impl Default for Sight {
+    /// Nothing, with room for all that it may come to hold.
+    fn default() -> Self {
+        Self { time: f64::NAN, patches: Vec::with_capacity(MOST), pushes: Vec::with_capacity(MOST) }
+    }
+}
+
+impl Sight {
+    /// Adds patches, if there is room.
+    pub(crate) fn add_patches(&mut self, patches: TouchingPatches) {
+        if self.patches.len() < MOST {
+            self.patches.push(patches);
+        }
+    }
+
+    /// Adds a push, if there is room.
+    pub(crate) fn add_push(&mut self, push: Push) {
+        if self.pushes.len() < MOST {
+            self.pushes.push(push);
+        }
+    }
+}
+
+/// Watches the contacts of a session, from any thread. Made by [`HapticRenderer::watch`](crate::HapticRenderer::watch).
+#[derive(Debug)]
+pub struct Watch(triple_buffer::Output<Sight>);
+
+impl Watch {
+    /// The latest that was seen.
+    pub fn latest(&mut self) -> &Sight {
+        self.0.read()
+    }
+}
+
+/// The side of the contact loop.
+#[derive(Debug)]
+pub(crate) struct Watched(triple_buffer::Input<Sight>);
+
+impl Watched {
+    pub fn new() -> (Self, Watch) {
+        let (input, output) = triple_buffer::TripleBuffer::default().split();
+        (Self(input), Watch(output))
+    }
+
+    /// A new look at what is at `time` (s), empty.
+    pub fn begin(&mut self, time: f64) -> &mut Sight {
+        let sight = self.0.input_buffer_mut();
+        sight.time = time;
+        sight.patches.clear();
+        sight.pushes.clear();
+        sight
+    }
+
+    /// The look that was begun.
+    pub fn sight(&mut self) -> &mut Sight {
+        self.0.input_buffer_mut()
+    }
+
+    /// Hands over what was seen.
+    pub fn show(&mut self) {
+        self.0.publish();
+    }
+}

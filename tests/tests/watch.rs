@@ -1,0 +1,67 @@
+//! What a watcher sees is what the hand feels, and a hand goes where it is steered to.
+
+use std::convert::Infallible;
+use std::sync::atomic::AtomicBool;
+
+use palpate::dynamics::DeviceMapping;
+use palpate::glam::DVec3;
+use palpate::{ContactTiming, HapticRenderer, Pose, Scene, Settings, explore};
+use palpate_tests::model;
+
+/// A hand is steered down onto a golf ball, rests there, and is steered up again: seen are the patches that touch, pushes that
+/// add up to the contact force, and, away from it, nothing.
+#[test]
+fn pushes_are_those_that_are_felt() {
+    let probe = model("ellipsoid@500");
+    let scene = Scene::new().with(model("golf-ball@5000"), Pose::IDENTITY);
+    let (device, steering) =
+        explore::open_steered_device("emulated:hand=firm", &probe, &scene, &DeviceMapping::IDENTITY)
+            .expect("emulated device");
+    let mut steering = steering.expect("a hand without a task is steered");
+    let settings = Settings { error: 0.0, ..Settings::default() };
+    let mut renderer = HapticRenderer::new(probe.clone(), scene.clone(), device, settings).expect("renderer");
+    let mut watch = renderer.watch();
+    assert!(watch.latest().time.is_nan() && watch.latest().pushes.is_empty());
+
+    let above = steering.aimed();
+    let down = Pose::from_translation(above.translation - DVec3::Z * 0.15 * probe.bounding_radius());
+    let (mut rested, mut seen) = (0, 0);
+    let stop = AtomicBool::new(false);
+    let session = renderer.run_lockstep(4.0, ContactTiming::busy(1000.0), &stop, |record| {
+        steering.aim(if record.time < 2.0 { down } else { above });
+        let sight = watch.latest();
+        let felt: DVec3 = sight.pushes.iter().map(|push| push.force).sum();
+        if (1.8..2.0).contains(&record.time) {
+            rested += 1;
+            seen += usize::from(!sight.patches.is_empty());
+            let difference = felt.distance(record.contact.force) / record.contact.force.length();
+            assert!(felt.z > 0.2 && difference < 0.02, "{felt} seen, {} felt", record.contact.force);
+            for patches in &sight.patches {
+                assert_eq!(patches.object, 0);
+                assert!((patches.probe_node as usize) < probe.clod.nodes.len());
+                assert!((patches.scene_node as usize) < scene.objects()[0].object.clod.nodes.len());
+                assert!(patches.weight > 0.0 && patches.weight <= 1.0);
+            }
+            assert!(record.time - sight.time < 3e-3);
+        }
+        if record.time > 3.8 {
+            assert!(sight.pushes.is_empty() && sight.patches.is_empty());
+        }
+        Ok::<(), Infallible>(())
+    });
+    let Ok(session) = session;
+    assert!(session.summary().coupling_force_max > 0.2);
+    assert!(rested > 190 && seen == rested, "{seen} of {rested}");
+}
+
+/// A hand with a task is not steered, and neither is another device.
+#[test]
+fn what_has_a_way_of_its_own_is_not_steered() {
+    let probe = model("ellipsoid@500");
+    let scene = Scene::new().with(model("golf-ball@1000"), Pose::IDENTITY);
+    let opened =
+        |address: &str| explore::open_steered_device(address, &probe, &scene, &DeviceMapping::IDENTITY);
+    assert!(opened("emulated:touch").is_ok_and(|(_, steering)| steering.is_some()));
+    assert!(opened("emulated:task=tap").is_ok_and(|(_, steering)| steering.is_none()));
+    assert!(opened("emulated:task=fly").is_err() && opened("nothing").is_err());
+}
