@@ -12,7 +12,9 @@ use indicatif::{ProgressBar, ProgressStyle};
 use palpate::device::{Interpolation, Keyframe, MotionPath, PathError};
 use palpate::models::Model;
 use palpate::texture_pd::BakeOptions;
-use palpate::{ContactTiming, HapticRenderer, Object, OpenOptions, Pose, Record, RecordWriter, Session};
+use palpate::{
+    ContactTiming, HapticRenderer, Object, OpenOptions, Pose, Record, RecordWriter, Session, Summary,
+};
 use palpate_report::Report;
 
 /// Edges of coarse meshes that are sharp, rad.
@@ -33,7 +35,11 @@ pub struct Options {
     output: Option<PathBuf>,
 }
 
-fn seconds(text: &str) -> Result<f64, String> {
+/// A length of a session, s, as it is written on a command line.
+///
+/// # Errors
+/// If it is none.
+pub fn seconds(text: &str) -> Result<f64, String> {
     let within = |seconds: &f64| *seconds > 0.0 && *seconds <= 3600.0;
     text.parse().ok().filter(within).ok_or_else(|| "give more than 0 and at most 3600".to_owned())
 }
@@ -75,24 +81,36 @@ impl Options {
         writer.finish()?;
 
         let summary = session.summary();
-        let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
-        let command = words.collect::<Vec<_>>().join(" ");
-        let html = Report { title, command: &command, summary: &summary, records: &records }.to_html()?;
-        std::fs::write(&report, html)?;
         for (name, value) in palpate_report::measured(&summary) {
             say(name, value)?;
         }
-        for file in [&recording, &report] {
-            say("written", shown(file).display())?;
-        }
+        say("written", shown(&recording).display())?;
+        write_report(&report, title, &summary, &records)?;
         Ok((session, records))
     }
 }
 
-/// A built-in model, with its hierarchy built or from the cache.
+/// Writes a report with plots, and says so.
 ///
 /// # Errors
-/// If there is no such model.
+/// If it cannot be written.
+pub fn write_report(
+    file: &Path,
+    title: &str,
+    summary: &Summary,
+    records: &[Record],
+) -> Result<(), Box<dyn Error>> {
+    let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
+    let command = words.collect::<Vec<_>>().join(" ");
+    let html = Report { title, command: &command, summary, records }.to_html()?;
+    std::fs::write(file, html).map_err(|error| format!("{}: {error}", file.display()))?;
+    Ok(say("written", shown(file).display())?)
+}
+
+/// A mesh file, a .clod file or a built-in model, with its hierarchy built or from the cache.
+///
+/// # Errors
+/// If there is no such file or model, or the mesh cannot be used.
 pub fn open(name: &str) -> Result<Object, Box<dyn Error>> {
     let bar = bar(name);
     let (object, _) = Object::open(name, &OpenOptions::default(), &mut |stage, fraction| {

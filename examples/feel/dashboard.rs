@@ -1,0 +1,165 @@
+//! What a session shows of itself while it runs, from its records.
+
+use std::collections::VecDeque;
+
+use palpate::device::Specification;
+use palpate::{Record, Wrench};
+
+/// Rates are counted over this long, s.
+const COUNTED: f64 = 0.5;
+/// A column of the histories is this long, s, and they have so many.
+const COLUMN: f64 = 0.05;
+const COLUMNS: usize = 200;
+
+/// Rates over the last half second.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Rates {
+    /// Haptic steps a second, Hz.
+    pub haptic: f64,
+    /// Periods that had no step, per second.
+    pub missed: f64,
+    /// Contact models that came into use a second, Hz.
+    pub contact: f64,
+}
+
+/// Largest force (N) and depth (m) of a time.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Extremes {
+    pub force: f64,
+    pub depth: f64,
+}
+
+/// What is shown.
+#[derive(Clone, Debug)]
+pub struct Dashboard {
+    /// The device, and its peak force (N) and torque (N·m), or what is shown as full where it has none.
+    pub device: String,
+    pub peak: (f64, f64),
+    /// The last step.
+    pub latest: Option<Record>,
+    pub rates: Rates,
+    /// The last ten seconds, the oldest first.
+    pub history: VecDeque<Extremes>,
+    /// Of the whole session.
+    pub most: Extremes,
+    period: f64,
+    /// Where the counted time began (s), and what was counted since.
+    counted: (f64, Rates),
+    column: (f64, Extremes),
+}
+
+impl Dashboard {
+    /// One for a device, stepped every so many seconds.
+    pub fn new(specification: &Specification, period: f64) -> Self {
+        let full = |peak: f64, otherwise: f64| if peak > 0.0 && peak.is_finite() { peak } else { otherwise };
+        Self {
+            device: specification.name.clone(),
+            peak: (full(specification.peak_force, 10.0), full(specification.peak_torque, 1.0)),
+            latest: None,
+            rates: Rates::default(),
+            history: VecDeque::with_capacity(COLUMNS + 1),
+            most: Extremes::default(),
+            period,
+            counted: (0.0, Rates::default()),
+            column: (0.0, Extremes::default()),
+        }
+    }
+
+    /// Adds a step.
+    pub fn take(&mut self, record: &Record) {
+        let earlier = self.latest.replace(*record);
+        let since = record.time - earlier.map_or(0.0, |earlier| earlier.time);
+        let model_time = |record: &Record| record.time - record.model_age;
+        let news = earlier.is_none_or(|earlier| {
+            let (before, now) = (model_time(&earlier), model_time(record));
+            (before - now).abs() > 1e-9 || before.is_nan() != now.is_nan()
+        });
+
+        let (begun, counted) = &mut self.counted;
+        counted.haptic += 1.0;
+        counted.missed += (since / self.period - 1.0).round().max(0.0);
+        counted.contact += f64::from(u8::from(news && record.model_age.is_finite()));
+        let lasted = record.time - *begun;
+        if lasted >= COUNTED - 1e-9 {
+            let Rates { haptic, missed, contact } = std::mem::take(counted);
+            self.rates =
+                Rates { haptic: haptic / lasted, missed: missed / lasted, contact: contact / lasted };
+            *begun = record.time;
+        }
+
+        let now = Extremes { force: record.coupling.force.length(), depth: record.depth };
+        let (begun, column) = &mut self.column;
+        for extremes in [column, &mut self.most] {
+            extremes.force = extremes.force.max(now.force);
+            extremes.depth = extremes.depth.max(now.depth);
+        }
+        if record.time - *begun >= COLUMN - 1e-9 {
+            *begun = record.time;
+            self.history.push_back(std::mem::take(&mut self.column.1));
+            if self.history.len() > COLUMNS {
+                self.history.pop_front();
+            }
+        }
+    }
+
+    /// The wrench at the device now.
+    pub fn wrench(&self) -> Wrench {
+        self.latest.map_or(Wrench::ZERO, |record| record.coupling)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate::Pose;
+    use palpate::device::Emulation;
+    use palpate::glam::DVec3;
+
+    use super::*;
+
+    pub fn record(time: f64, force: f64, model_age: f64) -> Record {
+        Record {
+            time,
+            device: Pose::IDENTITY,
+            handle: Pose::IDENTITY,
+            object: Pose::IDENTITY,
+            coupling: Wrench::new(DVec3::Z * force, DVec3::ZERO),
+            contact: Wrench::ZERO,
+            depth: 1e-3 * force,
+            contacts: 3,
+            model_age,
+        }
+    }
+
+    /// A step is missing twice in half a second, and a model comes every fourth one.
+    #[test]
+    fn rates_are_counted() {
+        let mut dashboard = Dashboard::new(&Emulation::default().specification, 1e-3);
+        for step in (1..=1000_u32).filter(|step| step % 500 != 7 && step % 500 != 9) {
+            let age = f64::from(step % 4) * 1e-3;
+            let force = if step == 300 { 5.0 } else { 1.0 };
+            dashboard.take(&record(f64::from(step) * 1e-3, force, age));
+        }
+        let Rates { haptic, missed, contact } = dashboard.rates;
+        assert!((haptic - 996.0).abs() < 1e-6 && (missed - 4.0).abs() < 1e-6, "{haptic} {missed}");
+        assert!((contact - 250.0).abs() < 5.0, "{contact}");
+        assert_eq!(dashboard.most, Extremes { force: 5.0, depth: 5e-3 });
+        assert_eq!(dashboard.history.len(), 20);
+        assert_eq!(dashboard.history.iter().filter(|column| column.force == 5.0).count(), 1);
+    }
+
+    #[test]
+    fn histories_end_and_a_device_without_force_has_a_scale() {
+        let specification = Specification {
+            peak_force: 0.0,
+            peak_torque: f64::INFINITY,
+            ..Emulation::default().specification
+        };
+        let mut dashboard = Dashboard::new(&specification, 1e-3);
+        assert_eq!(dashboard.peak, (10.0, 1.0));
+        for step in 1..=20_000_u32 {
+            dashboard.take(&record(f64::from(step) * 1e-3, 1.0, f64::NAN));
+        }
+        assert_eq!(dashboard.history.len(), COLUMNS);
+        assert_eq!(dashboard.rates.contact, 0.0);
+    }
+}

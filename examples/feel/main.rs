@@ -1,0 +1,235 @@
+//! Any device, any two models: what is felt, live in the terminal.
+//!
+//! `cargo run --release --example feel -- [PROBE SCENE] --device ADDRESS`
+//!
+//! Without a device of one's own the keys move an emulated hand. Where the output is not a terminal, the hand explores the
+//! scene by itself, and only the summary is printed.
+
+mod dashboard;
+mod screen;
+
+use std::error::Error;
+use std::io::{IsTerminal, stdin, stdout};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use clap::Parser;
+use palpate::device::Steering;
+use palpate::dynamics::DeviceMapping;
+use palpate::glam::{DQuat, DVec3};
+use palpate::{HapticRenderer, Pose, Record, Scene, Session, Settings, explore};
+use palpate_examples::{open, say, seconds, write_report};
+use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+
+use dashboard::Dashboard;
+
+/// How far a key moves the hand, in bounding radii of the probe, and turns it, rad.
+const STEP: f64 = 0.02;
+const TURN: f64 = 0.05;
+/// Time between two drawings.
+const FRAME: Duration = Duration::from_millis(50);
+
+#[derive(Parser)]
+#[command(about = "Feel one model touch another, with a live display in the terminal")]
+struct Arguments {
+    /// The object in the hand: mesh file, .clod file or built-in model
+    #[arg(default_value = "ellipsoid@2000")]
+    probe: String,
+    /// The object that it touches
+    #[arg(default_value = "golf-ball@20000")]
+    scene: String,
+    /// emulated, emulated:PRESET,task=press, replay:FILE, spacemouse, ...: one of those that `palpate devices` lists
+    #[arg(long, default_value = "emulated")]
+    device: String,
+    /// How long, s; at most an hour
+    #[arg(long, default_value_t = 60.0, value_parser = seconds)]
+    seconds: f64,
+    /// How far the object moves for a metre at the device
+    #[arg(long, default_value_t = 1.0)]
+    workspace_scale: f64,
+    /// Coefficient of friction
+    #[arg(long, default_value_t = 0.0)]
+    friction: f64,
+    /// Write a self-contained HTML report with plots
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let arguments = Arguments::parse();
+    let probe = open(&arguments.probe)?;
+    let scene = Scene::new().with(open(&arguments.scene)?, Pose::IDENTITY);
+    let step = STEP * probe.bounding_radius();
+    let live = stdout().is_terminal() && stdin().is_terminal();
+    let settings = Settings {
+        workspace_scale: arguments.workspace_scale,
+        friction: arguments.friction,
+        ..Settings::default()
+    };
+    let mapping = DeviceMapping::new(settings.workspace_scale, settings.device_frame);
+    let period = 1.0 / settings.rate;
+    let (device, steering) = if live {
+        explore::open_steered_device(&arguments.device, &probe, &scene, &mapping)?
+    } else {
+        (explore::open_mapped_device(&arguments.device, &probe, &scene, &mapping)?, None)
+    };
+    let renderer = HapticRenderer::new(probe, scene, device, settings)?;
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    ctrlc::set_handler(move || flag.store(true, Ordering::Release))?;
+
+    let title = format!("{} against {}", arguments.probe, arguments.scene);
+    let mut records = Vec::new();
+    let keep = |record: &Record| {
+        if arguments.report.is_some() {
+            records.push(*record);
+        }
+    };
+    let session = if live {
+        let dashboard = Dashboard::new(renderer.device().specification(), period);
+        let keyboard = steering.map(|steering| Keyboard { steering, step: step / arguments.workspace_scale });
+        show(renderer, arguments.seconds, dashboard, &title, keyboard, &stop, keep)?
+    } else {
+        run(renderer, arguments.seconds, &stop, keep)
+    };
+    for (name, value) in palpate_report::measured(&session.summary()) {
+        say(name, value)?;
+    }
+    if let Some(report) = &arguments.report {
+        write_report(report, &title, &session.summary(), &records)?;
+    }
+    Ok(())
+}
+
+fn run(renderer: HapticRenderer, seconds: f64, stop: &AtomicBool, mut keep: impl FnMut(&Record)) -> Session {
+    let Ok(session) = renderer.run_realtime(seconds, stop, |record| {
+        keep(record);
+        Ok::<(), std::convert::Infallible>(())
+    });
+    session
+}
+
+/// Runs the session in a thread of its own, and shows it in this one until it ends or the user ends it.
+fn show(
+    renderer: HapticRenderer,
+    seconds: f64,
+    dashboard: Dashboard,
+    title: &str,
+    mut keyboard: Option<Keyboard>,
+    stop: &AtomicBool,
+    mut keep: impl FnMut(&Record) + Send,
+) -> Result<Session, Box<dyn Error>> {
+    let keys = if keyboard.is_some() { KEYS } else { "q ends" };
+    // Records are taken in by the recorder's thread, which may wait; the haptic one never does.
+    let dashboard = Mutex::new(dashboard);
+    let dashboard = &dashboard;
+    let locked = || dashboard.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut terminal = ratatui::init();
+    let session = std::thread::scope(|scope| {
+        let session = scope.spawn(|| {
+            run(renderer, seconds, stop, |record| {
+                keep(record);
+                locked().take(record);
+            })
+        });
+        let mut outcome = Ok(());
+        while !session.is_finished() {
+            let seen = locked().clone();
+            outcome = terminal
+                .draw(|frame| screen::draw(frame, &seen, title, keys))
+                .and_then(|_| take_keys(&mut keyboard, stop));
+            if outcome.is_err() {
+                stop.store(true, Ordering::Release);
+                break;
+            }
+        }
+        (session.join(), outcome)
+    });
+    ratatui::restore();
+    let (session, outcome) = session;
+    let session = session.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+    outcome?;
+    Ok(session)
+}
+
+/// Takes the keys that are pressed until the next drawing is due.
+fn take_keys(keyboard: &mut Option<Keyboard>, stop: &AtomicBool) -> std::io::Result<()> {
+    let mut patience = FRAME;
+    while event::poll(patience)? {
+        patience = Duration::ZERO;
+        let Event::Key(key) = event::read()? else { continue };
+        if ends(&key) {
+            stop.store(true, Ordering::Release);
+        } else if let Some(keyboard) = keyboard {
+            keyboard.press(key.code);
+        }
+    }
+    Ok(())
+}
+
+/// A terminal that is drawn on takes Ctrl-C as a key.
+fn ends(key: &KeyEvent) -> bool {
+    let interrupted = key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
+    key.kind != KeyEventKind::Release
+        && (interrupted || matches!(key.code, KeyCode::Char('q') | KeyCode::Esc))
+}
+
+const KEYS: &str = "arrows: move in x and y   PageUp, PageDown or w, s: up and down   a, d: turn   q: end";
+
+/// Steers an emulated hand.
+struct Keyboard {
+    steering: Steering,
+    /// How far a key moves it, m.
+    step: f64,
+}
+
+impl Keyboard {
+    fn press(&mut self, key: KeyCode) {
+        let (step, turn) = match key {
+            KeyCode::Right => (DVec3::X, 0.0),
+            KeyCode::Left => (DVec3::NEG_X, 0.0),
+            KeyCode::Up => (DVec3::Y, 0.0),
+            KeyCode::Down => (DVec3::NEG_Y, 0.0),
+            KeyCode::PageUp | KeyCode::Char('w') => (DVec3::Z, 0.0),
+            KeyCode::PageDown | KeyCode::Char('s') => (DVec3::NEG_Z, 0.0),
+            KeyCode::Char('a') => (DVec3::ZERO, TURN),
+            KeyCode::Char('d') => (DVec3::ZERO, -TURN),
+            _ => return,
+        };
+        let Pose { translation, rotation } = self.steering.aimed();
+        let rotation = (DQuat::from_rotation_z(turn) * rotation).normalize();
+        self.steering.aim(Pose::new(translation + step * self.step, rotation));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_steer_and_end() {
+        let (steering, _path) = Steering::new(Pose::IDENTITY);
+        let mut keyboard = Keyboard { steering, step: 1e-3 };
+        for key in [
+            KeyCode::Right,
+            KeyCode::Right,
+            KeyCode::Down,
+            KeyCode::PageUp,
+            KeyCode::Char('a'),
+            KeyCode::Char('x'),
+        ] {
+            keyboard.press(key);
+        }
+        let aimed = keyboard.steering.aimed();
+        assert!(aimed.translation.distance(DVec3::new(2e-3, -1e-3, 1e-3)) < 1e-15);
+        assert!(aimed.rotation.angle_between(DQuat::from_rotation_z(TURN)) < 1e-12);
+        let pressed = |code, modifiers| ends(&KeyEvent::new(code, modifiers));
+        assert!(pressed(KeyCode::Char('q'), KeyModifiers::NONE) && pressed(KeyCode::Esc, KeyModifiers::NONE));
+        assert!(
+            pressed(KeyCode::Char('c'), KeyModifiers::CONTROL)
+                && !pressed(KeyCode::Char('c'), KeyModifiers::NONE)
+        );
+    }
+}
