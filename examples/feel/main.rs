@@ -5,7 +5,6 @@
 //! Without a device of one's own the keys move an emulated hand. Where the output is not a terminal, the hand explores the
 //! scene by itself, and only the summary is printed.
 
-mod dashboard;
 mod screen;
 
 use std::error::Error;
@@ -21,9 +20,8 @@ use palpate::dynamics::DeviceMapping;
 use palpate::glam::{DQuat, DVec3};
 use palpate::{HapticRenderer, Pose, Record, Scene, Session, Settings, explore};
 use palpate_examples::{open, say, seconds, write_report};
+use palpate_report::Live;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
-
-use dashboard::Dashboard;
 
 /// How far a key moves the hand, in bounding radii of the probe, and turns it, rad.
 const STEP: f64 = 0.02;
@@ -62,7 +60,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let probe = open(&arguments.probe)?;
     let scene = Scene::new().with(open(&arguments.scene)?, Pose::IDENTITY);
     let step = STEP * probe.bounding_radius();
-    let live = stdout().is_terminal() && stdin().is_terminal();
+    let on_terminal = stdout().is_terminal() && stdin().is_terminal();
     let settings = Settings {
         workspace_scale: arguments.workspace_scale,
         friction: arguments.friction,
@@ -70,7 +68,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let mapping = DeviceMapping::new(settings.workspace_scale, settings.device_frame);
     let period = 1.0 / settings.rate;
-    let (device, steering) = if live {
+    let (device, steering) = if on_terminal {
         explore::open_steered_device(&arguments.device, &probe, &scene, &mapping)?
     } else {
         (explore::open_mapped_device(&arguments.device, &probe, &scene, &mapping)?, None)
@@ -87,10 +85,10 @@ fn main() -> Result<(), Box<dyn Error>> {
             records.push(*record);
         }
     };
-    let session = if live {
-        let dashboard = Dashboard::new(renderer.device().specification(), period);
+    let session = if on_terminal {
+        let live = Live::new(renderer.device().specification(), period);
         let keyboard = steering.map(|steering| Keyboard { steering, step: step / arguments.workspace_scale });
-        show(renderer, arguments.seconds, dashboard, &title, keyboard, &stop, keep)?
+        show(renderer, arguments.seconds, live, &title, keyboard, &stop, keep)?
     } else {
         run(renderer, arguments.seconds, &stop, keep)
     };
@@ -115,7 +113,7 @@ fn run(renderer: HapticRenderer, seconds: f64, stop: &AtomicBool, mut keep: impl
 fn show(
     renderer: HapticRenderer,
     seconds: f64,
-    dashboard: Dashboard,
+    live: Live,
     title: &str,
     mut keyboard: Option<Keyboard>,
     stop: &AtomicBool,
@@ -123,9 +121,9 @@ fn show(
 ) -> Result<Session, Box<dyn Error>> {
     let keys = if keyboard.is_some() { KEYS } else { "q ends" };
     // Records are taken in by the recorder's thread, which may wait; the haptic one never does.
-    let dashboard = Mutex::new(dashboard);
-    let dashboard = &dashboard;
-    let locked = || dashboard.lock().unwrap_or_else(PoisonError::into_inner);
+    let live = Mutex::new(live);
+    let live = &live;
+    let locked = || live.lock().unwrap_or_else(PoisonError::into_inner);
     let mut terminal = ratatui::init();
     let session = std::thread::scope(|scope| {
         let session = scope.spawn(|| {

@@ -1,4 +1,4 @@
-//! The dashboard as text.
+//! What a session shows of itself, as text.
 
 use palpate::glam::DVec3;
 use ratatui::Frame;
@@ -7,10 +7,10 @@ use ratatui::style::{Color, Style};
 use ratatui::text::Line;
 use ratatui::widgets::{Block, Gauge, Paragraph, Sparkline};
 
-use crate::dashboard::{Dashboard, Rates};
+use palpate_report::{Extremes, Live, Rates};
 
 /// Draws it, under a title and over a line that says which keys there are.
-pub fn draw(frame: &mut Frame, dashboard: &Dashboard, title: &str, keys: &str) {
+pub fn draw(frame: &mut Frame, live: &Live, title: &str, keys: &str) {
     let [head, bars, forces, depths, foot] = Layout::vertical([
         Constraint::Length(4),
         Constraint::Length(6),
@@ -20,21 +20,21 @@ pub fn draw(frame: &mut Frame, dashboard: &Dashboard, title: &str, keys: &str) {
     ])
     .areas(frame.area());
     frame.render_widget(
-        figures(dashboard).block(Block::bordered().title(format!("{title}, by {}", dashboard.device))),
+        figures(live).block(Block::bordered().title(format!("{title}, by {}", live.device))),
         head,
     );
 
     let [force, torque] = Layout::horizontal([Constraint::Fill(1), Constraint::Fill(1)]).areas(bars);
-    let wrench = dashboard.wrench();
-    draw_bars(frame, force, "force", wrench.force, dashboard.peak.0, "N");
-    draw_bars(frame, torque, "torque", wrench.torque * 1e3, dashboard.peak.1 * 1e3, "mN·m");
+    let wrench = live.wrench();
+    draw_bars(frame, force, "force", wrench.force, live.peak.0, "N");
+    draw_bars(frame, torque, "torque", wrench.torque * 1e3, live.peak.1 * 1e3, "mN·m");
 
-    let most = dashboard.most;
-    let columns = |of: &dyn Fn(&crate::dashboard::Extremes) -> f64| -> Vec<u64> {
+    let most = live.most;
+    let columns = |of: &dyn Fn(&Extremes) -> f64| -> Vec<u64> {
         // As many as there is room for, the latest at the right.
         let room = frame.area().width.saturating_sub(2) as usize;
-        let skipped = dashboard.history.len().saturating_sub(room);
-        dashboard.history.iter().skip(skipped).map(|extremes| (of(extremes) * 1e6) as u64).collect()
+        let skipped = live.history.len().saturating_sub(room);
+        live.history.iter().skip(skipped).map(|extremes| (of(extremes) * 1e6) as u64).collect()
     };
     for (area, name, data, color) in [
         (
@@ -57,9 +57,9 @@ pub fn draw(frame: &mut Frame, dashboard: &Dashboard, title: &str, keys: &str) {
 }
 
 /// Rates, depth and contacts in words.
-fn figures(dashboard: &Dashboard) -> Paragraph<'static> {
-    let Rates { haptic, missed, contact } = dashboard.rates;
-    let Some(record) = dashboard.latest else { return Paragraph::new("starting") };
+fn figures(live: &Live) -> Paragraph<'static> {
+    let Rates { haptic, missed, contact } = live.rates;
+    let Some(record) = live.latest else { return Paragraph::new("starting") };
     Paragraph::new(vec![
         Line::from(format!(
             "{:7.2} s   haptic loop {haptic:6.0} Hz, {missed:.0} periods missed a second   contact loop {contact:6.0} Hz",
@@ -99,16 +99,16 @@ mod tests {
 
     use super::*;
 
-    fn screen(width: u16, height: u16, dashboard: &Dashboard) -> String {
+    fn screen(width: u16, height: u16, live: &Live) -> String {
         let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
-        terminal.draw(|frame| draw(frame, dashboard, "spoon against cup", "q ends")).unwrap();
+        terminal.draw(|frame| draw(frame, live, "spoon against cup", "q ends")).unwrap();
         terminal.backend().to_string()
     }
 
     #[test]
     fn figures_stand_on_the_screen() {
-        let mut dashboard = Dashboard::new(&Emulation::default().specification, 1e-3);
-        assert!(screen(100, 30, &dashboard).contains("starting"));
+        let mut live = Live::new(&Emulation::default().specification, 1e-3);
+        assert!(screen(100, 30, &live).contains("starting"));
         for step in 1..=1000 {
             let record = Record {
                 time: f64::from(step) * 1e-3,
@@ -121,9 +121,9 @@ mod tests {
                 contacts: 7,
                 model_age: f64::from(step % 2) * 1e-3,
             };
-            dashboard.take(&record);
+            live.take(&record);
         }
-        let screen = screen(100, 30, &dashboard);
+        let screen = screen(100, 30, &live);
         for said in [
             "spoon against cup",
             "1000 Hz",
@@ -143,9 +143,9 @@ mod tests {
 
     #[test]
     fn it_fits_any_terminal() {
-        let dashboard = Dashboard::new(&Emulation::default().specification, 1e-3);
+        let live = Live::new(&Emulation::default().specification, 1e-3);
         for (width, height) in [(1, 1), (3, 100), (300, 2), (20, 10)] {
-            screen(width, height, &dashboard);
+            screen(width, height, &live);
         }
     }
 }

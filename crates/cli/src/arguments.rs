@@ -30,6 +30,9 @@ pub enum Command {
     Query(QueryArguments),
     /// Render: feel a probe touching a scene through a device
     Run(Box<RunArguments>),
+    /// Render behind a window that shows what touches where; the mouse moves the emulated hand
+    #[cfg(feature = "view")]
+    View(Box<ViewArguments>),
     /// List the devices and what they can do
     Devices(DevicesArguments),
 }
@@ -206,9 +209,9 @@ pub struct RunArguments {
     /// Button of the device, counted from 0, that is to be held for anything to be felt [default: none]
     #[arg(long, value_name = "N")]
     pub enable_button: Option<u32>,
-    /// How long to render, s
-    #[arg(long, default_value_t = 10.0)]
-    pub seconds: f64,
+    /// How long to render, s [default: 10; behind a window, until it is closed]
+    #[arg(long)]
+    pub seconds: Option<f64>,
     /// Simulated clock, one thread, reproducible bit by bit
     #[arg(long)]
     pub lockstep: bool,
@@ -365,6 +368,16 @@ impl Physics {
             ..default
         }
     }
+}
+
+#[cfg(feature = "view")]
+#[derive(Args)]
+pub struct ViewArguments {
+    #[command(flatten)]
+    pub run: RunArguments,
+    /// Write a picture of the window when the session has lasted
+    #[arg(long, value_name = "FILE.png")]
+    pub screenshot: Option<PathBuf>,
 }
 
 #[derive(Args)]

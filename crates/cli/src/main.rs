@@ -29,6 +29,8 @@ fn main() -> ExitCode {
         Command::Inspect(arguments) => hierarchy::inspect(&arguments),
         Command::Query(arguments) => query::run(&arguments),
         Command::Run(arguments) => run::run(&arguments),
+        #[cfg(feature = "view")]
+        Command::View(arguments) => run::view(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
     };
     match result {

@@ -1,15 +1,16 @@
 //! `palpate run`: renders a probe against a scene through a device.
 
 use std::fs::File;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use indicatif::ProgressBar;
-use palpate::device::{HapticDevice, HoldToEnable, RecordingWriter, Tap, Taps};
+use palpate::device::{HapticDevice, HoldToEnable, RecordingWriter, Steering, Tap, Taps};
 use palpate::dynamics::DeviceMapping;
 use palpate::{
-    ContactTiming, HapticRenderer, Pose, Record, RecordWriter, RendererError, Scene, Settings, Summary,
+    ContactTiming, HapticRenderer, Pose, Record, RecordWriter, RendererError, Scene, Session, Settings,
+    Summary, explore,
 };
 use palpate_report::Report;
 
@@ -17,18 +18,47 @@ use crate::arguments::RunArguments;
 use crate::failure::Failure;
 use crate::{output, progress, textures};
 
+/// How long a session lasts, s, where nothing is said.
+const USUAL: f64 = 10.0;
 /// Longest session, s: a day.
 const LONGEST: f64 = 86_400.0;
 /// Most steps that a report is made of, since they are kept in memory: about 1 GB.
 const MOST_REPORTED: f64 = 4e6;
 
 pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
-    let seconds = arguments.seconds;
+    render(arguments, None)
+}
+
+/// `palpate view`: the same behind a window.
+#[cfg(feature = "view")]
+pub fn view(arguments: &crate::arguments::ViewArguments) -> Result<(), Failure> {
+    let screenshot = arguments.screenshot.clone();
+    if arguments.run.lockstep {
+        return Err(Failure::Message(
+            "--lockstep: a window shows real time; give it to `palpate run`".to_owned(),
+        ));
+    }
+    if screenshot.is_some() && arguments.run.seconds.is_none() {
+        return Err(Failure::Message(
+            "--screenshot: give --seconds as well, after which it is taken".to_owned(),
+        ));
+    }
+    render(&arguments.run, Some(Window { screenshot }))
+}
+
+/// A window in place of a progress bar.
+#[cfg_attr(not(feature = "view"), expect(dead_code))]
+struct Window {
+    screenshot: Option<PathBuf>,
+}
+
+fn render(arguments: &RunArguments, window: Option<Window>) -> Result<(), Failure> {
+    let seconds = arguments.seconds.unwrap_or(if window.is_some() { LONGEST } else { USUAL });
     if !(seconds > 0.0 && seconds <= LONGEST) {
         return Err(Failure::Message(format!("--seconds {seconds}: give more than 0, at most {LONGEST}")));
     }
     let timing = timing(arguments)?;
-    check_files(arguments)?;
+    check_files(arguments, window.as_ref())?;
     let options = arguments.reading.options();
     let probe = textures::open(&arguments.probe, &arguments.textures.of_probe(), &options)?;
     let object = textures::open(&arguments.scene, &arguments.textures.of_scene(), &options)?;
@@ -39,7 +69,11 @@ pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
     };
     settings.check().map_err(RendererError::from)?;
     let mapping = DeviceMapping::new(settings.workspace_scale, settings.device_frame);
-    let device = palpate::explore::open_mapped_device(&arguments.device, &probe, &scene, &mapping)?;
+    let (device, steering) = if window.is_some() {
+        explore::open_steered_device(&arguments.device, &probe, &scene, &mapping)?
+    } else {
+        (explore::open_mapped_device(&arguments.device, &probe, &scene, &mapping)?, None)
+    };
     if arguments.report.is_some() && seconds * settings.rate > MOST_REPORTED {
         let most = MOST_REPORTED / settings.rate;
         return Err(Failure::Message(format!(
@@ -63,11 +97,12 @@ pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
 
     let stop = stop_on_interrupt()?;
     let bar = progress::bar("rendering");
-    let mut recorder = Recorder::open(arguments, taps, &bar)?;
-    let session = if arguments.lockstep {
-        renderer.run_lockstep(seconds, timing, &stop, |row| recorder.take(row))?
-    } else {
-        renderer.run_realtime(seconds, &stop, |row| recorder.take(row))?
+    let mut recorder = Recorder::open(arguments, taps, &bar, seconds)?;
+    let sink = |row: &Record| recorder.take(row);
+    let session = match window {
+        Some(window) => show(renderer, steering, arguments, window, &stop, sink)?,
+        None if arguments.lockstep => renderer.run_lockstep(seconds, timing, &stop, sink)?,
+        None => renderer.run_realtime(seconds, &stop, sink)?,
     };
     bar.finish_and_clear();
     let summary = session.summary();
@@ -79,7 +114,39 @@ pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
     })
 }
 
-fn check_files(arguments: &RunArguments) -> Result<(), Failure> {
+#[cfg(feature = "view")]
+fn show(
+    renderer: HapticRenderer,
+    steering: Option<Steering>,
+    arguments: &RunArguments,
+    window: Window,
+    stop: &AtomicBool,
+    sink: impl FnMut(&Record) -> Result<(), Failure> + Send,
+) -> Result<Session, Failure> {
+    let options = palpate_view::ViewOptions {
+        title: format!("palpate: {} against {}", arguments.probe, arguments.scene),
+        seconds: arguments.seconds,
+        screenshot: window.screenshot,
+    };
+    palpate_view::show(renderer, steering, &options, stop, sink).map_err(|error| match error {
+        palpate_view::ViewError::Sink(failure) => failure,
+        error => Failure::Message(error.to_string()),
+    })
+}
+
+#[cfg(not(feature = "view"))]
+fn show(
+    _: HapticRenderer,
+    _: Option<Steering>,
+    _: &RunArguments,
+    _: Window,
+    _: &AtomicBool,
+    _: impl FnMut(&Record) -> Result<(), Failure>,
+) -> Result<Session, Failure> {
+    Err(Failure::Message("there is no window without the feature `view`".to_owned()))
+}
+
+fn check_files(arguments: &RunArguments, window: Option<&Window>) -> Result<(), Failure> {
     let (device, followed) = (&arguments.device, arguments.device.split_once("path="));
     let followed = followed.filter(|_| device.starts_with("emulated")).map(|(_, file)| file);
     let replayed = device.strip_prefix("replay:").or(followed).map(Path::new);
@@ -90,6 +157,7 @@ fn check_files(arguments: &RunArguments) -> Result<(), Failure> {
         arguments.record_device.as_deref(),
         arguments.report.as_deref(),
         arguments.json.file(),
+        window.and_then(|window| window.screenshot.as_deref()),
     ];
     let written: Vec<&Path> = given.into_iter().flatten().collect();
     output::check_files(&read, &written)
@@ -130,6 +198,7 @@ impl<'a> Recorder<'a> {
         arguments: &'a RunArguments,
         device: Option<Tapped<'a>>,
         bar: &'a ProgressBar,
+        seconds: f64,
     ) -> Result<Self, Failure> {
         let file = match &arguments.record {
             None => None,
@@ -139,7 +208,7 @@ impl<'a> Recorder<'a> {
             }
         };
         let kept = arguments.report.is_some().then(Vec::new);
-        Ok(Self { file, device, kept, bar, seconds: arguments.seconds })
+        Ok(Self { file, device, kept, bar, seconds })
     }
 
     fn take(&mut self, row: &Record) -> Result<(), Failure> {

@@ -7,6 +7,7 @@ mod heat_map;
 mod lettering;
 mod level_pictures;
 mod levels;
+mod live;
 mod log_plot;
 mod patches;
 mod plot;
@@ -22,6 +23,7 @@ use palpate::{Record, Summary};
 pub use heat_map::{Boundary, CellAxis, HeatMap, draw_heat_maps};
 pub use level_pictures::{LevelPictures, grouped};
 pub use levels::{LevelFigures, Spread, Table32};
+pub use live::{COLUMN, Extremes, Live, Rates};
 pub use log_plot::{LogAxis, LogPlot, draw_log_log};
 pub use plot::{Curve, Figure, PlotError, draw};
 

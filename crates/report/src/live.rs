@@ -1,4 +1,4 @@
-//! What a session shows of itself while it runs, from its records.
+//! What a session shows of itself while it runs, from its records: for terminals and windows.
 
 use std::collections::VecDeque;
 
@@ -7,8 +7,8 @@ use palpate::{Record, Wrench};
 
 /// Rates are counted over this long, s.
 const COUNTED: f64 = 0.5;
-/// A column of the histories is this long, s, and they have so many.
-const COLUMN: f64 = 0.05;
+/// A column of the history is this long, s, and there are so many.
+pub const COLUMN: f64 = 0.05;
 const COLUMNS: usize = 200;
 
 /// Rates over the last half second.
@@ -25,20 +25,24 @@ pub struct Rates {
 /// Largest force (N) and depth (m) of a time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Extremes {
+    /// N.
     pub force: f64,
+    /// m.
     pub depth: f64,
 }
 
-/// What is shown.
+/// What is shown of a running session.
 #[derive(Clone, Debug)]
-pub struct Dashboard {
-    /// The device, and its peak force (N) and torque (N·m), or what is shown as full where it has none.
+pub struct Live {
+    /// The device.
     pub device: String,
+    /// Its peak force (N) and torque (N·m), or what is shown as full where it has none.
     pub peak: (f64, f64),
     /// The last step.
     pub latest: Option<Record>,
+    /// Rates over the last half second.
     pub rates: Rates,
-    /// The last ten seconds, the oldest first.
+    /// Columns of [`COLUMN`] seconds over the last ten, the oldest first.
     pub history: VecDeque<Extremes>,
     /// Of the whole session.
     pub most: Extremes,
@@ -48,7 +52,7 @@ pub struct Dashboard {
     column: (f64, Extremes),
 }
 
-impl Dashboard {
+impl Live {
     /// One for a device, stepped every so many seconds.
     pub fn new(specification: &Specification, period: f64) -> Self {
         let full = |peak: f64, otherwise: f64| if peak > 0.0 && peak.is_finite() { peak } else { otherwise };
@@ -116,7 +120,7 @@ mod tests {
 
     use super::*;
 
-    pub fn record(time: f64, force: f64, model_age: f64) -> Record {
+    fn record(time: f64, force: f64, model_age: f64) -> Record {
         Record {
             time,
             device: Pose::IDENTITY,
@@ -133,18 +137,18 @@ mod tests {
     /// A step is missing twice in half a second, and a model comes every fourth one.
     #[test]
     fn rates_are_counted() {
-        let mut dashboard = Dashboard::new(&Emulation::default().specification, 1e-3);
+        let mut live = Live::new(&Emulation::default().specification, 1e-3);
         for step in (1..=1000_u32).filter(|step| step % 500 != 7 && step % 500 != 9) {
             let age = f64::from(step % 4) * 1e-3;
             let force = if step == 300 { 5.0 } else { 1.0 };
-            dashboard.take(&record(f64::from(step) * 1e-3, force, age));
+            live.take(&record(f64::from(step) * 1e-3, force, age));
         }
-        let Rates { haptic, missed, contact } = dashboard.rates;
+        let Rates { haptic, missed, contact } = live.rates;
         assert!((haptic - 996.0).abs() < 1e-6 && (missed - 4.0).abs() < 1e-6, "{haptic} {missed}");
         assert!((contact - 250.0).abs() < 5.0, "{contact}");
-        assert_eq!(dashboard.most, Extremes { force: 5.0, depth: 5e-3 });
-        assert_eq!(dashboard.history.len(), 20);
-        assert_eq!(dashboard.history.iter().filter(|column| column.force == 5.0).count(), 1);
+        assert_eq!(live.most, Extremes { force: 5.0, depth: 5e-3 });
+        assert_eq!(live.history.len(), 20);
+        assert_eq!(live.history.iter().filter(|column| column.force == 5.0).count(), 1);
     }
 
     #[test]
@@ -154,12 +158,12 @@ mod tests {
             peak_torque: f64::INFINITY,
             ..Emulation::default().specification
         };
-        let mut dashboard = Dashboard::new(&specification, 1e-3);
-        assert_eq!(dashboard.peak, (10.0, 1.0));
+        let mut live = Live::new(&specification, 1e-3);
+        assert_eq!(live.peak, (10.0, 1.0));
         for step in 1..=20_000_u32 {
-            dashboard.take(&record(f64::from(step) * 1e-3, 1.0, f64::NAN));
+            live.take(&record(f64::from(step) * 1e-3, 1.0, f64::NAN));
         }
-        assert_eq!(dashboard.history.len(), COLUMNS);
-        assert_eq!(dashboard.rates.contact, 0.0);
+        assert_eq!(live.history.len(), COLUMNS);
+        assert_eq!(live.rates.contact, 0.0);
     }
 }
