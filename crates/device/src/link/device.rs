@@ -146,6 +146,12 @@ impl<M: Motion> LinkedDevice<M> {
         self.pump = Some((stop, thread));
     }
 
+    /// It turned out to be this.
+    #[cfg(any(feature = "force-dimension", feature = "open-haptics", feature = "haption"))]
+    pub(super) fn specify(&mut self, specification: Specification, motion: M) {
+        (self.specification, self.motion) = (specification, motion);
+    }
+
     /// A device that speaks by itself is given the time to.
     pub(super) fn await_first_word(&mut self, patience: Duration) {
         let start = Instant::now();

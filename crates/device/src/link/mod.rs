@@ -11,6 +11,8 @@
 //! The wrench is zero where the device is not heard of, where the haptic thread does not renew it in time, and, after the
 //! device was gone, until it is asked for anew.
 
+#[cfg(any(feature = "force-dimension", feature = "open-haptics", feature = "haption"))]
+mod apart;
 mod codec;
 mod device;
 mod fake;
@@ -25,6 +27,8 @@ use crate::Specification;
 
 use pump::{News, Order};
 
+#[cfg(any(feature = "force-dimension", feature = "open-haptics", feature = "haption"))]
+pub(crate) use apart::Found;
 pub use codec::{Codec, Malformed, Motion, Report};
 pub use device::LinkedDevice;
 pub use fake::{FakeTransport, FakeWire, QUEUE};
@@ -56,11 +60,20 @@ impl<C: Codec, M: Motion<Sample = C::Sample>> Link<C, M> {
         self,
         open: impl FnMut() -> Option<Box<dyn Transport>> + Send + 'static,
     ) -> (Pump<C>, LinkedDevice<M>) {
+        let (mut pump, device) = self.closed(open);
+        pump.open();
+        (pump, device)
+    }
+
+    /// Both sides of a device that is not open yet.
+    fn closed(
+        self,
+        open: impl FnMut() -> Option<Box<dyn Transport>> + Send + 'static,
+    ) -> (Pump<C>, LinkedDevice<M>) {
         let Self { codec, motion, specification, patience, silence } = self;
         let (told, heard) = triple_buffer::triple_buffer(&News::default());
         let (asked, orders) = triple_buffer::triple_buffer(&Order::default());
-        let mut pump = Pump::new(codec, (patience, silence.is_finite()), Box::new(open), told, orders);
-        pump.open();
+        let pump = Pump::new(codec, (patience, silence.is_finite()), Box::new(open), told, orders);
         let device = LinkedDevice::new(specification, motion, silence, heard, asked);
         (pump, device)
     }
@@ -70,20 +83,26 @@ impl<C: Codec, M: Motion<Sample = C::Sample>> Link<C, M> {
         self,
         open: impl FnMut() -> Option<Box<dyn Transport>> + Send + 'static,
     ) -> std::io::Result<LinkedDevice<M>> {
-        let (mut pump, mut device) = self.split(open);
-        let stop = Arc::new(AtomicBool::new(false));
-        let stopped = stop.clone();
-        let thread = std::thread::Builder::new().name("palpate-device".into()).spawn(move || {
-            let start = Instant::now();
-            while !stopped.load(Ordering::Acquire) {
-                if !pump.round(start.elapsed().as_secs_f64()) {
-                    std::thread::sleep(REST);
-                }
-            }
-            pump.end();
-        })?;
-        device.run_by(stop, thread);
+        let (pump, mut device) = self.split(open);
+        run(pump, &mut device)?;
         device.await_first_word(FIRST_WORD);
         Ok(device)
     }
+}
+
+/// Runs a pump in a thread until the device ends it.
+fn run<C: Codec, M: Motion>(mut pump: Pump<C>, device: &mut LinkedDevice<M>) -> std::io::Result<()> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let stopped = stop.clone();
+    let thread = std::thread::Builder::new().name("palpate-device".into()).spawn(move || {
+        let start = Instant::now();
+        while !stopped.load(Ordering::Acquire) {
+            if !pump.round(start.elapsed().as_secs_f64()) {
+                std::thread::sleep(REST);
+            }
+        }
+        pump.end();
+    })?;
+    device.run_by(stop, thread);
+    Ok(())
 }
