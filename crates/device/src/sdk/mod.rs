@@ -15,10 +15,16 @@
 //!
 //! Any of these addresses may end in `@FILE`, the library to load: `force-dimension:@/opt/sdk/lib/libdhd.so.3`.
 //!
-//! Where this is known from: the signatures were read in the makers' headers, as public repositories hold them (dhdc.h of SDK
-//! 3.7, hd*.h of OpenHaptics 3.0, VirtuoseAPI.h of 4.04); what each driver takes from elsewhere, or from general knowledge, is
-//! said in its module's source. No unit has been tried with any of them, nor any of the makers' libraries themselves: tests run
-//! against libraries that are not the makers'.
+//! Where this is known from:
+//!
+//! - Signatures, constants and what units they name: the makers' headers, as public repositories hold them (dhdc.h of SDK 3.7, hd*.h
+//!   of OpenHaptics 3.0, VirtuoseAPI.h of 4.04).
+//! - Public wrappers: millimetres and mN·m of OpenHaptics, its axes and its order of closing; the watchdog's unit of 125 µs and its
+//!   expert mode; the modes and the 2 s of Haption's controller; the libraries' names on Linux and Windows.
+//! - General knowledge: Force Dimension's axes, where each origin is, from which threads calls may be made, names on macOS.
+//!
+//! No unit has been tried with any of them, nor any of the makers' libraries themselves: tests run against libraries that are not
+//! the makers'.
 
 #[cfg(any(feature = "force-dimension", feature = "open-haptics", feature = "haption"))]
 mod connection;
