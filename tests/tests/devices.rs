@@ -1,6 +1,7 @@
 //! Sessions with devices that speak HID, over a wire that is not there.
 
-use palpate::device::hid::{FakeWire, Link, WoodenHapticsModel};
+use palpate::device::hid::WoodenHapticsModel;
+use palpate::device::link::{FakeWire, Link};
 use palpate::device::{HapticDevice, Specification};
 use palpate::glam::DVec3;
 use palpate::{ContactLoop, HapticLoop, HapticRenderer, Pose, Scene, Settings};

@@ -1,5 +1,6 @@
 //! Haptic devices for palpate: the [`HapticDevice`] trait, an emulated device held by an emulated hand
-//! ([`EmulatedDevice`]), replay of a recorded motion ([`ReplayDevice`]), and devices that speak HID ([`hid`]).
+//! ([`EmulatedDevice`]), replay of a recorded motion ([`ReplayDevice`]), and devices that are reached by reports
+//! ([`link`]): those that speak HID ([`hid`]), Haply's ([`haply`]), and those of the makers' SDKs ([`sdk`]).
 //!
 //! SI units throughout. Poses, twists and wrenches are those of the handle's reference point, in the device's own
 //! axes, whose origin is the centre of the workspace. A wrench written to a device is the wrench that the device
@@ -14,6 +15,7 @@ mod error;
 mod hand;
 pub mod haply;
 pub mod hid;
+pub mod link;
 mod mechanics;
 mod path;
 mod path_file;
@@ -21,6 +23,7 @@ mod presets;
 mod recording;
 mod registry;
 mod replay;
+pub mod sdk;
 mod sensing;
 mod specification;
 mod state;

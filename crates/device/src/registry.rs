@@ -56,6 +56,12 @@ impl Default for Registry {
         let own = own.chain(real::KINDS);
         #[cfg(feature = "haply")]
         let own = own.chain([DeviceKind { name: "haply", open: open_haply, list: list_haply }]);
+        #[cfg(feature = "force-dimension")]
+        let own = own.chain([sdk::FORCE_DIMENSION]);
+        #[cfg(feature = "open-haptics")]
+        let own = own.chain([sdk::OPEN_HAPTICS]);
+        #[cfg(feature = "haption")]
+        let own = own.chain([sdk::HAPTION]);
         Self { kinds: own.collect() }
     }
 }
@@ -101,8 +107,9 @@ impl Registry {
 }
 
 /// Opens a device of this crate: `emulated` (a Phantom Premium 1.5), `emulated:PRESET,KEY=VALUE,…` (see
-/// [`EmulatedHand::at`]), `replay:FILE`, `spacemouse`,
-/// `woodenhaptics`, `woodenhaptics:MODEL` or `hid:VENDOR:PRODUCT` (in hexadecimal; also of a joystick with force feedback).
+/// [`EmulatedHand::at`]), `replay:FILE`, `spacemouse`, `woodenhaptics`, `woodenhaptics:MODEL` or `hid:VENDOR:PRODUCT` (in
+/// hexadecimal; also of a joystick with force feedback), and by feature `haply`, `force-dimension`, `open-haptics` and
+/// `haption:HOST` ([`sdk`](crate::sdk)).
 ///
 /// The hand of a device emulated this way holds still at the centre of the workspace, or does its task there;
 /// [`Emulation::open`](crate::Emulation::open) gives it a path to follow.
@@ -179,6 +186,54 @@ fn list_haply() -> Vec<Listing> {
         description: "Haply Inverse3 by the service of its maker, three axes of force; haply:ADDRESS:PORT for another machine".into(),
         specification: None,
     }]
+}
+
+/// Devices by the libraries of their makers, none of which is loaded to list them.
+#[cfg(any(feature = "force-dimension", feature = "open-haptics", feature = "haption"))]
+mod sdk {
+    use super::{DeviceKind, Listing, Opened, none_such};
+
+    fn listing(address: &str, description: &str) -> Vec<Listing> {
+        vec![Listing { address: address.into(), description: description.into(), specification: None }]
+    }
+
+    #[cfg(feature = "force-dimension")]
+    pub const FORCE_DIMENSION: DeviceKind = DeviceKind {
+        name: "force-dimension",
+        open: |which| -> Opened {
+            crate::sdk::force_dimension::open(which).unwrap_or_else(|| Err(none_such()))
+        },
+        list: || {
+            listing(
+                "force-dimension",
+                "the first omega, sigma, lambda or delta by Force Dimension's SDK, where that is installed; force-dimension:NUMBER for another",
+            )
+        },
+    };
+
+    #[cfg(feature = "open-haptics")]
+    pub const OPEN_HAPTICS: DeviceKind = DeviceKind {
+        name: "open-haptics",
+        open: |which| -> Opened { crate::sdk::open_haptics::open(which).unwrap_or_else(|| Err(none_such())) },
+        list: || {
+            listing(
+                "open-haptics",
+                "the default Touch or Phantom by 3D Systems' OpenHaptics, where that is installed; open-haptics:NAME for another",
+            )
+        },
+    };
+
+    #[cfg(feature = "haption")]
+    pub const HAPTION: DeviceKind = DeviceKind {
+        name: "haption",
+        open: |which| -> Opened { crate::sdk::haption::open(which).unwrap_or_else(|| Err(none_such())) },
+        list: || {
+            listing(
+                "haption:HOST",
+                "the Virtuose of a controller by Haption's SDK, where that is installed; hold its handle in the middle of its workspace",
+            )
+        },
+    };
 }
 
 /// Devices that are plugged in.

@@ -3,9 +3,9 @@
 use glam::DVec3;
 use palpate_core::{Twist, Wrench};
 use palpate_device::hid::{
-    Codec, Deflection, EncodedMotion, Encoders, Malformed, Motion, RateControl, Report, SpaceMouseCodec,
-    WoodenHapticsCodec, WoodenHapticsModel,
+    Deflection, EncodedMotion, Encoders, RateControl, SpaceMouseCodec, WoodenHapticsCodec, WoodenHapticsModel,
 };
+use palpate_device::link::{Codec, Malformed, Motion, Report};
 use rand::rngs::StdRng;
 use rand::{Rng as _, RngExt as _, SeedableRng as _};
 

@@ -2,7 +2,8 @@
 
 use glam::DVec3;
 use palpate_core::Wrench;
-use palpate_device::hid::{Codec, FakeWire, Link, PEAK_FORCE, PidCodec, Stick};
+use palpate_device::hid::{PEAK_FORCE, PidCodec, Stick};
+use palpate_device::link::{Codec, FakeWire, Link, Pump};
 use palpate_device::{Axes, HapticDevice, Status};
 use rand::rngs::StdRng;
 use rand::{Rng as _, RngExt as _, SeedableRng as _};
@@ -98,7 +99,7 @@ fn joystick() -> Vec<u8> {
     all.0
 }
 
-fn linked() -> (FakeWire, palpate_device::hid::Pump<PidCodec>, impl HapticDevice) {
+fn linked() -> (FakeWire, Pump<PidCodec>, impl HapticDevice) {
     let wire = FakeWire::new();
     // Two effects are loaded, as 3 and 4.
     wire.answer(&[0x12, 3, 1, 0, 0]);
@@ -170,7 +171,7 @@ fn a_device_without_room_or_with_stalled_features_is_none_until_it_is_well() {
     let link = Link::pid("stick", PidCodec::new(&joystick()).unwrap());
     let (mut pump, mut device) = link.split(move || Some(Box::new(other.open()?)));
     let mut now = 0.0;
-    let mut run = |pump: &mut palpate_device::hid::Pump<_>, steps: usize| {
+    let mut run = |pump: &mut Pump<_>, steps: usize| {
         let mut read = false;
         for _ in 0..steps {
             now += 1e-3;

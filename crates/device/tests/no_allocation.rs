@@ -3,7 +3,8 @@
 use allocation_counter::measure;
 use glam::{DQuat, DVec3};
 use palpate_core::{Pose, Twist, Wrench};
-use palpate_device::hid::{FakeWire, Link, WoodenHapticsModel};
+use palpate_device::hid::WoodenHapticsModel;
+use palpate_device::link::{FakeWire, Link};
 use palpate_device::{
     Emulation, HapticDevice, HoldToEnable, IntendedPath, Interpolation, Keyframe, MotionPath, Reading,
     RecordedDevice, Recording, ReplayDevice, Tap,

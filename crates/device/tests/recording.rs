@@ -4,7 +4,8 @@ use std::path::Path;
 
 use glam::{DQuat, DVec3};
 use palpate_core::{Pose, Twist, Wrench};
-use palpate_device::hid::{FakeWire, Link, WoodenHapticsModel};
+use palpate_device::hid::WoodenHapticsModel;
+use palpate_device::link::{FakeWire, Link};
 use palpate_device::{
     DeviceError, DeviceState, Emulation, HapticDevice, IntendedPath, Reading, RecordedDevice, Recording,
     RecordingWriter, Status, Tap,

@@ -1,7 +1,7 @@
 //! The Inverse3 of Haply, with or without a VerseGrip, through the WebSocket service of its maker (`ws://localhost:10001`).
 //!
 //! The service answers each message with the state of all devices; a message may carry a force. Its answers are read into a report
-//! of fixed size, so that the device is a [`Link`] as HID devices are. Messages as in the maker's documentation of service
+//! of fixed size, so that the device is a [`Link`]. Messages as in the maker's documentation of service
 //! 3.5 and 3.1; not tried with a unit here.
 
 mod message;
@@ -13,7 +13,7 @@ use std::time::Duration;
 use glam::{DQuat, DVec3};
 use palpate_core::{Pose, Twist, Wrench};
 
-use crate::hid::{Codec, Link, Malformed, Motion, Report};
+use crate::link::{Codec, Link, Malformed, Motion, Report};
 use crate::{Axes, Specification};
 
 pub use message::{Dialect, Inverse3State, force_message, parse_state};

@@ -8,7 +8,7 @@ use tungstenite::{Error, Message, WebSocket};
 
 use super::message::{Dialect, force_message, parse_state};
 use super::{FORCE, inverse3};
-use crate::hid::{LONGEST_REPORT, Transport, TransportError};
+use crate::link::{LONGEST_REPORT, Transport, TransportError};
 use crate::{DeviceError, HapticDevice};
 
 /// Where the service listens.

@@ -5,9 +5,9 @@ use std::time::Duration;
 
 use hidapi::{HidApi, HidError};
 
-use super::transport::{LONGEST_REPORT, Transport, TransportError};
 use super::wooden_haptics::WoodenHapticsModel;
-use super::{Driver, Link, PidCodec, known};
+use super::{Driver, LONGEST, PidCodec, known};
+use crate::link::{LONGEST_REPORT, Link, Transport, TransportError};
 use crate::{DeviceError, HapticDevice};
 
 const PERMISSION: &str = "let your user open it: `palpate devices --udev | sudo tee /etc/udev/rules.d/70-palpate.rules`, \
@@ -159,7 +159,9 @@ impl Transport for HidTransport {
         report: &mut [u8; LONGEST_REPORT],
         patience: Duration,
     ) -> Result<usize, TransportError> {
-        self.0.read_timeout(report, patience.as_millis() as i32).map_err(|error| match cause(&error) {
+        self.0.read_timeout(&mut report[..LONGEST], patience.as_millis() as i32).map_err(|error| match cause(
+            &error,
+        ) {
             // A signal came.
             Some(std::io::ErrorKind::Interrupted | std::io::ErrorKind::WouldBlock) => TransportError::Failed,
             _ => TransportError::Disconnected,
@@ -175,7 +177,7 @@ impl Transport for HidTransport {
     }
 
     fn get_feature(&mut self, report: &mut [u8; LONGEST_REPORT]) -> Result<usize, TransportError> {
-        self.0.get_feature_report(report).map_err(|error| refused(&error))
+        self.0.get_feature_report(&mut report[..LONGEST]).map_err(|error| refused(&error))
     }
 }
 

@@ -13,8 +13,7 @@ use std::time::Duration;
 use glam::{DQuat, DVec3};
 use palpate_core::{Pose, Twist, Wrench};
 
-use super::link::{Codec, Link, Malformed, Motion, Report};
-use super::transport::{Transport, TransportError};
+use crate::link::{Codec, Link, Malformed, Motion, Report, Transport, TransportError};
 use crate::{Axes, Specification};
 
 /// Deflection of a cap at its stop.

@@ -17,7 +17,7 @@ use glam::{DQuat, DVec3};
 use palpate_core::{Pose, Twist, Wrench};
 use serde::Deserialize;
 
-use super::link::{Codec, Link, Malformed, Motion, Report};
+use crate::link::{Codec, Link, Malformed, Motion, Report};
 use crate::velocity::AdaptiveWindow;
 use crate::{Axes, DeviceError, Specification};
 

@@ -5,6 +5,8 @@
 use hidparser::report_data_types::Usage;
 use hidparser::{Report, ReportCollection, ReportField, parse_report_descriptor};
 
+use crate::hid::LONGEST;
+
 /// Usage pages.
 const DESKTOP: u16 = 0x01;
 const BUTTON: u16 = 0x09;
@@ -16,8 +18,6 @@ pub const AXES: usize = 2;
 const AXIS_USAGES: [u16; AXES] = [0x30, 0x31];
 /// Buttons that are told.
 const BUTTONS: usize = 32;
-/// The longest report that may be, bytes.
-const LONGEST: usize = crate::hid::LONGEST_REPORT;
 
 /// A number in a report.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -13,8 +13,8 @@ use glam::DVec3;
 use palpate_core::{Pose, Twist, Wrench};
 
 use self::layout::{AXES, Form, Layout};
-use super::link::{Codec, Link, Malformed, Motion, Report};
-use super::transport::{LONGEST_REPORT, Transport, TransportError};
+use super::LONGEST;
+use crate::link::{Codec, LONGEST_REPORT, Link, Malformed, Motion, Report, Transport, TransportError};
 use crate::velocity::AdaptiveWindow;
 use crate::{Axes, Specification};
 
@@ -113,8 +113,8 @@ impl PidCodec {
 }
 
 /// A report of zeros with its number.
-fn blank(form: Form) -> [u8; LONGEST_REPORT] {
-    let mut report = [0; LONGEST_REPORT];
+fn blank(form: Form) -> [u8; LONGEST] {
+    let mut report = [0; LONGEST];
     report[0] = form.number;
     report
 }

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-/// The longest report that is read or written, bytes, with its number.
-pub const LONGEST_REPORT: usize = 65;
+/// The longest report that is read or written, bytes.
+pub const LONGEST_REPORT: usize = 128;
 
 /// Why a report could not be carried.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -16,8 +16,8 @@ pub enum TransportError {
     Failed,
 }
 
-/// Carries reports of at most [`LONGEST_REPORT`] bytes, each whole. Numbered reports begin with their number; written ones
-/// begin with 0 where they have none.
+/// Carries reports of at most [`LONGEST_REPORT`] bytes, each whole. Over HID, numbered reports begin with their number, and
+/// written ones begin with 0 where they have none.
 pub trait Transport: Send {
     /// The report that has waited longest, and its length; 0 where none comes in time.
     ///

@@ -4,10 +4,8 @@ use std::time::{Duration, Instant};
 
 use glam::DVec3;
 use palpate_core::Wrench;
-use palpate_device::hid::{
-    Codec, Deflection, EncodedMotion, FakeWire, Link, LinkedDevice, Malformed, Pump, RateControl, Report,
-    WoodenHapticsCodec, WoodenHapticsModel,
-};
+use palpate_device::hid::{Deflection, EncodedMotion, RateControl, WoodenHapticsCodec, WoodenHapticsModel};
+use palpate_device::link::{Codec, FakeWire, Link, LinkedDevice, Malformed, Pump, Report};
 use palpate_device::{DeviceError, DeviceState, HapticDevice, Status};
 
 const MODEL: WoodenHapticsModel = WoodenHapticsModel::WOODEN_HAPTICS;

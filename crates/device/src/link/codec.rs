@@ -1,0 +1,76 @@
+//! What a driver says of its device: the language of its reports, and the motion that they tell.
+
+use palpate_core::{Pose, Twist, Wrench};
+
+use super::transport::{LONGEST_REPORT, Transport, TransportError};
+
+/// A report that is not one of the device's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Malformed;
+
+/// A report to write.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Report {
+    bytes: [u8; LONGEST_REPORT],
+    length: usize,
+}
+
+impl Report {
+    /// A report that begins with these bytes and goes on with zeros up to a length, of at most [`LONGEST_REPORT`].
+    pub fn new(bytes: &[u8], length: usize) -> Self {
+        let mut report = Self { bytes: [0; LONGEST_REPORT], length: length.min(LONGEST_REPORT) };
+        report.bytes.iter_mut().zip(bytes).for_each(|(to, from)| *to = *from);
+        report
+    }
+
+    /// Its bytes.
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes[..self.length]
+    }
+}
+
+/// The language of a kind of device.
+pub trait Codec: Send + 'static {
+    /// What its reports tell.
+    type Sample: Copy + Default + Send + std::fmt::Debug + 'static;
+
+    /// Adds a report to what is known.
+    ///
+    /// # Errors
+    /// If it is none of the device's; nothing is changed then.
+    fn decode(&mut self, report: &[u8], sample: &mut Self::Sample) -> Result<(), Malformed>;
+
+    /// Says the reports that ask for a wrench on the hand (device axes), by what is known; none where there is nothing to say.
+    fn encode(&mut self, wrench: &Wrench, sample: &Self::Sample, say: &mut dyn FnMut(Report));
+
+    /// What is said first, and first after the device has come back.
+    ///
+    /// # Errors
+    /// If the device does not take part: it is tried anew later.
+    fn start(&mut self, transport: &mut dyn Transport) -> Result<(), TransportError> {
+        let _ = transport;
+        Ok(())
+    }
+
+    /// What is said last, after a wrench of zero.
+    ///
+    /// # Errors
+    /// If the device does not take it.
+    fn stop(&mut self, transport: &mut dyn Transport) -> Result<(), TransportError> {
+        let _ = transport;
+        Ok(())
+    }
+}
+
+/// How the handle moves, by what a device's reports tell.
+pub trait Motion: Send {
+    /// What the reports tell.
+    type Sample: Copy + Default + Send + 'static;
+
+    /// Pose and twist of the handle (device axes) and the buttons at the driver's time `now` (s); `fresh` where a report came
+    /// since the last call.
+    fn advance(&mut self, sample: &Self::Sample, fresh: bool, now: f64) -> (Pose, Twist, u32);
+
+    /// The device was gone: what was known of its motion says nothing now.
+    fn restart(&mut self) {}
+}

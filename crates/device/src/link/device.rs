@@ -1,0 +1,192 @@
+//! The side of the haptic thread.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use palpate_core::{Pose, Twist, Wrench};
+
+use super::codec::Motion;
+use super::pump::{News, Order};
+use crate::clip::clipped;
+use crate::{DeviceError, DeviceState, HapticDevice, Specification, Status};
+
+/// How long closing waits for the pump to write its last reports.
+const FAREWELL: Duration = Duration::from_millis(200);
+
+/// The side of the haptic thread. Made by a [`Link`](super::Link).
+pub struct LinkedDevice<M: Motion> {
+    specification: Specification,
+    motion: M,
+    silence: f64,
+    heard: triple_buffer::Output<News<M::Sample>>,
+    asked: triple_buffer::Input<Order>,
+    /// What was known at the last read.
+    seen: News<M::Sample>,
+    order: Order,
+    /// When a report was last seen, and the latest time, s.
+    fresh: f64,
+    now: f64,
+    state: DeviceState,
+    /// Why the device cannot be read; nothing where it can.
+    lost: Status,
+    events: Status,
+    closed: bool,
+    pump: Option<(Arc<AtomicBool>, JoinHandle<()>)>,
+}
+
+impl<M: Motion> HapticDevice for LinkedDevice<M> {
+    fn specification(&self) -> &Specification {
+        &self.specification
+    }
+
+    fn read(&mut self, now: f64) -> Result<DeviceState, DeviceError> {
+        if self.closed {
+            return Err(DeviceError::Closed);
+        }
+        if now.is_finite() && now >= self.now {
+            self.now = now;
+        } else {
+            self.events |= Status::CLOCK;
+        }
+        let news = *self.heard.read();
+        let before = std::mem::replace(&mut self.seen, news);
+        let more = |count: fn(&News<M::Sample>) -> u64| count(&news) > count(&before);
+        if more(|news| news.malformed) {
+            self.events |= Status::MALFORMED;
+        }
+        if more(|news| news.unwritten) {
+            self.events |= Status::UNWRITTEN;
+        }
+        if more(|news| news.arrivals) {
+            self.motion.restart();
+        }
+        let fresh = more(|news| news.reports);
+        if fresh {
+            self.fresh = self.now;
+        }
+        // A pump that has ended, by a panic, tells no more.
+        let ended = self.pump.as_ref().is_some_and(|(_, thread)| thread.is_finished());
+        self.lost = if !news.connected || ended {
+            Status::DISCONNECTED
+        } else if self.silence.is_finite() && self.now - self.fresh > self.silence {
+            Status::SILENT
+        } else {
+            Status::OK
+        };
+        if !self.lost.is_ok() {
+            return Err(DeviceError::Lost { status: self.lost });
+        }
+        let (pose, twist, buttons) = self.motion.advance(&news.sample, fresh, self.now);
+        let mut status = std::mem::take(&mut self.events);
+        if pose.is_valid() && twist.is_finite() {
+            let time = if self.silence.is_finite() { self.fresh } else { self.now };
+            self.state = DeviceState { time, pose, twist, buttons, ..self.state };
+        } else {
+            (self.state.twist, self.state.buttons) = (Twist::ZERO, buttons);
+            status |= Status::HELD;
+        }
+        if self.state.pose.translation.length() > self.specification.workspace_radius {
+            status |= Status::OUTSIDE_WORKSPACE;
+        }
+        Ok(DeviceState { status, ..self.state })
+    }
+
+    fn write(&mut self, wrench: &Wrench) -> Result<(), DeviceError> {
+        if self.closed {
+            return Err(DeviceError::Closed);
+        }
+        let (wrench, events) = clipped(wrench, &self.specification);
+        self.events |= events;
+        self.ask(if self.lost.is_ok() { wrench } else { Wrench::ZERO });
+        if self.lost.is_ok() { Ok(()) } else { Err(DeviceError::Lost { status: self.lost }) }
+    }
+
+    fn close(&mut self) -> Result<(), DeviceError> {
+        self.end();
+        Ok(())
+    }
+}
+
+impl<M: Motion> LinkedDevice<M> {
+    pub(super) fn new(
+        specification: Specification,
+        motion: M,
+        silence: f64,
+        heard: triple_buffer::Output<News<M::Sample>>,
+        asked: triple_buffer::Input<Order>,
+    ) -> Self {
+        Self {
+            specification,
+            motion,
+            silence,
+            heard,
+            asked,
+            seen: News::default(),
+            order: Order::default(),
+            fresh: f64::NEG_INFINITY,
+            now: 0.0,
+            state: DeviceState {
+                time: 0.0,
+                pose: Pose::IDENTITY,
+                twist: Twist::ZERO,
+                buttons: 0,
+                status: Status::OK,
+            },
+            lost: Status::SILENT,
+            events: Status::OK,
+            closed: false,
+            pump: None,
+        }
+    }
+
+    /// Its pump is in a thread that ends where `stop` is set.
+    pub(super) fn run_by(&mut self, stop: Arc<AtomicBool>, thread: JoinHandle<()>) {
+        self.pump = Some((stop, thread));
+    }
+
+    /// It turned out to be this.
+    #[cfg(any(feature = "force-dimension", feature = "open-haptics", feature = "haption"))]
+    pub(super) fn specify(&mut self, specification: Specification, motion: M) {
+        (self.specification, self.motion) = (specification, motion);
+    }
+
+    /// A device that speaks by itself is given the time to.
+    pub(super) fn await_first_word(&mut self, patience: Duration) {
+        let start = Instant::now();
+        while self.silence.is_finite() && self.heard.read().reports == 0 && start.elapsed() < patience {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    fn ask(&mut self, wrench: Wrench) {
+        self.order = Order { wrench, number: self.order.number + 1 };
+        self.asked.write(self.order);
+    }
+
+    /// Lets go of the device. A pump that hangs in a system call is left to itself.
+    fn end(&mut self) {
+        self.ask(Wrench::ZERO);
+        self.closed = true;
+        if let Some((stop, thread)) = self.pump.take() {
+            stop.store(true, Ordering::Release);
+            let start = Instant::now();
+            while !thread.is_finished() && start.elapsed() < FAREWELL {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        }
+    }
+}
+
+impl<M: Motion> Drop for LinkedDevice<M> {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+impl<M: Motion> std::fmt::Debug for LinkedDevice<M> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("LinkedDevice").field("specification", &self.specification).finish_non_exhaustive()
+    }
+}

@@ -1,0 +1,108 @@
+//! Devices that are reached by reports: over HID, a socket, or the calls of a maker's library.
+//!
+//! A driver is a [`Codec`] (bytes to a sample and a wrench to bytes; no clock, no system call) and a [`Motion`] (samples to
+//! poses and twists). A [`Link`] makes a device of them and of whatever carries their reports ([`Transport`]); in tests that is
+//! a [`FakeWire`]. A driver of one's own needs no more than these.
+//!
+//! A system call for a report may take its time: it is made in a thread of its own ([`Pump`]), which hands the newest
+//! [`Codec::Sample`] to the haptic thread and takes the newest wrench from it, through triple buffers. The haptic thread
+//! ([`LinkedDevice`]) never waits for it.
+//!
+//! The wrench is zero where the device is not heard of, where the haptic thread does not renew it in time, and, after the
+//! device was gone, until it is asked for anew.
+
+#[cfg(any(feature = "force-dimension", feature = "open-haptics", feature = "haption"))]
+mod apart;
+mod codec;
+mod device;
+mod fake;
+mod pump;
+mod transport;
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use crate::Specification;
+
+use pump::{News, Order};
+
+#[cfg(any(feature = "force-dimension", feature = "open-haptics", feature = "haption"))]
+pub(crate) use apart::Found;
+pub use codec::{Codec, Malformed, Motion, Report};
+pub use device::LinkedDevice;
+pub use fake::{FakeTransport, FakeWire, QUEUE};
+pub use pump::Pump;
+pub use transport::{LONGEST_REPORT, Transport, TransportError};
+
+/// How long the pump rests while there is no device.
+const REST: Duration = Duration::from_millis(20);
+/// How long opening waits for the first report.
+const FIRST_WORD: Duration = Duration::from_millis(500);
+
+/// How a device is linked.
+pub struct Link<C: Codec, M> {
+    /// Its language.
+    pub codec: C,
+    /// Its motion.
+    pub motion: M,
+    /// What it can do.
+    pub specification: Specification,
+    /// How long a round of the [`Pump`] waits for a report.
+    pub patience: Duration,
+    /// How long the device may be silent before it counts as lost, s: infinite for one that speaks only when it is moved.
+    pub silence: f64,
+}
+
+impl<C: Codec, M: Motion<Sample = C::Sample>> Link<C, M> {
+    /// Both sides of a device that `open` opens, now and whenever it has gone. The pump's rounds are the caller's.
+    pub fn split(
+        self,
+        open: impl FnMut() -> Option<Box<dyn Transport>> + Send + 'static,
+    ) -> (Pump<C>, LinkedDevice<M>) {
+        let (mut pump, device) = self.closed(open);
+        pump.open();
+        (pump, device)
+    }
+
+    /// Both sides of a device that is not open yet.
+    fn closed(
+        self,
+        open: impl FnMut() -> Option<Box<dyn Transport>> + Send + 'static,
+    ) -> (Pump<C>, LinkedDevice<M>) {
+        let Self { codec, motion, specification, patience, silence } = self;
+        let (told, heard) = triple_buffer::triple_buffer(&News::default());
+        let (asked, orders) = triple_buffer::triple_buffer(&Order::default());
+        let pump = Pump::new(codec, (patience, silence.is_finite()), Box::new(open), told, orders);
+        let device = LinkedDevice::new(specification, motion, silence, heard, asked);
+        (pump, device)
+    }
+
+    /// A device with its pump in a thread.
+    pub fn spawn(
+        self,
+        open: impl FnMut() -> Option<Box<dyn Transport>> + Send + 'static,
+    ) -> std::io::Result<LinkedDevice<M>> {
+        let (pump, mut device) = self.split(open);
+        run(pump, &mut device)?;
+        device.await_first_word(FIRST_WORD);
+        Ok(device)
+    }
+}
+
+/// Runs a pump in a thread until the device ends it.
+fn run<C: Codec, M: Motion>(mut pump: Pump<C>, device: &mut LinkedDevice<M>) -> std::io::Result<()> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let stopped = stop.clone();
+    let thread = std::thread::Builder::new().name("palpate-device".into()).spawn(move || {
+        let start = Instant::now();
+        while !stopped.load(Ordering::Acquire) {
+            if !pump.round(start.elapsed().as_secs_f64()) {
+                std::thread::sleep(REST);
+            }
+        }
+        pump.end();
+    })?;
+    device.run_by(stop, thread);
+    Ok(())
+}

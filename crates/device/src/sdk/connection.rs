@@ -1,0 +1,133 @@
+//! What the makers' drivers share: which library, how fast, and what a device can do.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use super::SdkCodec;
+use super::motion::SdkMotion;
+use crate::link::{Found, Link, TransportError};
+use crate::{Axes, DeviceError, Emulation, HapticDevice, Specification};
+
+/// How long a round waits for the numbers.
+const PATIENCE: Duration = Duration::from_millis(5);
+/// A device that has told nothing for this long counts as lost, s.
+const SILENCE: f64 = 0.02;
+/// Calls that fail before a device counts as gone.
+const FAILURES: u32 = 4;
+
+/// Which device is meant, and by which library: what comes after the colon of an address, `WHICH@LIBRARY`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Address {
+    /// None where it is left out.
+    pub which: Option<String>,
+    pub library: Option<PathBuf>,
+}
+
+impl Address {
+    pub fn parse(address: Option<&str>) -> Self {
+        let address = address.unwrap_or_default();
+        let (which, library) = address.split_once('@').unwrap_or((address, ""));
+        let given = |part: &str| (!part.is_empty()).then(|| part.to_owned());
+        Self { which: given(which), library: given(library).map(PathBuf::from) }
+    }
+}
+
+/// Opens a device by what connects to it, which is called in the pump's thread.
+pub(super) fn open(
+    maker: &str,
+    connect: impl FnMut() -> Result<Found<SdkMotion>, DeviceError> + Send + 'static,
+) -> Result<Box<dyn HapticDevice>, DeviceError> {
+    let specification = specification(maker.into(), None, Axes::ALL, Axes::NONE);
+    let motion = SdkMotion::new(&specification);
+    let link = Link { codec: SdkCodec, motion, specification, patience: PATIENCE, silence: SILENCE };
+    Ok(Box::new(link.spawn_apart(connect)?))
+}
+
+/// What a device can do: the figures of an emulation where it is one of those, else of the weakest there is. A torque only where
+/// it drives rotations.
+pub(super) fn specification(
+    name: String,
+    preset: Option<&str>,
+    sensed: Axes,
+    actuated: Axes,
+) -> Specification {
+    let figures = |preset: &str| Emulation::preset(preset).unwrap_or_default().specification;
+    let of = figures(preset.unwrap_or("touch"));
+    let turns =
+        if actuated == Axes::ALL && of.peak_torque == 0.0 { figures("premium-1.5") } else { of.clone() };
+    let torque = |figure: f64| if actuated == Axes::ALL { figure } else { 0.0 };
+    Specification {
+        name,
+        peak_torque: torque(turns.peak_torque),
+        continuous_torque: torque(turns.continuous_torque),
+        angular_stiffness: torque(turns.angular_stiffness),
+        angular_damping: torque(turns.angular_damping),
+        sensed,
+        actuated,
+        // That of an emulation says nothing of a unit.
+        handle: None,
+        ..of
+    }
+}
+
+/// Failures running.
+#[derive(Debug, Default)]
+pub(super) struct Failures(u32);
+
+impl Failures {
+    /// What came of a call: nothing is said of the first few failures but that they are some.
+    pub fn judge<T>(&mut self, outcome: Option<T>) -> Result<T, TransportError> {
+        self.0 = if outcome.is_some() { 0 } else { self.0.saturating_add(1) };
+        outcome.ok_or(if self.0 < FAILURES { TransportError::Failed } else { TransportError::Disconnected })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_name_a_device_and_a_library() {
+        let address = |which: Option<&str>, library: Option<&str>| Address {
+            which: which.map(str::to_owned),
+            library: library.map(PathBuf::from),
+        };
+        assert_eq!(Address::parse(None), address(None, None));
+        assert_eq!(Address::parse(Some("")), address(None, None));
+        assert_eq!(Address::parse(Some("Left Device")), address(Some("Left Device"), None));
+        assert_eq!(Address::parse(Some("@/a/b.so")), address(None, Some("/a/b.so")));
+        assert_eq!(
+            Address::parse(Some("127.0.0.1:53210#5125@C:\\x.dll")),
+            address(Some("127.0.0.1:53210#5125"), Some("C:\\x.dll"))
+        );
+    }
+
+    #[test]
+    fn figures_are_those_of_the_emulation_and_torque_is_for_those_that_drive_it() {
+        let omega = specification("omega.6".into(), Some("omega"), Axes::ALL, Axes::TRANSLATION);
+        assert_eq!((omega.peak_force, omega.peak_torque, omega.angular_stiffness), (12.0, 0.0, 0.0));
+        let sigma = specification("sigma.7".into(), Some("sigma.7"), Axes::ALL, Axes::ALL);
+        assert_eq!((sigma.peak_force, sigma.peak_torque), (20.0, 0.4));
+        // Of what is not known, the least.
+        let unknown = specification("?".into(), None, Axes::ALL, Axes::ALL);
+        for (preset, _) in Emulation::presets() {
+            let known = Emulation::preset(preset).unwrap().specification;
+            assert!(unknown.peak_force <= known.peak_force, "{preset}");
+            assert!(known.peak_torque == 0.0 || unknown.peak_torque <= known.peak_torque, "{preset}");
+        }
+        assert_eq!(unknown.handle, None);
+    }
+
+    #[test]
+    fn failures_are_counted() {
+        let mut failures = Failures::default();
+        for _ in 0..2 {
+            for _ in 1..FAILURES {
+                assert_eq!(failures.judge::<()>(None), Err(TransportError::Failed));
+            }
+            assert_eq!(failures.judge(Some(7)), Ok(7));
+        }
+        let last = (0..FAILURES).map(|_| failures.judge::<()>(None)).last();
+        assert_eq!(last, Some(Err(TransportError::Disconnected)));
+    }
+}

@@ -1,0 +1,145 @@
+//! omega, sigma, lambda and delta devices by Force Dimension's library.
+//!
+//! Units are SI throughout. That numbers of the status, the watchdog's 125 µs and its expert mode are as taken here was read in the
+//! header and in public wrappers of the library; that its calls may be made from any thread, one at a time, is general knowledge.
+//! The library's window for velocities of 20 ms is shortened, so that they lag no more than the specification says.
+
+use std::time::{Duration, Instant};
+
+use super::connection::{Address, Failures, open as open_with, specification};
+use super::foreign::dhd::Device;
+use super::foreign::{Library, Place};
+use super::orientation::orientation;
+use super::pace::Pace;
+use super::{SdkMotion, SdkState, wrench_of};
+use crate::link::{Found, LONGEST_REPORT, Transport, TransportError};
+use crate::{Axes, DeviceError, HapticDevice};
+
+const MAKER: &str = "Force Dimension";
+static PLACE: Place = Place {
+    maker: MAKER,
+    variable: "PALPATE_DHD_LIBRARY",
+    names: if cfg!(windows) {
+        &["dhd64.dll", "drd64.dll", "dhd.dll", "drd.dll"]
+    } else if cfg!(target_os = "macos") {
+        &["libdhd.3.dylib", "libdhd.dylib", "libdrd.3.dylib", "libdrd.dylib"]
+    } else {
+        &["libdhd.so.3", "libdhd.so", "libdrd.so.3", "libdrd.so"]
+    },
+    remedy: "install Force Dimension's SDK, or say where its library is: PALPATE_DHD_LIBRARY=FILE or force-dimension:@FILE",
+};
+/// The least time from one round to the next.
+const PERIOD: Duration = Duration::from_micros(250);
+/// The window for velocities, ms.
+const WINDOW: i32 = 4;
+/// The device lets go of the hand after a silence of 31.9 ms, the longest that there is, in 125 µs.
+const WATCHDOG: u8 = u8::MAX;
+/// A command so much after the last may have come after that.
+const LATE: Duration = Duration::from_millis(25);
+
+/// Opens the first device, or that of a number.
+pub(crate) fn open(address: Option<&str>) -> Option<Result<Box<dyn HapticDevice>, DeviceError>> {
+    let address = Address::parse(address);
+    let number = match &address.which {
+        None => None,
+        Some(number) => Some(number.parse::<u8>().ok().filter(|number| *number < 128)?),
+    };
+    let mut loaded = None;
+    let connect = move || {
+        let library = match &loaded {
+            Some(library) => library,
+            None => &*loaded.insert(Library::open(&PLACE, address.library.as_deref())?),
+        };
+        let refused = |reason| DeviceError::NotOpened {
+            device: format!("{MAKER} device"),
+            reason,
+            remedy: "plug it in, switch it on, and close what else uses it",
+        };
+        let device = Device::open(library, number)?.map_err(refused)?;
+        device.set_watchdog(WATCHDOG);
+        if !device.enable_force(true) {
+            return Err(refused("its force cannot be enabled".into()));
+        }
+        Ok(found(device))
+    };
+    Some(open_with(MAKER, connect))
+}
+
+fn found(device: Device) -> Found<SdkMotion> {
+    let name = device.name();
+    let lower = name.to_lowercase();
+    let preset = ["sigma", "omega"].into_iter().find(|family| lower.contains(family));
+    let preset = preset.map(|family| if family == "sigma" { "sigma.7" } else { family });
+    let (senses, drives) = device.wrist();
+    let axes = |all: bool| if all { Axes::ALL } else { Axes::TRANSLATION };
+    let specification =
+        specification(format!("{MAKER} {name}"), preset, axes(senses), axes(senses && drives));
+    device.set_window(WINDOW);
+    let motion = SdkMotion::new(&specification);
+    let transport = Calls {
+        device,
+        senses_wrist: senses,
+        pace: Pace::new(PERIOD),
+        commanded: Instant::now(),
+        reads: Failures::default(),
+        writes: Failures::default(),
+    };
+    Found { transport: Box::new(transport), specification, motion }
+}
+
+struct Calls {
+    device: Device,
+    senses_wrist: bool,
+    pace: Pace,
+    /// When the last wrench was commanded.
+    commanded: Instant,
+    reads: Failures,
+    writes: Failures,
+}
+
+impl Calls {
+    fn state(&self) -> Option<SdkState> {
+        let (position, [a, b, c]) = self.device.pose()?;
+        let orientation = if self.senses_wrist {
+            // The maker's matrix is given by rows.
+            orientation([0, 1, 2].map(|column: usize| [a[column], b[column], c[column]]))
+        } else {
+            SdkState::default().orientation
+        };
+        Some(SdkState {
+            position,
+            orientation,
+            linear: self.device.linear_velocity(),
+            angular: if self.senses_wrist { self.device.angular_velocity() } else { Some([0.0; 3]) },
+            buttons: self.device.buttons(),
+            ready: true,
+        })
+    }
+}
+
+impl Transport for Calls {
+    fn read(
+        &mut self,
+        report: &mut [u8; LONGEST_REPORT],
+        patience: Duration,
+    ) -> Result<usize, TransportError> {
+        if !self.pace.wait(patience) {
+            return Ok(0);
+        }
+        let state = self.state();
+        let state = self.reads.judge(state)?.to_report();
+        report[..state.len()].copy_from_slice(&state);
+        Ok(state.len())
+    }
+
+    fn write(&mut self, report: &[u8]) -> Result<(), TransportError> {
+        let wrench = wrench_of(report).map_err(|_| TransportError::Failed)?;
+        let last = std::mem::replace(&mut self.commanded, Instant::now());
+        // Where the user has disabled it, it stays so.
+        if last.elapsed() > LATE && self.device.is_off_by_watchdog() {
+            self.device.enable_force(true);
+        }
+        let set = self.device.set_wrench(&wrench);
+        self.writes.judge(set.then_some(()))
+    }
+}

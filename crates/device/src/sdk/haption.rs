@@ -1,0 +1,124 @@
+//! Virtuose devices by Haption's library.
+//!
+//! The library speaks to a controller over a network, in metres, newtons and single precision; a wrench and velocities are, as is
+//! the pose, in the axes of the base, about the middle of the handle. Where the maker's documentation is needed beyond the header
+//! (that the offset button inhibits the force in the mode of indexing that is chosen, that the controller lets go of the hand and of
+//! the library after 2 s without a command), it was read as public wrappers quote it; numbers of models are those of one wrapper.
+//! Where the middle of the workspace is, no source says: it is where the handle is held when the device is opened.
+//!
+//! The user switches the power on: as long as it is off, there is no force.
+
+use std::ffi::CString;
+use std::time::Duration;
+
+use super::connection::{Address, Failures, open as open_with, specification};
+use super::foreign::virtuose::Device;
+use super::foreign::{Library, Place};
+use super::pace::Pace;
+use super::{SdkMotion, SdkState, wrench_of};
+use crate::link::{Found, LONGEST_REPORT, Transport, TransportError};
+use crate::{Axes, DeviceError, HapticDevice};
+
+const MAKER: &str = "Haption";
+static PLACE: Place = Place {
+    maker: MAKER,
+    variable: "PALPATE_VIRTUOSE_LIBRARY",
+    names: if cfg!(windows) {
+        &["virtuoseAPI.dll"]
+    } else if cfg!(target_os = "macos") {
+        &["libVirtuoseAPI.dylib"]
+    } else {
+        &["libVirtuoseAPI.so", "libvirtuose.so"]
+    },
+    remedy: "install Haption's SDK, or say where its library is: PALPATE_VIRTUOSE_LIBRARY=FILE or haption:HOST@FILE",
+};
+/// The least time from one round to the next, which the library is told.
+const PERIOD: Duration = Duration::from_millis(1);
+/// The numbers of models: those that drive three axes, and the one whose figures are known.
+const THREE_AXES: [i32; 3] = [1, 2, 9];
+const VIRTUOSE_6D: i32 = 3;
+
+/// Opens the device of a controller.
+pub(crate) fn open(address: Option<&str>) -> Option<Result<Box<dyn HapticDevice>, DeviceError>> {
+    let address = Address::parse(address);
+    let host = address.which?;
+    let name = CString::new(host.clone()).ok()?;
+    let mut loaded = None;
+    let connect = move || {
+        let library = match &loaded {
+            Some(library) => library,
+            None => &*loaded.insert(Library::open(&PLACE, address.library.as_deref())?),
+        };
+        let device = Device::open(library, &name, PERIOD.as_secs_f32())?;
+        device.map(found).map_err(|reason| DeviceError::NotOpened {
+            device: format!("{MAKER} controller at {host}"),
+            reason,
+            remedy: "switch it on, check its address, and close what else uses it",
+        })
+    };
+    Some(open_with(MAKER, connect))
+}
+
+fn found(device: Device) -> Found<SdkMotion> {
+    let model = device.model();
+    let (name, preset) = match model {
+        Some(VIRTUOSE_6D) => (format!("{MAKER} Virtuose 6D"), Some("virtuose-6d")),
+        Some(model) => (format!("{MAKER} device of type {model}"), None),
+        None => (format!("{MAKER} device"), None),
+    };
+    let three = model.is_some_and(|model| THREE_AXES.contains(&model));
+    let actuated = if three { Axes::TRANSLATION } else { Axes::ALL };
+    let specification = specification(name, preset, Axes::ALL, actuated);
+    let motion = SdkMotion::from_here(&specification);
+    let (reads, writes) = Default::default();
+    let transport = Calls { device, pace: Pace::new(PERIOD), reads, writes };
+    Found { transport: Box::new(transport), specification, motion }
+}
+
+struct Calls {
+    device: Device,
+    pace: Pace,
+    reads: Failures,
+    writes: Failures,
+}
+
+impl Calls {
+    fn state(&self) -> Option<SdkState> {
+        let [x, y, z, orientation @ ..] = self.device.pose()?.map(f64::from);
+        let speed = self.device.speed().map(|speed| speed.map(f64::from));
+        let (linear, angular) = match speed {
+            Some([x, y, z, rotation @ ..]) => (Some([x, y, z]), Some(rotation)),
+            None => (None, None),
+        };
+        Some(SdkState {
+            position: [x, y, z],
+            orientation,
+            linear,
+            angular,
+            buttons: self.device.buttons(),
+            ready: self.device.is_powered()?,
+        })
+    }
+}
+
+impl Transport for Calls {
+    fn read(
+        &mut self,
+        report: &mut [u8; LONGEST_REPORT],
+        patience: Duration,
+    ) -> Result<usize, TransportError> {
+        if !self.pace.wait(patience) {
+            return Ok(0);
+        }
+        let state = self.state();
+        let state = self.reads.judge(state)?.to_report();
+        report[..state.len()].copy_from_slice(&state);
+        Ok(state.len())
+    }
+
+    fn write(&mut self, report: &[u8]) -> Result<(), TransportError> {
+        let wrench = wrench_of(report).map_err(|_| TransportError::Failed)?;
+        let set = self.device.set_wrench(&wrench);
+        self.writes.judge(set.then_some(()))
+    }
+}

@@ -1,0 +1,127 @@
+//! Touch, Touch X and Phantom Premium devices by 3D Systems' OpenHaptics (HDAPI).
+//!
+//! The library tells millimetres and takes torques in mN·m, as public wrappers of it scale them; the axes are said in others. Its
+//! angular velocity is that of the gimbal in a frame that no source names: the handle's is estimated from its orientation instead.
+//! That a callback which says that it is done is not called again was read in the header. The devices are calibrated by the maker's
+//! own tool.
+//!
+//! The scheduler is one for the process: so is the device.
+
+use std::ffi::CString;
+use std::time::{Duration, Instant};
+
+use super::connection::{Address, Failures, open as open_with, specification};
+use super::foreign::hd::{Device, Frame, Model};
+use super::foreign::{Library, Place};
+use super::orientation::orientation;
+use super::{SdkMotion, SdkState, wrench_of};
+use crate::link::{Found, LONGEST_REPORT, Transport, TransportError};
+use crate::{Axes, DeviceError, HapticDevice};
+
+const MAKER: &str = "3D Systems";
+static PLACE: Place = Place {
+    maker: MAKER,
+    variable: "PALPATE_HD_LIBRARY",
+    names: if cfg!(windows) {
+        &["HD.dll"]
+    } else if cfg!(target_os = "macos") {
+        &["libHD.dylib"]
+    } else {
+        &["libHD.so", "libHD.so.3.4", "libHD.so.3.0"]
+    },
+    remedy: "install OpenHaptics, or say where its library is: PALPATE_HD_LIBRARY=FILE or open-haptics:@FILE",
+};
+/// How often it is looked whether there is a frame, of which there are a thousand a second.
+const LOOK: Duration = Duration::from_micros(100);
+/// m in a millimetre.
+const MILLIMETRE: f64 = 1e-3;
+
+/// Opens the default device, or that of a name.
+pub(crate) fn open(address: Option<&str>) -> Option<Result<Box<dyn HapticDevice>, DeviceError>> {
+    let address = Address::parse(address);
+    let name = match &address.which {
+        None => None,
+        Some(name) => Some(CString::new(name.as_str()).ok()?),
+    };
+    let mut loaded = None;
+    let connect = move || {
+        let library = match &loaded {
+            Some(library) => library,
+            None => &*loaded.insert(Library::open(&PLACE, address.library.as_deref())?),
+        };
+        let opened = Device::open(library, name.as_deref())?;
+        opened.map(|(device, model)| found(device, &model)).map_err(|reason| DeviceError::NotOpened {
+            device: match &address.which {
+                Some(name) => format!("the device `{name}` of {MAKER}"),
+                None => format!("the default device of {MAKER}"),
+            },
+            reason,
+            remedy: "plug it in, set it up by the maker's tool, and close what else uses it",
+        })
+    };
+    Some(open_with(MAKER, connect))
+}
+
+fn found(device: Device, model: &Model) -> Found<SdkMotion> {
+    let lower = model.name.to_lowercase();
+    let preset = if lower.contains("premium") {
+        Some(if lower.contains("3.0") { "premium-3.0" } else { "premium-1.5" })
+    } else {
+        // The Touch X is stronger than the Touch, whose figures hold for it as well.
+        None
+    };
+    let axes = |all: bool| if all { Axes::ALL } else { Axes::TRANSLATION };
+    let name = format!("{MAKER} {}", model.name);
+    let mut specification = specification(name, preset, axes(model.input >= 6), axes(model.output >= 6));
+    if model.peak_force > 0.0 {
+        specification.peak_force = specification.peak_force.min(model.peak_force);
+        specification.continuous_force = specification.continuous_force.min(model.peak_force);
+    }
+    let motion = SdkMotion::new(&specification);
+    let transport = Frames { device, failures: Failures::default() };
+    Found { transport: Box::new(transport), specification, motion }
+}
+
+struct Frames {
+    device: Device,
+    failures: Failures,
+}
+
+impl Transport for Frames {
+    fn read(
+        &mut self,
+        report: &mut [u8; LONGEST_REPORT],
+        patience: Duration,
+    ) -> Result<usize, TransportError> {
+        let start = Instant::now();
+        let frame = loop {
+            match self.device.frame() {
+                Some(frame) => break frame,
+                None if start.elapsed() >= patience => return Ok(0),
+                None => std::thread::sleep(LOOK),
+            }
+        };
+        let state = (!frame.failed).then(|| told(&frame));
+        let state = self.failures.judge(state)?.to_report();
+        report[..state.len()].copy_from_slice(&state);
+        Ok(state.len())
+    }
+
+    fn write(&mut self, report: &[u8]) -> Result<(), TransportError> {
+        let wrench = wrench_of(report).map_err(|_| TransportError::Failed)?;
+        self.device.set_wrench(&wrench);
+        Ok(())
+    }
+}
+
+fn told(frame: &Frame) -> SdkState {
+    let column = |index: usize| [0, 1, 2].map(|row| frame.transform[4 * index + row]);
+    SdkState {
+        position: column(3).map(|part| part * MILLIMETRE),
+        orientation: orientation([0, 1, 2].map(column)),
+        linear: Some(frame.velocity.map(|part| part * MILLIMETRE)),
+        angular: None,
+        buttons: frame.buttons,
+        ready: true,
+    }
+}

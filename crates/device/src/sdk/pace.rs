@@ -1,0 +1,45 @@
+//! How often calls are made.
+
+use std::time::{Duration, Instant};
+
+/// Lets the calls begin no more often than they are to.
+#[derive(Debug)]
+pub(super) struct Pace {
+    period: Duration,
+    due: Instant,
+}
+
+impl Pace {
+    pub fn new(period: Duration) -> Self {
+        Self { period, due: Instant::now() }
+    }
+
+    /// Waits until it is time, but not longer than patience lasts. Whether it is time.
+    pub fn wait(&mut self, patience: Duration) -> bool {
+        let early = self.due.saturating_duration_since(Instant::now());
+        if !early.is_zero() {
+            std::thread::sleep(early.min(patience));
+        }
+        if early > patience {
+            return false;
+        }
+        self.due = Instant::now() + self.period;
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rounds_are_no_closer_than_they_may_be() {
+        let mut pace = Pace::new(Duration::from_millis(2));
+        let start = Instant::now();
+        assert!(pace.wait(Duration::ZERO) && !pace.wait(Duration::ZERO));
+        for _ in 0..20 {
+            assert!(pace.wait(Duration::from_secs(1)));
+        }
+        assert!(start.elapsed() >= Duration::from_millis(40));
+    }
+}
