@@ -54,10 +54,13 @@ fn main() -> ExitCode {
     }
 }
 
+/// The feature with which the window is tested.
+const WINDOW: &str = "palpate-cli/view";
+
 fn test() -> Result<(), Failure> {
     packages::ensure_vulkan()?;
-    packages::try_umockdev();
-    cargo(&["test", "--workspace", "--locked"], &[])?;
+    packages::try_players();
+    cargo(&["test", "--workspace", "--features", WINDOW, "--locked"], &[])?;
     // Hostile files once more without debug assertions and overflow checks: both builds must refuse them cleanly.
     cargo(&["test", "--release", "--locked", "--package", "palpate-cli", "--test", "hostile_files"], &[])
 }
@@ -69,7 +72,10 @@ fn ci() -> Result<(), Failure> {
     let tests = ["--package", "palpate-tests", "--test", "levels", "--test", "clod_mutations"];
     let chosen = ["--", "--ignored", "built_in_models", "a_million"];
     cargo(&[["test", "--release", "--locked"].as_slice(), &tests, &chosen].concat(), &[])?;
-    cargo(&["clippy", "--workspace", "--all-targets", "--locked", "--", "-D", "warnings"], &[])?;
+    cargo(
+        &["clippy", "--workspace", "--features", WINDOW, "--all-targets", "--locked", "--", "-D", "warnings"],
+        &[],
+    )?;
     for package in ["palpate-texture-pd", "palpate-device"] {
         cargo(&["check", "--package", package, "--no-default-features", "--locked"], &[])?;
     }

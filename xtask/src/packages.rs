@@ -1,7 +1,7 @@
 //! What tests need of the system: on Linux it is installed with apt where it is missing and that is allowed.
 //!
-//! The GPU tests need a Vulkan driver; a software one (lavapipe) will do. The HID tests play a device with umockdev, and say that they
-//! were skipped where it is not there.
+//! The GPU tests need a Vulkan driver; a software one (lavapipe) will do. A HID device is played with umockdev and a display by Xvfb:
+//! tests that need one say that they were skipped where it is not there.
 
 use std::path::Path;
 use std::process::Command;
@@ -10,6 +10,10 @@ use crate::Failure;
 
 /// The Debian and Ubuntu package of Mesa's Vulkan drivers, lavapipe among them; it brings the loader with it.
 const VULKAN: &str = "mesa-vulkan-drivers";
+
+/// The Debian and Ubuntu packages of a display that is not there, and of what a window loads.
+const DISPLAY: [&str; 6] =
+    ["xvfb", "libx11-xcb1", "libxcursor1", "libxi6", "libxkbcommon-x11-0", "libxrandr2"];
 
 /// Where the Vulkan loader looks for drivers' manifests; the last is NixOS's.
 const MANIFESTS: [&str; 5] = [
@@ -29,7 +33,7 @@ pub fn ensure_vulkan() -> Result<(), Failure> {
         return Ok(());
     }
     println!("no Vulkan driver found; installing {VULKAN}");
-    if install(VULKAN) && driver_present() {
+    if install(&[VULKAN]) && driver_present() {
         return Ok(());
     }
     Err(format!(
@@ -41,22 +45,27 @@ pub fn ensure_vulkan() -> Result<(), Failure> {
     .into())
 }
 
-/// Installs umockdev where it is missing, if that can be done.
-pub fn try_umockdev() {
-    let present = || Command::new("umockdev-run").arg("--version").output().is_ok();
-    if cfg!(target_os = "linux") && !present() {
-        println!("umockdev not found; installing it");
-        if !install("umockdev") {
-            println!("without umockdev the test of devices over hidapi is skipped");
+/// Installs what plays devices and displays where it is missing, if that can be done.
+pub fn try_players() {
+    for (program, packages, without) in [
+        ("umockdev-run", &["umockdev"][..], "the test of devices over hidapi is skipped"),
+        ("Xvfb", &DISPLAY, "the test of the window is skipped"),
+    ] {
+        let present = Command::new(program).arg("-version").output().is_ok();
+        if cfg!(target_os = "linux") && !present {
+            println!("{program} not found; installing it");
+            if !install(packages) {
+                println!("without {program} {without}");
+            }
         }
     }
 }
 
-/// Installs a package with apt-get; whether it succeeded.
-fn install(package: &str) -> bool {
+/// Installs packages with apt-get; whether it succeeded.
+fn install(packages: &[&str]) -> bool {
     // Where the lists of packages cannot be renewed, those that there are may do.
     apt_get(&["update", "-q"]);
-    apt_get(&["install", "-y", "-q", "--no-install-recommends", package])
+    apt_get(&[&["install", "-y", "-q", "--no-install-recommends"], packages].concat())
 }
 
 /// Whether a driver is named by the environment, or its manifest lies where the loader looks for one.

@@ -31,6 +31,9 @@ const WHEEL: f64 = 2e-3;
 const SIZE: [f32; 2] = [1280.0, 800.0];
 const PANEL: f32 = 330.0;
 const PLOT: f32 = 140.0;
+const SWATCH: f32 = 12.0;
+/// The longest arrow is that of the largest force so far, or of this, N.
+const LEAST_FULL: f64 = 0.2;
 
 /// Why a session was not shown to its end.
 #[derive(Debug, thiserror::Error)]
@@ -287,7 +290,8 @@ impl<'a> Window<'a> {
         egui::Grid::new("levels").num_columns(2).show(ui, |ui| {
             for level in levels {
                 let [red, green, blue, _] = level.color;
-                ui.colored_label(Color32::from_rgb(red, green, blue), "⬛");
+                let (swatch, _) = ui.allocate_exact_size(egui::Vec2::splat(SWATCH), Sense::hover());
+                ui.painter().rect_filled(swatch, 2.0, Color32::from_rgb(red, green, blue));
                 ui.label(self.in_words(level));
                 ui.end_row();
             }
@@ -309,7 +313,7 @@ impl<'a> Window<'a> {
         };
         let Some((role, object)) = of else { return String::new() };
         let triangles = object.clod.levels.get(level.level as usize).map_or(0, |level| level.triangles);
-        format!("{role}, level {}: {triangles} triangles, {} patches", level.level, level.patches)
+        format!("{role}, level {}: {triangles} triangles, {} in touch", level.level, level.patches)
     }
 }
 
@@ -318,7 +322,8 @@ impl eframe::App for Window<'_> {
         let live = lock(&self.shared.live).clone();
         let pose = live.latest.map_or_else(|| self.place_of_probe(), |record| record.object);
         let Stage { watch, probe, scene, .. } = &mut self.stage;
-        let picture = Picture::new(watch.latest(), &probe.clod, &pose, scene, live.peak.0);
+        let picture =
+            Picture::new(watch.latest(), &probe.clod, &pose, scene, live.most.force.max(LEAST_FULL));
         egui::Panel::right("panel")
             .exact_size(PANEL)
             .show(ui, |ui| self.show_panel(ui, &live, &picture.levels));
@@ -357,7 +362,7 @@ fn first_view(stage: &Stage) -> Camera {
         .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), (center, radius)| {
             (low.min(center - radius), high.max(center + radius))
         });
-    Camera::around(0.5 * (low + high), 0.4 * (high - low).length())
+    Camera::around(0.5 * (low + high), 0.33 * (high - low).length())
 }
 
 fn figures(live: &Live) -> Vec<(&'static str, String)> {

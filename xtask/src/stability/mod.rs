@@ -10,6 +10,7 @@ mod geometry;
 pub mod grid;
 mod judge;
 mod lever;
+mod limits;
 mod meshes;
 mod metered;
 pub mod page;
@@ -53,6 +54,7 @@ pub struct Arguments {
 enum Name {
     All,
     ZWidth,
+    Limits,
     Body,
     Rate,
     Contacts,
@@ -64,8 +66,9 @@ enum Name {
 }
 
 impl Name {
-    const MAPS: [Self; 9] = [
+    const MAPS: [Self; 10] = [
         Self::ZWidth,
+        Self::Limits,
         Self::Body,
         Self::Rate,
         Self::Contacts,
@@ -79,6 +82,7 @@ impl Name {
     fn make(self, plan: &Plan) -> Result<Section, String> {
         match self {
             Self::ZWidth => z_width::map(plan),
+            Self::Limits => limits::map(plan),
             Self::Body => body::map(plan),
             Self::Rate => rate::map(plan),
             Self::Contacts => contacts::map(plan),

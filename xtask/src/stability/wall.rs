@@ -5,7 +5,7 @@
 
 use std::collections::VecDeque;
 
-use palpate::device::{EmulatedDevice, Emulation, Hand, HapticDevice, IntendedPath};
+use palpate::device::{DeviceError, EmulatedDevice, Emulation, Hand, HapticDevice, IntendedPath};
 use palpate::glam::{DQuat, DVec3};
 use palpate::{Pose, Twist, Wrench};
 
@@ -64,6 +64,12 @@ pub struct WallCase {
     pub velocity: Velocity,
     /// Whether the device has its Coulomb friction.
     pub friction: bool,
+    /// b, the viscous damping of the device, N·s/m.
+    pub device_damping: f64,
+    /// What pushes a device that no hand holds, N.
+    pub push: f64,
+    /// Simulated time, s.
+    pub duration: f64,
     pub hand: (&'static str, Hand),
 }
 
@@ -78,20 +84,25 @@ pub struct WallResult {
     /// The least energy that had flowed from the hand into the device with the wall, J: what the wall took, what the
     /// device's damping and friction turned to heat, and what the handle's motion holds.
     pub hand_energy: f64,
+    /// What the hand had got of device and wall at the end, but for what the handle's motion holds, J.
+    pub gained: f64,
 }
 
 /// How finely forces are timed and the motion is looked at, s.
 pub const TICK: f64 = 1e-4;
-/// Simulated time, s, and the ticks of the last second of it, which is judged.
-const DURATION: f64 = 2.0;
+/// The ticks of the last second, which is judged.
 const LAST: usize = 10_000;
 /// The device's integration step, s.
 const SUBSTEP: f64 = 1e-5;
 /// How far from the wall the hand starts, and how far behind it it ends, m; and how fast it goes, m/s.
 const REACH: f64 = 5e-3;
 const SPEED: f64 = 0.2;
-/// What pushes a device that no hand holds: a spring this soft, N/m, drawn this far, m: a force of 1 N.
-const PUSH: (f64, f64) = (20.0, 0.05);
+/// What pushes a device that no hand holds is a spring so soft, N/m.
+const SOFT: f64 = 20.0;
+/// A hand that shakes the handle as it likes, N/m and N·s/m; by how much, and how far behind the wall's surface, m.
+const STRONG: (f64, f64) = (1e6, 1e4);
+const SHAKE: f64 = 1e-3;
+const DEEP: f64 = 0.1;
 /// A handle this far away has left, m.
 const FAR: f64 = 0.5;
 /// The least floor of the amplitude, m.
@@ -100,7 +111,7 @@ const STILL: f64 = 1e-6;
 impl WallCase {
     /// The premium-1.5 at 1 kHz with a relaxed grip, as it senses.
     pub fn base(motion: Motion) -> Self {
-        let specification = Emulation::default().specification;
+        let Emulation { specification, handle, .. } = Emulation::default();
         let quantum = match motion {
             Motion::Translation => specification.encoder_step,
             Motion::Rotation => specification.angular_encoder_step * lever_arm(),
@@ -114,6 +125,12 @@ impl WallCase {
             quantum,
             velocity: Velocity::Sensed,
             friction: true,
+            device_damping: match motion {
+                Motion::Translation => handle.damping,
+                Motion::Rotation => handle.angular_damping / lever_arm().powi(2),
+            },
+            push: 1.0,
+            duration: 2.0,
             hand: ("grip", Hand::GRIP),
         }
     }
@@ -121,14 +138,12 @@ impl WallCase {
     /// The case in the terms of the conditions of theory.
     pub fn sampled(&self) -> SampledWall {
         let handle = Emulation::default().handle;
-        let (device_damping, friction) = match self.motion {
-            Motion::Translation => (handle.damping, handle.friction),
-            Motion::Rotation => {
-                (handle.angular_damping / lever_arm().powi(2), handle.angular_friction / lever_arm())
-            }
+        let friction = match self.motion {
+            Motion::Translation => handle.friction,
+            Motion::Rotation => handle.angular_friction / lever_arm(),
         };
         SampledWall {
-            device_damping,
+            device_damping: self.device_damping,
             friction: if self.friction { friction } else { 0.0 },
             stiffness: self.stiffness,
             damping: self.damping,
@@ -149,10 +164,14 @@ impl WallCase {
     /// # Errors
     /// If the device refuses its parameters.
     pub fn run(&self) -> Result<WallResult, String> {
-        let mut device = self.device().map_err(|error| error.to_string())?;
+        self.run_with(&mut self.device().map_err(|error| error.to_string())?)
+    }
+
+    /// The same of a device that may do otherwise.
+    fn run_with(&self, device: &mut EmulatedDevice) -> Result<WallResult, String> {
         let (period, delay) = ((self.period / TICK).round() as u64, (self.delay / TICK).round() as u64);
         let theory = self.sampled();
-        let ticks = (DURATION / TICK).round() as u64;
+        let ticks = (self.duration / TICK).round() as u64;
         let mut trace = Vec::with_capacity(ticks as usize);
         let mut pending = VecDeque::new();
         let mut last = f64::NAN;
@@ -175,7 +194,9 @@ impl WallCase {
             let (pose, twist) = device.handle();
             let (position, speed) = (self.position(&pose), self.speed(&twist));
             most_work = most_work.max(device.work());
-            lost += (theory.device_damping * speed.abs() + theory.friction) * speed.abs() * TICK;
+            // By the way that it went: where it turns back, its speed says nothing of the tick that has passed.
+            let way = trace.last().map_or(0.0, |[before]: &[f64; 1]| (position - before).abs());
+            lost += (theory.device_damping * way / TICK + theory.friction) * way;
             let moving = 0.5 * Emulation::default().handle.mass * speed * speed;
             hand_energy = hand_energy.min(lost + moving - device.work());
             trace.push([position]);
@@ -185,11 +206,13 @@ impl WallCase {
                     amplitude: f64::INFINITY,
                     port_energy: -most_work,
                     hand_energy,
+                    gained: f64::INFINITY,
                 });
             }
         }
         let (outcome, amplitude) = judge(&trace[trace.len() - LAST..], self.floor());
-        Ok(WallResult { outcome, amplitude, port_energy: -most_work, hand_energy })
+        let gained = device.work() - lost;
+        Ok(WallResult { outcome, amplitude, port_energy: -most_work, hand_energy, gained })
     }
 
     /// The wall never pulls.
@@ -218,7 +241,30 @@ impl WallCase {
         }
     }
 
-    fn device(&self) -> Result<EmulatedDevice, palpate::device::DeviceError> {
+    fn device(&self) -> Result<EmulatedDevice, DeviceError> {
+        let held = self.hand.1 != Hand::NONE;
+        let hand = if held {
+            self.hand.1
+        } else {
+            Hand { stiffness: SOFT, angular_stiffness: SOFT * lever_arm().powi(2), ..Hand::NONE }
+        };
+        let (motion, drawn) = (self.motion, self.push / SOFT);
+        self.emulation(hand).open(IntendedPath::function(move |time| {
+            let (position, speed) = if held { approach(time) } else { (-drawn, 0.0) };
+            let place = if time == 0.0 { REACH } else { position };
+            match motion {
+                Motion::Translation => {
+                    (Pose::from_translation(DVec3::Z * place), Twist::new(DVec3::Z * speed, DVec3::ZERO))
+                }
+                Motion::Rotation => (
+                    Pose::new(DVec3::ZERO, DQuat::from_rotation_z(place / lever_arm())),
+                    Twist::new(DVec3::ZERO, DVec3::Z * (speed / lever_arm())),
+                ),
+            }
+        }))
+    }
+
+    fn emulation(&self, hand: Hand) -> Emulation {
         let mut emulation = Emulation { substep: SUBSTEP, ..Emulation::default() };
         let specification = &mut emulation.specification;
         specification.peak_force = f64::INFINITY;
@@ -233,26 +279,32 @@ impl WallCase {
             emulation.handle.friction = 0.0;
             emulation.handle.angular_friction = 0.0;
         }
-        let held = self.hand.1 != Hand::NONE;
-        emulation.hand = if held {
-            self.hand.1
-        } else {
-            Hand { stiffness: PUSH.0, angular_stiffness: PUSH.0 * lever_arm().powi(2), ..Hand::NONE }
-        };
-        let motion = self.motion;
-        emulation.open(IntendedPath::function(move |time| {
-            let (position, speed) = if held { approach(time) } else { (-PUSH.1, 0.0) };
-            let place = if time == 0.0 { REACH } else { position };
-            match motion {
-                Motion::Translation => {
-                    (Pose::from_translation(DVec3::Z * place), Twist::new(DVec3::Z * speed, DVec3::ZERO))
-                }
-                Motion::Rotation => (
-                    Pose::new(DVec3::ZERO, DQuat::from_rotation_z(place / lever_arm())),
-                    Twist::new(DVec3::ZERO, DVec3::Z * (speed / lever_arm())),
-                ),
-            }
-        }))
+        emulation.handle.damping = self.device_damping;
+        emulation.handle.angular_damping = self.device_damping * lever_arm().powi(2);
+        Emulation { hand, ..emulation }
+    }
+
+    /// The energy that a hand of any strength gets out of device and wall, J, when it moves the handle to and fro behind the
+    /// wall's surface, once in two samples, at a speed that changes its sign where a sample is taken; negative where device and
+    /// wall take energy up. In translation.
+    ///
+    /// # Errors
+    /// If the device refuses its parameters.
+    pub fn shaken(&self) -> Result<f64, String> {
+        let period = self.period;
+        let hand = Hand { mass: 0.0, stiffness: STRONG.0, damping: STRONG.1, ..Hand::NONE };
+        let path = IntendedPath::function(move |time| {
+            let half = time / period;
+            let (part, back) = (half.fract(), half as u64 % 2 == 1);
+            let (place, speed) = (SHAKE * (1.0 - 2.0 * part), -2.0 * SHAKE / period);
+            let sign = if back { -1.0 } else { 1.0 };
+            (
+                Pose::from_translation(DVec3::Z * (sign * place - DEEP)),
+                Twist::new(DVec3::Z * (sign * speed), DVec3::ZERO),
+            )
+        });
+        let mut device = self.emulation(hand).open(path).map_err(|error| error.to_string())?;
+        Ok(self.run_with(&mut device)?.gained)
     }
 }
 
