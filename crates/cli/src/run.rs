@@ -47,7 +47,6 @@ pub fn view(arguments: &crate::arguments::ViewArguments) -> Result<(), Failure> 
 }
 
 /// A window in place of a progress bar.
-#[cfg_attr(not(feature = "view"), expect(dead_code))]
 struct Window {
     screenshot: Option<PathBuf>,
 }

@@ -1,7 +1,7 @@
 //! `palpate view` on a display that is not there: Xvfb. Skipped where that is not installed (`apt-get install xvfb`).
 #![cfg(target_os = "linux")]
 
-use std::io::{BufRead as _, BufReader};
+use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::thread::sleep;
@@ -24,7 +24,7 @@ impl Display {
         let server =
             Command::new("Xvfb").args(arguments).stdout(Stdio::piped()).stderr(Stdio::null()).spawn();
         let Ok(mut server) = server else {
-            println!("skipped: Xvfb is not installed");
+            let _ = writeln!(std::io::stderr(), "skipped: Xvfb is not installed");
             return None;
         };
         let mut number = String::new();
