@@ -148,6 +148,7 @@ fn compare(scenario: &Scenario, arguments: &Arguments) -> Result<(), Box<dyn Err
             let how = if interpolate { ", interpolated" } else { "" };
             Figure {
                 caption: String::new(),
+                across: "s".to_owned(),
                 axis: format!("{quantity}{how}"),
                 curves: profiles.into_iter().map(curve).collect(),
             }

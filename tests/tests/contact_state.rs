@@ -6,8 +6,7 @@
 use std::collections::VecDeque;
 
 use palpate::device::{Emulation, Interpolation, Keyframe, MotionPath};
-use palpate::dynamics::{BodyState, LinearContactModel, PlaneConstraint};
-use palpate::glam::{DMat3, DQuat, DVec3};
+use palpate::glam::{DQuat, DVec3};
 use palpate::{HapticRenderer, Object, Pose, Scene, Settings};
 use palpate_tests::{first_touch, model, smooth};
 
@@ -57,33 +56,6 @@ fn intended(touch: DVec3, task: &Task) -> MotionPath {
     MotionPath::new(samples, Interpolation::Smooth).expect("a path")
 }
 
-/// The force that a model has at a state, whatever the body does afterwards: springs so soft and so far compressed that no
-/// motion changes their force.
-fn frozen(model: &LinearContactModel, state: &BodyState) -> LinearContactModel {
-    const SOFT: f64 = 1e-6;
-    let mut frozen = LinearContactModel::empty(&state.pose, model.time());
-    let rotation = DMat3::from_quat(state.pose.rotation);
-    for constraint in model.constraints() {
-        let arm = rotation * constraint.point;
-        let depth = (state.pose.translation + arm - constraint.scene_point).dot(constraint.normal);
-        let rate = state.twist.velocity_at(arm).dot(constraint.normal);
-        let overlap = depth + constraint.tolerance;
-        let force = constraint.stiffness * overlap + constraint.damping * rate;
-        if overlap > 0.0 && force > 0.0 {
-            let scene_point = state.pose.translation + arm;
-            let tolerance = force / SOFT;
-            frozen.push(PlaneConstraint {
-                stiffness: SOFT,
-                damping: 0.0,
-                tolerance,
-                scene_point,
-                ..*constraint
-            });
-        }
-    }
-    frozen
-}
-
 /// Renders the task with queries at `rate` (Hz), each taking its whole period; with `hold`, the force stays what it was at
 /// the state that the query saw.
 fn render(probe: &Object, scene: &Object, settings: Settings, task: &Task, rate: f64, hold: bool) -> Seen {
@@ -111,7 +83,7 @@ fn render(probe: &Object, scene: &Object, settings: Settings, task: &Task, rate:
                 return seen;
             }
             if hold {
-                update.model = frozen(&update.model, haptic.body_state());
+                update.model = update.model.frozen(haptic.body_state());
             }
             pending.push_back(update);
         }

@@ -229,6 +229,36 @@ impl LinearContactModel {
         }
     }
 
+    /// The force that this has on a body in a state, whatever the body does afterwards: what a contact thread hands over that
+    /// gives no Jacobian (§5.1.2), to compare with. Without friction, bends and braking.
+    ///
+    /// It is made of springs so soft and so far compressed that no motion changes their force.
+    #[must_use]
+    pub fn frozen(&self, state: &BodyState) -> Self {
+        const SOFT: f64 = 1e-6;
+        let mut frozen = Self::empty(&state.pose, self.time());
+        let rotation = DMat3::from_quat(state.pose.rotation);
+        for constraint in self.constraints() {
+            let arm = rotation * constraint.point;
+            let scene_point = state.pose.translation + arm;
+            let depth = (scene_point - constraint.scene_point).dot(constraint.normal);
+            let rate = state.twist.velocity_at(arm).dot(constraint.normal);
+            let overlap = depth + constraint.tolerance;
+            let force = constraint.stiffness * overlap + constraint.damping * rate;
+            if overlap > 0.0 && force > 0.0 {
+                let tolerance = force / SOFT;
+                frozen.push(PlaneConstraint {
+                    stiffness: SOFT,
+                    damping: 0.0,
+                    tolerance,
+                    scene_point,
+                    ..*constraint
+                });
+            }
+        }
+        frozen
+    }
+
     /// The model of `contacts` found while the body was at `pose`, stamped with `time` (s, the caller's
     /// clock).
     ///

@@ -8,15 +8,17 @@ use plotters::prelude::*;
 pub struct Curve {
     /// What the legend says.
     pub name: String,
-    /// In the order of the first value: time (s) in a [`Figure`].
+    /// In the order of the first value.
     pub points: Vec<(f64, f64)>,
 }
 
-/// One plot over time.
+/// One plot.
 #[derive(Clone, Debug)]
 pub struct Figure {
     /// What it shows, to be written below it.
     pub caption: String,
+    /// What the values are over, with its unit: `s` for time.
+    pub across: String,
     /// Unit of the values.
     pub axis: String,
     /// At most as many as there are colours: six.
@@ -87,7 +89,7 @@ fn draw_one(
         .bold_line_style(RGBColor(227, 232, 237))
         .axis_style(RGBColor(90, 107, 123))
         .label_style(("sans-serif", 13))
-        .x_desc("s")
+        .x_desc(&figure.across)
         .y_desc(&figure.axis)
         .draw()?;
     for (curve, colour) in finite.into_iter().zip(COLOURS) {

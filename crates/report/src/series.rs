@@ -18,11 +18,13 @@ pub(crate) fn figures(records: &[Record]) -> Vec<Figure> {
     vec![
         Figure {
             caption: "Deepest penetration that the contact query reported.".to_owned(),
+            across: "s".to_owned(),
             axis: "mm".to_owned(),
             curves: vec![curve("penetration", &|r| 1e3 * r.depth)],
         },
         Figure {
             caption: "Force sent to the device, and contact force on the grasped object.".to_owned(),
+            across: "s".to_owned(),
             axis: "N".to_owned(),
             curves: vec![
                 curve("coupling", &|r| r.coupling.force.length()),
@@ -31,12 +33,14 @@ pub(crate) fn figures(records: &[Record]) -> Vec<Figure> {
         },
         Figure {
             caption: "Torque sent to the device, about its origin.".to_owned(),
+            across: "s".to_owned(),
             axis: "mN·m".to_owned(),
             curves: vec![curve("coupling", &|r| 1e3 * r.coupling.torque.length())],
         },
         Figure {
             caption: "How far the grasped object stays behind the device: distance of their frames' origins."
                 .to_owned(),
+            across: "s".to_owned(),
             axis: "mm".to_owned(),
             curves: vec![curve("deviation", &|r| {
                 1e3 * (r.handle.translation - r.object.translation).length()
@@ -44,11 +48,13 @@ pub(crate) fn figures(records: &[Record]) -> Vec<Figure> {
         },
         Figure {
             caption: "Contacts found, before clustering.".to_owned(),
+            across: "s".to_owned(),
             axis: "contacts".to_owned(),
             curves: vec![curve("contacts", &|r| f64::from(r.contacts))],
         },
         Figure {
             caption: "Haptic steps and contact models a second, in windows of 0.1 s.".to_owned(),
+            across: "s".to_owned(),
             axis: "Hz".to_owned(),
             curves: vec![
                 Curve {

@@ -3,6 +3,7 @@
 //! `cargo xtask reproduce [NAME…|all] [--json] [--out FOLDER]` writes for each figure its values as CSV and a plot of them
 //! as SVG, and prints a table of verdicts, or with `--json` a list of them. A verdict is computed from a stated condition.
 
+mod dynamics;
 mod outcome;
 mod roughness;
 
@@ -39,16 +40,45 @@ enum Name {
     /// Roughness by exploratory speed.
     #[value(name = "fig-4.10")]
     Figure4_10,
+    /// Non-linear coupling stiffness.
+    #[value(name = "fig-5.4")]
+    Figure5_4,
+    /// Free-space motion by integrator and mass.
+    #[value(name = "fig-5.6")]
+    Figure5_6,
+    /// Spoon and cup by integrator, mass and contact stiffness.
+    #[value(name = "fig-5.8")]
+    Figure5_8,
+    /// Jaws with and without the linearised contact model.
+    #[value(name = "fig-5.10")]
+    Figure5_10,
+    /// Textured and flat plate.
+    #[value(name = "fig-5.12")]
+    Figure5_12,
 }
 
 impl Name {
-    const EACH: [Self; 3] = [Self::Figure4_8, Self::Figure4_9, Self::Figure4_10];
+    const EACH: [Self; 8] = [
+        Self::Figure4_8,
+        Self::Figure4_9,
+        Self::Figure4_10,
+        Self::Figure5_4,
+        Self::Figure5_6,
+        Self::Figure5_8,
+        Self::Figure5_10,
+        Self::Figure5_12,
+    ];
 
     fn reproduce(self) -> Result<Reproduction, String> {
         match self {
             Self::Figure4_8 => roughness::reproduce(&roughness::probe_diameter(), &self.word()),
             Self::Figure4_9 => roughness::reproduce(&roughness::applied_force(), &self.word()),
             Self::Figure4_10 => roughness::reproduce(&roughness::exploratory_speed(), &self.word()),
+            Self::Figure5_4 => dynamics::saturation::reproduce(&self.word()),
+            Self::Figure5_6 => dynamics::free_space::reproduce(&self.word()),
+            Self::Figure5_8 => dynamics::spoon_and_cup::reproduce(&self.word()),
+            Self::Figure5_10 => dynamics::jaws::reproduce(&self.word()),
+            Self::Figure5_12 => dynamics::textured_plate::reproduce(&self.word()),
             Self::All => Err("all is not an experiment".to_owned()),
         }
     }

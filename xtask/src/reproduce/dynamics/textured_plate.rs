@@ -1,0 +1,176 @@
+//! A probe with a round tip on a plate with ridges 8 mm high, to the right and faster back (§5.5.4, Fig. 5.12).
+
+use palpate::glam::DVec3;
+use palpate::{Object, Pose, Scene, Settings, TextureDerivatives, TextureSettings};
+use palpate_tests::{ridged_plate, smooth};
+
+use super::rendering::{Sample, Session, Trace, path};
+use super::{COUPLING, DEPTH, plot, table};
+use crate::reproduce::outcome::{Finding, Reproduction};
+
+/// Height of the ridges and their distance, m; the dissertation does not tell the latter.
+const HEIGHT: f64 = 8e-3;
+const SPACING: f64 = 0.04;
+/// Radius of the probe's tip; how far past the flat plate the hand means to press; how far to either side it moves, m.
+const TIP: f64 = 0.01;
+const PRESS: f64 = 0.01;
+const WAY: f64 = 0.12;
+/// When it begins to press, to move, and to move back, and when it has ended, s.
+const TIMES: [f64; 4] = [0.5, 1.5, 5.0, 6.75];
+/// The dissertation's contact thread was slightly faster, Hz.
+const CONTACT_RATE: f64 = 500.0;
+
+/// What was found while the probe moves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Found {
+    /// Standard deviation of the coupling force as it moves to the right and back, N: on ridges, and on the flat plate.
+    pub ridged: [f64; 2],
+    pub flat: [f64; 2],
+    /// Peaks of the force on the way to the right and back: on ridges.
+    pub peaks: [usize; 2],
+    /// Deepest penetration on ridges, m.
+    pub depth: f64,
+    pub stable: bool,
+}
+
+impl Found {
+    fn of([ridged, flat]: &[Trace; 2]) -> Self {
+        let [_, moving, back, end] = TIMES;
+        let ways = [moving..back, back..end - 0.1];
+        let forces = |trace: &Trace, times: &std::ops::Range<f64>| -> Vec<f64> {
+            let within = |sample: &&Sample| times.contains(&sample.time);
+            trace.samples.iter().filter(within).map(|sample| sample.coupling).collect()
+        };
+        let spread = |trace: &Trace| ways.each_ref().map(|way| deviation(&forces(trace, way)));
+        Self {
+            ridged: spread(ridged),
+            flat: spread(flat),
+            peaks: ways.each_ref().map(|way| peaks(&forces(ridged, way))),
+            depth: ridged.samples.iter().map(|sample| sample.depth).fold(0.0, f64::max),
+            stable: ridged.is_stable() && flat.is_stable(),
+        }
+    }
+
+    /// The condition.
+    pub fn is_as_claimed(&self) -> bool {
+        let ridges = 2.0 * WAY / SPACING;
+        let counted = |peaks: &usize| (*peaks as f64 - ridges).abs() <= 1.0;
+        self.stable
+            && self.ridged.iter().zip(self.flat).all(|(ridged, flat)| *ridged > 10.0 * flat && *ridged > 0.05)
+            && self.peaks.iter().all(counted)
+            && self.depth < 0.25 * HEIGHT
+    }
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+fn deviation(values: &[f64]) -> f64 {
+    let mean = mean(values);
+    (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len().max(1) as f64).sqrt()
+}
+
+/// How often values rise from half a standard deviation below their mean to as much above it.
+fn peaks(values: &[f64]) -> usize {
+    let (mean, deviation) = (mean(values), deviation(values));
+    let (mut count, mut low) = (0, false);
+    for value in values {
+        if *value < mean - 0.5 * deviation {
+            low = true;
+        } else if low && *value > mean + 0.5 * deviation {
+            count += 1;
+            low = false;
+        }
+    }
+    count
+}
+
+/// On ridges of a height (m), and on the flat plate.
+fn find(height: f64) -> Result<(Found, [Trace; 2]), String> {
+    let open = |name| Object::model(name).map_err(|error: palpate::OpenError| error.to_string());
+    let (stylus, flat) = (open("stylus")?, Scene::new().with(open("plate")?, Pose::IDENTITY));
+    let ridges = if height > 0.0 {
+        Scene::new().with(ridged_plate(height, SPACING), Pose::IDENTITY)
+    } else {
+        flat.clone()
+    };
+    let [begun, moving, back, end] = TIMES;
+    let intended = path(end + 0.2, |time| {
+        let along = WAY * (2.0 * (smooth(moving, back, time) - smooth(back, end, time)) - 1.0);
+        let above = TIP + 0.5 * HEIGHT + 0.002;
+        let height = above - (above - TIP + PRESS) * smooth(begun, moving, time);
+        Pose::from_translation(DVec3::new(along, 0.003, height))
+    })?;
+    let session = |scene| Session {
+        probe: &stylus,
+        scene,
+        settings: Settings {
+            mass: 0.01,
+            contact_stiffness: 2000.0,
+            coupling_stiffness: Some(200.0),
+            angular_stiffness: Some(3.0),
+            tolerance: Some(2e-4),
+            textures: TextureSettings {
+                derivatives: TextureDerivatives::Maximum,
+                ..TextureSettings::default()
+            },
+            ..Settings::default()
+        },
+        contact_rate: CONTACT_RATE,
+        frozen: false,
+        seconds: end,
+    };
+    // The same trajectory for both plates.
+    let traces = [session(&ridges).replay(intended.clone())?, session(&flat).replay(intended)?];
+    Ok((Found::of(&traces), traces))
+}
+
+/// Repeats the experiment.
+///
+/// # Errors
+/// If a session cannot be run or drawn.
+pub fn reproduce(name: &str) -> Result<Reproduction, String> {
+    let (found, traces) = find(HEIGHT)?;
+    let sessions = [("textured plate", &*traces[0].samples), ("flat plate", &*traces[1].samples)];
+    let listed = |values: [f64; 2]| values.map(|value| format!("{value:.3}")).join(" and ");
+    Ok(Reproduction {
+        finding: Finding {
+            claim: "On the textured plate penetration depth and feedback force oscillate with the ridges, on the flat one they do not, and \
+                    the interaction is stable with contacts found 400 times a second."
+                .to_owned(),
+            measured: format!(
+                "To the right and faster back, the force's standard deviation is {} N on ridges and {} N on the flat plate; it has {} \
+                 and {} peaks where {} ridges are passed. Depth on ridges up to {:.2} mm. Both are {}.",
+                listed(found.ridged),
+                listed(found.flat),
+                found.peaks[0],
+                found.peaks[1],
+                2.0 * WAY / SPACING,
+                1e3 * found.depth,
+                if found.stable { "stable" } else { "not stable" }
+            ),
+            condition: format!(
+                "Both are stable; the force varies by more than 0.05 N and ten times as much as on the flat plate, with as many peaks as \
+                 ridges, give or take one; depth stays below {} mm; contacts are found {CONTACT_RATE} times a second.",
+                250.0 * HEIGHT
+            ),
+            holds: found.is_as_claimed(),
+        },
+        table: table(name, &sessions),
+        plot: plot("Textured plate (Fig. 5.12)", &sessions, &[DEPTH, COUPLING])?,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ridges_are_what_makes_the_force_swing() {
+        let (found, _) = find(HEIGHT).unwrap();
+        assert!(found.is_as_claimed(), "{found:?}");
+        let (flat, _) = find(0.0).unwrap();
+        assert!(!flat.is_as_claimed(), "{flat:?}");
+    }
+}
