@@ -5,6 +5,8 @@
 
 mod dynamics;
 mod outcome;
+mod relief;
+mod rendering;
 mod roughness;
 
 use std::error::Error;
@@ -40,6 +42,12 @@ enum Name {
     /// Roughness by exploratory speed.
     #[value(name = "fig-4.10")]
     Figure4_10,
+    /// A ridged block dragged over a gear.
+    #[value(name = "fig-4.14")]
+    Figure4_14,
+    /// A ridged block turned on another.
+    #[value(name = "fig-4.15")]
+    Figure4_15,
     /// Non-linear coupling stiffness.
     #[value(name = "fig-5.4")]
     Figure5_4,
@@ -58,10 +66,12 @@ enum Name {
 }
 
 impl Name {
-    const EACH: [Self; 8] = [
+    const EACH: [Self; 10] = [
         Self::Figure4_8,
         Self::Figure4_9,
         Self::Figure4_10,
+        Self::Figure4_14,
+        Self::Figure4_15,
         Self::Figure5_4,
         Self::Figure5_6,
         Self::Figure5_8,
@@ -74,6 +84,8 @@ impl Name {
             Self::Figure4_8 => roughness::reproduce(&roughness::probe_diameter(), &self.word()),
             Self::Figure4_9 => roughness::reproduce(&roughness::applied_force(), &self.word()),
             Self::Figure4_10 => roughness::reproduce(&roughness::exploratory_speed(), &self.word()),
+            Self::Figure4_14 => relief::translation(&self.word()),
+            Self::Figure4_15 => relief::rotation(&self.word()),
             Self::Figure5_4 => dynamics::saturation::reproduce(&self.word()),
             Self::Figure5_6 => dynamics::free_space::reproduce(&self.word()),
             Self::Figure5_8 => dynamics::spoon_and_cup::reproduce(&self.word()),

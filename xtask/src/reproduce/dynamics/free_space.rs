@@ -4,10 +4,10 @@ use palpate::device::MotionPath;
 use palpate::glam::{DQuat, DVec3};
 use palpate::{IntegratorKind, Object, Pose, Scene, Settings};
 
-use super::rendering::{Session, Trace, path};
 use super::{ANGULAR_STIFFNESS, COUPLING, COUPLING_STIFFNESS, DEVIATION, angular_damping, most, plot, table};
 use crate::progress::each;
 use crate::reproduce::outcome::{Finding, Reproduction};
+use crate::reproduce::rendering::{Session, Trace, path};
 use crate::stability::grid::{logarithmic, pairs};
 
 /// N·s/m: little, so that the spring carries the body; the dissertation does not tell it.

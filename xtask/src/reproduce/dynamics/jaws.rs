@@ -5,10 +5,10 @@ use palpate::glam::DVec3;
 use palpate::{Object, Pose, Scene, Settings};
 use palpate_tests::{first_touch, smooth};
 
-use super::rendering::{Session, Trace, path};
 use super::{COUPLING, DEPTH, DEVIATION, most, plot, root_mean_square, table};
 use crate::progress::each;
 use crate::reproduce::outcome::{Finding, Reproduction};
+use crate::reproduce::rendering::{Sample, Session, Trace, path};
 
 /// A session: error threshold as part of the radius, rate of queries, Hz, and whether forces are frozen between them.
 type Setup = (&'static str, f64, f64, bool);
@@ -45,7 +45,7 @@ impl Found {
             let changes: Vec<_> = trace
                 .samples
                 .windows(2)
-                .map(|pair| super::Sample { coupling: pair[1].coupling - pair[0].coupling, ..pair[1] })
+                .map(|pair| Sample { coupling: pair[1].coupling - pair[0].coupling, ..pair[1] })
                 .collect();
             root_mean_square(&changes, pressed..rubbed, |change| change.coupling)
         };

@@ -3,7 +3,6 @@
 
 pub mod free_space;
 pub mod jaws;
-pub mod rendering;
 pub mod saturation;
 pub mod spoon_and_cup;
 pub mod textured_plate;
@@ -12,7 +11,7 @@ use palpate::Object;
 use palpate::dynamics::Body;
 use palpate_report::{Curve, Figure, draw};
 
-use rendering::Sample;
+use super::rendering::Sample;
 
 use crate::stability::page::{Table, row};
 
@@ -62,7 +61,7 @@ fn plot(title: &str, sessions: &[Named<'_>], quantities: &[Quantity]) -> Result<
 /// A row a millisecond of each session.
 fn table(name: &str, sessions: &[Named<'_>]) -> Table {
     let rows = sessions.iter().flat_map(|(session, samples)| {
-        samples.iter().map(move |&Sample { time, deviation, turn, coupling, contact, depth }| {
+        samples.iter().map(move |&Sample { time, deviation, turn, coupling, contact, depth, .. }| {
             row![*session, time, deviation, turn, coupling, contact, depth]
         })
     });

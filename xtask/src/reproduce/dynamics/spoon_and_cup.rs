@@ -4,12 +4,12 @@ use palpate::glam::{DQuat, DVec3};
 use palpate::{IntegratorKind, Object, Pose, Scene, Settings};
 use palpate_tests::first_touch;
 
-use super::rendering::{Session, Trace, path};
 use super::{
     ANGULAR_STIFFNESS, CONTACT, COUPLING, COUPLING_STIFFNESS, DEPTH, DEVIATION, angular_damping, most, plot,
     root_mean_square, table,
 };
 use crate::reproduce::outcome::{Finding, Reproduction};
+use crate::reproduce::rendering::{Session, Trace, path};
 
 /// A session's method, mass (kg) and contact stiffness (N/m).
 type Setup = (&'static str, IntegratorKind, f64, f64);

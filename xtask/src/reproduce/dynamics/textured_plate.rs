@@ -4,9 +4,9 @@ use palpate::glam::DVec3;
 use palpate::{Object, Pose, Scene, Settings, TextureDerivatives, TextureSettings};
 use palpate_tests::{ridged_plate, smooth};
 
-use super::rendering::{Sample, Session, Trace, path};
 use super::{COUPLING, DEPTH, plot, table};
 use crate::reproduce::outcome::{Finding, Reproduction};
+use crate::reproduce::rendering::{Sample, Session, Trace, path};
 
 /// Height of the ridges and their distance, m; the dissertation does not tell the latter.
 const HEIGHT: f64 = 8e-3;

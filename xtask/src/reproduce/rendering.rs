@@ -8,6 +8,8 @@ use palpate::{HapticRenderer, Object, Pose, Record, Scene, Settings};
 /// One step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
+    /// What was recorded of it.
+    pub record: Record,
     /// s.
     pub time: f64,
     /// ‖x_h − x_c‖: between the device's handle and the point of the object that it holds, m.
@@ -61,12 +63,21 @@ impl Trace {
 }
 
 impl Session<'_> {
+    /// With an emulated device whose hand means to follow a path.
+    ///
+    /// # Errors
+    /// If the session cannot be started.
+    pub fn emulate(&self, intended: MotionPath) -> Result<Trace, String> {
+        let device = Emulation::default().open(intended).map_err(|error| error.to_string())?;
+        self.run(Box::new(device))
+    }
+
     /// With the device that moves along a path, whatever force it is sent.
     ///
     /// # Errors
     /// If the session cannot be started.
     pub fn replay(&self, path: MotionPath) -> Result<Trace, String> {
-        self.run(Box::new(ReplayDevice::new("recorded", path)), |_| {})
+        self.run(Box::new(ReplayDevice::new("recorded", path)))
     }
 
     /// The path of an emulated device's handle whose hand means to follow a path.
@@ -74,18 +85,15 @@ impl Session<'_> {
     /// # Errors
     /// If the session cannot be started.
     pub fn record(&self, intended: MotionPath) -> Result<MotionPath, String> {
-        let device = Emulation::default().open(intended).map_err(|error| error.to_string())?;
-        let mut keyframes = Vec::new();
-        self.run(Box::new(device), |record| {
-            // A hundred a second, as recordings on file are.
-            if ((record.time * 1000.0).round() as u64).is_multiple_of(10) {
-                keyframes.push(Keyframe { time: record.time, pose: record.device });
-            }
-        })?;
+        // A hundred a second, as recordings on file are.
+        let kept = |sample: &&Sample| ((sample.time * 1000.0).round() as u64).is_multiple_of(10);
+        let trace = self.emulate(intended)?;
+        let keyframe = |sample: &Sample| Keyframe { time: sample.time, pose: sample.record.device };
+        let keyframes = trace.samples.iter().filter(kept).map(keyframe).collect();
         MotionPath::new(keyframes, Interpolation::Smooth).map_err(|error| error.to_string())
     }
 
-    fn run(&self, device: Box<dyn HapticDevice>, mut each: impl FnMut(&Record)) -> Result<Trace, String> {
+    fn run(&self, device: Box<dyn HapticDevice>) -> Result<Trace, String> {
         let Self { probe, scene, settings, contact_rate, frozen, seconds } = self;
         let grasp = settings.grasp.unwrap_or(Pose::from_translation(probe.clod.source.center_of_mass));
         let renderer = HapticRenderer::new((*probe).clone(), (*scene).clone(), device, *settings);
@@ -107,10 +115,10 @@ impl Session<'_> {
                 waiting.push_back(update);
             }
             let record = haptic.step_device(device.as_mut(), now + period, period);
-            each(&record);
             // The device's frame stands for the mesh's.
             let (held, handle) = (record.object * grasp, record.handle * grasp);
             samples.push(Sample {
+                record,
                 time: record.time,
                 deviation: held.translation.distance(handle.translation),
                 turn: held.rotation_vector_to(&handle).length(),

@@ -1,0 +1,316 @@
+//! How interlocking relief is felt (§4.5.2): a ridged block dragged over a gear (Fig. 4.14), and turned on another block
+//! (Fig. 4.15).
+
+use std::f64::consts::{FRAC_PI_2, TAU};
+use std::ops::ControlFlow;
+
+use palpate::glam::{DQuat, DVec3};
+use palpate::models::Model;
+use palpate::texture_pd::BakeOptions;
+use palpate::{Object, Pose, Scene, Settings, TextureSettings};
+use palpate_report::{Curve, Figure, draw};
+use palpate_tests::smooth;
+
+use super::outcome::{Finding, Reproduction};
+use super::rendering::{Sample, Session, Trace, path};
+use crate::stability::page::{Table, row};
+
+/// Distance of ridges and of teeth, height of the block, and where the gear's rim is, m.
+const PITCH: f64 = 8e-3;
+const HEIGHT: f64 = 0.036;
+const RIM: f64 = 0.0306;
+const CONTACT_RATE: f64 = 500.0;
+/// When the block is pressed down, has gone across the teeth, and along them, s.
+const DRAGGING: [f64; 3] = [0.9, 3.0, 4.0];
+/// Teeth that it is dragged over.
+const TEETH: f64 = 2.5;
+/// When the block lies and is turned, and the end, s.
+const TURNING: [f64; 2] = [1.2, 3.2];
+
+/// A built-in model as a coarse mesh of so many triangles, with its detail as a texture or without.
+fn object(model: Model, coarse: usize, detail: bool) -> Result<Object, String> {
+    let generate = |triangles| model.generate(triangles).map_err(|error| error.to_string());
+    let (full, mesh) = (generate(model.default_triangles())?, generate(coarse)?);
+    if !detail {
+        return Object::model(&format!("{}@{coarse}", model.name())).map_err(|error| error.to_string());
+    }
+    let options = BakeOptions { texel: 4e-4, reach: None, crease: 0.6 };
+    let baked = Object::detailed(model.name(), &mesh, &full, &options, &mut |_| ControlFlow::Continue(()));
+    Ok(baked.map_err(|error| error.to_string())?.0)
+}
+
+fn rendered(
+    probe: &Object,
+    scene: Scene,
+    half_size: f64,
+    seconds: f64,
+    pose: impl Fn(f64) -> Pose,
+) -> Result<Trace, String> {
+    let textures = TextureSettings { half_size: Some(half_size), ..TextureSettings::default() };
+    let settings = Settings { tolerance: Some(2e-4), textures, ..Settings::default() };
+    let session =
+        Session { probe, scene: &scene, settings, contact_rate: CONTACT_RATE, frozen: false, seconds };
+    session.emulate(path(seconds + 0.2, pose)?)
+}
+
+/// What dragging showed.
+#[derive(Clone, Debug, PartialEq)]
+struct Dragged {
+    /// Largest contact force along and across the teeth, N.
+    along: f64,
+    across: f64,
+    /// How far the block goes up and down, m, and how often it goes up.
+    rise: f64,
+    climbs: usize,
+    /// Of the force upwards and the height, and of the force across and how far the block is ahead of an even motion.
+    correlations: [f64; 2],
+    stable: bool,
+}
+
+impl Dragged {
+    fn of(trace: &Trace) -> Self {
+        let [pressed, across, _] = DRAGGING;
+        let largest = trace.samples.iter().filter(|sample| sample.time > pressed);
+        let largest = largest.fold(DVec3::ZERO, |most, sample| most.max(sample.record.contact.force.abs()));
+        let moving: Vec<&Sample> =
+            trace.samples.iter().filter(|sample| sample.time > pressed && sample.time < across).collect();
+        let height = |sample: &Sample| sample.record.object.translation.z;
+        let (low, high) = moving.iter().fold((f64::MAX, f64::MIN), |(low, high), sample| {
+            (low.min(height(sample)), high.max(height(sample)))
+        });
+        let above: Vec<bool> = moving.iter().map(|sample| height(sample) > 0.5 * (low + high)).collect();
+        let pairs = |value: &dyn Fn(&Sample) -> (f64, f64)| -> f64 {
+            correlation(&moving.iter().map(|sample| value(sample)).collect::<Vec<_>>())
+        };
+        let (first, last) = (place(moving.first()), place(moving.last()));
+        // The way across is that of an even motion, and what it is ahead of that.
+        let even = |time: f64| first.y + (last.y - first.y) * (time - pressed) / (across - pressed);
+        let ahead = |sample: &Sample| sample.record.object.translation.y - even(sample.time);
+        Self {
+            along: largest.x,
+            across: largest.y,
+            rise: high - low,
+            climbs: above.windows(2).filter(|pair| !pair[0] && pair[1]).count(),
+            correlations: [
+                pairs(&|sample| (sample.record.contact.force.z, height(sample))),
+                pairs(&|sample| (sample.record.contact.force.y, ahead(sample))),
+            ],
+            stable: trace.is_stable(),
+        }
+    }
+
+    fn is_as_claimed(&self) -> bool {
+        self.stable
+            && self.along < 0.02 * self.across
+            && self.across > 0.3
+            && self.rise > 1e-3
+            && (self.climbs as f64 - TEETH).abs() <= 1.0
+            && self.correlations.iter().all(|correlation| correlation.abs() > 0.5)
+    }
+}
+
+fn place(sample: Option<&&Sample>) -> DVec3 {
+    sample.map_or(DVec3::ZERO, |sample| sample.record.object.translation)
+}
+
+/// Down onto the gear, across its teeth, and along them and back.
+fn drag(detail: bool) -> Result<(Dragged, Trace), String> {
+    let upright = Pose::new(DVec3::ZERO, DQuat::from_rotation_y(FRAC_PI_2));
+    let scene = Scene::new().with(object(Model::Gear, 1600, detail)?, upright);
+    let [_, across, end] = DRAGGING;
+    let trace = rendered(&object(Model::Block, 300, detail)?, scene, 0.016, end, |time| {
+        let sideways = TEETH * PITCH * smooth(0.8, across, time);
+        let along = 0.006 * (TAU * smooth(across, end, time)).sin();
+        let height = 0.5 * HEIGHT + RIM + 0.006 - 0.009 * smooth(0.2, 0.8, time);
+        Pose::from_translation(DVec3::new(along, sideways, height))
+    })?;
+    Ok((Dragged::of(&trace), trace))
+}
+
+/// What turning showed.
+#[derive(Clone, Debug, PartialEq)]
+struct Turned {
+    /// How far the block was turned, rad, and how far it had risen there, m.
+    angle: f64,
+    risen: f64,
+    /// Of its height and the angle.
+    correlation: f64,
+    /// Whether the torque opposed wherever it was turned by more than half of that.
+    opposed: bool,
+    stable: bool,
+}
+
+impl Turned {
+    fn of(trace: &Trace) -> Self {
+        let [begun, _] = TURNING;
+        let angle = |sample: &Sample| sample.record.object.rotation.to_scaled_axis().z;
+        let height = |sample: &Sample| sample.record.object.translation.z;
+        let mut before = trace.samples.iter().filter(|sample| sample.time < begun - 0.05);
+        let rest = before.next_back().map_or(f64::NAN, height);
+        let turning: Vec<&Sample> = trace.samples.iter().filter(|sample| sample.time > begun).collect();
+        let furthest = turning.iter().max_by(|a, b| angle(a).abs().total_cmp(&angle(b).abs()));
+        let (most, risen) =
+            furthest.map_or((0.0, 0.0), |sample| (angle(sample).abs(), height(sample) - rest));
+        let pairs: Vec<(f64, f64)> =
+            turning.iter().map(|sample| (angle(sample).abs(), height(sample))).collect();
+        let far = |sample: &&&Sample| angle(sample).abs() > 0.5 * most;
+        let opposes = |sample: &&Sample| sample.record.coupling.torque.z * angle(sample) < 0.0;
+        Self {
+            angle: most,
+            risen,
+            correlation: correlation(&pairs),
+            opposed: turning.iter().filter(far).all(opposes),
+            stable: trace.is_stable(),
+        }
+    }
+
+    fn is_as_claimed(&self) -> bool {
+        self.stable && self.angle > 5e-3 && self.risen > 5e-5 && self.correlation > 0.9 && self.opposed
+    }
+}
+
+/// A block that lies on another one, ridges in grooves, is turned to and fro.
+fn turn(detail: bool) -> Result<(Turned, Trace), String> {
+    let block = object(Model::Block, 300, detail)?;
+    let scene = Scene::new().with(block.clone(), Pose::IDENTITY);
+    let [begun, end] = TURNING;
+    let trace = rendered(&block, scene, 0.05, end, |time| {
+        let place = DVec3::Z * (HEIGHT + 0.004 - 0.007 * smooth(0.3, 1.0, time));
+        let angle = 0.15 * (TAU * ((time - begun) / (end - begun)).clamp(0.0, 1.0)).sin();
+        Pose::new(place, DQuat::from_rotation_z(angle))
+    })?;
+    Ok((Turned::of(&trace), trace))
+}
+
+fn correlation(pairs: &[(f64, f64)]) -> f64 {
+    let count = pairs.len() as f64;
+    let (x, y) = pairs.iter().fold((0.0, 0.0), |(x, y), pair| (x + pair.0 / count, y + pair.1 / count));
+    let product = |f: fn(f64, f64) -> f64| pairs.iter().map(|p| f(p.0 - x, p.1 - y)).sum::<f64>();
+    product(|a, b| a * b) / (product(|a, _| a * a) * product(|_, b| b * b)).sqrt()
+}
+
+/// What is plotted over time: a name and how it is taken.
+type Line = (&'static str, fn(&Sample) -> f64);
+
+fn plot(samples: &[Sample], figures: &[(&str, &[Line])]) -> Result<String, String> {
+    let figure = |(axis, lines): &(&str, &[Line])| Figure {
+        caption: String::new(),
+        across: "s".to_owned(),
+        axis: (*axis).to_owned(),
+        curves: lines
+            .iter()
+            .map(|(name, value)| Curve {
+                name: (*name).to_owned(),
+                points: samples.iter().map(|sample| (sample.time, value(sample))).collect(),
+            })
+            .collect(),
+    };
+    draw(&figures.iter().map(figure).collect::<Vec<_>>()).map_err(|error| error.to_string())
+}
+
+fn table(name: &str, samples: &[Sample]) -> Table {
+    let rows = samples.iter().map(|sample| {
+        let (pose, force) = (sample.record.object, sample.record.contact.force);
+        let angle = pose.rotation.to_scaled_axis().z;
+        let [place, torque] = [pose.translation, sample.record.coupling.torque];
+        row![sample.time, place.x, place.y, place.z, angle, force.x, force.y, force.z, torque.z]
+    });
+    let columns =
+        ["t", "x_m", "y_m", "z_m", "angle_rad", "force_x_n", "force_y_n", "force_z_n", "torque_z_nm"];
+    Table { name: name.to_owned(), columns: columns.to_vec(), rows: rows.collect() }
+}
+
+/// Repeats the translation.
+///
+/// # Errors
+/// If it cannot be rendered or drawn.
+pub fn translation(name: &str) -> Result<Reproduction, String> {
+    let (found, trace) = drag(true)?;
+    Ok(Reproduction {
+        finding: Finding {
+            claim: "Dragged over the teeth of a gear, a ridged block moves up and down in steps, feels almost nothing along the ridges, and \
+                    forces are correlated with the motion."
+                .to_owned(),
+            measured: format!(
+                "The force along the teeth is up to {:.4} N, {:.2} % of that across ({:.2} N); the block goes up {} times where it is \
+                 dragged over {TEETH} teeth, by {:.2} mm; force upwards and height correlate by {:.2}, force across and how far the block is ahead of an even motion by {:.2}.",
+                found.along,
+                100.0 * found.along / found.across,
+                found.across,
+                found.climbs,
+                1e3 * found.rise,
+                found.correlations[0],
+                found.correlations[1]
+            ),
+            condition: "The force along the teeth is less than 2 % of that across, which is more than 0.3 N; the block goes up and down by \
+                        more than 1 mm, once a tooth, give or take one; force upwards and height, and force across and how far the block is ahead of an even motion, correlate by more than 0.5 either way."
+                .to_owned(),
+            holds: found.is_as_claimed(),
+        },
+        table: table(name, &trace.samples),
+        plot: plot(
+            &trace.samples,
+            &[
+                ("height over the lowest, mm", &[("z", |sample| 1e3 * (sample.record.object.translation.z - 0.5 * HEIGHT - RIM + PITCH))]),
+                (
+                    "contact force, N",
+                    &[
+                        ("along the teeth", |sample| sample.record.contact.force.x.abs()),
+                        ("across", |sample| sample.record.contact.force.y.abs()),
+                        ("up", |sample| sample.record.contact.force.z.abs()),
+                    ],
+                ),
+            ],
+        )?,
+    })
+}
+
+/// Repeats the rotation.
+///
+/// # Errors
+/// If it cannot be rendered or drawn.
+pub fn rotation(name: &str) -> Result<Reproduction, String> {
+    let (found, trace) = turn(true)?;
+    Ok(Reproduction {
+        finding: Finding {
+            claim: "A ridged block that is turned on another one rises as soon as it is turned, and a torque opposes the rotation."
+                .to_owned(),
+            measured: format!(
+                "Turned by {:.2}° it has risen by {:.3} mm; height and angle correlate by {:.3}; the torque {}.",
+                found.angle.to_degrees(),
+                1e3 * found.risen,
+                found.correlation,
+                if found.opposed { "opposes" } else { "does not always oppose" }
+            ),
+            condition: "Turned by more than 5 mrad it has risen by more than 50 µm, height and angle correlate by more than 0.9, and wherever it \
+                        is turned by more than half of the most the torque opposes."
+                .to_owned(),
+            holds: found.is_as_claimed(),
+        },
+        table: table(name, &trace.samples),
+        plot: plot(
+            &trace.samples,
+            &[
+                ("angle, degrees", &[("angle", |sample| sample.record.object.rotation.to_scaled_axis().z.to_degrees().abs())]),
+                ("height over the other block, mm", &[("z", |sample| 1e3 * (sample.record.object.translation.z - HEIGHT + PITCH))]),
+            ],
+        )?,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn relief_is_what_makes_the_block_climb_and_rise() {
+        let (dragged, _) = drag(true).unwrap();
+        assert!(dragged.is_as_claimed(), "{dragged:?}");
+        let (turned, _) = turn(true).unwrap();
+        assert!(turned.is_as_claimed(), "{turned:?}");
+        let (smooth, _) = drag(false).unwrap();
+        assert!(!smooth.is_as_claimed(), "{smooth:?}");
+        let (smooth, _) = turn(false).unwrap();
+        assert!(!smooth.is_as_claimed(), "{smooth:?}");
+    }
+}
