@@ -4,7 +4,9 @@
 //! as SVG, and prints a table of verdicts, or with `--json` a list of them. A verdict is computed from a stated condition.
 
 mod dynamics;
+mod levels;
 mod outcome;
+mod queries;
 mod relief;
 mod rendering;
 mod roughness;
@@ -33,6 +35,15 @@ pub struct Arguments {
 #[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
 enum Name {
     All,
+    /// Hierarchies of the benchmark models.
+    #[value(name = "table-3.2")]
+    Table3_2,
+    /// Contact queries of moving jaws.
+    #[value(name = "fig-3.15")]
+    Figure3_15,
+    /// Contact queries of a golf club and ball.
+    #[value(name = "fig-3.16")]
+    Figure3_16,
     /// Roughness by probe diameter.
     #[value(name = "fig-4.8")]
     Figure4_8,
@@ -66,7 +77,10 @@ enum Name {
 }
 
 impl Name {
-    const EACH: [Self; 10] = [
+    const EACH: [Self; 13] = [
+        Self::Table3_2,
+        Self::Figure3_15,
+        Self::Figure3_16,
         Self::Figure4_8,
         Self::Figure4_9,
         Self::Figure4_10,
@@ -81,6 +95,9 @@ impl Name {
 
     fn reproduce(self) -> Result<Reproduction, String> {
         match self {
+            Self::Table3_2 => levels::benchmark_models(&self.word()),
+            Self::Figure3_15 => queries::jaws(&self.word()),
+            Self::Figure3_16 => queries::golf(&self.word()),
             Self::Figure4_8 => roughness::reproduce(&roughness::probe_diameter(), &self.word()),
             Self::Figure4_9 => roughness::reproduce(&roughness::applied_force(), &self.word()),
             Self::Figure4_10 => roughness::reproduce(&roughness::exploratory_speed(), &self.word()),

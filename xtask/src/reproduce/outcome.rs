@@ -25,6 +25,8 @@ pub struct Finding {
 pub struct Reproduction {
     pub finding: Finding,
     pub table: Table,
+    /// Times, which are others each time.
+    pub timing: Option<Table>,
     /// SVG document.
     pub plot: String,
 }
@@ -36,6 +38,7 @@ impl Reproduction {
     /// If a file cannot be written.
     pub fn write(&self, folder: &Path, name: &str) -> Result<(), String> {
         self.table.write(folder)?;
+        self.timing.iter().try_for_each(|timing| timing.write(folder))?;
         let path = folder.join(format!("{name}.svg"));
         std::fs::write(&path, &self.plot).map_err(|error| format!("cannot write {}: {error}", path.display()))
     }

@@ -182,7 +182,8 @@ fn turn(detail: bool) -> Result<(Turned, Trace), String> {
     Ok((Turned::of(&trace), trace))
 }
 
-fn correlation(pairs: &[(f64, f64)]) -> f64 {
+/// The correlation of pairs of values.
+pub fn correlation(pairs: &[(f64, f64)]) -> f64 {
     let count = pairs.len() as f64;
     let (x, y) = pairs.iter().fold((0.0, 0.0), |(x, y), pair| (x + pair.0 / count, y + pair.1 / count));
     let product = |f: fn(f64, f64) -> f64| pairs.iter().map(|p| f(p.0 - x, p.1 - y)).sum::<f64>();
@@ -248,6 +249,7 @@ pub fn translation(name: &str) -> Result<Reproduction, String> {
             holds: found.is_as_claimed(),
         },
         table: table(name, &trace.samples),
+        timing: None,
         plot: plot(
             &trace.samples,
             &[
@@ -288,6 +290,7 @@ pub fn rotation(name: &str) -> Result<Reproduction, String> {
             holds: found.is_as_claimed(),
         },
         table: table(name, &trace.samples),
+        timing: None,
         plot: plot(
             &trace.samples,
             &[

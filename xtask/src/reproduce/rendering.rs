@@ -2,7 +2,9 @@
 
 use std::collections::VecDeque;
 
-use palpate::device::{Emulation, HapticDevice, Interpolation, Keyframe, MotionPath, ReplayDevice};
+use palpate::device::{
+    Emulation, HapticDevice, IntendedPath, Interpolation, Keyframe, MotionPath, ReplayDevice,
+};
 use palpate::{HapticRenderer, Object, Pose, Record, Scene, Settings};
 
 /// One step.
@@ -67,7 +69,7 @@ impl Session<'_> {
     ///
     /// # Errors
     /// If the session cannot be started.
-    pub fn emulate(&self, intended: MotionPath) -> Result<Trace, String> {
+    pub fn emulate(&self, intended: impl Into<IntendedPath>) -> Result<Trace, String> {
         let device = Emulation::default().open(intended).map_err(|error| error.to_string())?;
         self.run(Box::new(device))
     }

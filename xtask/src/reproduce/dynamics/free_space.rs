@@ -156,6 +156,7 @@ pub fn reproduce(name: &str) -> Result<Reproduction, String> {
             holds: found.is_as_claimed(),
         },
         table: table(name, &sessions),
+        timing: None,
         plot: plot("Free space (Fig. 5.6)", &sessions, &[DEVIATION, COUPLING])?,
     })
 }

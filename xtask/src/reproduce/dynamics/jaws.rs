@@ -141,6 +141,7 @@ pub fn reproduce(name: &str) -> Result<Reproduction, String> {
             holds: found.is_as_claimed(),
         },
         table: table(name, &sessions),
+        timing: None,
         plot: plot("Jaws (Fig. 5.10)", &sessions, &[DEPTH, DEVIATION, COUPLING])?,
     })
 }

@@ -97,6 +97,7 @@ pub fn reproduce(name: &str) -> Result<Reproduction, String> {
             holds: found.is_as_claimed(),
         },
         table: Table { name: name.to_owned(), columns: vec!["deviation_m", "force_n"], rows: rows.collect() },
+        timing: None,
         plot: draw(&[figure]).map_err(|error| error.to_string())?,
     })
 }

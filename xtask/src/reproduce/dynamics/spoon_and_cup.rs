@@ -146,6 +146,7 @@ pub fn reproduce(name: &str) -> Result<Reproduction, String> {
             holds: found.is_as_claimed(),
         },
         table: table(name, &sessions),
+        timing: None,
         plot: plot("Spoon and cup (Fig. 5.8)", &sessions, &[DEPTH, DEVIATION, CONTACT, COUPLING])?,
     })
 }

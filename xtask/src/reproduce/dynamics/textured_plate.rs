@@ -158,6 +158,7 @@ pub fn reproduce(name: &str) -> Result<Reproduction, String> {
             holds: found.is_as_claimed(),
         },
         table: table(name, &sessions),
+        timing: None,
         plot: plot("Textured plate (Fig. 5.12)", &sessions, &[DEPTH, COUPLING])?,
     })
 }

@@ -122,6 +122,7 @@ pub fn reproduce(study: &Study, name: &str) -> Result<Reproduction, String> {
             holds,
         },
         table: table(study, name, &sweep, &hands, &swept),
+        timing: None,
         plot: plot(study, reference)?,
     })
 }

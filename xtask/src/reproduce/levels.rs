@@ -1,0 +1,163 @@
+//! What hierarchies of contact levels of detail are made of: Table 3.2 (§3.5.1), and coarse models of Table 4.1 (§4.5).
+
+use std::ops::ControlFlow;
+
+use palpate::models::Model;
+use palpate::{Object, OpenOptions};
+use palpate_report::{Curve, LogAxis, LogPlot, Table32, draw_log_log};
+
+use super::outcome::{Finding, Reproduction};
+use crate::stability::page::{Table, row};
+
+/// The models of Table 3.2.
+const BENCHMARK: [Model; 8] = [
+    Model::LowerJaw,
+    Model::UpperJaw,
+    Model::BallJointBall,
+    Model::BallJointSocket,
+    Model::GolfClub,
+    Model::GolfBall,
+    Model::Cup,
+    Model::Spoon,
+];
+/// The most triangles and patches of a coarsest level in Table 3.2, and its least and most levels.
+const COARSEST: (u32, u32) = (1532, 256);
+const LEVELS: (u32, u32) = (14, 18);
+/// How many times as many there may be here: the models are others of the same size.
+const MARGIN: f64 = 1.5;
+
+fn open(name: &str) -> Result<Object, String> {
+    let opened = Object::open(name, &OpenOptions::default(), &mut |_, _| ControlFlow::Continue(()));
+    Ok(opened.map_err(|error| error.to_string())?.0)
+}
+
+/// Whether a hierarchy is like the dissertation's of the same model: as large, simplified as far, in as many levels.
+fn is_alike(ours: &Table32, theirs: &Table32) -> bool {
+    let within = |ours: u32, most: u32| f64::from(ours) <= MARGIN * f64::from(most);
+    let size = f64::from(ours.original_triangles) / f64::from(theirs.original_triangles);
+    (0.95..1.05).contains(&size)
+        && within(ours.simplified_triangles, COARSEST.0)
+        && within(ours.simplified_patches, COARSEST.1)
+        && f64::from(ours.levels) * MARGIN >= f64::from(LEVELS.0)
+        && within(ours.levels, LEVELS.1)
+        && ours.finest_resolution.is_some_and(|finest| finest > 2.0 * ours.coarsest_resolution)
+}
+
+/// Repeats Table 3.2.
+///
+/// # Errors
+/// If a model cannot be built, or the plot not be drawn.
+pub fn benchmark_models(name: &str) -> Result<Reproduction, String> {
+    let mut rows = Vec::new();
+    let mut curves = Vec::new();
+    let mut alike = Vec::new();
+    let mut words = Vec::new();
+    for model in BENCHMARK {
+        let object = open(model.name())?;
+        let (ours, theirs) = (Table32::of(&object.clod), Table32::published(model).ok_or("no such row")?);
+        for (whose, of) in [("palpate", ours), ("dissertation", theirs)] {
+            let Table32 {
+                original_triangles,
+                original_patches,
+                simplified_triangles,
+                simplified_patches,
+                ..
+            } = of;
+            let finest = of.finest_resolution.unwrap_or(f64::NAN);
+            rows.push(row![
+                model.name(),
+                whose,
+                original_triangles,
+                original_patches,
+                simplified_triangles,
+                simplified_patches,
+                finest,
+                of.coarsest_resolution,
+                of.free_levels,
+                of.levels
+            ]);
+        }
+        let levels = object.clod.levels.iter().filter(|level| !level.free);
+        let radius = object.bounding_radius();
+        let mut points: Vec<(f64, f64)> =
+            levels.skip(1).map(|level| (level.resolution * radius, f64::from(level.triangles))).collect();
+        points.reverse();
+        curves.push(Curve { name: model.name().to_owned(), points });
+        alike.push(is_alike(&ours, &theirs));
+        words.push(format!(
+            "{} {} ({}) triangles, {} ({}) patches, {} ({}) levels",
+            model.name(),
+            ours.simplified_triangles,
+            theirs.simplified_triangles,
+            ours.simplified_patches,
+            theirs.simplified_patches,
+            ours.levels,
+            theirs.levels
+        ));
+    }
+    // At most as many curves as there are colours: the ball joint's halves are alike.
+    curves.retain(|curve| !["ball-joint-socket", "upper-jaw"].contains(&curve.name.as_str()));
+    let plot = LogPlot {
+        title: "Levels of the benchmark models (Table 3.2)".to_owned(),
+        x: LogAxis {
+            name: "resolution times radius".to_owned(),
+            marks: vec![5.0, 10.0, 20.0, 50.0, 100.0, 200.0],
+        },
+        y: LogAxis { name: "triangles".to_owned(), marks: vec![100.0, 1e3, 1e4, 1e5] },
+        curves,
+    };
+    let columns = vec![
+        "model",
+        "of",
+        "original_triangles",
+        "original_patches",
+        "simplified_triangles",
+        "simplified_patches",
+        "finest_resolution",
+        "coarsest_resolution",
+        "free_levels",
+        "levels",
+    ];
+    Ok(Reproduction {
+        finding: Finding {
+            claim: "Models of 40,180 to 177,876 triangles are simplified to coarsest levels of 122 to 1,532 triangles and 8 to 256 convex \
+                    patches, in 14 to 18 levels."
+                .to_owned(),
+            measured: format!(
+                "Coarsest levels, in brackets the dissertation's: {}. The models are generated, of the same size and similar shape: its own \
+                 are not published.",
+                words.join("; ")
+            ),
+            condition: format!(
+                "Each model has as many triangles, give or take 5 %; its coarsest level that is not free has at most {MARGIN} times 1,532 \
+                 triangles and 256 patches; levels are 14 to 18, give or take as much; and resolution falls by more than half."
+            ),
+            holds: alike.iter().all(|alike| *alike),
+        },
+        table: Table { name: name.to_owned(), columns, rows },
+        timing: None,
+        plot: draw_log_log(&plot).map_err(|error| error.to_string())?,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_hierarchy_that_is_not_simplified_is_told() {
+        let object = open("spoon").unwrap();
+        let (ours, theirs) = (Table32::of(&object.clod), Table32::published(Model::Spoon).unwrap());
+        assert!(is_alike(&ours, &theirs), "{ours:?}");
+        // As its own finest level, and as a flat list of patches.
+        let Table32 { original_triangles, original_patches, .. } = ours;
+        let unsimplified = Table32 {
+            simplified_triangles: original_triangles,
+            simplified_patches: original_patches,
+            ..ours
+        };
+        assert!(!is_alike(&unsimplified, &theirs));
+        assert!(!is_alike(&Table32 { levels: 2, ..ours }, &theirs));
+        assert!(!is_alike(&Table32 { finest_resolution: None, ..ours }, &theirs));
+    }
+}
