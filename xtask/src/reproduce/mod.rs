@@ -1,11 +1,12 @@
 //! The dissertation's experiments, repeated: what it claims, what we measure, and whether the claim holds.
 //!
 //! `cargo xtask reproduce [NAME…|all] [--json] [--out FOLDER]` writes for each figure its values as CSV and a plot of them
-//! as SVG, and prints a table of verdicts, or with `--json` a list of them. A verdict is computed from a stated condition.
+//! as SVG, all of it as one page, `index.html`, and prints a table of verdicts, or with `--json` a list of them. A verdict is computed from a stated condition.
 
 mod dynamics;
 mod levels;
 mod outcome;
+mod page;
 mod queries;
 mod relief;
 mod rendering;
@@ -117,12 +118,12 @@ impl Name {
         self.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
     }
 
-    fn run(self, out: &Path) -> Result<Outcome, String> {
+    fn run(self, out: &Path) -> Result<(Outcome, String), String> {
         let start = Instant::now();
         let name = self.word();
         let reproduction = self.reproduce().map_err(|error| format!("{name}: {error}"))?;
         reproduction.write(out, &name)?;
-        Ok(Outcome::new(name, reproduction.finding, start.elapsed().as_secs_f64()))
+        Ok((Outcome::new(name, reproduction.finding, start.elapsed().as_secs_f64()), reproduction.plot))
     }
 }
 
@@ -135,12 +136,22 @@ pub fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
         .map_err(|error| format!("cannot create the folder {}: {error}", arguments.out.display()))?;
     let all = arguments.names.contains(&Name::All);
     let names = Name::EACH.into_iter().filter(|name| all || arguments.names.contains(name));
-    let outcomes = names.map(|name| name.run(&arguments.out)).collect::<Result<Vec<_>, _>>()?;
+    let (outcomes, plots): (Vec<_>, Vec<_>) =
+        names.map(|name| name.run(&arguments.out)).collect::<Result<Vec<_>, _>>()?.into_iter().unzip();
+    let page = arguments.out.join("index.html");
+    std::fs::write(&page, page::html(&outcomes, &plots, &command(arguments)))
+        .map_err(|error| format!("cannot write {}: {error}", page.display()))?;
     if arguments.json {
         println!("{}", serde_json::to_string_pretty(&outcomes)?);
     } else {
         print!("{}", outcome::table(&outcomes));
-        println!("Values and plots: {}", arguments.out.display());
+        println!("Values, plots and a page of all: {}", page.display());
     }
     Ok(())
+}
+
+/// The command that makes the same files.
+fn command(arguments: &Arguments) -> String {
+    let names = arguments.names.iter().map(|name| name.word());
+    std::iter::once("cargo xtask reproduce".to_owned()).chain(names).collect::<Vec<_>>().join(" ")
 }

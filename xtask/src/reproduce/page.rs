@@ -1,0 +1,82 @@
+//! All outcomes with their plots as one HTML document that needs no other file.
+
+use std::fmt::Write as _;
+
+use super::outcome::Outcome;
+
+/// The document: outcomes in order, with the plot (SVG) of each, the command that made them and the machine that it ran on.
+pub fn html(outcomes: &[Outcome], plots: &[String], command: &str) -> String {
+    let (mut rows, mut sections) = (String::new(), String::new());
+    for (outcome, plot) in outcomes.iter().zip(plots) {
+        let Outcome { name, claim, measured, condition, verdict, seconds } = outcome;
+        let [claim, measured, condition] = [claim, measured, condition].map(|text| escaped(text));
+        let class = if *verdict == "holds" { "holds" } else { "short" };
+        let _ = writeln!(
+            rows,
+            "<tr><td><a href=\"#{name}\">{name}</a></td><td class=\"{class}\">{verdict}</td><td>{claim}</td><td>{seconds:.1} s</td></tr>"
+        );
+        let _ = writeln!(
+            sections,
+            "<section id=\"{name}\"><h2>{name}: <span class=\"{class}\">{verdict}</span></h2><dl><dt>Claim</dt><dd>{claim}</dd>\
+             <dt>Condition</dt><dd>{condition}</dd><dt>Measured</dt><dd>{measured}</dd></dl>{plot}</section>"
+        );
+    }
+    let (command, machine) = (escaped(command), escaped(&machine()));
+    let held = outcomes.iter().filter(|outcome| outcome.verdict == "holds").count();
+    format!(
+        "<!doctype html>\n<html lang=\"en\"><meta charset=\"utf-8\"><title>palpate: the dissertation, repeated</title>\n<style>\
+         body{{font:15px/1.45 sans-serif;max-width:72em;margin:2em auto;padding:0 1em;color:#1c2733}}\
+         table{{border-collapse:collapse}}td{{border-top:1px solid #d5dde5;padding:.3em .8em .3em 0;vertical-align:top}}\
+         dt{{font-weight:bold}}dd{{margin:0 0 .5em}}.holds{{color:#1a7f37}}.short{{color:#b35900}}svg{{max-width:100%;height:auto}}\
+         </style>\n<h1>The dissertation, repeated</h1>\n\
+         <p>M. A. Otaduy, <em>6-DoF Haptic Rendering Using Contact Levels of Detail and Haptic Textures</em>, 2004. {held} of {} claims \
+         hold. Every verdict is computed from the condition beside it. Made by <code>{command}</code> on {machine}. Values lie beside this \
+         page as CSV; those of behaviour are the same each time, times are not.</p>\n<table>{rows}</table>\n{sections}</html>\n",
+        outcomes.len()
+    )
+}
+
+/// Processor, number of threads, and system.
+fn machine() -> String {
+    let described = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let model = described.lines().find_map(|line| line.strip_prefix("model name")?.split_once(": "));
+    let model = model.map_or("a processor that is not named", |(_, model)| model.trim());
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let build = if cfg!(debug_assertions) { "debug assertions on" } else { "release" };
+    format!("{model}, {threads} threads, {} {}, {build}", std::env::consts::OS, std::env::consts::ARCH)
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reproduce::outcome::Finding;
+
+    #[test]
+    fn every_outcome_is_on_the_page_with_its_plot() {
+        let outcome = |name: &str, holds| {
+            let finding =
+                Finding { claim: format!("{name} < 1"), measured: "2".into(), condition: "so".into(), holds };
+            Outcome::new(name.to_owned(), finding, 1.0)
+        };
+        let plots = ["<svg>one</svg>".to_owned(), "<svg>two</svg>".to_owned()];
+        let page =
+            html(&[outcome("fig-1", true), outcome("fig-2", false)], &plots, "cargo xtask reproduce all");
+        for said in [
+            "id=\"fig-1\"",
+            "fig-2 &lt; 1",
+            "<svg>one</svg>",
+            "<svg>two</svg>",
+            "1 of 2 claims",
+            "falls short",
+            "cargo xtask",
+        ] {
+            assert!(page.contains(said), "{said}\n{page}");
+        }
+        // Nothing is fetched from elsewhere.
+        assert!(!page.contains("src=") && !page.contains("http"), "{page}");
+    }
+}
