@@ -45,6 +45,9 @@ enum Name {
     /// Contact queries of a golf club and ball.
     #[value(name = "fig-3.16")]
     Figure3_16,
+    /// Full and coarse resolution of the textured models.
+    #[value(name = "table-4.1")]
+    Table4_1,
     /// Roughness by probe diameter.
     #[value(name = "fig-4.8")]
     Figure4_8,
@@ -60,6 +63,9 @@ enum Name {
     /// A ridged block turned on another.
     #[value(name = "fig-4.15")]
     Figure4_15,
+    /// Time that a file on a CAD part takes.
+    #[value(name = "fig-4.16")]
+    Figure4_16,
     /// Non-linear coupling stiffness.
     #[value(name = "fig-5.4")]
     Figure5_4,
@@ -78,15 +84,17 @@ enum Name {
 }
 
 impl Name {
-    const EACH: [Self; 13] = [
+    const EACH: [Self; 15] = [
         Self::Table3_2,
         Self::Figure3_15,
         Self::Figure3_16,
+        Self::Table4_1,
         Self::Figure4_8,
         Self::Figure4_9,
         Self::Figure4_10,
         Self::Figure4_14,
         Self::Figure4_15,
+        Self::Figure4_16,
         Self::Figure5_4,
         Self::Figure5_6,
         Self::Figure5_8,
@@ -99,11 +107,13 @@ impl Name {
             Self::Table3_2 => levels::benchmark_models(&self.word()),
             Self::Figure3_15 => queries::jaws(&self.word()),
             Self::Figure3_16 => queries::golf(&self.word()),
+            Self::Table4_1 => levels::textured_models(&self.word()),
             Self::Figure4_8 => roughness::reproduce(&roughness::probe_diameter(), &self.word()),
             Self::Figure4_9 => roughness::reproduce(&roughness::applied_force(), &self.word()),
             Self::Figure4_10 => roughness::reproduce(&roughness::exploratory_speed(), &self.word()),
             Self::Figure4_14 => relief::translation(&self.word()),
             Self::Figure4_15 => relief::rotation(&self.word()),
+            Self::Figure4_16 => relief::timing(&self.word()),
             Self::Figure5_4 => dynamics::saturation::reproduce(&self.word()),
             Self::Figure5_6 => dynamics::free_space::reproduce(&self.word()),
             Self::Figure5_8 => dynamics::spoon_and_cup::reproduce(&self.word()),

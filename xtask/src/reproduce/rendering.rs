@@ -1,6 +1,7 @@
 //! Sessions on a simulated clock, by the motion of a device that was recorded before.
 
 use std::collections::VecDeque;
+use std::time::Instant;
 
 use palpate::device::{
     Emulation, HapticDevice, IntendedPath, Interpolation, Keyframe, MotionPath, ReplayDevice,
@@ -26,6 +27,17 @@ pub struct Sample {
     pub depth: f64,
 }
 
+/// One contact step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Query {
+    /// When it was, s.
+    pub time: f64,
+    /// How many clustered contacts it found.
+    pub clusters: usize,
+    /// How long it took, s: another time each time.
+    pub took: f64,
+}
+
 /// A session.
 #[derive(Clone, Debug)]
 pub struct Session<'a> {
@@ -43,6 +55,7 @@ pub struct Session<'a> {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trace {
     pub samples: Vec<Sample>,
+    pub queries: Vec<Query>,
     /// Steps without a finite solution.
     pub refused: u64,
 }
@@ -103,14 +116,17 @@ impl Session<'_> {
         let period = 1.0 / settings.rate;
         let every = (settings.rate / contact_rate).round().max(1.0) as usize;
         let mut waiting = VecDeque::new();
-        let mut samples = Vec::new();
+        let (mut samples, mut queries) = (Vec::new(), Vec::new());
         for step in 0..(seconds * settings.rate).round() as usize {
             let now = step as f64 * period;
             if step % every == 0 {
                 if let Some(update) = waiting.pop_front() {
                     haptic.update_contacts(&update);
                 }
+                let begun = Instant::now();
                 let mut update = contact.step(haptic.body_state(), now);
+                let took = begun.elapsed().as_secs_f64();
+                queries.push(Query { time: now, clusters: update.model.constraints().len(), took });
                 if *frozen {
                     update.model = update.model.frozen(haptic.body_state());
                 }
@@ -130,7 +146,7 @@ impl Session<'_> {
                 depth: record.depth,
             });
         }
-        Ok(Trace { samples, refused: haptic.telemetry().events.step_refused })
+        Ok(Trace { samples, queries, refused: haptic.telemetry().events.step_refused })
     }
 }
 
