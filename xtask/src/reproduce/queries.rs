@@ -268,12 +268,12 @@ mod tests {
     #[test]
     fn fronts_are_smaller_for_what_is_left_out() {
         let (probe, scene) =
-            (Object::model("ellipsoid@500").unwrap(), Object::model("golf-ball@5000").unwrap());
+            (Object::model("ellipsoid@500").unwrap(), Object::model("golf-ball@20000").unwrap());
         let poses = tapping(&probe, &scene, &GOLF).unwrap();
         let [exact, coarse] =
-            [0.0, 0.03].map(|error| Profile::of(&probe, &scene, &poses, error * scene.bounding_radius()));
+            [0.0, 0.05].map(|error| Profile::of(&probe, &scene, &poses, error * scene.bounding_radius()));
         let found = Found::of(&exact, &coarse);
-        assert!(found.correlation > 0.5 && found.smaller > 1.5, "{found:?}");
+        assert!(found.correlation > 0.5 && found.smaller > 1.1, "{found:?}");
         let same = Found::of(&exact, &exact);
         assert!((same.correlation - 1.0).abs() < 1e-9 && !same.is_as_claimed(&GOLF), "{same:?}");
         let away: Vec<Pose> =
