@@ -9,6 +9,7 @@ pub(super) mod hd;
 #[cfg(feature = "haption")]
 pub(super) mod virtuose;
 
+use std::error::Error as _;
 use std::ffi::{CStr, c_char};
 use std::path::{Path, PathBuf};
 
@@ -49,7 +50,8 @@ impl Library {
                 Ok(library) => {
                     return Ok(Self { library: Box::leak(Box::new(library)), file: file.clone(), place });
                 }
-                Err(error) => reasons.push(error.to_string()),
+                // What the system says stands behind the error that says so.
+                Err(error) => reasons.push(error.source().map_or(error.to_string(), ToString::to_string)),
             }
         }
         let looked_for: Vec<String> = names.iter().map(|file| format!("`{}`", file.display())).collect();
