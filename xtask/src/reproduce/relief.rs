@@ -383,7 +383,7 @@ pub fn translation(name: &str) -> Result<Reproduction, String> {
         plot: plot(
             &trace.samples,
             &[
-                ("height over the lowest, mm", &[("z", |sample| 1e3 * (sample.record.object.translation.z - 0.5 * HEIGHT - RIM + PITCH))]),
+                ("height over a fixed level, mm", &[("z", |sample| 1e3 * (sample.record.object.translation.z - 0.5 * HEIGHT - RIM + PITCH))]),
                 (
                     "contact force, N",
                     &[
@@ -425,7 +425,7 @@ pub fn rotation(name: &str) -> Result<Reproduction, String> {
             &trace.samples,
             &[
                 ("angle, degrees", &[("angle", |sample| sample.record.object.rotation.to_scaled_axis().z.to_degrees().abs())]),
-                ("height over the other block, mm", &[("z", |sample| 1e3 * (sample.record.object.translation.z - HEIGHT + PITCH))]),
+                ("height over a fixed level, mm", &[("z", |sample| 1e3 * (sample.record.object.translation.z - HEIGHT + PITCH))]),
             ],
         )?,
     })

@@ -4,6 +4,8 @@ use palpate::device::MotionPath;
 use palpate::glam::{DQuat, DVec3};
 use palpate::{IntegratorKind, Object, Pose, Scene, Settings};
 
+use palpate_tests::smooth;
+
 use super::{ANGULAR_STIFFNESS, COUPLING, COUPLING_STIFFNESS, DEVIATION, angular_damping, most, plot, table};
 use crate::progress::each;
 use crate::reproduce::outcome::{Finding, Reproduction};
@@ -72,7 +74,7 @@ fn session<'a>(
 fn swing() -> Result<MotionPath, String> {
     path(SECONDS + 0.1, |time| {
         let (a, b, c) = (12.0 * time, 17.0 * time, 7.0 * time);
-        let begun = (time / 0.3).min(1.0).powi(2);
+        let begun = smooth(0.0, 0.4, time);
         let place = DVec3::new(0.1 * a.sin(), 0.07 * b.sin(), 0.08 * (c.cos() - 1.0)) * begun;
         Pose::new(
             place,
