@@ -63,7 +63,7 @@ fn messages_that_are_none_give_none() {
     let mut rng = StdRng::seed_from_u64(95);
     let good = state(0.01).into_bytes();
     let mut read = 0;
-    for _ in 0..50_000 {
+    for _ in 0..1_000_000 {
         let mut bytes = good.clone();
         for _ in 0..rng.random_range(1..6) {
             let at = rng.random_range(0..bytes.len());
