@@ -7,6 +7,7 @@ mod dynamics;
 mod levels;
 mod outcome;
 mod page;
+mod pictures;
 mod queries;
 mod relief;
 mod rendering;
@@ -39,6 +40,9 @@ enum Name {
     /// Hierarchies of the benchmark models.
     #[value(name = "table-3.2")]
     Table3_2,
+    /// Levels of the lower jaw.
+    #[value(name = "fig-3.7")]
+    Figure3_7,
     /// Contact queries of moving jaws.
     #[value(name = "fig-3.15")]
     Figure3_15,
@@ -84,8 +88,9 @@ enum Name {
 }
 
 impl Name {
-    const EACH: [Self; 15] = [
+    const EACH: [Self; 16] = [
         Self::Table3_2,
+        Self::Figure3_7,
         Self::Figure3_15,
         Self::Figure3_16,
         Self::Table4_1,
@@ -105,6 +110,7 @@ impl Name {
     fn reproduce(self) -> Result<Reproduction, String> {
         match self {
             Self::Table3_2 => levels::benchmark_models(&self.word()),
+            Self::Figure3_7 => pictures::levels(&self.word()),
             Self::Figure3_15 => queries::jaws(&self.word()),
             Self::Figure3_16 => queries::golf(&self.word()),
             Self::Table4_1 => levels::textured_models(&self.word()),
