@@ -14,7 +14,7 @@ use palpate::texture_pd::BakeOptions;
 use palpate::{
     ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Settings, Summary, TextureSettings,
 };
-use palpate_tests::smooth;
+use palpate_tests::{correlation, smooth};
 
 /// Distance of ridges and of teeth, height of the block, and where the gear's rim is, m.
 const PITCH: f64 = 8e-3;
@@ -121,11 +121,4 @@ fn block_rises_as_it_is_turned_on_another_and_is_held_back() {
     });
     let tilt = tilt.fold(0.0, f64::max);
     assert!(tilt < 5e-3 && summary.depth_max < 1e-3, "tilted by {tilt}, {} m deep", summary.depth_max);
-}
-
-fn correlation(pairs: &[(f64, f64)]) -> f64 {
-    let count = pairs.len() as f64;
-    let (x, y) = pairs.iter().fold((0.0, 0.0), |(x, y), pair| (x + pair.0 / count, y + pair.1 / count));
-    let product = |f: fn(f64, f64) -> f64| pairs.iter().map(|p| f(p.0 - x, p.1 - y)).sum::<f64>();
-    product(|a, b| a * b) / (product(|a, _| a * a) * product(|_, b| b * b)).sqrt()
 }

@@ -228,11 +228,10 @@ impl<'a> Window<'a> {
     }
 
     /// The picture, and what the mouse does there.
-    fn show_scene(&mut self, ui: &mut Ui, live: &Live, picture: &Picture) {
+    fn show_scene(&mut self, ui: &mut Ui, pose: Pose, picture: &Picture) {
         let size = ui.available_size().max(egui::Vec2::splat(1.0));
         let scale = ui.ctx().pixels_per_point();
         let pixels = [size.x, size.y].map(|side| (side * scale).round().max(1.0) as u32);
-        let pose = live.latest.map_or_else(|| self.place_of_probe(), |record| record.object);
         let probe = (self.probe.clone(), pose);
         let view = self.painter.paint(pixels, &self.camera, &self.scene, &probe, picture);
         self.gpu.renderer.write().update_egui_texture_from_wgpu_texture(
@@ -328,7 +327,7 @@ impl eframe::App for Window<'_> {
             .exact_size(PANEL)
             .show(ui, |ui| self.show_panel(ui, &live, &picture.levels));
         let bare = egui::Frame::NONE;
-        egui::CentralPanel::default().frame(bare).show(ui, |ui| self.show_scene(ui, &live, &picture));
+        egui::CentralPanel::default().frame(bare).show(ui, |ui| self.show_scene(ui, pose, &picture));
 
         let context = ui.ctx();
         if self.shared.running.load(Ordering::Acquire) {

@@ -1,12 +1,10 @@
 //! What hierarchies of contact levels of detail are made of: Table 3.2 (§3.5.1), and coarse models of Table 4.1 (§4.5).
 
-use std::ops::ControlFlow;
-
 use palpate::models::Model;
-use palpate::{Object, OpenOptions};
 use palpate_report::{Curve, LogAxis, LogPlot, Table32, draw_log_log};
 
 use super::outcome::{Finding, Reproduction};
+use super::rendering::open;
 use crate::stability::page::{Table, row};
 
 /// The models of Table 3.2.
@@ -25,11 +23,6 @@ const COARSEST: (u32, u32) = (1532, 256);
 const LEVELS: (u32, u32) = (14, 18);
 /// How many times as many there may be here: the models are others of the same size.
 const MARGIN: f64 = 1.5;
-
-fn open(name: &str) -> Result<Object, String> {
-    let opened = Object::open(name, &OpenOptions::default(), &mut |_, _| ControlFlow::Continue(()));
-    Ok(opened.map_err(|error| error.to_string())?.0)
-}
 
 /// Whether a hierarchy is like the dissertation's of the same model: as large, simplified as far, in as many levels.
 fn is_alike(ours: &Table32, theirs: &Table32) -> bool {
@@ -168,8 +161,7 @@ pub fn textured_models(name: &str) -> Result<Reproduction, String> {
     let (mut rows, mut words, mut curves, mut alike) = (Vec::new(), Vec::new(), Vec::new(), true);
     for (model, theirs, coarse) in TEXTURED {
         let full = model.generate(model.default_triangles()).map_err(|error| error.to_string())?;
-        let object =
-            Object::model(&format!("{}@{coarse}", model.name())).map_err(|error| error.to_string())?;
+        let object = open(&format!("{}@{coarse}", model.name()))?;
         let full = full.triangles().len() as u32;
         let ours = [full, object.clod.source.triangles, object.clod.leaves().len() as u32];
         for (whose, [full, low, patches]) in [("palpate", ours), ("dissertation", theirs)] {

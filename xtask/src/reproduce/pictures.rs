@@ -1,29 +1,22 @@
 //! Levels of the lower jaw as pictures (§3.3.6, Fig. 3.7).
 
 use std::io::Cursor;
-use std::ops::ControlFlow;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use image::{ImageFormat, RgbImage};
 use palpate::core::Clod;
 use palpate::models::Model;
-use palpate::{Object, OpenOptions};
 use palpate_report::{LevelPictures, views};
 
 use super::outcome::{Finding, Reproduction};
+use super::rendering::open;
 use crate::stability::page::{Table, row};
 
 /// Levels that the figure shows.
 const SHOWN: [usize; 5] = [0, 3, 6, 11, 14];
 /// Width of a picture, pixels.
 const WIDTH: u32 = 800;
-
-fn lower_jaw() -> Result<Object, String> {
-    let name = Model::LowerJaw.name();
-    let opened = Object::open(name, &OpenOptions::default(), &mut |_, _| ControlFlow::Continue(()));
-    Ok(opened.map_err(|error| error.to_string())?.0)
-}
 
 /// Whether levels 3 and 6 are made by simplification, and 11 and 14 by merging hulls.
 fn is_completed_by_merging(free: &[bool]) -> bool {
@@ -66,7 +59,7 @@ fn table(name: &str, clod: &Clod) -> Table {
 /// # Errors
 /// If the jaw cannot be built, or a picture not be made.
 pub fn levels(name: &str) -> Result<Reproduction, String> {
-    let jaw = lower_jaw()?;
+    let jaw = open(Model::LowerJaw.name())?;
     let free: Vec<bool> = jaw.clod.levels.iter().map(|level| level.free).collect();
     let first = free.iter().position(|free| *free).unwrap_or(free.len());
     Ok(Reproduction {

@@ -3,18 +3,18 @@
 //!
 //! As there, a penalty k(δ + d) acts at each cluster of the contacts found, without a coupling between.
 
-use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::Instant;
 
 use palpate::collide::{Clustering, ContactQuery, QuerySettings};
 use palpate::device::{Interpolation, MotionPath, Task};
 use palpate::glam::DVec3;
-use palpate::{Object, OpenOptions, Pose, Scene, Settings, explore};
+use palpate::{Object, Pose, Scene, Settings, explore};
 use palpate_report::{Curve, Figure, draw};
+use palpate_tests::correlation;
 
 use super::outcome::{Finding, Reproduction};
-use super::rendering::Session;
+use super::rendering::{Session, open};
 use crate::stability::page::{Table, row};
 
 /// Contact clusters (§5.5.1).
@@ -101,7 +101,7 @@ impl Found {
             touching(&exact.force).into_iter().zip(touching(&coarse.force)).collect();
         let ratio = |of: fn(&Profile) -> &[f64]| median(touching(of(exact))) / median(touching(of(coarse)));
         Self {
-            correlation: super::relief::correlation(&pairs),
+            correlation: correlation(&pairs),
             faster: ratio(|profile| &profile.time),
             smaller: ratio(|profile| &profile.front),
         }
@@ -181,11 +181,6 @@ impl Benchmark {
     fn radius(&self, probe: &Object, scene: &Object) -> f64 {
         if self.of_scene { scene.bounding_radius() } else { probe.bounding_radius() }
     }
-}
-
-fn open(name: &str) -> Result<Object, String> {
-    let opened = Object::open(name, &OpenOptions::default(), &mut |_, _| ControlFlow::Continue(()));
-    Ok(opened.map_err(|error| error.to_string())?.0)
 }
 
 fn reproduce(

@@ -10,10 +10,10 @@ use palpate::models::Model;
 use palpate::texture_pd::BakeOptions;
 use palpate::{Object, Pose, Scene, Settings, TextureSettings, explore};
 use palpate_report::{Curve, Figure, draw};
-use palpate_tests::smooth;
+use palpate_tests::{correlation, smooth};
 
 use super::outcome::{Finding, Reproduction};
-use super::rendering::{Query, Sample, Session, Trace, path};
+use super::rendering::{Query, Sample, Session, Trace, open, path};
 use crate::stability::page::{Table, row};
 
 /// Distance of ridges and of teeth, height of the block, and where the gear's rim is, m.
@@ -33,7 +33,7 @@ fn object(model: Model, coarse: usize, detail: bool) -> Result<Object, String> {
     let generate = |triangles| model.generate(triangles).map_err(|error| error.to_string());
     let (full, mesh) = (generate(model.default_triangles())?, generate(coarse)?);
     if !detail {
-        return Object::model(&format!("{}@{coarse}", model.name())).map_err(|error| error.to_string());
+        return open(&format!("{}@{coarse}", model.name()));
     }
     let options = BakeOptions { texel: 4e-4, reach: None, crease: 0.6 };
     let baked = Object::detailed(model.name(), &mesh, &full, &options, &mut |_| ControlFlow::Continue(()));
@@ -181,14 +181,6 @@ fn turn(detail: bool) -> Result<(Turned, Trace), String> {
         Pose::new(place, DQuat::from_rotation_z(angle))
     })?;
     Ok((Turned::of(&trace), trace))
-}
-
-/// The correlation of pairs of values.
-pub fn correlation(pairs: &[(f64, f64)]) -> f64 {
-    let count = pairs.len() as f64;
-    let (x, y) = pairs.iter().fold((0.0, 0.0), |(x, y), pair| (x + pair.0 / count, y + pair.1 / count));
-    let product = |f: fn(f64, f64) -> f64| pairs.iter().map(|p| f(p.0 - x, p.1 - y)).sum::<f64>();
-    product(|a, b| a * b) / (product(|a, _| a * a) * product(|_, b| b * b)).sqrt()
 }
 
 /// What a file that scrapes a CAD part takes.

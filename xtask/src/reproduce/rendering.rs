@@ -150,6 +150,14 @@ impl Session<'_> {
     }
 }
 
+/// A built-in model by its name, with its hierarchy.
+///
+/// # Errors
+/// If there is no such model.
+pub fn open(name: &str) -> Result<Object, String> {
+    Object::model(name).map_err(|error| error.to_string())
+}
+
 /// A path of so many seconds, a hundred poses in each.
 ///
 /// # Errors

@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use super::SdkCodec;
 use super::motion::SdkMotion;
-use crate::link::{Found, Link, TransportError};
+use super::{SdkCodec, SdkState};
+use crate::link::{Found, LONGEST_REPORT, Link, TransportError};
 use crate::{Axes, DeviceError, Emulation, HapticDevice, Specification};
 
 /// How long a round waits for the numbers.
@@ -80,6 +80,17 @@ impl Failures {
         self.0 = if outcome.is_some() { 0 } else { self.0.saturating_add(1) };
         outcome.ok_or(if self.0 < FAILURES { TransportError::Failed } else { TransportError::Disconnected })
     }
+}
+
+/// What calls told, as a report: its length.
+pub(super) fn tell(
+    state: Option<SdkState>,
+    failures: &mut Failures,
+    report: &mut [u8; LONGEST_REPORT],
+) -> Result<usize, TransportError> {
+    let state = failures.judge(state)?.to_report();
+    report[..state.len()].copy_from_slice(&state);
+    Ok(state.len())
 }
 
 #[cfg(test)]

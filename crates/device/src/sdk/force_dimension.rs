@@ -6,7 +6,7 @@
 
 use std::time::{Duration, Instant};
 
-use super::connection::{Address, Failures, open as open_with, specification};
+use super::connection::{Address, Failures, open as open_with, specification, tell};
 use super::foreign::dhd::Device;
 use super::foreign::{Library, Place};
 use super::orientation::orientation;
@@ -126,10 +126,7 @@ impl Transport for Calls {
         if !self.pace.wait(patience) {
             return Ok(0);
         }
-        let state = self.state();
-        let state = self.reads.judge(state)?.to_report();
-        report[..state.len()].copy_from_slice(&state);
-        Ok(state.len())
+        tell(self.state(), &mut self.reads, report)
     }
 
     fn write(&mut self, report: &[u8]) -> Result<(), TransportError> {

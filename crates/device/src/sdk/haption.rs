@@ -11,7 +11,7 @@
 use std::ffi::CString;
 use std::time::Duration;
 
-use super::connection::{Address, Failures, open as open_with, specification};
+use super::connection::{Address, Failures, open as open_with, specification, tell};
 use super::foreign::virtuose::Device;
 use super::foreign::{Library, Place};
 use super::pace::Pace;
@@ -110,10 +110,7 @@ impl Transport for Calls {
         if !self.pace.wait(patience) {
             return Ok(0);
         }
-        let state = self.state();
-        let state = self.reads.judge(state)?.to_report();
-        report[..state.len()].copy_from_slice(&state);
-        Ok(state.len())
+        tell(self.state(), &mut self.reads, report)
     }
 
     fn write(&mut self, report: &[u8]) -> Result<(), TransportError> {

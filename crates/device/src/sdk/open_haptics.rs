@@ -10,7 +10,7 @@
 use std::ffi::CString;
 use std::time::{Duration, Instant};
 
-use super::connection::{Address, Failures, open as open_with, specification};
+use super::connection::{Address, Failures, open as open_with, specification, tell};
 use super::foreign::hd::{Device, Frame, Model};
 use super::foreign::{Library, Place};
 use super::orientation::orientation;
@@ -102,9 +102,7 @@ impl Transport for Frames {
             }
         };
         let state = (!frame.failed).then(|| told(&frame));
-        let state = self.failures.judge(state)?.to_report();
-        report[..state.len()].copy_from_slice(&state);
-        Ok(state.len())
+        tell(state, &mut self.failures, report)
     }
 
     fn write(&mut self, report: &[u8]) -> Result<(), TransportError> {

@@ -9,7 +9,7 @@ use palpate_tests::smooth;
 use super::{ANGULAR_STIFFNESS, COUPLING, COUPLING_STIFFNESS, DEVIATION, angular_damping, most, plot, table};
 use crate::progress::each;
 use crate::reproduce::outcome::{Finding, Reproduction};
-use crate::reproduce::rendering::{Session, Trace, path};
+use crate::reproduce::rendering::{Session, Trace, open, path};
 use crate::stability::grid::{logarithmic, pairs};
 
 /// N·s/m: little, so that the spring carries the body; the dissertation does not tell it.
@@ -92,7 +92,7 @@ pub fn find(
     methods: &[(&str, IntegratorKind); 3],
     masses: usize,
 ) -> Result<(Found, [Trace; 3]), String> {
-    let spoon = Object::model("spoon-low").map_err(|error| error.to_string())?;
+    let spoon = open("spoon-low")?;
     let damping = angular_damping(&spoon)?;
     let scene = Scene::new();
     let swing = swing()?;
@@ -127,7 +127,7 @@ pub fn reproduce(name: &str) -> Result<Reproduction, String> {
     let names = MASSES.map(|mass| format!("Backward Euler, {} g", 1e3 * mass));
     let mut sessions: Vec<_> =
         names.iter().map(String::as_str).zip(traces.iter().map(|trace| &*trace.samples)).collect();
-    let (spoon, scene) = (Object::model("spoon-low").map_err(|error| error.to_string())?, Scene::new());
+    let (spoon, scene) = (open("spoon-low")?, Scene::new());
     let damping = angular_damping(&spoon)?;
     let explicit = [1, 2]
         .map(|method| session((&spoon, damping), &scene, MASSES[2], METHODS[method].1).replay(swing()?));

@@ -1,7 +1,7 @@
 //! A spoon pressed onto a cup, by integrator, mass and contact stiffness (§5.5.3, Fig. 5.8).
 
 use palpate::glam::{DQuat, DVec3};
-use palpate::{IntegratorKind, Object, Pose, Scene, Settings};
+use palpate::{IntegratorKind, Pose, Scene, Settings};
 use palpate_tests::first_touch;
 
 use super::{
@@ -9,7 +9,7 @@ use super::{
     root_mean_square, table,
 };
 use crate::reproduce::outcome::{Finding, Reproduction};
-use crate::reproduce::rendering::{Session, Trace, path};
+use crate::reproduce::rendering::{Session, Trace, open, path};
 
 /// A session's method, mass (kg) and contact stiffness (N/m).
 type Setup = (&'static str, IntegratorKind, f64, f64);
@@ -74,7 +74,6 @@ impl Found {
 /// # Errors
 /// If a session cannot be run.
 fn find(setups: &[Setup; 3]) -> Result<(Found, [Trace; 3]), String> {
-    let open = |name| Object::model(name).map_err(|error: palpate::OpenError| error.to_string());
     let (spoon, cup) = (open("spoon-low")?, open("cup-low")?);
     let damping = angular_damping(&spoon)?;
     let touch = first_touch(&spoon, &cup);

@@ -1,12 +1,12 @@
 //! A probe with a round tip on a plate with ridges 8 mm high, to the right and faster back (§5.5.4, Fig. 5.12).
 
 use palpate::glam::DVec3;
-use palpate::{Object, Pose, Scene, Settings, TextureDerivatives, TextureSettings};
+use palpate::{Pose, Scene, Settings, TextureDerivatives, TextureSettings};
 use palpate_tests::{ridged_plate, smooth};
 
 use super::{COUPLING, DEPTH, plot, table};
 use crate::reproduce::outcome::{Finding, Reproduction};
-use crate::reproduce::rendering::{Sample, Session, Trace, path};
+use crate::reproduce::rendering::{Sample, Session, Trace, open, path};
 
 /// Height of the ridges and their distance, m; the dissertation does not tell the latter.
 const HEIGHT: f64 = 8e-3;
@@ -88,7 +88,6 @@ fn peaks(values: &[f64]) -> usize {
 
 /// On ridges of a height (m), and on the flat plate.
 fn find(height: f64) -> Result<(Found, [Trace; 2]), String> {
-    let open = |name| Object::model(name).map_err(|error: palpate::OpenError| error.to_string());
     let (stylus, flat) = (open("stylus")?, Scene::new().with(open("plate")?, Pose::IDENTITY));
     let ridges = if height > 0.0 {
         Scene::new().with(ridged_plate(height, SPACING), Pose::IDENTITY)
