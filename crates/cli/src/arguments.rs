@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Parser, Subcommand};
+use palpate::device::Task;
 use palpate::{IntegratorKind, OpenOptions, Settings, TextureSettings};
 
 use crate::textures::Detail;
@@ -28,6 +29,8 @@ pub enum Command {
     Inspect(InspectArguments),
     /// Replay a trajectory of a probe and time the contact queries
     Query(QueryArguments),
+    /// Pick settings that keep contact steps within a time, and say what accuracy they buy
+    Recommend(Box<RecommendArguments>),
     /// Render: feel a probe touching a scene through a device
     Run(Box<RunArguments>),
     /// Render behind a window that shows what touches where; the mouse moves the emulated hand
@@ -230,11 +233,49 @@ pub struct RunArguments {
     #[command(flatten)]
     pub physics: Physics,
     #[command(flatten)]
+    pub resolution: Resolution,
+    #[command(flatten)]
     pub textures: Textures,
     #[command(flatten)]
     pub reading: Reading,
     #[command(flatten)]
     pub json: Json,
+}
+
+#[derive(Args)]
+#[command(allow_negative_numbers = true)] // Refused with a reason, not for looking like an option.
+pub struct RecommendArguments {
+    /// The object in the hand: mesh file, .clod file or built-in model
+    pub probe: String,
+    /// The object that it touches
+    pub scene: String,
+    /// What an emulated hand does with the probe meanwhile: explore, press, stroke, scrub, tap or peg-insertion
+    #[arg(long, value_name = "NAME", conflicts_with = "trajectory", value_parser = task)]
+    pub task: Option<Task>,
+    /// Poses of the probe that the hand means it to take: CSV with the header t,px,py,pz,qx,qy,qz,qw
+    #[arg(long, value_name = "T.csv")]
+    pub trajectory: Option<PathBuf>,
+    /// How long the hand moves the probe, s
+    #[arg(long, default_value_t = 3.0, value_name = "S")]
+    pub seconds: f64,
+    /// Time that a contact step may take, microseconds [default: the haptic period]
+    #[arg(long, value_name = "N")]
+    pub budget_us: Option<f64>,
+    #[command(flatten)]
+    pub physics: Physics,
+    #[command(flatten)]
+    pub textures: Textures,
+    #[command(flatten)]
+    pub reading: Reading,
+    #[command(flatten)]
+    pub json: Json,
+}
+
+fn task(text: &str) -> Result<Task, String> {
+    Task::named(text).ok_or_else(|| {
+        let names: Vec<&str> = Task::ALL.iter().map(|(name, _)| *name).collect();
+        format!("give one of {}", names.join(", "))
+    })
 }
 
 /// Haptic textures: fine detail that is felt from images.
@@ -261,6 +302,9 @@ pub struct Textures {
     /// How far around a contact detail is felt, m [default: as far as the grid resolves the texture]
     #[arg(long, value_name = "R")]
     texture_reach: Option<f64>,
+    /// Texels along a side of the grid on which a textured contact is looked at [default: 50]
+    #[arg(long, value_name = "N")]
+    texture_grid: Option<u32>,
 }
 
 impl Textures {
@@ -281,7 +325,36 @@ impl Textures {
     }
 
     pub fn settings(&self) -> TextureSettings {
-        TextureSettings { half_size: self.texture_reach, ..TextureSettings::default() }
+        let default = TextureSettings::default();
+        let grid = self.texture_grid.unwrap_or(default.grid);
+        TextureSettings { half_size: self.texture_reach, grid, ..default }
+    }
+}
+
+/// How much detail contact queries look at.
+#[derive(Args)]
+pub struct Resolution {
+    /// Leave out detail whose error, averaged over the area of contact, is no more than this: metres, or a percentage of
+    /// the probe's radius such as 2.5% [default: full resolution]
+    #[arg(long, value_name = "S0")]
+    error: Option<Length>,
+    /// Let forces jump where the level of detail changes, which takes a little less time
+    #[arg(long)]
+    no_interpolation: bool,
+    /// Microseconds that a contact query may take: what detail does not fit in is left out [default: no limit]
+    #[arg(long, value_name = "N")]
+    budget_us: Option<f64>,
+}
+
+impl Resolution {
+    /// These in the settings for a probe of the given bounding radius, m.
+    pub fn applied_to(&self, settings: Settings, radius: f64) -> Settings {
+        Settings {
+            error: self.error.map_or(0.0, |error| error.metres(radius)),
+            interpolation: !self.no_interpolation,
+            query_budget: self.budget_us.map(|us| 1e-6 * us),
+            ..settings
+        }
     }
 }
 
@@ -318,10 +391,6 @@ pub struct Physics {
     /// Distance at which contact begins: metres, or a percentage of the probe's radius [default: 1%]
     #[arg(long, value_name = "D")]
     tolerance: Option<Length>,
-    /// Leave out detail whose error, averaged over the area of contact, is no more than this: metres, or a percentage of
-    /// the probe's radius such as 2.5% [default: full resolution]
-    #[arg(long, value_name = "S0")]
-    error: Option<Length>,
     /// Number of contact clusters, 1 to 16 [default: 5]
     #[arg(long)]
     clusters: Option<usize>,
@@ -344,6 +413,11 @@ pub struct Physics {
 }
 
 impl Physics {
+    /// The rate of the haptic loop that was given, Hz.
+    pub fn rate(&self) -> Option<f64> {
+        self.rate
+    }
+
     /// The settings for a probe of the given bounding radius, m.
     pub fn settings(&self, radius: f64) -> Settings {
         let default = Settings::default();
@@ -362,7 +436,6 @@ impl Physics {
             angular_stiffness: self.angular_stiffness,
             angular_damping: self.angular_damping,
             tolerance: self.tolerance.map(|tolerance| tolerance.metres(radius)),
-            error: self.error.map_or(default.error, |error| error.metres(radius)),
             clusters: self.clusters.unwrap_or(default.clusters),
             integrator: self.integrator.unwrap_or(default.integrator),
             ..default

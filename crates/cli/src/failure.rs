@@ -61,5 +61,6 @@ from_error!(
     palpate::device::PathError,
     palpate::models::ModelError,
     palpate::clod_build::BuildError,
+    palpate_measure::MeasureError,
     palpate_report::PlotError
 );

@@ -9,6 +9,7 @@ mod models;
 mod output;
 mod progress;
 mod query;
+mod recommend;
 mod run;
 mod textures;
 
@@ -28,6 +29,7 @@ fn main() -> ExitCode {
         Command::Build(arguments) => hierarchy::build(&arguments),
         Command::Inspect(arguments) => hierarchy::inspect(&arguments),
         Command::Query(arguments) => query::run(&arguments),
+        Command::Recommend(arguments) => recommend::run(&arguments),
         Command::Run(arguments) => run::run(&arguments),
         #[cfg(feature = "view")]
         Command::View(arguments) => run::view(&arguments),

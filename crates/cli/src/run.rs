@@ -62,10 +62,9 @@ fn render(arguments: &RunArguments, window: Option<Window>) -> Result<(), Failur
     let probe = textures::open(&arguments.probe, &arguments.textures.of_probe(), &options)?;
     let object = textures::open(&arguments.scene, &arguments.textures.of_scene(), &options)?;
     let scene = Scene::new().with(object, Pose::IDENTITY);
-    let settings = Settings {
-        textures: arguments.textures.settings(),
-        ..arguments.physics.settings(probe.bounding_radius())
-    };
+    let radius = probe.bounding_radius();
+    let settings = Settings { textures: arguments.textures.settings(), ..arguments.physics.settings(radius) };
+    let settings = arguments.resolution.applied_to(settings, radius);
     settings.check().map_err(RendererError::from)?;
     let mapping = DeviceMapping::new(settings.workspace_scale, settings.device_frame);
     let (device, steering) = if window.is_some() {

@@ -768,3 +768,41 @@ mod streams {
         }
     }
 }
+
+/// What is recommended renders as it is printed, fits where it is said to, and leaves detail out only for want of time.
+#[test]
+fn settings_are_recommended_that_run_takes() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    let pair = ["ellipsoid@500", "golf-ball@5000"];
+    let recommend = |budget: &str| {
+        let options = ["--budget-us", budget, "--seconds", "1.5", "--rate", "500", "--json"];
+        json(&[["recommend"].as_slice(), &pair, &options].concat(), folder)
+    };
+    let easy = recommend("100000");
+    assert_eq!(easy["chosen"]["fits"], true);
+    assert_eq!(easy["chosen"]["felt"]["force"]["mean"], 0.0, "{}", easy["chosen"]);
+    assert_eq!(easy["command"], "palpate run ellipsoid@500 golf-ball@5000 --rate 500");
+    let hard = recommend("1");
+    assert_eq!(hard["chosen"]["fits"], false, "{}", hard["chosen"]);
+    let tried = hard["tried"].as_array().expect("a list");
+    assert!(tried.len() > 5 && tried.iter().any(|one| one["felt"]["force"]["mean"].as_f64() > Some(0.0)));
+
+    let command = hard["command"].as_str().expect("words").to_owned();
+    let mut words: Vec<&str> = command.split(' ').skip(1).collect();
+    words.extend(["--lockstep", "--seconds", "0.1"]);
+    succeeds(&words, folder);
+
+    let table = succeeds(&["recommend", pair[0], pair[1], "--task", "press", "--seconds", "1"], folder);
+    assert!(table.contains("recommended") && table.contains("->"), "{table}");
+    for (refused, said) in [
+        (["--task", "juggle"], "peg-insertion"),
+        (["--budget-us", "0"], "microseconds"),
+        (["--seconds", "-1"], "give more than 0"),
+    ] {
+        let output = palpate(&[["recommend"].as_slice(), &pair, &refused].concat(), folder);
+        assert!(!output.status.success(), "{refused:?}");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert!(stderr.contains(said), "{refused:?}: {stderr}");
+    }
+}

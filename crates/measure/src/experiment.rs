@@ -1,4 +1,4 @@
-//! Sessions on a simulated clock, by the motion of a device that was recorded before.
+//! Sessions on a simulated clock of which everything is kept.
 
 use std::collections::VecDeque;
 use std::time::Instant;
@@ -6,7 +6,10 @@ use std::time::Instant;
 use palpate::device::{
     Emulation, HapticDevice, IntendedPath, Interpolation, Keyframe, MotionPath, ReplayDevice,
 };
+use palpate::dynamics::BodyState;
 use palpate::{HapticRenderer, Object, Pose, Record, Scene, Settings};
+
+use crate::error::MeasureError;
 
 /// One step.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,30 +35,43 @@ pub struct Sample {
 pub struct Query {
     /// When it was, s.
     pub time: f64,
+    /// The state of the grasped object that it saw.
+    pub body: BodyState,
     /// How many clustered contacts it found.
     pub clusters: usize,
     /// How long it took, s: another time each time.
     pub took: f64,
 }
 
-/// A session.
+/// What a session is to be.
 #[derive(Clone, Debug)]
-pub struct Session<'a> {
+pub struct Experiment<'a> {
+    /// The object in the hand.
     pub probe: &'a Object,
+    /// What it touches.
     pub scene: &'a Scene,
+    /// What to render with.
     pub settings: Settings,
     /// Contact queries a second, Hz, each taking its whole period.
     pub contact_rate: f64,
     /// Whether the contact force stays what it was at the state that a query saw, in place of its linear model.
     pub frozen: bool,
+    /// How long it lasts, s.
     pub seconds: f64,
 }
 
 /// What a session showed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trace {
+    /// One a haptic step.
     pub samples: Vec<Sample>,
+    /// One a contact step.
     pub queries: Vec<Query>,
+    /// How long each haptic step took with reading and writing the emulated device, s: other times each time.
+    pub step_times: Vec<f64>,
+    /// Motion of the object up to which it counts as at rest, m: two encoder steps, or as far as friction in the device holds its
+    /// handle off.
+    pub floor: f64,
     /// Steps without a finite solution.
     pub refused: u64,
 }
@@ -77,21 +93,20 @@ impl Trace {
     }
 }
 
-impl Session<'_> {
+impl Experiment<'_> {
     /// With an emulated device whose hand means to follow a path.
     ///
     /// # Errors
     /// If the session cannot be started.
-    pub fn emulate(&self, intended: impl Into<IntendedPath>) -> Result<Trace, String> {
-        let device = Emulation::default().open(intended).map_err(|error| error.to_string())?;
-        self.run(Box::new(device))
+    pub fn emulate(&self, intended: impl Into<IntendedPath>) -> Result<Trace, MeasureError> {
+        self.run(Box::new(Emulation::default().open(intended)?))
     }
 
     /// With the device that moves along a path, whatever force it is sent.
     ///
     /// # Errors
     /// If the session cannot be started.
-    pub fn replay(&self, path: MotionPath) -> Result<Trace, String> {
+    pub fn replay(&self, path: MotionPath) -> Result<Trace, MeasureError> {
         self.run(Box::new(ReplayDevice::new("recorded", path)))
     }
 
@@ -99,24 +114,28 @@ impl Session<'_> {
     ///
     /// # Errors
     /// If the session cannot be started.
-    pub fn record(&self, intended: MotionPath) -> Result<MotionPath, String> {
+    pub fn record(&self, intended: MotionPath) -> Result<MotionPath, MeasureError> {
         // A hundred a second, as recordings on file are.
         let kept = |sample: &&Sample| ((sample.time * 1000.0).round() as u64).is_multiple_of(10);
         let trace = self.emulate(intended)?;
         let keyframe = |sample: &Sample| Keyframe { time: sample.time, pose: sample.record.device };
         let keyframes = trace.samples.iter().filter(kept).map(keyframe).collect();
-        MotionPath::new(keyframes, Interpolation::Smooth).map_err(|error| error.to_string())
+        Ok(MotionPath::new(keyframes, Interpolation::Smooth)?)
     }
 
-    fn run(&self, device: Box<dyn HapticDevice>) -> Result<Trace, String> {
+    fn run(&self, device: Box<dyn HapticDevice>) -> Result<Trace, MeasureError> {
         let Self { probe, scene, settings, contact_rate, frozen, seconds } = self;
         let grasp = settings.grasp.unwrap_or(Pose::from_translation(probe.clod.source.center_of_mass));
-        let renderer = HapticRenderer::new((*probe).clone(), (*scene).clone(), device, *settings);
-        let (mut haptic, mut contact, mut device) = renderer.map_err(|error| error.to_string())?.into_loops();
+        let renderer = HapticRenderer::new((*probe).clone(), (*scene).clone(), device, *settings)?;
+        let (mut haptic, mut contact, mut device) = renderer.into_loops();
+        let specification = device.specification();
+        let friction = specification.handle.as_ref().map_or(0.0, |handle| handle.friction);
+        let floor = settings.workspace_scale
+            * (2.0 * specification.encoder_step).max(2.0 * friction / haptic.coupling().linear_stiffness);
         let period = 1.0 / settings.rate;
         let every = (settings.rate / contact_rate).round().max(1.0) as usize;
         let mut waiting = VecDeque::new();
-        let (mut samples, mut queries) = (Vec::new(), Vec::new());
+        let (mut samples, mut queries, mut step_times) = (Vec::new(), Vec::new(), Vec::new());
         for step in 0..(seconds * settings.rate).round() as usize {
             let now = step as f64 * period;
             if step % every == 0 {
@@ -124,15 +143,18 @@ impl Session<'_> {
                     haptic.update_contacts(&update);
                 }
                 let begun = Instant::now();
-                let mut update = contact.step(haptic.body_state(), now);
+                let body = *haptic.body_state();
+                let mut update = contact.step(&body, now);
                 let took = begun.elapsed().as_secs_f64();
-                queries.push(Query { time: now, clusters: update.model.constraints().len(), took });
+                queries.push(Query { time: now, body, clusters: update.model.constraints().len(), took });
                 if *frozen {
                     update.model = update.model.frozen(haptic.body_state());
                 }
                 waiting.push_back(update);
             }
+            let begun = Instant::now();
             let record = haptic.step_device(device.as_mut(), now + period, period);
+            step_times.push(begun.elapsed().as_secs_f64());
             // The device's frame stands for the mesh's.
             let (held, handle) = (record.object * grasp, record.handle * grasp);
             samples.push(Sample {
@@ -146,27 +168,7 @@ impl Session<'_> {
                 depth: record.depth,
             });
         }
-        Ok(Trace { samples, queries, refused: haptic.telemetry().events.step_refused })
+        let refused = haptic.telemetry().events.step_refused;
+        Ok(Trace { samples, queries, step_times, floor, refused })
     }
-}
-
-/// A built-in model by its name, with its hierarchy.
-///
-/// # Errors
-/// If there is no such model.
-pub fn open(name: &str) -> Result<Object, String> {
-    Object::model(name).map_err(|error| error.to_string())
-}
-
-/// A path of so many seconds, a hundred poses in each.
-///
-/// # Errors
-/// If a pose is out of range.
-pub fn path(seconds: f64, pose: impl Fn(f64) -> Pose) -> Result<MotionPath, String> {
-    let keyframe = |sample: usize| {
-        let time = sample as f64 / 100.0;
-        Keyframe { time, pose: pose(time) }
-    };
-    let keyframes = (0..=(seconds * 100.0).ceil() as usize).map(keyframe).collect();
-    MotionPath::new(keyframes, Interpolation::Smooth).map_err(|error| error.to_string())
 }

@@ -1,8 +1,9 @@
 //! The contact loop (§5.1.2): query the scene at the object's pose, cluster the contacts, linearise their response.
 
 use std::sync::Arc;
+use std::time::Duration;
 
-use palpate_collide::{Cluster, Clustering, ObjectHandle, PatchContact, QuerySettings, SceneQuery};
+use palpate_collide::{Budget, Cluster, Clustering, ObjectHandle, PatchContact, QuerySettings, SceneQuery};
 use palpate_core::glam::DVec3;
 use palpate_core::{Contact, Pose};
 use palpate_dynamics::{
@@ -113,7 +114,7 @@ impl ContactLoop {
         parameters: ContactParameters,
         settings: &Settings,
     ) -> Result<Self, TextureError> {
-        let Settings { error, clusters, braking, proxy, .. } = *settings;
+        let Settings { error, interpolation, query_budget, clusters, braking, proxy, .. } = *settings;
         let radius = probe.bounding_radius() + probe.clod.source.center_of_mass.length();
         let mut query = SceneQuery::new(probe.shape());
         let objects = scene.iter().map(|placed| query.add(placed.object.shape(), &placed.pose)).collect();
@@ -130,7 +131,8 @@ impl ContactLoop {
             objects,
             settings: QuerySettings {
                 error: error.into(),
-                interpolate: error > 0.0,
+                interpolate: interpolation && (error > 0.0 || query_budget.is_some()),
+                budget: query_budget.map(|seconds| Budget::Time(Duration::from_secs_f64(seconds))),
                 ..QuerySettings::new(parameters.tolerance)
             },
             parameters,
@@ -326,6 +328,11 @@ impl ContactLoop {
     /// Contacts of the last step with objects that are not textured, before clustering, world axes.
     pub fn contacts(&self) -> &[PatchContact] {
         &self.contacts
+    }
+
+    /// Memory that the workspaces of its queries hold, besides the objects.
+    pub fn workspace_bytes(&self) -> usize {
+        self.scene.bytes()
     }
 
     /// What was measured so far.

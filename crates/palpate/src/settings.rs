@@ -37,6 +37,12 @@ pub struct Settings {
     /// being no more than this (§3.4.3), and forces go over smoothly from one level of detail to the next. 0, the
     /// default, for full resolution.
     pub error: f64,
+    /// Whether forces go over smoothly from one level of detail to the next, where detail is left out (§3.4.4); without, they
+    /// jump where the level changes, for a little less time.
+    pub interpolation: bool,
+    /// Time that a contact query may take, s: detail that matters most comes first, and what does not fit in is left out
+    /// (§3.4.3). A session on a simulated clock is then not the same each time. None by default.
+    pub query_budget: Option<f64>,
     /// K: how many representative contacts there may be (§5.4.2).
     pub clusters: usize,
     /// Brake the grasped object before it touches what it comes at fast, so that it is not inside or behind it by the time
@@ -90,6 +96,8 @@ impl Default for Settings {
             angular_damping: None,
             tolerance: None,
             error: 0.0,
+            interpolation: true,
+            query_budget: None,
             clusters: 5,
             braking: true,
             proxy: true,
@@ -189,6 +197,7 @@ impl Settings {
             ("angular-damping", self.angular_damping, "N·m·s/rad from 0 to 1e6", 0.0..=1e6),
             ("tolerance", self.tolerance, "metres above 0", f64::MIN_POSITIVE..=f64::MAX),
             ("error", Some(self.error), "metres, 0 or more", 0.0..=f64::MAX),
+            ("query budget", self.query_budget, "seconds from 1e-6 to 10", 1e-6..=10.0),
             ("contact-timeout", Some(self.contact_timeout), "seconds above 0", f64::MIN_POSITIVE..=f64::MAX),
             ("engagement", Some(self.engagement), "seconds from 0 to 10", 0.0..=10.0),
             ("workspace-scale", Some(self.workspace_scale), "a factor from 1e-4 to 1e4", 1e-4..=1e4),

@@ -14,8 +14,9 @@ use palpate_report::{Curve, Figure, draw};
 use palpate_tests::correlation;
 
 use super::outcome::{Finding, Reproduction};
-use super::rendering::{Session, open};
+use super::rendering::open;
 use crate::stability::page::{Table, row};
+use palpate_measure::Experiment;
 
 /// Contact clusters (§5.5.1).
 const CLUSTERS: usize = 5;
@@ -172,8 +173,8 @@ fn tapping(probe: &Object, object: &Object, benchmark: &Benchmark) -> Result<Vec
     let settings =
         Settings { error: benchmark.errors[3] * benchmark.radius(probe, object), ..Settings::default() };
     let session =
-        Session { probe, scene: &scene, settings, contact_rate: 500.0, frozen: false, seconds: 3.0 };
-    let trace = session.emulate(intended)?;
+        Experiment { probe, scene: &scene, settings, contact_rate: 500.0, frozen: false, seconds: 3.0 };
+    let trace = session.emulate(intended).map_err(|error| error.to_string())?;
     Ok(trace.samples.iter().step_by(10).map(|sample| sample.record.object).collect())
 }
 

@@ -13,8 +13,9 @@ use palpate_report::{Curve, Figure, draw};
 use palpate_tests::{correlation, smooth};
 
 use super::outcome::{Finding, Reproduction};
-use super::rendering::{Query, Sample, Session, Trace, open, path};
+use super::rendering::{open, path};
 use crate::stability::page::{Table, row};
+use palpate_measure::{Experiment, Query, Sample, Trace};
 
 /// Distance of ridges and of teeth, height of the block, and where the gear's rim is, m.
 const PITCH: f64 = 8e-3;
@@ -50,8 +51,8 @@ fn rendered(
     let textures = TextureSettings { half_size: Some(half_size), ..TextureSettings::default() };
     let settings = Settings { tolerance: Some(2e-4), textures, ..Settings::default() };
     let session =
-        Session { probe, scene: &scene, settings, contact_rate: CONTACT_RATE, frozen: false, seconds };
-    session.emulate(path(seconds + 0.2, pose)?)
+        Experiment { probe, scene: &scene, settings, contact_rate: CONTACT_RATE, frozen: false, seconds };
+    session.emulate(path(seconds + 0.2, pose)?).map_err(|error| error.to_string())
 }
 
 /// What dragging showed.
@@ -197,8 +198,8 @@ struct Scraped {
 }
 
 impl Scraped {
-    fn of(trace: &Trace) -> Self {
-        let touching: Vec<_> = trace.queries.iter().filter(|query| query.clusters > 0).collect();
+    fn of(queries: &[Query]) -> Self {
+        let touching: Vec<_> = queries.iter().filter(|query| query.clusters > 0).collect();
         let mut times: Vec<f64> = touching.iter().map(|query| query.took).collect();
         times.sort_by(f64::total_cmp);
         let at = |part: f64| {
@@ -243,7 +244,7 @@ fn scrape(detail: bool) -> Result<(Scraped, Trace), String> {
         ..Settings::default()
     };
     let down = 2.0;
-    let session = Session {
+    let session = Experiment {
         probe: &file,
         scene: &scene,
         settings,
@@ -251,8 +252,10 @@ fn scrape(detail: bool) -> Result<(Scraped, Trace), String> {
         frozen: false,
         seconds: down + FRAMES / CONTACT_RATE,
     };
-    let scrubbed =
-        || session.emulate(explore::path(Task::Explore, &file, &scene).map_err(|error| error.to_string())?);
+    let scrubbed = || {
+        let intended = explore::path(Task::Explore, &file, &scene).map_err(|error| error.to_string())?;
+        session.emulate(intended).map_err(|error| error.to_string())
+    };
     let mut trace = scrubbed()?;
     // The same each time, but for other work of the machine.
     for _ in 1..TIMES {
@@ -261,7 +264,7 @@ fn scrape(detail: bool) -> Result<(Scraped, Trace), String> {
         }
     }
     trace.queries.retain(|query| query.time >= down);
-    Ok((Scraped::of(&trace), trace))
+    Ok((Scraped::of(&trace.queries), trace))
 }
 
 /// Repeats the timing.
@@ -425,6 +428,8 @@ pub fn rotation(name: &str) -> Result<Reproduction, String> {
 
 #[cfg(test)]
 mod tests {
+    use palpate::dynamics::BodyState;
+
     use super::*;
 
     /// Times by the number of contacts are as claimed; the same all alike, or too long, or with too few contacts, are not.
@@ -433,9 +438,10 @@ mod tests {
         let found = |took: fn(usize) -> f64, most: usize| {
             let query = |index: usize| {
                 let clusters = index % (most + 1);
-                Query { time: index as f64, clusters, took: took(clusters) }
+                let body = BodyState::at_rest(Pose::IDENTITY);
+                Query { time: index as f64, body, clusters, took: took(clusters) }
             };
-            Scraped::of(&Trace { samples: Vec::new(), queries: (0..500).map(query).collect(), refused: 0 })
+            Scraped::of(&(0..500).map(query).collect::<Vec<_>>())
         };
         assert!(found(|clusters| 1e-4 * clusters as f64, 7).is_as_claimed());
         assert!(!found(|_| 1e-3, 7).is_as_claimed());

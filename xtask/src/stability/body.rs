@@ -5,10 +5,10 @@ use palpate_report::{CellAxis, HeatMap};
 
 use super::geometry::Geometry;
 use super::grid::{Plan, logarithmic, pairs};
-use super::judge::Outcome;
 use super::page::{Picture, Section, Table, Verdict, row};
 use super::rig::{Rig, RigResult, ball};
 use super::{pressing, rig};
+use palpate_measure::Outcome;
 
 /// Observed energy at the port stays above this, J.
 pub const PORT: f64 = -1e-3;

@@ -8,10 +8,10 @@ use palpate_report::{CellAxis, HeatMap};
 use super::body::{MEASURED, all_stable, measured, port};
 use super::geometry::{BLOCK, Geometry};
 use super::grid::{Plan, logarithmic, pairs};
-use super::judge::Outcome;
 use super::page::{Picture, Section, Table, Verdict, row};
 use super::pressing;
 use super::rig::Rig;
+use palpate_measure::Outcome;
 
 /// Mass of the block, kg, and the number of clusters K.
 const MASS: f64 = 0.1;

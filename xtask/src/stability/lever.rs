@@ -8,10 +8,10 @@ use palpate_report::{CellAxis, HeatMap};
 use super::body::{MEASURED, all_stable, measured, port, stable};
 use super::geometry::{BALL, Geometry};
 use super::grid::{Plan, logarithmic, pairs};
-use super::judge::Outcome;
 use super::page::{Picture, Section, Table, row};
 use super::pressing;
 use super::rig::{Rig, RigResult};
+use palpate_measure::Outcome;
 
 /// Mass of the tool, kg.
 const MASS: f64 = 0.1;

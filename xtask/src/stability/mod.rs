@@ -5,10 +5,10 @@
 //! from the results; the same arguments give the same files, whatever the number of threads.
 
 mod body;
+mod conditions;
 mod contacts;
 mod geometry;
 pub mod grid;
-mod judge;
 mod lever;
 mod limits;
 mod meshes;

@@ -11,10 +11,10 @@ use palpate::{ContactTiming, HapticRenderer, Object, Pose, Scene, Settings, Twis
 use palpate_report::{CellAxis, HeatMap};
 
 use super::grid::{Plan, pairs};
-use super::judge::{Outcome, judge};
 use super::meshes;
 use super::metered::Metered;
 use super::page::{Picture, Section, Table, Verdict, row};
+use palpate_measure::{Outcome, judge};
 
 /// The peg's radius and length, and the hole's depth and outer radius, m.
 const RADIUS: f64 = 4e-3;

@@ -5,10 +5,10 @@ use palpate_report::{CellAxis, HeatMap};
 use super::body::{MEASURED, PORT, all_stable, measured, port, stable};
 use super::geometry::Geometry;
 use super::grid::{Plan, logarithmic, pairs};
-use super::judge::Outcome;
 use super::page::{Picture, Section, Table, Verdict, row};
 use super::pressing;
 use super::rig::{Rig, RigResult, ball};
+use palpate_measure::Outcome;
 
 /// Mass of the ball, kg.
 const MASS: f64 = 0.1;

@@ -11,7 +11,7 @@ use palpate::glam::{DMat3, DVec3};
 use palpate::{Contact, Pose};
 
 use super::geometry::{BALL, Geometry};
-use super::judge::{Outcome, judge};
+use palpate_measure::{Outcome, judge};
 
 /// What to simulate.
 #[derive(Clone, Debug)]

@@ -9,7 +9,9 @@ use palpate::device::Hand;
 use palpate::glam::DVec3;
 
 use super::geometry::Geometry;
-use super::judge::{Outcome, SampledWall, judge};
+use palpate_measure::{Outcome, judge};
+
+use super::conditions::SampledWall;
 use super::page::{Entry, Section, Verdict, render};
 use super::rig::{Rig, ball};
 use super::wall::{Motion, Velocity, WallCase};

@@ -8,9 +8,9 @@ use palpate_report::{CellAxis, HeatMap};
 use super::body::{MEASURED, all_stable, measured, port};
 use super::geometry::Geometry;
 use super::grid::{Plan, logarithmic, pairs};
-use super::judge::Outcome;
 use super::page::{Picture, Section, Table, Verdict, row};
 use super::rig::Rig;
+use palpate_measure::Outcome;
 
 /// Moments of inertia of 1 kg of the body, kg·m²: those of a slab of 80 × 50 × 20 mm.
 const MOMENTS: DVec3 = DVec3::new(2.417e-4, 5.667e-4, 7.417e-4);

@@ -9,7 +9,9 @@ use palpate::device::{DeviceError, EmulatedDevice, Emulation, Hand, HapticDevice
 use palpate::glam::{DQuat, DVec3};
 use palpate::{Pose, Twist, Wrench};
 
-use super::judge::{Outcome, SampledWall, judge};
+use palpate_measure::{Outcome, judge};
+
+use super::conditions::SampledWall;
 
 /// Along or about which axis the device meets the wall.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

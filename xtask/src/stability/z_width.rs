@@ -4,9 +4,9 @@ use palpate::device::Hand;
 use palpate_report::{Boundary, CellAxis, HeatMap};
 
 use super::grid::{Plan, logarithmic, pairs};
-use super::judge::Outcome;
 use super::page::{Picture, Section, Table, Verdict, row};
 use super::wall::{Motion, Velocity, WallCase, WallResult};
+use palpate_measure::Outcome;
 
 /// What is varied about the base case, for one picture.
 struct Sweep {

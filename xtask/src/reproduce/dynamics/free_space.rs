@@ -9,8 +9,9 @@ use palpate_tests::smooth;
 use super::{ANGULAR_STIFFNESS, COUPLING, COUPLING_STIFFNESS, DEVIATION, angular_damping, most, plot, table};
 use crate::progress::each;
 use crate::reproduce::outcome::{Finding, Reproduction};
-use crate::reproduce::rendering::{Session, Trace, open, path};
+use crate::reproduce::rendering::{open, path};
 use crate::stability::grid::{logarithmic, pairs};
+use palpate_measure::{Experiment, Trace};
 
 /// N·s/m: little, so that the spring carries the body; the dissertation does not tell it.
 const COUPLING_DAMPING: f64 = 1.0;
@@ -57,7 +58,7 @@ fn session<'a>(
     scene: &'a Scene,
     mass: f64,
     integrator: IntegratorKind,
-) -> Session<'a> {
+) -> Experiment<'a> {
     let settings = Settings {
         mass,
         integrator,
@@ -67,7 +68,7 @@ fn session<'a>(
         angular_damping: Some(damping),
         ..Settings::default()
     };
-    Session { probe: spoon, scene, settings, contact_rate: 1000.0, frozen: false, seconds: SECONDS }
+    Experiment { probe: spoon, scene, settings, contact_rate: 1000.0, frozen: false, seconds: SECONDS }
 }
 
 /// A spoon that is swung about: up to 35 m/s².
@@ -99,15 +100,21 @@ pub fn find(
     let masses = logarithmic(5e-4, 0.2, masses);
     let cases = pairs(methods, &masses);
     let stable = each(name, &cases, |((_, integrator), mass)| {
-        Ok(session((&spoon, damping), &scene, *mass, *integrator).replay(swing.clone())?.is_stable())
+        Ok(session((&spoon, damping), &scene, *mass, *integrator)
+            .replay(swing.clone())
+            .map_err(|error| error.to_string())?
+            .is_stable())
     })?;
     let mut least = [f64::INFINITY; 3];
     for (least, stable) in least.iter_mut().zip(stable.chunks(masses.len())) {
         let unstable = stable.iter().rposition(|stable| !stable);
         *least = masses.get(unstable.map_or(0, |last| last + 1)).copied().unwrap_or(f64::INFINITY);
     }
-    let [one, ten, hundred] =
-        MASSES.map(|mass| session((&spoon, damping), &scene, mass, methods[0].1).replay(swing.clone()));
+    let [one, ten, hundred] = MASSES.map(|mass| {
+        session((&spoon, damping), &scene, mass, methods[0].1)
+            .replay(swing.clone())
+            .map_err(|error| error.to_string())
+    });
     let traces = [one?, ten?, hundred?];
     let largest = |value| traces.each_ref().map(|trace: &Trace| most(&trace.samples, BEGUN..SECONDS, value));
     let found = Found {
@@ -129,8 +136,11 @@ pub fn reproduce(name: &str) -> Result<Reproduction, String> {
         names.iter().map(String::as_str).zip(traces.iter().map(|trace| &*trace.samples)).collect();
     let (spoon, scene) = (open("spoon-low")?, Scene::new());
     let damping = angular_damping(&spoon)?;
-    let explicit = [1, 2]
-        .map(|method| session((&spoon, damping), &scene, MASSES[2], METHODS[method].1).replay(swing()?));
+    let explicit = [1, 2].map(|method| {
+        session((&spoon, damping), &scene, MASSES[2], METHODS[method].1)
+            .replay(swing()?)
+            .map_err(|error| error.to_string())
+    });
     let [runge_kutta, forward] = explicit;
     let (runge_kutta, forward) = (runge_kutta?, forward?);
     sessions.push(("Runge-Kutta IV, 100 g", &runge_kutta.samples));

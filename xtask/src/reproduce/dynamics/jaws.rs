@@ -8,7 +8,8 @@ use palpate_tests::{first_touch, smooth};
 use super::{COUPLING, DEPTH, DEVIATION, most, plot, root_mean_square, table};
 use crate::progress::each;
 use crate::reproduce::outcome::{Finding, Reproduction};
-use crate::reproduce::rendering::{Sample, Session, Trace, path};
+use crate::reproduce::rendering::path;
+use palpate_measure::{Experiment, Sample, Trace};
 
 /// A session: error threshold as part of the radius, rate of queries, Hz, and whether forces are frozen between them.
 type Setup = (&'static str, f64, f64, bool);
@@ -84,7 +85,7 @@ fn find(name: &str, setups: &[Setup], triangles: Option<usize>) -> Result<(Found
         let height = 2e-3 - (2e-3 + PRESS) * down;
         Pose::from_translation(touch + DVec3::new(RUB * phase.sin(), 0.0, height))
     })?;
-    let session = |&(_, error, contact_rate, frozen): &Setup| Session {
+    let session = |&(_, error, contact_rate, frozen): &Setup| Experiment {
         probe: &upper,
         scene: &scene,
         settings: Settings {
@@ -103,8 +104,10 @@ fn find(name: &str, setups: &[Setup], triangles: Option<usize>) -> Result<(Found
         seconds: end,
     };
     // As in the dissertation, with the largest threshold.
-    let recorded = session(&SETUPS[0]).record(intended)?;
-    let traces = each(name, setups, |setup| session(setup).replay(recorded.clone()))?;
+    let recorded = session(&SETUPS[0]).record(intended).map_err(|error| error.to_string())?;
+    let traces = each(name, setups, |setup| {
+        session(setup).replay(recorded.clone()).map_err(|error| error.to_string())
+    })?;
     Ok((Found::of(&traces), traces))
 }
 

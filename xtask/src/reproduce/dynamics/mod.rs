@@ -11,7 +11,7 @@ use palpate::Object;
 use palpate::dynamics::Body;
 use palpate_report::{Curve, Figure, draw};
 
-use super::rendering::Sample;
+use palpate_measure::Sample;
 
 use crate::stability::page::{Table, row};
 

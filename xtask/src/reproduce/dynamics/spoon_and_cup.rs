@@ -9,7 +9,8 @@ use super::{
     root_mean_square, table,
 };
 use crate::reproduce::outcome::{Finding, Reproduction};
-use crate::reproduce::rendering::{Session, Trace, open, path};
+use crate::reproduce::rendering::{open, path};
+use palpate_measure::{Experiment, Trace};
 
 /// A session's method, mass (kg) and contact stiffness (N/m).
 type Setup = (&'static str, IntegratorKind, f64, f64);
@@ -87,7 +88,7 @@ fn find(setups: &[Setup; 3]) -> Result<(Found, [Trace; 3]), String> {
         let place = touch + DVec3::new(5e-3 * phase.sin(), 0.0, height);
         Pose::new(place, DQuat::from_rotation_z(0.05 * phase.sin()))
     })?;
-    let session = |&(_, integrator, mass, contact_stiffness): &Setup| Session {
+    let session = |&(_, integrator, mass, contact_stiffness): &Setup| Experiment {
         probe: &spoon,
         scene: &scene,
         settings: Settings {
@@ -104,8 +105,10 @@ fn find(setups: &[Setup; 3]) -> Result<(Found, [Trace; 3]), String> {
         frozen: false,
         seconds: end,
     };
-    let recorded = session(&SETUPS[1]).record(intended)?;
-    let [a, b, c] = setups.each_ref().map(|setup| session(setup).replay(recorded.clone()));
+    let recorded = session(&SETUPS[1]).record(intended).map_err(|error| error.to_string())?;
+    let [a, b, c] = setups
+        .each_ref()
+        .map(|setup| session(setup).replay(recorded.clone()).map_err(|error| error.to_string()));
     let traces = [a?, b?, c?];
     // Until it first touches, in the session that recorded it.
     let touched =

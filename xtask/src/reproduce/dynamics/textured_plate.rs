@@ -6,7 +6,8 @@ use palpate_tests::{ridged_plate, smooth};
 
 use super::{COUPLING, DEPTH, plot, table};
 use crate::reproduce::outcome::{Finding, Reproduction};
-use crate::reproduce::rendering::{Sample, Session, Trace, open, path};
+use crate::reproduce::rendering::{open, path};
+use palpate_measure::{Experiment, Sample, Trace};
 
 /// Height of the ridges and their distance, m; the dissertation does not tell the latter.
 const HEIGHT: f64 = 8e-3;
@@ -101,7 +102,7 @@ fn find(height: f64) -> Result<(Found, [Trace; 2]), String> {
         let height = above - (above - TIP + PRESS) * smooth(begun, moving, time);
         Pose::from_translation(DVec3::new(along, 0.003, height))
     })?;
-    let session = |scene| Session {
+    let session = |scene| Experiment {
         probe: &stylus,
         scene,
         settings: Settings {
@@ -121,7 +122,8 @@ fn find(height: f64) -> Result<(Found, [Trace; 2]), String> {
         seconds: end,
     };
     // The same trajectory for both plates.
-    let traces = [session(&ridges).replay(intended.clone())?, session(&flat).replay(intended)?];
+    let rendered = |scene| session(scene).replay(intended.clone()).map_err(|error| error.to_string());
+    let traces = [rendered(&ridges)?, rendered(&flat)?];
     Ok((Found::of(&traces), traces))
 }
 

@@ -1,0 +1,172 @@
+//! `palpate recommend`: tries settings on the objects themselves, and picks those that keep contact steps within a time.
+
+use palpate::device::{Interpolation, MotionPath};
+use palpate::{Pose, RendererError, Scene, Settings};
+use palpate_measure::{Choice, Hand, Measured, Recommendation, Request};
+use serde::Serialize;
+
+use crate::arguments::RecommendArguments;
+use crate::failure::Failure;
+use crate::{output, progress, textures};
+
+/// Longest that the hand moves the probe, s: each setting goes along all of it.
+const LONGEST: f64 = 600.0;
+
+#[derive(Serialize)]
+struct Advice<'a> {
+    /// The command that renders with what is recommended.
+    command: &'a str,
+    /// Time that was allowed for a contact step, s.
+    budget: f64,
+    /// Haptic period, s.
+    period: f64,
+    #[serde(flatten)]
+    recommendation: &'a Recommendation,
+}
+
+pub fn run(arguments: &RecommendArguments) -> Result<(), Failure> {
+    let seconds = arguments.seconds;
+    if !(seconds > 0.0 && seconds <= LONGEST) {
+        return Err(Failure::Message(format!("--seconds {seconds}: give more than 0, at most {LONGEST}")));
+    }
+    let trajectory = arguments.trajectory.as_deref();
+    output::check_files(trajectory.as_slice(), arguments.json.file().as_slice())?;
+    let hand = match trajectory {
+        Some(file) => Hand::Path(MotionPath::load(file, Interpolation::Smooth)?),
+        None => Hand::Task(arguments.task.unwrap_or_default()),
+    };
+    let options = arguments.reading.options();
+    let probe = textures::open(&arguments.probe, &arguments.textures.of_probe(), &options)?;
+    let object = textures::open(&arguments.scene, &arguments.textures.of_scene(), &options)?;
+    let scene = Scene::new().with(object, Pose::IDENTITY);
+    let settings = Settings {
+        textures: arguments.textures.settings(),
+        ..arguments.physics.settings(probe.bounding_radius())
+    };
+    settings.check().map_err(RendererError::from)?;
+    let period = 1.0 / settings.rate;
+    let budget = arguments.budget_us.map_or(period, |us| 1e-6 * us);
+    if !(1e-6..=1.0).contains(&budget) {
+        let given = arguments.budget_us.unwrap_or_default();
+        return Err(Failure::Message(format!("--budget-us {given}: give microseconds from 1 to 1000000")));
+    }
+    let request = Request { probe: &probe, scene: &scene, settings, budget, seconds, hand };
+    let bar = progress::bar("trying settings");
+    let found = palpate_measure::recommend(&request, |done| progress::set(&bar, done))?;
+    bar.finish_and_clear();
+    let command = command(arguments, &found.chosen.choice);
+    let advice = Advice { command: &command, budget, period, recommendation: &found };
+    output::result(&arguments.json, &advice, |table| {
+        table.row([
+            &"",
+            &"s0",
+            &"smooth",
+            &"limit",
+            &"grid",
+            &"median",
+            &"p99",
+            &"force off",
+            &"torque off",
+            &"vibration",
+            &"memory",
+        ]);
+        for measured in &found.tried {
+            let mark = match (*measured == found.chosen, measured.fits) {
+                (true, _) => "->",
+                (false, true) => "",
+                (false, false) => "slow",
+            };
+            row(table, mark, measured);
+        }
+        table.row([]);
+        for (name, value) in told(&advice) {
+            table.row([&name, &value]);
+        }
+    })
+}
+
+fn row(table: &mut output::Table, mark: &str, measured: &Measured) {
+    let Choice { error, interpolation, query_budget, grid } = measured.choice;
+    let (force, torque) = (measured.felt.force, measured.felt.torque);
+    let none = || "-".to_owned();
+    let share = |off: f64, of: f64| if of > 0.0 { format!("{:.1} %", 100.0 * off / of) } else { none() };
+    let micros = |seconds: f64| format!("{:.0} µs", 1e6 * seconds);
+    let smooth = match interpolation {
+        _ if error == 0.0 && query_budget.is_none() => "-",
+        true => "yes",
+        false => "no",
+    };
+    table.row([
+        &mark,
+        &if error > 0.0 { format!("{:.3} mm", 1e3 * error) } else { "0".to_owned() },
+        &smooth,
+        &query_budget.map_or_else(none, micros),
+        &grid.map_or_else(none, |grid| grid.to_string()),
+        &micros(measured.median),
+        &micros(measured.p99),
+        &share(force.mean, force.exact_rms),
+        &share(torque.mean, torque.exact_rms),
+        &format!("{:.4} N", force.vibration),
+        &format!("{:.1} MB", measured.bytes as f64 / 1e6),
+    ]);
+}
+
+/// What is recommended in words.
+fn told(advice: &Advice<'_>) -> Vec<(&'static str, String)> {
+    let Advice { command, budget, period, recommendation: found } = advice;
+    let (chosen, force) = (&found.chosen, found.chosen.felt.force);
+    let micros = |seconds: f64| format!("{:.1} µs", 1e6 * seconds);
+    let fits = if chosen.fits {
+        format!("{} of {} allowed", micros(chosen.p99), micros(*budget))
+    } else {
+        let (p99, budget) = (micros(chosen.p99), micros(*budget));
+        format!("{p99}, more than the {budget} allowed: nothing that was tried is faster")
+    };
+    let haptic = if found.haptic_fits { "" } else { ", more than the period: choose a lower --rate" };
+    let margin = found.stability_margin;
+    let stability = if margin < 1.0 {
+        format!("not at rest when held in contact: choose {margin} times the --contact-stiffness")
+    } else {
+        format!("at rest when held in contact, with contacts up to {margin} times as stiff")
+    };
+    vec![
+        ("recommended", (*command).to_owned()),
+        ("contact step, p99", fits),
+        (
+            "force",
+            format!(
+                "{:.4} N root mean square; off by {:.4} N in the mean, {:.4} N at the 99th percentile; correlation {:.4}",
+                force.exact_rms, force.mean, force.p99, force.correlation
+            ),
+        ),
+        (
+            "vibration above 20 Hz",
+            format!("{:.4} N, {:.4} N at full resolution", force.vibration, force.exact_vibration),
+        ),
+        (
+            "deepest penetration",
+            format!(
+                "{:.4} mm, at {:.0} contact steps a second",
+                1e3 * chosen.penetration,
+                chosen.contact_rate
+            ),
+        ),
+        ("haptic step, p99.9", format!("{} of {}{haptic}", micros(found.haptic_step), micros(*period))),
+        ("stability", stability),
+    ]
+}
+
+/// The command that renders with a choice, besides what else was given.
+fn command(arguments: &RecommendArguments, choice: &Choice) -> String {
+    let mut words = vec![format!("palpate run {} {}", arguments.probe, arguments.scene)];
+    if choice.error > 0.0 {
+        words.push(format!("--error {:.4e}", choice.error));
+        if !choice.interpolation {
+            words.push("--no-interpolation".to_owned());
+        }
+    }
+    words.extend(choice.query_budget.map(|budget| format!("--budget-us {:.1}", 1e6 * budget)));
+    words.extend(choice.grid.map(|grid| format!("--texture-grid {grid}")));
+    words.extend(arguments.physics.rate().map(|rate| format!("--rate {rate}")));
+    words.join(" ")
+}

@@ -1,0 +1,185 @@
+//! How far the wrenches of one profile are from those of another.
+
+use palpate::Wrench;
+use palpate::glam::DVec3;
+use realfft::RealFftPlanner;
+use serde::Serialize;
+
+use crate::experiment::Trace;
+use crate::profile::Profile;
+use crate::statistics::{mean, quantile};
+
+/// Above this, Hz, a force is not the hand's motion any more, but vibration.
+pub const AUDIBLE: f64 = 20.0;
+
+/// How forces, or torques, differ from exact ones, over the states where either are not zero.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Deviation {
+    /// Root mean square of the exact ones: what the others are to be seen against, N or N·m.
+    pub exact_rms: f64,
+    /// Of the length of the difference, N or N·m.
+    pub mean: f64,
+    /// Its 99th percentile, N or N·m.
+    pub p99: f64,
+    /// Of the vectors; 1 where both are constant.
+    pub correlation: f64,
+    /// Root mean square of what is above [`AUDIBLE`] Hz, N or N·m: vibration.
+    pub vibration: f64,
+    /// The same of the exact ones.
+    pub exact_vibration: f64,
+}
+
+/// How a profile differs from an exact one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Difference {
+    /// N.
+    pub force: Deviation,
+    /// About the object's centre of mass, N·m.
+    pub torque: Deviation,
+}
+
+impl Difference {
+    /// Of two profiles along one path, `rate` (Hz) states a second.
+    pub fn of(found: &Profile, exact: &Profile, rate: f64) -> Self {
+        Self::of_wrenches(&found.wrenches, &exact.wrenches, rate)
+    }
+
+    /// Of the wrenches at the device in two traces, `rate` (Hz) steps a second.
+    pub fn felt(found: &Trace, exact: &Trace, rate: f64) -> Self {
+        let wrenches = |trace: &Trace| -> Vec<Wrench> {
+            trace.samples.iter().map(|sample| sample.record.coupling).collect()
+        };
+        Self::of_wrenches(&wrenches(found), &wrenches(exact), rate)
+    }
+
+    /// Of two sequences of wrenches, `rate` (Hz) a second, as long as the shorter one.
+    pub fn of_wrenches(found: &[Wrench], exact: &[Wrench], rate: f64) -> Self {
+        let part = |of: fn(&Wrench) -> DVec3| {
+            let vectors = |wrenches: &[Wrench]| wrenches.iter().map(of).collect::<Vec<_>>();
+            Deviation::of(&vectors(found), &vectors(exact), rate)
+        };
+        Self { force: part(|wrench| wrench.force), torque: part(|wrench| wrench.torque) }
+    }
+}
+
+impl Deviation {
+    /// As a part of the exact ones' root mean square: the mean difference, or the vibration that there is more of, if that is
+    /// larger. 0 where there are no exact ones.
+    pub fn relative(&self) -> f64 {
+        let off = self.mean.max(self.vibration - self.exact_vibration);
+        if self.exact_rms > 0.0 { off / self.exact_rms } else { 0.0 }
+    }
+
+    fn of(found: &[DVec3], exact: &[DVec3], rate: f64) -> Self {
+        let pairs: Vec<(DVec3, DVec3)> = found
+            .iter()
+            .copied()
+            .zip(exact.iter().copied())
+            .filter(|(found, exact)| *found != DVec3::ZERO || *exact != DVec3::ZERO)
+            .collect();
+        let lengths: Vec<f64> = pairs.iter().map(|(found, exact)| found.distance(*exact)).collect();
+        Self {
+            exact_rms: mean(pairs.iter().map(|(_, exact)| exact.length_squared())).sqrt(),
+            mean: mean(lengths.iter().copied()),
+            p99: quantile(&lengths, 0.99),
+            correlation: correlation(&pairs),
+            vibration: rms_above(AUDIBLE, found, rate),
+            exact_vibration: rms_above(AUDIBLE, exact, rate),
+        }
+    }
+}
+
+/// Of vectors about their means: Σ a·b / √(Σ a² Σ b²). 1 where neither varies, 0 where only one does.
+fn correlation(pairs: &[(DVec3, DVec3)]) -> f64 {
+    let count = pairs.len().max(1) as f64;
+    let (sum_a, sum_b) =
+        pairs.iter().fold((DVec3::ZERO, DVec3::ZERO), |(sum_a, sum_b), (a, b)| (sum_a + *a, sum_b + *b));
+    let (mean_a, mean_b) = (sum_a / count, sum_b / count);
+    let (mut both, mut aa, mut bb) = (0.0, 0.0, 0.0);
+    for (a, b) in pairs {
+        let (a, b) = (*a - mean_a, *b - mean_b);
+        both += a.dot(b);
+        aa += a.length_squared();
+        bb += b.length_squared();
+    }
+    match (aa > 0.0, bb > 0.0) {
+        (true, true) => both / (aa * bb).sqrt(),
+        (false, false) => 1.0,
+        _ => 0.0,
+    }
+}
+
+/// Root mean square of what vectors, `rate` (Hz) of them a second, have above a frequency (Hz), seen through a Hann window;
+/// 0 of fewer than four.
+pub fn rms_above(frequency: f64, vectors: &[DVec3], rate: f64) -> f64 {
+    let count = vectors.len();
+    if count < 4 {
+        return 0.0;
+    }
+    let window = |index: usize| 0.5 - 0.5 * (std::f64::consts::TAU * index as f64 / count as f64).cos();
+    let power: f64 = (0..count).map(|index| window(index).powi(2)).sum();
+    let transform = RealFftPlanner::<f64>::new().plan_fft_forward(count);
+    let mut spectrum = transform.make_output_vec();
+    let mut square = 0.0;
+    for axis in 0..3 {
+        let middle = mean(vectors.iter().map(|vector| vector[axis]));
+        let mut samples: Vec<f64> = vectors
+            .iter()
+            .enumerate()
+            .map(|(index, vector)| window(index) * (vector[axis] - middle))
+            .collect();
+        // The lengths are those that the transform was made for.
+        if transform.process(&mut samples, &mut spectrum).is_err() {
+            return f64::NAN;
+        }
+        for (bin, value) in spectrum.iter().enumerate() {
+            if bin as f64 * rate / count as f64 > frequency {
+                // Every bin but the last of an even count stands for two.
+                let weight = if 2 * bin == count { 1.0 } else { 2.0 };
+                square += weight * value.norm_sqr();
+            }
+        }
+    }
+    (square / (count as f64 * power)).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::*;
+
+    fn sine(frequency: f64, amplitude: f64) -> Vec<DVec3> {
+        (0..1000)
+            .map(|sample| DVec3::Y * (amplitude * (TAU * frequency * 1e-3 * f64::from(sample)).sin()))
+            .collect()
+    }
+
+    #[test]
+    fn vibration_is_what_is_fast() {
+        assert!(rms_above(AUDIBLE, &sine(5.0, 1.0), 1000.0) < 1e-3);
+        let fast = rms_above(AUDIBLE, &sine(80.0, 2.0), 1000.0);
+        assert!((fast - 2.0_f64.sqrt()).abs() < 1e-3, "{fast}");
+        // An offset is no vibration.
+        let offset: Vec<DVec3> = sine(80.0, 2.0).iter().map(|vector| *vector + DVec3::X).collect();
+        assert!((rms_above(AUDIBLE, &offset, 1000.0) - fast).abs() < 1e-9);
+        assert_eq!(rms_above(AUDIBLE, &[DVec3::X; 3], 1000.0), 0.0);
+    }
+
+    #[test]
+    fn differences_are_those_of_the_vectors_where_one_touches() {
+        let forces = |vectors: &[DVec3]| -> Vec<Wrench> {
+            vectors.iter().map(|force| Wrench { force: *force, torque: DVec3::ZERO }).collect()
+        };
+        let exact = [DVec3::ZERO, DVec3::X, DVec3::X, DVec3::new(3.0, 0.0, 0.0)];
+        let found = [DVec3::ZERO, DVec3::X, DVec3::new(1.0, 0.3, 0.0), DVec3::new(3.0, 0.0, 0.0)];
+        let Difference { force, torque } = Difference::of_wrenches(&forces(&found), &forces(&exact), 100.0);
+        assert!((force.mean - 0.1).abs() < 1e-12 && (force.p99 - 0.3).abs() < 1e-12, "{force:?}");
+        assert!((force.exact_rms - (11.0_f64 / 3.0).sqrt()).abs() < 1e-12, "{force:?}");
+        assert!(force.correlation > 0.95 && force.correlation < 1.0, "{force:?}");
+        assert_eq!((torque.mean, torque.correlation), (0.0, 1.0), "{torque:?}");
+        let opposed: Vec<DVec3> = exact.iter().map(|force| -*force).collect();
+        let opposed = Difference::of_wrenches(&forces(&opposed), &forces(&exact), 100.0);
+        assert!((opposed.force.correlation + 1.0).abs() < 1e-12, "{opposed:?}");
+    }
+}

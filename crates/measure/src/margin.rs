@@ -1,0 +1,79 @@
+//! How much stiffer contacts could be until a held object is not at rest any more.
+
+use palpate::{Object, Pose, Scene, Settings};
+
+use crate::error::MeasureError;
+use crate::experiment::Experiment;
+use crate::judge::judge;
+
+/// The factors on the contact stiffness that are tried are powers of two, from this one on.
+pub const WEAKEST: i32 = -6;
+/// The largest one.
+pub const STIFFEST: i32 = 10;
+/// Seconds in which the object settles, and that are judged.
+const SETTLING: f64 = 0.4;
+const JUDGED: f64 = 1.0;
+
+/// The largest power of two by which the contact stiffness of `settings` can be multiplied so that the object comes to rest when
+/// an emulated hand holds it where it touches; 0 if it does with none that is [tried](WEAKEST). Contact damping that the settings
+/// leave open stays critical.
+///
+/// By bisection: where stability comes and goes with stiffness, one of the limits is found. At rest is what moves by no more
+/// than two encoder steps, or than friction in the device holds its handle off by.
+///
+/// `held` is where the hand means the probe's mesh frame to be, and `contact_rate` how many contact queries there are a second
+/// (Hz), each taking its whole period.
+///
+/// # Errors
+/// If a setting is refused.
+pub fn stability_margin(
+    probe: &Object,
+    scene: &Scene,
+    settings: &Settings,
+    held: Pose,
+    contact_rate: f64,
+) -> Result<f64, MeasureError> {
+    let stable = |exponent: i32| -> Result<bool, MeasureError> {
+        let contact_stiffness = (settings.contact_stiffness * 2.0_f64.powi(exponent)).min(1e8);
+        let settings = Settings { contact_stiffness, ..*settings };
+        comes_to_rest(probe, scene, settings, held, contact_rate)
+    };
+    let (mut good, mut bad) = (WEAKEST - 1, STIFFEST + 1);
+    while bad - good > 1 {
+        let middle = (good + bad).div_euclid(2);
+        if stable(middle)? {
+            good = middle;
+        } else {
+            bad = middle;
+        }
+    }
+    Ok(if good < WEAKEST { 0.0 } else { 2.0_f64.powi(good) })
+}
+
+/// Whether an object that a hand holds in contact is at rest after a while, or will be.
+fn comes_to_rest(
+    probe: &Object,
+    scene: &Scene,
+    settings: Settings,
+    held: Pose,
+    contact_rate: f64,
+) -> Result<bool, MeasureError> {
+    let experiment =
+        Experiment { probe, scene, settings, contact_rate, frozen: false, seconds: SETTLING + JUDGED };
+    let trace = experiment.emulate(held)?;
+    let judged = (JUDGED * settings.rate) as usize;
+    if !trace.is_stable() || trace.samples.len() < judged {
+        return Ok(false);
+    }
+    let radius = probe.bounding_radius();
+    let coordinates: Vec<[f64; 6]> = trace.samples[trace.samples.len() - judged..]
+        .iter()
+        .map(|sample| {
+            let moved = sample.record.object.translation - held.translation;
+            let turned = held.rotation_vector_to(&sample.record.object) * radius;
+            [moved.x, moved.y, moved.z, turned.x, turned.y, turned.z]
+        })
+        .collect();
+    let (outcome, _) = judge(&coordinates, trace.floor);
+    Ok(outcome.is_stable())
+}

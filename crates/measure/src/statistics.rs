@@ -1,0 +1,32 @@
+//! Means and quantiles.
+
+/// The mean; 0 of none.
+pub fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
+    let (sum, count) =
+        values.into_iter().fold((0.0, 0_usize), |(sum, count), value| (sum + value, count + 1));
+    if count == 0 { 0.0 } else { sum / count as f64 }
+}
+
+/// The quantile, 0.5 being the median, by the nearest rank; 0 of none. Values that are not finite are the largest.
+pub fn quantile(values: &[f64], fraction: f64) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let rank = (fraction * sorted.len() as f64).ceil() as usize;
+    sorted.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_are_by_the_nearest_rank() {
+        let values: Vec<f64> = (1..=100).rev().map(f64::from).collect();
+        assert_eq!(
+            [0.0, 0.5, 0.99, 1.0].map(|fraction| quantile(&values, fraction)),
+            [1.0, 50.0, 99.0, 100.0]
+        );
+        assert_eq!(quantile(&[], 0.5), 0.0);
+        assert_eq!((mean([1.0, 2.0, 6.0]), mean([])), (3.0, 0.0));
+    }
+}
