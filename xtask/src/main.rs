@@ -1,5 +1,5 @@
 //! Project tasks: `cargo xtask test`, `cargo xtask ci`, `cargo xtask pictures`, `cargo xtask stability`,
-//! `cargo xtask reproduce`.
+//! `cargo xtask reproduce`, `cargo xtask trade`.
 
 #![allow(clippy::print_stdout, clippy::print_stderr)] // Tasks report to a person at a terminal.
 
@@ -8,6 +8,7 @@ mod pictures;
 mod progress;
 mod reproduce;
 mod stability;
+mod trade;
 
 use std::process::{Command, ExitCode};
 
@@ -32,6 +33,8 @@ enum Task {
     Stability(stability::Arguments),
     /// Repeats the dissertation's experiments, and says whether what it claims holds.
     Reproduce(reproduce::Arguments),
+    /// Measures what each setting costs, and what accuracy it buys.
+    Trade(trade::Arguments),
 }
 
 /// What went wrong, for a person to read.
@@ -44,6 +47,7 @@ fn main() -> ExitCode {
         Task::Pictures(arguments) => pictures::run(&arguments),
         Task::Stability(arguments) => stability::run(&arguments),
         Task::Reproduce(arguments) => reproduce::run(&arguments),
+        Task::Trade(arguments) => trade::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

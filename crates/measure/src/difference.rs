@@ -44,12 +44,26 @@ impl Difference {
         Self::of_wrenches(&found.wrenches, &exact.wrenches, rate)
     }
 
-    /// Of the wrenches at the device in two traces, `rate` (Hz) steps a second.
-    pub fn felt(found: &Trace, exact: &Trace, rate: f64) -> Self {
-        let wrenches = |trace: &Trace| -> Vec<Wrench> {
-            trace.samples.iter().map(|sample| sample.record.coupling).collect()
+    /// Of the wrenches at the device in two traces of the same hand, one of whose haptic rates is a multiple of the other; vibration
+    /// is that at the rate of each.
+    pub fn felt(found: &Trace, exact: &Trace) -> Self {
+        let rate = found.rate.min(exact.rate);
+        let thinned = |trace: &Trace| -> Vec<Wrench> {
+            let every = (trace.rate / rate).round() as usize;
+            trace.samples.iter().skip(every - 1).step_by(every).map(|sample| sample.record.coupling).collect()
         };
-        Self::of_wrenches(&wrenches(found), &wrenches(exact), rate)
+        let mut difference = Self::of_wrenches(&thinned(found), &thinned(exact), rate);
+        let vibration = |trace: &Trace| {
+            let of = |part: fn(&Wrench) -> DVec3| {
+                let vectors: Vec<DVec3> =
+                    trace.samples.iter().map(|sample| part(&sample.record.coupling)).collect();
+                rms_above(AUDIBLE, &vectors, trace.rate)
+            };
+            (of(|wrench| wrench.force), of(|wrench| wrench.torque))
+        };
+        (difference.force.vibration, difference.torque.vibration) = vibration(found);
+        (difference.force.exact_vibration, difference.torque.exact_vibration) = vibration(exact);
+        difference
     }
 
     /// Of two sequences of wrenches, `rate` (Hz) a second, as long as the shorter one.

@@ -67,10 +67,15 @@ pub struct Trace {
     pub samples: Vec<Sample>,
     /// One a contact step.
     pub queries: Vec<Query>,
+    /// Haptic steps a second, Hz.
+    pub rate: f64,
+    /// Contact steps a second, Hz.
+    pub contact_rate: f64,
     /// How long each haptic step took with reading and writing the emulated device, s: other times each time.
     pub step_times: Vec<f64>,
-    /// Motion of the object up to which it counts as at rest, m: two encoder steps, or as far as friction in the device holds its
-    /// handle off.
+    /// Stiffness of the virtual coupling, N/m.
+    pub coupling_stiffness: f64,
+    /// Motion of the object up to which it counts as at rest, m: two encoder steps of the device.
     pub floor: f64,
     /// Steps without a finite solution.
     pub refused: u64,
@@ -128,10 +133,8 @@ impl Experiment<'_> {
         let grasp = settings.grasp.unwrap_or(Pose::from_translation(probe.clod.source.center_of_mass));
         let renderer = HapticRenderer::new((*probe).clone(), (*scene).clone(), device, *settings)?;
         let (mut haptic, mut contact, mut device) = renderer.into_loops();
-        let specification = device.specification();
-        let friction = specification.handle.as_ref().map_or(0.0, |handle| handle.friction);
-        let floor = settings.workspace_scale
-            * (2.0 * specification.encoder_step).max(2.0 * friction / haptic.coupling().linear_stiffness);
+        let coupling_stiffness = haptic.coupling().linear_stiffness;
+        let floor = 2.0 * settings.workspace_scale * device.specification().encoder_step;
         let period = 1.0 / settings.rate;
         let every = (settings.rate / contact_rate).round().max(1.0) as usize;
         let mut waiting = VecDeque::new();
@@ -169,6 +172,15 @@ impl Experiment<'_> {
             });
         }
         let refused = haptic.telemetry().events.step_refused;
-        Ok(Trace { samples, queries, step_times, floor, refused })
+        Ok(Trace {
+            samples,
+            queries,
+            rate: settings.rate,
+            contact_rate: settings.rate / every as f64,
+            step_times,
+            coupling_stiffness,
+            floor,
+            refused,
+        })
     }
 }

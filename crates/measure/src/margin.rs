@@ -3,8 +3,9 @@
 use palpate::{Object, Pose, Scene, Settings};
 
 use crate::error::MeasureError;
-use crate::experiment::Experiment;
+use crate::experiment::{Experiment, Trace};
 use crate::judge::judge;
+use crate::profile::{BodyPath, Profile};
 
 /// The factors on the contact stiffness that are tried are powers of two, from this one on.
 pub const WEAKEST: i32 = -6;
@@ -14,12 +15,27 @@ pub const STIFFEST: i32 = 10;
 const SETTLING: f64 = 0.4;
 const JUDGED: f64 = 1.0;
 
+/// Force with which the hand presses, through the coupling, N.
+const PRESS: f64 = 0.5;
+
+/// Where a hand presses a probe, of its mesh's frame, against what pushes it hardest on a path: further in than the object then
+/// was, as far as the coupling of `trace` gives way to half a newton.
+pub fn pressed(trace: &Trace, path: &BodyPath, profile: &Profile, probe: &Object) -> Pose {
+    let force = |index: &usize| profile.wrenches[*index].force;
+    let hardest = (0..path.states.len()).max_by(|x, y| force(x).length().total_cmp(&force(y).length()));
+    let Some(index) = hardest else { return Pose::IDENTITY };
+    let body = path.states[index].pose;
+    let further = -force(&index).normalize_or_zero() * (PRESS / trace.coupling_stiffness);
+    let center = Pose::from_translation(-probe.clod.source.center_of_mass);
+    Pose { translation: body.translation + further, ..body } * center
+}
+
 /// The largest power of two by which the contact stiffness of `settings` can be multiplied so that the object comes to rest when
 /// an emulated hand holds it where it touches; 0 if it does with none that is [tried](WEAKEST). Contact damping that the settings
 /// leave open stays critical.
 ///
 /// By bisection: where stability comes and goes with stiffness, one of the limits is found. At rest is what moves by no more
-/// than two encoder steps, or than friction in the device holds its handle off by.
+/// than two encoder steps of the device.
 ///
 /// `held` is where the hand means the probe's mesh frame to be, and `contact_rate` how many contact queries there are a second
 /// (Hz), each taking its whole period.

@@ -20,9 +20,12 @@ pub struct BodyPath {
 }
 
 impl BodyPath {
-    /// The states that the contact queries of an experiment saw, `rate` (Hz) times a second.
-    pub fn of(trace: &Trace, rate: f64) -> Self {
-        Self { states: trace.queries.iter().map(|query| query.body).collect(), period: 1.0 / rate }
+    /// The states that the contact queries of an experiment saw.
+    pub fn of(trace: &Trace) -> Self {
+        Self {
+            states: trace.queries.iter().map(|query| query.body).collect(),
+            period: 1.0 / trace.contact_rate,
+        }
     }
 
     /// Only so many of the states that there are no more than `rate` (Hz) a second.
@@ -113,8 +116,7 @@ pub fn penetration(
     scene: &Scene,
     exact: &Settings,
 ) -> Result<f64, MeasureError> {
-    let period = trace.queries.get(1).map_or(1.0, |second| second.time).max(f64::MIN_POSITIVE);
-    let path = BodyPath::of(trace, 1.0 / period).thinned_to(DEPTH_RATE);
+    let path = BodyPath::of(trace).thinned_to(DEPTH_RATE);
     // Where the object was held back, the proxy is not where it was.
     let exact = Settings { proxy: false, ..*exact };
     Ok(Profile::along(&path, probe, scene, &exact, 1)?.depths.into_iter().fold(0.0, f64::max))

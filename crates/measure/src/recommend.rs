@@ -8,13 +8,13 @@
 //! choices whose 99th percentile keeps within the time, the one is picked that feels most like full resolution.
 
 use palpate::device::{IntendedPath, MotionPath, Task};
-use palpate::{Object, Pose, Scene, Settings, explore};
+use palpate::{Object, Scene, Settings, explore};
 use serde::Serialize;
 
 use crate::difference::Difference;
 use crate::error::MeasureError;
 use crate::experiment::{Experiment, Trace};
-use crate::margin::stability_margin;
+use crate::margin::{pressed, stability_margin};
 use crate::profile::{BodyPath, Profile, penetration};
 use crate::statistics::quantile;
 
@@ -191,7 +191,7 @@ pub fn recommend(
             .emulate(hand.intended(probe, scene)?)
     };
     let exact_trace = render(exact_settings, settings.rate)?;
-    let path = BodyPath::of(&exact_trace, settings.rate).thinned_to(PATH_RATE);
+    let path = BodyPath::of(&exact_trace).thinned_to(PATH_RATE);
     let exact = Profile::along(&path, probe, scene, &exact_settings, 1)?;
     if exact.touching().next().is_none() {
         let scene = scene.objects().first().map_or_else(String::new, |placed| placed.object.name.clone());
@@ -203,7 +203,7 @@ pub fn recommend(
     for choice in choices {
         let chosen = choice.applied_to(settings);
         let trace = render(chosen, settings.rate)?;
-        let own = BodyPath::of(&trace, settings.rate).thinned_to(PATH_RATE);
+        let own = BodyPath::of(&trace).thinned_to(PATH_RATE);
         let timed = Profile::along(&own, probe, scene, &chosen, ROUNDS)?;
         let p99 = timed.time(0.99);
         let contact_rate = (1.0 / p99).min(settings.rate);
@@ -215,7 +215,7 @@ pub fn recommend(
             p99,
             bytes: timed.bytes,
             rendered: Difference::of(&same, &exact, 1.0 / path.period),
-            felt: Difference::felt(&trace, &exact_trace, settings.rate),
+            felt: Difference::felt(&trace, &exact_trace),
             penetration: penetration(&trace, probe, scene, &exact_settings)?,
             contact_rate,
             fits: p99 <= *budget,
@@ -225,7 +225,7 @@ pub fn recommend(
     let chosen = pick(&tried);
 
     let settings = chosen.choice.applied_to(settings);
-    let held = pressed(&path, &exact, probe);
+    let held = pressed(&exact_trace, &path, &exact, probe);
     let stability_margin = stability_margin(probe, scene, &settings, held, chosen.contact_rate)?;
     let haptic_step = quantile(&exact_trace.step_times, 0.999);
     progress(1.0);
@@ -251,16 +251,10 @@ fn pick(tried: &[Measured]) -> Measured {
     *best.expect("a choice was tried")
 }
 
-/// The probe's pose, of its mesh's frame, where it is pushed hardest on a path.
-pub fn pressed(path: &BodyPath, exact: &Profile, probe: &Object) -> Pose {
-    let push = |index: &usize| exact.wrenches[*index].force.length();
-    let hardest = (0..path.states.len()).max_by(|x, y| push(x).total_cmp(&push(y)));
-    let body = hardest.map_or(Pose::IDENTITY, |index| path.states[index].pose);
-    body * Pose::from_translation(-probe.clod.source.center_of_mass)
-}
-
 #[cfg(test)]
 mod tests {
+    use palpate::Pose;
+
     use super::*;
 
     fn pair() -> (Object, Scene) {

@@ -151,6 +151,8 @@ pub enum TextureBackend {
     Processor,
     /// The processor or the fastest GPU, whichever is faster when the session is made; the processor where there is no GPU.
     Auto,
+    /// The fastest GPU, or the software driver that stands in for one, in f32: a session without one is refused.
+    Gpu,
 }
 
 impl Default for TextureSettings {

@@ -20,8 +20,8 @@ use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist};
 use palpate_dynamics::CurvedContact;
 use palpate_texture_pd::{
-    Backend, CpuBackend, DepthError, DepthQuery, DepthSettings, Derivatives, Domain, HalfSpace, SurfaceError,
-    SurfaceId, SurfaceSet, TextureContact, TextureDepth, TexturedSurface, TooManyTexels,
+    Backend, BackendError, CpuBackend, DepthError, DepthQuery, DepthSettings, Derivatives, Domain, HalfSpace,
+    SurfaceError, SurfaceId, SurfaceSet, TextureContact, TextureDepth, TexturedSurface, TooManyTexels,
 };
 
 use crate::object::Object;
@@ -69,6 +69,19 @@ pub enum TextureError {
     /// A setting is out of range.
     #[error(transparent)]
     Depth(#[from] DepthError),
+    /// A GPU was asked for that there is not.
+    #[error(transparent)]
+    Backend(#[from] BackendError),
+}
+
+#[cfg(feature = "gpu")]
+fn gpu() -> Result<Box<dyn Backend>, BackendError> {
+    Ok(Box::new(palpate_texture_pd::WgpuBackend::new()?))
+}
+
+#[cfg(not(feature = "gpu"))]
+fn gpu() -> Result<Box<dyn Backend>, BackendError> {
+    Err(BackendError::NoAdapter { reason: "palpate was built without its feature `gpu`".to_owned() })
 }
 
 /// What the stage needs for a scene with textures.
@@ -168,8 +181,10 @@ impl Textures {
             found: Vec::new(),
             lever,
         };
-        if backend == TextureBackend::Auto {
-            textures.measure(settings.clusters)?;
+        match backend {
+            TextureBackend::Processor => {}
+            TextureBackend::Auto => textures.measure(settings.clusters)?,
+            TextureBackend::Gpu => textures.backend = gpu()?,
         }
         Ok(Some(textures))
     }

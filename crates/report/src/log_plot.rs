@@ -25,8 +25,10 @@ pub struct LogPlot {
     pub x: LogAxis,
     /// From bottom to top.
     pub y: LogAxis,
-    /// At most as many as there are colours: six. Points that are not positive and finite are left out.
+    /// Points that are not positive and finite are left out.
     pub curves: Vec<Curve>,
+    /// Points that are not joined. With the curves at most as many as there are colours: six.
+    pub scattered: Vec<Curve>,
 }
 
 const SIZE: (u32, u32) = (640, 480);
@@ -84,13 +86,13 @@ impl Ranged for LogRange {
 }
 
 fn draw_into(svg: &mut String, plot: &LogPlot) -> Result<(), Box<dyn std::error::Error>> {
-    if plot.curves.len() > COLOURS.len() {
-        return Err(
-            format!("{} curves, of which {} can be told apart", plot.curves.len(), COLOURS.len()).into()
-        );
+    let count = plot.curves.len() + plot.scattered.len();
+    if count > COLOURS.len() {
+        return Err(format!("{count} curves, of which {} can be told apart", COLOURS.len()).into());
     }
     let curves: Vec<Curve> = plot.curves.iter().map(only_positive).collect();
-    let points = || curves.iter().flat_map(|curve| &curve.points);
+    let scattered: Vec<Curve> = plot.scattered.iter().map(only_positive).collect();
+    let points = || curves.iter().chain(&scattered).flat_map(|curve| &curve.points);
     let x = LogRange::new(&plot.x, points().map(|point| point.0))?;
     let y = LogRange::new(&plot.y, points().map(|point| point.1))?;
     let root = SVGBackend::with_string(svg, SIZE).into_drawing_area();
@@ -109,11 +111,18 @@ fn draw_into(svg: &mut String, plot: &LogPlot) -> Result<(), Box<dyn std::error:
         .x_desc(&plot.x.name)
         .y_desc(&plot.y.name)
         .draw()?;
-    for (Curve { name, points }, colour) in curves.into_iter().zip(COLOURS) {
+    let mut colours = COLOURS.into_iter();
+    for (Curve { name, points }, colour) in curves.into_iter().zip(&mut colours) {
         chart
             .draw_series(LineSeries::new(points, colour.stroke_width(2)))?
             .label(name)
             .legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], colour));
+    }
+    for (Curve { name, points }, colour) in scattered.into_iter().zip(colours) {
+        chart
+            .draw_series(points.into_iter().map(|point| Circle::new(point, 4, colour.filled())))?
+            .label(name)
+            .legend(move |(x, y)| Circle::new((x + 8, y), 4, colour.filled()));
     }
     chart
         .configure_series_labels()
@@ -139,7 +148,7 @@ mod tests {
     fn plot(points: Vec<(f64, f64)>) -> LogPlot {
         let axis = |name: &str| LogAxis { name: name.to_owned(), marks: vec![1.0, 10.0] };
         let curves = vec![Curve { name: "curve".to_owned(), points }];
-        LogPlot { title: "title".to_owned(), x: axis("x, m"), y: axis("y, N"), curves }
+        LogPlot { title: "title".to_owned(), x: axis("x, m"), y: axis("y, N"), curves, scattered: Vec::new() }
     }
 
     #[test]
@@ -157,6 +166,17 @@ mod tests {
         for axis in [0, 1] {
             assert!((share(axis) - 2.0_f64.log10()).abs() < 0.01, "{line}");
         }
+    }
+
+    #[test]
+    fn scattered_points_are_drawn_as_such() {
+        let mut scattered = plot(vec![(1.0, 1.0), (10.0, 10.0)]);
+        let points = vec![(2.0, 3.0), (4.0, 5.0), (-1.0, 2.0)];
+        scattered.scattered = vec![Curve { name: "points".to_owned(), points }];
+        let svg = draw_log_log(&scattered).unwrap();
+        // One more in the legend.
+        assert_eq!(svg.matches("<circle").count(), 3, "{svg}");
+        assert!(svg.contains("points"));
     }
 
     #[test]

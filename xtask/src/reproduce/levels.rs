@@ -1,7 +1,10 @@
 //! What hierarchies of contact levels of detail are made of: Table 3.2 (§3.5.1), and coarse models of Table 4.1 (§4.5).
 
+use palpate::Object;
 use palpate::models::Model;
 use palpate_report::{Curve, LogAxis, LogPlot, Table32, draw_log_log};
+
+use palpate_tests::shared;
 
 use super::outcome::{Finding, Reproduction};
 use super::rendering::open;
@@ -49,33 +52,9 @@ pub fn benchmark_models(name: &str) -> Result<Reproduction, String> {
         let object = open(model.name())?;
         let (ours, theirs) = (Table32::of(&object.clod), Table32::published(model).ok_or("no such row")?);
         for (whose, of) in [("palpate", ours), ("dissertation", theirs)] {
-            let Table32 {
-                original_triangles,
-                original_patches,
-                simplified_triangles,
-                simplified_patches,
-                ..
-            } = of;
-            let finest = of.finest_resolution.unwrap_or(f64::NAN);
-            rows.push(row![
-                model.name(),
-                whose,
-                original_triangles,
-                original_patches,
-                simplified_triangles,
-                simplified_patches,
-                finest,
-                of.coarsest_resolution,
-                of.free_levels,
-                of.levels
-            ]);
+            rows.push(entries(model.name(), whose, &of));
         }
-        let levels = object.clod.levels.iter().filter(|level| !level.free);
-        let radius = object.bounding_radius();
-        let mut points: Vec<(f64, f64)> =
-            levels.skip(1).map(|level| (level.resolution * radius, f64::from(level.triangles))).collect();
-        points.reverse();
-        curves.push(Curve { name: model.name().to_owned(), points });
+        curves.push(levels_of(model.name(), &object));
         alike.push(is_alike(&ours, &theirs));
         words.push(format!(
             "{} {} ({}) triangles, {} ({}) patches, {} ({}) levels",
@@ -90,27 +69,6 @@ pub fn benchmark_models(name: &str) -> Result<Reproduction, String> {
     }
     // At most as many curves as there are colours: the ball joint's halves are alike.
     curves.retain(|curve| !["ball-joint-socket", "upper-jaw"].contains(&curve.name.as_str()));
-    let plot = LogPlot {
-        title: "Levels of the benchmark models (Table 3.2)".to_owned(),
-        x: LogAxis {
-            name: "resolution times radius".to_owned(),
-            marks: vec![5.0, 10.0, 20.0, 50.0, 100.0, 200.0],
-        },
-        y: LogAxis { name: "triangles".to_owned(), marks: vec![100.0, 1e3, 1e4, 1e5] },
-        curves,
-    };
-    let columns = vec![
-        "model",
-        "of",
-        "original_triangles",
-        "original_patches",
-        "simplified_triangles",
-        "simplified_patches",
-        "finest_resolution",
-        "coarsest_resolution",
-        "free_levels",
-        "levels",
-    ];
     Ok(Reproduction {
         finding: Finding {
             claim: "Models of 40,180 to 177,876 triangles are simplified to coarsest levels of 122 to 1,532 triangles and 8 to 256 convex \
@@ -127,10 +85,129 @@ pub fn benchmark_models(name: &str) -> Result<Reproduction, String> {
             ),
             holds: alike.iter().all(|alike| *alike),
         },
-        table: Table { name: name.to_owned(), columns, rows },
+        table: Table { name: name.to_owned(), columns: COLUMNS.to_vec(), rows },
         timing: None,
-        plot: draw_log_log(&plot).map_err(|error| error.to_string())?,
+        plot: plot_of("Levels of the benchmark models (Table 3.2)", curves)?,
     })
+}
+
+const COLUMNS: [&str; 10] = [
+    "model",
+    "of",
+    "original_triangles",
+    "original_patches",
+    "simplified_triangles",
+    "simplified_patches",
+    "finest_resolution",
+    "coarsest_resolution",
+    "free_levels",
+    "levels",
+];
+
+/// A model's row in the table, by [`COLUMNS`].
+fn entries(model: &str, whose: &str, of: &Table32) -> Vec<String> {
+    row![
+        model,
+        whose,
+        of.original_triangles,
+        of.original_patches,
+        of.simplified_triangles,
+        of.simplified_patches,
+        of.finest_resolution.unwrap_or(f64::NAN),
+        of.coarsest_resolution,
+        of.free_levels,
+        of.levels
+    ]
+}
+
+/// Triangles over resolution of the levels that are not free, the finest last.
+fn levels_of(model: &str, object: &Object) -> Curve {
+    let levels = object.clod.levels.iter().filter(|level| !level.free);
+    let radius = object.bounding_radius();
+    let mut points: Vec<(f64, f64)> =
+        levels.skip(1).map(|level| (level.resolution * radius, f64::from(level.triangles))).collect();
+    points.reverse();
+    Curve { name: model.to_owned(), points }
+}
+
+fn plot_of(title: &str, curves: Vec<Curve>) -> Result<String, String> {
+    let plot = LogPlot {
+        title: title.to_owned(),
+        x: LogAxis {
+            name: "resolution times radius".to_owned(),
+            marks: vec![5.0, 10.0, 20.0, 50.0, 100.0, 200.0],
+        },
+        y: LogAxis { name: "triangles".to_owned(), marks: vec![100.0, 1e3, 1e4, 1e5] },
+        curves,
+        scattered: Vec::new(),
+    };
+    draw_log_log(&plot).map_err(|error| error.to_string())
+}
+
+/// Meshes that were scanned or constructed by others, of the optional test data; the first six are drawn.
+const REAL: [&str; 14] = [
+    "dental_cast_lower.obj",
+    "human_mandible.obj",
+    "femur_left.stl",
+    "scallop_120k.glb",
+    "ycb_mug.obj",
+    "gear_large.obj",
+    "dental_cast_upper.obj",
+    "ycb_golf_ball.obj",
+    "ycb_hammer.obj",
+    "ycb_spoon.obj",
+    "dog_body.stl",
+    "bracket.stl",
+    "nut_m16.obj",
+    "bolt_m16.obj",
+];
+
+/// Whether a mesh of whatever size is simplified as far as the dissertation's.
+fn is_simplified(of: &Table32) -> bool {
+    f64::from(of.simplified_triangles) <= MARGIN * f64::from(COARSEST.0)
+        && f64::from(of.simplified_patches) <= MARGIN * f64::from(COARSEST.1)
+        && of.finest_resolution.is_some_and(|finest| finest > 2.0 * of.coarsest_resolution)
+}
+
+/// Repeats Table 3.2 on real meshes; nothing where there are none.
+///
+/// # Errors
+/// As [`benchmark_models`].
+pub fn real_models(name: &str) -> Result<Option<Reproduction>, String> {
+    let (mut rows, mut curves, mut short) = (Vec::new(), Vec::new(), Vec::new());
+    for file in REAL {
+        let Some(path) = shared(&format!("models/good/{file}")) else { return Ok(None) };
+        let object = open(path.to_str().ok_or("the path is not Unicode")?)?;
+        let found = Table32::of(&object.clod);
+        rows.push(entries(file, "palpate", &found));
+        if curves.len() < 6 {
+            curves.push(levels_of(file, &object));
+        }
+        if !is_simplified(&found) {
+            let Table32 { original_triangles, simplified_triangles, simplified_patches, .. } = found;
+            short.push(format!(
+                "{file} of {original_triangles} triangles to {simplified_triangles} triangles and {simplified_patches} patches"
+            ));
+        }
+    }
+    let simplified = REAL.len() - short.len();
+    let rest = if short.is_empty() { String::new() } else { format!("; not {}", short.join(", ")) };
+    Ok(Some(Reproduction {
+        finding: Finding {
+            claim: "The same of meshes that were scanned, or constructed by others: coarsest levels of up to 1,532 triangles and 256 \
+                    convex patches."
+                .to_owned(),
+            measured: format!("{simplified} of {} meshes are simplified as far{rest}.", REAL.len()),
+            condition: format!(
+                "Of each mesh the coarsest level that is not free has at most {MARGIN} times 1,532 triangles and 256 patches, and \
+                 resolution falls by more than half."
+            ),
+            holds: short.is_empty(),
+        },
+        table: Table { name: name.to_owned(), columns: COLUMNS.to_vec(), rows },
+        timing: None,
+        plot: plot_of("Levels of real meshes (as Table 3.2)", curves)?,
+    }))
 }
 
 /// The models of Table 4.1: triangles at full and at low resolution, and bounding volumes at low resolution, there; and the least
@@ -185,6 +262,7 @@ pub fn textured_models(name: &str) -> Result<Reproduction, String> {
         x: LogAxis { name: "triangles at low resolution".to_owned(), marks: vec![10.0, 100.0, 1e3, 1e4] },
         y: LogAxis { name: "triangles at full resolution".to_owned(), marks: vec![1e4, 1e5, 1e6] },
         curves,
+        scattered: Vec::new(),
     };
     Ok(Reproduction {
         finding: Finding {

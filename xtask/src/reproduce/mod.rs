@@ -6,16 +6,18 @@
 mod dynamics;
 mod levels;
 mod outcome;
-mod page;
+pub(crate) mod page;
 mod pictures;
 mod queries;
-mod relief;
+pub(crate) mod relief;
 mod rendering;
 mod roughness;
 
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use outcome::{Outcome, Reproduction};
 
@@ -40,12 +42,18 @@ enum Name {
     /// Hierarchies of the benchmark models.
     #[value(name = "table-3.2")]
     Table3_2,
+    /// The same of real meshes.
+    #[value(name = "table-3.2-real")]
+    Table3_2Real,
     /// Levels of the lower jaw.
     #[value(name = "fig-3.7")]
     Figure3_7,
     /// Contact queries of moving jaws.
     #[value(name = "fig-3.15")]
     Figure3_15,
+    /// The same of scanned dental casts.
+    #[value(name = "fig-3.15-real")]
+    Figure3_15Real,
     /// Contact queries of a golf club and ball.
     #[value(name = "fig-3.16")]
     Figure3_16,
@@ -88,10 +96,12 @@ enum Name {
 }
 
 impl Name {
-    const EACH: [Self; 16] = [
+    const EACH: [Self; 18] = [
         Self::Table3_2,
+        Self::Table3_2Real,
         Self::Figure3_7,
         Self::Figure3_15,
+        Self::Figure3_15Real,
         Self::Figure3_16,
         Self::Table4_1,
         Self::Figure4_8,
@@ -107,8 +117,11 @@ impl Name {
         Self::Figure5_12,
     ];
 
-    fn reproduce(self) -> Result<Reproduction, String> {
-        match self {
+    /// Nothing where it takes files of the optional test data that are absent.
+    fn reproduce(self) -> Result<Option<Reproduction>, String> {
+        let made = match self {
+            Self::Table3_2Real => return levels::real_models(&self.word()),
+            Self::Figure3_15Real => return queries::casts(&self.word()),
             Self::Table3_2 => levels::benchmark_models(&self.word()),
             Self::Figure3_7 => pictures::levels(&self.word()),
             Self::Figure3_15 => queries::jaws(&self.word()),
@@ -126,7 +139,8 @@ impl Name {
             Self::Figure5_10 => dynamics::jaws::reproduce(&self.word()),
             Self::Figure5_12 => dynamics::textured_plate::reproduce(&self.word()),
             Self::All => Err("all is not an experiment".to_owned()),
-        }
+        };
+        made.map(Some)
     }
 
     fn word(self) -> String {
@@ -134,12 +148,18 @@ impl Name {
         self.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
     }
 
-    fn run(self, out: &Path) -> Result<(Outcome, String), String> {
+    fn run(self, out: &Path) -> Result<Option<Outcome>, String> {
         let start = Instant::now();
         let name = self.word();
-        let reproduction = self.reproduce().map_err(|error| format!("{name}: {error}"))?;
+        let made = self.reproduce().map_err(|error| format!("{name}: {error}"))?;
+        let Some(reproduction) = made else {
+            Outcome::forget(out, &name)?;
+            return Ok(None);
+        };
         reproduction.write(out, &name)?;
-        Ok((Outcome::new(name, reproduction.finding, start.elapsed().as_secs_f64()), reproduction.plot))
+        let outcome = Outcome::new(name, reproduction.finding, start.elapsed().as_secs_f64());
+        outcome.write(out)?;
+        Ok(Some(outcome))
     }
 }
 
@@ -152,22 +172,35 @@ pub fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
         .map_err(|error| format!("cannot create the folder {}: {error}", arguments.out.display()))?;
     let all = arguments.names.contains(&Name::All);
     let names = Name::EACH.into_iter().filter(|name| all || arguments.names.contains(name));
-    let (outcomes, plots): (Vec<_>, Vec<_>) =
-        names.map(|name| name.run(&arguments.out)).collect::<Result<Vec<_>, _>>()?.into_iter().unzip();
-    let page = arguments.out.join("index.html");
-    std::fs::write(&page, page::html(&outcomes, &plots, &command(arguments)))
-        .map_err(|error| format!("cannot write {}: {error}", page.display()))?;
+    let names: Vec<Name> = names.collect();
+    let bar = ProgressBar::with_draw_target(Some(names.len() as u64), ProgressDrawTarget::stderr_with_hz(4));
+    if let Ok(style) = ProgressStyle::with_template("{msg:16} {bar:32} {pos}/{len} {elapsed}") {
+        bar.set_style(style);
+    }
+    let (mut outcomes, mut skipped) = (Vec::new(), Vec::new());
+    for name in names {
+        bar.set_message(name.word());
+        match name.run(&arguments.out)? {
+            Some(outcome) => outcomes.push(outcome),
+            None => skipped.push(name.word()),
+        }
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    let page = page::write(&arguments.out)?;
     if arguments.json {
         println!("{}", serde_json::to_string_pretty(&outcomes)?);
     } else {
         print!("{}", outcome::table(&outcomes));
+        for name in skipped {
+            println!("{name:10} skipped: its files are absent");
+        }
         println!("Values, plots and a page of all: {}", page.display());
     }
     Ok(())
 }
 
-/// The command that makes the same files.
-fn command(arguments: &Arguments) -> String {
-    let names = arguments.names.iter().map(|name| name.word());
-    std::iter::once("cargo xtask reproduce".to_owned()).chain(names).collect::<Vec<_>>().join(" ")
+/// The names of what can be reproduced, in order.
+fn names() -> impl Iterator<Item = String> {
+    Name::EACH.into_iter().map(Name::word)
 }

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::stability::page::Table;
 
@@ -45,14 +45,14 @@ impl Reproduction {
 }
 
 /// A finding as it is printed.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 pub struct Outcome {
     pub name: String,
     pub claim: String,
     pub measured: String,
     pub condition: String,
     /// "holds" or "falls short".
-    pub verdict: &'static str,
+    pub verdict: String,
     /// Wall time that it took, s.
     pub seconds: f64,
 }
@@ -61,7 +61,44 @@ impl Outcome {
     pub fn new(name: String, finding: Finding, seconds: f64) -> Self {
         let Finding { claim, measured, condition, holds } = finding;
         let verdict = if holds { "holds" } else { "falls short" };
+        let verdict = verdict.to_owned();
         Self { name, claim, measured, condition, verdict, seconds: (seconds * 100.0).round() / 100.0 }
+    }
+}
+
+impl Outcome {
+    /// Keeps it in a folder.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn write(&self, folder: &Path) -> Result<(), String> {
+        let path = folder.join(format!("{}.json", self.name));
+        let text = serde_json::to_string_pretty(self).map_err(|error| error.to_string())?;
+        std::fs::write(&path, text).map_err(|error| format!("cannot write {}: {error}", path.display()))
+    }
+
+    /// Makes a folder keep none of that name.
+    ///
+    /// # Errors
+    /// If the one that it keeps cannot be removed.
+    pub fn forget(folder: &Path, name: &str) -> Result<(), String> {
+        let path = folder.join(format!("{name}.json"));
+        match std::fs::remove_file(&path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                Err(format!("cannot remove {}: {error}", path.display()))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The one of that name that a folder keeps; none if it keeps none.
+    ///
+    /// # Errors
+    /// If it keeps something else in its place.
+    pub fn read(folder: &Path, name: &str) -> Result<Option<Self>, String> {
+        let path = folder.join(format!("{name}.json"));
+        let Ok(text) = std::fs::read_to_string(&path) else { return Ok(None) };
+        serde_json::from_str(&text).map(Some).map_err(|error| format!("{}: {error}", path.display()))
     }
 }
 

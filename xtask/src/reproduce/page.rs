@@ -1,11 +1,35 @@
 //! All outcomes with their plots as one HTML document that needs no other file.
 
 use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
 
 use super::outcome::Outcome;
 
-/// The document: outcomes in order, with the plot (SVG) of each, the command that made them and the machine that it ran on.
-pub fn html(outcomes: &[Outcome], plots: &[String], command: &str) -> String {
+/// Writes the document, of all that runs have left in a folder, into it; gives its path.
+///
+/// # Errors
+/// If a file cannot be read or written.
+pub fn write(folder: &Path) -> Result<PathBuf, String> {
+    let (mut kept, mut missing) = (Vec::new(), Vec::new());
+    for name in super::names() {
+        match Outcome::read(folder, &name)? {
+            Some(outcome) => kept.push(outcome),
+            None => missing.push(name),
+        }
+    }
+    let plot = |outcome: &Outcome| {
+        std::fs::read_to_string(folder.join(format!("{}.svg", outcome.name))).unwrap_or_default()
+    };
+    let plots: Vec<String> = kept.iter().map(plot).collect();
+    let trade = crate::trade::section(folder)?.unwrap_or_default();
+    let page = folder.join("index.html");
+    std::fs::write(&page, html(&kept, &plots, &missing, &trade))
+        .map_err(|error| format!("cannot write {}: {error}", page.display()))?;
+    Ok(page)
+}
+
+/// The document: outcomes in order, with the plot (SVG) of each, what speed costs in accuracy, and the machine that it ran on.
+fn html(outcomes: &[Outcome], plots: &[String], missing: &[String], trade: &str) -> String {
     let (mut rows, mut sections) = (String::new(), String::new());
     for (outcome, plot) in outcomes.iter().zip(plots) {
         let Outcome { name, claim, measured, condition, verdict, seconds } = outcome;
@@ -18,20 +42,29 @@ pub fn html(outcomes: &[Outcome], plots: &[String], command: &str) -> String {
         let _ = writeln!(
             sections,
             "<section id=\"{name}\"><h2>{name}: <span class=\"{class}\">{verdict}</span></h2><dl><dt>Claim</dt><dd>{claim}</dd>\
-             <dt>Condition</dt><dd>{condition}</dd><dt>Measured</dt><dd>{measured}</dd></dl>{plot}</section>"
+             <dt>Condition</dt><dd>{condition}</dd><dt>Measured</dt><dd>{measured}</dd><dt>Command</dt>\
+             <dd><code>cargo xtask reproduce {name}</code></dd></dl>{plot}</section>"
         );
     }
-    let (command, machine) = (escaped(command), escaped(&machine()));
+    let missing = match missing {
+        [] => String::new(),
+        names => format!(
+            "<p>Not here, for want of their files or because they were not run: {}.</p>\n",
+            names.join(", ")
+        ),
+    };
+    let machine = escaped(&machine());
     let held = outcomes.iter().filter(|outcome| outcome.verdict == "holds").count();
     format!(
         "<!doctype html>\n<html lang=\"en\"><meta charset=\"utf-8\"><title>palpate: the dissertation, repeated</title>\n<style>\
          body{{font:15px/1.45 sans-serif;max-width:72em;margin:2em auto;padding:0 1em;color:#1c2733}}\
-         table{{border-collapse:collapse}}td{{border-top:1px solid #d5dde5;padding:.3em .8em .3em 0;vertical-align:top}}\
+         table{{border-collapse:collapse}}th{{text-align:left;padding-right:.8em}}td{{border-top:1px solid #d5dde5;padding:.3em .8em .3em 0;vertical-align:top}}\
          dt{{font-weight:bold}}dd{{margin:0 0 .5em}}.holds{{color:#1a7f37}}.short{{color:#b35900}}svg{{max-width:100%;height:auto}}\
          </style>\n<h1>The dissertation, repeated</h1>\n\
          <p>M. A. Otaduy, <em>6-DoF Haptic Rendering Using Contact Levels of Detail and Haptic Textures</em>, 2004. {held} of {} claims \
-         hold. Every verdict is computed from the condition beside it. Made by <code>{command}</code> on {machine}. Values lie beside this \
-         page as CSV; those of behaviour are the same each time, times are not.</p>\n<table>{rows}</table>\n{sections}</html>\n",
+         hold. Every verdict is computed from the condition beside it. Machine: {machine}. Values lie beside this page as CSV. Nothing \
+         in them is random, so that there are no seeds: emulated hands and simulated clocks do the same each time. Those of behaviour are \
+         equal, times are not.</p>\n<table>{rows}</table>\n{missing}{sections}{trade}</html>\n",
         outcomes.len()
     )
 }
@@ -63,8 +96,12 @@ mod tests {
             Outcome::new(name.to_owned(), finding, 1.0)
         };
         let plots = ["<svg>one</svg>".to_owned(), "<svg>two</svg>".to_owned()];
-        let page =
-            html(&[outcome("fig-1", true), outcome("fig-2", false)], &plots, "cargo xtask reproduce all");
+        let page = html(
+            &[outcome("fig-1", true), outcome("fig-2", false)],
+            &plots,
+            &["fig-3".to_owned()],
+            "<p>trade</p>",
+        );
         for said in [
             "id=\"fig-1\"",
             "fig-2 &lt; 1",
@@ -72,7 +109,9 @@ mod tests {
             "<svg>two</svg>",
             "1 of 2 claims",
             "falls short",
-            "cargo xtask",
+            "cargo xtask reproduce fig-2",
+            "<p>trade</p>",
+            "were not run: fig-3.",
         ] {
             assert!(page.contains(said), "{said}\n{page}");
         }

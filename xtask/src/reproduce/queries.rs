@@ -16,6 +16,7 @@ use palpate_tests::correlation;
 use super::outcome::{Finding, Reproduction};
 use super::rendering::open;
 use crate::stability::page::{Table, row};
+use palpate_benches::scenarios;
 use palpate_measure::Experiment;
 
 /// Contact clusters (§5.5.1).
@@ -131,6 +132,16 @@ const JAWS: Benchmark = Benchmark {
     note: ", where the dissertation's took more than 100 ms on a machine of 2004, so that there is less left to gain",
 };
 
+/// Of the benchmarks' scenario of the same name.
+const CASTS: Benchmark = Benchmark {
+    title: "Contact profile for dental casts, as that for jaws (Fig. 3.15)",
+    probe: "dental_cast_upper.obj",
+    scene: "dental_cast_lower.obj",
+    claim: "The same of scanned dental casts.",
+    note: "",
+    ..JAWS
+};
+
 const GOLF: Benchmark = Benchmark {
     title: "Contact profile for the golf scene (Fig. 3.16)",
     probe: "golf-club",
@@ -153,6 +164,19 @@ pub fn jaws(name: &str) -> Result<Reproduction, String> {
     let path = MotionPath::load(file, Interpolation::Smooth).map_err(|error| error.to_string())?;
     let poses = path.keyframes().iter().map(|keyframe| keyframe.pose).collect::<Vec<_>>();
     reproduce(name, &JAWS, &open(JAWS.probe)?, &open(JAWS.scene)?, &poses)
+}
+
+/// Repeats Fig. 3.15 on scanned casts of teeth; nothing where there are none.
+///
+/// # Errors
+/// As [`jaws`].
+pub fn casts(name: &str) -> Result<Option<Reproduction>, String> {
+    let scenario = scenarios::open("dental-casts").map_err(|error| error.to_string())?;
+    let made = scenario.map(|scenario| {
+        let poses: Vec<Pose> = scenario.poses.iter().step_by(10).copied().collect();
+        reproduce(name, &CASTS, &scenario.probe.object, &scenario.scene.object, &poses)
+    });
+    made.transpose()
 }
 
 /// Repeats Fig. 3.16, with a hand that taps the ball with the club.

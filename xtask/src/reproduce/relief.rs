@@ -30,7 +30,7 @@ const TEETH: f64 = 2.5;
 const TURNING: [f64; 2] = [1.2, 3.2];
 
 /// A built-in model as a coarse mesh of so many triangles, with its detail as a texture or without.
-fn object(model: Model, coarse: usize, detail: bool) -> Result<Object, String> {
+pub(crate) fn object(model: Model, coarse: usize, detail: bool) -> Result<Object, String> {
     let generate = |triangles| model.generate(triangles).map_err(|error| error.to_string());
     let (full, mesh) = (generate(model.default_triangles())?, generate(coarse)?);
     if !detail {
@@ -229,11 +229,9 @@ const FRAMES: f64 = 500.0;
 /// The session is timed so often; of each frame the least time counts.
 const TIMES: usize = 3;
 
-/// A hand scrubs the part with the file: the frames after it has come down.
-fn scrape(detail: bool) -> Result<(Scraped, Trace), String> {
-    let file = object(Model::File, 632, detail)?;
-    let scene = Scene::new().with(object(Model::CadPart, 8008, detail)?, Pose::IDENTITY);
-    let settings = Settings {
+/// What a file is felt with on a CAD part.
+pub(crate) fn scraping() -> Settings {
+    Settings {
         tolerance: Some(2e-4),
         clusters: CONTACTS,
         textures: TextureSettings {
@@ -242,7 +240,14 @@ fn scrape(detail: bool) -> Result<(Scraped, Trace), String> {
             ..TextureSettings::default()
         },
         ..Settings::default()
-    };
+    }
+}
+
+/// A hand scrubs the part with the file: the frames after it has come down.
+fn scrape(detail: bool) -> Result<(Scraped, Trace), String> {
+    let file = object(Model::File, 632, detail)?;
+    let scene = Scene::new().with(object(Model::CadPart, 8008, detail)?, Pose::IDENTITY);
+    let settings = scraping();
     let down = 2.0;
     let session = Experiment {
         probe: &file,

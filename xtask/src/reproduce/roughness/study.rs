@@ -203,6 +203,7 @@ fn plot(study: &Study, swept: &Swept) -> Result<String, String> {
             marks: vec![0.2, 0.5, 1.0, 2.0, 5.0, 10.0],
         },
         curves: curves.collect(),
+        scattered: Vec::new(),
     };
     draw_log_log(&plot).map_err(|error| error.to_string())
 }

@@ -1,0 +1,136 @@
+//! One setting on one scenario.
+
+use palpate_measure::{
+    BodyPath, Difference, Experiment, MeasureError, Profile, Trace, penetration, pressed, quantile,
+    stability_margin,
+};
+
+use super::scenario::Scenario;
+use super::variation::Variation;
+
+/// Contact steps a second in sessions, Hz, whatever they take, so that sessions are the same each time; and how often
+/// contact steps are timed.
+pub const CONTACT_RATE: f64 = 500.0;
+const ROUNDS: usize = 2;
+
+/// The session that others are held against: at full resolution, with a contact step in each haptic step.
+pub struct Reference {
+    pub trace: Trace,
+    /// The states that its contact queries saw, as many a second as sessions have.
+    pub path: BodyPath,
+    /// Contact steps along it.
+    pub profile: Profile,
+}
+
+/// What a setting costs and buys.
+#[derive(Clone, Debug)]
+pub struct Measured {
+    pub variation: Variation,
+    /// Of contact steps in contact along the session's own path, s: median and 99th percentile.
+    pub contact: [f64; 2],
+    /// Of haptic steps, with the emulated device, s.
+    pub haptic: [f64; 2],
+    /// Hierarchies and workspaces.
+    pub bytes: usize,
+    /// Of contact wrenches at the reference's states.
+    pub rendered: Difference,
+    /// Of the wrenches at the device.
+    pub felt: Difference,
+    /// m.
+    pub penetration: f64,
+    pub stability_margin: f64,
+}
+
+fn session<'a>(scenario: &'a Scenario, variation: &Variation, contact_rate: f64) -> Experiment<'a> {
+    Experiment {
+        probe: &scenario.probe,
+        scene: &scenario.scene,
+        settings: variation.settings,
+        contact_rate,
+        frozen: false,
+        seconds: scenario.seconds,
+    }
+}
+
+impl Reference {
+    /// Of a scenario at full resolution.
+    ///
+    /// # Errors
+    /// If it cannot be rendered, or the objects never touch.
+    pub fn of(scenario: &Scenario, full: &Variation) -> Result<Self, String> {
+        let experiment = session(scenario, full, full.settings.rate);
+        let trace = experiment.emulate(scenario.hand()?).map_err(|error| error.to_string())?;
+        let path = BodyPath::of(&trace).thinned_to(CONTACT_RATE);
+        let profile = Profile::along(&path, &scenario.probe, &scenario.scene, &full.settings, 1)
+            .map_err(|error| error.to_string())?;
+        if profile.touching().next().is_none() {
+            return Err(format!("{}: the objects never touch", scenario.name));
+        }
+        Ok(Self { trace, path, profile })
+    }
+}
+
+impl Measured {
+    /// Of a setting on a scenario.
+    ///
+    /// # Errors
+    /// If it cannot be rendered.
+    pub fn of(
+        scenario: &Scenario,
+        variation: &Variation,
+        full: &Variation,
+        reference: &Reference,
+    ) -> Result<Self, String> {
+        let Scenario { probe, scene, .. } = scenario;
+        let settings = &variation.settings;
+        let say = |error: MeasureError| error.to_string();
+        let trace = session(scenario, variation, CONTACT_RATE).emulate(scenario.hand()?).map_err(say)?;
+        let timed = Profile::along(&BodyPath::of(&trace), probe, scene, settings, ROUNDS).map_err(say)?;
+        let same = Profile::along(&reference.path, probe, scene, settings, 1).map_err(say)?;
+        let held = pressed(&reference.trace, &reference.path, &reference.profile, probe);
+        Ok(Self {
+            contact: [0.5, 0.99].map(|fraction| timed.time(fraction)),
+            haptic: [0.5, 0.99].map(|fraction| quantile(&trace.step_times, fraction)),
+            bytes: timed.bytes,
+            rendered: Difference::of(&same, &reference.profile, 1.0 / reference.path.period),
+            felt: Difference::felt(&trace, &reference.trace),
+            penetration: penetration(&trace, probe, scene, &full.settings).map_err(say)?,
+            stability_margin: stability_margin(probe, scene, settings, held, CONTACT_RATE).map_err(say)?,
+            variation: variation.clone(),
+        })
+    }
+
+    /// How far the wrench at the device is off, as a part of the reference's.
+    pub fn felt_error(&self) -> f64 {
+        self.felt.force.relative().max(self.felt.torque.relative())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::trade::behaviour_row;
+    use crate::trade::scenario::tests::small;
+    use crate::trade::variation::{Axis, variations};
+
+    #[test]
+    fn what_is_left_out_is_felt_and_measured_the_same_each_time() {
+        let scenario = small();
+        let variations = variations(&scenario);
+        let full = &variations[0];
+        assert_eq!((full.axis, full.settings.error), (Axis::Error, 0.0));
+        let reference = Reference::of(&scenario, full).unwrap();
+        let measure = |variation| Measured::of(&scenario, variation, full, &reference).unwrap();
+        let coarse = variations.iter().rfind(|variation| variation.axis == Axis::Error).unwrap();
+        let (exact, coarse, again) = (measure(full), measure(coarse), measure(coarse));
+        assert_eq!(exact.rendered.force.mean, 0.0, "{:?}", exact.rendered);
+        assert!(coarse.rendered.force.mean > 0.0, "{:?}", coarse.rendered);
+        assert!(coarse.felt_error() > exact.felt_error(), "{:?} {:?}", coarse.felt, exact.felt);
+        assert!(exact.stability_margin >= 1.0 && exact.contact[0] > 0.0 && exact.haptic[0] > 0.0);
+        assert_eq!(behaviour_row("small", &coarse), behaviour_row("small", &again));
+        // Forward Euler stands less stiff contacts than the semi-implicit integrator.
+        let forward = variations.iter().find(|variation| variation.value == "forward-euler").unwrap();
+        let (implicit, forward) = (exact.stability_margin, measure(forward).stability_margin);
+        assert!(forward < implicit, "{forward} {implicit}");
+    }
+}

@@ -1,0 +1,241 @@
+//! Speed against accuracy: what each setting costs, and what accuracy it buys.
+//!
+//! `cargo xtask trade [SCENARIO…|all] [--json] [--out FOLDER]` renders each scenario with each setting in turn, the hand doing the
+//! same, and compares with a session at full resolution in which a contact step ends within each haptic step. Contact steps are
+//! timed alone, one session after another, and counted in instructions where valgrind is installed. Sessions are on a simulated
+//! clock with as many contact steps a second each, whatever they take, so that what they give is the same each time.
+
+mod cost;
+mod measured;
+mod pareto;
+mod scenario;
+mod section;
+mod variation;
+
+use std::error::Error;
+use std::path::{Path, PathBuf};
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde_json::json;
+
+use self::cost::{Instructions, Job};
+use self::measured::{Measured, Reference};
+pub use self::section::section;
+use self::variation::{Axis, Variation, variations};
+use crate::reproduce::page;
+use crate::stability::page::{Table, row};
+
+/// What `cargo xtask trade` is asked to measure.
+#[derive(clap::Args, Clone, Debug)]
+pub struct Arguments {
+    /// Scenarios, or all.
+    #[arg(default_value = "all", value_name = "SCENARIO")]
+    scenarios: Vec<String>,
+    /// Prints what was measured as a JSON list.
+    #[arg(long)]
+    json: bool,
+    /// Folder for values and plots.
+    #[arg(long, value_name = "FOLDER", default_value = "target/reproduce")]
+    out: PathBuf,
+    /// Runs what a file says, to be counted.
+    #[arg(long, value_name = "FILE", hide = true)]
+    counted: Option<PathBuf>,
+}
+
+/// What was measured on a scenario.
+struct Trade {
+    scenario: &'static str,
+    rows: Vec<Measured>,
+    /// Where valgrind is installed.
+    instructions: Option<Vec<Instructions>>,
+}
+
+/// Measures the scenarios.
+///
+/// # Errors
+/// If a scenario cannot be rendered, or a file cannot be written.
+pub fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
+    if let Some(job) = &arguments.counted {
+        return Ok(cost::run_counted(job)?);
+    }
+    let Arguments { scenarios, out, .. } = arguments;
+    std::fs::create_dir_all(out).map_err(|error| format!("{}: {error}", out.display()))?;
+    let all = scenarios.iter().any(|name| name == "all");
+    let names: Vec<&str> =
+        if all { scenario::names().collect() } else { scenarios.iter().map(String::as_str).collect() };
+    let (mut trades, mut skipped) = (Vec::new(), Vec::new());
+    for name in names {
+        match measure(name, out)? {
+            Some(trade) => trades.push(trade),
+            None => skipped.push(name),
+        }
+    }
+    tables(&trades).iter().try_for_each(|table| table.write(out))?;
+    for trade in &trades {
+        for (kind, plot) in trade.plots()? {
+            let path = out.join(format!("trade-{}-{kind}.svg", trade.scenario));
+            std::fs::write(&path, plot).map_err(|error| format!("{}: {error}", path.display()))?;
+        }
+    }
+    let values = serde_json::Value::Array(trades.iter().flat_map(Trade::values).collect());
+    let text = serde_json::to_string_pretty(&json!({ "skipped": skipped, "rows": values }))?;
+    let path = out.join("trade.json");
+    std::fs::write(&path, text).map_err(|error| format!("{}: {error}", path.display()))?;
+    page::write(out)?;
+    if arguments.json {
+        println!("{}", serde_json::to_string_pretty(&values)?);
+        return Ok(());
+    }
+    for trade in &trades {
+        println!("{}\n", trade.text());
+    }
+    for name in skipped {
+        println!("{name}: skipped, its files are absent");
+    }
+    println!("Values, plots and a page of all: {}", out.join("index.html").display());
+    Ok(())
+}
+
+fn measure(name: &str, out: &Path) -> Result<Option<Trade>, String> {
+    let Some(scenario) = scenario::open(name)? else { return Ok(None) };
+    let variations = variations(&scenario);
+    let full = &variations[0];
+    let bar = ProgressBar::with_draw_target(
+        Some(variations.len() as u64 + 2),
+        ProgressDrawTarget::stderr_with_hz(4),
+    );
+    if let Ok(style) = ProgressStyle::with_template("{msg:32} {bar:32} {pos}/{len} {elapsed}") {
+        bar.set_style(style);
+    }
+    bar.set_message(format!("{name}: full resolution"));
+    let reference = Reference::of(&scenario, full)?;
+    bar.inc(1);
+    let mut rows = Vec::with_capacity(variations.len());
+    for variation in &variations {
+        bar.set_message(format!("{name}: {} {}", variation.axis.word(), variation.value));
+        match Measured::of(&scenario, variation, full, &reference) {
+            Ok(row) => rows.push(row),
+            // Without a GPU or a driver that stands in for one there is nothing to measure.
+            Err(error) if variation.axis == Axis::Precision => {
+                eprintln!("{name}: {}: {error}", variation.value)
+            }
+            Err(error) => {
+                return Err(format!("{name}: {} {}: {error}", variation.axis.word(), variation.value));
+            }
+        }
+        bar.inc(1);
+    }
+    bar.set_message(format!("{name}: counting instructions"));
+    let settings = rows.iter().map(|row| row.variation.settings).collect();
+    let job = Job::new(&scenario, &reference.path.states, reference.path.period, settings);
+    let instructions = job.count(&scenario, out)?;
+    bar.finish_and_clear();
+    if instructions.is_none() {
+        eprintln!(
+            "{name}: instructions are not counted: install valgrind (on Debian and Ubuntu `apt-get install valgrind`)"
+        );
+    }
+    Ok(Some(Trade { scenario: scenario.name, rows, instructions }))
+}
+
+/// What is the same each time, and what is not.
+fn tables(trades: &[Trade]) -> [Table; 2] {
+    let (mut behaviour, mut cost) = (Vec::new(), Vec::new());
+    for trade in trades {
+        for (index, measured) in trade.rows.iter().enumerate() {
+            let Measured { variation: Variation { axis, value, .. }, contact, haptic, bytes, .. } = measured;
+            let same = behaviour_row(trade.scenario, measured);
+            if axis.is_reproducible() {
+                behaviour.push(same);
+            }
+            let counted = trade.counted(index);
+            let count = |of: fn(&Instructions) -> f64| counted.map_or(f64::NAN, of);
+            cost.push(row![
+                trade.scenario,
+                axis.word(),
+                value,
+                1e6 * contact[0],
+                1e6 * contact[1],
+                count(|counted| counted.contact),
+                1e9 * haptic[0],
+                1e9 * haptic[1],
+                count(|counted| counted.haptic),
+                *bytes,
+                measured.felt_error(),
+            ]);
+        }
+    }
+    [
+        Table {
+            name: "trade".to_owned(),
+            columns: vec![
+                "scenario",
+                "axis",
+                "value",
+                "rendered_force_mean",
+                "rendered_force_p99",
+                "rendered_force_correlation",
+                "rendered_torque_mean",
+                "rendered_torque_p99",
+                "rendered_torque_correlation",
+                "felt_force_rms",
+                "felt_force_mean",
+                "felt_force_p99",
+                "felt_force_correlation",
+                "felt_torque_rms",
+                "felt_torque_mean",
+                "felt_torque_p99",
+                "felt_torque_correlation",
+                "force_above_20_hz",
+                "torque_above_20_hz",
+                "penetration",
+                "stability_margin",
+            ],
+            rows: behaviour,
+        },
+        Table {
+            name: "trade-cost".to_owned(),
+            columns: vec![
+                "scenario",
+                "axis",
+                "value",
+                "contact_median_us",
+                "contact_p99_us",
+                "contact_instructions",
+                "haptic_median_ns",
+                "haptic_p99_ns",
+                "haptic_instructions",
+                "bytes",
+                "felt_error",
+            ],
+            rows: cost,
+        },
+    ]
+}
+
+fn behaviour_row(scenario: &str, measured: &Measured) -> Vec<String> {
+    let Measured { variation, rendered, felt, penetration, stability_margin, .. } = measured;
+    row![
+        scenario,
+        variation.axis.word(),
+        variation.value,
+        rendered.force.mean,
+        rendered.force.p99,
+        rendered.force.correlation,
+        rendered.torque.mean,
+        rendered.torque.p99,
+        rendered.torque.correlation,
+        felt.force.exact_rms,
+        felt.force.mean,
+        felt.force.p99,
+        felt.force.correlation,
+        felt.torque.exact_rms,
+        felt.torque.mean,
+        felt.torque.p99,
+        felt.torque.correlation,
+        felt.force.vibration,
+        felt.torque.vibration,
+        *penetration,
+        *stability_margin,
+    ]
+}

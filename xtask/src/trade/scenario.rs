@@ -1,0 +1,125 @@
+//! What speed is measured against accuracy on: objects, and what a hand does with them.
+
+use palpate::device::{IntendedPath, Interpolation, Keyframe, MotionPath, Task};
+use palpate::models::Model;
+use palpate::{Object, Pose, Scene, Settings, explore};
+use palpate_benches::scenarios;
+
+use crate::reproduce::relief;
+
+/// Scenarios of the benchmarks that are measured, with what they are called; the last two are of scanned objects.
+const RIGID: [(&str, &str); 6] = [
+    ("jaws", "built-in-jaws"),
+    ("golf", "golf"),
+    ("ball-joint", "ball-joint"),
+    ("spoon-cup", "built-in-spoon-cup"),
+    ("dental-casts", "dental-casts"),
+    ("spoon-mug", "spoon-mug"),
+];
+/// The one with haptic textures.
+const TEXTURED: &str = "file-on-part";
+/// The scenarios' paths, of 1 ms from pose to pose, are gone along so many times slower.
+const SLOWER: f64 = 2.0;
+/// How long the file scrapes, s.
+const SCRAPING: f64 = 3.0;
+
+/// A probe, a scene, and what a hand does.
+pub struct Scenario {
+    pub name: &'static str,
+    pub probe: Object,
+    pub scene: Scene,
+    pub settings: Settings,
+    pub textured: bool,
+    /// How long it takes, s.
+    pub seconds: f64,
+    hand: Option<MotionPath>,
+}
+
+impl Scenario {
+    /// Where the hand means the probe's mesh frame to be.
+    ///
+    /// # Errors
+    /// If an object is out of range.
+    pub fn hand(&self) -> Result<IntendedPath, String> {
+        match &self.hand {
+            Some(path) => Ok(path.clone().into()),
+            None => explore::path(Task::Explore, &self.probe, &self.scene).map_err(|error| error.to_string()),
+        }
+    }
+}
+
+/// The names of all scenarios.
+pub fn names() -> impl Iterator<Item = &'static str> {
+    RIGID.iter().map(|(name, _)| *name).chain([TEXTURED])
+}
+
+/// A scenario by its name; none where its files, which are optional test data, are absent.
+///
+/// # Errors
+/// If there is no such scenario, or its objects cannot be made.
+pub fn open(name: &str) -> Result<Option<Scenario>, String> {
+    if name == TEXTURED {
+        return file_on_part().map(Some);
+    }
+    let Some((name, benchmark)) = RIGID.into_iter().find(|(known, _)| *known == name) else {
+        let known: Vec<&str> = names().collect();
+        return Err(format!("no scenario is called '{name}'; the names are: {}", known.join(" ")));
+    };
+    let opened = scenarios::open(benchmark).map_err(|error| error.to_string())?;
+    opened.map(|opened| rigid(name, opened)).transpose()
+}
+
+fn rigid(name: &'static str, opened: scenarios::Scenario) -> Result<Scenario, String> {
+    let scenarios::Scenario { probe, scene, poses, tolerance, .. } = opened;
+    let keyframes: Vec<Keyframe> = (0..)
+        .zip(poses)
+        .map(|(index, pose)| Keyframe { time: SLOWER * 1e-3 * f64::from(index), pose })
+        .collect();
+    let path = MotionPath::new(keyframes, Interpolation::Smooth).map_err(|error| error.to_string())?;
+    Ok(Scenario {
+        name,
+        probe: probe.object,
+        scene: Scene::new().with(scene.object, Pose::IDENTITY),
+        settings: Settings { tolerance: Some(tolerance), ..Settings::default() },
+        textured: false,
+        seconds: path.keyframes().last().map_or(0.0, |last| last.time),
+        hand: Some(path),
+    })
+}
+
+fn file_on_part() -> Result<Scenario, String> {
+    let scene = Scene::new().with(relief::object(Model::CadPart, 8008, true)?, Pose::IDENTITY);
+    Ok(Scenario {
+        name: TEXTURED,
+        probe: relief::object(Model::File, 632, true)?,
+        scene,
+        settings: relief::scraping(),
+        textured: true,
+        seconds: SCRAPING,
+        hand: None,
+    })
+}
+
+#[cfg(test)]
+pub mod tests {
+    use super::*;
+
+    /// A small one: a hand explores a golf ball with an ellipsoid.
+    pub fn small() -> Scenario {
+        let open = |name| Object::model(name).unwrap();
+        Scenario {
+            name: "small",
+            probe: open("ellipsoid@500"),
+            scene: Scene::new().with(open("golf-ball@5000"), Pose::IDENTITY),
+            settings: Settings::default(),
+            textured: false,
+            seconds: 1.5,
+            hand: None,
+        }
+    }
+
+    #[test]
+    fn unknown_scenarios_are_refused() {
+        assert!(open("jams").err().unwrap().contains("jaws"));
+    }
+}

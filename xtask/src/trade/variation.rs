@@ -1,0 +1,132 @@
+//! The settings that are varied, one at a time.
+
+use palpate::dynamics::MAX_CLUSTERS;
+use palpate::{IntegratorKind, Settings, TextureBackend, TextureDerivatives};
+
+use super::scenario::Scenario;
+
+/// A change of one setting.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Variation {
+    /// Which setting.
+    pub axis: Axis,
+    /// Its value.
+    pub value: String,
+    pub settings: Settings,
+}
+
+/// A setting that is varied.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Axis {
+    /// s₀, as a part of the probe's bounding radius.
+    Error,
+    /// The same with forces that jump between levels of detail.
+    ErrorWithoutInterpolation,
+    /// Time that queries may take, s₀ being the smallest above 0.
+    QueryBudget,
+    Clusters,
+    TextureGrid,
+    TextureDerivatives,
+    Precision,
+    Integrator,
+    HapticRate,
+}
+
+impl Axis {
+    pub const ALL: [Self; 9] = [
+        Self::Error,
+        Self::ErrorWithoutInterpolation,
+        Self::QueryBudget,
+        Self::Clusters,
+        Self::TextureGrid,
+        Self::TextureDerivatives,
+        Self::Precision,
+        Self::Integrator,
+        Self::HapticRate,
+    ];
+
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Error => "s0",
+            Self::ErrorWithoutInterpolation => "s0, not interpolated",
+            Self::QueryBudget => "query limit",
+            Self::Clusters => "clusters",
+            Self::TextureGrid => "grid",
+            Self::TextureDerivatives => "derivatives",
+            Self::Precision => "precision",
+            Self::Integrator => "integrator",
+            Self::HapticRate => "haptic rate",
+        }
+    }
+
+    /// Whether what it gives is the same each time.
+    pub fn is_reproducible(self) -> bool {
+        // A limit of time is kept by the clock.
+        self != Self::QueryBudget
+    }
+}
+
+/// s₀, in parts of the probe's bounding radius; what is not about detail is varied at the usual one (§3.5.2).
+const ERRORS: [f64; 7] = [0.0, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1];
+const USUAL: f64 = 0.025;
+/// s.
+const BUDGETS: [f64; 4] = [50e-6, 100e-6, 200e-6, 500e-6];
+const CLUSTERS: [usize; 6] = [1, 2, 3, 5, 8, MAX_CLUSTERS];
+const GRIDS: [u32; 4] = [12, 25, 50, 100];
+/// Hz.
+const RATES: [f64; 4] = [500.0, 1000.0, 2000.0, 4000.0];
+const INTEGRATORS: [IntegratorKind; 6] = [
+    IntegratorKind::SemiImplicit,
+    IntegratorKind::FullyImplicit,
+    IntegratorKind::ForwardEuler,
+    IntegratorKind::SymplecticEuler,
+    IntegratorKind::RungeKutta4,
+    IntegratorKind::QuasiStatic,
+];
+
+/// What a scenario is measured with. The first is full resolution.
+pub fn variations(scenario: &Scenario) -> Vec<Variation> {
+    let radius = scenario.probe.bounding_radius();
+    let full = scenario.settings;
+    let usual = if scenario.textured { full } else { Settings { error: USUAL * radius, ..full } };
+    let mut all = Vec::new();
+    let mut add = |axis, value: String, settings| all.push(Variation { axis, value, settings });
+    if scenario.textured {
+        for grid in GRIDS.into_iter().rev() {
+            let mut settings = full;
+            settings.textures.grid = grid;
+            add(Axis::TextureGrid, format!("{grid} x {grid}"), settings);
+        }
+        let mut differences = full;
+        differences.textures.derivatives = TextureDerivatives::Differences;
+        add(Axis::TextureDerivatives, "at the maximum".to_owned(), full);
+        add(Axis::TextureDerivatives, "central differences".to_owned(), differences);
+        let mut gpu = full;
+        gpu.textures.backend = TextureBackend::Gpu;
+        add(Axis::Precision, "f64, processor".to_owned(), full);
+        add(Axis::Precision, "f32, wgpu".to_owned(), gpu);
+    } else {
+        let percent = |error: f64| format!("{} %", 100.0 * error);
+        for error in ERRORS {
+            add(Axis::Error, percent(error), Settings { error: error * radius, ..full });
+        }
+        for error in ERRORS.into_iter().skip(1) {
+            let settings = Settings { error: error * radius, interpolation: false, ..full };
+            add(Axis::ErrorWithoutInterpolation, percent(error), settings);
+        }
+        for budget in BUDGETS {
+            let settings = Settings { error: ERRORS[1] * radius, query_budget: Some(budget), ..full };
+            add(Axis::QueryBudget, format!("{:.0} us", 1e6 * budget), settings);
+        }
+    }
+    for clusters in CLUSTERS {
+        add(Axis::Clusters, clusters.to_string(), Settings { clusters, ..usual });
+    }
+    for integrator in INTEGRATORS {
+        add(Axis::Integrator, integrator.to_string(), Settings { integrator, ..usual });
+    }
+    for rate in RATES {
+        add(Axis::HapticRate, format!("{rate} Hz"), Settings { rate, ..usual });
+    }
+    all
+}
