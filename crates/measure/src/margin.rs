@@ -10,11 +10,13 @@ use crate::profile::{BodyPath, Profile};
 /// The factors on the contact stiffness that are tried are powers of two, from this one on.
 pub const WEAKEST: i32 = -6;
 /// The largest one.
-pub const STIFFEST: i32 = 10;
+pub const STIFFEST: i32 = 8;
 /// Seconds in which the object settles, and that are judged.
 const SETTLING: f64 = 0.4;
 const JUDGED: f64 = 1.0;
 
+/// Coefficient of friction with which objects are held, at least.
+const ROUGH: f64 = 0.8;
 /// Force with which the hand presses, through the coupling, N.
 const PRESS: f64 = 0.5;
 
@@ -31,7 +33,7 @@ pub fn pressed(trace: &Trace, path: &BodyPath, profile: &Profile, probe: &Object
 }
 
 /// The largest power of two by which the contact stiffness of `settings` can be multiplied so that the object comes to rest when
-/// an emulated hand holds it where it touches; 0 if it does with none that is [tried](WEAKEST). Contact damping that the settings
+/// an emulated hand holds it where it touches, by friction so that it does not slide off; 0 if it does with none that is [tried](WEAKEST). Contact damping that the settings
 /// leave open stays critical.
 ///
 /// By bisection: where stability comes and goes with stiffness, one of the limits is found. At rest is what moves by no more
@@ -51,10 +53,14 @@ pub fn stability_margin(
 ) -> Result<f64, MeasureError> {
     let stable = |exponent: i32| -> Result<bool, MeasureError> {
         let contact_stiffness = (settings.contact_stiffness * 2.0_f64.powi(exponent)).min(1e8);
-        let settings = Settings { contact_stiffness, ..*settings };
+        let settings = Settings { contact_stiffness, friction: settings.friction.max(ROUGH), ..*settings };
         comes_to_rest(probe, scene, settings, held, contact_rate)
     };
-    let (mut good, mut bad) = (WEAKEST - 1, STIFFEST + 1);
+    // That is where most end.
+    if stable(STIFFEST)? {
+        return Ok(2.0_f64.powi(STIFFEST));
+    }
+    let (mut good, mut bad) = (WEAKEST - 1, STIFFEST);
     while bad - good > 1 {
         let middle = (good + bad).div_euclid(2);
         if stable(middle)? {
