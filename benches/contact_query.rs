@@ -32,7 +32,10 @@ fn subject() -> (&'static str, [String; 3]) {
     if let [Some(probe), Some(scene), Some(trajectory)] = given {
         return ("own", [probe, scene, trajectory]);
     }
-    assert!(given.iter().all(Option::is_none), "give PALPATE_PROBE, PALPATE_SCENE and PALPATE_TRAJECTORY together");
+    assert!(
+        given.iter().all(Option::is_none),
+        "give PALPATE_PROBE, PALPATE_SCENE and PALPATE_TRAJECTORY together"
+    );
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/trajectories/jaws.csv");
     ("jaws", ["upper-jaw", "lower-jaw", file].map(str::to_owned))
 }

@@ -173,12 +173,12 @@ impl Program {
         let build = ["build", "--release", "--quiet", "-p", "palpate", "--example", "stage_steps"];
         let output = cargo(&[&build[..], features, &["--message-format=json"]].concat())?;
         let messages = String::from_utf8(output.stdout)?;
-        let built = messages.lines().filter_map(|line| {
+        let mut built = messages.lines().filter_map(|line| {
             let message: serde_json::Value = serde_json::from_str(line).ok()?;
             Some(PathBuf::from(message["executable"].as_str()?))
         });
         let path = folder.join(name);
-        std::fs::copy(built.last().ok_or("cargo names no program")?, &path)?;
+        std::fs::copy(built.next_back().ok_or("cargo names no program")?, &path)?;
         Ok(Self { path, folder: folder.to_owned() })
     }
 
