@@ -1,8 +1,9 @@
 //! Time of the directional penetration depth of textured surfaces (§4.4): two bumpy plates of 200 triangles each, displaced by
 //! ridges, in 7 contacts (the most of Fig. 4.16), by the size of the grid and by where derivatives come from.
 //!
-//! `cargo bench -p palpate-benches --bench texture_depth`; `-- --gpu` measures the GPU's backend too. `valgrind
-//! --tool=callgrind` on the same program with the arguments `count GRID TIMES` counts the instructions of the CPU's.
+//! `cargo bench -p palpate-benches --bench texture_depth`, criterion's group `texture_depth`. The processor's backend is
+//! measured; with `-- GPU` the GPU's is instead. `valgrind --tool=callgrind` on the same program with the arguments
+//! `count GRID TIMES` counts the instructions of the processor's.
 
 #![allow(missing_docs, clippy::print_stdout, reason = "a program that reports to the console")]
 
@@ -117,23 +118,31 @@ fn main() {
         println!("{sum}");
         return;
     }
-    let mut backends: Vec<Box<dyn Backend>> = vec![Box::new(CpuBackend::new())];
-    #[cfg(feature = "gpu")]
-    if arguments.iter().any(|argument| argument == "--gpu") {
-        backends.push(Box::new(palpate::texture_pd::WgpuBackend::new().expect("a GPU")));
-    }
-    let mut criterion = Criterion::default();
-    for backend in &mut backends {
-        let mut group = criterion.benchmark_group(format!("seven contacts/{}", backend.name()));
-        for grid in [50, 128, 256] {
-            for (method, settings) in methods(grid) {
-                let mut query = DepthQuery::new();
-                group.bench_function(BenchmarkId::new(method, grid), |bencher| {
-                    bencher.iter(|| scene.run(&mut query, &settings, &mut **backend));
-                });
-            }
+    let (name, mut backend) = backend(&arguments);
+    let mut criterion = Criterion::default().configure_from_args();
+    let mut group = criterion.benchmark_group("texture_depth");
+    for grid in [50, 128, 256] {
+        for (method, settings) in methods(grid) {
+            let mut query = DepthQuery::new();
+            group.bench_function(BenchmarkId::new(format!("{name}/{method}"), grid), |bencher| {
+                bencher.iter(|| scene.run(&mut query, &settings, &mut *backend));
+            });
         }
-        group.finish();
     }
+    group.finish();
     criterion.final_summary();
+}
+
+/// The backend that is asked for, and its name among the measurements: it is by them, as criterion's filter, that the GPU's is
+/// chosen.
+fn backend(arguments: &[String]) -> (&'static str, Box<dyn Backend>) {
+    #[cfg(feature = "gpu")]
+    if arguments.iter().any(|argument| argument.starts_with("GPU")) {
+        let gpu = palpate::texture_pd::WgpuBackend::new().expect("a GPU");
+        println!("GPU: {}", gpu.name());
+        return ("GPU", Box::new(gpu));
+    }
+    #[cfg(not(feature = "gpu"))]
+    assert!(!arguments.iter().any(|argument| argument.starts_with("GPU")), "built without the feature `gpu`");
+    ("CPU", Box::new(CpuBackend::new()))
 }

@@ -61,12 +61,12 @@ fn the_processor_goes_on_where_a_backend_fails() {
     let whole = renderer(ridges(), 0.05, TextureSettings::default());
     let mut broken = renderer(ridges(), 0.05, TextureSettings::default());
     broken.set_texture_backend(Box::new(Broken));
-    assert_eq!(broken.stages()["textures"], "on, computed by broken");
+    assert_eq!(broken.stages()["textures"], "on, computed by broken: scene ridges");
     let ((expected, _), (records, summary)) = (run(whole), run(broken));
     assert_eq!(records.last().map(|r| r.object), expected.last().map(|r| r.object));
     assert!(records.iter().any(|record| record.contact.force.z > 0.1));
     assert_eq!(summary.events.texture_backend_lost, 1);
-    assert_eq!(summary.stages["textures"], "on, computed by CPU");
+    assert_eq!(summary.stages["textures"], "on, computed by CPU: scene ridges");
 }
 
 #[test]

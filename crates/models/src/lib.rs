@@ -29,6 +29,7 @@ mod tetrahedra;
 mod torus;
 mod window;
 
+pub use jaws::JawPart;
 use palpate_core::TriMesh;
 
 /// A built-in model.

@@ -79,6 +79,8 @@ pub struct ContactLoop {
     proxy: Proxy,
     /// In the scene's order.
     objects: Vec<ObjectHandle>,
+    /// s₀, m; 0 for full resolution.
+    error: f64,
     settings: QuerySettings,
     parameters: ContactParameters,
     /// Contacts with all scene objects that are not textured.
@@ -124,11 +126,16 @@ impl ContactLoop {
         }
         let textures = Textures::new(probe, scene, settings, parameters.tolerance, radius)?;
         let recesses = textures.as_ref().map_or_else(Vec::new, Textures::recesses);
+        // One hull has no detail to leave out, so nothing is to be measured for it.
+        let objects_with_probe = std::iter::once(probe).chain(scene.iter().map(|placed| &placed.object));
+        let refined = objects_with_probe.map(|object| object.clod.levels.len()).any(|levels| levels > 1);
+        let error = if refined { error } else { 0.0 };
         Ok(Self {
             center_of_mass,
             scene: query,
             proxy: Proxy::new(body, center_of_mass, radius, parameters.tolerance, recesses, proxy),
             objects,
+            error,
             settings: QuerySettings {
                 error: error.into(),
                 interpolate: interpolation && (error > 0.0 || query_budget.is_some()),
@@ -292,6 +299,16 @@ impl ContactLoop {
         let (watched, watch) = Watched::new();
         self.watched = Some(watched);
         watch
+    }
+
+    /// Whether someone looks on.
+    pub(crate) fn is_watched(&self) -> bool {
+        self.watched.is_some()
+    }
+
+    /// The detail that is left out, m; 0 where there is none, or full resolution is asked for.
+    pub(crate) fn error(&self) -> f64 {
+        self.error
     }
 
     /// Begins to show what is seen at a time (s), with the patches that touch, of textured objects the coarse ones.

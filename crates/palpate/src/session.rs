@@ -5,7 +5,9 @@ use std::collections::BTreeMap;
 use palpate_device::Specification;
 use serde::Serialize;
 
+use crate::object::Object;
 use crate::renderer::HapticRenderer;
+use crate::settings::Settings;
 use crate::telemetry::{ContactTelemetry, Events, HapticTelemetry, Percentiles};
 
 /// Which clock a session ran by.
@@ -129,51 +131,87 @@ impl Session {
 }
 
 impl HapticRenderer {
-    /// Which stages of the pipeline the scene needs, and why.
+    /// Which stages of the pipeline the scene and the settings need, and why.
     pub fn stages(&self) -> BTreeMap<&'static str, String> {
-        let mut stages = BTreeMap::new();
-        let objects = self.scene().objects().len();
-        let query = match objects {
+        let settings = self.settings();
+        let query = match self.scene().objects().len() {
             0 => "off: the scene is empty".to_owned(),
             1 => "on: one scene object".to_owned(),
             n => format!("on: {n} scene objects"),
         };
-        stages.insert("contact query", query);
-        stages.insert("device", self.device_stage());
-        stages.insert("integrator", self.settings().integrator.to_string());
-        for (role, object) in std::iter::once(("probe", self.probe()))
-            .chain(self.scene().objects().iter().map(|placed| ("scene", &placed.object)))
-        {
-            let leaves = object.clod.leaves().len();
-            let what = if leaves == 1 {
-                format!("{role} {}: off, one convex hull", object.name)
-            } else {
-                format!(
-                    "{role} {}: on, {leaves} convex patches in {} levels",
-                    object.name,
-                    object.clod.levels.len()
-                )
-            };
-            let entry: &mut String = stages.entry("hierarchy").or_default();
-            if !entry.is_empty() {
-                entry.push_str("; ");
-            }
-            entry.push_str(&what);
+        let watched =
+            if self.contact.is_watched() { "on: contacts are shown" } else { "off: nobody looks on" };
+        BTreeMap::from([
+            ("braking", on_or_off(settings.braking)),
+            ("clustering", format!("on beyond {} contacts", settings.clusters)),
+            ("contact query", query),
+            ("device", self.device_stage()),
+            ("friction", self.friction_stage()),
+            ("hierarchy", self.hierarchy_stage()),
+            ("integrator", settings.integrator.to_string()),
+            ("interpolation between levels", self.interpolation_stage()),
+            ("passivity controller", on_or_off(settings.passivity_controller)),
+            ("proxy", on_or_off(settings.proxy)),
+            ("textures", self.texture_stage()),
+            ("time-critical queries", self.budget_stage()),
+            ("watch", watched.to_owned()),
+        ])
+    }
+
+    /// The objects with their roles, the probe first.
+    fn objects(&self) -> impl Iterator<Item = (&'static str, &Object)> {
+        let scene = self.scene().objects().iter().map(|placed| ("scene", &placed.object));
+        std::iter::once(("probe", self.probe())).chain(scene)
+    }
+
+    fn hierarchy_stage(&self) -> String {
+        let objects: Vec<String> = self
+            .objects()
+            .map(|(role, Object { name, clod, .. })| match clod.leaves().len() {
+                1 => format!("{role} {name}: off, one convex hull"),
+                leaves => {
+                    format!("{role} {name}: on, {leaves} convex patches in {} levels", clod.levels.len())
+                }
+            })
+            .collect();
+        objects.join("; ")
+    }
+
+    fn budget_stage(&self) -> String {
+        match self.settings().query_budget {
+            None => "off: no limit is set".to_owned(),
+            Some(seconds) => format!("on: at most {} µs each", 1e6 * seconds),
         }
-        stages.insert("clustering", format!("on beyond {} contacts", self.settings().clusters));
-        let textures = match self.contact.texture_backend() {
-            None => "off: no object has a haptic texture".to_owned(),
-            Some(backend) => format!("on, computed by {backend}"),
-        };
-        stages.insert("textures", textures);
-        let friction = match self.settings().friction {
-            0.0 if self.settings().static_friction.unwrap_or(0.0) == 0.0 => {
-                "off: its coefficient is 0".to_owned()
+    }
+
+    fn interpolation_stage(&self) -> String {
+        match self.contact.error() {
+            error if error > 0.0 && !self.settings().interpolation => {
+                format!("off, as asked for: detail is left out up to {error} m")
             }
-            coefficient => format!("on: coefficient {coefficient}"),
+            error if error > 0.0 => format!("on: detail is left out up to {error} m"),
+            _ if self.settings().error > 0.0 => "off: every object is one convex hull".to_owned(),
+            _ => "off: full resolution is asked for".to_owned(),
+        }
+    }
+
+    fn friction_stage(&self) -> String {
+        let Settings { friction, static_friction, .. } = *self.settings();
+        match static_friction.filter(|at_rest| *at_rest != friction) {
+            Some(at_rest) => format!("on: coefficient {friction}, at rest {at_rest}"),
+            None if friction == 0.0 => "off: its coefficient is 0".to_owned(),
+            None => format!("on: coefficient {friction}"),
+        }
+    }
+
+    fn texture_stage(&self) -> String {
+        let Some(backend) = self.contact.texture_backend() else {
+            return "off: no object has a haptic texture".to_owned();
         };
-        stages.insert("friction", friction);
-        stages
+        let textured = self.objects().filter(|(_, object)| object.texture().is_some());
+        let textured: Vec<String> =
+            textured.map(|(role, object)| format!("{role} {}", object.name)).collect();
+        format!("on, computed by {backend}: {}", textured.join(", "))
     }
 
     /// What of a wrench the device makes felt, and which of the handle's motions it senses.
@@ -195,6 +233,11 @@ impl HapticRenderer {
         };
         format!("{name}: {felt}{unsensed}")
     }
+}
+
+/// Of a stage that a setting switches.
+fn on_or_off(on: bool) -> String {
+    if on { "on: by its setting" } else { "off: by its setting" }.to_owned()
 }
 
 /// The names of the axes that are set.

@@ -36,8 +36,17 @@ pub struct LevelPictures<'a> {
 impl<'a> LevelPictures<'a> {
     /// Pictures `width` pixels wide, and three quarters as high, that the full mesh fills.
     pub fn new(clod: &'a Clod, view: &View, width: u32) -> Self {
+        Self::close_up(clod, view, width, clod.leaves().iter().flat_map(|node| clod.hull(node)))
+    }
+
+    /// Pictures that some points (m) of the mesh fill, with what else is seen around them.
+    pub fn close_up<'p>(
+        clod: &'a Clod,
+        view: &View,
+        width: u32,
+        points: impl IntoIterator<Item = &'p DVec3>,
+    ) -> Self {
         let height = width * 3 / 4;
-        let points = clod.leaves().iter().flat_map(|node| clod.hull(node));
         let camera = Camera::fit(points, view, width, height);
         Self { clod, camera, width, height, colors: patches::colors(clod) }
     }
@@ -203,6 +212,22 @@ mod tests {
         assert!(hues(&sheet).len() > 3);
         let ink = sheet.pixels().filter(|pixel| pixel.0 == [40; 3]).count();
         assert!(ink > 100 * clod.levels.len(), "the captions have {ink} dots");
+    }
+
+    #[test]
+    fn a_close_up_is_filled_by_its_points() {
+        let mesh = Model::Torus.generate(1_000).expect("torus");
+        let clod = build(&mesh, &BuildOptions::default(), &mut unwatched).expect("hierarchy");
+        let view = View::from_degrees(-70.0, 40.0);
+        let whole = LevelPictures::new(&clod, &view, 200).original();
+        let side: Vec<DVec3> = mesh.vertices().iter().copied().filter(|point| point.x > 0.0).collect();
+        let half = LevelPictures::close_up(&clod, &view, 200, &side).original();
+        let border = |picture: &RgbImage, column| -> Vec<_> {
+            (0..150).map(|row| *picture.get_pixel(column, row)).collect()
+        };
+        // Of the whole torus a frame of background is left, of its close-up something reaches the picture's border.
+        assert!(border(&whole, 0) == border(&whole, 199));
+        assert!(border(&half, 0) != border(&whole, 0) || border(&half, 199) != border(&whole, 199));
     }
 
     #[test]

@@ -4,6 +4,7 @@
 //! as SVG, all of it as one page, `index.html`, and prints a table of verdicts, or with `--json` a list of them. A verdict is computed from a stated condition.
 
 mod dynamics;
+mod jaw_detail;
 mod levels;
 mod outcome;
 pub(crate) mod page;
@@ -48,6 +49,9 @@ enum Name {
     /// Levels of the lower jaw.
     #[value(name = "fig-3.7")]
     Figure3_7,
+    /// Levels of the lower jaw's teeth and gums.
+    #[value(name = "fig-3.8")]
+    Figure3_8,
     /// Contact queries of moving jaws.
     #[value(name = "fig-3.15")]
     Figure3_15,
@@ -96,10 +100,11 @@ enum Name {
 }
 
 impl Name {
-    const EACH: [Self; 18] = [
+    const EACH: [Self; 19] = [
         Self::Table3_2,
         Self::Table3_2Real,
         Self::Figure3_7,
+        Self::Figure3_8,
         Self::Figure3_15,
         Self::Figure3_15Real,
         Self::Figure3_16,
@@ -124,6 +129,7 @@ impl Name {
             Self::Figure3_15Real => return queries::casts(&self.word()),
             Self::Table3_2 => levels::benchmark_models(&self.word()),
             Self::Figure3_7 => pictures::levels(&self.word()),
+            Self::Figure3_8 => jaw_detail::lower_jaw(&self.word()),
             Self::Figure3_15 => queries::jaws(&self.word()),
             Self::Figure3_16 => queries::golf(&self.word()),
             Self::Table4_1 => levels::textured_models(&self.word()),

@@ -26,7 +26,7 @@ fn is_completed_by_merging(free: &[bool]) -> bool {
 }
 
 /// A picture as an SVG document.
-fn svg(picture: &RgbImage) -> Result<String, String> {
+pub(super) fn svg(picture: &RgbImage) -> Result<String, String> {
     let mut png = Cursor::new(Vec::new());
     picture.write_to(&mut png, ImageFormat::Png).map_err(|error| error.to_string())?;
     let (width, height) = picture.dimensions();

@@ -12,6 +12,7 @@ use palpate::core::Clod;
 use palpate::device::{Interpolation, Keyframe, MotionPath, ReplayDevice};
 use palpate::dynamics::BodyState;
 use palpate::{ContactUpdate, HapticRenderer, Object, Pose, Scene, Settings, Twist};
+use palpate_benches::callgrind;
 use serde::{Deserialize, Serialize};
 
 use super::scenario::{self, Scenario};
@@ -55,8 +56,7 @@ impl Job {
     /// # Errors
     /// If the process fails, or callgrind says something that is not understood.
     pub fn count(mut self, scenario: &Scenario, folder: &Path) -> Result<Option<Vec<Instructions>>, String> {
-        let found = Command::new("valgrind").arg("--version").stdout(Stdio::null()).status();
-        if !found.is_ok_and(|status| status.success()) {
+        if !callgrind::is_installed() {
             return Ok(None);
         }
         let folder = folder.join(format!("callgrind-{}", self.scenario));

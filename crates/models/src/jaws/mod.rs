@@ -13,6 +13,7 @@
 mod arch;
 mod dentition;
 mod gum;
+mod part;
 mod tooth;
 
 use std::sync::OnceLock;
@@ -22,6 +23,7 @@ use palpate_core::{TriMesh, glam::DVec3};
 use crate::surface::{Surface, smooth_max, smooth_min, smooth_step, triangulate};
 use arch::Arch;
 use gum::Gum;
+pub use part::JawPart;
 use tooth::Tooth;
 
 pub(crate) const MIN_TRIANGLES: usize = 3_000;
@@ -37,14 +39,12 @@ const GUM_FILLET: f64 = 1.0;
 
 /// The lower jaw, m.
 pub(crate) fn lower(triangles: usize) -> TriMesh {
-    static JAW: OnceLock<Jaw> = OnceLock::new();
-    triangulate(JAW.get_or_init(|| Jaw::new(false)), triangles, 1e-3 * ENLARGEMENT)
+    triangulate(Jaw::lower(), triangles, 1e-3 * ENLARGEMENT)
 }
 
 /// The upper jaw, m.
 pub(crate) fn upper(triangles: usize) -> TriMesh {
-    static JAW: OnceLock<Jaw> = OnceLock::new();
-    triangulate(JAW.get_or_init(|| Jaw::new(true)), triangles, 1e-3 * ENLARGEMENT)
+    triangulate(Jaw::upper(), triangles, 1e-3 * ENLARGEMENT)
 }
 
 struct Jaw {
@@ -55,6 +55,16 @@ struct Jaw {
 }
 
 impl Jaw {
+    fn lower() -> &'static Self {
+        static JAW: OnceLock<Jaw> = OnceLock::new();
+        JAW.get_or_init(|| Self::new(false))
+    }
+
+    fn upper() -> &'static Self {
+        static JAW: OnceLock<Jaw> = OnceLock::new();
+        JAW.get_or_init(|| Self::new(true))
+    }
+
     fn new(upper: bool) -> Self {
         let arch = Arch::new();
         let lower_teeth = dentition::lower(&arch);
