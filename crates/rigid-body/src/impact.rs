@@ -114,31 +114,46 @@ pub fn strike(body: &RigidBody, state: &BodyState, touches: &mut [Touch], fricti
     let energy = |twist: Twist| body.kinetic_energy(&BodyState { twist, ..*state });
     let before = energy(state.twist);
     let struck = solve(body, state, touches, friction);
-    let parts = struck.is_finite() && parts(&state.twist, &struck, touches);
-    if parts && energy(struck) <= before {
+    let parts_again = struck.is_finite() && parts(&state.twist, &struck, touches);
+    if parts_again && energy(struck) <= before {
         return struck;
     }
-    let mut wanted = [Touch::plastic(DVec3::ZERO, DVec3::ZERO); MOST];
-    let count = touches.len().min(MOST);
-    wanted[..count].copy_from_slice(&touches[..count]);
-    touches.iter_mut().for_each(|touch| touch.target = DVec3::ZERO);
+    let mut wanted = [DVec3::ZERO; MOST];
+    for (wanted, touch) in wanted.iter_mut().zip(&mut *touches) {
+        *wanted = touch.impulse;
+        touch.target = DVec3::ZERO;
+    }
     let plastic = solve(body, state, touches, friction);
     // From the plastic impact on towards what was wanted; or, should that gain energy as well, towards it from no impulse.
     let restores = energy(plastic) <= before;
     let (from, to) = if restores { (plastic, struck) } else { (state.twist, plastic) };
-    let share = if restores && !parts { 0.0 } else { most_share(energy, from, to, before) };
+    let share = if restores && !parts_again { 0.0 } else { most_share(energy, from, to, before) };
     let twist = between(from, to, share);
     if !twist.is_finite() || energy(twist) > before {
         touches.iter_mut().for_each(|touch| touch.impulse = DVec3::ZERO);
         return state.twist;
     }
-    for (touch, wanted) in touches.iter_mut().zip(&wanted[..count]) {
-        let [start, end] =
-            if restores { [touch.impulse, wanted.impulse] } else { [DVec3::ZERO, touch.impulse] };
-        touch.impulse = start.lerp(end, share);
-        touch.target = wanted.target;
+    for (touch, wanted) in touches.iter_mut().zip(wanted) {
+        let ends = if restores { [touch.impulse, wanted] } else { [DVec3::ZERO, touch.impulse] };
+        touch.impulse = ends[0].lerp(ends[1], share);
     }
-    twist
+    if parts(&state.twist, &twist, touches) { twist } else { part(body, state, twist, touches) }
+}
+
+/// The velocity after impulses along normals, on top of those found, that keep the contacts from coming closer: where friction
+/// at many contacts is not found exactly. They only take energy.
+fn part(body: &RigidBody, state: &BodyState, twist: Twist, touches: &mut [Touch]) -> Twist {
+    let mut found = [DVec3::ZERO; MOST];
+    for (found, touch) in found.iter_mut().zip(&*touches) {
+        *found = touch.impulse;
+    }
+    let parted = solve(body, &BodyState { twist, ..*state }, touches, 0.0);
+    let energy = |twist: Twist| body.kinetic_energy(&BodyState { twist, ..*state });
+    let takes = energy(parted) <= energy(twist);
+    for (touch, found) in touches.iter_mut().zip(found) {
+        touch.impulse = if takes { touch.impulse + found } else { found };
+    }
+    if takes { parted } else { twist }
 }
 
 /// Whether contacts do not approach after an impact, but for a small part of how fast they were before.
