@@ -10,14 +10,16 @@
 //! because the estimate is one, or because the resolution has changed under a body in contact: that is projected out, by a
 //! fifth of the depth from query to query, which does work ([`StepOutcome::lifted`]) but adds no velocity.
 //!
-//! Where the resolution changes there may be no instant at which surfaces meet: coarse patches apart at the beginning, finer
-//! ones that penetrate at the end, and penetrate as well at t_c, or are left for coarse ones that are still apart. As §3.4.4 has it, the response is then applied
-//! at t_c with the contact of the event, and time goes on: contacts that penetrate at a beginning make no events, but
-//! those among them that approach take impulses after every flight. Where the resolution is the same and the surfaces at t_c are found
-//! still apart, further than they collide at, they had come from beyond the reach of the query: the flight goes on from there.
+//! The estimate is good where the query saw the surfaces coming, and where it did not, since they came from beyond its reach, is
+//! followed by bisection, until they are found as near as they collide at. Where the resolution changes there
+//! may be no such instant: coarse patches apart at the beginning, finer ones that penetrate at the end, and neither
+//! ever touching. So the search ends as soon as the way that is left is shorter than what surfaces collide at, and
+//! the response is applied there with the contact of the event, as §3.4.4 has it. Time goes on in any case: contacts that
+//! penetrate at a beginning make no events, but take impulses if they approach after a flight, and events of surfaces that part again are
+//! passed over.
 //!
-//! At most [`EVENTS`] events are followed between two queries on the way. Should there be more, the last flight is taken as it
-//! is, its contacts respond, and [`StepOutcome::exhausted`] counts it.
+//! At most [`EVENTS`] events are followed in one flight. Should there be more, the rest of it is taken as it is, its contacts
+//! respond at its end, and [`StepOutcome::exhausted`] counts it.
 
 use glam::DVec3;
 use palpate_collide::{CollisionEvent, CollisionEvents, ContactQuery, PatchContact, QueryOutcome, Shape};
@@ -80,8 +82,8 @@ pub struct StepOutcome {
     pub events: usize,
     /// Events among them with a change of resolution within the flight.
     pub switched: usize,
-    /// Events at whose instant the surfaces were still apart, so that the flight went on.
-    pub early: usize,
+    /// Events at whose instant no surfaces touch: their response is applied with the contact of the event.
+    pub estimated: usize,
     /// Flights with more events than are followed.
     pub exhausted: usize,
     /// Impacts, micro-collisions included.
@@ -129,6 +131,8 @@ pub struct Simulation {
     time: f64,
     query: ContactQuery,
     events: CollisionEvents,
+    /// Contacts at the beginning of a flight.
+    before: Vec<PatchContact>,
     touching: Touching,
     impacts: Vec<Impact>,
     samples: Vec<QuerySample>,
@@ -168,6 +172,7 @@ impl Simulation {
             time: 0.0,
             query: ContactQuery::new(shape, scene),
             events: CollisionEvents::new(shape, scene),
+            before: Vec::new(),
             touching: Touching::new(shape, scene),
             impacts: Vec::with_capacity(64),
             samples: Vec::with_capacity(64),
@@ -242,22 +247,68 @@ impl Simulation {
         for followed in 0..=EVENTS {
             let end = self.flown(left);
             self.look_at(&end, left);
-            let first = self.events.step(self.query.contacts(), self.settings.tolerance).first().copied();
-            let first = first.filter(|first| first.fraction < 1.0);
-            let Some(first) = first.filter(|_| followed < EVENTS) else {
-                outcome.exhausted += usize::from(first.is_some());
+            let event = self.first_event(&end);
+            let Some(event) = event.filter(|_| followed < EVENTS) else {
+                outcome.exhausted += usize::from(event.is_some());
                 self.land(end, left, None, outcome);
                 break;
             };
             outcome.events += 1;
-            outcome.switched += usize::from(first.switched);
-            let passed = first.fraction * left;
-            let met = self.flown(passed);
-            self.look_at(&met, passed);
-            self.remember();
-            self.land(met, passed, Some(&first), outcome);
+            outcome.switched += usize::from(event.switched);
+            let (met, passed, event) = self.locate(event, left, outcome);
+            self.land(met, passed, Some(&event), outcome);
             left -= passed;
         }
+    }
+
+    /// The first collision event of a flight to a state at which the query was made last, of surfaces that still approach.
+    fn first_event(&mut self, end: &BodyState) -> Option<CollisionEvent> {
+        self.events.reset();
+        self.events.step(&self.before, self.settings.tolerance);
+        let events = self.events.step(self.query.contacts(), self.settings.tolerance);
+        let approaches = |event: &&CollisionEvent| {
+            event.fraction < 1.0
+                && end.twist.velocity_at(event.point - end.pose.translation).dot(event.normal) > 0.0
+        };
+        events.iter().find(approaches).copied()
+    }
+
+    /// The instant of an event in a flight of a duration (s), and its state, at which the query is made last.
+    fn locate(
+        &mut self,
+        mut event: CollisionEvent,
+        duration: f64,
+        outcome: &mut StepOutcome,
+    ) -> (BodyState, f64, CollisionEvent) {
+        let touch = self.settings.touch();
+        let allowed = touch + self.before.iter().map(|found| found.contact.depth).fold(0.0, f64::max);
+        let short = touch / self.fastest().max(f64::MIN_POSITIVE);
+        let (mut apart, mut deep, mut part) = (0.0, duration, event.fraction);
+        loop {
+            let time = apart + part * (deep - apart);
+            let state = self.flown(time);
+            let deepest = self.look_at(&state, time).deepest.unwrap_or(f64::NEG_INFINITY);
+            if deepest > allowed {
+                deep = time;
+                event = self.first_event(&state).unwrap_or(event);
+            } else if deepest >= -touch {
+                return (state, time, event);
+            } else {
+                apart = time;
+            }
+            if deep - apart <= short {
+                outcome.estimated += 1;
+                let state = self.flown(apart);
+                self.look_at(&state, apart);
+                return (state, apart, event);
+            }
+            part = 0.5;
+        }
+    }
+
+    /// A bound on the speed of all points of the body, m/s.
+    fn fastest(&self) -> f64 {
+        self.state.twist.linear.length() + self.state.twist.angular.length() * self.reach
     }
 
     fn flown(&self, time: f64) -> BodyState {
@@ -279,13 +330,10 @@ impl Simulation {
         self.touching.gather(self.query.contacts(), self.settings.touch(), &state, poses);
         let depth = self.touching.deepest();
         outcome.depth = outcome.depth.max(depth);
-        match event {
-            Some(event) if self.touching.touches().is_empty() && event.switched => {
-                self.touching.add_event(event, &state);
-            }
-            Some(_) if self.touching.touches().is_empty() => outcome.early += 1,
-            _ => {}
+        if let Some(event) = event.filter(|_| self.touching.touches().is_empty()) {
+            self.touching.add_event(event, &state);
         }
+        self.remember();
         if self.touching.touches().is_empty() {
             return;
         }
@@ -299,7 +347,7 @@ impl Simulation {
     fn respond(&mut self) {
         let Settings { gravity, restitution, friction, tolerance, travel, .. } = self.settings;
         let twist = self.state.twist;
-        let fastest = twist.linear.length() + twist.angular.length() * self.reach;
+        let fastest = self.fastest();
         let flight = self.duration.min(travel / fastest);
         // The speed whose bounce ends within the tolerance, or that gravity makes in two flights.
         let weight = gravity.length();
@@ -354,16 +402,17 @@ impl Simulation {
     }
 
     /// Queries at a state that is reached some time (s) from now, for the record.
-    fn look_at(&mut self, state: &BodyState, ahead: f64) {
+    fn look_at(&mut self, state: &BodyState, ahead: f64) -> QueryOutcome {
         let outcome = self.look(state);
         let (pose, twist) = (self.body.frame(state), self.body.frame_twist(state));
         self.samples.push(QuerySample { time: self.time + ahead, pose, twist, outcome });
+        outcome
     }
 
     /// Takes the contacts of the last query for the beginning of what follows.
     fn remember(&mut self) {
-        self.events.reset();
-        self.events.step(self.query.contacts(), self.settings.tolerance);
+        self.before.clear();
+        self.before.extend_from_slice(self.query.contacts());
     }
 
     fn note_stillness(&mut self) {
