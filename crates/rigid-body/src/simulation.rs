@@ -15,8 +15,9 @@
 //! may be no such instant: coarse patches apart at the beginning, finer ones that penetrate at the end, and neither
 //! ever touching. So the search ends as soon as the way that is left is shorter than what surfaces collide at, and
 //! the response is applied there with the contact of the event, as §3.4.4 has it. Time goes on in any case: contacts that
-//! penetrate at a beginning make no events, but take impulses if they approach after a flight, and events of surfaces that part again are
-//! passed over.
+//! penetrate at a beginning make no events, but take impulses if they approach after a flight, and what does not come deeper
+//! in a flight than surfaces collide at is left to its end: resting contact, and contacts that are deep only
+//! because the resolution has changed.
 //!
 //! At most [`EVENTS`] events are followed in one flight. Should there be more, the rest of it is taken as it is, its contacts
 //! respond at its end, and [`StepOutcome::exhausted`] counts it.
@@ -247,7 +248,7 @@ impl Simulation {
         for followed in 0..=EVENTS {
             let end = self.flown(left);
             self.look_at(&end, left);
-            let event = self.first_event(&end);
+            let event = self.first_event(&end, left);
             let Some(event) = event.filter(|_| followed < EVENTS) else {
                 outcome.exhausted += usize::from(event.is_some());
                 self.land(end, left, None, outcome);
@@ -261,16 +262,17 @@ impl Simulation {
         }
     }
 
-    /// The first collision event of a flight to a state at which the query was made last, of surfaces that still approach.
-    fn first_event(&mut self, end: &BodyState) -> Option<CollisionEvent> {
+    /// The first collision event of a flight of a duration (s) to a state at which the query was made last, of surfaces that
+    /// come deeper in it than they collide at.
+    fn first_event(&mut self, end: &BodyState, duration: f64) -> Option<CollisionEvent> {
         self.events.reset();
         self.events.step(&self.before, self.settings.tolerance);
         let events = self.events.step(self.query.contacts(), self.settings.tolerance);
-        let approaches = |event: &&CollisionEvent| {
-            event.fraction < 1.0
-                && end.twist.velocity_at(event.point - end.pose.translation).dot(event.normal) > 0.0
+        let deepens = |event: &&CollisionEvent| {
+            let velocity = end.twist.velocity_at(event.point - end.pose.translation);
+            event.fraction < 1.0 && velocity.dot(event.normal) * duration > self.settings.touch()
         };
-        events.iter().find(approaches).copied()
+        events.iter().find(deepens).copied()
     }
 
     /// The instant of an event in a flight of a duration (s), and its state, at which the query is made last.
@@ -287,10 +289,12 @@ impl Simulation {
         loop {
             let time = apart + part * (deep - apart);
             let state = self.flown(time);
-            let deepest = self.look_at(&state, time).deepest.unwrap_or(f64::NEG_INFINITY);
+            self.look_at(&state, time);
+            let depths = self.query.contacts().iter().map(|found| found.contact.depth);
+            let deepest = depths.fold(f64::NEG_INFINITY, f64::max);
             if deepest > allowed {
                 deep = time;
-                event = self.first_event(&state).unwrap_or(event);
+                event = self.first_event(&state, duration).unwrap_or(event);
             } else if deepest >= -touch {
                 return (state, time, event);
             } else {
@@ -398,15 +402,15 @@ impl Simulation {
         if let Some(velocity) = &mut settings.error.velocity {
             velocity.twist = self.body.frame_twist(state);
         }
-        self.query.run(&self.body.frame(state), &self.scene_pose, &settings)
+        let frame = self.body.frame(state);
+        self.query.run(&frame, &self.scene_pose, &settings)
     }
 
     /// Queries at a state that is reached some time (s) from now, for the record.
-    fn look_at(&mut self, state: &BodyState, ahead: f64) -> QueryOutcome {
+    fn look_at(&mut self, state: &BodyState, ahead: f64) {
         let outcome = self.look(state);
         let (pose, twist) = (self.body.frame(state), self.body.frame_twist(state));
         self.samples.push(QuerySample { time: self.time + ahead, pose, twist, outcome });
-        outcome
     }
 
     /// Takes the contacts of the last query for the beginning of what follows.

@@ -26,24 +26,26 @@ const RIM: f64 = 43.0 * MILLIMETRE;
 const HEIGHT: f64 = 104.0 * MILLIMETRE;
 const WALL: f64 = 4.5 * MILLIMETRE;
 
-/// Whether a point is on the inner side of the middle of the cup's wall.
-fn is_inside(point: DVec3) -> bool {
+/// Whether a point is on the inner side of a surface in the cup's wall, by its depth below the outer one (m).
+fn is_inside(point: DVec3, below: f64) -> bool {
     let outer = FOOT + (RIM - FOOT) * (point.z / HEIGHT).clamp(0.0, 1.0).powf(0.8);
-    point.z > 0.5 * WALL && point.z < HEIGHT && point.truncate().length() < outer - 0.5 * WALL
+    point.z > below && point.z < HEIGHT && point.truncate().length() < outer - below
 }
 
-/// Whether something that went from one point to the other in a step has passed the middle of the wall, or of the bottom:
-/// other than through the mouth, or a little way into the rim.
-fn has_passed_the_wall(from: DVec3, to: DVec3) -> bool {
-    let outside = if is_inside(from) { to } else { from };
-    is_inside(from) != is_inside(to) && outside.z < HEIGHT - 1.5 * MILLIMETRE
+/// Whether something that went from one point to another in a step has passed that surface: other than through the mouth, or a
+/// little way into the rim.
+fn has_passed_the_wall(from: DVec3, to: DVec3, below: f64) -> bool {
+    let inside = is_inside(from, below);
+    let outside = if inside { to } else { from };
+    inside != is_inside(to, below) && outside.z < HEIGHT - 1.5 * MILLIMETRE
 }
 
 struct World {
     spoon: Shape,
     cup: Shape,
     body: RigidBody,
-    /// Points of the spoon that are watched, in its frame.
+    /// Points of the spoon, and those that are watched, in its frame.
+    points: Vec<DVec3>,
     watched: Vec<DVec3>,
 }
 
@@ -59,6 +61,7 @@ enum Metric {
 struct Found {
     impacts: usize,
     switched: usize,
+    estimated: usize,
     exhausted: usize,
     resting: usize,
     gone: usize,
@@ -75,9 +78,10 @@ impl World {
     fn new() -> Self {
         let (spoon, cup) = (worlds::model(Model::SpoonLow), worlds::model(Model::CupLow));
         let body = RigidBody::solid(&spoon, 0.05).unwrap();
-        let vertices = Model::SpoonLow.generate(Model::SpoonLow.default_triangles()).unwrap();
-        let watched = vertices.vertices().iter().step_by(7).copied().collect();
-        Self { spoon, cup, body, watched }
+        let points = spoon.clod().vertices.clone();
+        let mesh = Model::SpoonLow.generate(Model::SpoonLow.default_triangles()).unwrap();
+        let watched = mesh.vertices().iter().step_by(7).copied().collect();
+        Self { spoon, cup, body, points, watched }
     }
 
     fn settings(&self, metric: Metric) -> Settings {
@@ -93,6 +97,18 @@ impl World {
         Settings { error, ..Settings::new(1e-3 * radius) }
     }
 
+    /// How deep a spoon may be at full resolution, m: where surfaces of coarser levels touch, those of the mesh are within
+    /// their deviations.
+    fn depth(&self, metric: Metric) -> f64 {
+        let deviation =
+            |shape: &Shape| shape.clod().nodes.iter().map(|node| node.deviation).fold(0.0, f64::max);
+        let tolerance = 1e-3 * self.spoon.clod().bounding_radius();
+        match metric {
+            Metric::Exact => tolerance,
+            _ => tolerance + deviation(&self.spoon) + deviation(&self.cup),
+        }
+    }
+
     /// Over the mouth, upright to lying, turning and falling.
     fn start(&self, rng: &mut StdRng) -> BodyState {
         let mut vector =
@@ -104,7 +120,7 @@ impl World {
             DQuat::from_scaled_axis(tilt) * DQuat::from_rotation_z(about) * DQuat::from_rotation_y(up);
         let over = 0.025 * away * DVec3::new(around.cos(), around.sin(), 0.0);
         let fall = rng.random_range(0.0..1.0) * DVec3::NEG_Z;
-        let lowest = self.watched.iter().map(|point| (rotation * (*point - self.body.center_of_mass())).z);
+        let lowest = self.points.iter().map(|point| (rotation * (*point - self.body.center_of_mass())).z);
         let height = HEIGHT + 5e-3 - lowest.fold(f64::INFINITY, f64::min);
         let pose = Pose::new(over + height * DVec3::Z, rotation);
         BodyState { pose, twist: Twist::new(fall + sideways.with_z(0.0), spin) }
@@ -133,11 +149,16 @@ impl World {
             found.impacts += outcome.impacts;
             found.own_depth = found.own_depth.max(outcome.depth);
             found.switched += outcome.switched;
+            found.estimated += outcome.estimated;
             found.exhausted += outcome.exhausted;
             found.queries += outcome.queries;
             found.most_queries = found.most_queries.max(outcome.queries);
             let after = self.places(simulation.state());
-            found.passed += before.iter().zip(&after).filter(|(x, y)| has_passed_the_wall(**x, **y)).count();
+            // At full resolution half of the wall is not passed; coarse surfaces are some way off the fine ones, and
+            // nothing comes out of the other side.
+            let below = if metric == Metric::Exact { 0.5 * WALL } else { 0.0 };
+            let passed = before.iter().zip(&after).filter(|(x, y)| has_passed_the_wall(**x, **y, below));
+            found.passed += passed.count();
             before = after;
             if step % 10 == 0 {
                 let frame = self.body.frame(simulation.state());
@@ -160,14 +181,11 @@ fn drops(metric: Metric, count: usize) {
     for drop in 0..count {
         let found = world.drop(metric, world.start(&mut rng));
         assert_eq!(found.passed, 0, "{metric:?}, seed {SEED}, drop {drop}: through the wall, {found:?}");
-        // Half of the wall is not passed, and coarse surfaces are within their deviation of the fine ones.
-        if found.own_depth > 1e-3 {
-            println!("{drop} {found:?}");
-        }
-        assert!(found.depth < 5. * WALL, "{metric:?}, seed {SEED}, drop {drop}: {found:?}");
+        assert!(found.depth <= world.depth(metric), "{metric:?}, seed {SEED}, drop {drop}: {found:?}");
         missed += usize::from(found.impacts == 0);
         all.impacts += found.impacts;
         all.switched += found.switched;
+        all.estimated += found.estimated;
         all.exhausted += found.exhausted;
         all.resting += found.resting;
         all.gone += found.gone;
@@ -182,6 +200,7 @@ fn drops(metric: Metric, count: usize) {
             println!("level {} free {} n {} worst {worst:e}", level.0, level.1.free, level.1.nodes.len());
         }
     }
+    println!("{metric:?}, depth up to {:.2e} m:", world.depth(metric));
     println!("{metric:?}: {count} drops, {missed} of them past the cup, {all:?}");
     assert!(missed * 10 <= count && all.gone < count, "{missed} passed, {} fell out again", all.gone);
     assert_eq!(all.switched > 0, metric != Metric::Exact, "{metric:?}: {all:?}");
@@ -215,72 +234,8 @@ fn spoons_that_fall_freely_pass_the_wall() {
             let before = world.places(&state);
             state = fly(&world.body, &state, Settings::new(1e-4).gravity, STEP);
             let after = world.places(&state);
-            passed += before.iter().zip(&after).filter(|(x, y)| has_passed_the_wall(**x, **y)).count();
+            passed += before.iter().zip(&after).filter(|(x, y)| has_passed_the_wall(**x, **y, 0.0)).count();
         }
         assert!(passed > 0, "drop {drop}");
-    }
-}
-
-#[test]
-#[ignore]
-fn trace() {
-    let world = World::new();
-    let mut rng = StdRng::seed_from_u64(SEED);
-    let which: usize = std::env::var("DROP").unwrap().parse().unwrap();
-    for drop in 0..=which {
-        let start = world.start(&mut rng);
-        if drop < which {
-            continue;
-        }
-        let mut simulation = Simulation::new(
-            world.body,
-            &world.spoon,
-            &world.cup,
-            Pose::IDENTITY,
-            start,
-            world.settings(Metric::Constant),
-        )
-        .unwrap();
-        let mut last = 0.0;
-        let mut exact = ContactQuery::new(&world.spoon, &world.cup);
-        for _ in 0..800 {
-            let outcome = simulation.step(STEP).unwrap();
-            if outcome.depth > last + 2e-4 || outcome.exhausted > 0 {
-                let frame = world.body.frame(simulation.state());
-                let depth = exact.run(&frame, &Pose::IDENTITY, &QuerySettings::new(1e-4)).deepest;
-                println!(
-                    "t {:.3} {outcome:?} exact {depth:?} twist {:?}",
-                    simulation.time(),
-                    simulation.state().twist
-                );
-                for c in simulation.contacts() {
-                    let (a, b) = (
-                        &world.spoon.clod().nodes[c.probe_node as usize],
-                        &world.cup.clod().nodes[c.scene_node as usize],
-                    );
-                    println!(
-                        "   depth {:.2e} n {:.2} p {:.4} nodes {} {} levels {} {} dev {:.1e} {:.1e} r {:.1e} {:.1e}",
-                        c.contact.depth,
-                        c.contact.normal,
-                        c.contact.point,
-                        c.probe_node,
-                        c.scene_node,
-                        a.level,
-                        b.level,
-                        a.deviation,
-                        b.deviation,
-                        a.radius,
-                        b.radius
-                    );
-                }
-                for i in simulation.impacts() {
-                    println!(
-                        "      {:.5} n{} micro {} appr {:.3} imp {:.4} E {:.3e} -> {:.3e}",
-                        i.time, i.contacts, i.micro, i.approach, i.impulse, i.energy_before, i.energy_after
-                    );
-                }
-            }
-            last = outcome.depth;
-        }
     }
 }
