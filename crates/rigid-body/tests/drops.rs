@@ -32,13 +32,40 @@ fn is_inside(point: DVec3, below: f64) -> bool {
     point.z > below && point.z < HEIGHT && point.truncate().length() < outer - below
 }
 
-/// Whether something that went from one point to another in a step has passed that surface: other than through the mouth, or a
-/// little way into the rim.
-fn has_passed_the_wall(from: DVec3, to: DVec3, below: f64) -> bool {
-    let inside = is_inside(from, below);
-    let outside = if inside { to } else { from };
-    inside != is_inside(to, below) && outside.z < HEIGHT - 1.5 * MILLIMETRE
+/// Where a point is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Side {
+    /// At the rim or above.
+    Over,
+    Inside,
+    Outside,
 }
+
+impl Side {
+    /// The side of a point that was on another before: in the wall, from one depth below its outer surface to another (m), it
+    /// is on the same.
+    fn of(point: DVec3, [from, to]: [f64; 2], before: Self) -> Self {
+        if point.z > HEIGHT - 1.5 * MILLIMETRE {
+            Self::Over
+        } else if is_inside(point, to) {
+            Self::Inside
+        } else if is_inside(point, from) {
+            before
+        } else {
+            Self::Outside
+        }
+    }
+
+    /// Whether a point that was here is elsewhere without having come over the rim.
+    fn has_passed_the_wall(self, to: Self) -> bool {
+        self != to && self != Self::Over && to != Self::Over
+    }
+}
+
+/// At full resolution half of the wall is not passed. Coarse surfaces are some way off the fine ones; but nothing comes out of the
+/// other side.
+const HALF: [f64; 2] = [0.5 * WALL; 2];
+const WHOLE: [f64; 2] = [0.0, WALL];
 
 struct World {
     spoon: Shape,
@@ -97,18 +124,6 @@ impl World {
         Settings { error, ..Settings::new(1e-3 * radius) }
     }
 
-    /// How deep a spoon may be at full resolution, m: where surfaces of coarser levels touch, those of the mesh are within
-    /// their deviations.
-    fn depth(&self, metric: Metric) -> f64 {
-        let deviation =
-            |shape: &Shape| shape.clod().nodes.iter().map(|node| node.deviation).fold(0.0, f64::max);
-        let tolerance = 1e-3 * self.spoon.clod().bounding_radius();
-        match metric {
-            Metric::Exact => tolerance,
-            _ => tolerance + deviation(&self.spoon) + deviation(&self.cup),
-        }
-    }
-
     /// Over the mouth, upright to lying, turning and falling.
     fn start(&self, rng: &mut StdRng) -> BodyState {
         let mut vector =
@@ -138,7 +153,8 @@ impl World {
             Simulation::new(self.body, &self.spoon, &self.cup, Pose::IDENTITY, start, settings).unwrap();
         let mut exact = ContactQuery::new(&self.spoon, &self.cup);
         let mut found = Found::default();
-        let mut before = self.places(&start);
+        let wall = if metric == Metric::Exact { HALF } else { WHOLE };
+        let mut sides = vec![Side::Over; self.watched.len()];
         let steps = (SECONDS / STEP).round() as usize;
         for step in 0..steps {
             let outcome = simulation.step(STEP).expect("a spoon falls at a few m/s");
@@ -153,13 +169,11 @@ impl World {
             found.exhausted += outcome.exhausted;
             found.queries += outcome.queries;
             found.most_queries = found.most_queries.max(outcome.queries);
-            let after = self.places(simulation.state());
-            // At full resolution half of the wall is not passed; coarse surfaces are some way off the fine ones, and
-            // nothing comes out of the other side.
-            let below = if metric == Metric::Exact { 0.5 * WALL } else { 0.0 };
-            let passed = before.iter().zip(&after).filter(|(x, y)| has_passed_the_wall(**x, **y, below));
-            found.passed += passed.count();
-            before = after;
+            for (side, point) in sides.iter_mut().zip(self.places(simulation.state())) {
+                let now = Side::of(point, wall, *side);
+                found.passed += usize::from(side.has_passed_the_wall(now));
+                *side = now;
+            }
             if step % 10 == 0 {
                 let frame = self.body.frame(simulation.state());
                 let depth = exact.run(&frame, &Pose::IDENTITY, &QuerySettings::new(0.0)).deepest;
@@ -181,7 +195,9 @@ fn drops(metric: Metric, count: usize) {
     for drop in 0..count {
         let found = world.drop(metric, world.start(&mut rng));
         assert_eq!(found.passed, 0, "{metric:?}, seed {SEED}, drop {drop}: through the wall, {found:?}");
-        assert!(found.depth <= world.depth(metric), "{metric:?}, seed {SEED}, drop {drop}: {found:?}");
+        // Coarse surfaces are as far off those of the meshes as they are.
+        let deep = metric == Metric::Exact && found.depth > world.settings(metric).tolerance;
+        assert!(!deep, "{metric:?}, seed {SEED}, drop {drop}: {found:?}");
         missed += usize::from(found.impacts == 0);
         all.impacts += found.impacts;
         all.switched += found.switched;
@@ -194,16 +210,11 @@ fn drops(metric: Metric, count: usize) {
         all.queries += found.queries;
         all.most_queries = all.most_queries.max(found.most_queries);
     }
-    for shape in [&world.spoon, &world.cup] {
-        for level in shape.clod().levels.iter().enumerate() {
-            let worst = shape.clod().level(level.0).iter().map(|n| n.deviation).fold(0.0, f64::max);
-            println!("level {} free {} n {} worst {worst:e}", level.0, level.1.free, level.1.nodes.len());
-        }
-    }
-    println!("{metric:?}, depth up to {:.2e} m:", world.depth(metric));
     println!("{metric:?}: {count} drops, {missed} of them past the cup, {all:?}");
     assert!(missed * 10 <= count && all.gone < count, "{missed} passed, {} fell out again", all.gone);
-    assert_eq!(all.switched > 0, metric != Metric::Exact, "{metric:?}: {all:?}");
+    // Only where resolutions change is there no instant at which surfaces meet.
+    let without_instant = all.switched + all.estimated > 0;
+    assert_eq!(without_instant, metric != Metric::Exact, "{metric:?}: {all:?}");
 }
 
 #[test]
@@ -217,8 +228,8 @@ fn spoons_stay_out_of_the_wall() {
 #[test]
 #[ignore = "takes minutes: run it in release"]
 fn a_thousand_spoons_stay_out_of_the_wall() {
-    drops(Metric::Constant, 150);
-    drops(Metric::Velocity, 150);
+    drops(Metric::Constant, 500);
+    drops(Metric::Velocity, 500);
     drops(Metric::Exact, 50);
 }
 
@@ -228,14 +239,19 @@ fn spoons_that_fall_freely_pass_the_wall() {
     let world = World::new();
     let mut rng = StdRng::seed_from_u64(SEED);
     for drop in 0..6 {
-        let mut state = world.start(&mut rng);
-        let mut passed = 0;
-        for _ in 0..400 {
-            let before = world.places(&state);
-            state = fly(&world.body, &state, Settings::new(1e-4).gravity, STEP);
-            let after = world.places(&state);
-            passed += before.iter().zip(&after).filter(|(x, y)| has_passed_the_wall(**x, **y, 0.0)).count();
+        let start = world.start(&mut rng);
+        for wall in [HALF, WHOLE] {
+            let (mut passed, mut state) = (0, start);
+            let mut sides = vec![Side::Over; world.watched.len()];
+            for _ in 0..400 {
+                state = fly(&world.body, &state, Settings::new(1e-4).gravity, STEP);
+                for (side, point) in sides.iter_mut().zip(world.places(&state)) {
+                    let now = Side::of(point, wall, *side);
+                    passed += usize::from(side.has_passed_the_wall(now));
+                    *side = now;
+                }
+            }
+            assert!(passed > 0, "drop {drop}");
         }
-        assert!(passed > 0, "drop {drop}");
     }
 }
