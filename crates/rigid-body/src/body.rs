@@ -120,7 +120,7 @@ impl RigidBody {
 
     /// Kinetic energy, J.
     pub fn kinetic_energy(&self, state: &BodyState) -> f64 {
-        let spin = self.to_principal(state).conjugate() * state.twist.angular;
+        let spin = self.principal_rotation(state).conjugate() * state.twist.angular;
         0.5 * (self.mass * state.twist.linear.length_squared() + (self.moments * spin).dot(spin))
     }
 
@@ -131,18 +131,18 @@ impl RigidBody {
 
     /// Angular momentum about the centre of mass, world axes, kg·m²/s.
     pub fn angular_momentum(&self, state: &BodyState) -> DVec3 {
-        let to_world = self.to_principal(state);
+        let to_world = self.principal_rotation(state);
         to_world * (self.moments * (to_world.conjugate() * state.twist.angular))
     }
 
     /// The rotation from principal axes to the world's.
-    pub(crate) fn to_principal(&self, state: &BodyState) -> DQuat {
+    pub(crate) fn principal_rotation(&self, state: &BodyState) -> DQuat {
         state.pose.rotation * self.axes
     }
 
     /// The inverse of the inertia, world axes, 1/(kg·m²).
     pub(crate) fn inverse_inertia(&self, state: &BodyState) -> DMat3 {
-        let to_world = DMat3::from_quat(self.to_principal(state));
+        let to_world = DMat3::from_quat(self.principal_rotation(state));
         to_world * DMat3::from_diagonal(self.moments.recip()) * to_world.transpose()
     }
 }

@@ -30,7 +30,7 @@ pub fn fly(body: &RigidBody, state: &BodyState, gravity: DVec3, duration: f64) -
     }
     let (moments, axes) = body.principal_moments();
     let momentum = body.angular_momentum(state);
-    let mut rotation = body.to_principal(state);
+    let mut rotation = body.principal_rotation(state);
     let mut local = rotation.conjugate() * momentum;
     let steps = (angular.length() * duration.abs() / TURN).ceil().clamp(1.0, STEPS);
     let step = duration / steps;

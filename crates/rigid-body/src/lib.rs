@@ -3,8 +3,8 @@
 //!
 //! The simulation is impulse-based, after Mirtich (*Impulse-based Dynamic Simulation of Rigid Body Systems*, 1996): between
 //! collisions the body flies freely ([`fly`]), and all contact, resting and sliding contact too, is a train of impulses
-//! ([`impact`]). Collisions are found by contact queries and placed in time by [`CollisionEvents`], which
-//! also knows what to do where the resolution changes within a step.
+//! ([`impact`]). Collisions are found by contact queries and placed in time by
+//! [`CollisionEvents`](palpate_collide::CollisionEvents), also where the resolution changes within a step.
 //!
 //! ```
 //! use palpate_clod_build::{BuildOptions, build, unwatched};
@@ -40,11 +40,12 @@ mod body;
 mod contacts;
 mod flight;
 pub mod impact;
+mod outcome;
 mod settings;
 mod simulation;
 
 pub use body::{BodyError, BodyState, RigidBody};
 pub use flight::fly;
-pub use palpate_collide::CollisionEvents;
+pub use outcome::{Impact, QuerySample, StepError, StepOutcome};
 pub use settings::{Settings, SettingsError};
-pub use simulation::{Impact, QuerySample, Simulation, StepError, StepOutcome};
+pub use simulation::Simulation;

@@ -2,25 +2,25 @@
 //!
 //! A step is divided so that no point of the body goes further than [`Settings::travel`] from query to query. Each part is a
 //! free flight with a query at its end. Where [`CollisionEvents`] tells that surfaces met on the way, the
-//! body is set back to the estimated instant t_c of the first event, the response is applied there, and the flight goes on
-//! with the time that is left.
+//! body is set back to the estimated instant t_c of the first event, the response is applied there, and the time that is left
+//! is divided anew.
 //!
 //! Setting back rather than projecting out: a body that is put where it first touched has lost no kinetic energy and gained no
 //! potential energy by the detection, and its approach velocity is that of the impact. What penetrates all the same does so
 //! because the estimate is one, or because the resolution has changed under a body in contact: that is projected out, by a
 //! fifth of the depth from query to query, which does work ([`StepOutcome::lifted`]) but adds no velocity.
 //!
-//! The estimate is good where the query saw the surfaces coming, and where it did not, since they came from beyond its reach, is
-//! followed by bisection, until they are found as near as they collide at. Where the resolution changes there
-//! may be no such instant: coarse patches apart at the beginning, finer ones that penetrate at the end, and neither
-//! ever touching. So the search ends as soon as the way that is left is shorter than what surfaces collide at, and
-//! the response is applied there with the contact of the event, as §3.4.4 has it. Time goes on in any case: contacts that
-//! penetrate at a beginning make no events, but take impulses if they approach after a flight, and what does not come deeper
-//! in a flight than surfaces collide at is left to its end: resting contact, and contacts that are deep only
-//! because the resolution has changed.
+//! Where the resolution has changed there may be no instant at which surfaces meet: coarse patches apart at the beginning,
+//! finer ones that penetrate at the end, and neither ever touching. As §3.4.4 has it, the response is applied at the estimate
+//! with what touches there, or else with the contact of the event. Where it has not, the estimate is good if the query saw
+//! the surfaces coming, and is followed by bisection if it did not, since they came from beyond its reach. That ends too, with
+//! the contact of the event, when the way that is left is shorter than what surfaces collide at: patches that were not
+//! near at the beginning may be there at the end at another resolution than their neighbours.
 //!
-//! At most [`EVENTS`] events are followed in one flight. Should there be more, the rest of it is taken as it is, its contacts
-//! respond at its end, and [`StepOutcome::exhausted`] counts it.
+//! Time goes on in any case. Contacts that penetrate at a beginning make no events, but take impulses if they approach
+//! after a flight. What does not come deeper in a flight than surfaces collide at is left to its end: resting contact, and
+//! contacts that are deep only because the resolution has changed. And at most [`EVENTS`] events are followed until a flight
+//! ends. Should there be more, it is taken as it is, its contacts respond at its end, and [`StepOutcome::exhausted`] counts it.
 
 use glam::DVec3;
 use palpate_collide::{CollisionEvent, CollisionEvents, ContactQuery, PatchContact, QueryOutcome, Shape};
@@ -30,6 +30,7 @@ use crate::body::{BodyState, RigidBody};
 use crate::contacts::Touching;
 use crate::flight::fly;
 use crate::impact::{Law, solve, strike};
+use crate::outcome::{Impact, QuerySample, StepError, StepOutcome};
 use crate::settings::{Settings, SettingsError};
 
 /// Most collision events that are followed in one flight.
@@ -43,84 +44,6 @@ const PROJECTED: f64 = 0.2;
 
 /// Approach speeds below this part of the fastest point's are none.
 const APPROACH: f64 = 1e-9;
-
-/// What one impact did.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Impact {
-    /// When, since the simulation began, s.
-    pub time: f64,
-    /// Contacts that took an impulse.
-    pub contacts: usize,
-    /// Whether all of them approached so slowly that they count as resting or sliding contact.
-    pub micro: bool,
-    /// Fastest approach, m/s.
-    pub approach: f64,
-    /// Sum of the impulses on the body, N·s, world axes.
-    pub impulse: DVec3,
-    /// Kinetic energy before and after it, J.
-    pub energy_before: f64,
-    /// J.
-    pub energy_after: f64,
-}
-
-/// A query of a step: where the body was and what the query cost.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct QuerySample {
-    /// Since the simulation began, s.
-    pub time: f64,
-    /// Of the body's frame.
-    pub pose: Pose,
-    /// Of the origin of the body's frame, world axes.
-    pub twist: Twist,
-    /// What the query found.
-    pub outcome: QueryOutcome,
-}
-
-/// What happened in a step.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct StepOutcome {
-    /// Collision events that were followed.
-    pub events: usize,
-    /// Events among them with a change of resolution within the flight.
-    pub switched: usize,
-    /// Events at whose instant no surfaces touch: their response is applied with the contact of the event.
-    pub estimated: usize,
-    /// Flights with more events than are followed.
-    pub exhausted: usize,
-    /// Impacts, micro-collisions included.
-    pub impacts: usize,
-    /// Micro-collisions among them.
-    pub micro: usize,
-    /// Queries made.
-    pub queries: usize,
-    /// Deepest penetration at the end of a flight or at an event, m; 0 where there was none.
-    pub depth: f64,
-    /// Potential energy that projection out of penetration added, J; negative where it took some.
-    pub lifted: f64,
-}
-
-/// Why a step was refused. The state is what it was.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum StepError {
-    /// The duration is not positive and finite.
-    #[error("a step of {duration} s; it must be positive and finite")]
-    Duration {
-        /// Given, s.
-        duration: f64,
-    },
-    /// The body moves too far in the step to look for collisions on the way.
-    #[error(
-        "the body moves at {speed} m/s, too fast for a step of {duration} s with a query every {travel} m; take shorter steps"
-    )]
-    TooFast {
-        /// Of the fastest point of the body, m/s.
-        speed: f64,
-        /// s.
-        duration: f64,
-        /// m.
-        travel: f64,
-    },
-}
 
 /// A free rigid body above a static one.
 #[derive(Clone, Debug)]
@@ -203,7 +126,7 @@ impl Simulation {
         let end = self.time + duration;
         let before = (self.state, self.time, self.still);
         let mut outcome = StepOutcome::default();
-        let (mut left, mut flights) = (duration, 0.0);
+        let (mut left, mut flights, mut followed) = (duration, 0.0, 0);
         while left > 0.0 {
             let (parts, speed) = self.parts(left);
             if flights + parts > FLIGHTS {
@@ -214,9 +137,14 @@ impl Simulation {
                 self.remember();
                 return Err(StepError::TooFast { speed, duration, travel: self.settings.travel });
             }
-            self.advance(left / parts, &mut outcome);
-            left = if parts > 1.0 { left - left / parts } else { 0.0 };
-            flights += 1.0;
+            let flight = left / parts;
+            if let Some(passed) = self.advance(flight, followed < EVENTS, &mut outcome) {
+                followed += 1;
+                left -= passed;
+            } else {
+                (followed, flights) = (0, flights + 1.0);
+                left = if parts > 1.0 { left - flight } else { 0.0 };
+            }
         }
         // Sums of parts round.
         self.time = end;
@@ -242,24 +170,22 @@ impl Simulation {
         ((speed * time / travel.max(0.5 * clear)).ceil().max(1.0), speed)
     }
 
-    /// A flight, with the responses to the collisions on its way and at its end.
-    fn advance(&mut self, duration: f64, outcome: &mut StepOutcome) {
-        let mut left = duration;
-        for followed in 0..=EVENTS {
-            let end = self.flown(left);
-            self.look_at(&end, left);
-            let event = self.first_event(&end, left);
-            let Some(event) = event.filter(|_| followed < EVENTS) else {
-                outcome.exhausted += usize::from(event.is_some());
-                self.land(end, left, None, outcome);
-                break;
-            };
-            outcome.events += 1;
-            outcome.switched += usize::from(event.switched);
-            let (met, passed, event) = self.locate(event, left, outcome);
-            self.land(met, passed, Some(&event), outcome);
-            left -= passed;
-        }
+    /// A flight of a duration (s), with the response to the contacts at its end; or to a collision on its way, if it may be
+    /// followed, and then the time until that.
+    fn advance(&mut self, duration: f64, follow: bool, outcome: &mut StepOutcome) -> Option<f64> {
+        let end = self.flown(duration);
+        self.look_at(&end, duration);
+        let event = self.first_event(&end, duration);
+        let Some(event) = event.filter(|_| follow) else {
+            outcome.exhausted += usize::from(event.is_some());
+            self.land(end, duration, None, outcome);
+            return None;
+        };
+        outcome.events += 1;
+        outcome.switched += usize::from(event.switched);
+        let (met, passed, event) = self.locate(event, duration, outcome);
+        self.land(met, passed, Some(&event), outcome);
+        Some(passed)
     }
 
     /// The first collision event of a flight of a duration (s) to a state at which the query was made last, of surfaces that
@@ -292,6 +218,10 @@ impl Simulation {
             self.look_at(&state, time);
             let depths = self.query.contacts().iter().map(|found| found.contact.depth);
             let deepest = depths.fold(f64::NEG_INFINITY, f64::max);
+            if event.switched {
+                outcome.estimated += usize::from(deepest < -touch);
+                return (state, time, event);
+            }
             if deepest > allowed {
                 deep = time;
                 event = self.first_event(&state, duration).unwrap_or(event);

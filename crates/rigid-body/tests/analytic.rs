@@ -135,6 +135,14 @@ fn a_body_at_rest_stays_at_rest() {
 }
 
 #[test]
+fn a_body_at_rest_allocates_nothing() {
+    let mut block = on_slope(0.2, 0.0, 0.5);
+    let mut steps = || (0..200).for_each(|_| assert!(block.step(1e-3).is_ok()));
+    steps();
+    assert_eq!(allocation_counter::measure(steps).count_total, 0);
+}
+
+#[test]
 fn a_body_that_passes_far_away_is_not_queried_for_long() {
     let mut block = on_slope(0.0, 0.0, 0.3);
     let start = BodyState {
