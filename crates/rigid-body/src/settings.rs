@@ -20,7 +20,8 @@ pub struct Settings {
     /// they collide; the other half is what instants of collisions are interpolated from.
     pub tolerance: f64,
     /// s₀, constant, velocity- or view-dependent (§3.4.3). The twist of a velocity metric is replaced by the body's, at
-    /// every query.
+    /// every query. Coarse levels do not contain the surface (§3.6.2): bodies penetrate by up to what levels deviate, and
+    /// where that is more than a wall is thick, as with meshes of few triangles, they can come through it.
     pub error: ErrorMetrics,
     /// Furthest that any point of the body goes from one query to the next, m: less than the thinnest part of either body,
     /// or they may pass one another unseen.

@@ -3,6 +3,8 @@
 //! Some drops each time; more than a thousand with
 //! `cargo test --release -p palpate-rigid-body --test drops -- --ignored`.
 
+#![allow(clippy::print_stdout)] // The long test tells what it found.
+
 mod worlds;
 
 use std::f64::consts::TAU;
@@ -67,6 +69,11 @@ impl Side {
 const HALF: [f64; 2] = [0.5 * WALL; 2];
 const WHOLE: [f64; 2] = [0.0, WALL];
 
+/// Triangles of spoon and cup. The first level of the coarse cup is up to 5.8 mm off its surface, more than the wall is thick: with
+/// the constant metric one of a few hundred spoons comes through. At full resolution none does.
+const COARSE: [usize; 2] = [1_344, 4_000];
+const FINE: [usize; 2] = [20_000, 16_000];
+
 struct World {
     spoon: Shape,
     cup: Shape,
@@ -102,12 +109,14 @@ struct Found {
 }
 
 impl World {
-    fn new() -> Self {
-        let (spoon, cup) = (worlds::model(Model::SpoonLow), worlds::model(Model::CupLow));
+    fn new(triangles: [usize; 2]) -> Self {
+        let [spoon_mesh, cup_mesh] = [(Model::Spoon, triangles[0]), (Model::Cup, triangles[1])]
+            .map(|(model, triangles)| model.generate(triangles).expect("in range"));
+        let (spoon, cup) = (worlds::shape(&spoon_mesh), worlds::shape(&cup_mesh));
         let body = RigidBody::solid(&spoon, 0.05).unwrap();
         let points = spoon.clod().vertices.clone();
-        let mesh = Model::SpoonLow.generate(Model::SpoonLow.default_triangles()).unwrap();
-        let watched = mesh.vertices().iter().step_by(7).copied().collect();
+        let vertices = spoon_mesh.vertices();
+        let watched = vertices.iter().step_by(vertices.len().div_ceil(100)).copied().collect();
         Self { spoon, cup, body, points, watched }
     }
 
@@ -188,8 +197,7 @@ impl World {
 }
 
 /// Drops so many spoons and holds them to what must be so.
-fn drops(metric: Metric, count: usize) {
-    let world = World::new();
+fn drops(world: &World, metric: Metric, count: usize) {
     let mut rng = StdRng::seed_from_u64(SEED);
     let (mut all, mut missed) = (Found::default(), 0);
     for drop in 0..count {
@@ -219,8 +227,9 @@ fn drops(metric: Metric, count: usize) {
 
 #[test]
 fn spoons_stay_out_of_the_wall() {
+    let world = World::new(COARSE);
     for metric in [Metric::Exact, Metric::Constant, Metric::Velocity] {
-        drops(metric, 6);
+        drops(&world, metric, 6);
     }
 }
 
@@ -228,15 +237,16 @@ fn spoons_stay_out_of_the_wall() {
 #[test]
 #[ignore = "takes minutes: run it in release"]
 fn a_thousand_spoons_stay_out_of_the_wall() {
-    drops(Metric::Constant, 500);
-    drops(Metric::Velocity, 500);
-    drops(Metric::Exact, 50);
+    let world = World::new(FINE);
+    drops(&world, Metric::Constant, 500);
+    drops(&world, Metric::Velocity, 500);
+    drops(&world, Metric::Exact, 50);
 }
 
 /// A spoon that nothing stops goes through the bottom, and is seen to.
 #[test]
 fn spoons_that_fall_freely_pass_the_wall() {
-    let world = World::new();
+    let world = World::new(COARSE);
     let mut rng = StdRng::seed_from_u64(SEED);
     for drop in 0..6 {
         let start = world.start(&mut rng);
