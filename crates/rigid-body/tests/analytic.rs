@@ -178,7 +178,7 @@ fn settings_and_steps_that_make_no_sense_are_refused() {
         (Settings { error: ErrorMetrics::from(-1.0), ..good }, |e| *e == SettingsError::Query),
     ];
     for (settings, refused) in wrong {
-        let error = new(settings, start).err().expect("refused");
+        let error = new(settings, start).expect_err("refused");
         assert!(refused(&error), "{error}");
     }
     let nowhere = BodyState::at_rest(Pose::from_translation(DVec3::NAN));

@@ -83,7 +83,13 @@ impl Found {
     }
 
     fn is_as_claimed(&self) -> bool {
-        self.as_good > 0.5 && self.several >= SEVERAL && self.variation[1] <= STEADIER * self.variation[0]
+        self.as_good > 0.5 && self.several >= SEVERAL && self.variation(1) <= STEADIER * self.variation(0)
+    }
+
+    /// Standard deviation of the front by its mean.
+    fn variation(&self, index: usize) -> f64 {
+        let (mean, deviation) = self.front[index];
+        deviation / mean
     }
 }
 

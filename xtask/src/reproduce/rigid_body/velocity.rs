@@ -10,9 +10,10 @@ use super::{FRAMES, Metric, Scenario};
 use crate::reproduce::outcome::{Finding, Reproduction};
 use crate::stability::page::{Table, row};
 
-/// Contacts are of the fall from this relative speed on, and of the slide up to that one, m/s.
+/// Contacts are of the fall from this relative speed on, m/s.
 const FALLS: f64 = 0.5;
-const SLIDES: f64 = 0.05;
+/// They are of the slide between these, m/s: below, the spoon rests, and micro-collisions are all that moves it.
+const SLIDES: [f64; 2] = [0.01, 0.05];
 /// By how many levels the finest contact of the slide has to be finer than a usual one of the fall.
 const FINER: f64 = 4.0;
 /// Roughly ten times as many polygons.
@@ -76,7 +77,8 @@ struct Found {
 impl Found {
     fn of(seen: &[Seen]) -> Self {
         let falls: Vec<&Seen> = seen.iter().filter(|seen| seen.speed >= FALLS).collect();
-        let slides: Vec<&Seen> = seen.iter().filter(|seen| seen.speed <= SLIDES).collect();
+        let slides: Vec<&Seen> =
+            seen.iter().filter(|seen| (SLIDES[0]..=SLIDES[1]).contains(&seen.speed)).collect();
         let mean = |of: &[&Seen], value: &dyn Fn(&Seen) -> f64| {
             of.iter().map(|seen| value(seen)).sum::<f64>() / of.len() as f64
         };
@@ -143,12 +145,14 @@ pub fn reproduce(name: &str) -> Result<Reproduction, String> {
                 .to_owned(),
             measured: format!(
                 "s₀ is 3.5 % of the radius at 1 m/s. {} queries with contact at {FALLS} m/s or more use levels {:.1} of the spoon and {:.1} \
-                 of the cup on average, {} at {SLIDES} m/s or less levels {:.1} and {:.1}: up to {finer:.1} finer, with {polygons:.1} times as \
+                 of the cup on average, {} at {} to {} m/s levels {:.1} and {:.1}: up to {finer:.1} finer, with {polygons:.1} times as \
                  many triangles. With a constant metric on the same path these are {:.1} and {:.1}.",
                 contacts[0],
                 levels[0][0],
                 levels[0][1],
                 contacts[1],
+                SLIDES[0],
+                SLIDES[1],
                 levels[1][0],
                 levels[1][1],
                 constant.finer,
