@@ -109,8 +109,10 @@ impl Mobility {
 }
 
 /// The velocity of a body after impulses at all contacts, which are left in them: towards their targets, within the friction
-/// cones, and with no more kinetic energy than before.
+/// cones, and with no more kinetic energy than before. Contacts beyond the first [`MOST`] take none.
 pub fn strike(body: &RigidBody, state: &BodyState, touches: &mut [Touch], friction: f64) -> Twist {
+    let (touches, others) = touches.split_at_mut(touches.len().min(MOST));
+    others.iter_mut().for_each(|touch| touch.impulse = DVec3::ZERO);
     let energy = |twist: Twist| body.kinetic_energy(&BodyState { twist, ..*state });
     let before = energy(state.twist);
     let struck = solve(body, state, touches, friction);
