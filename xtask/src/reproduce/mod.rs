@@ -12,6 +12,7 @@ mod pictures;
 mod queries;
 pub(crate) mod relief;
 mod rendering;
+mod rigid_body;
 mod roughness;
 
 use std::error::Error;
@@ -61,6 +62,12 @@ enum Name {
     /// Contact queries of a golf club and ball.
     #[value(name = "fig-3.16")]
     Figure3_16,
+    /// Levels at contacts of a spoon that falls and slides, by its velocity.
+    #[value(name = "fig-3.18")]
+    Figure3_18,
+    /// Contact queries of a spoon in a cup.
+    #[value(name = "fig-3.19")]
+    Figure3_19,
     /// Full and coarse resolution of the textured models.
     #[value(name = "table-4.1")]
     Table4_1,
@@ -100,7 +107,7 @@ enum Name {
 }
 
 impl Name {
-    const EACH: [Self; 19] = [
+    const EACH: [Self; 21] = [
         Self::Table3_2,
         Self::Table3_2Real,
         Self::Figure3_7,
@@ -108,6 +115,8 @@ impl Name {
         Self::Figure3_15,
         Self::Figure3_15Real,
         Self::Figure3_16,
+        Self::Figure3_18,
+        Self::Figure3_19,
         Self::Table4_1,
         Self::Figure4_8,
         Self::Figure4_9,
@@ -132,6 +141,8 @@ impl Name {
             Self::Figure3_8 => jaw_detail::lower_jaw(&self.word()),
             Self::Figure3_15 => queries::jaws(&self.word()),
             Self::Figure3_16 => queries::golf(&self.word()),
+            Self::Figure3_18 => rigid_body::velocity::reproduce(&self.word()),
+            Self::Figure3_19 => rigid_body::profile::reproduce(&self.word()),
             Self::Table4_1 => levels::textured_models(&self.word()),
             Self::Figure4_8 => roughness::reproduce(&roughness::probe_diameter(), &self.word()),
             Self::Figure4_9 => roughness::reproduce(&roughness::applied_force(), &self.word()),
