@@ -72,10 +72,12 @@ fn test() -> Result<(), Failure> {
 fn ci() -> Result<(), Failure> {
     cargo(&["fmt", "--all", "--check"], &[])?;
     test()?;
-    // What takes a release build: models of full size, and a million damaged files.
+    // What takes a release build: models of full size, a million damaged files, and a thousand spoons.
     let tests = ["--package", "palpate-tests", "--test", "levels", "--test", "clod_mutations"];
     let chosen = ["--", "--ignored", "built_in_models", "a_million"];
     cargo(&[["test", "--release", "--locked"].as_slice(), &tests, &chosen].concat(), &[])?;
+    let drops = ["--package", "palpate-rigid-body", "--test", "drops", "--", "--ignored"];
+    cargo(&[["test", "--release", "--locked"].as_slice(), &drops].concat(), &[])?;
     cargo(
         &["clippy", "--workspace", "--features", WINDOW, "--all-targets", "--locked", "--", "-D", "warnings"],
         &[],
