@@ -6,8 +6,11 @@ use std::sync::atomic::AtomicBool;
 use palpate::device::{Emulation, IntendedPath, Task};
 use palpate::dynamics::BodyState;
 use palpate::glam::DVec3;
-use palpate::{ContactLoop, ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Settings, explore};
-use palpate_tests::model;
+use palpate::{
+    ContactLoop, ContactTiming, EditError, HapticRenderer, Object, Pose, Record, RunningSession, Scene,
+    SceneId, Settings, Wrench, explore,
+};
+use palpate_tests::{model, ridged_plate};
 
 fn objects() -> [Object; 2] {
     ["ellipsoid@500", "golf-ball@5000"].map(model)
@@ -64,10 +67,124 @@ fn a_moved_object_is_felt_where_it_is() {
     let body: BodyState = *haptic.body_state();
     let touched = |contact: &mut ContactLoop| contact.step(&body, 0.0).contacts > 0;
     assert!(!touched(&mut contact));
-    assert!(contact.set_pose(1, &below) && touched(&mut contact));
-    assert!(contact.set_pose(1, &far) && !touched(&mut contact));
-    assert!(contact.set_pose(0, &below) && touched(&mut contact));
-    assert!(contact.set_pose(0, &Pose::from_translation(DVec3::NAN)) && !touched(&mut contact));
+    assert!(contact.set_pose(SceneId(1), &below) && touched(&mut contact));
+    assert!(contact.set_pose(SceneId(1), &far) && !touched(&mut contact));
+    assert!(contact.set_pose(SceneId(0), &below) && touched(&mut contact));
+    assert!(contact.set_pose(SceneId(0), &Pose::from_translation(DVec3::NAN)) && !touched(&mut contact));
     assert_eq!(contact.telemetry().events.contact_refused, 1);
-    assert!(!contact.set_pose(2, &below), "there are two");
+    assert!(!contact.set_pose(SceneId(2), &below), "there are two");
+}
+
+/// Below the probe at the origin, so that they touch.
+fn below(probe: &Object, object: &Object) -> Pose {
+    let top = |object: &Object| object.clod.vertices.iter().map(|v| v.z).fold(f64::NEG_INFINITY, f64::max);
+    let bottom = probe.clod.vertices.iter().map(|v| v.z).fold(f64::INFINITY, f64::min);
+    Pose::from_translation((0.9 * bottom - top(object)) * DVec3::Z)
+}
+
+/// Within a thousandth: where the probe is deep in the object, its proxy may have come another way.
+fn same(one: Wrench, other: Wrench) -> bool {
+    let near = |one: DVec3, other: DVec3| one.distance(other) < 1e-3 * other.length().max(1e-3);
+    near(one.force, other.force) && one.torque.distance(other.torque) < 1e-5
+}
+
+/// What is added, moved, scaled and removed from elsewhere is felt as if the scene had been so from the start.
+#[test]
+fn edits_are_felt_from_the_next_step_on() {
+    let [probe, ball] = objects();
+    let near = below(&probe, &ball);
+    let still = || IntendedPath::from(Pose::IDENTITY);
+    let mut edited = renderer(probe.clone(), Scene::new(), still());
+    let mut editor = edited.scene_editor();
+    let (haptic, mut contact, _) = edited.into_loops();
+    let body: BodyState = *haptic.body_state();
+    let mut time = 0.0;
+    let mut felt = |contact: &mut ContactLoop| {
+        time += 0.002;
+        contact.step(&body, time).model.wrench(&body)
+    };
+    let as_from_the_start = |object: &Object, pose: Pose| {
+        let scene = Scene::new().with(object.clone(), pose);
+        let (_, mut contact, _) = renderer(probe.clone(), scene, still()).into_loops();
+        contact.step(&body, 0.002).model.wrench(&body)
+    };
+    let nothing = Wrench::ZERO;
+    assert_eq!(felt(&mut contact), nothing);
+    let first = editor.add(&ball, near).expect("room");
+    let pushed = as_from_the_start(&ball, near);
+    assert!(pushed.force.z > 0.01, "{pushed:?}");
+    let now = felt(&mut contact);
+    assert!(same(now, pushed), "{now:?} {pushed:?}");
+    let far = Pose::from_translation(DVec3::X);
+    editor.set_pose(first, far).expect("room");
+    assert_eq!(felt(&mut contact), nothing);
+    // Half as large, where its top is as high.
+    let small = ball.scaled(0.5).expect("a factor");
+    let at = below(&probe, &small);
+    editor.replace(first, &small, at).expect("room");
+    assert!(same(felt(&mut contact), as_from_the_start(&small, at)));
+    editor.remove(first).expect("room");
+    assert_eq!(felt(&mut contact), nothing);
+    let second = editor.add(&ball, near).expect("room");
+    assert!(second != first);
+    let now = felt(&mut contact);
+    assert!(same(now, pushed), "{now:?} {pushed:?}");
+    assert_eq!(contact.telemetry().events.edit_refused, 0);
+    // What is not there cannot be moved.
+    editor.set_pose(first, near).expect("room");
+    editor.remove(first).expect("room");
+    let now = felt(&mut contact);
+    assert!(same(now, pushed), "{now:?} {pushed:?}");
+    assert_eq!(contact.telemetry().events.edit_refused, 2);
+    assert_eq!(editor.set_pose(second, Pose::from_translation(DVec3::NAN)), Err(EditError::Pose));
+    let more = (0..10_000).map(|_| editor.set_pose(second, near)).find(Result::is_err);
+    assert_eq!(more, Some(Err(EditError::Full)));
+}
+
+/// Textures come and go with the objects that have them.
+#[test]
+fn textured_objects_can_be_added() {
+    let [probe, ball] = objects();
+    let plate = ridged_plate(5e-4, 2e-3);
+    let mut edited = renderer(
+        probe.clone(),
+        Scene::new().with(ball, Pose::from_translation(DVec3::X)),
+        Pose::IDENTITY.into(),
+    );
+    let mut editor = edited.scene_editor();
+    assert!(edited.stages()["textures"].starts_with("off"));
+    let (haptic, mut contact, _) = edited.into_loops();
+    let body: BodyState = *haptic.body_state();
+    let lowest = contact.step(&body, 0.0).contacts;
+    assert_eq!(lowest, 0);
+    let id = editor.add(&plate, below(&probe, &plate)).expect("room");
+    let update = contact.step(&body, 0.002);
+    assert!(update.depth > 0.0 && update.model.wrench(&body).force.length() > 0.0, "{}", update.depth);
+    editor.remove(id).expect("room");
+    assert_eq!(contact.step(&body, 0.004).contacts, 0);
+    assert_eq!(contact.telemetry().events.edit_refused, 0);
+}
+
+/// Until the latest step is so.
+fn wait(running: &mut RunningSession, what: &str, is_so: impl Fn(&Record) -> bool) {
+    let begun = std::time::Instant::now();
+    while !running.latest().is_some_and(&is_so) {
+        assert!(running.is_running() && begun.elapsed().as_secs() < 60, "{what}");
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    }
+}
+
+/// A session of its own takes edits while it runs, shows where the object is, and gives its summary when it is stopped.
+#[test]
+fn a_spawned_session_is_edited_while_it_runs() {
+    let [probe, ball] = objects();
+    let near = below(&probe, &ball);
+    let mut running = renderer(probe, Scene::new(), Pose::IDENTITY.into()).spawn().expect("threads");
+    wait(&mut running, "no step is shown", |record| record.time > 0.05 && record.contacts == 0);
+    let id = running.scene.add(&ball, near).expect("room");
+    wait(&mut running, "the ball is not felt", |record| record.contacts > 0 && record.contact.force.z > 0.0);
+    assert!(!running.contacts.latest().pushes.is_empty());
+    running.scene.remove(id).expect("room");
+    let session = running.stop();
+    assert!(session.summary().haptic.steps > 50 && session.summary().events.edit_refused == 0);
 }

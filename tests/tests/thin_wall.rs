@@ -8,7 +8,7 @@ use palpate::dynamics::BodyState;
 use palpate::glam::{DQuat, DVec3};
 use palpate::models::Model;
 use palpate::{
-    ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Session, Settings, TriMesh, Twist,
+    ContactTiming, HapticRenderer, Object, Pose, Record, Scene, SceneId, Session, Settings, TriMesh, Twist,
 };
 
 /// Half the sides of plates, m.
@@ -218,12 +218,12 @@ fn proxy_comes_back_after_nonsense_and_after_a_moving_scene() {
     assert!(pushed_up(&again, -5e-3) > 9.0, "held again by {} N", pushed_up(&again, -5e-3));
 
     // The sheet jumps above the object: there is nothing that it is held back from.
-    assert!(contact.set_pose(0, &Pose::from_translation(DVec3::Z * 0.1)));
+    assert!(contact.set_pose(SceneId(0), &Pose::from_translation(DVec3::Z * 0.1)));
     let free = step(&mut contact, -5e-3);
     assert!(free.model.is_empty(), "{} m deep", free.depth);
     // Above where the sheet comes back to, it is held there.
     step(&mut contact, 5e-3);
-    assert!(contact.set_pose(0, &Pose::IDENTITY));
+    assert!(contact.set_pose(SceneId(0), &Pose::IDENTITY));
     let deep = step(&mut contact, -5e-3);
     assert!(pushed_up(&deep, -5e-3) > 9.0, "held after all by {} N", pushed_up(&deep, -5e-3));
 }

@@ -319,3 +319,33 @@ fn a_budget_is_shared() {
     let (queries, stopped) = made(Some(Budget::Queries(4 * all)));
     assert!(!stopped && queries == all, "{queries} of {all}");
 }
+
+/// However many shapes come and go, only those that are there take memory, and they are found as ever.
+#[test]
+fn shapes_go_with_their_last_object() {
+    let (probe, settings) = (bumpy(), QuerySettings::new(TOLERANCE));
+    let shapes = shapes();
+    let mut scene = SceneQuery::new(&probe);
+    let stays = scene.add(&shapes[2], &Pose::IDENTITY);
+    let contacts = |scene: &mut SceneQuery| {
+        scene.run(&Pose::IDENTITY, &settings);
+        scene.contacts().map(|with| (with.object, with.contacts.to_vec())).collect::<Vec<_>>()
+    };
+    let alone = contacts(&mut scene);
+    assert!(!alone[0].1.is_empty());
+    let mut after = Vec::new();
+    for round in 1..=50 {
+        let scaled = shapes[1].clod().scaled(1.0 + 0.01 * f64::from(round)).expect("a factor");
+        let shape = Shape::new(scaled);
+        let [one, other] = [DVec3::X, -DVec3::X].map(|at| scene.add(&shape, &Pose::from_translation(at)));
+        let all = contacts(&mut scene);
+        assert_eq!(all.len(), 3, "round {round}");
+        assert!(scene.remove(one) && scene.shape(other).is_some());
+        assert!(scene.remove(other) && scene.shape(other).is_none());
+        let again = contacts(&mut scene);
+        assert!(again.len() == 1 && again[0].0 == stays && agree(&again[0].1, &alone[0].1));
+        after.push(scene.bytes());
+    }
+    assert_eq!(after[0], after[49], "memory grows");
+    assert_eq!(scene.len(), 1);
+}

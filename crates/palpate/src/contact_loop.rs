@@ -10,10 +10,12 @@ use palpate_dynamics::{
     Body, BodyState, ContactParameters, ContactPatch, LinearContactModel, MAX_APPROACHING,
 };
 use palpate_texture_pd::Backend;
+use rtrb::Consumer;
 
 use crate::object::Object;
 use crate::proxy::{Proxy, carried, motion_between};
 use crate::scene::Placed;
+use crate::scene_editor::{Edit, SceneEditor, SceneId};
 use crate::settings::Settings;
 use crate::telemetry::ContactTelemetry;
 use crate::textures::{TextureError, Textures};
@@ -77,8 +79,13 @@ pub struct ContactLoop {
     center_of_mass: DVec3,
     scene: SceneQuery,
     proxy: Proxy,
-    /// In the scene's order.
-    objects: Vec<ObjectHandle>,
+    probe: Object,
+    /// By their places in the query.
+    objects: Vec<Option<InScene>>,
+    /// Changes that wait, where someone may make them.
+    edits: Option<Consumer<Edit>>,
+    /// What textures are made with.
+    all_settings: Settings,
     /// s₀, m; 0 for full resolution.
     error: f64,
     settings: QuerySettings,
@@ -119,12 +126,19 @@ impl ContactLoop {
         let Settings { error, interpolation, query_budget, clusters, braking, proxy, .. } = *settings;
         let radius = probe.bounding_radius() + probe.clod.source.center_of_mass.length();
         let mut query = SceneQuery::new(probe.shape());
-        let objects = scene.iter().map(|placed| query.add(placed.object.shape(), &placed.pose)).collect();
+        let objects: Vec<Option<InScene>> = (0..)
+            .map(SceneId)
+            .zip(scene)
+            .map(|(id, Placed { object, pose })| {
+                let handle = query.add(object.shape(), pose);
+                Some(InScene { id, handle, object: object.clone() })
+            })
+            .collect();
         for (index, placed) in scene.iter().enumerate().take(RESERVED) {
             let same = |other: &&Placed| Arc::ptr_eq(&other.object.clod, &placed.object.clod);
             query.reserve(placed.object.shape(), scene[..=index].iter().filter(same).count());
         }
-        let textures = Textures::new(probe, scene, settings, parameters.tolerance, radius)?;
+        let textures = Textures::new(probe, &objects_of(&objects), settings, parameters.tolerance, radius)?;
         let recesses = textures.as_ref().map_or_else(Vec::new, Textures::recesses);
         // One hull has no detail to leave out, so nothing is to be measured for it.
         let objects_with_probe = std::iter::once(probe).chain(scene.iter().map(|placed| &placed.object));
@@ -134,7 +148,10 @@ impl ContactLoop {
             center_of_mass,
             scene: query,
             proxy: Proxy::new(body, center_of_mass, radius, parameters.tolerance, recesses, proxy),
+            probe: probe.clone(),
             objects,
+            edits: None,
+            all_settings: *settings,
             error,
             settings: QuerySettings {
                 error: error.into(),
@@ -162,6 +179,7 @@ impl ContactLoop {
     /// Contacts for the grasped object's state at `time` (s). Allocates only while its workspaces grow to the scene's
     /// need.
     pub fn step(&mut self, body: &BodyState, time: f64) -> ContactUpdate {
+        self.make_edits();
         let interval = time - std::mem::replace(&mut self.time, time);
         let ahead = self.time_ahead(interval);
         let tolerance = self.parameters.tolerance;
@@ -221,7 +239,7 @@ impl ContactLoop {
         }
         let pose = *self.proxy.pose();
         let mesh = pose * Pose::from_translation(-self.center_of_mass);
-        let pose_of = |object: usize| self.scene.pose(*self.objects.get(object)?).copied();
+        let pose_of = |object: usize| self.scene.pose(self.objects.get(object)?.as_ref()?.handle).copied();
         let events = &mut self.telemetry.events;
         let motion = motion_between(&pose, &body.pose);
         for found in textures.run(&mesh, pose.translation, pose_of, tolerance, events) {
@@ -318,17 +336,89 @@ impl ContactLoop {
         for found in self.proxy.contacts() {
             let PatchContact { contact, probe_node, scene_node, weight } = found.contact;
             if contact.depth > -self.parameters.tolerance {
-                sight.add_patches(TouchingPatches { object: found.object, probe_node, scene_node, weight });
+                let object = self.objects.get(found.object).and_then(Option::as_ref);
+                let object = object.map_or(found.object, |object| object.id.0);
+                sight.add_patches(TouchingPatches { object, probe_node, scene_node, weight });
             }
         }
     }
 
-    /// Moves a scene object, by its place in [`Scene::objects`](crate::Scene::objects), to a pose of its mesh's frame in the
-    /// world, from the next step on; `false` if there is none. Contacts are rendered as if the object stood still there:
-    /// its velocity does not enter into damping.
-    pub fn set_pose(&mut self, object: usize, pose: &Pose) -> bool {
+    /// Moves a scene object to a pose of its mesh's frame in the world, from the next step on; `false` if there is none.
+    /// Contacts are rendered as if the object stood still there: its velocity does not enter into damping.
+    pub fn set_pose(&mut self, object: SceneId, pose: &Pose) -> bool {
+        let Some(found) = self.find(object) else { return false };
         self.proxy.scene_has_changed();
-        self.objects.get(object).is_some_and(|object| self.scene.set_pose(*object, pose))
+        self.scene.set_pose(found, pose)
+    }
+
+    /// Adds an object, its mesh's frame at a pose in the world, from the next step on; `false` if there is one of that number,
+    /// or its texture cannot be rendered. Allocates.
+    pub fn add(&mut self, id: SceneId, object: &Object, pose: &Pose) -> bool {
+        if self.find(id).is_some() {
+            return false;
+        }
+        let handle = self.scene.add(object.shape(), pose);
+        let place = handle.place();
+        if self.objects.len() <= place {
+            self.objects.resize_with(place + 1, || None);
+        }
+        self.objects[place] = Some(InScene { id, handle, object: object.clone() });
+        if self.retexture(object) {
+            self.proxy.scene_has_changed();
+            return true;
+        }
+        self.remove(id);
+        false
+    }
+
+    /// Takes an object out, from the next step on; `false` if there is none.
+    pub fn remove(&mut self, id: SceneId) -> bool {
+        let Some(handle) = self.find(id) else { return false };
+        self.proxy.scene_has_changed();
+        self.scene.remove(handle);
+        let removed = self.objects[handle.place()].take();
+        removed.is_none_or(|removed| self.retexture(&removed.object))
+    }
+
+    /// Makes the textures of the scene anew, if an object that came or went has to do with any; `false` if that cannot be.
+    fn retexture(&mut self, object: &Object) -> bool {
+        if self.textures.is_none() && object.texture().is_none() && self.probe.texture().is_none() {
+            return true;
+        }
+        let objects = objects_of(&self.objects);
+        let tolerance = self.parameters.tolerance;
+        let Ok(textures) = Textures::new(&self.probe, &objects, &self.all_settings, tolerance, self.radius)
+        else {
+            return false;
+        };
+        self.proxy.set_recesses(textures.as_ref().map_or_else(Vec::new, Textures::recesses));
+        self.textures = textures;
+        true
+    }
+
+    fn find(&self, id: SceneId) -> Option<ObjectHandle> {
+        self.objects.iter().flatten().find(|object| object.id == id).map(|object| object.handle)
+    }
+
+    /// Lets the scene be changed from elsewhere, from the next step on; an earlier editor changes nothing any more.
+    pub fn editor(&mut self) -> SceneEditor {
+        let next = self.objects.iter().flatten().map(|object| object.id.0 + 1).max().unwrap_or(0);
+        let (editor, edits) = SceneEditor::new(next);
+        self.edits = Some(edits);
+        editor
+    }
+
+    /// Makes the changes that wait.
+    fn make_edits(&mut self) {
+        while let Some(edit) = self.edits.as_mut().and_then(|edits| edits.pop().ok()) {
+            let made = match edit {
+                Edit::Add(id, object, pose) => self.add(id, &object, &pose),
+                Edit::Replace(id, object, pose) => self.remove(id) && self.add(id, &object, &pose),
+                Edit::Move(id, pose) => self.set_pose(id, &pose),
+                Edit::Remove(id) => self.remove(id),
+            };
+            self.telemetry.events.edit_refused += u64::from(!made);
+        }
     }
 
     /// What computes textured contacts; `None` without textures.
@@ -360,6 +450,18 @@ impl ContactLoop {
     pub(crate) fn telemetry_mut(&mut self) -> &mut ContactTelemetry {
         &mut self.telemetry
     }
+}
+
+/// An object of the scene.
+#[derive(Debug)]
+struct InScene {
+    id: SceneId,
+    handle: ObjectHandle,
+    object: Object,
+}
+
+fn objects_of(objects: &[Option<InScene>]) -> Vec<Option<&Object>> {
+    objects.iter().map(|place| place.as_ref().map(|object| &object.object)).collect()
 }
 
 /// A share of a contact's gains.

@@ -136,6 +136,11 @@ impl Proxy {
         depth + self.recesses.get(object).unwrap_or(&0.0)
     }
 
+    /// By how much the coarse mesh may sink into each scene object, m, from now on.
+    pub fn set_recesses(&mut self, recesses: Vec<f64>) {
+        self.recesses = recesses;
+    }
+
     /// What was found may hold no longer.
     pub fn scene_has_changed(&mut self) {
         self.stale = true;

@@ -28,7 +28,7 @@ use crate::renderer::HapticRenderer;
 use crate::session::{Clock, Session};
 
 /// Contact models that may wait for the haptic thread.
-const MODEL_RING: usize = 8;
+pub(crate) const MODEL_RING: usize = 8;
 /// Records that may wait for the recorder: four seconds at 1 kHz.
 const RECORD_RING: usize = 4096;
 /// How long the recorder sleeps when it has caught up.
@@ -182,7 +182,7 @@ impl HapticThread<'_> {
 }
 
 /// The contact thread: as fast as it can, but never twice for the same state.
-fn run_contact(
+pub(crate) fn run_contact(
     contact: &mut ContactLoop,
     mut state: triple_buffer::Output<(f64, BodyState)>,
     mut models: Producer<ContactUpdate>,

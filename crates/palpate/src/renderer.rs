@@ -13,6 +13,7 @@ use crate::contact_loop::ContactLoop;
 use crate::haptic_loop::{Grasped, HapticLoop};
 use crate::object::Object;
 use crate::scene::Scene;
+use crate::scene_editor::SceneEditor;
 use crate::settings::{Settings, SettingsError};
 use crate::textures::TextureError;
 use crate::watch::Watch;
@@ -133,6 +134,11 @@ impl HapticRenderer {
     /// Lets the contacts be watched from elsewhere while the session runs; an earlier watcher sees nothing new then.
     pub fn watch(&mut self) -> Watch {
         self.contact.watch()
+    }
+
+    /// Lets the scene be changed from elsewhere while the session runs; an earlier editor changes nothing any more.
+    pub fn scene_editor(&mut self) -> SceneEditor {
+        self.contact.editor()
     }
 
     /// Lets a backend of the host compute textured contacts, as one on its own GPU device

@@ -98,6 +98,8 @@ pub struct Events {
     pub contact_refused: u64,
     /// A pair of convex hulls did not converge in a contact query.
     pub not_converged: u64,
+    /// A change of the scene could not be made: of an object that is not there, or with a texture that cannot be rendered.
+    pub edit_refused: u64,
     /// A contact model was lost because the haptic loop had not fetched the earlier ones.
     pub model_dropped: u64,
     /// Rows of the recording were lost because the recorder could not keep up.
@@ -129,6 +131,7 @@ impl Events {
             contact_overflow,
             contact_refused,
             not_converged,
+            edit_refused,
             model_dropped,
             record_dropped,
         } = *other;
@@ -152,6 +155,7 @@ impl Events {
             (&mut sum.contact_overflow, contact_overflow),
             (&mut sum.contact_refused, contact_refused),
             (&mut sum.not_converged, not_converged),
+            (&mut sum.edit_refused, edit_refused),
             (&mut sum.model_dropped, model_dropped),
             (&mut sum.record_dropped, record_dropped),
         ] {

@@ -25,7 +25,6 @@ use palpate_texture_pd::{
 };
 
 use crate::object::Object;
-use crate::scene::Placed;
 use crate::settings::{Settings, TextureBackend, TextureDerivatives, TextureSettings};
 use crate::telemetry::Events;
 
@@ -122,26 +121,23 @@ pub(crate) struct Found {
 }
 
 impl Textures {
-    /// `None` for a scene without textures.
+    /// `None` for a scene without textures, whose objects are given by their places.
     pub fn new(
         probe: &Object,
-        scene: &[Placed],
+        objects: &[Option<&Object>],
         settings: &Settings,
         tolerance: f64,
         lever: f64,
     ) -> Result<Option<Self>, TextureError> {
-        let pairs = scene.iter().map(|placed| &placed.object);
-        if pairs.clone().all(|object| !is_textured(probe, object)) {
+        if objects.iter().flatten().all(|object| !is_textured(probe, object)) {
             return Ok(None);
         }
         let TextureSettings { grid, half_size, temperature, derivatives, backend } = settings.textures;
         let mut surfaces = SurfaceSet::default();
         let own = surface(probe)?;
         let id = surfaces.add(&own)?;
-        let pair = |object: &Object| {
-            if !is_textured(probe, object) {
-                return Ok(None);
-            }
+        let pair = |object: &Option<&Object>| {
+            let Some(object) = object.filter(|object| is_textured(probe, object)) else { return Ok(None) };
             let other = surface(object)?;
             let [[back, out], [other_back, other_out]] = [&own, &other].map(|surface| surface.displacement());
             let resolved = 0.5 * f64::from(grid) * own.texel().min(other.texel());
@@ -154,7 +150,7 @@ impl Textures {
                 recess: -back - other_back,
             }))
         };
-        let pairs = pairs.map(pair).collect::<Result<Vec<_>, TextureError>>()?;
+        let pairs = objects.iter().map(pair).collect::<Result<Vec<_>, TextureError>>()?;
         let smallest = pairs.iter().flatten().fold(f64::INFINITY, |least, pair| least.min(pair.half_size));
         // As many texels in a length as the whole grid has.
         let grid = (f64::from(grid) * quarter_size(1.0)).ceil().max(2.0) as u32;

@@ -16,7 +16,6 @@ use std::error::Error;
 use std::path::{Path, PathBuf};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use serde_json::json;
 
 use self::cost::{Instructions, Job};
 use self::measured::{Measured, Reference};
@@ -63,36 +62,26 @@ pub fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     let all = scenarios.iter().any(|name| name == "all");
     let names: Vec<&str> =
         if all { scenario::names().collect() } else { scenarios.iter().map(String::as_str).collect() };
-    let (mut trades, mut skipped) = (Vec::new(), Vec::new());
+    let mut values = Vec::new();
     for name in names {
-        match measure(name, out)? {
-            Some(trade) => trades.push(trade),
-            None => skipped.push(name),
+        let Some(trade) = measure(name, out)? else {
+            section::forget(out, name)?;
+            eprintln!("{name}: skipped, its files are absent");
+            continue;
+        };
+        tables(&trade).iter().try_for_each(|table| table.write(out))?;
+        trade.keep(out)?;
+        if !arguments.json {
+            println!("{}\n", trade.text());
         }
+        values.extend(trade.values());
+        page::write(out)?;
     }
-    tables(&trades).iter().try_for_each(|table| table.write(out))?;
-    for trade in &trades {
-        for (kind, plot) in trade.plots()? {
-            let path = out.join(format!("trade-{}-{kind}.svg", trade.scenario));
-            std::fs::write(&path, plot).map_err(|error| format!("{}: {error}", path.display()))?;
-        }
-    }
-    let values = serde_json::Value::Array(trades.iter().flat_map(Trade::values).collect());
-    let text = serde_json::to_string_pretty(&json!({ "skipped": skipped, "rows": values }))?;
-    let path = out.join("trade.json");
-    std::fs::write(&path, text).map_err(|error| format!("{}: {error}", path.display()))?;
-    page::write(out)?;
     if arguments.json {
         println!("{}", serde_json::to_string_pretty(&values)?);
-        return Ok(());
+    } else {
+        println!("Values, plots and a page of all: {}", out.join("index.html").display());
     }
-    for trade in &trades {
-        println!("{}\n", trade.text());
-    }
-    for name in skipped {
-        println!("{name}: skipped, its files are absent");
-    }
-    println!("Values, plots and a page of all: {}", out.join("index.html").display());
     Ok(())
 }
 
@@ -139,35 +128,33 @@ fn measure(name: &str, out: &Path) -> Result<Option<Trade>, String> {
 }
 
 /// What is the same each time, and what is not.
-fn tables(trades: &[Trade]) -> [Table; 2] {
+fn tables(trade: &Trade) -> [Table; 2] {
     let (mut behaviour, mut cost) = (Vec::new(), Vec::new());
-    for trade in trades {
-        for (index, measured) in trade.rows.iter().enumerate() {
-            let Measured { variation: Variation { axis, value, .. }, contact, haptic, bytes, .. } = measured;
-            let same = behaviour_row(trade.scenario, measured);
-            if axis.is_reproducible() {
-                behaviour.push(same);
-            }
-            let counted = trade.counted(index);
-            let count = |of: fn(&Instructions) -> f64| counted.map_or(f64::NAN, of);
-            cost.push(row![
-                trade.scenario,
-                axis.word(),
-                value,
-                1e6 * contact[0],
-                1e6 * contact[1],
-                count(|counted| counted.contact),
-                1e9 * haptic[0],
-                1e9 * haptic[1],
-                count(|counted| counted.haptic),
-                *bytes,
-                measured.felt_error(),
-            ]);
+    for (index, measured) in trade.rows.iter().enumerate() {
+        let Measured { variation: Variation { axis, value, .. }, contact, haptic, bytes, .. } = measured;
+        let same = behaviour_row(trade.scenario, measured);
+        if axis.is_reproducible() {
+            behaviour.push(same);
         }
+        let counted = trade.counted(index);
+        let count = |of: fn(&Instructions) -> f64| counted.map_or(f64::NAN, of);
+        cost.push(row![
+            trade.scenario,
+            axis.word(),
+            value,
+            1e6 * contact[0],
+            1e6 * contact[1],
+            count(|counted| counted.contact),
+            1e9 * haptic[0],
+            1e9 * haptic[1],
+            count(|counted| counted.haptic),
+            *bytes,
+            measured.felt_error(),
+        ]);
     }
     [
         Table {
-            name: "trade".to_owned(),
+            name: format!("trade-{}", trade.scenario),
             columns: vec![
                 "scenario",
                 "axis",
@@ -194,7 +181,7 @@ fn tables(trades: &[Trade]) -> [Table; 2] {
             rows: behaviour,
         },
         Table {
-            name: "trade-cost".to_owned(),
+            name: format!("trade-{}-cost", trade.scenario),
             columns: vec![
                 "scenario",
                 "axis",

@@ -1,7 +1,7 @@
 //! What was measured on a scenario, as text, JSON and plots, and all of it as a section of the page.
 
 use std::fmt::Write as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use palpate_report::{Curve, LogAxis, LogPlot, draw_log_log};
 use serde_json::{Value, json};
@@ -107,6 +107,22 @@ impl Trade {
         self.rows.iter().enumerate().map(value).collect()
     }
 
+    /// Keeps it in a folder, with its plots.
+    ///
+    /// # Errors
+    /// If a file cannot be written.
+    pub fn keep(&self, folder: &Path) -> Result<(), String> {
+        let text = serde_json::to_string_pretty(&self.values()).map_err(|error| error.to_string())?;
+        let mut files = vec![(kept(folder, self.scenario), text)];
+        for (kind, plot) in self.plots()? {
+            files.push((folder.join(format!("trade-{}-{kind}.svg", self.scenario)), plot));
+        }
+        for (path, text) in files {
+            std::fs::write(&path, text).map_err(|error| format!("{}: {error}", path.display()))?;
+        }
+        Ok(())
+    }
+
     /// Instructions with a setting; of one that keeps to a time nothing can be said, callgrind being slower than that.
     pub fn counted(&self, index: usize) -> Option<&Instructions> {
         let counted = self.instructions.as_ref()?.get(index);
@@ -175,47 +191,89 @@ fn point(row: &Measured) -> (f64, f64) {
     (time, 100.0 * row.felt_error().max(LEAST_ERROR))
 }
 
-/// The section of the page, of what an earlier run has left in a folder; nothing where none has.
+fn kept(folder: &Path, scenario: &str) -> PathBuf {
+    folder.join(format!("trade-{scenario}.json"))
+}
+
+/// Makes a folder keep nothing of a scenario.
 ///
 /// # Errors
-/// If it has left something that is not understood.
-pub fn section(folder: &Path) -> Result<Option<String>, String> {
-    let path = folder.join("trade.json");
-    let Ok(text) = std::fs::read_to_string(&path) else { return Ok(None) };
-    let told: Value = serde_json::from_str(&text).map_err(|error| format!("{}: {error}", path.display()))?;
-    let rows = told["rows"].as_array().map_or(&[][..], Vec::as_slice);
-    let mut html = String::from(
-        "<section id=\"trade\"><h2>Speed against accuracy</h2><p>Made by <code>cargo xtask trade</code>. One setting is \
-         changed at a time, and the same hand does the same. What is off, and correlates, is the wrench at the device, against a session \
-         at full resolution with a contact step in each haptic step; the margin is by how much stiffer contacts may be with the \
-         object at rest. In bold: settings that none betters in both time and accuracy.</p>",
-    );
-    for name in scenario::names() {
-        let of_it: Vec<&Value> = rows.iter().filter(|row| row["scenario"] == name).collect();
-        if of_it.is_empty() {
-            continue;
+/// If what it keeps cannot be removed.
+pub fn forget(folder: &Path, scenario: &str) -> Result<(), String> {
+    let path = kept(folder, scenario);
+    match std::fs::remove_file(&path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            Err(format!("{}: {error}", path.display()))
         }
-        let _ = write!(html, "<h3>{name}</h3>");
+        _ => Ok(()),
+    }
+}
+
+/// The section of the page, of what runs have left in a folder; nothing where none has.
+///
+/// # Errors
+/// If one has left something that is not understood.
+pub fn section(folder: &Path) -> Result<Option<String>, String> {
+    let (mut parts, mut missing) = (String::new(), Vec::new());
+    for name in scenario::names() {
+        let path = kept(folder, name);
+        let Ok(text) = std::fs::read_to_string(&path) else {
+            missing.push(name);
+            continue;
+        };
+        let rows: Vec<Value> =
+            serde_json::from_str(&text).map_err(|error| format!("{}: {error}", path.display()))?;
+        let _ = write!(parts, "<h3>{name}</h3>");
         for kind in ["contact", "haptic"] {
-            html.push_str(
-                &std::fs::read_to_string(folder.join(format!("trade-{name}-{kind}.svg"))).unwrap_or_default(),
-            );
+            let plot = folder.join(format!("trade-{name}-{kind}.svg"));
+            parts.push_str(&std::fs::read_to_string(plot).unwrap_or_default());
         }
         let heads: String = COLUMNS.iter().map(|name| format!("<th>{name}</th>")).collect();
-        let _ = write!(html, "<table><tr><th></th>{heads}</tr>");
-        for row in of_it {
+        let _ = write!(parts, "<table><tr><th></th>{heads}</tr>");
+        for row in &rows {
             let words = |value: &Value| value.as_str().unwrap_or_default().to_owned();
             let cells = row["cells"].as_array().map_or(&[][..], Vec::as_slice);
             let cells: String = cells.iter().map(|cell| format!("<td>{}</td>", words(cell))).collect();
             let name = format!("{} {}", words(&row["axis"]), words(&row["value"]));
             let name = if row["best"] == true { format!("<b>{name}</b>") } else { name };
-            let _ = write!(html, "<tr><td>{name}</td>{cells}</tr>");
+            let _ = write!(parts, "<tr><td>{name}</td>{cells}</tr>");
         }
-        html.push_str("</table>");
+        parts.push_str("</table>");
     }
-    for skipped in told["skipped"].as_array().into_iter().flatten().filter_map(Value::as_str) {
-        let _ = write!(html, "<p>{skipped}: skipped, its files are absent.</p>");
+    if parts.is_empty() {
+        return Ok(None);
     }
-    html.push_str("</section>");
-    Ok(Some(html))
+    if !missing.is_empty() {
+        let missing = missing.join(", ");
+        let _ = write!(
+            parts,
+            "<p>Not here, for want of their files or because they were not run: {missing}.</p>"
+        );
+    }
+    Ok(Some(format!(
+        "<section id=\"trade\"><h2>Speed against accuracy</h2><p>Made by <code>cargo xtask trade</code>. One setting is \
+         changed at a time, and the same hand does the same. What is off, and correlates, is the wrench at the device, against a session \
+         at full resolution with a contact step in each haptic step; the margin is by how much stiffer contacts may be with the \
+         object at rest. In bold: settings that none betters in both time and accuracy.</p>{parts}</section>"
+    )))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_page_shows_what_runs_have_left() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(section(folder.path()), Ok(None));
+        let row = json!({"axis": "s0", "value": "1 %", "cells": ["12.5"], "best": true});
+        std::fs::write(kept(folder.path(), "golf"), json!([row]).to_string()).unwrap();
+        std::fs::write(folder.path().join("trade-golf-contact.svg"), "<svg>plot</svg>").unwrap();
+        let html = section(folder.path()).unwrap().unwrap();
+        for said in ["<b>s0 1 %</b>", "<td>12.5</td>", "<svg>plot</svg>", "not run: jaws, ball-joint,"] {
+            assert!(html.contains(said), "{said}: {html}");
+        }
+        forget(folder.path(), "golf").unwrap();
+        assert_eq!(section(folder.path()), Ok(None));
+    }
 }

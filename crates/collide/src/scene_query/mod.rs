@@ -118,6 +118,8 @@ struct Kind {
     #[expect(clippy::vec_box, reason = "as objects hold them, to be handed on without being copied")]
     spare: Vec<Box<Workspace>>,
     workspaces: usize,
+    /// Objects of the shape.
+    count: usize,
 }
 
 #[derive(Clone, Debug)]
@@ -146,7 +148,7 @@ impl Kind {
             (points().fold(DVec3::INFINITY, DVec3::min), points().fold(DVec3::NEG_INFINITY, DVec3::max));
         let ball = if shape.is_empty() { Ball { center: DVec3::ZERO, radius: 0.0 } } else { shape.ball() };
         let corner = (high - ball.center).abs().max((low - ball.center).abs()).length();
-        Self { shape: shape.clone(), ball, low, high, corner, spare: Vec::new(), workspaces: 0 }
+        Self { shape: shape.clone(), ball, low, high, corner, spare: Vec::new(), workspaces: 0, count: 0 }
     }
 
     /// Adds a workspace to the spare ones.
@@ -188,6 +190,7 @@ impl SceneQuery {
             present: true,
             enabled: true,
         };
+        self.kinds[kind as usize].count += 1;
         match self.objects.get_mut(slot as usize) {
             Some(old) => *old = Object { generation: old.generation.wrapping_add(1), ..object },
             None => self.objects.push(object),
@@ -200,14 +203,30 @@ impl SceneQuery {
         ObjectHandle { slot, generation: self.objects[slot as usize].generation }
     }
 
-    /// Takes an object out; `false` if it is not there. Its workspace is kept for others of its shape.
+    /// Takes an object out; `false` if it is not there. Its workspace is kept for others of its shape; with the last of these, the
+    /// shape goes as well.
     pub fn remove(&mut self, object: ObjectHandle) -> bool {
         let removed = self.set_enabled(object, false);
         if removed {
-            self.objects[object.slot as usize].present = false;
+            let Object { present, kind, .. } = &mut self.objects[object.slot as usize];
+            *present = false;
+            let kind = *kind;
             self.vacant.push(object.slot);
+            self.kinds[kind as usize].count -= 1;
+            if self.kinds[kind as usize].count == 0 {
+                self.drop_kind(kind);
+            }
         }
         removed
+    }
+
+    /// Forgets a shape that no object has; the last one takes its place.
+    fn drop_kind(&mut self, kind: u32) {
+        self.kinds.swap_remove(kind as usize);
+        let moved = self.kinds.len() as u32;
+        for object in self.objects.iter_mut().filter(|object| object.kind == moved) {
+            object.kind = kind;
+        }
     }
 
     /// Moves an object (object frame to world); `false` if it is not there. Runs with a pose that is not

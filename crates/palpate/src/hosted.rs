@@ -1,0 +1,160 @@
+//! A session whose haptic loop and device are the host's: a simulator, a driver of its own, a game engine.
+//!
+//! Contacts are found in a thread of their own, as fast as they can be; the host's step is a haptic step, which does not
+//! allocate, lock, block or panic, and uses the latest of them.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+
+use palpate_core::{Pose, Wrench};
+use palpate_device::{DeviceError, DeviceState, HapticDevice, Specification};
+use palpate_dynamics::BodyState;
+use rtrb::{Consumer, RingBuffer};
+
+use crate::contact_loop::ContactUpdate;
+use crate::haptic_loop::HapticLoop;
+use crate::object::Object;
+use crate::realtime::{MODEL_RING, run_contact};
+use crate::record::Record;
+use crate::renderer::{HapticRenderer, RendererError};
+use crate::scene::Scene;
+use crate::scene_editor::SceneEditor;
+use crate::settings::Settings;
+use crate::telemetry::Events;
+use crate::watch::Watch;
+
+/// A session that a host steps. Its contact thread ends when it is dropped.
+#[derive(Debug)]
+pub struct HostedSession {
+    /// Changes its scene; may be taken elsewhere.
+    pub scene: SceneEditor,
+    /// Shows its contacts; may be taken elsewhere.
+    pub contacts: Watch,
+    haptic: HapticLoop,
+    models: Consumer<ContactUpdate>,
+    state: triple_buffer::Input<(f64, BodyState)>,
+    now: f64,
+    latest: Option<Record>,
+    ended: Arc<AtomicBool>,
+    contact_thread: Option<JoinHandle<()>>,
+}
+
+/// Why a hosted session could not be started.
+#[derive(Debug, thiserror::Error)]
+pub enum HostError {
+    /// As with any session.
+    #[error(transparent)]
+    Renderer(#[from] RendererError),
+    /// The system gives no thread.
+    #[error("no thread for the contact loop: {0}")]
+    Thread(#[from] std::io::Error),
+}
+
+impl HostedSession {
+    /// Puts `probe` into the hand that holds a device of that specification, where the device now is, and `scene` around it.
+    ///
+    /// # Errors
+    /// As [`HapticRenderer::new`], or if the system gives no thread.
+    pub fn new(
+        probe: Object,
+        scene: Scene,
+        specification: Specification,
+        device: DeviceState,
+        settings: Settings,
+    ) -> Result<Self, HostError> {
+        let theirs = Box::new(OfTheHost { specification, state: device });
+        let mut renderer = HapticRenderer::new(probe, scene, theirs, settings)?;
+        let (scene, contacts) = (renderer.scene_editor(), renderer.watch());
+        let (haptic, mut contact, _) = renderer.into_loops();
+        let (models_in, models) = RingBuffer::new(MODEL_RING);
+        let (state, state_out) = triple_buffer::triple_buffer(&(0.0, *haptic.body_state()));
+        let ended = Arc::new(AtomicBool::new(false));
+        let flag = Arc::clone(&ended);
+        let contact_thread = std::thread::Builder::new()
+            .name("palpate contacts".to_owned())
+            .spawn(move || run_contact(&mut contact, state_out, models_in, &flag))?;
+        Ok(Self {
+            scene,
+            contacts,
+            haptic,
+            models,
+            state,
+            now: 0.0,
+            latest: None,
+            ended,
+            contact_thread: Some(contact_thread),
+        })
+    }
+
+    /// A haptic step of `dt` seconds, the device being in a state: the wrench to send to it, in its axes, about its
+    /// handle's origin. A `dt` that is not above 0 changes nothing, and gives the wrench of the last step.
+    pub fn step(&mut self, dt: f64, device: &DeviceState) -> Wrench {
+        if !(dt > 0.0 && dt.is_finite()) {
+            return self.latest.map_or(Wrench::ZERO, |record| record.coupling);
+        }
+        while let Ok(update) = self.models.pop() {
+            self.haptic.update_contacts(&update);
+        }
+        self.now += dt;
+        let record = self.haptic.step(device, self.now, dt);
+        self.state.write((self.now, *self.haptic.body_state()));
+        self.latest = Some(record);
+        record.coupling
+    }
+
+    /// What the last step gave; none before the first.
+    pub fn latest(&self) -> Option<&Record> {
+        self.latest.as_ref()
+    }
+
+    /// Pose of the grasped object's mesh frame in the world.
+    pub fn object_pose(&self) -> Pose {
+        self.haptic.object_pose()
+    }
+
+    /// Holds the clutch, or lets it go ([`HapticLoop::set_clutch`]).
+    pub fn set_clutch(&mut self, held: bool) {
+        self.haptic.set_clutch(held);
+    }
+
+    /// What happened out of the ordinary in haptic steps.
+    pub fn events(&self) -> Events {
+        self.haptic.telemetry().events
+    }
+}
+
+impl Drop for HostedSession {
+    fn drop(&mut self) {
+        self.ended.store(true, Ordering::Release);
+        if let Some(thread) = self.contact_thread.take() {
+            // It does not panic; should it, there is nobody to tell.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// The host's device as it was when the session began.
+#[derive(Debug)]
+struct OfTheHost {
+    specification: Specification,
+    state: DeviceState,
+}
+
+impl HapticDevice for OfTheHost {
+    fn specification(&self) -> &Specification {
+        &self.specification
+    }
+
+    fn read(&mut self, _: f64) -> Result<DeviceState, DeviceError> {
+        Ok(self.state)
+    }
+
+    fn write(&mut self, _: &Wrench) -> Result<(), DeviceError> {
+        Ok(())
+    }
+
+    fn close(&mut self) -> Result<(), DeviceError> {
+        Ok(())
+    }
+}

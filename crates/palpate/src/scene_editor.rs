@@ -1,0 +1,102 @@
+//! Changes to the scene while a session runs.
+//!
+//! They wait in a lock-free ring for the contact loop, which takes them at the beginning of its next step: what an object
+//! needs is allocated there or before, and given back there, never in the haptic loop. That renders the contacts known so far meanwhile.
+
+use palpate_core::Pose;
+use rtrb::{Consumer, Producer, RingBuffer};
+
+use crate::object::Object;
+
+/// Changes that may wait for the contact loop.
+const WAITING: usize = 1024;
+
+/// An object of a running scene. Those that a session begins with have the numbers of their places in
+/// [`Scene::objects`](crate::Scene::objects); none is used again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct SceneId(pub usize);
+
+/// A change.
+#[derive(Debug)]
+pub(crate) enum Edit {
+    Add(SceneId, Object, Pose),
+    Replace(SceneId, Object, Pose),
+    Move(SceneId, Pose),
+    Remove(SceneId),
+}
+
+/// Why a change was not taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum EditError {
+    /// As many as may wait for the contact loop do: it is slower than the host, or the session has ended.
+    #[error("{WAITING} changes wait for the contact loop; make fewer, or see whether the session still runs")]
+    Full,
+    /// A pose is none.
+    #[error("a pose is not finite, or its quaternion not of unit length")]
+    Pose,
+}
+
+/// Changes the scene of a session, from any thread. Made by
+/// [`HapticRenderer::scene_editor`](crate::HapticRenderer::scene_editor).
+///
+/// A change that cannot be made, as of an object that is not there any more, is passed over and
+/// [counted](crate::Events::edit_refused).
+#[derive(Debug)]
+pub struct SceneEditor {
+    edits: Producer<Edit>,
+    next: usize,
+}
+
+impl SceneEditor {
+    /// For a scene that begins with so many objects.
+    pub(crate) fn new(objects: usize) -> (Self, Consumer<Edit>) {
+        let (edits, waiting) = RingBuffer::new(WAITING);
+        (Self { edits, next: objects }, waiting)
+    }
+
+    /// Adds an object, its mesh's frame at a pose in the world.
+    ///
+    /// What a hierarchy needs to be queried is prepared here, in the caller's thread.
+    ///
+    /// # Errors
+    /// If the pose is none, or too many changes wait.
+    pub fn add(&mut self, object: &Object, pose: Pose) -> Result<SceneId, EditError> {
+        object.shape();
+        let id = SceneId(self.next);
+        self.send(&pose, |pose| Edit::Add(id, object.clone(), pose))?;
+        self.next += 1;
+        Ok(id)
+    }
+
+    /// Puts another object in the place of one, as itself [scaled](Object::scaled), at a pose.
+    ///
+    /// # Errors
+    /// As [`add`](Self::add).
+    pub fn replace(&mut self, id: SceneId, object: &Object, pose: Pose) -> Result<(), EditError> {
+        object.shape();
+        self.send(&pose, |pose| Edit::Replace(id, object.clone(), pose))
+    }
+
+    /// Moves an object. Contacts are rendered as if it stood still there.
+    ///
+    /// # Errors
+    /// As [`add`](Self::add).
+    pub fn set_pose(&mut self, id: SceneId, pose: Pose) -> Result<(), EditError> {
+        self.send(&pose, |pose| Edit::Move(id, pose))
+    }
+
+    /// Takes an object out.
+    ///
+    /// # Errors
+    /// If too many changes wait.
+    pub fn remove(&mut self, id: SceneId) -> Result<(), EditError> {
+        self.edits.push(Edit::Remove(id)).map_err(|_| EditError::Full)
+    }
+
+    fn send(&mut self, pose: &Pose, edit: impl FnOnce(Pose) -> Edit) -> Result<(), EditError> {
+        if !pose.is_valid() {
+            return Err(EditError::Pose);
+        }
+        self.edits.push(edit(*pose)).map_err(|_| EditError::Full)
+    }
+}

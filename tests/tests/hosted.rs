@@ -1,0 +1,45 @@
+//! Sessions whose haptic loop and device are the host's.
+
+use palpate::device::{Emulation, HapticDevice as _, Task};
+use palpate::{HostedSession, Object, Pose, Scene, Settings, Wrench, explore};
+use palpate_tests::model;
+
+fn scene() -> (Object, Scene) {
+    let [probe, ball] = ["ellipsoid@500", "golf-ball@5000"].map(model);
+    (probe, Scene::new().with(ball, Pose::IDENTITY))
+}
+
+/// A host that reads and writes an emulated device itself feels the ball, and no step allocates.
+#[test]
+fn a_host_steps_its_own_loop() {
+    let (probe, scene) = scene();
+    let path = explore::path(Task::Press, &probe, &scene).expect("a path");
+    let mut device = Emulation::default().open(path).expect("an emulated device");
+    let state = device.read(0.0).expect("a reading");
+    let specification = device.specification().clone();
+    let mut session =
+        HostedSession::new(probe, scene, specification, state, Settings::default()).expect("a session");
+    assert!(session.latest().is_none());
+    let (mut most, mut allocated) = (0.0_f64, 0);
+    for step in 1..=3000 {
+        let state = device.read(1e-3 * f64::from(step)).expect("a reading");
+        let mut wrench = Wrench::ZERO;
+        let counted = allocation_counter::measure(|| wrench = session.step(1e-3, &state));
+        allocated += counted.count_total;
+        device.write(&wrench).expect("taken");
+        let contacts = session.latest().is_some_and(|record| record.contacts > 0);
+        if contacts {
+            most = most.max(wrench.force.length());
+        }
+        // As a host's clock does, so that contacts are found meanwhile.
+        std::thread::sleep(std::time::Duration::from_micros(200));
+    }
+    assert!(most > 0.1, "{most} N");
+    assert_eq!(allocated, 0);
+    assert_eq!(session.events().step_refused, 0);
+    // No time passes in a step that is none.
+    let before = *session.latest().expect("a step");
+    let last = session.step(0.0, &state);
+    assert_eq!((last, session.latest().copied()), (before.coupling, Some(before)));
+    assert_eq!(session.step(f64::NAN, &state), before.coupling);
+}
