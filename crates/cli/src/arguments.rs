@@ -203,7 +203,7 @@ pub struct QueryArguments {
 pub struct RunArguments {
     /// The object in the hand: mesh file, .clod file or built-in model
     pub probe: String,
-    /// The object that it touches
+    /// The object that it touches, or a scene file (.toml) with several and settings
     pub scene: String,
     /// emulated, emulated:PRESET,KEY=VALUE,... (task=press, hand=firm, encoder_step=0, path=FILE.csv, ...), replay:FILE (poses
     /// of the probe, or a recorded device), or one that `palpate devices` lists
@@ -324,10 +324,12 @@ impl Textures {
         }
     }
 
-    pub fn settings(&self) -> TextureSettings {
-        let default = TextureSettings::default();
+    /// These in the settings.
+    pub fn applied_to(&self, settings: Settings) -> Settings {
+        let default = settings.textures;
         let grid = self.texture_grid.unwrap_or(default.grid);
-        TextureSettings { half_size: self.texture_reach, grid, ..default }
+        let half_size = self.texture_reach.or(default.half_size);
+        Settings { textures: TextureSettings { half_size, grid, ..default }, ..settings }
     }
 }
 
@@ -350,9 +352,9 @@ impl Resolution {
     /// These in the settings for a probe of the given bounding radius, m.
     pub fn applied_to(&self, settings: Settings, radius: f64) -> Settings {
         Settings {
-            error: self.error.map_or(0.0, |error| error.metres(radius)),
-            interpolation: !self.no_interpolation,
-            query_budget: self.budget_us.map(|us| 1e-6 * us),
+            error: self.error.map_or(settings.error, |error| error.metres(radius)),
+            interpolation: settings.interpolation && !self.no_interpolation,
+            query_budget: self.budget_us.map(|us| 1e-6 * us).or(settings.query_budget),
             ..settings
         }
     }
@@ -418,24 +420,23 @@ impl Physics {
         self.rate
     }
 
-    /// The settings for a probe of the given bounding radius, m.
-    pub fn settings(&self, radius: f64) -> Settings {
-        let default = Settings::default();
+    /// These in the settings for a probe of the given bounding radius, m.
+    pub fn applied_to(&self, default: Settings, radius: f64) -> Settings {
         Settings {
             rate: self.rate.unwrap_or(default.rate),
             workspace_scale: self.workspace_scale.unwrap_or(default.workspace_scale),
-            clutch_button: self.clutch_button,
-            passivity_controller: self.passivity_controller,
+            clutch_button: self.clutch_button.or(default.clutch_button),
+            passivity_controller: self.passivity_controller || default.passivity_controller,
             mass: self.mass.unwrap_or(default.mass),
             contact_stiffness: self.contact_stiffness.unwrap_or(default.contact_stiffness),
-            contact_damping: self.contact_damping,
+            contact_damping: self.contact_damping.or(default.contact_damping),
             friction: self.friction.unwrap_or(default.friction),
-            static_friction: self.static_friction,
-            coupling_stiffness: self.coupling_stiffness,
-            coupling_damping: self.coupling_damping,
-            angular_stiffness: self.angular_stiffness,
-            angular_damping: self.angular_damping,
-            tolerance: self.tolerance.map(|tolerance| tolerance.metres(radius)),
+            static_friction: self.static_friction.or(default.static_friction),
+            coupling_stiffness: self.coupling_stiffness.or(default.coupling_stiffness),
+            coupling_damping: self.coupling_damping.or(default.coupling_damping),
+            angular_stiffness: self.angular_stiffness.or(default.angular_stiffness),
+            angular_damping: self.angular_damping.or(default.angular_damping),
+            tolerance: self.tolerance.map(|tolerance| tolerance.metres(radius)).or(default.tolerance),
             clusters: self.clusters.unwrap_or(default.clusters),
             integrator: self.integrator.unwrap_or(default.integrator),
             ..default

@@ -57,6 +57,7 @@ macro_rules! from_error {
 from_error!(
     palpate::OpenError,
     palpate::RendererError,
+    palpate::SceneFileError,
     palpate::device::DeviceError,
     palpate::device::PathError,
     palpate::models::ModelError,

@@ -39,10 +39,8 @@ pub fn run(arguments: &RecommendArguments) -> Result<(), Failure> {
     let probe = textures::open(&arguments.probe, &arguments.textures.of_probe(), &options)?;
     let object = textures::open(&arguments.scene, &arguments.textures.of_scene(), &options)?;
     let scene = Scene::new().with(object, Pose::IDENTITY);
-    let settings = Settings {
-        textures: arguments.textures.settings(),
-        ..arguments.physics.settings(probe.bounding_radius())
-    };
+    let settings = arguments.textures.applied_to(Settings::default());
+    let settings = arguments.physics.applied_to(settings, probe.bounding_radius());
     settings.check().map_err(RendererError::from)?;
     let period = 1.0 / settings.rate;
     let budget = arguments.budget_us.map_or(period, |us| 1e-6 * us);

@@ -1,6 +1,7 @@
 //! `palpate run`: renders a probe against a scene through a device.
 
 use std::fs::File;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,13 +10,14 @@ use indicatif::ProgressBar;
 use palpate::device::{HapticDevice, HoldToEnable, RecordingWriter, Steering, Tap, Taps};
 use palpate::dynamics::DeviceMapping;
 use palpate::{
-    ContactTiming, HapticRenderer, Pose, Record, RecordWriter, RendererError, Scene, Session, Settings,
-    Summary, explore,
+    ContactTiming, HapticRenderer, Pose, Record, RecordWriter, RendererError, Scene, SceneFile, Session,
+    Settings, Summary, explore,
 };
 use palpate_report::Report;
 
 use crate::arguments::RunArguments;
 use crate::failure::Failure;
+use crate::textures::Detail;
 use crate::{output, progress, textures};
 
 /// How long a session lasts, s, where nothing is said.
@@ -60,10 +62,9 @@ fn render(arguments: &RunArguments, window: Option<Window>) -> Result<(), Failur
     check_files(arguments, window.as_ref())?;
     let options = arguments.reading.options();
     let probe = textures::open(&arguments.probe, &arguments.textures.of_probe(), &options)?;
-    let object = textures::open(&arguments.scene, &arguments.textures.of_scene(), &options)?;
-    let scene = Scene::new().with(object, Pose::IDENTITY);
+    let (scene, settings) = open_scene(arguments)?;
     let radius = probe.bounding_radius();
-    let settings = Settings { textures: arguments.textures.settings(), ..arguments.physics.settings(radius) };
+    let settings = arguments.physics.applied_to(arguments.textures.applied_to(settings), radius);
     let settings = arguments.resolution.applied_to(settings, radius);
     settings.check().map_err(RendererError::from)?;
     let mapping = DeviceMapping::new(settings.workspace_scale, settings.device_frame);
@@ -110,6 +111,33 @@ fn render(arguments: &RunArguments, window: Option<Window>) -> Result<(), Failur
             table.row([&name, &value]);
         }
     })
+}
+
+/// What is touched, and the settings that a scene file has.
+fn open_scene(arguments: &RunArguments) -> Result<(Scene, Settings), Failure> {
+    let path = Path::new(&arguments.scene);
+    let detail = arguments.textures.of_scene();
+    if !path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml")) {
+        let object = textures::open(&arguments.scene, &detail, &arguments.reading.options())?;
+        return Ok((Scene::new().with(object, Pose::IDENTITY), Settings::default()));
+    }
+    if !matches!(detail, Detail::None) {
+        let scene = path.display();
+        return Err(Failure::Message(format!(
+            "{scene}: --scene-heights and --scene-detail are for a single object"
+        )));
+    }
+    let file = SceneFile::load(path)?;
+    let bar = progress::bar(&arguments.scene);
+    let opened = file.open(path, &mut |model, stage, done| {
+        bar.set_message(format!("{model}: {stage}"));
+        progress::set(&bar, done);
+        ControlFlow::Continue(())
+    });
+    bar.finish_and_clear();
+    let (scene, warnings) = opened?;
+    progress::warn(&arguments.scene, &warnings);
+    Ok((scene, file.settings))
 }
 
 #[cfg(feature = "view")]

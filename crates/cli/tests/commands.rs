@@ -807,3 +807,26 @@ fn settings_are_recommended_that_run_takes() {
         assert!(stderr.contains(said), "{refused:?}: {stderr}");
     }
 }
+
+/// A scene file's objects and settings are rendered; what is given on the command line counts more.
+#[test]
+fn scene_files_are_rendered() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    let scene = "[[object]]\nmodel = \"golf-ball@2000\"\n[[object]]\nmodel = \"ellipsoid@500\"\n\
+                 position = [0.0, 0.0, -0.5]\n[settings]\nfriction = 0.5\nclusters = 3\n";
+    std::fs::write(folder.join("scene.toml"), scene).expect("written");
+    let run = |more: &[&str]| {
+        let run = ["run", "ellipsoid@500", "scene.toml", "--lockstep", "--seconds", "0.2", "--json"];
+        json(&[run.as_slice(), more].concat(), folder)
+    };
+    let stages = &run(&[])["stages"];
+    assert_eq!(stages["contact query"], "on: 2 scene objects");
+    assert_eq!(stages["friction"], "on: coefficient 0.5");
+    assert_eq!(stages["clustering"], "on beyond 3 contacts");
+    assert_eq!(run(&["--friction", "0.1"])["stages"]["friction"], "on: coefficient 0.1");
+    std::fs::write(folder.join("scene.toml"), "[[object]]\nmodel = 3\n").expect("written");
+    let output = palpate(&["run", "ellipsoid@500", "scene.toml"], folder);
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && stderr.contains("scene.toml: line 2"), "{stderr}");
+}

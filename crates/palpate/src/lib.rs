@@ -27,6 +27,8 @@ mod record;
 mod renderer;
 mod scene;
 mod scene_editor;
+#[cfg(feature = "scene-files")]
+mod scene_file;
 mod session;
 mod settings;
 mod spawn;
@@ -55,6 +57,8 @@ pub use record::{COLUMNS, Record, RecordWriter};
 pub use renderer::{HapticRenderer, RendererError};
 pub use scene::{Placed, Scene};
 pub use scene_editor::{EditError, SceneEditor, SceneId};
+#[cfg(feature = "scene-files")]
+pub use scene_file::{ObjectEntry, SceneFile, SceneFileError};
 pub use session::{Clock, ContactSummary, HapticSummary, Session, Summary};
 pub use settings::{Settings, SettingsError, TextureBackend, TextureDerivatives, TextureSettings};
 pub use spawn::RunningSession;

@@ -292,7 +292,7 @@ fn is_clod(argument: &str) -> bool {
 }
 
 /// Whether the argument means a file: it has a file name's extension or a folder in it, or there is such a file.
-fn names_file(argument: &str) -> bool {
+pub(crate) fn names_file(argument: &str) -> bool {
     extension(argument).is_some()
         || argument.contains(std::path::is_separator)
         || Path::new(argument).exists()

@@ -4,8 +4,10 @@ use palpate_core::Pose;
 use palpate_dynamics::IntegratorKind;
 use serde::{Deserialize, Serialize};
 
-/// What a session renders with. Values that are `None` are derived from the grasped object and the device.
+/// What a session renders with. Values that are left out of a file are the usual ones; those that are `None` are derived from the
+/// grasped object and the device.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Settings {
     /// Rate of the haptic loop, Hz.
     pub rate: f64,
@@ -118,6 +120,7 @@ impl Default for Settings {
 
 /// How contacts with textured objects are looked at (§4.4).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct TextureSettings {
     /// Texels along a side of a contact's grid.
     pub grid: u32,
