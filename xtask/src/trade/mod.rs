@@ -46,7 +46,7 @@ struct Trade {
     scenario: &'static str,
     rows: Vec<Measured>,
     /// Where valgrind is installed.
-    instructions: Option<Vec<Instructions>>,
+    instructions: Vec<Option<Instructions>>,
 }
 
 /// Measures the scenarios.
@@ -115,7 +115,8 @@ fn measure(name: &str, out: &Path) -> Result<Option<Trade>, String> {
         bar.inc(1);
     }
     bar.set_message(format!("{name}: counting instructions"));
-    let settings = rows.iter().map(|row| row.variation.settings).collect();
+    let counted = rows.iter().map(|row| &row.variation).filter(|variation| variation.is_counted());
+    let settings = counted.map(|variation| variation.settings).collect();
     let job = Job::new(&scenario, &reference.path.states, reference.path.period, settings);
     let instructions = job.count(&scenario, out)?;
     bar.finish_and_clear();
@@ -124,6 +125,9 @@ fn measure(name: &str, out: &Path) -> Result<Option<Trade>, String> {
             "{name}: instructions are not counted: install valgrind (on Debian and Ubuntu `apt-get install valgrind`)"
         );
     }
+    let mut counts = instructions.into_iter().flatten();
+    let instructions =
+        rows.iter().map(|row| row.variation.is_counted().then(|| counts.next()).flatten()).collect();
     Ok(Some(Trade { scenario: scenario.name, rows, instructions }))
 }
 

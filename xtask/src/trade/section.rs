@@ -123,10 +123,9 @@ impl Trade {
         Ok(())
     }
 
-    /// Instructions with a setting; of one that keeps to a time nothing can be said, callgrind being slower than that.
+    /// Instructions with a setting, where they were counted.
     pub fn counted(&self, index: usize) -> Option<&Instructions> {
-        let counted = self.instructions.as_ref()?.get(index);
-        counted.filter(|_| self.rows[index].variation.axis.is_reproducible())
+        self.instructions.get(index)?.as_ref()
     }
 
     /// Which settings none betters, of those of the contact step and of those of the haptic step.

@@ -32,6 +32,13 @@ pub enum Axis {
     HapticRate,
 }
 
+impl Variation {
+    /// Whether instructions tell anything: callgrind slows down what keeps to a time, and does not see a GPU's.
+    pub fn is_counted(&self) -> bool {
+        self.axis.is_reproducible() && self.settings.textures.backend != TextureBackend::Gpu
+    }
+}
+
 impl Axis {
     pub const ALL: [Self; 9] = [
         Self::Error,
