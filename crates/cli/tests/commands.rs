@@ -777,13 +777,13 @@ fn settings_are_recommended_that_run_takes() {
     let folder = folder.path();
     let pair = ["ellipsoid@500", "golf-ball@5000"];
     let recommend = |budget: &str| {
-        let options = ["--budget-us", budget, "--seconds", "1.5", "--rate", "500", "--json"];
+        let options = ["--budget-us", budget, "--seconds", "1.5", "--rate", "200", "--json"];
         json(&[["recommend"].as_slice(), &pair, &options].concat(), folder)
     };
     let easy = recommend("100000");
     assert_eq!(easy["chosen"]["fits"], true);
     assert_eq!(easy["chosen"]["felt"]["force"]["mean"], 0.0, "{}", easy["chosen"]);
-    assert_eq!(easy["command"], "palpate run ellipsoid@500 golf-ball@5000 --rate 500");
+    assert_eq!(easy["command"], "palpate run ellipsoid@500 golf-ball@5000 --rate 200");
     let hard = recommend("1");
     assert_eq!(hard["chosen"]["fits"], false, "{}", hard["chosen"]);
     let tried = hard["tried"].as_array().expect("a list");

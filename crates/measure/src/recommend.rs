@@ -238,11 +238,12 @@ pub fn recommend(
     })
 }
 
-/// The most accurate that fits, the faster of two that are as good; the fastest where none fits.
+/// Of those that fit the one that feels most like full resolution, of two that feel alike the first, which leaves out less; the
+/// fastest where none fits.
 fn pick(tried: &[Measured]) -> Measured {
     let mut fitting = tried.iter().filter(|measured| measured.fits).peekable();
     let best = if fitting.peek().is_some() {
-        fitting.min_by(|x, y| x.felt_error().total_cmp(&y.felt_error()).then(x.p99.total_cmp(&y.p99)))
+        fitting.min_by(|x, y| x.felt_error().total_cmp(&y.felt_error()))
     } else {
         tried.iter().min_by(|x, y| x.p99.total_cmp(&y.p99))
     };
@@ -268,7 +269,8 @@ mod tests {
         let request = Request {
             probe: &probe,
             scene: &scene,
-            settings: Settings::default(),
+            // Steps that are preempted now and then, by other tests, keep within such a period all the same.
+            settings: Settings { rate: 200.0, ..Settings::default() },
             budget,
             seconds: 1.5,
             hand: Hand::Task(Task::default()),
@@ -286,6 +288,7 @@ mod tests {
     fn with_time_enough_full_resolution_is_recommended() {
         let found = recommended(0.1);
         assert_eq!(found.chosen.felt_error(), 0.0, "{:?}", found.chosen);
+        assert_eq!(found.chosen.choice.error, 0.0, "{:?}", found.chosen);
         assert!(found.chosen.fits && found.haptic_step > 0.0, "{:?}", found.chosen);
         assert!(found.stability_margin >= 1.0, "{found:?}");
         // Not everything is as good.
@@ -324,7 +327,7 @@ mod tests {
             measured(2.0, 0.1, true),
             measured(1.0, 0.5, true),
         ];
-        assert_eq!(pick(&tried).p99, 2.0);
+        assert_eq!(pick(&tried).p99, 3.0);
     }
 
     #[test]
