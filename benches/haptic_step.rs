@@ -59,7 +59,7 @@ impl Scene {
         };
         let state = BodyState::at_rest(pose);
         let mut scene = Self { body, coupling, device, model, contacts: ContactBlend::new(), state };
-        scene.contacts.arrive(&model, &state, 0.0);
+        scene.contacts.arrive(&model, &state, 0.0, 0.0);
         for _ in 0..100 {
             scene.state = scene.step().state;
         }
@@ -69,7 +69,7 @@ impl Scene {
 
     /// With a model on the way that never becomes all that is felt.
     fn going_over(mut self) -> Self {
-        self.contacts.arrive(&self.model, &self.state, 1e9);
+        self.contacts.arrive(&self.model, &self.state, 0.0, 1e9);
         self.step();
         self
     }
@@ -102,7 +102,7 @@ fn histogram(steps: u64) {
         scene.device.twist.linear.x = 0.05 * phase.cos();
         let begun = Instant::now();
         if index % 2 == 0 {
-            scene.contacts.arrive(&scene.model, &scene.state, 2.0 * STEP);
+            scene.contacts.arrive(&scene.model, &scene.state, 0.0, 2.0 * STEP);
         }
         let step = black_box(&mut scene).step();
         times.record(begun.elapsed().as_nanos() as u64);

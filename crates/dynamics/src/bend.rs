@@ -19,7 +19,7 @@ use glam::{DQuat, DVec3};
 use palpate_core::{Pose, Twist};
 
 use crate::body::BodyState;
-use crate::contact::{ContactParameters, PlaneConstraint};
+use crate::contact::{ContactParameters, PlaneConstraint, Surface};
 use crate::eigen::{Matrix6, eigen};
 use crate::friction::Grip;
 
@@ -157,6 +157,7 @@ impl CurvedContact {
             friction: parameters.friction,
             radius: 0.0,
             grip: Grip { anchor: pose.translation + arm, rotation: pose.rotation },
+            surface: Surface::STILL,
         };
         let twist = (DVec3::ZERO, normal * (normal.dot(self.angular) / steepness));
         let twist = Bend { slope: 1.0, ..Bend::along(twist, pose, 0.0) };
@@ -208,6 +209,7 @@ mod tests {
     use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
 
     use super::*;
+    use crate::contact::Carrier;
     use crate::contact::LinearContactModel;
     use crate::differences::{random_pose, random_twist, random_vector, relative_error, wrench_jacobian};
     use crate::friction::Friction;
@@ -236,7 +238,7 @@ mod tests {
 
     fn model(contact: &CurvedContact, pose: &Pose, parameters: &ContactParameters) -> LinearContactModel {
         let mut model = LinearContactModel::empty(pose, 0.0);
-        model.push_curved(contact, pose, parameters, 0.0);
+        model.push_curved(contact, pose, parameters, 0.0, &Carrier::STILL);
         model
     }
 
@@ -396,11 +398,11 @@ mod tests {
         ];
         let mut model = LinearContactModel::empty(&pose, 0.0);
         for contact in bad {
-            model.push_curved(&contact, &pose, &PARAMETERS, 0.0);
+            model.push_curved(&contact, &pose, &PARAMETERS, 0.0, &Carrier::STILL);
         }
         assert_eq!((model.constraints().len(), model.refused()), (0, 4));
         // A plane is left of one whose curvature is unknown.
-        model.push_curved(&crooked, &pose, &PARAMETERS, 0.0);
+        model.push_curved(&crooked, &pose, &PARAMETERS, 0.0, &Carrier::STILL);
         assert!(model.bends().iter().all(|bend| bend.curvature == 0.0) && model.constraints().len() == 1);
     }
 }

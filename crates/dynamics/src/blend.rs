@@ -57,26 +57,33 @@ impl ContactBlend {
     }
 
     /// A model has arrived, with the body at `state`; it is to be all that is felt `duration` (s) later, or at once if that
-    /// is not positive. While another one is still to become so, it waits for that.
-    pub fn arrive(&mut self, model: &LinearContactModel, state: &BodyState, duration: f64) {
+    /// is not positive. While another one is still to become so, it waits for that. The scene's surfaces are as they were
+    /// `age` (s) ago.
+    pub fn arrive(&mut self, model: &LinearContactModel, state: &BodyState, age: f64, duration: f64) {
         if self.is_going_over() {
             self.waiting.assign(model);
+            self.waiting.advance(age);
             self.waiting_duration = Some(duration);
         } else {
             self.incoming.assign(model);
+            self.incoming.advance(age);
             self.start(state, duration);
         }
     }
 
-    /// To be called before each step of `dt` (s), with the state at its start: friction yields where it does not hold, and
-    /// the new model gains its share.
+    /// To be called before each step of `dt` (s), with the state at its start: friction yields where it does not hold,
+    /// surfaces move on, and the new model gains its share.
     pub fn advance(&mut self, state: &BodyState, dt: f64) {
         if !self.is_going_over() {
             self.felt.settle(state);
+            self.felt.advance(dt);
             return;
         }
-        self.outgoing.settle(state);
-        self.incoming.settle(state);
+        for model in [&mut self.outgoing, &mut self.incoming] {
+            model.settle(state);
+            model.advance(dt);
+        }
+        self.waiting.advance(dt);
         self.elapsed += dt;
         if self.is_going_over() {
             self.mix();
@@ -164,7 +171,7 @@ mod tests {
             for _ in 0..50 {
                 if rng.random_bool(0.3) {
                     last = random_model(&mut rng, &pose);
-                    blend.arrive(&last, &state, duration);
+                    blend.arrive(&last, &state, 0.0, duration);
                 }
                 let most = distance(&blend.incoming.wrench(&state), &blend.outgoing.wrench(&state))
                     / f64::from(steps);
@@ -196,7 +203,7 @@ mod tests {
         let mut blend = ContactBlend::new();
         for _ in 0..20 {
             let model = random_model(&mut rng, &pose);
-            blend.arrive(&model, &state, 0.0);
+            blend.arrive(&model, &state, 0.0, 0.0);
             assert_eq!(blend.contacts().constraints().len(), model.constraints().len());
             blend.advance(&state, STEP);
         }

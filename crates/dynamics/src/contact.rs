@@ -19,6 +19,10 @@
 //! It takes energy only. A body that comes fast is slowed before there is a force that could be felt of a slow one, and is
 //! not behind a thin wall before the next contacts are found (§5.6.1).
 //!
+//! The scene may move: a contact knows the [motion of the surface](Surface) that it is with. The velocities that dampers and
+//! friction act on are relative to that, and a step finds the planes and the points where friction holds where they are at
+//! its end ([`LinearContactModel::advance`]).
+//!
 //! Where the surfaces have friction, the point is also held along the plane, by a spring and damper of the same
 //! gains that yield at the Coulomb limit ([`friction`](crate::friction)).
 //!
@@ -29,8 +33,10 @@
 //! [`MAX_CLUSTERS`]: this is what the clustering of §5.4.2 is for. While one model [goes
 //! over](crate::ContactBlend) to the next, the two share it.
 
+use std::num::NonZeroU32;
+
 use glam::{DMat3, DQuat, DVec3};
-use palpate_core::{Contact, Pose, Wrench};
+use palpate_core::{Contact, Pose, Twist, Wrench};
 
 use crate::bend::{Bend, CurvedContact, MAX_BENDS};
 use crate::body::BodyState;
@@ -58,6 +64,52 @@ pub struct ContactParameters {
     pub tolerance: f64,
     /// Between the surfaces.
     pub friction: Friction,
+}
+
+/// The scene's side of a contact.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surface {
+    /// Velocity of the surface at the contact's point, m/s, world axes.
+    pub velocity: DVec3,
+    /// Angular velocity of the object that it belongs to, rad/s, world axes.
+    pub angular: DVec3,
+    /// Which object that is, for those that are to be [pushed back](LinearContactModel::reactions).
+    pub object: Option<NonZeroU32>,
+}
+
+impl Surface {
+    /// One that stands still, and is pushed back by nothing.
+    pub const STILL: Self = Self { velocity: DVec3::ZERO, angular: DVec3::ZERO, object: None };
+
+    fn moves(&self) -> bool {
+        self.velocity != DVec3::ZERO || self.angular != DVec3::ZERO
+    }
+}
+
+impl Default for Surface {
+    fn default() -> Self {
+        Self::STILL
+    }
+}
+
+/// An object of the scene, as contacts need to know of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Carrier {
+    /// Its motion; the velocity is that of its point at the world's origin.
+    pub twist: Twist,
+    /// Which it is, if it is to be [pushed back](LinearContactModel::reactions).
+    pub object: Option<NonZeroU32>,
+}
+
+impl Carrier {
+    /// Stands still, and is pushed back by nothing.
+    pub const STILL: Self = Self { twist: Twist::ZERO, object: None };
+
+    /// Its surface at a point of the world (m).
+    fn surface_at(&self, point: DVec3) -> Surface {
+        let Self { twist, object } = *self;
+        Surface { velocity: twist.velocity_at(point), angular: twist.angular, object }
+    }
 }
 
 /// A contact with the size of what it stands for.
@@ -98,6 +150,8 @@ pub struct PlaneConstraint {
     pub radius: f64,
     /// Where friction holds the point.
     pub grip: Grip,
+    /// What it is with.
+    pub surface: Surface,
 }
 
 /// A constraint seen from one state of the body.
@@ -108,7 +162,7 @@ pub(crate) struct ContactState {
     /// ∂δ/∂x and ∂δ/∂φ, the direction of the contact's wrench: n and a × n, but for bends.
     pub direction: DVec3,
     pub moment: DVec3,
-    /// v + ω × a: of the point, m/s.
+    /// v + ω × a, of the point, less the surface's velocity, m/s.
     pub velocity: DVec3,
     /// δ + d.
     pub overlap: f64,
@@ -137,6 +191,7 @@ impl PlaneConstraint {
         friction: Friction::NONE,
         radius: 0.0,
         grip: Grip { anchor: DVec3::ZERO, rotation: DQuat::IDENTITY },
+        surface: Surface::STILL,
     };
 
     // What a step does at each contact is inlined: results that go through memory cost more than the arithmetic.
@@ -146,7 +201,7 @@ impl PlaneConstraint {
         let arm = *rotation * self.point;
         let moment = arm.cross(self.normal);
         let depth = self.normal.dot(state.pose.translation + arm - self.scene_point);
-        let velocity = state.twist.velocity_at(arm);
+        let velocity = state.twist.velocity_at(arm) - self.surface.velocity;
         let rate = self.normal.dot(velocity);
         let overlap = depth + self.tolerance;
         ContactState { arm, direction: self.normal, moment, velocity, overlap, rate }
@@ -212,6 +267,11 @@ pub struct LinearContactModel {
     refused: u32,
     pose: Pose,
     time: f64,
+    /// Whether a surface moves, or is to be pushed back.
+    moves: bool,
+    reacts: bool,
+    /// How long surfaces have moved on, s.
+    advanced: f64,
 }
 
 impl LinearContactModel {
@@ -226,6 +286,9 @@ impl LinearContactModel {
             refused: 0,
             pose: *pose,
             time,
+            moves: false,
+            reacts: false,
+            advanced: 0.0,
         }
     }
 
@@ -242,7 +305,7 @@ impl LinearContactModel {
             let arm = rotation * constraint.point;
             let scene_point = state.pose.translation + arm;
             let depth = (scene_point - constraint.scene_point).dot(constraint.normal);
-            let rate = state.twist.velocity_at(arm).dot(constraint.normal);
+            let rate = (state.twist.velocity_at(arm) - constraint.surface.velocity).dot(constraint.normal);
             let overlap = depth + constraint.tolerance;
             let force = constraint.stiffness * overlap + constraint.damping * rate;
             if overlap > 0.0 && force > 0.0 {
@@ -252,6 +315,7 @@ impl LinearContactModel {
                     damping: 0.0,
                     tolerance,
                     scene_point,
+                    surface: Surface { object: constraint.surface.object, ..Surface::STILL },
                     ..*constraint
                 });
             }
@@ -310,9 +374,20 @@ impl LinearContactModel {
                 friction: parameters.friction,
                 radius,
                 grip: Grip { anchor: contact.point, rotation: pose.rotation },
+                surface: Surface::STILL,
             };
         }
         model
+    }
+
+    /// Adds those of another model that was found at the same pose and time, without its bends, all with one object. Beyond
+    /// [`MAX_CONSTRAINTS`] the rest are left out.
+    pub fn add_carried(&mut self, other: &Self, carrier: &Carrier) {
+        for constraint in other.constraints() {
+            self.push(PlaneConstraint { surface: carrier.surface_at(constraint.scene_point), ..*constraint });
+        }
+        self.overflow += other.overflow;
+        self.refused += other.refused;
     }
 
     /// Adds contacts further apart than d that are to brake the body from `time` (s) before they would close. Beyond
@@ -338,6 +413,7 @@ impl LinearContactModel {
 
     /// Adds a contact, found while the body was at a pose, with how its depth changes as the body moves; gains are those of
     /// a plane along the depth's gradient (Eqs. 5.51–5.56). It brakes the body from `braking_time` (s) before it would close.
+    /// How the scene's object moves counts for the plane, not for its bends.
     /// Left out where the model has [`MAX_CLUSTERS`] already, refused where it is not finite or has no gradient.
     pub fn push_curved(
         &mut self,
@@ -345,6 +421,7 @@ impl LinearContactModel {
         found_at: &Pose,
         parameters: &ContactParameters,
         braking_time: f64,
+        carrier: &Carrier,
     ) {
         let Some((constraint, bends)) = contact.constraint(found_at, parameters) else {
             self.refused += 1;
@@ -354,7 +431,8 @@ impl LinearContactModel {
             self.overflow += 1;
             return;
         }
-        self.push(PlaneConstraint { braking_time, ..constraint });
+        let surface = carrier.surface_at(constraint.scene_point);
+        self.push(PlaneConstraint { braking_time, surface, ..constraint });
         for bend in bends {
             self.push_bend(&bend);
         }
@@ -376,6 +454,8 @@ impl LinearContactModel {
         }
         self.constraints[self.count] = constraint;
         self.count += 1;
+        self.moves |= constraint.surface.moves();
+        self.reacts |= constraint.surface.object.is_some();
         true
     }
 
@@ -391,13 +471,64 @@ impl LinearContactModel {
 
     /// Takes all of another model, at the cost of what that holds.
     pub(crate) fn assign(&mut self, other: &Self) {
-        let Self { constraints, count, bends, bend_count, overflow, refused, pose, time } = other;
+        let Self { constraints, count, bends, bend_count, overflow, refused, pose, time, .. } = other;
         self.constraints[..*count].copy_from_slice(&constraints[..*count]);
         self.count = *count;
         self.bends[..*bend_count].copy_from_slice(&bends[..*bend_count]);
         self.bend_count = *bend_count;
         (self.overflow, self.refused) = (*overflow, *refused);
         (self.pose, self.time) = (*pose, *time);
+        (self.moves, self.reacts, self.advanced) = (other.moves, other.reacts, other.advanced);
+    }
+
+    /// Lets the surfaces move on for a time (s): the planes, and the points where friction holds. A step of `dt` finds them
+    /// where they are at its end. They move for [`Self::LONGEST_MOTION`] at most, and then stand still: where no newer model
+    /// arrives, nobody knows where they are.
+    pub fn advance(&mut self, dt: f64) {
+        if !(self.moves && dt > 0.0) {
+            return;
+        }
+        let dt = dt.min(Self::LONGEST_MOTION - self.advanced);
+        self.advanced += dt;
+        let ends = self.advanced >= Self::LONGEST_MOTION;
+        for constraint in self.constraints_mut() {
+            let Surface { velocity, angular, .. } = constraint.surface;
+            constraint.scene_point += velocity * dt;
+            constraint.grip.anchor += velocity * dt;
+            if constraint.radius > 0.0 && angular != DVec3::ZERO {
+                let turn = DQuat::from_scaled_axis(angular * dt);
+                constraint.grip.rotation = (turn * constraint.grip.rotation).normalize();
+            }
+            if ends {
+                constraint.surface = Surface { object: constraint.surface.object, ..Surface::STILL };
+            }
+        }
+        self.moves &= !ends;
+    }
+
+    /// The longest that surfaces move on from where they were found, s.
+    pub const LONGEST_MOTION: f64 = 0.05;
+
+    /// Whether some contacts are with objects that are to be pushed back.
+    pub fn reacts(&self) -> bool {
+        self.reacts
+    }
+
+    /// The wrenches **on the scene's objects** that are to be pushed back, one for each contact, about the world's origin,
+    /// with the body at a state. They and those of the contacts with others, which are not told, add up to the reverse of
+    /// [`wrench`](Self::wrench).
+    pub fn reactions(&self, state: &BodyState) -> impl Iterator<Item = (NonZeroU32, Wrench)> {
+        let rotation = DMat3::from_quat(state.pose.rotation);
+        let state = *state;
+        self.constraints().iter().enumerate().filter(|_| self.reacts).filter_map(move |(i, c)| {
+            let object = c.surface.object?;
+            let at = self.at(i, &state, &rotation);
+            let push = c.push(&state, &at);
+            (push.normal > 0.0).then(|| {
+                let on_body = c.wrench(&at, &push).about(-state.pose.translation);
+                (object, Wrench { force: -on_body.force, torque: -on_body.torque })
+            })
+        })
     }
 
     /// Scales the gains of all constraints but the first ones.
@@ -439,7 +570,8 @@ impl LinearContactModel {
             at.direction += bent.linear * bent.slope;
             at.moment += bent.angular * bent.slope;
         }
-        at.rate = at.direction.dot(state.twist.linear) + at.moment.dot(state.twist.angular);
+        at.rate = at.direction.dot(state.twist.linear - self.constraints[place].surface.velocity)
+            + at.moment.dot(state.twist.angular);
     }
 
     pub(crate) fn constraints_mut(&mut self) -> &mut [PlaneConstraint] {
@@ -562,9 +694,12 @@ mod tests {
     use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
 
     use super::*;
+    use crate::body::Body;
+    use crate::coupling::{DeviceMotion, VirtualCoupling};
     use crate::differences::{
         random_direction, random_pose, random_twist, random_vector, relative_error, wrench_jacobian,
     };
+    use crate::integrators::{Frame, Integrator as _, IntegratorKind};
 
     fn random_contact(rng: &mut StdRng, at: &Pose) -> Contact {
         let point = at.translation + random_vector(rng, 0.1);
@@ -728,5 +863,144 @@ mod tests {
         assert_eq!(model.displacement(&Pose::IDENTITY), 0.0);
         let turned = Pose::new(DVec3::ZERO, glam::DQuat::from_rotation_z(std::f64::consts::PI));
         assert!((model.displacement(&turned) - 0.6).abs() < 1e-15);
+    }
+
+    fn random_carried(rng: &mut StdRng, pose: &Pose, friction: f64, carrier: &Carrier) -> LinearContactModel {
+        let contacts: Vec<_> = (0..rng.random_range(1..5))
+            .map(|_| ContactPatch {
+                contact: random_contact(rng, pose),
+                radius: if rng.random_bool(0.5) { 0.01 } else { 0.0 },
+            })
+            .collect();
+        let parameters =
+            ContactParameters { friction: Friction::coulomb(friction), ..random_parameters(rng) };
+        let found = LinearContactModel::from_contacts(contacts, pose, &parameters, 0.0);
+        let mut model = LinearContactModel::empty(pose, 0.0);
+        model.add_carried(&found, carrier);
+        model
+    }
+
+    /// Whether all moves with a velocity, or the same stands still, the body does the same beside that.
+    #[test]
+    fn what_moves_together_feels_the_same() {
+        let seed = 45;
+        let mut rng = StdRng::seed_from_u64(seed);
+        let body = Body::new(0.1, DMat3::from_diagonal(DVec3::new(1e-4, 2e-4, 1.5e-4))).unwrap();
+        let coupling = VirtualCoupling {
+            linear_stiffness: 0.0,
+            linear_damping: 0.0,
+            angular_stiffness: 0.0,
+            angular_damping: 0.0,
+            ..VirtualCoupling::critically_damped(&body, Pose::IDENTITY, 1.0, 1.0)
+        };
+        let dt = 1e-3;
+        let mut pushed = 0;
+        for case in 0..500 {
+            let pose = random_pose(&mut rng, 0.1);
+            let still = random_carried(
+                &mut rng,
+                &pose,
+                [0.0, 0.5][case % 2],
+                &Carrier { twist: Twist::ZERO, object: None },
+            );
+            let velocity = random_vector(&mut rng, 0.5);
+            let carrier = Carrier { twist: Twist::new(velocity, DVec3::ZERO), object: None };
+            let mut moving = LinearContactModel::empty(&pose, 0.0);
+            moving.add_carried(&still, &carrier);
+            moving.advance(dt);
+            let state = BodyState { pose, twist: random_twist(&mut rng, 0.2, 1.0) };
+            let carried =
+                BodyState { twist: Twist::new(state.twist.linear + velocity, state.twist.angular), ..state };
+            let step = |contacts: &LinearContactModel, state: &BodyState, kind: IntegratorKind| {
+                let device = DeviceMotion::at_rest(pose);
+                let frame = Frame {
+                    body: &body,
+                    device: &device,
+                    coupling: &coupling,
+                    contacts,
+                    gravity: DVec3::ZERO,
+                };
+                kind.step(&frame, state, dt)
+            };
+            for kind in [IntegratorKind::SemiImplicit, IntegratorKind::FullyImplicit] {
+                let (at_rest, moved) = (step(&still, &state, kind), step(&moving, &carried, kind));
+                let gained = moved.state.twist.linear - at_rest.state.twist.linear - velocity;
+                let went = moved.state.pose.translation - at_rest.state.pose.translation - velocity * dt;
+                let off = [1e-12, 1e-9][case % 2];
+                assert!(gained.length() < off, "seed {seed}, case {case}, {kind:?}: {gained} m/s");
+                assert!(went.length() < off * dt, "seed {seed}, case {case}, {kind:?}: {went} m");
+                assert!(
+                    (moved.contact - at_rest.contact).force.length() < 1e4 * off,
+                    "seed {seed}, case {case}"
+                );
+                pushed += usize::from(at_rest.contact != Wrench::ZERO);
+            }
+        }
+        assert!(pushed > 300, "{pushed} pushed");
+    }
+
+    #[test]
+    fn a_turning_surface_drags_a_patch_along() {
+        let pose = Pose::IDENTITY;
+        let parameters = ContactParameters {
+            stiffness: 1000.0,
+            damping: 1.0,
+            tolerance: 0.0,
+            friction: Friction::coulomb(0.5),
+        };
+        let contact =
+            Contact { point: DVec3::ZERO, scene_point: DVec3::NEG_Z * 0.01, normal: DVec3::Z, depth: 0.01 };
+        let found = LinearContactModel::from_contacts(
+            [ContactPatch { contact, radius: 0.01 }],
+            &pose,
+            &parameters,
+            0.0,
+        );
+        let mut model = LinearContactModel::empty(&pose, 0.0);
+        let twist = Twist::new(DVec3::ZERO, DVec3::Z * 2.0);
+        model.add_carried(&found, &Carrier { twist, object: None });
+        let at_rest = BodyState::at_rest(pose);
+        let by_damper = model.wrench(&at_rest).torque.z;
+        assert!((by_damper - 1.0 * 0.01 * 0.01 * 2.0).abs() < 1e-9, "{by_damper}");
+        model.advance(0.005);
+        let turned = model.wrench(&at_rest).torque.z - by_damper;
+        let expected = 1000.0 * 0.01 * 0.01 * 2.0 * (0.005 * 2.0_f64 / 2.0).sin();
+        assert!((turned - expected).abs() < 1e-9, "{turned} {expected}");
+        // It does not for ever.
+        (0..100).for_each(|_| model.advance(0.005));
+        let end = model.wrench(&at_rest).torque.z;
+        model.advance(0.005);
+        assert_eq!(model.wrench(&at_rest).torque.z, end);
+        let most = 1000.0 * 0.01 * 0.01 * 2.0 * (LinearContactModel::LONGEST_MOTION * 2.0 / 2.0).sin();
+        assert!((end - most).abs() < 1e-9, "{end} {most}");
+    }
+
+    #[test]
+    fn reactions_are_the_reverse_of_the_wrench() {
+        let seed = 46;
+        let mut rng = StdRng::seed_from_u64(seed);
+        let mut pushed = 0;
+        for case in 0..500 {
+            let pose = random_pose(&mut rng, 0.5);
+            let mut model = LinearContactModel::empty(&pose, 0.0);
+            for object in 1..4 {
+                let twist = random_twist(&mut rng, 0.2, 1.0);
+                let carrier = Carrier { twist, object: NonZeroU32::new(object) };
+                model.add_carried(&random_carried(&mut rng, &pose, 0.5, &carrier), &carrier);
+            }
+            let state = BodyState { pose, twist: random_twist(&mut rng, 0.2, 1.0) };
+            let sum = model.reactions(&state).fold(Wrench::ZERO, |sum, (_, wrench)| sum + wrench);
+            let on_body = model.wrench(&state).about(-pose.translation);
+            let left = sum + on_body;
+            assert!(left.force.length() < 1e-9 && left.torque.length() < 1e-9, "seed {seed}, case {case}");
+            pushed += model.reactions(&state).count();
+        }
+        assert!(pushed > 500, "{pushed} pushed");
+        assert_eq!(
+            LinearContactModel::empty(&Pose::IDENTITY, 0.0)
+                .reactions(&BodyState::at_rest(Pose::IDENTITY))
+                .count(),
+            0
+        );
     }
 }

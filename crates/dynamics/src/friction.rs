@@ -20,7 +20,7 @@ use glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Twist, Wrench};
 
 use crate::body::BodyState;
-use crate::contact::{ContactState, LinearContactModel, MAX_CONSTRAINTS, PlaneConstraint};
+use crate::contact::{ContactState, LinearContactModel, MAX_CONSTRAINTS, PlaneConstraint, Surface};
 use crate::jacobian::{Block6, WrenchJacobian, outer};
 use crate::rotation::{skew, skew_skew};
 use crate::system::{Lateral, Linear, six};
@@ -168,7 +168,8 @@ impl PlaneConstraint {
     /// v_t.
     #[inline]
     pub(crate) fn slide(&self, state: &BodyState, at: &ContactState) -> Strain {
-        self.velocity_strain(at.velocity, self.normal.dot(at.velocity), state.twist.angular)
+        let angular = state.twist.angular - self.surface.angular;
+        self.velocity_strain(at.velocity, self.normal.dot(at.velocity), angular)
     }
 
     /// What a motion strains the contact by, m/s, given the velocity of the point, its part along the normal, and the
@@ -176,6 +177,13 @@ impl PlaneConstraint {
     #[inline]
     pub(crate) fn velocity_strain(&self, velocity: DVec3, rate: f64, angular: DVec3) -> Strain {
         Strain { along: velocity - self.normal * rate, spin: self.radius * self.normal.dot(angular) }
+    }
+
+    /// By how much the surface's motion strains the contact less, m/s.
+    #[inline]
+    pub(crate) fn carried_strain(&self) -> Strain {
+        let Surface { velocity, angular, .. } = self.surface;
+        self.velocity_strain(velocity, self.normal.dot(velocity), angular)
     }
 
     fn along_plane(&self, vector: DVec3) -> DVec3 {
@@ -191,8 +199,21 @@ impl PlaneConstraint {
     /// What friction does while the contact pushes with λ.
     #[inline(always)]
     pub(crate) fn hold(&self, state: &BodyState, at: &ContactState, normal_force: f64) -> Hold {
+        self.hold_before(0.0, state, at, normal_force)
+    }
+
+    /// What it did where the surface was so long (s) before, with the body at the same state.
+    #[inline(always)]
+    pub(crate) fn hold_before(
+        &self,
+        time: f64,
+        state: &BodyState,
+        at: &ContactState,
+        normal_force: f64,
+    ) -> Hold {
         let slide = self.slide(state, at);
-        let trial = self.stretch(state, at).scaled(self.stiffness).plus(&slide.scaled(self.damping));
+        let stretch = self.stretch(state, at).plus(&self.carried_strain().scaled(time));
+        let trial = stretch.scaled(self.stiffness).plus(&slide.scaled(self.damping));
         let share = self.friction.share(&trial, &slide, normal_force);
         let felt = trial.scaled(-share);
         Hold { force: felt.along, moment: self.radius * felt.spin, trial, slide, share }
@@ -478,6 +499,7 @@ mod tests {
             },
             radius: if rng.random_bool(0.5) { rng.random_range(0.001..0.02) } else { 0.0 },
             grip: Grip { anchor: at - random_vector(rng, 0.01), rotation: twist * state.pose.rotation },
+            surface: Surface::STILL,
         }
     }
 
@@ -489,7 +511,11 @@ mod tests {
         for case in 0..2000 {
             let state =
                 BodyState { pose: random_pose(&mut rng, 0.5), twist: random_twist(&mut rng, 0.3, 3.0) };
-            let constraint = random_constraint(&mut rng, &state);
+            let mut constraint = random_constraint(&mut rng, &state);
+            if case % 2 == 1 {
+                let (velocity, angular) = (random_vector(&mut rng, 0.1), random_vector(&mut rng, 1.0));
+                constraint.surface = Surface { velocity, angular, ..Surface::STILL };
+            }
             let mut model = LinearContactModel::empty(&state.pose, 0.0);
             assert!(model.push(constraint));
             let at = constraint.at(&state, &DMat3::from_quat(state.pose.rotation));

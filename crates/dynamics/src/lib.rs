@@ -74,8 +74,8 @@ pub use blend::ContactBlend;
 pub use body::{Body, BodyError, BodyState};
 pub use constrained_motion::{MotionLimit, constrained_motion};
 pub use contact::{
-    ContactParameters, ContactPatch, ContactResponse, LinearContactModel, MAX_APPROACHING, MAX_CLUSTERS,
-    MAX_CONSTRAINTS, PlaneConstraint,
+    Carrier, ContactParameters, ContactPatch, ContactResponse, LinearContactModel, MAX_APPROACHING,
+    MAX_CLUSTERS, MAX_CONSTRAINTS, PlaneConstraint, Surface,
 };
 pub use coupling::{CouplingResponse, DeviceMotion, VirtualCoupling};
 pub use friction::{Friction, Grip};

@@ -223,7 +223,7 @@ impl Rubbing {
         [force, at_start]: [f64; 2],
         dt: f64,
     ) -> Self {
-        let Hold { force: force_at_start, trial, slide, .. } = c.hold(state, at, at_start);
+        let Hold { force: force_at_start, trial, slide, .. } = c.hold_before(dt, state, at, at_start);
         let trial = trial.plus(&slide.scaled(c.stiffness * dt));
         Self { slide, trial, share: c.friction.share(&trial, &slide, force.max(0.0)), force_at_start }
     }
@@ -241,6 +241,8 @@ impl Pressing {
     fn new(c: &PlaneConstraint, at: &ContactState, state: &BodyState, dt: f64, geometric: bool) -> Self {
         let twist = &state.twist;
         let swept = if geometric { c.swept(at, twist.angular) * dt } else { DVec3::ZERO };
+        // Planes, and where friction holds, are where they will be at the end of the step already.
+        let at = &ContactState { overlap: at.overlap + dt * at.direction.dot(c.surface.velocity), ..*at };
         let overlap = at.overlap + dt * at.rate;
         let stiffness = c.stiffness_at(overlap).unwrap_or(c.stiffness);
         let force = stiffness * overlap + c.damping * at.rate + swept.dot(twist.angular);

@@ -6,7 +6,7 @@ use palpate_core::glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Contact, Pose, Twist, Wrench};
 use palpate_dynamics::{
     Body, BodyState, ContactParameters, DeviceMotion, Frame, Friction, Grip, HeldBecause, Integrator,
-    IntegratorKind, LinearContactModel, MAX_SOLVES, PlaneConstraint, Step, VirtualCoupling,
+    IntegratorKind, LinearContactModel, MAX_SOLVES, PlaneConstraint, Step, Surface, VirtualCoupling,
 };
 use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
 
@@ -214,6 +214,7 @@ fn numbers_of_any_size_give_finite_numbers() {
         inputs.gravity = vector();
         inputs.coupling.grasp.translation = vector();
         let (point, scene_point, normal) = (vector(), vector(), vector());
+        let surface = Surface { velocity: vector(), angular: vector(), ..Surface::STILL };
         inputs.coupling.linear_stiffness = any();
         inputs.coupling.linear_damping = any();
         inputs.coupling.angular_stiffness = any();
@@ -232,8 +233,10 @@ fn numbers_of_any_size_give_finite_numbers() {
             friction,
             radius: any(),
             grip: Grip { anchor: scene_point, rotation: inputs.state.pose.rotation },
+            surface,
         };
         inputs.contacts.push(constraint);
+        inputs.contacts.advance(any());
         let contact = Contact { point, scene_point, normal, depth: any() };
         let parameters = ContactParameters { stiffness: any(), damping: any(), tolerance: any(), friction };
         let more = LinearContactModel::from_contacts([contact], &inputs.state.pose, &parameters, any());

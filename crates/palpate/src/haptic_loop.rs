@@ -173,7 +173,8 @@ impl HapticLoop {
         let &ContactUpdate { ref model, time, depth, contacts } = update;
         let since = time - self.found.time;
         let duration = if since.is_nan() { 0.0 } else { since.min(ContactBlend::LONGEST) };
-        self.contacts.arrive(model, &self.state, duration);
+        let age = self.now - time;
+        self.contacts.arrive(model, &self.state, if age.is_nan() { 0.0 } else { age }, duration);
         self.found = Found { time, depth, contacts };
         self.telemetry.depth_max = self.telemetry.depth_max.max(depth);
     }

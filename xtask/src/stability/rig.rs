@@ -204,7 +204,12 @@ impl Running {
             self.queries += 1;
         }
         while let Some((_, model, frozen)) = self.pending.pop_front_if(|(at, ..)| *at <= now + slack) {
-            self.contacts.arrive(&model, &self.state, (1.0 / rig.contact_rate).min(ContactBlend::LONGEST));
+            self.contacts.arrive(
+                &model,
+                &self.state,
+                0.0,
+                (1.0 / rig.contact_rate).min(ContactBlend::LONGEST),
+            );
             self.frozen = frozen;
         }
         let read = device.read(now).map_err(|error| error.to_string())?;
