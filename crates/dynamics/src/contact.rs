@@ -194,6 +194,30 @@ impl PlaneConstraint {
         surface: Surface::STILL,
     };
 
+    /// The plane of a contact found while the body was at a pose; `None` if that is not finite or has no normal.
+    fn found(patch: &ContactPatch, pose: &Pose, parameters: &ContactParameters) -> Option<Self> {
+        let ContactPatch { contact, radius } = *patch;
+        let length = contact.normal.length();
+        let usable = contact.point.is_finite()
+            && (contact.depth + radius).is_finite()
+            && length.is_finite()
+            && length > 0.0;
+        let normal = contact.normal / length;
+        usable.then(|| Self {
+            point: pose.rotation.conjugate() * (contact.point - pose.translation),
+            scene_point: contact.point - normal * contact.depth,
+            normal,
+            stiffness: parameters.stiffness,
+            damping: parameters.damping,
+            tolerance: parameters.tolerance,
+            braking_time: 0.0,
+            friction: parameters.friction,
+            radius,
+            grip: Grip { anchor: contact.point, rotation: pose.rotation },
+            surface: Surface::STILL,
+        })
+    }
+
     // What a step does at each contact is inlined: results that go through memory cost more than the arithmetic.
 
     #[inline(always)]
@@ -338,56 +362,51 @@ impl LinearContactModel {
     ) -> Self {
         let mut model = Self::empty(pose, time);
         let mut depths = [0.0; MAX_CLUSTERS];
-        let to_body = pose.rotation.conjugate();
         for patch in contacts {
-            let ContactPatch { contact, radius } = patch.into();
-            let length = contact.normal.length();
-            let usable = contact.point.is_finite()
-                && (contact.depth + radius).is_finite()
-                && length.is_finite()
-                && length > 0.0;
-            if !usable {
+            let patch = patch.into();
+            let Some(constraint) = PlaneConstraint::found(&patch, pose, parameters) else {
                 model.refused += 1;
                 continue;
-            }
+            };
+            let depth = patch.contact.depth;
             let slot = if model.count < MAX_CLUSTERS {
                 model.count += 1;
                 model.count - 1
             } else {
                 model.overflow += 1;
                 let shallowest = (1..MAX_CLUSTERS).fold(0, |s, i| if depths[i] < depths[s] { i } else { s });
-                if contact.depth <= depths[shallowest] {
+                if depth <= depths[shallowest] {
                     continue;
                 }
                 shallowest
             };
-            depths[slot] = contact.depth;
-            let normal = contact.normal / length;
-            model.constraints[slot] = PlaneConstraint {
-                point: to_body * (contact.point - pose.translation),
-                scene_point: contact.point - normal * contact.depth,
-                normal,
-                stiffness: parameters.stiffness,
-                damping: parameters.damping,
-                tolerance: parameters.tolerance,
-                braking_time: 0.0,
-                friction: parameters.friction,
-                radius,
-                grip: Grip { anchor: contact.point, rotation: pose.rotation },
-                surface: Surface::STILL,
-            };
+            depths[slot] = depth;
+            model.constraints[slot] = constraint;
         }
         model
     }
 
-    /// Adds those of another model that was found at the same pose and time, without its bends, all with one object. Beyond
-    /// [`MAX_CONSTRAINTS`] the rest are left out.
-    pub fn add_carried(&mut self, other: &Self, carrier: &Carrier) {
-        for constraint in other.constraints() {
-            self.push(PlaneConstraint { surface: carrier.surface_at(constraint.scene_point), ..*constraint });
+    /// Adds a contact with an object that may move, found at the pose of the others. With a time (s) it brakes the body from so long
+    /// before it would close. Left out where the model has [`MAX_CLUSTERS`] already, or with a time [`MAX_APPROACHING`] more
+    /// ([`Self::overflow`]); refused if it is not finite or has no normal.
+    pub fn push_carried(
+        &mut self,
+        contact: impl Into<ContactPatch>,
+        parameters: &ContactParameters,
+        braking_time: f64,
+        carrier: &Carrier,
+    ) {
+        let Some(constraint) = PlaneConstraint::found(&contact.into(), &self.pose, parameters) else {
+            self.refused += 1;
+            return;
+        };
+        let most = MAX_CLUSTERS + if braking_time > 0.0 { MAX_APPROACHING } else { 0 };
+        if self.count >= most {
+            self.overflow += 1;
+            return;
         }
-        self.overflow += other.overflow;
-        self.refused += other.refused;
+        let surface = carrier.surface_at(constraint.scene_point);
+        self.push(PlaneConstraint { braking_time, surface, ..constraint });
     }
 
     /// Adds contacts further apart than d that are to brake the body from `time` (s) before they would close. Beyond
@@ -874,9 +893,8 @@ mod tests {
             .collect();
         let parameters =
             ContactParameters { friction: Friction::coulomb(friction), ..random_parameters(rng) };
-        let found = LinearContactModel::from_contacts(contacts, pose, &parameters, 0.0);
         let mut model = LinearContactModel::empty(pose, 0.0);
-        model.add_carried(&found, carrier);
+        contacts.iter().for_each(|contact| model.push_carried(*contact, &parameters, 0.0, carrier));
         model
     }
 
@@ -906,7 +924,10 @@ mod tests {
             let velocity = random_vector(&mut rng, 0.5);
             let carrier = Carrier { twist: Twist::new(velocity, DVec3::ZERO), object: None };
             let mut moving = LinearContactModel::empty(&pose, 0.0);
-            moving.add_carried(&still, &carrier);
+            for constraint in still.constraints() {
+                let surface = carrier.surface_at(constraint.scene_point);
+                moving.push(PlaneConstraint { surface, ..*constraint });
+            }
             moving.advance(dt);
             let state = BodyState { pose, twist: random_twist(&mut rng, 0.2, 1.0) };
             let carried =
@@ -950,15 +971,10 @@ mod tests {
         };
         let contact =
             Contact { point: DVec3::ZERO, scene_point: DVec3::NEG_Z * 0.01, normal: DVec3::Z, depth: 0.01 };
-        let found = LinearContactModel::from_contacts(
-            [ContactPatch { contact, radius: 0.01 }],
-            &pose,
-            &parameters,
-            0.0,
-        );
         let mut model = LinearContactModel::empty(&pose, 0.0);
         let twist = Twist::new(DVec3::ZERO, DVec3::Z * 2.0);
-        model.add_carried(&found, &Carrier { twist, object: None });
+        let patch = ContactPatch { contact, radius: 0.01 };
+        model.push_carried(patch, &parameters, 0.0, &Carrier { twist, object: None });
         let at_rest = BodyState::at_rest(pose);
         let by_damper = model.wrench(&at_rest).torque.z;
         assert!((by_damper - 1.0 * 0.01 * 0.01 * 2.0).abs() < 1e-9, "{by_damper}");
@@ -986,7 +1002,9 @@ mod tests {
             for object in 1..4 {
                 let twist = random_twist(&mut rng, 0.2, 1.0);
                 let carrier = Carrier { twist, object: NonZeroU32::new(object) };
-                model.add_carried(&random_carried(&mut rng, &pose, 0.5, &carrier), &carrier);
+                for constraint in random_carried(&mut rng, &pose, 0.5, &carrier).constraints() {
+                    model.push(*constraint);
+                }
             }
             let state = BodyState { pose, twist: random_twist(&mut rng, 0.2, 1.0) };
             let sum = model.reactions(&state).fold(Wrench::ZERO, |sum, (_, wrench)| sum + wrench);

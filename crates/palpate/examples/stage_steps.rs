@@ -243,7 +243,8 @@ fn steps(stage: &Stage, count: u32, folder: &str) -> Result<(), Failure> {
         black_box(counted_haptic_step(&mut haptic, &update, &state));
         haptic_times.record(begun.elapsed().as_nanos() as u64);
         contacts += update.contacts;
-        black_box(counted_clustering(&mut clustering, contact.contacts(), &body.pose));
+        let contacts: Vec<_> = contact.contacts().copied().collect();
+        black_box(counted_clustering(&mut clustering, &contacts, &body.pose));
         if let Some(watch) = &mut watch {
             black_box(watch.latest());
         }

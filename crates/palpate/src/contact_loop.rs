@@ -1,21 +1,25 @@
 //! The contact loop (§5.1.2): query the scene at the object's pose, cluster the contacts, linearise their response.
 
+mod changes;
+mod in_scene;
+
 use std::sync::Arc;
 use std::time::Duration;
 
-use palpate_collide::{Budget, Cluster, Clustering, ObjectHandle, PatchContact, QuerySettings, SceneQuery};
+use palpate_collide::{Budget, Cluster, Clustering, PatchContact, QuerySettings, SceneQuery};
 use palpate_core::glam::DVec3;
-use palpate_core::{Contact, Pose};
+use palpate_core::{Contact, Pose, Twist};
 use palpate_dynamics::{
-    Body, BodyState, ContactParameters, ContactPatch, LinearContactModel, MAX_APPROACHING,
+    Body, BodyState, Carrier, ContactParameters, ContactPatch, LinearContactModel, MAX_APPROACHING,
 };
 use palpate_texture_pd::Backend;
 use rtrb::Consumer;
 
+use self::in_scene::{InScene, objects_of};
 use crate::object::Object;
 use crate::proxy::{Proxy, carried, motion_between};
 use crate::scene::Placed;
-use crate::scene_editor::{Edit, SceneEditor, SceneId};
+use crate::scene_editor::{Edit, SceneId};
 use crate::settings::Settings;
 use crate::telemetry::ContactTelemetry;
 use crate::textures::{TextureError, Textures};
@@ -82,6 +86,9 @@ pub struct ContactLoop {
     probe: Object,
     /// By their places in the query.
     objects: Vec<Option<InScene>>,
+    /// Places of those that move, or can be moved, and how fast a point of those that are near moves at most, m/s.
+    moving: Vec<usize>,
+    fastest: f64,
     /// Changes that wait, where someone may make them.
     edits: Option<Consumer<Edit>>,
     /// What textures are made with.
@@ -90,7 +97,7 @@ pub struct ContactLoop {
     error: f64,
     settings: QuerySettings,
     parameters: ContactParameters,
-    /// Contacts with all scene objects that are not textured.
+    /// Contacts with all scene objects that are not textured and do not move.
     contacts: Vec<PatchContact>,
     clustering: Clustering,
     /// Contacts further apart than d that the body comes at, and their clusters.
@@ -131,7 +138,7 @@ impl ContactLoop {
             .zip(scene)
             .map(|(id, Placed { object, pose })| {
                 let handle = query.add(object.shape(), pose);
-                Some(InScene { id, handle, object: object.clone() })
+                Some(InScene::new(id, handle, object))
             })
             .collect();
         for (index, placed) in scene.iter().enumerate().take(RESERVED) {
@@ -150,6 +157,8 @@ impl ContactLoop {
             proxy: Proxy::new(body, center_of_mass, radius, parameters.tolerance, recesses, proxy),
             probe: probe.clone(),
             objects,
+            moving: Vec::new(),
+            fastest: 0.0,
             edits: None,
             all_settings: *settings,
             error,
@@ -181,6 +190,7 @@ impl ContactLoop {
     pub fn step(&mut self, body: &BodyState, time: f64) -> ContactUpdate {
         self.make_edits();
         let interval = time - std::mem::replace(&mut self.time, time);
+        self.move_objects(body, time);
         let ahead = self.time_ahead(interval);
         let tolerance = self.parameters.tolerance;
         let near = tolerance + self.textures.as_ref().map_or(0.0, Textures::protrusion);
@@ -194,30 +204,104 @@ impl ContactLoop {
         self.adapt_outlook(settings.tolerance - near, near);
         self.sort(body, ahead);
         self.show_patches(time);
-        let mut depth = self.contacts.iter().fold(0.0, |most: f64, found| most.max(found.contact.depth));
+        let mut depth = deepest(&self.contacts);
 
         let probe_pose = body.pose * Pose::from_translation(-self.center_of_mass);
         let clusters = self.clustering.run(&self.contacts, tolerance, &probe_pose);
-        if let Some(watched) = &mut self.watched {
-            for Cluster { contact, .. } in clusters {
-                let force = contact.normal * (-self.parameters.stiffness * (contact.depth + tolerance));
-                watched.sight().add_push(Push { point: contact.point, force, depth: contact.depth });
-            }
-        }
-        let representatives =
-            clusters.iter().map(|&Cluster { contact, radius, .. }| ContactPatch { contact, radius });
+        show(&mut self.watched, clusters, &self.parameters);
         let mut model =
-            LinearContactModel::from_contacts(representatives, &body.pose, &self.parameters, time);
+            LinearContactModel::from_contacts(patches(clusters), &body.pose, &self.parameters, time);
         let braking = self.braking_parameters(ahead);
+        let carried = self.add_carried(&mut model, &mut depth, &probe_pose, interval);
         let coarse = self.add_textured(&mut model, &mut depth, body, &braking, interval, ahead);
         let clusters = self.approaching_clusters.run(&self.approaching, settings.tolerance, &probe_pose);
         let representatives = clusters.iter().map(|cluster| cluster.contact);
-        let model = model.with_approaching(representatives, &braking, ahead);
+        let mut model = model.with_approaching(representatives, &braking, ahead);
+        self.add_approaching(&mut model, &braking, interval, ahead);
         self.telemetry.events.contact_refused += u64::from(model.refused());
         if let Some(watched) = &mut self.watched {
             watched.show();
         }
-        ContactUpdate { model, time, depth, contacts: (self.contacts.len() + coarse) as u32 }
+        ContactUpdate { model, time, depth, contacts: (self.contacts.len() + carried + coarse) as u32 }
+    }
+
+    /// Moves the objects that move on to a time (s).
+    fn move_objects(&mut self, body: &BodyState, time: f64) {
+        self.fastest = 0.0;
+        for &place in &self.moving {
+            let Some(InScene { handle, object, moving: Some(moving), .. }) = &mut self.objects[place] else {
+                continue;
+            };
+            let Some(pose) = moving.advance(time) else { continue };
+            if self.scene.pose(*handle) == Some(&pose) {
+                continue;
+            }
+            self.scene.set_pose(*handle, &pose);
+            let size = object.bounding_radius();
+            if pose.translation.distance(body.pose.translation) < size + self.radius + self.outlook {
+                self.proxy.scene_has_changed();
+                let Twist { linear, angular } = moving.twist();
+                self.fastest = self.fastest.max(linear.length() + angular.length() * size);
+            }
+        }
+    }
+
+    /// Adds contacts with objects that move to a model, and their depth; how many there are before clustering.
+    fn add_carried(
+        &mut self,
+        model: &mut LinearContactModel,
+        depth: &mut f64,
+        probe_pose: &Pose,
+        interval: f64,
+    ) -> usize {
+        let mut count = 0;
+        let tolerance = self.parameters.tolerance;
+        for &place in &self.moving {
+            let Some(InScene { id, handle, moving: Some(moving), .. }) = &mut self.objects[place] else {
+                continue;
+            };
+            let Some(pose) = self.scene.pose(*handle) else { continue };
+            if moving.contacts.is_empty() {
+                moving.clustering.reset();
+                continue;
+            }
+            count += moving.contacts.len();
+            *depth = depth.max(deepest(&moving.contacts));
+            moving.clustering.run(&moving.contacts, tolerance, probe_pose);
+            let clusters = moving.clustering.clusters();
+            for cluster in clusters {
+                let at = (cluster.contact.point, cluster.contact.normal);
+                let gains = moving.limited(&self.parameters, pose, at, clusters.len(), interval);
+                let cluster = std::slice::from_ref(cluster);
+                for patch in patches(cluster) {
+                    model.push_carried(patch, &gains, 0.0, &moving.carrier(*id, pose));
+                }
+                show(&mut self.watched, cluster, &gains);
+            }
+        }
+        count
+    }
+
+    /// Adds for each object that moves what comes nearest of it, within a time (s) ahead.
+    fn add_approaching(
+        &mut self,
+        model: &mut LinearContactModel,
+        braking: &ContactParameters,
+        interval: f64,
+        ahead: f64,
+    ) {
+        for &place in &self.moving {
+            let Some(InScene { id, handle, moving: Some(moving), .. }) = &self.objects[place] else {
+                continue;
+            };
+            let (Some(pose), Some(PatchContact { contact, .. })) =
+                (self.scene.pose(*handle), moving.approaching)
+            else {
+                continue;
+            };
+            let gains = moving.limited(braking, pose, (contact.point, contact.normal), 1, interval);
+            model.push_carried(contact, &gains, ahead, &moving.carrier(*id, pose));
+        }
     }
 
     /// Adds contacts with textured objects to a model, and their depth; how many coarse ones there are.
@@ -239,42 +323,70 @@ impl ContactLoop {
         }
         let pose = *self.proxy.pose();
         let mesh = pose * Pose::from_translation(-self.center_of_mass);
-        let pose_of = |object: usize| self.scene.pose(self.objects.get(object)?.as_ref()?.handle).copied();
+        let object_at = |place: usize| self.objects.get(place)?.as_ref();
+        let pose_of = |place: usize| self.scene.pose(object_at(place)?.handle).copied();
         let events = &mut self.telemetry.events;
         let motion = motion_between(&pose, &body.pose);
         for found in textures.run(&mesh, pose.translation, pose_of, tolerance, events) {
             let now = found.depth_after(&motion);
+            let moving = object_at(found.object)
+                .and_then(|InScene { id, moving, .. }| Some((*id, moving.as_ref()?, pose_of(found.object)?)));
+            let carrier = moving.map_or(Carrier::STILL, |(id, moving, at)| moving.carrier(id, &at));
+            let gains = |gains: &ContactParameters| {
+                let gains = shared(gains, found.share);
+                let point = (found.contact.point, found.contact.linear.normalize_or_zero());
+                moving.map_or(gains, |(_, moving, at)| moving.limited(&gains, &at, point, 1, interval))
+            };
+            let twist = beside(&body.twist, pose.translation, &carrier);
             if now > -tolerance {
                 *depth = depth.max(now);
-                let missed = found.is_undersampled(&body.twist, pose.translation, interval);
+                let missed = found.is_undersampled(&twist, pose.translation, interval);
                 events.texture_undersampled += u64::from(missed);
                 if let Some(watched) = &mut self.watched {
                     let force =
                         found.contact.linear * (-self.parameters.stiffness * found.share * (now + tolerance));
                     watched.sight().add_push(Push { point: found.contact.point, force, depth: now });
                 }
-                model.push_curved(&found.contact, &pose, &shared(&self.parameters, found.share), 0.0);
-            } else if self.braking && now + found.rate(&body.twist) * ahead > -tolerance {
-                model.push_curved(&found.contact, &pose, &shared(braking, found.share), ahead);
+                model.push_curved(&found.contact, &pose, &gains(&self.parameters), 0.0, &carrier);
+            } else if self.braking && now + found.rate(&twist) * ahead > -tolerance {
+                model.push_curved(&found.contact, &pose, &gains(braking), ahead, &carrier);
             }
         }
         coarse
     }
 
     /// Sorts the proxy's contacts, as they hold the body, into those that are closed, or within d, and those that the body
-    /// comes at.
+    /// comes at; those with objects that move, by object.
     fn sort(&mut self, body: &BodyState, ahead: f64) {
         let tolerance = self.parameters.tolerance;
         self.contacts.clear();
         self.approaching.clear();
+        for &place in &self.moving {
+            if let Some(InScene { moving: Some(moving), .. }) = &mut self.objects[place] {
+                moving.contacts.clear();
+                moving.approaching = None;
+            }
+        }
         let textured = |object| self.textures.as_ref().is_some_and(|textures| textures.has(object));
         for found in self.proxy.contacts().filter(|found| !textured(found.object)) {
             let contact = carried(&found.contact.contact, self.proxy.pose(), &body.pose);
-            let found = PatchContact { contact, ..found.contact };
-            if contact.depth > -tolerance {
-                self.contacts.push(found);
-            } else if self.braking && comes_within(&contact, body, tolerance, ahead) {
-                self.approaching.push(found);
+            let close = contact.depth > -tolerance;
+            let patch = PatchContact { contact, ..found.contact };
+            match self.objects.get_mut(found.object) {
+                Some(Some(InScene { id, handle, moving: Some(moving), .. })) => {
+                    let carrier =
+                        self.scene.pose(*handle).map_or(Carrier::STILL, |pose| moving.carrier(*id, pose));
+                    if close {
+                        moving.contacts.push(patch);
+                    } else if self.braking && comes_within(&contact, body, &carrier, tolerance, ahead) {
+                        moving.keep_nearer(patch);
+                    }
+                }
+                _ if close => self.contacts.push(patch),
+                _ if self.braking && comes_within(&contact, body, &Carrier::STILL, tolerance, ahead) => {
+                    self.approaching.push(patch);
+                }
+                _ => {}
             }
         }
     }
@@ -290,10 +402,10 @@ impl ContactLoop {
         ContactParameters { damping: damping.max(self.parameters.damping), ..self.parameters }
     }
 
-    /// At least how far any point of the body comes in a time (s), m, as far as the query looks ahead at all, and in whole
+    /// At least how far any point of the body comes towards the scene in a time (s), m, as far as the query looks ahead at all, and in whole
     /// steps, so that its reach seldom changes.
     fn way(&self, body: &BodyState, time: f64) -> f64 {
-        let speed = body.twist.linear.length() + body.twist.angular.length() * self.radius;
+        let speed = body.twist.linear.length() + body.twist.angular.length() * self.radius + self.fastest;
         let step = STEP * self.parameters.tolerance;
         let way = (speed * time).min(self.outlook);
         if way > step { (way / step).ceil() * step } else { 0.0 }
@@ -343,84 +455,6 @@ impl ContactLoop {
         }
     }
 
-    /// Moves a scene object to a pose of its mesh's frame in the world, from the next step on; `false` if there is none.
-    /// Contacts are rendered as if the object stood still there: its velocity does not enter into damping.
-    pub fn set_pose(&mut self, object: SceneId, pose: &Pose) -> bool {
-        let Some(found) = self.find(object) else { return false };
-        self.proxy.scene_has_changed();
-        self.scene.set_pose(found, pose)
-    }
-
-    /// Adds an object, its mesh's frame at a pose in the world, from the next step on; `false` if there is one of that number,
-    /// or its texture cannot be rendered. Allocates.
-    pub fn add(&mut self, id: SceneId, object: &Object, pose: &Pose) -> bool {
-        if self.find(id).is_some() {
-            return false;
-        }
-        let handle = self.scene.add(object.shape(), pose);
-        let place = handle.place();
-        if self.objects.len() <= place {
-            self.objects.resize_with(place + 1, || None);
-        }
-        self.objects[place] = Some(InScene { id, handle, object: object.clone() });
-        if self.retexture(object) {
-            self.proxy.scene_has_changed();
-            return true;
-        }
-        self.remove(id);
-        false
-    }
-
-    /// Takes an object out, from the next step on; `false` if there is none.
-    pub fn remove(&mut self, id: SceneId) -> bool {
-        let Some(handle) = self.find(id) else { return false };
-        self.proxy.scene_has_changed();
-        self.scene.remove(handle);
-        let removed = self.objects[handle.place()].take();
-        removed.is_none_or(|removed| self.retexture(&removed.object))
-    }
-
-    /// Makes the textures of the scene anew, if an object that came or went has to do with any; `false` if that cannot be.
-    fn retexture(&mut self, object: &Object) -> bool {
-        if self.textures.is_none() && object.texture().is_none() && self.probe.texture().is_none() {
-            return true;
-        }
-        let objects = objects_of(&self.objects);
-        let tolerance = self.parameters.tolerance;
-        let Ok(textures) = Textures::new(&self.probe, &objects, &self.all_settings, tolerance, self.radius)
-        else {
-            return false;
-        };
-        self.proxy.set_recesses(textures.as_ref().map_or_else(Vec::new, Textures::recesses));
-        self.textures = textures;
-        true
-    }
-
-    fn find(&self, id: SceneId) -> Option<ObjectHandle> {
-        self.objects.iter().flatten().find(|object| object.id == id).map(|object| object.handle)
-    }
-
-    /// Lets the scene be changed from elsewhere, from the next step on; an earlier editor changes nothing any more.
-    pub fn editor(&mut self) -> SceneEditor {
-        let next = self.objects.iter().flatten().map(|object| object.id.0 + 1).max().unwrap_or(0);
-        let (editor, edits) = SceneEditor::new(next);
-        self.edits = Some(edits);
-        editor
-    }
-
-    /// Makes the changes that wait.
-    fn make_edits(&mut self) {
-        while let Some(edit) = self.edits.as_mut().and_then(|edits| edits.pop().ok()) {
-            let made = match edit {
-                Edit::Add(id, object, pose) => self.add(id, &object, &pose),
-                Edit::Replace(id, object, pose) => self.remove(id) && self.add(id, &object, &pose),
-                Edit::Move(id, pose) => self.set_pose(id, &pose),
-                Edit::Remove(id) => self.remove(id),
-            };
-            self.telemetry.events.edit_refused += u64::from(!made);
-        }
-    }
-
     /// What computes textured contacts; `None` without textures.
     pub(crate) fn texture_backend(&self) -> Option<&str> {
         self.textures.as_ref().map(Textures::backend)
@@ -433,8 +467,9 @@ impl ContactLoop {
     }
 
     /// Contacts of the last step with objects that are not textured, before clustering, world axes.
-    pub fn contacts(&self) -> &[PatchContact] {
-        &self.contacts
+    pub fn contacts(&self) -> impl Iterator<Item = &PatchContact> {
+        let carried = self.moving.iter().filter_map(|&place| self.objects[place].as_ref()?.moving.as_ref());
+        self.contacts.iter().chain(carried.flat_map(|moving| &moving.contacts))
     }
 
     /// Memory that the workspaces of its queries hold, besides the objects.
@@ -452,27 +487,43 @@ impl ContactLoop {
     }
 }
 
-/// An object of the scene.
-#[derive(Debug)]
-struct InScene {
-    id: SceneId,
-    handle: ObjectHandle,
-    object: Object,
-}
-
-fn objects_of(objects: &[Option<InScene>]) -> Vec<Option<&Object>> {
-    objects.iter().map(|place| place.as_ref().map(|object| &object.object)).collect()
-}
-
 /// A share of a contact's gains.
 fn shared(parameters: &ContactParameters, share: f64) -> ContactParameters {
     let ContactParameters { stiffness, damping, .. } = *parameters;
     ContactParameters { stiffness: stiffness * share, damping: damping * share, ..*parameters }
 }
 
-/// Whether a contact comes within a distance (m) in a time (s) if the body moves on as it does.
-fn comes_within(contact: &Contact, body: &BodyState, distance: f64, time: f64) -> bool {
+/// Whether a contact comes within a distance (m) in a time (s) if the body and what it is with move on as they do.
+fn comes_within(contact: &Contact, body: &BodyState, carrier: &Carrier, distance: f64, time: f64) -> bool {
     let arm = contact.point - body.pose.translation;
-    let rate = body.twist.velocity_at(arm).dot(contact.normal);
+    let velocity = body.twist.velocity_at(arm) - carrier.twist.velocity_at(contact.point);
+    let rate = velocity.dot(contact.normal);
     contact.depth + rate * time > -distance
+}
+
+/// The motion of a body, whose reference point is at `center` (m), beside an object.
+fn beside(twist: &Twist, center: DVec3, carrier: &Carrier) -> Twist {
+    Twist {
+        linear: twist.linear - carrier.twist.velocity_at(center),
+        angular: twist.angular - carrier.twist.angular,
+    }
+}
+
+/// Deepest penetration, m; 0 where there is none.
+fn deepest(contacts: &[PatchContact]) -> f64 {
+    contacts.iter().fold(0.0, |most: f64, found| most.max(found.contact.depth))
+}
+
+/// What represents clusters.
+fn patches(clusters: &[Cluster]) -> impl Iterator<Item = ContactPatch> {
+    clusters.iter().map(|&Cluster { contact, radius, .. }| ContactPatch { contact, radius })
+}
+
+/// Shows what clusters push with, to whoever looks on.
+fn show(watched: &mut Option<Watched>, clusters: &[Cluster], gains: &ContactParameters) {
+    let Some(watched) = watched else { return };
+    for Cluster { contact, .. } in clusters {
+        let force = contact.normal * (-gains.stiffness * (contact.depth + gains.tolerance));
+        watched.sight().add_push(Push { point: contact.point, force, depth: contact.depth });
+    }
 }

@@ -3,7 +3,7 @@
 //! A step never allocates, locks, blocks or panics; what goes wrong is counted in [`HapticTelemetry::events`].
 
 use palpate_core::glam::DVec3;
-use palpate_core::{Pose, Wrench};
+use palpate_core::{Pose, Twist, Wrench};
 use palpate_device::{Axes, DeviceState, HapticDevice, Specification};
 use palpate_dynamics::{
     Body, BodyState, ContactBlend, DeviceMapping, DeviceMotion, Frame, Integrator, IntegratorKind,
@@ -12,12 +12,15 @@ use palpate_dynamics::{
 
 use crate::contact_loop::ContactUpdate;
 use crate::presence::Presence;
+use crate::reactions::{Reacting, Reactions};
 use crate::record::Record;
 use crate::telemetry::HapticTelemetry;
 use crate::tracking::{Reading, Tracking};
 use crate::workspace::{Workspace, motion_at};
 
 /// The state of the haptic loop: the grasped object, its coupling to the device and the newest contact model.
+///
+/// A clone tells nobody what it pushes, nor where its object is.
 #[derive(Clone, Debug)]
 pub struct HapticLoop {
     pub(crate) body: Body,
@@ -40,6 +43,7 @@ pub struct HapticLoop {
     found: Found,
     contacts: ContactBlend,
     integrator: IntegratorKind,
+    told: Told,
     /// Time of the first step, s, from which the first contact model is waited for, and of the last one; NaN before.
     started: f64,
     now: f64,
@@ -96,6 +100,19 @@ pub(crate) struct Grasped {
     pub period: f64,
 }
 
+/// Who takes what contacts push the scene's objects with, and who follows the grasped one.
+#[derive(Debug, Default)]
+struct Told {
+    reacting: Option<Reacting>,
+    followers: Vec<triple_buffer::Input<(Pose, Twist)>>,
+}
+
+impl Clone for Told {
+    fn clone(&self) -> Self {
+        Self::default()
+    }
+}
+
 /// Energy that contacts may store for each joule in the coupling and in the body's motion: as much again, for they are
 /// at least as stiff.
 const STORED_IN_CONTACTS: f64 = 1.0;
@@ -125,6 +142,7 @@ impl HapticLoop {
             found: Found { time: f64::NAN, depth: 0.0, contacts: 0 },
             contacts: ContactBlend::new(),
             integrator: grasped.integrator,
+            told: Told::default(),
             started: f64::NAN,
             now: f64::NAN,
             telemetry: HapticTelemetry::default(),
@@ -225,6 +243,7 @@ impl HapticLoop {
         self.telemetry.events.contacts_unsettled += u64::from(step.status.active_set_unsettled);
         self.telemetry.events.step_unconverged += u64::from(step.status.unconverged);
         self.state = step.state;
+        self.tell_others(step.status.held.is_none(), dt);
 
         self.pass(reading, &step, now, dt);
         let sound = step.status.held.is_none() && reading != Reading::Lost;
@@ -253,6 +272,42 @@ impl HapticLoop {
             contacts: self.found.contacts,
             model_age: now - self.found.time,
         }
+    }
+
+    /// Lets others know where the object is, and what a step of `dt` (s) pushed the scene with, if it was taken.
+    fn tell_others(&mut self, taken: bool, dt: f64) {
+        let contacts = self.contacts.contacts();
+        if let Some(reacting) = self.told.reacting.as_mut().filter(|_| taken && contacts.reacts()) {
+            self.telemetry.events.reaction_dropped += reacting.add(contacts, &self.state, dt);
+        }
+        if !self.told.followers.is_empty() {
+            let motion = self.motion();
+            for follower in &mut self.told.followers {
+                follower.write(motion);
+            }
+        }
+    }
+
+    /// Pose of the mesh's frame, and the velocity of its origin with the angular velocity, in the world.
+    pub(crate) fn motion(&self) -> (Pose, Twist) {
+        let pose = self.object_pose();
+        let arm = pose.translation - self.state.pose.translation;
+        let Twist { angular, .. } = self.state.twist;
+        (pose, Twist { linear: self.state.twist.velocity_at(arm), angular })
+    }
+
+    /// Lets what contacts push the scene's objects with be taken elsewhere, from the next step on.
+    pub(crate) fn reactions(&mut self) -> Reactions {
+        let (reacting, reactions) = Reacting::new();
+        self.told.reacting = Some(reacting);
+        reactions
+    }
+
+    /// Lets the grasped object be followed from elsewhere.
+    pub(crate) fn lead(&mut self) -> triple_buffer::Output<(Pose, Twist)> {
+        let (input, output) = triple_buffer::triple_buffer(&self.motion());
+        self.told.followers.push(input);
+        output
     }
 
     /// Counts the energy that flowed over the last period.

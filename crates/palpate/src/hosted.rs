@@ -15,6 +15,7 @@ use rtrb::{Consumer, RingBuffer};
 use crate::contact_loop::ContactUpdate;
 use crate::haptic_loop::HapticLoop;
 use crate::object::Object;
+use crate::reactions::Reactions;
 use crate::realtime::{MODEL_RING, run_contact};
 use crate::record::Record;
 use crate::renderer::{HapticRenderer, RendererError};
@@ -31,6 +32,8 @@ pub struct HostedSession {
     pub scene: SceneEditor,
     /// Shows its contacts; may be taken elsewhere.
     pub contacts: Watch,
+    /// Tells what its contacts push the scene's objects with; may be taken elsewhere.
+    pub reactions: Reactions,
     haptic: HapticLoop,
     models: Consumer<ContactUpdate>,
     state: triple_buffer::Input<(f64, BodyState)>,
@@ -66,6 +69,7 @@ impl HostedSession {
         let theirs = Box::new(OfTheHost { specification, state: device });
         let mut renderer = HapticRenderer::new(probe, scene, theirs, settings)?;
         let (scene, contacts) = (renderer.scene_editor(), renderer.watch());
+        let reactions = renderer.reactions();
         let (haptic, mut contact, _) = renderer.into_loops();
         let (models_in, models) = RingBuffer::new(MODEL_RING);
         let (state, state_out) = triple_buffer::triple_buffer(&(0.0, *haptic.body_state()));
@@ -77,6 +81,7 @@ impl HostedSession {
         Ok(Self {
             scene,
             contacts,
+            reactions,
             haptic,
             models,
             state,

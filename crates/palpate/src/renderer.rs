@@ -11,9 +11,11 @@ use palpate_texture_pd::Backend;
 
 use crate::contact_loop::ContactLoop;
 use crate::haptic_loop::{Grasped, HapticLoop};
+use crate::moving::Mobility;
 use crate::object::Object;
+use crate::reactions::Reactions;
 use crate::scene::Scene;
-use crate::scene_editor::SceneEditor;
+use crate::scene_editor::{SceneEditor, SceneId};
 use crate::settings::{Settings, SettingsError};
 use crate::textures::TextureError;
 use crate::watch::Watch;
@@ -141,6 +143,22 @@ impl HapticRenderer {
         self.contact.editor()
     }
 
+    /// Lets what contacts push the scene's objects with be taken elsewhere; an earlier taker gets nothing any more.
+    pub fn reactions(&mut self) -> Reactions {
+        self.haptic.reactions()
+    }
+
+    /// Lets the objects in the hands of two sessions touch each other: each becomes an object of the other's scene, that moves
+    /// as the other hand moves it. Both sessions then render the contact, each with its own settings. The numbers that they have
+    /// there, the other's in this one's first; none if one of them is textured and that cannot be rendered.
+    ///
+    /// To be called before either session runs, and before their editors are made.
+    pub fn join(&mut self, other: &mut Self) -> Option<(SceneId, SceneId)> {
+        let there = follow(self, other)?;
+        let here = follow(other, self)?;
+        Some((there, here))
+    }
+
     /// Lets a backend of the host compute textured contacts, as one on its own GPU device
     /// ([`WgpuBackend::with_device`](palpate_texture_pd::WgpuBackend::with_device)); nothing changes in a scene without
     /// textures. Should it fail, the processor goes on.
@@ -154,6 +172,20 @@ impl HapticRenderer {
     pub fn into_loops(self) -> (HapticLoop, ContactLoop, Box<dyn HapticDevice>) {
         (self.haptic, self.contact, self.device)
     }
+}
+
+/// Puts the object of one session, as it moves, into the scene of another.
+fn follow(session: &mut HapticRenderer, leader: &mut HapticRenderer) -> Option<SceneId> {
+    let HapticRenderer { haptic, probe, period, .. } = leader;
+    let Body { mass, inertia, .. } = haptic.body;
+    let mobility = Mobility {
+        mass,
+        inertia,
+        center_of_mass: probe.clod.source.center_of_mass,
+        period: period.max(session.period),
+    };
+    let (pose, _) = haptic.motion();
+    session.contact.add_following(probe, &pose, haptic.lead(), mobility)
 }
 
 /// What the device's specification says of its port, sampled every `period` seconds.

@@ -3,9 +3,10 @@
 //! They wait in a lock-free ring for the contact loop, which takes them at the beginning of its next step: what an object
 //! needs is allocated there or before, and given back there, never in the haptic loop. That renders the contacts known so far meanwhile.
 
-use palpate_core::Pose;
+use palpate_core::{Pose, Twist};
 use rtrb::{Consumer, Producer, RingBuffer};
 
+use crate::moving::Mobility;
 use crate::object::Object;
 
 /// Changes that may wait for the contact loop.
@@ -22,6 +23,8 @@ pub(crate) enum Edit {
     Add(SceneId, Object, Pose),
     Replace(SceneId, Object, Pose),
     Move(SceneId, Pose),
+    Motion(SceneId, Pose, Twist),
+    Mobility(SceneId, Option<Mobility>),
     Remove(SceneId),
 }
 
@@ -34,6 +37,14 @@ pub enum EditError {
     /// A pose is none.
     #[error("a pose is not finite, or its quaternion not of unit length")]
     Pose,
+    /// A velocity is none.
+    #[error("a velocity is not finite")]
+    Twist,
+    /// No body has such a mobility.
+    #[error(
+        "a mobility's mass, period or principal moments of inertia are not above 0, or not finite, or no body has them"
+    )]
+    Mobility,
 }
 
 /// Changes the scene of a session, from any thread. Made by
@@ -77,12 +88,39 @@ impl SceneEditor {
         self.send(&pose, |pose| Edit::Replace(id, object.clone(), pose))
     }
 
-    /// Moves an object. Contacts are rendered as if it stood still there.
+    /// Puts an object elsewhere, at once. Contacts are rendered as if it stood still there: what moves is told of by
+    /// [`set_motion`](Self::set_motion).
     ///
     /// # Errors
     /// As [`add`](Self::add).
     pub fn set_pose(&mut self, id: SceneId, pose: Pose) -> Result<(), EditError> {
         self.send(&pose, |pose| Edit::Move(id, pose))
+    }
+
+    /// Tells where an object that moves is, and how fast: `linear` being the velocity of its mesh frame's origin. To be told
+    /// as often as the host knows anew, 20 times a second at least. The object goes on meanwhile, and goes over smoothly to
+    /// what it is told; without, it stands still after 50 ms.
+    ///
+    /// # Errors
+    /// As [`add`](Self::add), or if the velocity is not finite.
+    pub fn set_motion(&mut self, id: SceneId, pose: Pose, twist: Twist) -> Result<(), EditError> {
+        if !twist.is_finite() {
+            return Err(EditError::Twist);
+        }
+        self.send(&pose, |pose| Edit::Motion(id, pose, twist))
+    }
+
+    /// Says how an object is moved by what touches it: contacts then push it back, which
+    /// [`Reactions`](crate::Reactions) tell, and are as soft as is stable with one so light. With none, it is not to be moved
+    /// by contacts.
+    ///
+    /// # Errors
+    /// If no body has such a mobility, or too many changes wait.
+    pub fn set_mobility(&mut self, id: SceneId, mobility: Option<Mobility>) -> Result<(), EditError> {
+        if mobility.is_some_and(|mobility| !mobility.is_valid()) {
+            return Err(EditError::Mobility);
+        }
+        self.edits.push(Edit::Mobility(id, mobility)).map_err(|_| EditError::Full)
     }
 
     /// Takes an object out.

@@ -7,6 +7,7 @@ use std::thread::JoinHandle;
 
 use palpate_core::Pose;
 
+use crate::reactions::Reactions;
 use crate::record::Record;
 use crate::renderer::HapticRenderer;
 use crate::scene_editor::SceneEditor;
@@ -20,6 +21,8 @@ pub struct RunningSession {
     pub scene: SceneEditor,
     /// Shows its contacts.
     pub contacts: Watch,
+    /// Tells what its contacts push the scene's objects with.
+    pub reactions: Reactions,
     latest: triple_buffer::Output<Option<Record>>,
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<Session>>,
@@ -31,7 +34,7 @@ impl HapticRenderer {
     /// # Errors
     /// If the system gives no thread.
     pub fn spawn(mut self) -> std::io::Result<RunningSession> {
-        let (scene, contacts) = (self.scene_editor(), self.watch());
+        let (scene, contacts, reactions) = (self.scene_editor(), self.watch(), self.reactions());
         let (mut shown, latest) = triple_buffer::triple_buffer(&None);
         let stop = Arc::new(AtomicBool::new(false));
         let flag = Arc::clone(&stop);
@@ -46,7 +49,7 @@ impl HapticRenderer {
             }
         };
         let thread = std::thread::Builder::new().name("palpate".to_owned()).spawn(run)?;
-        Ok(RunningSession { scene, contacts, latest, stop, thread: Some(thread) })
+        Ok(RunningSession { scene, contacts, reactions, latest, stop, thread: Some(thread) })
     }
 }
 

@@ -79,6 +79,8 @@ pub struct Events {
     pub engaging: u64,
     /// The clutch was held: the device moved without the object.
     pub clutched: u64,
+    /// A contact pushed one object of the scene more than there is room for, whose reaction was lost.
+    pub reaction_dropped: u64,
     /// The passivity controller added damping, for more energy had come out than can have been in.
     pub damped: u64,
     /// A contact step in which the grasped object was deeper in a surface than its proxy may be, or had been carried past
@@ -123,6 +125,7 @@ impl Events {
             faded,
             engaging,
             clutched,
+            reaction_dropped,
             damped,
             held_back,
             texture_undersampled,
@@ -147,6 +150,7 @@ impl Events {
             (&mut sum.faded, faded),
             (&mut sum.engaging, engaging),
             (&mut sum.clutched, clutched),
+            (&mut sum.reaction_dropped, reaction_dropped),
             (&mut sum.damped, damped),
             (&mut sum.held_back, held_back),
             (&mut sum.texture_undersampled, texture_undersampled),

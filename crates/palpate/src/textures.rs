@@ -93,6 +93,8 @@ pub(crate) struct Textures {
     backend: Box<dyn Backend>,
     query: DepthQuery,
     grids: Vec<TextureContact>,
+    /// The scene object of each four of them.
+    grid_objects: Vec<usize>,
     found: Vec<Found>,
     /// Bounding radius of the probe about its centre of mass, m.
     lever: f64,
@@ -113,6 +115,8 @@ struct Pair {
 /// A textured contact.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Found {
+    /// By the scene's order.
+    pub object: usize,
     pub contact: CurvedContact,
     /// Of the stiffness, 0 to 1.
     pub share: f64,
@@ -174,6 +178,7 @@ impl Textures {
             backend: Box::new(CpuBackend::new()),
             query: DepthQuery::new(),
             grids: Vec::new(),
+            grid_objects: Vec::new(),
             found: Vec::new(),
             lever,
         };
@@ -256,6 +261,7 @@ impl Textures {
     ) -> &[Found] {
         let mut pairs = std::mem::take(&mut self.pairs);
         self.grids.clear();
+        self.grid_objects.clear();
         for (object, pair) in pairs.iter_mut().enumerate() {
             let Some(pair) = pair else { continue };
             let Some(pose) = pose_of(object) else { continue };
@@ -270,6 +276,7 @@ impl Textures {
                 let margin = pair.protrusion + pair.recess;
                 if let Some(fitted) = self.query.fitted(&self.surfaces, &grid, margin) {
                     self.grids.extend(quarters(&fitted));
+                    self.grid_objects.push(object);
                 }
             }
         }
@@ -303,7 +310,7 @@ impl Textures {
 
     /// Finds the depths in all grids, on the processor if need be.
     fn look(&mut self, tolerance: f64, events: &mut Events) {
-        let Self { surfaces, settings, backend, query, grids, found, lever, .. } = self;
+        let Self { surfaces, settings, backend, query, grids, grid_objects, found, lever, .. } = self;
         found.clear();
         if grids.is_empty() {
             return;
@@ -315,7 +322,8 @@ impl Textures {
                 return;
             }
         }
-        for (grids, depths) in grids.chunks(QUARTERS).zip(query.depths().chunks(QUARTERS)) {
+        let looked_at = grids.chunks(QUARTERS).zip(query.depths().chunks(QUARTERS));
+        for ((grids, depths), &object) in looked_at.zip(&*grid_objects) {
             let mut quarters: ArrayVec<_, QUARTERS> = ArrayVec::new();
             for TextureDepth { depth, linear, angular, second, point, folded, .. } in depths.iter().flatten()
             {
@@ -331,7 +339,7 @@ impl Textures {
             }
             let texel = grids.first().map_or(0.0, |grid| 2.0 * grid.half_size / f64::from(settings.grid));
             let joined = joined(&quarters, settings.temperature, tolerance);
-            found.extend(joined.into_iter().map(|(contact, share)| Found { contact, share, texel }));
+            found.extend(joined.into_iter().map(|(contact, share)| Found { object, contact, share, texel }));
         }
         found.sort_unstable_by(|a, b| b.contact.depth.total_cmp(&a.contact.depth));
     }

@@ -1,0 +1,351 @@
+//! Scene objects that move, and that contacts push back.
+
+use palpate::device::{DeviceState, Emulation, IntendedPath, Status};
+use palpate::dynamics::BodyState;
+use palpate::glam::{DMat3, DVec3};
+use palpate::{
+    ContactLoop, HapticLoop, HapticRenderer, Mobility, Object, Pose, Reactions, Record, Scene, SceneEditor,
+    SceneId, Settings, Twist,
+};
+use palpate_tests::model;
+
+const PERIOD: f64 = 1e-3;
+/// Haptic steps from contact step to contact step.
+const STRIDE: u32 = 2;
+
+type Hand = Box<dyn Fn(f64) -> (Pose, Twist)>;
+
+/// A session that a test steps, and what it gives.
+struct Rig {
+    haptic: HapticLoop,
+    contact: ContactLoop,
+    /// Where the hand holds the device at a time (s), to perfection.
+    hand: Hand,
+    scene: SceneEditor,
+    reactions: Reactions,
+    steps: u32,
+}
+
+impl Rig {
+    fn new(
+        probe: Object,
+        scene: Scene,
+        settings: Settings,
+        hand: impl Fn(f64) -> (Pose, Twist) + 'static,
+    ) -> Self {
+        let hand: Hand = Box::new(hand);
+        Self::of(renderer(probe, scene, settings, &hand), hand)
+    }
+
+    fn of(mut renderer: HapticRenderer, hand: Hand) -> Self {
+        let (scene, reactions) = (renderer.scene_editor(), renderer.reactions());
+        let (haptic, contact, _) = renderer.into_loops();
+        Self { haptic, contact, hand, scene, reactions, steps: 0 }
+    }
+
+    fn now(&self) -> f64 {
+        PERIOD * f64::from(self.steps)
+    }
+
+    fn step(&mut self) -> Record {
+        let body: BodyState = *self.haptic.body_state();
+        let update = (self.steps.is_multiple_of(STRIDE)).then(|| self.contact.step(&body, self.now()));
+        self.steps += 1;
+        let now = self.now();
+        let (pose, twist) = (self.hand)(now);
+        let device = DeviceState { time: now, pose, twist, buttons: 0, status: Status::OK };
+        let record = self.haptic.step(&device, now, PERIOD);
+        if let Some(update) = update {
+            self.haptic.update_contacts(&update);
+        }
+        record
+    }
+
+    /// What contacts pushed an object with since the last time: linear, and angular about a point.
+    fn impulse(&mut self, object: SceneId, about: DVec3) -> (DVec3, DVec3) {
+        let mut sum = (DVec3::ZERO, DVec3::ZERO);
+        while let Some(reaction) = self.reactions.take() {
+            if reaction.object == object {
+                sum.0 += reaction.linear;
+                sum.1 += reaction.angular_about(about);
+            }
+        }
+        sum
+    }
+}
+
+fn renderer(probe: Object, scene: Scene, settings: Settings, hand: &Hand) -> HapticRenderer {
+    let device = Emulation::default().open(IntendedPath::from(hand(0.0).0)).expect("an emulated device");
+    HapticRenderer::new(probe, scene, Box::new(device), settings).expect("renderer")
+}
+
+/// A body that nothing holds, stepped by its host.
+struct FreeBody {
+    id: SceneId,
+    mass: f64,
+    inertia: DMat3,
+    center_of_mass: DVec3,
+    pose: Pose,
+    twist: Twist,
+}
+
+impl FreeBody {
+    /// An object of a mass (kg) at rest, with the mesh's frame at a pose, told to a session with the host's period (s).
+    fn new(object: &Object, id: SceneId, mass: f64, pose: Pose, period: f64, rig: &mut Rig) -> Self {
+        let center_of_mass = object.clod.source.center_of_mass;
+        let inertia = object.clod.source.unit_inertia * mass;
+        let mobility = Mobility { mass, inertia, center_of_mass, period };
+        rig.scene.set_mobility(id, Some(mobility)).expect("a mobility");
+        let pose = pose * Pose::from_translation(center_of_mass);
+        Self { id, mass, inertia, center_of_mass, pose, twist: Twist::ZERO }
+    }
+
+    fn push(&mut self, linear: DVec3, angular: DVec3) {
+        let turn = DMat3::from_quat(self.pose.rotation);
+        self.twist.linear += linear / self.mass;
+        self.twist.angular += turn * self.inertia.inverse() * turn.transpose() * angular;
+    }
+
+    fn energy(&self) -> f64 {
+        let turn = DMat3::from_quat(self.pose.rotation);
+        let Twist { linear, angular } = self.twist;
+        let spin = turn * self.inertia * turn.transpose() * angular;
+        0.5 * self.mass * linear.length_squared() + 0.5 * angular.dot(spin)
+    }
+
+    /// A step of its world: it takes what it was pushed with, moves on, and tells where it is.
+    fn step(&mut self, dt: f64, rig: &mut Rig) {
+        let (linear, angular) = rig.impulse(self.id, self.pose.translation);
+        self.push(linear, angular);
+        self.pose = self.pose.moved(&self.twist, dt);
+        let mesh = self.pose * Pose::from_translation(-self.center_of_mass);
+        let arm = mesh.translation - self.pose.translation;
+        let twist = Twist { linear: self.twist.velocity_at(arm), angular: self.twist.angular };
+        rig.scene.set_motion(self.id, mesh, twist).expect("room");
+    }
+}
+
+fn still(_: f64) -> (Pose, Twist) {
+    (Pose::IDENTITY, Twist::ZERO)
+}
+
+fn bottom(object: &Object) -> f64 {
+    object.clod.vertices.iter().map(|v| v.z).fold(f64::INFINITY, f64::min)
+}
+
+fn top(object: &Object) -> f64 {
+    object.clod.vertices.iter().map(|v| v.z).fold(f64::NEG_INFINITY, f64::max)
+}
+
+/// Below the probe at the origin, a gap (m) away.
+fn below(probe: &Object, object: &Object, gap: f64) -> Pose {
+    Pose::from_translation((bottom(probe) - top(object) - gap) * DVec3::Z)
+}
+
+/// A block comes up slowly, told at a picture's rate, and lifts the probe out of the hand: that feels as if the hand had come down
+/// on the block.
+#[test]
+fn a_rising_object_feels_as_a_sinking_hand() {
+    let (probe, plate) = (model("ellipsoid@500"), model("block@300"));
+    let start = below(&probe, &plate, 1e-3);
+    let (speed, every, steps) = (0.01, 16, 600);
+    let velocity = DVec3::Z * speed;
+    let rig = |hand: Hand| {
+        let scene = Scene::new().with(plate.clone(), start);
+        // What a moving surface comes over has no side that its proxy could be kept on.
+        Rig::new(probe.clone(), scene, Settings { proxy: false, ..Settings::default() }, hand)
+    };
+    let mut lifted = rig(Box::new(still));
+    let stiffness = lifted.haptic.coupling().linear_stiffness;
+    let lifted: Vec<f64> = (0..steps)
+        .map(|_| {
+            if lifted.steps.is_multiple_of(every) {
+                let pose = Pose { translation: start.translation + velocity * lifted.now(), ..start };
+                lifted.scene.set_motion(SceneId(0), pose, Twist::new(velocity, DVec3::ZERO)).expect("room");
+            }
+            lifted.step().contact.force.z
+        })
+        .collect();
+    let down =
+        move |time: f64| (Pose::from_translation(-velocity * time), Twist::new(-velocity, DVec3::ZERO));
+    let mut sinking = rig(Box::new(down));
+    let sinking: Vec<f64> = (0..steps).map(|_| sinking.step().contact.force.z).collect();
+    let most = sinking.iter().copied().fold(0.0, f64::max);
+    assert!(most > 0.4 * stiffness * speed * PERIOD * f64::from(steps), "{most} N");
+    // Once the first touch is over.
+    for (step, (one, other)) in lifted.iter().zip(&sinking).enumerate().skip(120) {
+        assert!((one - other).abs() < 1e-3 * most, "step {step}: {one} and {other} N, of {most} N");
+    }
+    // Between pictures it grows as from picture to picture.
+    let steepest = lifted[200..].windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
+    assert!(steepest < 0.02 * most, "{steepest} N in a step, of {most} N");
+}
+
+/// Told late or often, where a moving plate is felt is the same to a few hundredths.
+#[test]
+fn a_plate_that_slides_below_drags_the_probe_along() {
+    let (probe, plate) = (model("ellipsoid@500"), model("block@300"));
+    let start = below(&probe, &plate, -1e-3);
+    let speed = 0.02;
+    let settings = Settings { friction: 0.5, ..Settings::default() };
+    let dragged = |every: u32, moves: bool| {
+        let scene = Scene::new().with(plate.clone(), start);
+        let mut rig = Rig::new(probe.clone(), scene, settings, still);
+        let mut last = None;
+        for _ in 0..600 {
+            let velocity = DVec3::X * speed;
+            if moves && rig.steps.is_multiple_of(every) {
+                let pose = Pose { translation: start.translation + velocity * rig.now(), ..start };
+                rig.scene.set_motion(SceneId(0), pose, Twist::new(velocity, DVec3::ZERO)).expect("room");
+            }
+            last = Some(rig.step());
+        }
+        last.expect("steps").coupling.force
+    };
+    let still = dragged(1, false);
+    assert!(still.z > 0.1 && still.x.abs() < 0.05 * still.z, "{still}");
+    for every in [1, 2, 16] {
+        let force = dragged(every, true);
+        // It slides, by now.
+        assert!((force.x / force.z - 0.5).abs() < 0.03, "told every {every} ms: {force}");
+    }
+}
+
+/// A free ball is struck: what it gains the probe has given, and the hand.
+#[test]
+fn a_free_object_takes_the_momentum_that_it_is_given() {
+    let (probe, ball) = (model("ellipsoid@500"), model("golf-ball@5000"));
+    let start = below(&probe, &ball, 2e-3);
+    let speed = 0.1;
+    // The hand comes down, and stays.
+    let path = move |time: f64| {
+        let fall = (time - 0.3).clamp(0.0, 0.1);
+        let moving = (0.3..0.4).contains(&time);
+        let velocity = if moving { DVec3::NEG_Z * speed } else { DVec3::ZERO };
+        (Pose::from_translation(DVec3::new(2e-4, 0.0, -speed * fall)), Twist::new(velocity, DVec3::ZERO))
+    };
+    for mass in [0.02, 0.1, 2.0] {
+        let scene = Scene::new().with(ball.clone(), start);
+        let mut rig = Rig::new(probe.clone(), scene, Settings::default(), path);
+        let mut body = FreeBody::new(&ball, SceneId(0), mass, start, PERIOD, &mut rig);
+        let (mut given, mut taken, mut most) = (DVec3::ZERO, DVec3::ZERO, 0.0_f64);
+        for _ in 0..800 {
+            let record = rig.step();
+            given -= record.contact.force * PERIOD;
+            let momentum = body.twist.linear * mass;
+            body.step(PERIOD, &mut rig);
+            taken += body.twist.linear * mass - momentum;
+            most = most.max(body.twist.linear.length());
+        }
+        assert!(taken.z < -1e-4, "{mass} kg: {taken} N·s");
+        assert!((taken - given).length() < 1e-3 * given.length(), "{mass} kg: {taken} of {given} N·s");
+        // It flies away no faster than twice as fast as the hand came.
+        assert!(most < 2.2 * speed, "{mass} kg: {most} m/s");
+        assert!(body.twist.linear.z < 0.0, "{mass} kg: {:?}", body.twist);
+    }
+}
+
+/// From light to heavy, and with worlds that are stepped seldom, what the hand presses on a soft floor comes to rest there.
+#[test]
+fn what_is_pressed_comes_to_rest() {
+    let (probe, ball) = (model("ellipsoid@500"), model("golf-ball@5000"));
+    let start = below(&probe, &ball, 5e-4);
+    let path = |time: f64| {
+        let down = 2e-3 * ((time - 0.3) / 0.2).clamp(0.0, 1.0);
+        (Pose::from_translation(DVec3::NEG_Z * down), Twist::ZERO)
+    };
+    for (mass, every) in
+        [(1e-3, 1), (1e-2, 1), (0.1, 1), (10.0, 1), (1e-2, 4), (0.1, 4), (0.1, 16), (10.0, 16)]
+    {
+        let dt = PERIOD * f64::from(every);
+        let scene = Scene::new().with(ball.clone(), start);
+        let mut rig = Rig::new(probe.clone(), scene, Settings::default(), path);
+        let mut body = FreeBody::new(&ball, SceneId(0), mass, start, dt, &mut rig);
+        let floor = body.pose;
+        // As soft as an explicit step allows, and damped as much.
+        let (stiffness, damping) = (mass * (0.2 / dt).powi(2), 0.4 * mass / dt);
+        let (mut energy, mut force) = (Vec::new(), DVec3::ZERO);
+        for _ in 0..3000 {
+            force = rig.step().coupling.force;
+            if rig.steps.is_multiple_of(every) {
+                let sunk = body.pose.translation - floor.translation;
+                body.push((sunk * -stiffness - body.twist.linear * damping) * dt, DVec3::ZERO);
+                let turned = floor.rotation_vector_to(&body.pose);
+                let held = turned * -(0.2 / dt).powi(2) - body.twist.angular * (0.4 / dt);
+                body.push(DVec3::ZERO, body.inertia * held * dt);
+                body.step(dt, &mut rig);
+            }
+            energy.push(body.energy());
+        }
+        let most = |energies: &[f64]| energies.iter().copied().fold(0.0, f64::max);
+        let (all, end) = (most(&energy), most(&energy[2800..]));
+        assert!(force.z > 1e-4, "{mass} kg every {every} ms: {force} N");
+        assert!(end < 1e-3 * all.max(1e-9), "{mass} kg every {every} ms: {end} J of {all} J at the end");
+    }
+}
+
+/// Two hands press what they hold together: what one feels is the reverse of what the other does, and both are at rest.
+#[test]
+fn two_hands_feel_each_other() {
+    let (one, other) = (model("ellipsoid@500"), model("golf-ball@5000"));
+    let apart = top(&other) - bottom(&one);
+    let hand = move |side: f64| -> Hand {
+        Box::new(move |time| {
+            let near = 2e-3 * ((time - 0.3) / 0.2).clamp(0.0, 1.0);
+            (Pose::from_translation(DVec3::Z * side * (0.5 * apart + 5e-4 - near)), Twist::ZERO)
+        })
+    };
+    // Contact begins at the same distance for both.
+    let settings = Settings { tolerance: Some(2e-4), ..Settings::default() };
+    let mut upper = renderer(one, Scene::new(), settings, &hand(1.0));
+    let mut lower = renderer(other, Scene::new(), settings, &hand(-1.0));
+    upper.join(&mut lower).expect("not textured");
+    let (mut upper, mut lower) = (Rig::of(upper, hand(1.0)), Rig::of(lower, hand(-1.0)));
+    let mut felt = Vec::new();
+    for _ in 0..3000 {
+        let (above, below) = (upper.step(), lower.step());
+        felt.push((above.contact.force, below.contact.force));
+    }
+    let (above, below) = felt[felt.len() - 1];
+    assert!(above.z > 0.05, "{above} N");
+    assert!((above + below).length() < 0.02 * above.length(), "{above} and {below} N");
+    let restless = felt[2500..].iter().map(|(force, _)| force.distance(above)).fold(0.0, f64::max);
+    assert!(restless < 1e-3 * above.length(), "{restless} N of {above} N");
+}
+
+/// What no body can be is refused where it is said.
+#[test]
+fn motions_and_mobilities_are_checked() {
+    let (probe, ball) = (model("ellipsoid@500"), model("golf-ball@2000"));
+    let scene = Scene::new().with(ball, Pose::IDENTITY);
+    let mut rig = Rig::new(probe, scene, Settings::default(), still);
+    let id = SceneId(0);
+    let good =
+        Mobility { mass: 0.1, inertia: DMat3::IDENTITY * 1e-4, center_of_mass: DVec3::ZERO, period: 1e-3 };
+    let bad = [
+        Mobility { mass: 0.0, ..good },
+        Mobility { mass: f64::NAN, ..good },
+        Mobility { inertia: DMat3::ZERO, ..good },
+        Mobility { inertia: DMat3::IDENTITY * -1.0, ..good },
+        Mobility { center_of_mass: DVec3::NAN, ..good },
+        Mobility { period: 0.0, ..good },
+        Mobility { period: f64::INFINITY, ..good },
+    ];
+    for mobility in bad {
+        assert!(rig.scene.set_mobility(id, Some(mobility)).is_err(), "{mobility:?}");
+    }
+    let nan = Twist::new(DVec3::NAN, DVec3::ZERO);
+    assert!(rig.scene.set_motion(id, Pose::IDENTITY, nan).is_err());
+    assert!(rig.scene.set_motion(id, Pose::from_translation(DVec3::NAN), Twist::ZERO).is_err());
+    rig.scene.set_mobility(id, Some(good)).expect("a mobility");
+    rig.scene.set_mobility(id, None).expect("none");
+    rig.scene.set_mobility(SceneId(7), Some(good)).expect("it waits");
+    rig.step();
+    assert_eq!(rig.contact.telemetry().events.edit_refused, 1);
+    // As fast as numbers go.
+    rig.scene.set_motion(id, Pose::IDENTITY, Twist::new(DVec3::X * 1e300, DVec3::ONE * 1e300)).expect("room");
+    for _ in 0..100 {
+        let record = rig.step();
+        assert!(record.coupling.is_finite() && record.object.is_valid());
+    }
+}
