@@ -176,9 +176,11 @@ fn a_rising_object_feels_as_a_sinking_hand() {
     for (step, (one, other)) in lifted.iter().zip(&sinking).enumerate().skip(120) {
         assert!((one - other).abs() < 1e-3 * most, "step {step}: {one} and {other} N, of {most} N");
     }
-    // Between pictures it grows as from picture to picture.
-    let steepest = lifted[200..].windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
-    assert!(steepest < 0.02 * most, "{steepest} N in a step, of {most} N");
+    // From one picture to the next it grows as smoothly.
+    let steepest =
+        |forces: &[f64]| forces[200..].windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
+    let (one, other) = (steepest(&lifted), steepest(&sinking));
+    assert!(one < 1.01 * other, "{one} N in a step, and {other} N");
 }
 
 /// Told late or often, where a moving plate is felt is the same to a few hundredths.
