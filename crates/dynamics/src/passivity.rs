@@ -97,15 +97,22 @@ impl PassivityController {
     /// A controller on positions in steps of `steps` (m, rad), with damping of at most `max_damping` (N·s/m,
     /// N·m·s/rad): none where that is not a positive number.
     pub fn new(max_damping: (f64, f64), steps: (f64, f64)) -> Self {
-        let usable = |damping: f64| if damping.is_finite() { damping.max(0.0) } else { 0.0 };
-        Self {
+        let mut controller = Self {
             translation: PassivityObserver::new(steps.0),
             rotation: PassivityObserver::new(steps.1),
-            max_damping: (usable(max_damping.0), usable(max_damping.1)),
+            max_damping: (0.0, 0.0),
             reserve: 0.0,
             damping: Wrench::ZERO,
             dissipated: 0.0,
-        }
+        };
+        controller.set_max_damping(max_damping);
+        controller
+    }
+
+    /// Allows other damping from now on.
+    pub fn set_max_damping(&mut self, (linear, angular): (f64, f64)) {
+        let usable = |damping: f64| if damping.is_finite() { damping.max(0.0) } else { 0.0 };
+        self.max_damping = (usable(linear), usable(angular));
     }
 
     /// Takes the displacement (m, rad) since the last call. `stored` is the most energy (J) that what is rendered

@@ -21,6 +21,7 @@ use crate::proxy::{Proxy, carried, motion_between};
 use crate::scene::Placed;
 use crate::scene_editor::{Edit, SceneId};
 use crate::settings::Settings;
+use crate::settings_editor::{ContactTuning, Ramp};
 use crate::telemetry::ContactTelemetry;
 use crate::textures::{TextureError, Textures};
 use crate::watch::{Push, TouchingPatches, Watch, Watched};
@@ -91,6 +92,9 @@ pub struct ContactLoop {
     fastest: f64,
     /// Changes that wait, where someone may make them.
     edits: Option<Consumer<Edit>>,
+    tunings: Option<Consumer<ContactTuning>>,
+    /// Where gains and s₀ go over to.
+    tuning: Option<Ramp<(ContactParameters, f64)>>,
     /// What textures are made with.
     all_settings: Settings,
     /// s₀, m; 0 for full resolution.
@@ -147,10 +151,8 @@ impl ContactLoop {
         }
         let textures = Textures::new(probe, &objects_of(&objects), settings, parameters.tolerance, radius)?;
         let recesses = textures.as_ref().map_or_else(Vec::new, Textures::recesses);
-        // One hull has no detail to leave out, so nothing is to be measured for it.
         let objects_with_probe = std::iter::once(probe).chain(scene.iter().map(|placed| &placed.object));
-        let refined = objects_with_probe.map(|object| object.clod.levels.len()).any(|levels| levels > 1);
-        let error = if refined { error } else { 0.0 };
+        let error = if any_refined(objects_with_probe) { error } else { 0.0 };
         Ok(Self {
             center_of_mass,
             scene: query,
@@ -160,14 +162,11 @@ impl ContactLoop {
             moving: Vec::new(),
             fastest: 0.0,
             edits: None,
+            tunings: None,
+            tuning: None,
             all_settings: *settings,
             error,
-            settings: QuerySettings {
-                error: error.into(),
-                interpolate: interpolation && (error > 0.0 || query_budget.is_some()),
-                budget: query_budget.map(|seconds| Budget::Time(Duration::from_secs_f64(seconds))),
-                ..QuerySettings::new(parameters.tolerance)
-            },
+            settings: query_settings(parameters.tolerance, error, interpolation, query_budget),
             parameters,
             contacts: Vec::new(),
             clustering: Clustering::new(clusters),
@@ -190,6 +189,7 @@ impl ContactLoop {
     pub fn step(&mut self, body: &BodyState, time: f64) -> ContactUpdate {
         self.make_edits();
         let interval = time - std::mem::replace(&mut self.time, time);
+        self.tune(interval);
         self.move_objects(body, time);
         let ahead = self.time_ahead(interval);
         let tolerance = self.parameters.tolerance;
@@ -223,6 +223,32 @@ impl ContactLoop {
             watched.show();
         }
         ContactUpdate { model, time, depth, contacts: (self.contacts.len() + carried + coarse) as u32 }
+    }
+
+    /// Goes over to what the loop is tuned to, in the time (s) since the last step.
+    fn tune(&mut self, interval: f64) {
+        while let Some(tuning) = self.tunings.as_mut().and_then(|tunings| tunings.pop().ok()) {
+            let ContactTuning { parameters, error, interpolation, query_budget } = tuning;
+            let objects = self.objects.iter().flatten().map(|object| &object.object);
+            let error = if any_refined(objects.chain([&self.probe])) { error } else { 0.0 };
+            // On the way to full resolution levels still go over into one another.
+            let coarsest = error.max(self.error);
+            self.settings = query_settings(parameters.tolerance, coarsest, interpolation, query_budget);
+            self.tuning = Some(Ramp::new((self.parameters, self.error), (parameters, error)));
+        }
+        if let Some(ramp) = &mut self.tuning {
+            let ((parameters, error), ended) = ramp.advance(interval);
+            (self.parameters, self.error) = (parameters, error);
+            self.settings.error = error.into();
+            if ended {
+                self.settings.interpolate &= error > 0.0 || self.settings.budget.is_some();
+                self.tuning = None;
+            }
+        }
+    }
+
+    pub(crate) fn set_tunings(&mut self, tunings: Consumer<ContactTuning>) {
+        self.tunings = Some(tunings);
     }
 
     /// Moves the objects that move on to a time (s).
@@ -484,6 +510,26 @@ impl ContactLoop {
 
     pub(crate) fn telemetry_mut(&mut self) -> &mut ContactTelemetry {
         &mut self.telemetry
+    }
+}
+
+/// Whether some have detail to leave out: where all are one hull, nothing is to be measured for it.
+fn any_refined<'a>(mut objects: impl Iterator<Item = &'a Object>) -> bool {
+    objects.any(|object| object.clod.levels.len() > 1)
+}
+
+/// What contacts are looked for with, within a tolerance (m).
+fn query_settings(
+    tolerance: f64,
+    error: f64,
+    interpolation: bool,
+    query_budget: Option<f64>,
+) -> QuerySettings {
+    QuerySettings {
+        error: error.into(),
+        interpolate: interpolation && (error > 0.0 || query_budget.is_some()),
+        budget: query_budget.map(|seconds| Budget::Time(Duration::from_secs_f64(seconds))),
+        ..QuerySettings::new(tolerance)
     }
 }
 

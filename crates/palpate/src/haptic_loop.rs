@@ -9,18 +9,20 @@ use palpate_dynamics::{
     Body, BodyState, ContactBlend, DeviceMapping, DeviceMotion, Frame, Integrator, IntegratorKind,
     PassivityController, SlewLimit, Step, VirtualCoupling, saturate,
 };
+use rtrb::Consumer;
 
 use crate::contact_loop::ContactUpdate;
 use crate::presence::Presence;
 use crate::reactions::{Reacting, Reactions};
 use crate::record::Record;
+use crate::settings_editor::{HapticTuning, Ramp};
 use crate::telemetry::HapticTelemetry;
 use crate::tracking::{Reading, Tracking};
 use crate::workspace::{Workspace, motion_at};
 
 /// The state of the haptic loop: the grasped object, its coupling to the device and the newest contact model.
 ///
-/// A clone tells nobody what it pushes, nor where its object is.
+/// A clone tells nobody what it pushes, nor where its object is, and is tuned by nobody.
 #[derive(Clone, Debug)]
 pub struct HapticLoop {
     pub(crate) body: Body,
@@ -44,6 +46,8 @@ pub struct HapticLoop {
     contacts: ContactBlend,
     integrator: IntegratorKind,
     told: Told,
+    /// Where the coupling goes over to.
+    tuning: Option<Ramp<VirtualCoupling>>,
     /// Time of the first step, s, from which the first contact model is waited for, and of the last one; NaN before.
     started: f64,
     now: f64,
@@ -100,9 +104,10 @@ pub(crate) struct Grasped {
     pub period: f64,
 }
 
-/// Who takes what contacts push the scene's objects with, and who follows the grasped one.
+/// Who takes what contacts push the scene's objects with, who follows the grasped one, and who tunes the loop.
 #[derive(Debug, Default)]
 struct Told {
+    tunings: Option<Consumer<HapticTuning>>,
     reacting: Option<Reacting>,
     followers: Vec<triple_buffer::Input<(Pose, Twist)>>,
 }
@@ -143,6 +148,7 @@ impl HapticLoop {
             contacts: ContactBlend::new(),
             integrator: grasped.integrator,
             told: Told::default(),
+            tuning: None,
             started: f64::NAN,
             now: f64::NAN,
             telemetry: HapticTelemetry::default(),
@@ -230,6 +236,7 @@ impl HapticLoop {
         let arm = motion.pose.translation - handle.pose.translation;
         self.observe(&motion);
 
+        self.tune(dt);
         self.contacts.advance(&self.state, dt);
         let frame = Frame {
             body: &self.body,
@@ -272,6 +279,27 @@ impl HapticLoop {
             contacts: self.found.contacts,
             model_age: now - self.found.time,
         }
+    }
+
+    /// Goes over to what the loop is tuned to.
+    fn tune(&mut self, dt: f64) {
+        while let Some(tuning) = self.told.tunings.as_mut().and_then(|tunings| tunings.pop().ok()) {
+            self.tuning = Some(Ramp::new(self.coupling, tuning.coupling));
+            self.tracking.set_lags(tuning.velocity_lags);
+            self.slew = tuning.slew;
+            self.passivity.set_max_damping(tuning.max_damping);
+        }
+        if let Some(ramp) = &mut self.tuning {
+            let (coupling, ended) = ramp.advance(dt);
+            self.coupling = coupling;
+            if ended {
+                self.tuning = None;
+            }
+        }
+    }
+
+    pub(crate) fn set_tunings(&mut self, tunings: Consumer<HapticTuning>) {
+        self.told.tunings = Some(tunings);
     }
 
     /// Lets others know where the object is, and what a step of `dt` (s) pushed the scene with, if it was taken.

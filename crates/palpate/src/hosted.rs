@@ -22,6 +22,7 @@ use crate::renderer::{HapticRenderer, RendererError};
 use crate::scene::Scene;
 use crate::scene_editor::SceneEditor;
 use crate::settings::Settings;
+use crate::settings_editor::SettingsEditor;
 use crate::telemetry::Events;
 use crate::watch::Watch;
 
@@ -30,6 +31,8 @@ use crate::watch::Watch;
 pub struct HostedSession {
     /// Changes its scene; may be taken elsewhere.
     pub scene: SceneEditor,
+    /// Changes its settings; may be taken elsewhere.
+    pub settings: SettingsEditor,
     /// Shows its contacts; may be taken elsewhere.
     pub contacts: Watch,
     /// Tells what its contacts push the scene's objects with; may be taken elsewhere.
@@ -69,7 +72,7 @@ impl HostedSession {
         let theirs = Box::new(OfTheHost { specification, state: device });
         let mut renderer = HapticRenderer::new(probe, scene, theirs, settings)?;
         let (scene, contacts) = (renderer.scene_editor(), renderer.watch());
-        let reactions = renderer.reactions();
+        let (settings, reactions) = (renderer.settings_editor(), renderer.reactions());
         let (haptic, mut contact, _) = renderer.into_loops();
         let (models_in, models) = RingBuffer::new(MODEL_RING);
         let (state, state_out) = triple_buffer::triple_buffer(&(0.0, *haptic.body_state()));
@@ -80,6 +83,7 @@ impl HostedSession {
             .spawn(move || run_contact(&mut contact, state_out, models_in, &flag))?;
         Ok(Self {
             scene,
+            settings,
             contacts,
             reactions,
             haptic,

@@ -1,15 +1,11 @@
 //! The renderer: an object in the hand, a scene, a device, and the two loops that join them.
 
-use palpate_core::Pose;
-use palpate_device::{DeviceError, HapticDevice, Specification};
-use palpate_dynamics::{
-    Body, BodyError, ContactParameters, DeviceMapping, Friction, PortAxes, PortLimits, SlewLimit,
-    VirtualCoupling,
-};
-
+use palpate_device::{DeviceError, HapticDevice};
+use palpate_dynamics::{Body, BodyError, DeviceMapping};
 use palpate_texture_pd::Backend;
 
 use crate::contact_loop::ContactLoop;
+use crate::gains::Gains;
 use crate::haptic_loop::{Grasped, HapticLoop};
 use crate::moving::Mobility;
 use crate::object::Object;
@@ -17,6 +13,7 @@ use crate::reactions::Reactions;
 use crate::scene::Scene;
 use crate::scene_editor::{SceneEditor, SceneId};
 use crate::settings::{Settings, SettingsError};
+use crate::settings_editor::SettingsEditor;
 use crate::textures::TextureError;
 use crate::watch::Watch;
 
@@ -66,50 +63,33 @@ impl HapticRenderer {
         mut device: Box<dyn HapticDevice>,
         settings: Settings,
     ) -> Result<Self, RendererError> {
-        settings.check()?;
-        let source = &probe.clod.source;
-        let body = Body::new(settings.mass, source.unit_inertia * settings.mass)
-            .map_err(|source| RendererError::Body { name: probe.name.clone(), source })?;
-        let specification = device.specification().clone();
-        let grasp = settings.grasp.unwrap_or(Pose::from_translation(source.center_of_mass));
-        let grasp_in_body = Pose::from_translation(-source.center_of_mass) * grasp;
-        let limits = port_limits(&specification, 1.0 / settings.rate);
-        let coupling = coupling(&settings, &body, grasp_in_body, &limits);
-        let radius = probe.bounding_radius();
-        if let Some(value) = settings.tolerance.filter(|&tolerance| tolerance > radius) {
-            let expected = "metres, at most the bounding radius of the grasped object";
-            return Err(SettingsError { name: "tolerance", value, expected }.into());
-        }
-        let parameters = ContactParameters {
-            stiffness: settings.contact_stiffness,
-            damping: settings
-                .contact_damping
-                .unwrap_or(2.0 * (settings.contact_stiffness * settings.mass).sqrt()),
-            tolerance: settings.tolerance.unwrap_or(0.01 * radius),
-            friction: Friction {
-                static_coefficient: settings.static_friction.unwrap_or(settings.friction),
-                dynamic_coefficient: settings.friction,
-            },
-        };
+        let gains = Gains::new(&settings, &probe, device.specification())?;
         let state = device.read(0.0)?;
+        let source = &probe.clod.source;
         let grasped = Grasped {
-            body,
-            coupling,
+            body: gains.body,
+            coupling: gains.coupling,
             center_of_mass: source.center_of_mass,
-            grasp,
+            grasp: gains.grasp,
             mapping: DeviceMapping::new(settings.workspace_scale, settings.device_frame),
             clutch_button: settings.clutch_button,
             contact_timeout: settings.contact_timeout,
             integrator: settings.integrator,
             engagement: settings.engagement,
-            velocity_lags: limits.in_world(settings.workspace_scale).velocity_lags(&coupling),
-            slew: slew(&settings, &limits),
-            max_damping: max_damping(&settings, &coupling, &limits),
-            period: limits.period,
+            velocity_lags: gains.velocity_lags,
+            slew: gains.slew,
+            max_damping: gains.max_damping,
+            period: 1.0 / settings.rate,
         };
-        let haptic = HapticLoop::new(grasped, state, &specification);
-        let contact =
-            ContactLoop::new(&probe, body, source.center_of_mass, scene.objects(), parameters, &settings)?;
+        let haptic = HapticLoop::new(grasped, state, device.specification());
+        let contact = ContactLoop::new(
+            &probe,
+            gains.body,
+            source.center_of_mass,
+            scene.objects(),
+            gains.contacts,
+            &settings,
+        )?;
         Ok(Self { haptic, contact, device, period: 1.0 / settings.rate, probe, scene, settings })
     }
 
@@ -141,6 +121,15 @@ impl HapticRenderer {
     /// Lets the scene be changed from elsewhere while the session runs; an earlier editor changes nothing any more.
     pub fn scene_editor(&mut self) -> SceneEditor {
         self.contact.editor()
+    }
+
+    /// Lets settings be changed from elsewhere while the session runs; an earlier editor changes nothing any more.
+    pub fn settings_editor(&mut self) -> SettingsEditor {
+        let (editor, haptic, contact) =
+            SettingsEditor::new(self.settings, self.probe.clone(), self.device.specification().clone());
+        self.haptic.set_tunings(haptic);
+        self.contact.set_tunings(contact);
+        editor
     }
 
     /// Lets what contacts push the scene's objects with be taken elsewhere; an earlier taker gets nothing any more.
@@ -186,71 +175,4 @@ fn follow(session: &mut HapticRenderer, leader: &mut HapticRenderer) -> Option<S
     };
     let (pose, _) = haptic.motion();
     session.contact.add_following(probe, &pose, haptic.lead(), mobility)
-}
-
-/// What the device's specification says of its port, sampled every `period` seconds.
-fn port_limits(specification: &Specification, period: f64) -> PortLimits {
-    let handle = specification.handle.as_ref();
-    // Nothing reaches the hand along or about axes that are not driven.
-    let driven = |axes: [bool; 3], peak: f64| if axes.contains(&true) { peak } else { 0.0 };
-    PortLimits {
-        translation: PortAxes {
-            stiffness: specification.stiffness,
-            damping: specification.damping,
-            viscous: handle.map(|handle| handle.damping),
-            friction: handle.map(|handle| handle.friction),
-            peak: driven(specification.actuated.translation, specification.peak_force),
-            step: specification.encoder_step,
-        },
-        rotation: PortAxes {
-            stiffness: specification.angular_stiffness,
-            damping: specification.angular_damping,
-            viscous: handle.map(|handle| handle.angular_damping),
-            friction: handle.map(|handle| handle.angular_friction),
-            peak: driven(specification.actuated.rotation, specification.peak_torque),
-            step: specification.angular_encoder_step,
-        },
-        velocity_delay: specification.velocity_delay,
-        period,
-    }
-}
-
-/// The coupling that the settings ask for, the rest chosen for the body and the device.
-fn coupling(settings: &Settings, body: &Body, grasp: Pose, limits: &PortLimits) -> VirtualCoupling {
-    let limits = limits.in_world(settings.workspace_scale);
-    let chosen = VirtualCoupling::auto(body, grasp, &limits);
-    let linear = settings.coupling_stiffness.unwrap_or(chosen.linear_stiffness);
-    let angular = settings.angular_stiffness.unwrap_or(chosen.angular_stiffness);
-    let mut coupling = VirtualCoupling::critically_damped(body, grasp, linear, angular).limited_to(&limits);
-    coupling.linear_damping = settings.coupling_damping.unwrap_or(coupling.linear_damping);
-    coupling.angular_damping = settings.angular_damping.unwrap_or(coupling.angular_damping);
-    coupling
-}
-
-/// Time in which the wrench may rise from zero to the device's peak, s.
-const SLEW_TIME: f64 = 0.01;
-
-/// How fast the wrench at the device may change.
-fn slew(settings: &Settings, limits: &PortLimits) -> SlewLimit {
-    SlewLimit {
-        force: settings.force_slew.unwrap_or(limits.translation.peak / SLEW_TIME),
-        torque: settings.torque_slew.unwrap_or(limits.rotation.peak / SLEW_TIME),
-    }
-}
-
-/// The most damping (N·s/m, N·m·s/rad) that the passivity controller may put at the device: what is passive there beside
-/// the coupling's springs; none where it is off.
-fn max_damping(settings: &Settings, coupling: &VirtualCoupling, limits: &PortLimits) -> (f64, f64) {
-    if !settings.passivity_controller {
-        return (0.0, 0.0);
-    }
-    let scale = settings.workspace_scale;
-    let (lag, angular_lag) = limits.in_world(scale).velocity_lags(coupling);
-    let largest = |axes: &PortAxes, stiffness: f64, lag: f64| {
-        axes.largest_damping(stiffness, lag.max(limits.velocity_delay), limits.velocity_delay, limits.period)
-    };
-    (
-        largest(&limits.translation, coupling.linear_stiffness, lag),
-        largest(&limits.rotation, coupling.angular_stiffness / (scale * scale), angular_lag),
-    )
 }

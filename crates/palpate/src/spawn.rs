@@ -12,6 +12,7 @@ use crate::record::Record;
 use crate::renderer::HapticRenderer;
 use crate::scene_editor::SceneEditor;
 use crate::session::Session;
+use crate::settings_editor::SettingsEditor;
 use crate::watch::Watch;
 
 /// A session that runs. It ends when it is [stopped](Self::stop) or dropped, and the device is sent a wrench of zero then.
@@ -19,6 +20,8 @@ use crate::watch::Watch;
 pub struct RunningSession {
     /// Changes its scene.
     pub scene: SceneEditor,
+    /// Changes its settings.
+    pub settings: SettingsEditor,
     /// Shows its contacts.
     pub contacts: Watch,
     /// Tells what its contacts push the scene's objects with.
@@ -35,6 +38,7 @@ impl HapticRenderer {
     /// If the system gives no thread.
     pub fn spawn(mut self) -> std::io::Result<RunningSession> {
         let (scene, contacts, reactions) = (self.scene_editor(), self.watch(), self.reactions());
+        let settings = self.settings_editor();
         let (mut shown, latest) = triple_buffer::triple_buffer(&None);
         let stop = Arc::new(AtomicBool::new(false));
         let flag = Arc::clone(&stop);
@@ -49,7 +53,7 @@ impl HapticRenderer {
             }
         };
         let thread = std::thread::Builder::new().name("palpate".to_owned()).spawn(run)?;
-        Ok(RunningSession { scene, contacts, reactions, latest, stop, thread: Some(thread) })
+        Ok(RunningSession { scene, settings, contacts, reactions, latest, stop, thread: Some(thread) })
     }
 }
 

@@ -61,6 +61,13 @@ impl Tracking {
         }
     }
 
+    /// Lets velocities lag otherwise, from what they are now.
+    pub fn set_lags(&mut self, lags: (f64, f64)) {
+        let twist = self.damped_state().twist;
+        self.lagged = twist;
+        self.lags = lags;
+    }
+
     /// The last good state, its twist zero while it is held.
     pub fn state(&self) -> &DeviceState {
         &self.state
