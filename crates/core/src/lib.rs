@@ -7,6 +7,7 @@
 
 pub mod clod;
 mod contact;
+mod conversions;
 pub mod mesh;
 mod motion;
 

@@ -13,6 +13,7 @@
 #[doc = include_str!("../../../README.md")]
 struct Readme;
 
+mod builder;
 mod cache;
 mod contact_loop;
 pub mod explore;
@@ -42,6 +43,7 @@ mod tracking;
 mod watch;
 mod workspace;
 
+pub use builder::RendererBuilder;
 pub use contact_loop::{ContactLoop, ContactUpdate};
 pub use haptic_loop::HapticLoop;
 pub use hosted::{HostError, HostedSession};

@@ -33,6 +33,7 @@ impl HapticRenderer {
     ///
     /// # Errors
     /// Only what `sink` returns.
+    #[cfg_attr(feature = "tracing", tracing::instrument(skip_all, fields(seconds)))]
     pub fn run_lockstep<E>(
         mut self,
         seconds: f64,

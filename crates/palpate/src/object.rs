@@ -144,6 +144,7 @@ impl Object {
     ///
     /// # Errors
     /// If the argument is refused: the error says what, where and what to do.
+    #[cfg_attr(feature = "tracing", tracing::instrument(skip(options, progress), err))]
     pub fn open(
         argument: &str,
         options: &OpenOptions,
@@ -180,6 +181,10 @@ impl Object {
     /// # Errors
     /// If no hierarchy can be built from the mesh: it has to be an oriented 2-manifold, with or without boundary, that
     /// does not intersect itself ([`palpate_mesh_io::repair`] makes one of any other).
+    #[cfg_attr(
+        feature = "tracing",
+        tracing::instrument(skip(mesh), fields(triangles = mesh.triangles().len()), err)
+    )]
     pub fn from_mesh(name: &str, mesh: &TriMesh) -> Result<Self, OpenError> {
         let clod = palpate_clod_build::build(mesh, &BuildOptions::default(), &mut unwatched)
             .map_err(|source| OpenError::Build { name: name.to_owned(), source })?;

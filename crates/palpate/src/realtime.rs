@@ -54,6 +54,7 @@ impl HapticRenderer {
     ///
     /// # Panics
     /// If the device's driver or `sink` does; the records up to then have gone to `sink`.
+    #[cfg_attr(feature = "tracing", tracing::instrument(skip_all, fields(seconds)))]
     pub fn run_realtime<E>(
         mut self,
         seconds: f64,

@@ -57,6 +57,10 @@ impl HapticRenderer {
     ///
     /// # Errors
     /// If a setting is out of range, the probe cannot be given a mass, textures are too large, or the device does not answer.
+    #[cfg_attr(
+        feature = "tracing",
+        tracing::instrument(skip_all, fields(probe = probe.name, objects = scene.objects().len()), err)
+    )]
     pub fn new(
         probe: Object,
         scene: Scene,

@@ -71,6 +71,7 @@ impl SceneEditor {
     ///
     /// # Errors
     /// If the pose is none, or too many changes wait.
+    #[cfg_attr(feature = "tracing", tracing::instrument(skip_all, fields(object = object.name), err))]
     pub fn add(&mut self, object: &Object, pose: Pose) -> Result<SceneId, EditError> {
         object.shape();
         let id = SceneId(self.next);

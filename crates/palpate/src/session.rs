@@ -95,6 +95,15 @@ impl Session {
         }
         let haptic = renderer.haptic.telemetry().clone();
         let contact = renderer.contact.telemetry().clone();
+        #[cfg(feature = "tracing")]
+        tracing::info!(
+            seconds,
+            steps = haptic.steps,
+            missed_deadlines = haptic.missed_deadlines,
+            contact_steps = contact.query.count(),
+            depth_max = haptic.depth_max,
+            "session ended"
+        );
         Self { seconds, clock, haptic, contact, stages }
     }
 
