@@ -1,7 +1,7 @@
 //! A spoon falls into a cup, bounces, slides along the wall and comes to rest: rigid-body simulation with contact levels of detail,
 //! on a simulated clock, with no haptic device (§3.5.4, Fig. 3.17).
 //!
-//! `cargo run --release --example spoon_in_cup`, and with `-- --metric velocity` or `exact` at another resolution.
+//! `cargo run --release --example spoon_in_cup`, and with `-- --metric velocity`, `view` or `exact` at another resolution.
 
 use std::error::Error;
 use std::fmt::Write as _;
@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use clap::Parser;
-use palpate::collide::{ErrorMetrics, VelocityMetric};
+use palpate::collide::{ErrorMetrics, VelocityMetric, ViewMetric};
 use palpate::glam::{DQuat, DVec3};
 use palpate::{Object, Pose, Twist};
 use palpate_examples::{open, say, seconds};
@@ -20,6 +20,9 @@ use palpate_rigid_body::{BodyState, RigidBody, Settings, Simulation};
 const ERROR: f64 = 0.035;
 /// d likewise.
 const TOLERANCE: f64 = 1e-3;
+/// A picture with a field of view of 45° of what is at the origin.
+const VIEW: ViewMetric =
+    ViewMetric { pixels: 2.0, camera: DVec3::new(0.0, -1.0, 0.1), near: 0.1, frustum: 0.083, image: 1000.0 };
 /// Duration of a step, s.
 const STEP: f64 = 1e-3;
 /// kg.
@@ -36,6 +39,8 @@ enum Metric {
     Haptic,
     /// Where it is below that part of the radius that the speed is of 1 m/s
     Velocity,
+    /// Where it is below two pixels of a picture of 1000 × 1000, seen from a metre away
+    View,
 }
 
 /// What the user may choose.
@@ -64,6 +69,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             let metric = VelocityMetric { time: ERROR * radius, twist: Twist::ZERO };
             ErrorMetrics { velocity: Some(metric), ..ErrorMetrics::EXACT }
         }
+        Metric::View => ErrorMetrics { view: Some(VIEW), ..ErrorMetrics::EXACT },
     };
     let settings = Settings { error, ..Settings::new(TOLERANCE * radius) };
     let body = RigidBody::solid(spoon.shape(), MASS)?;
