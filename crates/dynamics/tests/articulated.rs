@@ -203,19 +203,24 @@ fn the_step_is_that_of_a_system_by_central_differences() {
             grasp,
             ..VirtualCoupling::critically_damped(&composite, about_centre, 300.0, 0.5)
         };
-        (scene.coupling.max_force, scene.coupling.max_torque) =
-            [(f64::INFINITY, f64::INFINITY), (1.5, 0.1)][case % 2];
         let displaced = Twist::new(random_vector(&mut rng, 0.008), random_vector(&mut rng, 0.3));
         scene.device = DeviceMotion {
             pose: (state.first.pose * grasp).moved(&displaced, 1.0),
             twist: Twist::new(random_vector(&mut rng, 0.1), random_vector(&mut rng, 1.0)),
         };
         scene.grip = GripperCoupling::critically_damped(&tool, 0.3);
-        scene.grip.max_torque = [f64::INFINITY, 0.1][case % 2];
         scene.gripper = GripperMotion {
             angle: state.angle + rng.random_range(-0.5..0.5),
             rate: rng.random_range(-1.0..1.0),
         };
+        // Linear, bent and flat springs, away from the joints of their law, across which differences are not exact.
+        if case % 2 == 1 {
+            let share = [0.4, 0.9, 1.1, 1.5][case / 2 % 4];
+            let turn = displaced.angular.length();
+            scene.coupling.max_force = scene.coupling.linear_stiffness * displaced.linear.length() / share;
+            scene.coupling.max_torque = scene.coupling.angular_stiffness * turn / share;
+            scene.grip.max_torque = scene.grip.stiffness * (scene.gripper.angle - state.angle).abs() / share;
+        }
         let parameters =
             ContactParameters { stiffness: 500.0, damping: 0.3, tolerance: 0.001, friction: Friction::NONE };
         let poses = [state.first.pose, tool.second(&state).pose];
@@ -272,7 +277,7 @@ fn the_step_is_that_of_a_system_by_central_differences() {
             let by_speed =
                 derivative(&|s| forces(&scene, &changed(&tool, &state, &zero, &along(j, s))), 1e-2);
             let by_place =
-                derivative(&|s| forces(&scene, &changed(&tool, &state, &along(j, s), &zero)), 2e-4);
+                derivative(&|s| forces(&scene, &changed(&tool, &state, &along(j, s), &zero)), 3e-5);
             let by_momentum = derivative(&|s| momenta(&along(j, s)), 1e-2);
             // The bodies are displaced by h times their twists at the end, which change with the placement.
             let bodies = |place: &[f64; 7]| {
@@ -312,9 +317,7 @@ fn the_step_is_that_of_a_system_by_central_differences() {
         let error =
             (0..7).fold(0.0, |most: f64, i| most.max((found[i] - expected[i]).abs() * scale(i))) / size;
         worst = worst.max(error);
-        // Differences across a joint of the saturating springs' law are less exact.
-        let allowed = [1e-6, 2e-5][case % 2];
-        assert!(error < allowed, "seed {seed}, case {case}: relative error {error}");
+        assert!(error < 1e-6, "seed {seed}, case {case}: relative error {error}");
     }
     println!("worst relative error {worst:.1e} of {compared}");
     assert!(compared > 100, "only {compared} cases kept their contacts");
