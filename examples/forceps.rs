@@ -28,6 +28,8 @@ const EMPTY: f64 = 9.2;
 const STEP: f64 = 1e-3;
 /// How wide the hand opens the jaws, rad.
 const OPEN: f64 = 0.6;
+/// How far beyond closed it squeezes, rad.
+const SQUEEZE: f64 = 0.1;
 /// How far it pulls, m.
 const PULL: f64 = 4e-3;
 
@@ -142,7 +144,7 @@ impl EmulatedGripper {
 
     /// A step up to `time` under a torque (N·m), by backward Euler.
     fn pass(&mut self, time: f64, torque: f64) {
-        let intended = OPEN * (1.0 - closing(time));
+        let intended = OPEN - (OPEN + SQUEEZE) * closing(time);
         let force =
             torque + Self::STIFFNESS * (intended - self.angle - STEP * self.rate) - Self::DAMPING * self.rate;
         let mass = Self::INERTIA + STEP * (Self::DAMPING + STEP * Self::STIFFNESS);
