@@ -294,7 +294,7 @@ fn tools_and_settings_that_cannot_be_are_refused() {
     let tool = ArticulatedTool { masses: [0.01, 0.0], ..forceps() };
     assert!(matches!(new(&tool, &settings(), &usual), Err(ArticulatedError::Body { .. })));
     let other = Settings { integrator: IntegratorKind::RungeKutta4, ..settings() };
-    let refused = new(&forceps(), &other, &usual).err().expect("an error").to_string();
+    let refused = new(&forceps(), &other, &usual).expect_err("an error").to_string();
     assert!(refused.contains("hinge"), "{refused}");
     let wide = Settings { tolerance: Some(1.0), ..settings() };
     assert!(matches!(new(&forceps(), &wide, &usual), Err(ArticulatedError::Settings(_))));
