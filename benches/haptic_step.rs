@@ -1,5 +1,6 @@
 //! Time of one haptic step (§5.2) by the number of contacts that push: 0, 1, 5 (the K of §5.5.1) and 16 (the
-//! most a model is made of), without friction and with it, and with 5 while one model goes over to the next.
+//! most a model is made of), without friction and with it, and with 5 while one model goes over to the next; and of one of a
+//! tool of two bodies with a hinge (`articulated`), with as many contacts in all.
 //!
 //! `cargo bench -p palpate-benches --bench haptic_step`. A line before each measurement says how many
 //! contacts push and how many 6×6 systems a step solves. With the arguments `histogram STEPS`, as in
@@ -14,8 +15,9 @@ use std::time::Instant;
 
 use criterion::{BenchmarkId, Criterion};
 use palpate::dynamics::{
-    Body, BodyState, ContactBlend, ContactParameters, DeviceMotion, Friction, LinearContactModel, Step,
-    VirtualCoupling, semi_implicit_step,
+    ArticulatedBody, ArticulatedFrame, ArticulatedState, ArticulatedStep, Body, BodyState, ContactBlend,
+    ContactParameters, DeviceMotion, Friction, GripperCoupling, GripperMotion, Joint, JointLimits,
+    LinearContactModel, Step, VirtualCoupling, articulated_step, semi_implicit_step,
 };
 use palpate::glam::{DMat3, DQuat, DVec3};
 use palpate::{Contact, Pose, Times, Twist};
@@ -90,6 +92,63 @@ impl Scene {
     }
 }
 
+/// Two bodies of 25 g, 6 cm long along x, hinged at their ends, closed on something at half of the contacts each.
+struct Tool {
+    tool: ArticulatedBody,
+    coupling: VirtualCoupling,
+    grip: GripperCoupling,
+    models: [LinearContactModel; 2],
+    state: ArticulatedState,
+}
+
+impl Tool {
+    /// After 100 steps; then it is set moving a little.
+    fn closed(contacts: usize, friction: Friction) -> Self {
+        let body = Body::new(0.025, DMat3::from_diagonal(DVec3::new(1e-6, 8e-6, 8e-6))).expect("a body");
+        let hinge = Pose::from_translation(DVec3::X * -0.03);
+        let limits = JointLimits { low: 0.0, high: 1.0, stiffness: 100.0 };
+        let tool = ArticulatedBody::new(body, body, Joint { in_first: hinge, in_second: hinge, limits })
+            .expect("a tool");
+        let state = ArticulatedState::at_rest(Pose::IDENTITY, 0.3);
+        let (whole, _) = tool.composite(0.3);
+        let coupling = VirtualCoupling::critically_damped(&whole, hinge, 400.0, 0.6);
+        let parameters = ContactParameters { stiffness: 1000.0, damping: 1.0, tolerance: 0.0005, friction };
+        let bodies = [state.first.pose, tool.second(&state).pose];
+        let models = [(bodies[0], 1.0, contacts / 2), (bodies[1], -1.0, contacts - contacts / 2)].map(
+            |(pose, side, count)| {
+                let found = (0..count).map(|i| {
+                    let point =
+                        pose.transform_point(DVec3::new(0.01, 0.001 * side, 0.002 * i as f64 - 0.008));
+                    Contact { point, scene_point: point, normal: DVec3::Y * side, depth: 0.0 }
+                });
+                LinearContactModel::from_contacts(found, &pose, &parameters, 0.0)
+            },
+        );
+        let grip = GripperCoupling::critically_damped(&tool, 0.5);
+        let mut made = Self { tool, coupling, grip, models, state };
+        for _ in 0..100 {
+            made.state = made.step().state;
+        }
+        made.state.first.twist = Twist::new(DVec3::new(0.01, 0.002, -0.01), DVec3::new(0.01, 0.02, 0.1));
+        made.state.rate = 0.05;
+        made
+    }
+
+    #[inline(never)]
+    fn step(&mut self) -> ArticulatedStep {
+        let frame = ArticulatedFrame {
+            tool: &self.tool,
+            device: &DeviceMotion::at_rest(Pose::from_translation(DVec3::X * -0.03)),
+            coupling: &self.coupling,
+            gripper: &GripperMotion::at_rest(0.1),
+            grip: &self.grip,
+            contacts: [&self.models[0], &self.models[1]],
+            gravity: DVec3::NEG_Z * 9.81,
+        };
+        articulated_step(&frame, &self.state, STEP)
+    }
+}
+
 /// Percentiles of single steps, while the device drags the body to and fro and a model arrives every other step.
 fn histogram(steps: u64) {
     let mut scene = Scene::pressed(5, Friction::coulomb(0.3));
@@ -145,6 +204,16 @@ fn measure() {
         one("friction", contacts, Scene::pressed(contacts, Friction::coulomb(0.3)));
     }
     one("friction, going over", 5, Scene::pressed(5, Friction::coulomb(0.3)).going_over());
+    for contacts in [0, 2, 10] {
+        let mut tool = Tool::closed(contacts, Friction::coulomb(0.3));
+        let step = tool.step();
+        assert!(step.status.held.is_none());
+        let push = step.active.map(u64::count_ones);
+        println!("articulated, {contacts} contacts: {push:?} push, {} solves", step.status.solves);
+        group.bench_function(BenchmarkId::new("articulated", contacts), |b| {
+            b.iter(|| black_box(&mut tool).step())
+        });
+    }
     group.finish();
     criterion.final_summary();
 }

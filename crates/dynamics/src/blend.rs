@@ -58,7 +58,7 @@ impl ContactBlend {
 
     /// A model has arrived, with the body at `state`; it is to be all that is felt `duration` (s) later, or at once if that
     /// is not positive. While another one is still to become so, it waits for that. The scene's surfaces are as they were
-    /// `age` (s) ago.
+    /// `age` (s) ago; where that is not a number, as they are.
     pub fn arrive(&mut self, model: &LinearContactModel, state: &BodyState, age: f64, duration: f64) {
         if self.is_going_over() {
             self.waiting.assign(model);

@@ -6,7 +6,8 @@
 //! ([`LinearContactModel`]), and gives the body's next state and the wrench for the device. The step
 //! allocates nothing, takes no lock, never panics and never gives NaN: what it cannot compute it refuses,
 //! with the state held and a reason in [`StepStatus`].
-//! [`IntegratorKind`] has other integrators under the same rules, to compare with.
+//! [`IntegratorKind`] has other integrators under the same rules, to compare with. A tool of two bodies with a hinge between
+//! them takes [`articulated_step`].
 //!
 //! # Conventions
 //!
@@ -48,6 +49,7 @@
 //! # Ok::<(), palpate_dynamics::BodyError>(())
 //! ```
 
+mod articulated;
 mod bend;
 mod blend;
 mod body;
@@ -69,6 +71,10 @@ mod saturation;
 mod step;
 mod system;
 
+pub use articulated::{
+    ArticulatedBody, ArticulatedFrame, ArticulatedState, ArticulatedStep, GripperCoupling, GripperMotion,
+    Joint, JointError, JointLimits, MAX_ARTICULATED_SOLVES, articulated_step,
+};
 pub use bend::CurvedContact;
 pub use blend::ContactBlend;
 pub use body::{Body, BodyError, BodyState};

@@ -125,6 +125,12 @@ impl PassivityController {
         self.reserve = self.reserve.min(stored.max(0.0));
     }
 
+    /// Takes energy (J) that flowed into the session at another port, as at a gripper: it may come out here. To be called before
+    /// [`Self::observe`], which forgets what cannot come back.
+    pub fn exchange(&mut self, energy: f64) {
+        self.reserve += if energy.is_finite() { energy } else { 0.0 };
+    }
+
     /// The wrench (N, N·m) to add at a handle that moves at `twist` (m/s, rad/s) and is sampled again in `dt` (s):
     /// against its motion, and such that it takes out in that time what was created, as far as the maxima go.
     pub fn damping(&mut self, twist: &Twist, dt: f64) -> Wrench {

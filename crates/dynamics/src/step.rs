@@ -61,7 +61,7 @@ use crate::rotation::{cross_columns, exponential};
 use crate::system::{Lateral, Linear, cross_sum, six};
 
 /// Solves in which contacts may both join and leave the active set.
-const FREE_SOLVES: u32 = 6;
+pub(crate) const FREE_SOLVES: u32 = 6;
 
 /// The most 6×6 systems that one step solves: the free ones, and one for each contact that may leave, and the
 /// last.
@@ -100,7 +100,7 @@ pub struct StepStatus {
     pub geometric_stiffness_dropped: bool,
     /// An iterative integrator ended before its tolerance was reached; see there for what the step is then.
     pub unconverged: bool,
-    /// Number of 6×6 systems solved; by [`semi_implicit_step`] at most [`MAX_SOLVES`].
+    /// Number of linear systems solved; by [`semi_implicit_step`] at most [`MAX_SOLVES`].
     pub solves: u32,
 }
 
@@ -180,7 +180,7 @@ impl Step {
 /// A contact as the step's linear systems see it. Its wrench is along (direction, moment), which also takes the
 /// velocity to δ̇.
 #[derive(Clone, Copy)]
-struct Pressing {
+pub(crate) struct Pressing {
     /// a.
     arm: DVec3,
     /// n, but for bends.
@@ -263,14 +263,14 @@ impl Pressing {
 }
 
 /// Everything that one step's linear systems are made of.
-struct System<'a> {
+pub(crate) struct System<'a> {
     contacts: &'a LinearContactModel,
     rotation: DMat3,
     state: &'a BodyState,
     /// Of each contact. Elsewhere: it is large.
     pressing: &'a mut ArrayVec<Pressing, MAX_CONSTRAINTS>,
     /// Bit i is set if contact i is closed at the start.
-    closed_at_start: u64,
+    pub closed_at_start: u64,
     dt: f64,
     mass: f64,
     inertia: DMat3,
@@ -285,14 +285,14 @@ struct System<'a> {
     /// The coupling's geometric stiffness (force, torque) by φ.
     turning: (DMat3, DMat3),
     /// Whether geometric stiffness is in.
-    geometric: bool,
+    pub geometric: bool,
     /// Whether the shares of friction were what the last solve led to.
-    alike: bool,
+    pub alike: bool,
 }
 
 impl<'a> System<'a> {
     #[inline]
-    fn new(
+    pub fn new(
         &Frame { body, device, coupling, contacts, gravity }: &Frame<'a>,
         state: &'a BodyState,
         dt: f64,
@@ -336,7 +336,7 @@ impl<'a> System<'a> {
 
     /// Looks at the contacts from the start of the step. Those that are closed and push at the end of it if the velocity
     /// does not change.
-    fn see_contacts(&mut self) -> u64 {
+    pub fn see_contacts(&mut self) -> u64 {
         let mut pushing = 0;
         self.closed_at_start = 0;
         self.pressing.clear();
@@ -355,8 +355,19 @@ impl<'a> System<'a> {
         self.contacts.constraints().iter().zip(&*self.pressing).enumerate()
     }
 
+    /// The wrench at the start of the step of contacts in the set, about the centre of mass.
+    pub fn wrench_at_start(&self, active: u64) -> Wrench {
+        let mut wrench = Wrench::ZERO;
+        for (_, (_, p)) in self.pressing().filter(|(i, _)| active & (1 << i) != 0) {
+            let along = p.rubbing.as_ref().map_or(DVec3::ZERO, |rubbing| rubbing.force_at_start);
+            wrench.force += along - p.direction * p.force_at_start;
+            wrench.torque += p.arm.cross(along) - p.moment * p.force_at_start;
+        }
+        wrench
+    }
+
     #[inline(always)]
-    fn assemble(&self, active: u64) -> Linear {
+    pub fn assemble(&self, active: u64) -> Linear {
         let h = self.dt;
         let mut linear = Linear::with_right(self.right);
         let mut lateral = self.held;
@@ -429,7 +440,7 @@ impl<'a> System<'a> {
     /// The contacts that are closed and pushing at the end of the step for a velocity change, and those of
     /// them that are closed. Takes over the shares of friction that follow; [`Self::alike`] tells whether these were
     /// what they have been.
-    fn predict(&mut self, change: &Twist) -> (u64, u64) {
+    pub fn predict(&mut self, change: &Twist) -> (u64, u64) {
         let (mut pushing, mut closed) = (0, 0);
         self.alike = true;
         for (i, (c, p)) in self.contacts.constraints().iter().zip(&mut *self.pressing).enumerate() {

@@ -1,4 +1,4 @@
-//! Procedural benchmark models: the objects of the dissertation's Tables 3.2 and 4.1 and of §5.5.3, generated
+//! Procedural benchmark models: the objects of the dissertation's Tables 3.2 and 4.1 and of §5.5.3, and a jaw of forceps, generated
 //! deterministically at any resolution.
 //!
 //! Every model is a closed 2-manifold, consistently oriented (outwards), without self-intersections, in metres.
@@ -10,6 +10,7 @@ mod cad_part;
 mod cup;
 mod ellipsoid;
 mod file;
+mod forceps_jaw;
 mod gear;
 mod golf_ball;
 mod golf_club;
@@ -77,6 +78,9 @@ pub enum Model {
     Stylus,
     /// Flat plate that the stylus explores; its upper face is in the plane z = 0 (§5.5.4).
     Plate,
+    /// Jaw of forceps for a tool of two bodies (§6.2.3). The hinge's axis is z through the origin, the beak lies along x, its
+    /// gripping face in the plane y = 0; the other jaw is the same, turned half a turn about x.
+    ForcepsJaw,
 }
 
 /// Why a model was not generated.
@@ -117,7 +121,7 @@ pub const MAX_TRIANGLES: usize = 20_000_000;
 
 impl Model {
     /// All models, in the order of the tables.
-    pub const ALL: [Self; 19] = [
+    pub const ALL: [Self; 20] = [
         Self::LowerJaw,
         Self::UpperJaw,
         Self::BallJointBall,
@@ -137,6 +141,7 @@ impl Model {
         Self::Torus,
         Self::Stylus,
         Self::Plate,
+        Self::ForcepsJaw,
     ];
 
     /// The name by which the command line knows the model.
@@ -177,6 +182,7 @@ impl Model {
             Self::Torus => ("torus", 128_000, "helicoidal torus (Table 4.1)"),
             Self::Stylus => ("stylus", 20_000, "probe with a spherical tip of §5.5.4"),
             Self::Plate => ("plate", 12, "flat plate of §5.5.4"),
+            Self::ForcepsJaw => ("forceps-jaw", 2_000, "jaw of forceps with its hinge (§6.2.3)"),
         }
     }
 
@@ -203,6 +209,7 @@ impl Model {
             Self::Torus => (torus::MIN_TRIANGLES, torus::build),
             Self::Stylus => (stylus::MIN_TRIANGLES, stylus::build),
             Self::Plate => (plate::MIN_TRIANGLES, plate::build),
+            Self::ForcepsJaw => (forceps_jaw::MIN_TRIANGLES, forceps_jaw::build),
         };
         if !(min..=MAX_TRIANGLES).contains(&triangles) {
             return Err(ModelError::OutOfRange {

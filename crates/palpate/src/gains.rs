@@ -71,7 +71,7 @@ impl Gains {
 }
 
 /// What the device's specification says of its port, sampled every `period` seconds.
-fn port_limits(specification: &Specification, period: f64) -> PortLimits {
+pub(crate) fn port_limits(specification: &Specification, period: f64) -> PortLimits {
     let handle = specification.handle.as_ref();
     // Nothing reaches the hand along or about axes that are not driven.
     let driven = |axes: [bool; 3], peak: f64| if axes.contains(&true) { peak } else { 0.0 };
@@ -98,7 +98,12 @@ fn port_limits(specification: &Specification, period: f64) -> PortLimits {
 }
 
 /// The coupling that the settings ask for, the rest chosen for the body and the device.
-fn coupling(settings: &Settings, body: &Body, grasp: Pose, limits: &PortLimits) -> VirtualCoupling {
+pub(crate) fn coupling(
+    settings: &Settings,
+    body: &Body,
+    grasp: Pose,
+    limits: &PortLimits,
+) -> VirtualCoupling {
     let limits = limits.in_world(settings.workspace_scale);
     let chosen = VirtualCoupling::auto(body, grasp, &limits);
     let linear = settings.coupling_stiffness.unwrap_or(chosen.linear_stiffness);
@@ -110,10 +115,10 @@ fn coupling(settings: &Settings, body: &Body, grasp: Pose, limits: &PortLimits) 
 }
 
 /// Time in which the wrench may rise from zero to the device's peak, s.
-const SLEW_TIME: f64 = 0.01;
+pub(crate) const SLEW_TIME: f64 = 0.01;
 
 /// How fast the wrench at the device may change.
-fn slew(settings: &Settings, limits: &PortLimits) -> SlewLimit {
+pub(crate) fn slew(settings: &Settings, limits: &PortLimits) -> SlewLimit {
     SlewLimit {
         force: settings.force_slew.unwrap_or(limits.translation.peak / SLEW_TIME),
         torque: settings.torque_slew.unwrap_or(limits.rotation.peak / SLEW_TIME),
@@ -122,7 +127,11 @@ fn slew(settings: &Settings, limits: &PortLimits) -> SlewLimit {
 
 /// The most damping (N·s/m, N·m·s/rad) that the passivity controller may put at the device: what is passive there beside
 /// the coupling's springs; none where it is off.
-fn max_damping(settings: &Settings, coupling: &VirtualCoupling, limits: &PortLimits) -> (f64, f64) {
+pub(crate) fn max_damping(
+    settings: &Settings,
+    coupling: &VirtualCoupling,
+    limits: &PortLimits,
+) -> (f64, f64) {
     if !settings.passivity_controller {
         return (0.0, 0.0);
     }

@@ -56,25 +56,25 @@ pub struct HapticLoop {
 
 /// What a [`ContactUpdate`] says beside its model.
 #[derive(Clone, Copy, Debug)]
-struct Found {
-    time: f64,
-    depth: f64,
-    contacts: u32,
+pub(crate) struct Found {
+    pub time: f64,
+    pub depth: f64,
+    pub contacts: u32,
 }
 
 /// What the device can render.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Limits {
+pub(crate) struct Limits {
     /// N.
-    force: f64,
+    pub force: f64,
     /// N·m.
-    torque: f64,
-    actuated: Axes,
+    pub torque: f64,
+    pub actuated: Axes,
 }
 
 impl Limits {
     /// The wrench as far as the device can render it, and whether its actuators are too weak for it.
-    fn fit(&self, wanted: &Wrench) -> (Wrench, bool) {
+    pub fn fit(&self, wanted: &Wrench) -> (Wrench, bool) {
         let force = DVec3::select(self.actuated.translation.into(), wanted.force, DVec3::ZERO);
         let torque = DVec3::select(self.actuated.rotation.into(), wanted.torque, DVec3::ZERO);
         let actuated = Wrench::new(force, torque);
@@ -120,7 +120,7 @@ impl Clone for Told {
 
 /// Energy that contacts may store for each joule in the coupling and in the body's motion: as much again, for they are
 /// at least as stiff.
-const STORED_IN_CONTACTS: f64 = 1.0;
+pub(crate) const STORED_IN_CONTACTS: f64 = 1.0;
 
 impl HapticLoop {
     /// Starts with the object at rest in the device's hand: the mesh's frame coincides with the device's.
@@ -197,8 +197,7 @@ impl HapticLoop {
         let &ContactUpdate { ref model, time, depth, contacts } = update;
         let since = time - self.found.time;
         let duration = if since.is_nan() { 0.0 } else { since.min(ContactBlend::LONGEST) };
-        let age = self.now - time;
-        self.contacts.arrive(model, &self.state, if age.is_nan() { 0.0 } else { age }, duration);
+        self.contacts.arrive(model, &self.state, self.now - time, duration);
         self.found = Found { time, depth, contacts };
         self.telemetry.depth_max = self.telemetry.depth_max.max(depth);
     }

@@ -13,6 +13,7 @@
 #[doc = include_str!("../../../README.md")]
 struct Readme;
 
+mod articulated;
 mod builder;
 mod cache;
 mod contact_loop;
@@ -43,6 +44,10 @@ mod tracking;
 mod watch;
 mod workspace;
 
+pub use articulated::{
+    ARTICULATED_COLUMNS, ArticulatedError, ArticulatedLockstep, ArticulatedLoop, ArticulatedRecord,
+    ArticulatedRenderer, ArticulatedSession, ArticulatedTool, GripperSettings, ToolBody,
+};
 pub use builder::RendererBuilder;
 pub use contact_loop::{ContactLoop, ContactUpdate};
 pub use haptic_loop::HapticLoop;

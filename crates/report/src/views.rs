@@ -21,7 +21,7 @@ pub fn of_model(model: Model) -> View {
         Model::File => (-90.0, 62.0),
         Model::Torus => (-70.0, 40.0),
         Model::Stylus => (-60.0, 20.0),
-        Model::Plate => (-60.0, 30.0),
+        Model::Plate | Model::ForcepsJaw => (-60.0, 30.0),
         Model::GolfBall | Model::Ellipsoid => (-60.0, 25.0),
     };
     // Long things fill the picture when they lie across it.

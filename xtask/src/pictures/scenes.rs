@@ -38,7 +38,8 @@ pub fn color(model: Model) -> [f32; 3] {
         | Model::CadPart
         | Model::File
         | Model::Stylus
-        | Model::Plate => STEEL,
+        | Model::Plate
+        | Model::ForcepsJaw => STEEL,
     }
 }
 

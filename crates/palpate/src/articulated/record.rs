@@ -1,0 +1,153 @@
+//! What a session with a tool of two bodies leaves behind: one row a haptic step.
+
+use palpate_core::{Pose, Wrench};
+
+/// The state of one haptic step. SI units; in world axes but for what is the device's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ArticulatedRecord {
+    /// Time since the start, s.
+    pub time: f64,
+    /// Pose of the device as it was read, in its own axes and at its own scale; the last good one where it was refused.
+    pub device: Pose,
+    /// The same in the world, where the coupling has it.
+    pub handle: Pose,
+    /// The gripper's angle as it was read, rad; the last good one where it was refused.
+    pub gripper: f64,
+    /// Poses of the mesh frames of the two bodies in the world after the step.
+    pub objects: [Pose; 2],
+    /// The hinge's angle after the step, rad.
+    pub angle: f64,
+    /// Wrench sent to the device, in its axes: force, and torque about its handle's origin.
+    pub coupling: Wrench,
+    /// Torque sent to the gripper, N·m: positive where it opens it.
+    pub torque: f64,
+    /// Torque of the hinge's stops on the second body, N·m: positive where it opens the hinge.
+    pub stop: f64,
+    /// Contact wrench on each body: force, and torque about its centre of mass.
+    pub contact: [Wrench; 2],
+    /// Deepest penetration of each body that the latest contact query found, m; 0 when disjoint.
+    pub depth: [f64; 2],
+    /// Contacts of these queries, before clustering.
+    pub contacts: [u32; 2],
+    /// Age of the older of the contact models in use, s; NaN before the first.
+    pub model_age: f64,
+}
+
+/// Names of what [`ArticulatedRecord::row`] gives, in order.
+pub const ARTICULATED_COLUMNS: [&str; 49] = [
+    "t",
+    "device_px",
+    "device_py",
+    "device_pz",
+    "device_qx",
+    "device_qy",
+    "device_qz",
+    "device_qw",
+    "gripper",
+    "first_px",
+    "first_py",
+    "first_pz",
+    "first_qx",
+    "first_qy",
+    "first_qz",
+    "first_qw",
+    "second_px",
+    "second_py",
+    "second_pz",
+    "second_qx",
+    "second_qy",
+    "second_qz",
+    "second_qw",
+    "angle",
+    "coupling_fx",
+    "coupling_fy",
+    "coupling_fz",
+    "coupling_tx",
+    "coupling_ty",
+    "coupling_tz",
+    "torque",
+    "stop",
+    "first_fx",
+    "first_fy",
+    "first_fz",
+    "first_tx",
+    "first_ty",
+    "first_tz",
+    "second_fx",
+    "second_fy",
+    "second_fz",
+    "second_tx",
+    "second_ty",
+    "second_tz",
+    "first_depth",
+    "second_depth",
+    "first_contacts",
+    "second_contacts",
+    "model_age",
+];
+
+impl ArticulatedRecord {
+    /// The record as numbers, in the order of [`ARTICULATED_COLUMNS`].
+    pub fn row(&self) -> [f64; ARTICULATED_COLUMNS.len()] {
+        let pose = |p: &Pose| {
+            let (x, q) = (p.translation, p.rotation);
+            [x.x, x.y, x.z, q.x, q.y, q.z, q.w]
+        };
+        let wrench = |w: &Wrench| [w.force.x, w.force.y, w.force.z, w.torque.x, w.torque.y, w.torque.z];
+        let [first, second] = &self.objects;
+        let mut numbers = std::iter::once(self.time)
+            .chain(pose(&self.device))
+            .chain([self.gripper])
+            .chain(pose(first))
+            .chain(pose(second))
+            .chain([self.angle])
+            .chain(wrench(&self.coupling))
+            .chain([self.torque, self.stop])
+            .chain(wrench(&self.contact[0]))
+            .chain(wrench(&self.contact[1]))
+            .chain(self.depth)
+            .chain(self.contacts.map(f64::from))
+            .chain([self.model_age]);
+        std::array::from_fn(|_| numbers.next().unwrap_or(f64::NAN))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_row_has_a_number_for_each_column() {
+        let record = ArticulatedRecord {
+            time: 1.0,
+            device: Pose::IDENTITY,
+            handle: Pose::IDENTITY,
+            gripper: 2.0,
+            objects: [Pose::IDENTITY; 2],
+            angle: 3.0,
+            coupling: Wrench::ZERO,
+            torque: 4.0,
+            stop: 5.0,
+            contact: [Wrench::ZERO; 2],
+            depth: [6.0, 7.0],
+            contacts: [8, 9],
+            model_age: 10.0,
+        };
+        let row = record.row();
+        let of = |name: &str| ARTICULATED_COLUMNS.iter().position(|column| *column == name).map(|i| row[i]);
+        let named = [
+            ("t", 1.0),
+            ("gripper", 2.0),
+            ("angle", 3.0),
+            ("torque", 4.0),
+            ("stop", 5.0),
+            ("second_qw", 1.0),
+            ("second_depth", 7.0),
+            ("second_contacts", 9.0),
+            ("model_age", 10.0),
+        ];
+        for (name, value) in named {
+            assert_eq!(of(name), Some(value), "{name}");
+        }
+    }
+}

@@ -1,0 +1,303 @@
+//! Forceps of two jaws with a hinge (§6.2.3): what they close on stops them, is felt at the gripper, and lets go.
+
+use allocation_counter::measure;
+use palpate::device::{DeviceState, Emulation, Specification, Status};
+use palpate::dynamics::JointError;
+use palpate::glam::{DQuat, DVec3};
+use palpate::{
+    ArticulatedError, ArticulatedLockstep, ArticulatedRecord, ArticulatedRenderer, ArticulatedTool,
+    ContactTiming, GripperSettings, IntegratorKind, Pose, Scene, Settings, ToolBody, Twist,
+};
+use palpate_tests::{model, smooth};
+
+/// Contacts begin at this distance, m.
+const TOLERANCE: f64 = 4e-4;
+/// How far the ellipsoid between the jaws is from their hinge, and its half axes along and across them, m.
+const AWAY: f64 = 0.045;
+const AXES: (f64, f64) = (0.016, 0.0075);
+const OPEN: f64 = 0.5;
+
+/// Two jaws of the same shape, 50 g each.
+fn forceps() -> ArticulatedTool {
+    let jaw = model("forceps-jaw@800");
+    ArticulatedTool {
+        first: jaw.clone(),
+        second: jaw,
+        hinge: [Pose::IDENTITY, Pose::new(DVec3::ZERO, DQuat::from_rotation_x(std::f64::consts::PI))],
+        limits: [0.0, 0.8],
+        masses: [0.05; 2],
+        stop_stiffness: 100.0,
+    }
+}
+
+/// The first jaw is turned by half the angle that the hand opens to, so that both meet the ellipsoid alike.
+fn device(opening: f64) -> DeviceState {
+    let pose = Pose::new(DVec3::ZERO, DQuat::from_rotation_z(-0.5 * opening));
+    DeviceState { time: 0.0, pose, twist: Twist::ZERO, buttons: 0, status: Status::OK }
+}
+
+fn settings() -> Settings {
+    Settings {
+        contact_stiffness: 10_000.0,
+        tolerance: Some(TOLERANCE),
+        grasp: Some(Pose::IDENTITY),
+        engagement: 0.05,
+        ..Settings::default()
+    }
+}
+
+fn specification() -> Specification {
+    Emulation::default().specification
+}
+
+fn renderer(scene: Scene) -> ArticulatedRenderer {
+    let gripper = GripperSettings::default();
+    ArticulatedRenderer::new(&forceps(), &scene, &specification(), &device(OPEN), OPEN, &settings(), &gripper)
+        .expect("a session")
+}
+
+/// Its shortest axis is across the jaws.
+fn with_ellipsoid() -> Scene {
+    let across = DQuat::from_rotation_x(std::f64::consts::FRAC_PI_2);
+    Scene::new().with(model("ellipsoid"), Pose::new(DVec3::X * AWAY, across))
+}
+
+fn lockstep(scene: Scene) -> ArticulatedLockstep {
+    renderer(scene).lockstep(ContactTiming::busy(500.0))
+}
+
+/// Steps with a gripper that closes from one angle to another in so many seconds and stays there as long again.
+fn close(session: &mut ArticulatedLockstep, from: f64, to: f64, seconds: f64) -> Vec<ArticulatedRecord> {
+    let steps = (2.0 * seconds / session.period()) as usize;
+    (0..steps)
+        .map(|step| {
+            let asked = from + (to - from) * smooth(0.0, seconds, step as f64 * session.period());
+            session.step(&device(asked), asked)
+        })
+        .collect()
+}
+
+fn last(records: &[ArticulatedRecord]) -> &ArticulatedRecord {
+    records.last().expect("a step")
+}
+
+#[test]
+fn closing_on_an_ellipsoid_stops_at_its_width_and_is_felt() {
+    let mut session = lockstep(with_ellipsoid());
+    let records = close(&mut session, OPEN, 0.0, 1.0);
+    let end = last(&records);
+    // The two gripping faces, planes through the hinge, are tangent to it. Without friction it has slipped out of them a little.
+    let (long, short) = AXES;
+    let away = (DVec3::X * AWAY).distance(end.objects[0].translation);
+    assert!(away > AWAY + 1e-3 && away < AWAY + 5e-3, "{away} m");
+    let tangent = (away * away - long * long).sqrt();
+    let width = 2.0 * (short / tangent).atan();
+    let off = (end.angle - width) * tangent;
+    assert!(off.abs() < 2.0 * TOLERANCE, "{} rad, {off} m off its width", end.angle);
+    assert!(end.depth.iter().all(|depth| *depth < TOLERANCE), "{:?} m deep", end.depth);
+    assert!(end.contacts.iter().all(|&contacts| contacts > 0));
+    let spring = session.haptic().grip().stiffness * width;
+    assert!((end.torque / spring - 1.0).abs() < 0.1, "{} N·m for a spring of {spring}", end.torque);
+    assert_eq!(end.stop, 0.0);
+    // The moment of the contacts about the hinge, at rest, is what the gripper feels.
+    let [_, jaw] = end.objects;
+    let centre = session.haptic().body_state(ToolBody::Second).pose.translation;
+    let moment = end.contact[1].about(jaw.translation - centre).torque;
+    let axis = end.objects[0].transform_vector(DVec3::Z);
+    let moment = moment.dot(axis);
+    assert!((end.torque / moment - 1.0).abs() < 0.01, "{} N·m felt, {moment} N·m there", end.torque);
+    // The jaws press against each other: what is left for the hand is how it is pushed off the slope, and a little across.
+    let [first, second] = end.contact.map(|wrench| wrench.force);
+    assert!(
+        (first + second - end.coupling.force).length() < 1e-2,
+        "{first} and {second} N, {:?}",
+        end.coupling
+    );
+    assert!(second.y > 3.0 && end.coupling.force.y.abs() < 0.2 * second.y, "{second} N, {:?}", end.coupling);
+    // Nothing is felt before the jaws reach it.
+    let free = records.iter().filter(|record| record.contacts == [0, 0] && record.time > 0.2);
+    let most = free.map(|record| record.torque.abs()).fold(0.0, f64::max);
+    assert!(most < 0.3 * end.torque, "{most} N·m before that");
+
+    // It lets go.
+    let records = close(&mut session, 0.0, OPEN, 0.5);
+    let end = last(&records);
+    assert!((end.angle - OPEN).abs() < 1e-4, "{} rad", end.angle);
+    assert!(end.torque.abs() < 1e-4 && end.coupling.force.length() < 1e-3, "{} N·m", end.torque);
+    assert_eq!(session.events().step_refused, 0);
+}
+
+#[test]
+fn closing_on_nothing_goes_to_the_stop() {
+    let mut session = lockstep(Scene::new());
+    let records = close(&mut session, OPEN, -0.1, 0.5);
+    let end = last(&records);
+    assert!(end.angle.abs() < 1e-3 && end.angle < 0.0, "{} rad", end.angle);
+    assert!((end.stop - end.torque).abs() < 1e-6 && end.stop > 0.04, "{} and {} N·m", end.stop, end.torque);
+    assert!(records.iter().all(|record| record.angle > -0.01));
+}
+
+#[test]
+fn at_rest_nothing_moves() {
+    let mut session = lockstep(with_ellipsoid());
+    for _ in 0..500 {
+        let record = session.step(&device(OPEN), OPEN);
+        assert!((record.angle - OPEN).abs() < 1e-12 && record.torque.abs() < 1e-12);
+        assert!(record.objects[0].translation.length() < 1e-12);
+        assert!(record.coupling.force.length() < 1e-9 && record.coupling.torque.length() < 1e-9);
+    }
+}
+
+/// What the hand feels when it pulls the closed forceps sideways by 2 mm, N.
+fn pulled(friction: f64) -> f64 {
+    let settings = Settings { friction, ..settings() };
+    let gripper = GripperSettings::default();
+    let renderer = ArticulatedRenderer::new(
+        &forceps(),
+        &with_ellipsoid(),
+        &specification(),
+        &device(OPEN),
+        OPEN,
+        &settings,
+        &gripper,
+    )
+    .expect("a session");
+    let mut session = renderer.lockstep(ContactTiming::busy(500.0));
+    close(&mut session, OPEN, 0.0, 0.6);
+    let mut force = f64::NAN;
+    for step in 0..800 {
+        let mut state = device(0.0);
+        state.pose.translation.z = 2e-3 * smooth(0.0, 0.4, f64::from(step) * 1e-3);
+        force = -session.step(&state, 0.0).coupling.force.z;
+    }
+    force
+}
+
+#[test]
+fn what_is_held_with_friction_holds_against_a_pull() {
+    let (with, without) = (pulled(0.6), pulled(0.0));
+    assert!(with > 0.15 && without.abs() < 0.3 * with, "{with} N with friction, {without} N without");
+}
+
+#[test]
+fn what_is_not_finite_is_held_and_never_sent() {
+    let mut session = lockstep(with_ellipsoid());
+    close(&mut session, OPEN, 0.0, 0.4);
+    let bad = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
+    for step in 0..300 {
+        let mut state = device(0.0);
+        let mut gripper = 0.0;
+        // For longer than is held, and for single readings.
+        let faulty = step % 60 < 25 || step % 7 == 0;
+        if faulty && step % 120 < 60 {
+            gripper = bad[step % 3];
+        } else if faulty {
+            state.pose.translation.y = bad[step % 3];
+            state.twist.angular.z = bad[(step + 1) % 3];
+        }
+        let before = *session.haptic().state();
+        let record = session.step(&state, gripper);
+        assert!(record.coupling.is_finite() && record.torque.is_finite(), "step {step}");
+        assert!(session.haptic().state().is_valid() && record.gripper.is_finite());
+        assert!((record.angle - before.angle).abs() < 0.05, "step {step}");
+    }
+    assert!(session.events().device_refused > 100);
+    // A gripper that jumps is not believed at once.
+    close(&mut session, 0.0, 0.0, 0.2);
+    let record = session.step(&device(0.0), 3.0);
+    assert_eq!(record.gripper, 0.0);
+    // One that stays lost is let go of.
+    let mut torque = f64::NAN;
+    for _ in 0..100 {
+        torque = session.step(&device(0.0), f64::NAN).torque;
+    }
+    assert!(torque.abs() < 1e-12, "{torque} N·m");
+}
+
+#[test]
+fn a_host_steps_without_allocating() {
+    let mut session = renderer(with_ellipsoid()).host().expect("threads");
+    assert!(session.latest().is_none());
+    let (mut allocated, mut most) = (0, 0.0_f64);
+    for step in 0..1500 {
+        let asked = OPEN * (1.0 - smooth(0.0, 0.8, f64::from(step) * 1e-3));
+        let counted = measure(|| {
+            let (wrench, torque) = session.step(1e-3, &device(asked), asked);
+            assert!(wrench.is_finite());
+            most = most.max(torque);
+        });
+        allocated += counted.count_total;
+        // As a host's clock does, so that contacts are found meanwhile.
+        std::thread::sleep(std::time::Duration::from_micros(200));
+    }
+    assert_eq!(allocated, 0);
+    let touched = session.latest().is_some_and(|record| record.contacts.iter().all(|&contacts| contacts > 0));
+    assert!(touched && most > 0.05, "{most} N·m");
+    assert_eq!(session.events().step_refused, 0);
+    // No time passes in a step that is none.
+    let before = *session.latest().expect("a step");
+    assert_eq!(session.step(0.0, &device(OPEN), OPEN), (before.coupling, before.torque));
+    assert_eq!(session.latest(), Some(&before));
+}
+
+#[test]
+fn the_simulated_clock_gives_the_same_each_time() {
+    let run = || close(&mut lockstep(with_ellipsoid()), OPEN, 0.0, 0.2);
+    let (first, second) = (run(), run());
+    let bits = |records: &[ArticulatedRecord]| -> Vec<u64> {
+        records.iter().flat_map(ArticulatedRecord::row).map(f64::to_bits).collect()
+    };
+    assert!(bits(&first) == bits(&second), "the records differ");
+}
+
+#[test]
+fn a_gripper_is_asked_for_no_more_than_it_can() {
+    let port = palpate::dynamics::PortAxes { peak: 0.03, ..GripperSettings::default().port };
+    let gripper = GripperSettings { port, ..GripperSettings::default() };
+    let renderer = ArticulatedRenderer::new(
+        &forceps(),
+        &with_ellipsoid(),
+        &specification(),
+        &device(OPEN),
+        OPEN,
+        &settings(),
+        &gripper,
+    )
+    .expect("a session");
+    let mut session = renderer.lockstep(ContactTiming::busy(500.0));
+    let mut last = 0.0_f64;
+    for record in close(&mut session, OPEN, 0.0, 0.5) {
+        assert!(record.torque.abs() <= 0.03 + 1e-12, "{} N·m", record.torque);
+        assert!((record.torque - last).abs() <= 0.003 + 1e-12, "{} to {} N·m in a step", last, record.torque);
+        last = record.torque;
+    }
+    assert!(last > 0.02, "{last} N·m");
+}
+
+#[test]
+fn tools_and_settings_that_cannot_be_are_refused() {
+    let new = |tool: &ArticulatedTool, settings: &Settings, gripper: &GripperSettings| {
+        ArticulatedRenderer::new(
+            tool,
+            &Scene::new(),
+            &specification(),
+            &device(OPEN),
+            OPEN,
+            settings,
+            gripper,
+        )
+    };
+    let usual = GripperSettings::default();
+    let tool = ArticulatedTool { limits: [1.0, 0.0], ..forceps() };
+    let refused = new(&tool, &settings(), &usual);
+    assert!(matches!(refused, Err(ArticulatedError::Joint(JointError::Limits { .. }))));
+    let tool = ArticulatedTool { masses: [0.01, 0.0], ..forceps() };
+    assert!(matches!(new(&tool, &settings(), &usual), Err(ArticulatedError::Body { .. })));
+    let other = Settings { integrator: IntegratorKind::RungeKutta4, ..settings() };
+    let refused = new(&forceps(), &other, &usual).expect_err("an error").to_string();
+    assert!(refused.contains("hinge"), "{refused}");
+    let wide = Settings { tolerance: Some(1.0), ..settings() };
+    assert!(matches!(new(&forceps(), &wide, &usual), Err(ArticulatedError::Settings(_))));
+    let nan = GripperSettings { stiffness: Some(f64::NAN), ..usual };
+    assert!(matches!(new(&forceps(), &settings(), &nan), Err(ArticulatedError::Settings(_))));
+}
