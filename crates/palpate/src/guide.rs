@@ -11,7 +11,7 @@
 //!
 //! This module is there for the documentation only: programs do not see it. Every example is a test.
 
-/// What there is.
+/// What there is, in four pictures.
 ///
 #[doc = include_str!("../docs/guide/concepts/loops.md")]
 #[doc = include_str!("../docs/guide/concepts/loops.svg")]
@@ -28,23 +28,35 @@
 #[doc = include_str!("../docs/guide/concepts/after-tolerance.md")]
 pub mod concepts {}
 
+/// An object in the hand, one around it, a device, and a session.
+///
 #[doc = include_str!("../docs/guide/first-scene.md")]
 pub mod first_scene {}
 
+/// From a mesh file to an object that is felt.
+///
 #[doc = include_str!("../docs/guide/own-models.md")]
 pub mod own_models {}
 
+/// What may be left out, and what that buys.
+///
 #[doc = include_str!("../docs/guide/choosing-accuracy.md")]
 pub mod choosing_accuracy {}
 
+/// What it rests on, and what to do when it buzzes.
+///
 #[doc = include_str!("../docs/guide/stability.md")]
 pub mod stability {}
 
+/// How they are named and opened, and drivers of your own.
+///
 #[doc = include_str!("../docs/guide/devices.md")]
 pub mod devices {}
 
 #[doc = include_str!("../docs/guide/embedding.md")]
 pub mod embedding {}
 
+/// Symptom, cause, remedy.
+///
 #[doc = include_str!("../docs/guide/troubleshooting.md")]
 pub mod troubleshooting {}
