@@ -7,13 +7,13 @@
 
 #![allow(clippy::print_stdout, reason = "it prints tables")]
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use clap::Parser;
-use palpate_benches::callgrind;
+use palpate_benches::{callgrind, linked};
 use serde::Serialize;
 
 #[derive(Parser)]
@@ -256,32 +256,17 @@ fn checked(output: Output, command: &str) -> Result<Output, Failure> {
     }
 }
 
-/// The crates that end up in a program that embeds palpate, by its features; build scripts and macros do not.
+/// How many crates end up in a program that embeds palpate, by its features.
 fn linked() -> Result<Vec<Linked>, Failure> {
-    let sets: [(&str, &[&str]); 9] = [
-        ("none", &["--no-default-features"]),
-        ("images", &["--no-default-features", "--features", "images"]),
-        ("hid", &["--no-default-features", "--features", "hid"]),
-        ("haply", &["--no-default-features", "--features", "haply"]),
-        ("force-dimension", &["--no-default-features", "--features", "force-dimension"]),
-        ("open-haptics", &["--no-default-features", "--features", "open-haptics"]),
-        ("haption", &["--no-default-features", "--features", "haption"]),
-        ("gpu", &["--no-default-features", "--features", "gpu"]),
-        ("by default: gpu, hid, images", &[]),
-    ];
-    let tree = ["tree", "-p", "palpate", "-e", "normal,no-proc-macro", "--prefix", "none", "--format", "{p}"];
-    let count = |(features, options): (&str, &[&str])| {
-        let printed = String::from_utf8(cargo(&[&tree[..], options].concat())?.stdout)?;
-        // `(*)` marks what was listed before, and a path in brackets what lies in the workspace.
-        let crates: BTreeSet<&str> = printed
-            .lines()
-            .map(|line| line.split(" (").next().unwrap_or(line))
-            .filter(|line| !line.is_empty())
-            .collect();
-        let of_others = crates.iter().filter(|name| !name.starts_with("palpate")).count();
-        Ok(Linked { features: features.to_owned(), crates: crates.len(), of_others })
+    let count = |(features, options): (&str, &[&'static str])| {
+        let linked = linked::linked(options)?;
+        Ok(Linked {
+            features: features.to_owned(),
+            crates: linked.crates.len(),
+            of_others: linked.of_others(),
+        })
     };
-    sets.into_iter().map(count).collect()
+    linked::FEATURE_SETS.into_iter().map(count).collect()
 }
 
 fn print(report: &Report) {

@@ -6,6 +6,11 @@ pub mod levels;
 pub mod random_tree;
 pub mod triangle_tree;
 
+/// The README, whose example is a test here: in a published package there is no such file.
+#[cfg(doctest)]
+#[doc = include_str!("../../README.md")]
+struct Readme;
+
 use std::collections::HashMap;
 use std::io::Write as _;
 use std::path::PathBuf;

@@ -1,14 +1,18 @@
 //! Project tasks: `cargo xtask test`, `cargo xtask ci`, `cargo xtask pictures`, `cargo xtask stability`,
-//! `cargo xtask reproduce`, `cargo xtask trade`.
+//! `cargo xtask reproduce`, `cargo xtask trade`, `cargo xtask dependencies`, `cargo xtask publish-check`, `cargo xtask msrv`,
+//! `cargo xtask semver`.
 
 #![allow(clippy::print_stdout, clippy::print_stderr)] // Tasks report to a person at a terminal.
 
+mod dependencies;
 mod packages;
 mod pictures;
 mod progress;
+mod release;
 mod reproduce;
 mod stability;
 mod trade;
+mod workspace;
 
 use std::process::{Command, ExitCode};
 
@@ -35,6 +39,14 @@ enum Task {
     Reproduce(reproduce::Arguments),
     /// Measures what each setting costs, and what accuracy it buys.
     Trade(trade::Arguments),
+    /// Writes the page of what a program links that embeds palpate.
+    Dependencies(dependencies::Arguments),
+    /// Packs every published package and builds it from that alone, without uploading anything.
+    PublishCheck,
+    /// Checks the published packages with the oldest Rust that they are for.
+    Msrv,
+    /// Says what breaks in the API of the published libraries since a revision.
+    Semver(release::SemverArguments),
 }
 
 /// What went wrong, for a person to read.
@@ -48,6 +60,10 @@ fn main() -> ExitCode {
         Task::Stability(arguments) => stability::run(&arguments),
         Task::Reproduce(arguments) => reproduce::run(&arguments),
         Task::Trade(arguments) => trade::run(&arguments),
+        Task::Dependencies(arguments) => dependencies::run(&arguments),
+        Task::PublishCheck => release::publish_check(),
+        Task::Msrv => release::msrv(),
+        Task::Semver(arguments) => release::semver(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -91,6 +107,7 @@ fn ci() -> Result<(), Failure> {
     cargo(&[["test"].as_slice(), &devices, &tests].concat(), &[])?;
     cargo(&[["clippy"].as_slice(), &devices, &["--all-targets", "--", "-D", "warnings"]].concat(), &[])?;
     cargo(&["doc", "--workspace", "--no-deps", "--locked"], &[("RUSTDOCFLAGS", "-D warnings")])?;
+    dependencies::check()?;
     if !Command::new("cargo").args(["deny", "--version"]).output().is_ok_and(|output| output.status.success())
     {
         cargo(&["install", "cargo-deny", "--version", "0.20.2", "--locked"], &[])?;

@@ -68,6 +68,9 @@ impl Emulation {
     }
 
     /// Starts the emulation with the handle at rest where the hand means to be at time 0.
+    ///
+    /// # Errors
+    /// If a parameter of the emulation is out of range, or the path is none.
     pub fn open(self, path: impl Into<IntendedPath>) -> Result<EmulatedDevice, DeviceError> {
         self.check()?;
         let mut hand_path = HandPath::new(path.into())?;

@@ -8,6 +8,8 @@
 //!
 //! Between opening and closing, `read` and `write` neither allocate, lock, log nor panic.
 
+#![cfg_attr(docsrs, feature(doc_cfg))]
+
 mod clip;
 mod emulated;
 mod enable;

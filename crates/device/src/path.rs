@@ -69,6 +69,9 @@ pub struct MotionPath {
 impl MotionPath {
     /// A path through `keyframes`, which must be at least one, finite, of strictly growing time and with unit
     /// quaternions (to 1e-3; they are normalised).
+    ///
+    /// # Errors
+    /// If there are none, or with the first that is wrong.
     pub fn new(mut keyframes: Vec<Keyframe>, interpolation: Interpolation) -> Result<Self, PathError> {
         let mut previous = None;
         for (sample, keyframe) in keyframes.iter_mut().enumerate() {

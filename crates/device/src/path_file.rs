@@ -23,6 +23,9 @@ const MAX_LINE: u64 = 4096;
 
 impl MotionPath {
     /// Reads a recorded motion from a file.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or as [`read`](Self::read).
     pub fn load(file: &Path, interpolation: Interpolation) -> Result<Self, PathError> {
         let open =
             File::open(file).map_err(|source| PathError::Io { file: file.into(), access: "read", source })?;
@@ -30,6 +33,9 @@ impl MotionPath {
     }
 
     /// Reads a recorded motion; `file` is what errors call the input.
+    ///
+    /// # Errors
+    /// If the input cannot be read or has no sample, or its header or a line is none: with the line, and what would do.
     pub fn read(
         mut input: impl BufRead,
         file: &Path,
@@ -88,6 +94,9 @@ impl MotionPath {
     }
 
     /// Writes the samples to a file.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
     pub fn save(&self, file: &Path) -> Result<(), PathError> {
         let write = || {
             let mut out = BufWriter::new(File::create(file)?);
@@ -98,6 +107,9 @@ impl MotionPath {
     }
 
     /// Writes the samples.
+    ///
+    /// # Errors
+    /// If `out` cannot be written to.
     pub fn write(&self, mut out: impl Write) -> io::Result<()> {
         writeln!(out, "{PATH_HEADER}")?;
         for Keyframe { time, pose: Pose { translation: p, rotation: q } } in self.keyframes() {

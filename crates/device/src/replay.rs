@@ -59,6 +59,9 @@ impl ReplayDevice {
     }
 
     /// Replays the motion recorded in `file`, with a continuous twist.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or holds no path ([`MotionPath::load`]).
     pub fn open(file: &Path) -> Result<Self, DeviceError> {
         let path = MotionPath::load(file, Interpolation::Smooth)?;
         Ok(Self::new(&format!("replay of {}", file.display()), path))

@@ -7,11 +7,12 @@
 //!
 //! The parts are crates of their own, re-exported here: [`core`], [`collide`], [`dynamics`], [`device`], and offline
 //! [`mesh_io`], [`models`] and [`clod_build`].
-
-/// The README, whose example is a test.
-#[cfg(doctest)]
-#[doc = include_str!("../../../README.md")]
-struct Readme;
+//!
+#![cfg_attr(
+    any(doc, doctest),
+    doc = "The [guide](guide) goes from the concepts to embedding and troubleshooting."
+)]
+#![cfg_attr(docsrs, feature(doc_cfg))]
 
 mod articulated;
 mod builder;
@@ -19,6 +20,8 @@ mod cache;
 mod contact_loop;
 pub mod explore;
 mod gains;
+#[cfg(any(doc, doctest))]
+pub mod guide;
 mod haptic_loop;
 mod hosted;
 mod lockstep;

@@ -63,11 +63,17 @@ struct Store {
 impl WgpuBackend {
     /// A backend on the fastest adapter of this machine: Vulkan, Metal or Direct3D 12. Where there is no GPU, a
     /// software driver serves.
+    ///
+    /// # Errors
+    /// If there is no adapter, or it gives no device.
     pub fn new() -> Result<Self, BackendError> {
         Self::from_instance(&Instance::new(InstanceDescriptor::new_without_display_handle()))
     }
 
     /// A backend on the fastest adapter of `instance`.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
     pub fn from_instance(instance: &Instance) -> Result<Self, BackendError> {
         let options = wgpu::RequestAdapterOptions {
             power_preference: wgpu::PowerPreference::HighPerformance,

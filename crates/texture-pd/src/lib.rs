@@ -38,6 +38,8 @@
 //!     half_size: 0.002,
 //!     reach: 0.01,
 //!     domain: Domain::WHOLE,
+
+#![cfg_attr(docsrs, feature(doc_cfg))]
 //! };
 //! let mut query = DepthQuery::new();
 //! let depths = query.run(&surfaces, &[contact], &DepthSettings::default(), &mut CpuBackend::new())?;

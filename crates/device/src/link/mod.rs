@@ -79,6 +79,9 @@ impl<C: Codec, M: Motion<Sample = C::Sample>> Link<C, M> {
     }
 
     /// A device with its pump in a thread.
+    ///
+    /// # Errors
+    /// If the system gives no thread.
     pub fn spawn(
         self,
         open: impl FnMut() -> Option<Box<dyn Transport>> + Send + 'static,

@@ -1,0 +1,62 @@
+//! A guide, from what there is to what to do when it buzzes.
+//!
+//! 1. [Concepts](concepts): two loops, levels of detail, the virtual coupling and the tolerance, in pictures.
+//! 2. [A first scene](first_scene).
+//! 3. [Own models](own_models): formats, scale, repair, hierarchies built ahead of time.
+//! 4. [Choosing accuracy](choosing_accuracy): what may be left out, what that buys, and how to have it measured.
+//! 5. [Stability](stability): what it rests on, and what to turn.
+//! 6. [Devices](devices), and drivers of your own.
+//! 7. [Embedding](embedding): in a program's own threads or beside them.
+//! 8. [Troubleshooting](troubleshooting): symptom, cause, remedy.
+//!
+//! This module is there for the documentation only: programs do not see it. Every example is a test.
+
+/// What there is, in four pictures.
+///
+#[doc = include_str!("../docs/guide/concepts/loops.md")]
+#[doc = include_str!("../docs/guide/concepts/loops.svg")]
+#[doc = ""]
+#[doc = include_str!("../docs/guide/concepts/after-loops.md")]
+#[doc = include_str!("../docs/guide/concepts/levels.svg")]
+#[doc = ""]
+#[doc = include_str!("../docs/guide/concepts/after-levels.md")]
+#[doc = include_str!("../docs/guide/concepts/coupling.svg")]
+#[doc = ""]
+#[doc = include_str!("../docs/guide/concepts/after-coupling.md")]
+#[doc = include_str!("../docs/guide/concepts/tolerance.svg")]
+#[doc = ""]
+#[doc = include_str!("../docs/guide/concepts/after-tolerance.md")]
+pub mod concepts {}
+
+/// An object in the hand, one around it, a device, and a session.
+///
+#[doc = include_str!("../docs/guide/first-scene.md")]
+pub mod first_scene {}
+
+/// From a mesh file to an object that is felt.
+///
+#[doc = include_str!("../docs/guide/own-models.md")]
+pub mod own_models {}
+
+/// What may be left out, and what that buys.
+///
+#[doc = include_str!("../docs/guide/choosing-accuracy.md")]
+pub mod choosing_accuracy {}
+
+/// What it rests on, and what to do when it buzzes.
+///
+#[doc = include_str!("../docs/guide/stability.md")]
+pub mod stability {}
+
+/// How they are named and opened, and drivers of your own.
+///
+#[doc = include_str!("../docs/guide/devices.md")]
+pub mod devices {}
+
+#[doc = include_str!("../docs/guide/embedding.md")]
+pub mod embedding {}
+
+/// Symptom, cause, remedy.
+///
+#[doc = include_str!("../docs/guide/troubleshooting.md")]
+pub mod troubleshooting {}

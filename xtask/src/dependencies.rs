@@ -1,0 +1,77 @@
+//! What a program links that embeds palpate, as a page: `docs/dependencies.md`.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use palpate_benches::linked::{FEATURE_SETS, linked, tree_arguments};
+
+use crate::Failure;
+
+/// What `cargo xtask dependencies` is asked to do.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Writes nothing, and fails if the page is not up to date.
+    #[arg(long)]
+    check: bool,
+}
+
+/// The page, from the root of the workspace.
+const PAGE: &str = "docs/dependencies.md";
+
+/// The page is the same whatever machine it is made on.
+const TARGET: [&str; 2] = ["--target", "x86_64-unknown-linux-gnu"];
+
+/// Whether the page is up to date.
+///
+/// # Errors
+/// If it is not, or cargo fails.
+pub fn check() -> Result<(), Failure> {
+    run(&Arguments { check: true })
+}
+
+/// Writes the page, or sees whether it is up to date.
+///
+/// # Errors
+/// If cargo fails, the page cannot be written, or it is to be checked and is not up to date.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).join(PAGE);
+    let page = page()?;
+    if arguments.check {
+        let there = std::fs::read_to_string(&path).map_err(|error| format!("{PAGE}: {error}"))?;
+        if there != page {
+            return Err(format!("{PAGE} is not up to date: `cargo xtask dependencies` writes it").into());
+        }
+        println!("{PAGE} is up to date");
+    } else {
+        std::fs::write(&path, page).map_err(|error| format!("{PAGE}: {error}"))?;
+        println!("{PAGE}");
+    }
+    Ok(())
+}
+
+fn page() -> Result<String, Failure> {
+    let mut rows = String::new();
+    let mut minimal = None;
+    for (name, options) in FEATURE_SETS {
+        let options = [options, &TARGET].concat();
+        let linked = linked(&options)?;
+        let command = tree_arguments(&options).join(" ").replace("{p}", "'{p}'");
+        writeln!(rows, "| {name} | {} | {} | `cargo {command}` |", linked.crates.len(), linked.of_others())?;
+        minimal.get_or_insert((linked, command));
+    }
+    let (minimal, command) = minimal.ok_or("there is no set of features")?;
+    Ok(format!(
+        "# What palpate links\n\n\
+         Written by `cargo xtask dependencies`; `cargo xtask ci` fails where it is not up to date. It tells the crates that end up in a \
+         program\nthat embeds `palpate`, on Linux, each once, palpate's own among them: what runs while the program is built, macros \
+         and build scripts,\ndoes not count. \
+         `cargo bench -p palpate-benches --bench stages` counts likewise, and `cargo test -p palpate-tests --test stages` sees to it that\n\
+         without features there is no GPU, HID or image crate among them, and with all of them no window.\n\n\
+         | features of palpate | crates | of others | command |\n|---|---|---|---|\n{rows}\n\
+         ## Without features\n\n{} crates, {} of them of others. `(*)` marks what was listed before with all below it.\n\n\
+         ```sh\ncargo {command}\n```\n\n```text\n{}```\n",
+        minimal.crates.len(),
+        minimal.of_others(),
+        minimal.tree,
+    ))
+}

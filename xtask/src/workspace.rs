@@ -1,0 +1,77 @@
+//! What cargo says of the workspace: its packages, and which of them are published.
+
+use std::process::Command;
+
+use serde::Deserialize;
+
+use crate::Failure;
+
+/// A package of the workspace.
+#[derive(Clone, Debug, Deserialize)]
+pub struct Package {
+    pub name: String,
+    /// The registries that it may go to; none for one that stays here, `None` where nothing is said.
+    publish: Option<Vec<String>>,
+    /// The oldest Rust that it is for.
+    pub rust_version: Option<String>,
+    targets: Vec<Target>,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+struct Target {
+    kind: Vec<String>,
+}
+
+impl Package {
+    /// Whether others can depend on it.
+    pub fn is_library(&self) -> bool {
+        self.targets.iter().any(|target| target.kind.iter().any(|kind| kind == "lib"))
+    }
+}
+
+/// The packages that are published.
+///
+/// # Errors
+/// If cargo fails, or says what is not understood.
+pub fn published() -> Result<Vec<Package>, Failure> {
+    #[derive(Deserialize)]
+    struct Metadata {
+        packages: Vec<Package>,
+    }
+    let output = Command::new("cargo")
+        .args(["metadata", "--no-deps", "--format-version", "1", "--locked"])
+        .current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
+        .output()
+        .map_err(|error| format!("`cargo metadata` could not be started: {error}"))?;
+    if !output.status.success() {
+        return Err(format!("`cargo metadata` failed: {}", String::from_utf8_lossy(&output.stderr)).into());
+    }
+    let Metadata { packages } = serde_json::from_slice(&output.stdout)?;
+    Ok(packages
+        .into_iter()
+        .filter(|package| package.publish.as_ref().is_none_or(|to| !to.is_empty()))
+        .collect())
+}
+
+/// `--package NAME` for each package.
+pub fn chosen<'a>(packages: impl IntoIterator<Item = &'a Package>) -> Vec<&'a str> {
+    packages.into_iter().flat_map(|package| ["--package", package.name.as_str()]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_for_users_is_published_and_nothing_else() {
+        let published = published().expect("metadata");
+        let has = |name: &str| published.iter().any(|package| package.name == name);
+        assert!(has("palpate") && has("palpate-core") && has("palpate-cli"));
+        assert!(
+            !has("xtask") && !has("palpate-tests") && !has("palpate-benches") && !has("palpate-examples")
+        );
+        let cli = published.iter().find(|package| package.name == "palpate-cli").expect("the command line");
+        assert!(!cli.is_library());
+        assert!(published.iter().filter(|package| package.is_library()).count() + 1 == published.len());
+    }
+}
