@@ -6,15 +6,15 @@ use std::process::Command;
 
 /// Sets of features of `palpate`, and the options with which cargo takes them.
 pub const FEATURE_SETS: [(&str, &[&str]); 9] = [
-    ("none", &["--no-default-features"]),
-    ("images", &["--no-default-features", "--features", "images"]),
-    ("hid", &["--no-default-features", "--features", "hid"]),
-    ("haply", &["--no-default-features", "--features", "haply"]),
-    ("force-dimension", &["--no-default-features", "--features", "force-dimension"]),
-    ("open-haptics", &["--no-default-features", "--features", "open-haptics"]),
-    ("haption", &["--no-default-features", "--features", "haption"]),
-    ("gpu", &["--no-default-features", "--features", "gpu"]),
-    ("by default: gpu, hid, images", &[]),
+    ("none, by default", &[]),
+    ("images", &["--features", "images"]),
+    ("hid", &["--features", "hid"]),
+    ("haply", &["--features", "haply"]),
+    ("force-dimension", &["--features", "force-dimension"]),
+    ("open-haptics", &["--features", "open-haptics"]),
+    ("haption", &["--features", "haption"]),
+    ("gpu", &["--features", "gpu"]),
+    ("gpu, hid, images", &["--features", "gpu,hid,images"]),
 ];
 
 /// What a program links with `palpate`.

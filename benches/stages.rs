@@ -132,7 +132,7 @@ struct Report {
 fn main() -> Result<(), Failure> {
     let arguments = Arguments::parse();
     let folder = tempfile::tempdir()?;
-    let program = Program::build(&[], folder.path(), "default")?;
+    let program = Program::build(&["--features", "gpu,hid,images"], folder.path(), "whole")?;
     program.run(&["make"])?;
     let mut scenes = Vec::new();
     for (name, beside, what) in SCENES {
@@ -146,7 +146,7 @@ fn main() -> Result<(), Failure> {
     for (name, of, what) in ABSENT {
         compare(what.to_owned(), program.count(name)?, known[of]);
     }
-    let minimal = Program::build(&["--no-default-features"], folder.path(), "minimal")?;
+    let minimal = Program::build(&[], folder.path(), "minimal")?;
     for name in MINIMAL {
         let what = format!("built with the features gpu, hid and images, and without: {name}");
         compare(what, known[name], minimal.count(name)?);

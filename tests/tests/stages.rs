@@ -148,7 +148,7 @@ fn linked(features: &[&str]) -> Vec<String> {
     let tree = ["tree", "-p", "palpate", "-e", "normal,no-proc-macro", "--prefix", "none", "--format", "{p}"];
     let output = Command::new(cargo)
         .args(tree)
-        .args(["--locked", "--offline", "--no-default-features"])
+        .args(["--locked", "--offline"])
         .args(features)
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .output()
@@ -159,7 +159,7 @@ fn linked(features: &[&str]) -> Vec<String> {
 }
 
 #[test]
-fn without_features_nothing_of_them_is_linked() {
+fn by_default_nothing_of_features_is_linked() {
     let minimal = linked(&[]);
     assert!(minimal.iter().any(|name| name == "palpate-collide"), "{minimal:?}");
     let features = [

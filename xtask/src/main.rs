@@ -101,6 +101,12 @@ fn ci() -> Result<(), Failure> {
     for package in ["palpate-texture-pd", "palpate-device"] {
         cargo(&["check", "--package", package, "--no-default-features", "--locked"], &[])?;
     }
+    // Conversions and spans, which nothing in the workspace asks for.
+    let converted =
+        ["test", "--package", "palpate-core", "--features", "mint,nalgebra", "--locked", "conversions"];
+    cargo(&converted, &[])?;
+    let traced = ["test", "--package", "palpate", "--features", "tracing", "--locked", "--test", "tracing"];
+    cargo(&traced, &[])?;
     // Devices that are left out where nothing is asked for.
     let devices = ["--package", "palpate-device", "--all-features", "--locked"];
     let tests = ["--lib", "--test", "haply", "--test", "sdk"];
