@@ -304,8 +304,12 @@ impl HapticLoop {
     /// Lets others know where the object is, and what a step of `dt` (s) pushed the scene with, if it was taken.
     fn tell_others(&mut self, taken: bool, dt: f64) {
         let contacts = self.contacts.contacts();
-        if let Some(reacting) = self.told.reacting.as_mut().filter(|_| taken && contacts.reacts()) {
-            self.telemetry.events.reaction_dropped += reacting.add(contacts, &self.state, dt);
+        if let Some(reacting) = &mut self.told.reacting {
+            if taken && contacts.reacts() {
+                self.telemetry.events.reaction_dropped += reacting.add(contacts, &self.state, dt);
+            } else {
+                reacting.pass_on();
+            }
         }
         if !self.told.followers.is_empty() {
             let motion = self.motion();
