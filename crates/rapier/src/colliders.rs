@@ -73,8 +73,12 @@ pub enum ColliderError {
 /// A collider for a body of any type, in the frame of the object's mesh, with a mass (kg) that is spread evenly in the mesh.
 ///
 /// It is made of the convex hulls of a level of the object's hierarchy, 0 being the finest, where they follow the surface and may be many
-/// (`object.clod.level(n).len()` of them), and the last one, where they are a few or one, the coarsest. A flat patch gets a
-/// thousandth of the object's radius of depth. A box along the mesh's axes is one exactly.
+/// (`object.clod.level(n).len()` of them), and the last one, where they are a few or one, the coarsest. A box along the mesh's
+/// axes is one exactly.
+///
+/// The hulls of fine levels are those of pieces of the surface, and leave the inside of a body that is not convex empty: a flat piece is a
+/// thousandth of the object's radius thick, and what is pressed on many such pieces sinks in by some of that, or more. Where bodies
+/// weigh on each other, coarser levels hold better.
 ///
 /// # Errors
 /// If the mesh is not closed, the mass is not above 0 and finite, there is no such level, or none of its hulls has a volume.
