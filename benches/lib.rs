@@ -2,7 +2,6 @@
 
 pub mod callgrind;
 pub mod engine;
-pub mod linked;
 pub mod method;
 pub mod parry;
 pub mod penalty;

@@ -13,8 +13,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use clap::Parser;
-use palpate_benches::{callgrind, linked};
+use palpate_benches::callgrind;
 use serde::Serialize;
+use xtask::linked;
 
 #[derive(Parser)]
 #[command(about = "What each stage of the pipeline costs, present and absent")]

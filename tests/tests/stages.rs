@@ -1,7 +1,6 @@
 //! Only what a scene needs is there: stages say whether they are on and why, and those that are off take no memory and no time
 //! of what is on; crates that serve them are not linked without their features.
 
-use std::process::Command;
 use std::sync::atomic::AtomicBool;
 
 use allocation_counter::measure;
@@ -9,6 +8,7 @@ use palpate::{
     ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Settings, TextureSettings, Wrench, explore,
 };
 use palpate_tests::{model, ridged_plate};
+use xtask::linked::linked;
 
 fn renderer(probe: &Object, objects: &[Object], settings: Settings) -> HapticRenderer {
     let scene = objects.iter().fold(Scene::new(), |scene, object| scene.with(object.clone(), Pose::IDENTITY));
@@ -142,26 +142,13 @@ fn no_memory_is_taken_for_textures_that_are_not_there() {
     assert!(bytes(&ridges, 50, 1) > bytes(&plate, 50, 1), "a texture takes some");
 }
 
-/// Names of the crates that a program links with `palpate` by its features.
-fn linked(features: &[&str]) -> Vec<String> {
-    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let tree = ["tree", "-p", "palpate", "-e", "normal,no-proc-macro", "--prefix", "none", "--format", "{p}"];
-    let output = Command::new(cargo)
-        .args(tree)
-        .args(["--locked", "--offline"])
-        .args(features)
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
-        .output()
-        .expect("cargo");
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let lines = String::from_utf8(output.stdout).expect("text");
-    lines.lines().filter_map(|line| line.split(' ').next()).map(str::to_owned).collect()
-}
-
 #[test]
 fn by_default_nothing_of_features_is_linked() {
-    let minimal = linked(&[]);
-    assert!(minimal.iter().any(|name| name == "palpate-collide"), "{minimal:?}");
+    let has = |options: &[&'static str], name: &str| {
+        let linked = linked(options).unwrap_or_else(|error| panic!("{error}"));
+        linked.crates.iter().any(|linked| linked.split(' ').next() == Some(name))
+    };
+    assert!(has(&[], "palpate-collide"));
     let features = [
         ("gpu", "wgpu"),
         ("gpu", "naga"),
@@ -171,15 +158,11 @@ fn by_default_nothing_of_features_is_linked() {
         ("force-dimension", "libloading"),
     ];
     for (feature, name) in features {
-        assert!(!minimal.iter().any(|linked| linked == name), "{name} without {feature}");
-        assert!(
-            linked(&["--features", feature]).iter().any(|linked| linked == name),
-            "{name} with {feature}"
-        );
+        assert!(!has(&[], name), "{name} without {feature}");
+        assert!(has(&["--features", feature], name), "{name} with {feature}");
     }
     // No feature of the engine brings a window or a terminal.
-    let all = linked(&["--all-features"]);
     for name in ["winit", "eframe", "ratatui", "plotters"] {
-        assert!(!all.iter().any(|linked| linked == name), "{name}");
+        assert!(!has(&["--all-features"], name), "{name}");
     }
 }

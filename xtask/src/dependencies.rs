@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use palpate_benches::linked::{FEATURE_SETS, linked, tree_arguments};
+use xtask::linked::{FEATURE_SETS, linked, tree_arguments};
 
 use crate::Failure;
 

@@ -1,19 +1,15 @@
-//! Project tasks: `cargo xtask test`, `cargo xtask ci`, `cargo xtask pictures`, `cargo xtask stability`,
-//! `cargo xtask reproduce`, `cargo xtask trade`, `cargo xtask dependencies`, `cargo xtask publish-check`, `cargo xtask msrv`,
-//! `cargo xtask semver`.
+//! Project tasks: `cargo xtask test`, `cargo xtask ci`, `cargo xtask dependencies`, `cargo xtask publish-check`, `cargo xtask msrv`,
+//! `cargo xtask semver`; and those that run the engine, which are handed to `palpate-experiments`: `cargo xtask pictures`,
+//! `cargo xtask stability`, `cargo xtask reproduce`, `cargo xtask trade`.
 
 #![allow(clippy::print_stdout, clippy::print_stderr)] // Tasks report to a person at a terminal.
 
 mod dependencies;
 mod packages;
-mod pictures;
-mod progress;
 mod release;
-mod reproduce;
-mod stability;
-mod trade;
 mod workspace;
 
+use std::ffi::OsString;
 use std::process::{Command, ExitCode};
 
 use clap::{Parser, Subcommand};
@@ -32,13 +28,17 @@ enum Task {
     /// Runs what CI runs: the tests, rustfmt, clippy, the documentation and the dependency bans.
     Ci,
     /// Draws the built-in models.
-    Pictures(pictures::Arguments),
+    #[command(disable_help_flag = true)]
+    Pictures(Passed),
     /// Maps where the engine is stable, and says whether it is where it should be.
-    Stability(stability::Arguments),
+    #[command(disable_help_flag = true)]
+    Stability(Passed),
     /// Repeats the dissertation's experiments, and says whether what it claims holds.
-    Reproduce(reproduce::Arguments),
+    #[command(disable_help_flag = true)]
+    Reproduce(Passed),
     /// Measures what each setting costs, and what accuracy it buys.
-    Trade(trade::Arguments),
+    #[command(disable_help_flag = true)]
+    Trade(Passed),
     /// Writes the page of what a program links that embeds palpate.
     Dependencies(dependencies::Arguments),
     /// Packs every published package and builds it from that alone, without uploading anything.
@@ -49,6 +49,13 @@ enum Task {
     Semver(release::SemverArguments),
 }
 
+/// What is passed on to an experiment, which knows what it means.
+#[derive(clap::Args)]
+struct Passed {
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+    arguments: Vec<OsString>,
+}
+
 /// What went wrong, for a person to read.
 type Failure = Box<dyn std::error::Error>;
 
@@ -56,10 +63,10 @@ fn main() -> ExitCode {
     let result = match Arguments::parse().task {
         Task::Test => test(),
         Task::Ci => ci(),
-        Task::Pictures(arguments) => pictures::run(&arguments),
-        Task::Stability(arguments) => stability::run(&arguments),
-        Task::Reproduce(arguments) => reproduce::run(&arguments),
-        Task::Trade(arguments) => trade::run(&arguments),
+        Task::Pictures(passed) => experiment("pictures", &passed),
+        Task::Stability(passed) => experiment("stability", &passed),
+        Task::Reproduce(passed) => experiment("reproduce", &passed),
+        Task::Trade(passed) => experiment("trade", &passed),
         Task::Dependencies(arguments) => dependencies::run(&arguments),
         Task::PublishCheck => release::publish_check(),
         Task::Msrv => release::msrv(),
@@ -72,6 +79,16 @@ fn main() -> ExitCode {
             ExitCode::FAILURE
         }
     }
+}
+
+/// Runs a task of `palpate-experiments`, which says itself what went wrong.
+fn experiment(name: &str, passed: &Passed) -> Result<(), Failure> {
+    let status = Command::new("cargo")
+        .args(["run", "--quiet", "--locked", "--package", "palpate-experiments", "--", name])
+        .args(&passed.arguments)
+        .status()
+        .map_err(|error| format!("cargo could not be started: {error}"))?;
+    if status.success() { Ok(()) } else { std::process::exit(status.code().unwrap_or(1)) }
 }
 
 /// The feature with which the window is tested.

@@ -179,7 +179,7 @@ fn generated(clearance: f64) -> Result<Pair, String> {
 
 /// Peg and hole of the optional test data, which lies in `shared` beside the repository.
 fn loaded() -> Result<Option<Pair>, String> {
-    let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/models/good"));
+    let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/models/good"));
     let open = |name: &str| -> Result<Option<(Object, DVec3, DVec3)>, String> {
         let file = folder.join(name);
         if !file.exists() {

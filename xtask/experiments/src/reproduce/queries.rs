@@ -160,7 +160,7 @@ const GOLF: Benchmark = Benchmark {
 /// # Errors
 /// If a model cannot be built, the trajectory not be read, or the plot not be drawn.
 pub fn jaws(name: &str) -> Result<Reproduction, String> {
-    let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/trajectories/jaws.csv"));
+    let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/trajectories/jaws.csv"));
     let path = MotionPath::load(file, Interpolation::Smooth).map_err(|error| error.to_string())?;
     let poses = path.keyframes().iter().map(|keyframe| keyframe.pose).collect::<Vec<_>>();
     reproduce(name, &JAWS, &open(JAWS.probe)?, &open(JAWS.scene)?, &poses)

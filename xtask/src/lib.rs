@@ -1,0 +1,3 @@
+//! What project tasks share with tests and benchmarks.
+
+pub mod linked;
