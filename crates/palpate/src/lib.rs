@@ -81,4 +81,4 @@ pub use settings_editor::{SettingsEditError, SettingsEditor};
 pub use spawn::RunningSession;
 pub use telemetry::{ContactTelemetry, Events, HapticTelemetry, Percentiles, Times};
 pub use textures::TextureError;
-pub use watch::{Push, Sight, TouchingPatches, Watch};
+pub use watch::{Push, Sight, TouchingPatches, Watch, level_color};

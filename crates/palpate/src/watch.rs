@@ -3,6 +3,7 @@
 //! It is handed over through a triple buffer, the latest wins: the contact loop neither waits for a watcher nor allocates for
 //! one.
 
+use palpate_core::Clod;
 use palpate_core::glam::DVec3;
 
 /// Most patches and pushes of one look; what is beyond them is left out.
@@ -11,7 +12,7 @@ const MOST: usize = 512;
 /// Two patches that touch, or are within the tolerance of each other.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TouchingPatches {
-    /// The scene object, by its place in [`Scene::objects`](crate::Scene::objects).
+    /// The scene object, by the number of its [`SceneId`](crate::SceneId).
     pub object: usize,
     /// The probe's patch: a node of its hierarchy, whose level says at which resolution it is felt.
     pub probe_node: u32,
@@ -64,6 +65,16 @@ impl Sight {
             self.pushes.push(push);
         }
     }
+}
+
+/// The colour of a level, wherever touching patches are shown: from red, the full mesh, to blue, the coarsest that can be felt. Red,
+/// green, blue and opacity.
+pub fn level_color(clod: &Clod, level: u32) -> [u8; 4] {
+    let coarsest = clod.levels.iter().rposition(|level| !level.free).unwrap_or(0).max(1);
+    let hue = 4.0 * (f64::from(level) / coarsest as f64).clamp(0.0, 1.0);
+    // Red, yellow, green, cyan, blue.
+    let channel = |peak: f64| ((2.0 - (hue - peak).abs()).clamp(0.0, 1.0) * 255.0).round() as u8;
+    [channel(0.0), channel(2.0), channel(4.0), 255]
 }
 
 /// Watches the contacts of a session, from any thread. Made by [`HapticRenderer::watch`](crate::HapticRenderer::watch).

@@ -11,5 +11,5 @@ mod window;
 
 pub use camera::Camera;
 pub use painter::{MeshOnGpu, Painter};
-pub use picture::{Corner, LevelColor, Picture, level_color, mesh_corners};
+pub use picture::{Corner, LevelColor, Picture, mesh_corners};
 pub use window::{ViewError, ViewOptions, show};

@@ -5,7 +5,7 @@ use std::f32::consts::TAU;
 
 use palpate::core::Clod;
 use palpate::glam::{DVec3, Vec3};
-use palpate::{Pose, Scene, Sight};
+use palpate::{Pose, Scene, Sight, level_color};
 
 /// Sides of an arrow.
 const SIDES: u32 = 10;
@@ -89,15 +89,6 @@ impl Picture {
             self.patches.push(Corner { position, color });
         }
     }
-}
-
-/// The colour of a level: from red, the full mesh, to blue, the coarsest that can be felt.
-pub fn level_color(clod: &Clod, level: u32) -> [u8; 4] {
-    let coarsest = clod.levels.iter().rposition(|level| !level.free).unwrap_or(0).max(1);
-    let hue = 4.0 * (f64::from(level) / coarsest as f64).clamp(0.0, 1.0);
-    // Red, yellow, green, cyan, blue.
-    let channel = |peak: f64| ((2.0 - (hue - peak).abs()).clamp(0.0, 1.0) * 255.0).round() as u8;
-    [channel(0.0), channel(2.0), channel(4.0), 255]
 }
 
 /// The full mesh of a hierarchy, in its own frame.

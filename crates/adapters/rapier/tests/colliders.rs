@@ -104,7 +104,7 @@ fn what_is_no_solid_is_refused() {
 fn meshes_of_others_become_solids() {
     for name in ["nut_m16.obj"] {
         let file =
-            PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/models/good")).join(name);
+            PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../../shared/models/good")).join(name);
         if !file.exists() {
             let _ = writeln!(std::io::stderr(), "skipped: {} is absent", file.display());
             continue;
