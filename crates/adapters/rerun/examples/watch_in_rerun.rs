@@ -11,8 +11,8 @@ use std::sync::atomic::AtomicBool;
 use palpate::clod_build::unwatched;
 use palpate::device::{Emulation, Task};
 use palpate::{HapticRenderer, Object, OpenOptions, Pose, Scene, Settings, explore};
-use palpate_rerun::SessionLog;
 use palpate_rerun::re_sdk::RecordingStreamBuilder;
+use palpate_rerun::{SessionLog, layout};
 
 const SECONDS: f64 = 10.0;
 const FILE: &str = "session.rrd";
@@ -33,7 +33,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut renderer =
         HapticRenderer::new(probe.clone(), scene.clone(), Box::new(device), Settings::default())?;
 
-    let stream = RecordingStreamBuilder::new("palpate");
+    let stream = RecordingStreamBuilder::new("palpate").with_default_blueprint(layout());
     let stream = if connect { stream.connect_grpc()? } else { stream.save(FILE)? };
     let mut log = SessionLog::new(stream, &probe, &scene)?;
     let mut contacts = renderer.watch();

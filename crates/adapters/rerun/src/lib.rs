@@ -19,7 +19,7 @@
 //!
 //! use palpate::device::{Emulation, Task};
 //! use palpate::{HapticRenderer, Object, Pose, Scene, Settings, explore};
-//! use palpate_rerun::{SessionLog, re_sdk::RecordingStreamBuilder};
+//! use palpate_rerun::{SessionLog, layout, re_sdk::RecordingStreamBuilder};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let probe = Object::model("ellipsoid@500")?;
@@ -27,7 +27,8 @@
 //! let device = Emulation::default().open(explore::path(Task::default(), &probe, &scene)?)?;
 //! let mut renderer = HapticRenderer::new(probe.clone(), scene.clone(), Box::new(device), Settings::default())?;
 //!
-//! let stream = RecordingStreamBuilder::new("my simulator").save("session.rrd")?;
+//! let stream = RecordingStreamBuilder::new("my simulator").with_default_blueprint(layout());
+//! let stream = stream.save("session.rrd")?;
 //! let mut log = SessionLog::new(stream, &probe, &scene)?;
 //! let mut contacts = renderer.watch();
 //! renderer.run_realtime(10.0, &AtomicBool::new(false), |record| {
@@ -39,7 +40,10 @@
 //! # }
 //! ```
 
+mod layout;
 mod meshes;
+
+pub use layout::layout;
 
 use std::collections::{BTreeMap, BTreeSet};
 
