@@ -91,10 +91,26 @@ fn is_chosen(name: &str) -> bool {
 #[test]
 #[ignore = "for a release build: cargo test --release -p palpate-tests --test levels -- --ignored --nocapture"]
 fn built_in_models_of_full_size_keep_their_promises() {
-    let models = Model::ALL.into_iter().filter(|model| is_chosen(model.name())).map(|model| {
-        (model.name().to_owned(), model.generate(model.default_triangles()).expect("the default is in range"))
+    examine_full_size(|triangles| triangles <= LARGE);
+}
+
+#[test]
+#[ignore = "some minutes, for a release build: cargo test --release -p palpate-tests --test levels -- --ignored --nocapture"]
+fn large_models_of_full_size_keep_their_promises() {
+    examine_full_size(|triangles| triangles > LARGE);
+}
+
+/// Models with more triangles than this take a minute each and more.
+const LARGE: usize = 100_000;
+
+fn examine_full_size(size: impl Fn(usize) -> bool) {
+    let models = Model::ALL.into_iter().filter(|model| is_chosen(model.name()));
+    let sized =
+        models.map(|model| (model, model.default_triangles())).filter(|(_, triangles)| size(*triangles));
+    let meshes = sized.map(|(model, triangles)| {
+        (model.name().to_owned(), model.generate(triangles).expect("the default is in range"))
     });
-    examine(models, &examination(200_000, 4));
+    examine(meshes, &examination(200_000, 4));
 }
 
 /// Runs over the optional real models.
