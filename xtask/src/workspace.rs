@@ -14,6 +14,8 @@ pub struct Package {
     publish: Option<Vec<String>>,
     /// The oldest Rust that it is for.
     pub rust_version: Option<String>,
+    #[cfg(test)]
+    manifest_path: std::path::PathBuf,
     targets: Vec<Target>,
 }
 
@@ -61,6 +63,16 @@ pub fn chosen<'a>(packages: impl IntoIterator<Item = &'a Package>) -> Vec<&'a st
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn published_packages_bring_their_licences() {
+        for package in published().expect("metadata") {
+            for licence in ["LICENSE-APACHE", "LICENSE-MIT"] {
+                let file = package.manifest_path.with_file_name(licence);
+                assert!(file.is_file(), "{} is not there", file.display());
+            }
+        }
+    }
 
     #[test]
     fn what_is_for_users_is_published_and_nothing_else() {
