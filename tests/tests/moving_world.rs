@@ -152,7 +152,7 @@ fn a_rising_object_feels_as_a_sinking_hand() {
     let velocity = DVec3::Z * speed;
     let rig = |hand: Hand| {
         let scene = Scene::new().with(plate.clone(), start);
-        // What a moving surface comes over has no side that its proxy could be kept on.
+        // A proxy rests on single corners of the probe, and a trace decides on which.
         Rig::new(probe.clone(), scene, Settings { proxy: false, ..Settings::default() }, hand)
     };
     let mut lifted = rig(Box::new(still));
@@ -283,6 +283,32 @@ fn what_is_pressed_comes_to_rest() {
         let (all, end) = (most(&energy), most(&energy[2800..]));
         assert!(force.z > 1e-4, "{mass} kg every {every} ms: {force} N");
         assert!(end < 1e-3 * all.max(1e-9), "{mass} kg every {every} ms: {end} J of {all} J at the end");
+    }
+}
+
+/// A block lies on the handle of a spoon, which is thinner than the block sinks in: the proxy stays below.
+#[test]
+fn what_lies_on_a_thin_tool_stays_there() {
+    let (probe, block) = (model("spoon@2000"), model("block@300"));
+    let start = Pose::from_translation((top(&probe) - bottom(&block) + 5e-4) * DVec3::Z);
+    for mass in [0.02, 0.1] {
+        let scene = Scene::new().with(block.clone(), start);
+        let mut rig = Rig::new(probe.clone(), scene, Settings::default(), still);
+        let mut body = FreeBody::new(&block, SceneId(0), mass, start, PERIOD, &mut rig);
+        let mut force = 0.0;
+        for _ in 0..2000 {
+            force = -rig.step().contact.force.z;
+            body.push(DVec3::NEG_Z * (9.81 * mass * PERIOD), DVec3::ZERO);
+            body.step(PERIOD, &mut rig);
+            // It can only rise and sink.
+            body.twist = Twist::new(DVec3::Z * body.twist.linear.z, DVec3::ZERO);
+            body.pose.translation =
+                body.pose.translation.with_x(start.translation.x).with_y(start.translation.y);
+        }
+        assert!((force - 9.81 * mass).abs() < 0.02 * 9.81 * mass, "{mass} kg: {force} N");
+        let sunk =
+            start.translation.z - (body.pose * Pose::from_translation(-body.center_of_mass)).translation.z;
+        assert!(sunk < 0.03, "{mass} kg: sunk by {sunk} m");
     }
 }
 

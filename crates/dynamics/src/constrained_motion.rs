@@ -14,7 +14,7 @@ pub struct MotionLimit {
     pub direction: DVec3,
     /// The point, from the centre of mass, world axes, m.
     pub arm: DVec3,
-    /// How far, m; less than 0 counts as 0.
+    /// How far, m; less than 0 where it has to come back by as much.
     pub room: f64,
 }
 
@@ -46,11 +46,13 @@ pub fn constrained_motion(
     let mobility = *rotation * body.inertia.inverse() * rotation.transpose();
     let mut motion = *wanted;
     multipliers.fill(0.0);
-    let size = limits.iter().fold(wanted.linear.length(), |most, limit| most.max(limit.way(wanted).abs()));
+    let size = limits
+        .iter()
+        .fold(wanted.linear.length(), |most, limit| most.max(limit.way(wanted).abs()).max(-limit.room));
     for _ in 0..SWEEPS {
         let mut change: f64 = 0.0;
         for (limit, multiplier) in limits.iter().zip(&mut *multipliers) {
-            let excess = limit.way(&motion) - limit.room.max(0.0);
+            let excess = limit.way(&motion) - limit.room;
             if excess <= 0.0 && *multiplier == 0.0 {
                 continue;
             }
@@ -107,6 +109,20 @@ mod tests {
         assert!(motion.angular.length() < 1e-6);
     }
 
+    #[test]
+    fn body_comes_back_from_what_it_is_past() {
+        let limits = [(DVec3::NEG_Z, -2e-3), (DVec3::X, 1e-3)].map(|(direction, room)| MotionLimit {
+            direction,
+            arm: DVec3::ZERO,
+            room,
+        });
+        let mut multipliers = [0.0; 2];
+        let motion =
+            constrained_motion(&block(0.1), &DMat3::IDENTITY, &Twist::ZERO, &limits, &mut multipliers);
+        assert!((motion.linear - DVec3::Z * 2e-3).length() < 1e-8, "{motion:?}");
+        assert!(multipliers[0] > 0.0 && multipliers[1] == 0.0);
+    }
+
     /// The conditions of the least: limits are kept, multipliers are positive where they bind and zero elsewhere, and the
     /// momentum of the difference is what the multipliers make of their directions.
     #[test]
@@ -129,7 +145,7 @@ mod tests {
             let motion = constrained_motion(&body, &rotation, &wanted, &limits, &mut multipliers);
             let mut momentum = (DVec3::ZERO, DVec3::ZERO);
             for (limit, &multiplier) in limits.iter().zip(&multipliers) {
-                let left = limit.room.max(0.0) - limit.way(&motion);
+                let left = limit.room - limit.way(&motion);
                 assert!(left > -2e-5, "seed {seed}, case {case}: {left} m past a limit");
                 assert!(multiplier >= 0.0);
                 assert!(multiplier == 0.0 || left < 2e-5, "seed {seed}, case {case}: pushed {left} m early");

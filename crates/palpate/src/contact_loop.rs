@@ -116,8 +116,10 @@ pub struct ContactLoop {
     mass: f64,
     /// Bounding radius of the probe about its centre of mass, m.
     radius: f64,
-    /// How much further than d the query may look, m.
+    /// How much further than d the query may look for what the body comes at, m, and for what holds a body that its proxy lags
+    /// behind.
     outlook: f64,
+    furthest_lag: f64,
     /// Of the last step, s.
     time: f64,
     telemetry: ContactTelemetry,
@@ -178,6 +180,7 @@ impl ContactLoop {
             mass: body.mass,
             radius,
             outlook: FURTHEST * radius,
+            furthest_lag: FURTHEST * radius,
             time: f64::NAN,
             telemetry: ContactTelemetry::default(),
             watched: None,
@@ -194,14 +197,15 @@ impl ContactLoop {
         let ahead = self.time_ahead(interval);
         let tolerance = self.parameters.tolerance;
         let near = tolerance + self.textures.as_ref().map_or(0.0, Textures::protrusion);
-        let settings = QuerySettings { tolerance: near + self.way(body, ahead), ..self.settings };
+        let (lag, way) = (self.proxy.lag().min(self.furthest_lag), self.way(body, ahead));
+        let settings = QuerySettings { tolerance: near + lag + way, ..self.settings };
         let followed = self.proxy.follow(&body.pose, &settings, &mut self.scene);
         let events = &mut self.telemetry.events;
         events.contact_overflow += u64::from(followed.overflow);
         events.contact_refused += u64::from(followed.refused);
         events.not_converged += followed.not_converged as u64;
         events.held_back += u64::from(*self.proxy.pose() != body.pose);
-        self.adapt_outlook(settings.tolerance - near, near);
+        self.adapt_reach(way, lag, near);
         self.sort(body, ahead);
         self.show_patches(time);
         let mut depth = deepest(&self.contacts);
@@ -259,13 +263,14 @@ impl ContactLoop {
                 continue;
             };
             let Some(pose) = moving.advance(time) else { continue };
-            if self.scene.pose(*handle) == Some(&pose) {
+            let Some(before) = self.scene.pose(*handle).copied() else { continue };
+            if before == pose {
                 continue;
             }
             self.scene.set_pose(*handle, &pose);
             let size = object.bounding_radius();
             if pose.translation.distance(body.pose.translation) < size + self.radius + self.outlook {
-                self.proxy.scene_has_changed();
+                self.proxy.object_has_moved(place, &before, &pose);
                 let Twist { linear, angular } = moving.twist();
                 self.fastest = self.fastest.max(linear.length() + angular.length() * size);
             }
@@ -437,15 +442,22 @@ impl ContactLoop {
         if way > step { (way / step).ceil() * step } else { 0.0 }
     }
 
-    /// Looks less far ahead next time if too much was found further apart than what is near (m), within so much more (m), or
-    /// further again if that was as far as it looks.
-    fn adapt_outlook(&mut self, ahead: f64, near: f64) {
+    /// Looks less far next time if too much was found further apart than what is near (m), within as much more as the body
+    /// comes in the time ahead (m) and its proxy lags behind (m); or further ahead again if that was as far as it looks.
+    fn adapt_reach(&mut self, way: f64, lag: f64, near: f64) {
         let tolerance = self.parameters.tolerance;
         let found = self.proxy.contacts().count();
         let near = self.proxy.contacts().filter(|found| found.contact.contact.depth > -near).count();
+        if lag == 0.0 {
+            self.furthest_lag = FURTHEST * self.radius;
+        }
         if found - near > near.max(FAR_CONTACTS) {
-            self.outlook = (0.5 * ahead).max(STEP * tolerance);
-        } else if ahead >= self.outlook {
+            if way > 0.0 {
+                self.outlook = (0.5 * way).max(STEP * tolerance);
+            } else {
+                self.furthest_lag = 0.5 * lag;
+            }
+        } else if way >= self.outlook {
             self.outlook = (GROWTH * self.outlook).min(FURTHEST * self.radius);
         }
     }

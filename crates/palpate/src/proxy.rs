@@ -7,6 +7,9 @@
 //! ([`constrained_motion`]): a god-object (Zilles and Salisbury 1995; of six degrees of freedom, Ortega, Redon and
 //! Coquillart 2007). The contacts are those of the proxy, and their planes push the object back to it.
 //!
+//! Scene objects that move take along what was found of them, and the proxy goes out of their way before it follows. Where it
+//! cannot, between two that close on it, or where an object is put over it, it starts anew where the grasped object is.
+//!
 //! The coarse meshes of textured objects may sink into one another by their recess, as far as detail lies back in them.
 //!
 //! Where the object itself penetrates no more than that trace, and has come there without passing anything, it is its own
@@ -16,7 +19,7 @@ use arrayvec::ArrayVec;
 use palpate_collide::{PatchContact, QueryOutcome, QuerySettings, SceneQuery};
 use palpate_core::glam::{DMat3, DVec3};
 use palpate_core::{Contact, Pose, Twist};
-use palpate_dynamics::{Body, MotionLimit, constrained_motion};
+use palpate_dynamics::{Body, BodyState, MotionLimit, constrained_motion};
 
 /// The penetration, in tolerances, up to which the proxy may go, and to which its motion is planned.
 const SHALLOW: f64 = 0.25;
@@ -24,6 +27,9 @@ const PLANNED: f64 = 0.2;
 
 /// A motion that takes no point further than this, in tolerances, is tried whatever turning may do on its way.
 const STRIDE: f64 = 0.5;
+
+/// One that takes no point further than this, in tolerances, need not bring the proxy nearer.
+const TRACE: f64 = 1e-3;
 
 /// Contacts closer than d are the same if their normals' cosine is above this.
 const SAME_DIRECTION: f64 = 0.9;
@@ -52,6 +58,8 @@ pub(crate) struct Proxy {
     pose: Pose,
     /// Whether the proxy penetrates no more than a trace there, and so is on the side of all surfaces that it came from.
     sound: bool,
+    /// How far any point of the object was from where the proxy has it when it had followed last, at most, m.
+    lag: f64,
     /// All contacts within the reach (m) there.
     found: Vec<Found>,
     reach: f64,
@@ -107,6 +115,7 @@ impl Proxy {
             enabled,
             pose: Pose::IDENTITY,
             sound: false,
+            lag: 0.0,
             found: Vec::new(),
             reach: 0.0,
             stale: false,
@@ -119,6 +128,11 @@ impl Proxy {
     /// Where it is: the pose of the centre of mass.
     pub fn pose(&self) -> &Pose {
         &self.pose
+    }
+
+    /// How far any point of the object was from where the proxy has it when it had followed last, at most, m.
+    pub fn lag(&self) -> f64 {
+        self.lag
     }
 
     /// Contacts there, within the reach last asked for, and those remembered that hold the proxy as well.
@@ -144,6 +158,22 @@ impl Proxy {
     /// What was found may hold no longer.
     pub fn scene_has_changed(&mut self) {
         self.stale = true;
+        self.found.clear();
+        self.remembered.clear();
+    }
+
+    /// A scene object has moved from one pose to another: what was found of it moves along, and so stays on its side.
+    pub fn object_has_moved(&mut self, object: usize, from: &Pose, to: &Pose) {
+        self.stale = true;
+        let motion = *to * from.inverse();
+        let found = self.found.iter_mut().chain(&mut self.remembered);
+        for Found { contact, .. } in found.filter(|found| found.object == object) {
+            let Contact { point, scene_point, normal, depth } = contact.contact;
+            let plane = motion.transform_point(point - normal * depth);
+            let normal = motion.transform_vector(normal);
+            let scene_point = motion.transform_point(scene_point);
+            contact.contact = Contact { point, scene_point, normal, depth: (point - plane).dot(normal) };
+        }
     }
 
     /// Moves towards the pose of the object's centre of mass, as far as surfaces let it, with queries by `settings`, whose
@@ -155,12 +185,13 @@ impl Proxy {
             self.remembered.clear();
             let outcome = self.look(goal, settings, scene, &mut followed);
             self.accept(goal, settings, scene);
-            self.sound = self.is_shallow(&outcome, scene);
+            self.sound = self.is_within(SHALLOW, &outcome, scene);
         }
+        self.lag = if self.pose == *goal { 0.0 } else { self.length(&motion_between(&self.pose, goal)) };
         followed
     }
 
-    /// Goes towards a pose; `false` if the proxy penetrates where it is, so that a surface must have come over it.
+    /// Goes towards a pose; `false` if a surface has come over the proxy that it could not give way to.
     fn approach(
         &mut self,
         goal: &Pose,
@@ -168,25 +199,25 @@ impl Proxy {
         scene: &mut SceneQuery,
         followed: &mut Followed,
     ) -> bool {
-        if self.stale {
-            self.remembered.clear();
-            if !self.stays(settings, scene, followed) {
-                return false;
-            }
+        if self.stale && !self.gives_way(settings, scene, followed) {
+            return false;
         }
         // Halved as often as it was too deep.
         let mut caution = 1.0;
         for _ in 0..LOOKS {
             let wanted = motion_between(&self.pose, goal);
-            let motion = self.plan(&wanted);
+            let motion = self.plan(&wanted, 0.0);
             let share = self.share_without_contact(&motion);
             let whole = share * caution >= 1.0;
             let next =
                 if whole && motion == wanted { *goal } else { self.pose.moved(&motion, share * caution) };
             let outcome = self.look(&next, settings, scene, followed);
-            if !self.is_shallow(&outcome, scene) {
+            let shallow = self.is_within(SHALLOW, &outcome, scene);
+            if !(shallow && (next == *goal || self.is_worth(&motion, share * caution, &next, goal))) {
                 self.avoid(&next, scene);
-                caution *= 0.5;
+                if !shallow {
+                    caution *= 0.5;
+                }
                 continue;
             }
             self.accept(&next, settings, scene);
@@ -201,23 +232,60 @@ impl Proxy {
         self.stays(settings, scene, followed)
     }
 
+    /// Whether a share of a motion, to a pose, brings the proxy nearer to its goal, or is but a trace. The contacts that a motion
+    /// is planned by know one point of each pair of convex patches; where another one holds there, the way back may be
+    /// planned from that, and so on.
+    fn is_worth(&self, motion: &Twist, share: f64, next: &Pose, goal: &Pose) -> bool {
+        let left = |from: &Pose| {
+            let twist = motion_between(from, goal);
+            self.body.kinetic_energy(&BodyState { pose: self.pose, twist })
+        };
+        self.length(motion) * share < TRACE * self.tolerance || left(next) < left(&self.pose)
+    }
+
+    /// Goes out of the way of what has moved; `false` if it penetrates nevertheless, as between surfaces that close on it.
+    fn gives_way(
+        &mut self,
+        settings: &QuerySettings,
+        scene: &mut SceneQuery,
+        followed: &mut Followed,
+    ) -> bool {
+        for _ in 0..LOOKS {
+            let motion = self.plan(&Twist::ZERO, f64::NEG_INFINITY);
+            let pose = self.pose.moved(&motion, 1.0);
+            let outcome = self.look(&pose, settings, scene, followed);
+            if self.is_within(SHALLOW, &outcome, scene) {
+                self.accept(&pose, settings, scene);
+                return true;
+            }
+            // From which side that came over it is not known.
+            if !self.is_within(1.0, &outcome, scene) {
+                return false;
+            }
+            self.avoid(&pose, scene);
+        }
+        false
+    }
+
     /// Looks again where it is; `false` if it penetrates there.
     fn stays(&mut self, settings: &QuerySettings, scene: &mut SceneQuery, followed: &mut Followed) -> bool {
         let pose = self.pose;
         let outcome = self.look(&pose, settings, scene, followed);
         self.accept(&pose, settings, scene);
-        self.is_shallow(&outcome, scene)
+        self.is_within(SHALLOW, &outcome, scene)
     }
 
-    /// The motion nearest to a wanted one that goes past no plane of the contacts.
-    fn plan(&mut self, wanted: &Twist) -> Twist {
+    /// The motion nearest to a wanted one that goes past no plane of the contacts, each of which leaves it no less room than
+    /// `least` (m): where that is less than 0, it comes back from those that it is past.
+    fn plan(&mut self, wanted: &Twist, least: f64) -> Twist {
         let planned = PLANNED * self.tolerance;
-        let length = self.length(wanted);
+        // How far it may come back is not known before.
+        let length = if least < 0.0 { f64::INFINITY } else { self.length(wanted) };
         let mut limits = std::mem::take(&mut self.limits);
         limits.clear();
         limits.extend(self.contacts().filter_map(|found| {
             let Contact { point, normal, depth, .. } = found.contact.contact;
-            let room = self.allowed(found.object, planned) - depth;
+            let room = (self.allowed(found.object, planned) - depth).max(least);
             let arm = point - self.pose.translation;
             (length > room).then_some(MotionLimit { direction: normal, arm, room })
         }));
@@ -248,9 +316,10 @@ impl Proxy {
         share.max(free(STRIDE * self.tolerance, length))
     }
 
-    /// Whether the last query was not refused and found no contact deeper than allowed.
-    fn is_shallow(&self, outcome: &QueryOutcome, scene: &SceneQuery) -> bool {
-        let allowed = |object: usize| self.allowed(object, SHALLOW * self.tolerance);
+    /// Whether the last query was not refused and found no contact deeper than so many tolerances, of objects that are not
+    /// textured.
+    fn is_within(&self, tolerances: f64, outcome: &QueryOutcome, scene: &SceneQuery) -> bool {
+        let allowed = |object: usize| self.allowed(object, tolerances * self.tolerance);
         !outcome.refused
             && scene
                 .contacts()

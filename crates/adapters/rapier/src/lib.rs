@@ -20,8 +20,8 @@
 //! Contacts are as stiff as is stable with a body of its mass, whose world answers a step late
 //! ([`Mobility`](palpate::Mobility)): a world that is stepped at 500 Hz to 1 kHz makes light bodies feel crisp, one at 60 Hz makes them feel soft.
 //! Under its own weight, a body that lies on what a hand holds sinks in by g (T / 0.25)² to three times as much, whatever its mass, with T
-//! two steps of the world and one interval between contact steps: 2.5 mm to 7.4 mm at 1 kHz and 500 Hz. It can come through a tool that is
-//! thinner, as the proxy that keeps the tool on its side of surfaces does not follow what moves over it.
+//! two steps of the world and one interval between contact steps: 2.5 mm to 7.4 mm at 1 kHz and 500 Hz. It may sink in deeper than a tool is thick:
+//! the tool's proxy keeps it on its side.
 //!
 //! Set rapier's `IntegrationParameters::length_unit` to about the size of the bodies: by default it lets bodies overlap by 5 mm, and lets
 //! those sleep that move slower than 5 cm/s.

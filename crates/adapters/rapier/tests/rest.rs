@@ -5,7 +5,7 @@ mod session;
 use palpate::Object;
 use palpate::glam::DVec3;
 use palpate_rapier::rapier3d::prelude::{
-    ColliderBuilder, PhysicsWorld, RigidBodyBuilder, RigidBodyHandle, Vector,
+    ColliderBuilder, LockedAxes, PhysicsWorld, RigidBodyBuilder, RigidBodyHandle, Vector,
 };
 use palpate_rapier::solid_collider;
 use session::{Session, bottom, cuboid, model, vector, world};
@@ -120,6 +120,34 @@ fn a_stack_that_is_pressed_comes_to_rest() {
         let moved = moved.fold(0.0, f64::max);
         assert!(moved < 1e-5, "{case}: moved by {moved} m");
         assert!(vector(session.world.bodies[boxes[2]].translation()).z > 2.4 * SIDE, "{case}: fallen");
+    }
+}
+
+/// A plate lies on the handle of a spoon that a still hand holds: it sinks in, deeper than the handle is thick, and stays there.
+#[test]
+fn what_lies_on_a_thin_tool_stays_there() {
+    let (probe, thickness) = (model("spoon@2000"), 0.01);
+    let plate = cuboid(DVec3::new(0.06, 0.06, thickness));
+    let near = |v: &&DVec3| v.x.abs() < 0.03;
+    let surface = probe.clod.leaves().iter().flat_map(|leaf| probe.clod.hull(leaf));
+    let top = surface.filter(near).map(|v| v.z).fold(f64::NEG_INFINITY, f64::max);
+    for mass in [0.02, 0.1] {
+        let mut world = world(9.81);
+        let height = top + 0.5 * thickness + 5e-4;
+        let axes =
+            LockedAxes::ROTATION_LOCKED | LockedAxes::TRANSLATION_LOCKED_X | LockedAxes::TRANSLATION_LOCKED_Y;
+        let builder = RigidBodyBuilder::dynamic().locked_axes(axes);
+        let builder = builder.translation(Vector::new(0.0, 0.0, height as f32));
+        let (body, _) = world.insert(builder, solid_collider(&plate, 0, mass).expect("a collider"));
+        let mut session = Session::new(world, 1, &probe, |_| (DVec3::ZERO, DVec3::ZERO));
+        session.touch(body, &plate);
+        let mut force = 0.0;
+        for _ in 0..2000 {
+            force = -session.step().contact.force.z;
+        }
+        let (weight, sunk) = (9.81 * mass, height - f64::from(session.world.bodies[body].translation().z));
+        assert!((force - weight).abs() < 0.02 * weight, "{mass} kg: {force} N");
+        assert!(sunk < 0.02, "{mass} kg: sunk by {sunk} m");
     }
 }
 
