@@ -2,6 +2,7 @@
 
 pub mod brute_force;
 pub mod close_pairs;
+mod free_body;
 pub mod levels;
 pub mod random_tree;
 pub mod triangle_tree;
@@ -24,6 +25,8 @@ use palpate::mesh_io::{LoadOptions, load};
 use palpate::models::Model;
 use palpate::texture_pd::{HeightImage, Wrap};
 use palpate::{Object, OpenOptions, Pose, TriMesh};
+
+pub use free_body::FreeBody;
 
 /// A file of the optional test data, which lies in `shared` beside the repository; says that the test is skipped, and
 /// gives `None`, when it is absent.

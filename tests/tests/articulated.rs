@@ -6,9 +6,9 @@ use palpate::dynamics::JointError;
 use palpate::glam::{DQuat, DVec3};
 use palpate::{
     ArticulatedError, ArticulatedLockstep, ArticulatedRecord, ArticulatedRenderer, ArticulatedTool,
-    ContactTiming, GripperSettings, IntegratorKind, Pose, Scene, Settings, ToolBody, Twist,
+    ContactTiming, GripperSettings, IntegratorKind, Pose, Scene, SceneId, Settings, ToolBody, Twist,
 };
-use palpate_tests::{model, smooth};
+use palpate_tests::{FreeBody, model, smooth};
 
 /// Contacts begin at this distance, m.
 const TOLERANCE: f64 = 4e-4;
@@ -146,6 +146,56 @@ fn at_rest_nothing_moves() {
         assert!(record.objects[0].translation.length() < 1e-12);
         assert!(record.coupling.force.length() < 1e-9 && record.coupling.torque.length() < 1e-9);
     }
+}
+
+/// A free ellipsoid is closed on and taken along: what it gains the jaws have given.
+#[test]
+fn what_is_free_is_held_and_taken_along() {
+    let (mass, dt) = (0.05, 1e-3);
+    let settings = Settings { friction: 0.8, ..settings() };
+    let (scene, gripper) = (with_ellipsoid(), GripperSettings::default());
+    let mut renderer = ArticulatedRenderer::new(
+        &forceps(),
+        &scene,
+        &specification(),
+        &device(OPEN),
+        OPEN,
+        &settings,
+        &gripper,
+    )
+    .expect("a session");
+    let (mut editor, mut reactions) = (renderer.scene_editor(), renderer.reactions());
+    let [placed] = scene.objects() else { panic!("one object") };
+    let mut body = FreeBody::new(&placed.object, SceneId(0), mass, placed.pose, dt, &mut editor);
+    let start = body.pose;
+    let mut session = renderer.lockstep(ContactTiming::busy(500.0));
+    let (mut given, mut torque) = (DVec3::ZERO, f64::NAN);
+    let (mut most, mut speeds) = (0.0_f64, Vec::new());
+    for step in 0..3000 {
+        let time = f64::from(step) * dt;
+        let asked = OPEN * (1.0 - smooth(0.0, 0.8, time));
+        let mut state = device(asked);
+        // Sideways, along the hinge's axis.
+        state.pose.translation.z = 0.02 * smooth(1.0, 2.0, time);
+        let record = session.step(&state, asked);
+        given -= (record.contact[0].force + record.contact[1].force) * dt;
+        body.step(dt, &mut reactions, &mut editor);
+        let momentum = body.twist.linear * mass;
+        most = most.max(momentum.length());
+        torque = record.torque;
+        speeds.push(body.twist.linear.length());
+        assert!(
+            (given - momentum).length() < 1e-3 * most.max(1e-6),
+            "step {step}: {momentum} of {given} N·s"
+        );
+    }
+    let way = body.pose.translation.z - start.translation.z;
+    assert!(torque > 0.01, "{torque} N·m");
+    assert!((way - 0.02).abs() < 2e-3, "taken along by {way} m");
+    // It still rocks a little, from facet to facet.
+    let restless = speeds[2800..].iter().copied().fold(0.0, f64::max);
+    assert!(restless < 2e-3, "{restless} m/s at the end");
+    assert_eq!(session.events().edit_refused, 0);
 }
 
 /// What the hand feels when it pulls the closed forceps sideways by 2 mm, N.

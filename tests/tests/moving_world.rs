@@ -7,7 +7,7 @@ use palpate::{
     ContactLoop, HapticLoop, HapticRenderer, Mobility, Object, Pose, Reactions, Record, Scene, SceneEditor,
     SceneId, Settings, Twist,
 };
-use palpate_tests::model;
+use palpate_tests::{FreeBody, model};
 
 const PERIOD: f64 = 1e-3;
 /// Haptic steps from contact step to contact step.
@@ -60,69 +60,11 @@ impl Rig {
         }
         record
     }
-
-    /// What contacts pushed an object with since the last time: linear, and angular about a point.
-    fn impulse(&mut self, object: SceneId, about: DVec3) -> (DVec3, DVec3) {
-        let mut sum = (DVec3::ZERO, DVec3::ZERO);
-        while let Some(reaction) = self.reactions.take() {
-            if reaction.object == object {
-                sum.0 += reaction.linear;
-                sum.1 += reaction.angular_about(about);
-            }
-        }
-        sum
-    }
 }
 
 fn renderer(probe: Object, scene: Scene, settings: Settings, hand: &Hand) -> HapticRenderer {
     let device = Emulation::default().open(IntendedPath::from(hand(0.0).0)).expect("an emulated device");
     HapticRenderer::new(probe, scene, Box::new(device), settings).expect("renderer")
-}
-
-/// A body that nothing holds, stepped by its host.
-struct FreeBody {
-    id: SceneId,
-    mass: f64,
-    inertia: DMat3,
-    center_of_mass: DVec3,
-    pose: Pose,
-    twist: Twist,
-}
-
-impl FreeBody {
-    /// An object of a mass (kg) at rest, with the mesh's frame at a pose, told to a session with the host's period (s).
-    fn new(object: &Object, id: SceneId, mass: f64, pose: Pose, period: f64, rig: &mut Rig) -> Self {
-        let center_of_mass = object.clod.source.center_of_mass;
-        let inertia = object.clod.source.unit_inertia * mass;
-        let mobility = Mobility { mass, inertia, center_of_mass, period };
-        rig.scene.set_mobility(id, Some(mobility)).expect("a mobility");
-        let pose = pose * Pose::from_translation(center_of_mass);
-        Self { id, mass, inertia, center_of_mass, pose, twist: Twist::ZERO }
-    }
-
-    fn push(&mut self, linear: DVec3, angular: DVec3) {
-        let turn = DMat3::from_quat(self.pose.rotation);
-        self.twist.linear += linear / self.mass;
-        self.twist.angular += turn * self.inertia.inverse() * turn.transpose() * angular;
-    }
-
-    fn energy(&self) -> f64 {
-        let turn = DMat3::from_quat(self.pose.rotation);
-        let Twist { linear, angular } = self.twist;
-        let spin = turn * self.inertia * turn.transpose() * angular;
-        0.5 * self.mass * linear.length_squared() + 0.5 * angular.dot(spin)
-    }
-
-    /// A step of its world: it takes what it was pushed with, moves on, and tells where it is.
-    fn step(&mut self, dt: f64, rig: &mut Rig) {
-        let (linear, angular) = rig.impulse(self.id, self.pose.translation);
-        self.push(linear, angular);
-        self.pose = self.pose.moved(&self.twist, dt);
-        let mesh = self.pose * Pose::from_translation(-self.center_of_mass);
-        let arm = mesh.translation - self.pose.translation;
-        let twist = Twist { linear: self.twist.velocity_at(arm), angular: self.twist.angular };
-        rig.scene.set_motion(self.id, mesh, twist).expect("room");
-    }
 }
 
 fn still(_: f64) -> (Pose, Twist) {
@@ -229,13 +171,13 @@ fn a_free_object_takes_the_momentum_that_it_is_given() {
     for mass in [0.02, 0.1, 2.0] {
         let scene = Scene::new().with(ball.clone(), start);
         let mut rig = Rig::new(probe.clone(), scene, Settings::default(), path);
-        let mut body = FreeBody::new(&ball, SceneId(0), mass, start, PERIOD, &mut rig);
+        let mut body = FreeBody::new(&ball, SceneId(0), mass, start, PERIOD, &mut rig.scene);
         let (mut given, mut taken, mut most) = (DVec3::ZERO, DVec3::ZERO, 0.0_f64);
         for _ in 0..800 {
             let record = rig.step();
             given -= record.contact.force * PERIOD;
             let momentum = body.twist.linear * mass;
-            body.step(PERIOD, &mut rig);
+            body.step(PERIOD, &mut rig.reactions, &mut rig.scene);
             taken += body.twist.linear * mass - momentum;
             most = most.max(body.twist.linear.length());
         }
@@ -262,7 +204,7 @@ fn what_is_pressed_comes_to_rest() {
         let dt = PERIOD * f64::from(every);
         let scene = Scene::new().with(ball.clone(), start);
         let mut rig = Rig::new(probe.clone(), scene, Settings::default(), path);
-        let mut body = FreeBody::new(&ball, SceneId(0), mass, start, dt, &mut rig);
+        let mut body = FreeBody::new(&ball, SceneId(0), mass, start, dt, &mut rig.scene);
         let floor = body.pose;
         // As soft as an explicit step allows, and damped as much.
         let (stiffness, damping) = (mass * (0.2 / dt).powi(2), 0.4 * mass / dt);
@@ -275,7 +217,7 @@ fn what_is_pressed_comes_to_rest() {
                 let turned = floor.rotation_vector_to(&body.pose);
                 let held = turned * -(0.2 / dt).powi(2) - body.twist.angular * (0.4 / dt);
                 body.push(DVec3::ZERO, body.inertia * held * dt);
-                body.step(dt, &mut rig);
+                body.step(dt, &mut rig.reactions, &mut rig.scene);
             }
             energy.push(body.energy());
         }
@@ -294,20 +236,19 @@ fn what_lies_on_a_thin_tool_stays_there() {
     for mass in [0.02, 0.1] {
         let scene = Scene::new().with(block.clone(), start);
         let mut rig = Rig::new(probe.clone(), scene, Settings::default(), still);
-        let mut body = FreeBody::new(&block, SceneId(0), mass, start, PERIOD, &mut rig);
+        let mut body = FreeBody::new(&block, SceneId(0), mass, start, PERIOD, &mut rig.scene);
         let mut force = 0.0;
         for _ in 0..2000 {
             force = -rig.step().contact.force.z;
             body.push(DVec3::NEG_Z * (9.81 * mass * PERIOD), DVec3::ZERO);
-            body.step(PERIOD, &mut rig);
+            body.step(PERIOD, &mut rig.reactions, &mut rig.scene);
             // It can only rise and sink.
             body.twist = Twist::new(DVec3::Z * body.twist.linear.z, DVec3::ZERO);
             body.pose.translation =
                 body.pose.translation.with_x(start.translation.x).with_y(start.translation.y);
         }
         assert!((force - 9.81 * mass).abs() < 0.02 * 9.81 * mass, "{mass} kg: {force} N");
-        let sunk =
-            start.translation.z - (body.pose * Pose::from_translation(-body.center_of_mass)).translation.z;
+        let sunk = start.translation.z - body.mesh_pose().translation.z;
         assert!(sunk < 0.03, "{mass} kg: sunk by {sunk} m");
     }
 }

@@ -108,7 +108,7 @@ pub(crate) struct Grasped {
 #[derive(Debug, Default)]
 struct Told {
     tunings: Option<Consumer<HapticTuning>>,
-    reacting: Option<Reacting>,
+    reacting: Reacting,
     followers: Vec<triple_buffer::Input<(Pose, Twist)>>,
 }
 
@@ -303,14 +303,11 @@ impl HapticLoop {
 
     /// Lets others know where the object is, and what a step of `dt` (s) pushed the scene with, if it was taken.
     fn tell_others(&mut self, taken: bool, dt: f64) {
-        let contacts = self.contacts.contacts();
-        if let Some(reacting) = &mut self.told.reacting {
-            if taken && contacts.reacts() {
-                self.telemetry.events.reaction_dropped += reacting.add(contacts, &self.state, dt);
-            } else {
-                reacting.pass_on();
-            }
+        let Told { reacting, .. } = &mut self.told;
+        if taken {
+            self.telemetry.events.reaction_dropped += reacting.add(self.contacts.contacts(), &self.state, dt);
         }
+        reacting.pass_on();
         if !self.told.followers.is_empty() {
             let motion = self.motion();
             for follower in &mut self.told.followers {
@@ -329,9 +326,7 @@ impl HapticLoop {
 
     /// Lets what contacts push the scene's objects with be taken elsewhere, from the next step on.
     pub(crate) fn reactions(&mut self) -> Reactions {
-        let (reacting, reactions) = Reacting::new();
-        self.told.reacting = Some(reacting);
-        reactions
+        self.told.reacting.open()
     }
 
     /// Lets the grasped object be followed from elsewhere.

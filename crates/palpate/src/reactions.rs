@@ -35,7 +35,8 @@ impl Reaction {
 }
 
 /// Takes what contacts push the scene's objects with, from any thread; of those that have a
-/// [`Mobility`](crate::Mobility). Made by [`HapticRenderer::reactions`](crate::HapticRenderer::reactions).
+/// [`Mobility`](crate::Mobility). Made by [`HapticRenderer::reactions`](crate::HapticRenderer::reactions) and
+/// [`ArticulatedRenderer::reactions`](crate::ArticulatedRenderer::reactions).
 #[derive(Debug)]
 pub struct Reactions {
     waiting: Consumer<Reaction>,
@@ -49,21 +50,32 @@ impl Reactions {
     }
 }
 
-/// The haptic loop's end.
-#[derive(Debug)]
+/// The haptic loop's end, where somebody takes them; nobody takes those of a clone.
+#[derive(Debug, Default)]
 pub(crate) struct Reacting {
-    ring: Producer<Reaction>,
+    ring: Option<Producer<Reaction>>,
     sums: ArrayVec<Reaction, OBJECTS>,
 }
 
+impl Clone for Reacting {
+    fn clone(&self) -> Self {
+        Self::default()
+    }
+}
+
 impl Reacting {
-    pub fn new() -> (Self, Reactions) {
+    /// Lets them be taken, from the next step on; who took them before gets nothing any more.
+    pub fn open(&mut self) -> Reactions {
         let (ring, waiting) = RingBuffer::new(WAITING);
-        (Self { ring, sums: ArrayVec::new() }, Reactions { waiting })
+        *self = Self { ring: Some(ring), sums: ArrayVec::new() };
+        Reactions { waiting }
     }
 
-    /// Adds what a step of `dt` (s) ended with; how many contacts found no room.
+    /// Adds what contacts ended a step of `dt` (s) with; how many found no room.
     pub fn add(&mut self, contacts: &LinearContactModel, state: &BodyState, dt: f64) -> u64 {
+        if self.ring.is_none() || !contacts.reacts() {
+            return 0;
+        }
         let mut lost = 0;
         for (object, wrench) in contacts.reactions(state) {
             let (linear, angular) = (wrench.force * dt, wrench.torque * dt);
@@ -76,14 +88,14 @@ impl Reacting {
                 None => lost += u64::from(self.sums.try_push(Reaction { object, linear, angular }).is_err()),
             }
         }
-        self.pass_on();
         lost
     }
 
     /// Passes on what was added up, as far as there is room: in every step, so that what found none is not kept until the next contact.
     pub fn pass_on(&mut self) {
+        let Some(ring) = &mut self.ring else { return };
         while let Some(sum) = self.sums.pop() {
-            if let Err(rtrb::PushError::Full(sum)) = self.ring.push(sum) {
+            if let Err(rtrb::PushError::Full(sum)) = ring.push(sum) {
                 // There was room for it.
                 self.sums.push(sum);
                 break;
@@ -118,7 +130,8 @@ mod tests {
         let state = BodyState::at_rest(Pose::IDENTITY);
         let steps = 5000;
         for every in [1, 100, steps] {
-            let (mut reacting, mut reactions) = Reacting::new();
+            let mut reacting = Reacting::default();
+            let mut reactions = reacting.open();
             let mut sums = [DVec3::ZERO; 7];
             let mut take = || {
                 while let Some(Reaction { object, linear, angular }) = reactions.take() {
@@ -128,6 +141,7 @@ mod tests {
             };
             for step in 1..=steps {
                 assert_eq!(reacting.add(&model, &state, 1e-3), 0);
+                reacting.pass_on();
                 if step % every == 0 {
                     take();
                 }

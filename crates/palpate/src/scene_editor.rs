@@ -18,7 +18,7 @@ const WAITING: usize = 1024;
 pub struct SceneId(pub usize);
 
 /// A change.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) enum Edit {
     Add(SceneId, Object, Pose),
     Replace(SceneId, Object, Pose),
@@ -48,21 +48,31 @@ pub enum EditError {
 }
 
 /// Changes the scene of a session, from any thread. Made by
-/// [`HapticRenderer::scene_editor`](crate::HapticRenderer::scene_editor).
+/// [`HapticRenderer::scene_editor`](crate::HapticRenderer::scene_editor), and by
+/// [`ArticulatedRenderer::scene_editor`](crate::ArticulatedRenderer::scene_editor) for both bodies of a tool.
 ///
 /// A change that cannot be made, as of an object that is not there any more, is passed over and
 /// [counted](crate::Events::edit_refused).
 #[derive(Debug)]
 pub struct SceneEditor {
-    edits: Producer<Edit>,
+    /// Of each contact loop.
+    edits: Vec<Producer<Edit>>,
     next: usize,
 }
 
 impl SceneEditor {
     /// For a scene that begins with so many objects.
     pub(crate) fn new(objects: usize) -> (Self, Consumer<Edit>) {
+        let mut editor = Self { edits: Vec::new(), next: objects };
+        let waiting = editor.also();
+        (editor, waiting)
+    }
+
+    /// For one more contact loop with the same scene.
+    pub(crate) fn also(&mut self) -> Consumer<Edit> {
         let (edits, waiting) = RingBuffer::new(WAITING);
-        (Self { edits, next: objects }, waiting)
+        self.edits.push(edits);
+        waiting
     }
 
     /// Adds an object, its mesh's frame at a pose in the world.
@@ -121,7 +131,7 @@ impl SceneEditor {
         if mobility.is_some_and(|mobility| !mobility.is_valid()) {
             return Err(EditError::Mobility);
         }
-        self.edits.push(Edit::Mobility(id, mobility)).map_err(|_| EditError::Full)
+        self.push(Edit::Mobility(id, mobility))
     }
 
     /// Takes an object out.
@@ -129,13 +139,24 @@ impl SceneEditor {
     /// # Errors
     /// If too many changes wait.
     pub fn remove(&mut self, id: SceneId) -> Result<(), EditError> {
-        self.edits.push(Edit::Remove(id)).map_err(|_| EditError::Full)
+        self.push(Edit::Remove(id))
     }
 
     fn send(&mut self, pose: &Pose, edit: impl FnOnce(Pose) -> Edit) -> Result<(), EditError> {
         if !pose.is_valid() {
             return Err(EditError::Pose);
         }
-        self.edits.push(edit(*pose)).map_err(|_| EditError::Full)
+        self.push(edit(*pose))
+    }
+
+    /// To all loops, or to none.
+    fn push(&mut self, edit: Edit) -> Result<(), EditError> {
+        if self.edits.iter().any(Producer::is_full) {
+            return Err(EditError::Full);
+        }
+        for edits in &mut self.edits {
+            edits.push(edit.clone()).map_err(|_| EditError::Full)?;
+        }
+        Ok(())
     }
 }

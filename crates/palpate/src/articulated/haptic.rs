@@ -18,11 +18,14 @@ use super::tool::ToolBody;
 use crate::contact_loop::ContactUpdate;
 use crate::haptic_loop::{Found, Limits, STORED_IN_CONTACTS};
 use crate::presence::Presence;
+use crate::reactions::{Reacting, Reactions};
 use crate::telemetry::HapticTelemetry;
 use crate::tracking::{Reading, Tracking};
 use crate::workspace::{Workspace, motion_at};
 
 /// The state of the haptic loop: the tool, its couplings to device and gripper, and the newest contact models of its bodies.
+///
+/// A clone tells nobody what it pushes.
 #[derive(Clone, Debug)]
 pub struct ArticulatedLoop {
     body: ArticulatedBody,
@@ -44,6 +47,7 @@ pub struct ArticulatedLoop {
     sent: Wrench,
     found: [Found; 2],
     contacts: [ContactBlend; 2],
+    reacting: Reacting,
     /// Time of the first step, s, from which the first contact models are waited for, and of the last one; NaN before.
     started: f64,
     now: f64,
@@ -107,6 +111,7 @@ impl ArticulatedLoop {
             sent: Wrench::ZERO,
             found: [none; 2],
             contacts: [ContactBlend::new(), ContactBlend::new()],
+            reacting: Reacting::default(),
             started: f64::NAN,
             now: f64::NAN,
             telemetry: HapticTelemetry::default(),
@@ -206,10 +211,25 @@ impl ArticulatedLoop {
         self.telemetry.events.step_refused += u64::from(step.status.held.is_some());
         self.telemetry.events.contacts_unsettled += u64::from(step.status.active_set_unsettled);
         self.state = step.state;
+        self.react(&step, dt);
 
         self.pass(reading, &step, now, dt);
         self.send(reading, &step, arm, dt, elapsed);
         self.record(&handle, &step, now)
+    }
+
+    /// Lets what contacts push the scene's objects with be taken elsewhere, from the next step on.
+    pub(super) fn reactions(&mut self) -> Reactions {
+        self.reacting.open()
+    }
+
+    /// Tells what a step of `dt` (s) pushed the scene with, if it was taken.
+    fn react(&mut self, step: &ArticulatedStep, dt: f64) {
+        let states = [self.state.first, self.body.second(&self.state)];
+        for (contacts, state) in self.contacts.iter().zip(&states).filter(|_| step.status.held.is_none()) {
+            self.telemetry.events.reaction_dropped += self.reacting.add(contacts.contacts(), state, dt);
+        }
+        self.reacting.pass_on();
     }
 
     /// Takes the readings of device and gripper: what came of the worse.

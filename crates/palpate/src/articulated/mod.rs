@@ -5,7 +5,7 @@
 //! body has contacts of its own with the scene, found by a [`ContactLoop`](crate::ContactLoop) of its own and gone over to by a
 //! [`ContactBlend`](palpate_dynamics::ContactBlend) of its own; one [`articulated_step`](palpate_dynamics::articulated_step) moves
 //! both. The two bodies do not collide with each other: where the blades meet is the hinge's lower limit. What is between them is
-//! felt as both touch it.
+//! felt as both touch it, and pushed by both if it has a [`Mobility`](crate::Mobility).
 //!
 //! Textures, friction, braking, proxies and levels of detail are those of the contact loops. A proxy follows one body, without
 //! knowing of the hinge.

@@ -13,7 +13,9 @@ use super::haptic::{ArticulatedLoop, Grasped};
 use crate::contact_loop::ContactLoop;
 use crate::gains::{coupling, max_damping, port_limits, slew};
 use crate::object::Object;
+use crate::reactions::Reactions;
 use crate::scene::Scene;
+use crate::scene_editor::SceneEditor;
 use crate::settings::{Settings, SettingsError};
 use crate::textures::TextureError;
 
@@ -197,6 +199,19 @@ impl ArticulatedRenderer {
         };
         let contacts = [of(&tool.first, body.first, centers[0])?, of(&tool.second, body.second, centers[1])?];
         Ok(Self { haptic, contacts, period })
+    }
+
+    /// Lets the scene be changed from elsewhere while the session runs; an earlier editor changes nothing any more.
+    pub fn scene_editor(&mut self) -> SceneEditor {
+        let [first, second] = &mut self.contacts;
+        let mut editor = first.editor();
+        second.follow_editor(&mut editor);
+        editor
+    }
+
+    /// Lets what contacts of both bodies push the scene's objects with be taken elsewhere; an earlier taker gets nothing any more.
+    pub fn reactions(&mut self) -> Reactions {
+        self.haptic.reactions()
     }
 
     /// The loops, for a host that runs them itself: [`ArticulatedLoop::step`] once a period, and [`ContactLoop::step`] of each body

@@ -141,6 +141,11 @@ impl ContactLoop {
         editor
     }
 
+    /// Lets an editor of another loop, which has the same scene, change it here as well.
+    pub(crate) fn follow_editor(&mut self, editor: &mut SceneEditor) {
+        self.edits = Some(editor.also());
+    }
+
     /// Makes the changes that wait.
     pub(super) fn make_edits(&mut self) {
         while let Some(edit) = self.edits.as_mut().and_then(|edits| edits.pop().ok()) {
