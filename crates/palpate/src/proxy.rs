@@ -7,6 +7,10 @@
 //! ([`constrained_motion`]): a god-object (Zilles and Salisbury 1995; of six degrees of freedom, Ortega, Redon and
 //! Coquillart 2007). The contacts are those of the proxy, and their planes push the object back to it.
 //!
+//! Two convex patches have one contact only at a time, which jumps from corner to corner as they rock on one another. One that has
+//! jumped is remembered where it was, as persistent contact manifolds of rigid-body engines do, until the surfaces there are
+//! further apart than d or have slid by as much; it weighs less the further they have slid, and the nearer to it they touch now.
+//!
 //! Scene objects that move take along what was found of them, and the proxy goes out of their way before it follows. Where it
 //! cannot, between two that close on it, or where an object is put over it, it starts anew where the grasped object is.
 //!
@@ -34,8 +38,11 @@ const TRACE: f64 = 1e-3;
 /// Contacts closer than d are the same if their normals' cosine is above this.
 const SAME_DIRECTION: f64 = 0.9;
 
+/// The point where two patches touch has jumped if it is so far from where it was on the proxy, in tolerances.
+const JUMP: f64 = 0.25;
+
 /// Contacts that are remembered, at most.
-const REMEMBERED: usize = 16;
+const REMEMBERED: usize = 64;
 
 /// Queries in a step of the contact loop, at most. What is left of the way is gone in the next.
 const LOOKS: usize = 8;
@@ -60,13 +67,15 @@ pub(crate) struct Proxy {
     sound: bool,
     /// How far any point of the object was from where the proxy has it when it had followed last, at most, m.
     lag: f64,
-    /// All contacts within the reach (m) there.
+    /// All contacts within the reach (m) there, by pairs of patches.
     found: Vec<Found>,
     reach: f64,
     /// Whether the scene has changed since.
     stale: bool,
-    /// Contacts in which it was too deep where it was to go, as its present pose has them. Convex patches that lie flat on
-    /// one another have one contact only at a time, and would rock on it.
+    /// What was found before that.
+    before: Vec<Found>,
+    /// Contacts in which it was too deep where it was to go, and those that have jumped elsewhere between the same patches, as its
+    /// present pose has them.
     remembered: ArrayVec<Found, REMEMBERED>,
     limits: Vec<MotionLimit>,
     multipliers: Vec<f64>,
@@ -78,6 +87,13 @@ pub(crate) struct Found {
     pub contact: PatchContact,
     /// By the scene's order.
     pub object: usize,
+}
+
+impl Found {
+    /// Scene object and patches that it is between.
+    fn pair(&self) -> (usize, u32, u32) {
+        (self.object, self.contact.probe_node, self.contact.scene_node)
+    }
 }
 
 /// How a step of the proxy went.
@@ -117,6 +133,7 @@ impl Proxy {
             sound: false,
             lag: 0.0,
             found: Vec::new(),
+            before: Vec::new(),
             reach: 0.0,
             stale: false,
             remembered: ArrayVec::new(),
@@ -182,6 +199,7 @@ impl Proxy {
         let mut followed = Followed::default();
         if !(self.enabled && self.sound && self.approach(goal, settings, scene, &mut followed)) {
             // It has no side that it could be kept on.
+            self.found.clear();
             self.remembered.clear();
             let outcome = self.look(goal, settings, scene, &mut followed);
             self.accept(goal, settings, scene);
@@ -221,9 +239,6 @@ impl Proxy {
                 continue;
             }
             self.accept(&next, settings, scene);
-            if next == *goal {
-                self.remembered.clear();
-            }
             if whole {
                 return true;
             }
@@ -341,19 +356,52 @@ impl Proxy {
 
     /// Is where the query was that was made last.
     fn accept(&mut self, pose: &Pose, settings: &QuerySettings, scene: &SceneQuery) {
-        let tolerance = self.tolerance;
-        for found in &mut self.remembered {
+        for found in self.found.iter_mut().chain(&mut self.remembered) {
             found.contact.contact = carried(&found.contact.contact, &self.pose, pose);
         }
-        self.remembered.retain(|found| {
-            let Contact { point, scene_point, normal, depth } = found.contact.contact;
-            depth > -tolerance && (point - scene_point).reject_from(normal).length() < tolerance
-        });
+        std::mem::swap(&mut self.found, &mut self.before);
+        self.found.clear();
+        self.found.extend(all_contacts(scene));
+        self.found.sort_unstable_by_key(Found::pair);
         self.pose = *pose;
         self.reach = settings.tolerance;
         self.stale = false;
-        self.found.clear();
-        self.found.extend(all_contacts(scene));
+        for at in 0..self.before.len() {
+            let before = self.before[at];
+            let near = before.contact.contact.depth > -self.tolerance;
+            let jumped = |(_, distance): (_, f64)| distance > JUMP * self.tolerance;
+            if near && self.now_of(&before).is_some_and(jumped) {
+                self.remember(before);
+            }
+        }
+        self.weigh_remembered();
+    }
+
+    /// What the present contact of the same pair of patches that is nearest to an earlier one weighs, and how far apart
+    /// they are on the proxy, m.
+    fn now_of(&self, earlier: &Found) -> Option<(f64, f64)> {
+        let pair = earlier.pair();
+        let first = self.found.partition_point(|found| found.pair() < pair);
+        let of_pair = self.found[first..].iter().take_while(|found| found.pair() == pair);
+        let point = earlier.contact.contact.point;
+        of_pair
+            .map(|found| (found.contact.weight, found.contact.contact.point.distance(point)))
+            .min_by(|one, other| one.1.total_cmp(&other.1))
+    }
+
+    /// Forgets what has come further apart than d or slid as far along the surface, and weighs the rest as its pair of patches:
+    /// less where it has slid, or is within d of where they touch now.
+    fn weigh_remembered(&mut self) {
+        let tolerance = self.tolerance;
+        let mut remembered = std::mem::take(&mut self.remembered);
+        remembered.retain(|found| {
+            let Contact { point, scene_point, normal, depth } = found.contact.contact;
+            let slid = (point - scene_point).reject_from(normal).length() / tolerance;
+            let (weight, aside) = self.now_of(found).unwrap_or_default();
+            found.contact.weight = weight * (aside / tolerance).min(1.0) * (1.0 - slid).max(0.0);
+            depth > -tolerance && slid < 1.0
+        });
+        self.remembered = remembered;
     }
 
     /// Remembers in what the last query, at `pose`, found the proxy to be too deep.
@@ -371,8 +419,10 @@ impl Proxy {
     fn remember(&mut self, found: Found) {
         let Contact { point, normal, depth, .. } = found.contact.contact;
         let same = |other: &Found| {
-            let Contact { point: there, normal: other, .. } = other.contact.contact;
-            there.distance(point) < self.tolerance && other.dot(normal) > SAME_DIRECTION
+            let Contact { point: there, normal: towards, .. } = other.contact.contact;
+            other.pair() == found.pair()
+                && there.distance(point) < self.tolerance
+                && towards.dot(normal) > SAME_DIRECTION
         };
         let depth_of = |found: &Found| found.contact.contact.depth;
         let shallower = |one: &&mut Found, other: &&mut Found| depth_of(one).total_cmp(&depth_of(other));

@@ -51,8 +51,7 @@ fn kinematic_bodies_are_felt_and_not_pushed() {
         // It stops, and the force stays.
         session.world.bodies[body].set_linvel(Vector::ZERO, true);
         let (one, other) = (mean(&mut session, 1000), mean(&mut session, 1000));
-        // The probe has facets, between which it swings a little.
-        assert!((one - other).abs() < 0.05 * one, "every {every} ms: {one} and {other} N");
+        assert!((one - other).abs() < 1e-3 * one, "every {every} ms: {one} and {other} N");
         // Let go by the session, it is not felt any more.
         session.touched.remove(&mut session.scene, body).expect("it is touched");
         assert!(session.touched.is_empty());

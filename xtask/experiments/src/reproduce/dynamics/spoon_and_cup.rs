@@ -163,7 +163,7 @@ mod tests {
         assert!(found.is_as_claimed(), "{found:?}");
         // A contact that is soft, and a body that is heavy.
         let [runge_kutta, light, stiff] = SETUPS;
-        let (soft, _) = find(&[runge_kutta, (light.0, light.1, light.2, 500.0), stiff]).unwrap();
+        let (soft, _) = find(&[runge_kutta, (light.0, light.1, light.2, 200.0), stiff]).unwrap();
         assert!(!soft.is_as_claimed() && soft.depth[0] > DEPTHS[0], "{soft:?}");
         let (heavy, _) = find(&[runge_kutta, (light.0, light.1, 0.1, light.3), stiff]).unwrap();
         assert!(!heavy.is_as_claimed() && heavy.contrast[0] < 2.0 * heavy.contrast[1], "{heavy:?}");
