@@ -38,6 +38,11 @@ const INTERVALS: f64 = 4.0;
 const LONGEST_INTERVAL: f64 = 0.02;
 const FURTHEST: f64 = 0.5;
 
+/// The furthest that contacts are looked for because the proxy lags behind the body, in tolerances, and how many of those further
+/// apart than d there may be before it is less. They hold the body.
+const FURTHEST_LAG: f64 = 16.0;
+const LAG_CONTACTS: usize = 256;
+
 /// How far the query looks ahead goes in steps of this, in tolerances.
 const STEP: f64 = 0.25;
 
@@ -180,7 +185,7 @@ impl ContactLoop {
             mass: body.mass,
             radius,
             outlook: FURTHEST * radius,
-            furthest_lag: FURTHEST * radius,
+            furthest_lag: FURTHEST_LAG * parameters.tolerance,
             time: f64::NAN,
             telemetry: ContactTelemetry::default(),
             watched: None,
@@ -448,17 +453,16 @@ impl ContactLoop {
         let tolerance = self.parameters.tolerance;
         let found = self.proxy.contacts().count();
         let near = self.proxy.contacts().filter(|found| found.contact.contact.depth > -near).count();
-        if lag == 0.0 {
-            self.furthest_lag = FURTHEST * self.radius;
-        }
-        if found - near > near.max(FAR_CONTACTS) {
-            if way > 0.0 {
-                self.outlook = (0.5 * way).max(STEP * tolerance);
-            } else {
-                self.furthest_lag = 0.5 * lag;
-            }
+        let far = found - near;
+        if far > near.max(FAR_CONTACTS) {
+            self.outlook = (0.5 * way).max(STEP * tolerance);
         } else if way >= self.outlook {
             self.outlook = (GROWTH * self.outlook).min(FURTHEST * self.radius);
+        }
+        if far > LAG_CONTACTS && lag > 0.0 {
+            self.furthest_lag = (0.5 * lag).max(STEP * tolerance);
+        } else if lag == 0.0 {
+            self.furthest_lag = (GROWTH * self.furthest_lag).min(FURTHEST_LAG * tolerance);
         }
     }
 
