@@ -176,7 +176,7 @@ fn switch_on() -> Result<(), String> {
 }
 
 /// What callgrind counts.
-const COUNTED_FUNCTION: &str = "xtask::trade::cost::counted";
+const COUNTED_FUNCTION: &str = concat!(module_path!(), "::counted");
 
 #[inline(never)]
 fn counted(work: &mut dyn FnMut()) {
