@@ -84,7 +84,7 @@ fn main() -> ExitCode {
 /// Runs a task of `palpate-experiments`, which says itself what went wrong.
 fn experiment(name: &str, passed: &Passed) -> Result<(), Failure> {
     let status = Command::new("cargo")
-        .args(["run", "--quiet", "--locked", "--package", "palpate-experiments", "--", name])
+        .args(["run", "--release", "--quiet", "--locked", "--package", "palpate-experiments", "--", name])
         .args(&passed.arguments)
         .status()
         .map_err(|error| format!("cargo could not be started: {error}"))?;
