@@ -411,23 +411,20 @@ impl LinearContactModel {
 
     /// Adds contacts further apart than d that are to brake the body from `time` (s) before they would close. Beyond
     /// [`MAX_APPROACHING`] the rest are left out.
-    pub fn with_approaching(
-        mut self,
+    pub fn push_approaching(
+        &mut self,
         contacts: impl IntoIterator<Item = Contact>,
         parameters: &ContactParameters,
         time: f64,
-    ) -> Self {
-        let found = Self::from_contacts(
-            contacts.into_iter().take(MAX_APPROACHING),
-            &self.pose,
-            parameters,
-            self.time,
-        );
-        for constraint in found.constraints() {
-            self.push(PlaneConstraint { braking_time: time, ..*constraint });
+    ) {
+        for contact in contacts.into_iter().take(MAX_APPROACHING) {
+            match PlaneConstraint::found(&contact.into(), &self.pose, parameters) {
+                Some(constraint) => {
+                    self.push(PlaneConstraint { braking_time: time, ..constraint });
+                }
+                None => self.refused += 1,
+            }
         }
-        self.refused += found.refused;
-        self
     }
 
     /// Adds a contact, found while the body was at a pose, with how its depth changes as the body moves; gains are those of

@@ -409,9 +409,10 @@ fn braking_slows_what_comes_fast() {
     let deepest = |speed: f64, braking: bool| {
         let start = Pose::from_translation(DVec3::Z * 0.02);
         let touch = contact(&start, DVec3::ZERO, DVec3::NEG_Z, -0.02);
-        let none = LinearContactModel::empty(&start, 0.0);
         let model = if braking {
-            none.with_approaching([touch], &parameters, 0.01)
+            let mut model = LinearContactModel::empty(&start, 0.0);
+            model.push_approaching([touch], &parameters, 0.01);
+            model
         } else {
             LinearContactModel::from_contacts([touch], &start, &parameters, 0.0)
         };

@@ -225,7 +225,7 @@ impl ContactLoop {
         let coarse = self.add_textured(&mut model, &mut depth, body, &braking, interval, ahead);
         let clusters = self.approaching_clusters.run(&self.approaching, settings.tolerance, &probe_pose);
         let representatives = clusters.iter().map(|cluster| cluster.contact);
-        let mut model = model.with_approaching(representatives, &braking, ahead);
+        model.push_approaching(representatives, &braking, ahead);
         self.add_approaching(&mut model, &braking, interval, ahead);
         self.telemetry.events.contact_refused += u64::from(model.refused());
         if let Some(watched) = &mut self.watched {

@@ -19,7 +19,6 @@
 //! Where the object itself penetrates no more than that trace, and has come there without passing anything, it is its own
 //! proxy, with one query a step.
 
-use arrayvec::ArrayVec;
 use palpate_collide::{PatchContact, QueryOutcome, QuerySettings, SceneQuery};
 use palpate_core::glam::{DMat3, DVec3};
 use palpate_core::{Contact, Pose, Twist};
@@ -76,7 +75,7 @@ pub(crate) struct Proxy {
     before: Vec<Found>,
     /// Contacts in which it was too deep where it was to go, and those that have jumped elsewhere between the same patches, as its
     /// present pose has them.
-    remembered: ArrayVec<Found, REMEMBERED>,
+    remembered: Vec<Found>,
     limits: Vec<MotionLimit>,
     multipliers: Vec<f64>,
 }
@@ -136,7 +135,7 @@ impl Proxy {
             before: Vec::new(),
             reach: 0.0,
             stale: false,
-            remembered: ArrayVec::new(),
+            remembered: Vec::with_capacity(REMEMBERED),
             limits: Vec::new(),
             multipliers: Vec::new(),
         }
@@ -394,7 +393,7 @@ impl Proxy {
     fn weigh_remembered(&mut self) {
         let tolerance = self.tolerance;
         let mut remembered = std::mem::take(&mut self.remembered);
-        remembered.retain(|found| {
+        remembered.retain_mut(|found| {
             let Contact { point, scene_point, normal, depth } = found.contact.contact;
             let slid = (point - scene_point).reject_from(normal).length() / tolerance;
             let (weight, aside) = self.now_of(found).unwrap_or_default();
@@ -428,7 +427,7 @@ impl Proxy {
         let shallower = |one: &&mut Found, other: &&mut Found| depth_of(one).total_cmp(&depth_of(other));
         if let Some(known) = self.remembered.iter().position(same) {
             self.remembered[known] = found;
-        } else if !self.remembered.is_full() {
+        } else if self.remembered.len() < REMEMBERED {
             self.remembered.push(found);
         } else if let Some(shallowest) = self.remembered.iter_mut().min_by(shallower)
             && depth_of(shallowest) < depth
