@@ -1,6 +1,7 @@
 //! A body that nothing holds, in a host's world: pushed by what touches it.
 
 use palpate::core::Twist;
+use palpate::dynamics::{Body, BodyState};
 use palpate::glam::{DMat3, DVec3};
 use palpate::{Mobility, Object, Pose, Reactions, SceneEditor, SceneId};
 
@@ -50,10 +51,8 @@ impl FreeBody {
 
     /// Kinetic energy, J.
     pub fn energy(&self) -> f64 {
-        let turn = DMat3::from_quat(self.pose.rotation);
-        let Twist { linear, angular } = self.twist;
-        let spin = turn * self.inertia * turn.transpose() * angular;
-        0.5 * self.mass * linear.length_squared() + 0.5 * angular.dot(spin)
+        let body = Body::new(self.mass, self.inertia).expect("a body");
+        body.kinetic_energy(&BodyState { pose: self.pose, twist: self.twist })
     }
 
     /// A step of its world: it takes what it was pushed with, moves on, and tells where it is. What others were pushed with is

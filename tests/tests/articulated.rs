@@ -51,8 +51,11 @@ fn specification() -> Specification {
 }
 
 fn renderer(scene: Scene) -> ArticulatedRenderer {
-    let gripper = GripperSettings::default();
-    ArticulatedRenderer::new(&forceps(), &scene, &specification(), &device(OPEN), OPEN, &settings(), &gripper)
+    renderer_with(&scene, &settings(), &GripperSettings::default())
+}
+
+fn renderer_with(scene: &Scene, settings: &Settings, gripper: &GripperSettings) -> ArticulatedRenderer {
+    ArticulatedRenderer::new(&forceps(), scene, &specification(), &device(OPEN), OPEN, settings, gripper)
         .expect("a session")
 }
 
@@ -153,17 +156,8 @@ fn at_rest_nothing_moves() {
 fn what_is_free_is_held_and_taken_along() {
     let (mass, dt) = (0.05, 1e-3);
     let settings = Settings { friction: 0.8, ..settings() };
-    let (scene, gripper) = (with_ellipsoid(), GripperSettings::default());
-    let mut renderer = ArticulatedRenderer::new(
-        &forceps(),
-        &scene,
-        &specification(),
-        &device(OPEN),
-        OPEN,
-        &settings,
-        &gripper,
-    )
-    .expect("a session");
+    let scene = with_ellipsoid();
+    let mut renderer = renderer_with(&scene, &settings, &GripperSettings::default());
     let (mut editor, mut reactions) = (renderer.scene_editor(), renderer.reactions());
     let [placed] = scene.objects() else { panic!("one object") };
     let mut body = FreeBody::new(&placed.object, SceneId(0), mass, placed.pose, dt, &mut editor);
@@ -201,17 +195,7 @@ fn what_is_free_is_held_and_taken_along() {
 /// What the hand feels when it pulls the closed forceps sideways by 2 mm, N.
 fn pulled(friction: f64) -> f64 {
     let settings = Settings { friction, ..settings() };
-    let gripper = GripperSettings::default();
-    let renderer = ArticulatedRenderer::new(
-        &forceps(),
-        &with_ellipsoid(),
-        &specification(),
-        &device(OPEN),
-        OPEN,
-        &settings,
-        &gripper,
-    )
-    .expect("a session");
+    let renderer = renderer_with(&with_ellipsoid(), &settings, &GripperSettings::default());
     let mut session = renderer.lockstep(ContactTiming::busy(500.0));
     close(&mut session, OPEN, 0.0, 0.6);
     let mut force = f64::NAN;
@@ -304,16 +288,7 @@ fn the_simulated_clock_gives_the_same_each_time() {
 fn a_gripper_is_asked_for_no_more_than_it_can() {
     let port = palpate::dynamics::PortAxes { peak: 0.03, ..GripperSettings::default().port };
     let gripper = GripperSettings { port, ..GripperSettings::default() };
-    let renderer = ArticulatedRenderer::new(
-        &forceps(),
-        &with_ellipsoid(),
-        &specification(),
-        &device(OPEN),
-        OPEN,
-        &settings(),
-        &gripper,
-    )
-    .expect("a session");
+    let renderer = renderer_with(&with_ellipsoid(), &settings(), &gripper);
     let mut session = renderer.lockstep(ContactTiming::busy(500.0));
     let mut last = 0.0_f64;
     for record in close(&mut session, OPEN, 0.0, 0.5) {
