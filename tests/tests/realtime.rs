@@ -17,6 +17,8 @@ const DAY: f64 = 86_400.0;
 struct Shaken {
     inner: Box<dyn HapticDevice>,
     panics_at: usize,
+    /// Every tenth read takes this long.
+    delay: std::time::Duration,
     reads: usize,
     last: Arc<Mutex<Wrench>>,
 }
@@ -29,6 +31,9 @@ impl HapticDevice for Shaken {
     fn read(&mut self, now: f64) -> Result<DeviceState, DeviceError> {
         self.reads += 1;
         assert!(self.reads <= self.panics_at, "the driver panics, as this test wants");
+        if self.reads.is_multiple_of(10) {
+            std::thread::sleep(self.delay);
+        }
         let mut state = self.inner.read(now)?;
         state.pose.translation += DVec3::X * 1e-3 * (self.reads % 7) as f64;
         Ok(state)
@@ -46,9 +51,13 @@ impl HapticDevice for Shaken {
 }
 
 fn renderer(panics_at: usize) -> (HapticRenderer, Arc<Mutex<Wrench>>) {
+    slow_renderer(panics_at, std::time::Duration::ZERO)
+}
+
+fn slow_renderer(panics_at: usize, delay: std::time::Duration) -> (HapticRenderer, Arc<Mutex<Wrench>>) {
     let last = Arc::new(Mutex::new(Wrench::new(DVec3::ONE, DVec3::ONE)));
     let inner = Box::new(Emulation::default().open(Pose::IDENTITY).expect("emulated device"));
-    let device = Shaken { inner, panics_at, reads: 0, last: Arc::clone(&last) };
+    let device = Shaken { inner, panics_at, delay, reads: 0, last: Arc::clone(&last) };
     let object: Object = model("ellipsoid@500");
     let scene = Scene::new().with(object.clone(), Pose::IDENTITY);
     let renderer = HapticRenderer::new(object, scene, Box::new(device), Settings::default());
@@ -119,6 +128,28 @@ fn a_panic_of_the_driver_ends_the_session_with_its_records_written() {
     }));
     assert!(ended.is_err() && released(&last));
     assert_eq!(taken, 40);
+}
+
+#[test]
+fn deadlines_missed_by_a_slow_driver_are_put_down_to_the_step() {
+    let run = |delay| {
+        let (renderer, _) = slow_renderer(usize::MAX, std::time::Duration::from_millis(delay));
+        let sink = |_: &Record| Ok::<_, Infallible>(());
+        renderer.run_realtime(0.3, &AtomicBool::new(false), sink).expect("the sink never fails").summary()
+    };
+    let slow = run(5).haptic;
+    // A read of at least 5 ms overruns the four deadlines after its own.
+    let slow_steps = slow.steps / 10;
+    assert!(slow_steps > 5 && slow.missed_by_step >= 4 * (slow_steps - 1), "{slow:?}");
+    assert_eq!(slow.missed_deadlines, slow.missed_by_step + slow.missed_by_machine);
+    assert!(slow.missed_verdict().contains("because the step took longer than its period"), "{slow:?}");
+    let usual = run(0).haptic;
+    assert_eq!(usual.missed_deadlines, usual.missed_by_step + usual.missed_by_machine);
+    // A loaded machine may interrupt a step, but not as often.
+    assert!(4 * usual.missed_by_step < slow.missed_by_step, "{usual:?}");
+    if cfg!(target_os = "linux") {
+        assert!(usual.preempted.is_some(), "{usual:?}");
+    }
 }
 
 #[test]

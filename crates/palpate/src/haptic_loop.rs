@@ -199,7 +199,10 @@ impl HapticLoop {
         let duration = if since.is_nan() { 0.0 } else { since.min(ContactBlend::LONGEST) };
         self.contacts.arrive(model, &self.state, self.now - time, duration);
         self.found = Found { time, depth, contacts };
-        self.telemetry.depth_max = self.telemetry.depth_max.max(depth);
+        let telemetry = &mut self.telemetry;
+        telemetry.depth_max = telemetry.depth_max.max(depth);
+        telemetry.contacts_max = telemetry.contacts_max.max(contacts);
+        telemetry.contacts_now = contacts;
     }
 
     /// One step of `dt` seconds up to time `now` (s) on a device: reads it, steps and writes the wrench. A device that
@@ -227,6 +230,9 @@ impl HapticLoop {
         let reading = self.tracking.take(device, dt, &mut self.telemetry.events);
         if self.started.is_nan() {
             self.started = now;
+        }
+        if self.found.contacts > 0 {
+            self.telemetry.first_touch.get_or_insert(now);
         }
         // A step may come late.
         let elapsed = (now - std::mem::replace(&mut self.now, now)).max(dt);
