@@ -60,7 +60,7 @@ fn displaced(argument: &str, image: Option<(&Path, f64)>, options: &OpenOptions)
         }
         (None, None) => return Ok(progress::open(argument, options)?),
     };
-    progress::warn(argument, &loaded.warnings);
+    progress::warn(argument, &loaded.warnings.iter().map(progress::in_words).collect::<Vec<_>>());
     let (heights, warnings) = heights.map_err(|error| Failure::Message(error.to_string()))?;
     progress::warn(&name, &warnings);
     let size = [heights.width(), heights.height()];

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use glam::DVec3;
 use palpate_core::{TriMesh, glam};
-use palpate_mesh_io::{LoadError, LoadOptions, LoadedMesh, load};
+use palpate_mesh_io::{LoadError, LoadOptions, LoadWarning, LoadedMesh, load};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
@@ -103,7 +103,7 @@ fn obj() {
     );
     let loaded = folder.expect_cube("more.obj", obj_vertices() + "l 1 2 3\np 4\nf 1 2\n" + &quads);
     assert_eq!(loaded.warnings.len(), 3, "{:?}", loaded.warnings);
-    assert!(loaded.warnings.iter().any(|w| w.contains("line 11")), "{:?}", loaded.warnings);
+    assert!(loaded.warnings.iter().any(|w| w.to_string().contains("line 11")), "{:?}", loaded.warnings);
 
     folder.expect_error("zero.obj", obj_vertices() + "f 1 2 0\n", "line 9: the face names vertex 0");
     folder.expect_error(
@@ -163,7 +163,8 @@ fn stl() {
     folder.expect_cube("binary.stl", binary_stl(b"made here"));
     folder.expect_cube("solid.stl", binary_stl(b"solid but binary"));
     let loaded = folder.expect_cube("longer.stl", [binary_stl(b""), vec![1; 7]].concat());
-    assert!(loaded.warnings[0].contains("7 bytes"), "{:?}", loaded.warnings);
+    assert_eq!(loaded.warnings, [LoadWarning::TrailingBytes { count: 7 }]);
+    assert!(loaded.warnings[0].to_string().contains("7 bytes"));
 
     folder.expect_error("cut.stl", &binary_stl(b"")[..400], "12 triangles");
     folder.expect_error("tiny.stl", [1; 50], "84 bytes");
@@ -413,7 +414,7 @@ fn gltf_primitives() {
     some.extend([1, 2]);
     let indices = scene.indices(&some);
     scene.primitive(positions, Some(indices), 4);
-    assert!(folder.expect_cube("left.glb", scene.glb()).warnings[0].contains("left over"));
+    assert!(folder.expect_cube("left.glb", scene.glb()).warnings[0].to_string().contains("left over"));
 
     let mut scene = indexed_cube();
     scene.data[96] = 8;
@@ -591,9 +592,15 @@ fn options() {
     let cube = with(LoadOptions { scale: 0.001, ..LoadOptions::default() }).unwrap();
     assert!((cube.mesh.bounding_sphere().radius - 0.001 * 3.0_f64.sqrt()).abs() < 1e-18);
     assert!(cube.warnings.is_empty() && cube.repairs.is_none());
-    for (scale, hint) in [(1e-6, "--scale 0.001"), (100.0, "--scale 0.1")] {
+    // The radius of the file's cube, √3, is plausible for something held in centimetres.
+    for scale in [1e-6, 100.0] {
         let warnings = with(LoadOptions { scale, ..LoadOptions::default() }).unwrap().warnings;
-        assert!(warnings[0].contains(hint), "{warnings:?}");
+        let [LoadWarning::Units { radius, suggested: Some(0.01) }] = warnings[..] else {
+            panic!("{warnings:?}")
+        };
+        assert!((radius / scale - 3.0_f64.sqrt()).abs() < 1e-12, "{radius}");
+        let line = warnings[0].to_string();
+        assert!(line.contains("LoadOptions::scale of 0.01") && !line.contains('\n'), "{line}");
     }
     let raw = with(LoadOptions { weld: false, ..LoadOptions::default() }).unwrap();
     assert_eq!((raw.mesh.vertices().len(), raw.raw_vertices), (36, 36));

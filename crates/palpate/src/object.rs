@@ -127,7 +127,8 @@ pub fn open_mesh(argument: &str, options: &OpenOptions) -> Result<NamedMesh, Ope
     if names_file(argument) {
         let load = LoadOptions { scale: options.scale, repair: options.repair, ..LoadOptions::default() };
         let loaded = palpate_mesh_io::load(Path::new(argument), &load)?;
-        return Ok(NamedMesh { name: argument.to_owned(), mesh: loaded.mesh, warnings: loaded.warnings });
+        let warnings = loaded.warnings.iter().map(ToString::to_string).collect();
+        return Ok(NamedMesh { name: argument.to_owned(), mesh: loaded.mesh, warnings });
     }
     let (model, triangles) = Model::parse(argument)?;
     let mut mesh = model.generate(triangles)?;
