@@ -144,7 +144,10 @@ impl HapticThread<'_> {
         let rendered = catch_unwind(AssertUnwindSafe(|| self.render(steps, stop)));
         let released = catch_unwind(AssertUnwindSafe(|| self.device.write(&Wrench::ZERO)));
         let lasted = rendered?;
-        self.haptic.telemetry_mut().events.device_refused += u64::from(released?.is_err());
+        if let Err(error) = released? {
+            self.haptic.telemetry_mut().events.device_refused += 1;
+            self.haptic.keep_device_error(error);
+        }
         Ok(lasted)
     }
 
