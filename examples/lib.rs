@@ -93,7 +93,7 @@ pub fn write_report(
 /// If there is no such file or model, or the mesh cannot be used.
 pub fn open(name: &str) -> Result<Object, Box<dyn Error>> {
     let bar = bar(name);
-    let (object, _) = Object::open(name, &OpenOptions::default(), &mut |stage, fraction| {
+    let object = Object::open(name, &OpenOptions::default(), &mut |stage, fraction| {
         bar.set_message(format!("{name}: {stage}"));
         bar.set_position((1000.0 * fraction) as u64);
         ControlFlow::Continue(())

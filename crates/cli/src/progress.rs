@@ -43,13 +43,13 @@ pub fn open(argument: &str, options: &palpate::OpenOptions) -> Result<palpate::O
     let bar = bar(argument);
     let opened = palpate::Object::open(argument, options, &mut of_build(&bar, argument));
     bar.finish_and_clear();
-    let (object, warnings) = opened?;
-    warn(argument, &warnings);
+    let object = opened?;
+    warn_of_loading(argument, object.warnings());
     Ok(object)
 }
 
 /// A loader's warning, with options named as on the command line.
-pub fn in_words(warning: &LoadWarning) -> String {
+fn in_words(warning: &LoadWarning) -> String {
     match warning {
         LoadWarning::Units { radius, suggested } => {
             let remedy = match suggested {
@@ -60,6 +60,11 @@ pub fn in_words(warning: &LoadWarning) -> String {
         }
         other => other.to_string(),
     }
+}
+
+/// Prints what a loader warned of about `argument`.
+pub fn warn_of_loading(argument: &str, warnings: &[LoadWarning]) {
+    warn(argument, &warnings.iter().map(in_words).collect::<Vec<_>>());
 }
 
 /// Prints warnings about `argument`.

@@ -61,6 +61,18 @@ fn touching_is_felt_and_bounded() {
     }
     let last = records.last().expect("rows");
     assert!(last.contact.force.length() < 1e-9, "withdrawn, but {:?}", last.contact);
+    let first = records.iter().find(|row| row.contacts > 0).map(|row| row.time);
+    assert!(first.is_some_and(|time| time > 0.1), "the probe starts away from the ball: {first:?}");
+    assert_eq!(summary.first_touch_s, first);
+    assert_eq!(Some(summary.contacts_max), records.iter().map(|row| row.contacts).max());
+    assert_eq!(summary.contacts_at_end, last.contacts);
+    let center_of_mass = model("ellipsoid@2000").clod.source.center_of_mass;
+    assert_eq!(summary.grasp, center_of_mass);
+    let stretch = records.iter().map(|row| row.stretch(center_of_mass)).fold(0.0, f64::max);
+    assert!(stretch > 1e-4 && summary.coupling_stretch_max == stretch, "{}", summary.coupling_stretch_max);
+    // Real time is not known here; 2.5 ms are enough for most queries.
+    assert!(summary.contact.longer_than_slot.is_some_and(|longer| longer < 2000), "{:?}", summary.contact);
+    assert_eq!((summary.haptic.stolen_s, summary.haptic.preempted), (None, None));
 }
 
 #[test]
@@ -77,6 +89,28 @@ fn free_space_is_quiet() {
         .expect("the sink never fails");
     assert!(session.summary().stages["contact query"].starts_with("off"));
     assert!(session.summary().coupling_force_max < 0.5, "{:?}", session.summary());
+    let summary = session.summary();
+    assert_eq!((summary.first_touch_s, summary.contacts_max, summary.contacts_at_end), (None, 0, 0));
+    let json = serde_json::to_value(&summary).expect("JSON");
+    assert!(json["first_touch_s"].is_null() && json["haptic"]["stolen_s"].is_null(), "{json}");
+}
+
+#[test]
+fn queries_that_take_longer_than_their_slot_are_counted() {
+    let ball = model("golf-ball@20000");
+    let scene = Scene::new().with(ball.clone(), Pose::IDENTITY);
+    // Two balls inside each other: a query takes far longer than its slot of 50 µs.
+    let device =
+        Box::new(palpate::device::Emulation::default().open(Pose::IDENTITY).expect("emulated device"));
+    let settings = Settings { rate: 20_000.0, ..Settings::default() };
+    let renderer = HapticRenderer::new(ball, scene, device, settings).expect("renderer");
+    let sink = |_: &Record| Ok::<_, Infallible>(());
+    let session = renderer.run_lockstep(1e-3, ContactTiming::busy(20_000.0), &AtomicBool::new(false), sink);
+    let summary = session.expect("the sink never fails").summary();
+    assert_eq!(summary.haptic.steps, 20);
+    assert!(summary.contact.query_us.p50 > 50.0, "{:?}", summary.contact);
+    let longer = summary.contact.longer_than_slot;
+    assert!(longer.is_some_and(|longer| (10..=20).contains(&longer)), "{:?}", summary.contact);
 }
 
 #[test]
