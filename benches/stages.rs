@@ -172,7 +172,8 @@ impl Program {
     /// Builds it, and keeps it in a folder, for the next build with other features takes its place.
     fn build(features: &[&str], folder: &Path, name: &str) -> Result<Self, Failure> {
         let build = ["build", "--release", "--quiet", "-p", "palpate", "--example", "stage_steps"];
-        let output = cargo(&[&build[..], features, &["--message-format=json"]].concat())?;
+        let features = [&["--features", "models"], features].concat();
+        let output = cargo(&[&build[..], &features, &["--message-format=json"]].concat())?;
         let messages = String::from_utf8(output.stdout)?;
         let mut built = messages.lines().filter_map(|line| {
             let message: serde_json::Value = serde_json::from_str(line).ok()?;

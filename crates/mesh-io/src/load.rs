@@ -5,8 +5,10 @@ use std::path::Path;
 use glam::DVec3;
 use palpate_core::TriMesh;
 
+#[cfg(feature = "gltf")]
+use crate::formats::gltf_scene;
 use crate::formats::surface::{Surface, Wanted};
-use crate::formats::{gltf_scene, obj, ply, read_file, stl};
+use crate::formats::{obj, ply, read_file, stl};
 use crate::{LoadError, LoadWarning, RepairSummary, repair, weld};
 
 /// How a mesh file is read.
@@ -39,7 +41,7 @@ pub struct LoadedMesh {
     pub repairs: Option<RepairSummary>,
 }
 
-/// Loads a mesh file; the extension (in either case) names the format: .obj, .gltf, .glb, .stl or .ply.
+/// Loads a mesh file; the extension (in either case) names the format: .obj, .stl or .ply, and with the feature `gltf` .gltf or .glb.
 ///
 /// The triangles keep the order of the file (for glTF, that of the scene's nodes, depth first). Degenerate and duplicate
 /// triangles are kept unless repair is asked for. The file is read whole into memory.
@@ -62,8 +64,18 @@ pub(crate) fn read(path: &Path, options: &LoadOptions, wanted: Wanted) -> Result
     let extension = extension.to_string_lossy().to_ascii_lowercase();
     let read: fn(&[u8], &Path, Wanted) -> Result<Surface, LoadError> = match extension.as_str() {
         "obj" => obj::read,
+        #[cfg(feature = "gltf")]
         "gltf" => gltf_scene::read_gltf,
+        #[cfg(feature = "gltf")]
         "glb" => gltf_scene::read_glb,
+        #[cfg(not(feature = "gltf"))]
+        "gltf" | "glb" => {
+            return Err(LoadError::Unsupported {
+                file: path.into(),
+                feature: "glTF".into(),
+                remedy: "build with the feature `gltf`, or export the model as OBJ, STL or PLY",
+            });
+        }
         "stl" | "ply" if wanted == Wanted::Textured => return Err(no_coordinates(path, &extension)),
         "stl" => |bytes, path, _| stl::read(bytes, path),
         "ply" => |bytes, path, _| ply::read(bytes, path),

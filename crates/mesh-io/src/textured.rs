@@ -5,6 +5,7 @@ use std::path::Path;
 use palpate_core::mesh::{UvMesh, UvMeshError};
 
 use crate::formats::surface::{Surface, Wanted};
+#[cfg(feature = "gltf")]
 use crate::formats::{gltf_scene, read_file};
 use crate::load::{read, scaled};
 use crate::{LoadError, LoadOptions, LoadWarning};
@@ -62,10 +63,14 @@ pub enum TextureWrap {
 /// # Errors
 /// If the file cannot be read.
 pub fn names_height_texture(path: &Path) -> Result<bool, LoadError> {
-    let named = path
+    #[cfg(not(feature = "gltf"))]
+    let names = false;
+    #[cfg(feature = "gltf")]
+    let names = path
         .extension()
-        .is_some_and(|extension| ["gltf", "glb"].iter().any(|gltf| extension.eq_ignore_ascii_case(gltf)));
-    Ok(named && gltf_scene::names_height_texture(&read_file(path)?, path))
+        .is_some_and(|extension| ["gltf", "glb"].iter().any(|gltf| extension.eq_ignore_ascii_case(gltf)))
+        && gltf_scene::names_height_texture(&read_file(path)?, path);
+    Ok(names)
 }
 
 /// Loads a mesh with texture coordinates; the extension names the format: .obj, .gltf or .glb.

@@ -6,10 +6,10 @@
 //! ([`HapticRenderer::run_lockstep`]), or in the loops of a host ([`HapticRenderer::into_loops`]).
 //!
 //! The parts are crates of their own, re-exported here: [`core`], [`collide`], [`dynamics`], [`device`], and offline
-//! [`mesh_io`], [`models`] and [`clod_build`].
+//! [`mesh_io`] and [`clod_build`], and with the feature `models` the built-in ones.
 //!
 #![cfg_attr(
-    any(doc, doctest),
+    any(doc, all(doctest, feature = "models")),
     doc = "The [guide](guide) goes from the concepts to embedding and troubleshooting."
 )]
 #![cfg_attr(docsrs, feature(doc_cfg))]
@@ -20,7 +20,7 @@ mod cache;
 mod contact_loop;
 pub mod explore;
 mod gains;
-#[cfg(any(doc, doctest))]
+#[cfg(any(doc, all(doctest, feature = "models")))]
 pub mod guide;
 mod haptic_loop;
 mod hosted;
@@ -70,6 +70,7 @@ pub use palpate_dynamics as dynamics;
 pub use palpate_dynamics::IntegratorKind;
 pub use palpate_mesh_io as mesh_io;
 pub use palpate_mesh_io::LoadWarning;
+#[cfg(feature = "models")]
 pub use palpate_models as models;
 pub use palpate_texture_pd as texture_pd;
 pub use reactions::{Reaction, Reactions};

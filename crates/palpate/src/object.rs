@@ -10,6 +10,7 @@ use palpate_core::clod::ClodError;
 use palpate_core::mesh::UvMesh;
 use palpate_core::{Clod, TriMesh};
 use palpate_mesh_io::{LoadError, LoadOptions, LoadWarning};
+#[cfg(feature = "models")]
 use palpate_models::{Model, ModelError};
 use palpate_texture_pd::{BakeError, BakeOptions, BakeReport, HeightImage, SurfaceError, TexturedSurface};
 
@@ -56,8 +57,18 @@ pub enum OpenError {
     #[error(transparent)]
     Mesh(#[from] LoadError),
     /// The argument is neither a file nor a built-in model.
+    #[cfg(feature = "models")]
     #[error(transparent)]
     Model(#[from] ModelError),
+    /// The argument is no file, and there are no built-in models without the feature `models`.
+    #[cfg(not(feature = "models"))]
+    #[error(
+        "{name}: there is no such file; if a built-in model is meant, build palpate with the feature `models`"
+    )]
+    NoModels {
+        /// The name given.
+        name: String,
+    },
     /// A mesh is too large for its indices.
     #[error(transparent)]
     Size(#[from] palpate_core::mesh::MeshError),
@@ -121,7 +132,7 @@ pub struct NamedMesh {
     pub warnings: Vec<LoadWarning>,
 }
 
-/// Reads a mesh file or generates a built-in model (`NAME` or `NAME@TRIANGLES`).
+/// Reads a mesh file or generates a built-in model (`NAME` or `NAME@TRIANGLES`; feature `models`).
 ///
 /// # Errors
 /// If the file or the model's name is refused, or `argument` is a `.clod` file.
@@ -134,17 +145,27 @@ pub fn open_mesh(argument: &str, options: &OpenOptions) -> Result<NamedMesh, Ope
         let loaded = palpate_mesh_io::load(Path::new(argument), &load)?;
         return Ok(NamedMesh { name: argument.to_owned(), mesh: loaded.mesh, warnings: loaded.warnings });
     }
-    let (model, triangles) = Model::parse(argument)?;
-    let mut mesh = model.generate(triangles)?;
+    let mut mesh = built_in(argument)?;
     if options.scale != 1.0 {
         mesh = scaled(mesh, options.scale, argument)?;
     }
     Ok(NamedMesh { name: argument.to_owned(), mesh, warnings: Vec::new() })
 }
 
+/// A built-in model, `NAME` or `NAME@TRIANGLES`.
+fn built_in(name: &str) -> Result<TriMesh, OpenError> {
+    #[cfg(feature = "models")]
+    {
+        let (model, triangles) = Model::parse(name)?;
+        Ok(model.generate(triangles)?)
+    }
+    #[cfg(not(feature = "models"))]
+    Err(OpenError::NoModels { name: name.to_owned() })
+}
+
 impl Object {
-    /// Opens `argument`, a `.clod` file, a mesh file (.obj .glb .gltf .stl .ply) or a built-in model (`NAME` or
-    /// `NAME@TRIANGLES`), building its hierarchy where it has none. `progress` gets the stage and how much of it is
+    /// Opens `argument`, a `.clod` file, a mesh file (.obj .stl .ply, and .gltf .glb with the feature `gltf`) or a built-in model
+    /// (`NAME` or `NAME@TRIANGLES`; feature `models`), building its hierarchy where it has none. `progress` gets the stage and how much of it is
     /// done (0 to 1). What the loader warns of is among the object's [`warnings`](Self::warnings).
     ///
     /// # Errors

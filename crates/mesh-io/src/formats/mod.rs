@@ -1,5 +1,6 @@
 //! A reader a format, each from bytes to a [`Surface`](surface::Surface).
 
+#[cfg(feature = "gltf")]
 pub(crate) mod gltf_scene;
 pub(crate) mod obj;
 pub(crate) mod ply;
