@@ -6,7 +6,6 @@
 use std::error::Error;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-use clap::Parser;
 use palpate::device::Emulation;
 use palpate::glam::{DQuat, DVec3};
 use palpate::{HapticRenderer, Pose, Scene, Settings, TextureSettings};
@@ -17,7 +16,7 @@ const HALF_BLOCK: f64 = 0.018;
 const RIM: f64 = 0.0306;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let options = Options::parse();
+    let options = Options::parse("Renders a block on a gear")?;
     let block = detailed("block", 300, 2e-4)?;
     let gear = detailed("gear", 1600, 2e-4)?;
     // The gear stands upright, its axis along x as the block's ridges.

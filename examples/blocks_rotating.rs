@@ -6,7 +6,6 @@
 use std::error::Error;
 use std::f64::consts::TAU;
 
-use clap::Parser;
 use palpate::device::Emulation;
 use palpate::glam::{DQuat, DVec3};
 use palpate::{HapticRenderer, Pose, Scene, Settings, TextureSettings};
@@ -18,7 +17,7 @@ const HEIGHT: f64 = 0.036;
 const TURN: f64 = 0.15;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let options = Options::parse();
+    let options = Options::parse("Renders a ridged block that turns on another one")?;
     let block = detailed("block", 300, 2e-4)?;
     let path = path(options.seconds, |time| turning(time, options.seconds))?;
     let device = Emulation::default().open(path)?;

@@ -4,13 +4,12 @@
 
 use std::error::Error;
 
-use clap::Parser;
 use palpate::device::{Emulation, Task};
 use palpate::{HapticRenderer, Pose, Scene, Settings, TextureSettings, explore};
 use palpate_examples::{Options, detailed};
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let options = Options::parse();
+    let options = Options::parse("Renders a file on a CAD part")?;
     let probe = detailed("file", 632, 1e-4)?;
     let scene = Scene::new().with(detailed("cad-part", 8008, 2e-4)?, Pose::IDENTITY);
     let device = Emulation::default().open(explore::path(Task::default(), &probe, &scene)?)?;

@@ -11,14 +11,13 @@ use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use clap::Parser;
 use palpate::device::{EmulatedDevice, Emulation, HapticDevice as _};
 use palpate::glam::{DQuat, DVec3};
 use palpate::{
     ARTICULATED_COLUMNS, ArticulatedLockstep, ArticulatedRecord, ArticulatedRenderer, ArticulatedSession,
     ArticulatedTool, ContactTiming, GripperSettings, Pose, Scene, Settings,
 };
-use palpate_examples::{open, path, say, smooth};
+use palpate_examples::{CommandLine, open, path, say, smooth};
 
 /// Length of the session, and when the jaws are closed on the ellipsoid, are pulled, and are closed on nothing, s.
 const SECONDS: f64 = 10.0;
@@ -33,19 +32,16 @@ const SQUEEZE: f64 = 0.1;
 /// How far it pulls, m.
 const PULL: f64 = 4e-3;
 
-#[derive(Parser)]
-#[command(about = "Forceps close on an ellipsoid; prints what is felt and writes a recording")]
-struct Options {
-    /// Step in real time, contacts being found in threads beside the loop
-    #[arg(long)]
-    real_time: bool,
-    /// Folder for the recording
-    #[arg(long, default_value = "target/forceps")]
-    output: PathBuf,
-}
+const HELP: [&str; 2] = [
+    "--real-time    Step in real time, with contacts found in threads beside the loop",
+    "--output DIR   Write the recording there [default: target/forceps]",
+];
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let options = Options::parse();
+    let mut line = CommandLine::new("Closes forceps on an ellipsoid, and prints what is felt", &HELP);
+    let (real_time, output) =
+        (line.flag("--real-time"), line.value("--output", PathBuf::from("target/forceps"))?);
+    line.finish()?;
     let jaw = open("forceps-jaw")?;
     let tool = ArticulatedTool {
         first: jaw.clone(),
@@ -79,7 +75,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         &settings,
         &GripperSettings::default(),
     )?;
-    let mut session = if options.real_time {
+    let mut session = if real_time {
         Running::Host(Box::new(renderer.host()?))
     } else {
         Running::Lockstep(Box::new(renderer.lockstep(ContactTiming::busy(500.0))))
@@ -93,14 +89,14 @@ fn main() -> Result<(), Box<dyn Error>> {
         device.write(&record.coupling)?;
         gripper.pass(time, record.torque);
         records.push(record);
-        if options.real_time {
+        if real_time {
             let deadline = begun + Duration::from_secs_f64(time);
             std::thread::sleep(deadline.saturating_duration_since(Instant::now()));
         }
     }
     device.close()?;
     tell(&records)?;
-    let file = write(&options.output, &records)?;
+    let file = write(&output, &records)?;
     say("written", file.display())?;
     Ok(())
 }

@@ -5,14 +5,13 @@
 use std::error::Error;
 use std::f64::consts::TAU;
 
-use clap::Parser;
 use palpate::device::Emulation;
 use palpate::glam::DVec3;
 use palpate::{HapticRenderer, Pose, Scene, Settings};
 use palpate_examples::{Options, open, path, smooth};
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let options = Options::parse();
+    let options = Options::parse("Renders an upper jaw that an emulated hand closes on a lower one")?;
     let upper = open("upper-jaw")?;
     let lower = open("lower-jaw")?;
     let path = path(options.seconds, chewing)?;

@@ -1,6 +1,8 @@
 //! What the examples of palpate share: `cargo run --release --example jaws` renders ten seconds in real time and writes a
 //! recording and a report; `-- --lockstep` does the same on a simulated clock, with the same result each time.
 
+mod command_line;
+
 use std::error::Error;
 use std::io::{Write, stdout};
 use std::ops::ControlFlow;
@@ -17,32 +19,10 @@ use palpate::{
 };
 use palpate_report::Report;
 
+pub use command_line::{CommandLine, Options};
+
 /// Edges of coarse meshes that are sharp, rad.
 const CREASE: f64 = 0.6;
-
-/// What the user may choose.
-#[derive(clap::Parser)]
-#[command(about = "Renders a session, prints its summary and writes a recording and a report")]
-pub struct Options {
-    /// Simulated clock, one thread, reproducible
-    #[arg(long)]
-    lockstep: bool,
-    /// How long to render, s; at most an hour
-    #[arg(long, default_value_t = 10.0, value_parser = seconds)]
-    pub seconds: f64,
-    /// Folder for the recording and the report [default: target/NAME]
-    #[arg(long)]
-    output: Option<PathBuf>,
-}
-
-/// A length of a session, s, as it is written on a command line.
-///
-/// # Errors
-/// If it is none.
-pub fn seconds(text: &str) -> Result<f64, String> {
-    let within = |seconds: &f64| *seconds > 0.0 && *seconds <= 3600.0;
-    text.parse().ok().filter(within).ok_or_else(|| "give more than 0 and at most 3600".to_owned())
-}
 
 impl Options {
     /// Runs the session of the example of that name, writes its recording and its report, and prints what was measured.
@@ -113,7 +93,7 @@ pub fn write_report(
 /// If there is no such file or model, or the mesh cannot be used.
 pub fn open(name: &str) -> Result<Object, Box<dyn Error>> {
     let bar = bar(name);
-    let (object, _) = Object::open(name, &OpenOptions::default(), &mut |stage, fraction| {
+    let object = Object::open(name, &OpenOptions::default(), &mut |stage, fraction| {
         bar.set_message(format!("{name}: {stage}"));
         bar.set_position((1000.0 * fraction) as u64);
         ControlFlow::Continue(())

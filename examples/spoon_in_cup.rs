@@ -6,13 +6,13 @@
 use std::error::Error;
 use std::fmt::Write as _;
 use std::path::PathBuf;
+use std::str::FromStr;
 use std::time::Instant;
 
-use clap::Parser;
 use palpate::collide::{ErrorMetrics, VelocityMetric, ViewMetric};
 use palpate::glam::{DQuat, DVec3};
 use palpate::{Object, Pose, Twist};
-use palpate_examples::{open, say, seconds};
+use palpate_examples::{CommandLine, open, say};
 use palpate_report::{Curve, Figure, draw};
 use palpate_rigid_body::{BodyState, RigidBody, Settings, Simulation};
 
@@ -31,7 +31,7 @@ const MASS: f64 = 0.05;
 const REST: f64 = 0.5;
 
 /// Where detail is left out.
-#[derive(clap::ValueEnum, Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug)]
 enum Metric {
     /// Nowhere
     Exact,
@@ -43,26 +43,36 @@ enum Metric {
     View,
 }
 
-/// What the user may choose.
-#[derive(Parser)]
-#[command(about = "Drops a spoon into a cup, prints what happens and writes it as a table and a plot")]
-struct Options {
-    /// Where detail is left out
-    #[arg(long, value_enum, default_value = "haptic")]
-    metric: Metric,
-    /// At most so long, s
-    #[arg(long, default_value_t = 5.0, value_parser = seconds)]
-    seconds: f64,
-    /// Folder for the table and the plot
-    #[arg(long, default_value = "target/spoon_in_cup")]
-    output: PathBuf,
+impl FromStr for Metric {
+    type Err = &'static str;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text {
+            "exact" => Ok(Self::Exact),
+            "haptic" => Ok(Self::Haptic),
+            "velocity" => Ok(Self::Velocity),
+            "view" => Ok(Self::View),
+            _ => Err("give exact, haptic, velocity or view"),
+        }
+    }
 }
 
+const HELP: [&str; 3] = [
+    "--metric NAME  Leave detail out by this metric: exact (none), haptic, velocity or view [default: haptic]",
+    "--seconds S    Simulate at most so long [default: 5]",
+    "--output DIR   Write the table and the plot there [default: target/spoon_in_cup]",
+];
+
 fn main() -> Result<(), Box<dyn Error>> {
-    let options = Options::parse();
+    let mut line =
+        CommandLine::new("Drops a spoon into a cup, and writes what happens as a table and a plot", &HELP);
+    let metric = line.value("--metric", Metric::Haptic)?;
+    let (seconds, output) =
+        (line.seconds(5.0)?, line.value("--output", PathBuf::from("target/spoon_in_cup"))?);
+    line.finish()?;
     let (spoon, cup) = (open("spoon")?, open("cup")?);
     let radius = spoon.bounding_radius();
-    let error = match options.metric {
+    let error = match metric {
         Metric::Exact => ErrorMetrics::EXACT,
         Metric::Haptic => (ERROR * radius).into(),
         Metric::Velocity => {
@@ -82,7 +92,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (mut first_hit, mut deepest, mut rising) = (None, 0.0f64, 0usize);
     let began = simulation.energy();
     let clock = Instant::now();
-    while simulation.time() < options.seconds && simulation.still_for() < REST {
+    while simulation.time() < seconds && simulation.still_for() < REST {
         let outcome = simulation.step(STEP)?;
         let time = simulation.time();
         let nodes = simulation.samples().last().map_or(0, |sample| sample.outcome.front);
@@ -132,7 +142,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     say("queries", format_args!("{queries}, {took:.2} s for {time:.2} s simulated"))?;
 
-    std::fs::create_dir_all(&options.output)?;
+    std::fs::create_dir_all(&output)?;
     let figure = |axis: &str, points| Figure {
         caption: String::new(),
         across: "s".to_owned(),
@@ -141,7 +151,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let figures = [figure("height, mm", height), figure("energy, mJ", energy), figure("front, pairs", front)];
     for (name, text) in [("motion.csv", csv), ("motion.svg", draw(&figures)?)] {
-        let file = options.output.join(name);
+        let file = output.join(name);
         std::fs::write(&file, text).map_err(|error| format!("{}: {error}", file.display()))?;
         say("written", file.display())?;
     }

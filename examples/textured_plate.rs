@@ -6,14 +6,13 @@
 use std::error::Error;
 use std::f64::consts::TAU;
 
-use clap::Parser;
 use palpate::core::mesh::UvMesh;
 use palpate::device::Emulation;
 use palpate::glam::{DVec2, DVec3};
 use palpate::models::Model;
 use palpate::texture_pd::{HeightImage, Wrap};
 use palpate::{HapticRenderer, Object, Pose, Scene, Settings};
-use palpate_examples::{Options, open, path, smooth};
+use palpate_examples::{CommandLine, Options, open, path, smooth};
 
 /// Height of the ridges, and their distance, m.
 const HEIGHT: f64 = 8e-3;
@@ -23,20 +22,18 @@ const TEXELS: u32 = 64;
 /// Radius of the probe's tip, m.
 const TIP: f64 = 0.01;
 
-#[derive(Parser)]
-struct Arguments {
-    #[command(flatten)]
-    options: Options,
-    /// Without the texture
-    #[arg(long)]
-    flat: bool,
-    /// Contact stiffness, N/m
-    #[arg(long, default_value_t = 2000.0)]
-    stiffness: f64,
-}
+/// Its options beside those of every session.
+const HELP: [&str; 2] =
+    ["--flat         Leave the texture out", "--stiffness K  Contact stiffness, N/m [default: 2000]"];
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let Arguments { options, flat, stiffness } = Arguments::parse();
+    let mut line = CommandLine::new(
+        "Renders a probe that explores a plate with ridges",
+        &[&Options::HELP[..], &HELP].concat(),
+    );
+    let options = Options::take(&mut line)?;
+    let (flat, stiffness) = (line.flag("--flat"), line.value("--stiffness", 2000.0)?);
+    line.finish()?;
     let stylus = open("stylus@5000")?;
     let plate = if flat { open("plate")? } else { ridged_plate()? };
     let device = Emulation::default().open(path(options.seconds, |time| strokes(time, options.seconds))?)?;

@@ -14,12 +14,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use clap::Parser;
 use palpate::device::Steering;
 use palpate::dynamics::DeviceMapping;
 use palpate::glam::{DQuat, DVec3};
 use palpate::{HapticRenderer, Pose, Record, Scene, Session, Settings, explore};
-use palpate_examples::{open, say, seconds, write_report};
+use palpate_examples::{CommandLine, open, say, write_report};
 use palpate_report::Live;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
@@ -29,34 +28,48 @@ const TURN: f64 = 0.05;
 /// Time between two drawings.
 const FRAME: Duration = Duration::from_millis(50);
 
-#[derive(Parser)]
-#[command(about = "Feel one model touch another, with a live display in the terminal")]
 struct Arguments {
-    /// The object in the hand: mesh file, .clod file or built-in model
-    #[arg(default_value = "ellipsoid@2000")]
     probe: String,
-    /// The object that it touches
-    #[arg(default_value = "golf-ball@20000")]
     scene: String,
-    /// emulated, emulated:PRESET,task=press, replay:FILE, spacemouse, ...: one of those that `palpate devices` lists
-    #[arg(long, default_value = "emulated")]
     device: String,
-    /// How long, s; at most an hour
-    #[arg(long, default_value_t = 60.0, value_parser = seconds)]
+    /// s.
     seconds: f64,
-    /// How far the object moves for a metre at the device
-    #[arg(long, default_value_t = 1.0)]
     workspace_scale: f64,
-    /// Coefficient of friction
-    #[arg(long, default_value_t = 0.0)]
     friction: f64,
-    /// Write a self-contained HTML report with plots
-    #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
 }
 
+const HELP: [&str; 7] = [
+    "PROBE SCENE    The objects: mesh files, .clod files or built-in models [default: ellipsoid@2000 golf-ball@20000]",
+    "--device D     emulated, emulated:PRESET,task=press, replay:FILE, spacemouse, ...: one that `palpate devices` lists",
+    "--seconds S    Render for so long, at most an hour [default: 60]",
+    "--workspace-scale S",
+    "               The object moves so far for a metre at the device [default: 1]",
+    "--friction MU  Coefficient of friction [default: 0]",
+    "--report FILE  Write an HTML report with plots",
+];
+
+impl Arguments {
+    fn parse() -> Result<Self, Box<dyn Error>> {
+        let mut line =
+            CommandLine::new("Feels one model touch another, with a live display in the terminal", &HELP);
+        let report: String = line.value("--report", String::new())?;
+        let device = line.value("--device", "emulated".to_owned())?;
+        let seconds = line.seconds(60.0)?;
+        let workspace_scale = line.value("--workspace-scale", 1.0)?;
+        let friction = line.value("--friction", 0.0)?;
+        let (probe, scene) = match &line.others()?[..] {
+            [] => ("ellipsoid@2000".to_owned(), "golf-ball@20000".to_owned()),
+            [probe, scene] => (probe.clone(), scene.clone()),
+            _ => return Err("give two objects, or none: see --help".into()),
+        };
+        let report = (!report.is_empty()).then(|| report.into());
+        Ok(Self { probe, scene, device, seconds, workspace_scale, friction, report })
+    }
+}
+
 fn main() -> Result<(), Box<dyn Error>> {
-    let arguments = Arguments::parse();
+    let arguments = Arguments::parse()?;
     let probe = open(&arguments.probe)?;
     let scene = Scene::new().with(open(&arguments.scene)?, Pose::IDENTITY);
     let step = STEP * probe.bounding_radius();

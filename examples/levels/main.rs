@@ -14,27 +14,22 @@ use std::error::Error;
 use std::sync::Mutex;
 use std::time::Instant;
 
-use clap::Parser;
 use palpate::clod_build::{BuildError, BuildOptions, build, unwatched};
 use palpate::collide::{ContactQuery, QuerySettings, Shape};
 use palpate::core::Clod;
 use palpate::models::Model;
 use palpate::{Pose, TriMesh};
+use palpate_examples::CommandLine;
 use palpate_report::{Table32, grouped};
 
-/// Compares the variants of the hierarchy of contact levels of detail.
-///
-/// Without names, the models of Table 3.2 in the pairs that come into contact; this takes some minutes.
-#[derive(Parser)]
-struct Arguments {
-    /// PROBE/SCENE: two built-in models, measured and brought into contact; or MODEL, with a copy of itself. Each may be
-    /// NAME@TRIANGLES
-    #[arg(default_values = ["upper-jaw/lower-jaw", "ball-joint-ball/ball-joint-socket", "golf-club/golf-ball", "spoon/cup"])]
-    pairs: Vec<String>,
-    /// Say how long each build takes too, and build nothing else meanwhile
-    #[arg(long)]
-    seconds: bool,
-}
+/// The models of Table 3.2 in the pairs that come into contact.
+const PAIRS: [&str; 4] =
+    ["upper-jaw/lower-jaw", "ball-joint-ball/ball-joint-socket", "golf-club/golf-ball", "spoon/cup"];
+
+const HELP: [&str; 2] = [
+    "PROBE/SCENE    Two built-in models (NAME or NAME@TRIANGLES) that are brought into contact; or MODEL, with a copy of itself",
+    "--seconds      Also measure how long each build takes, one after the other",
+];
 
 /// Contact begins at this part of the probe's bounding radius.
 const TOLERANCE: f64 = 0.01;
@@ -57,9 +52,12 @@ struct Built {
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let arguments = Arguments::parse();
-    let pairs: Vec<[&str; 2]> = arguments
-        .pairs
+    let mut line =
+        CommandLine::new("Compares the variants of the hierarchy of contact levels of detail", &HELP);
+    let seconds = line.flag("--seconds");
+    let named = line.others()?;
+    let names = if named.is_empty() { PAIRS.map(str::to_owned).to_vec() } else { named };
+    let pairs: Vec<[&str; 2]> = names
         .iter()
         .map(|text| text.split_once('/').map_or([&**text; 2], |(probe, scene)| [probe, scene]))
         .collect();
@@ -72,10 +70,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (mut hierarchies, mut queries) = (Vec::new(), Vec::new());
     for pair in &pairs {
         let names = if pair[0] == pair[1] { &pair[..1] } else { &pair[..] };
-        let built = build_variants(names, &meshes, arguments.seconds)?;
+        let built = build_variants(names, &meshes, seconds)?;
         for (of_model, name) in built.iter().zip(names) {
             for (built, (variant, _)) in of_model.iter().zip(&VARIANTS) {
-                hierarchies.push(row_of_hierarchy(name, variant, built, arguments.seconds));
+                hierarchies.push(row_of_hierarchy(name, variant, built, seconds));
             }
         }
         let models = pair.map(|name| meshes[name].0);
@@ -94,11 +92,11 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
     }
 
-    let seconds = if arguments.seconds { " s |" } else { "" };
+    let column = if seconds { " s |" } else { "" };
     println!(
-        "| model | variant | triangles | patches | r₁·R | r_λ·R | free levels | levels | MB | median h, % of R | greatest h |{seconds}"
+        "| model | variant | triangles | patches | r₁·R | r_λ·R | free levels | levels | MB | median h, % of R | greatest h |{column}"
     );
-    println!("|---|---|---|---|---|---|---|---|---|---|---|{}", if arguments.seconds { "---|" } else { "" });
+    println!("|---|---|---|---|---|---|---|---|---|---|---|{}", if seconds { "---|" } else { "" });
     hierarchies.iter().for_each(|row| println!("{row}"));
     println!();
     println!("| query | variant | visited pairs | convex queries | front | contacts |");

@@ -65,7 +65,7 @@ fn page() -> Result<String, Failure> {
          Written by `cargo xtask dependencies`; `cargo xtask ci` fails where it is not up to date. It tells the crates that end up in a \
          program\nthat embeds `palpate`, on Linux, each once, palpate's own among them: what runs while the program is built, macros \
          and build scripts,\ndoes not count. \
-         `cargo bench -p palpate-benches --bench stages` counts likewise, and `cargo test -p palpate-tests --test stages` sees to it that\n\
+         `cargo bench -p palpate-benches --bench stages` counts likewise, and `cargo test -p palpate-tests --test it stages::` sees to it that\n\
          without features there is no GPU, HID or image crate among them, and with all of them no window.\n\n\
          | features of palpate | crates | of others | command |\n|---|---|---|---|\n{rows}\n\
          ## Without features\n\n{} crates, {} of them of others. `(*)` marks what was listed before with all below it.\n\n\

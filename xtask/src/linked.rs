@@ -44,10 +44,22 @@ pub fn tree_arguments(options: &[&'static str]) -> Vec<&'static str> {
 /// # Errors
 /// If cargo cannot be started, or fails.
 pub fn linked(options: &[&'static str]) -> Result<Linked, Box<dyn Error>> {
+    tree(&tree_arguments(options))
+}
+
+/// What cargo compiles for an example of the packages that plain commands select, macros and build scripts included: the crates of
+/// README's first command. `options` are for cargo. Features are unified over these packages, as they are when cargo builds.
+///
+/// # Errors
+/// If cargo cannot be started, or fails.
+pub fn compiled_for_examples(options: &[&'static str]) -> Result<Linked, Box<dyn Error>> {
+    tree(&[&["tree", "-e", "normal,build", "--format", "{p}", "--locked"], options].concat())
+}
+
+fn tree(arguments: &[&str]) -> Result<Linked, Box<dyn Error>> {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let arguments = tree_arguments(options);
     let root = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
-    let output = Command::new(cargo).args(&arguments).current_dir(root).output()?;
+    let output = Command::new(cargo).args(arguments).current_dir(root).output()?;
     if !output.status.success() {
         let said = String::from_utf8_lossy(&output.stderr);
         return Err(format!("cargo {}: {said}", arguments.join(" ")).into());

@@ -11,6 +11,7 @@ mod workspace;
 
 use std::ffi::OsString;
 use std::process::{Command, ExitCode};
+use std::time::{Duration, Instant};
 
 use clap::{Parser, Subcommand};
 
@@ -26,7 +27,12 @@ enum Task {
     /// Runs every test; first installs a software Vulkan driver where one is missing and that is possible.
     Test,
     /// Runs what CI runs: the tests, rustfmt, clippy, the documentation and the dependency bans.
-    Ci,
+    Ci {
+        /// Also what takes too long for every change: models of full size, a million damaged files, a thousand dropped spoons, the adapter
+        /// for Rerun, the oldest Rust and packages as published.
+        #[arg(long)]
+        full: bool,
+    },
     /// Draws the built-in models.
     #[command(disable_help_flag = true)]
     Pictures(Passed),
@@ -62,7 +68,7 @@ type Failure = Box<dyn std::error::Error>;
 fn main() -> ExitCode {
     let result = match Arguments::parse().task {
         Task::Test => test(),
-        Task::Ci => ci(),
+        Task::Ci { full } => ci(full),
         Task::Pictures(passed) => experiment("pictures", &passed),
         Task::Stability(passed) => experiment("stability", &passed),
         Task::Reproduce(passed) => experiment("reproduce", &passed),
@@ -91,58 +97,107 @@ fn experiment(name: &str, passed: &Passed) -> Result<(), Failure> {
     if status.success() { Ok(()) } else { std::process::exit(status.code().unwrap_or(1)) }
 }
 
-/// All packages, with the window, but the adapter for Rerun: its SDK takes many minutes to build. `cargo test -p palpate-rerun` tests it.
-const WORKSPACE: [&str; 5] = ["--workspace", "--exclude", "palpate-rerun", "--features", "palpate-cli/view"];
+/// All packages with all features, so that everything is compiled once; but the adapter for Rerun, whose SDK takes many minutes to
+/// build. `cargo test -p palpate-rerun` tests it.
+const WORKSPACE: [&str; 4] = ["--workspace", "--exclude", "palpate-rerun", "--all-features"];
+
+/// Release builds check no assertion and no overflow. What palpate depends on stays as it is built for [`test`].
+const UNCHECKED: [(&str, &str); 2] =
+    [("CARGO_PROFILE_DEV_DEBUG_ASSERTIONS", "false"), ("CARGO_PROFILE_DEV_OVERFLOW_CHECKS", "false")];
 
 fn test() -> Result<(), Failure> {
     packages::ensure_vulkan()?;
     packages::try_players();
-    cargo(&[["test", "--locked"].as_slice(), &WORKSPACE].concat(), &[])?;
-    // Hostile files once more: with and without assertions they must be refused cleanly.
-    unchecked_tests(&["--test", "hostile_files"])
+    let mut steps = Steps::default();
+    run_tests(&mut steps)?;
+    steps.print();
+    Ok(())
 }
 
-/// Runs tests of the workspace without palpate's debug assertions and overflow checks, as in a release. What it depends on stays as it is
-/// built for [`test`].
-fn unchecked_tests(chosen: &[&str]) -> Result<(), Failure> {
-    let unchecked =
-        [("CARGO_PROFILE_DEV_DEBUG_ASSERTIONS", "false"), ("CARGO_PROFILE_DEV_OVERFLOW_CHECKS", "false")];
-    cargo(&[["test", "--locked"].as_slice(), &WORKSPACE, chosen].concat(), &unchecked)
+fn run_tests(steps: &mut Steps) -> Result<(), Failure> {
+    let test = [["test", "--locked"].as_slice(), &WORKSPACE].concat();
+    steps.cargo("compile the tests", &[&test, ["--no-run"].as_slice()].concat(), &[])?;
+    steps.cargo("run the tests", &test, &[])?;
+    // Hostile files must be refused cleanly with assertions and without.
+    let hostile =
+        ["test", "--locked", "--package", "palpate-cli", "--all-features", "--test", "it", "hostile_files::"];
+    steps.cargo("hostile files in a build without assertions", &hostile, &UNCHECKED)
 }
 
-fn ci() -> Result<(), Failure> {
-    cargo(&["fmt", "--all", "--check"], &[])?;
-    test()?;
-    // What takes long where everything is checked: models of full size, a million damaged files, and a thousand spoons.
-    let files = ["--test", "levels", "--test", "clod_mutations", "--test", "drops"];
-    let tests = ["--", "--ignored", "built_in_models_of_full_size", "a_million", "a_thousand"];
-    unchecked_tests(&[files.as_slice(), &tests].concat())?;
+fn ci(full: bool) -> Result<(), Failure> {
+    let mut steps = Steps::default();
+    steps.cargo("formatting", &["fmt", "--all", "--check"], &[])?;
+    packages::ensure_vulkan()?;
+    packages::try_players();
+    run_tests(&mut steps)?;
     let strict = ["--all-targets", "--", "-D", "warnings"];
-    cargo(&[["clippy", "--locked"].as_slice(), &WORKSPACE, &strict].concat(), &[])?;
-    for package in ["palpate-texture-pd", "palpate-device"] {
-        cargo(&["check", "--package", package, "--no-default-features", "--locked"], &[])?;
+    steps.cargo("clippy", &[["clippy", "--locked"].as_slice(), &WORKSPACE, &strict].concat(), &[])?;
+    for package in ["palpate", "palpate-texture-pd", "palpate-device"] {
+        let check = ["check", "--package", package, "--no-default-features", "--locked"];
+        steps.cargo(&format!("{package} without features"), &check, &[])?;
     }
-    // Conversions and spans, which nothing in the workspace asks for.
-    let converted =
-        ["test", "--package", "palpate-core", "--features", "mint,nalgebra", "--locked", "conversions"];
-    cargo(&converted, &[])?;
-    let traced = ["test", "--package", "palpate", "--features", "tracing", "--locked", "--test", "tracing"];
-    cargo(&traced, &[])?;
-    // Devices that are left out where nothing is asked for.
-    let devices = ["--package", "palpate-device", "--all-features", "--locked"];
-    let tests = ["--lib", "--test", "haply", "--test", "sdk"];
-    cargo(&[["test"].as_slice(), &devices, &tests].concat(), &[])?;
-    cargo(&[["clippy"].as_slice(), &devices, &strict].concat(), &[])?;
-    cargo(
-        &[["doc", "--no-deps", "--locked"].as_slice(), &WORKSPACE].concat(),
-        &[("RUSTDOCFLAGS", "-D warnings")],
-    )?;
-    dependencies::check()?;
+    let warnings = [("RUSTDOCFLAGS", "-D warnings")];
+    let doc = ["doc", "--no-deps", "--locked"];
+    steps.cargo("documentation", &[doc.as_slice(), &WORKSPACE].concat(), &warnings)?;
+    let plain = [doc.as_slice(), &["--package", "palpate"]].concat();
+    steps.cargo("documentation without features", &plain, &warnings)?;
+    steps.run("page of dependencies", dependencies::check)?;
     if !Command::new("cargo").args(["deny", "--version"]).output().is_ok_and(|output| output.status.success())
     {
-        cargo(&["install", "cargo-deny", "--version", "0.20.2", "--locked"], &[])?;
+        // Unoptimised, since it is compiled far longer than it runs.
+        let install = ["install", "cargo-deny", "--version", "0.20.2", "--locked", "--debug"];
+        steps.cargo("install cargo-deny", &install, &[])?;
     }
-    cargo(&["deny", "check", "bans", "licenses", "sources"], &[])
+    steps.cargo("bans, licences and sources", &["deny", "check", "bans", "licenses", "sources"], &[])?;
+    if full {
+        // Models of full size, a million damaged files and a thousand spoons.
+        let files = [
+            "test",
+            "--release",
+            "--locked",
+            "--package",
+            "palpate-tests",
+            "--package",
+            "palpate-rigid-body",
+        ];
+        let tests = ["--test", "it", "--", "--ignored", "of_full_size", "a_million", "a_thousand"];
+        steps.cargo("tests at full size", &[files.as_slice(), &tests].concat(), &[])?;
+        steps.cargo("the adapter for Rerun", &["test", "--locked", "--package", "palpate-rerun"], &[])?;
+        steps.run("the oldest Rust", release::msrv)?;
+        steps.run("packages as published", release::publish_check)?;
+    }
+    steps.print();
+    Ok(())
+}
+
+/// How long each step took.
+#[derive(Default)]
+struct Steps(Vec<(String, Duration)>);
+
+impl Steps {
+    fn cargo(&mut self, name: &str, arguments: &[&str], environment: &[(&str, &str)]) -> Result<(), Failure> {
+        self.run(name, || cargo(arguments, environment))
+    }
+
+    fn run(&mut self, name: &str, step: impl FnOnce() -> Result<(), Failure>) -> Result<(), Failure> {
+        let begun = Instant::now();
+        let result = step();
+        self.0.push((name.to_owned(), begun.elapsed()));
+        if result.is_err() {
+            self.print();
+        }
+        result
+    }
+
+    fn print(&self) {
+        println!();
+        let total = self.0.iter().map(|(_, time)| *time).sum();
+        let rows = self.0.iter().map(|(name, time)| (name.as_str(), *time));
+        for (name, time) in rows.chain([("in all", total)]) {
+            let seconds = time.as_secs();
+            println!("{name:48}{:3} min {:02} s", seconds / 60, seconds % 60);
+        }
+    }
 }
 
 /// Runs cargo in the workspace root and echoes the command line.

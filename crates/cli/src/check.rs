@@ -21,7 +21,7 @@ struct Check {
 pub fn run(arguments: &CheckArguments) -> Result<(), Failure> {
     output::check_files(&[Path::new(&arguments.mesh)], arguments.json.file().as_slice())?;
     let opened = open_mesh(&arguments.mesh, &arguments.reading.options())?;
-    progress::warn(&arguments.mesh, &opened.warnings);
+    progress::warn_of_loading(&arguments.mesh, &opened.warnings);
     let mut report = opened.mesh.validate();
     let crossings = mesh_io::self_intersections(&opened.mesh);
     report.first.self_intersection = crossings.first;

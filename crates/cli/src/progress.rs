@@ -4,6 +4,7 @@ use std::ops::ControlFlow;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use palpate::clod_build::Stage;
+use palpate::mesh_io::LoadWarning;
 
 /// Steps of a bar.
 const STEPS: u64 = 1000;
@@ -42,9 +43,28 @@ pub fn open(argument: &str, options: &palpate::OpenOptions) -> Result<palpate::O
     let bar = bar(argument);
     let opened = palpate::Object::open(argument, options, &mut of_build(&bar, argument));
     bar.finish_and_clear();
-    let (object, warnings) = opened?;
-    warn(argument, &warnings);
+    let object = opened?;
+    warn_of_loading(argument, object.warnings());
     Ok(object)
+}
+
+/// A loader's warning, with options named as on the command line.
+fn in_words(warning: &LoadWarning) -> String {
+    match warning {
+        LoadWarning::Units { radius, suggested } => {
+            let remedy = match suggested {
+                Some(scale) => format!("try --scale {scale}"),
+                None => "give the metres per unit of the file as --scale".to_owned(),
+            };
+            format!("the bounding radius of {radius:.3e} m suggests a wrong unit: {remedy}")
+        }
+        other => other.to_string(),
+    }
+}
+
+/// Prints what a loader warned of about `argument`.
+pub fn warn_of_loading(argument: &str, warnings: &[LoadWarning]) {
+    warn(argument, &warnings.iter().map(in_words).collect::<Vec<_>>());
 }
 
 /// Prints warnings about `argument`.

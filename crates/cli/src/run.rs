@@ -135,8 +135,10 @@ fn open_scene(arguments: &RunArguments) -> Result<(Scene, Settings), Failure> {
         ControlFlow::Continue(())
     });
     bar.finish_and_clear();
-    let (scene, warnings) = opened?;
-    progress::warn(&arguments.scene, &warnings);
+    let scene = opened?;
+    for placed in scene.objects() {
+        progress::warn_of_loading(&placed.object.name, placed.object.warnings());
+    }
     Ok((scene, file.settings))
 }
 

@@ -24,6 +24,7 @@ mod load;
 mod polygon;
 mod repair;
 mod textured;
+mod warning;
 mod weld;
 mod write;
 
@@ -32,5 +33,6 @@ pub use intersect::{SelfIntersections, intersecting_pairs, self_intersections};
 pub use load::{LoadOptions, LoadedMesh, load};
 pub use repair::{RepairSummary, repair};
 pub use textured::{HeightTexture, LoadedUvMesh, TextureWrap, load_uv, names_height_texture};
+pub use warning::LoadWarning;
 pub use weld::weld;
 pub use write::write_obj;

@@ -7,11 +7,7 @@ use palpate_core::TriMesh;
 
 use crate::formats::surface::{Surface, Wanted};
 use crate::formats::{gltf_scene, obj, ply, read_file, stl};
-use crate::{LoadError, RepairSummary, repair, weld};
-
-/// Bounding radii (m) between which a mesh raises no doubt about its unit: what a hand-held device can render, from a
-/// grain of sand to a room.
-const PLAUSIBLE_RADIUS: std::ops::RangeInclusive<f64> = 1e-4..=10.0;
+use crate::{LoadError, LoadWarning, RepairSummary, repair, weld};
 
 /// How a mesh file is read.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,9 +33,9 @@ pub struct LoadedMesh {
     pub mesh: TriMesh,
     /// Vertices in the file (for glTF: placed in the scene), before welding, whether used or not.
     pub raw_vertices: usize,
-    /// Notes for the user, one line each: skipped content, a doubtful unit.
-    pub warnings: Vec<String>,
-    /// What was repaired, when repair was asked for; in words it is among the warnings.
+    /// What was left out or is doubtful, in the order in which it was found.
+    pub warnings: Vec<LoadWarning>,
+    /// What was repaired, when repair was asked for; if anything, it is among the warnings too.
     pub repairs: Option<RepairSummary>,
 }
 
@@ -85,7 +81,7 @@ pub(crate) fn read(path: &Path, options: &LoadOptions, wanted: Wanted) -> Result
         let mut found = format!("{} vertices", surface.vertices.len());
         for warning in &surface.warnings {
             found.push_str("; ");
-            found.push_str(warning);
+            found.push_str(&warning.to_string());
         }
         return Err(LoadError::NoTriangles { file: path.into(), found });
     }
@@ -131,19 +127,6 @@ pub(crate) fn scaled(
     Ok(if options.weld || options.repair { weld::weld(&mesh) } else { weld::drop_unreferenced(&mesh) })
 }
 
-/// Doubts about the unit of a mesh.
-pub(crate) fn doubtful_size(mesh: &TriMesh, options: &LoadOptions) -> Option<String> {
-    let radius = mesh.bounding_sphere().radius;
-    if radius == 0.0 {
-        return Some("all triangles lie in one point".into());
-    }
-    if PLAUSIBLE_RADIUS.contains(&radius) {
-        return None;
-    }
-    let other = if radius > 1.0 { options.scale * 0.001 } else { options.scale * 1000.0 };
-    Some(format!("the bounding radius of {radius:.3e} m suggests a wrong unit: try --scale {other}"))
-}
-
 fn finish(surface: Surface, path: &Path, options: &LoadOptions) -> Result<LoadedMesh, LoadError> {
     let Surface { vertices, triangles, mut warnings, .. } = surface;
     let raw_vertices = vertices.len();
@@ -157,10 +140,10 @@ fn finish(surface: Surface, path: &Path, options: &LoadOptions) -> Result<Loaded
             return Err(LoadError::NoTriangles { file: path.into(), found });
         }
         if summary != RepairSummary::default() {
-            warnings.push(format!("repaired: {summary}"));
+            warnings.push(LoadWarning::Repaired(summary));
         }
         (mesh, repairs) = (repaired, Some(summary));
     }
-    warnings.extend(doubtful_size(&mesh, options));
+    warnings.extend(LoadWarning::of_loaded_size(mesh.bounding_sphere().radius, options));
     Ok(LoadedMesh { mesh, raw_vertices, warnings, repairs })
 }

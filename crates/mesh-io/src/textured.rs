@@ -6,16 +6,16 @@ use palpate_core::mesh::{UvMesh, UvMeshError};
 
 use crate::formats::surface::{Surface, Wanted};
 use crate::formats::{gltf_scene, read_file};
-use crate::load::{doubtful_size, read, scaled};
-use crate::{LoadError, LoadOptions};
+use crate::load::{read, scaled};
+use crate::{LoadError, LoadOptions, LoadWarning};
 
 /// A mesh with texture coordinates as loaded, and what there is to say about it.
 #[derive(Clone, Debug)]
 pub struct LoadedUvMesh {
     /// The mesh (m) and its texture coordinates. Every vertex is finite and used by a triangle.
     pub mesh: UvMesh,
-    /// Notes for the user, one line each: skipped content, a doubtful unit.
-    pub warnings: Vec<String>,
+    /// What was left out or is doubtful, in the order in which it was found.
+    pub warnings: Vec<LoadWarning>,
     /// The image of fine detail that the file names. OBJ files name none.
     pub height_texture: Option<HeightTexture>,
 }
@@ -92,7 +92,7 @@ pub fn load_uv(path: &Path, options: &LoadOptions) -> Result<LoadedUvMesh, LoadE
     let Surface { vertices, triangles, coordinates, height_texture, mut warnings } =
         read(path, options, Wanted::Textured)?;
     let mesh = scaled(vertices, triangles, path, options)?;
-    warnings.extend(doubtful_size(&mesh, options));
+    warnings.extend(LoadWarning::of_loaded_size(mesh.bounding_sphere().radius, options));
     let mesh = UvMesh::new(mesh, coordinates).map_err(|error| LoadError::TextureCoordinates {
         file: path.into(),
         place: match error {

@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use crate::machine::MachineLoad;
 use crate::record::Record;
 use crate::renderer::HapticRenderer;
 use crate::session::{Clock, Session};
@@ -45,6 +46,7 @@ impl HapticRenderer {
         let query_period = (1.0 / timing.rate).max(self.period);
         // Absorbs the rounding of products of periods.
         let slack = 1e-6 * self.period;
+        self.contact.telemetry_mut().longer_than_slot = Some(0);
         let mut queries = 0u64;
         let mut pending = VecDeque::new();
         let mut result = Ok(());
@@ -54,7 +56,12 @@ impl HapticRenderer {
             if start < now - slack {
                 let begun = std::time::Instant::now();
                 let update = self.contact.step(self.haptic.body_state(), seen);
-                self.contact.telemetry_mut().query.record(begun.elapsed().as_nanos() as u64);
+                let took = begun.elapsed();
+                let telemetry = self.contact.telemetry_mut();
+                telemetry.query.record(took.as_nanos() as u64);
+                if let Some(longer) = &mut telemetry.longer_than_slot {
+                    *longer += u64::from(took.as_secs_f64() > query_period);
+                }
                 pending.push_back((start + timing.latency, update));
                 queries += 1;
             }
@@ -70,7 +77,7 @@ impl HapticRenderer {
             }
         }
         let seconds = self.haptic.telemetry().steps as f64 * self.period;
-        let session = Session::close(self, seconds, Clock::Simulated);
+        let session = Session::close(self, seconds, Clock::Simulated, MachineLoad::default());
         result.map(|()| session)
     }
 }

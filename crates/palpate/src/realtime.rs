@@ -23,6 +23,7 @@ use thread_priority::{
 use crate::contact_loop::{ContactLoop, ContactUpdate};
 use crate::haptic_loop::HapticLoop;
 use crate::lockstep::steps_in;
+use crate::machine::MachineSample;
 use crate::record::Record;
 use crate::renderer::HapticRenderer;
 use crate::session::{Clock, Session};
@@ -78,7 +79,7 @@ impl HapticRenderer {
             records: records_in,
             state: state_in,
         };
-        let (scheduling, lasted) = std::thread::scope(|scope| {
+        let (scheduling, machine, lasted) = std::thread::scope(|scope| {
             let _ended = SetOnDrop(&ended);
             let contact_thread = scope.spawn(|| {
                 let _ended = SetOnDrop(&ended);
@@ -87,10 +88,10 @@ impl HapticRenderer {
             let haptic_thread = scope.spawn(|| {
                 let _ended = SetOnDrop(&ended);
                 let scheduling = ask_for_realtime();
-                (
-                    scheduling,
-                    haptic.run(steps, || stop.load(Ordering::Acquire) || ended.load(Ordering::Acquire)),
-                )
+                let before = MachineSample::take();
+                let lasted =
+                    haptic.run(steps, || stop.load(Ordering::Acquire) || ended.load(Ordering::Acquire));
+                (scheduling, MachineSample::take().since(&before), lasted)
             });
             let mut drain = || {
                 while let Ok(record) = records_out.pop() {
@@ -106,12 +107,12 @@ impl HapticRenderer {
             }
             let outcome = haptic_thread.join();
             drain();
-            let (scheduling, lasted) = outcome.unwrap_or_else(|panic| resume_unwind(panic));
+            let (scheduling, machine, lasted) = outcome.unwrap_or_else(|panic| resume_unwind(panic));
             let lasted = lasted.unwrap_or_else(|panic| resume_unwind(panic));
             contact_thread.join().unwrap_or_else(|panic| resume_unwind(panic));
-            (scheduling, lasted)
+            (scheduling, machine, lasted)
         });
-        let session = Session::close(self, lasted.as_secs_f64(), Clock::Real { scheduling });
+        let session = Session::close(self, lasted.as_secs_f64(), Clock::Real { scheduling }, machine);
         result.map(|()| session)
     }
 }
@@ -143,7 +144,10 @@ impl HapticThread<'_> {
         let rendered = catch_unwind(AssertUnwindSafe(|| self.render(steps, stop)));
         let released = catch_unwind(AssertUnwindSafe(|| self.device.write(&Wrench::ZERO)));
         let lasted = rendered?;
-        self.haptic.telemetry_mut().events.device_refused += u64::from(released?.is_err());
+        if let Err(error) = released? {
+            self.haptic.telemetry_mut().events.device_refused += 1;
+            self.haptic.keep_device_error(error);
+        }
         Ok(lasted)
     }
 
@@ -153,6 +157,7 @@ impl HapticThread<'_> {
         let sleeper = SpinSleeper::new((spin * 1e9) as u32).with_spin_strategy(SpinStrategy::SpinLoopHint);
         let start = Instant::now();
         let mut last = 0;
+        let mut stepped = Duration::ZERO;
         while last < steps && !stop() {
             let next = last + 1;
             let deadline = Duration::from_nanos((next as f64 * period * 1e9) as u64);
@@ -173,13 +178,25 @@ impl HapticThread<'_> {
 
             let telemetry = self.haptic.telemetry_mut();
             telemetry.events.record_dropped += u64::from(dropped);
-            telemetry.missed_deadlines += tick - next;
+            let skipped = tick - next;
+            let by_step = missed_by_step(skipped, stepped.saturating_sub(deadline), period);
+            telemetry.missed_deadlines += skipped;
+            telemetry.missed_by_step += by_step;
+            telemetry.missed_by_machine += skipped - by_step;
             telemetry.wake.record(lateness.as_nanos() as u64);
-            telemetry.step.record((start.elapsed() - woke).as_nanos() as u64);
+            stepped = start.elapsed();
+            telemetry.step.record((stepped - woke).as_nanos() as u64);
             last = tick;
         }
         start.elapsed()
     }
+}
+
+/// How many of the skipped periods passed while the step before was still running, `overrun` being how long after the deadline
+/// that came next it ended. A loop that wakes late skips periods, so that a step starts less than a period (s) after its
+/// own deadline: one that overruns the next deadline by a period took longer than a period itself.
+fn missed_by_step(skipped: u64, overrun: Duration, period: f64) -> u64 {
+    ((overrun.as_secs_f64() / period) as u64).min(skipped)
 }
 
 /// The contact thread: as fast as it can, but never twice for the same state.
@@ -225,5 +242,22 @@ fn ask_for_realtime() -> String {
         Err(why) => {
             format!("normal: SCHED_FIFO was refused ({why}); allow it with a `rtprio` limit or CAP_SYS_NICE")
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn periods_are_missed_by_the_step_only_while_it_runs() {
+        let ms = Duration::from_millis;
+        // A step that ended in time: whatever is missed, the machine was late.
+        assert_eq!(missed_by_step(4, Duration::ZERO, 1e-3), 0);
+        // It ended half a period after the deadline, and the thread was resumed later still.
+        assert_eq!(missed_by_step(4, Duration::from_micros(500), 1e-3), 0);
+        assert_eq!(missed_by_step(4, ms(3), 1e-3), 3);
+        assert_eq!(missed_by_step(4, ms(9), 1e-3), 4);
+        assert_eq!(missed_by_step(0, ms(9), 1e-3), 0);
     }
 }

@@ -2,13 +2,18 @@
 
 use std::collections::BTreeMap;
 
+use palpate_core::glam::DVec3;
 use palpate_device::Specification;
 use serde::Serialize;
 
+use crate::machine::MachineLoad;
 use crate::object::Object;
 use crate::renderer::HapticRenderer;
 use crate::settings::Settings;
 use crate::telemetry::{ContactTelemetry, Events, HapticTelemetry, Percentiles};
+
+/// [`HapticSummary::scheduling`] on a simulated clock.
+const LOCKSTEP: &str = "lockstep";
 
 /// Which clock a session ran by.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -33,6 +38,12 @@ pub struct Session {
     pub haptic: HapticTelemetry,
     /// What the contact loop measured.
     pub contact: ContactTelemetry,
+    /// How busy the machine was for the haptic thread; nothing is known of it on a simulated clock.
+    pub machine: MachineLoad,
+    /// The first error that the device gave, in the words of its driver; none if it gave none.
+    pub device_error: Option<String>,
+    /// Position of the [grasp](Settings::grasp) in the mesh's frame, m.
+    pub grasp: DVec3,
     /// Which stages the scene switched on or off, and why.
     pub stages: BTreeMap<&'static str, String>,
 }
@@ -46,14 +57,27 @@ pub struct Summary {
     pub haptic: HapticSummary,
     /// The contact loop.
     pub contact: ContactSummary,
+    /// Time of the first touch, s: of the first step that a contact was known in; none if nothing was touched.
+    pub first_touch_s: Option<f64>,
+    /// Most contacts at once, before clustering.
+    pub contacts_max: u32,
+    /// Contacts at the end of the session.
+    pub contacts_at_end: u32,
     /// Deepest penetration, m.
     pub depth_max: f64,
+    /// Position of the [grasp](Settings::grasp) in the mesh's frame, m.
+    pub grasp: DVec3,
+    /// Largest [stretch](crate::Record::stretch) of the coupling, m: how far the object's grasp was from where the device holds
+    /// it.
+    pub coupling_stretch_max: f64,
     /// Largest coupling force, N.
     pub coupling_force_max: f64,
     /// Smallest energy absorbed at the device port, J.
     pub energy_min_j: f64,
     /// Energy that the passivity controller took out, J.
     pub dissipated_j: f64,
+    /// The first error that the device gave, in the words of its driver; none if it gave none.
+    pub device_error: Option<String>,
     /// Which stages ran, and why.
     pub stages: BTreeMap<&'static str, String>,
     /// Counts of events.
@@ -69,6 +93,18 @@ pub struct HapticSummary {
     pub steps: u64,
     /// Periods skipped.
     pub missed_deadlines: u64,
+    /// Those of them that passed while the step before was still running.
+    pub missed_by_step: u64,
+    /// Those of them for which the machine woke the thread late.
+    pub missed_by_machine: u64,
+    /// Processor time that other virtual machines took during the session, summed over all processors, s; none where the
+    /// operating system does not report it.
+    pub stolen_s: Option<f64>,
+    /// How often the haptic thread was preempted; none where the operating system does not report it.
+    pub preempted: Option<u64>,
+    /// Time for which the haptic thread was ready to run, but waited for a processor, s; none where the operating system does
+    /// not report it.
+    pub run_delay_s: Option<f64>,
     /// Duration of a step, ns.
     pub step_ns: Percentiles,
     /// Lateness of the wake-up, µs.
@@ -84,15 +120,26 @@ pub struct ContactSummary {
     pub rate_hz: f64,
     /// Duration of a query with clustering and linearisation, µs.
     pub query_us: Percentiles,
+    /// On a simulated clock, how many queries took longer than the time between two of them, and so would not have kept up
+    /// with a contact loop of this rate; none in real time.
+    pub longer_than_slot: Option<u64>,
 }
 
 impl Session {
     /// Closes the device and keeps what was measured.
-    pub(crate) fn close(mut renderer: HapticRenderer, seconds: f64, clock: Clock) -> Self {
+    pub(crate) fn close(
+        mut renderer: HapticRenderer,
+        seconds: f64,
+        clock: Clock,
+        machine: MachineLoad,
+    ) -> Self {
         let stages = renderer.stages();
-        if renderer.device.close().is_err() {
+        if let Err(error) = renderer.device.close() {
             renderer.haptic.telemetry_mut().events.device_refused += 1;
+            renderer.haptic.keep_device_error(error);
         }
+        let device_error = renderer.haptic.device_error().map(ToString::to_string);
+        let grasp = renderer.grasp().translation;
         let haptic = renderer.haptic.telemetry().clone();
         let contact = renderer.contact.telemetry().clone();
         #[cfg(feature = "tracing")]
@@ -104,7 +151,7 @@ impl Session {
             depth_max = haptic.depth_max,
             "session ended"
         );
-        Self { seconds, clock, haptic, contact, stages }
+        Self { seconds, clock, haptic, contact, machine, device_error, grasp, stages }
     }
 
     /// The machine-readable summary.
@@ -113,7 +160,7 @@ impl Session {
         let rate = |count: u64| if self.seconds > 0.0 { count as f64 / self.seconds } else { 0.0 };
         let scheduling = match &self.clock {
             Clock::Real { scheduling } => scheduling.clone(),
-            Clock::Simulated => "lockstep".to_owned(),
+            Clock::Simulated => LOCKSTEP.to_owned(),
         };
         Summary {
             seconds: self.seconds,
@@ -121,6 +168,11 @@ impl Session {
                 rate_hz: rate(haptic.steps),
                 steps: haptic.steps,
                 missed_deadlines: haptic.missed_deadlines,
+                missed_by_step: haptic.missed_by_step,
+                missed_by_machine: haptic.missed_by_machine,
+                stolen_s: self.machine.stolen_s,
+                preempted: self.machine.preempted,
+                run_delay_s: self.machine.run_delay_s,
                 step_ns: haptic.step.percentiles(1.0),
                 wake_us: haptic.wake.percentiles(1000.0),
                 scheduling,
@@ -128,15 +180,76 @@ impl Session {
             contact: ContactSummary {
                 rate_hz: rate(contact.query.count()),
                 query_us: contact.query.percentiles(1000.0),
+                longer_than_slot: contact.longer_than_slot,
             },
+            first_touch_s: haptic.first_touch,
+            contacts_max: haptic.contacts_max,
+            contacts_at_end: haptic.contacts_now,
             depth_max: haptic.depth_max,
+            grasp: self.grasp,
+            coupling_stretch_max: haptic.stretch_max,
             coupling_force_max: haptic.coupling_force_max,
             energy_min_j: haptic.energy_min,
             dissipated_j: haptic.dissipated,
+            device_error: self.device_error.clone(),
             stages: self.stages.clone(),
             events: haptic.events.and(&contact.events),
         }
     }
+}
+
+impl HapticSummary {
+    /// How many deadlines were missed and why, as a sentence for a person to read.
+    pub fn missed_verdict(&self) -> String {
+        if self.scheduling == LOCKSTEP {
+            return "No deadline could be missed: the clock was simulated.".to_owned();
+        }
+        let deadlines = grouped(self.steps + self.missed_deadlines);
+        let missed = grouped(self.missed_deadlines);
+        let (by_machine, by_step) = (self.missed_by_machine, self.missed_by_step);
+        let mut causes = Vec::new();
+        if by_machine > 0 {
+            let seen = self.machine_signs();
+            let seen = if seen.is_empty() { String::new() } else { format!(" ({})", seen.join(", ")) };
+            causes.push(format!("{} because the machine woke the thread late{seen}", grouped(by_machine)));
+        }
+        if by_step > 0 {
+            causes.push(format!("{} because the step took longer than its period", grouped(by_step)));
+        }
+        match causes.as_slice() {
+            [] => format!("None of {deadlines} deadlines was missed."),
+            causes => format!("{missed} of {deadlines} deadlines missed: {}.", causes.join(", ")),
+        }
+    }
+
+    /// What the operating system reported of why the machine was late.
+    fn machine_signs(&self) -> Vec<String> {
+        let stolen = self.stolen_s.filter(|stolen| *stolen > 0.0);
+        let waited = self.run_delay_s.filter(|waited| *waited >= 1e-3);
+        let preempted = self.preempted.filter(|times| *times > 0);
+        let signs = [
+            stolen.map(|s| format!("other virtual machines took {s:.2} s of processor time")),
+            preempted.map(|times| match times {
+                1 => "the thread was preempted once".to_owned(),
+                times => format!("the thread was preempted {} times", grouped(times)),
+            }),
+            waited.map(|s| format!("it waited {s:.3} s for a processor")),
+        ];
+        signs.into_iter().flatten().collect()
+    }
+}
+
+/// A number with commas between groups of three digits.
+fn grouped(number: u64) -> String {
+    let digits = number.to_string();
+    let mut text = String::with_capacity(digits.len() + digits.len() / 3);
+    for (index, digit) in digits.chars().enumerate() {
+        if index > 0 && (digits.len() - index).is_multiple_of(3) {
+            text.push(',');
+        }
+        text.push(digit);
+    }
+    text
 }
 
 impl HapticRenderer {
@@ -254,4 +367,59 @@ fn named(axes: [bool; 3]) -> Option<String> {
     let names: Vec<&str> =
         ["x", "y", "z"].into_iter().zip(axes).filter(|&(_, set)| set).map(|(name, _)| name).collect();
     (!names.is_empty()).then(|| names.join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn summary(steps: u64, by_machine: u64, by_step: u64) -> HapticSummary {
+        HapticSummary {
+            rate_hz: 1000.0,
+            steps,
+            missed_deadlines: by_machine + by_step,
+            missed_by_step: by_step,
+            missed_by_machine: by_machine,
+            stolen_s: None,
+            preempted: None,
+            run_delay_s: None,
+            step_ns: Percentiles::default(),
+            wake_us: Percentiles::default(),
+            scheduling: "normal".to_owned(),
+        }
+    }
+
+    #[test]
+    fn missed_deadlines_are_explained() {
+        let both = HapticSummary { stolen_s: Some(0.4), preempted: Some(35), ..summary(9_988, 11, 1) };
+        assert_eq!(
+            both.missed_verdict(),
+            "12 of 10,000 deadlines missed: 11 because the machine woke the thread late (other virtual machines took \
+             0.40 s of processor time, the thread was preempted 35 times), 1 because the step took longer than its period."
+        );
+        // Nothing is said of what was not measured, or did not happen.
+        assert_eq!(
+            summary(999, 1, 0).missed_verdict(),
+            "1 of 1,000 deadlines missed: 1 because the machine woke the thread late."
+        );
+        let quiet = HapticSummary {
+            stolen_s: Some(0.0),
+            preempted: Some(0),
+            run_delay_s: Some(0.0),
+            ..summary(1, 2_000_000, 0)
+        };
+        assert_eq!(
+            quiet.missed_verdict(),
+            "2,000,000 of 2,000,001 deadlines missed: 2,000,000 because the machine woke the thread late."
+        );
+        // The machine's troubles do not explain a long step.
+        let long = HapticSummary { stolen_s: Some(0.4), preempted: Some(35), ..summary(99, 0, 1) };
+        assert_eq!(
+            long.missed_verdict(),
+            "1 of 100 deadlines missed: 1 because the step took longer than its period."
+        );
+        assert_eq!(summary(10_000, 0, 0).missed_verdict(), "None of 10,000 deadlines was missed.");
+        let simulated = HapticSummary { scheduling: LOCKSTEP.to_owned(), ..summary(100, 0, 0) };
+        assert_eq!(simulated.missed_verdict(), "No deadline could be missed: the clock was simulated.");
+    }
 }

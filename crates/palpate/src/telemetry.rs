@@ -176,12 +176,26 @@ pub struct HapticTelemetry {
     pub steps: u64,
     /// Periods skipped because the loop woke too late for them.
     pub missed_deadlines: u64,
+    /// Those of them that passed while the step before was still running. A step that lost the processor halfway counts as
+    /// long here.
+    pub missed_by_step: u64,
+    /// The rest: the step before had ended in time, but the machine woke the thread late.
+    pub missed_by_machine: u64,
     /// Duration of a step, device included.
     pub step: Times,
     /// Lateness of the wake-up.
     pub wake: Times,
     /// Deepest penetration that a contact query reported, m.
     pub depth_max: f64,
+    /// Time of the first step that a contact was known in, s: of surfaces closer to each other than the tolerance d.
+    pub first_touch: Option<f64>,
+    /// Most contacts that a contact query found, before clustering.
+    pub contacts_max: u32,
+    /// Contacts of the latest query.
+    pub contacts_now: u32,
+    /// Largest stretch of the coupling, m: how far the grasp was from where the device holds it
+    /// ([`Record::stretch`](crate::Record::stretch)).
+    pub stretch_max: f64,
     /// Largest coupling force, N.
     pub coupling_force_max: f64,
     /// Energy that has flowed from the device into the session, J. A passive session keeps it above zero but for what
@@ -203,6 +217,8 @@ pub struct HapticTelemetry {
 pub struct ContactTelemetry {
     /// Contact query with clustering and linearisation.
     pub query: Times,
+    /// On a simulated clock, how many queries took longer in real time than the simulated time between two of them.
+    pub longer_than_slot: Option<u64>,
     /// Events.
     pub events: Events,
 }

@@ -4,6 +4,7 @@
 
 #[cfg(feature = "hid")]
 mod host;
+#[cfg(feature = "hid")]
 mod pid;
 mod space_mouse;
 mod udev;
@@ -11,6 +12,7 @@ mod wooden_haptics;
 
 #[cfg(feature = "hid")]
 pub(crate) use host::{Connected, connected, open, open_numbered};
+#[cfg(feature = "hid")]
 pub use pid::{NotPid, PEAK_FORCE, PidCodec, Stick, StickMotion};
 pub use space_mouse::{Deflection, RateControl, SpaceMouseCodec};
 pub use udev::udev_rules;

@@ -12,9 +12,9 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use crate::LoadError;
 use crate::formats::surface::Surface;
 use crate::formats::text::{parse_number, quoted};
+use crate::{LoadError, LoadWarning};
 
 /// Bytes before the triangles: 80 of comment and the count.
 const HEADER: usize = 84;
@@ -47,7 +47,7 @@ pub(crate) fn read(bytes: &[u8], path: &Path) -> Result<Surface, LoadError> {
     let mut surface = read_binary(bytes, path)?;
     let rest = bytes.len() as u64 - expected;
     if rest > 0 {
-        surface.warnings.push(format!("{rest} bytes after the last triangle ignored"));
+        surface.warnings.push(LoadWarning::TrailingBytes { count: rest });
     }
     Ok(surface)
 }

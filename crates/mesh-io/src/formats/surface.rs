@@ -2,8 +2,8 @@
 
 use glam::{DVec2, DVec3};
 
-use crate::HeightTexture;
 use crate::polygon::{self, Cut};
+use crate::{HeightTexture, LoadWarning};
 
 /// What a reader is asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,7 +26,7 @@ pub(crate) struct Surface {
     pub coordinates: Vec<[DVec2; 3]>,
     /// The image of fine detail, if asked for and there.
     pub height_texture: Option<HeightTexture>,
-    pub warnings: Vec<String>,
+    pub warnings: Vec<LoadWarning>,
 }
 
 /// What a reader left out or could not do justice to.
@@ -71,27 +71,23 @@ impl Skipped {
         self.cuts.iter().for_each(|corners| emit(corners.map(|corner| self.kept[corner])));
     }
 
-    /// One line for each kind of thing skipped. `place` is what `incomplete` counts: lines or faces.
-    pub(crate) fn warnings(&self, place: &str) -> Vec<String> {
-        let first = self.incomplete.first().copied().unwrap_or(0);
+    /// A warning for each kind of thing skipped. `place` is what `incomplete` counts: lines or faces.
+    pub(crate) fn warnings(&self, place: &str) -> Vec<LoadWarning> {
+        let counted = |count, warning: fn(usize) -> LoadWarning| (count > 0).then(|| warning(count));
+        let incomplete = self.incomplete.first().map(|first| LoadWarning::IncompleteFaces {
+            count: self.incomplete.len(),
+            first: format!("{place} {first}"),
+        });
         [
-            (self.lines, "line elements skipped, being no surface".into()),
-            (self.points, "point elements skipped, being no surface".into()),
-            (self.freeform, "free-form curves or surfaces skipped (convert them to polygons)".into()),
-            (
-                self.incomplete.len(),
-                format!("faces of fewer than three corners skipped, the first at {place} {first}"),
-            ),
-            (self.collapsed, "polygons of fewer than three different corners skipped".into()),
-            (
-                self.fans,
-                "polygons that cross or touch themselves or have no area cut into fans (check the result)"
-                    .into(),
-            ),
+            counted(self.lines, |count| LoadWarning::Lines { count }),
+            counted(self.points, |count| LoadWarning::Points { count }),
+            counted(self.freeform, |count| LoadWarning::FreeForm { count }),
+            incomplete,
+            counted(self.collapsed, |count| LoadWarning::CollapsedPolygons { count }),
+            counted(self.fans, |count| LoadWarning::FannedPolygons { count }),
         ]
         .into_iter()
-        .filter(|(count, _)| *count > 0)
-        .map(|(count, what)| format!("{what}: {count}"))
+        .flatten()
         .collect()
     }
 }

@@ -27,9 +27,9 @@ use gltf::json::scene::Node;
 use gltf::json::validation::Checked;
 use serde_json::Value;
 
-use crate::LoadError;
 use crate::formats::surface::{Surface, Wanted};
 use crate::formats::text::quoted;
+use crate::{LoadError, LoadWarning};
 
 /// Vertices or triangles above which a scene is refused: one mesh may be placed by any number of nodes, and a count
 /// need not be backed by data, so that the file's size does not bound them.
@@ -37,6 +37,8 @@ const MAX_ELEMENTS: usize = 1 << 25;
 
 /// A GLB file starts with it.
 const MAGIC: &[u8] = b"glTF";
+
+const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 
 const REMEDY: &str = "the file breaks the glTF 2.0 rules: run a glTF validator on it, or export it again";
 
@@ -174,21 +176,19 @@ struct Skipped {
 }
 
 impl Skipped {
-    fn warn(&self, root: &Root, warnings: &mut Vec<String>) {
-        for (count, what) in [
-            (self.points, "point primitives skipped, being no surface"),
-            (self.lines, "line primitives skipped, being no surface"),
-            (self.leftover, "primitives with corners left over after the last triangle, which are ignored"),
-        ] {
-            if count > 0 {
-                warnings.push(format!("{what}: {count}"));
-            }
-        }
+    fn warn(&self, root: &Root, warnings: &mut Vec<LoadWarning>) {
+        let counted = [
+            (self.points, LoadWarning::Points { count: self.points }),
+            (self.lines, LoadWarning::Lines { count: self.lines }),
+            (self.leftover, LoadWarning::LeftoverCorners { primitives: self.leftover }),
+        ];
+        warnings.extend(counted.into_iter().filter(|(count, _)| *count > 0).map(|(_, warning)| warning));
         if self.morphed || root.nodes.iter().any(|node| node.skin.is_some() && node.mesh.is_some()) {
-            warnings.push("skins and morph targets ignored: the mesh is taken as it stands at rest".into());
+            warnings.push(LoadWarning::AtRest);
         }
-        if root.extensions_used.iter().any(|name| name == "EXT_mesh_gpu_instancing") {
-            warnings.push("instances placed by EXT_mesh_gpu_instancing ignored".into());
+        if root.extensions_used.iter().any(|name| name == INSTANCING) {
+            let effect = "the instances that it places are left out";
+            warnings.push(LoadWarning::IgnoredExtension { name: INSTANCING, effect });
         }
     }
 }
@@ -221,13 +221,12 @@ impl<'a> Reader<'a> {
 
     /// The meshes of the default scene (else of the first; without scenes each mesh once) with their placements, depth
     /// first.
-    fn placed_meshes(&self, warnings: &mut Vec<String>) -> Result<Vec<(usize, DAffine3)>, LoadError> {
+    fn placed_meshes(&self, warnings: &mut Vec<LoadWarning>) -> Result<Vec<(usize, DAffine3)>, LoadError> {
         let nodes = &self.root.nodes;
         let Some(scene) = self.root.scene.map(|s| s.value()).or((!self.root.scenes.is_empty()).then_some(0))
         else {
             if !self.root.meshes.is_empty() {
-                warnings
-                    .push("the file has no scene: each mesh is loaded once, where it was modelled".into());
+                warnings.push(LoadWarning::NoScene);
             }
             return Ok((0..self.root.meshes.len()).map(|mesh| (mesh, DAffine3::IDENTITY)).collect());
         };

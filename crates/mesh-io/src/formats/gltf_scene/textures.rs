@@ -15,7 +15,7 @@ use serde::de::IgnoredAny;
 
 use super::{MAX_ELEMENTS, Reader, Shared, Skipped, one_line};
 use crate::formats::text::quoted;
-use crate::{HeightTexture, LoadError, TextureWrap};
+use crate::{HeightTexture, LoadError, LoadWarning, TextureWrap};
 
 const TRANSFORM: &str = "KHR_texture_transform";
 
@@ -226,7 +226,7 @@ impl Reader<'_> {
     }
 
     /// Transforms belong to single textures, none of which is ours.
-    pub(super) fn warn_of_transforms(&self, warnings: &mut Vec<String>) {
+    pub(super) fn warn_of_transforms(&self, warnings: &mut Vec<LoadWarning>) {
         if self
             .root
             .extensions_used
@@ -234,7 +234,8 @@ impl Reader<'_> {
             .chain(&self.root.extensions_required)
             .any(|name| name == TRANSFORM)
         {
-            warnings.push(format!("{TRANSFORM} ignored: texture coordinates are taken as they stand"));
+            let effect = "texture coordinates are taken as they stand";
+            warnings.push(LoadWarning::IgnoredExtension { name: TRANSFORM, effect });
         }
     }
 }

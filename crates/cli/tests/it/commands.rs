@@ -1,0 +1,835 @@
+//! What each command gives, as a user or a program sees it.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+fn palpate(arguments: &[&str], folder: &Path) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_palpate"))
+        .args(arguments)
+        .current_dir(folder)
+        .env("XDG_CACHE_HOME", folder.join("cache"))
+        .output()
+        .expect("the binary starts")
+}
+
+/// Runs a command that must succeed; its standard output.
+fn succeeds(arguments: &[&str], folder: &Path) -> String {
+    let output = palpate(arguments, folder);
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "palpate {arguments:?}: {stderr}");
+    assert!(stderr.is_empty(), "no progress where standard error is no terminal: {stderr}");
+    String::from_utf8(output.stdout).expect("UTF-8")
+}
+
+fn json(arguments: &[&str], folder: &Path) -> Value {
+    serde_json::from_str(&succeeds(arguments, folder)).expect("JSON")
+}
+
+/// The keys of an object, in order of their names.
+fn keys(value: &Value) -> Vec<&str> {
+    value.as_object().expect("an object").keys().map(String::as_str).collect()
+}
+
+#[test]
+fn models_are_listed_exported_and_checked() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    let models = json(&["models", "--json"], folder);
+    assert_eq!(models.as_array().map(Vec::len), Some(20));
+    assert_eq!(succeeds(&["models"], folder).lines().count(), 20);
+
+    succeeds(&["export", "ellipsoid@500", "-o", "e.obj"], folder);
+    let check = json(&["check", "e.obj", "--json"], folder);
+    let direct = json(&["check", "ellipsoid@500", "--json"], folder);
+    assert_eq!(check, direct, "what was exported is what was generated");
+    for key in ["closed", "manifold", "oriented"] {
+        assert_eq!(check[key], Value::Bool(true), "{key}");
+    }
+    for key in
+        ["boundary_edges", "nonmanifold_edges", "misoriented_edges", "degenerate", "duplicate", "nonfinite"]
+    {
+        assert_eq!(check[key], 0, "{key}");
+    }
+    assert_eq!(check["self_intersections"], 0);
+    assert_eq!(check["components"], 1);
+    assert_eq!(check["first"], serde_json::json!({}));
+
+    let scaled = json(&["check", "e.obj", "--scale", "2", "--json"], folder);
+    let ratio = scaled["volume"].as_f64().unwrap() / check["volume"].as_f64().unwrap();
+    assert!((ratio - 8.0).abs() < 1e-9, "{ratio}");
+}
+
+#[test]
+fn a_hierarchy_is_built_and_inspected() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    let printed = succeeds(&["build", "torus@4000", "-o", "t.clod", "--json", "built.json"], folder);
+    assert!(printed.is_empty(), "--json FILE writes and prints nothing: {printed}");
+    let written = std::fs::read_to_string(folder.join("built.json")).expect("built.json");
+    let built: Value = serde_json::from_str(&written).expect("JSON");
+    let inspected = json(&["inspect", "t.clod", "--json"], folder);
+    assert_eq!(built["levels"], inspected["levels"]);
+    assert_eq!(
+        keys(&inspected),
+        [
+            "bounding_radius",
+            "bytes",
+            "levels",
+            "name",
+            "patches",
+            "peak_rss_bytes",
+            "published",
+            "seconds",
+            "table",
+            "triangles",
+            "vertices"
+        ]
+    );
+    let levels = inspected["levels"].as_array().expect("levels");
+    assert_eq!(levels[0]["level"], 0);
+    assert_eq!(levels[0]["patches"], inspected["patches"]);
+    assert_eq!(levels[levels.len() - 1]["patches"], 1);
+    assert!(levels[0]["resolution"].as_f64().is_some_and(|r| r > 0.0));
+    assert_eq!(levels[0]["free"], false);
+    assert_eq!(inspected["published"], Value::Null, "Table 3.2 has no torus");
+
+    // The figures that are printed are those of the file.
+    let printed = succeeds(&["inspect", "t.clod"], folder);
+    let mut blocks = printed.split("\n\n");
+    let table: Vec<&str> = blocks.next().expect("Table 3.2").lines().collect();
+    assert_eq!(table.len(), 2, "{printed}");
+    let columns: Vec<&str> = table[1].split_whitespace().collect();
+    let number = |text: &str| text.replace(',', "").parse::<u64>().ok();
+    let of_table = |key: &str| inspected["table"][key].as_u64();
+    assert_eq!(columns[0], "t.clod");
+    assert_eq!(number(columns[1]), of_table("original_triangles"));
+    assert_eq!(number(columns[4]), of_table("simplified_patches"));
+    assert_eq!(number(columns[8]), Some(levels.len() as u64));
+    let rows: Vec<&str> = blocks.next().expect("levels").lines().skip(1).collect();
+    assert_eq!(rows.len(), levels.len());
+    for (row, level) in rows.iter().zip(levels) {
+        let cells: Vec<&str> = row.split_whitespace().collect();
+        for (column, key) in [(0, "level"), (1, "triangles"), (2, "patches"), (8, "bytes")] {
+            assert_eq!(number(cells[column]), level[key].as_u64(), "{key}: {row}");
+        }
+        assert_eq!(cells.get(9) == Some(&"free"), level["free"] == Value::Bool(true), "{row}");
+        let radius = inspected["bounding_radius"].as_f64().unwrap();
+        let percent = 100.0 * level["max_hausdorff"].as_f64().unwrap() / radius;
+        assert_eq!(cells[7], format!("{percent:.3}"), "{row}");
+    }
+}
+
+#[test]
+fn levels_are_drawn() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    succeeds(&["build", "torus@1000", "-o", "t.clod"], folder);
+    let inspected = json(&["inspect", "t.clod", "--json"], folder);
+    let levels = inspected["levels"].as_array().expect("levels");
+    let count = levels.len();
+    assert!(levels[0]["patches"].as_u64() > Some(8) && count > 2, "{levels:?}");
+    let open = |path: &str| image::open(folder.join(path)).expect(path).into_rgb8();
+    // Colours far from grey, coarsely.
+    let hues = |path: &str| {
+        let vivid = |pixel: &[u8; 3]| pixel.iter().max().unwrap() - pixel.iter().min().unwrap() > 60;
+        let picture = open(path);
+        let hues = picture.pixels().map(|pixel| pixel.0).filter(vivid).map(|pixel| pixel.map(|v| v / 64));
+        hues.collect::<std::collections::HashSet<_>>().len()
+    };
+    succeeds(&["inspect", "t.clod", "--render", "all", "--size", "200"], folder);
+    for (level, data) in levels.iter().enumerate() {
+        let path = format!("all/level-{level:02}.png");
+        assert_eq!(open(&path).dimensions(), (200, 150));
+        // Patches of a surface that meet differ in colour; of hulls one may hide the others.
+        let several = data["free"] == false && data["patches"].as_u64() > Some(8);
+        let wanted = if level == 0 { 3 } else { 1 + usize::from(several) };
+        assert!(hues(&path) >= wanted, "{path}: {} hues of {data}", hues(&path));
+    }
+    assert_eq!(open("all/levels.png").width() % 200, 0);
+    assert_eq!(std::fs::read_dir(folder.join("all")).unwrap().count(), count + 1);
+
+    // Levels can be chosen, the root's free one too; the folder may exist; a direction changes the picture.
+    std::fs::create_dir(folder.join("some")).unwrap();
+    let last = count - 1;
+    let chosen = format!("0,{last}");
+    let arguments = ["inspect", "t.clod", "--render", "some", "--size", "200", "--levels", &chosen];
+    succeeds(&[&arguments[..], &["--azimuth", "-100", "--elevation", "-20"]].concat(), folder);
+    assert_eq!(std::fs::read_dir(folder.join("some")).unwrap().count(), 3);
+    assert!(hues(&format!("some/level-{last:02}.png")) >= 1);
+    assert!(open("some/level-00.png") != open("all/level-00.png"));
+}
+
+#[test]
+fn pictures_that_cannot_be_written_are_refused() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    succeeds(&["build", "ellipsoid@500", "-o", "e.clod"], folder);
+    std::fs::write(folder.join("file"), "kept").unwrap();
+    std::fs::create_dir(folder.join("there")).unwrap();
+    for (arguments, said) in [
+        (&["--render", "file"][..], "file"),
+        (&["--render", "no/such/folder"], "no/such/folder"),
+        (&["--render", "new", "--levels", "99"], "the levels 0 to"),
+        (&["--render", "there", "--json", "there/levels.png"], "named twice"),
+    ] {
+        let output = palpate(&[&["inspect", "e.clod"], arguments].concat(), folder);
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!((output.status.code(), stderr.lines().count()), (Some(1), 1), "{arguments:?}: {stderr}");
+        assert!(stderr.contains(said), "{arguments:?} should mention '{said}': {stderr}");
+    }
+    assert_eq!(std::fs::read_to_string(folder.join("file")).unwrap(), "kept");
+    assert!(!folder.join("new").exists() && !folder.join("no").exists());
+    assert_eq!(std::fs::read_dir(folder.join("there")).unwrap().count(), 0);
+    for usage in [
+        &["--size", "400"][..],
+        &["--render", "d", "--size", "1"],
+        &["--render", "d", "--size", "100000"],
+        &["--render", "d", "--levels", "one"],
+        &["--render", "d", "--azimuth", "nan"],
+    ] {
+        let output = palpate(&[&["inspect", "e.clod"], usage].concat(), folder);
+        assert_eq!(output.status.code(), Some(2), "{usage:?}");
+    }
+}
+
+#[test]
+fn a_trajectory_is_queried() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    // The ellipsoid comes down on the golf ball from far away until it is inside.
+    let radius = json(&["check", "golf-ball@5000", "--json"], folder)["bounding_radius"].as_f64().unwrap();
+    let mut csv = String::from("t,px,py,pz,qx,qy,qz,qw\n");
+    for i in 0..=40 {
+        csv.push_str(&format!(
+            "{},0,0,{},0,0,0,1\n",
+            f64::from(i) * 1e-3,
+            radius * (3.0 - 0.06 * f64::from(i))
+        ));
+    }
+    std::fs::write(folder.join("t.csv"), csv).unwrap();
+    let arguments = [
+        "query",
+        "ellipsoid@500",
+        "golf-ball@5000",
+        "--trajectory",
+        "t.csv",
+        "--tolerance",
+        "2%",
+        "--json",
+        "--exact",
+        "--contacts",
+        "c.csv",
+    ];
+    let replay = json(&arguments, folder);
+    assert_eq!(
+        keys(&replay["summary"]),
+        [
+            "contacts_median",
+            "front_max",
+            "front_median",
+            "max_us",
+            "median_us",
+            "memory_bytes",
+            "p99_us",
+            "poses"
+        ]
+    );
+    let poses = replay["poses"].as_array().expect("poses");
+    assert_eq!(poses.len(), 41);
+    assert_eq!(poses[0]["contacts"], 0);
+    assert_eq!(poses[0]["distance_min"], Value::Null);
+    let deepest = &poses[40];
+    assert!(deepest["depth_max"].as_f64().is_some_and(|depth| depth > 0.0), "{deepest}");
+    assert!(
+        deepest["force"][2].as_f64().is_some_and(|force| force > 0.0),
+        "the ball pushes back up: {deepest}"
+    );
+    // From the roots, the same is found; with an error, less is looked at, and in a budget as much as can be.
+    let replayed = |options: &[&str]| json(&[&arguments[..8], options].concat(), folder);
+    let cold = replayed(&["--cold"]);
+    let counts = |replay: &Value| -> Vec<u64> {
+        replay["poses"].as_array().unwrap().iter().map(|pose| pose["contacts"].as_u64().unwrap()).collect()
+    };
+    assert_eq!(counts(&cold), counts(&replay));
+    // Both are convex, but for the dimples: few regions, each one contact.
+    assert!(counts(&replay).iter().all(|count| *count < 20), "{:?}", counts(&replay));
+    let fronts = |replay: &Value| -> f64 {
+        replay["poses"].as_array().unwrap().iter().map(|pose| pose["front"].as_f64().unwrap()).sum()
+    };
+    for options in [&["--error", "10%"][..], &["--error", "10%", "--interpolate"], &["--budget-us", "50"]] {
+        let coarse = replayed(options);
+        assert!(fronts(&coarse) < fronts(&replay), "{options:?}: {} {}", fronts(&coarse), fronts(&replay));
+        assert!(counts(&coarse)[40] > 0, "{options:?}: {:?}", counts(&coarse));
+    }
+    let rows = std::fs::read_to_string(folder.join("c.csv")).unwrap();
+    let contacts: u64 = poses.iter().map(|pose| pose["contacts"].as_u64().unwrap()).sum();
+    assert_eq!(rows.lines().count() as u64, contacts + 1);
+    assert!(rows.starts_with("t,px,py,pz,nx,ny,nz,depth,level_probe,level_scene\n"), "{rows:.80}");
+    assert!(rows.lines().skip(1).all(|row| row.ends_with(",0,0")), "full resolution");
+
+    let with_error = arguments.map(|argument| if argument == "--exact" { "--error=5%" } else { argument });
+    let coarse = json(&with_error, folder);
+    let front = |replay: &Value| replay["summary"]["front_max"].as_f64().unwrap();
+    assert!(front(&coarse) < front(&replay), "{} {}", coarse["summary"], replay["summary"]);
+    let rows = std::fs::read_to_string(folder.join("c.csv")).unwrap();
+    assert!(rows.lines().skip(1).any(|row| !row.ends_with(",0")), "no coarse contact: {rows:.400}");
+}
+
+#[test]
+fn a_lockstep_session_is_recorded_and_reported_twice_alike() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    let run = |record: &str| {
+        json(
+            &[
+                "run",
+                "ellipsoid@500",
+                "golf-ball@5000",
+                "--lockstep",
+                "--contact-rate",
+                "250",
+                "--seconds",
+                "3",
+                "--record",
+                record,
+                "--report",
+                "r.html",
+                "--mass",
+                "0.05",
+                "--json",
+            ],
+            folder,
+        )
+    };
+    let summary = run("a.csv");
+    run("b.csv");
+    assert_eq!(
+        keys(&summary),
+        [
+            "contact",
+            "coupling_force_max",
+            "depth_max",
+            "dissipated_j",
+            "energy_min_j",
+            "events",
+            "haptic",
+            "seconds",
+            "stages"
+        ]
+    );
+    assert_eq!(summary["haptic"]["steps"], 3000);
+    assert_eq!(summary["contact"]["rate_hz"], 250.0);
+    let (a, b) = (std::fs::read(folder.join("a.csv")).unwrap(), std::fs::read(folder.join("b.csv")).unwrap());
+    assert!(a == b, "two lockstep recordings differ");
+    assert_eq!(a.iter().filter(|&&byte| byte == b'\n').count(), 3001);
+    let html = std::fs::read_to_string(folder.join("r.html")).unwrap();
+    assert!(html.contains("<svg") && html.contains("</html>"));
+    assert!(!html.contains("src=") && !html.contains("href="), "the report stands alone");
+}
+
+/// Replayed with a simulated clock, a recorded device renders the same wrenches, bit for bit.
+#[test]
+fn a_recorded_device_is_replayed_exactly() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    let run = |device: &str, record: &str, kept: &str| {
+        let session =
+            ["run", "ellipsoid@500", "golf-ball@5000", "--lockstep", "--seconds", "4", "--friction", "0.3"];
+        let files = ["--device", device, "--record", record, "--record-device", kept];
+        json(&[&session[..], &files, &["--json"]].concat(), folder);
+        std::fs::read(folder.join(record)).unwrap()
+    };
+    let first = run("emulated:touch", "first.csv", "device.csv");
+    assert!(first.len() > 100_000);
+    let again = run("replay:device.csv", "again.csv", "device.rec");
+    assert!(first == again, "the replayed text");
+    let compact = run("replay:device.rec", "compact.csv", "last.csv");
+    assert!(first == compact, "the replayed compact form");
+    let files = ["device.csv", "last.csv"].map(|name| std::fs::read(folder.join(name)).unwrap());
+    assert!(files[0] == files[1], "a recording of a replayed recording is that recording");
+    // A button that nobody holds.
+    let held =
+        ["run", "ellipsoid@500", "golf-ball@5000", "--lockstep", "--seconds", "1", "--enable-button", "0"];
+    json(&[&held[..], &["--record-device", "held.csv", "--json"]].concat(), folder);
+    let held = std::fs::read_to_string(folder.join("held.csv")).unwrap();
+    assert!(held.lines().skip(2).all(|line| line.ends_with(",0,4096")), "not enabled");
+    // Bare poses of the same device make another twist, and other wrenches.
+    let poses: String = String::from_utf8(files[0].clone())
+        .unwrap()
+        .lines()
+        .skip(2)
+        .map(|line| line.split(',').skip(1).take(8).collect::<Vec<_>>().join(",") + "\n")
+        .collect();
+    std::fs::write(folder.join("poses.csv"), format!("t,px,py,pz,qx,qy,qz,qw\n{poses}")).unwrap();
+    assert!(first != run("replay:poses.csv", "bare.csv", "bare.rec"));
+}
+
+#[test]
+fn detail_is_felt_on_coarse_meshes() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    let mut square = String::new();
+    for (x, y) in [(-1, -1), (1, -1), (1, 1), (-1, 1)] {
+        let place = [0.05 * f64::from(x), 0.05 * f64::from(y)];
+        square += &format!("v {} {} 0\nvt {} {}\n", place[0], place[1], 10 * x, 640 * y);
+    }
+    std::fs::write(folder.join("plate.obj"), square + "f 1/1 2/2 3/3 4/4\n").unwrap();
+    let ridge = |x: u32| (32_000.0 * (1.0 + (std::f64::consts::TAU * f64::from(x) / 64.0).cos())) as u16;
+    let ridges = image::ImageBuffer::from_fn(64, 1, |x, _| image::Luma([ridge(x)]));
+    ridges.save(folder.join("ridges.png")).unwrap();
+    let run = |arguments: &[&str]| {
+        let always = ["--lockstep", "--seconds", "3", "--tolerance", "2e-4", "--json"];
+        json(&[&["run", "ellipsoid@500"], arguments, &always].concat(), folder)
+    };
+    // The same in a glTF file that names the image.
+    let corners = [[-0.05_f32, -0.05], [0.05, -0.05], [0.05, 0.05], [-0.05, 0.05]];
+    let places = corners.iter().flat_map(|[x, y]| [*x, *y, 0.0]);
+    let uv = corners.iter().flat_map(|[x, y]| [200.0 * x, -12_800.0 * y]);
+    let mut data: Vec<u8> = places.chain(uv).flat_map(f32::to_le_bytes).collect();
+    data.extend([0, 1, 2, 0, 2, 3]);
+    std::fs::write(folder.join("plate.bin"), &data).unwrap();
+    let plate = serde_json::json!({
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [
+            {"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0}
+        ]}],
+        "materials": [{"extras": {"heightTexture": {"index": 0, "amplitude": 0.001}}}],
+        "textures": [{"source": 0}], "images": [{"uri": "ridges.png"}],
+        "buffers": [{"uri": "plate.bin", "byteLength": data.len()}],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": 48}, {"buffer": 0, "byteOffset": 48, "byteLength": 32},
+            {"buffer": 0, "byteOffset": 80, "byteLength": 6}
+        ],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3",
+             "min": [-0.05, -0.05, 0.0], "max": [0.05, 0.05, 0.0]},
+            {"bufferView": 1, "componentType": 5126, "count": 4, "type": "VEC2"},
+            {"bufferView": 2, "componentType": 5121, "count": 6, "type": "SCALAR"}
+        ]
+    });
+    std::fs::write(folder.join("plate.gltf"), plate.to_string()).unwrap();
+    let flat = run(&["plate.obj"]);
+    let image = ["plate.obj", "--scene-heights", "ridges.png", "--amplitude", "0.001"];
+    let ridged = run(&image);
+    let named = run(&["plate.gltf"]);
+    let baked = run(&["block@300", "--scene-detail", "block@20000", "--texel", "5e-4"]);
+    assert_eq!(flat["stages"]["textures"], "off: no object has a haptic texture");
+    let repaired =
+        palpate(&["run", "ellipsoid@500", "plate.gltf", "--repair", "--lockstep", "--seconds", "1"], folder);
+    assert!(repaired.status.success() && String::from_utf8_lossy(&repaired.stderr).contains("left out"));
+    let force = |summary: &Value| summary["coupling_force_max"].as_f64().expect("a force");
+    assert!((force(&named) / force(&ridged) - 1.0).abs() < 1e-3, "{named}, {ridged}");
+    assert!((force(&flat) / force(&ridged) - 1.0).abs() > 1e-2, "{flat}, {ridged}");
+    for summary in [&ridged, &named, &baked] {
+        let textures = summary["stages"]["textures"].as_str().expect("a stage");
+        assert!(textures.starts_with("on, computed by CPU: scene "), "{textures}");
+        assert!(summary["coupling_force_max"].as_f64().is_some_and(|force| force > 0.1), "{summary}");
+    }
+    for (arguments, what) in [
+        (["--scene-heights", "ridges.png"].as_slice(), "amplitude"),
+        (&["--scene-heights", "none.png", "--amplitude", "1e-3"], "none.png"),
+        (&["--scene-heights", "ridges.png", "--amplitude", "-1"], "amplitude"),
+        (&["--scene-detail", "block", "--texel", "0"], "texel"),
+        (&["--scene-heights", "ridges.png", "--amplitude", "1e-3", "--texture-reach", "0"], "half-size"),
+    ] {
+        let given = ["run", "ellipsoid@500", "plate.obj", "--lockstep", "--seconds", "1"];
+        let output = palpate(&[&given, arguments].concat(), folder);
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert!(!output.status.success() && stderr.contains(what), "{arguments:?}: {stderr}");
+    }
+}
+
+#[test]
+fn a_real_time_session_keeps_count() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    let summary = json(
+        &["run", "ellipsoid@500", "golf-ball@5000", "--seconds", "0.5", "--record", "a.csv", "--json"],
+        folder,
+    );
+    let number = |path: &str| summary.pointer(path).and_then(Value::as_u64).expect(path);
+    assert_eq!(number("/haptic/steps") + number("/haptic/missed_deadlines"), 500, "{summary}");
+    let rows = std::fs::read_to_string(folder.join("a.csv")).unwrap().lines().count() as u64;
+    assert_eq!(rows, 1 + number("/haptic/steps") - number("/events/record_dropped"));
+    assert!(summary["contact"]["rate_hz"].as_f64().is_some_and(|rate| rate > 0.0), "{summary}");
+}
+
+#[test]
+fn devices_are_listed() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let devices = json(&["devices", "--json"], folder.path());
+    let devices = devices.as_array().expect("a list");
+    assert!(
+        devices.iter().any(|device| device["address"].as_str().is_some_and(|a| a.starts_with("emulated")))
+    );
+    // How to get permission for those that are plugged in, wherever there is one or not.
+    let listed = succeeds(&["devices"], folder.path());
+    assert!(listed.contains("emulated:premium-1.5") && listed.contains("hid:"), "{listed}");
+    let rules = succeeds(&["devices", "--udev"], folder.path());
+    assert!(
+        rules.lines().all(|line| line.starts_with("# ") || line.starts_with("KERNEL==\"hidraw*\", ")),
+        "{rules}"
+    );
+    assert!(rules.contains("256f") && rules.contains("16c0"));
+}
+
+#[test]
+fn refusals_say_what_and_what_to_do() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    std::fs::write(folder.join("t.csv"), "t,px,py,pz,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n0,0,zero,0,0,0,0,1\n")
+        .unwrap();
+    let good = "t,px,py,pz,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n";
+    std::fs::write(folder.join("ok.csv"), good).unwrap();
+    std::fs::create_dir(folder.join("sub")).unwrap();
+    succeeds(&["export", "ellipsoid@500", "-o", "m.obj"], folder);
+    let mesh = std::fs::read(folder.join("m.obj")).unwrap();
+    for (arguments, said) in [
+        (&["check", "golf-bal"][..], "golf-ball"),
+        (&["check", "golf-ball@many"], "golf-ball@20000"),
+        (&["check", "golf-ball@3"], "golf-ball"),
+        (&["check", "golf-ball", "--scale", "-1"], "scale"),
+        (&["check", "missing.obj"], "missing.obj"),
+        (&["check", "mesh.dwg"], ".obj"),
+        (&["inspect", "missing.clod"], "missing.clod"),
+        (&["export", "cup-low", "-o", "no/such/folder/cup.obj"], "no/such/folder/cup.obj"),
+        (&["run", "cup-low", "spoon-low", "--device", "phantom"], "emulated"),
+        (
+            &["run", "cup-low", "spoon-low", "--device", "emulated:task=fly"],
+            "`task=fly`: give one of explore, press",
+        ),
+        (
+            &["run", "cup-low", "spoon-low", "--device", "emulated:path=ok.csv", "--record", "ok.csv"],
+            "named twice",
+        ),
+        (&["run", "cup-low", "spoon-low", "--mass", "-1"], "mass"),
+        // Millimetres for metres: by how much to scale, and how to insist.
+        (&["run", "m.obj", "m.obj", "--scale", "1000"], "m.obj: the bounding radius of "),
+        (&["run", "m.obj", "m.obj", "--scale", "1000"], "multiply --scale by 0.001, or give --unusual-size"),
+        (&["run", "cup-low", "spoon-low", "--seconds", "-1"], "seconds"),
+        (&["run", "cup-low", "spoon-low", "--contact-rate", "nan", "--lockstep"], "contact-rate"),
+        (&["run", "cup-low", "spoon-low", "--tolerance", "0"], "tolerance"),
+        (&["run", "cup-low", "spoon-low", "--tolerance", "1"], "bounding radius"),
+        (&["run", "cup-low", "spoon-low", "--record", "."], "."),
+        (&["run", "cup-low", "spoon-low", "--report", "no/such/folder/r.html"], "no/such/folder/r.html"),
+        (&["run", "cup-low", "spoon-low", "--seconds", "80000", "--report", "r.html"], "--record"),
+        (&["query", "cup-low", "spoon-low", "--trajectory", "t.csv", "--tolerance", "1%"], "t.csv:3"),
+        (&["query", "cup-low", "spoon-low", "--trajectory", "ok.csv", "--tolerance", "1"], "bounding radius"),
+        (&["query", "cup-low", "spoon-low", "--trajectory", ".", "--tolerance", "1%"], "directory"),
+        // What is written must not be what is read, nor be mistaken for something else.
+        (&["build", "m.obj", "-o", "./m.obj"], ".clod"),
+        (&["build", "M.CLOD", "-o", "x.clod"], "hierarchy"),
+        (&["build", "m.obj", "-o", "c.clod", "--json", "sub/../m.obj"], "named twice"),
+        (&["export", "cup-low", "-o", "cup.stl"], ".obj"),
+        (&["run", "m.obj", "cup-low", "--record", "m.obj"], "named twice"),
+        (&["run", "cup-low", "spoon-low", "--record", "a.csv", "--report", "a.csv"], "named twice"),
+        (&["run", "cup-low", "spoon-low", "--device", "replay:ok.csv", "--record", "ok.csv"], "named twice"),
+    ] {
+        let output = palpate(arguments, folder);
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "palpate {arguments:?}: {stderr}");
+        assert_eq!(stderr.lines().count(), 1, "{stderr}");
+        assert!(stderr.contains(said), "palpate {arguments:?} should mention '{said}': {stderr}");
+    }
+    assert!(std::fs::read(folder.join("m.obj")).unwrap() == mesh, "an input was overwritten");
+    assert_eq!(std::fs::read_to_string(folder.join("ok.csv")).unwrap(), good, "an input was overwritten");
+    for leftover in ["a.csv", "r.html", "c.clod", "x.clod", "cup.stl"] {
+        assert!(!folder.join(leftover).exists(), "{leftover} was left by a command that was refused");
+    }
+    for usage in
+        [&["frobnicate"][..], &["check"], &["query", "cup", "spoon"], &["run", "cup", "spoon", "--rate", "x"]]
+    {
+        assert_eq!(palpate(usage, folder).status.code(), Some(2), "palpate {usage:?}");
+    }
+}
+
+#[test]
+fn extensions_may_be_upper_case_and_null_devices_written_twice() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    succeeds(&["build", "ellipsoid@500", "-o", "E.CLOD"], folder);
+    assert_eq!(json(&["inspect", "E.CLOD", "--json"], folder)["triangles"], 500);
+    if Path::new("/dev/null").exists() {
+        let null = "/dev/null";
+        succeeds(
+            &[
+                "run",
+                "E.CLOD",
+                "E.CLOD",
+                "--lockstep",
+                "--seconds",
+                "0.1",
+                "--record",
+                null,
+                "--report",
+                null,
+                "--json",
+                null,
+            ],
+            folder,
+        );
+    }
+}
+
+#[test]
+fn a_session_runs_with_any_integrator() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let session = |more: &[&str]| {
+        let run =
+            ["run", "ellipsoid@500", "ellipsoid@500", "--lockstep", "--seconds", "2", "--record", "r.csv"];
+        succeeds(&[&run, more].concat(), folder.path());
+        std::fs::read_to_string(folder.path().join("r.csv")).expect("recording")
+    };
+    let default = session(&[]);
+    assert_eq!(session(&["--integrator", "semi-implicit"]), default);
+    for name in ["fully-implicit", "forward-euler", "symplectic-euler", "runge-kutta-4", "quasi-static"] {
+        assert!(session(&["--integrator", name]) != default, "{name} gives what the default does");
+    }
+    let wrong = palpate(&["run", "ellipsoid@500", "ellipsoid@500", "--integrator", "rk4"], folder.path());
+    let message = String::from_utf8_lossy(&wrong.stderr);
+    assert!(
+        !wrong.status.success() && message.contains("rk4") && message.contains("quasi-static"),
+        "{message}"
+    );
+}
+
+#[test]
+fn a_session_says_which_stages_are_on_and_why() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let arguments = ["run", "ellipsoid@500", "torus@4000", "--lockstep", "--seconds", "0.01"];
+    let printed = succeeds(&arguments, folder.path());
+    for (stage, why) in [
+        ("contact query", "on: one scene object"),
+        ("device", "Phantom Premium 1.5 6DOF (emulated): on: force along x, y, z, torque about x, y, z"),
+        ("hierarchy", "probe ellipsoid@500: off, one convex hull; scene torus@4000: on, "),
+        ("clustering", "on beyond 5 contacts"),
+        ("integrator", "semi-implicit"),
+        ("textures", "off: "),
+        ("friction", "off: "),
+        ("events", "engaging: 10"),
+    ] {
+        let row = printed.lines().find(|line| line.starts_with(&format!("{stage}  ")));
+        assert!(row.is_some_and(|row| row.contains(why)), "{stage}: {why}\n{printed}");
+    }
+}
+
+/// Each of the emulated hand's tasks touches for its part of the time, parameters of the device hold, and a device that drives
+/// three axes says so.
+#[test]
+fn the_emulated_hand_does_its_task() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    let run = |device: &str, seconds: &str| {
+        let session = ["run", "ellipsoid@500", "golf-ball@1000", "--lockstep", "--json", "--record", "r.csv"];
+        json(&[&session[..], &["--seconds", seconds, "--device", device]].concat(), folder)
+    };
+    // Part of the recorded steps with a contact force.
+    let touching = || {
+        let mut rows = csv::Reader::from_path(folder.join("r.csv")).expect("a recording");
+        let column =
+            rows.headers().expect("a header").iter().position(|name| name == "contact_fz").expect("a column");
+        let forces: Vec<f64> =
+            rows.records().map(|row| row.expect("a row")[column].parse().expect("a number")).collect();
+        assert!(forces.iter().any(|force| *force > 0.1), "nothing is pressed");
+        forces.iter().filter(|force| **force > 0.0).count() as f64 / forces.len() as f64
+    };
+    for (task, seconds, part) in [
+        ("explore", "10", 0.6..0.9),
+        ("press", "4", 0.4..0.9),
+        ("stroke", "4", 0.3..0.7),
+        ("scrub", "10", 0.7..1.0),
+        ("tap", "4", 0.2..0.7),
+        ("peg-insertion", "8", 0.6..0.9),
+    ] {
+        let summary = run(&format!("emulated:omega,hand=firm,task={task}"), seconds);
+        let touching = touching();
+        assert!(part.contains(&touching), "{task}: in contact {touching} of the time");
+        assert_eq!(summary["stages"]["device"], "omega.6 (emulated): on: force along x, y, z, no torque");
+    }
+    let gentle = run("emulated:omega,hand=firm,task=press,peak_force=0.1", "1");
+    let most = gentle["coupling_force_max"].as_f64().expect("a force");
+    assert!(most > 0.05 && most <= 0.1 + 1e-12, "{most} N");
+    std::fs::write(folder.join("path.csv"), "t,px,py,pz,qx,qy,qz,qw\n0,0,0,1,0,0,0,1\n").expect("a path");
+    let away = run(&format!("emulated:hand=firm,path={}", folder.join("path.csv").display()), "1");
+    assert_eq!(away["coupling_force_max"].as_f64(), Some(0.0));
+}
+
+#[cfg(target_os = "linux")]
+mod streams {
+    use std::ffi::OsStr;
+    use std::fs::File;
+    use std::os::unix::ffi::OsStrExt;
+    use std::process::Stdio;
+
+    use super::*;
+
+    #[test]
+    fn a_reader_that_has_had_enough_is_no_error() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let (reader, writer) = std::io::pipe().expect("pipe");
+        drop(reader);
+        let output = Command::new(env!("CARGO_BIN_EXE_palpate"))
+            .arg("models")
+            .current_dir(folder.path())
+            .stdout(writer)
+            .output()
+            .expect("the binary starts");
+        assert_eq!((output.status.code(), output.stderr.len()), (Some(0), 0), "{output:?}");
+    }
+
+    #[test]
+    fn a_full_disk_is_named() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let full = || File::options().write(true).open("/dev/full").expect("/dev/full");
+        let run = ["run", "ellipsoid@500", "ellipsoid@500", "--seconds", "60", "--record", "/dev/full"];
+        for (arguments, said) in [(&["models"][..], "standard output"), (&run, "/dev/full")] {
+            let output = Command::new(env!("CARGO_BIN_EXE_palpate"))
+                .args(arguments)
+                .env("XDG_CACHE_HOME", folder.path())
+                .stdout(full())
+                .output()
+                .expect("the binary starts");
+            let stderr = String::from_utf8_lossy(&output.stderr);
+            assert_eq!((output.status.code(), stderr.lines().count()), (Some(1), 1), "{stderr}");
+            assert!(stderr.contains(said), "{stderr}");
+        }
+    }
+
+    #[test]
+    fn an_error_that_nobody_can_read_is_still_an_exit_code() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let (reader, writer) = std::io::pipe().expect("pipe");
+        drop(reader);
+        let status = Command::new(env!("CARGO_BIN_EXE_palpate"))
+            .args(["check", "missing.obj"])
+            .current_dir(folder.path())
+            .stdout(Stdio::null())
+            .stderr(writer)
+            .status()
+            .expect("the binary starts");
+        assert_eq!(status.code(), Some(1));
+    }
+
+    #[test]
+    fn file_names_need_not_be_utf_8() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let name = OsStr::from_bytes(b"r\xff.html");
+        let output = Command::new(env!("CARGO_BIN_EXE_palpate"))
+            .args(["run", "ellipsoid@500", "ellipsoid@500", "--lockstep", "--seconds", "0.01", "--report"])
+            .arg(name)
+            .current_dir(folder.path())
+            .env("XDG_CACHE_HOME", folder.path())
+            .output()
+            .expect("the binary starts");
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        assert!(folder.path().join(name).exists());
+        // A mesh's name is text, or bad usage.
+        let mesh = OsStr::from_bytes(b"m\xff.obj");
+        let output =
+            Command::new(env!("CARGO_BIN_EXE_palpate")).arg("check").arg(mesh).output().expect("start");
+        assert_eq!(output.status.code(), Some(2));
+    }
+
+    #[test]
+    fn an_interrupted_session_ends_in_order() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let folder = folder.path();
+        for signal in ["INT", "TERM"] {
+            let mut child = Command::new(env!("CARGO_BIN_EXE_palpate"))
+                .args([
+                    "run",
+                    "ellipsoid@500",
+                    "ellipsoid@500",
+                    "--seconds",
+                    "3600",
+                    "--json",
+                    "--record",
+                    "r.csv",
+                ])
+                .current_dir(folder)
+                .env("XDG_CACHE_HOME", folder)
+                .stdout(Stdio::piped())
+                .spawn()
+                .expect("the binary starts");
+            // The recorder's buffer has been written once when the file has rows, so the session is under way.
+            while std::fs::metadata(folder.join("r.csv")).map_or(0, |file| file.len()) < 1000 {
+                assert!(child.try_wait().expect("waiting").is_none(), "the session ended by itself");
+                std::thread::sleep(std::time::Duration::from_millis(5));
+            }
+            let kill = Command::new("kill").args([format!("-{signal}"), child.id().to_string()]).status();
+            assert!(kill.expect("kill").success());
+            let output = child.wait_with_output().expect("the session ends");
+            assert!(output.status.success(), "{signal}: {:?}", output.status);
+            let summary: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+            let rows = std::fs::read_to_string(folder.join("r.csv")).expect("recording");
+            let steps = summary["haptic"]["steps"].as_u64().expect("steps");
+            let dropped = summary["events"]["record_dropped"].as_u64().expect("a count");
+            assert_eq!(rows.lines().count() as u64, 1 + steps - dropped, "{signal}");
+            assert!(rows.ends_with('\n') && rows.lines().all(|row| row.split(',').count() == 30), "{signal}");
+            std::fs::remove_file(folder.join("r.csv")).expect("recording");
+        }
+    }
+}
+
+/// What is recommended renders as it is printed, fits where it is said to, and leaves detail out only for want of time.
+#[test]
+fn settings_are_recommended_that_run_takes() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    let pair = ["ellipsoid@500", "golf-ball@5000"];
+    let recommend = |budget: &str| {
+        let options = ["--budget-us", budget, "--seconds", "1.5", "--rate", "200", "--json"];
+        json(&[["recommend"].as_slice(), &pair, &options].concat(), folder)
+    };
+    let easy = recommend("100000");
+    assert_eq!(easy["chosen"]["fits"], true);
+    assert_eq!(easy["chosen"]["felt"]["force"]["mean"], 0.0, "{}", easy["chosen"]);
+    assert_eq!(easy["command"], "palpate run ellipsoid@500 golf-ball@5000 --rate 200");
+    let hard = recommend("1");
+    assert_eq!(hard["chosen"]["fits"], false, "{}", hard["chosen"]);
+    let tried = hard["tried"].as_array().expect("a list");
+    assert!(tried.len() > 5 && tried.iter().any(|one| one["felt"]["force"]["mean"].as_f64() > Some(0.0)));
+
+    let command = hard["command"].as_str().expect("words").to_owned();
+    let mut words: Vec<&str> = command.split(' ').skip(1).collect();
+    words.extend(["--lockstep", "--seconds", "0.1"]);
+    succeeds(&words, folder);
+
+    let table = succeeds(&["recommend", pair[0], pair[1], "--task", "press", "--seconds", "1"], folder);
+    assert!(table.contains("recommended") && table.contains("->"), "{table}");
+    for (refused, said) in [
+        (["--task", "juggle"], "peg-insertion"),
+        (["--budget-us", "0"], "microseconds"),
+        (["--seconds", "-1"], "give more than 0"),
+    ] {
+        let output = palpate(&[["recommend"].as_slice(), &pair, &refused].concat(), folder);
+        assert!(!output.status.success(), "{refused:?}");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert!(stderr.contains(said), "{refused:?}: {stderr}");
+    }
+}
+
+/// A scene file's objects and settings are rendered; what is given on the command line counts more.
+#[test]
+fn scene_files_are_rendered() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    let scene = "[[object]]\nmodel = \"golf-ball@2000\"\n[[object]]\nmodel = \"ellipsoid@500\"\n\
+                 position = [0.0, 0.0, -0.5]\n[settings]\nfriction = 0.5\nclusters = 3\n";
+    std::fs::write(folder.join("scene.toml"), scene).expect("written");
+    let run = |more: &[&str]| {
+        let run = ["run", "ellipsoid@500", "scene.toml", "--lockstep", "--seconds", "0.2", "--json"];
+        json(&[run.as_slice(), more].concat(), folder)
+    };
+    let stages = &run(&[])["stages"];
+    assert_eq!(stages["contact query"], "on: 2 scene objects");
+    assert_eq!(stages["friction"], "on: coefficient 0.5");
+    assert_eq!(stages["clustering"], "on beyond 3 contacts");
+    assert_eq!(run(&["--friction", "0.1"])["stages"]["friction"], "on: coefficient 0.1");
+    std::fs::write(folder.join("scene.toml"), "[[object]]\nmodel = 3\n").expect("written");
+    let output = palpate(&["run", "ellipsoid@500", "scene.toml"], folder);
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && stderr.contains("scene.toml: line 2"), "{stderr}");
+}

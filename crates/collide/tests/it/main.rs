@@ -1,0 +1,11 @@
+//! The integration tests, linked once: a module a subject.
+
+mod contact_set;
+mod convex;
+mod jaws;
+mod no_allocation;
+mod oracle;
+mod proximity;
+mod query;
+mod scene_query;
+mod solids;

@@ -1,0 +1,12 @@
+//! The integration tests, linked once: a module a subject.
+
+#[cfg(feature = "haply")]
+mod haply;
+mod hid_codecs;
+#[cfg(feature = "hid")]
+mod hid_pid;
+#[cfg(all(feature = "hid", target_os = "linux"))]
+mod hid_umockdev;
+mod link;
+mod no_allocation;
+mod recording;

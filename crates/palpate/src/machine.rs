@@ -1,0 +1,155 @@
+//! How busy the machine was, as far as the operating system reports it: why a thread with nothing long to do wakes late.
+
+use std::time::Instant;
+
+/// Ticks of `/proc/stat` a second: `USER_HZ`, which is 100 on every architecture that Linux runs on but Alpha.
+const TICKS_PER_SECOND: f64 = 100.0;
+
+/// Counters of the operating system at one moment, for the machine and for the thread that takes them. Two of them make a
+/// [`MachineLoad`].
+#[derive(Clone, Copy, Debug)]
+pub struct MachineSample {
+    taken: Instant,
+    /// Time of all processors, and what the hypervisor gave of it to other virtual machines, s.
+    processors: Option<ProcessorTime>,
+    /// How often the thread was preempted.
+    preempted: Option<u64>,
+    /// Time for which the thread was ready to run and did not, ns.
+    run_delay: Option<u64>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct ProcessorTime {
+    /// s.
+    total: f64,
+    /// s.
+    stolen: f64,
+}
+
+/// What happened on the machine, and to one thread, between two [samples](MachineSample). What the operating system does
+/// not report is `None`: all but the time that passed, on systems other than Linux.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct MachineLoad {
+    /// Time between the samples, s.
+    pub seconds: f64,
+    /// Processor time that the hypervisor gave to other virtual machines, summed over all processors, s.
+    pub stolen_s: Option<f64>,
+    /// The same as a fraction of the time of all processors, 0 to 1.
+    pub stolen_fraction: Option<f64>,
+    /// How often the thread lost its processor to another one (involuntary context switches).
+    pub preempted: Option<u64>,
+    /// Time for which the thread was ready to run, but waited for a processor, s.
+    pub run_delay_s: Option<f64>,
+}
+
+impl MachineSample {
+    /// The counters now. Those of a thread are the calling thread's. Reads files under `/proc` and allocates: not for use in
+    /// a real-time loop.
+    pub fn take() -> Self {
+        let read = |path: &str| std::fs::read_to_string(path).ok();
+        Self {
+            taken: Instant::now(),
+            processors: read("/proc/stat").and_then(|text| processor_time(&text)),
+            preempted: read("/proc/thread-self/status").and_then(|text| preemptions(&text)),
+            run_delay: read("/proc/thread-self/schedstat").and_then(|text| run_delay(&text)),
+        }
+    }
+
+    /// What happened since an earlier sample that the same thread took.
+    pub fn since(&self, earlier: &Self) -> MachineLoad {
+        let both = self.processors.zip(earlier.processors);
+        let time = both.map(|(now, then)| ProcessorTime {
+            total: (now.total - then.total).max(0.0),
+            stolen: (now.stolen - then.stolen).max(0.0),
+        });
+        let counted = |now: Option<u64>, then: Option<u64>| Some(now?.saturating_sub(then?));
+        MachineLoad {
+            seconds: self.taken.saturating_duration_since(earlier.taken).as_secs_f64(),
+            stolen_s: time.map(|time| time.stolen),
+            stolen_fraction: time.filter(|time| time.total > 0.0).map(|time| time.stolen / time.total),
+            preempted: counted(self.preempted, earlier.preempted),
+            run_delay_s: counted(self.run_delay, earlier.run_delay).map(|ns| ns as f64 * 1e-9),
+        }
+    }
+}
+
+/// From the first line of `/proc/stat`: `cpu user nice system idle iowait irq softirq steal guest guest_nice`, of which
+/// the last two are part of the first two.
+fn processor_time(stat: &str) -> Option<ProcessorTime> {
+    let line = stat.lines().next()?.strip_prefix("cpu ")?;
+    let ticks: Vec<u64> = line.split_whitespace().map_while(|field| field.parse().ok()).take(8).collect();
+    let stolen = *ticks.get(7)?;
+    let total: u64 = ticks.iter().sum();
+    Some(ProcessorTime { total: total as f64 / TICKS_PER_SECOND, stolen: stolen as f64 / TICKS_PER_SECOND })
+}
+
+/// From `/proc/thread-self/status`.
+fn preemptions(status: &str) -> Option<u64> {
+    let line = status.lines().find_map(|line| line.strip_prefix("nonvoluntary_ctxt_switches:"))?;
+    line.trim().parse().ok()
+}
+
+/// From `/proc/thread-self/schedstat`: time on a processor and time waiting for one, ns, and how many turns.
+fn run_delay(schedstat: &str) -> Option<u64> {
+    schedstat.split_whitespace().nth(1)?.parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counters_are_read_from_what_linux_writes() {
+        let stat = "cpu  199237 14293 15896 88672 1369 0 105 574 7 3\ncpu0 1 2 3 4 5 6 7 8 9 10\nintr 5\n";
+        let time = processor_time(stat).expect("a line of all processors");
+        assert_eq!(time.stolen, 5.74);
+        assert!((time.total - 3201.46).abs() < 1e-9, "{time:?}: guests are counted once");
+        let status = "Name:\tpalpate\nvoluntary_ctxt_switches:\t7\nnonvoluntary_ctxt_switches:\t35\n";
+        assert_eq!(preemptions(status), Some(35));
+        assert_eq!(run_delay("123 82994 1\n"), Some(82_994));
+    }
+
+    #[test]
+    fn what_is_not_there_is_not_made_up() {
+        for text in ["", "cpu", "cpu 1 2 3", "cpu a b c d e f g h", "Name: x"] {
+            assert_eq!((processor_time(text), preemptions(text)), (None, None), "{text}");
+        }
+        assert_eq!((run_delay(""), run_delay("5"), run_delay("5 x")), (None, None, None));
+        let bare =
+            MachineSample { taken: Instant::now(), processors: None, preempted: None, run_delay: None };
+        let counted = MachineSample { preempted: Some(4), run_delay: Some(9), ..bare };
+        let MachineLoad { stolen_s, stolen_fraction, preempted, run_delay_s, .. } = counted.since(&bare);
+        assert_eq!((stolen_s, stolen_fraction, preempted, run_delay_s), (None, None, None, None));
+    }
+
+    #[test]
+    fn a_load_is_the_difference_of_two_samples() {
+        let time = |total, stolen| Some(ProcessorTime { total, stolen });
+        let earlier = MachineSample {
+            taken: Instant::now(),
+            processors: time(100.0, 1.0),
+            preempted: Some(5),
+            run_delay: Some(1_000_000),
+        };
+        let later = MachineSample {
+            taken: earlier.taken + std::time::Duration::from_secs(2),
+            processors: time(108.0, 3.0),
+            preempted: Some(40),
+            run_delay: Some(3_000_000),
+        };
+        let load = later.since(&earlier);
+        assert_eq!((load.seconds, load.stolen_s, load.stolen_fraction), (2.0, Some(2.0), Some(0.25)));
+        assert_eq!(load.preempted, Some(35));
+        assert!((load.run_delay_s.expect("counted") - 0.002).abs() < 1e-12);
+    }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn time_passes_between_samples() {
+        let earlier = MachineSample::take();
+        std::thread::sleep(std::time::Duration::from_millis(20));
+        let load = MachineSample::take().since(&earlier);
+        assert!(load.seconds >= 0.02, "{load:?}");
+        assert!(load.stolen_fraction.is_none_or(|part| (0.0..=1.0).contains(&part)), "{load:?}");
+    }
+}

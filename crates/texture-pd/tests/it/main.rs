@@ -1,0 +1,12 @@
+//! The integration tests, linked once: a module a subject.
+
+mod auto;
+mod backends;
+mod common;
+mod derivatives;
+mod domains;
+mod energy;
+#[cfg(feature = "gpu")]
+mod gpu_device;
+mod no_allocation;
+mod ridges;

@@ -1,0 +1,53 @@
+//! The built-in models keep what is promised of them: size of the dissertation's tables, closed, 2-manifold, oriented,
+//! free of self-intersections, the same each time.
+
+use palpate::mesh_io::self_intersections;
+use palpate::models::Model;
+
+#[test]
+fn models_are_sound_and_as_large_as_in_the_dissertation() {
+    for model in Model::ALL {
+        let name = model.name();
+        let asked = model.default_triangles();
+        let mesh = model.generate(asked).expect(name);
+        let triangles = mesh.triangles().len();
+        assert!(
+            (triangles as f64 / asked as f64 - 1.0).abs() <= 0.02,
+            "{name}: {triangles} triangles for {asked}"
+        );
+        let report = mesh.validate();
+        assert!(report.closed && report.manifold && report.oriented, "{name}: {report:?}");
+        assert_eq!((report.degenerate, report.duplicate, report.components), (0, 0, 1), "{name}: {report:?}");
+        assert!(report.volume > 0.0, "{name}: {report:?}");
+        let crossings = self_intersections(&mesh);
+        assert_eq!(crossings.count, 0, "{name}: {:?}", crossings.first);
+        assert_eq!(model.generate(asked).as_ref(), Ok(&mesh), "{name} differs when generated again");
+    }
+}
+
+#[test]
+fn models_follow_the_count_asked_for() {
+    for model in Model::ALL {
+        for asked in [8_000, 21_000] {
+            let mesh = model.generate(asked).unwrap_or_else(|error| panic!("{error}"));
+            let triangles = mesh.triangles().len();
+            assert!(
+                (triangles as f64 / asked as f64 - 1.0).abs() <= 0.02,
+                "{}: {triangles} triangles for {asked}",
+                model.name()
+            );
+            let report = mesh.validate();
+            assert!(report.is_solid(), "{}@{asked}: {report:?}", model.name());
+            assert_eq!(self_intersections(&mesh).count, 0, "{}@{asked}", model.name());
+        }
+    }
+}
+
+#[test]
+#[ignore = "for a release build: cargo test --release -p palpate-tests --test it built_in_models:: -- --ignored"]
+fn fine_models_do_not_cross_themselves() {
+    for model in Model::ALL {
+        let mesh = model.generate(320_000).unwrap_or_else(|error| panic!("{error}"));
+        assert!(mesh.validate().is_solid() && self_intersections(&mesh).count == 0, "{}", model.name());
+    }
+}

@@ -1,0 +1,145 @@
+//! Settings that change while a session runs.
+
+use std::sync::LazyLock;
+
+use palpate::device::{DeviceState, Emulation, IntendedPath, Status};
+use palpate::glam::DVec3;
+use palpate::{
+    ContactLoop, HapticLoop, HapticRenderer, Object, Pose, Scene, Settings, SettingsEditError,
+    SettingsEditor, Twist,
+};
+use palpate_tests::model;
+
+const PERIOD: f64 = 1e-3;
+
+/// A session that a test steps, the device held still where the probe presses on a ball.
+struct Rig {
+    haptic: HapticLoop,
+    contact: ContactLoop,
+    settings: SettingsEditor,
+    steps: u32,
+}
+
+impl Rig {
+    fn new(settings: Settings) -> Self {
+        static OBJECTS: LazyLock<[Object; 2]> =
+            LazyLock::new(|| [model("ellipsoid@500"), model("golf-ball@5000")]);
+        let [probe, ball] = OBJECTS.clone();
+        let scene = Scene::new().with(ball.clone(), below(&probe, &ball));
+        let device =
+            Emulation::default().open(IntendedPath::from(Pose::IDENTITY)).expect("an emulated device");
+        let mut renderer = HapticRenderer::new(probe, scene, Box::new(device), settings).expect("renderer");
+        let settings = renderer.settings_editor();
+        let (haptic, contact, _) = renderer.into_loops();
+        Self { haptic, contact, settings, steps: 0 }
+    }
+
+    /// The force at the device after each of some steps, N.
+    fn run(&mut self, steps: u32) -> Vec<DVec3> {
+        (0..steps)
+            .map(|_| {
+                let body = *self.haptic.body_state();
+                let now = PERIOD * f64::from(self.steps);
+                let update = self.contact.step(&body, now);
+                self.steps += 1;
+                let (pose, twist) = (Pose::IDENTITY, Twist::ZERO);
+                let device = DeviceState { time: now, pose, twist, buttons: 0, status: Status::OK };
+                let record = self.haptic.step(&device, now + PERIOD, PERIOD);
+                self.haptic.update_contacts(&update);
+                record.coupling.force
+            })
+            .collect()
+    }
+
+    /// The same once it is at rest.
+    fn rest(&mut self) -> DVec3 {
+        let forces = self.run(2000);
+        forces[forces.len() - 1]
+    }
+}
+
+/// Below the probe at the origin, half a millimetre into it.
+fn below(probe: &Object, object: &Object) -> Pose {
+    let top = |object: &Object| object.clod.vertices.iter().map(|v| v.z).fold(f64::NEG_INFINITY, f64::max);
+    let bottom = probe.clod.vertices.iter().map(|v| v.z).fold(f64::INFINITY, f64::min);
+    Pose::from_translation((bottom - top(object) + 5e-4) * DVec3::Z)
+}
+
+/// Gains that change go over smoothly, to where a session is that was made with them.
+#[test]
+fn gains_go_over_smoothly() {
+    // Without a proxy, and without friction, what is felt at rest does not depend on the way there.
+    let soft = Settings { proxy: false, ..Settings::default() };
+    let stiff = Settings {
+        contact_stiffness: 6000.0,
+        contact_damping: Some(40.0),
+        coupling_stiffness: Some(1000.0),
+        angular_stiffness: Some(1.0),
+        ..soft
+    };
+    for (from, to) in [(soft, stiff), (stiff, soft)] {
+        let mut rig = Rig::new(from);
+        let before = rig.rest();
+        rig.settings.set(to).expect("settings");
+        assert_eq!(rig.settings.settings(), to);
+        let forces = rig.run(1000);
+        let after = forces[forces.len() - 1];
+        let wanted = Rig::new(to).rest();
+        assert!((after - wanted).length() < 0.02 * wanted.length(), "{after} and {wanted} N");
+        let way = (after - before).length();
+        assert!(way > 0.2 * before.length(), "{before} to {after} N");
+        let mut last = before;
+        for force in forces {
+            let step = (force - last).length();
+            assert!(step < 0.03 * way, "a step of {step} N, of {way} N");
+            last = force;
+        }
+    }
+}
+
+/// Detail that is to be left out, or felt again, comes and goes smoothly as well.
+#[test]
+fn detail_goes_over_smoothly() {
+    let fine = Settings { proxy: false, ..Settings::default() };
+    let coarse = Settings { error: 2e-4, ..fine };
+    for (from, to) in [(fine, coarse), (coarse, fine)] {
+        let mut rig = Rig::new(from);
+        let before = rig.rest();
+        rig.settings.set(to).expect("settings");
+        let forces = rig.run(2000);
+        let after = forces[forces.len() - 1];
+        let wanted = Rig::new(to).rest();
+        assert!((after - wanted).length() < 0.05 * wanted.length(), "{after} and {wanted} N");
+        let mut last = before;
+        for force in forces {
+            let step = (force - last).length();
+            assert!(step < 0.1 * before.length(), "a step of {step} N, of {before} N");
+            last = force;
+        }
+    }
+}
+
+/// What cannot change says so, and nothing changes then.
+#[test]
+fn what_cannot_change_is_refused() {
+    let mut rig = Rig::new(Settings::default());
+    let made = rig.settings.settings();
+    for (name, settings) in [
+        ("rate", Settings { rate: 500.0, ..made }),
+        ("mass", Settings { mass: 0.2, ..made }),
+        ("tolerance", Settings { tolerance: Some(1e-4), ..made }),
+        ("workspace_scale", Settings { workspace_scale: 2.0, ..made }),
+    ] {
+        let refused = rig.settings.set(settings).expect_err(name);
+        assert!(matches!(refused, SettingsEditError::Fixed(which) if which == name), "{refused}");
+        assert!(refused.to_string().contains(name), "{refused}");
+    }
+    let refused =
+        rig.settings.set(Settings { contact_stiffness: f64::NAN, ..made }).expect_err("not a number");
+    assert!(refused.to_string().contains("contact-stiffness"), "{refused}");
+    assert_eq!(rig.settings.settings(), made);
+    let full = (0..1000).find_map(|_| rig.settings.set(made).err());
+    assert!(matches!(full, Some(SettingsEditError::Full)), "{full:?}");
+    rig.run(1);
+    rig.settings.set(made).expect("room again");
+}

@@ -1,0 +1,31 @@
+//! The integration tests, linked once: a module a subject.
+
+mod articulated;
+mod built_in_models;
+mod clod_mutations;
+mod collision_events;
+mod conservative;
+mod contact_query;
+mod contact_state;
+mod devices;
+mod front_tracking;
+mod haptic_loop;
+mod hosted;
+mod levels;
+mod live_settings;
+mod lockstep;
+mod mesh_figures;
+mod moving_world;
+mod no_allocation;
+mod pressing;
+mod rates;
+mod realtime;
+mod refinement;
+mod safety;
+mod scene;
+mod stages;
+mod textured_blocks;
+mod textured_plate;
+mod textures;
+mod thin_wall;
+mod watch;

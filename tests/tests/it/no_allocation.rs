@@ -1,0 +1,81 @@
+//! The real-time path does not allocate: 100,000 haptic steps, and contact steps in steady state.
+
+use allocation_counter::measure;
+use palpate::device::Task;
+use palpate::glam::DVec3;
+use palpate::{HapticRenderer, Mobility, Object, Pose, Scene, SceneId, Settings, Twist, explore};
+use palpate_tests::{model, ridged_plate};
+
+/// Fewer than there are contacts at times.
+const CLUSTERS: usize = 2;
+
+/// How often `work` allocates.
+fn allocations_in(work: impl FnOnce()) -> u64 {
+    measure(work).count_total
+}
+
+#[test]
+fn the_loops_do_not_allocate() {
+    assert!(allocations_in(|| drop(std::hint::black_box(vec![1u8]))) > 0, "the counter counts");
+    // More contacts than clusters at times.
+    let contacts = run(&model("spoon@5000"), model("cup@5000"), 100_000, false);
+    assert!(contacts > CLUSTERS, "{contacts} contacts at most, so that nothing was tested");
+    let contacts = run(&model("stylus@2000"), ridged_plate(1e-3, 5e-3), 22_000, false);
+    assert!(contacts > 0, "the stylus never touched the ridges");
+    let contacts = run(&model("ellipsoid@500"), model("golf-ball@5000"), 22_000, true);
+    assert!(contacts > 0, "the moving ball was never touched");
+}
+
+/// So many haptic steps of a session with an object that may move to and fro and be pushed; the most contacts there were.
+fn run(probe: &Object, object: Object, steps: u32, moves: bool) -> usize {
+    let source = &object.clod.source;
+    let mobility = Mobility {
+        mass: 0.1,
+        inertia: source.unit_inertia * 0.1,
+        center_of_mass: source.center_of_mass,
+        period: 1e-3,
+    };
+    let scene = Scene::new().with(object, Pose::IDENTITY);
+    let device = explore::open_device("emulated", probe, &scene).expect("emulated device");
+    let settings = Settings { clusters: CLUSTERS, ..Settings::default() };
+    let mut renderer = HapticRenderer::new(probe.clone(), scene, device, settings).expect("renderer");
+    let (mut watch, mut other) = (renderer.watch(), renderer.watch());
+    let (mut editor, mut reactions) = (renderer.scene_editor(), renderer.reactions());
+    if moves {
+        editor.set_mobility(SceneId(0), Some(mobility)).expect("room");
+    }
+    let mut pushed = false;
+    let (mut haptic, mut contact, mut device) = renderer.into_loops();
+
+    let (mut in_haptic, mut in_contact, mut contacts) = (0, 0, 0);
+    for step in 1..=steps {
+        let now = f64::from(step) * 1e-3;
+        if moves {
+            let (sine, cosine) = (20.0 * now).sin_cos();
+            let twist = Twist::new(DVec3::X * (20.0 * 1e-4 * cosine), DVec3::ZERO);
+            in_haptic += allocations_in(|| {
+                let pose = Pose::from_translation(DVec3::X * (1e-4 * sine));
+                assert!(editor.set_motion(SceneId(0), pose, twist).is_ok());
+                pushed |= reactions.take().is_some();
+            });
+        }
+        if step % 4 == 0 {
+            let mut update = None;
+            let count = allocations_in(|| update = Some(contact.step(haptic.body_state(), now)));
+            // The exploration repeats every ten seconds: the first lets the workspaces grow to the scene.
+            in_contact += if now > Task::Explore.cycle() { count } else { 0 };
+            let update = update.expect("a contact step ran");
+            contacts = contacts.max(update.contacts as usize);
+            in_contact += allocations_in(|| assert_eq!(watch.latest().time.to_bits(), now.to_bits()));
+            assert_eq!(watch.latest(), other.latest());
+            in_haptic += allocations_in(|| haptic.update_contacts(&update));
+        }
+        in_haptic += allocations_in(|| {
+            std::hint::black_box(haptic.step_device(device.as_mut(), now, 1e-3));
+        });
+    }
+    assert_eq!(pushed, moves, "whether it was pushed");
+    assert_eq!(in_haptic, 0, "allocations in {steps} haptic steps");
+    assert_eq!(in_contact, 0, "allocations in contact steps after the first ten seconds");
+    contacts
+}

@@ -1,0 +1,185 @@
+//! Only what a scene needs is there: stages say whether they are on and why, and those that are off take no memory and no time
+//! of what is on; crates that serve them are not linked without their features.
+
+use std::sync::atomic::AtomicBool;
+
+use allocation_counter::measure;
+use palpate::{
+    ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Settings, TextureSettings, Wrench, explore,
+};
+use palpate_tests::{model, ridged_plate};
+use xtask::linked::{Linked, compiled_for_examples, linked};
+
+fn renderer(probe: &Object, objects: &[Object], settings: Settings) -> HapticRenderer {
+    let scene = objects.iter().fold(Scene::new(), |scene, object| scene.with(object.clone(), Pose::IDENTITY));
+    let device = explore::open_device("emulated", probe, &scene).expect("emulated device");
+    HapticRenderer::new(probe.clone(), scene, device, settings).expect("renderer")
+}
+
+/// Records of a session on a simulated clock.
+fn records(renderer: HapticRenderer) -> Vec<Record> {
+    let mut records = Vec::new();
+    let ran = renderer.run_lockstep(4.0, ContactTiming::busy(500.0), &AtomicBool::new(false), |record| {
+        records.push(*record);
+        Ok::<_, std::convert::Infallible>(())
+    });
+    assert!(ran.is_ok());
+    records
+}
+
+#[test]
+fn stages_say_whether_they_are_on_and_why() {
+    let (hull, ball, ridges) = (model("ellipsoid@500"), model("golf-ball@2000"), ridged_plate(5e-4, 2e-3));
+    let error = |error| Settings { error, ..Settings::default() };
+    let check = |renderer: &HapticRenderer, expected: &[(&str, &str)]| {
+        let stages = renderer.stages();
+        for (stage, why) in expected {
+            assert!(stages[stage].contains(why), "{stage}: {why}: {stages:?}");
+        }
+    };
+    let plain = renderer(&hull, std::slice::from_ref(&hull), Settings::default());
+    check(
+        &plain,
+        &[
+            ("contact query", "on: one scene object"),
+            ("hierarchy", "probe ellipsoid@500: off, one convex hull; scene ellipsoid@500: off"),
+            ("interpolation between levels", "off: full resolution is asked for"),
+            ("friction", "off: its coefficient is 0"),
+            ("textures", "off: no object has a haptic texture"),
+            ("braking", "on: by its setting"),
+            ("proxy", "on: by its setting"),
+            ("passivity controller", "off: by its setting"),
+            ("time-critical queries", "off: no limit is set"),
+            ("watch", "off: nobody looks on"),
+        ],
+    );
+    let jumping = Settings { interpolation: false, query_budget: Some(1e-4), ..error(1e-3) };
+    check(
+        &renderer(&hull, std::slice::from_ref(&ball), jumping),
+        &[
+            ("interpolation between levels", "off, as asked for: detail is left out up to 0.001 m"),
+            ("time-critical queries", "on: at most 100 µs each"),
+        ],
+    );
+    let switched = Settings {
+        braking: false,
+        proxy: false,
+        passivity_controller: true,
+        friction: 0.2,
+        static_friction: Some(0.3),
+        ..error(1e-3)
+    };
+    let mut all = renderer(&hull, &[ball, ridges], switched);
+    let _watch = all.watch();
+    check(
+        &all,
+        &[
+            ("contact query", "on: 2 scene objects"),
+            ("hierarchy", "scene golf-ball@2000: on, "),
+            ("interpolation between levels", "on: detail is left out up to 0.001 m"),
+            ("friction", "on: coefficient 0.2, at rest 0.3"),
+            ("textures", "on, computed by CPU: scene ridges"),
+            ("braking", "off: by its setting"),
+            ("proxy", "off: by its setting"),
+            ("passivity controller", "on: by its setting"),
+            ("watch", "on: contacts are shown"),
+        ],
+    );
+    check(
+        &renderer(&hull, std::slice::from_ref(&hull), error(1e-3)),
+        &[("interpolation between levels", "off: every object is one convex hull")],
+    );
+}
+
+/// Of two convex hulls there is no detail to leave out: the answer is the same, bit for bit.
+#[test]
+fn convex_hulls_do_not_mind_what_detail_is_left_out() {
+    let hull = model("ellipsoid@500");
+    let with = |object: &Object, error| {
+        records(renderer(&hull, std::slice::from_ref(object), Settings { error, ..Settings::default() }))
+    };
+    let felt = with(&hull, 0.0);
+    assert!(felt.iter().any(|record| record.contact.force.length() > 0.1), "nothing is touched");
+    let bits = |records: &[Record]| -> Vec<u64> {
+        let numbers = |record: &Record| {
+            let Wrench { force, torque } = record.contact;
+            let Pose { translation, rotation } = record.object;
+            let numbers = [force.to_array(), torque.to_array(), translation.to_array()].concat();
+            numbers.into_iter().chain(rotation.to_array()).map(f64::to_bits).collect::<Vec<_>>()
+        };
+        records.iter().flat_map(numbers).collect()
+    };
+    assert!(bits(&felt) == bits(&with(&hull, 5e-3)), "one hull has no detail");
+    let ball = model("golf-ball@5000");
+    assert!(bits(&with(&ball, 0.0)) != bits(&with(&ball, 5e-3)), "a ball with dimples has some");
+}
+
+/// A session takes as much memory whatever is set for textures, unless there is one.
+#[test]
+fn no_memory_is_taken_for_textures_that_are_not_there() {
+    let (probe, plate, ridges) = (model("ellipsoid@500"), model("plate"), ridged_plate(5e-4, 2e-3));
+    let bytes = |object: &Object, grid: u32, steps: u32| {
+        let textures = TextureSettings { grid, ..TextureSettings::default() };
+        let scene = Scene::new().with(object.clone(), Pose::IDENTITY);
+        // Shapes are made when first asked for, and devices are what they are.
+        let settings = Settings { textures, ..Settings::default() };
+        drop(renderer(&probe, std::slice::from_ref(object), settings));
+        let device = explore::open_device("emulated", &probe, &scene).expect("emulated device");
+        let probe = probe.clone();
+        let taken = measure(|| {
+            let made = HapticRenderer::new(probe, scene, device, settings).expect("renderer");
+            let (mut haptic, mut contact, mut device) = made.into_loops();
+            for step in 1..=steps {
+                let now = f64::from(step) * 1e-3;
+                let update = contact.step(haptic.body_state(), now);
+                haptic.update_contacts(&update);
+                haptic.step_device(device.as_mut(), now, 1e-3);
+            }
+        });
+        taken.bytes_total
+    };
+    assert_eq!(bytes(&plate, 2, 1500), bytes(&plate, 1024, 1500));
+    assert!(bytes(&ridges, 50, 1) > bytes(&plate, 50, 1), "a texture takes some");
+}
+
+fn has(linked: &Linked, name: &str) -> bool {
+    linked.crates.iter().any(|linked| linked.split(' ').next() == Some(name))
+}
+
+#[test]
+fn by_default_nothing_of_features_is_linked() {
+    let with = |options: &[&'static str]| linked(options).unwrap_or_else(|error| panic!("{error}"));
+    let minimal = with(&[]);
+    assert!(has(&minimal, "palpate-collide"));
+    let features = [
+        ("gpu", "wgpu"),
+        ("gpu", "naga"),
+        ("hid", "hidapi"),
+        ("images", "image"),
+        ("haply", "tungstenite"),
+        ("force-dimension", "libloading"),
+    ];
+    for (feature, name) in features {
+        assert!(!has(&minimal, name), "{name} without {feature}");
+        assert!(has(&with(&["--features", feature]), name), "{name} with {feature}");
+    }
+    // No feature of the engine brings a window or a terminal.
+    let all = with(&["--all-features"]);
+    for name in ["winit", "eframe", "ratatui", "plotters"] {
+        assert!(!has(&all, name), "{name}");
+    }
+}
+
+/// The first command of the README is to compile in minutes.
+#[test]
+fn the_jaws_compile_few_crates() {
+    let with =
+        |options: &[&'static str]| compiled_for_examples(options).unwrap_or_else(|error| panic!("{error}"));
+    let jaws = with(&[]);
+    assert!(has(&jaws, "palpate-examples") && has(&jaws, "syn"), "{}", jaws.tree);
+    assert!(jaws.crates.len() <= 90, "{} crates:\n{}", jaws.crates.len(), jaws.tree);
+    for (feature, name) in [("textures", "wgpu"), ("terminal", "hidapi"), ("terminal", "ratatui")] {
+        assert!(!has(&jaws, name), "{name}:\n{}", jaws.tree);
+        assert!(has(&with(&["--features", feature]), name), "{name} with {feature}");
+    }
+}

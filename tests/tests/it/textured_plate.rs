@@ -1,0 +1,190 @@
+//! The dissertation's experiment with textures (§5.5.4): a probe with a round tip on a plate with ridges 8 mm high, a flat plate
+//! with a texture, moved from left to right and faster back.
+//!
+//! The hand's device has no encoder steps here, whose noise would be felt through the ridges' slopes.
+
+#![allow(clippy::print_stdout, reason = "measured figures, shown by --nocapture")]
+
+use palpate::device::{Emulation, Interpolation, Keyframe, MotionPath};
+use palpate::glam::DVec3;
+use palpate::{HapticRenderer, Object, Pose, Record, Scene, Settings, TextureDerivatives, TextureSettings};
+use palpate_tests::{model, ridged_plate, smooth};
+
+/// Height of ridges and their distance, m.
+const HEIGHT: f64 = 8e-3;
+const SPACING: f64 = 0.04;
+/// Radius of the probe's tip, and where its centre is when it touches the flat plate, m.
+const TIP: f64 = 0.01;
+/// How far past that the hand means to press, and how far to either side it moves, m.
+const PRESS: f64 = 0.01;
+const WAY: f64 = 0.12;
+/// When it begins to press, to move, and to move back, and when it has ended, s.
+const TIMES: [f64; 4] = [0.5, 1.5, 5.0, 6.75];
+const STEP: f64 = 1e-3;
+
+fn plate(textured: bool) -> Object {
+    if textured { ridged_plate(HEIGHT, SPACING) } else { model("plate") }
+}
+
+#[derive(Clone, Copy)]
+struct Experiment {
+    textured: bool,
+    /// N/m.
+    stiffness: f64,
+    /// Hz.
+    contact_rate: f64,
+    textures: TextureSettings,
+}
+
+/// The records of a run, one a haptic step.
+fn explore(experiment: &Experiment) -> Vec<Record> {
+    let probe = model("stylus");
+    let [start, pressed, back, end] = TIMES;
+    let keyframes = (0..(end * 100.0) as usize + 20).map(|i| {
+        let time = i as f64 * 0.01;
+        let along = WAY * (2.0 * (smooth(pressed, back, time) - smooth(back, end, time)) - 1.0);
+        let above = TIP + 0.5 * HEIGHT + 0.002;
+        let height = above - (above - TIP + PRESS) * smooth(start, pressed, time);
+        Keyframe { time, pose: Pose::from_translation(DVec3::new(along, 0.003, height)) }
+    });
+    let path = MotionPath::new(keyframes.collect(), Interpolation::Smooth).unwrap();
+    let mut emulation = Emulation::default();
+    emulation.specification.encoder_step = 0.0;
+    emulation.specification.angular_encoder_step = 0.0;
+    let settings = Settings {
+        mass: 0.01,
+        contact_stiffness: experiment.stiffness,
+        coupling_stiffness: Some(200.0),
+        angular_stiffness: Some(3.0),
+        tolerance: Some(2e-4),
+        textures: experiment.textures,
+        ..Settings::default()
+    };
+    let scene = Scene::new().with(plate(experiment.textured), Pose::IDENTITY);
+    let device = Box::new(emulation.open(path).unwrap());
+    let (mut haptic, mut contact, mut device) =
+        HapticRenderer::new(probe, scene, device, settings).unwrap().into_loops();
+    let every = (1.0 / (experiment.contact_rate * STEP)).round() as usize;
+    let mut records = Vec::new();
+    let mut waiting = None;
+    for step in 0..(end / STEP) as usize {
+        let now = step as f64 * STEP;
+        if step % every == 0 {
+            if let Some(update) = waiting.take() {
+                haptic.update_contacts(&update);
+            }
+            waiting = Some(contact.step(haptic.body_state(), now));
+        }
+        records.push(haptic.step_device(device.as_mut(), now + STEP, STEP));
+    }
+    records
+}
+
+/// What is seen while the probe moves to the right, and back.
+#[derive(Debug)]
+struct Seen {
+    /// The deepest penetration, m.
+    depth: f64,
+    /// Lowest and highest place of the tip's centre, m.
+    height: [f64; 2],
+    /// Root mean square of what changes faster than 50 Hz, where at most 5 ridges are passed in a second: of the depth (m) and
+    /// of the vertical force at the device (N).
+    noise: [f64; 2],
+}
+
+fn passes(records: &[Record]) -> [Seen; 2] {
+    let [_, pressed, back, end] = TIMES;
+    [[pressed, back], [back, end - 0.1]].map(|[from, to]| {
+        let records: Vec<_> = records.iter().filter(|r| r.time >= from && r.time < to).collect();
+        let series = |value: fn(&Record) -> f64| records.iter().map(|r| value(r)).collect::<Vec<_>>();
+        let heights = series(|r| r.object.translation.z);
+        Seen {
+            depth: series(|r| r.depth).into_iter().fold(0.0, f64::max),
+            height: [
+                heights.iter().copied().fold(f64::INFINITY, f64::min),
+                heights.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+            ],
+            noise: [fast_part(&series(|r| r.depth)), fast_part(&series(|r| r.coupling.force.z))],
+        }
+    })
+}
+
+/// Root mean square of a series without what changes slower than 50 Hz: less its moving mean by Hann's window of 20 ms, twice.
+fn fast_part(series: &[f64]) -> f64 {
+    const HALF: usize = 20;
+    let weight =
+        |i: usize| 0.5 + 0.5 * (std::f64::consts::PI * (i as f64 - HALF as f64) / (HALF as f64 + 1.0)).cos();
+    let total: f64 = (0..=2 * HALF).map(weight).sum();
+    let without = |series: &[f64]| -> Vec<f64> {
+        series
+            .windows(2 * HALF + 1)
+            .map(|window| {
+                let mean: f64 = window.iter().enumerate().map(|(i, x)| weight(i) * x).sum();
+                window[HALF] - mean / total
+            })
+            .collect()
+    };
+    let fast = without(&without(series));
+    (fast.iter().map(|x| x * x).sum::<f64>() / fast.len() as f64).sqrt()
+}
+
+const TEXTURED: Experiment = Experiment {
+    textured: true,
+    stiffness: 2000.0,
+    contact_rate: 1000.0,
+    textures: TextureSettings {
+        grid: 50,
+        half_size: None,
+        temperature: None,
+        derivatives: TextureDerivatives::Maximum,
+        backend: palpate::TextureBackend::Processor,
+    },
+};
+
+fn passes_of(name: &str, experiment: &Experiment) -> [Seen; 2] {
+    let seen = passes(&explore(experiment));
+    println!("{name}: {seen:?}");
+    seen
+}
+
+/// The ridges are felt, and nothing else: the probe is not thrown about, and what its depth and the force have of high
+/// frequencies is a trace of what they are where forces come from the largest overlap alone (Fig. 5.12's noise).
+#[test]
+fn ridges_are_felt_without_noise() {
+    let [flat, _] = passes_of("flat", &Experiment { textured: false, ..TEXTURED });
+    assert!(flat.height[1] - flat.height[0] < 1e-5, "{flat:?}");
+    let largest = TextureSettings { temperature: Some(0.0), ..TEXTURED.textures };
+    let [noisy, _] = passes_of("largest overlap alone", &Experiment { textures: largest, ..TEXTURED });
+    for (stiffness, contact_rate, most) in
+        [(2000.0, 1000.0, 1e-6), (2000.0, 500.0, 2e-6), (5000.0, 1000.0, 1e-6), (5000.0, 500.0, 2e-6)]
+    {
+        let name = format!("{stiffness} N/m, contacts at {contact_rate} Hz");
+        let experiment = Experiment { stiffness, contact_rate, ..TEXTURED };
+        let [there, back] = passes_of(&name, &experiment);
+        for seen in [&there, &back] {
+            // What the hand presses with, 1.6 N, and what it takes to bring the body round the ridges.
+            assert!(seen.depth < 1e-3, "{name}: {seen:?}");
+            assert!(seen.height[1] - seen.height[0] > 0.8 * HEIGHT, "{name}: {seen:?}");
+        }
+        assert!(there.noise[0] < most && there.noise[1] < 3e-3, "{name}: {there:?}");
+        let noisier = noisy.noise[0] / there.noise[0];
+        assert!(contact_rate < 1000.0 || noisier > 10.0, "{name}: {there:?}, {noisy:?}");
+    }
+}
+
+/// With the dissertation's central differences of the same smooth depth the probe goes the same way.
+#[test]
+#[ignore = "for a release build, some minutes: cargo test --release -p palpate-tests --test it textured_plate:: -- --ignored"]
+fn differences_lead_the_same_way() {
+    let slower = Experiment { contact_rate: 500.0, ..TEXTURED };
+    let textures = TextureSettings { derivatives: TextureDerivatives::Differences, ..TEXTURED.textures };
+    let [analytic, differences] =
+        [slower, Experiment { textures, ..slower }].map(|experiment| explore(&experiment));
+    let apart = analytic
+        .iter()
+        .zip(&differences)
+        .map(|(a, b)| (a.object.translation - b.object.translation).length());
+    let apart = apart.fold(0.0, f64::max);
+    println!("{apart} m apart at most");
+    assert!(apart < 1e-3);
+}
