@@ -122,6 +122,122 @@ fn obj() {
     folder.expect_error("binary.obj", [0; 100], "text");
 }
 
+/// What the pass before `tobj` is for: files that it loads as the same tetrahedron, though plain `tobj` does not.
+#[test]
+fn obj_that_tobj_alone_gets_wrong() {
+    const VERTICES: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n";
+    const FACES: &str = "f 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
+    let folder = Folder::new();
+    let usual = format!("{VERTICES}{FACES}");
+    let expected = folder.load("usual.obj", &usual).unwrap().mesh;
+    assert_eq!(expected.vertices(), [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z]);
+    assert_eq!(expected.triangles(), [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]);
+    // With the vertices in one pool in the file's order.
+    let plainly_right = |content: &[u8]| {
+        let options = tobj::LoadOptions { triangulate: true, ..Default::default() };
+        let no_materials = |_: &std::path::Path| Err(tobj::LoadError::OpenFileFailed);
+        let Ok((models, _)) = tobj::load_obj_buf(&mut &*content, &options, no_materials) else {
+            return false;
+        };
+        let [model] = models.as_slice() else { return false };
+        let corners = model.mesh.indices.iter().map(|&i| &model.mesh.positions[3 * i as usize..][..3]);
+        corners.eq((0..4)
+            .flat_map(|t| expected.triangles()[t])
+            .map(|v| expected.vertices()[v as usize].as_ref()))
+    };
+    assert!(plainly_right(usual.as_bytes()), "the control tells right from wrong");
+    for (name, content) in [
+        ("polyline", format!("{usual}l 1 2 3\n").into_bytes()),
+        ("groups", format!("{VERTICES}{}", FACES.replacen("\n", "\ng side\n", 2)).into_bytes()),
+        ("material", format!("{VERTICES}{}", FACES.replacen("\n", "\nusemtl\n", 1)).into_bytes()),
+        ("latin1", [b"# caf\xe9\n".as_slice(), usual.as_bytes()].concat()),
+        ("latin1_name", [usual.as_bytes(), b"o caf\xe9\n"].concat()),
+        ("comment", usual.replace("f 1 2 4", "f 1 2 4 # side").into_bytes()),
+        ("comment_after_vertex", usual.replace("v 1 0 0", "v 1 0 0 # corner").into_bytes()),
+        ("continued", usual.replace("f 1 2 4", "f 1 \\\n2 4").into_bytes()),
+        ("returns", usual.replace('\n', "\r").into_bytes()),
+        ("fo", usual.replace("f 1 2 4", "fo 1 2 4").into_bytes()),
+        ("weight", usual.replace("v 1 0 0", "v 1 0 0 2").into_bytes()),
+        ("no_weight", usual.replace("v 1 0 0", "v 1 0 0 0").into_bytes()),
+        (
+            "some_colours",
+            usual.replace("v 0 0 1", "v 0 0 1 1 0 0").replace("v 0 0 0\n", "v 0 0 0 1 1 1\n").into_bytes(),
+        ),
+        ("colour_alpha", usual.replace("v 1 0 0", "v 1 0 0 1 0 0 1").into_bytes()),
+        ("texture_index", usual.replace("f 1 2 4", "f 1/x 2/y 4/z").into_bytes()),
+        ("texture_u", format!("vt 1\n{usual}").into_bytes()),
+        ("normal", format!("vn 1 0 1.#IND\n{usual}").into_bytes()),
+        ("unused", format!("{usual}v 7 7 1.#QNAN\n").into_bytes()),
+    ] {
+        assert!(!plainly_right(&content), "{name} needs no pass");
+        assert_eq!(folder.load(&format!("{name}.obj"), content).unwrap().mesh, expected, "{name}");
+    }
+    // Names of other files do not matter, nor do those that tobj leaves alone.
+    folder.load("absent.obj", format!("mtllib absent.mtl\n{usual}")).unwrap();
+}
+
+/// Many models' worth of faces, for which the reader starts new models: the vertices stay in one pool, in the file's order.
+#[test]
+fn obj_of_many_faces_has_one_pool_of_vertices() {
+    use std::fmt::Write;
+    let folder = Folder::new();
+    let count = 20_000_usize;
+    let vertex = |i: usize| DVec3::new(i as f64, (i % 7) as f64, 0.25 * (i % 11) as f64);
+    // All over the file.
+    let face = |i: usize| [i, (i * 7919 + 1) % count, (i * 104_729 + 2) % count];
+    let (mut vertices, mut faces, mut relative) = (String::new(), String::new(), String::new());
+    for i in 0..count {
+        let DVec3 { x, y, z } = vertex(i);
+        writeln!(vertices, "v {x} {y} {z}").unwrap();
+        let [a, b, c] = face(i);
+        writeln!(faces, "f {} {} {}", a + 1, b + 1, c + 1).unwrap();
+        writeln!(relative, "f {} {} {}", a as i64 - count as i64, b + 1, c as i64 - count as i64).unwrap();
+    }
+    let expected = TriMesh::new(
+        (0..count).map(vertex).collect(),
+        (0..count).map(|i| face(i).map(|v| v as u32)).collect(),
+    );
+    let expected = expected.unwrap();
+    for content in [vertices.clone() + &faces, vertices.clone() + &relative, faces.clone() + &vertices] {
+        let loaded = folder.load("many.obj", content).unwrap();
+        assert_eq!((loaded.mesh, loaded.raw_vertices), (expected.clone(), count));
+    }
+    // A fault far behind is found.
+    folder.expect_error(
+        "far.obj",
+        format!("{vertices}{faces}f 1 2 20001\n"),
+        "line 40001: the face names vertex 20001",
+    );
+}
+
+/// Faults that `tobj` refuses without saying where, takes for something else or overflows on.
+#[test]
+fn obj_faults_have_their_line_and_remedy() {
+    let folder = Folder::new();
+    for (name, line, part) in [
+        ("short", "v 1 2", "line 9: the vertex has no z coordinate"),
+        ("word", "v 1 2 x", "line 9: \"x\" is not a number"),
+        ("comma", "v 1,0 2 3", "line 9: \"1,0\" is not a number"),
+        ("space", "v 1\u{a0}2 3 4", "line 9: \"1\\u{a0}2\""),
+        ("face_space", "f 1 2 3\u{a0}4", "line 9: \"3\\u{a0}4\" is not a vertex index"),
+        ("no_vertex", "f /1 /2 /3", "line 9: \"/1\" is not a vertex index"),
+        ("fraction", "f 1 2 3.5", "line 9: \"3.5\" is not a vertex index"),
+        ("zero", "f 1 2 0", "line 9: the face names vertex 0"),
+        ("minus_zero", "f 1 2 -0", "line 9: the face names vertex 0"),
+        ("before", "f 1 2 -9", "line 9: the face names vertex -9, but only 8 come before it"),
+        ("farthest", "f 1 2 -9223372036854775808", "line 9: the face names vertex -9223372036854775808"),
+        ("beyond", "f 1 2 9", "line 9: the face names vertex 9, but the file has 8"),
+        ("most", "f 1 2 9223372036854775807", "line 9: the face names vertex 9223372036854775807"),
+        ("continued", "f 1 \\\n2 \\\n99", "line 9: the face names vertex 99"),
+    ] {
+        let content = format!("{}{line}\nf 1 2 3\n", obj_vertices());
+        folder.expect_error(&format!("{name}.obj"), &content, part);
+        folder.expect_error(&format!("{name}.obj"), &content, "correct that line");
+    }
+    // What cannot be parsed comes before what is not there, as readers that go line by line have it.
+    folder.expect_error("two.obj", obj_vertices() + "f 1 2 99\nf 1 2 0\n", "line 10");
+}
+
 fn stl_facets(triangles: &[[u32; 3]]) -> String {
     let vertex = |&i: &u32| format!("vertex {:e} {} {}\n", corner(i).x, corner(i).y, corner(i).z);
     triangles

@@ -120,6 +120,10 @@ fn obj_faults_are_told_with_their_line() {
     check("far", "f 1/1 2/2 3/4\n", &["line 7", "texture coordinate 4", "has 3"]);
     check("zero", "f 1/0 2/2 3/3\n", &["line 7", "texture coordinate 0"]);
     check("before", "f 1/-4 2/2 3/3\n", &["line 7", "only 3"]);
+    check("minus_zero", "f 1/1 2/-0 3/3\n", &["line 7", "texture coordinate 0"]);
+    // Twice its place overflows to 0 and to 2⁶³.
+    check("farthest", "f 1/-9223372036854775808 2/2 3/3\n", &["line 7", "only 3"]);
+    check("half", "f 1/-4611686018427387904 2/2 3/3\n", &["line 7", "only 3"]);
     check("word", "f 1/x 2/2 3/3\n", &["line 7", "texture coordinate index"]);
     check("nan", "vt nan 0\nf 1/4 2/2 3/3\nf 1/1 2/2 3/3\n", &["triangle 0", "not a finite number"]);
     check("text", "vt 0 y\nf 1/1 2/2 3/3\n", &["line 7", "\"y\""]);
