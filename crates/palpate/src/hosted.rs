@@ -26,17 +26,26 @@ use crate::settings_editor::SettingsEditor;
 use crate::telemetry::Events;
 use crate::watch::Watch;
 
-/// A session that a host steps. Its contact thread ends when it is dropped.
+/// A session that a host steps, and what else the host does with it. It comes apart, so that each part can go to a thread of its
+/// own: `let HostedSession { stepper, scene, contacts, .. } = session;`.
 #[derive(Debug)]
 pub struct HostedSession {
-    /// Changes its scene; may be taken elsewhere.
+    /// Changes its scene.
     pub scene: SceneEditor,
-    /// Changes its settings; may be taken elsewhere.
+    /// Changes its settings.
     pub settings: SettingsEditor,
-    /// Shows its contacts; may be taken elsewhere.
+    /// Shows its contacts.
     pub contacts: Watch,
-    /// Tells what its contacts push the scene's objects with; may be taken elsewhere.
+    /// Reports what contacts push the scene's objects with.
     pub reactions: Reactions,
+    /// Takes its haptic steps.
+    pub stepper: HostedStepper,
+}
+
+/// Takes the haptic steps of a session, in the thread that owns the device. The session's contact thread ends when this is
+/// dropped.
+#[derive(Debug)]
+pub struct HostedStepper {
     haptic: HapticLoop,
     models: Consumer<ContactUpdate>,
     state: triple_buffer::Input<(f64, BodyState)>,
@@ -81,11 +90,7 @@ impl HostedSession {
         let contact_thread = std::thread::Builder::new()
             .name("palpate contacts".to_owned())
             .spawn(move || run_contact(&mut contact, state_out, models_in, &flag))?;
-        Ok(Self {
-            scene,
-            settings,
-            contacts,
-            reactions,
+        let stepper = HostedStepper {
             haptic,
             models,
             state,
@@ -93,9 +98,37 @@ impl HostedSession {
             latest: None,
             ended,
             contact_thread: Some(contact_thread),
-        })
+        };
+        Ok(Self { scene, settings, contacts, reactions, stepper })
     }
 
+    /// As [`HostedStepper::step`].
+    pub fn step(&mut self, dt: f64, device: &DeviceState) -> Wrench {
+        self.stepper.step(dt, device)
+    }
+
+    /// As [`HostedStepper::latest`].
+    pub fn latest(&self) -> Option<&Record> {
+        self.stepper.latest()
+    }
+
+    /// As [`HostedStepper::object_pose`].
+    pub fn object_pose(&self) -> Pose {
+        self.stepper.object_pose()
+    }
+
+    /// As [`HostedStepper::set_clutch`].
+    pub fn set_clutch(&mut self, held: bool) {
+        self.stepper.set_clutch(held);
+    }
+
+    /// As [`HostedStepper::events`].
+    pub fn events(&self) -> Events {
+        self.stepper.events()
+    }
+}
+
+impl HostedStepper {
     /// A haptic step of `dt` seconds, the device being in a state: the wrench to send to it, in its axes, about its
     /// handle's origin. A `dt` that is not above 0 changes nothing, and gives the wrench of the last step.
     pub fn step(&mut self, dt: f64, device: &DeviceState) -> Wrench {
@@ -133,7 +166,7 @@ impl HostedSession {
     }
 }
 
-impl Drop for HostedSession {
+impl Drop for HostedStepper {
     fn drop(&mut self) {
         self.ended.store(true, Ordering::Release);
         if let Some(thread) = self.contact_thread.take() {

@@ -56,7 +56,7 @@ pub use articulated::{
 pub use builder::RendererBuilder;
 pub use contact_loop::{ContactLoop, ContactUpdate};
 pub use haptic_loop::HapticLoop;
-pub use hosted::{HostError, HostedSession};
+pub use hosted::{HostError, HostedSession, HostedStepper};
 pub use lockstep::ContactTiming;
 pub use machine::{MachineLoad, MachineSample};
 pub use moving::Mobility;

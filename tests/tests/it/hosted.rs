@@ -1,7 +1,7 @@
 //! Sessions whose haptic loop and device are the host's.
 
 use palpate::device::{Emulation, HapticDevice as _, Task};
-use palpate::{HostedSession, Object, Pose, Scene, Settings, Wrench, explore};
+use palpate::{HostedSession, Object, Pose, Scene, SceneId, Settings, Wrench, explore};
 use palpate_tests::model;
 
 fn scene() -> (Object, Scene) {
@@ -42,4 +42,38 @@ fn a_host_steps_its_own_loop() {
     let last = session.step(0.0, &state);
     assert_eq!((last, session.latest().copied()), (before.coupling, Some(before)));
     assert_eq!(session.step(f64::NAN, &state), before.coupling);
+}
+
+/// The haptic thread has the stepper alone; what is changed and watched elsewhere is felt and seen.
+#[test]
+fn the_parts_of_a_hosted_session_go_to_other_threads() {
+    let (probe, scene) = scene();
+    let path = explore::path(Task::Press, &probe, &scene).expect("a path");
+    let mut device = Emulation::default().open(path).expect("an emulated device");
+    let state = device.read(0.0).expect("a reading");
+    let specification = device.specification().clone();
+    let hosted = HostedSession::new(probe, scene, specification, state, Settings::default());
+    let HostedSession { mut stepper, mut scene, mut contacts, .. } = hosted.expect("a session");
+    let haptic = std::thread::spawn(move || {
+        let (mut touched, mut parted) = (false, false);
+        for step in 1..=20_000 {
+            let state = device.read(1e-3 * f64::from(step).min(2000.0)).expect("a reading");
+            stepper.step(1e-3, &state);
+            let contacts = stepper.latest().map_or(0, |record| record.contacts);
+            touched |= contacts > 0;
+            parted = touched && contacts == 0;
+            if parted {
+                break;
+            }
+            std::thread::sleep(std::time::Duration::from_micros(200));
+        }
+        (touched, parted)
+    });
+    let begun = std::time::Instant::now();
+    while contacts.latest().pushes.is_empty() {
+        assert!(begun.elapsed().as_secs() < 60, "no push is seen");
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    scene.remove(SceneId(0)).expect("the ball");
+    assert_eq!(haptic.join().expect("no panic"), (true, true));
 }
