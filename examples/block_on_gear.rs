@@ -1,7 +1,7 @@
 //! A ridged block is dragged across the teeth of a gear, along them, and lifted (Fig. 4.14 of the dissertation): it climbs over the teeth
 //! in steps, and feels next to nothing along them.
 //!
-//! `cargo run --release --example block_on_gear`
+//! `cargo run --release --features textures --example block_on_gear`
 
 use std::error::Error;
 use std::f64::consts::{FRAC_PI_2, TAU};

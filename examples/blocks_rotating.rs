@@ -1,7 +1,7 @@
 //! A ridged block lies on another one, ridges in grooves, and is turned to and fro (Fig. 4.15 of the dissertation): it rises
 //! as it turns, and a torque opposes.
 //!
-//! `cargo run --release --example blocks_rotating`
+//! `cargo run --release --features textures --example blocks_rotating`
 
 use std::error::Error;
 use std::f64::consts::TAU;

@@ -1,6 +1,6 @@
 //! A file scrapes a rough CAD part (Fig. 4.13 of the dissertation): an emulated hand presses, scrubs and twists it.
 //!
-//! `cargo run --release --example file_on_part`
+//! `cargo run --release --features textures --example file_on_part`
 
 use std::error::Error;
 

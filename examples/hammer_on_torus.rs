@@ -1,6 +1,6 @@
 //! A hammer touches a wrinkled torus (Fig. 4.12 of the dissertation): an emulated hand presses, scrubs and twists it.
 //!
-//! `cargo run --release --example hammer_on_torus`
+//! `cargo run --release --features textures --example hammer_on_torus`
 
 use std::error::Error;
 

@@ -1,7 +1,7 @@
 //! A probe with a round tip explores a plate with ridges 8 mm high, a flat plate with a texture: from left to right, and faster
 //! back (§5.5.4 of the dissertation).
 //!
-//! `cargo run --release --example textured_plate`; `-- --flat` for the plate without its texture.
+//! `cargo run --release --features textures --example textured_plate`; `-- --flat` for the plate without its texture.
 
 use std::error::Error;
 use std::f64::consts::TAU;

@@ -1,6 +1,6 @@
 //! Any device, any two models: what is felt, live in the terminal.
 //!
-//! `cargo run --release --example feel -- [PROBE SCENE] --device ADDRESS`
+//! `cargo run --release --features terminal --example feel -- [PROBE SCENE] --device ADDRESS`
 //!
 //! Without a device of one's own the keys move an emulated hand. Where the output is not a terminal, the hand explores the
 //! scene by itself, and only the summary is printed.

@@ -62,13 +62,12 @@ fn page() -> Result<String, Failure> {
     let (minimal, command) = minimal.ok_or("there is no set of features")?;
     Ok(format!(
         "# What palpate links\n\n\
-         Written by `cargo xtask dependencies`; `cargo xtask ci` fails where it is not up to date. It tells the crates that end up in a \
-         program\nthat embeds `palpate`, on Linux, each once, palpate's own among them: what runs while the program is built, macros \
-         and build scripts,\ndoes not count. \
-         `cargo bench -p palpate-benches --bench stages` counts likewise, and `cargo test -p palpate-tests --test it stages::` sees to it that\n\
-         without features there is no GPU, HID or image crate among them, and with all of them no window.\n\n\
-         | features of palpate | crates | of others | command |\n|---|---|---|---|\n{rows}\n\
-         ## Without features\n\n{} crates, {} of them of others. `(*)` marks what was listed before with all below it.\n\n\
+         `cargo xtask dependencies` writes this page, and `cargo xtask ci` fails if it is out of date. It lists the crates that a program \
+         links,\non Linux, when it embeds `palpate`: each once, palpate's own included. Macros and build scripts run during the build and do not \
+         count.\n`cargo bench -p palpate-benches --bench stages` counts the same way. `cargo test -p palpate-tests --test it stages::` \
+         checks that\nthere is no GPU, HID or image crate among them without features, and no window with all of them.\n\n\
+         | features of palpate | crates | by others | command |\n|---|---|---|---|\n{rows}\n\
+         ## Without features\n\n{} crates, {} of them by others. `(*)` marks a crate whose own tree stands further up.\n\n\
          ```sh\ncargo {command}\n```\n\n```text\n{}```\n",
         minimal.crates.len(),
         minimal.of_others(),

@@ -5,8 +5,10 @@ use std::error::Error;
 use std::process::Command;
 
 /// Sets of features of `palpate`, and the options with which cargo takes them.
-pub const FEATURE_SETS: [(&str, &[&str]); 9] = [
+pub const FEATURE_SETS: [(&str, &[&str]); 11] = [
     ("none, by default", &[]),
+    ("models", &["--features", "models"]),
+    ("gltf", &["--features", "gltf"]),
     ("images", &["--features", "images"]),
     ("hid", &["--features", "hid"]),
     ("haply", &["--features", "haply"]),

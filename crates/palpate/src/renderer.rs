@@ -181,7 +181,7 @@ impl HapticRenderer {
     }
 
     /// Lets a backend of the host compute textured contacts, as one on its own GPU device
-    /// ([`WgpuBackend::with_device`](palpate_texture_pd::WgpuBackend::with_device)); nothing changes in a scene without
+    /// (`WgpuBackend::with_device` with the feature `gpu`); nothing changes in a scene without
     /// textures. Should it fail, the processor goes on.
     pub fn set_texture_backend(&mut self, backend: Box<dyn Backend>) {
         self.contact.set_texture_backend(backend);
