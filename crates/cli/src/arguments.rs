@@ -38,6 +38,8 @@ pub enum Command {
     View(Box<ViewArguments>),
     /// List the devices and what they can do
     Devices(DevicesArguments),
+    /// Check whether this machine is fit for haptics: scheduling, timer, processors, graphics, devices, cache
+    Doctor(DoctorArguments),
 }
 
 /// Where the machine-readable result goes.
@@ -459,6 +461,12 @@ pub struct DevicesArguments {
     /// Print the udev rules with which your user may open HID devices on Linux
     #[arg(long, conflicts_with = "json")]
     pub udev: bool,
+    #[command(flatten)]
+    pub json: Json,
+}
+
+#[derive(Args)]
+pub struct DoctorArguments {
     #[command(flatten)]
     pub json: Json,
 }

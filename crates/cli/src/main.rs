@@ -3,6 +3,7 @@
 mod arguments;
 mod check;
 mod devices;
+mod doctor;
 mod failure;
 mod hierarchy;
 mod models;
@@ -34,6 +35,7 @@ fn main() -> ExitCode {
         #[cfg(feature = "view")]
         Command::View(arguments) => run::view(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
+        Command::Doctor(arguments) => doctor::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -288,15 +288,15 @@ mod real {
 
     /// What is plugged in, and why it cannot be opened.
     fn list_connected() -> Vec<Listing> {
-        let listing = |device: hid::Connected| Listing {
-            address: format!("hid:{:04x}:{:04x}", device.vendor, device.product),
-            description: match device.refusal() {
+        let listing = |device: hid::PluggedIn| Listing {
+            address: device.address,
+            description: match device.refusal {
                 None => format!("{}, plugged in", device.name),
                 Some(refusal) => refusal.to_string(),
             },
             specification: None,
         };
-        let mut listings: Vec<Listing> = hid::connected().into_iter().map(listing).collect();
+        let mut listings: Vec<Listing> = hid::plugged_in().into_iter().map(listing).collect();
         if listings.is_empty() {
             listings.push(Listing {
                 address: "hid:VENDOR:PRODUCT".into(),

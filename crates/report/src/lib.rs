@@ -9,6 +9,7 @@ mod level_pictures;
 mod levels;
 mod live;
 mod log_plot;
+mod machine;
 mod patches;
 mod plot;
 pub mod raster;
@@ -25,6 +26,7 @@ pub use level_pictures::{LevelPictures, grouped};
 pub use levels::{LevelFigures, Spread, Table32};
 pub use live::{COLUMN, Extremes, Live, Rates};
 pub use log_plot::{LogAxis, LogPlot, draw_log_log};
+pub use machine::Machine;
 pub use plot::{Curve, Figure, PlotError, draw};
 
 /// What a report is about.
