@@ -32,7 +32,6 @@ fn main() -> ExitCode {
         Command::Query(arguments) => query::run(&arguments),
         Command::Recommend(arguments) => recommend::run(&arguments),
         Command::Run(arguments) => run::run(&arguments),
-        #[cfg(feature = "view")]
         Command::View(arguments) => run::view(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
         Command::Doctor(arguments) => doctor::run(&arguments),

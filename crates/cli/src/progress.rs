@@ -62,6 +62,11 @@ pub fn in_words(warning: &LoadWarning) -> String {
     }
 }
 
+/// Warnings of a loader as strings, for JSON.
+pub fn words(warnings: &[String]) -> Vec<String> {
+    warnings.to_vec()
+}
+
 /// Prints warnings about `argument`.
 pub fn warn(argument: &str, warnings: &[String]) {
     for warning in warnings {

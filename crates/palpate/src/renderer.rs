@@ -28,6 +28,8 @@ pub struct HapticRenderer {
     probe: Object,
     scene: Scene,
     settings: Settings,
+    /// The same with what they leave open filled in.
+    settings_in_force: Settings,
 }
 
 /// Why a session could not be started.
@@ -69,6 +71,7 @@ impl HapticRenderer {
     ) -> Result<Self, RendererError> {
         let gains = Gains::new(&settings, &probe, device.specification())?;
         let state = device.read(0.0)?;
+        let settings_in_force = gains.fill_in(&settings);
         let source = &probe.clod.source;
         let grasped = Grasped {
             body: gains.body,
@@ -94,7 +97,8 @@ impl HapticRenderer {
             gains.contacts,
             &settings,
         )?;
-        Ok(Self { haptic, contact, device, period: 1.0 / settings.rate, probe, scene, settings })
+        let period = 1.0 / settings.rate;
+        Ok(Self { haptic, contact, device, period, probe, scene, settings, settings_in_force })
     }
 
     /// The device.
@@ -105,6 +109,13 @@ impl HapticRenderer {
     /// The settings given.
     pub fn settings(&self) -> &Settings {
         &self.settings
+    }
+
+    /// The settings that the session begins with: those given, and what they leave open as it was chosen for the grasped object
+    /// and the device. How textured contacts are looked at
+    /// stays open.
+    pub fn settings_in_force(&self) -> &Settings {
+        &self.settings_in_force
     }
 
     /// The grasped object.

@@ -39,6 +39,8 @@ pub struct Session {
     pub contact: ContactTelemetry,
     /// How busy the machine was for the haptic thread; nothing is known of it on a simulated clock.
     pub machine: MachineLoad,
+    /// The distance tolerance d that contacts were looked for within, m.
+    pub tolerance: f64,
     /// Which stages the scene switched on or off, and why.
     pub stages: BTreeMap<&'static str, String>,
 }
@@ -58,6 +60,8 @@ pub struct Summary {
     pub contacts_max: u32,
     /// Contacts at the end of the session.
     pub contacts_at_end: u32,
+    /// Distance tolerance d that contacts were looked for within, m: contacts push from there on.
+    pub tolerance: f64,
     /// Deepest penetration, m.
     pub depth_max: f64,
     /// Largest coupling force, N.
@@ -136,7 +140,8 @@ impl Session {
             depth_max = haptic.depth_max,
             "session ended"
         );
-        Self { seconds, clock, haptic, contact, machine, stages }
+        let tolerance = renderer.contact.tolerance();
+        Self { seconds, clock, haptic, contact, machine, tolerance, stages }
     }
 
     /// The machine-readable summary.
@@ -170,6 +175,7 @@ impl Session {
             first_touch_s: haptic.first_touch,
             contacts_max: haptic.contacts_max,
             contacts_at_end: haptic.contacts_now,
+            tolerance: self.tolerance,
             depth_max: haptic.depth_max,
             coupling_force_max: haptic.coupling_force_max,
             energy_min_j: haptic.energy_min,
