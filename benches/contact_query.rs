@@ -44,7 +44,7 @@ fn queries(criterion: &mut Criterion) {
     let (subject, [probe, scene, file]) = subject();
     let [probe, scene] = [probe, scene].map(|name| {
         let opened = Object::open(&name, &OpenOptions::default(), &mut unwatched);
-        opened.expect("an object").0
+        opened.expect("an object")
     });
     let path = MotionPath::load(Path::new(&file), Interpolation::Linear).expect("trajectory");
     let poses: Vec<Pose> = path.keyframes().iter().step_by(STRIDE).map(|keyframe| keyframe.pose).collect();

@@ -21,7 +21,7 @@ use palpate::{Object, OpenOptions, Pose};
 const PASSES: usize = 5;
 
 fn open(name: &str) -> Object {
-    Object::open(name, &OpenOptions::default(), &mut |_, _| ControlFlow::Continue(())).expect("model").0
+    Object::open(name, &OpenOptions::default(), &mut |_, _| ControlFlow::Continue(())).expect("model")
 }
 
 fn poses(path: &Path) -> Vec<Pose> {

@@ -275,7 +275,7 @@ fn body(name: &str) -> Result<Option<Body>, Box<dyn Error>> {
     };
     let options = OpenOptions::default();
     let mesh = open_mesh(argument, &options)?.mesh;
-    let (object, _) = Object::open(argument, &options, &mut unwatched)?;
+    let object = Object::open(argument, &options, &mut unwatched)?;
     Ok(Some(Body { object, mesh }))
 }
 

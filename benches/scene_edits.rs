@@ -65,7 +65,7 @@ fn session(large: &Object, seconds: f64, edited: bool) -> Result<(usize, Summary
         }
         std::thread::sleep(EVERY);
     }
-    Ok((changes, running.stop().summary()))
+    Ok((changes, running.stop()?.summary()))
 }
 
 /// A large object comes where the probe is not, is moved, grows and goes; each has to be looked at anew.

@@ -104,7 +104,8 @@ pub fn write_report(
 ) -> Result<(), Box<dyn Error>> {
     let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
     let command = words.collect::<Vec<_>>().join(" ");
-    let html = Report { title, command: &command, summary, records, rendered, machine: &Machine::this() }.to_html()?;
+    let html = Report { title, command: &command, summary, records, rendered, machine: &Machine::this() }
+        .to_html()?;
     std::fs::write(file, html).map_err(|error| format!("{}: {error}", file.display()))?;
     Ok(say("written", shown(file).display())?)
 }
@@ -115,7 +116,7 @@ pub fn write_report(
 /// If there is no such file or model, or the mesh cannot be used.
 pub fn open(name: &str) -> Result<Object, Box<dyn Error>> {
     let bar = bar(name);
-    let (object, _) = Object::open(name, &OpenOptions::default(), &mut |stage, fraction| {
+    let object = Object::open(name, &OpenOptions::default(), &mut |stage, fraction| {
         bar.set_message(format!("{name}: {stage}"));
         bar.set_position((1000.0 * fraction) as u64);
         ControlFlow::Continue(())

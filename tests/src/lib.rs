@@ -59,7 +59,7 @@ pub fn shared_mesh(path: &str) -> Option<TriMesh> {
 pub fn model(name: &str) -> Object {
     let options = OpenOptions { cache: false, ..OpenOptions::default() };
     match Object::open(name, &options, &mut unwatched) {
-        Ok((object, _)) => object,
+        Ok(object) => object,
         Err(error) => panic!("{error}"),
     }
 }

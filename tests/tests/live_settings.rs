@@ -81,7 +81,7 @@ fn gains_go_over_smoothly() {
         let mut rig = Rig::new(from);
         let before = rig.rest();
         rig.settings.set(to).expect("settings");
-        assert_eq!(rig.settings.settings(), &to);
+        assert_eq!(rig.settings.settings(), to);
         let forces = rig.run(1000);
         let after = forces[forces.len() - 1];
         let wanted = Rig::new(to).rest();
@@ -123,7 +123,7 @@ fn detail_goes_over_smoothly() {
 #[test]
 fn what_cannot_change_is_refused() {
     let mut rig = Rig::new(Settings::default());
-    let made = *rig.settings.settings();
+    let made = rig.settings.settings();
     for (name, settings) in [
         ("rate", Settings { rate: 500.0, ..made }),
         ("mass", Settings { mass: 0.2, ..made }),
@@ -137,7 +137,7 @@ fn what_cannot_change_is_refused() {
     let refused =
         rig.settings.set(Settings { contact_stiffness: f64::NAN, ..made }).expect_err("not a number");
     assert!(refused.to_string().contains("contact-stiffness"), "{refused}");
-    assert_eq!(rig.settings.settings(), &made);
+    assert_eq!(rig.settings.settings(), made);
     let full = (0..1000).find_map(|_| rig.settings.set(made).err());
     assert!(matches!(full, Some(SettingsEditError::Full)), "{full:?}");
     rig.run(1);

@@ -66,6 +66,10 @@ fn touching_is_felt_and_bounded() {
     assert_eq!(summary.first_touch_s, first);
     assert_eq!(Some(summary.contacts_max), records.iter().map(|row| row.contacts).max());
     assert_eq!(summary.contacts_at_end, last.contacts);
+    let center_of_mass = model("ellipsoid@2000").clod.source.center_of_mass;
+    assert_eq!(summary.grasp, center_of_mass);
+    let stretch = records.iter().map(|row| row.stretch(center_of_mass)).fold(0.0, f64::max);
+    assert!(stretch > 1e-4 && summary.coupling_stretch_max == stretch, "{}", summary.coupling_stretch_max);
     // Real time is not known here; 2.5 ms are enough for most queries.
     assert!(summary.contact.longer_than_slot.is_some_and(|longer| longer < 2000), "{:?}", summary.contact);
     assert_eq!((summary.haptic.stolen_s, summary.haptic.preempted), (None, None));

@@ -39,7 +39,7 @@ fn run(probe: &Object, object: Object, steps: u32, moves: bool) -> usize {
     let device = explore::open_device("emulated", probe, &scene).expect("emulated device");
     let settings = Settings { clusters: CLUSTERS, ..Settings::default() };
     let mut renderer = HapticRenderer::new(probe.clone(), scene, device, settings).expect("renderer");
-    let mut watch = renderer.watch();
+    let (mut watch, mut other) = (renderer.watch(), renderer.watch());
     let (mut editor, mut reactions) = (renderer.scene_editor(), renderer.reactions());
     if moves {
         editor.set_mobility(SceneId(0), Some(mobility)).expect("room");
@@ -67,6 +67,7 @@ fn run(probe: &Object, object: Object, steps: u32, moves: bool) -> usize {
             let update = update.expect("a contact step ran");
             contacts = contacts.max(update.contacts as usize);
             in_contact += allocations_in(|| assert_eq!(watch.latest().time.to_bits(), now.to_bits()));
+            assert_eq!(watch.latest(), other.latest());
             in_haptic += allocations_in(|| haptic.update_contacts(&update));
         }
         in_haptic += allocations_in(|| {

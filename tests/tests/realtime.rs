@@ -130,6 +130,88 @@ fn a_panic_of_the_driver_ends_the_session_with_its_records_written() {
     assert_eq!(taken, 40);
 }
 
+/// A device whose driver fails: at reads, at writes, or with a panic.
+struct Failing {
+    inner: Box<dyn HapticDevice>,
+    fails: &'static str,
+    calls: usize,
+}
+
+impl HapticDevice for Failing {
+    fn specification(&self) -> &Specification {
+        self.inner.specification()
+    }
+
+    fn read(&mut self, now: f64) -> Result<DeviceState, DeviceError> {
+        self.calls += 1;
+        assert!(self.calls < 20 || self.fails != "panic", "joint {} is out of range", 3);
+        if self.calls >= 20 && self.fails == "read" {
+            return Err(DeviceError::driver(format!("USB endpoint 0x81 stalled at call {}", self.calls)));
+        }
+        self.inner.read(now)
+    }
+
+    fn write(&mut self, wrench: &Wrench) -> Result<(), DeviceError> {
+        if self.fails == "write" {
+            Err(DeviceError::driver("amplifier too hot"))
+        } else {
+            self.inner.write(wrench)
+        }
+    }
+
+    fn close(&mut self) -> Result<(), DeviceError> {
+        if self.fails == "close" { Err(DeviceError::Closed) } else { self.inner.close() }
+    }
+}
+
+fn failing(fails: &'static str) -> HapticRenderer {
+    let inner = Box::new(Emulation::default().open(Pose::IDENTITY).expect("emulated device"));
+    let device = Failing { inner, fails, calls: 0 };
+    let renderer =
+        HapticRenderer::new(model("ellipsoid@500"), Scene::new(), Box::new(device), Settings::default());
+    renderer.expect("renderer")
+}
+
+/// The host reads what a driver said first, in the driver's words, while the session runs and after it.
+#[test]
+fn the_words_of_a_driver_reach_the_host() {
+    let words = [
+        ("read", Some("USB endpoint 0x81 stalled at call 20".to_owned())),
+        ("write", Some("amplifier too hot".to_owned())),
+        ("close", Some(DeviceError::Closed.to_string())),
+        ("nothing", None),
+    ];
+    for (fails, said) in words {
+        let sink = |_: &Record| Ok::<_, Infallible>(());
+        let session = failing(fails).run_realtime(0.1, &AtomicBool::new(false), sink);
+        let session = session.expect("the sink never fails");
+        assert_eq!(session.device_error, said, "{fails}");
+        assert_eq!(session.summary().device_error, said, "{fails}");
+    }
+    let running = failing("read").spawn().expect("threads");
+    let begun = std::time::Instant::now();
+    while running.device_error().is_none() {
+        assert!(running.is_running() && begun.elapsed().as_secs() < 60, "no error is seen");
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    }
+    let seen = running.device_error().map(ToString::to_string);
+    let session = running.stop().expect("no panic");
+    assert_eq!(session.device_error, seen);
+}
+
+#[test]
+fn a_panic_of_the_driver_is_an_error_of_a_spawned_session() {
+    let running = failing("panic").spawn().expect("threads");
+    let begun = std::time::Instant::now();
+    while running.is_running() {
+        assert!(begun.elapsed().as_secs() < 60, "the session does not end");
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    }
+    let error = running.stop().expect_err("the driver panicked");
+    assert_eq!(error.message, "joint 3 is out of range");
+    assert!(error.to_string().contains("joint 3 is out of range"));
+}
+
 #[test]
 fn deadlines_missed_by_a_slow_driver_are_put_down_to_the_step() {
     let run = |delay| {

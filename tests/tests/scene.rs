@@ -5,10 +5,10 @@ use std::sync::atomic::AtomicBool;
 
 use palpate::device::{Emulation, IntendedPath, Task};
 use palpate::dynamics::BodyState;
-use palpate::glam::DVec3;
+use palpate::glam::{DMat3, DVec3};
 use palpate::{
-    ContactLoop, ContactTiming, EditError, HapticRenderer, Object, Pose, Record, RunningSession, Scene,
-    SceneId, Settings, Wrench, explore,
+    ContactLoop, ContactTiming, EditError, HapticRenderer, Mobility, Object, Pose, Record, RunningSession,
+    Scene, SceneId, Settings, Twist, Watch, Wrench, explore,
 };
 use palpate_tests::{model, ridged_plate};
 
@@ -130,12 +130,25 @@ fn edits_are_felt_from_the_next_step_on() {
     let now = felt(&mut contact);
     assert!(same(now, pushed), "{now:?} {pushed:?}");
     assert_eq!(contact.telemetry().events.edit_refused, 0);
-    // What is not there cannot be moved.
-    editor.set_pose(first, near).expect("room");
-    editor.remove(first).expect("room");
+    // What is not there cannot be changed.
+    let unknown = EditError::Unknown;
+    assert_eq!(editor.set_pose(first, near), Err(unknown(first)));
+    assert_eq!(editor.remove(first), Err(unknown(first)));
+    assert_eq!(editor.replace(first, &ball, near), Err(unknown(first)));
+    assert_eq!(editor.set_motion(first, near, Twist::ZERO), Err(unknown(first)));
+    assert_eq!(editor.set_mobility(first, None), Err(unknown(first)));
+    assert_eq!(editor.set_pose(SceneId(77), near), Err(unknown(SceneId(77))));
     let now = felt(&mut contact);
     assert!(same(now, pushed), "{now:?} {pushed:?}");
-    assert_eq!(contact.telemetry().events.edit_refused, 2);
+    assert_eq!(contact.telemetry().events.edit_refused, 0);
+    // A change that the loop can no longer make is counted.
+    let gone = editor.add(&ball, far).expect("room");
+    felt(&mut contact);
+    editor.set_pose(gone, near).expect("room");
+    assert!(contact.remove(gone));
+    assert_eq!(editor.remove(gone), Err(unknown(gone)), "removed by the host of the loop");
+    felt(&mut contact);
+    assert_eq!(contact.telemetry().events.edit_refused, 1);
     assert_eq!(editor.set_pose(second, Pose::from_translation(DVec3::NAN)), Err(EditError::Pose));
     let more = (0..10_000).map(|_| editor.set_pose(second, near)).find(Result::is_err);
     assert_eq!(more, Some(Err(EditError::Full)));
@@ -185,6 +198,81 @@ fn a_spawned_session_is_edited_while_it_runs() {
     wait(&mut running, "the ball is not felt", |record| record.contacts > 0 && record.contact.force.z > 0.0);
     assert!(!running.contacts.latest().pushes.is_empty());
     running.scene.remove(id).expect("room");
-    let session = running.stop();
+    assert_eq!(running.scene.remove(id), Err(EditError::Unknown(id)));
+    let session = running.stop().expect("no panic");
     assert!(session.summary().haptic.steps > 50 && session.summary().events.edit_refused == 0);
+}
+
+/// Editors are handles to one: what one adds the other can move, whichever was taken first.
+#[test]
+fn editors_of_a_scene_know_what_each_other_added() {
+    let [probe, ball] = objects();
+    let near = below(&probe, &ball);
+    let mut renderer = renderer(probe, Scene::new(), Pose::IDENTITY.into());
+    let (mut first, mut second) = (renderer.scene_editor(), renderer.scene_editor());
+    let (haptic, mut contact, _) = renderer.into_loops();
+    let id = first.add(&ball, Pose::from_translation(DVec3::X)).expect("room");
+    second.set_pose(id, near).expect("the other's object");
+    assert_ne!(second.add(&ball, Pose::from_translation(DVec3::Y)), Ok(id));
+    assert!(contact.step(haptic.body_state(), 0.002).contacts > 0);
+    // So does the loop's host.
+    let hosts = SceneId(100);
+    assert!(contact.add(hosts, &ball, &Pose::from_translation(DVec3::Z)));
+    first.remove(hosts).expect("the host's object");
+    assert_eq!(contact.editor().add(&ball, Pose::from_translation(DVec3::Z)), Ok(SceneId(101)));
+    contact.step(haptic.body_state(), 0.004);
+    assert_eq!(contact.telemetry().events.edit_refused, 0);
+}
+
+/// What is taken of a renderer works once its session runs, and so does what the session gives: each in a thread of its own.
+#[test]
+fn what_is_taken_before_spawn_works_after_it() {
+    fn sendable<T: Send + 'static>(_: &T) {}
+    let [probe, ball] = objects();
+    let near = below(&probe, &ball);
+    let mut renderer = renderer(probe, Scene::new(), Pose::IDENTITY.into());
+    let (mut early_scene, mut early_watch) = (renderer.scene_editor(), renderer.watch());
+    let (mut early_settings, early_reactions) = (renderer.settings_editor(), renderer.reactions());
+    let running = renderer.spawn().expect("threads");
+    sendable(&running);
+    let RunningSession { handle, scene, mut settings, contacts, reactions } = running;
+    sendable(&(handle.is_running(), &scene, &settings, &contacts, &reactions).0);
+    let id =
+        std::thread::spawn(move || early_scene.add(&ball, near)).join().expect("no panic").expect("room");
+    let pushed = |mut watch: Watch| {
+        std::thread::spawn(move || {
+            let begun = std::time::Instant::now();
+            while watch.latest().pushes.is_empty() {
+                assert!(begun.elapsed().as_secs() < 60, "no push is seen");
+                std::thread::sleep(std::time::Duration::from_millis(2));
+            }
+            watch
+        })
+    };
+    let (late, early) = (pushed(contacts), pushed(early_watch));
+    let late_watch = late.join().expect("pushes");
+    early_watch = early.join().expect("pushes");
+    // Both kinds of handles change the same settings.
+    let softer = Settings { contact_stiffness: 700.0, ..early_settings.settings() };
+    early_settings.set(softer).expect("in range");
+    assert_eq!(settings.settings(), softer);
+    settings.set(Settings { friction: 0.2, ..settings.settings() }).expect("in range");
+    assert_eq!(early_settings.settings().contact_stiffness, 700.0);
+    // A reaction goes to one of those who take them.
+    let mut scene = scene;
+    let mobility =
+        Mobility { mass: 1.0, inertia: DMat3::IDENTITY, center_of_mass: DVec3::ZERO, period: 1e-3 };
+    scene.set_mobility(id, Some(mobility)).expect("known to both editors");
+    let begun = std::time::Instant::now();
+    for mut taker in [early_reactions, reactions] {
+        while taker.take().is_none() {
+            assert!(begun.elapsed().as_secs() < 60, "nothing is pushed");
+            std::thread::sleep(std::time::Duration::from_millis(2));
+        }
+    }
+    let session = handle.stop().expect("no panic");
+    assert_eq!(session.summary().events.edit_refused, 0);
+    drop((late_watch, early_watch));
+    // A handle that is dropped ends its session.
+    assert!(scene.remove(id).is_ok(), "a change waits, whether or not anyone makes it");
 }

@@ -480,6 +480,9 @@ pub struct Physics {
     /// Damp the device when more energy has come out of the session than went in
     #[arg(long)]
     passivity_controller: bool,
+    /// Render objects whose size suggests a wrong unit
+    #[arg(long)]
+    unusual_size: bool,
 }
 
 impl Physics {
@@ -495,6 +498,7 @@ impl Physics {
             workspace_scale: self.workspace_scale.unwrap_or(default.workspace_scale),
             clutch_button: self.clutch_button.or(default.clutch_button),
             passivity_controller: self.passivity_controller || default.passivity_controller,
+            unusual_size: self.unusual_size || default.unusual_size,
             mass: self.mass.unwrap_or(default.mass),
             contact_stiffness: self.contact_stiffness.unwrap_or(default.contact_stiffness),
             contact_damping: self.contact_damping.or(default.contact_damping),

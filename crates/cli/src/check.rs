@@ -38,7 +38,7 @@ enum Verdict {
 pub fn run(arguments: &CheckArguments) -> Result<(), Failure> {
     output::check_files(&[Path::new(&arguments.mesh)], arguments.json.file().as_slice())?;
     let opened = open_mesh(&arguments.mesh, &arguments.reading.options())?;
-    progress::warn(&arguments.mesh, &opened.warnings);
+    progress::warn_of_loading(&arguments.mesh, &opened.warnings);
     let mut report = opened.mesh.validate();
     let crossings = mesh_io::self_intersections(&opened.mesh);
     report.first.self_intersection = crossings.first;
@@ -79,7 +79,10 @@ pub fn run(arguments: &CheckArguments) -> Result<(), Failure> {
         table.row([&"volume", &format!("{:.6e} m³", r.volume)]);
         table.row([&"verdict", &check.verdict.in_words(&arguments.mesh, faults)]);
         if faults.iter().any(|fault| !fault.starts_with("the triangles")) {
-            table.row([&"", &"vertices and triangles are counted from 0, vertices after equal ones were merged"]);
+            table.row([
+                &"",
+                &"vertices and triangles are counted from 0, vertices after equal ones were merged",
+            ]);
         }
     })
 }
@@ -90,7 +93,9 @@ impl Verdict {
         match self {
             Self::Ready => "ready: a hierarchy can be built of it".to_owned(),
             Self::NeedsRepair => {
-                format!("needs --repair ({faults}): `palpate build {mesh} --repair -o FILE.clod`, or run with --repair")
+                format!(
+                    "needs --repair ({faults}): `palpate build {mesh} --repair -o FILE.clod`, or run with --repair"
+                )
             }
             Self::NotUsable => format!("not usable ({faults}): correct it in the program that it came from"),
         }
@@ -108,8 +113,11 @@ fn faults(report: &ValidationReport, self_intersections: u64) -> Vec<String> {
         (report.nonmanifold_vertices as u64, "fans of triangles that meet the rest at a vertex only"),
         (self_intersections, "self-intersections"),
     ];
-    let mut faults: Vec<String> =
-        counted.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}")).collect();
+    let mut faults: Vec<String> = counted
+        .iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, what)| format!("{count} {what}"))
+        .collect();
     if report.triangles == 0 {
         faults.push("there is no triangle".to_owned());
     }

@@ -66,13 +66,54 @@ macro_rules! from_error {
     )*};
 }
 
+/// With options named as on the command line.
+impl From<palpate::OpenError> for Failure {
+    fn from(error: palpate::OpenError) -> Self {
+        Self::Message(match error {
+            palpate::OpenError::AlreadyBuilt { path } => {
+                format!("{path} is already built; give --scale and --repair when building it")
+            }
+            error => error.to_string(),
+        })
+    }
+}
+
+impl From<palpate::SceneFileError> for Failure {
+    fn from(error: palpate::SceneFileError) -> Self {
+        match error {
+            palpate::SceneFileError::Open(error) => error.into(),
+            error => Self::Message(error.to_string()),
+        }
+    }
+}
+
+impl From<palpate::RendererError> for Failure {
+    fn from(error: palpate::RendererError) -> Self {
+        let palpate::RendererError::Units(units) = error else { return Self::Message(error.to_string()) };
+        let palpate::UnitsError { name, radius, suggested } = units;
+        let remedy = match suggested {
+            Some(factor) => format!("multiply --scale by {factor}"),
+            None => "give the metres per unit of the file as --scale".to_owned(),
+        };
+        Self::Message(format!(
+            "{name}: the bounding radius of {radius:.3e} m suggests a wrong unit; {remedy}, or give --unusual-size to \
+             render it as it is"
+        ))
+    }
+}
+
+impl From<palpate_measure::MeasureError> for Failure {
+    fn from(error: palpate_measure::MeasureError) -> Self {
+        match error {
+            palpate_measure::MeasureError::Renderer(error) => error.into(),
+            error => Self::Message(error.to_string()),
+        }
+    }
+}
+
 from_error!(
-    palpate::OpenError,
-    palpate::RendererError,
-    palpate::SceneFileError,
     palpate::device::PathError,
     palpate::models::ModelError,
     palpate::clod_build::BuildError,
-    palpate_measure::MeasureError,
     palpate_report::PlotError
 );

@@ -43,13 +43,13 @@ pub fn open(argument: &str, options: &palpate::OpenOptions) -> Result<palpate::O
     let bar = bar(argument);
     let opened = palpate::Object::open(argument, options, &mut of_build(&bar, argument));
     bar.finish_and_clear();
-    let (object, warnings) = opened?;
-    warn(argument, &warnings);
+    let object = opened?;
+    warn_of_loading(argument, object.warnings());
     Ok(object)
 }
 
 /// A loader's warning, with options named as on the command line.
-pub fn in_words(warning: &LoadWarning) -> String {
+fn in_words(warning: &LoadWarning) -> String {
     match warning {
         LoadWarning::Units { radius, suggested } => {
             let remedy = match suggested {
@@ -62,9 +62,14 @@ pub fn in_words(warning: &LoadWarning) -> String {
     }
 }
 
-/// Warnings of a loader as strings, for JSON.
-pub fn words(warnings: &[String]) -> Vec<String> {
-    warnings.to_vec()
+/// Warnings of a loader in words, for JSON.
+pub fn words(warnings: &[LoadWarning]) -> Vec<String> {
+    warnings.iter().map(in_words).collect()
+}
+
+/// Prints what a loader warned of about `argument`.
+pub fn warn_of_loading(argument: &str, warnings: &[LoadWarning]) {
+    warn(argument, &words(warnings));
 }
 
 /// Prints warnings about `argument`.

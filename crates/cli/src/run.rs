@@ -66,7 +66,8 @@ fn render(arguments: &RunArguments, window: Option<Window>) -> Result<(), Failur
     }
     check_rate(arguments.contact_rate)?;
     check_files(arguments, window.as_ref())?;
-    let probe = textures::open(&arguments.probe, &arguments.textures.of_probe(), &arguments.reading.of_probe())?;
+    let probe =
+        textures::open(&arguments.probe, &arguments.textures.of_probe(), &arguments.reading.of_probe())?;
     let (scene, settings) = open_scene(arguments)?;
     let radius = probe.bounding_radius();
     let settings = arguments.physics.applied_to(arguments.textures.applied_to(settings), radius);
@@ -182,8 +183,10 @@ fn open_scene(arguments: &RunArguments) -> Result<(Scene, Settings), Failure> {
         ControlFlow::Continue(())
     });
     bar.finish_and_clear();
-    let (scene, warnings) = opened?;
-    progress::warn(&arguments.scene, &warnings);
+    let scene = opened?;
+    for placed in scene.objects() {
+        progress::warn_of_loading(&placed.object.name, placed.object.warnings());
+    }
     Ok((scene, file.settings))
 }
 

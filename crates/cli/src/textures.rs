@@ -60,7 +60,7 @@ fn displaced(argument: &str, image: Option<(&Path, f64)>, options: &OpenOptions)
         }
         (None, None) => return Ok(progress::open(argument, options)?),
     };
-    progress::warn(argument, &loaded.warnings.iter().map(progress::in_words).collect::<Vec<_>>());
+    progress::warn_of_loading(argument, &loaded.warnings);
     let (heights, warnings) = heights.map_err(|error| Failure::Message(error.to_string()))?;
     progress::warn(&name, &warnings);
     let size = [heights.width(), heights.height()];
@@ -84,8 +84,8 @@ fn baked(
 ) -> Result<Object, Failure> {
     let [coarse, detailed] = [argument, detailed].map(|argument| open_mesh(argument, options));
     let (coarse, detailed) = (coarse?, detailed?);
-    progress::warn(&coarse.name, &coarse.warnings);
-    progress::warn(&detailed.name, &detailed.warnings);
+    progress::warn_of_loading(&coarse.name, &coarse.warnings);
+    progress::warn_of_loading(&detailed.name, &detailed.warnings);
     let texel = texel.unwrap_or(TEXEL * coarse.mesh.bounding_sphere().radius);
     let bar = progress::bar(&format!("{}: baking", detailed.name));
     let options = BakeOptions { texel, reach: None, crease: CREASE };

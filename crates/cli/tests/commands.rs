@@ -517,6 +517,9 @@ fn refusals_say_what_and_what_to_do() {
             "named twice",
         ),
         (&["run", "cup-low", "spoon-low", "--mass", "-1"], "mass"),
+        // Millimetres for metres: by how much to scale, and how to insist.
+        (&["run", "m.obj", "m.obj", "--scale", "1000"], "m.obj: the bounding radius of "),
+        (&["run", "m.obj", "m.obj", "--scale", "1000"], "multiply --scale by 0.001, or give --unusual-size"),
         (&["run", "cup-low", "spoon-low", "--seconds", "-1"], "seconds"),
         (&["run", "cup-low", "spoon-low", "--contact-rate", "nan", "--lockstep"], "contact-rate"),
         (&["run", "cup-low", "spoon-low", "--tolerance", "0"], "tolerance"),
@@ -539,7 +542,9 @@ fn refusals_say_what_and_what_to_do() {
         let output = palpate(arguments, folder);
         let stderr = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(1), "palpate {arguments:?}: {stderr}");
-        assert_eq!(stderr.lines().count(), 1, "{stderr}");
+        // A doubt of the loader may come before.
+        let refusals = stderr.lines().filter(|line| !line.contains(": warning: "));
+        assert_eq!(refusals.count(), 1, "{stderr}");
         assert!(stderr.contains(said), "palpate {arguments:?} should mention '{said}': {stderr}");
     }
     assert!(std::fs::read(folder.join("m.obj")).unwrap() == mesh, "an input was overwritten");
@@ -625,14 +630,18 @@ fn a_session_says_which_stages_are_on_and_why() {
         assert!(row.is_some_and(|row| row.contains(why)), "{stage}: {why}\n{printed}");
     }
     assert!(printed.starts_with("touch"), "what was felt comes first: {printed}");
-    assert!(printed.contains("--report FILE.html") && printed.contains("ellipsoid@500 torus@4000"), "{printed}");
+    assert!(
+        printed.contains("--report FILE.html") && printed.contains("ellipsoid@500 torus@4000"),
+        "{printed}"
+    );
 }
 
 /// The summary of a touch is in units that a person reads, and says how to open the report.
 #[test]
 fn a_touch_is_summed_up_in_plain_words() {
     let folder = tempfile::tempdir().expect("temporary folder");
-    let arguments = ["run", "ellipsoid@500", "golf-ball@1000", "--lockstep", "--seconds", "3", "--report", "r.html"];
+    let arguments =
+        ["run", "ellipsoid@500", "golf-ball@1000", "--lockstep", "--seconds", "3", "--report", "r.html"];
     let printed = succeeds(&arguments, folder.path());
     let row = |name: &str| {
         let found = printed.lines().find(|line| line.starts_with(&format!("{name}  ")));
@@ -641,7 +650,9 @@ fn a_touch_is_summed_up_in_plain_words() {
     assert!(row("touch").starts_with("first after "), "{printed}");
     let most = row("contacts");
     assert!(most.starts_with("at most ") && most.ends_with(" at the end"), "{most}");
-    assert!(row("deepest penetration").ends_with(" mm") || row("deepest penetration").starts_with("0: contacts"));
+    assert!(
+        row("deepest penetration").ends_with(" mm") || row("deepest penetration").starts_with("0: contacts")
+    );
     assert!(row("object behind the hand").ends_with(" mm"), "{printed}");
     assert!(row("haptic rate").starts_with("1.00 kHz, 3,000 steps"), "{printed}");
     assert!(row("haptic step").contains("µs") && !printed.contains(" ns,"), "{printed}");
@@ -716,7 +727,11 @@ fn the_verdict_of_check_is_that_of_build() {
     write("duplicate.obj", &format!("{good}{}\n", faces[7]));
     let turned = |line: &str| {
         let words: Vec<&str> = line.split(' ').collect();
-        if words[0] == "f" { format!("f {} {} {}\n", words[1], words[3], words[2]) } else { format!("{line}\n") }
+        if words[0] == "f" {
+            format!("f {} {} {}\n", words[1], words[3], words[2])
+        } else {
+            format!("{line}\n")
+        }
     };
     write("inside-out.obj", &good.lines().map(turned).collect::<String>());
     // A second ellipsoid, moved by a part of its size, runs through the first.
@@ -733,7 +748,8 @@ fn the_verdict_of_check_is_that_of_build() {
     let second: String =
         good.lines().filter(|line| line.starts_with("v ") || line.starts_with("f ")).map(shift).collect();
     write("crossing.obj", &(good.clone() + &second));
-    let open: String = good.lines().filter(|line| *line != faces[0]).map(|line| format!("{line}\n")).collect();
+    let open: String =
+        good.lines().filter(|line| *line != faces[0]).map(|line| format!("{line}\n")).collect();
     write("open.obj", &open);
     for (file, ready) in [
         ("good.obj", true),
@@ -779,15 +795,19 @@ fn the_meshes_of_a_pair_are_scaled_one_by_one() {
     let metres = std::fs::read_to_string(folder.join("metres.obj")).expect("exported");
     let in_millimetres = |line: &str| match line.strip_prefix("v ") {
         Some(place) => {
-            let scaled = place.split(' ').map(|word| (1e3 * word.parse::<f64>().expect("a number")).to_string());
+            let scaled =
+                place.split(' ').map(|word| (1e3 * word.parse::<f64>().expect("a number")).to_string());
             format!("v {}\n", scaled.collect::<Vec<_>>().join(" "))
         }
         None => format!("{line}\n"),
     };
-    std::fs::write(folder.join("mm.obj"), metres.lines().map(in_millimetres).collect::<String>()).expect("written");
+    std::fs::write(folder.join("mm.obj"), metres.lines().map(in_millimetres).collect::<String>())
+        .expect("written");
     let deepest = |probe: &str, options: &[&str]| {
         let run = ["run", probe, "golf-ball@1000", "--lockstep", "--seconds", "2", "--json"];
-        json_with_warnings(&[&run[..], options].concat(), folder)["coupling_force_max"].as_f64().expect("a force")
+        json_with_warnings(&[&run[..], options].concat(), folder)["coupling_force_max"]
+            .as_f64()
+            .expect("a force")
     };
     let wanted = deepest("metres.obj", &[]);
     assert!(wanted > 0.1, "{wanted} N");
@@ -835,7 +855,8 @@ fn messages_name_what_would_do() {
     refusals.push((vec!["check", "no.glb"], "89 50 4e 47 (hexadecimal)"));
     let trajectory = "t,px,py,pz,qx,qy,qz,qw\n0,0,0,1,0,0,0,1\n";
     std::fs::write(folder.join("t.csv"), trajectory).expect("written");
-    let query = ["query", "cup-low", "spoon-low", "--trajectory", "t.csv", "--tolerance", "1%", "--error", "101%"];
+    let query =
+        ["query", "cup-low", "spoon-low", "--trajectory", "t.csv", "--tolerance", "1%", "--error", "101%"];
     refusals.push((query.to_vec(), "at most 100%"));
     for (arguments, said) in refusals {
         let output = palpate(&arguments, folder);
@@ -901,7 +922,8 @@ fn the_doctor_looks_at_the_machine() {
             assert_eq!(user, String::from_utf8_lossy(&id.stdout).trim());
         }
         if bare {
-            let cache = findings.iter().find(|finding| finding["name"] == "cache of hierarchies").expect("found");
+            let cache =
+                findings.iter().find(|finding| finding["name"] == "cache of hierarchies").expect("found");
             assert_eq!(cache["verdict"], "could be better", "{cache}");
         }
     }

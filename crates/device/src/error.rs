@@ -79,6 +79,16 @@ pub enum DeviceError {
     /// The motion to play or to follow could not be used.
     #[error(transparent)]
     Path(#[from] PathError),
+    /// Anything else that a driver has to say, in its words ([`DeviceError::driver`]).
+    #[error(transparent)]
+    Driver(Box<dyn std::error::Error + Send + Sync>),
+}
+
+impl DeviceError {
+    /// An error of a driver of your own: a text, or an error type.
+    pub fn driver(error: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Self {
+        Self::Driver(error.into())
+    }
 }
 
 /// Why a recorded motion could not be read, used or written.

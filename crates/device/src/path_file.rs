@@ -159,9 +159,9 @@ impl Columns {
         for field in text.split(',') {
             let field = field.trim();
             if let Some(wanted) = self.places.iter().position(|place| *place == count) {
-                numbers[wanted] = field
-                    .parse()
-                    .map_err(|_| format!("`{}` is not a number", field.chars().take(40).collect::<String>()))?;
+                numbers[wanted] = field.parse().map_err(|_| {
+                    format!("`{}` is not a number", field.chars().take(40).collect::<String>())
+                })?;
             }
             count += 1;
         }
@@ -215,7 +215,8 @@ mod tests {
 
     #[test]
     fn a_recording_gives_the_poses_of_its_object() {
-        let header = "t,device_px,object_px,object_py,object_pz,object_qx,object_qy,object_qz,object_qw,model_age";
+        let header =
+            "t,device_px,object_px,object_py,object_pz,object_qx,object_qy,object_qz,object_qw,model_age";
         let path = read(format!("{header}\n0.5,9,1,2,3,0,0,0,1,NaN\n0.6,9,4,5,6,0,0,1,0,0.1\n").as_bytes());
         let path = path.unwrap();
         let [first, last] = path.keyframes() else { panic!("two samples") };

@@ -106,7 +106,9 @@ impl Registry {
         };
         let Some(kind) = self.kinds.iter().find(|kind| kind.name == name) else {
             let optional = BY_FEATURE.into_iter().find(|(kind, _)| *kind == name);
-            return Err(optional.map_or_else(unknown, |(kind, feature)| DeviceError::NotCompiledIn { kind, feature }));
+            return Err(
+                optional.map_or_else(unknown, |(kind, feature)| DeviceError::NotCompiledIn { kind, feature })
+            );
         };
         (kind.open)(which).map_err(|error| match error {
             DeviceError::Unknown { .. } => unknown(),
@@ -354,7 +356,9 @@ mod tests {
             let message = open(&format!("{kind}:1")).err().expect(kind).to_string();
             assert!(message.contains(kind) && message.contains(&format!("feature `{feature}`")), "{message}");
         }
-        assert!(Registry { kinds: Vec::new() }.open("haply").err().unwrap().to_string().contains("no driver"));
+        assert!(
+            Registry { kinds: Vec::new() }.open("haply").err().unwrap().to_string().contains("no driver")
+        );
     }
 
     #[test]

@@ -144,6 +144,6 @@ fn finish(surface: Surface, path: &Path, options: &LoadOptions) -> Result<Loaded
         }
         (mesh, repairs) = (repaired, Some(summary));
     }
-    warnings.extend(LoadWarning::of_size(mesh.bounding_sphere().radius, options));
+    warnings.extend(LoadWarning::of_loaded_size(mesh.bounding_sphere().radius, options));
     Ok(LoadedMesh { mesh, raw_vertices, warnings, repairs })
 }

@@ -92,7 +92,7 @@ pub fn load_uv(path: &Path, options: &LoadOptions) -> Result<LoadedUvMesh, LoadE
     let Surface { vertices, triangles, coordinates, height_texture, mut warnings } =
         read(path, options, Wanted::Textured)?;
     let mesh = scaled(vertices, triangles, path, options)?;
-    warnings.extend(LoadWarning::of_size(mesh.bounding_sphere().radius, options));
+    warnings.extend(LoadWarning::of_loaded_size(mesh.bounding_sphere().radius, options));
     let mesh = UvMesh::new(mesh, coordinates).map_err(|error| LoadError::TextureCoordinates {
         file: path.into(),
         place: match error {

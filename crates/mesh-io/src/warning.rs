@@ -93,12 +93,12 @@ impl fmt::Display for LoadWarning {
         match self {
             Self::Units { radius, suggested: Some(scale) } => write!(
                 f,
-                "the bounding radius of {radius:.3e} m suggests a wrong unit: try a LoadOptions::scale of {scale}"
+                "the bounding radius of {radius:.3e} m suggests a wrong unit: try a scale of {scale}"
             ),
             Self::Units { radius, suggested: None } => write!(
                 f,
-                "the bounding radius of {radius:.3e} m suggests a wrong unit: set LoadOptions::scale to the metres \
-                 per unit of the file"
+                "the bounding radius of {radius:.3e} m suggests a wrong unit: set the scale to the metres per unit \
+                 of the file"
             ),
             Self::SinglePoint => f.write_str("all triangles lie in one point"),
             Self::Repaired(summary) => write!(f, "repaired: {summary}"),
@@ -134,8 +134,14 @@ impl fmt::Display for LoadWarning {
 }
 
 impl LoadWarning {
+    /// Doubts about the size of a mesh of this bounding radius, m. The suggestion is a factor on it: the scale for a file that
+    /// was loaded with a scale of 1.
+    pub fn of_size(radius: f64) -> Option<Self> {
+        Self::of_loaded_size(radius, &LoadOptions::default())
+    }
+
     /// Doubts about the size of a mesh of this bounding radius (m), loaded with `options`.
-    pub(crate) fn of_size(radius: f64, options: &LoadOptions) -> Option<Self> {
+    pub(crate) fn of_loaded_size(radius: f64, options: &LoadOptions) -> Option<Self> {
         if radius == 0.0 {
             return Some(Self::SinglePoint);
         }
@@ -156,7 +162,7 @@ mod tests {
 
     fn units(radius: f64, scale: f64) -> Option<Option<f64>> {
         let options = LoadOptions { scale, ..LoadOptions::default() };
-        LoadWarning::of_size(radius, &options).map(|warning| match warning {
+        LoadWarning::of_loaded_size(radius, &options).map(|warning| match warning {
             LoadWarning::Units { radius: reported, suggested } => {
                 assert_eq!(reported, radius);
                 suggested
@@ -192,7 +198,7 @@ mod tests {
         assert_eq!(units(0.077 * 1e-3, 1e-3), Some(Some(1.0)));
         assert_eq!(units(2.5 * 1e-6, 1e-6), Some(Some(1e-2)));
         assert_eq!(units(77.0 * 1e-6, 1e-6), Some(Some(1e-3)));
-        assert_eq!(LoadWarning::of_size(0.0, &LoadOptions::default()), Some(LoadWarning::SinglePoint));
+        assert_eq!(LoadWarning::of_size(0.0), Some(LoadWarning::SinglePoint));
     }
 
     /// Wherever inches would make a mesh plausible, a unit that is suggested does too.

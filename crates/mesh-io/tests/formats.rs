@@ -600,7 +600,7 @@ fn options() {
         };
         assert!((radius / scale - 3.0_f64.sqrt()).abs() < 1e-12, "{radius}");
         let line = warnings[0].to_string();
-        assert!(line.contains("LoadOptions::scale of 0.01") && !line.contains('\n'), "{line}");
+        assert!(line.contains("try a scale of 0.01") && !line.contains('\n'), "{line}");
     }
     let raw = with(LoadOptions { weld: false, ..LoadOptions::default() }).unwrap();
     assert_eq!((raw.mesh.vertices().len(), raw.raw_vertices), (36, 36));

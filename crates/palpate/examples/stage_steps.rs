@@ -139,7 +139,7 @@ fn stage_named(name: &str) -> Result<&'static Stage, String> {
 
 fn open(name: &str, textured: bool, folder: &str) -> Result<Object, Failure> {
     let file = format!("{folder}/{name}.clod");
-    let (mut object, _) = Object::open(&file, &OpenOptions::default(), &mut palpate::clod_build::unwatched)?;
+    let mut object = Object::open(&file, &OpenOptions::default(), &mut palpate::clod_build::unwatched)?;
     name.clone_into(&mut object.name);
     Ok(if textured { object.with_texture(ridges()?) } else { object })
 }

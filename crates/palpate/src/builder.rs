@@ -27,7 +27,7 @@ use crate::settings::Settings;
 /// while session.latest().is_none() {
 ///     std::thread::yield_now();
 /// }
-/// println!("{}", session.stop().summary().depth_max);
+/// println!("{}", session.stop()?.summary().depth_max);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug)]

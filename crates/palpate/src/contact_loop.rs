@@ -19,7 +19,7 @@ use self::in_scene::{InScene, objects_of};
 use crate::object::Object;
 use crate::proxy::{Proxy, carried, motion_between};
 use crate::scene::Placed;
-use crate::scene_editor::{Edit, SceneId};
+use crate::scene_editor::{Edit, SceneEditor, SceneId};
 use crate::settings::Settings;
 use crate::settings_editor::{ContactTuning, Ramp};
 use crate::telemetry::ContactTelemetry;
@@ -95,8 +95,9 @@ pub struct ContactLoop {
     /// Places of those that move, or can be moved, and how fast a point of those that are near moves at most, m/s.
     moving: Vec<usize>,
     fastest: f64,
-    /// Changes that wait, where someone may make them.
+    /// Changes that wait, where someone may make them, and the editor that makes them.
     edits: Option<Consumer<Edit>>,
+    editor: Option<SceneEditor>,
     tunings: Option<Consumer<ContactTuning>>,
     /// Where gains and s₀ go over to.
     tuning: Option<Ramp<(ContactParameters, f64)>>,
@@ -169,6 +170,7 @@ impl ContactLoop {
             moving: Vec::new(),
             fastest: 0.0,
             edits: None,
+            editor: None,
             tunings: None,
             tuning: None,
             all_settings: *settings,
@@ -471,11 +473,16 @@ impl ContactLoop {
         }
     }
 
-    /// Lets the contacts be watched from elsewhere, from the next step on; an earlier watcher sees nothing new then.
+    /// A watch that shows the contacts elsewhere, from the next step on. There may be several.
     pub fn watch(&mut self) -> Watch {
-        let (watched, watch) = Watched::new();
-        self.watched = Some(watched);
-        watch
+        match &mut self.watched {
+            Some(watched) => watched.also(),
+            None => {
+                let (watched, watch) = Watched::new();
+                self.watched = Some(watched);
+                watch
+            }
+        }
     }
 
     /// Whether someone looks on.

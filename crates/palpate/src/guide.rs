@@ -1,17 +1,20 @@
-//! A guide, from what there is to what to do when it buzzes.
+//! The guide: from the concepts to troubleshooting.
+//!
+//! Read the first two chapters first; after that, each stands by itself.
 //!
 //! 1. [Concepts](concepts): two loops, levels of detail, the virtual coupling and the tolerance, in pictures.
-//! 2. [A first scene](first_scene).
+//! 2. [A first scene](first_scene): a complete program.
 //! 3. [Own models](own_models): formats, scale, repair, hierarchies built ahead of time.
-//! 4. [Choosing accuracy](choosing_accuracy): what may be left out, what that buys, and how to have it measured.
-//! 5. [Stability](stability): what it rests on, and what to turn.
-//! 6. [Devices](devices), and drivers of your own.
-//! 7. [Embedding](embedding): in a program's own threads or beside them.
+//! 4. [Choosing accuracy](choosing_accuracy): what may be left out, what that saves, and how to measure it.
+//! 5. [Stability](stability): what it rests on, and what to change when it buzzes.
+//! 6. [Devices](devices): how they are opened, and how to write a driver.
+//! 7. [Embedding](embedding): sessions in a program's own threads or beside them.
 //! 8. [Troubleshooting](troubleshooting): symptom, cause, remedy.
 //!
-//! This module is there for the documentation only: programs do not see it. Every example is a test.
+//! `docs/glossary.md` in the repository explains the terms. This module exists in the documentation only; programs do not see it.
+//! Every example is a test.
 
-/// What there is, in four pictures.
+/// Two loops, levels of detail, the virtual coupling and the tolerance, in four pictures.
 ///
 #[doc = include_str!("../docs/guide/concepts/loops.md")]
 #[doc = include_str!("../docs/guide/concepts/loops.svg")]
@@ -38,21 +41,25 @@ pub mod first_scene {}
 #[doc = include_str!("../docs/guide/own-models.md")]
 pub mod own_models {}
 
-/// What may be left out, and what that buys.
+// The chapter on contact queries, `../docs/guide/contact-queries.md`, goes here and between 3 and 4 of the list above.
+
+/// What may be left out, and what that saves.
 ///
 #[doc = include_str!("../docs/guide/choosing-accuracy.md")]
 pub mod choosing_accuracy {}
 
-/// What it rests on, and what to do when it buzzes.
+/// What stability rests on, and what to do when a session buzzes.
 ///
 #[doc = include_str!("../docs/guide/stability.md")]
 pub mod stability {}
 
-/// How they are named and opened, and drivers of your own.
+/// How devices are named and opened, and how to write a driver.
 ///
 #[doc = include_str!("../docs/guide/devices.md")]
 pub mod devices {}
 
+/// Sessions in a program's own threads or beside them.
+///
 #[doc = include_str!("../docs/guide/embedding.md")]
 pub mod embedding {}
 

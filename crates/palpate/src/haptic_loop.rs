@@ -2,9 +2,11 @@
 //!
 //! A step never allocates, locks, blocks or panics; what goes wrong is counted in [`HapticTelemetry::events`].
 
+use std::sync::{Arc, OnceLock};
+
 use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist, Wrench};
-use palpate_device::{Axes, DeviceState, HapticDevice, Specification};
+use palpate_device::{Axes, DeviceError, DeviceState, HapticDevice, Specification};
 use palpate_dynamics::{
     Body, BodyState, ContactBlend, DeviceMapping, DeviceMotion, Frame, Integrator, IntegratorKind,
     PassivityController, SlewLimit, Step, VirtualCoupling, saturate,
@@ -31,7 +33,7 @@ pub struct HapticLoop {
     state: BodyState,
     /// Centre of mass in the mesh's frame, m.
     center_of_mass: DVec3,
-    /// The grasp: the frame that the coupling holds, in the mesh's frame, which the device's frame stands for.
+    /// The [grasp](crate::Settings::grasp), in the mesh's frame.
     grasp: Pose,
     limits: Limits,
     slew: SlewLimit,
@@ -110,6 +112,8 @@ struct Told {
     tunings: Option<Consumer<HapticTuning>>,
     reacting: Reacting,
     followers: Vec<triple_buffer::Input<(Pose, Twist)>>,
+    /// The device's first error. Only this loop sets it, so that it never waits.
+    device_error: Arc<OnceLock<DeviceError>>,
 }
 
 impl Clone for Told {
@@ -170,6 +174,11 @@ impl HapticLoop {
         &self.coupling
     }
 
+    /// The [grasp](crate::Settings::grasp) that the coupling holds the object at, in the mesh's frame.
+    pub fn grasp(&self) -> &Pose {
+        &self.grasp
+    }
+
     /// Where the device's workspace is in the world now; each release of the clutch moves it.
     pub fn mapping(&self) -> &DeviceMapping {
         self.workspace.mapping()
@@ -208,15 +217,31 @@ impl HapticLoop {
     /// One step of `dt` seconds up to time `now` (s) on a device: reads it, steps and writes the wrench. A device that
     /// does not answer is taken to stand still, and is sent no wrench.
     pub fn step_device(&mut self, device: &mut dyn HapticDevice, now: f64, dt: f64) -> Record {
-        let state = device.read(now).ok();
+        let state = device.read(now).map_err(|error| self.keep_device_error(error)).ok();
         let record = self.advance(state.as_ref(), now, dt);
-        if device.write(&record.coupling).is_err() {
+        if let Err(error) = device.write(&record.coupling) {
             self.telemetry.events.device_refused += u64::from(state.is_some());
+            self.keep_device_error(error);
             // What it holds is not known; when it takes wrenches again they come up from zero.
             self.presence.release();
             self.sent = Wrench::ZERO;
         }
         record
+    }
+
+    /// The first error that the device gave, if any.
+    pub fn device_error(&self) -> Option<&DeviceError> {
+        self.told.device_error.get()
+    }
+
+    /// The same, to be seen from elsewhere while the loop runs.
+    pub(crate) fn shared_device_error(&self) -> Arc<OnceLock<DeviceError>> {
+        Arc::clone(&self.told.device_error)
+    }
+
+    /// Keeps an error of the device if it is the first: it is moved, and put into words elsewhere.
+    pub(crate) fn keep_device_error(&self, error: DeviceError) {
+        let _ = self.told.device_error.set(error);
     }
 
     /// One step of `dt` seconds up to time `now` (s) for a host that reads and writes its device itself. The wrench to
@@ -271,9 +296,7 @@ impl HapticLoop {
             None => self.passivity.rest(),
         };
         self.passivity.hold(&self.sent);
-        self.telemetry.coupling_force_max = self.telemetry.coupling_force_max.max(self.sent.force.length());
-
-        Record {
+        let record = Record {
             time: now,
             device: self.tracking.state().pose,
             handle: handle.pose,
@@ -283,7 +306,11 @@ impl HapticLoop {
             depth: self.found.depth,
             contacts: self.found.contacts,
             model_age: now - self.found.time,
-        }
+        };
+        let telemetry = &mut self.telemetry;
+        telemetry.coupling_force_max = telemetry.coupling_force_max.max(self.sent.force.length());
+        telemetry.stretch_max = telemetry.stretch_max.max(record.stretch(self.grasp.translation));
+        record
     }
 
     /// Goes over to what the loop is tuned to.

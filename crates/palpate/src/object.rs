@@ -9,7 +9,7 @@ use palpate_collide::Shape;
 use palpate_core::clod::ClodError;
 use palpate_core::mesh::UvMesh;
 use palpate_core::{Clod, TriMesh};
-use palpate_mesh_io::{LoadError, LoadOptions};
+use palpate_mesh_io::{LoadError, LoadOptions, LoadWarning};
 use palpate_models::{Model, ModelError};
 use palpate_texture_pd::{BakeError, BakeOptions, BakeReport, HeightImage, SurfaceError, TexturedSurface};
 
@@ -22,6 +22,8 @@ pub struct Object {
     pub name: String,
     /// The hierarchy that contact queries read.
     pub clod: Arc<Clod>,
+    /// What the loader warned of.
+    warnings: Arc<[LoadWarning]>,
     /// Made when first asked for.
     shape: Arc<OnceLock<Shape>>,
     texture: Option<Arc<TexturedSurface>>,
@@ -98,7 +100,10 @@ pub enum OpenError {
         path: String,
     },
     /// An option that only a mesh can follow was given with a `.clod` file.
-    #[error("{path} is already built; give --scale and --repair when building it")]
+    #[error(
+        "{path} is already built; give OpenOptions::scale and OpenOptions::repair when building it, or scale it with \
+         Object::scaled"
+    )]
     AlreadyBuilt {
         /// The file.
         path: String,
@@ -112,8 +117,8 @@ pub struct NamedMesh {
     pub name: String,
     /// The mesh, exactly welded, m.
     pub mesh: TriMesh,
-    /// Doubts that the loader had, for the user to read.
-    pub warnings: Vec<String>,
+    /// What the loader warned of: content that was left out, a doubtful unit, a repair.
+    pub warnings: Vec<LoadWarning>,
 }
 
 /// Reads a mesh file or generates a built-in model (`NAME` or `NAME@TRIANGLES`).
@@ -127,8 +132,7 @@ pub fn open_mesh(argument: &str, options: &OpenOptions) -> Result<NamedMesh, Ope
     if names_file(argument) {
         let load = LoadOptions { scale: options.scale, repair: options.repair, ..LoadOptions::default() };
         let loaded = palpate_mesh_io::load(Path::new(argument), &load)?;
-        let warnings = loaded.warnings.iter().map(ToString::to_string).collect();
-        return Ok(NamedMesh { name: argument.to_owned(), mesh: loaded.mesh, warnings });
+        return Ok(NamedMesh { name: argument.to_owned(), mesh: loaded.mesh, warnings: loaded.warnings });
     }
     let (model, triangles) = Model::parse(argument)?;
     let mut mesh = model.generate(triangles)?;
@@ -140,8 +144,8 @@ pub fn open_mesh(argument: &str, options: &OpenOptions) -> Result<NamedMesh, Ope
 
 impl Object {
     /// Opens `argument`, a `.clod` file, a mesh file (.obj .glb .gltf .stl .ply) or a built-in model (`NAME` or
-    /// `NAME@TRIANGLES`), building its hierarchy where it has none. `progress` is told the stage and how much of it is
-    /// done (0 to 1).
+    /// `NAME@TRIANGLES`), building its hierarchy where it has none. `progress` gets the stage and how much of it is
+    /// done (0 to 1). What the loader warns of is among the object's [`warnings`](Self::warnings).
     ///
     /// # Errors
     /// If the argument is refused: the error says what, where and what to do.
@@ -150,14 +154,14 @@ impl Object {
         argument: &str,
         options: &OpenOptions,
         progress: &mut dyn FnMut(Stage, f64) -> ControlFlow<()>,
-    ) -> Result<(Self, Vec<String>), OpenError> {
+    ) -> Result<Self, OpenError> {
         if is_clod(argument) {
             if options.repair || options.scale != 1.0 {
                 return Err(OpenError::AlreadyBuilt { path: argument.to_owned() });
             }
             let clod = Clod::load(Path::new(argument))
                 .map_err(|source| OpenError::Clod { path: argument.to_owned(), source })?;
-            return Ok((Self::from_clod(argument, clod), Vec::new()));
+            return Ok(Self::from_clod(argument, clod));
         }
         let NamedMesh { name, mesh, warnings } = open_mesh(argument, options)?;
         let clod = if options.cache {
@@ -166,15 +170,22 @@ impl Object {
             palpate_clod_build::build(&mesh, &BuildOptions::default(), progress)
         }
         .map_err(|source| OpenError::Build { name: name.clone(), source })?;
-        Ok((Self::from_clod(&name, clod), warnings))
+        Ok(Self { warnings: warnings.into(), ..Self::from_clod(&name, clod) })
     }
 
-    /// Opens a built-in model, from the cache where it was built before.
+    /// Opens a built-in model, a mesh file or a `.clod` file as [`open`](Self::open) does, with the usual options: in metres, without
+    /// repair, from the cache where it was built before.
     ///
     /// # Errors
-    /// If there is no such model, or it has no such size.
-    pub fn model(name: &str) -> Result<Self, OpenError> {
-        Self::open(name, &OpenOptions::default(), &mut unwatched).map(|(object, _)| object)
+    /// If the argument is refused: the error says what, where and what to do.
+    pub fn model(argument: &str) -> Result<Self, OpenError> {
+        Self::open(argument, &OpenOptions::default(), &mut unwatched)
+    }
+
+    /// What the loader warned of: content that was left out, a doubtful unit, a repair. Empty for an object that was not read
+    /// from a mesh file.
+    pub fn warnings(&self) -> &[LoadWarning] {
+        &self.warnings
     }
 
     /// An object from a mesh that the host already has, m.
@@ -226,6 +237,7 @@ impl Object {
         Self {
             name: name.to_owned(),
             clod: clod.into(),
+            warnings: Arc::default(),
             shape: Arc::default(),
             texture: None,
             plain: Arc::default(),
@@ -302,4 +314,42 @@ pub(crate) fn names_file(argument: &str) -> bool {
     extension(argument).is_some()
         || argument.contains(std::path::is_separator)
         || Path::new(argument).exists()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TETRAHEDRON: &str =
+        "v 0 0 0\nv 10 0 0\nv 0 10 0\nv 0 0 10\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\nl 1 2\n";
+
+    /// A file is opened as a model is, and what its loader warned of stays with the object and its clones.
+    #[test]
+    fn warnings_are_on_the_object() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let file = folder.path().join("tetrahedron.obj");
+        std::fs::write(&file, TETRAHEDRON).expect("written");
+        let path = file.to_str().expect("text");
+        let object =
+            Object::open(path, &OpenOptions { cache: false, ..OpenOptions::default() }, &mut unwatched);
+        let object = object.expect("a tetrahedron").clone();
+        let [LoadWarning::Lines { count: 1 }, LoadWarning::Units { suggested: Some(scale), .. }] =
+            object.warnings()
+        else {
+            panic!("{:?}", object.warnings())
+        };
+        assert_eq!(*scale, 1e-3);
+        assert_eq!(Object::model(path).expect("a tetrahedron").warnings(), object.warnings());
+        let options = OpenOptions { scale: 1e-3, cache: false, ..OpenOptions::default() };
+        let scaled = Object::open(path, &options, &mut unwatched).expect("a tetrahedron");
+        assert_eq!(scaled.warnings(), [LoadWarning::Lines { count: 1 }]);
+
+        // A hierarchy has no warnings, and takes no scale.
+        let built = folder.path().join("tetrahedron.clod");
+        scaled.clod.save(&built).expect("written");
+        let path = built.to_str().expect("text");
+        assert_eq!(Object::model(path).expect("a hierarchy").warnings(), []);
+        let refused = Object::open(path, &options, &mut unwatched).expect_err("built already").to_string();
+        assert!(refused.contains("OpenOptions::scale") && !refused.contains("--"), "{refused}");
+    }
 }

@@ -2,6 +2,7 @@
 //! steps of the haptic loop, so that what one gains the others lose.
 
 use std::num::NonZeroU32;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use arrayvec::ArrayVec;
 use palpate_core::glam::DVec3;
@@ -34,19 +35,21 @@ impl Reaction {
     }
 }
 
-/// Takes what contacts push the scene's objects with, from any thread; of those that have a
+/// Takes what contacts push the scene's objects with, from any thread, for objects that have a
 /// [`Mobility`](crate::Mobility). Made by [`HapticRenderer::reactions`](crate::HapticRenderer::reactions) and
 /// [`ArticulatedRenderer::reactions`](crate::ArticulatedRenderer::reactions).
-#[derive(Debug)]
+///
+/// A clone takes from the same queue: each reaction goes to whoever takes it first.
+#[derive(Clone, Debug)]
 pub struct Reactions {
-    waiting: Consumer<Reaction>,
+    waiting: Arc<Mutex<Consumer<Reaction>>>,
 }
 
 impl Reactions {
     /// The next one that waits, the oldest first. Nothing is lost where they are taken late: what finds no room is added to what
     /// comes later of the same object.
     pub fn take(&mut self) -> Option<Reaction> {
-        self.waiting.pop().ok()
+        self.waiting.lock().unwrap_or_else(PoisonError::into_inner).pop().ok()
     }
 }
 
@@ -54,6 +57,8 @@ impl Reactions {
 #[derive(Debug, Default)]
 pub(crate) struct Reacting {
     ring: Option<Producer<Reaction>>,
+    /// The host's end.
+    reactions: Option<Reactions>,
     sums: ArrayVec<Reaction, OBJECTS>,
 }
 
@@ -64,11 +69,14 @@ impl Clone for Reacting {
 }
 
 impl Reacting {
-    /// Lets them be taken, from the next step on; who took them before gets nothing any more.
+    /// Lets them be taken, from the next step on. Each call gives another handle to the same queue.
     pub fn open(&mut self) -> Reactions {
+        if let Some(reactions) = &self.reactions {
+            return reactions.clone();
+        }
         let (ring, waiting) = RingBuffer::new(WAITING);
-        *self = Self { ring: Some(ring), sums: ArrayVec::new() };
-        Reactions { waiting }
+        self.ring = Some(ring);
+        self.reactions.insert(Reactions { waiting: Arc::new(Mutex::new(waiting)) }).clone()
     }
 
     /// Adds what contacts ended a step of `dt` (s) with; how many found no room.

@@ -144,7 +144,10 @@ impl HapticThread<'_> {
         let rendered = catch_unwind(AssertUnwindSafe(|| self.render(steps, stop)));
         let released = catch_unwind(AssertUnwindSafe(|| self.device.write(&Wrench::ZERO)));
         let lasted = rendered?;
-        self.haptic.telemetry_mut().events.device_refused += u64::from(released?.is_err());
+        if let Err(error) = released? {
+            self.haptic.telemetry_mut().events.device_refused += 1;
+            self.haptic.keep_device_error(error);
+        }
         Ok(lasted)
     }
 
@@ -230,15 +233,16 @@ pub(crate) fn ask_for_realtime() -> String {
         return "normal: SCHED_FIFO is asked for on Linux only".to_owned();
     }
     let policy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
-    let asked =
-        ThreadPriorityValue::try_from(REALTIME_PRIORITY).map_err(|error| error.to_string()).and_then(|priority| {
+    let asked = ThreadPriorityValue::try_from(REALTIME_PRIORITY).map_err(|error| error.to_string()).and_then(
+        |priority| {
             set_thread_priority_and_policy(
                 thread_native_id(),
                 ThreadPriority::Crossplatform(priority),
                 policy,
             )
             .map_err(|error| format!("{error:?}"))
-        });
+        },
+    );
     match asked {
         Ok(()) => format!("SCHED_FIFO, priority {REALTIME_PRIORITY}"),
         Err(why) => {

@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io::{self, Write};
 use std::path::Path;
 
+use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Wrench};
 use serde::Serialize;
 
@@ -29,6 +30,17 @@ pub struct Record {
     pub contacts: u32,
     /// Age of the contact model in use, s; NaN before the first.
     pub model_age: f64,
+}
+
+impl Record {
+    /// How far the coupling is stretched, m: the distance, in the world, of the object's grasp from where the device holds it. `grasp` is
+    /// the grasp's position in the mesh's frame, as [`Summary::grasp`](crate::Summary::grasp) has it.
+    ///
+    /// The origins of the two frames may be much further apart: where the object is turned a little against the device, by as much
+    /// as their distance from the grasp makes of it.
+    pub fn stretch(&self, grasp: DVec3) -> f64 {
+        self.handle.transform_point(grasp).distance(self.object.transform_point(grasp))
+    }
 }
 
 /// Column names of a recording, in order.
@@ -123,5 +135,36 @@ impl<W: Write> RecordWriter<W> {
     /// If it cannot be written.
     pub fn finish(mut self) -> io::Result<()> {
         self.out.flush()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate_core::glam::DQuat;
+
+    use super::*;
+
+    /// Turned about the grasp, an object is not behind there, however far its frame's origin is carried.
+    #[test]
+    fn the_stretch_is_measured_at_the_grasp() {
+        let grasp = DVec3::new(0.1, 0.0, 0.0);
+        let turn = Pose::new(DVec3::ZERO, DQuat::from_rotation_z(0.04));
+        let about_grasp = Pose::from_translation(grasp) * turn * Pose::from_translation(-grasp);
+        let handle = Pose::new(DVec3::new(0.3, -0.2, 0.1), DQuat::from_rotation_x(1.2));
+        let shift = Pose::from_translation(DVec3::new(0.0, 4e-4, -3e-4));
+        let record = Record {
+            time: 0.0,
+            device: handle,
+            handle,
+            object: shift * handle * about_grasp,
+            coupling: Wrench::ZERO,
+            contact: Wrench::ZERO,
+            depth: 0.0,
+            contacts: 0,
+            model_age: 0.0,
+        };
+        assert!((record.stretch(grasp) - 5e-4).abs() < 1e-12, "{}", record.stretch(grasp));
+        let origins = record.handle.translation.distance(record.object.translation);
+        assert!(origins > 3e-3 && (record.stretch(DVec3::ZERO) - origins).abs() < 1e-15, "{origins}");
     }
 }

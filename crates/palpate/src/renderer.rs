@@ -1,5 +1,6 @@
 //! The renderer: an object in the hand, a scene, a device, and the two loops that join them.
 
+use palpate_core::Pose;
 use palpate_device::{DeviceError, HapticDevice};
 use palpate_dynamics::{Body, BodyError, DeviceMapping};
 use palpate_texture_pd::Backend;
@@ -14,6 +15,7 @@ use crate::scene::Scene;
 use crate::scene_editor::{SceneEditor, SceneId};
 use crate::settings::{Settings, SettingsError};
 use crate::settings_editor::SettingsEditor;
+use crate::size::{UnitsError, check_sizes};
 use crate::textures::TextureError;
 use crate::watch::Watch;
 
@@ -30,6 +32,7 @@ pub struct HapticRenderer {
     settings: Settings,
     /// The same with what they leave open filled in.
     settings_in_force: Settings,
+    settings_editor: Option<SettingsEditor>,
 }
 
 /// Why a session could not be started.
@@ -46,6 +49,9 @@ pub enum RendererError {
         /// Why.
         source: BodyError,
     },
+    /// An object's size suggests a wrong unit.
+    #[error(transparent)]
+    Units(#[from] UnitsError),
     /// Textures cannot be rendered.
     #[error(transparent)]
     Texture(#[from] TextureError),
@@ -58,7 +64,8 @@ impl HapticRenderer {
     /// Puts `probe` into the hand that holds `device`, where the device now is, and `scene` around it.
     ///
     /// # Errors
-    /// If a setting is out of range, the probe cannot be given a mass, textures are too large, or the device does not answer.
+    /// If a setting is out of range, the probe cannot be given a mass, an object's size suggests a wrong unit, textures are too
+    /// large, or the device does not answer.
     #[cfg_attr(
         feature = "tracing",
         tracing::instrument(skip_all, fields(probe = probe.name, objects = scene.objects().len()), err)
@@ -70,6 +77,7 @@ impl HapticRenderer {
         settings: Settings,
     ) -> Result<Self, RendererError> {
         let gains = Gains::new(&settings, &probe, device.specification())?;
+        check_sizes([&probe], scene.objects(), &settings)?;
         let state = device.read(0.0)?;
         let settings_in_force = gains.fill_in(&settings);
         let source = &probe.clod.source;
@@ -97,8 +105,17 @@ impl HapticRenderer {
             gains.contacts,
             &settings,
         )?;
-        let period = 1.0 / settings.rate;
-        Ok(Self { haptic, contact, device, period, probe, scene, settings, settings_in_force })
+        Ok(Self {
+            haptic,
+            contact,
+            device,
+            period: 1.0 / settings.rate,
+            probe,
+            scene,
+            settings,
+            settings_in_force,
+            settings_editor: None,
+        })
     }
 
     /// The device.
@@ -111,11 +128,15 @@ impl HapticRenderer {
         &self.settings
     }
 
-    /// The settings that the session begins with: those given, and what they leave open as it was chosen for the grasped object
-    /// and the device. How textured contacts are looked at
-    /// stays open.
+    /// The settings that the session begins with: those given, and what they leave open as it was chosen for the grasped
+    /// object and the device. How textured contacts are sampled stays open.
     pub fn settings_in_force(&self) -> &Settings {
         &self.settings_in_force
+    }
+
+    /// The [grasp](Settings::grasp) that the coupling holds the object at, in the mesh's frame.
+    pub fn grasp(&self) -> &Pose {
+        self.haptic.grasp()
     }
 
     /// The grasped object.
@@ -128,26 +149,32 @@ impl HapticRenderer {
         &self.scene
     }
 
-    /// Lets the contacts be watched from elsewhere while the session runs; an earlier watcher sees nothing new then.
+    /// A watch that shows the contacts elsewhere while the session runs. There may be several.
     pub fn watch(&mut self) -> Watch {
         self.contact.watch()
     }
 
-    /// Lets the scene be changed from elsewhere while the session runs; an earlier editor changes nothing any more.
+    /// An editor that changes the scene from elsewhere while the session runs. Each call gives another handle to the same
+    /// editor.
     pub fn scene_editor(&mut self) -> SceneEditor {
         self.contact.editor()
     }
 
-    /// Lets settings be changed from elsewhere while the session runs; an earlier editor changes nothing any more.
+    /// An editor that changes settings from elsewhere while the session runs. Each call gives another handle to the same
+    /// editor.
     pub fn settings_editor(&mut self) -> SettingsEditor {
+        if let Some(editor) = &self.settings_editor {
+            return editor.clone();
+        }
         let (editor, haptic, contact) =
             SettingsEditor::new(self.settings, self.probe.clone(), self.device.specification().clone());
         self.haptic.set_tunings(haptic);
         self.contact.set_tunings(contact);
-        editor
+        self.settings_editor.insert(editor).clone()
     }
 
-    /// Lets what contacts push the scene's objects with be taken elsewhere; an earlier taker gets nothing any more.
+    /// Takes what contacts push the scene's objects with, elsewhere while the session runs. Each call gives another handle to
+    /// the same queue.
     pub fn reactions(&mut self) -> Reactions {
         self.haptic.reactions()
     }
@@ -156,7 +183,7 @@ impl HapticRenderer {
     /// as the other hand moves it. Both sessions then render the contact, each with its own settings. The numbers that they have
     /// there, the other's in this one's first; none if one of them is textured and that cannot be rendered.
     ///
-    /// To be called before either session runs, and before their editors are made.
+    /// To be called before either session runs.
     pub fn join(&mut self, other: &mut Self) -> Option<(SceneId, SceneId)> {
         let there = follow(self, other)?;
         let here = follow(other, self)?;

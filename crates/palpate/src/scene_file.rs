@@ -121,8 +121,8 @@ impl SceneFile {
         })
     }
 
-    /// Opens the objects, with paths from the folder of `path`, the file that this was loaded from; and what the loaders warn of.
-    /// `progress` is told the model, the stage, and how much of that is done (0 to 1).
+    /// Opens the objects, with paths from the folder of `path`, the file that this was loaded from; with their [warnings](Object::warnings).
+    /// `progress` gets the model, the stage, and how much of that is done (0 to 1).
     ///
     /// # Errors
     /// If an object cannot be opened or placed.
@@ -130,9 +130,9 @@ impl SceneFile {
         &self,
         path: &Path,
         progress: &mut dyn FnMut(&str, Stage, f64) -> ControlFlow<()>,
-    ) -> Result<(Scene, Vec<String>), SceneFileError> {
+    ) -> Result<Scene, SceneFileError> {
         let folder = path.parent().unwrap_or(Path::new("."));
-        let (mut scene, mut warnings) = (Scene::new(), Vec::new());
+        let mut scene = Scene::new();
         for (index, ObjectEntry { model, position, rotation, scale, repair }) in
             self.objects.iter().enumerate()
         {
@@ -158,17 +158,15 @@ impl SceneFile {
                 repair: *repair,
                 ..OpenOptions::default()
             };
-            let (object, warned) =
-                Object::open(&argument, &options, &mut |stage, done| progress(model, stage, done))?;
+            let object = Object::open(&argument, &options, &mut |stage, done| progress(model, stage, done))?;
             let object = if built && *scale != 1.0 {
                 object.scaled(*scale).ok_or_else(|| refuse("give a scale that is less extreme"))?
             } else {
                 object
             };
-            warnings.extend(warned.into_iter().map(|warning| format!("{model}: {warning}")));
             scene = scene.with(object, pose);
         }
-        Ok((scene, warnings))
+        Ok(scene)
     }
 }
 
@@ -200,8 +198,8 @@ mod tests {
         std::fs::write(folder.path().join("part.obj"), obj).expect("written");
         let file = SceneFile::load(&path).expect("a scene");
         assert_eq!(file.settings, Settings { friction: 0.25, ..Settings::default() });
-        let (scene, warnings) = file.open(&path, &mut ignored).expect("objects");
-        assert!(warnings.is_empty(), "{warnings:?}");
+        let scene = file.open(&path, &mut ignored).expect("objects");
+        assert!(scene.objects().iter().all(|placed| placed.object.warnings().is_empty()));
         let [first, second] = scene.objects() else { panic!("{} objects", scene.objects().len()) };
         assert_eq!(first.pose, Pose::IDENTITY);
         assert_eq!(second.pose, Pose::new(DVec3::Y * 0.1, DQuat::from_xyzw(0.0, 0.0, 1.0, 0.0)));

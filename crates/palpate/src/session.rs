@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use palpate_core::glam::DVec3;
 use palpate_device::Specification;
 use serde::Serialize;
 
@@ -41,6 +42,10 @@ pub struct Session {
     pub machine: MachineLoad,
     /// The distance tolerance d that contacts were looked for within, m.
     pub tolerance: f64,
+    /// The first error that the device gave, in the words of its driver; none if it gave none.
+    pub device_error: Option<String>,
+    /// Position of the [grasp](Settings::grasp) in the mesh's frame, m.
+    pub grasp: DVec3,
     /// Which stages the scene switched on or off, and why.
     pub stages: BTreeMap<&'static str, String>,
 }
@@ -64,12 +69,19 @@ pub struct Summary {
     pub tolerance: f64,
     /// Deepest penetration, m.
     pub depth_max: f64,
+    /// Position of the [grasp](Settings::grasp) in the mesh's frame, m.
+    pub grasp: DVec3,
+    /// Largest [stretch](crate::Record::stretch) of the coupling, m: how far the object's grasp was from where the device holds
+    /// it.
+    pub coupling_stretch_max: f64,
     /// Largest coupling force, N.
     pub coupling_force_max: f64,
     /// Smallest energy absorbed at the device port, J.
     pub energy_min_j: f64,
     /// Energy that the passivity controller took out, J.
     pub dissipated_j: f64,
+    /// The first error that the device gave, in the words of its driver; none if it gave none.
+    pub device_error: Option<String>,
     /// Which stages ran, and why.
     pub stages: BTreeMap<&'static str, String>,
     /// Counts of events.
@@ -126,9 +138,12 @@ impl Session {
         machine: MachineLoad,
     ) -> Self {
         let stages = renderer.stages();
-        if renderer.device.close().is_err() {
+        if let Err(error) = renderer.device.close() {
             renderer.haptic.telemetry_mut().events.device_refused += 1;
+            renderer.haptic.keep_device_error(error);
         }
+        let device_error = renderer.haptic.device_error().map(ToString::to_string);
+        let grasp = renderer.grasp().translation;
         let haptic = renderer.haptic.telemetry().clone();
         let contact = renderer.contact.telemetry().clone();
         #[cfg(feature = "tracing")]
@@ -141,7 +156,7 @@ impl Session {
             "session ended"
         );
         let tolerance = renderer.contact.tolerance();
-        Self { seconds, clock, haptic, contact, machine, tolerance, stages }
+        Self { seconds, clock, haptic, contact, machine, tolerance, device_error, grasp, stages }
     }
 
     /// The machine-readable summary.
@@ -177,9 +192,12 @@ impl Session {
             contacts_at_end: haptic.contacts_now,
             tolerance: self.tolerance,
             depth_max: haptic.depth_max,
+            grasp: self.grasp,
+            coupling_stretch_max: haptic.stretch_max,
             coupling_force_max: haptic.coupling_force_max,
             energy_min_j: haptic.energy_min,
             dissipated_j: haptic.dissipated,
+            device_error: self.device_error.clone(),
             stages: self.stages.clone(),
             events: haptic.events.and(&contact.events),
         }

@@ -55,8 +55,15 @@ pub struct Settings {
     pub proxy: bool,
     /// How contacts with textured objects are looked at.
     pub textures: TextureSettings,
-    /// The grasp: where the device holds the object, and the device's axes there, in the mesh's frame; by default the
-    /// centre of mass with the mesh's axes.
+    /// The grasp: the frame, fixed to the grasped object and given in its mesh's frame, that the virtual coupling acts on; by
+    /// default at the centre of mass.
+    ///
+    /// The grasp does not place the object. With any grasp the device's frame, as mapped to the world, stands for the mesh's frame: where
+    /// the coupling is not stretched, the two coincide. The coupling pulls the grasp of the object to the same place in the
+    /// device's frame, and the torque at the device includes that of the lever between its origin and the grasp. The device's
+    /// origin is thus at the origin of the mesh: to hold a tool by its handle, make a mesh whose origin is there, and set the
+    /// grasp to [`Pose::IDENTITY`], so that the coupling acts there too. Only the grasp's position matters, since the coupling
+    /// is equally stiff in all directions.
     pub grasp: Option<Pose>,
     /// Age of the newest contact model, s, from which the wrench fades out, to nothing at twice this age; it fades in
     /// again over as long a time.
@@ -80,6 +87,9 @@ pub struct Settings {
     /// Whether the session damps the device where more energy came out of the session than went in
     /// ([`PassivityController`](palpate_dynamics::PassivityController)).
     pub passivity_controller: bool,
+    /// Whether to render objects whose size suggests a [wrong unit](crate::UnitsError). Without, a session does not start
+    /// with them.
+    pub unusual_size: bool,
 }
 
 impl Default for Settings {
@@ -114,6 +124,7 @@ impl Default for Settings {
             force_slew: None,
             torque_slew: None,
             passivity_controller: false,
+            unusual_size: false,
         }
     }
 }

@@ -3,6 +3,8 @@
 //! What follows from them is reckoned in the caller's thread, and waits in lock-free rings for the two loops. There gains go over
 //! from the old ones to the new in [`RAMP`], so that no force jumps, and a spring that is held stretched is not stiffened at once.
 
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
 use palpate_device::Specification;
 use palpate_dynamics::{ContactParameters, Friction, SlewLimit, VirtualCoupling};
 use rtrb::{Consumer, Producer, RingBuffer};
@@ -34,8 +36,14 @@ pub enum SettingsEditError {
 
 /// Changes the settings of a session, from any thread. Made by
 /// [`HapticRenderer::settings_editor`](crate::HapticRenderer::settings_editor).
+///
+/// A clone changes the same settings.
+#[derive(Clone, Debug)]
+pub struct SettingsEditor(Arc<Mutex<Edited>>);
+
+/// What all editors of a session's settings share. The loops never wait for it: they have the other ends of the rings.
 #[derive(Debug)]
-pub struct SettingsEditor {
+struct Edited {
     settings: Settings,
     probe: Object,
     specification: Specification,
@@ -69,12 +77,17 @@ impl SettingsEditor {
     ) -> (Self, Consumer<HapticTuning>, Consumer<ContactTuning>) {
         let (haptic, for_haptic) = RingBuffer::new(WAITING);
         let (contact, for_contact) = RingBuffer::new(WAITING);
-        (Self { settings, probe, specification, haptic, contact }, for_haptic, for_contact)
+        let edited = Edited { settings, probe, specification, haptic, contact };
+        (Self(Arc::new(Mutex::new(edited))), for_haptic, for_contact)
     }
 
-    /// The settings that the session goes over to, or has.
-    pub fn settings(&self) -> &Settings {
-        &self.settings
+    /// The settings that the session has, or is going over to.
+    pub fn settings(&self) -> Settings {
+        self.edited().settings
+    }
+
+    fn edited(&self) -> MutexGuard<'_, Edited> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Goes over to other settings, in 0.2 s: stiffness, damping and friction of contacts, those of the coupling, the detail that is
@@ -84,21 +97,24 @@ impl SettingsEditor {
     /// If one is out of range, one of the others differs from what the session was made with, or too many changes wait;
     /// nothing is changed then.
     pub fn set(&mut self, settings: Settings) -> Result<(), SettingsEditError> {
-        let gains = Gains::new(&settings, &self.probe, &self.specification)?;
-        if let Some(name) = fixed_difference(&self.settings, &settings) {
+        let mut edited = self.edited();
+        let edited = &mut *edited;
+        let gains = Gains::new(&settings, &edited.probe, &edited.specification)?;
+        if let Some(name) = fixed_difference(&edited.settings, &settings) {
             return Err(SettingsEditError::Fixed(name));
         }
-        if self.haptic.slots() == 0 || self.contact.slots() == 0 {
+        if edited.haptic.slots() == 0 || edited.contact.slots() == 0 {
             return Err(SettingsEditError::Full);
         }
         let Gains { coupling, velocity_lags, slew, max_damping, contacts: parameters, .. } = gains;
         let Settings { error, interpolation, query_budget, .. } = settings;
-        let for_haptic = self.haptic.push(HapticTuning { coupling, velocity_lags, slew, max_damping });
-        let for_contact = self.contact.push(ContactTuning { parameters, error, interpolation, query_budget });
+        let for_haptic = edited.haptic.push(HapticTuning { coupling, velocity_lags, slew, max_damping });
+        let for_contact =
+            edited.contact.push(ContactTuning { parameters, error, interpolation, query_budget });
         // Each has room.
         for_haptic.map_err(|_| SettingsEditError::Full)?;
         for_contact.map_err(|_| SettingsEditError::Full)?;
-        self.settings = settings;
+        edited.settings = settings;
         Ok(())
     }
 }

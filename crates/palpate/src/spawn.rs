@@ -1,11 +1,13 @@
 //! A session in threads of its own, for a host that has other things to do.
 
+use std::any::Any;
 use std::convert::Infallible;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 
 use palpate_core::Pose;
+use palpate_device::DeviceError;
 
 use crate::reactions::Reactions;
 use crate::record::Record;
@@ -15,7 +17,26 @@ use crate::session::Session;
 use crate::settings_editor::SettingsEditor;
 use crate::watch::Watch;
 
-/// A session that runs. It ends when it is [stopped](Self::stop) or dropped, and the device is sent a wrench of zero then.
+/// A session that runs, and what a host does with it. It ends when its [`handle`](Self::handle) is stopped or dropped.
+///
+/// The parts can be taken apart, each to a thread of its own:
+///
+/// ```
+/// # use palpate::device::Emulation;
+/// # use palpate::{HapticRenderer, Object, Pose};
+/// # let device = Box::new(Emulation::default().open(Pose::IDENTITY)?);
+/// # let renderer = HapticRenderer::builder(Object::model("ellipsoid@500")?).on(device)?;
+/// use palpate::RunningSession;
+///
+/// let RunningSession { handle, mut scene, contacts, .. } = renderer.spawn()?;
+/// # let ball = Object::model("golf-ball@2000")?;
+/// let editing = std::thread::spawn(move || scene.add(&ball, Pose::IDENTITY));
+/// # drop(contacts);
+/// # editing.join().expect("no panic")?;
+/// let session = handle.stop()?;
+/// # assert_eq!(session.summary().events.edit_refused, 0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct RunningSession {
     /// Changes its scene.
@@ -24,21 +45,50 @@ pub struct RunningSession {
     pub settings: SettingsEditor,
     /// Shows its contacts.
     pub contacts: Watch,
-    /// Tells what its contacts push the scene's objects with.
+    /// Reports what contacts push the scene's objects with.
     pub reactions: Reactions,
+    /// Shows its steps, and ends it.
+    pub handle: SessionHandle,
+}
+
+/// Shows the steps of a session that runs in threads of its own. The session ends when this is [stopped](Self::stop) or
+/// dropped; the device is sent a wrench of zero then.
+#[derive(Debug)]
+pub struct SessionHandle {
     latest: triple_buffer::Output<Option<Record>>,
     stop: Arc<AtomicBool>,
+    device_error: Arc<OnceLock<DeviceError>>,
+    /// `None` once it has been joined.
     thread: Option<JoinHandle<Session>>,
 }
 
+/// A panic ended a session: of its device's driver, as a rule, for the engine's loops do not panic. What the session
+/// measured is lost.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("a panic ended the session: {message}")]
+pub struct SessionPanic {
+    /// What the panic said.
+    pub message: String,
+}
+
+impl SessionPanic {
+    fn new(panic: &(dyn Any + Send)) -> Self {
+        let text = panic.downcast_ref::<&str>().copied();
+        let text = text.or_else(|| panic.downcast_ref::<String>().map(String::as_str));
+        Self { message: text.unwrap_or("it did not say why").to_owned() }
+    }
+}
+
 impl HapticRenderer {
-    /// Renders in real time, in threads of its own, until it is stopped.
+    /// Renders in real time, in threads of its own, until it is stopped. Editors, watches and reactions that were taken of the
+    /// renderer before work on.
     ///
     /// # Errors
     /// If the system gives no thread.
     pub fn spawn(mut self) -> std::io::Result<RunningSession> {
         let (scene, contacts, reactions) = (self.scene_editor(), self.watch(), self.reactions());
         let settings = self.settings_editor();
+        let device_error = self.haptic.shared_device_error();
         let (mut shown, latest) = triple_buffer::triple_buffer(&None);
         let stop = Arc::new(AtomicBool::new(false));
         let flag = Arc::clone(&stop);
@@ -53,11 +103,42 @@ impl HapticRenderer {
             }
         };
         let thread = std::thread::Builder::new().name("palpate".to_owned()).spawn(run)?;
-        Ok(RunningSession { scene, settings, contacts, reactions, latest, stop, thread: Some(thread) })
+        let handle = SessionHandle { latest, stop, device_error, thread: Some(thread) };
+        Ok(RunningSession { scene, settings, contacts, reactions, handle })
     }
 }
 
 impl RunningSession {
+    /// As [`SessionHandle::latest`].
+    pub fn latest(&mut self) -> Option<&Record> {
+        self.handle.latest()
+    }
+
+    /// As [`SessionHandle::object_pose`].
+    pub fn object_pose(&mut self) -> Option<Pose> {
+        self.handle.object_pose()
+    }
+
+    /// As [`SessionHandle::is_running`].
+    pub fn is_running(&self) -> bool {
+        self.handle.is_running()
+    }
+
+    /// As [`SessionHandle::device_error`].
+    pub fn device_error(&self) -> Option<&DeviceError> {
+        self.handle.device_error()
+    }
+
+    /// As [`SessionHandle::stop`].
+    ///
+    /// # Errors
+    /// If the device's driver panicked.
+    pub fn stop(self) -> Result<Session, SessionPanic> {
+        self.handle.stop()
+    }
+}
+
+impl SessionHandle {
     /// The latest step that is known, without waiting for one: some milliseconds old. None before the first.
     pub fn latest(&mut self) -> Option<&Record> {
         self.latest.read().as_ref()
@@ -73,20 +154,26 @@ impl RunningSession {
         self.thread.as_ref().is_some_and(|thread| !thread.is_finished())
     }
 
+    /// The first error that the device gave, if any. The session goes on after one: it sends no wrench until the device
+    /// answers again.
+    pub fn device_error(&self) -> Option<&DeviceError> {
+        self.device_error.get()
+    }
+
     /// Ends the session.
     ///
-    /// # Panics
-    /// If the device's driver has.
-    pub fn stop(mut self) -> Session {
+    /// # Errors
+    /// If the device's driver panicked.
+    pub fn stop(mut self) -> Result<Session, SessionPanic> {
         self.stop.store(true, Ordering::Release);
         // It is there until this or a drop.
         #[expect(clippy::expect_used, reason = "taken here and in drop alone")]
         let thread = self.thread.take().expect("a thread that has not been joined");
-        thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        thread.join().map_err(|panic| SessionPanic::new(panic.as_ref()))
     }
 }
 
-impl Drop for RunningSession {
+impl Drop for SessionHandle {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Release);
         if let Some(thread) = self.thread.take() {

@@ -198,6 +198,9 @@ pub struct HapticTelemetry {
     pub contacts_max: u32,
     /// Contacts of the latest query.
     pub contacts_now: u32,
+    /// Largest stretch of the coupling, m: how far the grasp was from where the device holds it
+    /// ([`Record::stretch`](crate::Record::stretch)).
+    pub stretch_max: f64,
     /// Largest coupling force, N.
     pub coupling_force_max: f64,
     /// Energy that has flowed from the device into the session, J. A passive session keeps it above zero but for what

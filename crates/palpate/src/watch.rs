@@ -52,6 +52,13 @@ impl Default for Sight {
 }
 
 impl Sight {
+    /// Empties it, for what is at `time` (s).
+    fn clear(&mut self, time: f64) {
+        self.time = time;
+        self.patches.clear();
+        self.pushes.clear();
+    }
+
     /// Adds patches, if there is room.
     pub(crate) fn add_patches(&mut self, patches: TouchingPatches) {
         if self.patches.len() < MOST {
@@ -88,32 +95,49 @@ impl Watch {
     }
 }
 
-/// The side of the contact loop.
+/// The side of the contact loop: a buffer for each watch. What is seen is written for the first, and copied to the others.
 #[derive(Debug)]
-pub(crate) struct Watched(triple_buffer::Input<Sight>);
+pub(crate) struct Watched {
+    first: triple_buffer::Input<Sight>,
+    others: Vec<triple_buffer::Input<Sight>>,
+}
 
 impl Watched {
     pub fn new() -> (Self, Watch) {
+        let (first, output) = triple_buffer::TripleBuffer::default().split();
+        (Self { first, others: Vec::new() }, Watch(output))
+    }
+
+    /// One more watch.
+    pub fn also(&mut self) -> Watch {
         let (input, output) = triple_buffer::TripleBuffer::default().split();
-        (Self(input), Watch(output))
+        self.others.push(input);
+        Watch(output)
     }
 
     /// A new look at what is at `time` (s), empty.
     pub fn begin(&mut self, time: f64) -> &mut Sight {
-        let sight = self.0.input_buffer_mut();
-        sight.time = time;
-        sight.patches.clear();
-        sight.pushes.clear();
+        let sight = self.first.input_buffer_mut();
+        sight.clear(time);
         sight
     }
 
     /// The look that was begun.
     pub fn sight(&mut self) -> &mut Sight {
-        self.0.input_buffer_mut()
+        self.first.input_buffer_mut()
     }
 
     /// Hands over what was seen.
     pub fn show(&mut self) {
-        self.0.publish();
+        let Self { first, others } = self;
+        let seen = first.input_buffer_mut();
+        for other in others {
+            let copy = other.input_buffer_mut();
+            copy.clear(seen.time);
+            copy.patches.extend_from_slice(&seen.patches);
+            copy.pushes.extend_from_slice(&seen.pushes);
+            other.publish();
+        }
+        first.publish();
     }
 }

@@ -4,22 +4,46 @@ use palpate::Events;
 
 /// Each event of [`Events`] by the name of its field, and what it means.
 pub const EVENTS: [(&str, &str); 23] = [
-    ("device_refused", "the device did not answer, reported a motion that is not finite, or refused a wrench"),
-    ("device_jumped", "the device reported a place that no hand could have reached so fast; its last good pose was held"),
+    (
+        "device_refused",
+        "the device did not answer, reported a motion that is not finite, or refused a wrench",
+    ),
+    (
+        "device_jumped",
+        "the device reported a place that no hand could have reached so fast; its last good pose was held",
+    ),
     ("device_ended", "the replayed motion had come to its end"),
     ("step_refused", "the step had no finite solution; the object stood still and no wrench was sent"),
-    ("contacts_unsettled", "which contacts push was still changing when the step ended, so that one may have been left out"),
+    (
+        "contacts_unsettled",
+        "which contacts push was still changing when the step ended, so that one may have been left out",
+    ),
     ("step_unconverged", "the integrator did not converge; the step was taken as far as it came"),
     ("saturated", "the wrench was reduced towards what the device can render"),
     ("slewed", "the change of the wrench was limited to what the device can follow"),
     ("faded", "the wrench was faded out or in, for contact models were overdue"),
-    ("engaging", "the wrench was coming up from zero: after the start, a failure of the device, or the clutch"),
+    (
+        "engaging",
+        "the wrench was coming up from zero: after the start, a failure of the device, or the clutch",
+    ),
     ("clutched", "the clutch was held: the device moved without the object"),
     ("reaction_dropped", "a push on an object of the scene was lost for want of room"),
-    ("damped", "the passivity controller added damping, for more energy came out of the session than went in"),
-    ("held_back", "contacts pushed the object back, for it was too deep in a surface or had passed through one"),
-    ("texture_undersampled", "a textured contact slid too far between two looks: run the contact loop faster, or make the texture coarser"),
-    ("texture_folded", "part of a textured surface overhangs as seen along the contact, so that its depth is approximate"),
+    (
+        "damped",
+        "the passivity controller added damping, for more energy came out of the session than went in",
+    ),
+    (
+        "held_back",
+        "contacts pushed the object back, for it was too deep in a surface or had passed through one",
+    ),
+    (
+        "texture_undersampled",
+        "a textured contact slid too far between two looks: run the contact loop faster, or make the texture coarser",
+    ),
+    (
+        "texture_folded",
+        "part of a textured surface overhangs as seen along the contact, so that its depth is approximate",
+    ),
     ("texture_backend_lost", "what computed textured contacts failed; the processor went on"),
     ("contact_overflow", "there were more contacts than a query has room for; the rest were left out"),
     ("contact_refused", "a contact query was given a pose, or found a contact, that is not finite"),

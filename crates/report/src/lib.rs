@@ -26,7 +26,7 @@ use std::fmt::Write;
 
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
-use palpate::{HapticRenderer, Object, Pose, Record, Scene, Settings, Summary};
+use palpate::{HapticRenderer, Object, Record, Scene, Settings, Summary};
 
 use scene_picture::Moment;
 
@@ -85,10 +85,8 @@ impl Report<'_> {
     /// # Errors
     /// If a plot or the picture cannot be drawn.
     pub fn to_html(&self) -> Result<String, PlotError> {
-        let Rendered { settings, probe, .. } = self.rendered;
-        let grasp = settings.grasp.unwrap_or(Pose::from_translation(probe.clod.source.center_of_mass));
         let mut plots = String::new();
-        for figure in series::figures(self.records, grasp.translation) {
+        for figure in series::figures(self.records, self.summary.grasp) {
             plots.push_str("<figure>");
             plots.push_str(&plot::draw(std::slice::from_ref(&figure))?);
             let _ = writeln!(plots, "<figcaption>{}</figcaption></figure>", escape(&figure.caption));
@@ -100,7 +98,7 @@ impl Report<'_> {
             picture = self.picture()?,
             rows = table(&measured(self.summary)),
             plots = plots,
-            settings = table(&settings_table::rows(settings)),
+            settings = table(&settings_table::rows(&self.rendered.settings)),
             machine = table(&[
                 ("build", self.machine.build()),
                 ("processor", self.machine.processor_line()),

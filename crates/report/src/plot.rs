@@ -149,7 +149,8 @@ mod tests {
     /// The legend stands above the curves: none of its text is lower than the highest point of a curve.
     #[test]
     fn the_legend_hides_no_curve() {
-        let curve = |name: &str, top: f64| Curve { name: name.to_owned(), points: vec![(0.0, top), (1.0, 0.0)] };
+        let curve =
+            |name: &str, top: f64| Curve { name: name.to_owned(), points: vec![(0.0, top), (1.0, 0.0)] };
         let figure = Figure {
             caption: String::new(),
             across: "s".to_owned(),
@@ -159,16 +160,23 @@ mod tests {
         let svg = draw(&[figure]).expect("drawn");
         let lines: Vec<&str> = svg.lines().collect();
         let legend = |name: &str| {
-            let at = lines.iter().position(|line| line.trim() == name).unwrap_or_else(|| panic!("no {name}: {svg}"));
+            let at = lines
+                .iter()
+                .position(|line| line.trim() == name)
+                .unwrap_or_else(|| panic!("no {name}: {svg}"));
             let (_, rest) = lines[at - 1].split_once(" y=\"").expect("a place");
             rest.split_once('"').expect("a number").0.parse::<f64>().expect("a number")
         };
         let top = lines
             .iter()
             .filter(|line| line.starts_with("<polyline") && line.contains("stroke-width=\"1\""))
-            .filter(|line| COLOURS[..2].iter().any(|c| line.contains(&format!("#{:02X}{:02X}{:02X}", c.0, c.1, c.2))))
+            .filter(|line| {
+                COLOURS[..2].iter().any(|c| line.contains(&format!("#{:02X}{:02X}{:02X}", c.0, c.1, c.2)))
+            })
             .flat_map(|line| line.split_once("points=\"").map(|(_, rest)| rest.split_once('"').unwrap().0))
-            .flat_map(|points| points.split_whitespace().filter_map(|point| point.split_once(',')?.1.parse().ok()))
+            .flat_map(|points| {
+                points.split_whitespace().filter_map(|point| point.split_once(',')?.1.parse().ok())
+            })
             .fold(f64::INFINITY, f64::min);
         assert!(top.is_finite(), "{svg}");
         for name in ["coupling", "contact"] {

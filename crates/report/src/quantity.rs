@@ -4,8 +4,7 @@
 const DIGITS: i32 = 3;
 
 /// Prefixes and what they multiply by, smallest first.
-const PREFIXES: [(&str, f64); 6] =
-    [("n", 1e-9), ("µ", 1e-6), ("m", 1e-3), ("", 1.0), ("k", 1e3), ("M", 1e6)];
+const PREFIXES: [(&str, f64); 6] = [("n", 1e-9), ("µ", 1e-6), ("m", 1e-3), ("", 1.0), ("k", 1e3), ("M", 1e6)];
 
 /// A quantity in the unit `unit`, with the prefix that leaves one to three digits before the point.
 pub(crate) fn quantity(value: f64, unit: &str) -> String {
@@ -23,7 +22,11 @@ pub(crate) fn length(metres: f64) -> String {
 
 /// A force given in newtons: in newtons, but for what is much smaller or larger.
 pub(crate) fn force(newtons: f64) -> String {
-    if (1e-2..1e3).contains(&newtons.abs()) { format!("{} N", digits(newtons)) } else { quantity(newtons, "N") }
+    if (1e-2..1e3).contains(&newtons.abs()) {
+        format!("{} N", digits(newtons))
+    } else {
+        quantity(newtons, "N")
+    }
 }
 
 /// A rate given in Hz.

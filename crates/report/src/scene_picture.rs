@@ -64,7 +64,10 @@ impl<'a> Moment<'a> {
             }
             Why::Last => "at the end; nothing was touched".to_owned(),
         };
-        format!("{probe} (blue) {moment}, after {}: the whole scene, and a close-up.", quantity(record.time, "s"))
+        format!(
+            "{probe} (blue) {moment}, after {}: the whole scene, and a close-up.",
+            quantity(record.time, "s")
+        )
     }
 }
 
@@ -117,18 +120,23 @@ fn enlarged(points: &[DVec3]) -> Vec<DVec3> {
     let (low, high) = points.iter().fold(ends, |(low, high), point| (low.min(*point), high.max(*point)));
     let (middle, half) = (0.5 * (low + high), 0.5 * AROUND * (high - low));
     let sign = |bit: u8| if bit == 0 { -1.0 } else { 1.0 };
-    (0..8_u8).map(|corner| middle + half * DVec3::new(sign(corner & 1), sign(corner & 2), sign(corner & 4))).collect()
+    (0..8_u8)
+        .map(|corner| middle + half * DVec3::new(sign(corner & 1), sign(corner & 2), sign(corner & 4)))
+        .collect()
 }
 
 /// The direction from which most of the grasped object is seen.
 fn clearest(items: &[Item<'_>], near: &[DVec3]) -> View {
-    let views = ELEVATIONS.iter().flat_map(|elevation| AZIMUTHS.map(|azimuth| View::from_degrees(azimuth, *elevation)));
+    let views = ELEVATIONS
+        .iter()
+        .flat_map(|elevation| AZIMUTHS.map(|azimuth| View::from_degrees(azimuth, *elevation)));
     let seen = |view: &View| {
         let picture = Camera::fit(near, view, TRIAL.0, TRIAL.1).render(items, Shading::Smooth);
         picture.pixels().filter(|pixel| is_probe(pixel.0)).count()
     };
     // The first of equals: from a little above.
-    let best = views.map(|view| (seen(&view), view)).reduce(|best, next| if next.0 > best.0 { next } else { best });
+    let best =
+        views.map(|view| (seen(&view), view)).reduce(|best, next| if next.0 > best.0 { next } else { best });
     best.map_or(View::from_degrees(AZIMUTHS[0], ELEVATIONS[0]), |(_, view)| view)
 }
 
@@ -160,13 +168,16 @@ mod tests {
 
     #[test]
     fn the_moment_is_the_deepest_else_the_hardest_else_the_last() {
-        let shown = |records: &[Record]| Moment::of(records).map(|moment| (moment.record.time, moment.caption("cup")));
+        let shown = |records: &[Record]| {
+            Moment::of(records).map(|moment| (moment.record.time, moment.caption("cup")))
+        };
         assert_eq!(shown(&[]), None);
         let (time, caption) = shown(&[record(1.0, 0.0, 0.0), record(2.0, 0.0, 0.0)]).unwrap();
         assert!(time == 2.0 && caption.contains("nothing was touched"), "{caption}");
         let (time, caption) = shown(&[record(1.0, 0.0, 2.0), record(2.0, 0.0, 1.0)]).unwrap();
         assert!(time == 1.0 && caption.contains("force of 2.00 N"), "{caption}");
-        let (time, caption) = shown(&[record(1.0, 0.0, 2.0), record(2.0, 4e-4, 1.0), record(3.0, 1e-4, 9.0)]).unwrap();
+        let (time, caption) =
+            shown(&[record(1.0, 0.0, 2.0), record(2.0, 4e-4, 1.0), record(3.0, 1e-4, 9.0)]).unwrap();
         assert!(time == 2.0 && caption.contains("penetration of 0.400 mm"), "{caption}");
     }
 

@@ -41,11 +41,13 @@ pub(crate) fn figures(records: &[Record], grasp: DVec3) -> Vec<Figure> {
         figure(
             "How far the grasped object stays behind the hand, at the grasp.",
             "mm",
-            curve("distance", &|r| {
-                1e3 * (r.handle.transform_point(grasp) - r.object.transform_point(grasp)).length()
-            }),
+            curve("distance", &|r| 1e3 * r.stretch(grasp)),
         ),
-        figure("Contacts found, before clustering.", "contacts", curve("contacts", &|r| f64::from(r.contacts))),
+        figure(
+            "Contacts found, before clustering.",
+            "contacts",
+            curve("contacts", &|r| f64::from(r.contacts)),
+        ),
         figure(
             "Haptic steps a second, in windows of 0.1 s.",
             "Hz",

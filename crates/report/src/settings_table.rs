@@ -4,7 +4,7 @@ use palpate::Settings;
 use serde_json::Value;
 
 /// The unit of each setting by the name of its field; those of textures behind a dot. Empty for numbers without one.
-const UNITS: [(&str, &str); 32] = [
+const UNITS: [(&str, &str); 33] = [
     ("rate", "Hz"),
     ("mass", "kg"),
     ("contact_stiffness", "N/m"),
@@ -37,6 +37,7 @@ const UNITS: [(&str, &str); 32] = [
     ("force_slew", "N/s"),
     ("torque_slew", "N·m/s"),
     ("passivity_controller", ""),
+    ("unusual_size", ""),
 ];
 
 /// A row a setting.
@@ -64,7 +65,8 @@ fn words(value: &Value) -> String {
         Value::String(text) => text.clone(),
         Value::Array(values) => format!("({})", values.iter().map(words).collect::<Vec<_>>().join(", ")),
         Value::Object(fields) => {
-            let fields: Vec<String> = fields.iter().map(|(name, value)| format!("{name} {}", words(value))).collect();
+            let fields: Vec<String> =
+                fields.iter().map(|(name, value)| format!("{name} {}", words(value))).collect();
             fields.join(", ")
         }
         // An infinite limit is written as null: there is none.

@@ -15,7 +15,9 @@ pub fn measured(summary: &Summary) -> Vec<(&'static str, String)> {
     if events.is_empty() {
         rows.push(("events", "none".to_owned()));
     }
-    rows.extend(events.into_iter().map(|(name, count, meaning)| (name, format!("{}: {meaning}", times(count)))));
+    rows.extend(
+        events.into_iter().map(|(name, count, meaning)| (name, format!("{}: {meaning}", times(count)))),
+    );
     rows
 }
 
@@ -65,7 +67,8 @@ fn kept_up(summary: &Summary) -> Vec<(&'static str, String)> {
     if let Some(longer) = contact.longer_than_slot {
         let kept_up = match longer {
             0 => "every query would have kept up in real time".to_owned(),
-            1 => "1 query took longer than the time to the next one, and would have been late in real time".to_owned(),
+            1 => "1 query took longer than the time to the next one, and would have been late in real time"
+                .to_owned(),
             more => format!(
                 "{} queries took longer than the time to the next one, and would have been late in real time",
                 grouped(more as usize)

@@ -241,7 +241,7 @@ fn forget_felt(
         }
     }
     // Where too many changes wait they leave in the next frame.
-    leaving.retain(|&id| haptics.session().scene.remove(id).is_err());
+    leaving.retain(|&id| haptics.session().scene.remove(id) == Err(EditError::Full));
 }
 
 /// Adds what is to be felt and is not yet.

@@ -115,7 +115,7 @@ fn in_real_time(renderer: HapticRenderer, mut table: Table) -> Result<(), Box<dy
             table.show(&record)?;
         }
     }
-    let summary = session.stop().summary();
+    let summary = session.stop()?.summary();
     say("contact steps", format_args!("{:.0} a second", summary.contact.rate_hz))?;
     say("the world fell behind by", format_args!("{:.0} ms", 1e3 * lost.as_secs_f64()))?;
     Ok(())

@@ -108,7 +108,7 @@ impl TouchedBodies {
     pub fn remove(&mut self, scene: &mut SceneEditor, body: RigidBodyHandle) -> Result<(), TouchError> {
         let place = self.bodies.iter().position(|touched| touched.body == body);
         let place = place.ok_or(TouchError::NotTouched(body))?;
-        scene.remove(self.bodies[place].object).map_err(|source| TouchError::Edit { body, source })?;
+        remove(scene, self.bodies[place].object).map_err(|source| TouchError::Edit { body, source })?;
         self.bodies.remove(place);
         Ok(())
     }
@@ -170,7 +170,7 @@ impl TouchedBodies {
             let touched = &mut self.bodies[place];
             let told = match bodies.get(touched.body) {
                 Some(body) => touched.tell(scene, body, self.period),
-                None => scene.remove(touched.object).inspect(|()| {
+                None => remove(scene, touched.object).inspect(|()| {
                     gone = true;
                     touched.body = RigidBodyHandle::invalid();
                 }),
@@ -189,6 +189,14 @@ impl TouchedBodies {
             self.bodies.retain(|touched| !touched.is_gone());
         }
         result
+    }
+}
+
+/// Removes an object that somebody else may have removed before.
+fn remove(scene: &mut SceneEditor, object: SceneId) -> Result<(), EditError> {
+    match scene.remove(object) {
+        Err(EditError::Unknown(_)) => Ok(()),
+        other => other,
     }
 }
 

@@ -111,7 +111,7 @@ fn meshes_of_others_become_solids() {
         }
         let options = OpenOptions { cache: false, repair: true, ..OpenOptions::default() };
         let path = file.to_string_lossy();
-        let (object, _) = Object::open(&path, &options, &mut palpate::clod_build::unwatched).expect(name);
+        let object = Object::open(&path, &options, &mut palpate::clod_build::unwatched).expect(name);
         assert!(object.clod.source.solid, "{name}");
         rests_on_the_floor(&object, 0, 5e-4);
         let _ = surface_collider(&object).expect("triangles");

@@ -27,7 +27,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         _ => return Err("usage: watch_in_rerun [--connect] [PROBE OBJECT]".into()),
     };
     let open = |name: &str| Object::open(name, &OpenOptions::default(), &mut unwatched);
-    let ((probe, _), (object, _)) = (open(probe)?, open(object)?);
+    let (probe, object) = (open(probe)?, open(object)?);
     let scene = Scene::new().with(object, Pose::IDENTITY);
     let device = Emulation::default().open(explore::path(Task::default(), &probe, &scene)?)?;
     let mut renderer =

@@ -11,8 +11,10 @@ pub fn finding() -> Finding {
     match palpate::cache_folder() {
         Some(folder) => look_at(&folder),
         None => {
-            let seen = "the system names no cache folder for this user: hierarchies are built anew each time".to_owned();
-            Finding::new(NAME, Verdict::CouldBeBetter, seen).with_remedy("set XDG_CACHE_HOME or HOME to a folder of yours")
+            let seen = "the system names no cache folder for this user: hierarchies are built anew each time"
+                .to_owned();
+            Finding::new(NAME, Verdict::CouldBeBetter, seen)
+                .with_remedy("set XDG_CACHE_HOME or HOME to a folder of yours")
         }
     }
 }
@@ -37,7 +39,8 @@ fn look_at(folder: &Path) -> Finding {
         Ok(()) => Finding::new(NAME, Verdict::Good, format!("{held}, writable")),
         Err(error) => {
             let seen = format!("{held}, not writable ({error}): hierarchies are built anew each time");
-            let remedy = format!("give your user write access to {shown}, or set XDG_CACHE_HOME to a folder of yours");
+            let remedy =
+                format!("give your user write access to {shown}, or set XDG_CACHE_HOME to a folder of yours");
             Finding::new(NAME, Verdict::CouldBeBetter, seen).with_remedy(remedy)
         }
     }

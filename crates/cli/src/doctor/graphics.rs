@@ -18,7 +18,10 @@ fn verdict_on(adapters: &[AdapterInfo]) -> Finding {
         return Finding::new(NAME, Verdict::CouldBeBetter, seen).with_remedy(remedy);
     }
     let hardware = |info: &&AdapterInfo| {
-        matches!(info.device_type, DeviceType::DiscreteGpu | DeviceType::IntegratedGpu | DeviceType::VirtualGpu)
+        matches!(
+            info.device_type,
+            DeviceType::DiscreteGpu | DeviceType::IntegratedGpu | DeviceType::VirtualGpu
+        )
     };
     let kind = |info: &AdapterInfo| match info.device_type {
         DeviceType::DiscreteGpu => "graphics card",

@@ -154,7 +154,10 @@ mod tests {
         // The histogram keeps three digits.
         for bin in &lateness.histogram {
             let expected = bin.to.unwrap_or(20_000.0) - bin.from;
-            assert!((bin.count as f64 - expected).abs() <= 0.002 * bin.to.unwrap_or(20_000.0) + 1.0, "{bin:?}");
+            assert!(
+                (bin.count as f64 - expected).abs() <= 0.002 * bin.to.unwrap_or(20_000.0) + 1.0,
+                "{bin:?}"
+            );
         }
         let lines = plot(&lateness);
         assert_eq!(lines.len(), 1 + lateness.histogram.len() + 1, "{lines:?}");

@@ -36,7 +36,10 @@ fn verdict_on(found: &[(SdkLibrary, Option<PathBuf>)]) -> Finding {
     let usable = found.iter().any(|(library, file)| file.is_some() && library.compiled_in);
     let seen = seen.join("; ");
     if !features.is_empty() {
-        let build = format!("build with the driver: `cargo build --release -p palpate-cli --features {}`", features.join(","));
+        let build = format!(
+            "build with the driver: `cargo build --release -p palpate-cli --features {}`",
+            features.join(",")
+        );
         Finding::new(NAME, Verdict::CouldBeBetter, seen).with_remedy(build)
     } else if usable {
         Finding::new(NAME, Verdict::Good, seen)
@@ -67,8 +70,11 @@ fn folders() -> Vec<PathBuf> {
         "LD_LIBRARY_PATH"
     };
     let named = std::env::var_os(variable);
-    let mut folders: Vec<PathBuf> =
-        named.iter().flat_map(std::env::split_paths).filter(|folder| !folder.as_os_str().is_empty()).collect();
+    let mut folders: Vec<PathBuf> = named
+        .iter()
+        .flat_map(std::env::split_paths)
+        .filter(|folder| !folder.as_os_str().is_empty())
+        .collect();
     if cfg!(unix) {
         let usual = ["/usr/local/lib", "/usr/lib", "/lib", "/usr/lib64", "/lib64"].map(PathBuf::from);
         folders.extend(configured(Path::new("/etc")).into_iter().chain(usual));

@@ -87,7 +87,10 @@ fn all<const N: usize>(looks: [(&'static str, Look); N]) -> [Finding; N] {
         found.recv_timeout(left).unwrap_or_else(|why| {
             let why = match why {
                 mpsc::RecvTimeoutError::Timeout => {
-                    format!("no answer within {} s: a driver hangs, or the machine is very busy", PATIENCE.as_secs())
+                    format!(
+                        "no answer within {} s: a driver hangs, or the machine is very busy",
+                        PATIENCE.as_secs()
+                    )
                 }
                 mpsc::RecvTimeoutError::Disconnected => "looking failed".to_owned(),
             };

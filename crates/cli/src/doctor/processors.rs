@@ -81,8 +81,9 @@ fn verdict_on(name: &'static str, count: usize) -> Finding {
     let needed = "the haptic and the contact loop need one each; textures on the processor use more";
     let measured = format!("{count}; {needed}");
     match count {
-        0 | 1 => Finding::new(name, Verdict::Bad, measured)
-            .with_remedy("render on a machine with two processors or more, or let this process use more (taskset, cpuset)"),
+        0 | 1 => Finding::new(name, Verdict::Bad, measured).with_remedy(
+            "render on a machine with two processors or more, or let this process use more (taskset, cpuset)",
+        ),
         count if count < ENOUGH => Finding::new(name, Verdict::CouldBeBetter, measured)
             .with_remedy("close other programs, which otherwise run in turns with the loops"),
         _ => Finding::new(name, Verdict::Good, measured),

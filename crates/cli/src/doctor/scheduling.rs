@@ -70,7 +70,8 @@ mod tests {
         (measured.realtime, measured.scheduling) = (false, "normal".to_owned());
         let refused = finding(&measured);
         assert_eq!(refused.verdict, Verdict::CouldBeBetter);
-        let wanted = if limit().is_some_and(|limit| limit >= 80) { "container".to_owned() } else { limits_line() };
+        let wanted =
+            if limit().is_some_and(|limit| limit >= 80) { "container".to_owned() } else { limits_line() };
         if cfg!(target_os = "linux") {
             assert!(refused.remedy.is_some_and(|remedy| remedy.contains(&wanted)));
         }

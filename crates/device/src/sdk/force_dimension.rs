@@ -7,8 +7,8 @@
 use std::time::{Duration, Instant};
 
 use super::connection::{Address, Failures, open as open_with, specification, tell};
-use super::foreign::dhd::Device;
 use super::foreign::Library;
+use super::foreign::dhd::Device;
 use super::orientation::orientation;
 use super::pace::Pace;
 use super::{SdkLibrary, SdkMotion, SdkState, wrench_of};

@@ -12,8 +12,8 @@ use std::ffi::CString;
 use std::time::Duration;
 
 use super::connection::{Address, Failures, open as open_with, specification, tell};
-use super::foreign::virtuose::Device;
 use super::foreign::Library;
+use super::foreign::virtuose::Device;
 use super::pace::Pace;
 use super::{SdkLibrary, SdkMotion, SdkState, wrench_of};
 use crate::link::{Found, LONGEST_REPORT, Transport, TransportError};

@@ -11,8 +11,8 @@ use std::ffi::CString;
 use std::time::{Duration, Instant};
 
 use super::connection::{Address, Failures, open as open_with, specification, tell};
-use super::foreign::hd::{Device, Frame, Model};
 use super::foreign::Library;
+use super::foreign::hd::{Device, Frame, Model};
 use super::orientation::orientation;
 use super::{SdkLibrary, SdkMotion, SdkState, wrench_of};
 use crate::link::{Found, LONGEST_REPORT, Transport, TransportError};

@@ -17,6 +17,7 @@ use crate::reactions::Reactions;
 use crate::scene::Scene;
 use crate::scene_editor::SceneEditor;
 use crate::settings::{Settings, SettingsError};
+use crate::size::{UnitsError, check_sizes};
 use crate::textures::TextureError;
 
 /// Two objects joined by a hinge.
@@ -74,6 +75,9 @@ pub enum ArticulatedError {
         /// The one that was asked for.
         integrator: IntegratorKind,
     },
+    /// An object's size suggests a wrong unit.
+    #[error(transparent)]
+    Units(#[from] UnitsError),
     /// Textures cannot be rendered.
     #[error(transparent)]
     Texture(#[from] TextureError),
@@ -117,13 +121,13 @@ impl ArticulatedRenderer {
     /// Puts a tool into the hand that holds a device of that specification, where the device and its gripper (rad) now are, and
     /// `scene` around it.
     ///
-    /// Of the settings, `mass` does not count, for the tool has masses of its own; the grasp is in the first body's mesh frame, by
-    /// default the centre of mass of the first body; the tolerance is by default 1 % of the smaller body's bounding radius, and the contact damping
+    /// Of the settings, `mass` does not count, for the tool has masses of its own; the [grasp](Settings::grasp) is in the first
+    /// body's mesh frame, by default at its centre of mass; the tolerance is by default 1 % of the smaller body's bounding radius, and the contact damping
     /// critical for the tool's mass.
     ///
     /// # Errors
     /// If a setting is out of range, a body cannot be given its mass, the hinge cannot be, another integrator than the semi-implicit
-    /// one is asked for, or textures are too large.
+    /// one is asked for, an object's size suggests a wrong unit, or textures are too large.
     pub fn new(
         tool: &ArticulatedTool,
         scene: &Scene,
@@ -138,6 +142,7 @@ impl ArticulatedRenderer {
         if settings.integrator != IntegratorKind::SemiImplicit {
             return Err(ArticulatedError::Integrator { integrator: settings.integrator });
         }
+        check_sizes([&tool.first, &tool.second], scene.objects(), settings)?;
         let body = tool.body()?;
         let centers = tool.centers_of_mass();
         let objects = [&tool.first, &tool.second];
@@ -201,15 +206,16 @@ impl ArticulatedRenderer {
         Ok(Self { haptic, contacts, period })
     }
 
-    /// Lets the scene be changed from elsewhere while the session runs; an earlier editor changes nothing any more.
+    /// An editor that changes the scene from elsewhere while the session runs. Each call gives another handle to the same
+    /// editor.
     pub fn scene_editor(&mut self) -> SceneEditor {
         let [first, second] = &mut self.contacts;
-        let mut editor = first.editor();
-        second.follow_editor(&mut editor);
+        let editor = first.editor();
+        second.follow_editor(&editor);
         editor
     }
 
-    /// Lets what contacts of both bodies push the scene's objects with be taken elsewhere; an earlier taker gets nothing any more.
+    /// Takes what contacts of both bodies push the scene's objects with. Each call gives another handle to the same queue.
     pub fn reactions(&mut self) -> Reactions {
         self.haptic.reactions()
     }

@@ -47,6 +47,14 @@ impl ContactLoop {
     /// Adds an object, its mesh's frame at a pose in the world, from the next step on; `false` if there is one of that number,
     /// or its texture cannot be rendered. Allocates.
     pub fn add(&mut self, id: SceneId, object: &Object, pose: &Pose) -> bool {
+        let added = self.insert(id, object, pose);
+        if let Some(editor) = self.editor.as_ref().filter(|_| added) {
+            editor.note(id, true);
+        }
+        added
+    }
+
+    fn insert(&mut self, id: SceneId, object: &Object, pose: &Pose) -> bool {
         if self.place_of(id).is_some() {
             return false;
         }
@@ -60,12 +68,19 @@ impl ContactLoop {
             self.proxy.scene_has_changed();
             return true;
         }
-        self.remove(id);
+        self.delete(id);
         false
     }
 
     /// Takes an object out, from the next step on; `false` if there is none.
     pub fn remove(&mut self, id: SceneId) -> bool {
+        if let Some(editor) = &self.editor {
+            editor.note(id, false);
+        }
+        self.delete(id)
+    }
+
+    fn delete(&mut self, id: SceneId) -> bool {
         let Some(place) = self.place_of(id) else { return false };
         let Some(InScene { handle, object, .. }) = self.objects[place].take() else { return false };
         self.proxy.scene_has_changed();
@@ -77,7 +92,7 @@ impl ContactLoop {
     /// Puts another object in the place of one, which is moved by what touches it as that was.
     fn replace(&mut self, id: SceneId, object: &Object, pose: &Pose) -> bool {
         let moving = self.place_of(id).and_then(|place| self.objects[place].as_mut()?.moving.take());
-        if !(self.remove(id) && self.add(id, object, pose)) {
+        if !(self.delete(id) && self.insert(id, object, pose)) {
             return false;
         }
         if let (Some(mut moving), Some(place)) = (moving, self.place_of(id)) {
@@ -110,6 +125,9 @@ impl ContactLoop {
     }
 
     fn next_id(&self) -> SceneId {
+        if let Some(editor) = &self.editor {
+            return editor.next_id();
+        }
         SceneId(self.objects.iter().flatten().map(|object| object.id.0 + 1).max().unwrap_or(0))
     }
 
@@ -134,28 +152,35 @@ impl ContactLoop {
         self.objects.iter().position(|object| object.as_ref().is_some_and(|object| object.id == id))
     }
 
-    /// Lets the scene be changed from elsewhere, from the next step on; an earlier editor changes nothing any more.
+    /// An editor that changes the scene from elsewhere, from the next step on. Each call gives another handle to the same
+    /// editor.
     pub fn editor(&mut self) -> SceneEditor {
-        let (editor, edits) = SceneEditor::new(self.next_id().0);
+        if let Some(editor) = &self.editor {
+            return editor.clone();
+        }
+        let (editor, edits) = SceneEditor::new(self.objects.iter().flatten().map(|object| object.id));
         self.edits = Some(edits);
-        editor
+        self.editor.insert(editor).clone()
     }
 
-    /// Lets an editor of another loop, which has the same scene, change it here as well.
-    pub(crate) fn follow_editor(&mut self, editor: &mut SceneEditor) {
-        self.edits = Some(editor.also());
+    /// Lets the editor of another loop, which has the same scene, change it here as well.
+    pub(crate) fn follow_editor(&mut self, editor: &SceneEditor) {
+        if self.editor.is_none() {
+            self.edits = Some(editor.also());
+            self.editor = Some(editor.clone());
+        }
     }
 
     /// Makes the changes that wait.
     pub(super) fn make_edits(&mut self) {
         while let Some(edit) = self.edits.as_mut().and_then(|edits| edits.pop().ok()) {
             let made = match edit {
-                Edit::Add(id, object, pose) => self.add(id, &object, &pose),
+                Edit::Add(id, object, pose) => self.insert(id, &object, &pose),
                 Edit::Replace(id, object, pose) => self.replace(id, &object, &pose),
                 Edit::Move(id, pose) => self.set_pose(id, &pose),
                 Edit::Motion(id, pose, twist) => self.set_motion(id, &pose, &twist),
                 Edit::Mobility(id, mobility) => self.set_mobility(id, mobility),
-                Edit::Remove(id) => self.remove(id),
+                Edit::Remove(id) => self.delete(id),
             };
             self.telemetry.events.edit_refused += u64::from(!made);
         }

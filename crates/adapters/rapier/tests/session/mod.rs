@@ -148,7 +148,7 @@ pub fn cuboid(size: DVec3) -> Object {
 /// A built-in model with its hierarchy built anew.
 pub fn model(name: &str) -> Object {
     let options = OpenOptions { cache: false, ..OpenOptions::default() };
-    Object::open(name, &options, &mut unwatched).expect("a model").0
+    Object::open(name, &options, &mut unwatched).expect("a model")
 }
 
 /// How far an object reaches down along z from its frame, m.
