@@ -17,7 +17,7 @@ use palpate::texture_pd::BakeOptions;
 use palpate::{
     ContactTiming, HapticRenderer, Object, OpenOptions, Pose, Record, RecordWriter, Session, Summary,
 };
-use palpate_report::Report;
+use palpate_report::{Machine, Rendered, Report};
 
 pub use command_line::{CommandLine, Options};
 
@@ -41,6 +41,7 @@ impl Options {
         let recording = folder.join("recording.csv");
         let report = folder.join("report.html");
 
+        let rendered = Rendered::of(&renderer);
         let stop = Arc::new(AtomicBool::new(false));
         let flag = Arc::clone(&stop);
         ctrlc::set_handler(move || flag.store(true, Ordering::Release))?;
@@ -65,7 +66,7 @@ impl Options {
             say(name, value)?;
         }
         say("written", shown(&recording).display())?;
-        write_report(&report, title, &summary, &records)?;
+        write_report(&report, title, &summary, &records, &rendered)?;
         Ok((session, records))
     }
 }
@@ -79,10 +80,12 @@ pub fn write_report(
     title: &str,
     summary: &Summary,
     records: &[Record],
+    rendered: &Rendered,
 ) -> Result<(), Box<dyn Error>> {
     let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
     let command = words.collect::<Vec<_>>().join(" ");
-    let html = Report { title, command: &command, summary, records }.to_html()?;
+    let html = Report { title, command: &command, summary, records, rendered, machine: &Machine::this() }
+        .to_html()?;
     std::fs::write(file, html).map_err(|error| format!("{}: {error}", file.display()))?;
     Ok(say("written", shown(file).display())?)
 }

@@ -19,7 +19,7 @@ use palpate::dynamics::DeviceMapping;
 use palpate::glam::{DQuat, DVec3};
 use palpate::{HapticRenderer, Pose, Record, Scene, Session, Settings, explore};
 use palpate_examples::{CommandLine, open, say, write_report};
-use palpate_report::Live;
+use palpate_report::{Live, Rendered};
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
 /// How far a key moves the hand, in bounding radii of the probe, and turns it, rad.
@@ -87,6 +87,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         (explore::open_mapped_device(&arguments.device, &probe, &scene, &mapping)?, None)
     };
     let renderer = HapticRenderer::new(probe, scene, device, settings)?;
+    let rendered = Rendered::of(&renderer);
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
     ctrlc::set_handler(move || flag.store(true, Ordering::Release))?;
@@ -109,7 +110,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         say(name, value)?;
     }
     if let Some(report) = &arguments.report {
-        write_report(report, &title, &session.summary(), &records)?;
+        write_report(report, &title, &session.summary(), &records, &rendered)?;
     }
     Ok(())
 }

@@ -1,11 +1,12 @@
-//! What can be asked of `palpate`.
+//! The commands and options of `palpate`.
 
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Parser, Subcommand};
 use palpate::device::Task;
-use palpate::{IntegratorKind, OpenOptions, Settings, TextureSettings};
+use palpate::{IntegratorKind, Object, OpenOptions, Settings, TextureSettings};
 
+use crate::failure::Failure;
 use crate::textures::Detail;
 
 #[derive(Parser)]
@@ -21,23 +22,24 @@ pub enum Command {
     Models(ModelsArguments),
     /// Write a built-in model as a mesh file
     Export(ExportArguments),
-    /// Report what a mesh is: counts, closed, 2-manifold, oriented, self-intersections, size
+    /// Check a mesh: whether it is ready to be touched, closed, 2-manifold, oriented, free of self-intersections; counts, size
     Check(CheckArguments),
     /// Build the hierarchy of a mesh
     Build(BuildArguments),
-    /// Show the levels of a hierarchy, as figures and as pictures
+    /// Show the levels of a hierarchy as a table and as pictures
     Inspect(InspectArguments),
-    /// Replay a trajectory of a probe and time the contact queries
+    /// Replay a trajectory of the probe and time the contact queries
     Query(QueryArguments),
-    /// Pick settings that keep contact steps within a time, and say what accuracy they buy
+    /// Find the most accurate settings with which contact steps fit into a given time
     Recommend(Box<RecommendArguments>),
-    /// Render: feel a probe touching a scene through a device
+    /// Render a session: feel a probe touch a scene through a device
     Run(Box<RunArguments>),
-    /// Render behind a window that shows what touches where; the mouse moves the emulated hand
-    #[cfg(feature = "view")]
+    /// Render in a window that shows what touches where; the mouse moves the emulated hand [build with the cargo feature `view`]
     View(Box<ViewArguments>),
     /// List the devices and what they can do
     Devices(DevicesArguments),
+    /// Check whether this machine is fit for haptics: scheduling, timer, processors, graphics, devices, cache
+    Doctor(DoctorArguments),
 }
 
 /// Where the machine-readable result goes.
@@ -61,7 +63,7 @@ pub struct Reading {
     /// Factor on the lengths of every mesh given: 0.001 for files in millimetres
     #[arg(long, default_value_t = 1.0, value_name = "S")]
     pub scale: f64,
-    /// Make an oriented 2-manifold without self-intersection of each mesh, and say what that changed
+    /// Repair each mesh into an oriented 2-manifold without self-intersections, and report what changed
     #[arg(long)]
     pub repair: bool,
 }
@@ -69,6 +71,54 @@ pub struct Reading {
 impl Reading {
     pub fn options(&self) -> OpenOptions {
         OpenOptions { scale: self.scale, repair: self.repair, ..OpenOptions::default() }
+    }
+}
+
+/// How two meshes that touch each other are read.
+#[derive(Args)]
+pub struct PairReading {
+    /// Factor on the lengths of both meshes: 0.001 for files in millimetres
+    #[arg(long, default_value_t = 1.0, value_name = "S")]
+    scale: f64,
+    /// Factor on the probe's lengths alone [default: --scale]
+    #[arg(long, value_name = "S")]
+    probe_scale: Option<f64>,
+    /// Factor on the scene's lengths alone [default: --scale]
+    #[arg(long, value_name = "S")]
+    scene_scale: Option<f64>,
+    /// Repair both meshes into oriented 2-manifolds without self-intersections, and report what changed
+    #[arg(long)]
+    repair: bool,
+    /// Repair the probe alone
+    #[arg(long)]
+    probe_repair: bool,
+    /// Repair the scene's mesh alone
+    #[arg(long)]
+    scene_repair: bool,
+}
+
+impl PairReading {
+    /// How the probe is read.
+    pub fn of_probe(&self) -> OpenOptions {
+        self.options(self.probe_scale, self.probe_repair)
+    }
+
+    /// How the scene's mesh is read.
+    pub fn of_scene(&self) -> OpenOptions {
+        self.options(self.scene_scale, self.scene_repair)
+    }
+
+    /// Whether anything is asked for of the scene's mesh alone.
+    pub fn is_scene_given(&self) -> bool {
+        self.scene_scale.is_some() || self.scene_repair
+    }
+
+    fn options(&self, scale: Option<f64>, repair: bool) -> OpenOptions {
+        OpenOptions {
+            scale: scale.unwrap_or(self.scale),
+            repair: repair || self.repair,
+            ..OpenOptions::default()
+        }
     }
 }
 
@@ -113,9 +163,12 @@ pub struct BuildArguments {
 }
 
 #[derive(Args)]
+#[command(allow_negative_numbers = true)] // Refused with a reason, not for looking like an option.
 pub struct InspectArguments {
     /// Hierarchy (.clod), mesh file or built-in model
     pub hierarchy: String,
+    #[command(flatten)]
+    pub reading: Reading,
     #[command(flatten)]
     pub pictures: Pictures,
     #[command(flatten)]
@@ -133,13 +186,13 @@ pub struct Pictures {
     #[arg(long, value_name = "N", default_value_t = 800, requires = "render",
         value_parser = clap::value_parser!(u32).range(200..=2000))]
     pub size: u32,
-    /// Levels to draw, such as 0,3,6; all where none are named
+    /// Levels to draw, such as 0,3,6 [default: all]
     #[arg(long, value_name = "LEVELS", value_delimiter = ',', requires = "render")]
     pub levels: Vec<usize>,
-    /// Look from this direction: degrees about the vertical, from x towards y [default: one that shows the object well]
+    /// Azimuth of the camera: degrees about the vertical, from x towards y [default: a view that shows the object well]
     #[arg(long, value_name = "DEGREES", requires = "render", value_parser = angle)]
     pub azimuth: Option<f64>,
-    /// Look down from this angle above the horizon, degrees
+    /// Elevation of the camera above the horizon, degrees
     #[arg(long, value_name = "DEGREES", requires = "render", value_parser = angle)]
     pub elevation: Option<f64>,
 }
@@ -156,31 +209,31 @@ pub struct QueryArguments {
     pub probe: String,
     /// The object that it touches
     pub scene: String,
-    /// Poses of the probe in the scene's frame: CSV with the header t,px,py,pz,qx,qy,qz,qw
+    /// Poses of the probe in the scene's frame: CSV with the header t,px,py,pz,qx,qy,qz,qw, or a recording by `run --record`
     #[arg(long, value_name = "T.csv")]
     pub trajectory: PathBuf,
     /// Report contacts closer than this: metres, or a percentage of the probe's bounding radius such as 1%
     #[arg(long, value_name = "D")]
     pub tolerance: Length,
-    /// Leave out detail whose error, averaged over the area of contact (s*), is no more than this: metres, or a
-    /// percentage of the probe's bounding radius such as 2.5% [default: full resolution]
+    /// Leave out detail whose error, averaged over the area of contact (s*), is at most this: metres, or a percentage of the
+    /// probe's bounding radius such as 2.5%, at most 100% [default: full resolution]
     #[arg(long, value_name = "S0", conflicts_with = "exact")]
     pub error: Option<Length>,
     /// Report contacts at full resolution: local minima of the distance, merged within 10 % of D, and one contact for each
-    /// region of intersection. So it is, too, without --error and --budget-us; with one of these every pair of patches in
-    /// contact is reported
+    /// region of intersection. This is the default without --error and --budget-us; with either of them, every pair of
+    /// patches in contact is reported
     #[arg(long)]
     pub exact: bool,
-    /// Go over smoothly from contacts at one resolution to those at the next
+    /// Blend contacts smoothly from one level of detail to the next
     #[arg(long, conflicts_with = "exact")]
     pub interpolate: bool,
-    /// Time-critical: refine most needed detail first, and stop after about this many microseconds
+    /// Time-critical mode: refine the most important detail first, and stop after about this many microseconds
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub budget_us: Option<u64>,
-    /// Examine contacts on all processors where there are many of them; they are the same
+    /// Use all processors where there are many contacts; the result is the same
     #[arg(long, conflicts_with = "budget_us")]
     pub parallel: bool,
-    /// Start every query from the root, rather than from the last one's front
+    /// Start each query at the root rather than at the front of the query before
     #[arg(long)]
     pub cold: bool,
     /// Stiffness of the penalty force, N/m
@@ -189,11 +242,11 @@ pub struct QueryArguments {
     /// Number of contact clusters
     #[arg(long, default_value_t = 5, value_name = "N")]
     pub clusters: usize,
-    /// Write every contact, before clustering
+    /// Write each contact, before clustering, as CSV
     #[arg(long, value_name = "FILE.csv")]
     pub contacts: Option<PathBuf>,
     #[command(flatten)]
-    pub reading: Reading,
+    pub reading: PairReading,
     #[command(flatten)]
     pub json: Json,
 }
@@ -205,26 +258,26 @@ pub struct RunArguments {
     pub probe: String,
     /// The object that it touches, or a scene file (.toml) with several and settings
     pub scene: String,
-    /// emulated, emulated:PRESET,KEY=VALUE,... (task=press, hand=firm, encoder_step=0, path=FILE.csv, ...), replay:FILE (poses
-    /// of the probe, or a recorded device), or one that `palpate devices` lists
+    /// emulated, emulated:PRESET,KEY=VALUE,... (task=press, hand=firm, encoder_step=0, path=FILE.csv, ...), replay:FILE (a
+    /// trajectory, a recording of a session or of a device), or one that `palpate devices` lists
     #[arg(long, default_value = "emulated")]
     pub device: String,
-    /// Button of the device, counted from 0, that is to be held for anything to be felt [default: none]
+    /// Send forces only while this button of the device, counted from 0, is held [default: always]
     #[arg(long, value_name = "N")]
     pub enable_button: Option<u32>,
-    /// How long to render, s [default: 10; behind a window, until it is closed]
+    /// How long to render, s [default: 10; in a window, until it is closed]
     #[arg(long)]
     pub seconds: Option<f64>,
-    /// Simulated clock, one thread, reproducible bit by bit
+    /// Run on a simulated clock in one thread: reproducible bit for bit
     #[arg(long)]
     pub lockstep: bool,
-    /// Contact queries a second under --lockstep, Hz
-    #[arg(long, default_value_t = 500.0, value_name = "HZ", requires = "lockstep")]
-    pub contact_rate: f64,
-    /// Write one row a haptic step
+    /// Contact queries a second under --lockstep, Hz, at most --rate [default: 500]
+    #[arg(long, value_name = "HZ", requires = "lockstep")]
+    pub contact_rate: Option<f64>,
+    /// Record the session as CSV, one row for each haptic step
     #[arg(long, value_name = "FILE.csv")]
     pub record: Option<PathBuf>,
-    /// Write what the device told, to be replayed exactly with --device replay:FILE: text where FILE ends in .csv, else compact
+    /// Record the device's readings, to replay them exactly with --device replay:FILE: text if FILE ends in .csv, else compact
     #[arg(long, value_name = "FILE")]
     pub record_device: Option<PathBuf>,
     /// Write a self-contained HTML report
@@ -237,7 +290,7 @@ pub struct RunArguments {
     #[command(flatten)]
     pub textures: Textures,
     #[command(flatten)]
-    pub reading: Reading,
+    pub reading: PairReading,
     #[command(flatten)]
     pub json: Json,
 }
@@ -249,16 +302,16 @@ pub struct RecommendArguments {
     pub probe: String,
     /// The object that it touches
     pub scene: String,
-    /// What an emulated hand does with the probe meanwhile: explore, press, stroke, scrub, tap or peg-insertion
+    /// What the emulated hand does with the probe: explore, press, stroke, scrub, tap or peg-insertion [default: explore]
     #[arg(long, value_name = "NAME", conflicts_with = "trajectory", value_parser = task)]
     pub task: Option<Task>,
-    /// Poses of the probe that the hand means it to take: CSV with the header t,px,py,pz,qx,qy,qz,qw
+    /// Poses that the hand moves the probe through: CSV with the header t,px,py,pz,qx,qy,qz,qw, or a recording by `run --record`
     #[arg(long, value_name = "T.csv")]
     pub trajectory: Option<PathBuf>,
     /// How long the hand moves the probe, s
     #[arg(long, default_value_t = 3.0, value_name = "S")]
     pub seconds: f64,
-    /// Time that a contact step may take, microseconds [default: the haptic period]
+    /// Most time for a contact step, microseconds [default: the haptic period]
     #[arg(long, value_name = "N")]
     pub budget_us: Option<f64>,
     #[command(flatten)]
@@ -266,7 +319,7 @@ pub struct RecommendArguments {
     #[command(flatten)]
     pub textures: Textures,
     #[command(flatten)]
-    pub reading: Reading,
+    pub reading: PairReading,
     #[command(flatten)]
     pub json: Json,
 }
@@ -287,22 +340,22 @@ pub struct Textures {
     /// Height image that displaces the scene's object
     #[arg(long, value_name = "IMAGE", requires = "amplitude", conflicts_with = "scene_detail")]
     scene_heights: Option<PathBuf>,
-    /// Height images: metres from black to white, or of a unit of a float image; mid grey is no displacement
+    /// Displacement by height images: metres from black to white, or metres per unit of a float image; mid grey is zero
     #[arg(long, value_name = "A")]
     amplitude: Option<f64>,
-    /// Detailed mesh or built-in model in the probe's frame, whose detail the coarse probe is to have
+    /// Detailed mesh or built-in model, in the probe's frame, whose detail is baked onto the coarse probe
     #[arg(long, value_name = "MESH")]
     probe_detail: Option<String>,
-    /// Detailed mesh or built-in model, whose detail the scene's object is to have
+    /// Detailed mesh or built-in model whose detail is baked onto the scene's object
     #[arg(long, value_name = "MESH")]
     scene_detail: Option<String>,
-    /// Size of the texels that detail is baked with, m [default: a 400th of the bounding radius]
+    /// Size of the baked texels, m [default: a 400th of the bounding radius]
     #[arg(long, value_name = "T")]
     texel: Option<f64>,
-    /// How far around a contact detail is felt, m [default: as far as the grid resolves the texture]
+    /// How far around a contact its texture is sampled, m [default: as far as the grid resolves the texture]
     #[arg(long, value_name = "R")]
     texture_reach: Option<f64>,
-    /// Texels along a side of the grid on which a textured contact is looked at [default: 50]
+    /// Texels along each side of the grid on which a textured contact is sampled [default: 50]
     #[arg(long, value_name = "N")]
     texture_grid: Option<u32>,
 }
@@ -336,28 +389,43 @@ impl Textures {
 /// How much detail contact queries look at.
 #[derive(Args)]
 pub struct Resolution {
-    /// Leave out detail whose error, averaged over the area of contact, is no more than this: metres, or a percentage of
-    /// the probe's radius such as 2.5% [default: full resolution]
+    /// Leave out detail whose error, averaged over the area of contact, is at most this: metres, or a percentage of the
+    /// probe's bounding radius such as 2.5%, at most 100% [default: full resolution]
     #[arg(long, value_name = "S0")]
     error: Option<Length>,
     /// Let forces jump where the level of detail changes, which takes a little less time
     #[arg(long)]
     no_interpolation: bool,
-    /// Microseconds that a contact query may take: what detail does not fit in is left out [default: no limit]
+    /// Most time for a contact query, microseconds; detail that does not fit is left out [default: no limit]
     #[arg(long, value_name = "N")]
     budget_us: Option<f64>,
 }
 
 impl Resolution {
-    /// These in the settings for a probe of the given bounding radius, m.
-    pub fn applied_to(&self, settings: Settings, radius: f64) -> Settings {
-        Settings {
-            error: self.error.map_or(settings.error, |error| error.metres(radius)),
+    /// These in the settings for a probe.
+    pub fn applied_to(&self, settings: Settings, probe: &Object) -> Result<Settings, Failure> {
+        let error = self.error.map(|error| detail_error(error, probe)).transpose()?;
+        Ok(Settings {
+            error: error.unwrap_or(settings.error),
             interpolation: settings.interpolation && !self.no_interpolation,
             query_budget: self.budget_us.map(|us| 1e-6 * us).or(settings.query_budget),
             ..settings
-        }
+        })
     }
+}
+
+/// `--error` in metres for a probe; refused where no detail would be left.
+pub fn detail_error(error: Length, probe: &Object) -> Result<f64, Failure> {
+    let radius = probe.bounding_radius();
+    let metres = error.metres(radius);
+    if metres <= radius {
+        return Ok(metres);
+    }
+    let name = &probe.name;
+    Err(Failure::Message(format!(
+        "--error {error}: detail as large as {name} itself would be left out; give at most 100%, its bounding radius \
+         ({radius:.3e} m)"
+    )))
 }
 
 /// Physical settings, SI units.
@@ -372,13 +440,13 @@ pub struct Physics {
     /// Contact damping, N·s/m [default: critical]
     #[arg(long)]
     contact_damping: Option<f64>,
-    /// Stiffness of the virtual coupling, N/m [default: what the device renders passively]
+    /// Stiffness of the virtual coupling, N/m [default: as stiff as the device renders passively]
     #[arg(long)]
     coupling_stiffness: Option<f64>,
     /// Damping of the virtual coupling, N·s/m [default: critical]
     #[arg(long)]
     coupling_damping: Option<f64>,
-    /// Angular stiffness of the virtual coupling, N·m/rad [default: what the device renders passively]
+    /// Angular stiffness of the virtual coupling, N·m/rad [default: as stiff as the device renders passively]
     #[arg(long)]
     angular_stiffness: Option<f64>,
     /// Angular damping of the virtual coupling, N·m·s/rad [default: critical]
@@ -387,7 +455,7 @@ pub struct Physics {
     /// Coulomb coefficient of friction [default: 0]
     #[arg(long, value_name = "MU")]
     friction: Option<f64>,
-    /// Coefficient of friction of contacts at rest [default: that of sliding ones]
+    /// Coefficient of friction of contacts at rest [default: --friction]
     #[arg(long, value_name = "MU")]
     static_friction: Option<f64>,
     /// Distance at which contact begins: metres, or a percentage of the probe's radius [default: 1%]
@@ -406,10 +474,10 @@ pub struct Physics {
     /// How far the object moves for a metre at the device; forces are divided by it, torques by its square [default: 1]
     #[arg(long, value_name = "S")]
     workspace_scale: Option<f64>,
-    /// Button, counted from 0, that moves the device without the object while it is held [default: none]
+    /// Clutch: while this button, counted from 0, is held, the device moves without the object [default: none]
     #[arg(long, value_name = "N")]
     clutch_button: Option<u32>,
-    /// Damp the device where more energy came out of the session than went in
+    /// Damp the device when more energy has come out of the session than went in
     #[arg(long)]
     passivity_controller: bool,
     /// Render objects whose size suggests a wrong unit
@@ -448,21 +516,26 @@ impl Physics {
     }
 }
 
-#[cfg(feature = "view")]
 #[derive(Args)]
 pub struct ViewArguments {
     #[command(flatten)]
     pub run: RunArguments,
-    /// Write a picture of the window when the session has lasted
+    /// Write a picture of the window at the end of the session
     #[arg(long, value_name = "FILE.png")]
     pub screenshot: Option<PathBuf>,
 }
 
 #[derive(Args)]
 pub struct DevicesArguments {
-    /// Print the udev rules with which your user may open HID devices on Linux
+    /// Print udev rules that let your user open HID devices on Linux
     #[arg(long, conflicts_with = "json")]
     pub udev: bool,
+    #[command(flatten)]
+    pub json: Json,
+}
+
+#[derive(Args)]
+pub struct DoctorArguments {
     #[command(flatten)]
     pub json: Json,
 }
@@ -482,6 +555,15 @@ impl Length {
         match self {
             Self::Metres(length) => length,
             Self::OfRadius(fraction) => fraction * radius,
+        }
+    }
+}
+
+impl std::fmt::Display for Length {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Metres(length) => write!(f, "{length}"),
+            Self::OfRadius(fraction) => write!(f, "{}%", 100.0 * fraction),
         }
     }
 }

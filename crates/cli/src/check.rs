@@ -16,6 +16,23 @@ struct Check {
     #[serde(flatten)]
     report: ValidationReport,
     self_intersections: u64,
+    verdict: Verdict,
+    /// What stands in the way of a hierarchy; empty where the mesh is ready.
+    faults: Vec<String>,
+    /// What the loader warned of.
+    warnings: Vec<String>,
+}
+
+/// Whether a hierarchy can be built of a mesh.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+enum Verdict {
+    #[serde(rename = "ready")]
+    Ready,
+    #[serde(rename = "needs --repair")]
+    NeedsRepair,
+    /// Faults are left although it was repaired, or it is empty.
+    #[serde(rename = "not usable")]
+    NotUsable,
 }
 
 pub fn run(arguments: &CheckArguments) -> Result<(), Failure> {
@@ -25,9 +42,17 @@ pub fn run(arguments: &CheckArguments) -> Result<(), Failure> {
     let mut report = opened.mesh.validate();
     let crossings = mesh_io::self_intersections(&opened.mesh);
     report.first.self_intersection = crossings.first;
-    let check = Check { report, self_intersections: crossings.count as u64 };
+    let self_intersections = crossings.count as u64;
+    let faults = faults(&report, self_intersections);
+    let verdict = match faults.is_empty() {
+        true => Verdict::Ready,
+        false if report.triangles == 0 || arguments.reading.repair => Verdict::NotUsable,
+        false => Verdict::NeedsRepair,
+    };
+    let warnings = progress::words(&opened.warnings);
+    let check = Check { report, self_intersections, verdict, faults, warnings };
     output::result(&arguments.json, &check, |table| {
-        let Check { report: r, self_intersections } = &check;
+        let Check { report: r, self_intersections, faults, .. } = &check;
         let yes = |answer: bool| if answer { "yes" } else { "no" };
         let at = |first: Option<String>| first.map_or(String::new(), |first| format!("first: {first}"));
         let edge = |first: &Option<palpate::core::mesh::OffendingEdge>| {
@@ -52,5 +77,52 @@ pub fn run(arguments: &CheckArguments) -> Result<(), Failure> {
         table.row([&"self-intersections", self_intersections, &at(crossing)]);
         table.row([&"bounding radius", &format!("{:.6} m", r.bounding_radius)]);
         table.row([&"volume", &format!("{:.6e} m³", r.volume)]);
+        table.row([&"verdict", &check.verdict.in_words(&arguments.mesh, faults)]);
+        if faults.iter().any(|fault| !fault.starts_with("the triangles")) {
+            table.row([
+                &"",
+                &"vertices and triangles are counted from 0, vertices after equal ones were merged",
+            ]);
+        }
     })
+}
+
+impl Verdict {
+    fn in_words(self, mesh: &str, faults: &[String]) -> String {
+        let faults = faults.join(", ");
+        match self {
+            Self::Ready => "ready: a hierarchy can be built of it".to_owned(),
+            Self::NeedsRepair => {
+                format!(
+                    "needs --repair ({faults}): `palpate build {mesh} --repair -o FILE.clod`, or run with --repair"
+                )
+            }
+            Self::NotUsable => format!("not usable ({faults}): correct it in the program that it came from"),
+        }
+    }
+}
+
+/// What building a hierarchy refuses about a mesh.
+fn faults(report: &ValidationReport, self_intersections: u64) -> Vec<String> {
+    let counted = [
+        (report.nonfinite as u64, "vertices that are not finite"),
+        (report.degenerate as u64, "degenerate triangles"),
+        (report.duplicate as u64, "duplicate triangles"),
+        (report.nonmanifold_edges as u64, "non-manifold edges"),
+        (report.misoriented_edges as u64, "misoriented edges"),
+        (report.nonmanifold_vertices as u64, "fans of triangles that meet the rest at a vertex only"),
+        (self_intersections, "self-intersections"),
+    ];
+    let mut faults: Vec<String> = counted
+        .iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, what)| format!("{count} {what}"))
+        .collect();
+    if report.triangles == 0 {
+        faults.push("there is no triangle".to_owned());
+    }
+    if report.closed && report.volume < 0.0 {
+        faults.push("the triangles face inwards".to_owned());
+    }
+    faults
 }

@@ -44,6 +44,18 @@ impl fmt::Display for Failure {
     }
 }
 
+/// With the command that builds a driver in.
+impl From<palpate::device::DeviceError> for Failure {
+    fn from(error: palpate::device::DeviceError) -> Self {
+        Self::Message(match &error {
+            palpate::device::DeviceError::NotCompiledIn { feature, .. } => {
+                format!("{error}: `cargo run --release -p palpate-cli --features {feature} -- ...`")
+            }
+            error => error.to_string(),
+        })
+    }
+}
+
 macro_rules! from_error {
     ($($error:ty),*) => {$(
         impl From<$error> for Failure {
@@ -100,7 +112,6 @@ impl From<palpate_measure::MeasureError> for Failure {
 }
 
 from_error!(
-    palpate::device::DeviceError,
     palpate::device::PathError,
     palpate::models::ModelError,
     palpate::clod_build::BuildError,

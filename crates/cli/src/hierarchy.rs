@@ -73,7 +73,7 @@ pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
     if let Some(folder) = &arguments.pictures.render {
         output::check_folder(folder)?;
     }
-    let object = progress::open(&arguments.hierarchy, &palpate::OpenOptions::default())?;
+    let object = progress::open(&arguments.hierarchy, &arguments.reading.options())?;
     if let Some(folder) = &arguments.pictures.render {
         draw(&object, folder, arguments)?;
     }

@@ -3,6 +3,7 @@
 mod arguments;
 mod check;
 mod devices;
+mod doctor;
 mod failure;
 mod hierarchy;
 mod models;
@@ -31,9 +32,9 @@ fn main() -> ExitCode {
         Command::Query(arguments) => query::run(&arguments),
         Command::Recommend(arguments) => recommend::run(&arguments),
         Command::Run(arguments) => run::run(&arguments),
-        #[cfg(feature = "view")]
         Command::View(arguments) => run::view(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
+        Command::Doctor(arguments) => doctor::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -11,10 +11,21 @@ use crate::failure::Failure;
 
 /// Prints or writes `value` as JSON where that was asked for; otherwise prints the rows of a table.
 pub fn result(json: &Json, value: &impl Serialize, table: impl FnOnce(&mut Table)) -> Result<(), Failure> {
-    let Some(path) = &json.json else {
+    text_or_json(json, value, || {
         let mut rows = Table::default();
         table(&mut rows);
-        return rows.print();
+        rows.lines().into_iter().map(|row| row + "\n").collect()
+    })
+}
+
+/// Prints or writes `value` as JSON where that was asked for; otherwise prints `text`.
+pub fn text_or_json(
+    json: &Json,
+    value: &impl Serialize,
+    text: impl FnOnce() -> String,
+) -> Result<(), Failure> {
+    let Some(path) = &json.json else {
+        return stdout().lock().write_all(text().as_bytes()).map_err(|error| Failure::printing(&error));
     };
     let mut text =
         serde_json::to_string_pretty(value).map_err(|error| Failure::Message(format!("JSON: {error}")))?;
@@ -95,14 +106,6 @@ impl Table {
     /// Adds a row.
     pub fn row<const N: usize>(&mut self, cells: [&dyn std::fmt::Display; N]) {
         self.0.push(cells.iter().map(ToString::to_string).collect());
-    }
-
-    fn print(&self) -> Result<(), Failure> {
-        let mut out = stdout().lock();
-        for row in self.lines() {
-            writeln!(out, "{row}").map_err(|error| Failure::printing(&error))?;
-        }
-        Ok(())
     }
 
     fn lines(&self) -> Vec<String> {

@@ -62,9 +62,14 @@ fn in_words(warning: &LoadWarning) -> String {
     }
 }
 
+/// Warnings of a loader in words, for JSON.
+pub fn words(warnings: &[LoadWarning]) -> Vec<String> {
+    warnings.iter().map(in_words).collect()
+}
+
 /// Prints what a loader warned of about `argument`.
 pub fn warn_of_loading(argument: &str, warnings: &[LoadWarning]) {
-    warn(argument, &warnings.iter().map(in_words).collect::<Vec<_>>());
+    warn(argument, &words(warnings));
 }
 
 /// Prints warnings about `argument`.

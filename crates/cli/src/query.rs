@@ -15,7 +15,7 @@ use palpate::device::{Interpolation, MotionPath};
 use palpate::{Object, Pose, Wrench};
 use serde::Serialize;
 
-use crate::arguments::QueryArguments;
+use crate::arguments::{QueryArguments, detail_error};
 use crate::failure::Failure;
 use crate::{output, progress};
 
@@ -66,10 +66,9 @@ pub fn run(arguments: &QueryArguments) -> Result<(), Failure> {
         arguments.contacts.as_deref().into_iter().chain(arguments.json.file()).collect();
     output::check_files(&read, &written)?;
     let trajectory = MotionPath::load(&arguments.trajectory, Interpolation::Linear)?;
-    let options = arguments.reading.options();
-    let probe = progress::open(&arguments.probe, &options)?;
-    let scene = progress::open(&arguments.scene, &options)?;
-    let error = arguments.error.map_or(0.0, |error| error.metres(probe.bounding_radius()));
+    let probe = progress::open(&arguments.probe, &arguments.reading.of_probe())?;
+    let scene = progress::open(&arguments.scene, &arguments.reading.of_scene())?;
+    let error = arguments.error.map_or(Ok(0.0), |error| detail_error(error, &probe))?;
     let settings = QuerySettings {
         error: error.into(),
         interpolate: arguments.interpolate,

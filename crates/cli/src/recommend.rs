@@ -35,9 +35,9 @@ pub fn run(arguments: &RecommendArguments) -> Result<(), Failure> {
         Some(file) => Hand::Path(MotionPath::load(file, Interpolation::Smooth)?),
         None => Hand::Task(arguments.task.unwrap_or_default()),
     };
-    let options = arguments.reading.options();
-    let probe = textures::open(&arguments.probe, &arguments.textures.of_probe(), &options)?;
-    let object = textures::open(&arguments.scene, &arguments.textures.of_scene(), &options)?;
+    let reading = &arguments.reading;
+    let probe = textures::open(&arguments.probe, &arguments.textures.of_probe(), &reading.of_probe())?;
+    let object = textures::open(&arguments.scene, &arguments.textures.of_scene(), &reading.of_scene())?;
     let scene = Scene::new().with(object, Pose::IDENTITY);
     let settings = arguments.textures.applied_to(Settings::default());
     let settings = arguments.physics.applied_to(settings, probe.bounding_radius());

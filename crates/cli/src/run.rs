@@ -13,7 +13,7 @@ use palpate::{
     ContactTiming, HapticRenderer, Pose, Record, RecordWriter, RendererError, Scene, SceneFile, Session,
     Settings, Summary, explore,
 };
-use palpate_report::Report;
+use palpate_report::{Machine, Rendered, Report};
 
 use crate::arguments::RunArguments;
 use crate::failure::Failure;
@@ -32,8 +32,14 @@ pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
 }
 
 /// `palpate view`: the same behind a window.
-#[cfg(feature = "view")]
 pub fn view(arguments: &crate::arguments::ViewArguments) -> Result<(), Failure> {
+    if !cfg!(feature = "view") {
+        let (probe, scene) = (&arguments.run.probe, &arguments.run.scene);
+        return Err(Failure::Message(format!(
+            "this build has no window; build one with the cargo feature `view`: `{} {probe} {scene}`",
+            view_command()
+        )));
+    }
     let screenshot = arguments.screenshot.clone();
     if arguments.run.lockstep {
         return Err(Failure::Message(
@@ -58,15 +64,16 @@ fn render(arguments: &RunArguments, window: Option<Window>) -> Result<(), Failur
     if !(seconds > 0.0 && seconds <= LONGEST) {
         return Err(Failure::Message(format!("--seconds {seconds}: give more than 0, at most {LONGEST}")));
     }
-    let timing = timing(arguments)?;
+    check_rate(arguments.contact_rate)?;
     check_files(arguments, window.as_ref())?;
-    let options = arguments.reading.options();
-    let probe = textures::open(&arguments.probe, &arguments.textures.of_probe(), &options)?;
+    let probe =
+        textures::open(&arguments.probe, &arguments.textures.of_probe(), &arguments.reading.of_probe())?;
     let (scene, settings) = open_scene(arguments)?;
     let radius = probe.bounding_radius();
     let settings = arguments.physics.applied_to(arguments.textures.applied_to(settings), radius);
-    let settings = arguments.resolution.applied_to(settings, radius);
+    let settings = arguments.resolution.applied_to(settings, &probe)?;
     settings.check().map_err(RendererError::from)?;
+    let timing = timing(arguments, &settings)?;
     let mapping = DeviceMapping::new(settings.workspace_scale, settings.device_frame);
     let (device, steering) = if window.is_some() {
         explore::open_steered_device(&arguments.device, &probe, &scene, &mapping)?
@@ -92,7 +99,9 @@ fn render(arguments: &RunArguments, window: Option<Window>) -> Result<(), Failur
             (Box::new(tap) as Box<dyn HapticDevice>, Some((path.as_path(), taps, writer)))
         }
     };
+    let shown = window.is_some();
     let renderer = HapticRenderer::new(probe, scene, device, settings)?;
+    let rendered = Rendered::of(&renderer);
 
     let stop = stop_on_interrupt()?;
     let bar = progress::bar("rendering");
@@ -105,12 +114,45 @@ fn render(arguments: &RunArguments, window: Option<Window>) -> Result<(), Failur
     };
     bar.finish_and_clear();
     let summary = session.summary();
-    recorder.close(arguments, &summary)?;
+    recorder.close(arguments, &rendered, &summary)?;
     output::result(&arguments.json, &summary, |table| {
         for (name, value) in palpate_report::measured(&summary) {
             table.row([&name, &value]);
         }
+        table.row([]);
+        for line in what_next(arguments, shown) {
+            table.row([&line]);
+        }
     })
+}
+
+/// How to look at what was rendered.
+fn what_next(arguments: &RunArguments, shown: bool) -> Vec<String> {
+    let (probe, scene) = (&arguments.probe, &arguments.scene);
+    let report = match &arguments.report {
+        Some(path) => format!("The report is {0}; open it in a browser: {OPENER} {0}", path.display()),
+        None => "--report FILE.html writes a report with plots and a picture.".to_owned(),
+    };
+    let window = (!shown).then(|| format!("See it move in a window: {} {probe} {scene}", view_command()));
+    std::iter::once(report).chain(window).collect()
+}
+
+/// What opens a file in a browser.
+const OPENER: &str = if cfg!(windows) {
+    "start"
+} else if cfg!(target_os = "macos") {
+    "open"
+} else {
+    "xdg-open"
+};
+
+/// The command that opens a window, with this build or another.
+fn view_command() -> &'static str {
+    if cfg!(feature = "view") {
+        "palpate view"
+    } else {
+        "cargo run --release -p palpate-cli --features view -- view"
+    }
 }
 
 /// What is touched, and the settings that a scene file has.
@@ -118,13 +160,19 @@ fn open_scene(arguments: &RunArguments) -> Result<(Scene, Settings), Failure> {
     let path = Path::new(&arguments.scene);
     let detail = arguments.textures.of_scene();
     if !path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml")) {
-        let object = textures::open(&arguments.scene, &detail, &arguments.reading.options())?;
+        let object = textures::open(&arguments.scene, &detail, &arguments.reading.of_scene())?;
         return Ok((Scene::new().with(object, Pose::IDENTITY), Settings::default()));
     }
     if !matches!(detail, Detail::None) {
         let scene = path.display();
         return Err(Failure::Message(format!(
             "{scene}: --scene-heights and --scene-detail are for a single object"
+        )));
+    }
+    if arguments.reading.is_scene_given() {
+        let scene = path.display();
+        return Err(Failure::Message(format!(
+            "{scene}: --scene-scale and --scene-repair are for a single object; give `scale` and `repair` in the scene file"
         )));
     }
     let file = SceneFile::load(path)?;
@@ -191,12 +239,26 @@ fn check_files(arguments: &RunArguments, window: Option<&Window>) -> Result<(), 
     output::check_files(&read, &written)
 }
 
-fn timing(arguments: &RunArguments) -> Result<ContactTiming, Failure> {
-    let rate = arguments.contact_rate;
-    if rate.is_finite() && rate > 0.0 {
-        Ok(ContactTiming::busy(rate))
-    } else {
-        Err(Failure::Message(format!("--contact-rate {rate}: give a rate above 0 Hz")))
+/// Contact queries a second where none are asked for, Hz.
+const CONTACT_RATE: f64 = 500.0;
+
+fn check_rate(given: Option<f64>) -> Result<(), Failure> {
+    match given {
+        Some(rate) if !(rate.is_finite() && rate > 0.0) => {
+            Err(Failure::Message(format!("--contact-rate {rate}: give a rate above 0 Hz")))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn timing(arguments: &RunArguments, settings: &Settings) -> Result<ContactTiming, Failure> {
+    let most = settings.rate;
+    match arguments.contact_rate {
+        Some(rate) if rate > most => Err(Failure::Message(format!(
+            "--contact-rate {rate}: the haptic loop takes one contact model a step, so no more than its --rate is reached; give \
+             at most {most} Hz"
+        ))),
+        given => Ok(ContactTiming::busy(given.unwrap_or(CONTACT_RATE))),
     }
 }
 
@@ -259,7 +321,12 @@ impl<'a> Recorder<'a> {
         Ok(())
     }
 
-    fn close(mut self, arguments: &RunArguments, summary: &Summary) -> Result<(), Failure> {
+    fn close(
+        mut self,
+        arguments: &RunArguments,
+        rendered: &Rendered,
+        summary: &Summary,
+    ) -> Result<(), Failure> {
         if let Some((path, file)) = self.file.take() {
             file.finish().map_err(|error| Failure::writing(path, error))?;
         }
@@ -275,7 +342,9 @@ impl<'a> Recorder<'a> {
             let title = format!("{} against {}", arguments.probe, arguments.scene);
             let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
             let command = words.collect::<Vec<_>>().join(" ");
-            let report = Report { title: &title, command: &command, summary, records: &records };
+            let machine = Machine::this();
+            let (title, command, records) = (title.as_str(), command.as_str(), records.as_slice());
+            let report = Report { title, command, summary, records, rendered, machine: &machine };
             std::fs::write(path, report.to_html()?).map_err(|error| Failure::writing(path, error))?;
         }
         Ok(())

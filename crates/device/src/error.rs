@@ -15,6 +15,14 @@ pub enum DeviceError {
         /// The addresses there are.
         known: String,
     },
+    /// This build has no driver for such devices.
+    #[error("this build has no driver for `{kind}` devices; build it with the cargo feature `{feature}`")]
+    NotCompiledIn {
+        /// What their addresses begin with.
+        kind: &'static str,
+        /// The feature of the crates `palpate` and `palpate-cli` that has the driver.
+        feature: &'static str,
+    },
     /// A parameter lies outside what it may be.
     #[error("{parameter} is {value}; give {expected}")]
     Parameter {

@@ -1,6 +1,8 @@
 //! Recorded motions as text: a header `t,px,py,pz,qx,qy,qz,qw`, then a line a sample with seconds, metres and a
 //! unit quaternion. Numbers are written with as many digits as it takes to read the same number back.
 //!
+//! A session's recording is read as well: of its columns, `t` and the object's pose, `object_px` to `object_qw`.
+//!
 //! Lines are split here, without a CSV parser: an error then names the line that an editor shows, a line's
 //! length is bounded, and a stray quotation mark cannot swallow the rest of the file. No field needs quoting.
 
@@ -18,6 +20,9 @@ use crate::path::{Interpolation, Keyframe, MotionPath, checked};
 pub const PATH_HEADER: &str = "t,px,py,pz,qx,qy,qz,qw";
 
 const COLUMNS: usize = 8;
+/// What a session's recording calls these columns.
+const OF_RECORDING: [&str; COLUMNS] =
+    ["t", "object_px", "object_py", "object_pz", "object_qx", "object_qy", "object_qz", "object_qw"];
 /// Eight numbers take some 200 bytes; a line beyond this is no sample, and may be a whole binary file.
 const MAX_LINE: u64 = 4096;
 
@@ -44,7 +49,7 @@ impl MotionPath {
         let mut keyframes: Vec<Keyframe> = Vec::new();
         let mut line = Vec::new();
         let mut number = 0;
-        let mut header_seen = false;
+        let mut columns: Option<Columns> = None;
         loop {
             line.clear();
             let taken = input
@@ -71,18 +76,16 @@ impl MotionPath {
             if text.is_empty() {
                 continue;
             }
-            if !header_seen {
-                if !text.split(',').map(str::trim).eq(PATH_HEADER.split(',')) {
-                    return Err(refuse(
+            let Some(columns) = &columns else {
+                columns = Some(Columns::of_header(text).ok_or_else(|| {
+                    refuse(
                         format!("header `{}`", text.chars().take(80).collect::<String>()),
-                        "let the file begin with the line t,px,py,pz,qx,qy,qz,qw",
-                    ));
-                }
-                header_seen = true;
+                        "let the file begin with the line t,px,py,pz,qx,qy,qz,qw, or give a recording of a session",
+                    )
+                })?);
                 continue;
-            }
-            let keyframe =
-                parse(text).map_err(|what| refuse(what, "give eight numbers: t,px,py,pz,qx,qy,qz,qw"))?;
+            };
+            let keyframe = columns.parse(text).map_err(|what| refuse(what, columns.remedy()))?;
             let keyframe = checked(keyframe, keyframes.last().map(|keyframe| keyframe.time))
                 .map_err(|refusal| refuse(refusal.what, refusal.remedy))?;
             keyframes.push(keyframe);
@@ -119,23 +122,55 @@ impl MotionPath {
     }
 }
 
-fn parse(text: &str) -> Result<Keyframe, String> {
-    let mut numbers = [0.0; COLUMNS];
-    let mut count = 0;
-    for field in text.split(',') {
-        let field = field.trim();
-        if let Some(number) = numbers.get_mut(count) {
-            *number = field
-                .parse()
-                .map_err(|_| format!("`{}` is not a number", field.chars().take(40).collect::<String>()))?;
+/// Where a line has the numbers of a sample.
+#[derive(Debug)]
+struct Columns {
+    /// The place of each number among the fields.
+    places: [usize; COLUMNS],
+    /// Fields of a line.
+    count: usize,
+}
+
+impl Columns {
+    /// Those of a path, or of a session's recording.
+    fn of_header(header: &str) -> Option<Self> {
+        let names: Vec<&str> = header.split(',').map(str::trim).collect();
+        if names.iter().copied().eq(PATH_HEADER.split(',')) {
+            return Some(Self { places: std::array::from_fn(|place| place), count: COLUMNS });
         }
-        count += 1;
+        let mut places = [0; COLUMNS];
+        for (place, wanted) in places.iter_mut().zip(OF_RECORDING) {
+            *place = names.iter().position(|name| *name == wanted)?;
+        }
+        Some(Self { places, count: names.len() })
     }
-    if count != COLUMNS {
-        return Err(format!("{count} fields"));
+
+    fn remedy(&self) -> &'static str {
+        if self.count == COLUMNS {
+            "give eight numbers: t,px,py,pz,qx,qy,qz,qw"
+        } else {
+            "give a recording as it was written, with a number for each column of its header"
+        }
     }
-    let [time, px, py, pz, qx, qy, qz, qw] = numbers;
-    Ok(Keyframe { time, pose: Pose::new(DVec3::new(px, py, pz), DQuat::from_xyzw(qx, qy, qz, qw)) })
+
+    fn parse(&self, text: &str) -> Result<Keyframe, String> {
+        let mut numbers = [0.0; COLUMNS];
+        let mut count = 0;
+        for field in text.split(',') {
+            let field = field.trim();
+            if let Some(wanted) = self.places.iter().position(|place| *place == count) {
+                numbers[wanted] = field.parse().map_err(|_| {
+                    format!("`{}` is not a number", field.chars().take(40).collect::<String>())
+                })?;
+            }
+            count += 1;
+        }
+        if count != self.count {
+            return Err(format!("{count} fields"));
+        }
+        let [time, px, py, pz, qx, qy, qz, qw] = numbers;
+        Ok(Keyframe { time, pose: Pose::new(DVec3::new(px, py, pz), DQuat::from_xyzw(qx, qy, qz, qw)) })
+    }
 }
 
 #[cfg(test)]
@@ -176,6 +211,22 @@ mod tests {
             "\u{feff}t, px,py,pz,qx,qy,qz,qw\r\n\r\n0, 1,2,3, 0,0,0,1\r\n\n 1,1,2,3,0,0,0,-1".as_bytes(),
         );
         assert_eq!(path.unwrap().keyframes().len(), 2);
+    }
+
+    #[test]
+    fn a_recording_gives_the_poses_of_its_object() {
+        let header =
+            "t,device_px,object_px,object_py,object_pz,object_qx,object_qy,object_qz,object_qw,model_age";
+        let path = read(format!("{header}\n0.5,9,1,2,3,0,0,0,1,NaN\n0.6,9,4,5,6,0,0,1,0,0.1\n").as_bytes());
+        let path = path.unwrap();
+        let [first, last] = path.keyframes() else { panic!("two samples") };
+        assert_eq!((first.time, first.pose), (0.5, Pose::from_translation(DVec3::new(1.0, 2.0, 3.0))));
+        let turned = Pose::new(DVec3::new(4.0, 5.0, 6.0), DQuat::from_xyzw(0.0, 0.0, 1.0, 0.0));
+        assert_eq!((last.time, last.pose), (0.6, turned));
+        let short = read(format!("{header}\n0.5,9,1,2,3,0,0,0,1\n").as_bytes()).unwrap_err();
+        assert!(short.contains("9 fields at hand.csv:2; give a recording as it was written"), "{short}");
+        let without = header.replace("object_qw,", "");
+        assert!(read(format!("{without}\n").as_bytes()).unwrap_err().contains("header `t,device_px"));
     }
 
     #[test]

@@ -15,6 +15,17 @@ use crate::{
 /// Lengths of a task that is done without a scene are multiples of the workspace's radius, at most of this, m.
 const LARGEST_SITE: f64 = 0.1;
 
+/// Kinds of devices whose drivers are there by a cargo feature, and that feature.
+const BY_FEATURE: [(&str, &str); 7] = [
+    ("spacemouse", "hid"),
+    ("woodenhaptics", "hid"),
+    ("hid", "hid"),
+    ("haply", "haply"),
+    ("force-dimension", "force-dimension"),
+    ("open-haptics", "open-haptics"),
+    ("haption", "haption"),
+];
+
 /// A device that can be opened.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Listing {
@@ -78,7 +89,7 @@ impl Registry {
     /// Opens a device by its address, `KIND` or `KIND:WHICH`.
     ///
     /// # Errors
-    /// If there is no such kind or device, or it cannot be opened.
+    /// If there is no such kind or device, its driver is not in this build, or it cannot be opened.
     pub fn open(&self, address: &str) -> Opened {
         let (name, which) = match address.split_once(':') {
             Some((name, which)) => (name, Some(which)),
@@ -93,7 +104,12 @@ impl Registry {
                 .collect::<Vec<_>>()
                 .join(", "),
         };
-        let kind = self.kinds.iter().find(|kind| kind.name == name).ok_or_else(unknown)?;
+        let Some(kind) = self.kinds.iter().find(|kind| kind.name == name) else {
+            let optional = BY_FEATURE.into_iter().find(|(kind, _)| *kind == name);
+            return Err(
+                optional.map_or_else(unknown, |(kind, feature)| DeviceError::NotCompiledIn { kind, feature })
+            );
+        };
         (kind.open)(which).map_err(|error| match error {
             DeviceError::Unknown { .. } => unknown(),
             error => error,
@@ -288,15 +304,15 @@ mod real {
 
     /// What is plugged in, and why it cannot be opened.
     fn list_connected() -> Vec<Listing> {
-        let listing = |device: hid::Connected| Listing {
-            address: format!("hid:{:04x}:{:04x}", device.vendor, device.product),
-            description: match device.refusal() {
+        let listing = |device: hid::PluggedIn| Listing {
+            address: device.address,
+            description: match device.refusal {
                 None => format!("{}, plugged in", device.name),
                 Some(refusal) => refusal.to_string(),
             },
             specification: None,
         };
-        let mut listings: Vec<Listing> = hid::connected().into_iter().map(listing).collect();
+        let mut listings: Vec<Listing> = hid::plugged_in().into_iter().map(listing).collect();
         if listings.is_empty() {
             listings.push(Listing {
                 address: "hid:VENDOR:PRODUCT".into(),
@@ -329,6 +345,20 @@ mod tests {
             assert!(device.read(0.01).unwrap().pose.is_valid());
         }
         assert_eq!(open("emulated").unwrap().specification(), &Emulation::default().specification);
+    }
+
+    #[test]
+    fn a_driver_that_is_not_compiled_in_is_named_with_its_feature() {
+        for (kind, feature) in BY_FEATURE {
+            if Registry::default().kinds.iter().any(|known| known.name == kind) {
+                continue;
+            }
+            let message = open(&format!("{kind}:1")).err().expect(kind).to_string();
+            assert!(message.contains(kind) && message.contains(&format!("feature `{feature}`")), "{message}");
+        }
+        assert!(
+            Registry { kinds: Vec::new() }.open("haply").err().unwrap().to_string().contains("no driver")
+        );
     }
 
     #[test]

@@ -37,7 +37,13 @@ fn path_of(mesh: &TriMesh, options: &BuildOptions) -> Option<PathBuf> {
         vertex.to_array().map(f64::to_bits).hash(&mut hasher);
     }
     let name = format!("{REVISION}-{:016x}.clod", hasher.finish());
-    Some(dirs::cache_dir()?.join("palpate").join(name))
+    Some(cache_folder()?.join(name))
+}
+
+/// The folder that built hierarchies are kept in, whether or not it exists yet; none where the system names no cache folder
+/// for this user.
+pub fn cache_folder() -> Option<PathBuf> {
+    Some(dirs::cache_dir()?.join("palpate"))
 }
 
 /// A guard against a hash collision and a stale file.

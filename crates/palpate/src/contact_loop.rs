@@ -194,6 +194,11 @@ impl ContactLoop {
         })
     }
 
+    /// The distance tolerance d that contacts are looked for within, m.
+    pub(crate) fn tolerance(&self) -> f64 {
+        self.parameters.tolerance
+    }
+
     /// Contacts for the grasped object's state at `time` (s). Allocates only while its workspaces grow to the scene's
     /// need.
     pub fn step(&mut self, body: &BodyState, time: f64) -> ContactUpdate {

@@ -68,6 +68,24 @@ impl Gains {
             max_damping: max_damping(settings, &coupling, &limits),
         })
     }
+
+    /// The settings with what they leave open filled in as chosen here.
+    pub fn fill_in(&self, settings: &Settings) -> Settings {
+        let Self { grasp, coupling, contacts, slew, .. } = *self;
+        Settings {
+            contact_damping: Some(contacts.damping),
+            static_friction: Some(contacts.friction.static_coefficient),
+            coupling_stiffness: Some(coupling.linear_stiffness),
+            coupling_damping: Some(coupling.linear_damping),
+            angular_stiffness: Some(coupling.angular_stiffness),
+            angular_damping: Some(coupling.angular_damping),
+            tolerance: Some(contacts.tolerance),
+            grasp: Some(grasp),
+            force_slew: Some(slew.force),
+            torque_slew: Some(slew.torque),
+            ..*settings
+        }
+    }
 }
 
 /// What the device's specification says of its port, sampled every `period` seconds.

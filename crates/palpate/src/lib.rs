@@ -24,6 +24,7 @@ mod gains;
 pub mod guide;
 mod haptic_loop;
 mod hosted;
+mod lateness;
 mod lockstep;
 mod machine;
 mod moving;
@@ -54,9 +55,11 @@ pub use articulated::{
     ArticulatedRenderer, ArticulatedSession, ArticulatedTool, GripperSettings, ToolBody,
 };
 pub use builder::RendererBuilder;
+pub use cache::cache_folder;
 pub use contact_loop::{ContactLoop, ContactUpdate};
 pub use haptic_loop::HapticLoop;
 pub use hosted::{HostError, HostedSession, HostedStepper};
+pub use lateness::{WakeLateness, measure_wake_lateness};
 pub use lockstep::ContactTiming;
 pub use machine::{MachineLoad, MachineSample};
 pub use moving::Mobility;
@@ -74,6 +77,7 @@ pub use palpate_mesh_io::LoadWarning;
 pub use palpate_models as models;
 pub use palpate_texture_pd as texture_pd;
 pub use reactions::{Reaction, Reactions};
+pub use realtime::REALTIME_PRIORITY;
 pub use record::{COLUMNS, Record, RecordWriter};
 pub use renderer::{HapticRenderer, RendererError};
 pub use scene::{Placed, Scene};

@@ -42,8 +42,8 @@ const SPIN: f64 = 1e-4;
 const SPIN_SHARE: f64 = 0.25;
 /// Most periods that one step makes up for after late wake-ups.
 const MAX_PERIODS_A_STEP: u64 = 5;
-/// SCHED_FIFO priority asked for.
-const PRIORITY: u8 = 80;
+/// SCHED_FIFO priority that the haptic thread asks for.
+pub const REALTIME_PRIORITY: u8 = 80;
 
 impl HapticRenderer {
     /// Renders `seconds` of real time, or until `stop` is set, in threads of its own. Each step's record goes to `sink`,
@@ -153,8 +153,7 @@ impl HapticThread<'_> {
 
     fn render(&mut self, steps: u64, stop: impl Fn() -> bool) -> Duration {
         let period = self.period;
-        let spin = SPIN.min(SPIN_SHARE * period);
-        let sleeper = SpinSleeper::new((spin * 1e9) as u32).with_spin_strategy(SpinStrategy::SpinLoopHint);
+        let sleeper = sleeper(period);
         let start = Instant::now();
         let mut last = 0;
         let mut stepped = Duration::ZERO;
@@ -199,6 +198,12 @@ fn missed_by_step(skipped: u64, overrun: Duration, period: f64) -> u64 {
     ((overrun.as_secs_f64() / period) as u64).min(skipped)
 }
 
+/// How the haptic thread sleeps between deadlines that are `period` (s) apart.
+pub(crate) fn sleeper(period: f64) -> SpinSleeper {
+    let spin = SPIN.min(SPIN_SHARE * period);
+    SpinSleeper::new((spin * 1e9) as u32).with_spin_strategy(SpinStrategy::SpinLoopHint)
+}
+
 /// The contact thread: as fast as it can, but never twice for the same state.
 pub(crate) fn run_contact(
     contact: &mut ContactLoop,
@@ -223,22 +228,23 @@ pub(crate) fn run_contact(
 }
 
 /// Asks for SCHED_FIFO for the calling thread; what was obtained, for the report.
-fn ask_for_realtime() -> String {
+pub(crate) fn ask_for_realtime() -> String {
     if !cfg!(target_os = "linux") {
         return "normal: SCHED_FIFO is asked for on Linux only".to_owned();
     }
     let policy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
-    let asked =
-        ThreadPriorityValue::try_from(PRIORITY).map_err(|error| error.to_string()).and_then(|priority| {
+    let asked = ThreadPriorityValue::try_from(REALTIME_PRIORITY).map_err(|error| error.to_string()).and_then(
+        |priority| {
             set_thread_priority_and_policy(
                 thread_native_id(),
                 ThreadPriority::Crossplatform(priority),
                 policy,
             )
             .map_err(|error| format!("{error:?}"))
-        });
+        },
+    );
     match asked {
-        Ok(()) => format!("SCHED_FIFO, priority {PRIORITY}"),
+        Ok(()) => format!("SCHED_FIFO, priority {REALTIME_PRIORITY}"),
         Err(why) => {
             format!("normal: SCHED_FIFO was refused ({why}); allow it with a `rtprio` limit or CAP_SYS_NICE")
         }

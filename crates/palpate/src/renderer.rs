@@ -30,6 +30,8 @@ pub struct HapticRenderer {
     probe: Object,
     scene: Scene,
     settings: Settings,
+    /// The same with what they leave open filled in.
+    settings_in_force: Settings,
     settings_editor: Option<SettingsEditor>,
 }
 
@@ -77,6 +79,7 @@ impl HapticRenderer {
         let gains = Gains::new(&settings, &probe, device.specification())?;
         check_sizes([&probe], scene.objects(), &settings)?;
         let state = device.read(0.0)?;
+        let settings_in_force = gains.fill_in(&settings);
         let source = &probe.clod.source;
         let grasped = Grasped {
             body: gains.body,
@@ -110,6 +113,7 @@ impl HapticRenderer {
             probe,
             scene,
             settings,
+            settings_in_force,
             settings_editor: None,
         })
     }
@@ -122,6 +126,12 @@ impl HapticRenderer {
     /// The settings given.
     pub fn settings(&self) -> &Settings {
         &self.settings
+    }
+
+    /// The settings that the session begins with: those given, and what they leave open as it was chosen for the grasped
+    /// object and the device. How textured contacts are sampled stays open.
+    pub fn settings_in_force(&self) -> &Settings {
+        &self.settings_in_force
     }
 
     /// The [grasp](Settings::grasp) that the coupling holds the object at, in the mesh's frame.

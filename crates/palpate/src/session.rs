@@ -40,6 +40,8 @@ pub struct Session {
     pub contact: ContactTelemetry,
     /// How busy the machine was for the haptic thread; nothing is known of it on a simulated clock.
     pub machine: MachineLoad,
+    /// The distance tolerance d that contacts were looked for within, m.
+    pub tolerance: f64,
     /// The first error that the device gave, in the words of its driver; none if it gave none.
     pub device_error: Option<String>,
     /// Position of the [grasp](Settings::grasp) in the mesh's frame, m.
@@ -63,6 +65,8 @@ pub struct Summary {
     pub contacts_max: u32,
     /// Contacts at the end of the session.
     pub contacts_at_end: u32,
+    /// Distance tolerance d that contacts were looked for within, m: contacts push from there on.
+    pub tolerance: f64,
     /// Deepest penetration, m.
     pub depth_max: f64,
     /// Position of the [grasp](Settings::grasp) in the mesh's frame, m.
@@ -151,7 +155,8 @@ impl Session {
             depth_max = haptic.depth_max,
             "session ended"
         );
-        Self { seconds, clock, haptic, contact, machine, device_error, grasp, stages }
+        let tolerance = renderer.contact.tolerance();
+        Self { seconds, clock, haptic, contact, machine, tolerance, device_error, grasp, stages }
     }
 
     /// The machine-readable summary.
@@ -185,6 +190,7 @@ impl Session {
             first_touch_s: haptic.first_touch,
             contacts_max: haptic.contacts_max,
             contacts_at_end: haptic.contacts_now,
+            tolerance: self.tolerance,
             depth_max: haptic.depth_max,
             grasp: self.grasp,
             coupling_stretch_max: haptic.stretch_max,

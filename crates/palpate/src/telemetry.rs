@@ -25,6 +25,11 @@ impl Times {
         self.0.len()
     }
 
+    /// How many recorded times lie from `low` to `high`, both in ns and included, at the histogram's resolution.
+    pub fn count_between(&self, low: u64, high: u64) -> u64 {
+        self.0.count_between(low.max(1), high.max(1))
+    }
+
     /// Percentiles, in nanoseconds divided by `unit`.
     pub fn percentiles(&self, unit: f64) -> Percentiles {
         let at = |quantile| self.0.value_at_quantile(quantile) as f64 / unit;

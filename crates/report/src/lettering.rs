@@ -1,6 +1,6 @@
 //! Lettering for contact sheets: five by seven dots, lower case, digits and what stands between them.
 
-use image::{Rgb, RgbImage};
+use crate::picture::Picture;
 
 const WIDTH: u32 = 5;
 const HEIGHT: u32 = 7;
@@ -54,17 +54,14 @@ pub fn width(text: &str, scale: u32) -> u32 {
 }
 
 /// Writes `text` with its top left corner at (`left`, `top`). A character that has no glyph leaves a gap.
-pub fn write(picture: &mut RgbImage, text: &str, left: u32, top: u32, scale: u32, ink: Rgb<u8>) {
+pub fn write(picture: &mut Picture, text: &str, left: u32, top: u32, scale: u32, ink: [u8; 3]) {
     for (place, character) in (0..).zip(text.chars()) {
         let Some((_, rows)) = GLYPHS.iter().find(|(known, _)| *known == character) else { continue };
         for (row, bits) in (0..).zip(rows) {
             for column in (0..WIDTH).filter(|column| bits >> (WIDTH - 1 - column) & 1 == 1) {
                 let corner = (left + (place * (WIDTH + 1) + column) * scale, top + row * scale);
                 for dot in 0..scale * scale {
-                    let (x, y) = (corner.0 + dot % scale, corner.1 + dot / scale);
-                    if x < picture.width() && y < picture.height() {
-                        picture.put_pixel(x, y, ink);
-                    }
+                    picture.set(corner.0 + dot % scale, corner.1 + dot / scale, ink);
                 }
             }
         }

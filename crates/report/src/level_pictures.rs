@@ -1,13 +1,13 @@
 //! Pictures of contact levels of detail, after Figs. 3.7 and 3.8: patches in colours, free levels as their hulls, all
 //! seen by one camera, and a contact sheet of them.
 
-use image::RgbImage;
 use palpate::TriMesh;
 use palpate::clod_build::hull_faces;
 use palpate::core::Clod;
 use palpate::glam::DVec3;
 
 use crate::patches::{self, Side, Surface};
+use crate::picture::Picture;
 use crate::raster::{Camera, Face, Item, Paint, Shading, View};
 use crate::sheet::{Tile, contact_sheet};
 
@@ -52,7 +52,7 @@ impl<'a> LevelPictures<'a> {
     }
 
     /// The mesh that the hierarchy was built from, smoothly shaded.
-    pub fn original(&self) -> RgbImage {
+    pub fn original(&self) -> Picture {
         let mesh = Surface::of(self.clod, 0).mesh;
         let faces = vec![Face { color: PLASTER, lined: [false; 3] }; mesh.triangles().len()];
         self.camera.render(&[Item::painted(&mesh, Paint::Faces(&faces))], Shading::Smooth)
@@ -62,7 +62,7 @@ impl<'a> LevelPictures<'a> {
     ///
     /// # Panics
     /// If the hierarchy has no such level.
-    pub fn level(&self, level: usize) -> RgbImage {
+    pub fn level(&self, level: usize) -> Picture {
         let free = self.clod.levels[level].free;
         let (mesh, faces) = if free { self.hulls(level) } else { self.surface(level) };
         let nodes = self.clod.level(level).len().max(1) as f64;
@@ -120,7 +120,7 @@ impl<'a> LevelPictures<'a> {
 
     /// A contact sheet laid out as Fig. 3.7, from left to right and top to bottom: the original mesh, then the given
     /// levels with their pictures.
-    pub fn sheet(&self, levels: &[(usize, RgbImage)]) -> RgbImage {
+    pub fn sheet(&self, levels: &[(usize, Picture)]) -> Picture {
         let triangles = grouped(self.clod.source.triangles as usize);
         let caption = vec!["original mesh".to_owned(), format!("{triangles} triangles")];
         let mut tiles = vec![Tile { picture: self.original(), caption }];
@@ -173,17 +173,12 @@ mod tests {
     use super::*;
 
     /// The coarse hues in a picture's middle, away from the grey background.
-    fn hues(picture: &RgbImage) -> HashSet<[u8; 3]> {
+    fn hues(picture: &Picture) -> HashSet<[u8; 3]> {
         let vivid = |pixel: &[u8; 3]| {
             let (low, high) = (pixel.iter().min(), pixel.iter().max());
             high.zip(low).is_some_and(|(high, low)| high - low > 60)
         };
-        picture
-            .pixels()
-            .map(|pixel| pixel.0)
-            .filter(vivid)
-            .map(|pixel| pixel.map(|value| value / 64))
-            .collect()
+        picture.pixels().iter().copied().filter(vivid).map(|pixel| pixel.map(|value| value / 64)).collect()
     }
 
     #[test]
@@ -199,7 +194,7 @@ mod tests {
         let mut drawn = Vec::new();
         for (index, level) in clod.levels.iter().enumerate() {
             let picture = pictures.level(index);
-            assert_eq!(picture.dimensions(), (200, 150));
+            assert_eq!((picture.width(), picture.height()), (200, 150));
             let hues = hues(&picture).len();
             // Patches of a surface that meet differ in colour; of hulls one may hide the others.
             let several = !level.free && level.nodes.len() > 8;
@@ -210,7 +205,7 @@ mod tests {
         let sheet = pictures.sheet(&drawn);
         assert_eq!(sheet.width() % 200, 0);
         assert!(hues(&sheet).len() > 3);
-        let ink = sheet.pixels().filter(|pixel| pixel.0 == [40; 3]).count();
+        let ink = sheet.pixels().iter().filter(|pixel| **pixel == [40; 3]).count();
         assert!(ink > 100 * clod.levels.len(), "the captions have {ink} dots");
     }
 
@@ -222,8 +217,8 @@ mod tests {
         let whole = LevelPictures::new(&clod, &view, 200).original();
         let side: Vec<DVec3> = mesh.vertices().iter().copied().filter(|point| point.x > 0.0).collect();
         let half = LevelPictures::close_up(&clod, &view, 200, &side).original();
-        let border = |picture: &RgbImage, column| -> Vec<_> {
-            (0..150).map(|row| *picture.get_pixel(column, row)).collect()
+        let border = |picture: &Picture, column| -> Vec<_> {
+            (0..150).map(|row| picture.pixel(column, row)).collect()
         };
         // Of the whole torus a frame of background is left, of its close-up something reaches the picture's border.
         assert!(border(&whole, 0) == border(&whole, 199));

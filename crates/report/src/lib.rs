@@ -3,29 +3,44 @@
 //! [logarithmic ones](draw_log_log) and
 //! [heat maps](draw_heat_maps) of other measurements, and pictures of meshes drawn in software ([`raster`], [`sheet`], [`views`]).
 
+mod events;
 mod heat_map;
 mod lettering;
 mod level_pictures;
 mod levels;
 mod live;
 mod log_plot;
+mod machine;
 mod patches;
+mod picture;
 mod plot;
+mod quantity;
 pub mod raster;
+mod scene_picture;
 mod series;
+mod settings_table;
 pub mod sheet;
+mod summary;
 pub mod views;
 
 use std::fmt::Write;
 
-use palpate::{Record, Summary};
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
+use palpate::{HapticRenderer, Object, Record, Scene, Settings, Summary};
 
+use scene_picture::Moment;
+
+pub use events::EVENTS;
 pub use heat_map::{Boundary, CellAxis, HeatMap, draw_heat_maps};
 pub use level_pictures::{LevelPictures, grouped};
 pub use levels::{LevelFigures, Spread, Table32};
 pub use live::{COLUMN, Extremes, Live, Rates};
 pub use log_plot::{LogAxis, LogPlot, draw_log_log};
+pub use machine::Machine;
+pub use picture::Picture;
 pub use plot::{Curve, Figure, PlotError, draw};
+pub use summary::measured;
 
 /// What a report is about.
 #[derive(Clone, Copy, Debug)]
@@ -38,64 +53,80 @@ pub struct Report<'a> {
     pub summary: &'a Summary,
     /// The recording, in order of time.
     pub records: &'a [Record],
+    /// What the session was made of.
+    pub rendered: &'a Rendered,
+    /// Where the session ran.
+    pub machine: &'a Machine,
+}
+
+/// What a session is made of, to be kept beside it: the renderer is used up when it runs.
+#[derive(Clone, Debug)]
+pub struct Rendered {
+    /// The settings in force.
+    pub settings: Settings,
+    /// The grasped object.
+    pub probe: Object,
+    /// What it touches.
+    pub scene: Scene,
+}
+
+impl Rendered {
+    /// What a renderer is about to run with; objects are shared with it.
+    pub fn of(renderer: &HapticRenderer) -> Self {
+        Self {
+            settings: *renderer.settings_in_force(),
+            probe: renderer.probe().clone(),
+            scene: renderer.scene().clone(),
+        }
+    }
 }
 
 impl Report<'_> {
     /// The report as one HTML document without references to other files.
     ///
     /// # Errors
-    /// If a plot cannot be drawn.
+    /// If a plot or the picture cannot be drawn.
     pub fn to_html(&self) -> Result<String, PlotError> {
         let mut plots = String::new();
-        for figure in series::figures(self.records) {
+        for figure in series::figures(self.records, self.summary.grasp) {
             plots.push_str("<figure>");
             plots.push_str(&plot::draw(std::slice::from_ref(&figure))?);
             let _ = writeln!(plots, "<figcaption>{}</figcaption></figure>", escape(&figure.caption));
-        }
-        let mut rows = String::new();
-        for (name, value) in measured(self.summary) {
-            let _ = writeln!(rows, "<tr><th>{}</th><td>{}</td></tr>", escape(name), escape(&value));
         }
         Ok(format!(
             include_str!("report.html"),
             title = escape(self.title),
             command = escape(self.command),
-            rows = rows,
+            picture = self.picture()?,
+            rows = table(&measured(self.summary)),
             plots = plots,
+            settings = table(&settings_table::rows(&self.rendered.settings)),
+            machine = table(&[
+                ("build", self.machine.build()),
+                ("processor", self.machine.processor_line()),
+                ("kernel", self.machine.kernel.clone().unwrap_or_else(|| "unknown".to_owned())),
+            ]),
+        ))
+    }
+
+    fn picture(&self) -> Result<String, PlotError> {
+        let Some(moment) = Moment::of(self.records) else { return Ok(String::new()) };
+        let Rendered { probe, scene, .. } = self.rendered;
+        let png = scene_picture::png(probe, scene, &moment.record.object)?;
+        let caption = moment.caption(&probe.name);
+        Ok(format!(
+            "<figure><img alt=\"{caption}\" src=\"data:image/png;base64,{}\"><figcaption>{caption}</figcaption></figure>",
+            BASE64_STANDARD.encode(png),
+            caption = escape(&caption),
         ))
     }
 }
 
-/// What a session measured, as rows of a name and a value for a person to read.
-pub fn measured(summary: &Summary) -> Vec<(&'static str, String)> {
-    let Summary { haptic, contact, .. } = summary;
-    // On a simulated clock no step is late.
-    let real = |value: String| {
-        if haptic.scheduling == "lockstep" { "none: simulated clock".to_owned() } else { value }
-    };
-    let mut rows = vec![
-        ("duration", format!("{:.3} s", summary.seconds)),
-        ("haptic rate", format!("{:.1} Hz, {} steps", haptic.rate_hz, haptic.steps)),
-        ("missed deadlines", real(haptic.missed_deadlines.to_string())),
-        ("haptic step", percentiles(&haptic.step_ns, "ns")),
-        ("wake-up lateness", real(percentiles(&haptic.wake_us, "µs"))),
-        ("scheduling of the haptic thread", haptic.scheduling.clone()),
-        ("contact rate", format!("{:.1} Hz", contact.rate_hz)),
-        ("contact query time", percentiles(&contact.query_us, "µs")),
-        ("deepest penetration", format!("{:.4} mm", 1e3 * summary.depth_max)),
-        ("largest coupling force", format!("{:.3} N", summary.coupling_force_max)),
-        ("smallest energy at the device port", format!("{:.6} J", summary.energy_min_j)),
-    ];
-    rows.extend(summary.stages.iter().map(|(&stage, why)| (stage, why.clone())));
-    let events = serde_json::to_value(summary.events).unwrap_or_default();
-    let counted = events.as_object().into_iter().flatten().filter(|(_, count)| count.as_u64() != Some(0));
-    let counted: Vec<String> = counted.map(|(name, count)| format!("{name}: {count}")).collect();
-    rows.push(("events", if counted.is_empty() { "none".to_owned() } else { counted.join(", ") }));
-    rows
-}
-
-fn percentiles(p: &palpate::Percentiles, unit: &str) -> String {
-    format!("median {:.1}, p99 {:.1}, p99.9 {:.1}, max {:.1} {unit}", p.p50, p.p99, p.p999, p.max)
+fn table<N: AsRef<str>>(rows: &[(N, String)]) -> String {
+    rows.iter().fold(String::new(), |mut text, (name, value)| {
+        let _ = writeln!(text, "<tr><th>{}</th><td>{}</td></tr>", escape(name.as_ref()), escape(value));
+        text
+    })
 }
 
 fn escape(text: &str) -> String {

@@ -37,6 +37,8 @@ impl PlotError {
 }
 
 const SIZE: (u32, u32) = (960, 260);
+/// Height of the legend above a plot with several curves, pixels.
+const LEGEND: i32 = 24;
 pub(crate) const COLOURS: [RGBColor; 6] = [
     RGBColor(31, 96, 168),
     RGBColor(205, 97, 30),
@@ -78,7 +80,17 @@ fn draw_one(
     let points = || finite.iter().flat_map(|curve| &curve.points);
     let (start, end) = range(points().map(|point| point.0));
     let (_, top) = range(points().map(|point| point.1));
-    let mut chart = ChartBuilder::on(area)
+    // The legend stands above the curves, which it would hide.
+    let (legend, area) = if figure.curves.len() > 1 {
+        let (above, below) = area.split_vertically(LEGEND);
+        (Some(above), below)
+    } else {
+        (None, area.clone())
+    };
+    if let Some(legend) = legend {
+        draw_legend(&legend, &finite)?;
+    }
+    let mut chart = ChartBuilder::on(&area)
         .margin(8)
         .x_label_area_size(34)
         .y_label_area_size(64)
@@ -93,19 +105,23 @@ fn draw_one(
         .y_desc(&figure.axis)
         .draw()?;
     for (curve, colour) in finite.into_iter().zip(COLOURS) {
-        let Curve { name, points } = curve;
-        chart
-            .draw_series(LineSeries::new(points, &colour))?
-            .label(name)
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], colour));
+        chart.draw_series(LineSeries::new(curve.points, &colour))?;
     }
-    if figure.curves.len() > 1 {
-        chart
-            .configure_series_labels()
-            .position(SeriesLabelPosition::UpperRight)
-            .background_style(WHITE.mix(0.8))
-            .label_font(("sans-serif", 13))
-            .draw()?;
+    Ok(())
+}
+
+/// The names of the curves beside one another, each behind a piece of its line.
+fn draw_legend(
+    area: &DrawingArea<SVGBackend<'_>, Shift>,
+    curves: &[Curve],
+) -> Result<(), Box<dyn std::error::Error>> {
+    /// About the width of a letter, pixels.
+    const LETTER: i32 = 8;
+    let (mut x, y) = (72, LEGEND / 2);
+    for (Curve { name, .. }, colour) in curves.iter().zip(COLOURS) {
+        area.draw(&PathElement::new([(x, y), (x + 20, y)], colour.stroke_width(2)))?;
+        area.draw(&Text::new(name.as_str(), (x + 26, y - 7), ("sans-serif", 13)))?;
+        x += 26 + LETTER * name.chars().count() as i32 + 20;
     }
     Ok(())
 }
@@ -123,5 +139,48 @@ fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
         (true, true) => (low, if high > 0.0 { high } else { 1.0 }),
         (true, false) => (low, low.max(0.0) + 1.0),
         _ => (0.0, 1.0),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The legend stands above the curves: none of its text is lower than the highest point of a curve.
+    #[test]
+    fn the_legend_hides_no_curve() {
+        let curve =
+            |name: &str, top: f64| Curve { name: name.to_owned(), points: vec![(0.0, top), (1.0, 0.0)] };
+        let figure = Figure {
+            caption: String::new(),
+            across: "s".to_owned(),
+            axis: "N".to_owned(),
+            curves: vec![curve("coupling", 3.0), curve("contact", 2.0)],
+        };
+        let svg = draw(&[figure]).expect("drawn");
+        let lines: Vec<&str> = svg.lines().collect();
+        let legend = |name: &str| {
+            let at = lines
+                .iter()
+                .position(|line| line.trim() == name)
+                .unwrap_or_else(|| panic!("no {name}: {svg}"));
+            let (_, rest) = lines[at - 1].split_once(" y=\"").expect("a place");
+            rest.split_once('"').expect("a number").0.parse::<f64>().expect("a number")
+        };
+        let top = lines
+            .iter()
+            .filter(|line| line.starts_with("<polyline") && line.contains("stroke-width=\"1\""))
+            .filter(|line| {
+                COLOURS[..2].iter().any(|c| line.contains(&format!("#{:02X}{:02X}{:02X}", c.0, c.1, c.2)))
+            })
+            .flat_map(|line| line.split_once("points=\"").map(|(_, rest)| rest.split_once('"').unwrap().0))
+            .flat_map(|points| {
+                points.split_whitespace().filter_map(|point| point.split_once(',')?.1.parse().ok())
+            })
+            .fold(f64::INFINITY, f64::min);
+        assert!(top.is_finite(), "{svg}");
+        for name in ["coupling", "contact"] {
+            assert!(legend(name) < top, "{name} at {}, curves from {top}", legend(name));
+        }
     }
 }

@@ -5,10 +5,11 @@
 //! its cost does not depend on the number of triangles. A [`Camera`] is fitted to a set of points once and then draws any
 //! number of scenes alike.
 
-use image::{Rgb, RgbImage};
 use palpate::TriMesh;
 use palpate::glam::{DMat3, DQuat, DVec3, Vec3};
 use rayon::prelude::*;
+
+use crate::picture::Picture;
 
 /// Samples a pixel, along each side.
 const SAMPLES: usize = 3;
@@ -157,7 +158,7 @@ impl Camera {
     }
 
     /// Draws the items as one scene.
-    pub fn render(&self, items: &[Item<'_>], shading: Shading) -> RgbImage {
+    pub fn render(&self, items: &[Item<'_>], shading: Shading) -> Picture {
         let (columns, rows) = (self.width * SAMPLES, self.height * SAMPLES);
         let empty = Sample { depth: f32::INFINITY, normal: Vec3::Z, triangle: 0, line: false };
         let mut frame =
@@ -292,14 +293,14 @@ impl Frame {
     }
 
     /// The picture: each pixel the average of its samples over a light background.
-    fn picture(&self, faces: &[SeenFace]) -> RgbImage {
+    fn picture(&self, faces: &[SeenFace]) -> Picture {
         let (width, height) = (self.columns / SAMPLES, self.rows / SAMPLES);
-        let mut picture = RgbImage::new(width as u32, height as u32);
+        let mut picture = Picture::filled(width as u32, height as u32, [0; 3]);
         // Each row is computed by itself, so the picture is the same whatever the number of threads.
-        picture.par_chunks_exact_mut(3 * width).enumerate().for_each(|(y, row)| {
+        picture.pixels_mut().par_chunks_exact_mut(width).enumerate().for_each(|(y, row)| {
             let down = y as f32 / height as f32;
             let paper = Vec3::new(0.80, 0.82, 0.85) * (1.0 - 0.35 * down * down);
-            for (x, pixel) in row.chunks_exact_mut(3).enumerate() {
+            for (x, pixel) in row.iter_mut().enumerate() {
                 let mut sum = Vec3::ZERO;
                 for sample in 0..SAMPLES * SAMPLES {
                     let column = x * SAMPLES + sample % SAMPLES;
@@ -307,7 +308,7 @@ impl Frame {
                     sum += self.shade(column, row, faces).unwrap_or(paper).min(Vec3::ONE);
                 }
                 let mean = sum / (SAMPLES * SAMPLES) as f32;
-                pixel.copy_from_slice(&encode(mean).0);
+                *pixel = encode(mean);
             }
         });
         picture
@@ -426,12 +427,12 @@ fn corner_normals(triangles: &[[u32; 3]], seen: &[DVec3], shading: Shading) -> V
 }
 
 /// Linear RGB as sRGB.
-fn encode(linear: Vec3) -> Rgb<u8> {
-    Rgb(linear.to_array().map(|value| {
+fn encode(linear: Vec3) -> [u8; 3] {
+    linear.to_array().map(|value| {
         let encoded =
             if value <= 0.003_130_8 { 12.92 * value } else { 1.055 * value.powf(1.0 / 2.4) - 0.055 };
         (255.0 * encoded + 0.5) as u8
-    }))
+    })
 }
 
 #[cfg(test)]
@@ -449,14 +450,14 @@ mod tests {
         TriMesh::new(vertices, vec![[0, 1, 2], [0, 2, 3]]).unwrap()
     }
 
-    fn render(items: &[Item<'_>], azimuth: f64) -> RgbImage {
+    fn render(items: &[Item<'_>], azimuth: f64) -> Picture {
         let points = items.iter().flat_map(|item| item.mesh.vertices());
         let view = View::from_degrees(azimuth, 0.0);
         Camera::fit(points, &view, SIZE.0, SIZE.1).render(items, Shading::Smooth)
     }
 
     fn middle(items: &[Item<'_>], azimuth: f64) -> [u8; 3] {
-        render(items, azimuth).get_pixel(SIZE.0 / 2, SIZE.1 / 2).0
+        render(items, azimuth).pixel(SIZE.0 / 2, SIZE.1 / 2)
     }
 
     #[test]
@@ -473,7 +474,7 @@ mod tests {
     fn a_square_covers_its_share_of_the_picture() {
         let mesh = square(0.0, 1.0);
         let picture = render(&[Item::new(&mesh, GREEN)], 0.0);
-        let covered = picture.pixels().filter(|pixel| pixel.0[1] / 3 > pixel.0[0] / 2).count();
+        let covered = picture.pixels().iter().filter(|pixel| pixel[1] / 3 > pixel[0] / 2).count();
         let expected = (f64::from(SIZE.1) / MARGIN).powi(2);
         assert!((covered as f64 / expected - 1.0).abs() < 0.01, "{covered} pixels, not {expected}");
     }
@@ -501,7 +502,7 @@ mod tests {
             let faces = lined.map(|lined| Face { color: GREEN, lined });
             let item = Item::painted(&mesh, Paint::Faces(&faces));
             let picture = camera.render(&[item], Shading::Flat { line_width });
-            picture.pixels().filter(|pixel| pixel.0[1] < 160).count() as f64
+            picture.pixels().iter().filter(|pixel| pixel[1] < 160).count() as f64
         };
         let none = [false; 3];
         assert_eq!(dark([none, none], 4.0), 0.0);
@@ -523,11 +524,12 @@ mod tests {
             let mesh = square(0.3 * scale, scale);
             render(&[Item::new(&mesh, GREEN)], 30.0)
         });
-        let differing = |other: &RgbImage| {
+        let differing = |other: &Picture| {
             pictures[0]
                 .pixels()
+                .iter()
                 .zip(other.pixels())
-                .filter(|(a, b)| a.0.iter().zip(b.0).any(|(a, b)| a.abs_diff(b) > 2))
+                .filter(|(a, b)| a.iter().zip(*b).any(|(a, b)| a.abs_diff(*b) > 2))
                 .count()
         };
         // Rounding may move a sample across the square's rim.

@@ -1,6 +1,7 @@
 //! The curves of a report, taken from a recording.
 
 use palpate::Record;
+use palpate::glam::DVec3;
 
 use crate::plot::{Curve, Figure};
 
@@ -9,61 +10,54 @@ const RATE_WINDOW: f64 = 0.1;
 /// Most points kept of a curve: a screen shows no more.
 const MOST_POINTS: usize = 1600;
 
-pub(crate) fn figures(records: &[Record]) -> Vec<Figure> {
+/// One plot a quantity, so that none hides another; `grasp` is where the hand holds the object, in the mesh's frame, m.
+pub(crate) fn figures(records: &[Record], grasp: DVec3) -> Vec<Figure> {
     let curve = |name: &str, value: &dyn Fn(&Record) -> f64| Curve {
         name: name.to_owned(),
         points: thin(records.iter().map(|record| (record.time, value(record))).collect()),
     };
+    let figure = |caption: &str, axis: &str, curve: Curve| Figure {
+        caption: caption.to_owned(),
+        across: "s".to_owned(),
+        axis: axis.to_owned(),
+        curves: vec![curve],
+    };
     let end = records.last().map_or(0.0, |record| record.time);
+    let haptic = rate(records.iter().map(|record| record.time), end);
+    let contact = rate(model_times(records), end);
     vec![
-        Figure {
-            caption: "Deepest penetration that the contact query reported.".to_owned(),
-            across: "s".to_owned(),
-            axis: "mm".to_owned(),
-            curves: vec![curve("penetration", &|r| 1e3 * r.depth)],
-        },
-        Figure {
-            caption: "Force sent to the device, and contact force on the grasped object.".to_owned(),
-            across: "s".to_owned(),
-            axis: "N".to_owned(),
-            curves: vec![
-                curve("coupling", &|r| r.coupling.force.length()),
-                curve("contact", &|r| r.contact.force.length()),
-            ],
-        },
-        Figure {
-            caption: "Torque sent to the device, about its origin.".to_owned(),
-            across: "s".to_owned(),
-            axis: "mN·m".to_owned(),
-            curves: vec![curve("coupling", &|r| 1e3 * r.coupling.torque.length())],
-        },
-        Figure {
-            caption: "How far the grasped object stays behind the device: distance of their frames' origins."
-                .to_owned(),
-            across: "s".to_owned(),
-            axis: "mm".to_owned(),
-            curves: vec![curve("deviation", &|r| {
-                1e3 * (r.handle.translation - r.object.translation).length()
-            })],
-        },
-        Figure {
-            caption: "Contacts found, before clustering.".to_owned(),
-            across: "s".to_owned(),
-            axis: "contacts".to_owned(),
-            curves: vec![curve("contacts", &|r| f64::from(r.contacts))],
-        },
-        Figure {
-            caption: "Haptic steps and contact models a second, in windows of 0.1 s.".to_owned(),
-            across: "s".to_owned(),
-            axis: "Hz".to_owned(),
-            curves: vec![
-                Curve {
-                    name: "haptic".to_owned(),
-                    points: rate(records.iter().map(|record| record.time), end),
-                },
-                Curve { name: "contact".to_owned(), points: rate(model_times(records), end) },
-            ],
-        },
+        figure(
+            "Deepest penetration that the contact query reported.",
+            "mm",
+            curve("penetration", &|r| 1e3 * r.depth),
+        ),
+        figure("Force sent to the device.", "N", curve("coupling", &|r| r.coupling.force.length())),
+        figure("Contact force on the grasped object.", "N", curve("contact", &|r| r.contact.force.length())),
+        figure(
+            "Torque sent to the device, about its origin.",
+            "mN·m",
+            curve("torque", &|r| 1e3 * r.coupling.torque.length()),
+        ),
+        figure(
+            "How far the grasped object stays behind the hand, at the grasp.",
+            "mm",
+            curve("distance", &|r| 1e3 * r.stretch(grasp)),
+        ),
+        figure(
+            "Contacts found, before clustering.",
+            "contacts",
+            curve("contacts", &|r| f64::from(r.contacts)),
+        ),
+        figure(
+            "Haptic steps a second, in windows of 0.1 s.",
+            "Hz",
+            Curve { name: "haptic".to_owned(), points: haptic },
+        ),
+        figure(
+            "Contact models a second, in windows of 0.1 s.",
+            "Hz",
+            Curve { name: "contact".to_owned(), points: contact },
+        ),
     ]
 }
 
@@ -130,6 +124,37 @@ mod tests {
         assert!(kept.len() <= MOST_POINTS + 2, "{}", kept.len());
         assert!(kept.contains(&(54_321.0, 7.0)) && kept.contains(&(99_999.0, -3.0)));
         assert!(kept.is_sorted_by(|a, b| a.0 <= b.0));
+    }
+
+    /// Held far from the mesh's origin and turned a little about the grasp, the object is nowhere near as far behind as its
+    /// origin is.
+    #[test]
+    fn distance_is_measured_at_the_grasp() {
+        use palpate::Pose;
+        use palpate::glam::DQuat;
+        let grasp = DVec3::new(0.2, 0.0, 0.0);
+        let turn = DQuat::from_rotation_z(0.02);
+        let behind = DVec3::new(0.0, 0.0, 4e-4);
+        let object = Pose::new(grasp + behind - turn * grasp, turn);
+        let wrench = palpate::Wrench::ZERO;
+        let record = palpate::Record {
+            time: 0.0,
+            device: Pose::IDENTITY,
+            handle: Pose::IDENTITY,
+            object,
+            coupling: wrench,
+            contact: wrench,
+            depth: 0.0,
+            contacts: 0,
+            model_age: f64::NAN,
+        };
+        let shown = |grasp: DVec3| {
+            let figures = figures(&[record], grasp);
+            let wanted = figures.iter().find(|figure| figure.caption.contains("behind the hand")).unwrap();
+            wanted.curves[0].points[0].1
+        };
+        assert!((shown(grasp) - 0.4).abs() < 1e-9, "{} mm", shown(grasp));
+        assert!(shown(DVec3::ZERO) > 4.0, "the origin is further: {} mm", shown(DVec3::ZERO));
     }
 
     #[test]

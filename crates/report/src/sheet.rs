@@ -1,37 +1,35 @@
 //! Contact sheets: pictures side by side in rows, each with a caption below.
 
-use image::{Rgb, RgbImage, imageops};
-
 use crate::lettering;
+use crate::picture::Picture;
 
 /// A picture of a sheet.
 #[derive(Clone, Debug)]
 pub struct Tile {
     /// The picture, four by three; it is made smaller to fit.
-    pub picture: RgbImage,
+    pub picture: Picture,
     /// Lines of lower case letters, digits, commas, full stops and hyphens; other characters leave gaps.
     pub caption: Vec<String>,
 }
 
-const PAPER: Rgb<u8> = Rgb([255; 3]);
-const INK: Rgb<u8> = Rgb([40; 3]);
+const PAPER: [u8; 3] = [255; 3];
+const INK: [u8; 3] = [40; 3];
 /// Height of a line of lettering with what parts it from the next, in dots.
 const LINE: u32 = 10;
 /// What separates captions from pictures, in dots.
 const GAP: u32 = 4;
 
 /// The tiles in rows of `columns`, each `width` pixels wide, with `dot` pixels for a dot of the lettering.
-pub fn contact_sheet(tiles: &[Tile], columns: u32, width: u32, dot: u32) -> RgbImage {
+pub fn contact_sheet(tiles: &[Tile], columns: u32, width: u32, dot: u32) -> Picture {
     let columns = columns.clamp(1, (tiles.len() as u32).max(1));
     let rows = (tiles.len() as u32).div_ceil(columns);
     let height = width * 3 / 4;
     let lines = tiles.iter().map(|tile| tile.caption.len() as u32).max().unwrap_or(0);
     let pitch = height + (lines * LINE + GAP) * dot;
-    let mut sheet = RgbImage::from_pixel(columns * width, rows * pitch, PAPER);
+    let mut sheet = Picture::filled(columns * width, rows * pitch, PAPER);
     for (index, tile) in (0..).zip(tiles) {
         let (left, top) = (index % columns * width, index / columns * pitch);
-        let picture = imageops::thumbnail(&tile.picture, width, height);
-        imageops::replace(&mut sheet, &picture, left.into(), top.into());
+        sheet.place(&tile.picture.reduced(width, height), left, top);
         for (line, text) in (0..).zip(&tile.caption) {
             let indent = width.saturating_sub(lettering::width(text, dot)) / 2;
             let down = height + (GAP + line * LINE) * dot;

@@ -60,6 +60,14 @@ struct Store {
     buffer: Option<Buffer>,
 }
 
+/// The adapters of this machine that a [`WgpuBackend`] may run on, software ones included: Vulkan, Metal or Direct3D 12. Loads
+/// their drivers, which may take long.
+pub fn adapters() -> Vec<wgpu::AdapterInfo> {
+    let instance = Instance::new(InstanceDescriptor::new_without_display_handle());
+    let found = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::PRIMARY));
+    found.iter().map(wgpu::Adapter::get_info).collect()
+}
+
 impl WgpuBackend {
     /// A backend on the fastest adapter of this machine: Vulkan, Metal or Direct3D 12. Where there is no GPU, a
     /// software driver serves.

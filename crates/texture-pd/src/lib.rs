@@ -81,7 +81,7 @@ pub use depth::{
 pub use domain::{Domain, HalfSpace};
 pub use force::{TextureForce, sum_of_forces};
 #[cfg(feature = "gpu")]
-pub use gpu::WgpuBackend;
+pub use gpu::{WgpuBackend, adapters};
 #[cfg(feature = "images")]
 pub use height_file::{HeightFileError, HeightOptions, MAX_FILE_SIDE};
 pub use height_image::{HeightImage, HeightImageError, MAX_SIDE, Wrap};

@@ -7,11 +7,10 @@ mod scenes;
 use std::error::Error;
 use std::path::PathBuf;
 
-use image::RgbImage;
 use palpate_models::Model;
 use palpate_report::raster::{Camera, Item, Shading, View};
 use palpate_report::sheet::{Tile, contact_sheet};
-use palpate_report::views;
+use palpate_report::{Picture, views};
 
 /// What `cargo xtask pictures` is asked to draw.
 #[derive(clap::Args)]
@@ -61,7 +60,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     std::fs::create_dir_all(&arguments.output)
         .map_err(|error| format!("cannot create the folder {}: {error}", arguments.output.display()))?;
 
-    let save = |picture: &RgbImage, name: &str| -> Result<(), Box<dyn Error>> {
+    let save = |picture: &Picture, name: &str| -> Result<(), Box<dyn Error>> {
         let path = arguments.output.join(format!("{name}.png"));
         picture.save(&path).map_err(|error| format!("cannot write {}: {error}", path.display()))?;
         println!("{}", path.display());

@@ -33,6 +33,15 @@ const VERTEX_BYTES: usize = 3 * 8;
 const AREA_BYTES: usize = 8;
 const TRIANGLE_BYTES: usize = 3 * 4;
 
+/// Bytes as a message shows them.
+fn hex(bytes: &[u8]) -> String {
+    if bytes.is_empty() {
+        return "nothing: it is empty".to_owned();
+    }
+    let digits: Vec<String> = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+    format!("the bytes {} (hexadecimal)", digits.join(" "))
+}
+
 /// Bytes read at a time.
 const BLOCK_BYTES: usize = 1 << 16;
 
@@ -50,7 +59,7 @@ pub enum ClodError {
         source: io::Error,
     },
     /// The file is not in this format at all.
-    #[error("not a .clod file: it begins with {found:02x?}; build one from a mesh")]
+    #[error("not a .clod file: it begins with {}; build one from a mesh", hex(found))]
     NotClod {
         /// The bytes that stand where the format's name should.
         found: Vec<u8>,

@@ -43,6 +43,27 @@ pub(crate) fn connected() -> Vec<Connected> {
     found
 }
 
+/// A HID device that is plugged in and has a driver in this crate.
+#[derive(Debug)]
+pub struct PluggedIn {
+    /// Its address, which [`open`](crate::open) takes: `hid:VENDOR:PRODUCT`.
+    pub address: String,
+    /// Its name.
+    pub name: &'static str,
+    /// Why it cannot be opened; `None` where it can.
+    pub refusal: Option<DeviceError>,
+}
+
+/// The HID devices that are plugged in and have a driver in this crate. Each is opened and closed again, which may take long.
+pub fn plugged_in() -> Vec<PluggedIn> {
+    let try_each = |device: Connected| PluggedIn {
+        address: format!("hid:{:04x}:{:04x}", device.vendor, device.product),
+        name: device.name,
+        refusal: device.refusal(),
+    };
+    connected().into_iter().map(try_each).collect()
+}
+
 impl Connected {
     /// Why it cannot be opened.
     pub fn refusal(&self) -> Option<DeviceError> {

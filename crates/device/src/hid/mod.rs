@@ -11,7 +11,9 @@ mod udev;
 mod wooden_haptics;
 
 #[cfg(feature = "hid")]
-pub(crate) use host::{Connected, connected, open, open_numbered};
+pub use host::{PluggedIn, plugged_in};
+#[cfg(feature = "hid")]
+pub(crate) use host::{open, open_numbered};
 #[cfg(feature = "hid")]
 pub use pid::{NotPid, PEAK_FORCE, PidCodec, Stick, StickMotion};
 pub use space_mouse::{Deflection, RateControl, SpaceMouseCodec};

@@ -7,27 +7,16 @@
 use std::time::{Duration, Instant};
 
 use super::connection::{Address, Failures, open as open_with, specification, tell};
+use super::foreign::Library;
 use super::foreign::dhd::Device;
-use super::foreign::{Library, Place};
 use super::orientation::orientation;
 use super::pace::Pace;
-use super::{SdkMotion, SdkState, wrench_of};
+use super::{SdkLibrary, SdkMotion, SdkState, wrench_of};
 use crate::link::{Found, LONGEST_REPORT, Transport, TransportError};
 use crate::{Axes, DeviceError, HapticDevice};
 
-const MAKER: &str = "Force Dimension";
-static PLACE: Place = Place {
-    maker: MAKER,
-    variable: "PALPATE_DHD_LIBRARY",
-    names: if cfg!(windows) {
-        &["dhd64.dll", "drd64.dll", "dhd.dll", "drd.dll"]
-    } else if cfg!(target_os = "macos") {
-        &["libdhd.3.dylib", "libdhd.dylib", "libdrd.3.dylib", "libdrd.dylib"]
-    } else {
-        &["libdhd.so.3", "libdhd.so", "libdrd.so.3", "libdrd.so"]
-    },
-    remedy: "install Force Dimension's SDK, or say where its library is: PALPATE_DHD_LIBRARY=FILE or force-dimension:@FILE",
-};
+const LIBRARY: SdkLibrary = SdkLibrary::FORCE_DIMENSION;
+const MAKER: &str = LIBRARY.maker;
 /// The least time from one round to the next.
 const PERIOD: Duration = Duration::from_micros(250);
 /// The window for velocities, ms.
@@ -48,7 +37,7 @@ pub(crate) fn open(address: Option<&str>) -> Option<Result<Box<dyn HapticDevice>
     let connect = move || {
         let library = match &loaded {
             Some(library) => library,
-            None => &*loaded.insert(Library::open(&PLACE, address.library.as_deref())?),
+            None => &*loaded.insert(Library::open(&LIBRARY, address.library.as_deref())?),
         };
         let refused = |reason| DeviceError::NotOpened {
             device: format!("{MAKER} device"),

@@ -12,26 +12,15 @@ use std::ffi::CString;
 use std::time::Duration;
 
 use super::connection::{Address, Failures, open as open_with, specification, tell};
+use super::foreign::Library;
 use super::foreign::virtuose::Device;
-use super::foreign::{Library, Place};
 use super::pace::Pace;
-use super::{SdkMotion, SdkState, wrench_of};
+use super::{SdkLibrary, SdkMotion, SdkState, wrench_of};
 use crate::link::{Found, LONGEST_REPORT, Transport, TransportError};
 use crate::{Axes, DeviceError, HapticDevice};
 
-const MAKER: &str = "Haption";
-static PLACE: Place = Place {
-    maker: MAKER,
-    variable: "PALPATE_VIRTUOSE_LIBRARY",
-    names: if cfg!(windows) {
-        &["virtuoseAPI.dll"]
-    } else if cfg!(target_os = "macos") {
-        &["libVirtuoseAPI.dylib"]
-    } else {
-        &["libVirtuoseAPI.so", "libvirtuose.so"]
-    },
-    remedy: "install Haption's SDK, or say where its library is: PALPATE_VIRTUOSE_LIBRARY=FILE or haption:HOST@FILE",
-};
+const LIBRARY: SdkLibrary = SdkLibrary::HAPTION;
+const MAKER: &str = LIBRARY.maker;
 /// The least time from one round to the next, which the library is told.
 const PERIOD: Duration = Duration::from_millis(1);
 /// The numbers of models: those that drive three axes, and the one whose figures are known.
@@ -47,7 +36,7 @@ pub(crate) fn open(address: Option<&str>) -> Option<Result<Box<dyn HapticDevice>
     let connect = move || {
         let library = match &loaded {
             Some(library) => library,
-            None => &*loaded.insert(Library::open(&PLACE, address.library.as_deref())?),
+            None => &*loaded.insert(Library::open(&LIBRARY, address.library.as_deref())?),
         };
         let device = Device::open(library, &name, PERIOD.as_secs_f32())?;
         device.map(found).map_err(|reason| DeviceError::NotOpened {

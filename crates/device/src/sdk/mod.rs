@@ -35,6 +35,7 @@ pub(crate) mod force_dimension;
 mod foreign;
 #[cfg(feature = "haption")]
 pub(crate) mod haption;
+mod library;
 mod motion;
 #[cfg(feature = "open-haptics")]
 pub(crate) mod open_haptics;
@@ -44,5 +45,6 @@ mod orientation;
 mod pace;
 mod report;
 
+pub use library::SdkLibrary;
 pub use motion::SdkMotion;
 pub use report::{SdkCodec, SdkState, wrench_of};

@@ -11,26 +11,15 @@ use std::ffi::CString;
 use std::time::{Duration, Instant};
 
 use super::connection::{Address, Failures, open as open_with, specification, tell};
+use super::foreign::Library;
 use super::foreign::hd::{Device, Frame, Model};
-use super::foreign::{Library, Place};
 use super::orientation::orientation;
-use super::{SdkMotion, SdkState, wrench_of};
+use super::{SdkLibrary, SdkMotion, SdkState, wrench_of};
 use crate::link::{Found, LONGEST_REPORT, Transport, TransportError};
 use crate::{Axes, DeviceError, HapticDevice};
 
-const MAKER: &str = "3D Systems";
-static PLACE: Place = Place {
-    maker: MAKER,
-    variable: "PALPATE_HD_LIBRARY",
-    names: if cfg!(windows) {
-        &["HD.dll"]
-    } else if cfg!(target_os = "macos") {
-        &["libHD.dylib"]
-    } else {
-        &["libHD.so", "libHD.so.3.4", "libHD.so.3.0"]
-    },
-    remedy: "install OpenHaptics, or say where its library is: PALPATE_HD_LIBRARY=FILE or open-haptics:@FILE",
-};
+const LIBRARY: SdkLibrary = SdkLibrary::OPEN_HAPTICS;
+const MAKER: &str = LIBRARY.maker;
 /// How often it is looked whether there is a frame, of which there are a thousand a second.
 const LOOK: Duration = Duration::from_micros(100);
 /// m in a millimetre.
@@ -47,7 +36,7 @@ pub(crate) fn open(address: Option<&str>) -> Option<Result<Box<dyn HapticDevice>
     let connect = move || {
         let library = match &loaded {
             Some(library) => library,
-            None => &*loaded.insert(Library::open(&PLACE, address.library.as_deref())?),
+            None => &*loaded.insert(Library::open(&LIBRARY, address.library.as_deref())?),
         };
         let opened = Device::open(library, name.as_deref())?;
         opened.map(|(device, model)| found(device, &model)).map_err(|reason| DeviceError::NotOpened {

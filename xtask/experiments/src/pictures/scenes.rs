@@ -4,11 +4,10 @@ use std::collections::{BTreeSet, HashMap};
 use std::error::Error;
 
 use glam::{DQuat, DVec3};
-use image::RgbImage;
 use palpate_clod_build::{BuildOptions, build, unwatched};
 use palpate_models::Model;
 use palpate_report::raster::{Camera, Item, Shading, View};
-use palpate_report::{LevelPictures, views};
+use palpate_report::{LevelPictures, Picture, views};
 
 use super::{HEIGHT, WIDTH};
 
@@ -44,7 +43,7 @@ pub fn color(model: Model) -> [f32; 3] {
 }
 
 /// The picture at the head of the README: the lower jaw, slightly open, touches the upper.
-pub fn touching_jaws() -> Result<RgbImage, Box<dyn Error>> {
+pub fn touching_jaws() -> Result<Picture, Box<dyn Error>> {
     let lower = Model::LowerJaw.generate(Model::LowerJaw.default_triangles())?;
     let upper = Model::UpperJaw.generate(Model::UpperJaw.default_triangles())?;
     // Their common frame, in which they are closed, has z up and y forward.
@@ -63,7 +62,7 @@ pub fn touching_jaws() -> Result<RgbImage, Box<dyn Error>> {
 }
 
 /// Contact levels of detail of the lower jaw, as in Fig. 3.7.
-pub fn levels_of_lower_jaw() -> Result<RgbImage, Box<dyn Error>> {
+pub fn levels_of_lower_jaw() -> Result<Picture, Box<dyn Error>> {
     const SHOWN: usize = 8;
     let mesh = Model::LowerJaw.generate(Model::LowerJaw.default_triangles())?;
     let options = BuildOptions::default();
@@ -71,7 +70,7 @@ pub fn levels_of_lower_jaw() -> Result<RgbImage, Box<dyn Error>> {
     let pictures = LevelPictures::new(&clod, &views::of_model(Model::LowerJaw), WIDTH);
     let last = clod.levels.len() - 1;
     let levels: BTreeSet<usize> = (0..SHOWN).map(|k| k * last / (SHOWN - 1)).collect();
-    let drawn: Vec<(usize, RgbImage)> =
+    let drawn: Vec<(usize, Picture)> =
         levels.into_iter().map(|level| (level, pictures.level(level))).collect();
     Ok(pictures.sheet(&drawn))
 }

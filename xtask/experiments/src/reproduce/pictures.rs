@@ -1,13 +1,10 @@
 //! Levels of the lower jaw as pictures (§3.3.6, Fig. 3.7).
 
-use std::io::Cursor;
-
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
-use image::{ImageFormat, RgbImage};
 use palpate::core::Clod;
 use palpate::models::Model;
-use palpate_report::{LevelPictures, views};
+use palpate_report::{LevelPictures, Picture, views};
 
 use super::outcome::{Finding, Reproduction};
 use super::rendering::open;
@@ -26,11 +23,10 @@ fn is_completed_by_merging(free: &[bool]) -> bool {
 }
 
 /// A picture as an SVG document.
-pub(super) fn svg(picture: &RgbImage) -> Result<String, String> {
-    let mut png = Cursor::new(Vec::new());
-    picture.write_to(&mut png, ImageFormat::Png).map_err(|error| error.to_string())?;
-    let (width, height) = picture.dimensions();
-    let data = STANDARD.encode(png.into_inner());
+pub(super) fn svg(picture: &Picture) -> Result<String, String> {
+    let png = picture.to_png().map_err(|error| error.to_string())?;
+    let (width, height) = (picture.width(), picture.height());
+    let data = STANDARD.encode(png);
     Ok(format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\">\
          <image width=\"{width}\" height=\"{height}\" href=\"data:image/png;base64,{data}\"/></svg>\n"
@@ -40,7 +36,7 @@ pub(super) fn svg(picture: &RgbImage) -> Result<String, String> {
 fn drawn(clod: &Clod, levels: &[usize]) -> Result<String, String> {
     let pictures = LevelPictures::new(clod, &views::of_model(Model::LowerJaw), WIDTH);
     let there = levels.iter().filter(|level| **level < clod.levels.len());
-    let shown: Vec<(usize, RgbImage)> = there.map(|level| (*level, pictures.level(*level))).collect();
+    let shown: Vec<(usize, Picture)> = there.map(|level| (*level, pictures.level(*level))).collect();
     svg(&pictures.sheet(&shown))
 }
 

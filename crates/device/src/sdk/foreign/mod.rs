@@ -13,32 +13,21 @@ use std::error::Error as _;
 use std::ffi::{CStr, c_char};
 use std::path::{Path, PathBuf};
 
+use super::SdkLibrary;
 use crate::DeviceError;
-
-/// Where a maker's library is looked for.
-pub(super) struct Place {
-    pub maker: &'static str,
-    /// The environment variable that names its file.
-    pub variable: &'static str,
-    /// The names that its maker gives it on this system.
-    pub names: &'static [&'static str],
-    /// What to do where it is not found.
-    pub remedy: &'static str,
-}
 
 /// A maker's library.
 pub(super) struct Library {
     library: &'static libloading::Library,
     file: PathBuf,
-    place: &'static Place,
+    place: &'static SdkLibrary,
 }
 
 impl Library {
     /// The library of that file, else of that which the environment names, else the first that is found by the maker's names.
-    pub fn open(place: &'static Place, file: Option<&Path>) -> Result<Self, DeviceError> {
+    pub fn open(place: &'static SdkLibrary, file: Option<&Path>) -> Result<Self, DeviceError> {
         let file = file.map(Path::to_path_buf);
-        let file = file
-            .or_else(|| std::env::var_os(place.variable).filter(|file| !file.is_empty()).map(PathBuf::from));
+        let file = file.or_else(|| place.named_file());
         let names = match file {
             Some(file) => vec![file],
             None => place.names.iter().map(PathBuf::from).collect(),

@@ -79,7 +79,9 @@ fn chunks<'a>(bytes: &'a [u8], path: &Path) -> Result<Glb<'a>, LoadError> {
         return Err(bad("header", format!("takes 12 bytes, but the file has {}", bytes.len())));
     };
     if magic != MAGIC {
-        return Err(bad("header", format!("starts with {} instead of \"glTF\"", quoted(magic))));
+        let found: Vec<String> = magic.iter().map(|byte| format!("{byte:02x}")).collect();
+        let reason = format!("starts with the bytes {} (hexadecimal) instead of \"glTF\"", found.join(" "));
+        return Err(bad("header", reason));
     }
     if version != 2 {
         return Err(LoadError::Unsupported {

@@ -1,0 +1,142 @@
+//! `palpate doctor`: whether this machine is fit for haptics.
+//!
+//! What takes unknown time (drivers, devices, folders on a network) is looked at in threads of their own and given up after
+//! [`PATIENCE`]; then the machine is left alone while the lateness of its timer is measured.
+
+mod cache;
+mod devices;
+mod finding;
+mod graphics;
+mod lateness;
+mod libraries;
+mod processors;
+mod scheduling;
+
+use std::sync::mpsc;
+use std::time::{Duration, Instant};
+
+use palpate_report::Machine;
+use serde::Serialize;
+
+use crate::arguments::DoctorArguments;
+use crate::failure::Failure;
+use crate::output;
+use finding::{Finding, Verdict};
+use lateness::Lateness;
+
+/// How long drivers, devices and folders may take to answer.
+const PATIENCE: Duration = Duration::from_secs(3);
+
+#[derive(Serialize)]
+struct Report {
+    machine: Machine,
+    findings: Vec<Finding>,
+    lateness_us: Lateness,
+    /// The line for `/etc/security/limits.conf` that lets this user have real-time scheduling.
+    limits_line: String,
+}
+
+pub fn run(arguments: &DoctorArguments) -> Result<(), Failure> {
+    output::check_files(&[], arguments.json.file().as_slice())?;
+    let [graphics, hid, libraries, cache] = all([
+        ("graphics adapters", graphics::finding),
+        ("HID devices", devices::finding),
+        ("libraries of device makers", libraries::finding),
+        ("cache of hierarchies", cache::finding),
+    ]);
+    let measured = palpate::measure_wake_lateness(lateness::RATE, lateness::SECONDS);
+    let lateness = Lateness::new(&measured);
+    let findings = vec![
+        scheduling::finding(&measured),
+        lateness::finding(&lateness, measured.realtime),
+        processors::stolen_time(&measured.machine),
+        processors::frequency(),
+        processors::count(),
+        graphics,
+        hid,
+        libraries,
+        cache,
+    ];
+    let report = Report {
+        machine: Machine::this(),
+        findings,
+        lateness_us: lateness,
+        limits_line: scheduling::limits_line(),
+    };
+    output::text_or_json(&arguments.json, &report, || print(&report))
+}
+
+type Look = fn() -> Finding;
+
+/// What each finds, all at once; what takes too long is left behind and reported as unknown.
+fn all<const N: usize>(looks: [(&'static str, Look); N]) -> [Finding; N] {
+    let deadline = Instant::now() + PATIENCE;
+    let looks = looks.map(|(name, look)| {
+        let (send, found) = mpsc::channel();
+        let begun = std::thread::Builder::new().name(name.to_owned()).spawn(move || {
+            // Nobody waits any longer, where it took too long.
+            let _ = send.send(look());
+        });
+        (name, begun.is_ok(), found)
+    });
+    looks.map(|(name, begun, found)| {
+        if !begun {
+            return Finding::new(name, Verdict::Unknown, "no thread could be started to look".to_owned());
+        }
+        let left = deadline.saturating_duration_since(Instant::now());
+        found.recv_timeout(left).unwrap_or_else(|why| {
+            let why = match why {
+                mpsc::RecvTimeoutError::Timeout => {
+                    format!(
+                        "no answer within {} s: a driver hangs, or the machine is very busy",
+                        PATIENCE.as_secs()
+                    )
+                }
+                mpsc::RecvTimeoutError::Disconnected => "looking failed".to_owned(),
+            };
+            Finding::new(name, Verdict::Unknown, why)
+        })
+    })
+}
+
+/// The report as a person reads it.
+fn print(report: &Report) -> String {
+    let mut lines = vec![report.machine.build(), report.machine.processor_line(), String::new()];
+    for finding in &report.findings {
+        lines.push(format!("{:<17}{}: {}", finding.verdict.to_string(), finding.name, finding.measured));
+        lines.extend(finding.remedy.as_ref().map(|remedy| format!("{:<17}-> {remedy}", "")));
+    }
+    lines.push(String::new());
+    lines.extend(lateness::plot(&report.lateness_us));
+    lines.push(String::new());
+    let count = |verdict| report.findings.iter().filter(|finding| finding.verdict == verdict).count();
+    let bad = count(Verdict::Bad);
+    let better = count(Verdict::CouldBeBetter);
+    lines.push(match (bad, better) {
+        (0, 0) => "This machine is fit for haptics, as far as could be seen.".to_owned(),
+        (0, better) => format!("This machine is fit for haptics; {better} of its findings could be better."),
+        (bad, _) => format!("This machine is not fit for haptics yet: {bad} of its findings are bad."),
+    });
+    lines.join("\n") + "\n"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_hangs_or_fails_is_unknown_and_the_rest_is_found() {
+        let good: Look = || Finding::new("quick", Verdict::Good, "there".to_owned());
+        let hangs: Look = || {
+            std::thread::sleep(Duration::from_secs(3600));
+            Finding::new("slow", Verdict::Good, "late".to_owned())
+        };
+        let fails: Look = || std::panic::resume_unwind(Box::new("broken"));
+        let begun = Instant::now();
+        let [slow, quick, broken] = all([("slow", hangs), ("quick", good), ("broken", fails)]);
+        assert!(begun.elapsed() < PATIENCE + Duration::from_secs(2));
+        assert_eq!((slow.name, slow.verdict), ("slow", Verdict::Unknown));
+        assert_eq!((quick.name, quick.verdict), ("quick", Verdict::Good));
+        assert_eq!((broken.name, broken.verdict), ("broken", Verdict::Unknown));
+    }
+}

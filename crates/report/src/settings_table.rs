@@ -1,0 +1,113 @@
+//! The settings of a session as rows for a person to read.
+
+use palpate::Settings;
+use serde_json::Value;
+
+/// The unit of each setting by the name of its field; those of textures behind a dot. Empty for numbers without one.
+const UNITS: [(&str, &str); 33] = [
+    ("rate", "Hz"),
+    ("mass", "kg"),
+    ("contact_stiffness", "N/m"),
+    ("contact_damping", "N·s/m"),
+    ("friction", ""),
+    ("static_friction", ""),
+    ("coupling_stiffness", "N/m"),
+    ("coupling_damping", "N·s/m"),
+    ("angular_stiffness", "N·m/rad"),
+    ("angular_damping", "N·m·s/rad"),
+    ("tolerance", "m"),
+    ("error", "m"),
+    ("interpolation", ""),
+    ("query_budget", "s"),
+    ("clusters", ""),
+    ("braking", ""),
+    ("proxy", ""),
+    ("textures.grid", "texels"),
+    ("textures.half_size", "m"),
+    ("textures.temperature", "m"),
+    ("textures.derivatives", ""),
+    ("textures.backend", ""),
+    ("grasp", "m, quaternion"),
+    ("contact_timeout", "s"),
+    ("integrator", ""),
+    ("engagement", "s"),
+    ("workspace_scale", ""),
+    ("device_frame", "m, quaternion"),
+    ("clutch_button", ""),
+    ("force_slew", "N/s"),
+    ("torque_slew", "N·m/s"),
+    ("passivity_controller", ""),
+    ("unusual_size", ""),
+];
+
+/// A row a setting.
+pub(crate) fn rows(settings: &Settings) -> Vec<(String, String)> {
+    let values = serde_json::to_value(settings).unwrap_or_default();
+    UNITS
+        .iter()
+        .filter_map(|(name, unit)| {
+            let value = name.split('.').try_fold(&values, |value, field| value.get(field))?;
+            let label = name.replace('_', " ").replace('.', ": ");
+            let shown = match value {
+                Value::Null => "none".to_owned(),
+                value => format!("{} {unit}", words(value)).trim_end().to_owned(),
+            };
+            Some((label, shown))
+        })
+        .collect()
+}
+
+fn words(value: &Value) -> String {
+    match value {
+        Value::Bool(true) => "on".to_owned(),
+        Value::Bool(false) => "off".to_owned(),
+        Value::Number(number) => number.as_f64().map_or_else(|| number.to_string(), short),
+        Value::String(text) => text.clone(),
+        Value::Array(values) => format!("({})", values.iter().map(words).collect::<Vec<_>>().join(", ")),
+        Value::Object(fields) => {
+            let fields: Vec<String> =
+                fields.iter().map(|(name, value)| format!("{name} {}", words(value))).collect();
+            fields.join(", ")
+        }
+        // An infinite limit is written as null: there is none.
+        Value::Null => "none".to_owned(),
+    }
+}
+
+/// A number with at most six significant digits.
+fn short(number: f64) -> String {
+    format!("{number:.5e}").parse::<f64>().unwrap_or(number).to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_setting_has_a_row() {
+        let values = serde_json::to_value(Settings::default()).expect("JSON");
+        let mut fields: Vec<String> = Vec::new();
+        for (name, value) in values.as_object().expect("fields") {
+            match value.as_object().filter(|_| name == "textures") {
+                Some(inner) => fields.extend(inner.keys().map(|field| format!("{name}.{field}"))),
+                None => fields.push(name.clone()),
+            }
+        }
+        for field in &fields {
+            assert!(UNITS.iter().any(|(name, _)| name == field), "{field}: give its unit in UNITS");
+        }
+        assert_eq!(rows(&Settings::default()).len(), fields.len());
+    }
+
+    #[test]
+    fn values_are_short_and_have_units() {
+        let settings = Settings { coupling_stiffness: Some(1234.567_89), ..Settings::default() };
+        let rows = rows(&settings);
+        let value = |name: &str| &rows.iter().find(|(label, _)| label == name).expect(name).1;
+        assert_eq!(value("rate"), "1000 Hz");
+        assert_eq!(value("coupling stiffness"), "1234.57 N/m");
+        assert_eq!(value("textures: grid"), "50 texels");
+        assert_eq!(value("clutch button"), "none");
+        assert_eq!(value("proxy"), "on");
+    }
+}

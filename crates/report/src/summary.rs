@@ -1,0 +1,195 @@
+//! What a session measured of itself, in plain words: first what was felt, then how well the loops kept up.
+
+use palpate::{Percentiles, Summary};
+
+use crate::events::happened;
+use crate::grouped;
+use crate::quantity::{force, length, quantity, rate};
+
+/// What a session measured, as rows of a name and a value for a person to read.
+pub fn measured(summary: &Summary) -> Vec<(&'static str, String)> {
+    let mut rows = felt(summary);
+    rows.extend(kept_up(summary));
+    rows.extend(summary.stages.iter().map(|(&stage, why)| (stage, why.clone())));
+    let events = happened(&summary.events);
+    if events.is_empty() {
+        rows.push(("events", "none".to_owned()));
+    }
+    rows.extend(
+        events.into_iter().map(|(name, count, meaning)| (name, format!("{}: {meaning}", times(count)))),
+    );
+    rows
+}
+
+/// What was touched and felt.
+fn felt(summary: &Summary) -> Vec<(&'static str, String)> {
+    let Some(first) = summary.first_touch_s else {
+        return vec![
+            ("touch", "nothing was touched".to_owned()),
+            ("deepest penetration", "0: nothing was touched".to_owned()),
+            ("largest force sent to the device", force(summary.coupling_force_max)),
+            ("object behind the hand", format!("at most {}", length(summary.coupling_stretch_max))),
+        ];
+    };
+    let depth = if summary.depth_max > 0.0 {
+        length(summary.depth_max)
+    } else {
+        let tolerance = length(summary.tolerance);
+        format!("0: contacts were held within the tolerance of {tolerance}, before surfaces met")
+    };
+    let (most, last) = (summary.contacts_max as usize, summary.contacts_at_end as usize);
+    vec![
+        ("touch", format!("first after {}", quantity(first, "s"))),
+        ("deepest penetration", depth),
+        ("largest force sent to the device", force(summary.coupling_force_max)),
+        ("contacts", format!("at most {}, {} at the end", grouped(most), grouped(last))),
+        ("object behind the hand", format!("at most {}", length(summary.coupling_stretch_max))),
+    ]
+}
+
+/// How well the loops kept up.
+fn kept_up(summary: &Summary) -> Vec<(&'static str, String)> {
+    let Summary { haptic, contact, .. } = summary;
+    let simulated = haptic.scheduling == "lockstep";
+    let steps = grouped(haptic.steps as usize);
+    let mut rows = vec![
+        ("deadlines", haptic.missed_verdict()),
+        ("duration", quantity(summary.seconds, "s")),
+        ("haptic rate", format!("{}, {steps} steps", rate(haptic.rate_hz))),
+        ("haptic step", percentiles(&haptic.step_ns, 1e-9)),
+    ];
+    if !simulated {
+        rows.push(("wake-up lateness", percentiles(&haptic.wake_us, 1e-6)));
+        rows.push(("scheduling of the haptic thread", haptic.scheduling.clone()));
+    }
+    rows.push(("contact rate", rate(contact.rate_hz)));
+    rows.push(("contact query time", percentiles(&contact.query_us, 1e-6)));
+    if let Some(longer) = contact.longer_than_slot {
+        let kept_up = match longer {
+            0 => "every query would have kept up in real time".to_owned(),
+            1 => "1 query took longer than the time to the next one, and would have been late in real time"
+                .to_owned(),
+            more => format!(
+                "{} queries took longer than the time to the next one, and would have been late in real time",
+                grouped(more as usize)
+            ),
+        };
+        rows.push(("contact loop", kept_up));
+    }
+    rows.push(("smallest energy at the device port", quantity(summary.energy_min_j, "J")));
+    if summary.dissipated_j > 0.0 {
+        rows.push(("energy taken out by the passivity controller", quantity(summary.dissipated_j, "J")));
+    }
+    rows
+}
+
+/// Times in units of `unit` (s).
+fn percentiles(of: &Percentiles, unit: f64) -> String {
+    let time = |value: f64| quantity(value * unit, "s");
+    format!("median {}, p99 {}, p99.9 {}, max {}", time(of.p50), time(of.p99), time(of.p999), time(of.max))
+}
+
+fn times(count: u64) -> String {
+    if count == 1 { "once".to_owned() } else { format!("{} times", grouped(count as usize)) }
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate::{ContactSummary, Events, HapticSummary};
+
+    use super::*;
+
+    fn summary() -> Summary {
+        Summary {
+            seconds: 10.0,
+            haptic: HapticSummary {
+                rate_hz: 999.9,
+                steps: 9_999,
+                missed_deadlines: 1,
+                missed_by_step: 0,
+                missed_by_machine: 1,
+                stolen_s: None,
+                preempted: None,
+                run_delay_s: None,
+                step_ns: Percentiles { p50: 16_975.0, p99: 24_100.0, p999: 30_000.0, max: 1_200_000.0 },
+                wake_us: Percentiles { p50: 1.0, p99: 20.0, p999: 50.0, max: 1100.0 },
+                scheduling: "SCHED_FIFO, priority 80".to_owned(),
+            },
+            contact: ContactSummary {
+                rate_hz: 750.0,
+                query_us: Percentiles { p50: 300.0, p99: 800.0, p999: 900.0, max: 1000.0 },
+                longer_than_slot: None,
+            },
+            first_touch_s: Some(0.412),
+            contacts_max: 1204,
+            contacts_at_end: 3,
+            tolerance: 1e-4,
+            depth_max: 4.3e-5,
+            coupling_stretch_max: 4.3e-4,
+            grasp: palpate::glam::DVec3::ZERO,
+            device_error: None,
+            coupling_force_max: 1.2345,
+            energy_min_j: -1e-6,
+            dissipated_j: 0.0,
+            stages: [("friction", "off".to_owned())].into(),
+            events: Events { slewed: 1, saturated: 2000, ..Events::default() },
+        }
+    }
+
+    fn value<'a>(rows: &'a [(&str, String)], name: &str) -> &'a str {
+        &rows.iter().find(|(known, _)| *known == name).unwrap_or_else(|| panic!("no row {name}: {rows:?}")).1
+    }
+
+    #[test]
+    fn what_was_felt_comes_first_in_units_that_suit() {
+        let rows = measured(&summary());
+        let first: Vec<&str> = rows[..5].iter().map(|(name, _)| *name).collect();
+        assert_eq!(
+            first,
+            [
+                "touch",
+                "deepest penetration",
+                "largest force sent to the device",
+                "contacts",
+                "object behind the hand"
+            ]
+        );
+        for (name, expected) in [
+            ("touch", "first after 412 ms"),
+            ("deepest penetration", "0.0430 mm"),
+            ("largest force sent to the device", "1.23 N"),
+            ("contacts", "at most 1,204, 3 at the end"),
+            ("object behind the hand", "at most 0.430 mm"),
+            ("haptic rate", "1.00 kHz, 9,999 steps"),
+            ("haptic step", "median 17.0 µs, p99 24.1 µs, p99.9 30.0 µs, max 1.20 ms"),
+            ("deadlines", "1 of 10,000 deadlines missed: 1 because the machine woke the thread late."),
+        ] {
+            assert_eq!(value(&rows, name), expected, "{name}");
+        }
+        assert!(value(&rows, "slewed").starts_with("once: the change of the wrench"), "{rows:?}");
+        assert!(value(&rows, "saturated").starts_with("2,000 times: "), "{rows:?}");
+    }
+
+    #[test]
+    fn a_depth_of_zero_is_explained() {
+        let held = Summary { depth_max: 0.0, ..summary() };
+        assert_eq!(
+            value(&measured(&held), "deepest penetration"),
+            "0: contacts were held within the tolerance of 0.100 mm, before surfaces met"
+        );
+        let nothing = Summary { first_touch_s: None, ..held };
+        let rows = measured(&nothing);
+        assert_eq!(rows[0], ("touch", "nothing was touched".to_owned()));
+        assert_eq!(value(&rows, "deepest penetration"), "0: nothing was touched");
+    }
+
+    #[test]
+    fn a_simulated_clock_is_never_late() {
+        let mut simulated = summary();
+        simulated.haptic.scheduling = "lockstep".to_owned();
+        simulated.contact.longer_than_slot = Some(2);
+        let rows = measured(&simulated);
+        assert!(rows.iter().all(|(name, _)| !name.starts_with("wake-up")), "{rows:?}");
+        assert!(value(&rows, "contact loop").starts_with("2 queries took longer"), "{rows:?}");
+    }
+}
