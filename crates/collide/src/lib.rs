@@ -15,6 +15,7 @@ mod ball;
 mod clustering;
 mod contact_set;
 pub mod convex;
+mod error;
 mod events;
 mod motion;
 mod patch;
@@ -26,11 +27,12 @@ mod shape;
 
 pub use clustering::{Cluster, Clustering};
 pub use contact_set::{ContactSet, ContactSetOutcome, ContactSetSettings};
+pub use error::{ContactSetError, QueryError, QueryObject};
 pub use events::{CollisionEvent, CollisionEvents};
-pub use proximity::{Effort, Intersection, NearestPoints, ProximityQuery, SurfaceDistance};
+pub use proximity::{Effort, Intersection, NearestPoints, ProximityQuery};
 pub use query::{
-    Budget, Combination, ContactQuery, ErrorMetrics, PatchContact, QueryOutcome, QuerySettings,
-    VelocityMetric, ViewMetric,
+    Budget, Combination, ContactQuery, ErrorMetrics, MAX_CONTACTS, MAX_PAIRS, PatchContact, QueryOutcome,
+    QuerySettings, VelocityMetric, ViewMetric,
 };
 pub use scene_query::{ObjectContacts, ObjectHandle, SceneOutcome, SceneQuery};
 pub use shape::Shape;

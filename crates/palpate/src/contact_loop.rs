@@ -203,7 +203,9 @@ impl ContactLoop {
         let tolerance = self.parameters.tolerance;
         let near = tolerance + self.textures.as_ref().map_or(0.0, Textures::protrusion);
         let (lag, way) = (self.proxy.lag().min(self.furthest_lag), self.way(body, ahead));
-        let settings = QuerySettings { tolerance: near + lag + way, ..self.settings };
+        // No further than queries look.
+        let reach = (near + lag + way).min(self.probe.shape().max_tolerance());
+        let settings = QuerySettings { tolerance: reach, ..self.settings };
         let followed = self.proxy.follow(&body.pose, &settings, &mut self.scene);
         let events = &mut self.telemetry.events;
         events.contact_overflow += u64::from(followed.overflow);

@@ -32,6 +32,7 @@ use self::regions::{Deep, Measures, Place, Regions, Side};
 use self::spacing::Spaced;
 use crate::PatchContact;
 use crate::convex::{Hull, Limits, Placement, Separation, Start, gjk, nearest_on_triangle};
+use crate::error::{ContactSetError, QueryObject};
 use crate::query::placed;
 use crate::shape::Shape;
 
@@ -96,9 +97,6 @@ pub struct ContactSetOutcome {
     pub truncated: bool,
     /// Whether a buffer grew: there was more to do than ever before.
     pub reallocated: bool,
-    /// The run was refused, and nothing was found: a pose or a setting is not valid, or a contact is not finite or not
-    /// one of these objects'.
-    pub refused: bool,
 }
 
 /// The workspace: makes contact sets of two objects.
@@ -160,22 +158,21 @@ impl ContactSet {
     /// of a merged one the sum, up to 1.
     ///
     /// The cost grows with the number of contacts, and of vertices in and next to the regions.
+    ///
+    /// # Errors
+    /// If a pose or a setting is not valid, or a contact is not finite or has nodes that are not patches of these objects.
+    /// The set is empty then.
     pub fn run(
         &mut self,
         contacts: &[PatchContact],
         probe_pose: &Pose,
         scene_pose: &Pose,
         settings: &ContactSetSettings,
-    ) -> &[PatchContact] {
+    ) -> Result<&[PatchContact], ContactSetError> {
         let buffers = self.buffers();
         self.contacts.clear();
         self.outcome = ContactSetOutcome::default();
-        let lengths = settings.merge.is_finite() && settings.merge >= 0.0 && settings.spacing >= 0.0;
-        let valid = probe_pose.is_valid() && scene_pose.is_valid() && lengths;
-        if !valid || !contacts.iter().all(|contact| self.knows(contact)) {
-            self.outcome.refused = true;
-            return &self.contacts;
-        }
+        self.check(contacts, [probe_pose, scene_pose], settings)?;
         let (probe, scene) = (self.probe.clone(), self.scene.clone());
         let placement = Placement::between(probe_pose, scene_pose);
         let sides = Side::both(&probe, &scene, placement);
@@ -190,10 +187,10 @@ impl ContactSet {
         self.merge(contacts, settings.merge.max(16.0 * precision));
         self.outcome.separated = self.contacts.len() - self.outcome.penetrating;
         self.outcome.reallocated = self.buffers() != buffers;
-        &self.contacts
+        Ok(&self.contacts)
     }
 
-    /// The contacts of the last run.
+    /// The contacts of the last run; none after an error.
     pub fn contacts(&self) -> &[PatchContact] {
         &self.contacts
     }
@@ -216,6 +213,30 @@ impl ContactSet {
             kept.capacity(),
             contacts.capacity(),
         ]
+    }
+
+    fn check(
+        &self,
+        contacts: &[PatchContact],
+        poses: [&Pose; 2],
+        settings: &ContactSetSettings,
+    ) -> Result<(), ContactSetError> {
+        for (pose, object) in poses.into_iter().zip([QueryObject::Probe, QueryObject::Scene]) {
+            if !pose.is_valid() {
+                return Err(ContactSetError::Pose { object });
+            }
+        }
+        let ContactSetSettings { merge, spacing, .. } = *settings;
+        if !(merge.is_finite() && merge >= 0.0) {
+            return Err(ContactSetError::Merge { given: merge });
+        }
+        if spacing.is_nan() || spacing < 0.0 {
+            return Err(ContactSetError::Spacing { given: spacing });
+        }
+        match contacts.iter().position(|contact| !self.knows(contact)) {
+            Some(index) => Err(ContactSetError::Contact { index }),
+            None => Ok(()),
+        }
     }
 
     /// Whether a contact may be one of these objects.

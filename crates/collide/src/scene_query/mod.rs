@@ -25,7 +25,8 @@ use palpate_core::glam::{DQuat, DVec3};
 
 use self::wake_queue::WakeQueue;
 use crate::ball::Ball;
-use crate::query::{Budget, ContactQuery, PatchContact, QueryOutcome, QuerySettings};
+use crate::error::{QueryError, QueryObject};
+use crate::query::{Budget, ContactQuery, PatchContact, QueryOutcome, QuerySettings, check_placed};
 use crate::shape::Shape;
 
 /// Contacts and pairs of nodes that a workspace has room for when it is made in passing.
@@ -70,9 +71,7 @@ pub struct ObjectContacts<'a> {
 /// What a run found and what it cost.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SceneOutcome {
-    /// Of the queries that were made together: sums, largest values (of the smallest distance the smallest), and flags
-    /// that were set in any. [`refused`](QueryOutcome::refused) also when the probe's pose, the tolerance or the error
-    /// was, or an object's pose is not valid or its shape has no nodes.
+    /// All queries together: sums, largest values (of the smallest distance the smallest), and flags that were set in any.
     pub query: QueryOutcome,
     /// Objects that the broad phase looked at: those that were awake.
     pub tested: usize,
@@ -81,6 +80,9 @@ pub struct SceneOutcome {
     /// Objects within reach that got none, for want of a workspace: [`SceneQuery::reserve`] more. Only with
     /// [`QuerySettings::fixed_capacity`].
     pub left_out: usize,
+    /// Objects that got none because their pose is not [valid](Pose::is_valid) or their shape has no nodes. They are
+    /// looked at again in every run.
+    pub invalid: usize,
 }
 
 /// Contact queries of one probe with many objects.
@@ -229,8 +231,8 @@ impl SceneQuery {
         }
     }
 
-    /// Moves an object (object frame to world); `false` if it is not there. Runs with a pose that is not
-    /// [valid](Pose::is_valid) leave the object out and [say so](QueryOutcome::refused).
+    /// Moves an object (object frame to world); `false` if it is not there. While its pose is not
+    /// [valid](Pose::is_valid), runs leave the object out and [count](SceneOutcome::invalid) it.
     pub fn set_pose(&mut self, object: ObjectHandle, pose: &Pose) -> bool {
         if self.find(object).is_none() {
             return false;
@@ -326,14 +328,15 @@ impl SceneQuery {
     /// Finds the contacts of the probe at a pose (object frame to world) with all objects.
     ///
     /// A budget is for all queries together: each gets an equal part of what those before it have left.
-    pub fn run(&mut self, probe_pose: &Pose, settings: &QuerySettings) -> SceneOutcome {
+    ///
+    /// # Errors
+    /// If the probe's pose is not valid, the probe is empty, or the tolerance or an error metric is out of bounds. There are
+    /// no contacts then. An object whose own pose is not valid is left out and [counted](SceneOutcome::invalid).
+    pub fn run(&mut self, probe_pose: &Pose, settings: &QuerySettings) -> Result<SceneOutcome, QueryError> {
         let mut outcome = SceneOutcome::default();
         self.in_reach.clear();
-        let asked = settings.tolerance.is_finite() && settings.tolerance >= 0.0 && settings.error.is_valid();
-        if !asked || !probe_pose.is_valid() || self.probe.is_empty() {
-            outcome.query.refused = true;
-            return outcome;
-        }
+        check_placed(&self.probe, probe_pose, QueryObject::Probe)?;
+        settings.check(&self.probe)?;
         self.find_in_reach(probe_pose, settings.tolerance, &mut outcome);
         self.hand_out(settings.fixed_capacity, &mut outcome);
         let begun = Instant::now();
@@ -348,11 +351,12 @@ impl SceneQuery {
                     Budget::Queries(queries.saturating_sub(outcome.query.convex_queries) / left)
                 }
             });
-            workspace.outcome = workspace.query.run(probe_pose, pose, &QuerySettings { budget, ..*settings });
+            workspace.outcome =
+                workspace.query.run(probe_pose, pose, &QuerySettings { budget, ..*settings })?;
             add(&mut outcome.query, &workspace.outcome);
         }
         outcome.queried = self.in_reach.len();
-        outcome
+        Ok(outcome)
     }
 
     /// The objects that got a query in the last run, those without contacts included, with their contacts, by handle.
@@ -389,14 +393,14 @@ impl SceneQuery {
             let slot = self.awake[index];
             let object = &self.objects[slot as usize];
             let kind = &self.kinds[object.kind as usize];
-            let refused = !object.pose.is_valid() || kind.shape.is_empty();
+            let invalid = check_placed(&kind.shape, &object.pose, QueryObject::Scene).is_err();
             let gap = gap(object, kind, center, radius + tolerance + SLACK * self.probe.coordinates());
-            let wake = if gap > 0.0 && !refused { self.way + gap } else { f64::NEG_INFINITY };
+            let wake = if gap > 0.0 && !invalid { self.way + gap } else { f64::NEG_INFINITY };
             if wake != self.queue.wake(slot) {
                 self.queue.set(slot, wake);
             }
-            outcome.query.refused |= refused;
-            if gap > 0.0 || refused {
+            outcome.invalid += usize::from(invalid);
+            if gap > 0.0 || invalid {
                 self.give_back(slot);
             } else {
                 self.in_reach.push(slot);
@@ -492,5 +496,4 @@ fn add(sum: &mut QueryOutcome, one: &QueryOutcome) {
     sum.overflow |= one.overflow;
     sum.merged_within = sum.merged_within.max(one.merged_within);
     sum.reallocated |= one.reallocated;
-    sum.refused |= one.refused;
 }
