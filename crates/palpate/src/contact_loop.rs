@@ -383,7 +383,9 @@ impl ContactLoop {
                 if let Some(watched) = &mut self.watched {
                     let force =
                         found.contact.linear * (-self.parameters.stiffness * found.share * (now + tolerance));
-                    watched.sight().add_push(Push { point: found.contact.point, force, depth: now });
+                    let normal = found.contact.linear.normalize_or_zero();
+                    let point = found.contact.point;
+                    watched.sight().add_push(Push { point, normal, force, depth: now });
                 }
                 model.push_curved(&found.contact, &pose, &gains(&self.parameters), 0.0, &carrier);
             } else if self.braking && now + found.rate(&twist) * ahead > -tolerance {
@@ -588,6 +590,7 @@ fn show(watched: &mut Option<Watched>, clusters: &[Cluster], gains: &ContactPara
     let Some(watched) = watched else { return };
     for Cluster { contact, .. } in clusters {
         let force = contact.normal * (-gains.stiffness * (contact.depth + gains.tolerance));
-        watched.sight().add_push(Push { point: contact.point, force, depth: contact.depth });
+        let Contact { point, normal, depth, .. } = *contact;
+        watched.sight().add_push(Push { point, normal, force, depth });
     }
 }
