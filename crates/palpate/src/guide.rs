@@ -3,11 +3,12 @@
 //! 1. [Concepts](concepts): two loops, levels of detail, the virtual coupling and the tolerance, in pictures.
 //! 2. [A first scene](first_scene).
 //! 3. [Own models](own_models): formats, scale, repair, hierarchies built ahead of time.
-//! 4. [Choosing accuracy](choosing_accuracy): what may be left out, what that buys, and how to have it measured.
-//! 5. [Stability](stability): what it rests on, and what to turn.
-//! 6. [Devices](devices), and drivers of your own.
-//! 7. [Embedding](embedding): in a program's own threads or beside them.
-//! 8. [Troubleshooting](troubleshooting): symptom, cause, remedy.
+//! 4. [Contact queries](contact_queries): contacts, distances and forces of two objects, without a session.
+//! 5. [Choosing accuracy](choosing_accuracy): what may be left out, what that buys, and how to have it measured.
+//! 6. [Stability](stability): what it rests on, and what to turn.
+//! 7. [Devices](devices), and drivers of your own.
+//! 8. [Embedding](embedding): in a program's own threads or beside them.
+//! 9. [Troubleshooting](troubleshooting): symptom, cause, remedy.
 //!
 //! This module is there for the documentation only: programs do not see it. Every example is a test.
 
@@ -37,6 +38,11 @@ pub mod first_scene {}
 ///
 #[doc = include_str!("../docs/guide/own-models.md")]
 pub mod own_models {}
+
+/// Contacts, distances and forces of two objects, without a session.
+///
+#[doc = include_str!("../docs/guide/contact-queries.md")]
+pub mod contact_queries {}
 
 /// What may be left out, and what that buys.
 ///

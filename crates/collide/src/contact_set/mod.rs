@@ -100,6 +100,39 @@ pub struct ContactSetOutcome {
 }
 
 /// The workspace: makes contact sets of two objects.
+///
+/// ```
+/// use palpate_collide::{ContactQuery, ContactSet, ContactSetSettings, QuerySettings, Shape};
+/// use palpate_core::Pose;
+/// use palpate_core::glam::DVec3;
+///
+/// # use palpate_clod_build::{BuildOptions, build, unwatched};
+/// # use palpate_core::TriMesh;
+/// # let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2)) * 0.1;
+/// # let cube = TriMesh::new((0..8).map(corner).collect(), vec![
+/// #     [0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4],
+/// #     [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6], [1, 3, 5], [3, 7, 5],
+/// # ])?;
+/// # let tips = [DVec3::X, -DVec3::X, DVec3::Y, -DVec3::Y, DVec3::Z, -DVec3::Z].map(|tip| 0.05 * tip);
+/// # let octahedron = TriMesh::new(tips.to_vec(), vec![
+/// #     [0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5],
+/// # ])?;
+/// # let shape_of = |mesh: &TriMesh| build(mesh, &BuildOptions::default(), &mut unwatched).map(Shape::new);
+/// # let (octahedron, cube) = (shape_of(&octahedron)?, shape_of(&cube)?);
+/// let tolerance = 0.002;
+/// let mut query = ContactQuery::new(&octahedron, &cube);
+/// let mut set = ContactSet::new(&octahedron, &cube);
+/// let probe_pose = Pose::from_translation(DVec3::new(0.04, 0.05, 0.149));
+/// query.run(&probe_pose, &Pose::IDENTITY, &QuerySettings::new(tolerance))?;
+///
+/// // However many pairs of patches meet there, it is one region, as deep as its deepest vertex.
+/// let merged = ContactSetSettings::new(0.1 * tolerance);
+/// let contacts = set.run(query.contacts(), &probe_pose, &Pose::IDENTITY, &merged)?;
+/// assert_eq!(contacts.len(), 1);
+/// assert!((contacts[0].contact.depth - 0.001).abs() < 1e-9);
+/// assert_eq!(set.outcome().regions, 1);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct ContactSet {
     probe: Shape,

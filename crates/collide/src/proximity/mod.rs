@@ -128,6 +128,34 @@ pub struct Effort {
 
 /// The workspace of distance and intersection queries between a probe and a scene object. Once it has seen as much
 /// before, a query does not allocate; it never panics, and the same queries in the same order give the same answers.
+///
+/// ```
+/// use palpate_collide::{Intersection, ProximityQuery, Shape};
+/// use palpate_core::Pose;
+/// use palpate_core::glam::DVec3;
+///
+/// # use palpate_clod_build::{BuildOptions, build, unwatched};
+/// # use palpate_core::TriMesh;
+/// # let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2)) * 0.1;
+/// # let cube = TriMesh::new((0..8).map(corner).collect(), vec![
+/// #     [0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4],
+/// #     [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6], [1, 3, 5], [3, 7, 5],
+/// # ])?;
+/// # let tips = [DVec3::X, -DVec3::X, DVec3::Y, -DVec3::Y, DVec3::Z, -DVec3::Z].map(|tip| 0.05 * tip);
+/// # let octahedron = TriMesh::new(tips.to_vec(), vec![
+/// #     [0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5],
+/// # ])?;
+/// # let shape_of = |mesh: &TriMesh| build(mesh, &BuildOptions::default(), &mut unwatched).map(Shape::new);
+/// # let (octahedron, cube) = (shape_of(&octahedron)?, shape_of(&cube)?);
+/// let mut query = ProximityQuery::new(&octahedron, &cube);
+/// let at = |height: f64| Pose::from_translation(DVec3::new(0.04, 0.05, 0.15 + height));
+/// let nearest = query.distance(&at(0.3), &Pose::IDENTITY, f64::INFINITY)?.expect("no bound was given");
+/// assert!((nearest.distance - 0.3).abs() < 1e-9);
+/// assert!(nearest.on_scene.distance(DVec3::new(0.04, 0.05, 0.1)) < 1e-9);
+/// assert_eq!(query.distance(&at(0.3), &Pose::IDENTITY, 0.1)?, None); // further than 100 mm
+/// assert_eq!(query.intersects(&at(-0.001), &Pose::IDENTITY)?, Intersection::SurfacesMeet);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct ProximityQuery {
     probe: Shape,

@@ -200,7 +200,45 @@ pub struct QueryOutcome {
 }
 
 /// The workspace of a contact query. It belongs to the pair of objects that it was made for, and keeps the front of the
-/// last query, from which the next one starts.
+/// last query, from which the next one starts: keep one workspace for a pair of objects, and run it at pose after pose.
+///
+/// ```
+/// use palpate_collide::{ContactQuery, QueryError, QuerySettings, Shape};
+/// use palpate_core::Pose;
+/// use palpate_core::glam::DVec3;
+///
+/// # use palpate_clod_build::{BuildOptions, build, unwatched};
+/// # use palpate_core::TriMesh;
+/// # let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2)) * 0.1;
+/// # let cube = TriMesh::new((0..8).map(corner).collect(), vec![
+/// #     [0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4],
+/// #     [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6], [1, 3, 5], [3, 7, 5],
+/// # ])?;
+/// # let tips = [DVec3::X, -DVec3::X, DVec3::Y, -DVec3::Y, DVec3::Z, -DVec3::Z].map(|tip| 0.05 * tip);
+/// # let octahedron = TriMesh::new(tips.to_vec(), vec![
+/// #     [0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5],
+/// # ])?;
+/// # let shape_of = |mesh: &TriMesh| build(mesh, &BuildOptions::default(), &mut unwatched).map(Shape::new);
+/// # let (octahedron, cube) = (shape_of(&octahedron)?, shape_of(&cube)?);
+/// // An octahedron, 50 mm from centre to tip, comes down on a cube whose top is at z = 100 mm.
+/// let mut query = ContactQuery::new(&octahedron, &cube);
+/// let settings = QuerySettings::new(0.002);
+/// let at = |height: f64| Pose::from_translation(DVec3::new(0.04, 0.05, 0.15 + height));
+/// for step in 0..100 {
+///     let height = 0.005 - 1e-4 * f64::from(step);
+///     let outcome = query.run(&at(height), &Pose::IDENTITY, &settings)?;
+///     match outcome.deepest {
+///         None => assert!(height > 0.002, "no contact within the tolerance"),
+///         Some(depth) => assert!((depth + height).abs() < 1e-9),
+///     }
+/// }
+///
+/// // What a query cannot do is an error, and the next query works again.
+/// let most = octahedron.max_tolerance();
+/// let refused = query.run(&at(0.0), &Pose::IDENTITY, &QuerySettings::new(1.0));
+/// assert_eq!(refused, Err(QueryError::Tolerance { given: 1.0, most }));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct ContactQuery {
     bodies: Bodies,

@@ -89,6 +89,38 @@ pub struct SceneOutcome {
 ///
 /// Adding objects and reserving workspaces allocates. A run allocates only while it exceeds what was there before: when
 /// more objects of a shape are within reach at once than ever, or a workspace has more to do than ever.
+///
+/// ```
+/// use palpate_collide::{QuerySettings, SceneQuery, Shape};
+/// use palpate_core::Pose;
+/// use palpate_core::glam::DVec3;
+///
+/// # use palpate_clod_build::{BuildOptions, build, unwatched};
+/// # use palpate_core::TriMesh;
+/// # let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2)) * 0.1;
+/// # let cube = TriMesh::new((0..8).map(corner).collect(), vec![
+/// #     [0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4],
+/// #     [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6], [1, 3, 5], [3, 7, 5],
+/// # ])?;
+/// # let tips = [DVec3::X, -DVec3::X, DVec3::Y, -DVec3::Y, DVec3::Z, -DVec3::Z].map(|tip| 0.05 * tip);
+/// # let octahedron = TriMesh::new(tips.to_vec(), vec![
+/// #     [0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5],
+/// # ])?;
+/// # let shape_of = |mesh: &TriMesh| build(mesh, &BuildOptions::default(), &mut unwatched).map(Shape::new);
+/// # let (octahedron, cube) = (shape_of(&octahedron)?, shape_of(&cube)?);
+/// // A row of cubes, 100 mm wide, 1 m apart; the octahedron's tip is 1 mm inside the third.
+/// let mut scene = SceneQuery::new(&octahedron);
+/// let cubes: Vec<_> =
+///     (0..1000).map(|x| scene.add(&cube, &Pose::from_translation(DVec3::X * f64::from(x)))).collect();
+/// let probe_pose = Pose::from_translation(DVec3::new(2.04, 0.05, 0.149));
+/// let outcome = scene.run(&probe_pose, &QuerySettings::new(0.002))?;
+/// assert_eq!((outcome.queried, outcome.invalid), (1, 0));
+/// for with in scene.contacts() {
+///     assert_eq!(with.object, cubes[2]);
+///     assert!(with.contacts.iter().any(|found| (found.contact.depth - 0.001).abs() < 1e-9));
+/// }
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct SceneQuery {
     probe: Shape,
