@@ -79,7 +79,11 @@ fn broad_phase(criterion: &mut Criterion) {
     group.bench_function("contact_query", |bencher| {
         bencher.iter(|| {
             run += 1;
-            black_box(alone.run(&setting.probe_pose(run), &Pose::IDENTITY, &setting.settings))
+            black_box(
+                alone
+                    .run(&setting.probe_pose(run), &Pose::IDENTITY, &setting.settings)
+                    .expect("valid poses and settings"),
+            )
         });
     });
     for count in INSTANCES {
@@ -89,13 +93,16 @@ fn broad_phase(criterion: &mut Criterion) {
             .iter()
             .map(|place| scene.add(setting.ball.shape(), &Pose::from_translation(*place)))
             .collect();
-        let outcome = scene.run(&setting.probe_pose(50), &setting.settings);
+        let outcome =
+            scene.run(&setting.probe_pose(50), &setting.settings).expect("valid poses and settings");
         assert!(outcome.query.contacts > 0 && outcome.queried == 1, "{outcome:?}");
         let mut run = 0;
         group.bench_function(BenchmarkId::new("still", count), |bencher| {
             bencher.iter(|| {
                 run += 1;
-                black_box(scene.run(&setting.probe_pose(run), &setting.settings))
+                black_box(
+                    scene.run(&setting.probe_pose(run), &setting.settings).expect("valid poses and settings"),
+                )
             });
         });
         group.bench_function(BenchmarkId::new("tenth moves", count), |bencher| {
@@ -104,7 +111,9 @@ fn broad_phase(criterion: &mut Criterion) {
                 for (object, place) in objects.iter().zip(&places).skip(9).step_by(10) {
                     scene.set_pose(*object, &Pose::from_translation(moved(*place, run)));
                 }
-                black_box(scene.run(&setting.probe_pose(run), &setting.settings))
+                black_box(
+                    scene.run(&setting.probe_pose(run), &setting.settings).expect("valid poses and settings"),
+                )
             });
         });
         let far = places.iter().map(|place| place.length()).fold(1.0, f64::max);
@@ -112,7 +121,11 @@ fn broad_phase(criterion: &mut Criterion) {
             bencher.iter(|| {
                 run += 1;
                 let far = 2.0 * far * (run % 2) as f64 * DVec3::X;
-                black_box(scene.run(&Pose::from_translation(far), &setting.settings))
+                black_box(
+                    scene
+                        .run(&Pose::from_translation(far), &setting.settings)
+                        .expect("valid poses and settings"),
+                )
             });
         });
     }

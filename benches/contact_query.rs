@@ -51,7 +51,7 @@ fn queries(criterion: &mut Criterion) {
     let settings = QuerySettings::new(TOLERANCE * probe.bounding_radius());
     let mut query = ContactQuery::new(probe.shape(), scene.shape());
     let mut run = |pose: &Pose| {
-        query.run(pose, &Pose::IDENTITY, &settings);
+        query.run(pose, &Pose::IDENTITY, &settings).expect("valid poses and settings");
         query.contacts().to_vec()
     };
     let closed = poses.iter().map(|pose| (run(pose), *pose)).max_by_key(|(contacts, _)| contacts.len());
@@ -65,7 +65,7 @@ fn queries(criterion: &mut Criterion) {
         group.bench_function(format!("{subject}{error}"), |bencher| {
             bencher.iter(|| {
                 for pose in &poses {
-                    black_box(query.run(pose, &Pose::IDENTITY, settings));
+                    black_box(query.run(pose, &Pose::IDENTITY, settings).expect("valid poses and settings"));
                 }
             });
         });
@@ -75,7 +75,7 @@ fn queries(criterion: &mut Criterion) {
         group.bench_function(format!("{subject}_closed{error}"), |bencher| {
             bencher.iter(|| {
                 query.reset();
-                black_box(query.run(&closed, &Pose::IDENTITY, settings))
+                black_box(query.run(&closed, &Pose::IDENTITY, settings).expect("valid poses and settings"))
             });
         });
     }

@@ -48,7 +48,8 @@ impl Method for EngineQuery {
         if self.cold {
             self.query.reset();
         }
-        self.outcome = self.query.run(pose, &Pose::IDENTITY, &self.settings);
+        self.outcome =
+            self.query.run(pose, &Pose::IDENTITY, &self.settings).expect("valid poses and settings");
     }
 
     fn append_contacts(&self, _: &Pose, found: &mut Vec<PatchContact>) {
@@ -91,7 +92,9 @@ impl EngineSet {
 impl Method for EngineSet {
     fn run(&mut self, pose: &Pose) {
         self.query.run(pose);
-        self.set.run(self.query.contacts(), pose, &Pose::IDENTITY, &self.settings);
+        self.set
+            .run(self.query.contacts(), pose, &Pose::IDENTITY, &self.settings)
+            .expect("valid poses and settings");
     }
 
     fn append_contacts(&self, _: &Pose, found: &mut Vec<PatchContact>) {

@@ -17,6 +17,8 @@ use palpate::collide::ProximityQuery;
 use palpate::device::{Interpolation, MotionPath};
 use palpate::{Object, OpenOptions, Pose};
 
+const VALID: &str = "valid poses";
+
 /// Times that a path is followed; of each pose the least time counts, which other processes disturb least.
 const PASSES: usize = 5;
 
@@ -70,12 +72,15 @@ fn scenario(name: &str, probe: &str, scene: &str, path: &Path) {
     let poses = poses(path);
     let mut query = ProximityQuery::new(probe.shape(), scene.shape());
     let unbounded = |query: &mut ProximityQuery, pose: &Pose| {
-        black_box(query.distance(pose, &Pose::IDENTITY, f64::INFINITY));
+        black_box(query.distance(pose, &Pose::IDENTITY, f64::INFINITY).expect(VALID));
     };
     let meeting = |query: &mut ProximityQuery, pose: &Pose| {
-        black_box(query.intersects(pose, &Pose::IDENTITY));
+        black_box(query.intersects(pose, &Pose::IDENTITY).expect(VALID));
     };
-    let meet = poses.iter().filter(|pose| query.intersects(pose, &Pose::IDENTITY).intersects()).count();
+    let mut meet = 0;
+    for pose in &poses {
+        meet += usize::from(query.intersects(pose, &Pose::IDENTITY).expect(VALID).intersects());
+    }
     println!("{name}: {} poses, {meet} of them intersecting", poses.len());
     time("  distance, tracked", &mut query, &poses, unbounded);
     time("  intersects, tracked", &mut query, &poses, meeting);

@@ -71,7 +71,9 @@ fn slide(probe: &Object, scene: &Object, error: f64) -> (Vec<f64>, Vec<QueryOutc
     let above = |height: f64| concentric + height * DVec3::Y;
     let mut height = radius + scene_radius;
     let mut touch = |height: f64| {
-        let outcome = query.run(&Pose::from_translation(above(height)), &Pose::IDENTITY, &settings);
+        let outcome = query
+            .run(&Pose::from_translation(above(height)), &Pose::IDENTITY, &settings)
+            .expect("valid poses and settings");
         outcome.deepest.unwrap_or(-1.0)
     };
     // The club's head is below the middle of its bounding sphere.
@@ -87,7 +89,7 @@ fn slide(probe: &Object, scene: &Object, error: f64) -> (Vec<f64>, Vec<QueryOutc
     poses
         .map(|pose| {
             let begun = Instant::now();
-            let outcome = query.run(&pose, &Pose::IDENTITY, &settings);
+            let outcome = query.run(&pose, &Pose::IDENTITY, &settings).expect("valid poses and settings");
             (1e6 * begun.elapsed().as_secs_f64(), outcome)
         })
         .unzip()

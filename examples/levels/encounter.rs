@@ -105,7 +105,7 @@ fn first_touch(encounter: &Encounter, probe: &Clod, scene: &Clod) -> Result<f64,
     while travel < farthest {
         let translation = encounter.start.translation + travel * encounter.direction;
         let pose = Pose::new(translation, encounter.start.rotation);
-        let outcome = query.run(&pose, &Pose::IDENTITY, &settings);
+        let outcome = query.run(&pose, &Pose::IDENTITY, &settings).map_err(|error| error.to_string())?;
         let distance = outcome.smallest_distance.unwrap_or(settings.tolerance);
         if travel == 0.0 && distance == 0.0 {
             return Err("they are in contact from the start".to_owned());

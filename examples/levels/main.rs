@@ -188,7 +188,7 @@ impl Cost {
         let mut cost = Self { poses: poses.len(), ..Self::default() };
         for pose in poses {
             query.reset();
-            let outcome = query.run(pose, &Pose::IDENTITY, &settings);
+            let outcome = query.run(pose, &Pose::IDENTITY, &settings).expect("valid poses and settings");
             cost.visited += outcome.visited;
             cost.convex_queries += outcome.convex_queries;
             cost.front += outcome.front;

@@ -52,8 +52,9 @@ fn touch(clod: &Clod) {
     let mut query = ContactQuery::with_capacity(&Shape::new(clod.clone()), &Shape::new(sound.clone()), 64, 1024);
     for reach in [0.0, 0.5] {
         let pose = Pose { translation: DVec3::ONE * reach * sound.bounding_radius(), ..Pose::IDENTITY };
-        let outcome = query.run(&pose, &Pose::IDENTITY, &settings);
-        assert!(!outcome.refused && outcome.visited <= clod.nodes.len() * sound.nodes.len());
+        // A file may say that its object is smaller than the tolerance.
+        let Ok(outcome) = query.run(&pose, &Pose::IDENTITY, &settings) else { continue };
+        assert!(outcome.visited <= clod.nodes.len() * sound.nodes.len());
         for contact in query.contacts() {
             let c = &contact.contact;
             assert!(

@@ -110,7 +110,7 @@ pub fn first_touch(probe: &Object, scene: &Object) -> DVec3 {
     let mut position = scene.clod.source.center - probe.clod.source.center + DVec3::Z * top;
     for _ in 0..1000 {
         let pose = Pose::from_translation(position);
-        let outcome = query.run(&pose, &Pose::IDENTITY, &settings);
+        let outcome = query.run(&pose, &Pose::IDENTITY, &settings).expect("valid poses and settings");
         let distance = outcome.smallest_distance.unwrap_or(settings.tolerance);
         if distance < 1e-6 {
             return position;

@@ -9,7 +9,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use palpate::collide::{
-    Budget, Clustering, ContactQuery, ContactSet, ContactSetSettings, PatchContact, QuerySettings,
+    Budget, Clustering, ContactQuery, ContactSet, ContactSetSettings, PatchContact, QueryError, QuerySettings,
 };
 use palpate::device::{Interpolation, MotionPath};
 use palpate::{Object, Pose, Wrench};
@@ -74,8 +74,9 @@ pub fn run(arguments: &QueryArguments) -> Result<(), Failure> {
         interpolate: arguments.interpolate,
         budget: arguments.budget_us.map(|us| Budget::Time(Duration::from_micros(us))),
         parallel: arguments.parallel,
-        ..QuerySettings::new(tolerance(arguments, &probe)?)
+        ..QuerySettings::new(arguments.tolerance.metres(probe.bounding_radius()))
     };
+    settings.check(probe.shape()).map_err(|error| refused(error, &probe))?;
     let mut contacts_file = match &arguments.contacts {
         None => None,
         Some(path) => Some((path, contacts_writer(path)?)),
@@ -93,9 +94,15 @@ pub fn run(arguments: &QueryArguments) -> Result<(), Failure> {
             query.reset();
         }
         let begun = Instant::now();
-        let outcome = query.run(&sample.pose, &Pose::IDENTITY, &settings);
+        let outcome = query
+            .run(&sample.pose, &Pose::IDENTITY, &settings)
+            .map_err(|error| Failure::Message(format!("the query at t = {} s: {error}", sample.time)))?;
         let found = match &mut set {
-            Some(set) => set.run(query.contacts(), &sample.pose, &Pose::IDENTITY, &set_settings),
+            Some(set) => {
+                set.run(query.contacts(), &sample.pose, &Pose::IDENTITY, &set_settings).map_err(|error| {
+                    Failure::Message(format!("the contact set at t = {} s: {error}", sample.time))
+                })?
+            }
             None => query.contacts(),
         };
         let query_us = begun.elapsed().as_secs_f64() * 1e6;
@@ -152,16 +159,15 @@ pub fn run(arguments: &QueryArguments) -> Result<(), Failure> {
     })
 }
 
-fn tolerance(arguments: &QueryArguments, probe: &Object) -> Result<f64, Failure> {
-    let radius = probe.bounding_radius();
-    let tolerance = arguments.tolerance.metres(radius);
-    if tolerance <= radius {
-        Ok(tolerance)
-    } else {
-        let name = &probe.name;
-        let most = format!("give metres, at most the bounding radius of {name} ({radius:.3e} m)");
-        Err(Failure::Message(format!("--tolerance is {tolerance} m; {most}")))
-    }
+/// What to change on the command line where a query does not take its settings.
+fn refused(error: QueryError, probe: &Object) -> Failure {
+    Failure::Message(match error {
+        QueryError::Tolerance { given, most } => format!(
+            "--tolerance is {given} m; give metres, at most the bounding radius of {} ({most:.3e} m)",
+            probe.name
+        ),
+        other => other.to_string(),
+    })
 }
 
 /// The penalty wrench of the clustered contacts on the probe (N; N·m about the probe's origin): each pushes along −n with

@@ -66,6 +66,41 @@ pub struct Cluster {
 }
 
 /// The workspace of the clustering, with the seeds carried from call to call.
+///
+/// ```
+/// use palpate_collide::{Clustering, ContactQuery, QuerySettings, Shape};
+/// use palpate_core::glam::DVec3;
+/// use palpate_core::{Pose, Wrench};
+///
+/// # use palpate_clod_build::{BuildOptions, build, unwatched};
+/// # use palpate_core::TriMesh;
+/// # let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2)) * 0.1;
+/// # let cube = TriMesh::new((0..8).map(corner).collect(), vec![
+/// #     [0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4],
+/// #     [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6], [1, 3, 5], [3, 7, 5],
+/// # ])?;
+/// # let tips = [DVec3::X, -DVec3::X, DVec3::Y, -DVec3::Y, DVec3::Z, -DVec3::Z].map(|tip| 0.05 * tip);
+/// # let octahedron = TriMesh::new(tips.to_vec(), vec![
+/// #     [0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5],
+/// # ])?;
+/// # let shape_of = |mesh: &TriMesh| build(mesh, &BuildOptions::default(), &mut unwatched).map(Shape::new);
+/// # let (octahedron, cube) = (shape_of(&octahedron)?, shape_of(&cube)?);
+/// let (tolerance, stiffness) = (0.002, 1000.0); // m, N/m
+/// let mut query = ContactQuery::new(&octahedron, &cube);
+/// let mut clustering = Clustering::new(5);
+/// let probe_pose = Pose::from_translation(DVec3::new(0.04, 0.05, 0.149));
+/// query.run(&probe_pose, &Pose::IDENTITY, &QuerySettings::new(tolerance))?;
+///
+/// // The penalty wrench on the probe, about its frame's origin: k (δ + d) along −n at each representative.
+/// let clusters = clustering.run(query.contacts(), tolerance, &probe_pose);
+/// assert!((1..=5).contains(&clusters.len()));
+/// let wrench = clusters.iter().map(|cluster| cluster.contact).fold(Wrench::ZERO, |sum, contact| {
+///     let force = -contact.normal * stiffness * (contact.depth + tolerance);
+///     sum + Wrench::from_force_at(force, contact.point - probe_pose.translation)
+/// });
+/// assert!(wrench.force.z > 0.0); // the cube pushes the octahedron up
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Clustering {
     capacity: usize,

@@ -1,20 +1,82 @@
 //! Contact queries between two objects given as hierarchies of convex hulls (§3.4), and contact clustering (§5.4.2).
 //!
-//! A [`Shape`] is a hierarchy prepared for queries. [`ContactQuery`] descends two of them in tandem and reports a
-//! [`PatchContact`] for every pair of convex surface patches that come within the tolerance, or penetrate: at full
-//! resolution, or each at the coarsest whose error would not be felt. [`SceneQuery`] does so for one probe and many
-//! objects, of which it leaves alone those that are far away. [`ContactSet`] puts the pieces together
-//! again: local minima of the distance, and one contact for each connected region of intersection. [`Clustering`]
-//! condenses contacts to a few representatives. [`ProximityQuery`] answers plainer questions: how far two surfaces are
-//! apart, and whether two bodies intersect. [`CollisionEvents`] tells hosts that step through time when surfaces met. The queries between two convex hulls that it rests on are in [`convex`].
+//! | type | what it does |
+//! |---|---|
+//! | [`Shape`] | a hierarchy prepared for queries |
+//! | [`ContactQuery`] | descends two shapes in tandem and reports a [`PatchContact`] for every pair of convex surface patches that come within the tolerance, or penetrate: at full resolution, or each at the coarsest whose error would not be felt |
+//! | [`SceneQuery`] | the same for one probe and many objects; those that are far away cost next to nothing |
+//! | [`ContactSet`] | puts the pieces together again: local minima of the distance, and one contact for each connected region of intersection |
+//! | [`Clustering`] | condenses contacts to a few representatives |
+//! | [`ProximityQuery`] | how far two surfaces are apart, and whether two bodies intersect |
+//! | [`CollisionEvents`] | for hosts that step through time: when and where surfaces met |
+//! | [`convex`] | the queries between two convex hulls that all of this rests on |
 //!
 //! Guarantees: everything is f64; the caller owns the workspaces; a query takes no lock, does not panic, and allocates
-//! only while it exceeds the sizes reached before.
+//! only while it exceeds the sizes reached before. A query that cannot be made returns a [`QueryError`], which allocates
+//! nothing either.
+//!
+//! # Frames and signs
+//!
+//! A [`Pose`](palpate_core::Pose) takes points of an object's frame to the world. Contacts are in world axes, m. The
+//! normal **n** points out of the probe, the first of the two objects. The depth δ is positive where the surfaces
+//! penetrate and minus their distance where they are apart. So the point on the scene object is **p** − δ **n**, moving
+//! the probe by −δ **n** brings a penetrating contact to touch, and a penalty force on the probe is along −**n**.
+//!
+//! # Example
+//!
+//! ```toml
+//! [dependencies]
+//! palpate-collide = "0.1"
+//! palpate-core = "0.1"       # meshes, poses, contacts
+//! palpate-clod-build = "0.1" # builds hierarchies; not needed where they are read from .clod files
+//! ```
+//!
+//! An octahedron whose lowest tip is 1 mm inside a cube:
+//!
+//! ```
+//! use palpate_clod_build::{BuildOptions, build, unwatched};
+//! use palpate_collide::{ContactQuery, QuerySettings, Shape};
+//! use palpate_core::glam::DVec3;
+//! use palpate_core::{Pose, TriMesh};
+//!
+//! // Closed meshes, triangles counter-clockwise seen from outside, metres.
+//! let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2)) * 0.1;
+//! #[rustfmt::skip]
+//! let cube = TriMesh::new((0..8).map(corner).collect(), vec![
+//!     [0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4],
+//!     [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6], [1, 3, 5], [3, 7, 5],
+//! ])?;
+//! let tips = [DVec3::X, -DVec3::X, DVec3::Y, -DVec3::Y, DVec3::Z, -DVec3::Z].map(|tip| 0.05 * tip);
+//! #[rustfmt::skip]
+//! let octahedron = TriMesh::new(tips.to_vec(), vec![
+//!     [0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5],
+//! ])?;
+//!
+//! // Building is offline work; `Clod::save` and `Clod::load` keep the result.
+//! let options = BuildOptions::default();
+//! let probe = Shape::new(build(&octahedron, &options, &mut unwatched)?);
+//! let scene = Shape::new(build(&cube, &options, &mut unwatched)?);
+//!
+//! let mut query = ContactQuery::new(&probe, &scene);
+//! let settings = QuerySettings::new(0.002); // contacts within 2 mm
+//! let pose = Pose::from_translation(DVec3::new(0.04, 0.05, 0.1 + 0.05 - 0.001));
+//! let outcome = query.run(&pose, &Pose::IDENTITY, &settings)?;
+//! assert!((outcome.deepest.expect("a contact") - 0.001).abs() < 1e-9);
+//! let deepest = query.contacts().iter().map(|found| found.contact).max_by(|a, b| a.depth.total_cmp(&b.depth));
+//! let deepest = deepest.expect("a contact");
+//! assert!(deepest.normal.distance(-DVec3::Z) < 1e-9); // out of the octahedron, into the cube
+//! assert!(deepest.point.distance(DVec3::new(0.04, 0.05, 0.099)) < 1e-9); // the tip
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! With the facade, `palpate`, objects are opened from mesh files and built-in models, and are kept in a cache; its guide
+//! has a chapter on contact queries.
 
 mod ball;
 mod clustering;
 mod contact_set;
 pub mod convex;
+mod error;
 mod events;
 mod motion;
 mod patch;
@@ -26,11 +88,12 @@ mod shape;
 
 pub use clustering::{Cluster, Clustering};
 pub use contact_set::{ContactSet, ContactSetOutcome, ContactSetSettings};
+pub use error::{ContactSetError, QueryError, QueryObject};
 pub use events::{CollisionEvent, CollisionEvents};
-pub use proximity::{Effort, Intersection, NearestPoints, ProximityQuery, SurfaceDistance};
+pub use proximity::{Effort, Intersection, NearestPoints, ProximityQuery};
 pub use query::{
-    Budget, Combination, ContactQuery, ErrorMetrics, PatchContact, QueryOutcome, QuerySettings,
-    VelocityMetric, ViewMetric,
+    Budget, Combination, ContactQuery, ErrorMetrics, MAX_CONTACTS, MAX_PAIRS, PatchContact, QueryOutcome,
+    QuerySettings, VelocityMetric, ViewMetric,
 };
 pub use scene_query::{ObjectContacts, ObjectHandle, SceneOutcome, SceneQuery};
 pub use shape::Shape;

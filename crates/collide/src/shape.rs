@@ -143,6 +143,20 @@ impl Shape {
         &self.0.clod
     }
 
+    /// The largest tolerance d of contact queries that have this shape as their probe, m: its bounding radius.
+    ///
+    /// Contacts stand for places where surfaces touch or are about to. With a larger d nearly every pair of patches would
+    /// be one, and their number, with the memory for them, would grow with the product of both objects' patches.
+    pub fn max_tolerance(&self) -> f64 {
+        self.clod().bounding_radius()
+    }
+
+    /// Axis-aligned bounds of the surface at full resolution, mesh frame, m: the smallest and the largest x, y and z;
+    /// `None` without triangles. Computed anew by each call.
+    pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
+        self.clod().bounds()
+    }
+
     /// Bytes of memory held, besides the hierarchy itself.
     pub fn bytes(&self) -> usize {
         let Prepared { nodes, details, supports, incidences, planes, surface, patchwork, .. } = &*self.0;
@@ -160,7 +174,7 @@ impl Shape {
         self.0.patchwork.get_or_init(|| Patchwork::new(self.clod()))
     }
 
-    /// Whether there is nothing to touch.
+    /// Whether it has no nodes.
     pub(crate) fn is_empty(&self) -> bool {
         self.0.nodes.is_empty()
     }

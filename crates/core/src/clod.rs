@@ -149,6 +149,21 @@ impl Clod {
         self.source.bounding_radius
     }
 
+    /// Axis-aligned bounds of the surface at full resolution, mesh frame, m: the smallest and the largest x, y and z;
+    /// `None` without triangles.
+    pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
+        let range = self.levels.first().map(|full| full.nodes.start as usize..full.nodes.end as usize);
+        let leaves = range.and_then(|range| self.nodes.get(range)).unwrap_or_default();
+        let corners = leaves.iter().flat_map(|leaf| {
+            let hull = self.hull(leaf);
+            self.patch(leaf).iter().flatten().map(|corner| hull[*corner as usize])
+        });
+        corners.fold(None, |bounds, corner| {
+            let (min, max) = bounds.unwrap_or((corner, corner));
+            Some((min.min(corner), max.max(corner)))
+        })
+    }
+
     /// The nodes of a level, by its index in [`levels`](Self::levels).
     pub fn level(&self, level: usize) -> &[Node] {
         let nodes = &self.levels[level].nodes;

@@ -2,7 +2,7 @@
 //! §5.4.3).
 //!
 //! Each contact is the plane through p₀ with normal n, fixed in the world, against the point r of the body.
-//! With a = R r, δ = n · (x + a − p₀) and δ̇ = n · (v + ω × a), the force along the normal is
+//! With a = R r, δ = n · (x + a − p₀) and δ̇ = n · (v + ω × a), the contact pushes the body along −n with
 //!
 //! λ = k (δ + d) + b δ̇ while both δ + d > 0 and λ > 0, else 0;  F_p = −λ n,  T_p = a × F_p.
 //!

@@ -162,7 +162,7 @@ fn first_touch(probe: &Object, object: &Object) -> Result<DVec3, Failure> {
     let mut place =
         object.clod.source.center + DVec3::Z * (object.bounding_radius() + probe.bounding_radius());
     for _ in 0..1000 {
-        let outcome = query.run(&Pose::from_translation(place), &Pose::IDENTITY, &settings);
+        let outcome = query.run(&Pose::from_translation(place), &Pose::IDENTITY, &settings)?;
         let distance = outcome.smallest_distance.unwrap_or(settings.tolerance);
         if distance < 1e-6 {
             return Ok(place);

@@ -210,7 +210,9 @@ impl ContactLoop {
         let tolerance = self.parameters.tolerance;
         let near = tolerance + self.textures.as_ref().map_or(0.0, Textures::protrusion);
         let (lag, way) = (self.proxy.lag().min(self.furthest_lag), self.way(body, ahead));
-        let settings = QuerySettings { tolerance: near + lag + way, ..self.settings };
+        // No further than queries look.
+        let reach = (near + lag + way).min(self.probe.shape().max_tolerance());
+        let settings = QuerySettings { tolerance: reach, ..self.settings };
         let followed = self.proxy.follow(&body.pose, &settings, &mut self.scene);
         let events = &mut self.telemetry.events;
         events.contact_overflow += u64::from(followed.overflow);
@@ -388,7 +390,9 @@ impl ContactLoop {
                 if let Some(watched) = &mut self.watched {
                     let force =
                         found.contact.linear * (-self.parameters.stiffness * found.share * (now + tolerance));
-                    watched.sight().add_push(Push { point: found.contact.point, force, depth: now });
+                    let normal = found.contact.linear.normalize_or_zero();
+                    let point = found.contact.point;
+                    watched.sight().add_push(Push { point, normal, force, depth: now });
                 }
                 model.push_curved(&found.contact, &pose, &gains(&self.parameters), 0.0, &carrier);
             } else if self.braking && now + found.rate(&twist) * ahead > -tolerance {
@@ -598,6 +602,7 @@ fn show(watched: &mut Option<Watched>, clusters: &[Cluster], gains: &ContactPara
     let Some(watched) = watched else { return };
     for Cluster { contact, .. } in clusters {
         let force = contact.normal * (-gains.stiffness * (contact.depth + gains.tolerance));
-        watched.sight().add_push(Push { point: contact.point, force, depth: contact.depth });
+        let Contact { point, normal, depth, .. } = *contact;
+        watched.sight().add_push(Push { point, normal, force, depth });
     }
 }

@@ -123,8 +123,8 @@ fn first_touch(probe: &Object, scene: &Scene, beside: DVec3) -> DVec3 {
     }
     let mut position = top;
     for _ in 0..MAX_DESCENT {
-        let outcome = query.run(&Pose::from_translation(position), &settings).query;
-        let nearest = outcome.deepest.map_or(settings.tolerance, |depth| -depth);
+        let Ok(outcome) = query.run(&Pose::from_translation(position), &settings) else { break };
+        let nearest = outcome.query.deepest.map_or(settings.tolerance, |depth| -depth);
         if nearest < 1e-4 * radius || position.z < bottom {
             break;
         }

@@ -5,11 +5,12 @@
 //! 1. [Concepts](concepts): two loops, levels of detail, the virtual coupling and the tolerance, in pictures.
 //! 2. [A first scene](first_scene): a complete program.
 //! 3. [Own models](own_models): formats, scale, repair, hierarchies built ahead of time.
-//! 4. [Choosing accuracy](choosing_accuracy): what may be left out, what that saves, and how to measure it.
-//! 5. [Stability](stability): what it rests on, and what to change when it buzzes.
-//! 6. [Devices](devices): how they are opened, and how to write a driver.
-//! 7. [Embedding](embedding): sessions in a program's own threads or beside them.
-//! 8. [Troubleshooting](troubleshooting): symptom, cause, remedy.
+//! 4. [Contact queries](contact_queries): contacts, distances and forces of two objects, without a session.
+//! 5. [Choosing accuracy](choosing_accuracy): what may be left out, what that saves, and how to measure it.
+//! 6. [Stability](stability): what it rests on, and what to change when it buzzes.
+//! 7. [Devices](devices): how they are opened, and how to write a driver.
+//! 8. [Embedding](embedding): sessions in a program's own threads or beside them.
+//! 9. [Troubleshooting](troubleshooting): symptom, cause, remedy.
 //!
 //! `docs/glossary.md` in the repository explains the terms. This module exists in the documentation only; programs do not see it.
 //! Every example is a test.
@@ -41,7 +42,10 @@ pub mod first_scene {}
 #[doc = include_str!("../docs/guide/own-models.md")]
 pub mod own_models {}
 
-// The chapter on contact queries, `../docs/guide/contact-queries.md`, goes here and between 3 and 4 of the list above.
+/// Contacts, distances and forces of two objects, without a session.
+///
+#[doc = include_str!("../docs/guide/contact-queries.md")]
+pub mod contact_queries {}
 
 /// What may be left out, and what that saves.
 ///

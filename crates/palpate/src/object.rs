@@ -7,6 +7,7 @@ use std::sync::{Arc, OnceLock};
 use palpate_clod_build::{BuildError, BuildOptions, Stage, unwatched};
 use palpate_collide::Shape;
 use palpate_core::clod::ClodError;
+use palpate_core::glam::DVec3;
 use palpate_core::mesh::UvMesh;
 use palpate_core::{Clod, TriMesh};
 use palpate_mesh_io::{LoadError, LoadOptions, LoadWarning};
@@ -308,6 +309,12 @@ impl Object {
         self.shape.get_or_init(|| Shape::new(self.clod.clone()))
     }
 
+    /// Axis-aligned bounds of the surface at full resolution, mesh frame, m: the smallest and the largest x, y and z;
+    /// `None` without triangles. Computed anew by each call.
+    pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
+        self.clod.bounds()
+    }
+
     /// Radius of the bounding sphere, m.
     pub fn bounding_radius(&self) -> f64 {
         self.clod.bounding_radius()
@@ -372,5 +379,23 @@ mod tests {
         assert_eq!(Object::model(path).expect("a hierarchy").warnings(), []);
         let refused = Object::open(path, &options, &mut unwatched).expect_err("built already").to_string();
         assert!(refused.contains("OpenOptions::scale") && !refused.contains("--"), "{refused}");
+    }
+
+    #[test]
+    fn bounds_are_those_of_the_mesh_at_full_resolution() {
+        let name = "spoon@3000";
+        let mesh = open_mesh(name, &OpenOptions::default()).expect("a model").mesh;
+        let corners = mesh.triangles().iter().flatten().map(|corner| mesh.vertices()[*corner as usize]);
+        let (low, high) = corners.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), corner| {
+            (low.min(corner), high.max(corner))
+        });
+        let object = Object::from_mesh(name, &mesh).expect("a good mesh");
+        assert_eq!(object.bounds(), Some((low, high)));
+        assert_eq!(object.shape().bounds(), object.bounds());
+        assert_eq!(object.scaled(2.0).and_then(|large| large.bounds()), Some((2.0 * low, 2.0 * high)));
+        // What bounds coarser levels reaches further.
+        let all = &object.clod.vertices;
+        let widest = all.iter().fold(DVec3::NEG_INFINITY, |high, vertex| high.max(*vertex));
+        assert!(widest.cmpge(high).all() && widest != high, "{widest} {high}");
     }
 }

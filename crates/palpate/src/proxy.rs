@@ -19,7 +19,7 @@
 //! Where the object itself penetrates no more than that trace, and has come there without passing anything, it is its own
 //! proxy, with one query a step.
 
-use palpate_collide::{PatchContact, QueryOutcome, QuerySettings, SceneQuery};
+use palpate_collide::{PatchContact, QueryError, QuerySettings, SceneOutcome, SceneQuery};
 use palpate_core::glam::{DMat3, DVec3};
 use palpate_core::{Contact, Pose, Twist};
 use palpate_dynamics::{Body, BodyState, MotionLimit, constrained_motion};
@@ -98,17 +98,24 @@ impl Found {
 /// How a step of the proxy went.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Followed {
-    /// Queries' refusals, overflows and pairs that did not converge, added up.
+    /// Whether a query had no room for its contacts.
     pub overflow: bool,
+    /// Whether a query failed, or left out an object that cannot be queried.
     pub refused: bool,
+    /// Pairs that did not converge, in all queries.
     pub not_converged: usize,
 }
 
 impl Followed {
-    fn count(&mut self, outcome: &QueryOutcome) {
-        self.overflow |= outcome.overflow;
-        self.refused |= outcome.refused;
-        self.not_converged += outcome.not_converged;
+    fn count(&mut self, outcome: &Result<SceneOutcome, QueryError>) {
+        match outcome {
+            Ok(SceneOutcome { query, invalid, .. }) => {
+                self.overflow |= query.overflow;
+                self.refused |= *invalid > 0;
+                self.not_converged += query.not_converged;
+            }
+            Err(_) => self.refused = true,
+        }
     }
 }
 
@@ -200,9 +207,9 @@ impl Proxy {
             // It has no side that it could be kept on.
             self.found.clear();
             self.remembered.clear();
-            let outcome = self.look(goal, settings, scene, &mut followed);
+            let complete = self.look(goal, settings, scene, &mut followed);
             self.accept(goal, settings, scene);
-            self.sound = self.is_within(SHALLOW, &outcome, scene);
+            self.sound = self.is_within(SHALLOW, complete, scene);
         }
         self.lag = if self.pose == *goal { 0.0 } else { self.length(&motion_between(&self.pose, goal)) };
         followed
@@ -228,8 +235,8 @@ impl Proxy {
             let whole = share * caution >= 1.0;
             let next =
                 if whole && motion == wanted { *goal } else { self.pose.moved(&motion, share * caution) };
-            let outcome = self.look(&next, settings, scene, followed);
-            let shallow = self.is_within(SHALLOW, &outcome, scene);
+            let complete = self.look(&next, settings, scene, followed);
+            let shallow = self.is_within(SHALLOW, complete, scene);
             if !(shallow && (next == *goal || self.is_worth(&motion, share * caution, &next, goal))) {
                 self.avoid(&next, scene);
                 if !shallow {
@@ -267,13 +274,13 @@ impl Proxy {
         for _ in 0..LOOKS {
             let motion = self.plan(&Twist::ZERO, f64::NEG_INFINITY);
             let pose = self.pose.moved(&motion, 1.0);
-            let outcome = self.look(&pose, settings, scene, followed);
-            if self.is_within(SHALLOW, &outcome, scene) {
+            let complete = self.look(&pose, settings, scene, followed);
+            if self.is_within(SHALLOW, complete, scene) {
                 self.accept(&pose, settings, scene);
                 return true;
             }
             // From which side that came over it is not known.
-            if !self.is_within(1.0, &outcome, scene) {
+            if !self.is_within(1.0, complete, scene) {
                 return false;
             }
             self.avoid(&pose, scene);
@@ -284,9 +291,9 @@ impl Proxy {
     /// Looks again where it is; `false` if it penetrates there.
     fn stays(&mut self, settings: &QuerySettings, scene: &mut SceneQuery, followed: &mut Followed) -> bool {
         let pose = self.pose;
-        let outcome = self.look(&pose, settings, scene, followed);
+        let complete = self.look(&pose, settings, scene, followed);
         self.accept(&pose, settings, scene);
-        self.is_within(SHALLOW, &outcome, scene)
+        self.is_within(SHALLOW, complete, scene)
     }
 
     /// The motion nearest to a wanted one that goes past no plane of the contacts, each of which leaves it no less room than
@@ -330,27 +337,28 @@ impl Proxy {
         share.max(free(STRIDE * self.tolerance, length))
     }
 
-    /// Whether the last query was not refused and found no contact deeper than so many tolerances, of objects that are not
+    /// Whether the last query was `complete` and found no contact deeper than so many tolerances, of objects that are not
     /// textured.
-    fn is_within(&self, tolerances: f64, outcome: &QueryOutcome, scene: &SceneQuery) -> bool {
+    fn is_within(&self, tolerances: f64, complete: bool, scene: &SceneQuery) -> bool {
         let allowed = |object: usize| self.allowed(object, tolerances * self.tolerance);
-        !outcome.refused
+        complete
             && scene
                 .contacts()
                 .all(|with| with.outcome.deepest.is_none_or(|depth| depth <= allowed(with.object.place())))
     }
 
+    /// Queries at a pose; `true` if all objects in reach were queried.
     fn look(
         &self,
         pose: &Pose,
         settings: &QuerySettings,
         scene: &mut SceneQuery,
         followed: &mut Followed,
-    ) -> QueryOutcome {
+    ) -> bool {
         let mesh = *pose * Pose::from_translation(-self.center_of_mass);
-        let outcome = scene.run(&mesh, settings).query;
+        let outcome = scene.run(&mesh, settings);
         followed.count(&outcome);
-        outcome
+        outcome.is_ok_and(|outcome| outcome.invalid == 0)
     }
 
     /// Is where the query was that was made last.

@@ -25,11 +25,14 @@ pub struct TouchingPatches {
 /// A push on the probe: that of a cluster of contacts, or of a textured contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Push {
-    /// Where, m; world axes.
+    /// Where on the probe's surface, m; world axes.
     pub point: DVec3,
-    /// By how much, N: the penalty k(δ + d), without damping and friction.
+    /// Unit normal of the contact, out of the probe; world axes. Of a textured contact, the direction in which the depth
+    /// grows fastest as the probe shifts.
+    pub normal: DVec3,
+    /// Penalty force on the probe, N: k(δ + d) along −`normal`, without damping and friction; world axes.
     pub force: DVec3,
-    /// δ, m; negative where the surfaces are apart.
+    /// Penetration depth δ, m; negative where the surfaces are apart.
     pub depth: f64,
 }
 

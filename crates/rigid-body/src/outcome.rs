@@ -1,7 +1,7 @@
 //! What came of a step.
 
 use glam::DVec3;
-use palpate_collide::QueryOutcome;
+use palpate_collide::{QueryError, QueryOutcome};
 use palpate_core::{Pose, Twist};
 
 /// What one impact did.
@@ -80,4 +80,7 @@ pub enum StepError {
         /// m.
         travel: f64,
     },
+    /// The objects cannot be queried where the body got to in the step.
+    #[error("no contact query on the way of the step: {0}")]
+    Query(#[from] QueryError),
 }

@@ -1,7 +1,7 @@
 //! What a simulation is told, and what it refuses.
 
 use glam::DVec3;
-use palpate_collide::{ErrorMetrics, QuerySettings};
+use palpate_collide::{ErrorMetrics, QueryError, QuerySettings};
 use palpate_core::Pose;
 
 use crate::body::BodyState;
@@ -116,9 +116,7 @@ pub enum SettingsError {
     /// A pose or velocity is not finite, or a rotation not of unit length.
     #[error("a pose or velocity is not finite, or a rotation is not of unit length")]
     State,
-    /// A query with the error metrics was refused.
-    #[error(
-        "the objects cannot be queried: an error metric is negative or not finite, or an object has no surface"
-    )]
-    Query,
+    /// The objects cannot be queried with these settings.
+    #[error("the objects cannot be queried: {0}")]
+    Query(#[from] QueryError),
 }

@@ -23,7 +23,9 @@
 //! ends. Should there be more, it is taken as it is, its contacts respond at its end, and [`StepOutcome::exhausted`] counts it.
 
 use glam::DVec3;
-use palpate_collide::{CollisionEvent, CollisionEvents, ContactQuery, PatchContact, QueryOutcome, Shape};
+use palpate_collide::{
+    CollisionEvent, CollisionEvents, ContactQuery, PatchContact, QueryError, QueryOutcome, Shape,
+};
 use palpate_core::{Pose, Twist};
 
 use crate::body::{BodyState, RigidBody};
@@ -73,7 +75,7 @@ impl Simulation {
     /// A simulation of a body with a shape, above a static shape at a pose, from a state on.
     ///
     /// # Errors
-    /// If a setting or the state is none, or nothing can be queried.
+    /// If a setting or the state is not valid, or the objects cannot be queried.
     pub fn new(
         body: RigidBody,
         shape: &Shape,
@@ -105,9 +107,7 @@ impl Simulation {
             duration: 0.0,
             still: (0.0, start.pose),
         };
-        if simulation.look(&start).refused {
-            return Err(SettingsError::Query);
-        }
+        simulation.look(&start)?;
         simulation.remember();
         Ok(simulation)
     }
@@ -115,7 +115,8 @@ impl Simulation {
     /// Advances by a duration (s).
     ///
     /// # Errors
-    /// If the duration is none, or the body too fast for it. Nothing has changed then.
+    /// If the duration is not positive and finite, or the body too fast for it, or the objects cannot be queried where it
+    /// gets to. Nothing has changed then.
     pub fn step(&mut self, duration: f64) -> Result<StepOutcome, StepError> {
         self.impacts.clear();
         self.samples.clear();
@@ -129,16 +130,24 @@ impl Simulation {
         let (mut left, mut flights, mut followed) = (duration, 0.0, 0);
         while left > 0.0 {
             let (parts, speed) = self.parts(left);
-            if flights + parts > FLIGHTS {
-                (self.state, self.time, self.still) = before;
-                self.impacts.clear();
-                self.samples.clear();
-                self.look(&before.0);
-                self.remember();
-                return Err(StepError::TooFast { speed, duration, travel: self.settings.travel });
-            }
             let flight = left / parts;
-            if let Some(passed) = self.advance(flight, followed < EVENTS, &mut outcome) {
+            let advanced = if flights + parts > FLIGHTS {
+                Err(StepError::TooFast { speed, duration, travel: self.settings.travel })
+            } else {
+                self.advance(flight, followed < EVENTS, &mut outcome).map_err(StepError::from)
+            };
+            let advanced = match advanced {
+                Ok(advanced) => advanced,
+                Err(error) => {
+                    (self.state, self.time, self.still) = before;
+                    self.impacts.clear();
+                    self.samples.clear();
+                    self.look(&before.0)?;
+                    self.remember();
+                    return Err(error);
+                }
+            };
+            if let Some(passed) = advanced {
                 followed += 1;
                 left -= passed;
             } else {
@@ -172,20 +181,25 @@ impl Simulation {
 
     /// A flight of a duration (s), with the response to the contacts at its end; or to a collision on its way, if it may be
     /// followed, and then the time until that.
-    fn advance(&mut self, duration: f64, follow: bool, outcome: &mut StepOutcome) -> Option<f64> {
+    fn advance(
+        &mut self,
+        duration: f64,
+        follow: bool,
+        outcome: &mut StepOutcome,
+    ) -> Result<Option<f64>, QueryError> {
         let end = self.flown(duration);
-        self.look_at(&end, duration);
+        self.look_at(&end, duration)?;
         let event = self.first_event(&end, duration);
         let Some(event) = event.filter(|_| follow) else {
             outcome.exhausted += usize::from(event.is_some());
             self.land(end, duration, None, outcome);
-            return None;
+            return Ok(None);
         };
         outcome.events += 1;
         outcome.switched += usize::from(event.switched);
-        let (met, passed, event) = self.locate(event, duration, outcome);
+        let (met, passed, event) = self.locate(event, duration, outcome)?;
         self.land(met, passed, Some(&event), outcome);
-        Some(passed)
+        Ok(Some(passed))
     }
 
     /// The first collision event of a flight of a duration (s) to a state at which the query was made last, of surfaces that
@@ -207,7 +221,7 @@ impl Simulation {
         mut event: CollisionEvent,
         duration: f64,
         outcome: &mut StepOutcome,
-    ) -> (BodyState, f64, CollisionEvent) {
+    ) -> Result<(BodyState, f64, CollisionEvent), QueryError> {
         let touch = self.settings.touch();
         let allowed = touch + self.before.iter().map(|found| found.contact.depth).fold(0.0, f64::max);
         let short = touch / self.fastest().max(f64::MIN_POSITIVE);
@@ -215,26 +229,26 @@ impl Simulation {
         loop {
             let time = apart + part * (deep - apart);
             let state = self.flown(time);
-            self.look_at(&state, time);
+            self.look_at(&state, time)?;
             let depths = self.query.contacts().iter().map(|found| found.contact.depth);
             let deepest = depths.fold(f64::NEG_INFINITY, f64::max);
             if event.switched {
                 outcome.estimated += usize::from(deepest < -touch);
-                return (state, time, event);
+                return Ok((state, time, event));
             }
             if deepest > allowed {
                 deep = time;
                 event = self.first_event(&state, duration).unwrap_or(event);
             } else if deepest >= -touch {
-                return (state, time, event);
+                return Ok((state, time, event));
             } else {
                 apart = time;
             }
             if deep - apart <= short {
                 outcome.estimated += 1;
                 let state = self.flown(apart);
-                self.look_at(&state, apart);
-                return (state, apart, event);
+                self.look_at(&state, apart)?;
+                return Ok((state, apart, event));
             }
             part = 0.5;
         }
@@ -327,7 +341,7 @@ impl Simulation {
     }
 
     /// Queries at a state.
-    fn look(&mut self, state: &BodyState) -> QueryOutcome {
+    fn look(&mut self, state: &BodyState) -> Result<QueryOutcome, QueryError> {
         let mut settings = self.settings.query();
         if let Some(velocity) = &mut settings.error.velocity {
             velocity.twist = self.body.frame_twist(state);
@@ -337,10 +351,11 @@ impl Simulation {
     }
 
     /// Queries at a state that is reached some time (s) from now, for the record.
-    fn look_at(&mut self, state: &BodyState, ahead: f64) {
-        let outcome = self.look(state);
+    fn look_at(&mut self, state: &BodyState, ahead: f64) -> Result<(), QueryError> {
+        let outcome = self.look(state)?;
         let (pose, twist) = (self.body.frame(state), self.body.frame_twist(state));
         self.samples.push(QuerySample { time: self.time + ahead, pose, twist, outcome });
+        Ok(())
     }
 
     /// Takes the contacts of the last query for the beginning of what follows.
@@ -367,14 +382,14 @@ impl Simulation {
     /// Sets the body elsewhere. How long it has been still is counted anew.
     ///
     /// # Errors
-    /// If the state is none.
+    /// If the state is not finite, or the objects cannot be queried there.
     pub fn set_state(&mut self, state: BodyState) -> Result<(), SettingsError> {
         if !state.is_valid() {
             return Err(SettingsError::State);
         }
+        self.look(&state)?;
         self.state = state;
         self.still = (self.time, state.pose);
-        self.look(&state);
         self.remember();
         Ok(())
     }

@@ -143,7 +143,7 @@ mod tests {
         let coarse = torus.clod.levels.iter().rposition(|level| !level.free).unwrap();
         let nodes = [torus.clod.levels[0].nodes.start, torus.clod.levels[coarse].nodes.start];
         let pair = |scene_node| TouchingPatches { object: 0, probe_node: 0, scene_node, weight: 1.0 };
-        let push = Push { point: DVec3::Y, force: DVec3::Z * 2.0, depth: 1e-3 };
+        let push = Push { point: DVec3::Y, normal: -DVec3::Z, force: DVec3::Z * 2.0, depth: 1e-3 };
         let sight = Sight {
             time: 1.0,
             // One that is not there is left out.

@@ -72,7 +72,7 @@ fn scene_patches_arrows_and_nothing_are_where_they_should_be() {
         toward(a).total_cmp(&toward(b))
     });
     let patches = TouchingPatches { object: 0, probe_node: 0, scene_node: nearest.unwrap(), weight: 1.0 };
-    let push = Push { point: DVec3::X * 1.1 * radius, force: DVec3::X, depth: 1e-3 };
+    let push = Push { point: DVec3::X * 1.1 * radius, normal: -DVec3::X, force: DVec3::X, depth: 1e-3 };
     let sight = Sight { time: 0.0, patches: vec![patches], pushes: vec![push] };
     let picture = Picture::new(&sight, &probe.clod, &away, &scene, 1.0);
     let marked = draw(&picture, away);

@@ -18,7 +18,7 @@ use std::collections::{HashMap, HashSet};
 use std::io::Write as _;
 
 use palpate::clod_build::{BuildOptions, build, unwatched};
-use palpate::collide::{ContactQuery, ProximityQuery, QuerySettings, Shape, SurfaceDistance};
+use palpate::collide::{ContactQuery, ProximityQuery, QuerySettings, Shape};
 use palpate::core::Clod;
 use palpate::glam::{DQuat, DVec3};
 use palpate::models::Model;
@@ -99,7 +99,7 @@ fn near_pose(probe: &Body, scene: &Body, approach: &mut ProximityQuery, random: 
         for _ in 0..100 {
             let pose = Pose::new(touching, turn);
             match approach.distance(&pose, &Pose::IDENTITY, f64::INFINITY) {
-                SurfaceDistance::Found(found) if found.distance > 1e-3 * tolerance => {
+                Ok(Some(found)) if found.distance > 1e-3 * tolerance => {
                     touching -= found.distance * outwards;
                 }
                 _ => break,
@@ -156,8 +156,10 @@ fn compare(
 ) -> Result<(), String> {
     let [probe, scene] = bodies;
     let size = probe.radius + scene.radius;
-    let outcome = query.run(pose, &Pose::IDENTITY, &QuerySettings::new(TOLERANCE * probe.radius));
-    if outcome.refused || outcome.overflow {
+    let outcome = query
+        .run(pose, &Pose::IDENTITY, &QuerySettings::new(TOLERANCE * probe.radius))
+        .map_err(|error| error.to_string())?;
+    if outcome.overflow {
         return Err(format!("{outcome:?}"));
     }
     tally.not_converged += outcome.not_converged;

@@ -51,7 +51,7 @@ fn check(probe_path: &str, scene_path: &str, tolerance: f64, poses: &[Pose]) {
     let scene_leaf = leaf_of_triangle(&scene.clod, &scene.mesh);
     let (mut disjoint, mut intersecting) = (0, 0);
     for (index, pose) in poses.iter().enumerate() {
-        let outcome = query.run(pose, &Pose::IDENTITY, &settings);
+        let outcome = query.run(pose, &Pose::IDENTITY, &settings).unwrap();
         assert!(!outcome.overflow && outcome.not_converged == 0, "pose {index}: {outcome:?}");
         for found in query.contacts() {
             let contact = &found.contact;
@@ -181,7 +181,7 @@ fn a_peg_in_the_floor_is_as_deep_as_it_was_pressed() {
     let settings = QuerySettings::new(1e-3 * peg.radius);
     for (lift, turn) in PEG.into_iter().filter(|(lift, _)| *lift <= 0.0) {
         let pose = standing((lift, turn));
-        let outcome = query.run(&pose, &Pose::IDENTITY, &settings);
+        let outcome = query.run(&pose, &Pose::IDENTITY, &settings).unwrap();
         let deepest = outcome.deepest.expect("they touch");
         // Along z they come apart after that much, so no two pieces of theirs are deeper.
         assert!((deepest + lift).abs() < 1e-9 * peg.radius, "pressed {} m, found {deepest} m", -lift);
@@ -199,7 +199,7 @@ fn depths_by_patches(
 ) -> BTreeMap<[[[u64; 3]; 3]; 2], Vec<f64>> {
     let [probe, scene] = bodies;
     let settings = QuerySettings::new(tolerance);
-    let outcome = query.run(pose, &Pose::IDENTITY, &settings);
+    let outcome = query.run(pose, &Pose::IDENTITY, &settings).unwrap();
     assert!(!outcome.overflow && outcome.not_converged == 0, "{outcome:?}");
     // The patches of the full mesh are the same ones, in another order: the first of their triangles tells them apart.
     let name = |body: &Body, node: u32| {

@@ -79,21 +79,22 @@ fn a_tracked_front_finds_what_a_cold_query_does() {
                 let error = error * radius * if index / 70 % 2 == 1 { 1.5 } else { 1.0 };
                 let settings = QuerySettings { error: error.into(), ..QuerySettings::new(tolerance) };
                 let scene_pose = Pose::IDENTITY;
-                let kept = tracked.run(pose, &scene_pose, &settings);
+                let kept = tracked.run(pose, &scene_pose, &settings).unwrap();
                 cold.reset();
-                let fresh = cold.run(pose, &scene_pose, &settings);
+                let fresh = cold.run(pose, &scene_pose, &settings).unwrap();
                 let context =
                     format!("seed {SEED:#x}, {name}, s₀ {error}, pose {index}: {kept:?}, {fresh:?}");
                 assert!(agree(tracked.contacts(), cold.contacts(), 1e-8 * radius), "{context}");
                 assert!(!kept.overflow && !kept.front_overflow, "{context}");
-                let at_once = shared.run(pose, &scene_pose, &QuerySettings { parallel: true, ..settings });
+                let at_once =
+                    shared.run(pose, &scene_pose, &QuerySettings { parallel: true, ..settings }).unwrap();
                 assert_eq!(
                     shared.contacts(),
                     tracked.contacts(),
                     "{context}: on several threads, {at_once:?}"
                 );
                 let fixed = QuerySettings { fixed_capacity: true, ..settings };
-                let little = cramped.run(pose, &scene_pose, &fixed);
+                let little = cramped.run(pose, &scene_pose, &fixed).unwrap();
                 assert!(agree(cramped.contacts(), cold.contacts(), 1e-8 * radius), "{context}: {little:?}");
                 assert!(little.front_high_water <= 200, "{context}: {little:?}");
                 contacts += kept.contacts;
@@ -121,7 +122,7 @@ fn long_ways_change_nothing() {
         for pose in [far, *pose].iter().skip(usize::from(index % 10 != 0)) {
             let run = |query: &mut ContactQuery, parallel| {
                 let settings = QuerySettings { parallel, ..QuerySettings::new(0.01 * radius) };
-                query.run(pose, &Pose::IDENTITY, &settings)
+                query.run(pose, &Pose::IDENTITY, &settings).unwrap()
             };
             cold.reset();
             contacts += run(&mut tracked, false).contacts;
@@ -153,8 +154,8 @@ fn the_scale_changes_no_contact() {
                 ..QuerySettings::new(0.01 * radius)
             };
             let moved = Pose::new(factor * pose.translation, pose.rotation);
-            let one = query.run(pose, &Pose::IDENTITY, &settings(radius));
-            let two = other.run(&moved, &Pose::IDENTITY, &settings(factor * radius));
+            let one = query.run(pose, &Pose::IDENTITY, &settings(radius)).unwrap();
+            let two = other.run(&moved, &Pose::IDENTITY, &settings(factor * radius)).unwrap();
             let context = format!("seed {:#x}, factor {factor}, pose {index}: {one:?} {two:?}", SEED + 2);
             assert_eq!(query.contacts().len(), other.contacts().len(), "{context}");
             for (one, two) in query.contacts().iter().zip(other.contacts()) {
@@ -180,7 +181,7 @@ fn two_convex_bodies_are_one_pair() {
     let mut touching = 0;
     for step in 0..100 {
         let pose = Pose::from_translation(radius * (2.1 - 0.002 * f64::from(step)) * DVec3::X);
-        let outcome = query.run(&pose, &Pose::IDENTITY, &settings);
+        let outcome = query.run(&pose, &Pose::IDENTITY, &settings).unwrap();
         assert!(outcome.visited <= 1 && outcome.front == 1 && outcome.contacts <= 1, "{outcome:?}");
         touching += outcome.contacts;
     }
@@ -198,7 +199,7 @@ fn the_same_motion_gives_the_same_bits() {
         poses
             .iter()
             .map(|pose| {
-                let outcome = query.run(pose, &Pose::IDENTITY, &settings);
+                let outcome = query.run(pose, &Pose::IDENTITY, &settings).unwrap();
                 (query.contacts().to_vec(), outcome.visited, outcome.front)
             })
             .collect::<Vec<_>>()

@@ -3,7 +3,7 @@
 use palpate::Pose;
 use palpate::clod_build::{BuildOptions, build, unwatched};
 use palpate::collide::{
-    Budget, ContactQuery, ErrorMetrics, QueryOutcome, QuerySettings, Shape, VelocityMetric, ViewMetric,
+    Budget, ContactQuery, ErrorMetrics, QueryError, QuerySettings, Shape, VelocityMetric, ViewMetric,
 };
 use palpate::core::Clod;
 use palpate::core::Twist;
@@ -44,8 +44,9 @@ fn a_tiny_error_is_full_resolution() {
         let mut query = ContactQuery::new(&Shape::new(probe.clone()), &Shape::new(scene.clone()));
         let (mut apart, mut pressed) = (0, 0);
         for pose in &poses {
-            let [exact, tiny] = [0.0, 1e-12]
-                .map(|error| query.run(pose, &Pose::IDENTITY, &settings(&probe, error)).smallest_distance);
+            let [exact, tiny] = [0.0, 1e-12].map(|error| {
+                query.run(pose, &Pose::IDENTITY, &settings(&probe, error)).unwrap().smallest_distance
+            });
             match (exact, tiny) {
                 (Some(a), Some(b)) => {
                     assert!((a - b).abs() < 1e-9 * probe.bounding_radius(), "{name}: {a} {b}")
@@ -68,9 +69,9 @@ fn contacts_are_true_to_within_the_deviation_of_their_levels() {
         let mut checked = 0;
         for pose in &poses {
             let all = QuerySettings::new(0.3 * probe.bounding_radius());
-            let nearest = query.run(pose, &Pose::IDENTITY, &all).smallest_distance;
+            let nearest = query.run(pose, &Pose::IDENTITY, &all).unwrap().smallest_distance;
             for error in [0.004, 0.025, 0.1] {
-                query.run(pose, &Pose::IDENTITY, &settings(&probe, error));
+                query.run(pose, &Pose::IDENTITY, &settings(&probe, error)).unwrap();
                 for found in query.contacts() {
                     let (a, b) =
                         (&probe.nodes[found.probe_node as usize], &scene.nodes[found.scene_node as usize]);
@@ -95,7 +96,7 @@ fn larger_errors_cost_less() {
         let mut cost = |error: f64| {
             let (mut front, mut triangles, mut contacts) = (0, 0, 0);
             for pose in &poses {
-                let outcome = query.run(pose, &Pose::IDENTITY, &settings(&probe, error));
+                let outcome = query.run(pose, &Pose::IDENTITY, &settings(&probe, error)).unwrap();
                 front += outcome.front;
                 contacts += outcome.contacts;
                 triangles += query
@@ -125,7 +126,7 @@ fn what_is_fast_or_far_from_the_camera_is_coarse() {
             let settings = QuerySettings { error, ..QuerySettings::new(0.01 * radius) };
             let (mut triangles, mut contacts) = (0, 0);
             for pose in &poses {
-                assert!(!query.run(pose, &Pose::IDENTITY, &settings).refused);
+                assert!(query.run(pose, &Pose::IDENTITY, &settings).is_ok());
                 contacts += query.contacts().len();
                 let level = |c: u32| &probe.levels[probe.nodes[c as usize].level as usize];
                 triangles +=
@@ -170,15 +171,15 @@ fn a_time_critical_query_keeps_its_budget() {
         let (mut kept, mut touching, mut met) = (0, 0, 0);
         for pose in &poses {
             let settings = settings(&probe, 0.004);
-            let all = free.run(pose, &Pose::IDENTITY, &settings);
+            let all = free.run(pose, &Pose::IDENTITY, &settings).unwrap();
             let much = QuerySettings { budget: Some(Budget::Queries(1_000_000)), ..settings };
-            let same = large.run(pose, &Pose::IDENTITY, &much);
+            let same = large.run(pose, &Pose::IDENTITY, &much).unwrap();
             assert!(!same.out_of_budget && same.contacts == all.contacts, "{name}: {same:?} {all:?}");
             assert_eq!(same.deepest.is_some(), all.deepest.is_some());
             // The descent through the free levels, and contacts decided by triangles, come on top.
             let little = QuerySettings { budget: Some(Budget::Queries(400)), ..settings };
             bound.reset();
-            let some = bound.run(pose, &Pose::IDENTITY, &little);
+            let some = bound.run(pose, &Pose::IDENTITY, &little).unwrap();
             if some.out_of_budget {
                 assert!(some.worst_deviation > 1.0, "{name}: {some:?}");
                 kept += usize::from(some.convex_queries <= 440);
@@ -205,12 +206,14 @@ fn interpolated_forces_do_not_jump_at_level_switches() {
         let settings = QuerySettings { interpolate, ..settings(&probe, 0.025) };
         let mut height = radius + scene.bounding_radius() + 2.0 * d;
         let pose = |height: f64, along: f64| Pose::from_translation(DVec3::new(height, along, 0.0));
-        while query.run(&pose(height, 0.0), &Pose::IDENTITY, &settings).deepest.unwrap_or(-1.0) < -0.3 * d {
+        while query.run(&pose(height, 0.0), &Pose::IDENTITY, &settings).unwrap().deepest.unwrap_or(-1.0)
+            < -0.3 * d
+        {
             height -= 0.1 * d;
         }
         // Force over stiffness, m: Σ w (δ + d) n.
         let mut force = |along: f64| {
-            query.run(&pose(height, along), &Pose::IDENTITY, &settings);
+            query.run(&pose(height, along), &Pose::IDENTITY, &settings).unwrap();
             let found = query.contacts().iter();
             found.map(|c| c.contact.normal * (c.weight * (c.contact.depth + d).max(0.0))).sum::<DVec3>()
         };
@@ -237,7 +240,8 @@ fn errors_that_are_no_lengths_are_refused() {
     };
     for error in [f64::NAN, f64::INFINITY, -1e-3] {
         let asked = QuerySettings { error: error.into(), ..QuerySettings::new(0.01) };
-        let outcome: QueryOutcome = query.run(&Pose::IDENTITY, &Pose::IDENTITY, &asked);
-        assert!(outcome.refused && query.contacts().is_empty(), "{error}");
+        let refused = query.run(&Pose::IDENTITY, &Pose::IDENTITY, &asked);
+        assert!(matches!(refused, Err(QueryError::HapticMetric { .. })), "{error}: {refused:?}");
+        assert!(query.contacts().is_empty(), "{error}");
     }
 }

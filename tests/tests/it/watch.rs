@@ -36,6 +36,14 @@ fn pushes_are_those_that_are_felt() {
             seen += usize::from(!sight.patches.is_empty());
             let difference = felt.distance(record.contact.force) / record.contact.force.length();
             assert!(felt.z > 0.2 && difference < 0.02, "{felt} seen, {} felt", record.contact.force);
+            // The ball is below: normals point out of the probe, down to it, and the pushes come up.
+            let tolerance = 0.01 * probe.bounding_radius();
+            for push in &sight.pushes {
+                assert!((push.normal.length() - 1.0).abs() < 1e-9 && push.normal.z < 0.0, "{push:?}");
+                let penalty = settings.contact_stiffness * (push.depth + tolerance);
+                let difference = push.force.distance(-penalty * push.normal);
+                assert!(difference < 1e-9 * push.force.length(), "{push:?}");
+            }
             for patches in &sight.patches {
                 assert_eq!(patches.object, 0);
                 assert!((patches.probe_node as usize) < probe.clod.nodes.len());

@@ -10,8 +10,8 @@
 //! | `world/handle` | axes where the coupling has the device |
 //! | `world/scene/N NAME` | a scene object by the number of its [`SceneId`]; below it `touching` |
 //! | `world/pushes` | what pushes the grasped object: arrows that end where they push, [`ARROW`] long |
-//! | `contact/force`, `contact/torque` | contact wrench on the grasped object, N and N·m, world axes |
-//! | `device/force`, `device/torque` | wrench sent to the device, in its axes |
+//! | `contact/force`, `contact/torque` | contact wrench on the grasped object, N and N·m about its centre of mass, world axes |
+//! | `device/force`, `device/torque` | wrench sent to the device, N and N·m about its handle's origin, in its axes |
 //! | `depth`, `contacts`, `model_age` | deepest penetration (m), contacts, and age of the contact model (s) |
 //!
 //! ```no_run

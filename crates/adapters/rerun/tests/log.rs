@@ -119,7 +119,8 @@ fn arrows_end_where_they_push_and_contacts_end() {
     let (mut log, storage) = log_of(&probe, &Scene::new());
     let mut sight = Sight::default();
     log.contacts(&sight).expect("nothing is there before the first");
-    let push = Push { point: DVec3::new(0.01, 0.02, 0.03), force: DVec3::new(0.0, 0.0, 3.0), depth: 1e-3 };
+    let (point, force) = (DVec3::new(0.01, 0.02, 0.03), DVec3::new(0.0, 0.0, 3.0));
+    let push = Push { point, normal: -DVec3::Z, force, depth: 1e-3 };
     sight.time = 0.5;
     sight.pushes.push(push);
     let leaf = probe.clod.levels[0].nodes.start;

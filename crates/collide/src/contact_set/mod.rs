@@ -32,6 +32,7 @@ use self::regions::{Deep, Measures, Place, Regions, Side};
 use self::spacing::Spaced;
 use crate::PatchContact;
 use crate::convex::{Hull, Limits, Placement, Separation, Start, gjk, nearest_on_triangle};
+use crate::error::{ContactSetError, QueryObject};
 use crate::query::placed;
 use crate::shape::Shape;
 
@@ -96,12 +97,42 @@ pub struct ContactSetOutcome {
     pub truncated: bool,
     /// Whether a buffer grew: there was more to do than ever before.
     pub reallocated: bool,
-    /// The run was refused, and nothing was found: a pose or a setting is not valid, or a contact is not finite or not
-    /// one of these objects'.
-    pub refused: bool,
 }
 
 /// The workspace: makes contact sets of two objects.
+///
+/// ```
+/// use palpate_collide::{ContactQuery, ContactSet, ContactSetSettings, QuerySettings, Shape};
+/// use palpate_core::Pose;
+/// use palpate_core::glam::DVec3;
+///
+/// # use palpate_clod_build::{BuildOptions, build, unwatched};
+/// # use palpate_core::TriMesh;
+/// # let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2)) * 0.1;
+/// # let cube = TriMesh::new((0..8).map(corner).collect(), vec![
+/// #     [0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4],
+/// #     [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6], [1, 3, 5], [3, 7, 5],
+/// # ])?;
+/// # let tips = [DVec3::X, -DVec3::X, DVec3::Y, -DVec3::Y, DVec3::Z, -DVec3::Z].map(|tip| 0.05 * tip);
+/// # let octahedron = TriMesh::new(tips.to_vec(), vec![
+/// #     [0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5],
+/// # ])?;
+/// # let shape_of = |mesh: &TriMesh| build(mesh, &BuildOptions::default(), &mut unwatched).map(Shape::new);
+/// # let (octahedron, cube) = (shape_of(&octahedron)?, shape_of(&cube)?);
+/// let tolerance = 0.002;
+/// let mut query = ContactQuery::new(&octahedron, &cube);
+/// let mut set = ContactSet::new(&octahedron, &cube);
+/// let probe_pose = Pose::from_translation(DVec3::new(0.04, 0.05, 0.149));
+/// query.run(&probe_pose, &Pose::IDENTITY, &QuerySettings::new(tolerance))?;
+///
+/// // However many pairs of patches meet there, it is one region, as deep as its deepest vertex.
+/// let merged = ContactSetSettings::new(0.1 * tolerance);
+/// let contacts = set.run(query.contacts(), &probe_pose, &Pose::IDENTITY, &merged)?;
+/// assert_eq!(contacts.len(), 1);
+/// assert!((contacts[0].contact.depth - 0.001).abs() < 1e-9);
+/// assert_eq!(set.outcome().regions, 1);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct ContactSet {
     probe: Shape,
@@ -160,22 +191,21 @@ impl ContactSet {
     /// of a merged one the sum, up to 1.
     ///
     /// The cost grows with the number of contacts, and of vertices in and next to the regions.
+    ///
+    /// # Errors
+    /// If a pose or a setting is not valid, or a contact is not finite or has nodes that are not patches of these objects.
+    /// The set is empty then.
     pub fn run(
         &mut self,
         contacts: &[PatchContact],
         probe_pose: &Pose,
         scene_pose: &Pose,
         settings: &ContactSetSettings,
-    ) -> &[PatchContact] {
+    ) -> Result<&[PatchContact], ContactSetError> {
         let buffers = self.buffers();
         self.contacts.clear();
         self.outcome = ContactSetOutcome::default();
-        let lengths = settings.merge.is_finite() && settings.merge >= 0.0 && settings.spacing >= 0.0;
-        let valid = probe_pose.is_valid() && scene_pose.is_valid() && lengths;
-        if !valid || !contacts.iter().all(|contact| self.knows(contact)) {
-            self.outcome.refused = true;
-            return &self.contacts;
-        }
+        self.check(contacts, [probe_pose, scene_pose], settings)?;
         let (probe, scene) = (self.probe.clone(), self.scene.clone());
         let placement = Placement::between(probe_pose, scene_pose);
         let sides = Side::both(&probe, &scene, placement);
@@ -190,10 +220,10 @@ impl ContactSet {
         self.merge(contacts, settings.merge.max(16.0 * precision));
         self.outcome.separated = self.contacts.len() - self.outcome.penetrating;
         self.outcome.reallocated = self.buffers() != buffers;
-        &self.contacts
+        Ok(&self.contacts)
     }
 
-    /// The contacts of the last run.
+    /// The contacts of the last run; none after an error.
     pub fn contacts(&self) -> &[PatchContact] {
         &self.contacts
     }
@@ -216,6 +246,30 @@ impl ContactSet {
             kept.capacity(),
             contacts.capacity(),
         ]
+    }
+
+    fn check(
+        &self,
+        contacts: &[PatchContact],
+        poses: [&Pose; 2],
+        settings: &ContactSetSettings,
+    ) -> Result<(), ContactSetError> {
+        for (pose, object) in poses.into_iter().zip([QueryObject::Probe, QueryObject::Scene]) {
+            if !pose.is_valid() {
+                return Err(ContactSetError::Pose { object });
+            }
+        }
+        let ContactSetSettings { merge, spacing, .. } = *settings;
+        if !(merge.is_finite() && merge >= 0.0) {
+            return Err(ContactSetError::Merge { given: merge });
+        }
+        if spacing.is_nan() || spacing < 0.0 {
+            return Err(ContactSetError::Spacing { given: spacing });
+        }
+        match contacts.iter().position(|contact| !self.knows(contact)) {
+            Some(index) => Err(ContactSetError::Contact { index }),
+            None => Ok(()),
+        }
     }
 
     /// Whether a contact may be one of these objects.

@@ -31,7 +31,9 @@ use self::facets::{FacetSearch, Facets, Leaf};
 use self::front::{Front, Pair};
 use self::triangles::Nearest;
 use crate::convex::{Limits, Placement, Start, gjk};
+use crate::error::{QueryError, QueryObject};
 use crate::motion::Motion;
+use crate::query::check_placed;
 use crate::shape::Shape;
 
 /// Distances are found, and surfaces touch, to this fraction of the size of the bodies.
@@ -85,28 +87,6 @@ pub struct NearestPoints {
     pub on_scene: DVec3,
 }
 
-/// The answer to a distance query.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum SurfaceDistance {
-    /// The surfaces are at most as far apart as asked about.
-    Found(NearestPoints),
-    /// They are further apart.
-    Beyond,
-    /// A pose is not valid, the bodies are so far apart that it cannot be squared, the bound is negative or not a number,
-    /// or an object has no triangles.
-    Refused,
-}
-
-impl SurfaceDistance {
-    /// The distance found, m.
-    pub fn distance(&self) -> Option<f64> {
-        match self {
-            Self::Found(nearest) => Some(nearest.distance),
-            Self::Beyond | Self::Refused => None,
-        }
-    }
-}
-
 /// How two bodies lie to each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Intersection {
@@ -118,8 +98,6 @@ pub enum Intersection {
     ProbeInside,
     /// The surfaces do not meet, but (a piece of) the scene object lies inside the probe, which is a solid.
     SceneInside,
-    /// A pose is not valid, the bodies are so far apart that it cannot be squared, or an object has no triangles.
-    Refused,
 }
 
 impl Intersection {
@@ -150,6 +128,34 @@ pub struct Effort {
 
 /// The workspace of distance and intersection queries between a probe and a scene object. Once it has seen as much
 /// before, a query does not allocate; it never panics, and the same queries in the same order give the same answers.
+///
+/// ```
+/// use palpate_collide::{Intersection, ProximityQuery, Shape};
+/// use palpate_core::Pose;
+/// use palpate_core::glam::DVec3;
+///
+/// # use palpate_clod_build::{BuildOptions, build, unwatched};
+/// # use palpate_core::TriMesh;
+/// # let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2)) * 0.1;
+/// # let cube = TriMesh::new((0..8).map(corner).collect(), vec![
+/// #     [0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4],
+/// #     [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6], [1, 3, 5], [3, 7, 5],
+/// # ])?;
+/// # let tips = [DVec3::X, -DVec3::X, DVec3::Y, -DVec3::Y, DVec3::Z, -DVec3::Z].map(|tip| 0.05 * tip);
+/// # let octahedron = TriMesh::new(tips.to_vec(), vec![
+/// #     [0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5],
+/// # ])?;
+/// # let shape_of = |mesh: &TriMesh| build(mesh, &BuildOptions::default(), &mut unwatched).map(Shape::new);
+/// # let (octahedron, cube) = (shape_of(&octahedron)?, shape_of(&cube)?);
+/// let mut query = ProximityQuery::new(&octahedron, &cube);
+/// let at = |height: f64| Pose::from_translation(DVec3::new(0.04, 0.05, 0.15 + height));
+/// let nearest = query.distance(&at(0.3), &Pose::IDENTITY, f64::INFINITY)?.expect("no bound was given");
+/// assert!((nearest.distance - 0.3).abs() < 1e-9);
+/// assert!(nearest.on_scene.distance(DVec3::new(0.04, 0.05, 0.1)) < 1e-9);
+/// assert_eq!(query.distance(&at(0.3), &Pose::IDENTITY, 0.1)?, None); // further than 100 mm
+/// assert_eq!(query.intersects(&at(-0.001), &Pose::IDENTITY)?, Intersection::SurfacesMeet);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct ProximityQuery {
     probe: Shape,
@@ -239,33 +245,40 @@ impl ProximityQuery {
         }
     }
 
-    /// The distance of the surfaces with the objects at the given poses (object frame to world), if it is at most
-    /// `upper` (m, may be infinite).
-    pub fn distance(&mut self, probe_pose: &Pose, scene_pose: &Pose, upper: f64) -> SurfaceDistance {
+    /// The nearest points of the surfaces with the objects at the given poses (object frame to world); `None` if they are
+    /// further apart than `upper` (m, may be infinite).
+    ///
+    /// # Errors
+    /// If a pose is not valid, `upper` is negative or not a number, an object has no triangles, or the objects are so far
+    /// apart that the square of their distance overflows.
+    pub fn distance(
+        &mut self,
+        probe_pose: &Pose,
+        scene_pose: &Pose,
+        upper: f64,
+    ) -> Result<Option<NearestPoints>, QueryError> {
         if upper.is_nan() || upper < 0.0 {
-            return SurfaceDistance::Refused;
+            return Err(QueryError::UpperBound { given: upper });
         }
-        let Some(search) = self.search(probe_pose, scene_pose, upper) else {
-            return SurfaceDistance::Refused;
-        };
-        let Some((nearest, _)) = search.best else { return SurfaceDistance::Beyond };
-        let distance = if search.touching() { 0.0 } else { nearest.squared.sqrt() };
-        if distance > upper {
-            return SurfaceDistance::Beyond;
-        }
-        SurfaceDistance::Found(NearestPoints {
-            distance,
+        let search = self.search(probe_pose, scene_pose, upper)?;
+        let found = search.best.map(|(nearest, _)| NearestPoints {
+            distance: if search.touching() { 0.0 } else { nearest.squared.sqrt() },
             on_probe: probe_pose.transform_point(nearest.on_a),
             on_scene: probe_pose.transform_point(nearest.on_b),
-        })
+        });
+        Ok(found.filter(|found| found.distance <= upper))
     }
 
     /// Whether the objects at the given poses (object frame to world) have a point in common, and how: of solids all
     /// points count, of open meshes those of the surface.
-    pub fn intersects(&mut self, probe_pose: &Pose, scene_pose: &Pose) -> Intersection {
-        let Some(search) = self.search(probe_pose, scene_pose, 0.0) else { return Intersection::Refused };
+    ///
+    /// # Errors
+    /// If a pose is not valid, an object has no triangles, or the objects are so far apart that the square of their
+    /// distance overflows.
+    pub fn intersects(&mut self, probe_pose: &Pose, scene_pose: &Pose) -> Result<Intersection, QueryError> {
+        let search = self.search(probe_pose, scene_pose, 0.0)?;
         if search.touching() {
-            return Intersection::SurfacesMeet;
+            return Ok(Intersection::SurfacesMeet);
         }
         let expires = self.expires();
         let answer = match self.inside {
@@ -273,7 +286,7 @@ impl ProximityQuery {
             None => self.enclosed(&search.placement),
         };
         self.inside = Some(Inside { answer, expires });
-        answer
+        Ok(answer)
     }
 
     /// What the last query cost.
@@ -298,15 +311,13 @@ impl ProximityQuery {
     }
 
     /// The nearest triangles within `upper`, or any that touch.
-    fn search(&mut self, probe_pose: &Pose, scene_pose: &Pose, upper: f64) -> Option<Search> {
+    fn search(&mut self, probe_pose: &Pose, scene_pose: &Pose, upper: f64) -> Result<Search, QueryError> {
         self.effort = Effort::default();
-        let valid = probe_pose.is_valid() && scene_pose.is_valid();
-        if !valid || self.probe.is_empty() || self.scene.is_empty() {
-            return None;
-        }
+        check_placed(&self.probe, probe_pose, QueryObject::Probe)?;
+        check_placed(&self.scene, scene_pose, QueryObject::Scene)?;
         let placement = Placement::between(probe_pose, scene_pose);
         if !placement.translation.length_squared().is_finite() {
-            return None;
+            return Err(QueryError::TooFarApart);
         }
         let reach = self.probe.coordinates() + self.scene.coordinates();
         let rounding = 4.0 * f64::EPSILON * (reach + placement.translation.abs().max_element());
@@ -337,7 +348,7 @@ impl ProximityQuery {
         }
         self.effort.front = self.front.len();
         self.effort.reallocated = self.capacity() != buffers;
-        Some(search)
+        Ok(search)
     }
 
     /// Looks at pairs until none can be nearer than the best, or surfaces touch.

@@ -3,6 +3,8 @@
 use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist};
 
+use crate::error::QueryError;
+
 /// The threshold s₀, by any combination of metrics. A plain length converts to the haptic metric alone.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ErrorMetrics {
@@ -73,8 +75,8 @@ impl ErrorMetrics {
         self.is_exact() || (self.velocity.is_none() && self.view.is_none())
     }
 
-    /// Whether all numbers are finite and none that cannot be is negative or zero.
-    pub(crate) fn is_valid(&self) -> bool {
+    /// Which metric has a number that is not finite, or that is negative or zero where it must not be.
+    pub(crate) fn check(&self) -> Result<(), QueryError> {
         let length = |x: f64| x.is_finite() && x >= 0.0;
         let velocity = |v: VelocityMetric| length(v.time) && v.twist.is_finite();
         let view = |v: ViewMetric| {
@@ -82,7 +84,16 @@ impl ErrorMetrics {
                 && v.camera.is_finite()
                 && [v.near, v.frustum, v.image].iter().all(|x| x.is_finite() && *x > 0.0)
         };
-        self.haptic.is_none_or(length) && self.velocity.is_none_or(velocity) && self.view.is_none_or(view)
+        if let Some(given) = self.haptic.filter(|given| !length(*given)) {
+            return Err(QueryError::HapticMetric { given });
+        }
+        if !self.velocity.is_none_or(velocity) {
+            return Err(QueryError::VelocityMetric);
+        }
+        if !self.view.is_none_or(view) {
+            return Err(QueryError::ViewMetric);
+        }
+        Ok(())
     }
 
     /// s₀ at a contact, m, world axes.
@@ -123,18 +134,16 @@ mod tests {
         let all = ErrorMetrics { haptic: Some(0.02), velocity: Some(velocity), view: Some(view), ..seen };
         assert_eq!(of(all), of(seen));
         assert_eq!(of(ErrorMetrics { combination: Combination::Loosest, ..all }), of(moving));
-        assert!(!all.is_constant() && !all.is_exact() && all.is_valid());
+        assert!(!all.is_constant() && !all.is_exact() && all.check().is_ok());
         assert!(ErrorMetrics::from(0.0).is_exact() && ErrorMetrics::EXACT.is_exact());
         assert!(ErrorMetrics { haptic: Some(0.0), ..all }.is_exact());
         let loose = ErrorMetrics { haptic: Some(0.0), combination: Combination::Loosest, ..all };
         assert!(!loose.is_exact());
-        for wrong in [
-            ErrorMetrics::from(-1.0),
-            ErrorMetrics::from(f64::NAN),
-            ErrorMetrics { view: Some(ViewMetric { near: 0.0, ..view }), ..all },
-            ErrorMetrics { velocity: Some(VelocityMetric { time: f64::INFINITY, ..velocity }), ..all },
-        ] {
-            assert!(!wrong.is_valid(), "{wrong:?}");
-        }
+        let (far, eternal) =
+            (ViewMetric { near: 0.0, ..view }, VelocityMetric { time: f64::INFINITY, ..velocity });
+        assert_eq!(ErrorMetrics::from(-1.0).check(), Err(QueryError::HapticMetric { given: -1.0 }));
+        assert!(matches!(ErrorMetrics::from(f64::NAN).check(), Err(QueryError::HapticMetric { .. })));
+        assert_eq!(ErrorMetrics { view: Some(far), ..all }.check(), Err(QueryError::ViewMetric));
+        assert_eq!(ErrorMetrics { velocity: Some(eternal), ..all }.check(), Err(QueryError::VelocityMetric));
     }
 }

@@ -45,6 +45,7 @@ use self::leaf::{Counts, LeafQuery};
 use self::parallel::Deferred;
 use self::thinning::{LEAST_ROOM, thin};
 use crate::convex::Placement;
+use crate::error::{QueryError, QueryObject};
 use crate::motion::Motion;
 use crate::shape::Shape;
 
@@ -56,6 +57,14 @@ const PRECISION: f64 = 1e-12;
 
 /// Contacts that a new workspace has room for.
 const CONTACTS: usize = 1 << 14;
+
+/// A workspace holds up to this many contacts, unless [`ContactQuery::with_capacity`] makes more room: further ones are
+/// merged with near ones ([`QueryOutcome::overflow`]). They take some 100 MB.
+pub const MAX_CONTACTS: usize = 1 << 20;
+
+/// A workspace holds up to this many pairs of nodes on and above the front, unless [`ContactQuery::with_capacity`] makes
+/// more room: further ones are gone through in every query ([`QueryOutcome::front_overflow`]). They take some 1 GB.
+pub const MAX_PAIRS: usize = 1 << 22;
 
 /// Hulls of more points than this are not tested above the leaves, but split at once: they belong to the upper free
 /// levels, where they overlap nearly always, and a support point of theirs costs more than the spheres of their
@@ -81,11 +90,12 @@ const RAISE: f64 = 0.05;
 /// What a query asks for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct QuerySettings {
-    /// d: surfaces closer than this are in contact, m. Not negative.
+    /// d: surfaces closer than this are in contact, m; 0 to the probe's [`max_tolerance`](Shape::max_tolerance).
     pub tolerance: f64,
     /// Never allocate for contacts or pairs of nodes: when the reserved room is full, near contacts are merged, the
     /// deepest of them standing for the others ([`QueryOutcome::overflow`]), and pairs that there is no room for are gone
-    /// through without being kept ([`QueryOutcome::front_overflow`]). Otherwise (the default) the buffer grows, and [`QueryOutcome::reallocated`] says so.
+    /// through without being kept ([`QueryOutcome::front_overflow`]). Otherwise (the default) buffers grow, and
+    /// [`QueryOutcome::reallocated`] says so; from [`MAX_CONTACTS`] contacts and [`MAX_PAIRS`] pairs on they are as fixed.
     pub fixed_capacity: bool,
     /// How far hulls may stand off the surface that they were built for, as a fraction of an object's bounding radius:
     /// the builder's tolerance. Where this much could decide about a contact, the triangles do.
@@ -115,6 +125,19 @@ impl QuerySettings {
             budget: None,
             parallel: false,
         }
+    }
+
+    /// Whether queries of a probe can be made with these settings.
+    ///
+    /// # Errors
+    /// If the tolerance is not 0 to the probe's [`max_tolerance`](Shape::max_tolerance), or an error metric is negative
+    /// or not finite.
+    pub fn check(&self, probe: &Shape) -> Result<(), QueryError> {
+        let (given, most) = (self.tolerance, probe.max_tolerance());
+        if !(0.0..=most).contains(&given) {
+            return Err(QueryError::Tolerance { given, most });
+        }
+        self.error.check()
     }
 }
 
@@ -166,20 +189,56 @@ pub struct QueryOutcome {
     pub out_of_budget: bool,
     /// Largest s*/s₀ that a time-critical query stopped at; where s₀ is 0, it only tells that it did.
     pub worst_deviation: f64,
-    /// Whether contacts were merged for want of room: [`ContactQuery::reserve`] more.
+    /// Whether contacts were merged for want of room: [`ContactQuery::reserve`] more, or, from [`MAX_CONTACTS`] on, ask
+    /// for a smaller tolerance.
     pub overflow: bool,
     /// Side of the cubes, m, of which each holds one contact for every octant that normals point to, if contacts were
     /// merged.
     pub merged_within: f64,
     /// Whether a buffer grew during this query: it was larger than any before.
     pub reallocated: bool,
-    /// The query was refused, and nothing was found: a pose, the tolerance or the error is not finite, one of the latter
-    /// is negative, or an object has no nodes.
-    pub refused: bool,
 }
 
 /// The workspace of a contact query. It belongs to the pair of objects that it was made for, and keeps the front of the
-/// last query, from which the next one starts.
+/// last query, from which the next one starts: keep one workspace for a pair of objects, and run it at pose after pose.
+///
+/// ```
+/// use palpate_collide::{ContactQuery, QueryError, QuerySettings, Shape};
+/// use palpate_core::Pose;
+/// use palpate_core::glam::DVec3;
+///
+/// # use palpate_clod_build::{BuildOptions, build, unwatched};
+/// # use palpate_core::TriMesh;
+/// # let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2)) * 0.1;
+/// # let cube = TriMesh::new((0..8).map(corner).collect(), vec![
+/// #     [0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4],
+/// #     [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6], [1, 3, 5], [3, 7, 5],
+/// # ])?;
+/// # let tips = [DVec3::X, -DVec3::X, DVec3::Y, -DVec3::Y, DVec3::Z, -DVec3::Z].map(|tip| 0.05 * tip);
+/// # let octahedron = TriMesh::new(tips.to_vec(), vec![
+/// #     [0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5],
+/// # ])?;
+/// # let shape_of = |mesh: &TriMesh| build(mesh, &BuildOptions::default(), &mut unwatched).map(Shape::new);
+/// # let (octahedron, cube) = (shape_of(&octahedron)?, shape_of(&cube)?);
+/// // An octahedron, 50 mm from centre to tip, comes down on a cube whose top is at z = 100 mm.
+/// let mut query = ContactQuery::new(&octahedron, &cube);
+/// let settings = QuerySettings::new(0.002);
+/// let at = |height: f64| Pose::from_translation(DVec3::new(0.04, 0.05, 0.15 + height));
+/// for step in 0..100 {
+///     let height = 0.005 - 1e-4 * f64::from(step);
+///     let outcome = query.run(&at(height), &Pose::IDENTITY, &settings)?;
+///     match outcome.deepest {
+///         None => assert!(height > 0.002, "no contact within the tolerance"),
+///         Some(depth) => assert!((depth + height).abs() < 1e-9),
+///     }
+/// }
+///
+/// // What a query cannot do is an error, and the next query works again.
+/// let most = octahedron.max_tolerance();
+/// let refused = query.run(&at(0.0), &Pose::IDENTITY, &QuerySettings::new(1.0));
+/// assert_eq!(refused, Err(QueryError::Tolerance { given: 1.0, most }));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct ContactQuery {
     bodies: Bodies,
@@ -281,15 +340,22 @@ impl ContactQuery {
     ///
     /// The cost grows with the number of pairs of patches within the tolerance, and with the way that the objects have
     /// come since the last query.
-    pub fn run(&mut self, probe_pose: &Pose, scene_pose: &Pose, settings: &QuerySettings) -> QueryOutcome {
+    ///
+    /// # Errors
+    /// If a pose is not valid, an object is empty, or the tolerance or an error metric is out of bounds. There are no
+    /// contacts then, and the next query goes on from the last one that succeeded.
+    pub fn run(
+        &mut self,
+        probe_pose: &Pose,
+        scene_pose: &Pose,
+        settings: &QuerySettings,
+    ) -> Result<QueryOutcome, QueryError> {
         self.contacts.clear();
         self.outcome = QueryOutcome::default();
-        let asked = settings.tolerance.is_finite() && settings.tolerance >= 0.0 && settings.error.is_valid();
-        let valid = probe_pose.is_valid() && scene_pose.is_valid();
-        if !valid || !asked || self.bodies.probe.is_empty() || self.bodies.scene.is_empty() {
-            self.outcome.refused = true;
-            return self.outcome;
-        }
+        let Bodies { probe, scene } = &self.bodies;
+        check_placed(probe, probe_pose, QueryObject::Probe)?;
+        check_placed(scene, scene_pose, QueryObject::Scene)?;
+        settings.check(probe)?;
         let now = self.circumstances(probe_pose, scene_pose, settings);
         let buffers = self.buffers();
         self.leaf.counts = Counts::default();
@@ -308,7 +374,7 @@ impl ContactQuery {
         self.outcome =
             QueryOutcome { visited, leaf_pairs, convex_queries, not_converged, by_triangles, ..self.outcome };
         self.outcome.reallocated = self.buffers() != buffers;
-        self.outcome
+        Ok(self.outcome)
     }
 
     fn buffers(&self) -> [usize; 7] {
@@ -453,7 +519,8 @@ impl ContactQuery {
         self.front.set(slot, pair);
         if !pair.split {
             let into = self.bodies.below(pair, now.exact).rev();
-            if !self.front.split(slot, into, !now.settings.fixed_capacity) {
+            let grow = !now.settings.fixed_capacity && self.front.capacity() < MAX_PAIRS;
+            if !self.front.split(slot, into, grow) {
                 self.outcome.front_overflow = true;
                 self.front.set_wake(slot, f64::NEG_INFINITY);
                 self.descend(&pair, weight * pair.share, now);
@@ -563,6 +630,14 @@ impl QueryOutcome {
     }
 }
 
+/// Whether an object can be queried at a pose.
+pub(crate) fn check_placed(shape: &Shape, pose: &Pose, object: QueryObject) -> Result<(), QueryError> {
+    if !pose.is_valid() {
+        return Err(QueryError::Pose { object });
+    }
+    if shape.is_empty() { Err(QueryError::Empty { object }) } else { Ok(()) }
+}
+
 /// Adds a contact of a pair, given in the probe's frame, to what is reported.
 fn report(
     contacts: &mut Vec<PatchContact>,
@@ -573,7 +648,8 @@ fn report(
     now: &Circumstances,
 ) {
     outcome.count(contact);
-    if now.settings.fixed_capacity && contacts.len() == contacts.capacity() {
+    let fixed = now.settings.fixed_capacity || contacts.capacity() >= MAX_CONTACTS;
+    if fixed && contacts.len() == contacts.capacity() {
         let finest = now.settings.tolerance.max(outcome.merged_within);
         outcome.merged_within = thin(contacts, finest);
         outcome.overflow = true;

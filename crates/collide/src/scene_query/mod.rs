@@ -25,7 +25,8 @@ use palpate_core::glam::{DQuat, DVec3};
 
 use self::wake_queue::WakeQueue;
 use crate::ball::Ball;
-use crate::query::{Budget, ContactQuery, PatchContact, QueryOutcome, QuerySettings};
+use crate::error::{QueryError, QueryObject};
+use crate::query::{Budget, ContactQuery, PatchContact, QueryOutcome, QuerySettings, check_placed};
 use crate::shape::Shape;
 
 /// Contacts and pairs of nodes that a workspace has room for when it is made in passing.
@@ -70,9 +71,7 @@ pub struct ObjectContacts<'a> {
 /// What a run found and what it cost.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SceneOutcome {
-    /// Of the queries that were made together: sums, largest values (of the smallest distance the smallest), and flags
-    /// that were set in any. [`refused`](QueryOutcome::refused) also when the probe's pose, the tolerance or the error
-    /// was, or an object's pose is not valid or its shape has no nodes.
+    /// All queries together: sums, largest values (of the smallest distance the smallest), and flags that were set in any.
     pub query: QueryOutcome,
     /// Objects that the broad phase looked at: those that were awake.
     pub tested: usize,
@@ -81,12 +80,47 @@ pub struct SceneOutcome {
     /// Objects within reach that got none, for want of a workspace: [`SceneQuery::reserve`] more. Only with
     /// [`QuerySettings::fixed_capacity`].
     pub left_out: usize,
+    /// Objects that got none because their pose is not [valid](Pose::is_valid) or their shape has no nodes. They are
+    /// looked at again in every run.
+    pub invalid: usize,
 }
 
 /// Contact queries of one probe with many objects.
 ///
 /// Adding objects and reserving workspaces allocates. A run allocates only while it exceeds what was there before: when
 /// more objects of a shape are within reach at once than ever, or a workspace has more to do than ever.
+///
+/// ```
+/// use palpate_collide::{QuerySettings, SceneQuery, Shape};
+/// use palpate_core::Pose;
+/// use palpate_core::glam::DVec3;
+///
+/// # use palpate_clod_build::{BuildOptions, build, unwatched};
+/// # use palpate_core::TriMesh;
+/// # let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2)) * 0.1;
+/// # let cube = TriMesh::new((0..8).map(corner).collect(), vec![
+/// #     [0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4],
+/// #     [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6], [1, 3, 5], [3, 7, 5],
+/// # ])?;
+/// # let tips = [DVec3::X, -DVec3::X, DVec3::Y, -DVec3::Y, DVec3::Z, -DVec3::Z].map(|tip| 0.05 * tip);
+/// # let octahedron = TriMesh::new(tips.to_vec(), vec![
+/// #     [0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5],
+/// # ])?;
+/// # let shape_of = |mesh: &TriMesh| build(mesh, &BuildOptions::default(), &mut unwatched).map(Shape::new);
+/// # let (octahedron, cube) = (shape_of(&octahedron)?, shape_of(&cube)?);
+/// // A row of cubes, 100 mm wide, 1 m apart; the octahedron's tip is 1 mm inside the third.
+/// let mut scene = SceneQuery::new(&octahedron);
+/// let cubes: Vec<_> =
+///     (0..1000).map(|x| scene.add(&cube, &Pose::from_translation(DVec3::X * f64::from(x)))).collect();
+/// let probe_pose = Pose::from_translation(DVec3::new(2.04, 0.05, 0.149));
+/// let outcome = scene.run(&probe_pose, &QuerySettings::new(0.002))?;
+/// assert_eq!((outcome.queried, outcome.invalid), (1, 0));
+/// for with in scene.contacts() {
+///     assert_eq!(with.object, cubes[2]);
+///     assert!(with.contacts.iter().any(|found| (found.contact.depth - 0.001).abs() < 1e-9));
+/// }
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct SceneQuery {
     probe: Shape,
@@ -229,8 +263,8 @@ impl SceneQuery {
         }
     }
 
-    /// Moves an object (object frame to world); `false` if it is not there. Runs with a pose that is not
-    /// [valid](Pose::is_valid) leave the object out and [say so](QueryOutcome::refused).
+    /// Moves an object (object frame to world); `false` if it is not there. While its pose is not
+    /// [valid](Pose::is_valid), runs leave the object out and [count](SceneOutcome::invalid) it.
     pub fn set_pose(&mut self, object: ObjectHandle, pose: &Pose) -> bool {
         if self.find(object).is_none() {
             return false;
@@ -326,14 +360,15 @@ impl SceneQuery {
     /// Finds the contacts of the probe at a pose (object frame to world) with all objects.
     ///
     /// A budget is for all queries together: each gets an equal part of what those before it have left.
-    pub fn run(&mut self, probe_pose: &Pose, settings: &QuerySettings) -> SceneOutcome {
+    ///
+    /// # Errors
+    /// If the probe's pose is not valid, the probe is empty, or the tolerance or an error metric is out of bounds. There are
+    /// no contacts then. An object whose own pose is not valid is left out and [counted](SceneOutcome::invalid).
+    pub fn run(&mut self, probe_pose: &Pose, settings: &QuerySettings) -> Result<SceneOutcome, QueryError> {
         let mut outcome = SceneOutcome::default();
         self.in_reach.clear();
-        let asked = settings.tolerance.is_finite() && settings.tolerance >= 0.0 && settings.error.is_valid();
-        if !asked || !probe_pose.is_valid() || self.probe.is_empty() {
-            outcome.query.refused = true;
-            return outcome;
-        }
+        check_placed(&self.probe, probe_pose, QueryObject::Probe)?;
+        settings.check(&self.probe)?;
         self.find_in_reach(probe_pose, settings.tolerance, &mut outcome);
         self.hand_out(settings.fixed_capacity, &mut outcome);
         let begun = Instant::now();
@@ -348,11 +383,12 @@ impl SceneQuery {
                     Budget::Queries(queries.saturating_sub(outcome.query.convex_queries) / left)
                 }
             });
-            workspace.outcome = workspace.query.run(probe_pose, pose, &QuerySettings { budget, ..*settings });
+            workspace.outcome =
+                workspace.query.run(probe_pose, pose, &QuerySettings { budget, ..*settings })?;
             add(&mut outcome.query, &workspace.outcome);
         }
         outcome.queried = self.in_reach.len();
-        outcome
+        Ok(outcome)
     }
 
     /// The objects that got a query in the last run, those without contacts included, with their contacts, by handle.
@@ -389,14 +425,14 @@ impl SceneQuery {
             let slot = self.awake[index];
             let object = &self.objects[slot as usize];
             let kind = &self.kinds[object.kind as usize];
-            let refused = !object.pose.is_valid() || kind.shape.is_empty();
+            let invalid = check_placed(&kind.shape, &object.pose, QueryObject::Scene).is_err();
             let gap = gap(object, kind, center, radius + tolerance + SLACK * self.probe.coordinates());
-            let wake = if gap > 0.0 && !refused { self.way + gap } else { f64::NEG_INFINITY };
+            let wake = if gap > 0.0 && !invalid { self.way + gap } else { f64::NEG_INFINITY };
             if wake != self.queue.wake(slot) {
                 self.queue.set(slot, wake);
             }
-            outcome.query.refused |= refused;
-            if gap > 0.0 || refused {
+            outcome.invalid += usize::from(invalid);
+            if gap > 0.0 || invalid {
                 self.give_back(slot);
             } else {
                 self.in_reach.push(slot);
@@ -492,5 +528,4 @@ fn add(sum: &mut QueryOutcome, one: &QueryOutcome) {
     sum.overflow |= one.overflow;
     sum.merged_within = sum.merged_within.max(one.merged_within);
     sum.reallocated |= one.reallocated;
-    sum.refused |= one.refused;
 }

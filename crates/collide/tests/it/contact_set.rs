@@ -8,7 +8,8 @@ use crate::solids::{Body, Kind, clusters, hierarchy, pose, rotation, singles, st
 use allocation_counter::measure;
 use palpate_clod_build::{BuildOptions, unwatched};
 use palpate_collide::{
-    ContactQuery, ContactSet, ContactSetOutcome, ContactSetSettings, PatchContact, QuerySettings, Shape,
+    ContactQuery, ContactSet, ContactSetError, ContactSetOutcome, ContactSetSettings, PatchContact,
+    QueryObject, QuerySettings, Shape,
 };
 use palpate_core::glam::{DQuat, DVec3};
 use palpate_core::{Pose, TriMesh};
@@ -35,10 +36,10 @@ impl Pipeline {
         tolerance: f64,
         settings: &ContactSetSettings,
     ) -> (Vec<PatchContact>, ContactSetOutcome) {
-        self.query.run(poses[0], poses[1], &QuerySettings::new(tolerance));
-        let found = self.set.run(self.query.contacts(), poses[0], poses[1], settings).to_vec();
+        self.query.run(poses[0], poses[1], &QuerySettings::new(tolerance)).unwrap();
+        let found = self.set.run(self.query.contacts(), poses[0], poses[1], settings).unwrap().to_vec();
         let outcome = *self.set.outcome();
-        assert!(!outcome.refused && !outcome.truncated, "{outcome:?}");
+        assert!(!outcome.truncated, "{outcome:?}");
         assert_eq!(outcome.penetrating + outcome.separated, found.len());
         assert!(found.is_sorted_by(|x, y| x.contact.depth >= y.contact.depth || x.contact.depth >= 0.0));
         for PatchContact { contact, .. } in &found {
@@ -568,30 +569,34 @@ fn what_is_not_valid_is_refused() {
     let body = shape(&mesh, &singles(&mesh), Kind::Contained);
     let mut query = ContactQuery::new(&body, &body);
     let up = Pose::from_translation(DVec3::new(1.85, 0.1, 0.0));
-    query.run(&up, &Pose::IDENTITY, &QuerySettings::new(0.05));
+    query.run(&up, &Pose::IDENTITY, &QuerySettings::new(0.05)).unwrap();
     let good = query.contacts().to_vec();
     let mut set = ContactSet::new(&body, &body);
     let mut refuses = |contacts: &[PatchContact], pose: &Pose, settings: &ContactSetSettings| {
-        let found = set.run(contacts, pose, &Pose::IDENTITY, settings).len();
-        assert_eq!(found == 0, set.outcome().refused);
-        set.outcome().refused
+        let error = set.run(contacts, pose, &Pose::IDENTITY, settings).err();
+        assert_eq!(set.contacts().is_empty(), error.is_some());
+        error
     };
     let settings = ContactSetSettings::new(0.01);
-    assert!(!refuses(&good, &up, &settings));
+    assert_eq!(refuses(&good, &up, &settings), None);
     let with = |change: &dyn Fn(&mut PatchContact)| {
         let mut contacts = good.clone();
         change(&mut contacts[3]);
         contacts
     };
-    assert!(refuses(&with(&|c| c.probe_node = u32::MAX), &up, &settings));
-    assert!(refuses(&with(&|c| c.scene_node = 0), &up, &settings), "a free node");
-    assert!(refuses(&with(&|c| c.contact.depth = f64::NAN), &up, &settings));
-    assert!(refuses(&with(&|c| c.contact.point.x = f64::INFINITY), &up, &settings));
+    let fourth = Some(ContactSetError::Contact { index: 3 });
+    assert_eq!(refuses(&with(&|c| c.probe_node = u32::MAX), &up, &settings), fourth);
+    assert_eq!(refuses(&with(&|c| c.scene_node = 0), &up, &settings), fourth, "a free node");
+    assert_eq!(refuses(&with(&|c| c.contact.depth = f64::NAN), &up, &settings), fourth);
+    assert_eq!(refuses(&with(&|c| c.contact.point.x = f64::INFINITY), &up, &settings), fourth);
     for merge in [-1.0, f64::NAN, f64::INFINITY] {
-        assert!(refuses(&good, &up, &ContactSetSettings::new(merge)));
+        let error = refuses(&good, &up, &ContactSetSettings::new(merge));
+        assert!(matches!(error, Some(ContactSetError::Merge { .. })), "{error:?}");
     }
-    assert!(refuses(&good, &up, &ContactSetSettings { spacing: f64::NAN, ..settings }));
-    assert!(refuses(&good, &Pose::from_translation(DVec3::NAN), &settings));
+    let error = refuses(&good, &up, &ContactSetSettings { spacing: f64::NAN, ..settings });
+    assert!(matches!(error, Some(ContactSetError::Spacing { .. })), "{error:?}");
+    let error = refuses(&good, &Pose::from_translation(DVec3::NAN), &settings);
+    assert_eq!(error, Some(ContactSetError::Pose { object: QueryObject::Probe }));
     // Contacts that are not where the objects are make no sense, but no trouble either.
     refuses(&good, &Pose::from_translation(DVec3::splat(1e300)), &settings);
     refuses(&with(&|c| c.contact.point = DVec3::splat(1e18)), &up, &ContactSetSettings::new(0.0));
@@ -603,12 +608,12 @@ fn work_is_bounded_by_the_vertices_allowed() {
     let body = shape(&mesh, &singles(&mesh), Kind::Contained);
     let mut query = ContactQuery::new(&body, &body);
     let up = Pose::from_translation(DVec3::new(1.6, 0.1, 0.0));
-    query.run(&up, &Pose::IDENTITY, &QuerySettings::new(0.01));
+    query.run(&up, &Pose::IDENTITY, &QuerySettings::new(0.01)).unwrap();
     let mut set = ContactSet::new(&body, &body);
     let mut last = 0.0;
     for most_vertices in [0, 10, 50, 10_000] {
         let settings = ContactSetSettings { most_vertices, ..ContactSetSettings::new(0.0) };
-        let depth = set.run(query.contacts(), &up, &Pose::IDENTITY, &settings)[0].contact.depth;
+        let depth = set.run(query.contacts(), &up, &Pose::IDENTITY, &settings).unwrap()[0].contact.depth;
         let outcome = set.outcome();
         assert!(outcome.measured <= most_vertices && outcome.truncated == (most_vertices < 1000));
         assert!(depth >= last - 1e-12, "{depth} after {last}");
@@ -636,13 +641,13 @@ fn a_warm_run_does_not_allocate_and_repeats_itself() {
         let contacts: Vec<Vec<PatchContact>> = poses
             .iter()
             .map(|pose| {
-                query.run(pose, &Pose::IDENTITY, &QuerySettings::new(0.05));
+                query.run(pose, &Pose::IDENTITY, &QuerySettings::new(0.05)).unwrap();
                 query.contacts().to_vec()
             })
             .collect();
         let mut pass = |expected: &mut Vec<Vec<PatchContact>>| {
             for (index, (pose, contacts)) in poses.iter().zip(&contacts).enumerate() {
-                let found = set.run(contacts, pose, &Pose::IDENTITY, &settings);
+                let found = set.run(contacts, pose, &Pose::IDENTITY, &settings).unwrap();
                 match expected.get(index) {
                     Some(expected) => assert_eq!(found, expected),
                     None => expected.push(found.to_vec()),
@@ -676,12 +681,11 @@ fn coarser_levels_have_the_same_regions() {
         let settings = ContactSetSettings::new(0.05);
         let (fine, outcome) = pipeline.run([&probe_pose, &scene_pose], 0.02, &settings);
         let error = 0.04;
-        pipeline.query.run(
-            &probe_pose,
-            &scene_pose,
-            &QuerySettings { error: error.into(), ..QuerySettings::new(0.02) },
-        );
-        let found = pipeline.set.run(pipeline.query.contacts(), &probe_pose, &scene_pose, &settings);
+        pipeline
+            .query
+            .run(&probe_pose, &scene_pose, &QuerySettings { error: error.into(), ..QuerySettings::new(0.02) })
+            .unwrap();
+        let found = pipeline.set.run(pipeline.query.contacts(), &probe_pose, &scene_pose, &settings).unwrap();
         let level = |c: &PatchContact| probe.clod().nodes[c.probe_node as usize].level;
         coarse += found.iter().filter(|c| level(c) > 0).count();
         let depths = [fine.first(), found.first()].map(|c| c.map_or(-0.02, |c| c.contact.depth));

@@ -71,7 +71,7 @@ fn run(probe: &str, scene: &str, path: &str) {
         if disjoint == 4 {
             break;
         }
-        let outcome = query.run(pose, &Pose::IDENTITY, &settings);
+        let outcome = query.run(pose, &Pose::IDENTITY, &settings).unwrap();
         if outcome.smallest_distance.is_some_and(|d| d > 0.0) {
             disjoint += 1;
             chosen.push(pose);
@@ -80,8 +80,8 @@ fn run(probe: &str, scene: &str, path: &str) {
     assert!(disjoint > 0);
     let scene_triangles = crate::oracle::placed(&scene.mesh, &Pose::IDENTITY);
     for pose in chosen {
-        let outcome = query.run(pose, &Pose::IDENTITY, &settings);
-        assert!(!outcome.refused && !outcome.overflow && outcome.not_converged == 0, "{outcome:?}");
+        let outcome = query.run(pose, &Pose::IDENTITY, &settings).unwrap();
+        assert!(!outcome.overflow && outcome.not_converged == 0, "{outcome:?}");
         let pairs = crate::oracle::pairs_within(
             &crate::oracle::placed(&probe.mesh, pose),
             &scene_triangles,
@@ -160,8 +160,10 @@ fn jaws_are_as_deep_as_their_vertices() {
     let mut set = ContactSet::new(&bodies[0].shape, &bodies[1].shape);
     let (mut compared, mut exact) = (0, 0);
     for pose in poses.iter().step_by(97) {
-        query.run(pose, &Pose::IDENTITY, &settings);
-        let found = set.run(query.contacts(), pose, &Pose::IDENTITY, &ContactSetSettings::new(0.01 * radius));
+        query.run(pose, &Pose::IDENTITY, &settings).unwrap();
+        let found = set
+            .run(query.contacts(), pose, &Pose::IDENTITY, &ContactSetSettings::new(0.01 * radius))
+            .unwrap();
         let Some(deepest) = found.first().copied().filter(|c| c.contact.depth > 0.0) else { continue };
         let placed = [pose, &Pose::IDENTITY];
         let placed: [_; 2] =

@@ -29,9 +29,11 @@ fn a_warm_query_does_not_allocate() {
                 let t = f64::from(step) / 40.0;
                 let pose = Pose::new(DVec3::new(2.4 - t, 0.3 * t, 0.1), DQuat::from_rotation_y(t));
                 for settings in &settings {
-                    let outcome = query.run(&pose, &Pose::IDENTITY, settings);
+                    let outcome = query.run(&pose, &Pose::IDENTITY, settings).unwrap();
                     clustering.run(query.contacts(), settings.tolerance, &pose);
                     contacts += outcome.contacts;
+                    let much = QuerySettings { tolerance: 100.0, ..*settings };
+                    assert!(query.run(&pose, &Pose::IDENTITY, &much).is_err());
                 }
             }
             contacts

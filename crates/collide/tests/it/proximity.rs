@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use crate::oracle::Triangle;
 use crate::solids::{Kind, clusters, hierarchy, pose, rotation, singles, star, torus, vector};
 use allocation_counter::measure;
-use palpate_collide::{Intersection, NearestPoints, ProximityQuery, Shape, SurfaceDistance};
+use palpate_collide::{Intersection, NearestPoints, ProximityQuery, QueryError, QueryObject, Shape};
 use palpate_core::glam::{DQuat, DVec3};
 use palpate_core::{Pose, TriMesh};
 use rand::{SeedableRng, rngs::StdRng};
@@ -157,11 +157,8 @@ fn on_surface(triangles: &[Triangle], point: DVec3) -> f64 {
     triangles.iter().map(to).fold(f64::INFINITY, f64::min)
 }
 
-fn found(answer: SurfaceDistance) -> NearestPoints {
-    match answer {
-        SurfaceDistance::Found(nearest) => nearest,
-        other => panic!("{other:?}"),
-    }
+fn found(answer: Option<NearestPoints>) -> NearestPoints {
+    answer.expect("no bound on the distance")
 }
 
 #[test]
@@ -185,22 +182,22 @@ fn agrees_with_every_pair_of_triangles() {
                 let plain = least_distance(&ta, &tb);
                 let eps = 1e-9 * size;
 
-                let nearest = found(query.distance(&probe_pose, &scene_pose, f64::INFINITY));
+                let nearest = found(query.distance(&probe_pose, &scene_pose, f64::INFINITY).unwrap());
                 let d = nearest.distance;
                 assert!((d - plain).abs() <= eps, "{context}: {d} {plain}");
                 assert!((nearest.on_probe.distance(nearest.on_scene) - d).abs() <= eps, "{context}");
                 assert!(on_surface(&ta, nearest.on_probe) <= eps, "{context}: {nearest:?}");
                 assert!(on_surface(&tb, nearest.on_scene) <= eps, "{context}: {nearest:?}");
 
-                let within = query.distance(&probe_pose, &scene_pose, 1.01 * plain).distance();
-                assert!((within.unwrap() - plain).abs() <= eps, "{context}");
+                let within = query.distance(&probe_pose, &scene_pose, 1.01 * plain).unwrap();
+                assert!((found(within).distance - plain).abs() <= eps, "{context}");
                 if plain > 0.0 {
-                    let beyond = query.distance(&probe_pose, &scene_pose, 0.99 * plain);
-                    assert_eq!(beyond, SurfaceDistance::Beyond, "{context}");
+                    let beyond = query.distance(&probe_pose, &scene_pose, 0.99 * plain).unwrap();
+                    assert_eq!(beyond, None, "{context}");
                 }
                 let expected = plain_intersection((a, &ta), (b, &tb), plain, 0.0);
                 for _ in 0..2 {
-                    assert_eq!(query.intersects(&probe_pose, &scene_pose), expected, "{context}");
+                    assert_eq!(query.intersects(&probe_pose, &scene_pose).unwrap(), expected, "{context}");
                     query.reset();
                 }
                 outcomes[match expected {
@@ -259,19 +256,21 @@ fn a_tracked_query_finds_what_a_fresh_one_does() {
             fresh.reset();
             match step % 3 {
                 0 => {
-                    let answer = tracked.intersects(&probe, &scene);
-                    assert_eq!(answer, fresh.intersects(&probe, &scene), "{context}");
+                    let answer = tracked.intersects(&probe, &scene).unwrap();
+                    assert_eq!(answer, fresh.intersects(&probe, &scene).unwrap(), "{context}");
                     outcomes[answer as usize] += 1;
                 }
                 1 => {
-                    let distance = found(tracked.distance(&probe, &scene, f64::INFINITY)).distance;
-                    let again = found(fresh.distance(&probe, &scene, f64::INFINITY)).distance;
+                    let distance = found(tracked.distance(&probe, &scene, f64::INFINITY).unwrap()).distance;
+                    let again = found(fresh.distance(&probe, &scene, f64::INFINITY).unwrap()).distance;
                     assert!((distance - again).abs() <= 1e-11 * size, "{context}: {distance} {again}");
                 }
                 _ => {
                     let upper = 0.05 * size;
-                    let distance = tracked.distance(&probe, &scene, upper).distance();
-                    let again = fresh.distance(&probe, &scene, upper).distance();
+                    let distance =
+                        tracked.distance(&probe, &scene, upper).unwrap().map(|nearest| nearest.distance);
+                    let again =
+                        fresh.distance(&probe, &scene, upper).unwrap().map(|nearest| nearest.distance);
                     assert_eq!(distance.is_some(), again.is_some(), "{context}");
                     let gap = distance.unwrap_or(0.0) - again.unwrap_or(0.0);
                     assert!(gap.abs() <= 1e-11 * size, "{context}: {distance:?} {again:?}");
@@ -302,8 +301,9 @@ fn the_unit_of_length_does_not_matter() {
         let mut query = ProximityQuery::new(&a.shape, &b.shape);
         for (index, pose) in poses.iter().enumerate() {
             let placed = Pose::new(pose.translation * scale, pose.rotation);
-            let distance = found(query.distance(&placed, &Pose::IDENTITY, f64::INFINITY)).distance / scale;
-            let answer = query.intersects(&placed, &Pose::IDENTITY);
+            let distance =
+                found(query.distance(&placed, &Pose::IDENTITY, f64::INFINITY).unwrap()).distance / scale;
+            let answer = query.intersects(&placed, &Pose::IDENTITY).unwrap();
             if scale == 1.0 {
                 unit.push((distance, answer));
             }
@@ -325,7 +325,8 @@ fn enclosed_solids_intersect() {
     let [small_one, large_one, shell, pair] = [&small, &large, &shell, &pair].map(|m| body(m, Kind::Loose));
     let open = body(&large, Kind::Open);
     let at = |x: f64| Pose::from_translation(DVec3::new(x, 0.0, 0.0));
-    let ask = |a: &Shape, b: &Shape, x: f64| ProximityQuery::new(a, b).intersects(&at(x), &Pose::IDENTITY);
+    let ask =
+        |a: &Shape, b: &Shape, x: f64| ProximityQuery::new(a, b).intersects(&at(x), &Pose::IDENTITY).unwrap();
 
     assert_eq!(ask(&small_one, &large_one, 0.0), Intersection::ProbeInside);
     assert_eq!(ask(&large_one, &small_one, 0.0), Intersection::SceneInside);
@@ -346,7 +347,7 @@ fn enclosed_solids_intersect() {
         for step in 0..=steps {
             let x = 1.5 - 3.0 * f64::from(step) / f64::from(steps);
             let (near, far) = (x.abs() - 0.1, x.abs() + 0.1);
-            let answer = query.intersects(&at(x), &Pose::IDENTITY);
+            let answer = query.intersects(&at(x), &Pose::IDENTITY).unwrap();
             // The balls are polyhedra, a little smaller than round.
             if near > 1.0 {
                 assert_eq!(answer, Intersection::Apart, "{x}");
@@ -359,7 +360,7 @@ fn enclosed_solids_intersect() {
         }
     }
     // From the middle the surface is as far as the solid is thick.
-    let nearest = found(query.distance(&Pose::IDENTITY, &Pose::IDENTITY, f64::INFINITY));
+    let nearest = found(query.distance(&Pose::IDENTITY, &Pose::IDENTITY, f64::INFINITY).unwrap());
     assert!((0.85..0.9).contains(&nearest.distance), "{nearest:?}");
 }
 
@@ -369,7 +370,7 @@ fn what_makes_no_sense_is_refused() {
     let body = Body::new("", mesh.clone(), &clusters(&mesh, 4), Kind::Loose).shape;
     let mut query = ProximityQuery::new(&body, &body);
     let good = Pose::from_translation(DVec3::new(3.0, 0.0, 0.0));
-    let before = query.distance(&good, &Pose::IDENTITY, f64::INFINITY);
+    let before = query.distance(&good, &Pose::IDENTITY, f64::INFINITY).unwrap();
     let bad = [
         Pose::from_translation(DVec3::new(f64::NAN, 0.0, 0.0)),
         Pose::from_translation(DVec3::new(0.0, f64::INFINITY, 0.0)),
@@ -377,27 +378,35 @@ fn what_makes_no_sense_is_refused() {
         Pose::new(DVec3::ZERO, DQuat::from_xyzw(0.0, f64::NAN, 0.0, 1.0)),
     ];
     for pose in bad {
-        assert_eq!(query.distance(&pose, &good, 1.0), SurfaceDistance::Refused);
-        assert_eq!(query.distance(&good, &pose, 1.0), SurfaceDistance::Refused);
-        assert_eq!(query.intersects(&pose, &good), Intersection::Refused);
+        let [probe, scene] =
+            [QueryObject::Probe, QueryObject::Scene].map(|object| QueryError::Pose { object });
+        assert_eq!(query.distance(&pose, &good, 1.0), Err(probe));
+        assert_eq!(query.distance(&good, &pose, 1.0), Err(scene));
+        assert_eq!(query.intersects(&pose, &good), Err(probe));
     }
     for upper in [f64::NAN, -1.0, f64::NEG_INFINITY] {
-        assert_eq!(query.distance(&good, &Pose::IDENTITY, upper), SurfaceDistance::Refused);
+        let error = query.distance(&good, &Pose::IDENTITY, upper);
+        assert!(matches!(error, Err(QueryError::UpperBound { .. })), "{error:?}");
     }
-    assert_eq!(query.distance(&good, &Pose::IDENTITY, f64::INFINITY), before, "nothing is left of it");
+    assert_eq!(
+        query.distance(&good, &Pose::IDENTITY, f64::INFINITY).unwrap(),
+        before,
+        "nothing is left of it"
+    );
     // Far, but finite; and too far for a squared distance.
     for translation in [1e200, f64::MAX] {
         let pose = Pose::from_translation(DVec3::splat(translation));
-        assert_eq!(query.distance(&pose, &Pose::IDENTITY, f64::INFINITY), SurfaceDistance::Refused);
+        let error = Err(QueryError::TooFarApart);
+        assert_eq!(query.distance(&pose, &Pose::IDENTITY, f64::INFINITY), error);
         assert_eq!(
             query.intersects(&pose, &Pose::from_translation(-pose.translation)),
-            Intersection::Refused
+            Err(QueryError::TooFarApart)
         );
     }
     let far = Pose::from_translation(DVec3::splat(1e100));
-    assert_eq!(query.intersects(&far, &Pose::IDENTITY), Intersection::Apart);
-    assert_eq!(query.distance(&far, &Pose::IDENTITY, 1.0), SurfaceDistance::Beyond);
-    assert_eq!(query.distance(&good, &Pose::IDENTITY, f64::INFINITY), before);
+    assert_eq!(query.intersects(&far, &Pose::IDENTITY).unwrap(), Intersection::Apart);
+    assert_eq!(query.distance(&far, &Pose::IDENTITY, 1.0), Ok(None));
+    assert_eq!(query.distance(&good, &Pose::IDENTITY, f64::INFINITY).unwrap(), before);
 }
 
 #[test]
@@ -412,8 +421,11 @@ fn a_warm_query_does_not_allocate() {
             query.reset();
             let mut sum = 0.0;
             for pose in &poses {
-                sum += query.distance(pose, &Pose::IDENTITY, f64::INFINITY).distance().unwrap_or(0.0);
-                sum += f64::from(u8::from(query.intersects(pose, &Pose::IDENTITY).intersects()));
+                sum += query
+                    .distance(pose, &Pose::IDENTITY, f64::INFINITY)
+                    .unwrap()
+                    .map_or(0.0, |nearest| nearest.distance);
+                sum += f64::from(u8::from(query.intersects(pose, &Pose::IDENTITY).unwrap().intersects()));
             }
             sum
         };

@@ -5,7 +5,9 @@ use std::collections::{HashMap, HashSet};
 use crate::oracle::{Triangle, normal};
 use crate::solids::{Body, Kind, clusters, pose, singles, star, torus, vector};
 use palpate_clod_build::{BuildOptions, build, unwatched};
-use palpate_collide::{ContactQuery, ErrorMetrics, PatchContact, QueryOutcome, QuerySettings, Shape};
+use palpate_collide::{
+    ContactQuery, ErrorMetrics, PatchContact, QueryError, QueryObject, QueryOutcome, QuerySettings, Shape,
+};
 use palpate_core::glam::{DQuat, DVec3};
 use palpate_core::{Pose, TriMesh};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
@@ -55,7 +57,7 @@ fn check(
     tally: &mut Tally,
     context: &str,
 ) {
-    let outcome = query.run(pose_a, pose_b, &QuerySettings::new(tolerance));
+    let outcome = query.run(pose_a, pose_b, &QuerySettings::new(tolerance)).unwrap();
     let (ta, tb) = (crate::oracle::placed(&a.mesh, pose_a), crate::oracle::placed(&b.mesh, pose_b));
     let pairs = crate::oracle::pairs_within(&ta, &tb, tolerance);
     let scale = a.radius.max(b.radius);
@@ -119,7 +121,7 @@ fn check(
 }
 
 fn sane(contacts: &[PatchContact], outcome: &QueryOutcome, tolerance: f64, scale: f64, context: &str) {
-    assert!(!outcome.refused && !outcome.overflow && outcome.not_converged == 0, "{context}: {outcome:?}");
+    assert!(!outcome.overflow && outcome.not_converged == 0, "{context}: {outcome:?}");
     assert_eq!(outcome.contacts, contacts.len());
     for PatchContact { contact, .. } in contacts {
         assert!((contact.normal.length() - 1.0).abs() < 1e-9, "{context}: {contact:?}");
@@ -240,7 +242,7 @@ fn aligned_boxes() {
         // Touching to the last bit, and in.
         for depth in [0.0, 1e-12, 1e-9, 1e-4, 0.01] {
             let up = Pose::from_translation(DVec3::new(0.3, 0.2, 1.2 - depth));
-            let outcome = query.run(&up, &Pose::IDENTITY, &QuerySettings::new(0.05));
+            let outcome = query.run(&up, &Pose::IDENTITY, &QuerySettings::new(0.05)).unwrap();
             sane(query.contacts(), &outcome, 0.05, 1.0, name);
             let down = query
                 .contacts()
@@ -267,7 +269,7 @@ fn pressing_past_virtual_faces_is_no_deeper_than_the_press() {
         let mut query = ContactQuery::new(&peg.shape, &plate.shape);
         for press in [0.0, 1e-12, 1e-9, 1e-5, 1e-3, 0.02] {
             let pose = Pose::from_translation(DVec3::new(0.5, -0.3, 0.4 - press));
-            let outcome = query.run(&pose, &Pose::IDENTITY, &QuerySettings::new(1e-3));
+            let outcome = query.run(&pose, &Pose::IDENTITY, &QuerySettings::new(1e-3)).unwrap();
             sane(query.contacts(), &outcome, 1e-3, 1.0, name);
             assert!(!query.contacts().is_empty(), "{name}, press {press}");
             for PatchContact { contact, .. } in query.contacts() {
@@ -290,7 +292,7 @@ fn faces_in_one_plane_touch_at_zero_tolerance() {
         for round in 0..200 {
             let scene = pose(&mut rng, DVec3::new(3.0, -40.0, 0.7));
             let probe = scene * Pose::from_translation(DVec3::new(0.3, 0.2, 1.2));
-            query.run(&probe, &scene, &QuerySettings::new(0.0));
+            query.run(&probe, &scene, &QuerySettings::new(0.0)).unwrap();
             assert!(!query.contacts().is_empty(), "seed {:#x}, round {round}", SEED + 3);
         }
     }
@@ -315,7 +317,7 @@ fn crossing_triangles_always_touch() {
             crate::oracle::placed(&b.mesh, &Pose::IDENTITY),
         );
         let mut query = ContactQuery::new(&a.shape, &b.shape);
-        let outcome = query.run(&Pose::IDENTITY, &Pose::IDENTITY, &QuerySettings::new(0.0));
+        let outcome = query.run(&Pose::IDENTITY, &Pose::IDENTITY, &QuerySettings::new(0.0)).unwrap();
         let context = format!("seed {:#x}, round {round}: {ta:?} {tb:?} {:?}", SEED + 1, query.contacts());
         sane(query.contacts(), &outcome, 0.0, 1.0, &context);
         if crate::oracle::intersect(ta[0], tb[0]) {
@@ -346,7 +348,7 @@ fn depth_of_a_ball_in_a_plane() {
     let mut query = ContactQuery::new(&probe.shape, &scene.shape);
     for depth in [1e-6, 1e-3, 0.01, 0.05] {
         let up = Pose::new(DVec3::new(0.013, 0.021, 1.0 - depth), DQuat::IDENTITY);
-        let outcome = query.run(&up, &Pose::IDENTITY, &QuerySettings::new(0.01));
+        let outcome = query.run(&up, &Pose::IDENTITY, &QuerySettings::new(0.01)).unwrap();
         sane(query.contacts(), &outcome, 0.01, 1.0, "ball in plane");
         // The lowest vertex of the ball is at its pole.
         let deepest = outcome.deepest.unwrap();
@@ -370,8 +372,8 @@ fn swapping_the_bodies_swaps_the_contacts() {
         let direction = vector(&mut rng).normalize() * rng.random_range(1.9..2.1);
         let (pose_a, pose_b) = (pose(&mut rng, DVec3::ONE), pose(&mut rng, DVec3::ONE + direction));
         let settings = QuerySettings::new(0.1);
-        let one = there.run(&pose_a, &pose_b, &settings);
-        let other = back.run(&pose_b, &pose_a, &settings);
+        let one = there.run(&pose_a, &pose_b, &settings).unwrap();
+        let other = back.run(&pose_b, &pose_a, &settings).unwrap();
         assert_eq!(one.contacts, other.contacts, "seed {:#x}, round {round}", SEED + 2);
         let close = |x: Option<f64>, y: Option<f64>| match (x, y) {
             (Some(x), Some(y)) => (x - y).abs() < 1e-9,
@@ -410,7 +412,7 @@ fn the_unit_of_length_does_not_matter() {
             let settings = QuerySettings { tolerance: kind.tolerance * scale, error, ..*kind };
             for pose in &poses {
                 let placed = Pose::new(pose.translation * scale, pose.rotation);
-                query.run(&placed, &Pose::IDENTITY, &settings);
+                query.run(&placed, &Pose::IDENTITY, &settings).unwrap();
                 let mut contacts = query.contacts().to_vec();
                 contacts.iter_mut().for_each(|PatchContact { contact: c, .. }| {
                     (c.point, c.scene_point, c.depth) =
@@ -455,10 +457,10 @@ fn a_full_buffer_says_so_and_bad_input_is_refused() {
     let near = Pose::from_translation(DVec3::X * 0.01);
     let open = QuerySettings::new(0.3);
     let fixed = QuerySettings { fixed_capacity: true, ..open };
-    let full = query.run(&near, &Pose::IDENTITY, &fixed);
+    let full = query.run(&near, &Pose::IDENTITY, &fixed).unwrap();
     assert!(full.overflow && full.contacts > query.contacts().len());
     let merged = query.contacts().to_vec();
-    let grown = query.run(&near, &Pose::IDENTITY, &open);
+    let grown = query.run(&near, &Pose::IDENTITY, &open).unwrap();
     assert!(!grown.overflow && grown.reallocated && grown.contacts == query.contacts().len());
     assert_eq!(full.contacts, grown.contacts);
     for lost in query.contacts() {
@@ -468,12 +470,36 @@ fn a_full_buffer_says_so_and_bad_input_is_refused() {
         };
         assert!(merged.iter().any(near), "nothing stands for {lost:?} within {}", full.merged_within);
     }
-    let again = query.run(&near, &Pose::IDENTITY, &fixed);
+    let again = query.run(&near, &Pose::IDENTITY, &fixed).unwrap();
     assert!(!again.overflow && !again.reallocated);
 
     let lost = Pose::from_translation(DVec3::new(f64::NAN, 0.0, 0.0));
-    for (pose, tolerance) in [(lost, 0.1), (near, -1.0), (near, f64::NAN)] {
-        let refused = query.run(&pose, &Pose::IDENTITY, &QuerySettings::new(tolerance));
-        assert!(refused.refused && query.contacts().is_empty());
+    let mut refused = |probe: &Pose, scene: &Pose, settings: QuerySettings| {
+        let error = query.run(probe, scene, &settings).unwrap_err();
+        assert!(query.contacts().is_empty(), "{error}");
+        error
+    };
+    let origin = Pose::IDENTITY;
+    assert_eq!(refused(&lost, &origin, open), QueryError::Pose { object: QueryObject::Probe });
+    assert_eq!(refused(&near, &lost, open), QueryError::Pose { object: QueryObject::Scene });
+    let most = body.shape.max_tolerance();
+    for given in [-1.0, 1.001 * most, f64::INFINITY] {
+        let error = refused(&near, &origin, QuerySettings::new(given));
+        assert_eq!(error, QueryError::Tolerance { given, most });
+        assert!(error.to_string().contains(&format!("0 to {most} m")), "{error}");
     }
+    let unknown = refused(&near, &origin, QuerySettings::new(f64::NAN));
+    assert!(matches!(unknown, QueryError::Tolerance { .. }));
+    let negative = QuerySettings { error: (-1.0).into(), ..open };
+    assert_eq!(refused(&near, &origin, negative), QueryError::HapticMetric { given: -1.0 });
+    // The largest tolerance is accepted, and an error leaves nothing behind.
+    assert!(query.run(&near, &origin, &QuerySettings::new(most)).unwrap().contacts > grown.contacts);
+    assert_eq!(query.run(&near, &origin, &open).unwrap().contacts, grown.contacts);
+
+    let mut nothing = body.shape.clod().clone();
+    nothing.nodes.clear();
+    let nothing = Shape::new(nothing);
+    assert_eq!(nothing.bounds(), None);
+    let mut query = ContactQuery::new(&body.shape, &nothing);
+    assert_eq!(query.run(&near, &origin, &open), Err(QueryError::Empty { object: QueryObject::Scene }));
 }

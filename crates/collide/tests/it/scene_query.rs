@@ -77,12 +77,12 @@ impl Both {
     }
 
     fn check(&mut self, probe_pose: &Pose, settings: &QuerySettings, context: &str) {
-        let outcome = self.scene.run(probe_pose, settings);
+        let outcome = self.scene.run(probe_pose, settings).unwrap();
         let mut sum = QueryOutcome::default();
         let mut found = self.scene.contacts().peekable();
         let mut last = None;
         for (handle, pose, query) in &mut self.plain {
-            let expected = query.run(probe_pose, pose, settings);
+            let expected = query.run(probe_pose, pose, settings).unwrap();
             let of_object = found.next_if(|found| found.object == *handle);
             let contacts = of_object.map_or(&[][..], |found| found.contacts);
             assert!(agree(contacts, query.contacts()), "{context}, {handle:?}: {contacts:?}");
@@ -95,7 +95,7 @@ impl Both {
         assert_eq!(outcome.query.contacts, sum.contacts, "{context}");
         assert_eq!(outcome.query.deepest.is_some(), sum.deepest.is_some());
         let off = outcome.query.deepest.zip(sum.deepest).map_or(0.0, |(x, y)| (x - y).abs());
-        assert!(off < 1e-8 && !outcome.query.refused && outcome.left_out == 0, "{context}: {outcome:?}");
+        assert!(off < 1e-8 && outcome.invalid == 0 && outcome.left_out == 0, "{context}: {outcome:?}");
         self.contacts += sum.contacts;
         self.tested += outcome.tested;
         self.queried += outcome.queried;
@@ -170,20 +170,20 @@ fn disabled_objects_are_not_touched() {
     let poses = [DVec3::X, -DVec3::X].map(|at| Pose::from_translation(1.9 * at));
     let [right, left] = poses.map(|pose| scene.add(&shape, &pose));
     let touched = |scene: &SceneQuery| scene.contacts().map(|found| found.object).collect::<Vec<_>>();
-    scene.run(&Pose::IDENTITY, &settings);
+    scene.run(&Pose::IDENTITY, &settings).unwrap();
     assert_eq!(touched(&scene), [right, left]);
     assert!(scene.set_enabled(right, false));
     assert_eq!(touched(&scene), [left]);
-    assert_eq!(scene.run(&Pose::IDENTITY, &settings).queried, 1);
+    assert_eq!(scene.run(&Pose::IDENTITY, &settings).unwrap().queried, 1);
     // It is still where it is moved.
     assert!(scene.set_pose(right, &poses[1]) && scene.set_pose(left, &poses[0]));
     assert!(scene.set_enabled(right, true));
-    assert_eq!(scene.run(&Pose::IDENTITY, &settings).queried, 2);
+    assert_eq!(scene.run(&Pose::IDENTITY, &settings).unwrap().queried, 2);
     assert_eq!(touched(&scene), [right, left]);
     assert!(scene.remove(right) && scene.shape(right).is_none());
     let again = scene.add(&shape, &poses[1]);
     assert!(again > right && scene.len() == 2, "a handle of its own");
-    scene.run(&Pose::IDENTITY, &settings);
+    scene.run(&Pose::IDENTITY, &settings).unwrap();
     assert_eq!(touched(&scene), [again, left]);
 }
 
@@ -195,26 +195,27 @@ fn what_is_not_valid_is_refused_and_said() {
     let good = scene.add(&shape, &Pose::from_translation(1.9 * DVec3::X));
     let bad = scene.add(&shape, &Pose::from_translation(DVec3::NAN));
     let far = scene.add(&shape, &Pose::from_translation(1e300 * DVec3::ONE));
-    let outcome = scene.run(&Pose::IDENTITY, &settings);
-    assert!(outcome.query.refused && outcome.query.contacts > 0, "{outcome:?}");
+    let outcome = scene.run(&Pose::IDENTITY, &settings).unwrap();
+    assert!(outcome.invalid == 1 && outcome.query.contacts > 0, "{outcome:?}");
     assert!(scene.contacts().all(|found| found.object == good || found.contacts.is_empty()));
     assert!(scene.set_pose(bad, &Pose::from_translation(-1.9 * DVec3::X)));
     assert!(scene.set_pose(far, &Pose::from_translation(1e3 * DVec3::ONE)));
-    let outcome = scene.run(&Pose::IDENTITY, &settings);
-    assert!(!outcome.query.refused && outcome.queried == 2, "{outcome:?}");
+    let outcome = scene.run(&Pose::IDENTITY, &settings).unwrap();
+    assert!(outcome.invalid == 0 && outcome.queried == 2, "{outcome:?}");
     for (pose, settings) in [
         (Pose::from_translation(DVec3::INFINITY), settings),
         (Pose::new(DVec3::ZERO, DQuat::from_xyzw(1.0, 1.0, 0.0, 0.0)), settings),
         (Pose::IDENTITY, QuerySettings::new(f64::NAN)),
         (Pose::IDENTITY, QuerySettings::new(-1.0)),
+        (Pose::IDENTITY, QuerySettings::new(1.001 * shape.max_tolerance())),
         (Pose::IDENTITY, QuerySettings { error: f64::NAN.into(), ..settings }),
     ] {
-        let outcome = scene.run(&pose, &settings);
-        assert!(outcome.query.refused && scene.contacts().next().is_none(), "{pose:?}, {settings:?}");
+        let refused = scene.run(&pose, &settings);
+        assert!(refused.is_err() && scene.contacts().next().is_none(), "{pose:?}, {settings:?}");
     }
-    assert_eq!(scene.run(&Pose::IDENTITY, &settings).queried, 2);
-    let empty = SceneQuery::new(&shape).run(&Pose::IDENTITY, &settings);
-    assert!(!empty.query.refused && empty.query.contacts == 0, "{empty:?}");
+    assert_eq!(scene.run(&Pose::IDENTITY, &settings).unwrap().queried, 2);
+    let empty = SceneQuery::new(&shape).run(&Pose::IDENTITY, &settings).unwrap();
+    assert!(empty.invalid == 0 && empty.query.contacts == 0, "{empty:?}");
 }
 
 /// Thousands of instances, of which few are within reach at once.
@@ -232,7 +233,7 @@ fn workspaces_go_from_object_to_object() {
     let mut pass = |steps: std::ops::Range<i32>| {
         for step in steps {
             let pose = Pose::from_translation(0.5 * f64::from(step) * DVec3::X + 1.1 * DVec3::Y);
-            let outcome = scene.run(&pose, &settings);
+            let outcome = scene.run(&pose, &settings).unwrap();
             assert!(outcome.left_out == 0 && outcome.queried <= 2, "{outcome:?}");
             contacts += outcome.query.contacts;
         }
@@ -245,11 +246,11 @@ fn workspaces_go_from_object_to_object() {
         scene.add(&shape, &Pose::new(1e4 * DVec3::X + 0.1 * offset * DVec3::Y, DQuat::IDENTITY));
     }
     let pose = Pose::from_translation(1e4 * DVec3::X);
-    let outcome = scene.run(&pose, &settings);
+    let outcome = scene.run(&pose, &settings).unwrap();
     assert!(outcome.left_out == 1 && outcome.queried == 2, "{outcome:?}");
-    let outcome = scene.run(&pose, &QuerySettings::new(TOLERANCE));
+    let outcome = scene.run(&pose, &QuerySettings::new(TOLERANCE)).unwrap();
     assert!(outcome.left_out == 0 && outcome.queried == 3 && outcome.query.reallocated, "{outcome:?}");
-    scene.run(&Pose::from_translation(-100.0 * DVec3::X), &settings);
+    scene.run(&Pose::from_translation(-100.0 * DVec3::X), &settings).unwrap();
     scene.shrink();
     assert!(scene.bytes() < bytes, "{} of {bytes} bytes", scene.bytes());
 }
@@ -276,7 +277,7 @@ fn a_warm_scene_does_not_allocate() {
                 scene.set_pose(*object, &turned);
             }
             scene.set_enabled(objects[30].0, step % 2 == 0);
-            contacts += scene.run(&pose, &QuerySettings::new(TOLERANCE)).query.contacts;
+            contacts += scene.run(&pose, &QuerySettings::new(TOLERANCE)).unwrap().query.contacts;
         }
         contacts
     };
@@ -301,7 +302,7 @@ fn a_budget_is_shared() {
     let fine = QuerySettings { error: 1e-6.into(), ..QuerySettings::new(TOLERANCE) };
     let mut made = |budget| {
         scene.reset();
-        let outcome = scene.run(&Pose::IDENTITY, &QuerySettings { budget, ..fine });
+        let outcome = scene.run(&Pose::IDENTITY, &QuerySettings { budget, ..fine }).unwrap();
         assert_eq!(outcome.queried, 4);
         (outcome.query.convex_queries, outcome.query.out_of_budget)
     };
@@ -326,7 +327,7 @@ fn shapes_go_with_their_last_object() {
     let mut scene = SceneQuery::new(&probe);
     let stays = scene.add(&shapes[2], &Pose::IDENTITY);
     let contacts = |scene: &mut SceneQuery| {
-        scene.run(&Pose::IDENTITY, &settings);
+        scene.run(&Pose::IDENTITY, &settings).unwrap();
         scene.contacts().map(|with| (with.object, with.contacts.to_vec())).collect::<Vec<_>>()
     };
     let alone = contacts(&mut scene);

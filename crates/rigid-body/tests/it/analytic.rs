@@ -1,7 +1,7 @@
 //! Motions whose course is known.
 
 use crate::worlds::{ball, block};
-use palpate_collide::{ErrorMetrics, Shape};
+use palpate_collide::{ErrorMetrics, QueryError, Shape};
 use palpate_core::glam::{DQuat, DVec3};
 use palpate_core::{Pose, Twist};
 use palpate_rigid_body::{BodyState, RigidBody, Settings, SettingsError, Simulation, StepError};
@@ -166,14 +166,19 @@ fn settings_and_steps_that_make_no_sense_are_refused() {
         Simulation::new(body, &shape, &ground, GROUND, start, settings)
     };
     type Refused = fn(&SettingsError) -> bool;
-    let wrong: [(Settings, Refused); 7] = [
+    let wrong: [(Settings, Refused); 8] = [
         (Settings { gravity: DVec3::NAN, ..good }, |e| matches!(e, SettingsError::Gravity { .. })),
         (Settings { restitution: 1.1, ..good }, |e| matches!(e, SettingsError::Restitution { .. })),
         (Settings { restitution: f64::NAN, ..good }, |e| matches!(e, SettingsError::Restitution { .. })),
         (Settings { friction: -0.1, ..good }, |e| matches!(e, SettingsError::Friction { .. })),
         (Settings { tolerance: 0.0, ..good }, |e| matches!(e, SettingsError::Tolerance { .. })),
         (Settings { travel: f64::INFINITY, ..good }, |e| matches!(e, SettingsError::Travel { .. })),
-        (Settings { error: ErrorMetrics::from(-1.0), ..good }, |e| *e == SettingsError::Query),
+        (Settings { error: ErrorMetrics::from(-1.0), ..good }, |e| {
+            *e == SettingsError::Query(QueryError::HapticMetric { given: -1.0 })
+        }),
+        (Settings { tolerance: 1.0, ..good }, |e| {
+            matches!(e, SettingsError::Query(QueryError::Tolerance { given: 1.0, .. }))
+        }),
     ];
     for (settings, refused) in wrong {
         let error = new(settings, start).expect_err("refused");

@@ -183,7 +183,7 @@ impl World {
             }
             if step % 10 == 0 {
                 let frame = self.body.frame(simulation.state());
-                let depth = exact.run(&frame, &Pose::IDENTITY, &QuerySettings::new(0.0)).deepest;
+                let depth = exact.run(&frame, &Pose::IDENTITY, &QuerySettings::new(0.0)).unwrap().deepest;
                 found.depth = found.depth.max(depth.unwrap_or(0.0));
             }
         }

@@ -63,7 +63,7 @@ impl Profile {
             let mut clustering = Clustering::new(CLUSTERS);
             for (pose, least) in poses.iter().zip(&mut time) {
                 let begun = Instant::now();
-                let outcome = query.run(pose, &Pose::IDENTITY, &settings);
+                let outcome = query.run(pose, &Pose::IDENTITY, &settings).expect("valid poses and settings");
                 *least = least.min(begun.elapsed().as_secs_f64());
                 if round == 0 {
                     let clusters = clustering.run(query.contacts(), tolerance, pose);

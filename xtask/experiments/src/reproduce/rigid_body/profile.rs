@@ -42,7 +42,8 @@ impl Profile {
                 let error = scenario.error(metric, sample.twist);
                 let settings = QuerySettings { error, ..QuerySettings::new(scenario.tolerance()) };
                 let begun = Instant::now();
-                let outcome = query.run(&sample.pose, &Pose::IDENTITY, &settings);
+                let outcome =
+                    query.run(&sample.pose, &Pose::IDENTITY, &settings).expect("valid poses and settings");
                 *least = least.min(begun.elapsed().as_secs_f64());
                 *front = outcome.front;
             }

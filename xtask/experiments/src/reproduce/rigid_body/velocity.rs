@@ -55,7 +55,7 @@ fn seen(scenario: &Scenario, path: &[Vec<QuerySample>], metric: Metric) -> Vec<S
     for sample in path.iter().flatten() {
         let error = scenario.error(metric, sample.twist);
         let settings = QuerySettings { error, ..QuerySettings::new(scenario.tolerance()) };
-        query.run(&sample.pose, &Pose::IDENTITY, &settings);
+        query.run(&sample.pose, &Pose::IDENTITY, &settings).expect("valid poses and settings");
         let deepest = query.contacts().iter().max_by(|x, y| x.contact.depth.total_cmp(&y.contact.depth));
         seen.extend(deepest.map(|contact| Seen::of(scenario, sample, contact)));
     }
