@@ -63,7 +63,7 @@ const CONTACTS: usize = 1 << 14;
 pub const MAX_CONTACTS: usize = 1 << 20;
 
 /// A workspace holds up to this many pairs of nodes on and above the front, unless [`ContactQuery::with_capacity`] makes
-/// more room: further ones are gone through in every query ([`QueryOutcome::front_overflow`]). They take some 1 GB.
+/// more room: further ones are gone through in every query ([`QueryOutcome::front_overflow`]). They take some 0.6 GB.
 pub const MAX_PAIRS: usize = 1 << 22;
 
 /// Hulls of more points than this are not tested above the leaves, but split at once: they belong to the upper free

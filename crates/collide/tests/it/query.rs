@@ -6,7 +6,8 @@ use crate::oracle::{Triangle, normal};
 use crate::solids::{Body, Kind, clusters, pose, singles, star, torus, vector};
 use palpate_clod_build::{BuildOptions, build, unwatched};
 use palpate_collide::{
-    ContactQuery, ErrorMetrics, PatchContact, QueryError, QueryObject, QueryOutcome, QuerySettings, Shape,
+    ContactQuery, ErrorMetrics, MAX_CONTACTS, MAX_PAIRS, PatchContact, QueryError, QueryObject, QueryOutcome,
+    QuerySettings, Shape,
 };
 use palpate_core::glam::{DQuat, DVec3};
 use palpate_core::{Pose, TriMesh};
@@ -502,4 +503,22 @@ fn a_full_buffer_says_so_and_bad_input_is_refused() {
     assert_eq!(nothing.bounds(), None);
     let mut query = ContactQuery::new(&body.shape, &nothing);
     assert_eq!(query.run(&near, &origin, &open), Err(QueryError::Empty { object: QueryObject::Scene }));
+}
+
+/// Two hollow balls of which a quarter of all pairs of triangles are within a radius: near contacts are merged, and memory is
+/// bounded. Within half of that all contacts are kept.
+#[test]
+fn a_growing_workspace_stops_at_its_bounds() {
+    let mesh = star(4, |_| 1.0);
+    let body = Body::new(mesh.clone(), &singles(&mesh), Kind::Open);
+    let mut query = ContactQuery::new(&body.shape, &body.shape);
+    let near = Pose::from_translation(DVec3::X * 0.01);
+    let most = body.shape.max_tolerance();
+    let half = query.run(&near, &Pose::IDENTITY, &QuerySettings::new(0.5 * most)).unwrap();
+    assert!(!half.overflow && half.contacts == query.contacts().len(), "{half:?}");
+    assert!(half.contacts > 100_000, "{half:?}");
+    let whole = query.run(&near, &Pose::IDENTITY, &QuerySettings::new(most)).unwrap();
+    assert!(whole.contacts > MAX_CONTACTS && whole.overflow && !whole.front_overflow, "{whole:?}");
+    assert!(query.contacts().len() <= MAX_CONTACTS && whole.front_high_water <= MAX_PAIRS);
+    assert!(query.bytes() < 800_000_000, "{} bytes", query.bytes());
 }
