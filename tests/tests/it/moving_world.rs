@@ -4,8 +4,8 @@ use palpate::device::{DeviceState, Emulation, IntendedPath, Status};
 use palpate::dynamics::BodyState;
 use palpate::glam::{DMat3, DVec3};
 use palpate::{
-    ContactLoop, HapticLoop, HapticRenderer, Mobility, Object, Pose, Reactions, Record, Scene, SceneEditor,
-    SceneId, Settings, Twist,
+    ContactLoop, EditError, HapticLoop, HapticRenderer, Mobility, Object, Pose, Reactions, Record, Scene,
+    SceneEditor, SceneId, Settings, Twist,
 };
 use palpate_tests::{FreeBody, model};
 
@@ -316,9 +316,10 @@ fn motions_and_mobilities_are_checked() {
     assert!(rig.scene.set_motion(id, Pose::from_translation(DVec3::NAN), Twist::ZERO).is_err());
     rig.scene.set_mobility(id, Some(good)).expect("a mobility");
     rig.scene.set_mobility(id, None).expect("none");
-    rig.scene.set_mobility(SceneId(7), Some(good)).expect("it waits");
+    let unknown = EditError::Unknown(SceneId(7));
+    assert_eq!(rig.scene.set_mobility(SceneId(7), Some(good)), Err(unknown));
     rig.step();
-    assert_eq!(rig.contact.telemetry().events.edit_refused, 1);
+    assert_eq!(rig.contact.telemetry().events.edit_refused, 0);
     // As fast as numbers go.
     rig.scene.set_motion(id, Pose::IDENTITY, Twist::new(DVec3::X * 1e300, DVec3::ONE * 1e300)).expect("room");
     for _ in 0..100 {
