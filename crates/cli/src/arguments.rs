@@ -60,10 +60,10 @@ impl Json {
 /// How a mesh is read.
 #[derive(Args)]
 pub struct Reading {
-    /// Factor on the lengths of every mesh given: 0.001 for files in millimetres
+    /// Factor on the mesh's lengths: 0.001 for files in millimetres
     #[arg(long, default_value_t = 1.0, value_name = "S")]
     pub scale: f64,
-    /// Repair each mesh into an oriented 2-manifold without self-intersections, and report what changed
+    /// Repair the mesh into an oriented 2-manifold without self-intersections, and report what changed
     #[arg(long)]
     pub repair: bool,
 }
@@ -77,7 +77,7 @@ impl Reading {
 /// How two meshes that touch each other are read.
 #[derive(Args)]
 pub struct PairReading {
-    /// Factor on the lengths of both meshes: 0.001 for files in millimetres
+    /// Factor on the lengths of both meshes: 0.001 for files in millimetres; objects of a scene file have their own
     #[arg(long, default_value_t = 1.0, value_name = "S")]
     scale: f64,
     /// Factor on the probe's lengths alone [default: --scale]
@@ -111,6 +111,24 @@ impl PairReading {
     /// Whether anything is asked for of the scene's mesh alone.
     pub fn is_scene_given(&self) -> bool {
         self.scene_scale.is_some() || self.scene_repair
+    }
+
+    /// These as they are given on a command line.
+    pub fn words(&self) -> Vec<String> {
+        let scales = [
+            ("--scale", (self.scale != 1.0).then_some(self.scale)),
+            ("--probe-scale", self.probe_scale),
+            ("--scene-scale", self.scene_scale),
+        ];
+        let repairs = [
+            ("--repair", self.repair),
+            ("--probe-repair", self.probe_repair),
+            ("--scene-repair", self.scene_repair),
+        ];
+        let scales = scales.into_iter().filter_map(|(name, scale)| Some(format!("{name} {}", scale?)));
+        scales
+            .chain(repairs.into_iter().filter(|(_, given)| *given).map(|(name, _)| name.to_owned()))
+            .collect()
     }
 
     fn options(&self, scale: Option<f64>, repair: bool) -> OpenOptions {
@@ -596,6 +614,22 @@ mod tests {
     fn the_arguments_are_consistent() {
         use clap::CommandFactory;
         Arguments::command().debug_assert();
+    }
+
+    #[test]
+    fn how_a_pair_is_read_is_given_again_as_it_was() {
+        let parse = |words: &[&str]| {
+            let run = ["palpate", "run", "a.obj", "b.obj"];
+            match Arguments::parse_from(run.iter().chain(words)).command {
+                Command::Run(run) => run.reading,
+                _ => panic!("it is `run`"),
+            }
+        };
+        assert!(parse(&[]).words().is_empty());
+        let reading = parse(&["--scale", "0.001", "--scene-scale", "1", "--probe-repair"]);
+        assert_eq!(reading.words(), ["--scale 0.001", "--scene-scale 1", "--probe-repair"]);
+        assert_eq!((reading.of_probe().scale, reading.of_probe().repair), (0.001, true));
+        assert_eq!((reading.of_scene().scale, reading.of_scene().repair), (1.0, false));
     }
 
     #[test]

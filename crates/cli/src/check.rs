@@ -70,6 +70,8 @@ pub fn run(arguments: &CheckArguments) -> Result<(), Failure> {
         table.row([&"boundary edges", &r.boundary_edges, &edge(&first.boundary_edge)]);
         table.row([&"non-manifold edges", &r.nonmanifold_edges, &edge(&first.nonmanifold_edge)]);
         table.row([&"misoriented edges", &r.misoriented_edges, &edge(&first.misoriented_edge)]);
+        let vertex = at(first.nonmanifold_vertex.map(|i| i.to_string()));
+        table.row([&"non-manifold vertices", &r.nonmanifold_vertices, &vertex]);
         table.row([&"degenerate triangles", &r.degenerate, &at(first.degenerate.map(|i| i.to_string()))]);
         table.row([&"duplicate triangles", &r.duplicate, &at(first.duplicate.map(|i| i.to_string()))]);
         table.row([&"non-finite vertices", &r.nonfinite, &at(first.nonfinite.map(|i| i.to_string()))]);
@@ -77,8 +79,9 @@ pub fn run(arguments: &CheckArguments) -> Result<(), Failure> {
         table.row([&"self-intersections", self_intersections, &at(crossing)]);
         table.row([&"bounding radius", &format!("{:.6} m", r.bounding_radius)]);
         table.row([&"volume", &format!("{:.6e} m³", r.volume)]);
-        table.row([&"verdict", &check.verdict.in_words(&arguments.mesh, faults)]);
-        if faults.iter().any(|fault| !fault.starts_with("the triangles")) {
+        let doubts = if check.warnings.is_empty() { "" } else { "; see the warnings" };
+        table.row([&"verdict", &format!("{}{doubts}", check.verdict.in_words(&arguments.mesh, faults))]);
+        if !(faults.is_empty() && r.closed) {
             table.row([
                 &"",
                 &"vertices and triangles are counted from 0, vertices after equal ones were merged",

@@ -157,6 +157,7 @@ fn told(advice: &Advice<'_>) -> Vec<(&'static str, String)> {
 /// The command that renders with a choice, besides what else was given.
 fn command(arguments: &RecommendArguments, choice: &Choice) -> String {
     let mut words = vec![format!("palpate run {} {}", arguments.probe, arguments.scene)];
+    words.extend(arguments.reading.words());
     if choice.error > 0.0 {
         words.push(format!("--error {:.4e}", choice.error));
         if !choice.interpolation {

@@ -101,7 +101,7 @@ mod tests {
 
     #[test]
     fn values_are_short_and_have_units() {
-        let settings = Settings { coupling_stiffness: Some(1234.567_89), ..Settings::default() };
+        let settings = Settings { coupling_stiffness: Some(1_234.567_89), ..Settings::default() };
         let rows = rows(&settings);
         let value = |name: &str| &rows.iter().find(|(label, _)| label == name).expect(name).1;
         assert_eq!(value("rate"), "1000 Hz");

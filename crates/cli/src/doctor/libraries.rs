@@ -109,10 +109,10 @@ mod tests {
         std::fs::write(etc.join("ld.so.conf.d/maker.conf"), format!("# here\n{}\n", lib.display())).unwrap();
         let folders = configured(&etc);
         if cfg!(unix) {
-            assert_eq!(folders, [lib.clone()]);
+            assert_eq!(folders, std::slice::from_ref(&lib));
         }
         let library = SdkLibrary { variable: "PALPATE_NO_SUCH_VARIABLE", ..SdkLibrary::FORCE_DIMENSION };
-        assert_eq!(find(&library, &[lib.clone()]), None);
+        assert_eq!(find(&library, std::slice::from_ref(&lib)), None);
         let file = lib.join(library.names[1]);
         std::fs::write(&file, "").unwrap();
         assert_eq!(find(&library, &[lib]), Some(file));
