@@ -8,12 +8,11 @@ use std::f64::consts::TAU;
 use palpate::device::Emulation;
 use palpate::glam::DVec3;
 use palpate::{HapticRenderer, Pose, Scene, Settings};
-use palpate_examples::{Options, open, path, smooth};
+use palpate_examples::{Options, open_all, path, smooth};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let options = Options::parse("Renders an upper jaw that an emulated hand closes on a lower one")?;
-    let upper = open("upper-jaw")?;
-    let lower = open("lower-jaw")?;
+    let [upper, lower] = open_all(["upper-jaw", "lower-jaw"])?;
     let path = path(options.seconds, chewing)?;
     let device = Emulation::default().open(path)?;
     let scene = Scene::new().with(lower, Pose::IDENTITY);

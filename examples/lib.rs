@@ -10,12 +10,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use palpate::device::{Interpolation, Keyframe, MotionPath, PathError};
 use palpate::models::Model;
 use palpate::texture_pd::BakeOptions;
 use palpate::{
-    ContactTiming, HapticRenderer, Object, OpenOptions, Pose, Record, RecordWriter, Session, Summary,
+    ContactTiming, HapticRenderer, Object, OpenError, OpenOptions, Pose, Record, RecordWriter, Session,
+    Summary,
 };
 use palpate_report::{Machine, Rendered, Report};
 
@@ -95,17 +96,46 @@ pub fn write_report(
 /// # Errors
 /// If there is no such file or model, or the mesh cannot be used.
 pub fn open(name: &str) -> Result<Object, Box<dyn Error>> {
-    let bar = bar(name);
-    let object = Object::open(name, &OpenOptions::default(), &mut |stage, fraction| {
-        bar.set_message(format!("{name}: {stage}"));
-        bar.set_position((1000.0 * fraction) as u64);
-        ControlFlow::Continue(())
-    })?;
-    bar.finish_and_clear();
-    let source = &object.clod.source;
-    let patches = object.clod.leaves().len();
-    say(name, format_args!("{} triangles, {patches} convex patches", source.triangles))?;
+    let [object] = open_all([name])?;
     Ok(object)
+}
+
+/// Several objects, opened side by side.
+///
+/// # Errors
+/// As [`open`].
+pub fn open_all<const N: usize>(names: [&str; N]) -> Result<[Object; N], Box<dyn Error>> {
+    let bars = MultiProgress::new();
+    let opened = std::thread::scope(|scope| {
+        let begun = names.map(|name| scope.spawn(|| open_one(name, &bars)));
+        begun.map(|thread| thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+    });
+    let mut objects = Vec::new();
+    for object in opened {
+        let object = object?;
+        let (triangles, patches) = (object.clod.source.triangles, object.clod.leaves().len());
+        say(&object.name, format_args!("{triangles} triangles, {patches} convex patches"))?;
+        objects.push(object);
+    }
+    objects.try_into().map_err(|_| "not all objects were opened".into())
+}
+
+fn open_one(name: &str, bars: &MultiProgress) -> Result<Object, OpenError> {
+    let mut shown = None;
+    let object = Object::open(name, &OpenOptions::default(), &mut |stage, fraction| {
+        let bar = shown.get_or_insert_with(|| {
+            // Where there is no bar to be seen, a line says what takes its time.
+            let _ = bars.suspend(|| say(name, "building contact levels of detail, kept for the next time"));
+            bars.add(bar(name))
+        });
+        bar.set_message(format!("{name}: {stage}"));
+        bar.set_position((1000.0 * stage.of_build(fraction)) as u64);
+        ControlFlow::Continue(())
+    });
+    if let Some(bar) = shown {
+        bar.finish_and_clear();
+    }
+    object
 }
 
 /// A built-in model at so many triangles, with a texture of texels of a size (m) that is baked from it at full resolution.
@@ -159,7 +189,7 @@ pub fn smooth(x: f64) -> f64 {
 
 /// A progress bar on the terminal, from 0 to 1000.
 fn bar(message: &str) -> ProgressBar {
-    let style = ProgressStyle::with_template("{msg:36}{bar:30} {percent:>3} %");
+    let style = ProgressStyle::with_template("{msg:36}{bar:30} {percent:>3} %, {eta} left");
     let bar = ProgressBar::new(1000).with_message(message.to_owned());
     if let Ok(style) = style { bar.with_style(style) } else { bar }
 }

@@ -132,8 +132,10 @@ fn ci(full: bool) -> Result<(), Failure> {
     run_tests(&mut steps)?;
     let strict = ["--all-targets", "--", "-D", "warnings"];
     steps.cargo("clippy", &[["clippy", "--locked"].as_slice(), &WORKSPACE, &strict].concat(), &[])?;
-    for package in ["palpate", "palpate-texture-pd", "palpate-device"] {
-        let check = ["check", "--package", package, "--no-default-features", "--locked"];
+    // One by one, for cargo unifies the features of packages that it checks together.
+    for package in ["palpate-mesh-io", "palpate-texture-pd", "palpate-device", "palpate"] {
+        let check =
+            ["clippy", "--package", package, "--no-default-features", "--locked", "--", "-D", "warnings"];
         steps.cargo(&format!("{package} without features"), &check, &[])?;
     }
     let warnings = [("RUSTDOCFLAGS", "-D warnings")];

@@ -18,17 +18,15 @@ pub fn bar(what: &str) -> ProgressBar {
     bar
 }
 
-/// Shows the stages of a build on a bar.
+/// Shows the stages of a build on a bar, with an estimate of the whole.
 pub fn of_build<'a>(bar: &'a ProgressBar, name: &'a str) -> impl FnMut(Stage, f64) -> ControlFlow<()> + 'a {
     let mut shown = None;
     move |stage, fraction| {
         if shown != Some(stage) {
             bar.set_message(format!("{name}: {stage}"));
-            bar.reset_elapsed();
-            bar.reset_eta();
             shown = Some(stage);
         }
-        set(bar, fraction);
+        set(bar, stage.of_build(fraction));
         ControlFlow::Continue(())
     }
 }

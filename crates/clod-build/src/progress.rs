@@ -21,6 +21,21 @@ pub enum Stage {
     Parameters,
 }
 
+impl Stage {
+    /// How much of a whole build is done, from 0 to 1, when a fraction of this stage is: for progress bars with an estimate. Stages
+    /// count by their share of the time for the models of Table 3.2, with simplification.
+    pub fn of_build(self, fraction: f64) -> f64 {
+        let (begin, end) = match self {
+            Self::Mesh => (0.0, 0.01),
+            Self::Decomposition => (0.01, 0.1),
+            Self::Simplification => (0.1, 0.9),
+            Self::Hierarchy => (0.9, 0.91),
+            Self::Parameters => (0.91, 1.0),
+        };
+        begin + (end - begin) * fraction.clamp(0.0, 1.0)
+    }
+}
+
 impl std::fmt::Display for Stage {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
@@ -89,5 +104,23 @@ impl<'a> Progress<'a> {
 impl From<Cancelled> for crate::BuildError {
     fn from(_: Cancelled) -> Self {
         Self::Cancelled
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{BuildOptions, build};
+
+    #[test]
+    fn progress_of_a_build_never_goes_back() {
+        let mesh = palpate_models::Model::Torus.generate(2000).expect("in range");
+        let mut done = vec![0.0];
+        let watch = &mut |stage: Stage, fraction| {
+            done.push(stage.of_build(fraction));
+            ControlFlow::Continue(())
+        };
+        build(&mesh, &BuildOptions::default(), watch).expect("a good mesh");
+        assert!(done.is_sorted() && done.last() == Some(&1.0), "{done:?}");
     }
 }

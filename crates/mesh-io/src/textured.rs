@@ -63,14 +63,13 @@ pub enum TextureWrap {
 /// # Errors
 /// If the file cannot be read.
 pub fn names_height_texture(path: &Path) -> Result<bool, LoadError> {
-    #[cfg(not(feature = "gltf"))]
-    let names = false;
-    #[cfg(feature = "gltf")]
-    let names = path
+    let named = path
         .extension()
-        .is_some_and(|extension| ["gltf", "glb"].iter().any(|gltf| extension.eq_ignore_ascii_case(gltf)))
-        && gltf_scene::names_height_texture(&read_file(path)?, path);
-    Ok(names)
+        .is_some_and(|extension| ["gltf", "glb"].iter().any(|gltf| extension.eq_ignore_ascii_case(gltf)));
+    #[cfg(feature = "gltf")]
+    let named = named && gltf_scene::names_height_texture(&read_file(path)?, path);
+    // Without the reader, `load_uv` refuses the file and says why.
+    Ok(named)
 }
 
 /// Loads a mesh with texture coordinates; the extension names the format: .obj, .gltf or .glb.

@@ -21,6 +21,7 @@ pub use udev::udev_rules;
 pub use wooden_haptics::{EncodedMotion, Encoders, WoodenHapticsCodec, WoodenHapticsModel};
 
 /// The longest report of HID that is read or written here, bytes, with its number.
+#[cfg(feature = "hid")]
 const LONGEST: usize = 65;
 
 /// The drivers of HID devices in this crate.
