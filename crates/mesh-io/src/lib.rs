@@ -13,9 +13,10 @@
 //!
 //! Files come from anywhere: whatever the bytes, [`load`] and [`load_uv`] return a mesh or one line that says what is wrong, where,
 //! and what to do. It does not panic, its memory is bounded by the size of the files (and for glTF, whose nodes can
-//! repeat a mesh, by a limit of its own), and no file is walked recursively. No parser needs to be fenced off: those of
-//! other crates that are used (JSON and GLB of `gltf`, binary STL of `stl_io`) are handed nothing whose lengths have
-//! not been checked, and indices, counts and offsets are always resolved here.
+//! repeat a mesh, by a limit of its own), and no file is walked recursively. The parsers of other crates (JSON and GLB of
+//! `gltf`, binary STL of `stl_io`, OBJ of `tobj`) get nothing whose lengths have not been checked. Indices, counts and
+//! offsets are resolved here, except for the indices of OBJ files, which `tobj` holds against what the file has; those on
+//! which it overflows are refused before.
 
 mod error;
 mod formats;

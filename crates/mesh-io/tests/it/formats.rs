@@ -202,6 +202,10 @@ fn obj_of_many_faces_has_one_pool_of_vertices() {
         let loaded = folder.load("many.obj", content).unwrap();
         assert_eq!((loaded.mesh, loaded.raw_vertices), (expected.clone(), count));
     }
+    // A vertex that no face names leaves the order of the others alone.
+    let loaded = folder.load("unused.obj", "v 5 5 5\nv 1 0 0\nv 0 1 0\nv 0 0 0\nf 2 3 4\n").unwrap();
+    assert_eq!(loaded.mesh.vertices(), [DVec3::X, DVec3::Y, DVec3::ZERO]);
+    assert_eq!(loaded.raw_vertices, 4);
     // A fault far behind is found.
     folder.expect_error(
         "far.obj",

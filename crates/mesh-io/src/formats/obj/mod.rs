@@ -1,20 +1,20 @@
 //! Wavefront OBJ, read by the crate `tobj`.
 //!
-//! What tobj gets is what bears on the surface: the lines of vertices and faces, and where texture coordinates are
-//! asked for theirs, one at a time through [`Feed`]. That leaves out or puts right what tobj would stumble over:
+//! [`Feed`] passes on the lines that describe the surface, `v` and `f`, and `vt` where texture coordinates are asked for. On
+//! the way it removes or rewrites what `tobj` gets wrong:
 //!
-//! - objects, groups and materials, for which it starts new models with vertices of their own;
-//! - polylines, which it takes for faces;
-//! - names and comments, which it wants in UTF-8 throughout, and comments after data, which it takes for data;
+//! - objects, groups and materials: `tobj` starts a new model at each, with vertices of its own;
+//! - polylines: `tobj` takes them for faces;
+//! - names and comments: `tobj` refuses any that are not UTF-8, and takes a comment after data for data;
 //! - lines continued with a backslash, lines that end in a carriage return alone, and the keyword `fo`;
-//! - the weight or colour of a vertex: it divides by the one, and refuses a file that gives only some vertices the other;
+//! - the weight of a vertex, by which `tobj` divides, and its colour, without which `tobj` refuses some files where other
+//!   vertices have one;
 //! - texture coordinates without v, and numbers as Microsoft's C library prints them, such as `1.#IND`.
 //!
-//! `tobj` numbers the vertices of each model as faces come to name them; the number in the file comes back as the
-//! vertex's colour. Polygons are cut here: it cuts them into fans, concave ones too. Of texture coordinates it
-//! makes up those that are missing or have the number 0, and overflows on relative numbers out of range, so that faces with
-//! texture coordinates are checked before it sees them. Its errors name no line: where it refuses a file,
-//! [`first_fault`] finds the line and the word.
+//! `tobj` renumbers the vertices of each model; each carries its number in the file as its colour, so that they all stay in
+//! one pool. Polygons are triangulated here: `tobj` cuts even concave ones into fans. Where a texture coordinate is missing or
+//! has the number 0, `tobj` makes one up, and on relative ones out of range it overflows, so these faces are checked before
+//! it sees them. Its errors name no line: [`first_fault`] finds the line of what it refuses.
 //!
 //! Departures from the letter of the format, as other readers have them: `nan` and `inf` are numbers; faces of fewer
 //! than three corners are skipped with a warning; the weight of a vertex, meant for rational curves, is ignored. So is
@@ -76,8 +76,8 @@ pub(crate) fn read(bytes: &[u8], path: &Path, wanted: Wanted) -> Result<Surface,
         return Err(malformed("vertices".into(), "more than 32-bit indices can name".into()));
     }
     let mut surface = Surface { triangles: Vec::with_capacity(faces), ..Surface::default() };
-    // Vertices that no face names are left like this.
-    surface.vertices.resize(counts.vertices, DVec3::ZERO);
+    // Vertices that no face names stay like this: at a place where none is welded with them.
+    surface.vertices.resize(counts.vertices, DVec3::NAN);
     let mut polygon = Vec::new();
     for tobj::Model { mesh, .. } in models {
         let numbers: Vec<u32> = mesh.vertex_color.chunks_exact(3).map(|colour| colour[0] as u32).collect();
