@@ -2,7 +2,8 @@
 
 use palpate::Wrench;
 use palpate::glam::DVec3;
-use realfft::RealFftPlanner;
+use rustfft::FftPlanner;
+use rustfft::num_complex::Complex;
 use serde::Serialize;
 
 use crate::experiment::Trace;
@@ -132,21 +133,16 @@ pub fn rms_above(frequency: f64, vectors: &[DVec3], rate: f64) -> f64 {
     }
     let window = |index: usize| 0.5 - 0.5 * (std::f64::consts::TAU * index as f64 / count as f64).cos();
     let power: f64 = (0..count).map(|index| window(index).powi(2)).sum();
-    let transform = RealFftPlanner::<f64>::new().plan_fft_forward(count);
-    let mut spectrum = transform.make_output_vec();
+    let transform = FftPlanner::new().plan_fft_forward(count);
     let mut square = 0.0;
     for axis in 0..3 {
         let middle = mean(vectors.iter().map(|vector| vector[axis]));
-        let mut samples: Vec<f64> = vectors
-            .iter()
-            .enumerate()
-            .map(|(index, vector)| window(index) * (vector[axis] - middle))
-            .collect();
-        // The lengths are those that the transform was made for.
-        if transform.process(&mut samples, &mut spectrum).is_err() {
-            return f64::NAN;
-        }
-        for (bin, value) in spectrum.iter().enumerate() {
+        let windowed =
+            vectors.iter().enumerate().map(|(index, vector)| window(index) * (vector[axis] - middle));
+        let mut spectrum: Vec<Complex<f64>> = windowed.map(Complex::from).collect();
+        transform.process(&mut spectrum);
+        // The other half repeats this one, for the samples are real.
+        for (bin, value) in spectrum[..=count / 2].iter().enumerate() {
             if bin as f64 * rate / count as f64 > frequency {
                 // Every bin but the last of an even count stands for two.
                 let weight = if 2 * bin == count { 1.0 } else { 2.0 };
