@@ -3,17 +3,16 @@
 //! | type | what it does |
 //! |---|---|
 //! | [`Shape`] | a hierarchy prepared for queries |
-//! | [`ContactQuery`] | descends two shapes in tandem and reports a [`PatchContact`] for every pair of convex surface patches that come within the tolerance, or penetrate: at full resolution, or each at the coarsest whose error would not be felt |
+//! | [`ContactQuery`] | descends two shapes in tandem and reports a [`PatchContact`] for every pair of convex surface patches that are within the tolerance or penetrate, at full resolution or at the coarsest level whose error would not be felt |
 //! | [`SceneQuery`] | the same for one probe and many objects; those that are far away cost next to nothing |
-//! | [`ContactSet`] | puts the pieces together again: local minima of the distance, and one contact for each connected region of intersection |
+//! | [`ContactSet`] | merges the contacts of a query into local minima of the distance and one contact for each connected region of intersection |
 //! | [`Clustering`] | condenses contacts to a few representatives |
-//! | [`ProximityQuery`] | how far two surfaces are apart, and whether two bodies intersect |
-//! | [`CollisionEvents`] | for hosts that step through time: when and where surfaces met |
-//! | [`convex`] | the queries between two convex hulls that all of this rests on |
+//! | [`ProximityQuery`] | the distance between two surfaces, and whether two bodies intersect |
+//! | [`CollisionEvents`] | when and where surfaces met, for hosts that step through time |
+//! | [`convex`] | queries between two convex hulls, on which all others rest |
 //!
-//! Guarantees: everything is f64; the caller owns the workspaces; a query takes no lock, does not panic, and allocates
-//! only while it exceeds the sizes reached before. A query that cannot be made returns a [`QueryError`], which allocates
-//! nothing either.
+//! All numbers are f64, and the caller owns the workspaces. A query takes no lock, does not panic, and allocates only when
+//! it needs more room than any query before it. Invalid input returns a [`QueryError`], which does not allocate.
 //!
 //! # Frames and signs
 //!
