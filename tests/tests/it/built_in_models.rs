@@ -4,9 +4,22 @@
 use palpate::mesh_io::self_intersections;
 use palpate::models::Model;
 
+/// Models with more triangles than this take a minute to examine.
+const LARGE: usize = 110_000;
+
 #[test]
 fn models_are_sound_and_as_large_as_in_the_dissertation() {
-    for model in Model::ALL {
+    sound_and_as_large_as_in_the_dissertation(|triangles| triangles <= LARGE);
+}
+
+#[test]
+#[ignore = "for a release build: cargo test --release -p palpate-tests --test it built_in_models:: -- --ignored"]
+fn large_models_of_full_size_are_sound() {
+    sound_and_as_large_as_in_the_dissertation(|triangles| triangles > LARGE);
+}
+
+fn sound_and_as_large_as_in_the_dissertation(size: impl Fn(usize) -> bool) {
+    for model in Model::ALL.into_iter().filter(|model| size(model.default_triangles())) {
         let name = model.name();
         let asked = model.default_triangles();
         let mesh = model.generate(asked).expect(name);
