@@ -19,16 +19,14 @@ use crate::watch::Watch;
 
 /// A session that runs, and what a host does with it. It ends when its [`handle`](Self::handle) is stopped or dropped.
 ///
-/// The parts can be taken apart, each to a thread of its own:
+/// The parts can be taken apart, each to a thread of its own, with [`split`](Self::split) or by destructuring:
 ///
 /// ```
 /// # use palpate::device::Emulation;
 /// # use palpate::{HapticRenderer, Object, Pose};
 /// # let device = Box::new(Emulation::default().open(Pose::IDENTITY)?);
 /// # let renderer = HapticRenderer::builder(Object::model("ellipsoid@500")?).on(device)?;
-/// use palpate::RunningSession;
-///
-/// let RunningSession { handle, mut scene, contacts, .. } = renderer.spawn()?;
+/// let (handle, mut scene, contacts) = renderer.spawn()?.split();
 /// # let ball = Object::model("golf-ball@2000")?;
 /// let editing = std::thread::spawn(move || scene.add(&ball, Pose::IDENTITY));
 /// # drop(contacts);
@@ -109,6 +107,12 @@ impl HapticRenderer {
 }
 
 impl RunningSession {
+    /// The handle, the editor of the scene and the watch of contacts, which may each go to another thread. Destructuring gives the
+    /// editor of settings and the reactions as well.
+    pub fn split(self) -> (SessionHandle, SceneEditor, Watch) {
+        (self.handle, self.scene, self.contacts)
+    }
+
     /// As [`SessionHandle::latest`].
     pub fn latest(&mut self) -> Option<&Record> {
         self.handle.latest()

