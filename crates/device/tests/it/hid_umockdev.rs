@@ -77,7 +77,7 @@ fn a_device_is_found_opened_read_and_lost() {
             .args(["--script", &format!("/dev/hidraw0={}", file("script", &script()))])
             .arg("--")
             .arg(std::env::current_exe().unwrap())
-            .args(["--exact", "a_device_is_found_opened_read_and_lost", "--nocapture"])
+            .args(["--exact", "hid_umockdev::a_device_is_found_opened_read_and_lost", "--nocapture"])
             .env(INSIDE, "1")
             .env("TMPDIR", folder.path())
             .output()
