@@ -61,6 +61,8 @@ pub(crate) struct Cancelled;
 pub(crate) struct Progress<'a> {
     callback: &'a mut dyn FnMut(Stage, f64) -> ControlFlow<()>,
     stage: Stage,
+    /// The most of the stage that was reported done.
+    done: f64,
     last: Instant,
     muted: bool,
 }
@@ -68,12 +70,13 @@ pub(crate) struct Progress<'a> {
 impl<'a> Progress<'a> {
     /// At the beginning of a build.
     pub fn new(callback: &'a mut dyn FnMut(Stage, f64) -> ControlFlow<()>) -> Self {
-        Self { callback, stage: Stage::Mesh, last: Instant::now(), muted: false }
+        Self { callback, stage: Stage::Mesh, done: 0.0, last: Instant::now(), muted: false }
     }
 
     /// A stage begins.
     pub fn begin(&mut self, stage: Stage) -> Result<(), Cancelled> {
         self.stage = stage;
+        self.done = 0.0;
         self.tell(0.0)
     }
 
@@ -94,7 +97,9 @@ impl<'a> Progress<'a> {
 
     fn tell(&mut self, done: f64) -> Result<(), Cancelled> {
         self.last = Instant::now();
-        match (self.callback)(self.stage, done.clamp(0.0, 1.0)) {
+        // A stage that begins a part of it anew has lost nothing for those who watch.
+        self.done = done.clamp(self.done, 1.0);
+        match (self.callback)(self.stage, self.done) {
             ControlFlow::Continue(()) => Ok(()),
             ControlFlow::Break(()) => Err(Cancelled),
         }
