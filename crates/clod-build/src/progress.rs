@@ -98,7 +98,7 @@ impl<'a> Progress<'a> {
     fn tell(&mut self, done: f64) -> Result<(), Cancelled> {
         self.last = Instant::now();
         // A stage that begins a part of it anew has lost nothing for those who watch.
-        self.done = done.clamp(self.done, 1.0);
+        self.done = done.max(self.done).min(1.0);
         match (self.callback)(self.stage, self.done) {
             ControlFlow::Continue(()) => Ok(()),
             ControlFlow::Break(()) => Err(Cancelled),
