@@ -15,11 +15,16 @@ struct Placed {
 ///
 /// Every pair of triangles whose bounding spheres are nearer than the best distance so far is measured.
 pub fn distance(a: &TriMesh, pose_a: &Pose, b: &TriMesh, pose_b: &Pose, limit: f64) -> Option<f64> {
-    let (a, b) = (place(a, pose_a), place(b, pose_b));
+    let (a, mut b) = (place(a, pose_a), place(b, pose_b));
+    // Along x, only those come in question that are within reach there.
+    b.sort_by(|s, t| s.center.x.total_cmp(&t.center.x));
+    let largest = b.iter().map(|t| t.radius).fold(0.0, f64::max);
     let mut best = limit;
     let mut found = None;
     for s in &a {
-        for t in &b {
+        let reach_x = (s.radius + largest + best) * (1.0 + 1e-9);
+        let first = b.partition_point(|t| t.center.x < s.center.x - reach_x);
+        for t in b[first..].iter().take_while(|t| t.center.x <= s.center.x + reach_x) {
             let reach = s.radius + t.radius + best;
             if s.center.distance_squared(t.center) > reach * reach {
                 continue;

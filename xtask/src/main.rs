@@ -101,7 +101,7 @@ fn experiment(name: &str, passed: &Passed) -> Result<(), Failure> {
 /// build. `cargo test -p palpate-rerun` tests it.
 const WORKSPACE: [&str; 4] = ["--workspace", "--exclude", "palpate-rerun", "--all-features"];
 
-/// Release builds check no assertion and no overflow. What palpate depends on stays as it is built for [`test`].
+/// Release builds check no assertion and no overflow. What palpate depends on stays as it is built for the other tests.
 const UNCHECKED: [(&str, &str); 2] =
     [("CARGO_PROFILE_DEV_DEBUG_ASSERTIONS", "false"), ("CARGO_PROFILE_DEV_OVERFLOW_CHECKS", "false")];
 
@@ -117,15 +117,7 @@ fn test() -> Result<(), Failure> {
 fn run_tests(steps: &mut Steps) -> Result<(), Failure> {
     let test = [["test", "--locked"].as_slice(), &WORKSPACE].concat();
     steps.cargo("compile the tests", &[&test, ["--no-run"].as_slice()].concat(), &[])?;
-    steps.cargo("run the tests", &test, &[])?;
-    // Hostile files must be refused cleanly with assertions and without. The nasty meshes among them take minutes, and are left to
-    // `cargo xtask ci --full`.
-    let hostile = ["--test", "hostile_files", "--", "--skip", "nasty_meshes"];
-    steps.cargo(
-        "hostile files in a build without assertions",
-        &[test.as_slice(), &hostile].concat(),
-        &UNCHECKED,
-    )
+    steps.cargo("run the tests", &test, &[])
 }
 
 fn ci(full: bool) -> Result<(), Failure> {
@@ -134,6 +126,10 @@ fn ci(full: bool) -> Result<(), Failure> {
     packages::ensure_vulkan()?;
     packages::try_players();
     run_tests(&mut steps)?;
+    // Hostile files must be refused cleanly with assertions and without.
+    let hostile = ["--test", "hostile_files", "--", "--skip", "nasty_meshes"];
+    let hostile = [["test", "--locked"].as_slice(), &WORKSPACE, &hostile].concat();
+    steps.cargo("hostile files in a build without assertions", &hostile, &UNCHECKED)?;
     let strict = ["--all-targets", "--", "-D", "warnings"];
     steps.cargo("clippy", &[["clippy", "--locked"].as_slice(), &WORKSPACE, &strict].concat(), &[])?;
     // One by one, for cargo unifies the features of packages that it checks together.
@@ -158,13 +154,15 @@ fn ci(full: bool) -> Result<(), Failure> {
     if full {
         // Models of full size, a million damaged files, a thousand spoons, and nasty meshes.
         let test = ["test", "--release", "--locked"];
-        let packages = ["palpate-tests", "palpate-rigid-body", "palpate-rapier"];
+        let packages = ["palpate-tests", "palpate-models", "palpate-rigid-body", "palpate-rapier"];
         let packages: Vec<&str> = packages.iter().flat_map(|package| ["--package", *package]).collect();
         let ignored =
             ["of_full_size", "a_million", "a_thousand", "in_further_cases", "do_not_cross_themselves"];
         let ignored = [&test[..], &packages, &["--test", "it", "--", "--ignored"], &ignored].concat();
         steps.cargo("tests at full size", &ignored, &[])?;
-        let hostile = [&test[..], &["--package", "palpate-cli", "--test", "hostile_files"]].concat();
+        let hostile =
+            [&test[..], &["--package", "palpate-cli", "--test", "hostile_files", "--", "--include-ignored"]]
+                .concat();
         steps.cargo("hostile files in a release build", &hostile, &[])?;
         steps.cargo("the adapter for Rerun", &["test", "--locked", "--package", "palpate-rerun"], &[])?;
         steps.run("the oldest Rust", release::msrv)?;
@@ -211,6 +209,8 @@ fn cargo(arguments: &[&str], environment: &[(&str, &str)]) -> Result<(), Failure
     let root = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
     let status = Command::new("cargo")
         .args(arguments)
+        // What is built once has no use for what makes the next build faster.
+        .env("CARGO_INCREMENTAL", "0")
         .envs(environment.iter().copied())
         .current_dir(root)
         .status()

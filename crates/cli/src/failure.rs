@@ -73,8 +73,20 @@ impl From<palpate::OpenError> for Failure {
             palpate::OpenError::AlreadyBuilt { path } => {
                 format!("{path} is already built; give --scale and --repair when building it")
             }
+            palpate::OpenError::Build { name, source } => format!("{name}: {}", Self::from(source)),
+            palpate::OpenError::Mesh(error @ palpate::mesh_io::LoadError::NonFinite { .. }) => {
+                format!("{error} (--repair)")
+            }
             error => error.to_string(),
         })
+    }
+}
+
+/// With the option that mends the mesh, where one does.
+impl From<palpate::clod_build::BuildError> for Failure {
+    fn from(error: palpate::clod_build::BuildError) -> Self {
+        let option = if error.is_mended_by_repair() { " (--repair)" } else { "" };
+        Self::Message(format!("{error}{option}"))
     }
 }
 
@@ -92,8 +104,8 @@ impl From<palpate::RendererError> for Failure {
         let palpate::RendererError::Units(units) = error else { return Self::Message(error.to_string()) };
         let palpate::UnitsError { name, radius, suggested } = units;
         let remedy = match suggested {
-            Some(factor) => format!("multiply --scale by {factor}"),
-            None => "give the metres per unit of the file as --scale".to_owned(),
+            Some(factor) => format!("multiply its scale (--scale, or --probe-scale or --scene-scale for it alone) by {factor}"),
+            None => "give the metres per unit of its file as --scale, or for it alone as --probe-scale or --scene-scale".to_owned(),
         };
         Self::Message(format!(
             "{name}: the bounding radius of {radius:.3e} m suggests a wrong unit; {remedy}, or give --unusual-size to \
@@ -111,9 +123,4 @@ impl From<palpate_measure::MeasureError> for Failure {
     }
 }
 
-from_error!(
-    palpate::device::PathError,
-    palpate::models::ModelError,
-    palpate::clod_build::BuildError,
-    palpate_report::PlotError
-);
+from_error!(palpate::device::PathError, palpate::models::ModelError, palpate_report::PlotError);

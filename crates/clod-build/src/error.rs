@@ -16,7 +16,7 @@ pub enum BuildError {
     },
     /// A vertex of a triangle is not finite.
     #[error(
-        "triangle {triangle} uses vertex {vertex} at {position}, which is not finite: run with --repair to drop such triangles"
+        "triangle {triangle} uses vertex {vertex} at {position}, which is not finite: repair the mesh to drop such triangles"
     )]
     NonFinite {
         /// Index of the first such triangle.
@@ -49,7 +49,7 @@ pub enum BuildError {
     },
     /// A triangle names a vertex twice or has no area: its height over its longest side is below 10⁻¹² bounding radii.
     #[error(
-        "triangle {triangle} at {} m has no area (the first of {count}): run with --repair to take such triangles out",
+        "triangle {triangle} at {} m has no area (the first of {count}): repair the mesh to take such triangles out",
         place(*position)
     )]
     Degenerate {
@@ -62,7 +62,7 @@ pub enum BuildError {
     },
     /// A triangle lies on an earlier one.
     #[error(
-        "triangle {triangle} at {} m repeats an earlier one (the first of {count}): run with --repair to drop such triangles",
+        "triangle {triangle} at {} m repeats an earlier one (the first of {count}): repair the mesh to drop such triangles",
         place(*position)
     )]
     Duplicate {
@@ -76,7 +76,7 @@ pub enum BuildError {
     /// Three or more triangles meet at an edge.
     #[error(
         "more than two triangles meet at the edge between vertices {} and {} of triangle {} at {} m (the first of {count}): \
-         run with --repair to part the sheets that meet there",
+         repair the mesh to part the sheets that meet there",
         edge.vertices[0], edge.vertices[1], edge.triangle, place(*position)
     )]
     NonManifoldEdge {
@@ -90,7 +90,7 @@ pub enum BuildError {
     /// Two triangles that share an edge face opposite sides.
     #[error(
         "triangle {} and its neighbour at the edge between vertices {} and {} at {} m disagree on which side is outside (the \
-         first of {count}): run with --repair to turn such triangles",
+         first of {count}): repair the mesh to turn such triangles",
         edge.triangle, edge.vertices[0], edge.vertices[1], place(*position)
     )]
     Misoriented {
@@ -103,7 +103,7 @@ pub enum BuildError {
     },
     /// The triangles around a vertex are not one fan.
     #[error(
-        "sheets of triangles meet at nothing but vertex {vertex} at {} m (the first of {count}): run with --repair to part them",
+        "sheets of triangles meet at nothing but vertex {vertex} at {} m (the first of {count}): repair the mesh to part them",
         place(*position)
     )]
     NonManifoldVertex {
@@ -116,7 +116,7 @@ pub enum BuildError {
     },
     /// A closed surface encloses a negative volume.
     #[error(
-        "the triangles face inwards, so that the mesh encloses {volume:.6e} m³: run with --repair to turn them all"
+        "the triangles face inwards, so that the mesh encloses {volume:.6e} m³: repair the mesh to turn them all"
     )]
     InsideOut {
         /// The signed volume, m³.
@@ -124,7 +124,7 @@ pub enum BuildError {
     },
     /// Two triangles have more points in common than the vertices and edges that they share.
     #[error(
-        "triangles {} and {} intersect near {} m (the first of {count} triangles that do): run with --repair to cut them out",
+        "triangles {} and {} intersect near {} m (the first of {count} triangles that do): repair the mesh to cut them out",
         triangles[0], triangles[1], place(*position)
     )]
     SelfIntersecting {
@@ -156,6 +156,28 @@ pub enum BuildError {
         /// What it may be.
         wanted: &'static str,
     },
+}
+
+impl BuildError {
+    /// Whether a repaired mesh would not be refused for this.
+    pub fn is_mended_by_repair(&self) -> bool {
+        match self {
+            Self::NonFinite { .. }
+            | Self::Degenerate { .. }
+            | Self::Duplicate { .. }
+            | Self::NonManifoldEdge { .. }
+            | Self::Misoriented { .. }
+            | Self::NonManifoldVertex { .. }
+            | Self::InsideOut { .. }
+            | Self::SelfIntersecting { .. } => true,
+            Self::Empty { .. }
+            | Self::Extent { .. }
+            | Self::NoSurface { .. }
+            | Self::TooLarge { .. }
+            | Self::Cancelled
+            | Self::Option { .. } => false,
+        }
+    }
 }
 
 /// A position (m) as a message gives it.

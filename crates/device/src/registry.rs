@@ -185,7 +185,10 @@ fn open_replay(file: Option<&str>) -> Opened {
 fn list_replay() -> Vec<Listing> {
     vec![Listing {
         address: "replay:FILE.csv".into(),
-        description: format!("replays a recorded motion ({}) or a recorded device", crate::PATH_HEADER),
+        description: format!(
+            "replays a recorded motion ({}), a recording of a session, or a recorded device",
+            crate::PATH_HEADER
+        ),
         specification: None,
     }]
 }

@@ -61,7 +61,7 @@ pub enum LoadError {
     },
     /// A triangle uses a vertex with a coordinate that is infinite or not a number.
     #[error(
-        "{}: vertex {vertex}, used by triangle {triangle}, is at ({x}, {y}, {z}); correct it, or drop such triangles with --repair",
+        "{}: vertex {vertex}, used by triangle {triangle} (both counted from 0), is at ({x}, {y}, {z}); correct it, or repair the mesh to drop such triangles",
         .file.display()
     )]
     NonFinite {

@@ -32,7 +32,7 @@ use rayon::prelude::*;
 
 const SEED: u64 = 0x0C05_EED5;
 /// Poses of a pair, by default.
-const FEW: usize = 100;
+const FEW: usize = 40;
 const FEW_REAL: usize = 10;
 /// Poses that one workspace is taken through.
 const RUN: usize = 10;

@@ -141,7 +141,7 @@ fn jaws_stay_in_place_at_slow_contact_rates_by_the_linearised_model_alone() {
         ..Settings::default()
     };
     let task = Task { press: 3e-3, rub: 1e-3, twist: 0.0, frequency: 1.0 };
-    for (rate, depth, wander) in [(500.0, 1e-4, 5e-5), (100.0, 5e-4, 5e-4), (50.0, 1e-3, 1e-3)] {
+    for (rate, depth, wander) in [(500.0, 1e-4, 5e-5), (50.0, 1e-3, 1e-3)] {
         let seen = render(&upper, &lower, settings, &task, rate, false);
         let context = format!("{rate} Hz: {seen:?}");
         assert!(seen.force.length() > 0.1, "never pressed: {context}");

@@ -78,7 +78,7 @@ fn reduced(model: Model, triangles: usize) -> TriMesh {
 fn built_in_models_keep_their_promises() {
     // The low-resolution cup and spoon are the cup and the spoon, and the gear's teeth need more triangles than others.
     let models = Model::ALL.into_iter().filter(|model| ![Model::CupLow, Model::SpoonLow].contains(model));
-    let sized = models.map(|model| (model, if model == Model::Gear { 6000 } else { 2000 }));
+    let sized = models.map(|model| (model, if model == Model::Gear { 6000 } else { 1200 }));
     let models = sized.map(|(model, triangles)| (model.name().to_owned(), reduced(model, triangles)));
     examine(models, &examination(4000, 4));
 }

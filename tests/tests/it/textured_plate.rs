@@ -153,13 +153,13 @@ fn passes_of(name: &str, experiment: &Experiment) -> [Seen; 2] {
 fn ridges_are_felt_without_noise() {
     let [flat, _] = passes_of("flat", &Experiment { textured: false, ..TEXTURED });
     assert!(flat.height[1] - flat.height[0] < 1e-5, "{flat:?}");
-    felt_without_noise(&[(2000.0, 1000.0, 1e-6), (5000.0, 500.0, 2e-6)]);
+    felt_without_noise(&[(2000.0, 1000.0, 1e-6)]);
 }
 
 #[test]
 #[ignore = "for a release build: cargo test --release -p palpate-tests --test it textured_plate:: -- --ignored"]
 fn ridges_are_felt_without_noise_in_further_cases() {
-    felt_without_noise(&[(2000.0, 500.0, 2e-6), (5000.0, 1000.0, 1e-6)]);
+    felt_without_noise(&[(2000.0, 500.0, 2e-6), (5000.0, 500.0, 2e-6), (5000.0, 1000.0, 1e-6)]);
 }
 
 /// Each case is a stiffness (N/m), a contact rate (Hz) and the bound of the noise of the depth (m).

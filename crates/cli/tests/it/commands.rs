@@ -519,7 +519,7 @@ fn refusals_say_what_and_what_to_do() {
         (&["run", "cup-low", "spoon-low", "--mass", "-1"], "mass"),
         // Millimetres for metres: by how much to scale, and how to insist.
         (&["run", "m.obj", "m.obj", "--scale", "1000"], "m.obj: the bounding radius of "),
-        (&["run", "m.obj", "m.obj", "--scale", "1000"], "multiply --scale by 0.001, or give --unusual-size"),
+        (&["run", "m.obj", "m.obj", "--scale", "1000"], "for it alone) by 0.001, or give --unusual-size"),
         (&["run", "cup-low", "spoon-low", "--seconds", "-1"], "seconds"),
         (&["run", "cup-low", "spoon-low", "--contact-rate", "nan", "--lockstep"], "contact-rate"),
         (&["run", "cup-low", "spoon-low", "--tolerance", "0"], "tolerance"),

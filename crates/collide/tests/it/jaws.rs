@@ -4,16 +4,12 @@
 use std::collections::{HashMap, HashSet};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use palpate_clod_build::{BuildOptions, unwatched};
 use palpate_collide::{ContactQuery, ContactSet, ContactSetSettings, QuerySettings, Shape};
 use palpate_core::glam::{DQuat, DVec3};
 use palpate_core::{Clod, Pose, TriMesh};
-
-fn shared() -> Option<PathBuf> {
-    let shared = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
-    shared.is_dir().then_some(shared)
-}
 
 struct Body {
     mesh: TriMesh,
@@ -52,15 +48,25 @@ fn path_of_poses(path: &Path) -> Vec<Pose> {
         .collect()
 }
 
-fn run(probe: &str, scene: &str, path: &str) {
-    let Some(shared) = shared() else {
+/// The optional test data; says that a test is skipped without it.
+fn shared() -> Option<PathBuf> {
+    let shared = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
+    if !shared.is_dir() {
         // Straight to the stream: the test runner keeps back what the print macros say.
         let _ = writeln!(std::io::stderr(), "skipped: no ../shared folder with models beside the repository");
-        return;
-    };
+        return None;
+    }
+    Some(shared)
+}
+
+/// The lower and the upper jaw.
+fn jaws(shared: &Path) -> &'static [Body; 2] {
+    static JAWS: OnceLock<[Body; 2]> = OnceLock::new();
     let models = shared.join("models/scenarios");
-    let (probe, scene) = (load(&models.join(probe)), load(&models.join(scene)));
-    let poses = path_of_poses(&shared.join("trajectories").join(path));
+    JAWS.get_or_init(|| ["jaw_lower.obj", "jaw_upper.obj"].map(|file| load(&models.join(file))))
+}
+
+fn run([probe, scene]: &[Body; 2], poses: &[Pose]) {
     let radius = probe.clod.bounding_radius();
     let tolerance = 0.01 * radius;
     let mut query = ContactQuery::new(&probe.shape, &scene.shape);
@@ -124,12 +130,15 @@ fn run(probe: &str, scene: &str, path: &str) {
 
 #[test]
 fn jaws_along_their_path() {
-    run("jaw_lower.obj", "jaw_upper.obj", "jaws.csv");
+    let Some(shared) = shared() else { return };
+    run(jaws(&shared), &path_of_poses(&shared.join("trajectories/jaws.csv")));
 }
 
 #[test]
 fn spoon_in_the_cup() {
-    run("spoon.obj", "cup.obj", "spooncup.csv");
+    let Some(shared) = shared() else { return };
+    let bodies = ["spoon.obj", "cup.obj"].map(|file| load(&shared.join("models/scenarios").join(file)));
+    run(&bodies, &path_of_poses(&shared.join("trajectories/spooncup.csv")));
 }
 
 /// Whether a point is inside a closed mesh: its winding number (Van Oosterom and Strackee 1983).
@@ -147,12 +156,8 @@ fn is_inside(point: DVec3, triangles: &[crate::oracle::Triangle]) -> bool {
 /// as deep unless that is the depth of two patches.
 #[test]
 fn jaws_are_as_deep_as_their_vertices() {
-    let Some(shared) = shared() else {
-        let _ = writeln!(std::io::stderr(), "skipped: no ../shared folder with models beside the repository");
-        return;
-    };
-    let models = shared.join("models/scenarios");
-    let bodies = [load(&models.join("jaw_lower.obj")), load(&models.join("jaw_upper.obj"))];
+    let Some(shared) = shared() else { return };
+    let bodies = jaws(&shared);
     let poses = path_of_poses(&shared.join("trajectories/jaws.csv"));
     let radius = bodies[0].clod.bounding_radius();
     let settings = QuerySettings::new(0.01 * radius);

@@ -164,7 +164,7 @@ fn small_files_give_what_they_hold() {
         ("RecursiveNodes.gltf", "reached twice"),
         ("MissingBin.gltf", ".bin"),
         ("AllIndicesOutOfRange.gltf", "names vertex"),
-        ("BoxWithInfinites.glb", "--repair"),
+        ("BoxWithInfinites.glb", "repair the mesh"),
         ("box_UTF16BE.obj", "UTF-16"),
         ("malformed.obj", "line 28"),
         ("issue-140-zero-face-idx.obj", "line 16"),

@@ -64,7 +64,8 @@ fn check(model: Model, count: usize, mesh: &TriMesh) {
 }
 
 #[test]
-fn sound_at_the_dissertations_sizes() {
+#[ignore = "for a release build: cargo test --release -p palpate-models --test it -- --ignored"]
+fn models_of_full_size_are_sound() {
     for model in IMPLICIT {
         check(model, model.default_triangles(), default_mesh(model));
     }
@@ -81,14 +82,6 @@ fn sound_when_coarse() {
 }
 
 #[test]
-fn the_same_every_time() {
-    for model in IMPLICIT {
-        let count = fewest(model);
-        assert!(model.generate(count).unwrap() == model.generate(count).unwrap(), "{}", model.name());
-    }
-}
-
-#[test]
 fn sizes() {
     for (model, radius) in [
         (Model::LowerJaw, 0.060),
@@ -97,7 +90,7 @@ fn sizes() {
         (Model::BallJointSocket, 0.060),
         (Model::GolfBall, 0.021_335),
     ] {
-        let found = smallest_sphere(default_mesh(model));
+        let found = smallest_sphere(&model.generate(fewest(model).max(8000)).unwrap());
         assert!((found / radius - 1.0).abs() < 0.03, "{}: radius {found} m, not {radius}", model.name());
     }
 }
