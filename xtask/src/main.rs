@@ -154,7 +154,8 @@ fn ci(full: bool) -> Result<(), Failure> {
     if full {
         // Models of full size, a million damaged files, a thousand spoons, and nasty meshes.
         let test = ["test", "--release", "--locked"];
-        let packages = ["palpate-tests", "palpate-models", "palpate-rigid-body", "palpate-rapier"];
+        let packages =
+            ["palpate-tests", "palpate-collide", "palpate-models", "palpate-rigid-body", "palpate-rapier"];
         let packages: Vec<&str> = packages.iter().flat_map(|package| ["--package", *package]).collect();
         let ignored =
             ["of_full_size", "a_million", "a_thousand", "in_further_cases", "do_not_cross_themselves"];

@@ -5,7 +5,7 @@ use palpate::mesh_io::self_intersections;
 use palpate::models::Model;
 
 /// Models with more triangles than this take minutes to examine in a development build.
-const LARGE: usize = 60_000;
+const LARGE: usize = 41_000;
 
 #[test]
 fn models_are_sound_and_as_large_as_in_the_dissertation() {

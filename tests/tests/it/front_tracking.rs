@@ -73,10 +73,10 @@ fn a_tracked_front_finds_what_a_cold_query_does() {
         let mut cramped = ContactQuery::with_capacity(probe, scene, 1 << 14, 200);
         let (mut contacts, mut looked_at, mut overflows) = (0, [0, 0], 0);
         for error in [0.0, 0.004, 0.025] {
-            for (index, pose) in wander(&mut rng, at, radius, 200).iter().enumerate() {
+            for (index, pose) in wander(&mut rng, at, radius, 400).iter().enumerate() {
                 // The tolerance changes now and then, and the threshold too.
-                let tolerance = radius * if index / 25 % 3 == 2 { 0.02 } else { 0.01 };
-                let error = error * radius * if index / 35 % 2 == 1 { 1.5 } else { 1.0 };
+                let tolerance = radius * if index / 50 % 3 == 2 { 0.02 } else { 0.01 };
+                let error = error * radius * if index / 70 % 2 == 1 { 1.5 } else { 1.0 };
                 let settings = QuerySettings { error: error.into(), ..QuerySettings::new(tolerance) };
                 let scene_pose = Pose::IDENTITY;
                 let kept = tracked.run(pose, &scene_pose, &settings).unwrap();
@@ -103,7 +103,7 @@ fn a_tracked_front_finds_what_a_cold_query_does() {
                 overflows += usize::from(little.front_overflow);
             }
         }
-        assert!(contacts > 500 && overflows > 50, "{name}: {contacts} contacts, {overflows} overflows");
+        assert!(contacts > 1000 && overflows > 100, "{name}: {contacts} contacts, {overflows} overflows");
         assert!(3 * looked_at[0] < 2 * looked_at[1], "{name}: {looked_at:?} pairs looked at");
     }
 }

@@ -11,7 +11,8 @@
 //! A query starts from the [front] of the last one (§3.4.2), raised and lowered in place. The answer is that of a query
 //! from the roots: a pair is only passed over while the bodies have not moved enough to change its answer, or its hulls
 //! are apart along the direction that [parted](parting) them before, and searches that start from old nearest points find
-//! the same ones. Pairs may be examined on several [threads](parallel).
+//! the same ones. With a threshold, the two have been seen to end at different levels at one pair in some thousand poses; the
+//! reason is not known. Pairs may be examined on several [threads](parallel).
 //!
 //! With a threshold, what is reported are contacts between the surfaces of coarser levels, each within s of the mesh.
 //! Contacts can go over from one level to the next as s* nears s₀ (§3.4.4), and a time-critical query refines the pairs

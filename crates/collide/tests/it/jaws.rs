@@ -135,7 +135,8 @@ fn jaws_along_their_path() {
 }
 
 #[test]
-fn spoon_in_the_cup() {
+#[ignore = "for a release build: cargo test --release -p palpate-collide --test it -- --ignored"]
+fn spoon_in_the_cup_of_full_size() {
     let Some(shared) = shared() else { return };
     let bodies = ["spoon.obj", "cup.obj"].map(|file| load(&shared.join("models/scenarios").join(file)));
     run(&bodies, &path_of_poses(&shared.join("trajectories/spooncup.csv")));
