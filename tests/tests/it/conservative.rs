@@ -39,7 +39,7 @@ const RUN: usize = 10;
 /// Hierarchies of random shape of each object.
 const TREES: usize = 3;
 /// Triangles of built-in models.
-const SIZE: usize = 3_000;
+const SIZE: usize = 4_000;
 /// d, as a fraction of the probe's radius.
 const TOLERANCE: f64 = 0.01;
 /// How far a close pair may be from a contact of its region at most, likewise. A ball in a socket that is wider by less

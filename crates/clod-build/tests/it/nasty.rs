@@ -257,6 +257,11 @@ fn good_meshes_are_accepted() {
         let mesh = model.generate(3000).or_else(|_| model.generate(20_000)).expect("within range");
         accepted(&mesh).unwrap_or_else(|e| panic!("{}: {e}", model.name()));
     }
+}
+
+#[test]
+#[ignore = "for a release build: cargo test --release -p palpate-clod-build --test it -- --ignored"]
+fn good_meshes_of_full_size_are_accepted() {
     for folder in ["models/good", "models/scenarios"] {
         let Some(folder) = shared(folder) else { return };
         let files = std::fs::read_dir(folder).expect("the folder can be read");

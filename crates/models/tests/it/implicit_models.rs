@@ -23,11 +23,11 @@ fn fewest(model: Model) -> usize {
     (1..).find(|count| model.generate(*count).is_ok()).unwrap()
 }
 
-/// The model at the dissertation's size, generated once for all tests.
-fn default_mesh(model: Model) -> &'static TriMesh {
+/// The model, fine enough to tell its shape, generated once for all tests.
+fn fine_mesh(model: Model) -> &'static TriMesh {
     static MESHES: [OnceLock<TriMesh>; IMPLICIT.len()] = [const { OnceLock::new() }; IMPLICIT.len()];
     let index = IMPLICIT.iter().position(|m| *m == model).unwrap();
-    MESHES[index].get_or_init(|| model.generate(model.default_triangles()).unwrap())
+    MESHES[index].get_or_init(|| model.generate(model.default_triangles().min(50_000)).unwrap())
 }
 
 /// The longest edge over the shortest height of each triangle: 1.15 for an equilateral one.
@@ -67,7 +67,8 @@ fn check(model: Model, count: usize, mesh: &TriMesh) {
 #[ignore = "for a release build: cargo test --release -p palpate-models --test it -- --ignored"]
 fn models_of_full_size_are_sound() {
     for model in IMPLICIT {
-        check(model, model.default_triangles(), default_mesh(model));
+        let count = model.default_triangles();
+        check(model, count, &model.generate(count).unwrap());
     }
 }
 
@@ -88,7 +89,7 @@ fn sizes() {
         (Model::BallJointSocket, 0.060),
         (Model::GolfBall, 0.021_335),
     ] {
-        let found = smallest_sphere(&model.generate(fewest(model).max(8000)).unwrap());
+        let found = smallest_sphere(fine_mesh(model));
         assert!((found / radius - 1.0).abs() < 0.03, "{}: radius {found} m, not {radius}", model.name());
     }
 }
@@ -113,7 +114,7 @@ fn shifted(x: f64, y: f64, z: f64) -> Pose {
 
 #[test]
 fn the_jaws_close_without_touching_and_lock() {
-    let (upper, lower) = (default_mesh(Model::UpperJaw), default_mesh(Model::LowerJaw));
+    let (upper, lower) = (fine_mesh(Model::UpperJaw), fine_mesh(Model::LowerJaw));
     let hits = |pose: &Pose| !intersecting_pairs(upper, pose, lower, &Pose::IDENTITY, 1).is_empty();
     assert!(!hits(&Pose::IDENTITY), "the jaws are closed at equal poses");
     // Closed, they leave less than a millimetre: no further.
@@ -129,7 +130,7 @@ fn the_jaws_close_without_touching_and_lock() {
 
 #[test]
 fn cusps_reach_into_fissures_all_along_the_arch() {
-    let (upper, lower) = (default_mesh(Model::UpperJaw), default_mesh(Model::LowerJaw));
+    let (upper, lower) = (fine_mesh(Model::UpperJaw), fine_mesh(Model::LowerJaw));
     // In slices from the last molars to the incisors, the lower teeth rise above the upper ones' lowest points.
     for slice in -2..4 {
         let within = |v: &&DVec3| (0.0..0.010).contains(&(v.y - 0.010 * f64::from(slice)));
@@ -152,7 +153,7 @@ fn cusps_reach_into_fissures_all_along_the_arch() {
 
 #[test]
 fn the_ball_joint_holds_the_ball() {
-    let (ball, socket) = (default_mesh(Model::BallJointBall), default_mesh(Model::BallJointSocket));
+    let (ball, socket) = (fine_mesh(Model::BallJointBall), fine_mesh(Model::BallJointSocket));
     let hits = |pose: &Pose| !intersecting_pairs(ball, pose, socket, &Pose::IDENTITY, 1).is_empty();
     assert!(!hits(&Pose::IDENTITY), "assembled at equal poses");
     // A whole lobe's turn fits again, half a lobe's does not.
@@ -169,7 +170,7 @@ fn the_ball_joint_holds_the_ball() {
 
 #[test]
 fn the_golf_ball_is_dimpled() {
-    let mesh = default_mesh(Model::GolfBall);
+    let mesh = fine_mesh(Model::GolfBall);
     let radii = || mesh.vertices().iter().map(|v| v.length());
     let (least, most) = (radii().fold(f64::INFINITY, f64::min), radii().fold(0.0, f64::max));
     assert!((most - 0.021_335).abs() < 5e-6, "radius {most} m");
@@ -178,7 +179,7 @@ fn the_golf_ball_is_dimpled() {
 
 #[test]
 fn the_club_fits_the_ball() {
-    let (club, ball) = (default_mesh(Model::GolfClub), default_mesh(Model::GolfBall));
+    let (club, ball) = (fine_mesh(Model::GolfClub), fine_mesh(Model::GolfBall));
     // The ball just before and just after it meets the middle of the face, along the face's normal.
     let loft = 33_f64.to_radians();
     let at = |gap: f64| {

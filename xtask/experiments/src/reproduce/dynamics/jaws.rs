@@ -154,7 +154,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_linearised_model_is_what_holds_the_jaws() {
+    #[ignore = "for a release build: cargo test --release -p palpate-experiments -- --ignored"]
+    fn the_linearised_model_is_what_holds_the_jaws_at_length() {
         let (found, _) = find("test", &SETUPS, Some(3000)).unwrap();
         assert!(found.is_as_claimed(), "{found:?}");
         // Without it, in the place of with it.

@@ -169,7 +169,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ridges_are_what_makes_the_force_swing() {
+    #[ignore = "for a release build: cargo test --release -p palpate-experiments -- --ignored"]
+    fn ridges_are_what_makes_the_force_swing_at_length() {
         let (found, _) = find(HEIGHT).unwrap();
         assert!(found.is_as_claimed(), "{found:?}");
         let (flat, _) = find(0.0).unwrap();
