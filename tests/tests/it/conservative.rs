@@ -303,16 +303,26 @@ fn assert_none(faults: &[String]) {
 
 #[test]
 fn no_region_of_built_in_models_is_missed() {
-    let pairs = [
+    sweep_built_in(&[
         ("ellipsoid and golf ball", Model::Ellipsoid, Model::GolfBall),
         ("spoon and cup", Model::Spoon, Model::Cup),
-        ("golf club and ball", Model::GolfClub, Model::GolfBall),
         ("built-in jaws", Model::UpperJaw, Model::LowerJaw),
+    ]);
+}
+
+#[test]
+#[ignore = "for a release build: cargo test --release -p palpate-tests --test it conservative:: -- --ignored --nocapture"]
+fn no_region_of_built_in_models_is_missed_in_further_cases() {
+    sweep_built_in(&[
+        ("golf club and ball", Model::GolfClub, Model::GolfBall),
         ("ball joint", Model::BallJointBall, Model::BallJointSocket),
-    ];
+    ]);
+}
+
+fn sweep_built_in(pairs: &[(&str, Model, Model)]) {
     let mesh = |model: Model| model.generate(SIZE).expect("in range");
     let mut faults = Vec::new();
-    for (name, probe, scene) in pairs.into_iter().filter(|pair| is_chosen(pair.0)) {
+    for &(name, probe, scene) in pairs.iter().filter(|pair| is_chosen(pair.0)) {
         faults.extend(sweep(name, mesh(probe), mesh(scene), FEW));
     }
     assert_none(&faults);

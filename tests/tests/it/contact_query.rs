@@ -27,7 +27,9 @@ struct Body {
 impl Body {
     fn load(path: &str) -> Option<Self> {
         let mesh = shared_mesh(path)?;
-        let clod = build(&mesh, &BuildOptions::default(), &mut unwatched).expect(path);
+        // At full resolution: `levels_of_detail_lose_no_contact` is about the rest.
+        let options = BuildOptions { simplify: false, ..BuildOptions::default() };
+        let clod = build(&mesh, &options, &mut unwatched).expect(path);
         let radius = clod.bounding_radius();
         Some(Self { mesh, shape: Shape::new(clod.clone()), clod, radius })
     }

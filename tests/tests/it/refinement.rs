@@ -1,5 +1,7 @@
 //! Selective refinement (§3.4.3): contacts at the coarsest resolution that a threshold on the error allows.
 
+use std::sync::OnceLock;
+
 use palpate::Pose;
 use palpate::clod_build::{BuildOptions, build, unwatched};
 use palpate::collide::{
@@ -16,7 +18,14 @@ fn hierarchy(model: Model, triangles: usize) -> Clod {
 }
 
 /// Two objects and poses of the first: from apart to pressed into the second, turning.
-fn scenes() -> Vec<(&'static str, Clod, Clod, Vec<Pose>)> {
+type Scene = (&'static str, Clod, Clod, Vec<Pose>);
+
+fn scenes() -> &'static [Scene] {
+    static SCENES: OnceLock<Vec<Scene>> = OnceLock::new();
+    SCENES.get_or_init(build_scenes)
+}
+
+fn build_scenes() -> Vec<Scene> {
     let path = |from: DVec3, to: DVec3, turn: f64| {
         let at = |t: f64| Pose::new(from.lerp(to, t), DQuat::from_rotation_z(turn * t));
         (0..30).map(|k| at(f64::from(k) / 29.0)).collect()
@@ -43,9 +52,9 @@ fn a_tiny_error_is_full_resolution() {
     for (name, probe, scene, poses) in scenes() {
         let mut query = ContactQuery::new(&Shape::new(probe.clone()), &Shape::new(scene.clone()));
         let (mut apart, mut pressed) = (0, 0);
-        for pose in &poses {
+        for pose in poses {
             let [exact, tiny] = [0.0, 1e-12].map(|error| {
-                query.run(pose, &Pose::IDENTITY, &settings(&probe, error)).unwrap().smallest_distance
+                query.run(pose, &Pose::IDENTITY, &settings(probe, error)).unwrap().smallest_distance
             });
             match (exact, tiny) {
                 (Some(a), Some(b)) => {
@@ -67,11 +76,11 @@ fn contacts_are_true_to_within_the_deviation_of_their_levels() {
     for (name, probe, scene, poses) in scenes() {
         let mut query = ContactQuery::new(&Shape::new(probe.clone()), &Shape::new(scene.clone()));
         let mut checked = 0;
-        for pose in &poses {
+        for pose in poses {
             let all = QuerySettings::new(0.3 * probe.bounding_radius());
             let nearest = query.run(pose, &Pose::IDENTITY, &all).unwrap().smallest_distance;
             for error in [0.004, 0.025, 0.1] {
-                query.run(pose, &Pose::IDENTITY, &settings(&probe, error)).unwrap();
+                query.run(pose, &Pose::IDENTITY, &settings(probe, error)).unwrap();
                 for found in query.contacts() {
                     let (a, b) =
                         (&probe.nodes[found.probe_node as usize], &scene.nodes[found.scene_node as usize]);
@@ -95,8 +104,8 @@ fn larger_errors_cost_less() {
         let mut query = ContactQuery::new(&Shape::new(probe.clone()), &Shape::new(scene.clone()));
         let mut cost = |error: f64| {
             let (mut front, mut triangles, mut contacts) = (0, 0, 0);
-            for pose in &poses {
-                let outcome = query.run(pose, &Pose::IDENTITY, &settings(&probe, error)).unwrap();
+            for pose in poses {
+                let outcome = query.run(pose, &Pose::IDENTITY, &settings(probe, error)).unwrap();
                 front += outcome.front;
                 contacts += outcome.contacts;
                 triangles += query
@@ -125,7 +134,7 @@ fn what_is_fast_or_far_from_the_camera_is_coarse() {
         let mut triangles = |error: ErrorMetrics| {
             let settings = QuerySettings { error, ..QuerySettings::new(0.01 * radius) };
             let (mut triangles, mut contacts) = (0, 0);
-            for pose in &poses {
+            for pose in poses {
                 assert!(query.run(pose, &Pose::IDENTITY, &settings).is_ok());
                 contacts += query.contacts().len();
                 let level = |c: u32| &probe.levels[probe.nodes[c as usize].level as usize];
@@ -169,8 +178,8 @@ fn a_time_critical_query_keeps_its_budget() {
         let shapes = [Shape::new(probe.clone()), Shape::new(scene.clone())];
         let [mut free, mut bound, mut large] = [(); 3].map(|()| ContactQuery::new(&shapes[0], &shapes[1]));
         let (mut kept, mut touching, mut met) = (0, 0, 0);
-        for pose in &poses {
-            let settings = settings(&probe, 0.004);
+        for pose in poses {
+            let settings = settings(probe, 0.004);
             let all = free.run(pose, &Pose::IDENTITY, &settings).unwrap();
             let much = QuerySettings { budget: Some(Budget::Queries(1_000_000)), ..settings };
             let same = large.run(pose, &Pose::IDENTITY, &much).unwrap();

@@ -322,14 +322,26 @@ fn models_at_low_resolution() {
 
 #[test]
 fn scans_and_parts() {
-    for (file, most) in [
+    decomposed(&[
         ("models/good/ycb_golf_ball.obj", 3_400),
         ("models/good/dental_cast_lower.obj", 8_500),
         ("models/good/gear_medium.obj", 8_500),
+    ]);
+}
+
+#[test]
+#[ignore = "for a release build: cargo test --release -p palpate-clod-build --test it -- --ignored"]
+fn models_of_full_size() {
+    decomposed(&[
         ("models/scenarios/jaw_lower.obj", 5_200),
         ("models/scenarios/spoon.obj", 13_000),
         ("models/scenarios/cup.obj", 15_500),
-    ] {
+    ]);
+}
+
+/// Files with the most patches that they may have.
+fn decomposed(files: &[(&str, usize)]) {
+    for &(file, most) in files {
         let Some(mesh) = shared_mesh(file) else { continue };
         let clod = built(&mesh);
         println!("{file}: {} triangles, {} patches", mesh.triangles().len(), clod.leaves().len());
