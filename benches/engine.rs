@@ -1,9 +1,12 @@
 //! The engine's contact query between a probe and a scene object that stands at the origin, and its contact set.
 
+use std::sync::Arc;
+
 use palpate::collide::{
     ContactQuery, ContactSet, ContactSetSettings, PatchContact, QueryOutcome, QuerySettings,
 };
 use palpate::{Object, Pose};
+use palpate_field::AreaContact;
 
 use crate::method::Method;
 
@@ -12,6 +15,8 @@ use crate::method::Method;
 pub struct EngineQuery {
     /// Of both objects' hierarchies and shapes, which workspaces share.
     object_bytes: usize,
+    /// Of each node's patch, of the probe and of the scene object, m².
+    areas: [Arc<[f64]>; 2],
     query: ContactQuery,
     outcome: QueryOutcome,
     /// What each query asks for.
@@ -25,6 +30,7 @@ impl EngineQuery {
     pub fn new(probe: &Object, scene: &Object, tolerance: f64) -> Self {
         Self {
             object_bytes: object_bytes(probe, scene),
+            areas: [probe, scene].map(patch_areas),
             query: ContactQuery::new(probe.shape(), scene.shape()),
             outcome: QueryOutcome::default(),
             settings: QuerySettings::new(tolerance),
@@ -35,6 +41,14 @@ impl EngineQuery {
     /// The contacts of the last query.
     pub fn contacts(&self) -> &[PatchContact] {
         self.query.contacts()
+    }
+
+    fn append(&self, contacts: &[PatchContact], found: &mut Vec<AreaContact>) {
+        let [probe, scene] = &self.areas;
+        found.extend(contacts.iter().map(|c| {
+            let area = probe[c.probe_node as usize].min(scene[c.scene_node as usize]);
+            AreaContact { contact: c.contact, area: c.weight * area }
+        }));
     }
 
     /// What the last query found and what it cost.
@@ -52,8 +66,8 @@ impl Method for EngineQuery {
             self.query.run(pose, &Pose::IDENTITY, &self.settings).expect("valid poses and settings");
     }
 
-    fn append_contacts(&self, _: &Pose, found: &mut Vec<PatchContact>) {
-        found.extend_from_slice(self.contacts());
+    fn append_contacts(&self, _: &Pose, found: &mut Vec<AreaContact>) {
+        self.append(self.contacts(), found);
     }
 
     /// Of both objects and the workspace.
@@ -64,6 +78,16 @@ impl Method for EngineQuery {
 
 fn object_bytes(probe: &Object, scene: &Object) -> usize {
     [probe, scene].map(|object| object.clod.total_bytes() + object.shape().bytes()).iter().sum()
+}
+
+fn patch_areas(object: &Object) -> Arc<[f64]> {
+    let clod = &object.clod;
+    let area = |node| {
+        let hull = clod.hull(node);
+        let triangles = clod.patch(node).iter().map(|triangle| triangle.map(|v| hull[v as usize]));
+        triangles.map(|[a, b, c]| (b - a).cross(c - a).length() / 2.0).sum()
+    };
+    clod.nodes.iter().map(area).collect()
 }
 
 /// A query with the contact set of what it finds.
@@ -97,8 +121,8 @@ impl Method for EngineSet {
             .expect("valid poses and settings");
     }
 
-    fn append_contacts(&self, _: &Pose, found: &mut Vec<PatchContact>) {
-        found.extend_from_slice(self.set.contacts());
+    fn append_contacts(&self, _: &Pose, found: &mut Vec<AreaContact>) {
+        self.query.append(self.set.contacts(), found);
     }
 
     fn bytes(&self) -> usize {

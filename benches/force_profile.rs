@@ -156,7 +156,7 @@ fn compare(scenario: &Scenario, arguments: &Arguments) -> Result<(), Box<dyn Err
         let of_force = force.into_iter().map(|(how, own)| figure("|F|/k, mm", 1e3, how, own));
         let of_torque = torque.into_iter().map(|(how, own)| figure("|T|/k, mm²", 1e6, how, own));
         let figures: Vec<Figure> = of_force.chain(of_torque).collect();
-        write(folder, scenario.name, &draw(&figures)?)?;
+        write(folder, &scenario.name, &draw(&figures)?)?;
     }
     Ok(())
 }

@@ -6,5 +6,7 @@ pub mod method;
 pub mod parry;
 pub mod penalty;
 pub mod point_shell;
+pub mod reference;
+pub mod representative;
 pub mod scenarios;
 pub mod statistics;

@@ -9,18 +9,19 @@ use std::error::Error;
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use std::path::Path;
 
-use palpate::collide::PatchContact;
 use palpate::glam::DVec3;
 use palpate::{Contact, Pose};
+use palpate_field::AreaContact;
 use parry3d_f64::math::{Matrix, Pose as Isometry, Rotation, Vector};
 use parry3d_f64::partitioning::BvhNode;
 use parry3d_f64::query::details::{ContactManifoldsWorkspace, contact_support_map_support_map};
 use parry3d_f64::query::{
     self, ContactManifold, DefaultQueryDispatcher, PersistentQueryDispatcher as _, PointQuery as _,
+    TrackedContact,
 };
 use parry3d_f64::shape::{TriMesh, TriMeshBuilderError, TriMeshFlags};
 
-use crate::method::{Method, without_nodes};
+use crate::method::Method;
 use crate::point_shell::DistanceGrid;
 use crate::scenarios::{Body, Scenario};
 
@@ -57,6 +58,12 @@ impl ParryPair {
     fn scene_in_probe(&self, pose: &Pose) -> Isometry {
         let rotation = Rotation::from_array(pose.rotation.to_array());
         Isometry::from_parts(vector(pose.translation, self.scale), rotation).inverse()
+    }
+
+    /// The area (m²) of the smaller of two triangles.
+    fn area(&self, probe: u32, scene: u32) -> f64 {
+        let area = self.probe.triangle(probe).area().min(self.scene.triangle(scene).area());
+        area / (self.scale * self.scale)
     }
 
     /// A contact in the probe's frame, in scene axes.
@@ -101,12 +108,15 @@ impl Method for Manifolds {
         assert!(found.is_ok(), "parry has manifolds between meshes");
     }
 
-    /// The manifolds' points within the tolerance.
-    fn append_contacts(&self, pose: &Pose, found: &mut Vec<PatchContact>) {
+    /// The manifolds' points within the tolerance, which share the area.
+    fn append_contacts(&self, pose: &Pose, found: &mut Vec<AreaContact>) {
         for manifold in &self.manifolds {
-            let within = manifold.points.iter().filter(|point| point.dist < self.pair.tolerance);
-            found.extend(within.map(|point| {
-                without_nodes(self.pair.placed(point.local_p1, manifold.local_n1, point.dist, pose))
+            let within = |point: &&TrackedContact<()>| point.dist < self.pair.tolerance;
+            let count = manifold.points.iter().filter(within).count();
+            let area = self.pair.area(manifold.subshape1, manifold.subshape2) / count as f64;
+            found.extend(manifold.points.iter().filter(within).map(|point| AreaContact {
+                contact: self.pair.placed(point.local_p1, manifold.local_n1, point.dist, pose),
+                area,
             }));
         }
     }
@@ -120,7 +130,8 @@ impl Method for Manifolds {
 /// All pairs of triangles within the tolerance, each with its contact by GJK and EPA.
 pub struct TrianglePairs {
     pair: ParryPair,
-    found: Vec<query::Contact>,
+    /// With the triangles that it is between.
+    found: Vec<(query::Contact, [u32; 2])>,
 }
 
 impl TrianglePairs {
@@ -150,19 +161,21 @@ impl Method for TrianglePairs {
             between.abs().cmple(reach_a).all() && (back * between).abs().cmple(reach_b).all()
         };
         for (a, b) in probe.bvh().leaf_pairs(scene.bvh(), near) {
-            let (a, b) = (probe.triangle(a), scene.triangle(b));
-            self.found.extend(contact_support_map_support_map(&placement, &a, &b, *tolerance));
+            let (first, second) = (probe.triangle(a), scene.triangle(b));
+            let contact = contact_support_map_support_map(&placement, &first, &second, *tolerance);
+            self.found.extend(contact.map(|contact| (contact, [a, b])));
         }
     }
 
-    fn append_contacts(&self, pose: &Pose, found: &mut Vec<PatchContact>) {
-        found.extend(self.found.iter().map(|contact| {
-            without_nodes(self.pair.placed(contact.point1, contact.normal1, contact.dist, pose))
+    fn append_contacts(&self, pose: &Pose, found: &mut Vec<AreaContact>) {
+        found.extend(self.found.iter().map(|(contact, [a, b])| AreaContact {
+            contact: self.pair.placed(contact.point1, contact.normal1, contact.dist, pose),
+            area: self.pair.area(*a, *b),
         }));
     }
 
     fn bytes(&self) -> usize {
-        self.pair.bytes() + self.found.capacity() * size_of::<query::Contact>()
+        self.pair.bytes() + self.found.capacity() * size_of::<(query::Contact, [u32; 2])>()
     }
 }
 
@@ -184,7 +197,15 @@ impl SignedDistance {
 
     /// At a point of the body's frame, m; negative inside.
     pub fn at(&self, point: DVec3) -> f64 {
-        self.mesh.distance_to_local_point(vector(point, self.scale), false) / self.scale
+        self.nearest(point).1
+    }
+
+    /// The nearest point of the surface to a point, both in the body's frame, m, and the signed distance, m.
+    pub fn nearest(&self, point: DVec3) -> (DVec3, f64) {
+        let found = self.mesh.project_local_point(vector(point, self.scale), false);
+        let nearest = DVec3::from_array(found.point.to_array()) / self.scale;
+        let distance = nearest.distance(point);
+        (nearest, if found.is_inside { -distance } else { distance })
     }
 }
 
@@ -209,7 +230,7 @@ pub fn distance_grid(
         vertex.to_array().map(f64::to_bits).hash(&mut hasher);
     }
     tolerance.to_bits().hash(&mut hasher);
-    let name = format!("distance-{samples}-{:016x}.grid", hasher.finish());
+    let name = format!("distance-{samples}-{:016x}.distances", hasher.finish());
     Ok(DistanceGrid::cached(&folder.join(name), build)?)
 }
 

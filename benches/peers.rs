@@ -1,41 +1,75 @@
-//! Contact queries compared with what others use for them: parry's contact manifolds and pairs of triangles, and a shell
-//! of points in a signed distance grid.
+//! Contact queries compared with what others use for them: parry's contact manifolds and pairs of triangles, and shells of
+//! points and edges in signed distance grids.
 //!
-//! `cargo bench -p palpate-benches --bench peers`, or `-- --scenario jaws golf --poses 1000`. Every scenario's path is cut
-//! into blocks of consecutive poses, at which the methods take turns, so that all of them see the same machine. Times are
-//! of the query alone. The force is the penalty k(δ + d) summed over the clustered contacts; its error is the distance
-//! from the force of the engine's contacts at full resolution, relative to that force's mean, and beside it the
-//! correlation of both forces' magnitudes.
+//! `cargo bench -p palpate-benches --bench peers`, or `-- --scenario jaws golf --poses 1000`. On files of one's own:
+//! `-- --probe A.obj --scene B.obj --trajectory T.csv --tolerance 1% --json OUT.json`.
+//!
+//! Every scenario's path is cut into blocks of consecutive poses, at which the methods take turns, so that all of them see the
+//! same machine. Times are of the query alone. At some of the poses each method is compared with a [reference] that is found
+//! without the engine:
+//!
+//! - force: by the same law from the method's contacts and from the reference's. The error is the distance of both, relative to
+//!   the reference's or, where that is less, to its mean: its mean and 95th percentile. The error of the direction is counted
+//!   where the reference's force is at least a tenth of its mean. The correlation is that of both magnitudes.
+//! - depth off: the largest difference of the deepest contact's depth, counted where bodies penetrate by either, in percent of
+//!   the probe's radius.
+//! - missed: regions of intersection deeper than 2 EPS ([`DEEP`]) that have no penetrating contact, of how many.
 //!
 //! The first run builds hierarchies (kept in the user's cache) and distance grids (kept in the target folder).
 
 #![allow(missing_docs, clippy::print_stdout, reason = "it prints tables")]
 
 use std::error::Error;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Parser;
-use palpate::Pose;
-use palpate::collide::PatchContact;
+use palpate::clod_build::{BuildOptions, build, unwatched};
 use palpate::glam::DVec3;
+use palpate::{Pose, TriMesh};
 use palpate_benches::engine::EngineQuery;
 use palpate_benches::method::Method;
 use palpate_benches::parry::{Manifolds, TrianglePairs, distance_grid};
-use palpate_benches::penalty::Penalty;
-use palpate_benches::point_shell::{PointShell, ShellInGrid};
+use palpate_benches::point_shell::{DistanceGrid, Features, PointShell, ShellInGrid};
+use palpate_benches::reference::{Reference, Truth};
+use palpate_benches::representative::Representative;
 use palpate_benches::scenarios::{self, Scenario};
 use palpate_benches::statistics::{correlation, mean, quantile};
+use palpate_field::AreaContact;
+use palpate_field::FieldBody;
+use serde::Serialize;
 
 #[derive(Parser)]
 #[command(about = "Contact queries compared with what others use for them")]
 struct Arguments {
     /// Scenarios; all of them by default
-    #[arg(long, num_args = 1.., value_name = "NAME")]
+    #[arg(long, num_args = 1.., value_name = "NAME", conflicts_with = "probe")]
     scenario: Vec<String>,
+    /// A mesh file or built-in model of one's own, with --scene and --trajectory
+    #[arg(long, requires = "scene")]
+    probe: Option<String>,
+    /// What it moves over
+    #[arg(long, requires = "trajectory")]
+    scene: Option<String>,
+    /// The probe's path
+    #[arg(long, value_name = "FILE", requires = "probe")]
+    trajectory: Option<PathBuf>,
+    /// d, for --probe: in metres, or in percent of the probe's radius
+    #[arg(long, default_value = "1%")]
+    tolerance: String,
+    /// A file for the figures of every scenario and method
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Only methods whose names contain one of these
+    #[arg(long, num_args = 1.., value_name = "PART")]
+    method: Vec<String>,
     /// Poses of each path
     #[arg(long, default_value_t = 240)]
     poses: usize,
+    /// Poses that are compared with the reference
+    #[arg(long, default_value_t = 40)]
+    scored: usize,
     /// A scenario begins no further block of poses after this long
     #[arg(long, default_value_t = 20.0)]
     seconds: f64,
@@ -53,47 +87,165 @@ const BLOCK: usize = 20;
 const ERRORS: [f64; 5] = [0.0, 0.004, 0.01, 0.025, 0.05];
 /// Those that are also measured with queries that start from the roots.
 const COLD: [f64; 2] = [0.0, 0.025];
-/// Samples of distance grids along each axis.
-const GRIDS: [usize; 2] = [128, 256];
+/// Lattice cells of a field across the bounding sphere.
+const FIELD_CELLS: u32 = 192;
+/// Of the finest samples, as a part of the body's radius.
+const SPACING: f64 = 0.006;
+/// Samples in contact around each place.
+const SAMPLES: [f32; 3] = [16.0, 32.0, 64.0];
+/// Regions of less depth than this part of the probe's radius may be missed: 2 EPS, for EPS = 0.05 %.
+const DEEP: f64 = 1e-3;
+/// Directions of forces weaker than this part of the mean do not count.
+const WEAK: f64 = 0.1;
+
 /// A method with what was measured of it.
-struct Row<'a> {
+struct Row {
     name: String,
-    method: Box<dyn Method + 'a>,
-    penalty: Penalty,
+    method: Box<dyn Method>,
+    /// s, where it is known.
+    built: Option<f64>,
     times: Vec<f64>,
     contacts: Vec<f64>,
-    /// In units of the stiffness.
+    /// By the law, in units of the stiffness, at the scored poses.
     forces: Vec<DVec3>,
+    /// At the scored poses, m.
+    depths: Vec<Option<f64>>,
+    missed: usize,
 }
 
-impl<'a> Row<'a> {
-    fn new(name: impl Into<String>, method: impl Method + 'a) -> Self {
+impl Row {
+    fn new(name: impl Into<String>, method: impl Method + 'static, built: Option<f64>) -> Self {
         Self {
             name: name.into(),
             method: Box::new(method),
-            penalty: Penalty::default(),
+            built,
             times: Vec::new(),
             contacts: Vec::new(),
             forces: Vec::new(),
+            depths: Vec::new(),
+            missed: 0,
         }
     }
 
-    /// Runs through consecutive poses, the first of them to warm up.
-    fn run(&mut self, poses: &[Pose], tolerance: f64, found: &mut Vec<PatchContact>) {
-        for (index, pose) in poses.iter().enumerate() {
+    /// Runs through consecutive poses, the first of them to warm up, and scores those that there is a truth of.
+    fn run(
+        &mut self,
+        poses: &[Pose],
+        truths: &[Option<Truth>],
+        reference: &mut Reference,
+        scenario: &Scenario,
+    ) {
+        let mut found = Vec::new();
+        for (index, (pose, truth)) in poses.iter().zip(truths).enumerate() {
             let start = Instant::now();
             self.method.run(pose);
             let time = 1e6 * start.elapsed().as_secs_f64();
+            if index == 0 {
+                continue;
+            }
             found.clear();
-            self.method.append_contacts(pose, found);
-            let force = self.penalty.wrench(found, tolerance, pose, DVec3::ZERO).force;
-            if index > 0 {
-                self.times.push(time);
-                self.contacts.push(found.len() as f64);
-                self.forces.push(force);
+            self.method.append_contacts(pose, &mut found);
+            self.times.push(time);
+            self.contacts.push(found.len() as f64);
+            if let Some(truth) = truth {
+                self.score(&found, pose, truth, reference, scenario);
             }
         }
     }
+
+    fn score(
+        &mut self,
+        found: &[AreaContact],
+        pose: &Pose,
+        truth: &Truth,
+        reference: &mut Reference,
+        scenario: &Scenario,
+    ) {
+        self.forces.push(reference.wrench(found, pose).force);
+        self.depths.push(found.iter().map(|found| found.contact.depth).reduce(f64::max));
+        let least = DEEP * scenario.probe.object.bounding_radius();
+        let margin = DVec3::splat(scenario.tolerance);
+        let penetrating = |found: &&AreaContact| found.contact.depth > 0.0;
+        self.missed += truth
+            .regions
+            .iter()
+            .filter(|region| region.depth > least)
+            .filter(|region| {
+                !found.iter().filter(penetrating).any(|AreaContact { contact, .. }| {
+                    [contact.point, contact.scene_point].into_iter().any(|point| {
+                        point.cmpge(region.low - margin).all() && point.cmple(region.high + margin).all()
+                    })
+                })
+            })
+            .count();
+    }
+
+    fn figures(&self, truths: &[&Truth], radius: f64) -> Figures {
+        let truth: Vec<f64> = truths.iter().map(|truth| truth.wrench.force.length()).collect();
+        let average = mean(&truth);
+        let pairs = || self.forces.iter().zip(truths).map(|(force, truth)| (*force, truth.wrench.force));
+        let errors: Vec<f64> =
+            pairs().map(|(found, truth)| found.distance(truth) / truth.length().max(average)).collect();
+        let directions: Vec<f64> = pairs()
+            .filter(|(_, truth)| truth.length() > WEAK * average)
+            .map(
+                |(found, truth)| {
+                    if found == DVec3::ZERO { 180.0 } else { found.angle_between(truth).to_degrees() }
+                },
+            )
+            .collect();
+        let depths = self.depths.iter().zip(truths).map(|(found, truth)| {
+            let [found, truth] = [*found, truth.deepest].map(|depth| depth.unwrap_or(0.0).max(0.0));
+            (found - truth).abs() / radius
+        });
+        let own: Vec<f64> = self.forces.iter().map(|force| force.length()).collect();
+        Figures {
+            name: self.name.clone(),
+            median_us: quantile(&self.times, 0.5),
+            p99_us: quantile(&self.times, 0.99),
+            contacts_median: quantile(&self.contacts, 0.5),
+            memory_bytes: self.method.bytes(),
+            build_s: self.built,
+            force_error_mean: mean(&errors),
+            force_error_p95: quantile(&errors, 0.95),
+            direction_error_p95_deg: quantile(&directions, 0.95),
+            correlation: correlation(&own, &truth),
+            depth_error_max: depths.fold(0.0, f64::max),
+            regions_missed: self.missed,
+        }
+    }
+}
+
+/// What was measured of a method. Errors of the force and of depths are parts: of the force, and of the probe's radius.
+#[derive(Serialize)]
+struct Figures {
+    name: String,
+    median_us: f64,
+    p99_us: f64,
+    contacts_median: f64,
+    memory_bytes: usize,
+    build_s: Option<f64>,
+    force_error_mean: f64,
+    force_error_p95: f64,
+    direction_error_p95_deg: f64,
+    correlation: f64,
+    depth_error_max: f64,
+    regions_missed: usize,
+}
+
+/// What was measured of a scenario.
+#[derive(Serialize)]
+struct Comparison {
+    scenario: String,
+    probe_triangles: usize,
+    scene_triangles: usize,
+    poses: usize,
+    poses_scored: usize,
+    /// d, m.
+    tolerance: f64,
+    /// Regions deeper than 2 EPS that there are to be found.
+    regions: usize,
+    methods: Vec<Figures>,
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -101,13 +253,37 @@ fn main() -> Result<(), Box<dyn Error>> {
     if arguments.quick {
         arguments.poses = 80;
     }
-    scenarios::each(&arguments.scenario, |scenario| compare(scenario, &arguments))
+    let mut compared = Vec::new();
+    if let (Some(probe), Some(scene), Some(trajectory)) =
+        (&arguments.probe, &arguments.scene, &arguments.trajectory)
+    {
+        let scenario = scenarios::own(probe, scene, trajectory, &arguments.tolerance)?;
+        compared.push(compare(&scenario, &arguments)?);
+    } else {
+        scenarios::each(&arguments.scenario, |scenario| {
+            compared.push(compare(scenario, &arguments)?);
+            Ok(())
+        })?;
+    }
+    if let Some(file) = &arguments.json {
+        serde_json::to_writer_pretty(std::fs::File::create(file)?, &compared)?;
+    }
+    Ok(())
 }
 
-fn compare(scenario: &Scenario, arguments: &Arguments) -> Result<(), Box<dyn Error>> {
-    let Scenario { name, probe, scene, poses, tolerance } = scenario;
+/// The methods, each with the time that it took to build what it needs.
+fn rows(scenario: &Scenario, arguments: &Arguments) -> Result<Vec<Row>, Box<dyn Error>> {
+    let Scenario { probe, scene, tolerance, .. } = scenario;
     let radius = probe.object.bounding_radius();
-    let shell = PointShell::new(&probe.mesh);
+    // Hierarchies come from the cache, and are built once more where their time is asked for.
+    let hierarchies = |mesh: &TriMesh| build(mesh, &BuildOptions::default(), &mut unwatched);
+    let built = if arguments.json.is_some() {
+        let (built, seconds) = timed(|| [&probe.mesh, &scene.mesh].map(hierarchies));
+        built.into_iter().collect::<Result<Vec<_>, _>>()?;
+        Some(seconds)
+    } else {
+        None
+    };
     let mut rows = Vec::new();
     for error in ERRORS {
         let mut query = EngineQuery::new(&probe.object, &scene.object, *tolerance);
@@ -118,71 +294,149 @@ fn compare(scenario: &Scenario, arguments: &Arguments) -> Result<(), Box<dyn Err
             cold.cold = true;
             cold
         });
-        rows.push(Row::new(format!("palpate, {mode}"), query));
-        rows.extend(cold.map(|query| Row::new(format!("palpate, {mode}, from the roots"), query)));
+        rows.push(Row::new(format!("palpate, {mode}"), query, built));
+        rows.extend(cold.map(|query| Row::new(format!("palpate, {mode}, from the roots"), query, built)));
     }
-    let first_peer = rows.len();
-    rows.push(Row::new("parry, manifolds", Manifolds::new(scenario)?));
-    rows.push(Row::new("parry, all pairs of triangles", TrianglePairs::new(scenario)?));
-    for samples in GRIDS.into_iter().take(if arguments.quick { 1 } else { GRIDS.len() }) {
-        let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
-        let grid = distance_grid(scene, samples, *tolerance, Some(folder))?;
-        let method = ShellInGrid::new(&shell, grid, *tolerance);
-        rows.push(Row::new(format!("point shell in {samples}³ grid"), method));
+    let field = |body: &scenarios::Body| {
+        Arc::new(FieldBody::new(
+            &body.mesh,
+            FIELD_CELLS,
+            2.0 * tolerance,
+            SPACING * body.object.bounding_radius(),
+        ))
+    };
+    let ([own, other], seconds) = timed(|| [field(probe), field(scene)]);
+    for samples in SAMPLES {
+        let method = Representative::new(own.clone(), other.clone(), *tolerance, samples);
+        rows.push(Row::new(format!("palpate, representative, {samples} samples"), method, Some(seconds)));
     }
+    let (manifolds, seconds) = timed(|| Manifolds::new(scenario));
+    rows.push(Row::new("parry, manifolds", manifolds?, Some(seconds)));
+    let (pairs, seconds) = timed(|| TrianglePairs::new(scenario));
+    rows.push(Row::new("parry, all pairs of triangles", pairs?, Some(seconds)));
 
-    let mut found = Vec::new();
+    let shell = |body: &scenarios::Body, features| timed(|| Arc::new(PointShell::new(&body.mesh, features)));
+    let grid = |body: &scenarios::Body, samples| -> Result<(Arc<DistanceGrid>, f64), Box<dyn Error>> {
+        let grid = distance_grid(body, samples, *tolerance, Some(Path::new(env!("CARGO_TARGET_TMPDIR"))))?;
+        let seconds = grid.build_seconds();
+        Ok((Arc::new(grid), seconds))
+    };
+    let vertices = shell(probe, Features::Vertices);
+    let (coarse, seconds) = grid(scene, 128)?;
+    let method = ShellInGrid::new(vertices.0.clone(), coarse, *tolerance);
+    rows.push(Row::new("vertices in 128³ grid", method, Some(vertices.1 + seconds)));
+    if arguments.quick {
+        return Ok(rows);
+    }
+    let (fine, seconds) = grid(scene, 256)?;
+    let method = ShellInGrid::new(vertices.0.clone(), fine.clone(), *tolerance);
+    rows.push(Row::new("vertices in 256³ grid", method, Some(vertices.1 + seconds)));
+    let (back, of_scene) = (grid(probe, 256)?, shell(scene, Features::Vertices));
+    let method = ShellInGrid::new(vertices.0, fine.clone(), *tolerance).both_ways(of_scene.0, back.0);
+    let all = vertices.1 + seconds + back.1 + of_scene.1;
+    rows.push(Row::new("vertices in 256³ grid, both ways", method, Some(all)));
+    let edges = shell(probe, Features::VerticesAndEdges);
+    let method = ShellInGrid::new(edges.0.clone(), fine, *tolerance);
+    rows.push(Row::new("vertices and edges in 256³ grid", method, Some(edges.1 + seconds)));
+    let (finest, seconds) = grid(scene, 512)?;
+    let method = ShellInGrid::new(edges.0, finest, *tolerance);
+    rows.push(Row::new("vertices and edges in 512³ grid", method, Some(edges.1 + seconds)));
+    Ok(rows)
+}
+
+/// What was made, and the seconds that it took.
+fn timed<T>(make: impl FnOnce() -> T) -> (T, f64) {
     let begun = Instant::now();
-    for start in blocks(poses.len(), arguments.poses) {
-        if begun.elapsed().as_secs_f64() > arguments.seconds {
+    let made = make();
+    (made, begun.elapsed().as_secs_f64())
+}
+
+fn compare(scenario: &Scenario, arguments: &Arguments) -> Result<Comparison, Box<dyn Error>> {
+    let Scenario { name, probe, scene, poses, tolerance } = scenario;
+    let radius = probe.object.bounding_radius();
+    let mut reference = Reference::new(scenario)?;
+    let mut rows = rows(scenario, arguments)?;
+    rows.retain(|row| {
+        arguments.method.is_empty() || arguments.method.iter().any(|part| row.name.contains(part.as_str()))
+    });
+
+    let starts: Vec<usize> = blocks(poses.len(), arguments.poses).collect();
+    let every = (starts.len() * BLOCK).div_ceil(arguments.scored.max(1)).max(1);
+    let (mut truths, mut scored, mut spent) = (Vec::new(), 0, 0.0);
+    for (block, start) in starts.into_iter().enumerate() {
+        if spent > arguments.seconds {
             break;
         }
-        let block = &poses[start..(start + 1 + BLOCK).min(poses.len())];
+        let poses = &poses[start..(start + 1 + BLOCK).min(poses.len())];
+        let own: Vec<Option<Truth>> = (0..poses.len())
+            .map(|index| {
+                let chosen = index > 0 && (block * BLOCK + index).is_multiple_of(every);
+                chosen.then(|| reference.at(&poses[index]))
+            })
+            .collect();
+        scored += own.iter().flatten().count();
+        let begun = Instant::now();
         for row in &mut rows {
-            row.run(block, *tolerance, &mut found);
+            row.run(poses, &own, &mut reference, scenario);
         }
+        spent += begun.elapsed().as_secs_f64();
+        truths.extend(own.into_iter().flatten());
     }
+    let truths: Vec<&Truth> = truths.iter().collect();
+    let deep = truths.iter().flat_map(|truth| &truth.regions).filter(|region| region.depth > DEEP * radius);
+    let comparison = Comparison {
+        scenario: name.clone(),
+        probe_triangles: probe.mesh.triangles().len(),
+        scene_triangles: scene.mesh.triangles().len(),
+        poses: rows[0].times.len(),
+        poses_scored: scored,
+        tolerance: *tolerance,
+        regions: deep.count(),
+        methods: rows.iter().map(|row| row.figures(&truths, radius)).collect(),
+    };
+    print(&comparison, &truths, radius, [probe.short_name(), scene.short_name()]);
+    Ok(comparison)
+}
 
+fn print(comparison: &Comparison, truths: &[&Truth], radius: f64, [probe, scene]: [&str; 2]) {
+    let Comparison { scenario, probe_triangles, scene_triangles, poses, poses_scored, regions, .. } =
+        comparison;
     println!(
-        "## {name}: {} ({} triangles) on {} ({}), {} poses\n",
-        probe.short_name(),
-        probe.mesh.triangles().len(),
-        scene.short_name(),
-        scene.mesh.triangles().len(),
-        rows[0].times.len()
+        "## {scenario}: {probe} ({probe_triangles} triangles) on {scene} ({scene_triangles}), {poses} poses, {poses_scored} \
+         scored\n"
+    );
+    let of = |value: fn(&Truth) -> f64| truths.iter().map(|truth| value(truth)).collect::<Vec<f64>>();
+    let depths = of(|truth| truth.deepest.unwrap_or(0.0).max(0.0));
+    let (samples, changes) = (of(|truth| truth.samples as f64), of(|truth| truth.change));
+    println!(
+        "The reference has {} samples (median), and its force changed by {:.2} % (largest) as they were refined for the last \
+         time; {regions} regions, the deepest of {:.3} % of R.\n",
+        quantile(&samples, 0.5),
+        100.0 * quantile(&changes, 1.0),
+        100.0 * quantile(&depths, 1.0) / radius
     );
     println!(
-        "| method | query median, µs | p99 | contacts median | max | MB | force error mean, % | p99 | correlation |"
+        "| method | query median, µs | p99 | contacts | MB | built in, s | force error mean, % | p95 | direction p95, ° | correlation | depth off, % | missed |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|");
-    for row in &rows {
-        let error = ForceError::of(&row.forces, &rows[0].forces);
+    println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
+    for row in &comparison.methods {
         println!(
-            "| {} | {:.1} | {:.1} | {} | {} | {:.1} | {:.2} | {:.1} | {:.4} |",
+            "| {} | {:.1} | {:.1} | {} | {:.1} | {} | {:.2} | {:.1} | {:.1} | {:.4} | {:.3} | {} |",
             row.name,
-            quantile(&row.times, 0.5),
-            quantile(&row.times, 0.99),
-            quantile(&row.contacts, 0.5),
-            quantile(&row.contacts, 1.0),
-            row.method.bytes() as f64 / 1e6,
-            100.0 * error.mean,
-            100.0 * error.p99,
-            error.correlation
+            row.median_us,
+            row.p99_us,
+            row.contacts_median,
+            row.memory_bytes as f64 / 1e6,
+            row.build_s.map_or(String::new(), |seconds| format!("{seconds:.2}")),
+            100.0 * row.force_error_mean,
+            100.0 * row.force_error_p95,
+            row.direction_error_p95_deg,
+            row.correlation,
+            100.0 * row.depth_error_max,
+            row.regions_missed
         );
     }
     println!();
-    let ratio =
-        |fraction: f64, row: &Row| quantile(&rows[0].times, fraction) / quantile(&row.times, fraction);
-    for row in &rows[first_peer..] {
-        println!(
-            "{}: palpate's exact query takes {:.3} times as long (median), {:.3} times (p99)",
-            row.name,
-            ratio(0.5, row),
-            ratio(0.99, row)
-        );
-    }
-    println!();
-    Ok(())
 }
 
 /// Where blocks of a path begin, one pose before the first that counts: at the middles of equal parts, and in such an
@@ -195,23 +449,4 @@ fn blocks(path: usize, poses: usize) -> impl Iterator<Item = usize> {
     let key = |block: usize| (GOLDEN * (block as f64 - (chosen / 2) as f64)).rem_euclid(1.0);
     order.sort_by(|a, b| key(*a).total_cmp(&key(*b)));
     order.into_iter().map(move |block| (2 * block + 1) * all / (2 * chosen) * BLOCK)
-}
-
-/// How far forces are from those at full resolution, relative to the mean of the latter.
-struct ForceError {
-    mean: f64,
-    p99: f64,
-    /// Of the magnitudes.
-    correlation: f64,
-}
-
-impl ForceError {
-    fn of(forces: &[DVec3], exact: &[DVec3]) -> Self {
-        let lengths = |forces: &[DVec3]| forces.iter().map(|f| f.length()).collect::<Vec<_>>();
-        let (own, reference) = (lengths(forces), lengths(exact));
-        let scale = mean(&reference);
-        let errors: Vec<f64> = forces.iter().zip(exact).map(|(f, g)| f.distance(*g) / scale).collect();
-        let correlation = correlation(&own, &reference);
-        Self { mean: mean(&errors), p99: quantile(&errors, 0.99), correlation }
-    }
 }

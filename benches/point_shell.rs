@@ -4,20 +4,21 @@
 //! points: J. Barbič and D. L. James, *Six-DoF haptic rendering of contact between geometrically complex reduced
 //! deformable models*, IEEE Transactions on Haptics, 2008).
 //!
-//! Here the points are the probe's vertices. A query reports all of them that are closer than d, with the depth and its
-//! gradient as normal, both interpolated trilinearly. A sphere of points is passed over where the distance at its
-//! centre exceeds its radius by d.
+//! Here the points are the probe's vertices, and, if asked for, the nearest points of its edges, as in Newton (NVIDIA, 2026). A
+//! query reports all of them that are closer than d, with the depth and its gradient as normal, both interpolated
+//! trilinearly. A sphere of points is passed over where the distance at its centre exceeds its radius by d.
 
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::path::Path;
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
+use std::time::Instant;
 
-use palpate::collide::PatchContact;
 use palpate::glam::{Affine3A, DAffine3, DMat3, DVec3, Vec3, Vec3A};
 use palpate::{Contact, Pose, TriMesh};
+use palpate_field::AreaContact;
 
-use crate::method::{Method, without_nodes};
+use crate::method::Method;
 
 /// Samples along an edge of a block, all of which are measured or none.
 const BLOCK: usize = 4;
@@ -38,6 +39,8 @@ pub struct DistanceGrid {
     margin: f64,
     /// x varies fastest, m.
     values: Vec<f32>,
+    /// How long it took to build, s.
+    seconds: f64,
 }
 
 impl DistanceGrid {
@@ -54,11 +57,12 @@ impl DistanceGrid {
         distance: impl Fn(DVec3) -> f64 + Sync,
     ) -> Self {
         assert!(samples > 0 && samples.is_multiple_of(BLOCK), "{samples} samples");
+        let begun = Instant::now();
         let low = mesh.vertices().iter().copied().fold(DVec3::INFINITY, DVec3::min) - margin;
         let high = mesh.vertices().iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max) + margin;
         let spacing = (high - low) / (samples - 1) as f64;
         let mut grid =
-            Self { samples, origin: low, spacing, margin, values: vec![0.0; samples * samples * samples] };
+            Self { samples, origin: low, spacing, margin, values: vec![0.0; samples.pow(3)], seconds: 0.0 };
         // The corners of all blocks, those of the last ones beyond the grid.
         let corners = samples / BLOCK + 1;
         let mut coarse = vec![0.0f64; corners * corners * corners];
@@ -81,6 +85,7 @@ impl DistanceGrid {
                 );
             }
         });
+        grid.seconds = begun.elapsed().as_secs_f64();
         grid
     }
 
@@ -104,7 +109,7 @@ impl DistanceGrid {
     fn write(&self, to: &mut impl Write) -> io::Result<()> {
         to.write_all(&(self.samples as u64).to_le_bytes())?;
         let (o, s) = (self.origin, self.spacing);
-        for number in [o.x, o.y, o.z, s.x, s.y, s.z, self.margin] {
+        for number in [o.x, o.y, o.z, s.x, s.y, s.z, self.margin, self.seconds] {
             to.write_all(&number.to_le_bytes())?;
         }
         self.values.iter().try_for_each(|value| to.write_all(&value.to_le_bytes()))
@@ -114,7 +119,7 @@ impl DistanceGrid {
         let mut word = [0; 8];
         from.read_exact(&mut word)?;
         let samples = u64::from_le_bytes(word) as usize;
-        let mut numbers = [0.0; 7];
+        let mut numbers = [0.0; 8];
         for number in &mut numbers {
             from.read_exact(&mut word)?;
             *number = f64::from_le_bytes(word);
@@ -126,9 +131,14 @@ impl DistanceGrid {
         if samples.checked_pow(3) != Some(values.len()) {
             return Err(io::Error::new(io::ErrorKind::InvalidData, "the file is no whole distance grid"));
         }
-        let [a, b, c, d, e, f, margin] = numbers;
+        let [a, b, c, d, e, f, margin, seconds] = numbers;
         let (origin, spacing) = (DVec3::new(a, b, c), DVec3::new(d, e, f));
-        Ok(Self { samples, origin, spacing, margin, values })
+        Ok(Self { samples, origin, spacing, margin, values, seconds })
+    }
+
+    /// How long it took to build, s.
+    pub fn build_seconds(&self) -> f64 {
+        self.seconds
     }
 
     /// Bytes of memory held.
@@ -203,11 +213,23 @@ fn in_parallel<T: Send>(items: impl Iterator<Item = T> + Send, work: impl Fn(T) 
     });
 }
 
+/// Halvings of an edge in search of its nearest point.
+const HALVINGS: usize = 4;
+
+/// What of a mesh is asked for its distance.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Features {
+    /// The vertices.
+    Vertices,
+    /// The vertices, and the nearest point of each edge.
+    VerticesAndEdges,
+}
+
 /// A point of the probe closer than d to the scene object, in scene axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShellContact {
-    /// Index of the probe's vertex.
-    pub vertex: u32,
+    /// Index of the probe's vertex, or the number of vertices and the index of the edge.
+    pub feature: u32,
     /// The point, m.
     pub point: Vec3,
     /// Unit normal that points out of the probe: against the gradient of the distance.
@@ -216,14 +238,18 @@ pub struct ShellContact {
     pub depth: f32,
 }
 
-/// The vertices of a probe in a tree of spheres.
+/// The vertices of a probe, and perhaps its edges, in a tree of spheres.
 #[derive(Clone, Debug)]
 pub struct PointShell {
     /// Depth first.
     nodes: Vec<Sphere>,
     /// In the order of the leaves.
     points: Vec<Vec3A>,
-    vertices: Vec<u32>,
+    /// From an edge's middle to its end, in the order of the leaves; 0 of a vertex. None without edges.
+    halves: Option<Vec<Vec3A>>,
+    features: Vec<u32>,
+    /// Of each feature of the mesh: its share of the triangles around it, m².
+    areas: Vec<f64>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -238,15 +264,41 @@ struct Sphere {
 }
 
 impl PointShell {
-    /// A shell of the vertices that a mesh's triangles use.
-    pub fn new(mesh: &TriMesh) -> Self {
-        let mut vertices: Vec<u32> = mesh.triangles().iter().flatten().copied().collect();
-        vertices.sort_unstable();
-        vertices.dedup();
+    /// A shell of what a mesh's triangles use.
+    pub fn new(mesh: &TriMesh, kind: Features) -> Self {
+        let vertices = mesh.vertices().len();
+        let adjacency = mesh.adjacency();
+        let edges = if kind == Features::Vertices { &[][..] } else { adjacency.edges() };
+        let ends = |edge: &[u32; 2]| edge.map(|v| mesh.vertices()[v as usize]);
+        let middles = edges.iter().map(|edge| ends(edge)[0].midpoint(ends(edge)[1]));
+        let halves = edges.iter().map(|edge| (ends(edge)[1] - ends(edge)[0]) / 2.0);
+        let places: Vec<DVec3> = mesh.vertices().iter().copied().chain(middles).collect();
+        let halves: Vec<DVec3> = std::iter::repeat_n(DVec3::ZERO, vertices).chain(halves).collect();
+        // Of each triangle a third goes to each vertex, or a sixth to each vertex and edge.
+        let share = if edges.is_empty() { 3.0 } else { 6.0 };
+        let mut areas = vec![0.0; places.len()];
+        for (index, triangle) in mesh.triangles().iter().enumerate() {
+            let [a, b, c] = mesh.corners(index);
+            let area = (b - a).cross(c - a).length() / 2.0 / share;
+            triangle.iter().for_each(|v| areas[*v as usize] += area);
+            if !edges.is_empty() {
+                adjacency.triangle_edges()[index].iter().for_each(|e| areas[vertices + *e as usize] += area);
+            }
+        }
+        let mut features: Vec<u32> = mesh.triangles().iter().flatten().copied().collect();
+        features.sort_unstable();
+        features.dedup();
+        features.extend((0..edges.len()).map(|edge| (vertices + edge) as u32));
         let mut nodes = Vec::new();
-        split(mesh.vertices(), &mut vertices, 0, &mut nodes);
-        let points = vertices.iter().map(|v| mesh.vertices()[*v as usize].as_vec3a()).collect();
-        Self { nodes, points, vertices }
+        split(&places, &halves, &mut features, 0, &mut nodes);
+        let in_order = |of: &[DVec3]| features.iter().map(|f| of[*f as usize].as_vec3a()).collect();
+        Self {
+            nodes,
+            points: in_order(&places),
+            halves: (!edges.is_empty()).then(|| in_order(&halves)),
+            features,
+            areas,
+        }
     }
 
     /// Bytes of memory held.
@@ -254,7 +306,8 @@ impl PointShell {
         size_of::<Self>()
             + self.nodes.capacity() * size_of::<Sphere>()
             + self.points.capacity() * size_of::<Vec3A>()
-            + self.vertices.capacity() * size_of::<u32>()
+            + self.halves.as_ref().map_or(0, |halves| halves.capacity() * size_of::<Vec3A>())
+            + self.features.capacity() * size_of::<u32>()
     }
 
     /// Finds the points closer than a tolerance (m) to the scene object, which stands at the origin. Does not allocate
@@ -284,7 +337,16 @@ impl PointShell {
                 continue;
             }
             for point in node.first as usize..node.end as usize {
-                let at = to_grid.transform_point3a(self.points[point]);
+                let mut at = to_grid.transform_point3a(self.points[point]);
+                let half = self.halves.as_ref().map_or(Vec3A::ZERO, |halves| halves[point]);
+                if half != Vec3A::ZERO {
+                    let Some(nearest) =
+                        nearest_of_edge(scene, at, to_grid.transform_vector3a(half), tolerance)
+                    else {
+                        continue;
+                    };
+                    at = nearest;
+                }
                 if !scene.contains(at) {
                     continue;
                 }
@@ -293,7 +355,7 @@ impl PointShell {
                 if distance < tolerance {
                     let gradient = gradient(&corners, within) * inverse_spacing;
                     contacts.push(ShellContact {
-                        vertex: self.vertices[point],
+                        feature: self.features[point],
                         point: Vec3::from(at * spacing) + origin,
                         normal: -gradient.normalize_or_zero(),
                         depth: -distance,
@@ -305,37 +367,81 @@ impl PointShell {
     }
 }
 
-/// A probe's shell of points, asked for contacts with a scene object's distance grid.
+/// The nearest point of an edge, given its middle and half of it, in units of the grid: by bisection, for the distance from a
+/// convex piece of surface has one minimum along a line. `None` if it is out of reach.
+#[inline]
+fn nearest_of_edge(grid: &DistanceGrid, middle: Vec3A, half: Vec3A, tolerance: f32) -> Option<Vec3A> {
+    let last = Vec3A::splat((grid.samples - 1) as f32);
+    let spacing = grid.spacing.as_vec3a();
+    let (mut at, mut step) = (middle, half);
+    for round in 0..HALVINGS {
+        let (corners, within) = grid.cell(at.clamp(Vec3A::ZERO, last));
+        if round == 0 && interpolated(&corners, within) > (half * spacing).length() + tolerance {
+            return None;
+        }
+        step *= 0.5;
+        let rising = Vec3A::from(gradient(&corners, within)).dot(half) > 0.0;
+        at += if rising { -step } else { step };
+    }
+    Some(at)
+}
+
+/// A probe's shell of points, asked for contacts with a scene object's distance grid; and the other way round, if there are the
+/// scene object's shell and the probe's grid.
 #[derive(Clone, Debug)]
-pub struct ShellInGrid<'a> {
-    shell: &'a PointShell,
-    grid: DistanceGrid,
+pub struct ShellInGrid {
+    forth: (Arc<PointShell>, Arc<DistanceGrid>),
+    back: Option<(Arc<PointShell>, Arc<DistanceGrid>)>,
     tolerance: f64,
-    found: Vec<ShellContact>,
+    found: [Vec<ShellContact>; 2],
 }
 
-impl<'a> ShellInGrid<'a> {
-    /// A query for contacts within a tolerance, m.
-    pub fn new(shell: &'a PointShell, grid: DistanceGrid, tolerance: f64) -> Self {
-        Self { shell, grid, tolerance, found: Vec::new() }
+impl ShellInGrid {
+    /// A query for contacts within a tolerance, m, of the probe's shell in the scene object's grid.
+    pub fn new(shell: Arc<PointShell>, grid: Arc<DistanceGrid>, tolerance: f64) -> Self {
+        Self { forth: (shell, grid), back: None, tolerance, found: [Vec::new(), Vec::new()] }
+    }
+
+    /// The same, and of the scene object's shell in the probe's grid.
+    pub fn both_ways(self, shell: Arc<PointShell>, grid: Arc<DistanceGrid>) -> Self {
+        Self { back: Some((shell, grid)), ..self }
     }
 }
 
-impl Method for ShellInGrid<'_> {
+impl Method for ShellInGrid {
     fn run(&mut self, pose: &Pose) {
-        self.shell.query(pose, &self.grid, self.tolerance, &mut self.found);
+        let (shell, grid) = &self.forth;
+        shell.query(pose, grid, self.tolerance, &mut self.found[0]);
+        if let Some((shell, grid)) = &self.back {
+            shell.query(&pose.inverse(), grid, self.tolerance, &mut self.found[1]);
+        }
     }
 
-    fn append_contacts(&self, _: &Pose, found: &mut Vec<PatchContact>) {
-        found.extend(self.found.iter().map(|contact| {
-            let (point, normal) = (contact.point.as_dvec3(), contact.normal.as_dvec3());
-            let depth = f64::from(contact.depth);
-            without_nodes(Contact { point, scene_point: point - depth * normal, normal, depth })
-        }));
+    fn append_contacts(&self, pose: &Pose, found: &mut Vec<AreaContact>) {
+        let of = |shell: &PointShell, found: &ShellContact| {
+            let (point, normal) = (found.point.as_dvec3(), found.normal.as_dvec3());
+            let depth = f64::from(found.depth);
+            let contact = Contact { point, scene_point: point - depth * normal, normal, depth };
+            AreaContact { contact, area: shell.areas[found.feature as usize] }
+        };
+        found.extend(self.found[0].iter().map(|contact| of(&self.forth.0, contact)));
+        if let Some((shell, _)) = &self.back {
+            found.extend(self.found[1].iter().map(|back| {
+                let AreaContact { contact, area } = of(shell, back);
+                let Contact { point, scene_point, normal, depth } = contact.swapped();
+                let world = |p| pose.transform_point(p);
+                let normal = pose.transform_vector(normal);
+                AreaContact {
+                    contact: Contact { point: world(point), scene_point: world(scene_point), normal, depth },
+                    area,
+                }
+            }));
+        }
     }
 
     fn bytes(&self) -> usize {
-        self.shell.bytes() + self.grid.bytes()
+        let of = |(shell, grid): &(Arc<PointShell>, Arc<DistanceGrid>)| shell.bytes() + grid.bytes();
+        of(&self.forth) + self.back.as_ref().map_or(0, of)
     }
 }
 
@@ -358,12 +464,13 @@ fn gradient(&[a, b, c, d, e, f, g, h]: &[f32; 8], at: Vec3) -> Vec3 {
     Vec3::new(x, y, z)
 }
 
-fn split(points: &[DVec3], own: &mut [u32], first: usize, nodes: &mut Vec<Sphere>) {
+fn split(points: &[DVec3], halves: &[DVec3], own: &mut [u32], first: usize, nodes: &mut Vec<Sphere>) {
     let place = |v: &u32| points[*v as usize];
     let low = own.iter().map(place).fold(DVec3::INFINITY, DVec3::min);
     let high = own.iter().map(place).fold(DVec3::NEG_INFINITY, DVec3::max);
     let center = low.midpoint(high);
-    let radius = own.iter().map(|v| place(v).distance(center)).fold(0.0, f64::max);
+    let reach = |v: &u32| place(v).distance(center) + halves[*v as usize].length();
+    let radius = own.iter().map(reach).fold(0.0, f64::max);
     let index = nodes.len();
     let (center, radius) = (center.as_vec3(), (radius * (1.0 + 1e-6)) as f32);
     nodes.push(Sphere { center, radius, skip: 0, first: first as u32, end: first as u32 });
@@ -374,8 +481,8 @@ fn split(points: &[DVec3], own: &mut [u32], first: usize, nodes: &mut Vec<Sphere
         let middle = own.len() / 2;
         own.select_nth_unstable_by(middle, |v, w| place(v)[axis].total_cmp(&place(w)[axis]));
         let (left, right) = own.split_at_mut(middle);
-        split(points, left, first, nodes);
-        split(points, right, first + middle, nodes);
+        split(points, halves, left, first, nodes);
+        split(points, halves, right, first + middle, nodes);
     }
     nodes[index].skip = nodes.len() as u32;
 }
@@ -425,7 +532,7 @@ mod tests {
         let (samples, tolerance) = (128, 0.001);
         let grid = sphere_grid(samples);
         let mesh = Model::Torus.generate(20_000).expect("within range");
-        let shell = PointShell::new(&mesh);
+        let shell = PointShell::new(&mesh, Features::Vertices);
         let radius = mesh.bounding_sphere().radius;
         // The error of linear interpolation: κ h² / 8 along each axis.
         let error = 3.0 * grid.spacing.max_element().powi(2) / 8.0 / (RADIUS - 2.0 * MARGIN) + 1e-7;
@@ -437,8 +544,8 @@ mod tests {
             shell.query(&pose, &grid, tolerance, &mut contacts);
             let mut seen = vec![false; mesh.vertices().len()];
             for contact in &contacts {
-                seen[contact.vertex as usize] = true;
-                let point = pose.transform_point(mesh.vertices()[contact.vertex as usize]);
+                seen[contact.feature as usize] = true;
+                let point = pose.transform_point(mesh.vertices()[contact.feature as usize]);
                 assert!(contact.point.as_dvec3().distance(point) < 1e-7);
                 let (distance, depth) = (to_sphere(point), f64::from(contact.depth));
                 if distance > -MARGIN {

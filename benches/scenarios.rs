@@ -31,12 +31,15 @@ const STATIONS: usize = 32;
 const POSES: usize = 1000;
 const APPROACH: f64 = 0.2;
 const LOOP: f64 = 0.6;
+/// Of the thread of the test data's M16 bolt, m; and where the nut starts, from where it is clear of the bolt for two turns.
+const THREAD_PITCH: f64 = 0.002;
+const THREAD_START: f64 = 0.006;
 
 /// A probe, a scene object that stands at the origin, and a path of the probe.
 #[derive(Clone, Debug)]
 pub struct Scenario {
     /// By which it is chosen.
-    pub name: &'static str,
+    pub name: String,
     /// The object that moves.
     pub probe: Body,
     /// The object that does not.
@@ -76,6 +79,10 @@ enum Motion {
     /// A trajectory file.
     Recorded(&'static str),
     Sliding(Sliding),
+    /// A nut is screwed down a bolt, lowered by so much (m) onto the flanks of the thread.
+    Screwing {
+        pressed: f64,
+    },
 }
 
 /// How a probe slides over an object.
@@ -103,7 +110,7 @@ impl Sliding {
     };
 }
 
-const SCENARIOS: [Entry; 12] = [
+const SCENARIOS: [Entry; 14] = [
     Entry {
         name: "ellipsoid",
         probe: "ellipsoid",
@@ -185,6 +192,18 @@ const SCENARIOS: [Entry; 12] = [
         }),
     },
     Entry {
+        name: "nut-screwed",
+        probe: "models/good/nut_m16.obj",
+        scene: "models/good/bolt_m16.obj",
+        motion: Motion::Screwing { pressed: 0.0 },
+    },
+    Entry {
+        name: "nut-pressed",
+        probe: "models/good/nut_m16.obj",
+        scene: "models/good/bolt_m16.obj",
+        motion: Motion::Screwing { pressed: 20e-6 },
+    },
+    Entry {
         name: "gears",
         probe: "models/good/gear_medium.obj",
         scene: "models/good/gear_large.obj",
@@ -243,17 +262,51 @@ pub fn open(name: &str) -> Result<Option<Scenario>, Box<dyn Error>> {
     };
     let poses = match &entry.motion {
         Motion::Sliding(sliding) => sliding.path(&probe, &scene)?,
+        Motion::Screwing { pressed } => screwing(*pressed),
         Motion::Recorded(file) => {
             let file = data_file(file);
             if !file.exists() {
                 return Ok(None);
             }
-            let path = MotionPath::load(&file, Interpolation::Linear)?;
-            path.keyframes().iter().map(|keyframe| keyframe.pose).collect()
+            recorded(&file)?
         }
     };
     let tolerance = TOLERANCE * probe.object.bounding_radius();
-    Ok(Some(Scenario { name: entry.name, probe, scene, poses, tolerance }))
+    Ok(Some(Scenario { name: entry.name.to_owned(), probe, scene, poses, tolerance }))
+}
+
+/// A scenario of one's own: mesh files or built-in models and a trajectory file; the tolerance (d) in metres, or in percent of
+/// the probe's radius ("1%").
+///
+/// # Errors
+/// If one of the files is refused, or the tolerance is none.
+pub fn own(probe: &str, scene: &str, trajectory: &Path, tolerance: &str) -> Result<Scenario, Box<dyn Error>> {
+    let [probe, scene] = [load(probe)?, load(scene)?];
+    let (number, unit) = match tolerance.strip_suffix('%') {
+        Some(percent) => (percent, probe.object.bounding_radius() / 100.0),
+        None => (tolerance, 1.0),
+    };
+    let tolerance = number.trim().parse().ok().map(|number: f64| number * unit);
+    let tolerance = tolerance.filter(|d| d.is_finite() && *d > 0.0);
+    let tolerance = tolerance.ok_or("--tolerance has to be a length above 0 in metres, or in percent: 1%")?;
+    let name = format!("{} on {}", probe.short_name(), scene.short_name());
+    Ok(Scenario { name, poses: recorded(trajectory)?, probe, scene, tolerance })
+}
+
+/// The poses of a trajectory file.
+fn recorded(file: &Path) -> Result<Vec<Pose>, Box<dyn Error>> {
+    let path = MotionPath::load(file, Interpolation::Linear)?;
+    Ok(path.keyframes().iter().map(|keyframe| keyframe.pose).collect())
+}
+
+/// A nut that is screwed down by two turns in two seconds.
+fn screwing(pressed: f64) -> Vec<Pose> {
+    let pose = |step: usize| {
+        let turns = 1e-3 * step as f64;
+        let height = THREAD_START - THREAD_PITCH * turns - pressed;
+        Pose::new(DVec3::Z * height, DQuat::from_rotation_z(-TAU * turns))
+    };
+    (0..2000).map(pose).collect()
 }
 
 /// Where a file is: one of the repository's `assets`, or else one of the optional test data.
@@ -273,10 +326,14 @@ fn body(name: &str) -> Result<Option<Body>, Box<dyn Error>> {
     } else {
         name
     };
+    load(argument).map(Some)
+}
+
+fn load(argument: &str) -> Result<Body, Box<dyn Error>> {
     let options = OpenOptions::default();
     let mesh = open_mesh(argument, &options)?.mesh;
     let object = Object::open(argument, &options, &mut unwatched)?;
-    Ok(Some(Body { object, mesh }))
+    Ok(Body { object, mesh })
 }
 
 impl Sliding {

@@ -24,19 +24,20 @@
 use std::collections::HashMap;
 use std::error::Error;
 use std::path::Path;
+use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Parser;
 use palpate::Pose;
 use palpate::clod_build::{BuildOptions, build, unwatched};
-use palpate::collide::PatchContact;
 use palpate::glam::{DVec3, IVec3};
 use palpate_benches::engine::{EngineQuery, EngineSet};
 use palpate_benches::method::Method;
 use palpate_benches::parry::{Manifolds, TrianglePairs, distance_grid};
-use palpate_benches::point_shell::{PointShell, ShellInGrid};
+use palpate_benches::point_shell::{Features, PointShell, ShellInGrid};
 use palpate_benches::scenarios::{self, Scenario};
 use palpate_benches::statistics::{mean, quantile};
+use palpate_field::AreaContact;
 use palpate_tests::close_pairs::{ClosePairs, Intersection, Surface};
 
 #[derive(Parser)]
@@ -166,8 +167,8 @@ impl<'a> Row<'a> {
         self.distance_errors.push((smallest - truth.smallest).abs());
 
         let merge = MERGE * tolerance;
-        let points = |found: &PatchContact| [found.contact.point, found.contact.scene_point];
-        let in_box = |region: &Intersection, found: &PatchContact| {
+        let points = |found: &AreaContact| [found.contact.point, found.contact.scene_point];
+        let in_box = |region: &Intersection, found: &AreaContact| {
             let point = found.contact.point;
             point.cmpge(region.low - merge).all() && point.cmple(region.high + merge).all()
         };
@@ -197,7 +198,7 @@ impl<'a> Row<'a> {
     }
 }
 
-fn is_valid(found: &PatchContact, [probe, scene]: &[Surface; 2], pose: &Pose, reach: f64) -> bool {
+fn is_valid(found: &AreaContact, [probe, scene]: &[Surface; 2], pose: &Pose, reach: f64) -> bool {
     let contact = &found.contact;
     let in_probe = [contact.point, contact.scene_point].map(|point| pose.inverse().transform_point(point));
     let signed = |surface: &Surface, point: DVec3| {
@@ -219,7 +220,7 @@ fn timed<T>(make: impl FnOnce() -> T) -> (T, f64) {
 
 fn rows<'a>(
     scenario: &'a Scenario,
-    shell: &'a (PointShell, f64),
+    shell: &'a (Arc<PointShell>, f64),
     anew: bool,
 ) -> Result<Vec<Row<'a>>, Box<dyn Error>> {
     let Scenario { probe, scene, tolerance, .. } = scenario;
@@ -252,7 +253,7 @@ fn rows<'a>(
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
         let (grid, seconds) = timed(|| distance_grid(scene, samples, *tolerance, (!anew).then_some(folder)));
         let seconds = anew.then_some(seconds + shell.1);
-        let method = ShellInGrid::new(&shell.0, grid?, *tolerance);
+        let method = ShellInGrid::new(shell.0.clone(), Arc::new(grid?), *tolerance);
         rows.push(Row::new(format!("point shell in {samples}³ grid"), method, seconds));
     }
     let (manifolds, seconds) = timed(|| Manifolds::new(scenario));
@@ -266,7 +267,7 @@ fn score(scenario: &Scenario, arguments: &Arguments) -> Result<(), Box<dyn Error
     let Scenario { name, probe, scene, poses, tolerance } = scenario;
     let radius = probe.object.bounding_radius();
     let surfaces = [probe, scene].map(|body| Surface::new(body.mesh.clone()));
-    let shell = timed(|| PointShell::new(&probe.mesh));
+    let shell = timed(|| Arc::new(PointShell::new(&probe.mesh, Features::Vertices)));
     let mut rows = rows(scenario, &shell, arguments.build)?;
     let count = arguments.poses.clamp(1, poses.len());
     let (mut close, mut minima, mut regions) = (Vec::new(), 0, 0);

@@ -1,0 +1,44 @@
+//! Palpate's representative contacts: integrals over the area of contact, in distance fields of both bodies.
+
+use std::sync::Arc;
+
+use palpate::Pose;
+use palpate_field::{AreaContact, FieldBody, FieldOutcome, FieldQuery, FieldSettings};
+
+use crate::method::Method;
+use crate::reference::LAW_REACH;
+
+/// A query for representative contacts.
+pub struct Representative {
+    probe: Arc<FieldBody>,
+    scene: Arc<FieldBody>,
+    query: FieldQuery,
+    settings: FieldSettings,
+}
+
+impl Representative {
+    /// Within a tolerance, m; with so many samples around each place.
+    pub fn new(probe: Arc<FieldBody>, scene: Arc<FieldBody>, tolerance: f64, samples: f32) -> Self {
+        let query = FieldQuery::new(&probe, LAW_REACH);
+        Self { probe, scene, query, settings: FieldSettings { tolerance, samples } }
+    }
+
+    /// What the last query took.
+    pub fn outcome(&self) -> FieldOutcome {
+        self.query.outcome()
+    }
+}
+
+impl Method for Representative {
+    fn run(&mut self, pose: &Pose) {
+        self.query.run(&self.probe, &self.scene, pose, &Pose::IDENTITY, &self.settings);
+    }
+
+    fn append_contacts(&self, pose: &Pose, found: &mut Vec<AreaContact>) {
+        self.query.append_contacts(&self.probe, pose, self.settings.tolerance, found);
+    }
+
+    fn bytes(&self) -> usize {
+        self.probe.bytes() + self.scene.bytes() + self.query.bytes()
+    }
+}

@@ -1,0 +1,328 @@
+//! A signed distance field in bricks: samples near the surface, and bounds elsewhere.
+
+use glam::{DVec3, UVec3};
+use palpate_core::TriMesh;
+use rayon::prelude::*;
+use wide::{f32x4, i32x4};
+
+use crate::exact::ExactDistance;
+
+/// Cells of the fine lattice along an edge of one of the coarse one.
+const COARSE: usize = 4;
+/// Cells along an edge of a brick.
+const CELLS: usize = 8;
+/// Samples along an edge of a brick: neighbours share those at their faces, each with its own copy.
+const SAMPLES: usize = CELLS + 1;
+const PER_BRICK: usize = SAMPLES * SAMPLES * SAMPLES;
+/// Where rows along x begin that hold the corners of a cell.
+const ROWS: [usize; 4] = [0, SAMPLES, SAMPLES * SAMPLES, SAMPLES * SAMPLES + SAMPLES];
+/// From the first corner of a cell to the last.
+const REACH: usize = ROWS[3] + 2;
+/// In the table of bricks: no samples, only a bound.
+const FAR: u32 = u32::MAX;
+
+/// Signed distances (negative inside) from a surface on a lattice, interpolated trilinearly.
+#[derive(Clone, Debug)]
+pub struct DistanceField {
+    /// Position of the first sample, m.
+    origin: DVec3,
+    /// Lattice constant, m.
+    spacing: f64,
+    /// Bricks along each axis.
+    bricks: UVec3,
+    /// The samples of each brick, x varying fastest, or [`FAR`].
+    table: Vec<u32>,
+    /// Whether a brick that is far is inside.
+    is_inside: Vec<bool>,
+    /// Squared distances on a lattice that is coarser by [`COARSE`], in lattice constants of the fine one.
+    coarse: Vec<f32>,
+    coarse_size: UVec3,
+    /// What is far is further from the surface than this, in lattice constants.
+    band: f32,
+    /// In steps of `step` lattice constants.
+    samples: Vec<[i16; PER_BRICK]>,
+    step: f32,
+}
+
+impl DistanceField {
+    /// Of a mesh's surface, with `cells` lattice cells across the bounding sphere, and samples at least as far from the surface
+    /// as `band` (m).
+    pub fn new(mesh: &TriMesh, exact: &ExactDistance, cells: u32, band: f64) -> Self {
+        let sphere = mesh.bounding_sphere();
+        let spacing = 2.0 * sphere.radius / f64::from(cells);
+        let side = spacing * CELLS as f64;
+        let used = || mesh.triangles().iter().flatten().map(|v| mesh.vertices()[*v as usize]);
+        let low = used().fold(DVec3::INFINITY, DVec3::min) - band - spacing;
+        let high = used().fold(DVec3::NEG_INFINITY, DVec3::max) + band + spacing;
+        let bricks = ((high - low) / side).ceil().max(DVec3::ONE).as_uvec3();
+        let count = bricks.x * bricks.y * bricks.z;
+        let half_diagonal = side * 0.75f64.sqrt();
+        // A near brick's samples are within this of the surface.
+        let most = band + 2.0 * half_diagonal;
+        let step = most / spacing / f64::from(i16::MAX);
+        let corner = |brick: u32| {
+            let place =
+                UVec3::new(brick % bricks.x, brick / bricks.x % bricks.y, brick / (bricks.x * bricks.y));
+            low + side * place.as_dvec3()
+        };
+        let measured: Vec<(f32, Option<Box<[i16; PER_BRICK]>>)> = (0..count)
+            .into_par_iter()
+            .map(|brick| {
+                let corner = corner(brick);
+                let middle = exact.nearest(corner + side / 2.0, 0);
+                let clear = middle.distance.abs() - half_diagonal;
+                if clear > band {
+                    return ((middle.distance / spacing) as f32, None);
+                }
+                let mut values = Box::new([0; PER_BRICK]);
+                let mut hint = middle.hint;
+                for (index, value) in values.iter_mut().enumerate() {
+                    let at = UVec3::new(
+                        (index % SAMPLES) as u32,
+                        (index / SAMPLES % SAMPLES) as u32,
+                        (index / (SAMPLES * SAMPLES)) as u32,
+                    );
+                    let found = exact.nearest(corner + spacing * at.as_dvec3(), hint);
+                    hint = found.hint;
+                    *value = (found.distance / spacing / step).round() as i16;
+                }
+                (0.0, Some(values))
+            })
+            .collect();
+        let coarse_size = bricks * (CELLS / COARSE) as u32 + 1;
+        let coarse = (0..coarse_size.element_product())
+            .into_par_iter()
+            .map(|index| {
+                let place = UVec3::new(
+                    index % coarse_size.x,
+                    index / coarse_size.x % coarse_size.y,
+                    index / (coarse_size.x * coarse_size.y),
+                );
+                let distance = exact.nearest(low + spacing * COARSE as f64 * place.as_dvec3(), 0).distance;
+                (distance / spacing).powi(2) as f32
+            })
+            .collect();
+        let mut field = Self {
+            coarse,
+            coarse_size,
+            origin: low,
+            spacing,
+            bricks,
+            table: Vec::with_capacity(measured.len()),
+            is_inside: Vec::with_capacity(measured.len()),
+            samples: Vec::new(),
+            step: step as f32,
+            band: (band / spacing) as f32,
+        };
+        for (bound, values) in measured {
+            field.is_inside.push(bound < 0.0);
+            field.table.push(if values.is_some() { field.samples.len() as u32 } else { FAR });
+            field.samples.extend(values.map(|values| *values));
+        }
+        field.samples.shrink_to_fit();
+        field
+    }
+
+    /// Lattice constant, m.
+    pub fn spacing(&self) -> f64 {
+        self.spacing
+    }
+
+    /// Position of the first sample, m.
+    pub fn origin(&self) -> DVec3 {
+        self.origin
+    }
+
+    /// Distances up to this are sampled, m.
+    pub fn band(&self) -> f64 {
+        f64::from(self.band) * self.spacing
+    }
+
+    /// Bytes of memory held.
+    pub fn bytes(&self) -> usize {
+        size_of::<Self>()
+            + self.table.capacity() * (size_of::<u32>() + size_of::<f32>())
+            + self.samples.capacity() * size_of::<[i16; PER_BRICK]>()
+    }
+
+    /// The distances of four points, in lattice constants from the origin: in the first of four, and their gradients in the
+    /// others. What is far has the bound on its distance, and any vector in about the gradient's direction.
+    #[inline]
+    pub(crate) fn read<const GRADIENT: bool>(&self, at: &[f32x4; 3]) -> [f32x4; 4] {
+        let [nx, ny, nz] = self.bricks.to_array();
+        let size = [nx, ny, nz].map(|bricks| f32x4::splat((bricks * CELLS as u32) as f32));
+        let clamped = |x: f32x4, most: f32x4| x.fast_max(f32x4::ZERO).fast_min(most);
+        let inside = [clamped(at[0], size[0]), clamped(at[1], size[1]), clamped(at[2], size[2])];
+        let is_outside =
+            (inside[0].simd_ne(at[0]) | inside[1].simd_ne(at[1]) | inside[2].simd_ne(at[2])).to_bitmask();
+        let cell = |x: f32x4, size: f32x4| x.fast_min(size - f32x4::ONE).fast_trunc_int();
+        let (cx, cy, cz) = (cell(inside[0], size[0]), cell(inside[1], size[1]), cell(inside[2], size[2]));
+        let brick: i32x4 =
+            ((cz >> 3) * i32x4::splat(ny as i32) + (cy >> 3)) * i32x4::splat(nx as i32) + (cx >> 3);
+        let seven = i32x4::splat(7);
+        let (ly, lz) = (cy & seven, cz & seven);
+        // 9 y and 81 z.
+        let first: i32x4 = (cx & seven) + (ly << 3) + ly + (lz << 6) + (lz << 4) + lz;
+        let (bricks, firsts) = (brick.to_array(), first.to_array());
+        let mut pairs = [[0i32; 4]; 4];
+        let mut far = 0;
+        for lane in 0..4 {
+            let slot = self.table[bricks[lane] as usize];
+            if slot == FAR || is_outside & 1 << lane != 0 {
+                far |= 1 << lane;
+                continue;
+            }
+            let values = &self.samples[slot as usize][firsts[lane] as usize..][..REACH];
+            for (pair, from) in pairs.iter_mut().zip(ROWS) {
+                pair[lane] = i32::from(values[from] as u16) | i32::from(values[from + 1]) << 16;
+            }
+        }
+        let low = |pair: [i32; 4]| -> f32x4 {
+            let up: i32x4 = i32x4::new(pair) << 16;
+            let value: i32x4 = up >> 16;
+            value.round_float()
+        };
+        let high = |pair: [i32; 4]| -> f32x4 {
+            let value: i32x4 = i32x4::new(pair) >> 16;
+            value.round_float()
+        };
+        let (a, c, e, g) = (low(pairs[0]), low(pairs[1]), low(pairs[2]), low(pairs[3]));
+        let (b, d, f, h) = (high(pairs[0]), high(pairs[1]), high(pairs[2]), high(pairs[3]));
+        let x = inside[0] - cx.round_float();
+        let y = inside[1] - cy.round_float();
+        let z = inside[2] - cz.round_float();
+        let step = f32x4::splat(self.step);
+        let (ab, cd, ef, gh) = (mix(a, b, x), mix(c, d, x), mix(e, f, x), mix(g, h, x));
+        let (near, further) = (mix(ab, cd, y), mix(ef, gh, y));
+        let mut found = [step * mix(near, further, z), f32x4::ZERO, f32x4::ZERO, f32x4::ZERO];
+        if GRADIENT {
+            found[1] = step * mix(mix(b - a, d - c, y), mix(f - e, h - g, y), z);
+            found[2] = step * mix(cd - ab, gh - ef, z);
+            found[3] = step * (further - near);
+        }
+        if far != 0 {
+            self.replace_by_bounds(&mut found, far, is_outside, bricks, at, &inside);
+        }
+        found
+    }
+
+    /// Puts bounds in the place of the distances of the lanes that are far, and the direction of their growth in that of gradients.
+    ///
+    /// D²(**x**) − |**x**|² is the least of linear functions of **x**, so that it is nowhere below what lies between its values at
+    /// the corners c of a cell: D² ≥ Σ w_c D_c² − Σ w_c |**x** − **x**_c|², with the weights w of linear interpolation. Nothing is
+    /// outside of the box, so that beyond it D² ≥ D²(nearest) + |**x** − nearest|². And far is beyond the band.
+    fn replace_by_bounds(
+        &self,
+        found: &mut [f32x4; 4],
+        far: u32,
+        is_outside: u32,
+        bricks: [i32; 4],
+        at: &[f32x4; 3],
+        inside: &[f32x4; 3],
+    ) {
+        let [nx, ny, nz] = self.coarse_size.to_array();
+        let part = f32x4::splat(1.0 / COARSE as f32);
+        let place = [inside[0] * part, inside[1] * part, inside[2] * part];
+        // Of the last sample's cell there is none.
+        let cell = |x: f32x4, samples: u32| x.fast_min(f32x4::splat(samples as f32 - 1.5)).fast_trunc_int();
+        let (cx, cy, cz) = (cell(place[0], nx), cell(place[1], ny), cell(place[2], nz));
+        let first: i32x4 = (cz * i32x4::splat(ny as i32) + cy) * i32x4::splat(nx as i32) + cx;
+        let firsts = first.to_array();
+        let (row, layer) = (nx as usize, (nx * ny) as usize);
+        let mut corners = [[0.0f32; 4]; 8];
+        for lane in 0..4 {
+            let values = &self.coarse[firsts[lane] as usize..][..layer + row + 2];
+            for (corner, from) in [0, row, layer, layer + row].into_iter().enumerate() {
+                (corners[2 * corner][lane], corners[2 * corner + 1][lane]) = (values[from], values[from + 1]);
+            }
+        }
+        let [a, b, c, d, e, f, g, h] = corners.map(f32x4::new);
+        let (x, y, z) =
+            (place[0] - cx.round_float(), place[1] - cy.round_float(), place[2] - cz.round_float());
+        let squares = mix(mix(mix(a, b, x), mix(c, d, x), y), mix(mix(e, f, x), mix(g, h, x), y), z);
+        let one = f32x4::ONE;
+        let spread = (x * (one - x) + y * (one - y) + z * (one - z)) * f32x4::splat((COARSE * COARSE) as f32);
+        let (dx, dy, dz) = (at[0] - inside[0], at[1] - inside[1], at[2] - inside[2]);
+        let beyond = dx * dx + dy * dy + dz * dz;
+        let bounds =
+            (squares - spread + beyond).fast_max(f32x4::splat(self.band * self.band)).sqrt().to_array();
+        let along = [
+            (b - a) + (d - c) + (f - e) + (h - g),
+            (c - a) + (d - b) + (g - e) + (h - f),
+            (e - a) + (f - b) + (g - c) + (h - d),
+        ];
+        let [mut distances, mut gx, mut gy, mut gz] = found.map(f32x4::to_array);
+        let [ax, ay, az] = along.map(f32x4::to_array);
+        for lane in (0..4).filter(|lane| far & 1 << lane != 0) {
+            let is_inside = is_outside & 1 << lane == 0 && self.is_inside[bricks[lane] as usize];
+            let sign = if is_inside { -1.0 } else { 1.0 };
+            distances[lane] = sign * bounds[lane];
+            (gx[lane], gy[lane], gz[lane]) = (sign * ax[lane], sign * ay[lane], sign * az[lane]);
+        }
+        *found = [distances, gx, gy, gz].map(f32x4::new);
+    }
+}
+
+#[inline]
+fn mix(p: f32x4, q: f32x4, t: f32x4) -> f32x4 {
+    p + (q - p) * t
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate_models::Model;
+    use rand::rngs::StdRng;
+    use rand::{RngExt as _, SeedableRng as _};
+
+    use glam::Vec3A;
+
+    use super::*;
+
+    #[test]
+    fn samples_are_distances_and_bounds_hold() {
+        const CELLS_ACROSS: u32 = 96;
+        let mut rng = StdRng::seed_from_u64(0xB81C);
+        for model in [Model::Torus, Model::Cup] {
+            let mesh = model.generate(6000).expect("in range");
+            let exact = ExactDistance::new(&mesh);
+            let sphere = mesh.bounding_sphere();
+            let band = 0.03 * sphere.radius;
+            let field = DistanceField::new(&mesh, &exact, CELLS_ACROSS, band);
+            let (mut near, mut far, mut directed, mut errors) = (0, 0, 0, Vec::new());
+            for _ in 0..4000 {
+                let direction = DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.2..1.2)));
+                let point = sphere.center + sphere.radius * direction;
+                let truth = exact.nearest(point, 0).distance / field.spacing();
+                let at = ((point - field.origin()) / field.spacing()).as_vec3();
+                let [distance, x, y, z] =
+                    field.read::<true>(&at.to_array().map(f32x4::splat)).map(|four| four.to_array()[0]);
+                let gradient = Vec3A::new(x, y, z);
+                let cell = at.as_ivec3();
+                let size = (field.bricks * CELLS as u32).as_ivec3();
+                let is_inside_box = at.cmpge(palpate_core::glam::Vec3::ZERO).all() && cell.cmplt(size).all();
+                let brick = (cell / CELLS as i32).as_uvec3();
+                let is_far = || {
+                    field.table[((brick.z * field.bricks.y + brick.y) * field.bricks.x + brick.x) as usize]
+                        == FAR
+                };
+                if !is_inside_box || is_far() {
+                    far += 1;
+                    directed += usize::from(gradient.length() > 0.0);
+                    assert!(truth.abs() > band / field.spacing());
+                    assert!(truth.abs() >= f64::from(distance.abs()) - 1e-4, "{truth} {distance}");
+                    assert!(truth * f64::from(distance) >= 0.0, "{truth} {distance}");
+                } else {
+                    near += 1;
+                    errors.push((f64::from(distance) - truth).abs());
+                    // More than 1 where the cell holds a crease.
+                    assert!(gradient.length() < 1.5, "{gradient}");
+                }
+            }
+            assert!(near > 500 && far > 500, "{near} near, {far} far");
+            assert!(directed > far * 9 / 10, "{directed} of {far}");
+            // Linear interpolation is off by most where the distance has a crease: less than half a cell there.
+            errors.sort_unstable_by(f64::total_cmp);
+            assert!(errors[errors.len() / 2] < 0.02 && errors[errors.len() - 1] < 0.5, "{:?}", errors.last());
+        }
+    }
+}
