@@ -359,6 +359,9 @@ fn compare(scenario: &Scenario, arguments: &Arguments) -> Result<Comparison, Box
     rows.retain(|row| {
         arguments.method.is_empty() || arguments.method.iter().any(|part| row.name.contains(part.as_str()))
     });
+    if rows.is_empty() {
+        return Err(format!("no method's name contains {}", arguments.method.join(" or ")).into());
+    }
 
     let starts: Vec<usize> = blocks(poses.len(), arguments.poses).collect();
     let every = (starts.len() * BLOCK).div_ceil(arguments.scored.max(1)).max(1);

@@ -65,14 +65,14 @@ impl DistanceField {
                 UVec3::new(brick % bricks.x, brick / bricks.x % bricks.y, brick / (bricks.x * bricks.y));
             low + side * place.as_dvec3()
         };
-        let measured: Vec<(f32, Option<Box<[i16; PER_BRICK]>>)> = (0..count)
+        let measured: Vec<(bool, Option<Box<[i16; PER_BRICK]>>)> = (0..count)
             .into_par_iter()
             .map(|brick| {
                 let corner = corner(brick);
                 let middle = exact.nearest(corner + side / 2.0, 0);
                 let clear = middle.distance.abs() - half_diagonal;
                 if clear > band {
-                    return ((middle.distance / spacing) as f32, None);
+                    return (middle.distance < 0.0, None);
                 }
                 let mut values = Box::new([0; PER_BRICK]);
                 let mut hint = middle.hint;
@@ -86,7 +86,7 @@ impl DistanceField {
                     hint = found.hint;
                     *value = (found.distance / spacing / step).round() as i16;
                 }
-                (0.0, Some(values))
+                (false, Some(values))
             })
             .collect();
         let coarse_size = bricks * (CELLS / COARSE) as u32 + 1;
@@ -114,8 +114,8 @@ impl DistanceField {
             step: step as f32,
             band: (band / spacing) as f32,
         };
-        for (bound, values) in measured {
-            field.is_inside.push(bound < 0.0);
+        for (is_inside, values) in measured {
+            field.is_inside.push(is_inside);
             field.table.push(if values.is_some() { field.samples.len() as u32 } else { FAR });
             field.samples.extend(values.map(|values| *values));
         }
@@ -141,7 +141,9 @@ impl DistanceField {
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
         size_of::<Self>()
-            + self.table.capacity() * (size_of::<u32>() + size_of::<f32>())
+            + self.table.capacity() * size_of::<u32>()
+            + self.is_inside.capacity()
+            + self.coarse.capacity() * size_of::<f32>()
             + self.samples.capacity() * size_of::<[i16; PER_BRICK]>()
     }
 
