@@ -8,7 +8,7 @@ use wide::{f32x4, i32x4};
 use crate::exact::ExactDistance;
 
 /// Cells of the fine lattice along an edge of one of the coarse one.
-const COARSE: usize = 4;
+const COARSE: usize = CELLS;
 /// Cells along an edge of a brick.
 const CELLS: usize = 8;
 /// Samples along an edge of a brick: neighbours share those at their faces, each with its own copy.
@@ -91,18 +91,17 @@ impl DistanceField {
             })
             .collect();
         let coarse_size = bricks * (CELLS / COARSE) as u32 + 1;
-        let coarse = (0..coarse_size.element_product())
-            .into_par_iter()
-            .map(|index| {
-                let place = UVec3::new(
-                    index % coarse_size.x,
-                    index / coarse_size.x % coarse_size.y,
-                    index / (coarse_size.x * coarse_size.y),
-                );
-                let distance = exact.nearest(low + spacing * COARSE as f64 * place.as_dvec3(), 0).distance;
-                (distance / spacing).powi(2) as f32
-            })
-            .collect();
+        let mut coarse = vec![0.0; coarse_size.element_product() as usize];
+        coarse.par_chunks_mut(coarse_size.x as usize).enumerate().for_each(|(row, values)| {
+            let (y, z) = (row as u32 % coarse_size.y, row as u32 / coarse_size.y);
+            let mut hint = 0;
+            for (x, value) in (0..).zip(values) {
+                let place = UVec3::new(x, y, z);
+                let found = exact.nearest(low + spacing * COARSE as f64 * place.as_dvec3(), hint);
+                hint = found.hint;
+                *value = (found.distance / spacing).powi(2) as f32;
+            }
+        });
         let mut field = Self {
             coarse,
             coarse_size,
