@@ -36,8 +36,7 @@ use palpate_benches::reference::{Reference, Truth};
 use palpate_benches::representative::Representative;
 use palpate_benches::scenarios::{self, Scenario};
 use palpate_benches::statistics::{correlation, mean, quantile};
-use palpate_field::AreaContact;
-use palpate_field::FieldBody;
+use palpate_field::{AreaContact, FieldBody, FieldOptions, FieldSettings};
 use serde::Serialize;
 
 #[derive(Parser)]
@@ -91,12 +90,8 @@ const COLD: [f64; 2] = [0.0, 0.025];
 const MANIFOLDS: &str = "parry, manifolds";
 const PAIRS: &str = "parry, all pairs of triangles";
 const BOTH_WAYS: &str = "vertices in 256³ grid, both ways";
-/// Lattice cells of a field across the bounding sphere.
-const FIELD_CELLS: u32 = 192;
-/// Of the finest samples, as a part of the body's radius.
-const SPACING: f64 = 0.006;
-/// Samples in contact around each place.
-const SAMPLES: [f32; 3] = [16.0, 32.0, 64.0];
+/// EPS of representative contacts, as parts of the probe's radius.
+const EPS: [f64; 3] = [1e-3, 5e-4, 2e-4];
 /// Regions of less depth than this part of the probe's radius may be missed: 2 EPS, for EPS = 0.05 %.
 const DEEP: f64 = 1e-3;
 /// Directions of forces weaker than this part of the mean do not count.
@@ -329,18 +324,17 @@ fn engine_rows(
 /// Representative contacts.
 fn representative_rows(scenario: &Scenario, is_asked_for: &dyn Fn(&str) -> bool) -> Vec<Row> {
     let Scenario { probe, scene, tolerance, .. } = scenario;
-    let named = SAMPLES.map(|samples| (format!("palpate, representative, {samples} samples"), samples));
-    let named: Vec<(String, f32)> = named.into_iter().filter(|(name, _)| is_asked_for(name)).collect();
+    let named = EPS.map(|eps| (format!("palpate, representative, EPS {} %", 100.0 * eps), eps));
+    let named: Vec<(String, f64)> = named.into_iter().filter(|(name, _)| is_asked_for(name)).collect();
     if named.is_empty() {
         return Vec::new();
     }
-    let field = |body: &scenarios::Body| {
-        let spacing = SPACING * body.object.bounding_radius();
-        Arc::new(FieldBody::new(&body.mesh, FIELD_CELLS, 2.0 * tolerance, spacing))
-    };
-    let ([own, other], seconds) = timed(|| [field(probe), field(scene)]);
-    let row = |(name, samples)| {
-        Row::new(name, Representative::new(own.clone(), other.clone(), *tolerance, samples), Some(seconds))
+    let body = |body: &scenarios::Body| Arc::new(FieldBody::new(&body.mesh, &FieldOptions::new(*tolerance)));
+    let ([own, other], seconds) = timed(|| [body(probe), body(scene)]);
+    let row = |(name, eps)| {
+        let settings =
+            FieldSettings { error: eps * probe.object.bounding_radius(), ..FieldSettings::new(*tolerance) };
+        Row::new(name, Representative::new(own.clone(), other.clone(), settings), Some(seconds))
     };
     named.into_iter().map(row).collect()
 }

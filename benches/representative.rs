@@ -17,10 +17,10 @@ pub struct Representative {
 }
 
 impl Representative {
-    /// Within a tolerance, m; with so many samples around each place.
-    pub fn new(probe: Arc<FieldBody>, scene: Arc<FieldBody>, tolerance: f64, samples: f32) -> Self {
+    /// Between two bodies.
+    pub fn new(probe: Arc<FieldBody>, scene: Arc<FieldBody>, settings: FieldSettings) -> Self {
         let query = FieldQuery::new(&probe, &scene, LAW_REACH);
-        Self { probe, scene, query, settings: FieldSettings { tolerance, samples } }
+        Self { probe, scene, query, settings }
     }
 
     /// What the last query took.

@@ -6,9 +6,8 @@ use rayon::prelude::*;
 use wide::{f32x4, i32x4};
 
 use crate::exact::ExactDistance;
+use crate::format::{FormatError, Reader, Writer};
 
-/// Cells of the fine lattice along an edge of one of the coarse one.
-const COARSE: usize = CELLS;
 /// Cells along an edge of a brick.
 const CELLS: usize = 8;
 /// Samples along an edge of a brick: neighbours share those at their faces, each with its own copy.
@@ -35,7 +34,7 @@ pub struct DistanceField {
     table: Vec<u32>,
     /// Whether a brick that is far is inside.
     is_inside: Vec<bool>,
-    /// Squared distances on a lattice that is coarser by [`COARSE`], in lattice constants of the fine one.
+    /// Squared distances on a lattice that is of the corners of bricks, in lattice constants.
     coarse: Vec<f32>,
     coarse_size: UVec3,
     /// What is far is further from the surface than this, in lattice constants.
@@ -46,11 +45,8 @@ pub struct DistanceField {
 }
 
 impl DistanceField {
-    /// Of a mesh's surface, with `cells` lattice cells across the bounding sphere, and samples at least as far from the surface
-    /// as `band` (m).
-    pub fn new(mesh: &TriMesh, exact: &ExactDistance, cells: u32, band: f64) -> Self {
-        let sphere = mesh.bounding_sphere();
-        let spacing = 2.0 * sphere.radius / f64::from(cells);
+    /// Of a mesh's surface, with a lattice constant (m), and samples at least as far from the surface as `band` (m).
+    pub fn new(mesh: &TriMesh, exact: &ExactDistance, spacing: f64, band: f64) -> Self {
         let side = spacing * CELLS as f64;
         let used = || mesh.triangles().iter().flatten().map(|v| mesh.vertices()[*v as usize]);
         let low = used().fold(DVec3::INFINITY, DVec3::min) - band - spacing;
@@ -90,14 +86,14 @@ impl DistanceField {
                 (false, Some(values))
             })
             .collect();
-        let coarse_size = bricks * (CELLS / COARSE) as u32 + 1;
+        let coarse_size = bricks + 1;
         let mut coarse = vec![0.0; coarse_size.element_product() as usize];
         coarse.par_chunks_mut(coarse_size.x as usize).enumerate().for_each(|(row, values)| {
             let (y, z) = (row as u32 % coarse_size.y, row as u32 / coarse_size.y);
             let mut hint = 0;
             for (x, value) in (0..).zip(values) {
                 let place = UVec3::new(x, y, z);
-                let found = exact.nearest(low + spacing * COARSE as f64 * place.as_dvec3(), hint);
+                let found = exact.nearest(low + spacing * CELLS as f64 * place.as_dvec3(), hint);
                 hint = found.hint;
                 *value = (found.distance / spacing).powi(2) as f32;
             }
@@ -123,6 +119,22 @@ impl DistanceField {
         field
     }
 
+    /// The smallest lattice constant (m) of a field that takes no more than some bytes, for a surface's area (m²).
+    ///
+    /// Bricks whose middle is within the band and half a diagonal of the surface, on either side of it, are kept.
+    pub fn lattice(area: f64, band: f64, bytes: f64) -> f64 {
+        let needed = |spacing: f64| {
+            let side = CELLS as f64 * spacing;
+            2.0 * (band + 0.75f64.sqrt() * side) * area / side.powi(3) * BRICK_BYTES as f64
+        };
+        // Without a band, and doubled until there is enough room.
+        let mut spacing = (2.0 * 0.75f64.sqrt() * area * BRICK_BYTES as f64 / bytes).sqrt() / CELLS as f64;
+        while needed(spacing) > bytes {
+            spacing *= 1.05;
+        }
+        spacing
+    }
+
     /// Lattice constant, m.
     pub fn spacing(&self) -> f64 {
         self.spacing
@@ -136,6 +148,46 @@ impl DistanceField {
     /// Distances up to this are sampled, m.
     pub fn band(&self) -> f64 {
         f64::from(self.band) * self.spacing
+    }
+
+    pub(crate) fn write(&self, to: &mut Writer) {
+        to.vec(self.origin);
+        to.f64([self.spacing, f64::from(self.band), f64::from(self.step)]);
+        to.u32(self.bricks.to_array());
+        to.u32([self.samples.len() as u32]);
+        to.u32(self.table.iter().copied());
+        to.u8(self.is_inside.iter().map(|is_inside| u8::from(*is_inside)));
+        to.f32(self.coarse.iter().copied());
+        to.u8(self.samples.iter().flatten().copied());
+    }
+
+    pub(crate) fn read_from(from: &mut Reader) -> Result<Self, FormatError> {
+        let (origin, spacing) = (from.vec()?, from.positive()?);
+        let [band, step] = [from.positive()? as f32, from.positive()? as f32];
+        let (bricks, kept) = (from.uvec()?, from.u32()?);
+        let coarse_size = bricks.checked_add(UVec3::ONE).ok_or(FormatError::Damaged)?;
+        let product = |size: UVec3| {
+            let all = size.as_u64vec3().to_array();
+            let all = all.into_iter().try_fold(1u64, u64::checked_mul);
+            all.filter(|all| *all > 0).and_then(|all| usize::try_from(all).ok()).ok_or(FormatError::Damaged)
+        };
+        let count = product(bricks)?;
+        let table = from.u32s(count)?;
+        if table.iter().any(|slot| *slot != FAR && *slot >= kept) {
+            return Err(FormatError::Damaged);
+        }
+        Ok(Self {
+            origin,
+            spacing,
+            bricks,
+            table,
+            is_inside: from.bytes(count, 1)?.iter().map(|byte| *byte == 1).collect(),
+            coarse: from.f32s(product(coarse_size)?)?,
+            coarse_size,
+            band,
+            samples: from.bytes(kept as usize, BRICK_BYTES)?.as_chunks().0.to_vec(),
+            step,
+        })
     }
 
     /// Bytes of memory held.
@@ -224,7 +276,7 @@ impl DistanceField {
         inside: &[f32x4; 3],
     ) {
         let [nx, ny, nz] = self.coarse_size.to_array();
-        let part = f32x4::splat(1.0 / COARSE as f32);
+        let part = f32x4::splat(1.0 / CELLS as f32);
         let place = [inside[0] * part, inside[1] * part, inside[2] * part];
         // Of the last sample's cell there is none.
         let cell = |x: f32x4, samples: u32| x.fast_min(f32x4::splat(samples as f32 - 1.5)).fast_trunc_int();
@@ -244,7 +296,7 @@ impl DistanceField {
             (place[0] - cx.round_float(), place[1] - cy.round_float(), place[2] - cz.round_float());
         let squares = mix(mix(mix(a, b, x), mix(c, d, x), y), mix(mix(e, f, x), mix(g, h, x), y), z);
         let one = f32x4::ONE;
-        let spread = (x * (one - x) + y * (one - y) + z * (one - z)) * f32x4::splat((COARSE * COARSE) as f32);
+        let spread = (x * (one - x) + y * (one - y) + z * (one - z)) * f32x4::splat((CELLS * CELLS) as f32);
         let (dx, dy, dz) = (at[0] - inside[0], at[1] - inside[1], at[2] - inside[2]);
         let beyond = dx * dx + dy * dy + dz * dz;
         let bounds =
@@ -290,7 +342,8 @@ mod tests {
             let exact = ExactDistance::new(&mesh);
             let sphere = mesh.bounding_sphere();
             let band = 0.03 * sphere.radius;
-            let field = DistanceField::new(&mesh, &exact, CELLS_ACROSS, band);
+            let spacing = 2.0 * sphere.radius / f64::from(CELLS_ACROSS);
+            let field = DistanceField::new(&mesh, &exact, spacing, band);
             let (mut near, mut far, mut directed, mut errors) = (0, 0, 0, Vec::new());
             for _ in 0..4000 {
                 let direction = DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.2..1.2)));

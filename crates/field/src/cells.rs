@@ -30,8 +30,35 @@ pub struct Cell {
     pub moment: Vec3A,
     /// Σ a (δ + d)² **n**.
     pub push: Vec3A,
+    /// Σ a (δ + d)³, and Σ a² (δ + d)² over the samples.
+    pub cubes: f32,
+    pub squares: f32,
     /// The deepest sample.
     pub deepest: Touch,
+}
+
+impl Cell {
+    /// How far off the mean of δ + d is by which the cell pushes, m: the standard error of samples that are anywhere. Those that are
+    /// in equal parts of the surface, each anywhere in its part, are nearer the mean, by about two.
+    pub fn error(&self) -> f32 {
+        let mean = self.weight / self.pressure;
+        let variance = (self.cubes / self.pressure - mean * mean).max(0.0);
+        let count = self.pressure * self.pressure / self.squares;
+        (variance / count).sqrt()
+    }
+
+    /// Joins another cell with this one.
+    fn join(&mut self, other: &Self) {
+        self.pressure += other.pressure;
+        self.weight += other.weight;
+        self.moment += other.moment;
+        self.push += other.push;
+        self.cubes += other.cubes;
+        self.squares += other.squares;
+        if other.deepest.reach > self.deepest.reach {
+            self.deepest = other.deepest;
+        }
+    }
 }
 
 /// The cells that hold contacts.
@@ -79,6 +106,8 @@ impl Cells {
                 weight: 0.0,
                 moment: Vec3A::ZERO,
                 push: Vec3A::ZERO,
+                cubes: 0.0,
+                squares: 0.0,
                 deepest: *touch,
             });
         }
@@ -89,8 +118,42 @@ impl Cells {
         cell.weight += weight;
         cell.moment += weight * touch.point;
         cell.push += weight * touch.normal;
+        cell.cubes += weight * touch.reach;
+        cell.squares += pressure * pressure;
         if touch.reach > cell.deepest.reach {
             cell.deepest = *touch;
+        }
+    }
+
+    /// Joins cells of neighbouring cubes with the same direction until there are no more than some, or one a direction; `across` is the
+    /// number of cubes along each axis.
+    pub fn bound(&mut self, most: usize, across: u32) {
+        let mut edge = 1;
+        while self.cells.len() > most && edge < across {
+            edge *= 2;
+            let large = across.div_ceil(edge);
+            for cell in &self.cells {
+                self.table[cell.slot as usize] = NONE;
+            }
+            let mut kept = 0;
+            for index in 0..self.cells.len() {
+                let cell = self.cells[index];
+                // Slots of cubes that have been joined are those of larger cubes, twice as large each time.
+                let across = across.div_ceil(edge / 2);
+                let (cube, direction) = (cell.slot / 6, cell.slot % 6);
+                let [x, y, z] =
+                    [cube % across, cube / across % across, cube / (across * across)].map(|i| i / 2);
+                let slot = ((z * large + y) * large + x) * 6 + direction;
+                let entry = &mut self.table[slot as usize];
+                if (*entry as usize) < kept && self.cells[*entry as usize].slot == slot {
+                    self.cells[*entry as usize].join(&cell);
+                } else {
+                    *entry = kept as u32;
+                    self.cells[kept] = Cell { slot, ..cell };
+                    kept += 1;
+                }
+            }
+            self.cells.truncate(kept);
         }
     }
 

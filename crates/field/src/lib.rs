@@ -1,15 +1,19 @@
 //! Signed distance fields of meshes, and contacts found in them: few, each with the area that it stands for.
 
 mod area_law;
+mod body;
 mod bricks;
 mod cells;
 mod exact;
+mod format;
 mod query;
 mod samples;
 mod slack;
 
 pub use area_law::{AreaContact, AreaLaw};
+pub use body::{FieldBody, FieldOptions};
 pub use bricks::DistanceField;
 pub use exact::{ExactDistance, Nearest};
-pub use query::{FieldBody, FieldOutcome, FieldQuery, FieldSettings};
+pub use format::FormatError;
+pub use query::{FieldOutcome, FieldQuery, FieldSettings};
 pub use samples::SurfaceSamples;

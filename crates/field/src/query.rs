@@ -3,64 +3,67 @@
 //! Samples of either surface are asked for their distance from the other body. Spheres around samples that are provably out of
 //! reach are left out.
 
+use std::time::{Duration, Instant};
+
 use glam::{DAffine3, DMat3, DQuat, DVec3, UVec3, Vec3A};
-use palpate_core::{Contact, Pose, TriMesh};
+use palpate_core::{Contact, Pose};
 use wide::{f32x4, i32x4};
 
 use crate::area_law::AreaContact;
+use crate::body::FieldBody;
 use crate::bricks::DistanceField;
-use crate::cells::{Cells, Touch};
-use crate::exact::ExactDistance;
+use crate::cells::{Cell, Cells, Touch};
 use crate::samples::SurfaceSamples;
 use crate::slack::{Known, Motion, Sphere};
 
 /// What interpolated distances may change by more than points are apart, in lattice constants: they bend near creases.
 const SLACK: f32 = 0.25;
 
+/// Samples around each place, at least: fewer may be as deep as one another by chance.
+const FEWEST: f32 = 4.0;
+/// Cells that push by less than this part of the strongest do not count for the error.
+const WEAK: f32 = 0.1;
+
 /// Levels of samples above this one are not read: too few points to stand for a contact.
-const COARSEST: usize = 4;
-
-/// A body prepared for queries.
-#[derive(Clone, Debug)]
-pub struct FieldBody {
-    center: DVec3,
-    radius: f64,
-    field: DistanceField,
-    samples: SurfaceSamples,
-}
-
-impl FieldBody {
-    /// Of a mesh, with `cells` lattice cells across its bounding sphere, a band (m) that holds the tolerance of all queries, and
-    /// samples so far apart (m).
-    pub fn new(mesh: &TriMesh, cells: u32, band: f64, spacing: f64) -> Self {
-        let exact = ExactDistance::new(mesh);
-        let sphere = mesh.bounding_sphere();
-        Self {
-            center: sphere.center,
-            radius: sphere.radius,
-            field: DistanceField::new(mesh, &exact, cells, band),
-            samples: SurfaceSamples::new(mesh, spacing),
-        }
-    }
-
-    /// Bytes of memory held.
-    pub fn bytes(&self) -> usize {
-        self.field.bytes() + self.samples.bytes()
-    }
-}
+const COARSEST: usize = 5;
 
 /// What a query asks for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FieldSettings {
-    /// d: surfaces closer than this are in contact, m. No more than the fields' bands.
+    /// d: surfaces closer than this are in contact, m. No more than the bodies were made for.
     pub tolerance: f64,
-    /// Samples in contact around each place, within the law's reach.
-    pub samples: f32,
+    /// EPS: how far off the depth may be that each cell pushes by, m. It decides how many samples are read.
+    pub error: f64,
+    /// Contacts that may be reported at most, at least 16. Where there are more, those of neighbouring cells are joined.
+    pub most: usize,
+    /// Time for a query, if it is limited: samples that there is no time for are left out, the finest first.
+    pub budget: Option<Duration>,
 }
 
-/// What a query took.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+impl FieldSettings {
+    /// For contacts within a tolerance (d, m), to an error of 5 % of that, 256 at most, without limit of time.
+    pub fn new(tolerance: f64) -> Self {
+        Self { tolerance, error: 0.05 * tolerance, most: 256, budget: None }
+    }
+
+    /// How many samples in contact there are to be around a place. Depths within the tolerance are spread by some half of it, and the
+    /// mean of stratified samples is off by about half of what that of random ones would be.
+    fn samples(&self) -> f32 {
+        let spread = 0.5 * 0.5 * self.tolerance;
+        (spread / self.error).powi(2) as f32
+    }
+}
+
+/// What a query found, and what it took.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FieldOutcome {
+    /// EPS reached, m: how far off the depths are that cells push by, the field's [error](FieldBody::error) and the largest standard
+    /// error of a cell that pushes by at least a tenth of what the strongest does. 0 without contacts.
+    pub error: f64,
+    /// Whether all samples were read that the settings ask for; not so where the budget ended the query.
+    pub is_complete: bool,
+    /// Whether a sample is deeper inside than the fields reach, so that it pushes by less than its depth.
+    pub is_too_deep: bool,
     /// Fours of spheres and of samples asked for their distances.
     pub spheres: usize,
     /// See [`Self::spheres`].
@@ -69,22 +72,27 @@ pub struct FieldOutcome {
     pub contacts: usize,
 }
 
-/// How much is in contact in each cube of the probe's surroundings, by the samples of the levels so far.
+/// What is in contact in each cube of the probe's surroundings, by the samples of the levels so far: with w how much of a sample
+/// counts and p = w a (δ + d), the sums of p, p² / w and p (δ + d).
 ///
-/// All sums are of p = w a (δ + d) and of p² / w: (Σ p)² / Σ (p² / w) is the number of samples that carry the load.
+/// (Σ p)² / Σ (p² / w) is the number of samples that carry the load, and Σ p (δ + d) / Σ p their mean δ + d.
 #[derive(Clone, Debug)]
 struct Load {
     /// Cubes along each axis.
     across: u32,
     /// Of the samples that count.
-    settled: Vec<[f32; 2]>,
+    settled: Vec<f32x4>,
     /// Of those of the present level.
-    present: Vec<[f32; 2]>,
+    present: Vec<f32x4>,
+    /// How many samples carry the load around each cube, and the mean of their δ + d, m.
+    around: Vec<[f32; 2]>,
     /// How much of what the samples of the present level push with counts.
     share: Vec<f32>,
     is_used: Vec<bool>,
     /// Cubes that hold contacts.
     used: Vec<u32>,
+    /// Whether there is no time for another level.
+    is_ended: bool,
 }
 
 impl Load {
@@ -92,18 +100,21 @@ impl Load {
         let count = (across * across * across) as usize;
         Self {
             across,
-            settled: vec![[0.0; 2]; count],
-            present: vec![[0.0; 2]; count],
+            settled: vec![f32x4::ZERO; count],
+            present: vec![f32x4::ZERO; count],
+            around: vec![[0.0; 2]; count],
             share: vec![0.0; count],
             is_used: vec![false; count],
             used: Vec::with_capacity(count),
+            is_ended: false,
         }
     }
 
     fn clear(&mut self) {
+        self.is_ended = false;
         for cube in self.used.drain(..) {
             let cube = cube as usize;
-            (self.settled[cube], self.present[cube]) = ([0.0; 2], [0.0; 2]);
+            (self.settled[cube], self.present[cube]) = (f32x4::ZERO, f32x4::ZERO);
             (self.share[cube], self.is_used[cube]) = (0.0, false);
         }
     }
@@ -117,42 +128,57 @@ impl Load {
             self.used.push(touch.cube);
         }
         let pressure = touch.area * touch.reach;
-        self.present[cube][0] += pressure;
-        self.present[cube][1] += pressure * area * touch.reach;
+        let moment = pressure * touch.reach;
+        self.present[cube] += f32x4::new([pressure, moment * area, moment, 0.0]);
     }
 
-    /// Decides how much counts of the samples of the present level, by how many are in contact around each place.
+    /// Decides how much counts of the samples of the present level: all where there are twice as many around a place as are asked for,
+    /// none where there are fewer. Where contacts push by less than elsewhere, proportionally fewer will do: for the error of the
+    /// wrench they make up for one another, and it is least for its price so.
     fn settle(&mut self, samples: f32) {
         let n = self.across;
+        let mut most = 0.0f32;
         for index in &self.used {
             let at = UVec3::new(index % n, index / n % n, index / (n * n));
             let (low, high) = (at.saturating_sub(UVec3::ONE), (at + 1).min(UVec3::splat(n - 1)));
-            let (mut sum, mut squares) = (0.0, 0.0);
+            let mut sum = f32x4::ZERO;
             for z in low.z..=high.z {
                 for y in low.y..=high.y {
                     let row = ((z * n + y) * n) as usize;
                     let row = row + low.x as usize..=row + high.x as usize;
                     for (settled, present) in self.settled[row.clone()].iter().zip(&self.present[row]) {
-                        sum += settled[0] + present[0];
-                        squares += settled[1] + present[1];
+                        sum += *settled + *present;
                     }
                 }
             }
-            let in_contact = if squares > 0.0 { sum * sum / squares } else { 0.0 };
-            self.share[*index as usize] = (in_contact / samples - 1.0).clamp(0.0, 1.0);
+            let [pressure, squares, moment, _] = sum.to_array();
+            let (count, mean) =
+                if squares > 0.0 { (pressure * pressure / squares, moment / pressure) } else { (0.0, 0.0) };
+            self.around[*index as usize] = [count, mean];
+            most = most.max(mean);
         }
         for index in &self.used {
             let cube = *index as usize;
-            let (settled, present, share) =
-                (&mut self.settled[cube], &mut self.present[cube], self.share[cube]);
-            for (settled, present) in settled.iter_mut().zip(present) {
-                *settled += share * std::mem::take(present);
-            }
+            let [count, mean] = self.around[cube];
+            let needed = (samples * mean / most).max(FEWEST);
+            self.share[cube] = (count / needed - 1.0).clamp(0.0, 1.0);
+            self.settled[cube] += std::mem::take(&mut self.present[cube]) * f32x4::splat(self.share[cube]);
         }
     }
 
+    /// Lets all of the samples of the present level count, so that none of the next do. Returns whether that was so anyway.
+    fn end(&mut self) -> bool {
+        let mut was_enough = true;
+        for cube in &self.used {
+            was_enough &= self.share[*cube as usize] == 1.0;
+            self.share[*cube as usize] = 1.0;
+        }
+        self.is_ended = true;
+        was_enough
+    }
+
     fn bytes(&self) -> usize {
-        self.share.capacity() * (2 * size_of::<[f32; 2]>() + 2 * size_of::<u32>() + 1)
+        self.share.capacity() * (2 * size_of::<f32x4>() + 2 * size_of::<u32>() + 1)
     }
 }
 
@@ -245,7 +271,7 @@ impl FieldQuery {
 
     /// What the last query took.
     pub fn outcome(&self) -> FieldOutcome {
-        FieldOutcome { contacts: self.cells.contacts(), ..self.outcome }
+        self.outcome
     }
 
     /// Bytes of memory held.
@@ -269,6 +295,8 @@ impl FieldQuery {
         self.load.clear();
         self.outcome = FieldOutcome::default();
         let tolerance = settings.tolerance.min(probe.field.band()).min(scene.field.band());
+        let begun = settings.budget.map(|budget| (Instant::now(), budget));
+        let samples = settings.samples();
         let settings = &FieldSettings { tolerance, ..*settings };
         let to_scene = scene_pose.inverse() * *probe_pose;
         if !self.motion.advance(&to_scene, probe.center, probe.radius, tolerance) {
@@ -287,17 +315,28 @@ impl FieldQuery {
                 front.now.push(Four { index: 0, weight: 1.0, cubes: [0; 4], open: 0 });
             }
         }
-        let most = sides.iter().map(|side| side.samples.levels.len()).max().unwrap_or(0);
+        let levels = sides.iter().map(|side| side.samples.levels.len()).max().unwrap_or(0);
+        let mut last = Duration::ZERO;
+        self.outcome.is_complete = true;
         // Bodies of different sizes begin at levels of their own, and end together.
-        for level in (0..most).rev() {
+        for level in (0..levels).rev() {
             for (index, side) in sides.iter().enumerate() {
                 self.fronts[index].touching.clear();
                 if level < side.samples.levels.len() {
                     self.visit(index, side, level, settings);
                 }
             }
-            if level > 0 && level <= COARSEST {
-                self.load.settle(settings.samples);
+            let is_sampled = level <= COARSEST;
+            if level > 0 && is_sampled {
+                self.load.settle(samples);
+            }
+            if let Some((begun, budget)) = begun.filter(|_| level > 0 && is_sampled) {
+                // The next level takes about as long as all before it.
+                let spent = begun.elapsed();
+                if spent + spent.saturating_sub(last) > budget {
+                    self.outcome.is_complete = self.load.end();
+                }
+                last = spent;
             }
             for (index, side) in sides.iter().enumerate() {
                 if level < side.samples.levels.len() {
@@ -311,6 +350,19 @@ impl FieldQuery {
                 }
             }
         }
+        self.conclude(probe, scene, settings.most);
+    }
+
+    /// Bounds the number of cells, and tells how far off they are.
+    fn conclude(&mut self, probe: &FieldBody, scene: &FieldBody, most: usize) {
+        self.outcome.contacts = self.cells.contacts();
+        self.cells.bound(most / 2, self.load.across);
+        let strongest = self.cells.iter().map(|cell| cell.weight).fold(0.0, f32::max);
+        let counted = self.cells.iter().filter(|cell| cell.weight > WEAK * strongest);
+        let error = counted.map(Cell::error).reduce(f32::max);
+        self.outcome.error = error.map_or(0.0, |error| f64::from(error) + probe.error.max(scene.error));
+        let band = probe.field.band().min(scene.field.band()) as f32;
+        self.outcome.is_too_deep = self.cells.iter().any(|cell| cell.deepest.reach > band);
     }
 
     /// Looks at the fours of a level: reads their samples where some may be in contact, and leaves those out that neither are nor
@@ -381,7 +433,7 @@ impl FieldQuery {
     fn descend(&mut self, index: usize, side: &Side, level: usize, settings: &FieldSettings) {
         let front = &mut self.fronts[index];
         front.next.clear();
-        if level > 0 {
+        if level > 0 && !self.load.is_ended {
             let scale = 1.0 / side.field.spacing() as f32;
             let tolerance = settings.tolerance as f32 * scale + SLACK;
             let steps = self.motion.per_unit(side.field.spacing());
@@ -558,6 +610,8 @@ fn mapped(rows: &[[f32; 4]; 3], [x, y, z]: &[f32x4; 3]) -> [f32x4; 3] {
 mod tests {
     use std::collections::HashMap;
 
+    use palpate_core::TriMesh;
+
     use super::*;
     use crate::area_law::AreaLaw;
 
@@ -613,7 +667,7 @@ mod tests {
         pose: &Pose,
         d: f64,
     ) -> (DVec3, f64) {
-        let settings = FieldSettings { tolerance: d, samples: 64.0 };
+        let settings = FieldSettings { error: 0.03 * d, ..FieldSettings::new(d) };
         query.run(probe, scene, pose, &Pose::IDENTITY, &settings);
         let mut contacts = Vec::new();
         query.append_contacts(probe, pose, d, &mut contacts);
@@ -625,13 +679,13 @@ mod tests {
     #[test]
     fn no_sample_in_contact_is_left_out() {
         let (d, mut found) = (0.01, 0);
-        let body = FieldBody::new(&ball(1.0, 4), 96, 2.0 * d, 0.02);
+        let body = FieldBody::with(&ball(1.0, 4), 0.02, 2.0 * d, 0.02);
         let mut query = FieldQuery::new(&body, &body, REACH);
         for step in 0..20 {
             let turn = DQuat::from_scaled_axis(DVec3::new(0.3, 0.2, 1.0) * f64::from(step));
             // From apart to deep inside.
             let pose = Pose::new(turn * DVec3::X * (2.02 - 0.06 * f64::from(step)), turn);
-            let settings = FieldSettings { tolerance: d, samples: f32::INFINITY };
+            let settings = FieldSettings { error: 1e-9 * d, ..FieldSettings::new(d) };
             query.run(&body, &body, &pose, &Pose::IDENTITY, &settings);
             let mut all = 0;
             for (to_field, is_probe) in [(pose, true), (pose.inverse(), false)] {
@@ -652,9 +706,9 @@ mod tests {
     #[test]
     fn what_is_remembered_does_not_change_the_result() {
         let (d, mut contacts) = (0.01, 0);
-        let body = FieldBody::new(&ball(1.0, 4), 96, 2.0 * d, 0.02);
+        let body = FieldBody::with(&ball(1.0, 4), 0.02, 2.0 * d, 0.02);
         let [mut tracked, mut cold] = [0; 2].map(|_| FieldQuery::new(&body, &body, REACH));
-        let settings = FieldSettings { tolerance: d, samples: 16.0 };
+        let settings = FieldSettings { error: 0.06 * d, ..FieldSettings::new(d) };
         let mut read = [0; 2];
         for step in 0..2000 {
             let phase = 2e-3 * f64::from(step);
@@ -684,10 +738,10 @@ mod tests {
     #[test]
     fn a_ball_on_a_block_pushes_by_two_thirds_of_its_reach() {
         let (radius, d) = (1.0, 0.01);
-        let probe = FieldBody::new(&ball(radius, 6), 128, 2.0 * d, 0.01);
-        let scene = FieldBody::new(
+        let probe = FieldBody::with(&ball(radius, 6), 0.015, 2.0 * d, 0.01);
+        let scene = FieldBody::with(
             &block(DVec3::new(-2.0, -2.0, -1.0), DVec3::new(2.0, 2.0, 0.0)),
-            256,
+            0.02,
             2.0 * d,
             0.01,
         );

@@ -7,6 +7,8 @@ use rand::{RngExt as _, SeedableRng as _};
 use rayon::prelude::*;
 use wide::f32x4;
 
+use crate::format::{FormatError, Reader, Writer};
+
 /// A surface is cut into fragments no longer than this part of the samples' spacing, so that its parts have equal areas.
 const FRAGMENT: f64 = 0.75;
 /// Places that are drawn in each part, of which one becomes a sample.
@@ -122,6 +124,48 @@ impl SurfaceSamples {
         Self { levels, finest, area: (whole / count as f64) as f32, count }
     }
 
+    /// The smallest spacing (m) of samples that take no more than some bytes, for a surface's area (m²).
+    pub fn spacing(area: f64, bytes: f64) -> f64 {
+        // Three bytes each, and a third as many in the levels above, with a sphere each.
+        let each = 3.0 + (size_of::<[f32; 3]>() + size_of::<[f32; 4]>()) as f64 / 3.0;
+        (area * each / bytes).sqrt()
+    }
+
+    pub(crate) fn write(&self, to: &mut Writer) {
+        to.f64([f64::from(self.area)]);
+        to.u32([self.count as u32, self.levels.len() as u32]);
+        to.u8(self.finest.0.iter().flatten().flatten().map(|step| step.cast_unsigned()));
+        for level in &self.levels[1..] {
+            to.u32([level.samples.len() as u32]);
+            to.fours(&level.samples);
+            to.fours(&level.spheres);
+        }
+    }
+
+    pub(crate) fn read_from(from: &mut Reader) -> Result<Self, FormatError> {
+        let area = from.f64()? as f32;
+        let (count, levels) = (from.u32()? as usize, from.u32()?);
+        // A level of fours has a quarter as many as the one below, and the last has one.
+        let mut fours = if levels > 1 { count.div_ceil(4) } else { 0 };
+        let finest = from.bytes(fours, 12)?.as_chunks::<12>().0.iter();
+        let finest = finest
+            .map(|bytes| [0, 1, 2].map(|axis| [0, 1, 2, 3].map(|lane| bytes[4 * axis + lane].cast_signed())));
+        let finest = Finest(finest.collect());
+        let mut all = vec![Level { samples: Vec::new(), spheres: Vec::new() }];
+        for _ in 1..levels {
+            let kept = from.u32()? as usize;
+            fours = fours.div_ceil(4);
+            if kept != fours {
+                return Err(FormatError::Damaged);
+            }
+            all.push(Level { samples: from.fours(kept)?, spheres: from.fours(kept)? });
+        }
+        if levels == 0 || fours > 1 {
+            return Err(FormatError::Damaged);
+        }
+        Ok(Self { levels: all, finest, area, count })
+    }
+
     /// Four samples of a level, m.
     #[inline]
     pub(crate) fn four(&self, level: usize, four: usize) -> [f32x4; 3] {
@@ -192,13 +236,13 @@ impl Level {
     }
 }
 
-fn area([a, b, c]: &[DVec3; 3]) -> f64 {
-    (b - a).cross(c - a).length() / 2.0
+fn area([a, b, c]: &[Vec3; 3]) -> f64 {
+    f64::from((b - a).cross(c - a).length()) / 2.0
 }
 
 /// Draws points in parts of equal area, [`DRAWN`] in each. Parts with a power of two of them are together; `first` is the number of
 /// the first point.
-fn spread(fragments: &mut [[DVec3; 3]], points: &mut [Vec3], first: usize) {
+fn spread(fragments: &mut [[Vec3; 3]], points: &mut [Vec3], first: usize) {
     let count = points.len() / DRAWN;
     let whole: f64 = fragments.iter().map(area).sum();
     if count > 1 {
@@ -224,11 +268,11 @@ fn spread(fragments: &mut [[DVec3; 3]], points: &mut [Vec3], first: usize) {
             left < 0.0
         });
         let [a, b, c] = *drawn.unwrap_or(&fragments[fragments.len() - 1]);
-        let (mut u, mut v): (f64, f64) = (rng.random_range(0.0..1.0), rng.random_range(0.0..1.0));
+        let (mut u, mut v): (f32, f32) = (rng.random_range(0.0..1.0), rng.random_range(0.0..1.0));
         if u + v > 1.0 {
             (u, v) = (1.0 - u, 1.0 - v);
         }
-        *point = (a + u * (b - a) + v * (c - a)).as_vec3();
+        *point = a + u * (b - a) + v * (c - a);
     }
 }
 
@@ -262,12 +306,12 @@ fn chosen(points: &[Vec3], parts: usize) -> Vec<Vec3> {
 }
 
 /// Reorders fragments along the longest axis of their box so that the first have an area; how many these are.
-fn divide(fragments: &mut [[DVec3; 3]], share: f64) -> usize {
+fn divide(fragments: &mut [[Vec3; 3]], share: f64) -> usize {
     let corners = || fragments.iter().flatten().copied();
-    let low = corners().fold(DVec3::INFINITY, DVec3::min);
-    let high = corners().fold(DVec3::NEG_INFINITY, DVec3::max);
+    let low = corners().fold(Vec3::INFINITY, Vec3::min);
+    let high = corners().fold(Vec3::NEG_INFINITY, Vec3::max);
     let axis = (high - low).max_position();
-    let key = |[a, b, c]: &[DVec3; 3]| a[axis] + b[axis] + c[axis];
+    let key = |[a, b, c]: &[Vec3; 3]| a[axis] + b[axis] + c[axis];
     // What is before `first` is among the first, and what is from `end` on is not.
     let (mut first, mut end, mut left) = (0, fragments.len(), share);
     while end - first > 1 {
@@ -285,13 +329,13 @@ fn divide(fragments: &mut [[DVec3; 3]], share: f64) -> usize {
 }
 
 /// Halves a triangle's longest edge until it is short.
-fn cut(corners: [DVec3; 3], longest: f64, into: &mut Vec<[DVec3; 3]>) {
+fn cut(corners: [DVec3; 3], longest: f64, into: &mut Vec<[Vec3; 3]>) {
     let mut stack = vec![corners];
     while let Some([a, b, c]) = stack.pop() {
         let [ab, bc, ca] = [a.distance(b), b.distance(c), c.distance(a)];
         let most = ab.max(bc).max(ca);
         if most.is_nan() || most <= longest {
-            into.push([a, b, c]);
+            into.push([a, b, c].map(|corner| corner.as_vec3()));
             continue;
         }
         let [p, q, r] = if ab == most {
@@ -327,8 +371,9 @@ mod tests {
         let samples = SurfaceSamples::new(&mesh, 0.01 * radius);
         let (mut whole, mut moment) = (0.0, DVec3::ZERO);
         for triangle in (0..mesh.triangles().len()).map(|t| mesh.corners(t)) {
-            whole += area(&triangle);
-            moment += area(&triangle) * (triangle[0] + triangle[1] + triangle[2]) / 3.0;
+            let own = area(&triangle.map(|corner| corner.as_vec3()));
+            whole += own;
+            moment += own * (triangle[0] + triangle[1] + triangle[2]) / 3.0;
         }
         assert!((f64::from(samples.area) * samples.count() as f64 / whole - 1.0).abs() < 1e-5);
         let mut count = samples.count();

@@ -1,0 +1,108 @@
+//! A body prepared for queries.
+
+use glam::{DVec3, Vec3};
+use palpate_core::TriMesh;
+use rand::rngs::SmallRng;
+use rand::{RngExt as _, SeedableRng as _};
+use rayon::prelude::*;
+use wide::f32x4;
+
+use crate::bricks::DistanceField;
+use crate::exact::ExactDistance;
+use crate::samples::SurfaceSamples;
+
+/// Of the room that a body may take, its field gets this part, and the samples the rest.
+const FIELD: f64 = 0.6;
+/// The lattice constant of a field and the spacing of the finest samples where there is room, in tolerances.
+const LATTICE: f64 = 0.5;
+const SPACING: f64 = 0.3;
+/// Distances are sampled up to this, in tolerances: bodies that are deeper in one another push as if they were this deep.
+const BAND: f64 = 2.0;
+/// Places that the field is compared with exact distances at.
+const TESTED: usize = 4096;
+const SEED: u64 = 0x7E57;
+
+/// How finely a body is sampled.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FieldOptions {
+    /// The largest d of any query, m.
+    pub tolerance: f64,
+    /// The room that the body may take, in bytes. What is large in comparison with d is sampled less finely than it could be.
+    pub memory: usize,
+}
+
+impl FieldOptions {
+    /// For queries within a tolerance (d, m), with 28 MB a body.
+    pub fn new(tolerance: f64) -> Self {
+        Self { tolerance, memory: 28_000_000 }
+    }
+}
+
+/// A body prepared for queries: a distance field, and samples of its surface.
+#[derive(Clone, Debug)]
+pub struct FieldBody {
+    pub(crate) center: DVec3,
+    pub(crate) radius: f64,
+    pub(crate) field: DistanceField,
+    pub(crate) samples: SurfaceSamples,
+    pub(crate) error: f64,
+}
+
+impl FieldBody {
+    /// Of a mesh.
+    ///
+    /// # Panics
+    /// If the mesh has no triangles, or the tolerance is not finite and above 0.
+    pub fn new(mesh: &TriMesh, options: &FieldOptions) -> Self {
+        let FieldOptions { tolerance, memory } = *options;
+        assert!(tolerance.is_finite() && tolerance > 0.0, "a tolerance of {tolerance} m");
+        let area: f64 = (0..mesh.triangles().len()).map(|t| area(mesh.corners(t))).sum();
+        let memory = memory as f64;
+        let spacing = SurfaceSamples::spacing(area, (1.0 - FIELD) * memory).max(SPACING * tolerance);
+        let band = BAND * tolerance;
+        let lattice = DistanceField::lattice(area, band, FIELD * memory).max(LATTICE * tolerance);
+        Self::with(mesh, lattice, band, spacing)
+    }
+
+    /// Of a mesh, with a lattice constant, a band and a spacing of the finest samples (m).
+    pub(crate) fn with(mesh: &TriMesh, lattice: f64, band: f64, spacing: f64) -> Self {
+        let exact = ExactDistance::new(mesh);
+        let sphere = mesh.bounding_sphere();
+        let (field, samples) = rayon::join(
+            || DistanceField::new(mesh, &exact, lattice, band),
+            || SurfaceSamples::new(mesh, spacing),
+        );
+        let error = error(&field, &samples, &exact, band / BAND);
+        Self { center: sphere.center, radius: sphere.radius, field, samples, error }
+    }
+
+    /// By how much depths that are read in this body's field are off at most, m: the largest difference from exact distances at some
+    /// thousand places within the tolerance of its surface.
+    pub fn error(&self) -> f64 {
+        self.error
+    }
+
+    /// Bytes of memory held.
+    pub fn bytes(&self) -> usize {
+        self.field.bytes() + self.samples.bytes()
+    }
+}
+
+fn area([a, b, c]: [DVec3; 3]) -> f64 {
+    (b - a).cross(c - a).length() / 2.0
+}
+
+/// The largest error of a field at places within the tolerance of the surface.
+fn error(field: &DistanceField, samples: &SurfaceSamples, exact: &ExactDistance, tolerance: f64) -> f64 {
+    let fours = samples.fours(0);
+    let errors = (0..TESTED.min(fours)).into_par_iter().map(|index| {
+        let mut rng = SmallRng::seed_from_u64(SEED ^ index as u64);
+        let on = samples.four(0, (index * fours) / TESTED.min(fours)).map(|axis| axis.to_array()[0]);
+        let off = DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)));
+        let point = Vec3::from(on).as_dvec3() + tolerance * off.clamp_length_max(1.0);
+        let at = (point - field.origin()) / field.spacing();
+        let [found, ..] = field.read::<false>(&at.as_vec3().to_array().map(f32x4::splat));
+        (f64::from(found.to_array()[0]) * field.spacing() - exact.nearest(point, 0).distance).abs()
+    });
+    errors.reduce(|| 0.0, f64::max)
+}

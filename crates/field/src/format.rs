@@ -1,0 +1,217 @@
+//! Bodies as bytes, to be kept in files: a header and a body of fixed-size little-endian records.
+//!
+//! | part | content |
+//! |---|---|
+//! | header, 24 bytes | magic `palpfeld`, version u32, length of the body u64, CRC-32 (IEEE) of the body u32 |
+//! | body | centre and radius of the bounding sphere, error (5 f64) |
+//! | field | origin, lattice constant, band, step (6 f64), bricks along each axis (3 u32), samples (u32) |
+//! | | of each brick its samples (u32) and whether it is inside (u8); coarse squares (f32); samples (i16) |
+//! | surface | area of a sample (f64), samples (u32), levels (u32); the finest (i8) |
+//! | | of each level above its fours (u32), samples (12 f32 each) and spheres (16 f32 each) |
+//!
+//! Nothing in a file is trusted: the length and the checksum come first, every count is compared with what it has to be, and indices are
+//! checked.
+
+use glam::{DVec3, UVec3};
+use wide::f32x4;
+
+use crate::body::FieldBody;
+
+const MAGIC: [u8; 8] = *b"palpfeld";
+const VERSION: u32 = 1;
+const HEADER_BYTES: usize = 24;
+
+/// Why bytes are no body.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum FormatError {
+    /// They do not begin as those of a body do.
+    #[error("not a distance field of palpate: make it again from its mesh")]
+    NotAField,
+    /// They are of another version of the format.
+    #[error(
+        "the distance field has format version {found}, but this program reads version {VERSION}: make it again from its mesh"
+    )]
+    Version {
+        /// Its version.
+        found: u32,
+    },
+    /// There are more or fewer than were written, or others.
+    #[error("the distance field is damaged: make it again from its mesh")]
+    Damaged,
+}
+
+/// Where records are written to.
+pub(crate) struct Writer(Vec<u8>);
+
+impl Writer {
+    pub fn u8(&mut self, values: impl IntoIterator<Item = u8>) {
+        self.0.extend(values);
+    }
+
+    pub fn u32(&mut self, values: impl IntoIterator<Item = u32>) {
+        values.into_iter().for_each(|value| self.0.extend_from_slice(&value.to_le_bytes()));
+    }
+
+    pub fn f32(&mut self, values: impl IntoIterator<Item = f32>) {
+        values.into_iter().for_each(|value| self.0.extend_from_slice(&value.to_le_bytes()));
+    }
+
+    pub fn f64(&mut self, values: impl IntoIterator<Item = f64>) {
+        values.into_iter().for_each(|value| self.0.extend_from_slice(&value.to_le_bytes()));
+    }
+
+    pub fn vec(&mut self, value: DVec3) {
+        self.f64(value.to_array());
+    }
+
+    pub fn fours<const N: usize>(&mut self, fours: &[[f32x4; N]]) {
+        for four in fours.iter().flatten() {
+            self.f32(four.to_array());
+        }
+    }
+}
+
+/// Where records are read from.
+pub(crate) struct Reader<'a>(&'a [u8]);
+
+impl<'a> Reader<'a> {
+    /// Of a number of records of so many bytes each.
+    pub fn bytes(&mut self, count: usize, each: usize) -> Result<&'a [u8], FormatError> {
+        let length = count.checked_mul(each).ok_or(FormatError::Damaged)?;
+        let (taken, left) = self.0.split_at_checked(length).ok_or(FormatError::Damaged)?;
+        self.0 = left;
+        Ok(taken)
+    }
+
+    fn array<const N: usize>(&mut self) -> Result<[u8; N], FormatError> {
+        self.bytes(1, N)?.try_into().map_err(|_| FormatError::Damaged)
+    }
+
+    pub fn u32(&mut self) -> Result<u32, FormatError> {
+        self.array().map(u32::from_le_bytes)
+    }
+
+    pub fn u32s(&mut self, count: usize) -> Result<Vec<u32>, FormatError> {
+        Ok(self.bytes(count, 4)?.as_chunks().0.iter().map(|bytes| u32::from_le_bytes(*bytes)).collect())
+    }
+
+    /// Numbers that are not NaN.
+    pub fn f32s(&mut self, count: usize) -> Result<Vec<f32>, FormatError> {
+        let values: Vec<f32> =
+            self.bytes(count, 4)?.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
+        if values.iter().any(|value| value.is_nan()) { Err(FormatError::Damaged) } else { Ok(values) }
+    }
+
+    /// A number that is finite.
+    pub fn f64(&mut self) -> Result<f64, FormatError> {
+        let value = f64::from_le_bytes(self.array()?);
+        if value.is_finite() { Ok(value) } else { Err(FormatError::Damaged) }
+    }
+
+    /// A number that is finite and above 0.
+    pub fn positive(&mut self) -> Result<f64, FormatError> {
+        self.f64().and_then(|value| if value > 0.0 { Ok(value) } else { Err(FormatError::Damaged) })
+    }
+
+    pub fn vec(&mut self) -> Result<DVec3, FormatError> {
+        Ok(DVec3::new(self.f64()?, self.f64()?, self.f64()?))
+    }
+
+    pub fn uvec(&mut self) -> Result<UVec3, FormatError> {
+        Ok(UVec3::new(self.u32()?, self.u32()?, self.u32()?))
+    }
+
+    pub fn fours<const N: usize>(&mut self, count: usize) -> Result<Vec<[f32x4; N]>, FormatError> {
+        let values = self.f32s(count.checked_mul(4 * N).ok_or(FormatError::Damaged)?)?;
+        let fours = values.as_chunks::<4>().0.iter().map(|four| f32x4::new(*four)).collect::<Vec<_>>();
+        Ok(fours.as_chunks().0.to_vec())
+    }
+}
+
+impl FieldBody {
+    /// The body as bytes.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let mut body = Writer(Vec::with_capacity(self.bytes()));
+        body.vec(self.center);
+        body.f64([self.radius, self.error]);
+        self.field.write(&mut body);
+        self.samples.write(&mut body);
+        let mut all = Writer(Vec::with_capacity(HEADER_BYTES + body.0.len()));
+        all.u8(MAGIC);
+        all.u32([VERSION]);
+        all.u8((body.0.len() as u64).to_le_bytes());
+        all.u32([crc32fast::hash(&body.0)]);
+        all.0.append(&mut body.0);
+        all.0
+    }
+
+    /// The body that some bytes are of.
+    ///
+    /// # Errors
+    /// If they are not what [`to_bytes`](Self::to_bytes) gave, by this version of the format.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormatError> {
+        let mut reader = Reader(bytes);
+        if !bytes.starts_with(&MAGIC) {
+            return Err(FormatError::NotAField);
+        }
+        reader.bytes(1, MAGIC.len())?;
+        let found = reader.u32()?;
+        if found != VERSION {
+            return Err(FormatError::Version { found });
+        }
+        let length = u64::from_le_bytes(reader.array()?);
+        let stored = reader.u32()?;
+        if length != reader.0.len() as u64 || stored != crc32fast::hash(reader.0) {
+            return Err(FormatError::Damaged);
+        }
+        let body = Self {
+            center: reader.vec()?,
+            radius: reader.positive()?,
+            error: reader.f64()?,
+            field: crate::bricks::DistanceField::read_from(&mut reader)?,
+            samples: crate::samples::SurfaceSamples::read_from(&mut reader)?,
+        };
+        if reader.0.is_empty() { Ok(body) } else { Err(FormatError::Damaged) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate_models::Model;
+    use rand::rngs::StdRng;
+    use rand::{RngExt as _, SeedableRng as _};
+
+    use super::*;
+    use crate::body::FieldOptions;
+
+    #[test]
+    fn a_body_survives_its_bytes_and_damage_is_told() {
+        let mesh = Model::Torus.generate(2000).expect("in range");
+        let options =
+            FieldOptions { memory: 500_000, ..FieldOptions::new(0.03 * mesh.bounding_sphere().radius) };
+        let body = FieldBody::new(&mesh, &options);
+        let bytes = body.to_bytes();
+        assert_eq!(FieldBody::from_bytes(&bytes).expect("whole").to_bytes(), bytes);
+        let refused = |bytes: &[u8]| FieldBody::from_bytes(bytes).expect_err("damaged");
+        assert_eq!(refused(b""), FormatError::NotAField);
+        assert_eq!(refused(&bytes[..bytes.len() - 1]), FormatError::Damaged);
+        assert_eq!(refused(&[bytes.clone(), vec![0]].concat()), FormatError::Damaged);
+        let mut other = bytes.clone();
+        other[8] += 1;
+        assert_eq!(refused(&other), FormatError::Version { found: VERSION + 1 });
+        // With a checksum that fits, what is in it is refused, or harmless.
+        let mut rng = StdRng::seed_from_u64(0xF11E);
+        for _ in 0..300 {
+            let mut other = bytes.clone();
+            let end = if rng.random_bool(0.5) { HEADER_BYTES + 200 } else { other.len() };
+            let place = rng.random_range(HEADER_BYTES..end);
+            other[place] ^= 1 << rng.random_range(0..8);
+            assert_eq!(refused(&other), FormatError::Damaged);
+            let sum = crc32fast::hash(&other[HEADER_BYTES..]).to_le_bytes();
+            other[HEADER_BYTES - 4..HEADER_BYTES].copy_from_slice(&sum);
+            if let Ok(read) = FieldBody::from_bytes(&other) {
+                assert_eq!(read.samples.count(), body.samples.count());
+            }
+        }
+    }
+}
