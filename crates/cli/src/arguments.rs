@@ -233,13 +233,18 @@ pub struct QueryArguments {
     /// Report contacts closer than this: metres, or a percentage of the probe's bounding radius such as 1%
     #[arg(long, value_name = "D")]
     pub tolerance: Length,
+    /// Report few contacts at true geometry, each with the area that it stands for, off by about EPS: metres, or a percentage of
+    /// the probe's bounding radius, 0.02% to 1% [default EPS: 0.05%]
+    #[arg(long, value_name = "EPS", num_args = 0..=1, default_missing_value = "0.05%",
+        conflicts_with_all = ["error", "exact", "interpolate", "budget_us", "parallel"])]
+    pub representative: Option<Length>,
     /// Leave out detail whose error, averaged over the area of contact (s*), is at most this: metres, or a percentage of the
     /// probe's bounding radius such as 2.5%, at most 100% [default: full resolution]
     #[arg(long, value_name = "S0", conflicts_with = "exact")]
     pub error: Option<Length>,
     /// Report contacts at full resolution: local minima of the distance, merged within 10 % of D, and one contact for each
-    /// region of intersection. This is the default without --error and --budget-us; with either of them, every pair of
-    /// patches in contact is reported
+    /// region of intersection. This is the default without --representative, --error and --budget-us; with either of the last
+    /// two, every pair of patches in contact is reported
     #[arg(long)]
     pub exact: bool,
     /// Blend contacts smoothly from one level of detail to the next

@@ -90,6 +90,13 @@ impl From<palpate::clod_build::BuildError> for Failure {
     }
 }
 
+/// With the option that was given.
+impl From<palpate::representative::FieldError> for Failure {
+    fn from(error: palpate::representative::FieldError) -> Self {
+        Self::Message(format!("--representative: {error}"))
+    }
+}
+
 impl From<palpate::SceneFileError> for Failure {
     fn from(error: palpate::SceneFileError) -> Self {
         match error {

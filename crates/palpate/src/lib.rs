@@ -35,6 +35,7 @@ mod reactions;
 mod realtime;
 mod record;
 mod renderer;
+pub mod representative;
 mod scene;
 mod scene_editor;
 #[cfg(feature = "scene-files")]
