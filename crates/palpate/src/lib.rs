@@ -27,6 +27,7 @@ mod hosted;
 mod lateness;
 mod lockstep;
 mod machine;
+mod merging;
 mod moving;
 mod object;
 mod presence;
@@ -86,7 +87,9 @@ pub use scene_editor::{EditError, SceneEditor, SceneId};
 #[cfg(feature = "scene-files")]
 pub use scene_file::{ObjectEntry, SceneFile, SceneFileError};
 pub use session::{Clock, ContactSummary, HapticSummary, Session, Summary};
-pub use settings::{Settings, SettingsError, TextureBackend, TextureDerivatives, TextureSettings};
+pub use settings::{
+    ContactSearch, Settings, SettingsError, TextureBackend, TextureDerivatives, TextureSettings,
+};
 pub use settings_editor::{SettingsEditError, SettingsEditor};
 pub use size::UnitsError;
 pub use spawn::{RunningSession, SessionHandle, SessionPanic};

@@ -29,8 +29,8 @@ const REACH: f64 = 0.25;
 /// Samples in contact around each place.
 const SAMPLES: f32 = 64.0;
 
-/// The band of fields for single queries, in tolerances.
-const BAND: f64 = 2.0;
+/// How far fields know distances, in tolerances: as far as sessions look ahead, and for a body behind its proxy.
+pub(crate) const BAND: f64 = 4.0;
 
 /// How finely the field of an object is made.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -85,8 +85,7 @@ pub enum FieldError {
     },
     /// Its surface is open.
     #[error(
-        "{name}: its surface is not closed, so that representative contacts cannot tell inside from outside; close it, \
-         or find contacts by levels of detail"
+        "{name}: its surface is not closed, so that representative contacts cannot tell inside from outside"
     )]
     Open {
         /// The object's name.
