@@ -639,7 +639,8 @@ impl ContactLoop {
         self.contacts.iter().chain(carried.flat_map(|moving| &moving.contacts))
     }
 
-    /// Memory that the workspaces of its queries hold, besides the objects.
+    /// Memory that the workspaces of its queries hold, besides the objects' hierarchies: with their fields, where contacts are found
+    /// in these.
     pub fn workspace_bytes(&self) -> usize {
         self.scene.bytes() + self.by_fields.as_ref().map_or(0, |fields| fields.bytes())
     }

@@ -122,9 +122,18 @@ impl ByFields {
         self.needs.band
     }
 
-    /// Bytes of memory that workspaces hold, besides the fields.
+    /// Bytes of memory that workspaces and fields hold.
     pub fn bytes(&self) -> usize {
-        self.sides.iter().flatten().filter_map(|side| side.query.as_ref()).map(FieldQuery::bytes).sum()
+        let sides = || self.sides.iter().flatten();
+        let queries = sides().filter_map(|side| side.query.as_ref()).map(FieldQuery::bytes).sum::<usize>();
+        // Objects may share a field.
+        let mut fields: Vec<&Arc<Field>> = vec![&self.probe];
+        for Side { field, .. } in sides() {
+            if !fields.iter().any(|known| Arc::ptr_eq(known, field)) {
+                fields.push(field);
+            }
+        }
+        queries + fields.into_iter().map(|field| field.bytes()).sum::<usize>()
     }
 
     /// Looks for contacts with all objects near, with the mesh's frame at a pose, if it did not do so last; `false` if an object
