@@ -735,6 +735,40 @@ fn representative_contacts_are_reported_with_their_areas() {
     }
 }
 
+/// A session renders representative contacts where it is asked to, by an option or a scene file, the same each time.
+#[test]
+fn sessions_render_representative_contacts() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    let run = |scene: &str, record: &str, options: &[&str]| {
+        let all = ["--lockstep", "--seconds", "1.5", "--record", record];
+        json(&[&["run", "ellipsoid@500", scene, "--json"], &all[..], options].concat(), folder)
+    };
+    let summary = run("golf-ball@1000", "first.csv", &["--representative", "0.5%"]);
+    let stage =
+        |summary: &Value| summary["stages"]["representative contacts"].as_str().expect("a stage").to_owned();
+    assert_eq!(stage(&summary), "on: off by about 0.00008 m");
+    assert!(summary["contacts_max"].as_u64() > Some(0), "nothing was touched: {summary}");
+    run("golf-ball@1000", "second.csv", &["--representative", "0.5%"]);
+    let read = |file: &str| std::fs::read_to_string(folder.join(file)).expect(file);
+    assert!(read("first.csv") == read("second.csv"), "a session is not the same again");
+    let scene = "[[object]]\nmodel = \"golf-ball@1000\"\n[settings]\nsearch = \"Representatives\"\n\
+                 representative_error = 8e-5\n";
+    std::fs::write(folder.join("scene.toml"), scene).unwrap();
+    run("scene.toml", "third.csv", &[]);
+    assert!(read("first.csv") == read("third.csv"), "the scene file says the same");
+    // A threshold is one of levels.
+    let levels = run("scene.toml", "levels.csv", &["--error", "1%"]);
+    assert!(stage(&levels).starts_with("off"), "{}", stage(&levels));
+    for with in [&["--error", "1%"][..], &["--no-interpolation"], &["--budget-us", "100"]] {
+        let words = [&["run", "ellipsoid@500", "golf-ball@1000", "--representative"], with].concat();
+        assert_eq!(palpate(&words, folder).status.code(), Some(2), "{with:?}");
+    }
+    let refused = palpate(&["run", "ellipsoid@500", "golf-ball@1000", "--representative", "5%"], folder);
+    let said = String::from_utf8_lossy(&refused.stderr);
+    assert!(refused.status.code() == Some(1) && said.contains("(--representative)"), "{said}");
+}
+
 /// A recording is a trajectory: of the object's poses.
 #[test]
 fn recordings_are_replayed_as_trajectories() {
