@@ -72,15 +72,8 @@ fn main() -> Result<(), Failure> {
             record(&probe, &scene, Box::new(hand), coarse, seconds)?
         }
     };
-    // Deeper than the hand would go, but not from the start: an object that begins inside has no side to be kept on.
     let press = number("--press", 0.0)?;
-    let lowered =
-        |time: f64| APPROACH * radius * (1.0 - time / RAMP).max(0.0) - press * (time / RAMP).min(1.0);
-    let lower = |frame: &Keyframe| Keyframe {
-        time: frame.time,
-        pose: Pose::from_translation(DVec3::Z * lowered(frame.time)) * frame.pose,
-    };
-    let path = MotionPath::new(path.keyframes().iter().map(lower).collect(), Interpolation::Smooth)?;
+    let path = if press > 0.0 { pressed(&path, press, APPROACH * radius)? } else { path };
     let given = Given { probe, scene, path, seconds };
     let representatives = Settings { search: ContactSearch::Representatives, ..usual };
     println!("R = {radius:.4} m; {clusters} clusters; planes, µs: medians and 99th percentile");
@@ -127,6 +120,17 @@ fn main() -> Result<(), Failure> {
         );
     }
     Ok(())
+}
+
+/// A path that ends deeper by a length (m) than the hand would go, and begins higher by another (m): an object that begins inside has
+/// no side to be kept on.
+fn pressed(path: &MotionPath, press: f64, approach: f64) -> Result<MotionPath, Failure> {
+    let lower = |frame: &Keyframe| {
+        let done = (frame.time / RAMP).min(1.0);
+        let lift = approach * (1.0 - done) - press * done;
+        Keyframe { time: frame.time, pose: Pose::from_translation(DVec3::Z * lift) * frame.pose }
+    };
+    Ok(MotionPath::new(path.keyframes().iter().map(lower).collect(), Interpolation::Smooth)?)
 }
 
 fn read(file: &str) -> Result<Vec<DVec3>, Failure> {
