@@ -87,6 +87,10 @@ const BLOCK: usize = 20;
 const ERRORS: [f64; 5] = [0.0, 0.004, 0.01, 0.025, 0.05];
 /// Those that are also measured with queries that start from the roots.
 const COLD: [f64; 2] = [0.0, 0.025];
+/// Names of methods.
+const MANIFOLDS: &str = "parry, manifolds";
+const PAIRS: &str = "parry, all pairs of triangles";
+const BOTH_WAYS: &str = "vertices in 256³ grid, both ways";
 /// Lattice cells of a field across the bounding sphere.
 const FIELD_CELLS: u32 = 192;
 /// Of the finest samples, as a part of the body's radius.
@@ -271,76 +275,112 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The methods, each with the time that it took to build what it needs.
+/// The methods whose names are asked for, each with the time that it took to build what it needs.
 fn rows(scenario: &Scenario, arguments: &Arguments) -> Result<Vec<Row>, Box<dyn Error>> {
+    let is_asked_for = |name: &str| {
+        arguments.method.is_empty() || arguments.method.iter().any(|part| name.contains(part.as_str()))
+    };
+    let mut rows = engine_rows(scenario, arguments, &is_asked_for)?;
+    rows.extend(representative_rows(scenario, &is_asked_for));
+    if is_asked_for(MANIFOLDS) {
+        let (manifolds, seconds) = timed(|| Manifolds::new(scenario));
+        rows.push(Row::new(MANIFOLDS, manifolds?, Some(seconds)));
+    }
+    if is_asked_for(PAIRS) {
+        let (pairs, seconds) = timed(|| TrianglePairs::new(scenario));
+        rows.push(Row::new(PAIRS, pairs?, Some(seconds)));
+    }
+    rows.extend(shell_rows(scenario, arguments, &is_asked_for)?);
+    Ok(rows)
+}
+
+/// The engine's contact queries with levels of detail.
+fn engine_rows(
+    scenario: &Scenario,
+    arguments: &Arguments,
+    is_asked_for: &dyn Fn(&str) -> bool,
+) -> Result<Vec<Row>, Box<dyn Error>> {
     let Scenario { probe, scene, tolerance, .. } = scenario;
     let radius = probe.object.bounding_radius();
+    let modes = ERRORS.iter().flat_map(|error| {
+        let mode = if *error == 0.0 { "exact".to_owned() } else { format!("s₀ = {} %", 100.0 * error) };
+        let cold = COLD.contains(error).then(|| (format!("palpate, {mode}, from the roots"), *error, true));
+        std::iter::once((format!("palpate, {mode}"), *error, false)).chain(cold)
+    });
+    let modes: Vec<(String, f64, bool)> = modes.filter(|(name, ..)| is_asked_for(name)).collect();
     // Hierarchies come from the cache, and are built once more where their time is asked for.
-    let hierarchies = |mesh: &TriMesh| build(mesh, &BuildOptions::default(), &mut unwatched);
-    let built = if arguments.json.is_some() {
+    let built = if arguments.json.is_some() && !modes.is_empty() {
+        let hierarchies = |mesh: &TriMesh| build(mesh, &BuildOptions::default(), &mut unwatched);
         let (built, seconds) = timed(|| [&probe.mesh, &scene.mesh].map(hierarchies));
         built.into_iter().collect::<Result<Vec<_>, _>>()?;
         Some(seconds)
     } else {
         None
     };
-    let mut rows = Vec::new();
-    for error in ERRORS {
+    let rows = modes.into_iter().map(|(name, error, cold)| {
         let mut query = EngineQuery::new(&probe.object, &scene.object, *tolerance);
         query.settings.error = (error * radius).into();
-        let mode = if error == 0.0 { "exact".to_owned() } else { format!("s₀ = {} %", 100.0 * error) };
-        let cold = COLD.contains(&error).then(|| {
-            let mut cold = query.clone();
-            cold.cold = true;
-            cold
-        });
-        rows.push(Row::new(format!("palpate, {mode}"), query, built));
-        rows.extend(cold.map(|query| Row::new(format!("palpate, {mode}, from the roots"), query, built)));
+        query.cold = cold;
+        Row::new(name, query, built)
+    });
+    Ok(rows.collect())
+}
+
+/// Representative contacts.
+fn representative_rows(scenario: &Scenario, is_asked_for: &dyn Fn(&str) -> bool) -> Vec<Row> {
+    let Scenario { probe, scene, tolerance, .. } = scenario;
+    let named = SAMPLES.map(|samples| (format!("palpate, representative, {samples} samples"), samples));
+    let named: Vec<(String, f32)> = named.into_iter().filter(|(name, _)| is_asked_for(name)).collect();
+    if named.is_empty() {
+        return Vec::new();
     }
     let field = |body: &scenarios::Body| {
-        Arc::new(FieldBody::new(
-            &body.mesh,
-            FIELD_CELLS,
-            2.0 * tolerance,
-            SPACING * body.object.bounding_radius(),
-        ))
+        let spacing = SPACING * body.object.bounding_radius();
+        Arc::new(FieldBody::new(&body.mesh, FIELD_CELLS, 2.0 * tolerance, spacing))
     };
     let ([own, other], seconds) = timed(|| [field(probe), field(scene)]);
-    for samples in SAMPLES {
-        let method = Representative::new(own.clone(), other.clone(), *tolerance, samples);
-        rows.push(Row::new(format!("palpate, representative, {samples} samples"), method, Some(seconds)));
-    }
-    let (manifolds, seconds) = timed(|| Manifolds::new(scenario));
-    rows.push(Row::new("parry, manifolds", manifolds?, Some(seconds)));
-    let (pairs, seconds) = timed(|| TrianglePairs::new(scenario));
-    rows.push(Row::new("parry, all pairs of triangles", pairs?, Some(seconds)));
+    let row = |(name, samples)| {
+        Row::new(name, Representative::new(own.clone(), other.clone(), *tolerance, samples), Some(seconds))
+    };
+    named.into_iter().map(row).collect()
+}
 
+/// Shells of points in distance grids.
+fn shell_rows(
+    scenario: &Scenario,
+    arguments: &Arguments,
+    is_asked_for: &dyn Fn(&str) -> bool,
+) -> Result<Vec<Row>, Box<dyn Error>> {
+    let Scenario { probe, scene, tolerance, .. } = scenario;
     let shell = |body: &scenarios::Body, features| timed(|| Arc::new(PointShell::new(&body.mesh, features)));
     let grid = |body: &scenarios::Body, samples| -> Result<(Arc<DistanceGrid>, f64), Box<dyn Error>> {
         let grid = distance_grid(body, samples, *tolerance, Some(Path::new(env!("CARGO_TARGET_TMPDIR"))))?;
         let seconds = grid.build_seconds();
         Ok((Arc::new(grid), seconds))
     };
-    let vertices = shell(probe, Features::Vertices);
-    let (coarse, seconds) = grid(scene, 128)?;
-    let method = ShellInGrid::new(vertices.0.clone(), coarse, *tolerance);
-    rows.push(Row::new("vertices in 128³ grid", method, Some(vertices.1 + seconds)));
-    if arguments.quick {
-        return Ok(rows);
+    let mut rows = Vec::new();
+    for (features, word) in
+        [(Features::Vertices, "vertices"), (Features::VerticesAndEdges, "vertices and edges")]
+    {
+        let samples = if features == Features::Vertices { [128, 256] } else { [256, 512] };
+        for samples in samples {
+            let name = format!("{word} in {samples}³ grid");
+            if !is_asked_for(&name) || arguments.quick && samples > 128 {
+                continue;
+            }
+            let ((shell, own), (grid, seconds)) = (shell(probe, features), grid(scene, samples)?);
+            rows.push(Row::new(name, ShellInGrid::new(shell, grid, *tolerance), Some(own + seconds)));
+        }
     }
-    let (fine, seconds) = grid(scene, 256)?;
-    let method = ShellInGrid::new(vertices.0.clone(), fine.clone(), *tolerance);
-    rows.push(Row::new("vertices in 256³ grid", method, Some(vertices.1 + seconds)));
-    let (back, of_scene) = (grid(probe, 256)?, shell(scene, Features::Vertices));
-    let method = ShellInGrid::new(vertices.0, fine.clone(), *tolerance).both_ways(of_scene.0, back.0);
-    let all = vertices.1 + seconds + back.1 + of_scene.1;
-    rows.push(Row::new("vertices in 256³ grid, both ways", method, Some(all)));
-    let edges = shell(probe, Features::VerticesAndEdges);
-    let method = ShellInGrid::new(edges.0.clone(), fine, *tolerance);
-    rows.push(Row::new("vertices and edges in 256³ grid", method, Some(edges.1 + seconds)));
-    let (finest, seconds) = grid(scene, 512)?;
-    let method = ShellInGrid::new(edges.0, finest, *tolerance);
-    rows.push(Row::new("vertices and edges in 512³ grid", method, Some(edges.1 + seconds)));
+    if is_asked_for(BOTH_WAYS) && !arguments.quick {
+        let [forth, back] = [(probe, scene), (scene, probe)].map(|(points, field)| {
+            let ((shell, own), (grid, seconds)) = (shell(points, Features::Vertices), grid(field, 256)?);
+            Ok::<_, Box<dyn Error>>((shell, grid, own + seconds))
+        });
+        let (forth, back) = (forth?, back?);
+        let method = ShellInGrid::new(forth.0, forth.1, *tolerance).both_ways(back.0, back.1);
+        rows.push(Row::new(BOTH_WAYS, method, Some(forth.2 + back.2)));
+    }
     Ok(rows)
 }
 
@@ -356,9 +396,6 @@ fn compare(scenario: &Scenario, arguments: &Arguments) -> Result<Comparison, Box
     let radius = probe.object.bounding_radius();
     let mut reference = Reference::new(scenario)?;
     let mut rows = rows(scenario, arguments)?;
-    rows.retain(|row| {
-        arguments.method.is_empty() || arguments.method.iter().any(|part| row.name.contains(part.as_str()))
-    });
     if rows.is_empty() {
         return Err(format!("no method's name contains {}", arguments.method.join(" or ")).into());
     }

@@ -19,7 +19,7 @@ pub struct Representative {
 impl Representative {
     /// Within a tolerance, m; with so many samples around each place.
     pub fn new(probe: Arc<FieldBody>, scene: Arc<FieldBody>, tolerance: f64, samples: f32) -> Self {
-        let query = FieldQuery::new(&probe, LAW_REACH);
+        let query = FieldQuery::new(&probe, &scene, LAW_REACH);
         Self { probe, scene, query, settings: FieldSettings { tolerance, samples } }
     }
 

@@ -8,12 +8,13 @@ use wide::{f32x4, i32x4};
 use crate::exact::ExactDistance;
 
 /// Cells of the fine lattice along an edge of one of the coarse one.
-const COARSE: usize = 4;
+const COARSE: usize = CELLS;
 /// Cells along an edge of a brick.
 const CELLS: usize = 8;
 /// Samples along an edge of a brick: neighbours share those at their faces, each with its own copy.
 const SAMPLES: usize = CELLS + 1;
 const PER_BRICK: usize = SAMPLES * SAMPLES * SAMPLES;
+const BRICK_BYTES: usize = PER_BRICK * size_of::<i16>();
 /// Where rows along x begin that hold the corners of a cell.
 const ROWS: [usize; 4] = [0, SAMPLES, SAMPLES * SAMPLES, SAMPLES * SAMPLES + SAMPLES];
 /// From the first corner of a cell to the last.
@@ -39,8 +40,8 @@ pub struct DistanceField {
     coarse_size: UVec3,
     /// What is far is further from the surface than this, in lattice constants.
     band: f32,
-    /// In steps of `step` lattice constants.
-    samples: Vec<[i16; PER_BRICK]>,
+    /// In steps of `step` lattice constants: i16, the lower byte first.
+    samples: Vec<[u8; BRICK_BYTES]>,
     step: f32,
 }
 
@@ -65,7 +66,7 @@ impl DistanceField {
                 UVec3::new(brick % bricks.x, brick / bricks.x % bricks.y, brick / (bricks.x * bricks.y));
             low + side * place.as_dvec3()
         };
-        let measured: Vec<(bool, Option<Box<[i16; PER_BRICK]>>)> = (0..count)
+        let measured: Vec<(bool, Option<Box<[u8; BRICK_BYTES]>>)> = (0..count)
             .into_par_iter()
             .map(|brick| {
                 let corner = corner(brick);
@@ -74,9 +75,9 @@ impl DistanceField {
                 if clear > band {
                     return (middle.distance < 0.0, None);
                 }
-                let mut values = Box::new([0; PER_BRICK]);
+                let mut values = Box::new([0; BRICK_BYTES]);
                 let mut hint = middle.hint;
-                for (index, value) in values.iter_mut().enumerate() {
+                for (index, value) in values.as_chunks_mut::<2>().0.iter_mut().enumerate() {
                     let at = UVec3::new(
                         (index % SAMPLES) as u32,
                         (index / SAMPLES % SAMPLES) as u32,
@@ -84,24 +85,23 @@ impl DistanceField {
                     );
                     let found = exact.nearest(corner + spacing * at.as_dvec3(), hint);
                     hint = found.hint;
-                    *value = (found.distance / spacing / step).round() as i16;
+                    *value = ((found.distance / spacing / step).round() as i16).to_le_bytes();
                 }
                 (false, Some(values))
             })
             .collect();
         let coarse_size = bricks * (CELLS / COARSE) as u32 + 1;
-        let coarse = (0..coarse_size.element_product())
-            .into_par_iter()
-            .map(|index| {
-                let place = UVec3::new(
-                    index % coarse_size.x,
-                    index / coarse_size.x % coarse_size.y,
-                    index / (coarse_size.x * coarse_size.y),
-                );
-                let distance = exact.nearest(low + spacing * COARSE as f64 * place.as_dvec3(), 0).distance;
-                (distance / spacing).powi(2) as f32
-            })
-            .collect();
+        let mut coarse = vec![0.0; coarse_size.element_product() as usize];
+        coarse.par_chunks_mut(coarse_size.x as usize).enumerate().for_each(|(row, values)| {
+            let (y, z) = (row as u32 % coarse_size.y, row as u32 / coarse_size.y);
+            let mut hint = 0;
+            for (x, value) in (0..).zip(values) {
+                let place = UVec3::new(x, y, z);
+                let found = exact.nearest(low + spacing * COARSE as f64 * place.as_dvec3(), hint);
+                hint = found.hint;
+                *value = (found.distance / spacing).powi(2) as f32;
+            }
+        });
         let mut field = Self {
             coarse,
             coarse_size,
@@ -144,7 +144,7 @@ impl DistanceField {
             + self.table.capacity() * size_of::<u32>()
             + self.is_inside.capacity()
             + self.coarse.capacity() * size_of::<f32>()
-            + self.samples.capacity() * size_of::<[i16; PER_BRICK]>()
+            + self.samples.capacity() * BRICK_BYTES
     }
 
     /// The distances of four points, in lattice constants from the origin: in the first of four, and their gradients in the
@@ -166,19 +166,20 @@ impl DistanceField {
         // 9 y and 81 z.
         let first: i32x4 = (cx & seven) + (ly << 3) + ly + (lz << 6) + (lz << 4) + lz;
         let (bricks, firsts) = (brick.to_array(), first.to_array());
-        let mut pairs = [[0i32; 4]; 4];
-        let mut far = 0;
-        for lane in 0..4 {
-            let slot = self.table[bricks[lane] as usize];
-            if slot == FAR || is_outside & 1 << lane != 0 {
+        // Of each lane four pairs of samples, which follow one another along x; far bricks are not among the samples.
+        let mut far = is_outside;
+        let mut lane = |lane: usize| {
+            let slot = self.table[bricks[lane] as usize] as usize;
+            let first = firsts[lane] as usize;
+            let brick = self.samples.get(slot).and_then(|brick| brick.get(2 * first..));
+            let Some(values) = brick.and_then(|values| values.first_chunk::<{ 2 * REACH }>()) else {
                 far |= 1 << lane;
-                continue;
-            }
-            let values = &self.samples[slot as usize][firsts[lane] as usize..][..REACH];
-            for (pair, from) in pairs.iter_mut().zip(ROWS) {
-                pair[lane] = i32::from(values[from] as u16) | i32::from(values[from + 1]) << 16;
-            }
-        }
+                return [0; 4];
+            };
+            ROWS.map(|row| i32::from_le_bytes([0, 1, 2, 3].map(|byte| values[2 * row + byte])))
+        };
+        let lanes = [lane(0), lane(1), lane(2), lane(3)];
+        let pairs: [[i32; 4]; 4] = std::array::from_fn(|row| lanes.map(|pairs| pairs[row]));
         let low = |pair: [i32; 4]| -> f32x4 {
             let up: i32x4 = i32x4::new(pair) << 16;
             let value: i32x4 = up >> 16;

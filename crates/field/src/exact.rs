@@ -8,17 +8,30 @@ use std::collections::HashMap;
 
 use glam::DVec3;
 use palpate_core::TriMesh;
+use wide::f32x4;
 
-/// Triangles of a leaf.
-const LEAF: usize = 4;
+/// Triangles of a leaf, and children of a node.
+const FOUR: usize = 4;
+/// The search is in single precision, in units of the mesh's size about its middle. What is further away than the nearest so far by
+/// this part of the distance and of the size is measured all the same.
+const LEEWAY: f64 = 2e-6;
 
 /// A mesh to ask for signed distances.
 #[derive(Clone, Debug)]
 pub struct ExactDistance {
-    /// In the order of the leaves.
+    /// In the order of the leaves, of which each begins at a multiple of four.
     triangles: Vec<Triangle>,
+    /// Their corners, four triangles at a time.
+    leaves: Vec<Leaf>,
+    /// The root first.
     nodes: Vec<Node>,
+    /// Middle and size of the mesh, m.
+    middle: DVec3,
+    size: f64,
 }
+
+/// Corners of four triangles.
+type Leaf = [[f32x4; 3]; 3];
 
 #[derive(Clone, Copy, Debug)]
 struct Triangle {
@@ -29,16 +42,16 @@ struct Triangle {
     vertices: [DVec3; 3],
 }
 
-/// Depth first: the first child follows its parent.
+/// Boxes around four children, and where these are: nodes, or leaves beyond [`IS_LEAF`]. There may be fewer, [`NONE`] then.
 #[derive(Clone, Copy, Debug)]
 struct Node {
-    low: DVec3,
-    high: DVec3,
-    /// The second child, or the first triangle of a leaf.
-    next: u32,
-    /// Triangles of a leaf, 0 of others.
-    count: u32,
+    low: [f32x4; 3],
+    high: [f32x4; 3],
+    children: [u32; FOUR],
 }
+
+const IS_LEAF: u32 = 1 << 31;
+const NONE: u32 = u32::MAX;
 
 /// The nearest point of a surface.
 #[derive(Clone, Copy, Debug)]
@@ -58,11 +71,17 @@ impl ExactDistance {
     /// If it has no triangles.
     pub fn new(mesh: &TriMesh) -> Self {
         assert!(!mesh.triangles().is_empty(), "a mesh without triangles has no distance");
-        let mut triangles = with_pseudonormals(mesh);
-        let mut nodes = Vec::with_capacity(triangles.len());
-        let end = triangles.len();
-        split(&mut triangles, 0, end, &mut nodes);
-        Self { triangles, nodes }
+        let triangles = with_pseudonormals(mesh);
+        let corners = || triangles.iter().flat_map(|triangle| triangle.corners);
+        let low = corners().fold(DVec3::INFINITY, DVec3::min);
+        let high = corners().fold(DVec3::NEG_INFINITY, DVec3::max);
+        let (middle, size) = (low.midpoint(high), (high - low).max_element() / 2.0);
+        // Of a single point nothing is to be searched.
+        let size = if size > 0.0 { size } else { 1.0 };
+        let mut tree = Self { triangles: Vec::new(), leaves: Vec::new(), nodes: Vec::new(), middle, size };
+        let mut own = triangles;
+        tree.split(&mut own);
+        tree
     }
 
     /// The nearest point to a point, m. `hint` is that of a search nearby, or 0.
@@ -70,32 +89,53 @@ impl ExactDistance {
         let closest = |index: u32| closest(p, &self.triangles[index as usize].corners);
         let mut best = (closest(hint), hint);
         let mut squared = best.0.0.distance_squared(p);
-        // 64 levels are more than a tree of 2³² triangles has.
-        let mut stack = [(0u32, 0.0f64); 64];
+        let at = ((p - self.middle) / self.size).as_vec3();
+        let at = [at.x, at.y, at.z].map(f32x4::splat);
+        let limit = |squared: f64| {
+            let distance = squared.sqrt() / self.size;
+            (distance + LEEWAY * (distance + 1.0)).powi(2) as f32
+        };
+        let mut most = limit(squared);
+        // A tree of 2³² triangles has 16 levels, each of which leaves three behind.
+        let mut stack = [(0u32, 0.0f32); 64];
         let mut top = 1;
         while top > 0 {
             top -= 1;
             let (index, bound) = stack[top];
-            if bound >= squared {
+            if bound > most {
                 continue;
             }
-            let node = &self.nodes[index as usize];
-            if node.count > 0 {
-                for triangle in node.next..node.next + node.count {
+            if index & IS_LEAF != 0 {
+                let leaf = index & !IS_LEAF;
+                let near = squared_distances(&self.leaves[leaf as usize], &at)
+                    .simd_le(f32x4::splat(most))
+                    .to_bitmask();
+                for lane in (0..FOUR as u32).filter(|lane| near & 1 << lane != 0) {
+                    let triangle = FOUR as u32 * leaf + lane;
                     let found = closest(triangle);
                     let distance = found.0.distance_squared(p);
                     if distance < squared {
                         (best, squared) = ((found, triangle), distance);
                     }
                 }
+                most = limit(squared);
                 continue;
             }
-            let children = [index + 1, node.next];
-            let [one, other] = children.map(|child| (child, self.nodes[child as usize].squared_distance(p)));
-            let (near, far) = if one.1 <= other.1 { (one, other) } else { (other, one) };
-            stack[top] = far;
-            stack[top + 1] = near;
-            top += 2;
+            let node = &self.nodes[index as usize];
+            let bounds = node.squared_distances(&at);
+            let near = bounds.simd_le(f32x4::splat(most)).to_bitmask();
+            let bounds = bounds.to_array();
+            // The nearest is to be next.
+            let first = top;
+            for lane in (0..FOUR).filter(|lane| near & 1 << lane != 0 && node.children[*lane] != NONE) {
+                let mut place = top;
+                while place > first && stack[place - 1].1 < bounds[lane] {
+                    stack[place] = stack[place - 1];
+                    place -= 1;
+                }
+                stack[place] = (node.children[lane], bounds[lane]);
+                top += 1;
+            }
         }
         let ((point, feature), hint) = best;
         let triangle = &self.triangles[hint as usize];
@@ -113,13 +153,110 @@ impl ExactDistance {
     pub fn bytes(&self) -> usize {
         size_of::<Self>()
             + self.triangles.capacity() * size_of::<Triangle>()
+            + self.leaves.capacity() * size_of::<Leaf>()
             + self.nodes.capacity() * size_of::<Node>()
+    }
+
+    /// Makes the tree of some triangles, and returns where it is.
+    fn split(&mut self, own: &mut [Triangle]) -> u32 {
+        let scaled = |corner: DVec3| ((corner - self.middle) / self.size).as_vec3();
+        if own.len() <= FOUR && !self.nodes.is_empty() {
+            let leaf = self.leaves.len() as u32;
+            // Where there are fewer than four, the last is there again.
+            let four: [Triangle; FOUR] = std::array::from_fn(|lane| own[lane.min(own.len() - 1)]);
+            let corners = four.map(|triangle| triangle.corners.map(scaled));
+            self.leaves.push([0, 1, 2].map(|corner| {
+                [0, 1, 2].map(|axis| f32x4::new(std::array::from_fn(|lane| corners[lane][corner][axis])))
+            }));
+            self.triangles.extend(four);
+            return leaf | IS_LEAF;
+        }
+        let count = own.len();
+        divide(own, count / 2);
+        let (left, right) = own.split_at_mut(count / 2);
+        for half in [&mut *left, &mut *right] {
+            let middle = half.len() / 2;
+            divide(half, middle);
+        }
+        let (middle, end) = (left.len() / 2, right.len() / 2);
+        let (a, b) = left.split_at_mut(middle);
+        let (c, d) = right.split_at_mut(end);
+        let quarters = [a, b, c, d];
+        // Rounded outwards.
+        let bounds = quarters.each_ref().map(|own| {
+            let points = || own.iter().flat_map(|triangle| triangle.corners).map(scaled);
+            let low = points().fold(glam::Vec3::INFINITY, glam::Vec3::min) - f32::EPSILON;
+            let high = points().fold(glam::Vec3::NEG_INFINITY, glam::Vec3::max) + f32::EPSILON;
+            (low, high)
+        });
+        let lanes = |of: &dyn Fn(&(glam::Vec3, glam::Vec3)) -> f32| f32x4::new(bounds.each_ref().map(of));
+        let index = self.nodes.len();
+        self.nodes.push(Node {
+            low: [0, 1, 2].map(|axis| lanes(&|bounds| bounds.0[axis])),
+            high: [0, 1, 2].map(|axis| lanes(&|bounds| bounds.1[axis])),
+            children: [NONE; FOUR],
+        });
+        for (lane, own) in quarters.into_iter().enumerate() {
+            if !own.is_empty() {
+                self.nodes[index].children[lane] = self.split(own);
+            }
+        }
+        index as u32
     }
 }
 
+/// Reorders triangles along the longest axis of their box, so that the first so many are before the others.
+fn divide(own: &mut [Triangle], middle: usize) {
+    if own.len() < 2 {
+        return;
+    }
+    let points = || own.iter().flat_map(|triangle| triangle.corners);
+    let low = points().fold(DVec3::INFINITY, DVec3::min);
+    let high = points().fold(DVec3::NEG_INFINITY, DVec3::max);
+    let axis = (high - low).max_position();
+    let key = |triangle: &Triangle| triangle.corners.iter().map(|corner| corner[axis]).sum::<f64>();
+    own.select_nth_unstable_by(middle, |s, t| key(s).total_cmp(&key(t)));
+}
+
+type Vec3x4 = [f32x4; 3];
+
+fn minus(a: &Vec3x4, b: &Vec3x4) -> Vec3x4 {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+fn dot(a: &Vec3x4, b: &Vec3x4) -> f32x4 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn cross(a: &Vec3x4, b: &Vec3x4) -> Vec3x4 {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+/// The squares of a point's distances from four triangles: from their planes where it is above or below them, and else from the
+/// nearest edge.
+fn squared_distances(corners: &Leaf, p: &Vec3x4) -> f32x4 {
+    let zero = f32x4::ZERO;
+    let edges = [0, 1, 2].map(|i| minus(&corners[(i + 1) % 3], &corners[i]));
+    let to = [0, 1, 2].map(|i| minus(p, &corners[i]));
+    let normal = cross(&edges[0], &edges[1]);
+    let tiny = f32x4::splat(f32::MIN_POSITIVE);
+    let mut inside = !zero;
+    let mut nearest = f32x4::splat(f32::INFINITY);
+    for (edge, to) in edges.iter().zip(&to) {
+        inside &= dot(&cross(&normal, edge), to).simd_ge(zero);
+        let along = (dot(edge, to) / dot(edge, edge).fast_max(tiny)).fast_max(zero).fast_min(f32x4::ONE);
+        let off = [to[0] - edge[0] * along, to[1] - edge[1] * along, to[2] - edge[2] * along];
+        nearest = nearest.fast_min(dot(&off, &off));
+    }
+    let above = dot(&normal, &to[0]);
+    inside.select(above * above / dot(&normal, &normal).fast_max(tiny), nearest)
+}
+
 impl Node {
-    fn squared_distance(&self, p: DVec3) -> f64 {
-        (self.low - p).max(p - self.high).max(DVec3::ZERO).length_squared()
+    fn squared_distances(&self, p: &Vec3x4) -> f32x4 {
+        let off = [0, 1, 2]
+            .map(|axis| (self.low[axis] - p[axis]).fast_max(p[axis] - self.high[axis]).fast_max(f32x4::ZERO));
+        dot(&off, &off)
     }
 }
 
@@ -193,26 +330,6 @@ fn with_pseudonormals(mesh: &TriMesh) -> Vec<Triangle> {
     };
     let all = solid.is_empty();
     if all { (0..mesh.triangles().len()).map(of).collect() } else { solid.into_iter().map(of).collect() }
-}
-
-fn split(triangles: &mut [Triangle], first: usize, end: usize, nodes: &mut Vec<Node>) {
-    let own = &mut triangles[first..end];
-    let points = || own.iter().flat_map(|triangle| triangle.corners);
-    let low = points().fold(DVec3::INFINITY, DVec3::min);
-    let high = points().fold(DVec3::NEG_INFINITY, DVec3::max);
-    let index = nodes.len();
-    nodes.push(Node { low, high, next: first as u32, count: own.len() as u32 });
-    if own.len() <= LEAF {
-        return;
-    }
-    let axis = (high - low).max_position();
-    let middle = own.len() / 2;
-    let key = |triangle: &Triangle| triangle.corners.iter().map(|corner| corner[axis]).sum::<f64>();
-    own.select_nth_unstable_by(middle, |s, t| key(s).total_cmp(&key(t)));
-    split(triangles, first, first + middle, nodes);
-    nodes[index].next = nodes.len() as u32;
-    nodes[index].count = 0;
-    split(triangles, first + middle, end, nodes);
 }
 
 #[cfg(test)]

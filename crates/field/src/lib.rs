@@ -2,9 +2,11 @@
 
 mod area_law;
 mod bricks;
+mod cells;
 mod exact;
 mod query;
 mod samples;
+mod slack;
 
 pub use area_law::{AreaContact, AreaLaw};
 pub use bricks::DistanceField;

@@ -3,21 +3,19 @@
 //! Samples of either surface are asked for their distance from the other body. Spheres around samples that are provably out of
 //! reach are left out.
 
-use glam::{DAffine3, DMat3, DVec3, UVec3, Vec3A};
+use glam::{DAffine3, DMat3, DQuat, DVec3, UVec3, Vec3A};
 use palpate_core::{Contact, Pose, TriMesh};
 use wide::{f32x4, i32x4};
 
 use crate::area_law::AreaContact;
 use crate::bricks::DistanceField;
+use crate::cells::{Cells, Touch};
 use crate::exact::ExactDistance;
 use crate::samples::SurfaceSamples;
+use crate::slack::{Known, Motion, Sphere};
 
 /// What interpolated distances may change by more than points are apart, in lattice constants: they bend near creases.
 const SLACK: f32 = 0.25;
-/// Of a sample that was not read.
-const NO_CUBE: i32 = -1;
-/// No cell yet.
-const NONE: u32 = u32::MAX;
 
 /// Levels of samples above this one are not read: too few points to stand for a contact.
 const COARSEST: usize = 4;
@@ -71,303 +69,60 @@ pub struct FieldOutcome {
     pub contacts: usize,
 }
 
-/// Sums over the area of contact in a cell, in the probe's frame from its centre, m.
-#[derive(Clone, Copy, Debug)]
-struct Cell {
-    slot: u32,
-    /// Σ a (δ + d), and the moment of it.
-    pressure: f32,
-    moment: Vec3A,
-    /// Σ a (δ + d)² **n**.
-    push: Vec3A,
-    /// δ + d of the deepest sample.
-    reach: f32,
-    point: Vec3A,
-    normal: Vec3A,
-}
-
-/// The cells that hold contacts.
+/// How much is in contact in each cube of the probe's surroundings, by the samples of the levels so far.
+///
+/// All sums are of p = w a (δ + d) and of p² / w: (Σ p)² / Σ (p² / w) is the number of samples that carry the load.
 #[derive(Clone, Debug)]
-struct Sums {
-    /// By place and direction.
-    table: Vec<u32>,
-    cells: Vec<Cell>,
-    contacts: usize,
-}
-
-impl Sums {
-    fn clear(&mut self) {
-        for cell in self.cells.drain(..) {
-            self.table[cell.slot as usize] = NONE;
-        }
-        self.contacts = 0;
-    }
-
-    #[inline]
-    fn count(&mut self, touch: &Touch, share: f32) {
-        self.contacts += 1;
-        let size = touch.normal.abs();
-        let axis = if size.x >= size.y && size.x >= size.z {
-            0
-        } else if size.y >= size.z {
-            1
-        } else {
-            2
-        };
-        let direction = 2 * axis as u32 + u32::from(touch.normal[axis] < 0.0);
-        let slot = touch.cube * 6 + direction;
-        let entry = &mut self.table[slot as usize];
-        if *entry == NONE {
-            *entry = self.cells.len() as u32;
-            self.cells.push(Cell {
-                slot,
-                pressure: 0.0,
-                moment: Vec3A::ZERO,
-                push: Vec3A::ZERO,
-                reach: 0.0,
-                point: touch.point,
-                normal: touch.normal,
-            });
-        }
-        let cell = &mut self.cells[*entry as usize];
-        let pressure = share * touch.weight * touch.reach;
-        cell.pressure += pressure;
-        cell.moment += pressure * touch.point;
-        cell.push += pressure * touch.reach * touch.normal;
-        if touch.reach > cell.reach {
-            (cell.reach, cell.point, cell.normal) = (touch.reach, touch.point, touch.normal);
-        }
-    }
-}
-
-/// What there is in a cube of the probe's surroundings.
-#[derive(Clone, Copy, Debug, Default)]
-struct Cube {
-    /// Σ p of the samples that count, for p = w a (δ + d), and of those of the present level.
-    settled: f32,
-    present: f32,
-    /// Σ p² / w, likewise.
-    settled_squares: f32,
-    present_squares: f32,
-    /// How much of what the samples of the present level push with counts.
-    share: f32,
-    is_used: bool,
-}
-
-/// Four samples of a level, and how much of what they push with may count.
-#[derive(Clone, Copy, Debug)]
-struct Four {
-    index: u32,
-    weight: f32,
-    /// Of each.
-    cubes: [i32; 4],
-}
-
-/// A sample in contact, in the probe's frame from its centre, m.
-#[derive(Clone, Copy, Debug)]
-struct Touch {
-    point: Vec3A,
-    normal: Vec3A,
-    reach: f32,
-    weight: f32,
-    cube: u32,
-}
-
-/// One body's samples in the other's field.
-struct Side<'a> {
-    samples: &'a SurfaceSamples,
-    field: &'a DistanceField,
-    /// Rows of the map from the body to the lattice.
-    to_lattice: [[f32; 4]; 3],
-    /// From the lattice to the probe's frame, from its centre.
-    to_probe: [[f32; 4]; 3],
-    /// Likewise of unit vectors, from the field's body outwards to the scene object's outwards.
-    turn: [[f32; 4]; 3],
-    is_probe: bool,
-}
-
-/// The workspace of queries between two bodies.
-#[derive(Clone, Debug)]
-pub struct FieldQuery {
-    /// Edge of a cell, m.
-    edge: f64,
-    /// Cells along each axis.
+struct Load {
+    /// Cubes along each axis.
     across: u32,
-    sums: Sums,
-    cubes: Vec<Cube>,
+    /// Of the samples that count.
+    settled: Vec<[f32; 2]>,
+    /// Of those of the present level.
+    present: Vec<[f32; 2]>,
+    /// How much of what the samples of the present level push with counts.
+    share: Vec<f32>,
+    is_used: Vec<bool>,
     /// Cubes that hold contacts.
     used: Vec<u32>,
-    /// Fours of each side that are to be read, and those of the next level.
-    now: [Vec<Four>; 2],
-    next: [Vec<Four>; 2],
-    touching: [Vec<Touch>; 2],
-    outcome: FieldOutcome,
 }
 
-impl FieldQuery {
-    /// For a probe; cells are cubes with an edge of a part of its radius.
-    pub fn new(probe: &FieldBody, edge: f64) -> Self {
-        let half = (1.0 / edge).ceil() as u32 + 1;
-        let across = 2 * half;
+impl Load {
+    fn new(across: u32) -> Self {
+        let count = (across * across * across) as usize;
         Self {
-            edge: edge * probe.radius,
             across,
-            sums: Sums {
-                table: vec![NONE; (6 * across * across * across) as usize],
-                cells: Vec::with_capacity(1024),
-                contacts: 0,
-            },
-            cubes: vec![Cube::default(); (across * across * across) as usize],
-            used: Vec::with_capacity((across * across * across) as usize),
-            now: std::array::from_fn(|_| Vec::with_capacity(8192)),
-            next: std::array::from_fn(|_| Vec::with_capacity(8192)),
-            touching: std::array::from_fn(|_| Vec::with_capacity(8192)),
-            outcome: FieldOutcome::default(),
+            settled: vec![[0.0; 2]; count],
+            present: vec![[0.0; 2]; count],
+            share: vec![0.0; count],
+            is_used: vec![false; count],
+            used: Vec::with_capacity(count),
         }
     }
 
-    /// What the last query took.
-    pub fn outcome(&self) -> FieldOutcome {
-        FieldOutcome { contacts: self.sums.contacts, ..self.outcome }
-    }
-
-    /// Bytes of memory held.
-    pub fn bytes(&self) -> usize {
-        size_of::<Self>()
-            + self.sums.table.capacity() * size_of::<u32>()
-            + self.sums.cells.capacity() * size_of::<Cell>()
-            + self.cubes.capacity() * size_of::<Cube>()
-            + self.used.capacity() * size_of::<u32>()
-            + self
-                .now
-                .iter()
-                .chain(&self.next)
-                .map(|fours| fours.capacity() * size_of::<Four>())
-                .sum::<usize>()
-            + self.touching.iter().map(|touching| touching.capacity() * size_of::<Touch>()).sum::<usize>()
-    }
-
-    /// Integrates over the area of contact.
-    pub fn run(
-        &mut self,
-        probe: &FieldBody,
-        scene: &FieldBody,
-        probe_pose: &Pose,
-        scene_pose: &Pose,
-        settings: &FieldSettings,
-    ) {
-        self.sums.clear();
-        self.outcome = FieldOutcome::default();
-        let tolerance = settings.tolerance.min(probe.field.band()).min(scene.field.band());
-        let settings = &FieldSettings { tolerance, ..*settings };
-        let to_scene = scene_pose.inverse() * *probe_pose;
-        let sides = [
-            Side::new(&probe.samples, &scene.field, &to_scene, true, probe.center),
-            Side::new(&scene.samples, &probe.field, &to_scene.inverse(), false, probe.center),
-        ];
+    fn clear(&mut self) {
         for cube in self.used.drain(..) {
-            self.cubes[cube as usize] = Cube::default();
-        }
-        for (now, side) in self.now.iter_mut().zip(&sides) {
-            now.clear();
-            if !side.samples.levels.is_empty() {
-                now.push(Four { index: 0, weight: 1.0, cubes: [NO_CUBE; 4] });
-            }
-        }
-        let most = sides.iter().map(|side| side.samples.levels.len()).max().unwrap_or(0);
-        // Bodies of different sizes begin at levels of their own, and end together.
-        for level in (0..most).rev() {
-            let is_sampled = level <= COARSEST;
-            for (index, side) in sides.iter().enumerate() {
-                self.touching[index].clear();
-                if is_sampled && level < side.samples.levels.len() {
-                    self.read(index, side, level, settings);
-                }
-            }
-            if is_sampled && level > 0 {
-                self.share(settings);
-            }
-            for (index, side) in sides.iter().enumerate() {
-                if level < side.samples.levels.len() {
-                    for touch in &self.touching[index] {
-                        let share = self.cubes[touch.cube as usize].share;
-                        if share > 0.0 {
-                            self.sums.count(touch, share);
-                        }
-                    }
-                    self.descend(index, side, level, settings);
-                }
-            }
+            let cube = cube as usize;
+            (self.settled[cube], self.present[cube]) = ([0.0; 2], [0.0; 2]);
+            (self.share[cube], self.is_used[cube]) = (0.0, false);
         }
     }
 
-    /// Reads the samples of a level.
-    fn read(&mut self, index: usize, side: &Side, level: usize, settings: &FieldSettings) {
-        let h = side.field.spacing() as f32;
-        let tolerance = settings.tolerance as f32 / h;
-        let area = side.samples.area * (1 << (2 * level)) as f32;
-        let middle = f32x4::splat((self.across / 2) as f32);
-        let last = f32x4::splat((self.across - 1) as f32);
-        let per_edge = f32x4::splat(1.0 / self.edge as f32);
-        let across = i32x4::splat(self.across as i32);
-        self.outcome.samples += self.now[index].len();
-        let samples = &side.samples.levels[level].samples;
-        for four in &mut self.now[index] {
-            let at = side.place(&samples[four.index as usize]);
-            let [distance, x, y, z] = side.field.read::<true>(&at);
-            let reach = f32x4::splat(tolerance) - distance;
-            let touching = reach.simd_gt(f32x4::ZERO).to_bitmask();
-            if touching == 0 && level == 0 {
-                continue;
-            }
-            let size = (x * x + y * y + z * z).fast_max(f32x4::splat(f32::MIN_POSITIVE)).sqrt();
-            let out = [x / size, y / size, z / size];
-            // On the probe's surface.
-            let place = if side.is_probe {
-                at
-            } else {
-                [at[0] - distance * out[0], at[1] - distance * out[1], at[2] - distance * out[2]]
-            };
-            let point = mapped(&side.to_probe, &place);
-            let cube =
-                |x: f32x4| (x * per_edge + middle).fast_max(f32x4::ZERO).fast_min(last).fast_trunc_int();
-            let cube: i32x4 = (cube(point[2]) * across + cube(point[1])) * across + cube(point[0]);
-            let cubes = cube.to_array();
-            four.cubes = cubes;
-            if touching == 0 {
-                continue;
-            }
-            let normal = mapped(&side.turn, &out);
-            let normal = [normal[0].to_array(), normal[1].to_array(), normal[2].to_array()];
-            let point = [point[0].to_array(), point[1].to_array(), point[2].to_array()];
-            let reach = (reach * f32x4::splat(h)).to_array();
-            for lane in (0..4).filter(|lane| touching & 1 << lane != 0) {
-                let touch = Touch {
-                    point: Vec3A::new(point[0][lane], point[1][lane], point[2][lane]),
-                    normal: Vec3A::new(normal[0][lane], normal[1][lane], normal[2][lane]),
-                    reach: reach[lane],
-                    weight: four.weight * area,
-                    cube: cubes[lane] as u32,
-                };
-                if level == 0 {
-                    self.sums.count(&touch, 1.0);
-                    continue;
-                }
-                let cube = &mut self.cubes[touch.cube as usize];
-                if !cube.is_used {
-                    cube.is_used = true;
-                    self.used.push(touch.cube);
-                }
-                let pressure = touch.weight * touch.reach;
-                cube.present += pressure;
-                cube.present_squares += pressure * area * touch.reach;
-                self.touching[index].push(touch);
-            }
+    /// Adds a sample of the present level: `area` is that of all such samples, of which it has a part.
+    #[inline]
+    fn add(&mut self, touch: &Touch, area: f32) {
+        let cube = touch.cube as usize;
+        if !self.is_used[cube] {
+            self.is_used[cube] = true;
+            self.used.push(touch.cube);
         }
+        let pressure = touch.area * touch.reach;
+        self.present[cube][0] += pressure;
+        self.present[cube][1] += pressure * area * touch.reach;
     }
 
     /// Decides how much counts of the samples of the present level, by how many are in contact around each place.
-    fn share(&mut self, settings: &FieldSettings) {
+    fn settle(&mut self, samples: f32) {
         let n = self.across;
         for index in &self.used {
             let at = UVec3::new(index % n, index / n % n, index / (n * n));
@@ -376,51 +131,297 @@ impl FieldQuery {
             for z in low.z..=high.z {
                 for y in low.y..=high.y {
                     let row = ((z * n + y) * n) as usize;
-                    for cube in &self.cubes[row + low.x as usize..=row + high.x as usize] {
-                        sum += cube.settled + cube.present;
-                        squares += cube.settled_squares + cube.present_squares;
+                    let row = row + low.x as usize..=row + high.x as usize;
+                    for (settled, present) in self.settled[row.clone()].iter().zip(&self.present[row]) {
+                        sum += settled[0] + present[0];
+                        squares += settled[1] + present[1];
                     }
                 }
             }
             let in_contact = if squares > 0.0 { sum * sum / squares } else { 0.0 };
-            self.cubes[*index as usize].share = (in_contact / settings.samples - 1.0).clamp(0.0, 1.0);
+            self.share[*index as usize] = (in_contact / samples - 1.0).clamp(0.0, 1.0);
         }
         for index in &self.used {
-            let cube = &mut self.cubes[*index as usize];
-            cube.settled += cube.share * cube.present;
-            cube.settled_squares += cube.share * cube.present_squares;
-            (cube.present, cube.present_squares) = (0.0, 0.0);
+            let cube = *index as usize;
+            let (settled, present, share) =
+                (&mut self.settled[cube], &mut self.present[cube], self.share[cube]);
+            for (settled, present) in settled.iter_mut().zip(present) {
+                *settled += share * std::mem::take(present);
+            }
+        }
+    }
+
+    fn bytes(&self) -> usize {
+        self.share.capacity() * (2 * size_of::<[f32; 2]>() + 2 * size_of::<u32>() + 1)
+    }
+}
+
+/// Four samples of a level that something of is to be looked at.
+#[derive(Clone, Copy, Debug)]
+struct Four {
+    index: u32,
+    /// How much of what they push with may count.
+    weight: f32,
+    /// Of each.
+    cubes: [i32; 4],
+    /// Bit by bit: what may be in reach below these samples.
+    open: u32,
+}
+
+/// One body's samples in the other's field.
+struct Side<'a> {
+    samples: &'a SurfaceSamples,
+    field: &'a DistanceField,
+    /// Rows of the map from the body to the lattice.
+    to_lattice: [[f32; 4]; 3],
+    /// From the body to the cubes of the probe's surroundings.
+    to_cubes: [[f32; 4]; 3],
+    /// From the body to the probe's frame, from its centre.
+    to_probe: [[f32; 4]; 3],
+    /// Of unit vectors from the field's body outwards to the probe's outwards, in the probe's frame.
+    turn: [[f32; 4]; 3],
+    is_probe: bool,
+}
+
+/// What a query knows of one body's samples, and has yet to look at.
+#[derive(Clone, Debug)]
+struct Front {
+    known: Known,
+    /// Of the present level and of the next.
+    now: Vec<Four>,
+    next: Vec<Four>,
+    /// In contact, of the present level.
+    touching: Vec<Touch>,
+}
+
+impl Front {
+    fn new(samples: &SurfaceSamples) -> Self {
+        Self {
+            known: Known::new(samples),
+            now: Vec::with_capacity(8192),
+            next: Vec::with_capacity(8192),
+            touching: Vec::with_capacity(8192),
+        }
+    }
+
+    fn bytes(&self) -> usize {
+        self.known.bytes()
+            + (self.now.capacity() + self.next.capacity()) * size_of::<Four>()
+            + self.touching.capacity() * size_of::<Touch>()
+    }
+}
+
+/// The workspace of queries between two bodies. It remembers what the last query found to be out of reach, and by how much; the
+/// result does not depend on that.
+#[derive(Clone, Debug)]
+pub struct FieldQuery {
+    motion: Motion,
+    fronts: [Front; 2],
+    load: Load,
+    cells: Cells,
+    /// Edge of a cube, m.
+    edge: f64,
+    outcome: FieldOutcome,
+}
+
+impl FieldQuery {
+    /// Between a probe and a scene object; cells are cubes with an edge of a part of the probe's radius.
+    pub fn new(probe: &FieldBody, scene: &FieldBody, edge: f64) -> Self {
+        let across = 2 * ((1.0 / edge).ceil() as u32 + 1);
+        Self {
+            motion: Motion::new(),
+            fronts: [probe, scene].map(|body| Front::new(&body.samples)),
+            load: Load::new(across),
+            cells: Cells::new((across * across * across) as usize),
+            edge: edge * probe.radius,
+            outcome: FieldOutcome::default(),
+        }
+    }
+
+    /// Forgets what earlier queries found.
+    pub fn reset(&mut self) {
+        self.motion.reset();
+    }
+
+    /// What the last query took.
+    pub fn outcome(&self) -> FieldOutcome {
+        FieldOutcome { contacts: self.cells.contacts(), ..self.outcome }
+    }
+
+    /// Bytes of memory held.
+    pub fn bytes(&self) -> usize {
+        size_of::<Self>()
+            + self.cells.bytes()
+            + self.load.bytes()
+            + self.fronts.iter().map(Front::bytes).sum::<usize>()
+    }
+
+    /// Integrates over the area of contact between the bodies that this query was made for.
+    pub fn run(
+        &mut self,
+        probe: &FieldBody,
+        scene: &FieldBody,
+        probe_pose: &Pose,
+        scene_pose: &Pose,
+        settings: &FieldSettings,
+    ) {
+        self.cells.clear();
+        self.load.clear();
+        self.outcome = FieldOutcome::default();
+        let tolerance = settings.tolerance.min(probe.field.band()).min(scene.field.band());
+        let settings = &FieldSettings { tolerance, ..*settings };
+        let to_scene = scene_pose.inverse() * *probe_pose;
+        if !self.motion.advance(&to_scene, probe.center, probe.radius, tolerance) {
+            self.fronts.iter_mut().for_each(|front| front.known.forget());
+        }
+        let place = |body, field, to_field, is_probe| {
+            Side::new(body, field, to_field, is_probe, (probe.center, self.load.across, self.edge))
+        };
+        let sides = [
+            place(&probe.samples, &scene.field, &to_scene, true),
+            place(&scene.samples, &probe.field, &to_scene.inverse(), false),
+        ];
+        for (front, side) in self.fronts.iter_mut().zip(&sides) {
+            front.now.clear();
+            if side.samples.levels.len() > 1 {
+                front.now.push(Four { index: 0, weight: 1.0, cubes: [0; 4], open: 0 });
+            }
+        }
+        let most = sides.iter().map(|side| side.samples.levels.len()).max().unwrap_or(0);
+        // Bodies of different sizes begin at levels of their own, and end together.
+        for level in (0..most).rev() {
+            for (index, side) in sides.iter().enumerate() {
+                self.fronts[index].touching.clear();
+                if level < side.samples.levels.len() {
+                    self.visit(index, side, level, settings);
+                }
+            }
+            if level > 0 && level <= COARSEST {
+                self.load.settle(settings.samples);
+            }
+            for (index, side) in sides.iter().enumerate() {
+                if level < side.samples.levels.len() {
+                    for touch in &self.fronts[index].touching {
+                        let share = self.load.share[touch.cube as usize];
+                        if share > 0.0 {
+                            self.cells.add(touch, share);
+                        }
+                    }
+                    self.descend(index, side, level, settings);
+                }
+            }
+        }
+    }
+
+    /// Looks at the fours of a level: reads their samples where some may be in contact, and leaves those out that neither are nor
+    /// have anything in reach below them.
+    fn visit(&mut self, index: usize, side: &Side, level: usize, settings: &FieldSettings) {
+        let front = &mut self.fronts[index];
+        let (known, mut above) = front.known.level(level);
+        let moved = self.motion.moved();
+        let is_sampled = level <= COARSEST;
+        let last = f32x4::splat((self.load.across - 1) as f32);
+        let across = i32x4::splat(self.load.across as i32);
+        let mut kept = 0;
+        for place in 0..front.now.len() {
+            let Four { index: four, weight, .. } = front.now[place];
+            let asleep = if is_sampled { known.apart[four as usize] } else { u32::MAX };
+            let mut until = asleep;
+            let mut open = 0;
+            if level > 0 {
+                for (lane, sphere) in known.spheres[four as usize].iter().enumerate() {
+                    let is_closed = !sphere.is_in_reach() && sphere.until() > moved;
+                    open |= u32::from(!is_closed) << lane;
+                    until = until.min(sphere.until());
+                }
+            }
+            let is_awake = asleep <= moved;
+            if !is_awake && open == 0 {
+                // Nor need anyone come back before.
+                if let Some(above) = &mut above {
+                    above.spheres[four as usize / 4][four as usize % 4] =
+                        Sphere::new(false, until.min(i32::MAX as u32));
+                }
+                continue;
+            }
+            let mut cubes = [0; 4];
+            if is_sampled {
+                let cube = |x: f32x4| x.fast_max(f32x4::ZERO).fast_min(last).fast_trunc_int();
+                let [x, y, z] = mapped(&side.to_cubes, &side.samples.four(level, four as usize)).map(cube);
+                let cube: i32x4 = (z * across + y) * across + x;
+                cubes = cube.to_array();
+                if is_awake {
+                    self.outcome.samples += 1;
+                    let at = (level, four as usize);
+                    let touching = &mut front.touching;
+                    known.apart[four as usize] =
+                        read(side, at, weight, cubes, settings, &self.motion, touching);
+                }
+            }
+            if open != 0 {
+                front.now[kept] = Four { index: four, weight, cubes, open };
+                kept += 1;
+            }
+        }
+        front.now.truncate(kept);
+        if level == 0 {
+            for touch in &front.touching {
+                self.cells.add(touch, 1.0);
+            }
+            front.touching.clear();
+        } else {
+            let area = side.samples.area * (1 << (2 * level)) as f32;
+            for touch in &front.touching {
+                self.load.add(touch, area);
+            }
         }
     }
 
     /// Goes on to the samples of the next level, where there are not enough of this one and there may be some within reach.
     fn descend(&mut self, index: usize, side: &Side, level: usize, settings: &FieldSettings) {
-        let scale = 1.0 / side.field.spacing() as f32;
-        let tolerance = settings.tolerance as f32 * scale + SLACK;
-        let (now, next) = (&mut self.now[index], &mut self.next[index]);
-        next.clear();
+        let front = &mut self.fronts[index];
+        front.next.clear();
         if level > 0 {
+            let scale = 1.0 / side.field.spacing() as f32;
+            let tolerance = settings.tolerance as f32 * scale + SLACK;
+            let steps = self.motion.per_unit(side.field.spacing());
+            let moved = self.motion.moved();
+            let is_sampled = level <= COARSEST;
             let spheres = &side.samples.levels[level].spheres;
-            for four in now.iter() {
-                let share = |cube: i32| if cube == NO_CUBE { 0.0 } else { self.cubes[cube as usize].share };
-                let shares = four.cubes.map(share);
-                if shares.iter().all(|share| *share == 1.0) {
+            let (known, _) = front.known.level(level);
+            for four in &front.now {
+                let known = &mut known.spheres[four.index as usize];
+                let mut shares = [0.0; 4];
+                if is_sampled {
+                    shares = four.cubes.map(|cube| self.load.share[cube as usize]);
+                }
+                let wanted = (0..4).filter(|lane| shares[*lane] < 1.0).fold(0, |bits, lane| bits | 1 << lane)
+                    & four.open;
+                if wanted == 0 {
                     continue;
                 }
-                self.outcome.spheres += 1;
-                let [x, y, z, radius] = spheres[four.index as usize];
-                let [distance, ..] = side.field.read::<false>(&side.place(&[x, y, z]));
-                let in_reach =
-                    distance.simd_le(radius * f32x4::splat(scale) + f32x4::splat(tolerance)).to_bitmask();
-                for (lane, share) in shares.into_iter().enumerate() {
-                    if in_reach & 1 << lane != 0 && share < 1.0 {
-                        let weight = (1.0 - share) * four.weight;
-                        next.push(Four { index: 4 * four.index + lane as u32, weight, cubes: [NO_CUBE; 4] });
+                if (0..4).any(|lane| wanted & 1 << lane != 0 && known[lane].until() <= moved) {
+                    self.outcome.spheres += 1;
+                    let [x, y, z, radius] = spheres[four.index as usize];
+                    let [distance, ..] = side.field.read::<false>(&side.place(&[x, y, z]));
+                    let apart = distance - radius * f32x4::splat(scale) - f32x4::splat(tolerance);
+                    let apart = (apart * f32x4::splat(steps)).to_array();
+                    for (known, apart) in known.iter_mut().zip(apart) {
+                        if known.until() <= moved {
+                            *known = Sphere::new(apart <= 0.0, self.motion.after(apart.abs()));
+                        }
+                    }
+                }
+                for lane in 0..4 {
+                    if wanted & 1 << lane != 0 && known[lane].is_in_reach() {
+                        let weight = (1.0 - shares[lane]) * four.weight;
+                        let index = 4 * four.index + lane as u32;
+                        front.next.push(Four { index, weight, cubes: [0; 4], open: 0 });
                     }
                 }
             }
         }
-        std::mem::swap(now, next);
+        std::mem::swap(&mut front.now, &mut front.next);
     }
 
     /// The contacts of the last query, which was at this pose of the probe: one a cell, at the centre of its pressure, with the
@@ -441,17 +442,61 @@ impl FieldQuery {
                 area,
             }
         };
-        for cell in &self.sums.cells {
+        for cell in self.cells.iter() {
             let pressure = f64::from(cell.pressure);
             // In double precision, for squares of what barely touches would vanish in single.
             let reach = cell.push.as_dvec3().length() / pressure;
             if !(reach > 0.0 && reach.is_finite()) {
                 continue;
             }
-            into.push(place(cell.moment / cell.pressure, cell.push, reach - tolerance, pressure / reach));
-            into.push(place(cell.point, cell.normal, f64::from(cell.reach) - tolerance, 0.0));
+            into.push(place(cell.moment / cell.weight, cell.push, reach - tolerance, pressure / reach));
+            let Touch { point, normal, reach, .. } = cell.deepest;
+            into.push(place(point, normal, f64::from(reach) - tolerance, 0.0));
         }
     }
+}
+
+/// Reads four samples of a level, given the cubes that they are in, and appends those in contact. Returns until when none of them is.
+#[inline]
+fn read(
+    side: &Side,
+    (level, four): (usize, usize),
+    weight: f32,
+    cubes: [i32; 4],
+    settings: &FieldSettings,
+    motion: &Motion,
+    touching: &mut Vec<Touch>,
+) -> u32 {
+    let h = side.field.spacing() as f32;
+    let sample = &side.samples.four(level, four);
+    let [distance, x, y, z] = side.field.read::<true>(&side.place(sample));
+    let reach = f32x4::splat(settings.tolerance as f32 / h) - distance;
+    let in_contact = reach.simd_gt(f32x4::ZERO).to_bitmask();
+    if in_contact == 0 {
+        let nearest = reach.to_array().into_iter().fold(f32::NEG_INFINITY, f32::max);
+        return motion.after((-nearest - SLACK) * motion.per_unit(f64::from(h)));
+    }
+    let size = (x * x + y * y + z * z).fast_max(f32x4::splat(f32::MIN_POSITIVE)).sqrt();
+    let normal = mapped(&side.turn, &[x / size, y / size, z / size]);
+    let mut point = mapped(&side.to_probe, sample);
+    if !side.is_probe {
+        // On the probe's surface.
+        let apart = distance * f32x4::splat(h);
+        point = [0, 1, 2].map(|axis| point[axis] - normal[axis] * apart);
+    }
+    let [point, normal] = [point, normal].map(|vector| vector.map(f32x4::to_array));
+    let reach = (reach * f32x4::splat(h)).to_array();
+    let area = weight * side.samples.area * (1 << (2 * level)) as f32;
+    for lane in (0..4).filter(|lane| in_contact & 1 << lane != 0) {
+        touching.push(Touch {
+            point: Vec3A::new(point[0][lane], point[1][lane], point[2][lane]),
+            normal: Vec3A::new(normal[0][lane], normal[1][lane], normal[2][lane]),
+            reach: reach[lane],
+            area,
+            cube: cubes[lane] as u32,
+        });
+    }
+    motion.moved()
 }
 
 impl<'a> Side<'a> {
@@ -460,20 +505,27 @@ impl<'a> Side<'a> {
         field: &'a DistanceField,
         to_field: &Pose,
         is_probe: bool,
-        center: DVec3,
+        (center, across, edge): (DVec3, u32, f64),
     ) -> Self {
         let spacing = field.spacing();
         let affine = |pose: &Pose| DAffine3::from_rotation_translation(pose.rotation, pose.translation);
         let lattice =
             DAffine3::from_mat3_translation(DMat3::from_diagonal(DVec3::splat(spacing)), field.origin());
         let from_field = if is_probe { affine(&to_field.inverse()) } else { DAffine3::IDENTITY };
+        let from_body = if is_probe { DAffine3::IDENTITY } else { affine(to_field) };
+        let cubes = DAffine3::from_scale_rotation_translation(
+            DVec3::splat(1.0 / edge),
+            DQuat::IDENTITY,
+            DVec3::splat(f64::from(across / 2)) - center / edge,
+        );
         // Out of the probe is into the scene object.
         let sign = if is_probe { -1.0 } else { 1.0 };
         Self {
             samples,
             field,
             to_lattice: rows(lattice.inverse() * affine(to_field)),
-            to_probe: rows(DAffine3::from_translation(-center) * from_field * lattice),
+            to_cubes: rows(cubes * from_body),
+            to_probe: rows(DAffine3::from_translation(-center) * from_body),
             turn: rows(DAffine3::from_mat3(from_field.matrix3 * sign)),
             is_probe,
         }
@@ -505,8 +557,6 @@ fn mapped(rows: &[[f32; 4]; 3], [x, y, z]: &[f32x4; 3]) -> [f32x4; 3] {
 #[cfg(test)]
 mod tests {
     use std::collections::HashMap;
-
-    use palpate_core::glam::DQuat;
 
     use super::*;
     use crate::area_law::AreaLaw;
@@ -576,7 +626,7 @@ mod tests {
     fn no_sample_in_contact_is_left_out() {
         let (d, mut found) = (0.01, 0);
         let body = FieldBody::new(&ball(1.0, 4), 96, 2.0 * d, 0.02);
-        let mut query = FieldQuery::new(&body, REACH);
+        let mut query = FieldQuery::new(&body, &body, REACH);
         for step in 0..20 {
             let turn = DQuat::from_scaled_axis(DVec3::new(0.3, 0.2, 1.0) * f64::from(step));
             // From apart to deep inside.
@@ -585,9 +635,10 @@ mod tests {
             query.run(&body, &body, &pose, &Pose::IDENTITY, &settings);
             let mut all = 0;
             for (to_field, is_probe) in [(pose, true), (pose.inverse(), false)] {
-                let side = Side::new(&body.samples, &body.field, &to_field, is_probe, body.center);
-                for four in &body.samples.levels[0].samples {
-                    let [distance, ..] = side.field.read::<false>(&side.place(four));
+                let side =
+                    Side::new(&body.samples, &body.field, &to_field, is_probe, (body.center, 10, REACH));
+                for four in 0..body.samples.fours(0) {
+                    let [distance, ..] = side.field.read::<false>(&side.place(&body.samples.four(0, four)));
                     let reach = f32x4::splat((d / body.field.spacing()) as f32) - distance;
                     all += reach.simd_gt(f32x4::ZERO).to_bitmask().count_ones() as usize;
                 }
@@ -596,6 +647,38 @@ mod tests {
             found += all;
         }
         assert!(found > 10_000, "{found} contacts");
+    }
+
+    #[test]
+    fn what_is_remembered_does_not_change_the_result() {
+        let (d, mut contacts) = (0.01, 0);
+        let body = FieldBody::new(&ball(1.0, 4), 96, 2.0 * d, 0.02);
+        let [mut tracked, mut cold] = [0; 2].map(|_| FieldQuery::new(&body, &body, REACH));
+        let settings = FieldSettings { tolerance: d, samples: 16.0 };
+        let mut read = [0; 2];
+        for step in 0..2000 {
+            let phase = 2e-3 * f64::from(step);
+            let turn = DQuat::from_scaled_axis(DVec3::new(0.3, 0.2, 1.0) * phase);
+            // In, across, and out again, with a leap now and then.
+            let leap = if step % 400 == 399 { 0.5 } else { 0.0 };
+            let pose =
+                Pose::new(turn * DVec3::X * (1.98 + 0.05 * (3.0 * phase).sin() + leap), DQuat::IDENTITY);
+            cold.reset();
+            for query in [&mut tracked, &mut cold] {
+                query.run(&body, &body, &pose, &Pose::IDENTITY, &settings);
+            }
+            let found = [&tracked, &cold].map(|query| {
+                let mut found = Vec::new();
+                query.append_contacts(&body, &pose, d, &mut found);
+                found
+            });
+            assert_eq!(found[0], found[1], "step {step}");
+            contacts += tracked.outcome().contacts;
+            for (read, query) in read.iter_mut().zip([&tracked, &cold]) {
+                *read += query.outcome().spheres + query.outcome().samples;
+            }
+        }
+        assert!(contacts > 10_000 && 2 * read[0] < read[1], "{contacts} contacts, {read:?} read");
     }
 
     #[test]
@@ -608,7 +691,7 @@ mod tests {
             2.0 * d,
             0.01,
         );
-        let mut query = FieldQuery::new(&probe, REACH);
+        let mut query = FieldQuery::new(&probe, &scene, REACH);
         for depth in [-0.005, 0.0, 0.004] {
             for turn in [DVec3::ZERO, DVec3::new(0.3, 0.2, 1.0)] {
                 let pose = Pose::new(DVec3::new(0.13, -0.21, radius - depth), DQuat::from_scaled_axis(turn));
