@@ -256,7 +256,7 @@ pub struct QueryArguments {
     /// Use all processors where there are many contacts; the result is the same
     #[arg(long, conflicts_with = "budget_us")]
     pub parallel: bool,
-    /// Start each query at the root rather than at the front of the query before
+    /// Start each query anew rather than from what the query before left
     #[arg(long)]
     pub cold: bool,
     /// Stiffness of the penalty force, N/m

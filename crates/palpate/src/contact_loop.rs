@@ -18,7 +18,7 @@ use palpate_texture_pd::Backend;
 use rtrb::Consumer;
 
 pub(crate) use self::by_fields::FieldNeeds;
-use self::by_fields::{ByFields, FieldSearch};
+use self::by_fields::{ByFields, FieldSearch, in_steps};
 use self::in_scene::{InScene, objects_of};
 use crate::merging::Plane;
 use crate::object::Object;
@@ -241,8 +241,9 @@ impl ContactLoop {
         let tolerance = self.parameters.tolerance;
         let near = tolerance + self.textures.as_ref().map_or(0.0, Textures::protrusion);
         let (lag, way) = (self.proxy.lag().min(self.furthest_lag), self.way(body, ahead));
+        let behind = if self.is_by_fields() { in_steps(lag, tolerance) } else { lag };
         // No further than queries look.
-        let reach = (near + lag + way).min(self.furthest());
+        let reach = (near + behind + way).min(self.furthest());
         let followed = match &mut self.by_fields {
             Some(by_fields) if self.textures.is_none() => {
                 self.proxy.follow(&body.pose, &mut FieldSearch { by_fields, scene: &mut self.scene, reach })

@@ -141,7 +141,7 @@ impl RepresentativeQuery {
         let resolution = FieldResolution::for_error(error, probe)?;
         let own = probe.field(BAND * tolerance, resolution)?;
         let other = scene.field(BAND * tolerance, resolution)?;
-        let query = new_query(&own);
+        let query = new_query(&own, &other);
         Ok(Self { probe: own, scene: other, query, law: law(probe), tolerance, found: Vec::new() })
     }
 
@@ -156,6 +156,11 @@ impl RepresentativeQuery {
             asked: spheres + samples,
             deepest: found.iter().map(|found| found.contact.depth).reduce(f64::max),
         }
+    }
+
+    /// Forgets where the objects were: the next run begins anew.
+    pub fn reset(&mut self) {
+        self.query.reset();
     }
 
     /// The contacts of the last run, in world axes. Some stand for no area: the deepest places, which push nothing.
@@ -177,9 +182,9 @@ impl RepresentativeQuery {
     }
 }
 
-/// A workspace for queries of a probe.
-pub(crate) fn new_query(probe: &Field) -> FieldQuery {
-    FieldQuery::new(&probe.0, REACH)
+/// A workspace for queries of a probe with a scene object.
+pub(crate) fn new_query(probe: &Field, scene: &Field) -> FieldQuery {
+    FieldQuery::new(&probe.0, &scene.0, REACH)
 }
 
 /// The law for contacts of a probe.

@@ -25,6 +25,9 @@ pub fn replay(
     let mut query = made?;
     let mut contacts_file = ContactsFile::create(arguments.contacts.as_deref(), &["area"])?;
     let poses = each_pose(trajectory, |sample| {
+        if arguments.cold {
+            query.reset();
+        }
         let begun = Instant::now();
         let outcome = query.run(&sample.pose, &Pose::IDENTITY);
         let query_us = begun.elapsed().as_secs_f64() * 1e6;

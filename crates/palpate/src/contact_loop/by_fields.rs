@@ -22,6 +22,9 @@ use crate::representative::{
     AreaContact, AreaLaw, BAND, Field, FieldError, FieldQuery, FieldResolution, find, law, new_query,
 };
 
+/// How far is looked goes in steps of this, in tolerances.
+const STEP: f64 = 0.5;
+
 /// Weights fade out over this part of what fields know beyond d.
 const FADING: f64 = 0.25;
 
@@ -67,11 +70,19 @@ pub(super) struct ByFields {
     planes: Vec<(Option<usize>, Plane)>,
 }
 
-/// A scene object's side.
+/// A scene object's side. Queries go on from what they found last within the same reach, which is another one for the proxy than for
+/// what is felt.
 #[derive(Debug)]
 struct Side {
     field: Arc<Field>,
-    query: Option<FieldQuery>,
+    queries: [Option<FieldQuery>; 2],
+}
+
+/// What is looked for.
+#[derive(Clone, Copy, Debug)]
+enum Purpose {
+    Proxy,
+    Push,
 }
 
 impl ByFields {
@@ -98,8 +109,8 @@ impl ByFields {
         if self.sides.len() <= place {
             self.sides.resize_with(place + 1, || None);
         }
-        let query = reserved.then(|| new_query(&self.probe));
-        self.sides[place] = Some(Side { field, query });
+        let queries = [(); 2].map(|()| reserved.then(|| new_query(&self.probe, &field)));
+        self.sides[place] = Some(Side { field, queries });
         self.at = None;
         Ok(())
     }
@@ -125,7 +136,7 @@ impl ByFields {
     /// Bytes of memory that workspaces and fields hold.
     pub fn bytes(&self) -> usize {
         let sides = || self.sides.iter().flatten();
-        let queries = sides().filter_map(|side| side.query.as_ref()).map(FieldQuery::bytes).sum::<usize>();
+        let queries = sides().flat_map(|side| &side.queries).flatten().map(FieldQuery::bytes).sum::<usize>();
         // Objects may share a field.
         let mut fields: Vec<&Arc<Field>> = vec![&self.probe];
         for Side { field, .. } in sides() {
@@ -138,7 +149,14 @@ impl ByFields {
 
     /// Looks for contacts with all objects near, with the mesh's frame at a pose, if it did not do so last; `false` if an object
     /// could not be looked at.
-    fn look(&mut self, mesh: &Pose, reach: f64, scene: &mut SceneQuery, followed: &mut Followed) -> bool {
+    fn look(
+        &mut self,
+        purpose: Purpose,
+        mesh: &Pose,
+        reach: f64,
+        scene: &mut SceneQuery,
+        followed: &mut Followed,
+    ) -> bool {
         if self.at == Some((*mesh, reach)) {
             return true;
         }
@@ -151,8 +169,8 @@ impl ByFields {
         };
         let near = |handle: ObjectHandle| Some((handle.place(), *scene.pose(handle)?));
         for (place, pose) in scene.near().filter_map(near) {
-            let Some(Some(Side { field, query })) = self.sides.get_mut(place) else { continue };
-            let query = query.get_or_insert_with(|| new_query(&self.probe));
+            let Some(Some(Side { field, queries })) = self.sides.get_mut(place) else { continue };
+            let query = queries[purpose as usize].get_or_insert_with(|| new_query(&self.probe, field));
             find(query, (&self.probe, mesh), (field, &pose), reach, &mut self.found);
             self.places.resize(self.found.len(), place);
         }
@@ -189,9 +207,9 @@ impl ByFields {
         scene: &mut SceneQuery,
         (objects, moving): (&mut [Option<InScene>], &[usize]),
     ) -> &[(Option<usize>, Plane)] {
-        let reach = (tolerance + lag).min(self.furthest()).max(tolerance);
+        let reach = (tolerance + in_steps(lag, tolerance)).min(self.furthest()).max(tolerance);
         // What cannot be looked at was counted when the proxy followed.
-        self.look(&(*proxy * *to_mesh), reach, scene, &mut Followed::default());
+        self.look(Purpose::Push, &(*proxy * *to_mesh), reach, scene, &mut Followed::default());
         self.carried.clear();
         self.carried.extend(
             self.found
@@ -242,6 +260,11 @@ impl ByFields {
     }
 }
 
+/// How far a body is from its proxy (m), in whole steps, so that how far is looked seldom changes.
+pub(super) fn in_steps(lag: f64, tolerance: f64) -> f64 {
+    (lag / (STEP * tolerance)).ceil() * STEP * tolerance
+}
+
 /// For a proxy.
 pub(super) struct FieldSearch<'a> {
     pub by_fields: &'a mut ByFields,
@@ -258,7 +281,7 @@ impl Search for FieldSearch<'_> {
     }
 
     fn look(&mut self, mesh: &Pose, followed: &mut Followed) -> bool {
-        self.by_fields.look(mesh, self.reach, self.scene, followed)
+        self.by_fields.look(Purpose::Proxy, mesh, self.reach, self.scene, followed)
     }
 
     fn contacts(&self) -> impl Iterator<Item = Found> {
