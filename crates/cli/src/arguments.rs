@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Parser, Subcommand};
 use palpate::device::Task;
-use palpate::{IntegratorKind, Object, OpenOptions, Settings, TextureSettings};
+use palpate::{ContactSearch, IntegratorKind, Object, OpenOptions, Settings, TextureSettings};
 
 use crate::failure::Failure;
 use crate::textures::Detail;
@@ -233,13 +233,18 @@ pub struct QueryArguments {
     /// Report contacts closer than this: metres, or a percentage of the probe's bounding radius such as 1%
     #[arg(long, value_name = "D")]
     pub tolerance: Length,
+    /// Report few contacts at true geometry, each with the area that it stands for, off by about EPS: metres, or a percentage of
+    /// the probe's bounding radius, 0.02% to 1% [default EPS: 0.05%]
+    #[arg(long, value_name = "EPS", num_args = 0..=1, default_missing_value = "0.05%",
+        conflicts_with_all = ["error", "exact", "interpolate", "budget_us", "parallel"])]
+    pub representative: Option<Length>,
     /// Leave out detail whose error, averaged over the area of contact (s*), is at most this: metres, or a percentage of the
     /// probe's bounding radius such as 2.5%, at most 100% [default: full resolution]
     #[arg(long, value_name = "S0", conflicts_with = "exact")]
     pub error: Option<Length>,
     /// Report contacts at full resolution: local minima of the distance, merged within 10 % of D, and one contact for each
-    /// region of intersection. This is the default without --error and --budget-us; with either of them, every pair of
-    /// patches in contact is reported
+    /// region of intersection. This is the default without --representative, --error and --budget-us; with either of the last
+    /// two, every pair of patches in contact is reported
     #[arg(long)]
     pub exact: bool,
     /// Blend contacts smoothly from one level of detail to the next
@@ -251,7 +256,7 @@ pub struct QueryArguments {
     /// Use all processors where there are many contacts; the result is the same
     #[arg(long, conflicts_with = "budget_us")]
     pub parallel: bool,
-    /// Start each query at the root rather than at the front of the query before
+    /// Start each query anew rather than from what the query before left
     #[arg(long)]
     pub cold: bool,
     /// Stiffness of the penalty force, N/m
@@ -407,8 +412,13 @@ impl Textures {
 /// How much detail contact queries look at.
 #[derive(Args)]
 pub struct Resolution {
-    /// Leave out detail whose error, averaged over the area of contact, is at most this: metres, or a percentage of the
-    /// probe's bounding radius such as 2.5%, at most 100% [default: full resolution]
+    /// Find few contacts at true geometry, each with the area that it stands for, off by about EPS: metres, or a percentage of the
+    /// probe's bounding radius, 0.02% to 1% [default EPS: 0.05%]
+    #[arg(long, value_name = "EPS", num_args = 0..=1, default_missing_value = "0.05%",
+        conflicts_with_all = ["error", "no_interpolation", "budget_us"])]
+    representative: Option<Length>,
+    /// Find contacts by levels of detail, and leave out detail whose error, averaged over the area of contact, is at most this:
+    /// metres, or a percentage of the probe's bounding radius such as 2.5%, at most 100% [default: full resolution]
     #[arg(long, value_name = "S0")]
     error: Option<Length>,
     /// Let forces jump where the level of detail changes, which takes a little less time
@@ -423,7 +433,14 @@ impl Resolution {
     /// These in the settings for a probe.
     pub fn applied_to(&self, settings: Settings, probe: &Object) -> Result<Settings, Failure> {
         let error = self.error.map(|error| detail_error(error, probe)).transpose()?;
+        let (search, representative_error) = match self.representative {
+            Some(error) => (ContactSearch::Representatives, Some(error.metres(probe.bounding_radius()))),
+            None if error.is_some() => (ContactSearch::Levels, settings.representative_error),
+            None => (settings.search, settings.representative_error),
+        };
         Ok(Settings {
+            search,
+            representative_error,
             error: error.unwrap_or(settings.error),
             interpolation: settings.interpolation && !self.no_interpolation,
             query_budget: self.budget_us.map(|us| 1e-6 * us).or(settings.query_budget),

@@ -90,6 +90,17 @@ impl From<palpate::clod_build::BuildError> for Failure {
     }
 }
 
+/// With the option that was given.
+impl From<palpate::representative::FieldError> for Failure {
+    fn from(error: palpate::representative::FieldError) -> Self {
+        let remedy = match error {
+            palpate::representative::FieldError::Open { .. } => "; close it, or leave --representative out",
+            palpate::representative::FieldError::Error { .. } => " (--representative)",
+        };
+        Self::Message(format!("{error}{remedy}"))
+    }
+}
+
 impl From<palpate::SceneFileError> for Failure {
     fn from(error: palpate::SceneFileError) -> Self {
         match error {
@@ -101,7 +112,11 @@ impl From<palpate::SceneFileError> for Failure {
 
 impl From<palpate::RendererError> for Failure {
     fn from(error: palpate::RendererError) -> Self {
-        let palpate::RendererError::Units(units) = error else { return Self::Message(error.to_string()) };
+        let units = match error {
+            palpate::RendererError::Units(units) => units,
+            palpate::RendererError::Field(error) => return error.into(),
+            error => return Self::Message(error.to_string()),
+        };
         let palpate::UnitsError { name, radius, suggested } = units;
         let remedy = match suggested {
             Some(factor) => format!("multiply its scale (--scale, or --probe-scale or --scene-scale for it alone) by {factor}"),

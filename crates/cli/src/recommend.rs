@@ -1,7 +1,7 @@
 //! `palpate recommend`: tries settings on the objects themselves, and picks those that keep contact steps within a time.
 
 use palpate::device::{Interpolation, MotionPath};
-use palpate::{Pose, RendererError, Scene, Settings};
+use palpate::{ContactSearch, Pose, RendererError, Scene, Settings};
 use palpate_measure::{Choice, Hand, Measured, Recommendation, Request};
 use serde::Serialize;
 
@@ -84,7 +84,7 @@ pub fn run(arguments: &RecommendArguments) -> Result<(), Failure> {
 }
 
 fn row(table: &mut output::Table, mark: &str, measured: &Measured) {
-    let Choice { error, interpolation, query_budget, grid } = measured.choice;
+    let Choice { search, error, interpolation, query_budget, grid } = measured.choice;
     let (force, torque) = (measured.felt.force, measured.felt.torque);
     let none = || "-".to_owned();
     let share = |off: f64, of: f64| if of > 0.0 { format!("{:.1} %", 100.0 * off / of) } else { none() };
@@ -96,7 +96,13 @@ fn row(table: &mut output::Table, mark: &str, measured: &Measured) {
     };
     table.row([
         &mark,
-        &if error > 0.0 { format!("{:.3} mm", 1e3 * error) } else { "0".to_owned() },
+        &if search == ContactSearch::Representatives {
+            "representative".to_owned()
+        } else if error > 0.0 {
+            format!("{:.3} mm", 1e3 * error)
+        } else {
+            "0".to_owned()
+        },
         &smooth,
         &query_budget.map_or_else(none, micros),
         &grid.map_or_else(none, |grid| grid.to_string()),
@@ -158,7 +164,9 @@ fn told(advice: &Advice<'_>) -> Vec<(&'static str, String)> {
 fn command(arguments: &RecommendArguments, choice: &Choice) -> String {
     let mut words = vec![format!("palpate run {} {}", arguments.probe, arguments.scene)];
     words.extend(arguments.reading.words());
-    if choice.error > 0.0 {
+    if choice.search == ContactSearch::Representatives {
+        words.push("--representative".to_owned());
+    } else if choice.error > 0.0 {
         words.push(format!("--error {:.4e}", choice.error));
         if !choice.interpolation {
             words.push("--no-interpolation".to_owned());

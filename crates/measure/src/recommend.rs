@@ -8,7 +8,7 @@
 //! choices whose 99th percentile keeps within the time, the one is picked that feels most like full resolution.
 
 use palpate::device::{IntendedPath, MotionPath, Task};
-use palpate::{Object, Scene, Settings, explore};
+use palpate::{ContactSearch, Object, Scene, Settings, explore};
 use serde::Serialize;
 
 use crate::difference::Difference;
@@ -70,6 +70,8 @@ impl Hand {
 /// What is up for choice.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Choice {
+    /// How contacts are found.
+    pub search: ContactSearch,
     /// s₀, m.
     pub error: f64,
     /// Whether forces go over smoothly between levels of detail.
@@ -79,6 +81,10 @@ pub struct Choice {
     /// Texels along a side of a textured contact's grid, where an object is textured.
     pub grid: Option<u32>,
 }
+
+/// Full resolution.
+const FULL: Choice =
+    Choice { search: ContactSearch::Levels, error: 0.0, interpolation: true, query_budget: None, grid: None };
 
 /// What a choice costs and buys.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -122,6 +128,7 @@ impl Choice {
     /// The settings with this choice.
     pub fn applied_to(&self, settings: &Settings) -> Settings {
         let mut chosen = Settings {
+            search: self.search,
             error: self.error,
             interpolation: self.interpolation,
             query_budget: self.query_budget,
@@ -142,10 +149,10 @@ impl Measured {
 }
 
 /// What can be chosen between for objects: thresholds s₀ with and without interpolation, and queries that stop in time, where an
-/// object has levels of detail; grids where one is textured.
+/// object has levels of detail; grids where one is textured, and representative contacts where none is and all are closed.
 pub fn choices(probe: &Object, scene: &Scene, budget: f64) -> Vec<Choice> {
     let objects = || std::iter::once(probe).chain(scene.objects().iter().map(|placed| &placed.object));
-    let full = Choice { error: 0.0, interpolation: true, query_budget: None, grid: None };
+    let full = FULL;
     let mut choices = Vec::new();
     if objects().any(|object| object.clod.levels.len() > 1) {
         let radius = probe.bounding_radius();
@@ -168,6 +175,8 @@ pub fn choices(probe: &Object, scene: &Scene, budget: f64) -> Vec<Choice> {
             .into_iter()
             .flat_map(|choice| GRIDS.map(|grid| Choice { grid: Some(grid), ..choice }))
             .collect();
+    } else if objects().all(|object| object.clod.source.solid) {
+        choices.push(Choice { search: ContactSearch::Representatives, ..full });
     }
     choices
 }
@@ -183,7 +192,7 @@ pub fn recommend(
     let Request { probe, scene, settings, budget, seconds, hand } = request;
     let choices = choices(probe, scene, *budget);
     let stages = choices.len() as f64 + 2.0;
-    let exact_choice = Choice { error: 0.0, interpolation: true, query_budget: None, ..choices[0] };
+    let exact_choice = Choice { grid: choices[0].grid, ..FULL };
     let exact_settings = exact_choice.applied_to(settings);
     let render = |settings: Settings, contact_rate: f64| -> Result<Trace, MeasureError> {
         let seconds = *seconds;
@@ -291,6 +300,9 @@ mod tests {
         assert_eq!(found.chosen.choice.error, 0.0, "{:?}", found.chosen);
         assert!(found.chosen.fits && found.haptic_step > 0.0, "{:?}", found.chosen);
         assert!(found.stability_margin >= 1.0, "{found:?}");
+        let by_fields = |measured: &&Measured| measured.choice.search == ContactSearch::Representatives;
+        let represented = found.tried.iter().find(by_fields).expect("both are closed");
+        assert!(represented.felt.force.correlation > 0.9, "{represented:?}");
         // Not everything is as good.
         assert!(found.tried.iter().any(|measured| measured.felt_error() > 0.0), "{:?}", found.tried);
     }
@@ -308,7 +320,7 @@ mod tests {
         let measured = |p99: f64, mean: f64, fits: bool| {
             let force = crate::Deviation { exact_rms: 1.0, mean, ..crate::Deviation::default() };
             let felt = Difference { force, ..Difference::default() };
-            let choice = Choice { error: mean, interpolation: true, query_budget: None, grid: None };
+            let choice = Choice { error: mean, ..FULL };
             Measured {
                 choice,
                 median: p99,
@@ -335,6 +347,8 @@ mod tests {
         let probe = Object::model("ellipsoid@100").expect("a model");
         let scene = Scene::new().with(probe.clone(), Pose::IDENTITY);
         let levels = probe.clod.levels.len();
-        assert_eq!(choices(&probe, &scene, 1e-3).len() == 1, levels == 1, "{levels} levels");
+        let by_levels = choices(&probe, &scene, 1e-3);
+        let by_levels = by_levels.iter().filter(|choice| choice.search == ContactSearch::Levels);
+        assert_eq!(by_levels.count() == 1, levels == 1, "{levels} levels");
     }
 }

@@ -1,5 +1,6 @@
 //! The contact loop (§5.1.2): query the scene at the object's pose, cluster the contacts, linearise their response.
 
+mod by_fields;
 mod changes;
 mod in_scene;
 
@@ -7,6 +8,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use palpate_collide::{Budget, Cluster, Clustering, PatchContact, QuerySettings, SceneQuery};
+use palpate_core::clod::NO_NODE;
 use palpate_core::glam::DVec3;
 use palpate_core::{Contact, Pose, Twist};
 use palpate_dynamics::{
@@ -15,12 +17,16 @@ use palpate_dynamics::{
 use palpate_texture_pd::Backend;
 use rtrb::Consumer;
 
+pub(crate) use self::by_fields::FieldNeeds;
+use self::by_fields::{ByFields, FieldSearch, in_steps};
 use self::in_scene::{InScene, objects_of};
+use crate::merging::Plane;
 use crate::object::Object;
-use crate::proxy::{Proxy, carried, motion_between};
+use crate::proxy::{LevelSearch, Proxy, carried, motion_between};
+use crate::representative::{FieldError, USUAL_ERROR};
 use crate::scene::Placed;
 use crate::scene_editor::{Edit, SceneEditor, SceneId};
-use crate::settings::Settings;
+use crate::settings::{ContactSearch, Settings};
 use crate::settings_editor::{ContactTuning, Ramp};
 use crate::telemetry::ContactTelemetry;
 use crate::textures::{TextureError, Textures};
@@ -51,6 +57,15 @@ const STEP: f64 = 0.25;
 /// is not far enough and they are not.
 const FAR_CONTACTS: usize = 64;
 const GROWTH: f64 = 1.01;
+
+/// Why there can be no contact loop.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum ContactLoopError {
+    #[error(transparent)]
+    Texture(#[from] TextureError),
+    #[error(transparent)]
+    Field(#[from] FieldError),
+}
 
 /// What a contact step hands to the haptic loop.
 #[derive(Clone, Copy, Debug)]
@@ -110,6 +125,9 @@ pub struct ContactLoop {
     /// Contacts with all scene objects that are not textured and do not move.
     contacts: Vec<PatchContact>,
     clustering: Clustering,
+    /// Where contacts are found in fields; why not, where that was asked for.
+    by_fields: Option<Box<ByFields>>,
+    no_fields: Option<FieldError>,
     /// Contacts further apart than d that the body comes at, and their clusters.
     approaching: Vec<PatchContact>,
     approaching_clusters: Clustering,
@@ -141,7 +159,7 @@ impl ContactLoop {
         scene: &[Placed],
         parameters: ContactParameters,
         settings: &Settings,
-    ) -> Result<Self, TextureError> {
+    ) -> Result<Self, ContactLoopError> {
         let Settings { error, interpolation, query_budget, clusters, braking, proxy, .. } = *settings;
         let radius = probe.bounding_radius() + probe.clod.source.center_of_mass.length();
         let mut query = SceneQuery::new(probe.shape());
@@ -158,6 +176,17 @@ impl ContactLoop {
             query.reserve(placed.object.shape(), scene[..=index].iter().filter(same).count());
         }
         let textures = Textures::new(probe, &objects_of(&objects), settings, parameters.tolerance, radius)?;
+        let (by_fields, no_fields) = match settings.search {
+            ContactSearch::Levels => (None, None),
+            ContactSearch::Representatives => {
+                match by_fields(probe, &objects, parameters.tolerance, settings) {
+                    Ok(fields) => (Some(fields), None),
+                    // As good as is possible with it.
+                    Err(open @ FieldError::Open { .. }) => (None, Some(open)),
+                    Err(error) => return Err(error.into()),
+                }
+            }
+        };
         let recesses = textures.as_ref().map_or_else(Vec::new, Textures::recesses);
         let objects_with_probe = std::iter::once(probe).chain(scene.iter().map(|placed| &placed.object));
         let error = if any_refined(objects_with_probe) { error } else { 0.0 };
@@ -179,6 +208,8 @@ impl ContactLoop {
             parameters,
             contacts: Vec::new(),
             clustering: Clustering::new(clusters),
+            by_fields,
+            no_fields,
             approaching: Vec::new(),
             approaching_clusters: Clustering::new(MAX_APPROACHING),
             textures,
@@ -210,10 +241,18 @@ impl ContactLoop {
         let tolerance = self.parameters.tolerance;
         let near = tolerance + self.textures.as_ref().map_or(0.0, Textures::protrusion);
         let (lag, way) = (self.proxy.lag().min(self.furthest_lag), self.way(body, ahead));
+        let behind = if self.is_by_fields() { in_steps(lag, tolerance) } else { lag };
         // No further than queries look.
-        let reach = (near + lag + way).min(self.probe.shape().max_tolerance());
-        let settings = QuerySettings { tolerance: reach, ..self.settings };
-        let followed = self.proxy.follow(&body.pose, &settings, &mut self.scene);
+        let reach = (near + behind + way).min(self.furthest());
+        let followed = match &mut self.by_fields {
+            Some(by_fields) if self.textures.is_none() => {
+                self.proxy.follow(&body.pose, &mut FieldSearch { by_fields, scene: &mut self.scene, reach })
+            }
+            _ => {
+                let settings = QuerySettings { tolerance: reach, ..self.settings };
+                self.proxy.follow(&body.pose, &mut LevelSearch { scene: &mut self.scene, settings })
+            }
+        };
         let events = &mut self.telemetry.events;
         events.contact_overflow += u64::from(followed.overflow);
         events.contact_refused += u64::from(followed.refused);
@@ -225,14 +264,19 @@ impl ContactLoop {
         let mut depth = deepest(&self.contacts);
 
         let probe_pose = body.pose * Pose::from_translation(-self.center_of_mass);
-        let clusters = self.clustering.run(&self.contacts, tolerance, &probe_pose);
-        show(&mut self.watched, clusters, &self.parameters);
-        let mut model =
-            LinearContactModel::from_contacts(patches(clusters), &body.pose, &self.parameters, time);
+        let mut model = LinearContactModel::empty(&body.pose, time);
+        let carried = if self.is_by_fields() {
+            self.add_represented(&mut model, body, interval);
+            self.deepen(&mut depth)
+        } else {
+            let clusters = self.clustering.run(&self.contacts, tolerance, &probe_pose);
+            show(&mut self.watched, clusters, &self.parameters);
+            model = LinearContactModel::from_contacts(patches(clusters), &body.pose, &self.parameters, time);
+            self.add_carried(&mut model, &mut depth, &probe_pose, interval)
+        };
         let braking = self.braking_parameters(ahead);
-        let carried = self.add_carried(&mut model, &mut depth, &probe_pose, interval);
         let coarse = self.add_textured(&mut model, &mut depth, body, &braking, interval, ahead);
-        let clusters = self.approaching_clusters.run(&self.approaching, settings.tolerance, &probe_pose);
+        let clusters = self.approaching_clusters.run(&self.approaching, reach, &probe_pose);
         let representatives = clusters.iter().map(|cluster| cluster.contact);
         model.push_approaching(representatives, &braking, ahead);
         self.add_approaching(&mut model, &braking, interval, ahead);
@@ -241,6 +285,67 @@ impl ContactLoop {
             watched.show();
         }
         ContactUpdate { model, time, depth, contacts: (self.contacts.len() + carried + coarse) as u32 }
+    }
+
+    /// Whether contacts are found in fields.
+    pub(crate) fn is_by_fields(&self) -> bool {
+        self.by_fields.is_some() && self.textures.is_none()
+    }
+
+    /// Why contacts are not found in fields, where that was asked for and an object has none.
+    pub(crate) fn no_fields(&self) -> Option<&FieldError> {
+        self.no_fields.as_ref()
+    }
+
+    /// How far contacts can be looked for, m.
+    fn furthest(&self) -> f64 {
+        match &self.by_fields {
+            Some(fields) if self.textures.is_none() => fields.furthest(),
+            _ => self.probe.shape().max_tolerance(),
+        }
+    }
+
+    /// Adds the planes of representative contacts to a model: those that push least are left out where there is no room.
+    fn add_represented(&mut self, model: &mut LinearContactModel, body: &BodyState, interval: f64) {
+        let Some(fields) = &mut self.by_fields else { return };
+        let to_mesh = Pose::from_translation(-self.center_of_mass);
+        let poses = (self.proxy.pose(), &body.pose);
+        let tolerance = self.parameters.tolerance;
+        let objects = (self.objects.as_mut_slice(), self.moving.as_slice());
+        let planes = fields.planes(poses, self.proxy.lag(), &to_mesh, tolerance, &mut self.scene, objects);
+        let count_of = |place: usize| planes.iter().filter(|(of, _)| *of == Some(place)).count();
+        for &(place, Plane { contact, weight, radius }) in planes {
+            let gains = shared(&self.parameters, weight);
+            let patch = ContactPatch { contact, radius };
+            let with = place.and_then(|place| self.objects.get(place)?.as_ref());
+            let moving = with.and_then(|InScene { id, handle, moving, .. }| {
+                Some((*id, moving.as_ref()?, self.scene.pose(*handle)?))
+            });
+            let (gains, carrier) = match (place, moving) {
+                (Some(place), Some((id, moving, pose))) => {
+                    let at = (contact.point, contact.normal);
+                    let gains = moving.limited(&gains, pose, at, count_of(place), interval);
+                    (gains, moving.carrier(id, pose))
+                }
+                _ => (gains, Carrier::STILL),
+            };
+            model.push_carried(patch, &gains, 0.0, &carrier);
+            if let Some(watched) = &mut self.watched {
+                let force = contact.normal * (-gains.stiffness * (contact.depth + tolerance));
+                let Contact { point, normal, depth, .. } = contact;
+                watched.sight().add_push(Push { point, normal, force, depth });
+            }
+        }
+        self.telemetry.events.contact_overflow += u64::from(model.overflow());
+    }
+
+    /// The deepest of contacts with objects that move as well; how many there are of these.
+    fn deepen(&self, depth: &mut f64) -> usize {
+        let carried = self.moving.iter().filter_map(|&place| self.objects[place].as_ref()?.moving.as_ref());
+        carried.fold(0, |count, moving| {
+            *depth = depth.max(deepest(&moving.contacts));
+            count + moving.contacts.len()
+        })
     }
 
     /// Goes over to what the loop is tuned to, in the time (s) since the last step.
@@ -282,6 +387,9 @@ impl ContactLoop {
                 continue;
             }
             self.scene.set_pose(*handle, &pose);
+            if let Some(fields) = &mut self.by_fields {
+                fields.scene_has_changed();
+            }
             let size = object.bounding_radius();
             if pose.translation.distance(body.pose.translation) < size + self.radius + self.outlook {
                 self.proxy.object_has_moved(place, &before, &pose);
@@ -505,7 +613,8 @@ impl ContactLoop {
         let sight = watched.begin(time);
         for found in self.proxy.contacts() {
             let PatchContact { contact, probe_node, scene_node, weight } = found.contact;
-            if contact.depth > -self.parameters.tolerance {
+            // Those of fields are of no patches.
+            if contact.depth > -self.parameters.tolerance && probe_node != NO_NODE {
                 let object = self.objects.get(found.object).and_then(Option::as_ref);
                 let object = object.map_or(found.object, |object| object.id.0);
                 sight.add_patches(TouchingPatches { object, probe_node, scene_node, weight });
@@ -524,15 +633,17 @@ impl ContactLoop {
         }
     }
 
-    /// Contacts of the last step with objects that are not textured, before clustering, world axes.
+    /// Contacts of the last step with objects that are not textured, before clustering, world axes. Those found in fields are of no
+    /// nodes ([`NO_NODE`](palpate_core::clod::NO_NODE)): the deepest places of each cell.
     pub fn contacts(&self) -> impl Iterator<Item = &PatchContact> {
         let carried = self.moving.iter().filter_map(|&place| self.objects[place].as_ref()?.moving.as_ref());
         self.contacts.iter().chain(carried.flat_map(|moving| &moving.contacts))
     }
 
-    /// Memory that the workspaces of its queries hold, besides the objects.
+    /// Memory that the workspaces of its queries hold, besides the objects' hierarchies: with their fields, where contacts are found
+    /// in these.
     pub fn workspace_bytes(&self) -> usize {
-        self.scene.bytes()
+        self.scene.bytes() + self.by_fields.as_ref().map_or(0, |fields| fields.bytes())
     }
 
     /// What was measured so far.
@@ -543,6 +654,23 @@ impl ContactLoop {
     pub(crate) fn telemetry_mut(&mut self) -> &mut ContactTelemetry {
         &mut self.telemetry
     }
+}
+
+/// What finds contacts with the objects of a scene in fields.
+fn by_fields(
+    probe: &Object,
+    objects: &[Option<InScene>],
+    tolerance: f64,
+    settings: &Settings,
+) -> Result<Box<ByFields>, FieldError> {
+    let error = settings.representative_error.unwrap_or(USUAL_ERROR * probe.bounding_radius());
+    let mut fields = ByFields::new(FieldNeeds::new(tolerance, error, probe)?, probe, settings.clusters)?;
+    for (place, object) in objects.iter().enumerate() {
+        if let Some(InScene { object, .. }) = object {
+            fields.insert(place, object, place < RESERVED)?;
+        }
+    }
+    Ok(Box::new(fields))
 }
 
 /// Whether some have detail to leave out: where all are one hull, nothing is to be measured for it.

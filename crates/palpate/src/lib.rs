@@ -27,6 +27,7 @@ mod hosted;
 mod lateness;
 mod lockstep;
 mod machine;
+mod merging;
 mod moving;
 mod object;
 mod presence;
@@ -35,6 +36,7 @@ mod reactions;
 mod realtime;
 mod record;
 mod renderer;
+pub mod representative;
 mod scene;
 mod scene_editor;
 #[cfg(feature = "scene-files")]
@@ -85,7 +87,9 @@ pub use scene_editor::{EditError, SceneEditor, SceneId};
 #[cfg(feature = "scene-files")]
 pub use scene_file::{ObjectEntry, SceneFile, SceneFileError};
 pub use session::{Clock, ContactSummary, HapticSummary, Session, Summary};
-pub use settings::{Settings, SettingsError, TextureBackend, TextureDerivatives, TextureSettings};
+pub use settings::{
+    ContactSearch, Settings, SettingsError, TextureBackend, TextureDerivatives, TextureSettings,
+};
 pub use settings_editor::{SettingsEditError, SettingsEditor};
 pub use size::UnitsError;
 pub use spawn::{RunningSession, SessionHandle, SessionPanic};

@@ -14,6 +14,7 @@ use palpate_core::glam::{DMat3, DVec3};
 use palpate_core::{Pose, Twist};
 use palpate_dynamics::{Carrier, ContactParameters};
 
+use crate::merging::Merging;
 use crate::proxy::motion_between;
 use crate::scene_editor::SceneId;
 
@@ -72,6 +73,8 @@ pub(crate) struct Moving {
     pub contacts: Vec<PatchContact>,
     pub approaching: Option<PatchContact>,
     pub clustering: Clustering,
+    /// Of contacts that are found in fields.
+    pub merging: Merging,
 }
 
 /// How an object moves.
@@ -89,8 +92,8 @@ struct Motion {
 }
 
 impl Moving {
-    /// One that is told of; `clusters` is how many its contacts may have in any case.
-    pub fn new(clusters: usize) -> Self {
+    /// One that is told of; `clusters` is how many its contacts may have in any case, with a probe of a radius (m).
+    pub fn new(clusters: usize, radius: f64) -> Self {
         Self {
             motion: None,
             told: None,
@@ -100,6 +103,7 @@ impl Moving {
             contacts: Vec::new(),
             approaching: None,
             clustering: Clustering::new(clusters.min(CLUSTERS)),
+            merging: Merging::new(clusters.min(CLUSTERS), radius),
         }
     }
 
@@ -108,8 +112,9 @@ impl Moving {
         leader: triple_buffer::Output<(Pose, Twist)>,
         mobility: Mobility,
         clusters: usize,
+        radius: f64,
     ) -> Self {
-        let mut moving = Self::new(clusters);
+        let mut moving = Self::new(clusters, radius);
         moving.leader = Some(leader);
         moving.set_mobility(Some(mobility));
         moving.reacts = false;
@@ -268,7 +273,7 @@ mod tests {
             let angular = DVec3::Z * rate;
             Twist { linear: angular.cross(pose(t).translation), angular }
         };
-        let mut moving = Moving::new(5);
+        let mut moving = Moving::new(5, 0.1);
         let (mut next, mut last) = (0.0, None::<Pose>);
         for step in 0..2000 {
             let now = f64::from(step) * 1e-3 + 2e-4 * (f64::from(step) * 1.7).sin();
@@ -296,7 +301,7 @@ mod tests {
 
     #[test]
     fn one_that_nobody_told_of_stays() {
-        let mut moving = Moving::new(5);
+        let mut moving = Moving::new(5, 0.1);
         assert_eq!(moving.advance(1.0), None);
         assert_eq!(moving.twist(), Twist::ZERO);
     }
@@ -315,7 +320,7 @@ mod tests {
             center_of_mass: DVec3::X * 0.01,
             period: 1e-3,
         };
-        let mut moving = Moving::new(5);
+        let mut moving = Moving::new(5, 0.1);
         let at =
             |moving: &Moving, point| moving.limited(&parameters, &Pose::IDENTITY, (point, DVec3::Z), 1, 1e-3);
         assert_eq!(at(&moving, DVec3::ZERO), parameters);

@@ -2,7 +2,7 @@
 
 use std::ops::ControlFlow;
 use std::path::Path;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use palpate_clod_build::{BuildError, BuildOptions, Stage, unwatched};
 use palpate_collide::Shape;
@@ -16,6 +16,10 @@ use palpate_models::{Model, ModelError};
 use palpate_texture_pd::{BakeError, BakeOptions, BakeReport, HeightImage, SurfaceError, TexturedSurface};
 
 use crate::cache;
+use crate::representative::{Field, FieldError, FieldResolution, welded};
+
+/// Fields that an object keeps at most; the oldest goes first.
+const FIELDS: usize = 4;
 
 /// An object that can be grasped or put into the scene. Cheap to clone.
 #[derive(Clone, Debug)]
@@ -31,7 +35,12 @@ pub struct Object {
     texture: Option<Arc<TexturedSurface>>,
     /// The hierarchy's surface, made when first asked for.
     plain: Arc<OnceLock<Arc<TexturedSurface>>>,
+    /// Fields made so far, each with what it was asked for with, the oldest first.
+    fields: Arc<Mutex<Vec<KeptField>>>,
 }
+
+/// The band (m) and the resolution of a field, and the field.
+type KeptField = ((f64, FieldResolution), Arc<Field>);
 
 /// How [`Object::open`] reads and builds.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -263,6 +272,7 @@ impl Object {
             shape: Arc::default(),
             texture: None,
             plain: Arc::default(),
+            fields: Arc::default(),
         }
     }
 
@@ -286,12 +296,46 @@ impl Object {
         if let Some(known) = self.texture.as_ref().or_else(|| self.plain.get()) {
             return Ok(known.clone());
         }
-        let triangles = self.clod.leaves().iter().flat_map(|leaf| {
+        let surface = Arc::new(TexturedSurface::from_triangles(self.triangles())?);
+        Ok(self.plain.get_or_init(|| surface).clone())
+    }
+
+    /// The triangles of the surface at full resolution, by their corners, m.
+    fn triangles(&self) -> impl Iterator<Item = [DVec3; 3]> {
+        self.clod.leaves().iter().flat_map(|leaf| {
             let hull = self.clod.hull(leaf);
             self.clod.patch(leaf).iter().map(move |triangle| triangle.map(|corner| hull[corner as usize]))
-        });
-        let surface = Arc::new(TexturedSurface::from_triangles(triangles)?);
-        Ok(self.plain.get_or_init(|| surface).clone())
+        })
+    }
+
+    /// The distance field of the surface at full resolution, known at least as far from it as `band` (m). The first call for a band
+    /// and a resolution makes it, which takes seconds; the last few are kept.
+    ///
+    /// # Errors
+    /// If the surface is not closed.
+    pub fn field(&self, band: f64, resolution: FieldResolution) -> Result<Arc<Field>, FieldError> {
+        let asked = (band, resolution);
+        let fields = || self.fields.lock().unwrap_or_else(PoisonError::into_inner);
+        let kept =
+            |fields: &[KeptField]| fields.iter().find(|(of, _)| *of == asked).map(|kept| kept.1.clone());
+        if let Some(known) = kept(&fields()) {
+            return Ok(known);
+        }
+        let open = || FieldError::Open { name: self.name.clone() };
+        // A hierarchy that was not built from a solid may still look closed, but nothing is known of its inside.
+        let mesh = self.clod.source.solid.then(|| welded(self.triangles())).flatten().ok_or_else(open)?;
+        // The user's cache folder is to keep fields from here on, as it does hierarchies (`cache.rs`), once they have a form on
+        // disk. Nobody waits for the lock meanwhile.
+        let made = Arc::new(Field::new(&mesh, self.bounding_radius(), band, resolution));
+        let mut fields = fields();
+        if let Some(known) = kept(&fields) {
+            return Ok(known);
+        }
+        if fields.len() == FIELDS {
+            fields.remove(0);
+        }
+        fields.push((asked, made.clone()));
+        Ok(made)
     }
 
     /// The object made larger by a factor about its frame's origin, which takes as much memory again; `None` if the factor
@@ -379,6 +423,28 @@ mod tests {
         assert_eq!(Object::model(path).expect("a hierarchy").warnings(), []);
         let refused = Object::open(path, &options, &mut unwatched).expect_err("built already").to_string();
         assert!(refused.contains("OpenOptions::scale") && !refused.contains("--"), "{refused}");
+    }
+
+    #[test]
+    fn a_field_is_made_once_of_the_closed_surface() {
+        let object = Object::model("torus@2000").expect("a model");
+        let resolution = FieldResolution { cells: 32, spacing: 0.05 };
+        let made = object.field(0.004, resolution).expect("a closed surface");
+        let again = object.clone().field(0.004, resolution).expect("a closed surface");
+        assert!(Arc::ptr_eq(&made, &again), "it is made once");
+        let wider = object.field(0.008, resolution).expect("a closed surface");
+        assert!(wider.bytes() > made.bytes());
+        // Corners are shared as in the mesh that it was built from.
+        let mesh = welded(object.triangles()).expect("triangles");
+        assert_eq!(mesh.vertices().len(), object.clod.source.vertices as usize);
+        assert_eq!(mesh.triangles().len(), object.clod.source.triangles as usize);
+        assert!(mesh.validate().is_solid());
+
+        let corners = vec![DVec3::ZERO, 0.1 * DVec3::X, 0.1 * DVec3::Y];
+        let triangle = TriMesh::new(corners, vec![[0, 1, 2]]).expect("a mesh");
+        let open = Object::from_mesh("sheet", &triangle).expect("an open surface");
+        let refused = open.field(0.004, resolution).expect_err("an open surface").to_string();
+        assert!(refused.starts_with("sheet: ") && refused.contains("not closed"), "{refused}");
     }
 
     #[test]

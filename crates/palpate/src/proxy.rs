@@ -46,6 +46,56 @@ const REMEMBERED: usize = 64;
 /// Queries in a step of the contact loop, at most. What is left of the way is gone in the next.
 const LOOKS: usize = 8;
 
+/// What finds contacts for a proxy.
+pub(crate) trait Search {
+    /// Whether two patches have one contact only at a time, which jumps.
+    const JUMPS: bool;
+
+    /// How far contacts are looked for, m.
+    fn reach(&self) -> f64;
+
+    /// Looks for the contacts of the probe with its mesh's frame at a pose; `true` if all objects in reach were looked at.
+    fn look(&mut self, mesh: &Pose, followed: &mut Followed) -> bool;
+
+    /// The contacts of the last look.
+    fn contacts(&self) -> impl Iterator<Item = Found>;
+
+    /// The largest depths, m, that the last look found in scene objects, by their places.
+    fn depths(&self) -> impl Iterator<Item = (usize, f64)>;
+}
+
+/// By levels of detail.
+pub(crate) struct LevelSearch<'a> {
+    pub scene: &'a mut SceneQuery,
+    /// The tolerance is the reach.
+    pub settings: QuerySettings,
+}
+
+impl Search for LevelSearch<'_> {
+    const JUMPS: bool = true;
+
+    fn reach(&self) -> f64 {
+        self.settings.tolerance
+    }
+
+    fn look(&mut self, mesh: &Pose, followed: &mut Followed) -> bool {
+        let outcome = self.scene.run(mesh, &self.settings);
+        followed.count(&outcome);
+        outcome.is_ok_and(|outcome| outcome.invalid == 0)
+    }
+
+    fn contacts(&self) -> impl Iterator<Item = Found> {
+        self.scene.contacts().flat_map(|with| {
+            let object = with.object.place();
+            with.contacts.iter().map(move |&contact| Found { contact, object })
+        })
+    }
+
+    fn depths(&self) -> impl Iterator<Item = (usize, f64)> {
+        self.scene.contacts().filter_map(|with| Some((with.object.place(), with.outcome.deepest?)))
+    }
+}
+
 /// The proxy, and what it touches.
 #[derive(Clone, Debug)]
 pub(crate) struct Proxy {
@@ -199,31 +249,24 @@ impl Proxy {
         }
     }
 
-    /// Moves towards the pose of the object's centre of mass, as far as surfaces let it, with queries by `settings`, whose
-    /// tolerance is the reach in which contacts are found.
-    pub fn follow(&mut self, goal: &Pose, settings: &QuerySettings, scene: &mut SceneQuery) -> Followed {
+    /// Moves towards the pose of the object's centre of mass, as far as surfaces let it.
+    pub fn follow(&mut self, goal: &Pose, search: &mut impl Search) -> Followed {
         let mut followed = Followed::default();
-        if !(self.enabled && self.sound && self.approach(goal, settings, scene, &mut followed)) {
+        if !(self.enabled && self.sound && self.approach(goal, search, &mut followed)) {
             // It has no side that it could be kept on.
             self.found.clear();
             self.remembered.clear();
-            let complete = self.look(goal, settings, scene, &mut followed);
-            self.accept(goal, settings, scene);
-            self.sound = self.is_within(SHALLOW, complete, scene);
+            let complete = self.look(goal, search, &mut followed);
+            self.accept(goal, search);
+            self.sound = self.is_within(SHALLOW, complete, search);
         }
         self.lag = if self.pose == *goal { 0.0 } else { self.length(&motion_between(&self.pose, goal)) };
         followed
     }
 
     /// Goes towards a pose; `false` if a surface has come over the proxy that it could not give way to.
-    fn approach(
-        &mut self,
-        goal: &Pose,
-        settings: &QuerySettings,
-        scene: &mut SceneQuery,
-        followed: &mut Followed,
-    ) -> bool {
-        if self.stale && !self.gives_way(settings, scene, followed) {
+    fn approach(&mut self, goal: &Pose, search: &mut impl Search, followed: &mut Followed) -> bool {
+        if self.stale && !self.gives_way(search, followed) {
             return false;
         }
         // Halved as often as it was too deep.
@@ -235,22 +278,22 @@ impl Proxy {
             let whole = share * caution >= 1.0;
             let next =
                 if whole && motion == wanted { *goal } else { self.pose.moved(&motion, share * caution) };
-            let complete = self.look(&next, settings, scene, followed);
-            let shallow = self.is_within(SHALLOW, complete, scene);
+            let complete = self.look(&next, search, followed);
+            let shallow = self.is_within(SHALLOW, complete, search);
             if !(shallow && (next == *goal || self.is_worth(&motion, share * caution, &next, goal))) {
-                self.avoid(&next, scene);
+                self.avoid(&next, search);
                 if !shallow {
                     caution *= 0.5;
                 }
                 continue;
             }
-            self.accept(&next, settings, scene);
+            self.accept(&next, search);
             if whole {
                 return true;
             }
             caution = 1.0;
         }
-        self.stays(settings, scene, followed)
+        self.stays(search, followed)
     }
 
     /// Whether a share of a motion, to a pose, brings the proxy nearer to its goal, or is but a trace. The contacts that a motion
@@ -265,35 +308,30 @@ impl Proxy {
     }
 
     /// Goes out of the way of what has moved; `false` if it penetrates nevertheless, as between surfaces that close on it.
-    fn gives_way(
-        &mut self,
-        settings: &QuerySettings,
-        scene: &mut SceneQuery,
-        followed: &mut Followed,
-    ) -> bool {
+    fn gives_way(&mut self, search: &mut impl Search, followed: &mut Followed) -> bool {
         for _ in 0..LOOKS {
             let motion = self.plan(&Twist::ZERO, f64::NEG_INFINITY);
             let pose = self.pose.moved(&motion, 1.0);
-            let complete = self.look(&pose, settings, scene, followed);
-            if self.is_within(SHALLOW, complete, scene) {
-                self.accept(&pose, settings, scene);
+            let complete = self.look(&pose, search, followed);
+            if self.is_within(SHALLOW, complete, search) {
+                self.accept(&pose, search);
                 return true;
             }
             // From which side that came over it is not known.
-            if !self.is_within(1.0, complete, scene) {
+            if !self.is_within(1.0, complete, search) {
                 return false;
             }
-            self.avoid(&pose, scene);
+            self.avoid(&pose, search);
         }
         false
     }
 
     /// Looks again where it is; `false` if it penetrates there.
-    fn stays(&mut self, settings: &QuerySettings, scene: &mut SceneQuery, followed: &mut Followed) -> bool {
+    fn stays(&mut self, search: &mut impl Search, followed: &mut Followed) -> bool {
         let pose = self.pose;
-        let complete = self.look(&pose, settings, scene, followed);
-        self.accept(&pose, settings, scene);
-        self.is_within(SHALLOW, complete, scene)
+        let complete = self.look(&pose, search, followed);
+        self.accept(&pose, search);
+        self.is_within(SHALLOW, complete, search)
     }
 
     /// The motion nearest to a wanted one that goes past no plane of the contacts, each of which leaves it no less room than
@@ -337,42 +375,38 @@ impl Proxy {
         share.max(free(STRIDE * self.tolerance, length))
     }
 
-    /// Whether the last query was `complete` and found no contact deeper than so many tolerances, of objects that are not
+    /// Whether the last look was `complete` and found no contact deeper than so many tolerances, of objects that are not
     /// textured.
-    fn is_within(&self, tolerances: f64, complete: bool, scene: &SceneQuery) -> bool {
+    fn is_within(&self, tolerances: f64, complete: bool, search: &impl Search) -> bool {
         let allowed = |object: usize| self.allowed(object, tolerances * self.tolerance);
-        complete
-            && scene
-                .contacts()
-                .all(|with| with.outcome.deepest.is_none_or(|depth| depth <= allowed(with.object.place())))
+        complete && search.depths().all(|(object, depth)| depth <= allowed(object))
     }
 
-    /// Queries at a pose; `true` if all objects in reach were queried.
-    fn look(
-        &self,
-        pose: &Pose,
-        settings: &QuerySettings,
-        scene: &mut SceneQuery,
-        followed: &mut Followed,
-    ) -> bool {
-        let mesh = *pose * Pose::from_translation(-self.center_of_mass);
-        let outcome = scene.run(&mesh, settings);
-        followed.count(&outcome);
-        outcome.is_ok_and(|outcome| outcome.invalid == 0)
+    /// Looks at a pose; `true` if all objects in reach were looked at.
+    fn look(&self, pose: &Pose, search: &mut impl Search, followed: &mut Followed) -> bool {
+        search.look(&(*pose * Pose::from_translation(-self.center_of_mass)), followed)
     }
 
-    /// Is where the query was that was made last.
-    fn accept(&mut self, pose: &Pose, settings: &QuerySettings, scene: &SceneQuery) {
+    /// Is where the last look was.
+    fn accept<S: Search>(&mut self, pose: &Pose, search: &S) {
         for found in self.found.iter_mut().chain(&mut self.remembered) {
             found.contact.contact = carried(&found.contact.contact, &self.pose, pose);
         }
         std::mem::swap(&mut self.found, &mut self.before);
         self.found.clear();
-        self.found.extend(all_contacts(scene));
+        self.found.extend(search.contacts());
         self.found.sort_unstable_by_key(Found::pair);
         self.pose = *pose;
-        self.reach = settings.tolerance;
+        self.reach = search.reach();
         self.stale = false;
+        if S::JUMPS {
+            self.remember_jumps();
+        }
+        self.weigh_remembered();
+    }
+
+    /// Remembers what was found between two patches before, where they touch elsewhere now.
+    fn remember_jumps(&mut self) {
         for at in 0..self.before.len() {
             let before = self.before[at];
             let near = before.contact.contact.depth > -self.tolerance;
@@ -381,7 +415,6 @@ impl Proxy {
                 self.remember(before);
             }
         }
-        self.weigh_remembered();
     }
 
     /// What the present contact of the same pair of patches that is nearest to an earlier one weighs, and how far apart
@@ -412,9 +445,9 @@ impl Proxy {
     }
 
     /// Remembers in what the last query, at `pose`, found the proxy to be too deep.
-    fn avoid(&mut self, pose: &Pose, scene: &SceneQuery) {
+    fn avoid(&mut self, pose: &Pose, search: &impl Search) {
         let planned = PLANNED * self.tolerance;
-        for Found { contact: found, object } in all_contacts(scene) {
+        for Found { contact: found, object } in search.contacts() {
             if found.contact.depth > self.allowed(object, planned) {
                 let contact = carried(&found.contact, pose, &self.pose);
                 self.remember(Found { contact: PatchContact { contact, ..found }, object });
@@ -443,14 +476,6 @@ impl Proxy {
             *shallowest = found;
         }
     }
-}
-
-/// The contacts of a scene's last query.
-fn all_contacts(scene: &SceneQuery) -> impl Iterator<Item = Found> {
-    scene.contacts().flat_map(|with| {
-        let object = with.object.place();
-        with.contacts.iter().map(move |&contact| Found { contact, object })
-    })
 }
 
 /// The motion (a twist for the time of 1) from one pose to another.

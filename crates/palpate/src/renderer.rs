@@ -5,12 +5,13 @@ use palpate_device::{DeviceError, HapticDevice};
 use palpate_dynamics::{Body, BodyError, DeviceMapping};
 use palpate_texture_pd::Backend;
 
-use crate::contact_loop::ContactLoop;
+use crate::contact_loop::{ContactLoop, ContactLoopError};
 use crate::gains::Gains;
 use crate::haptic_loop::{Grasped, HapticLoop};
 use crate::moving::Mobility;
 use crate::object::Object;
 use crate::reactions::Reactions;
+use crate::representative::FieldError;
 use crate::scene::Scene;
 use crate::scene_editor::{SceneEditor, SceneId};
 use crate::settings::{Settings, SettingsError};
@@ -55,9 +56,21 @@ pub enum RendererError {
     /// Textures cannot be rendered.
     #[error(transparent)]
     Texture(#[from] TextureError),
+    /// Representative contacts cannot be found.
+    #[error(transparent)]
+    Field(#[from] FieldError),
     /// The device did not answer.
     #[error(transparent)]
     Device(#[from] DeviceError),
+}
+
+impl From<ContactLoopError> for RendererError {
+    fn from(error: ContactLoopError) -> Self {
+        match error {
+            ContactLoopError::Texture(error) => error.into(),
+            ContactLoopError::Field(error) => error.into(),
+        }
+    }
 }
 
 impl HapticRenderer {

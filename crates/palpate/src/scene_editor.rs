@@ -9,6 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use palpate_core::{Pose, Twist};
 use rtrb::{Consumer, Producer, RingBuffer};
 
+use crate::contact_loop::FieldNeeds;
 use crate::moving::Mobility;
 use crate::object::Object;
 
@@ -71,14 +72,19 @@ struct Edits {
     waiting: Vec<Producer<Edit>>,
     known: BTreeSet<SceneId>,
     next: usize,
+    /// What an object is to have besides its hierarchy.
+    fields: Option<FieldNeeds>,
 }
 
 impl SceneEditor {
     /// For a scene that begins with these objects.
-    pub(crate) fn new(objects: impl IntoIterator<Item = SceneId>) -> (Self, Consumer<Edit>) {
+    pub(crate) fn new(
+        objects: impl IntoIterator<Item = SceneId>,
+        fields: Option<FieldNeeds>,
+    ) -> (Self, Consumer<Edit>) {
         let known: BTreeSet<SceneId> = objects.into_iter().collect();
         let next = known.last().map_or(0, |last| last.0 + 1);
-        let editor = Self(Arc::new(Mutex::new(Edits { waiting: Vec::new(), known, next })));
+        let editor = Self(Arc::new(Mutex::new(Edits { waiting: Vec::new(), known, next, fields })));
         let waiting = editor.also();
         (editor, waiting)
     }
@@ -108,13 +114,14 @@ impl SceneEditor {
 
     /// Adds an object, its mesh's frame at a pose in the world.
     ///
-    /// The caller's thread prepares the object's hierarchy for queries.
+    /// The caller's thread prepares the object's hierarchy for queries, and where contacts are [found in
+    /// fields](crate::ContactSearch::Representatives) makes its field. An object whose surface is not closed is not added there.
     ///
     /// # Errors
     /// If the pose is invalid, or too many changes wait.
     #[cfg_attr(feature = "tracing", tracing::instrument(skip_all, fields(object = object.name), err))]
     pub fn add(&mut self, object: &Object, pose: Pose) -> Result<SceneId, EditError> {
-        object.shape();
+        self.prepare(object);
         check(&pose)?;
         let mut edits = self.edits();
         let id = SceneId(edits.next);
@@ -129,7 +136,7 @@ impl SceneEditor {
     /// # Errors
     /// As [`add`](Self::add), or if the scene has no such object.
     pub fn replace(&mut self, id: SceneId, object: &Object, pose: Pose) -> Result<(), EditError> {
-        object.shape();
+        self.prepare(object);
         check(&pose)?;
         self.change(id, Edit::Replace(id, object.clone(), pose))
     }
@@ -176,6 +183,16 @@ impl SceneEditor {
     /// If the scene has no such object, or too many changes wait.
     pub fn remove(&mut self, id: SceneId) -> Result<(), EditError> {
         self.change(id, Edit::Remove(id))
+    }
+
+    /// Lets the caller wait for what takes long, not the contact loop.
+    fn prepare(&self, object: &Object) {
+        object.shape();
+        let fields = self.edits().fields;
+        if let Some(fields) = fields {
+            // Where there is none, the contact loop refuses the object.
+            drop(fields.of(object));
+        }
     }
 
     /// A change of an object that is there.

@@ -9,7 +9,8 @@ use serde::Serialize;
 use crate::machine::MachineLoad;
 use crate::object::Object;
 use crate::renderer::HapticRenderer;
-use crate::settings::Settings;
+use crate::representative::USUAL_ERROR;
+use crate::settings::{ContactSearch, Settings};
 use crate::telemetry::{ContactTelemetry, Events, HapticTelemetry, Percentiles};
 
 /// [`HapticSummary::scheduling`] on a simulated clock.
@@ -278,6 +279,7 @@ impl HapticRenderer {
             ("hierarchy", self.hierarchy_stage()),
             ("integrator", settings.integrator.to_string()),
             ("interpolation between levels", self.interpolation_stage()),
+            ("representative contacts", self.search_stage()),
             ("passivity controller", on_or_off(settings.passivity_controller)),
             ("proxy", on_or_off(settings.proxy)),
             ("textures", self.texture_stage()),
@@ -290,6 +292,24 @@ impl HapticRenderer {
     fn objects(&self) -> impl Iterator<Item = (&'static str, &Object)> {
         let scene = self.scene().objects().iter().map(|placed| ("scene", &placed.object));
         std::iter::once(("probe", self.probe())).chain(scene)
+    }
+
+    fn search_stage(&self) -> String {
+        let settings = self.settings();
+        match settings.search {
+            ContactSearch::Levels => "off: contacts are found by levels of detail".to_owned(),
+            ContactSearch::Representatives if !self.contact.is_by_fields() => {
+                match self.contact.no_fields() {
+                    Some(why) => format!("off: {why}; contacts are found by levels of detail"),
+                    None => "off: an object has a haptic texture; contacts are found by levels of detail"
+                        .to_owned(),
+                }
+            }
+            ContactSearch::Representatives => match settings.representative_error {
+                Some(error) => format!("on: off by about {error} m"),
+                None => format!("on: off by about {} % of the radius", 100.0 * USUAL_ERROR),
+            },
+        }
     }
 
     fn hierarchy_stage(&self) -> String {

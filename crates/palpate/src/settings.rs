@@ -35,7 +35,12 @@ pub struct Settings {
     pub angular_damping: Option<f64>,
     /// Distance tolerance d of the contact query, m, at most the grasped object's bounding radius; by default 1 % of it.
     pub tolerance: Option<f64>,
-    /// s₀, m: detail is left out of contacts where it would not be felt, its deviation averaged over the area of contact
+    /// How contacts are found.
+    pub search: ContactSearch,
+    /// EPS, m: representative contacts are off by about this at most, 0.02 % to 1 % of the grasped object's bounding radius; by
+    /// default 0.05 %.
+    pub representative_error: Option<f64>,
+    /// s₀, m: with levels of detail, detail is left out of contacts where it would not be felt, its deviation averaged over the area of contact
     /// being no more than this (§3.4.3), and forces go over smoothly from one level of detail to the next. 0, the
     /// default, for full resolution.
     pub error: f64,
@@ -107,6 +112,8 @@ impl Default for Settings {
             angular_stiffness: None,
             angular_damping: None,
             tolerance: None,
+            search: ContactSearch::default(),
+            representative_error: None,
             error: 0.0,
             interpolation: true,
             query_budget: None,
@@ -127,6 +134,17 @@ impl Default for Settings {
             unusual_size: false,
         }
     }
+}
+
+/// How the contacts of a session are found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ContactSearch {
+    /// By the hierarchies: contacts of convex patches, at full resolution or with detail left out.
+    #[default]
+    Levels,
+    /// In distance fields: few contacts at true geometry, each with the area that it stands for. Where an object's surface is not
+    /// closed, or one has a haptic texture, contacts are found by levels nevertheless.
+    Representatives,
 }
 
 /// How contacts with textured objects are looked at (§4.4).
@@ -213,6 +231,12 @@ impl Settings {
             ("angular-damping", self.angular_damping, "N·m·s/rad from 0 to 1e6", 0.0..=1e6),
             ("tolerance", self.tolerance, "metres above 0", f64::MIN_POSITIVE..=f64::MAX),
             ("error", Some(self.error), "metres, 0 or more", 0.0..=f64::MAX),
+            (
+                "representative error",
+                self.representative_error,
+                "metres above 0",
+                f64::MIN_POSITIVE..=f64::MAX,
+            ),
             ("query budget", self.query_budget, "seconds from 1e-6 to 10", 1e-6..=10.0),
             ("contact-timeout", Some(self.contact_timeout), "seconds above 0", f64::MIN_POSITIVE..=f64::MAX),
             ("engagement", Some(self.engagement), "seconds from 0 to 10", 0.0..=10.0),

@@ -125,6 +125,8 @@ fn fixed_difference(before: &Settings, after: &Settings) -> Option<&'static str>
         ("rate", before.rate == after.rate),
         ("mass", before.mass == after.mass),
         ("tolerance", before.tolerance == after.tolerance),
+        ("search", before.search == after.search),
+        ("representative_error", before.representative_error == after.representative_error),
         ("clusters", before.clusters == after.clusters),
         ("braking", before.braking == after.braking),
         ("proxy", before.proxy == after.proxy),

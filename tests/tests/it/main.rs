@@ -21,6 +21,7 @@ mod pressing;
 mod rates;
 mod realtime;
 mod refinement;
+mod representatives;
 mod safety;
 mod scene;
 mod stages;

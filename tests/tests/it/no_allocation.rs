@@ -3,7 +3,9 @@
 use allocation_counter::measure;
 use palpate::device::Task;
 use palpate::glam::DVec3;
-use palpate::{HapticRenderer, Mobility, Object, Pose, Scene, SceneId, Settings, Twist, explore};
+use palpate::{
+    ContactSearch, HapticRenderer, Mobility, Object, Pose, Scene, SceneId, Settings, Twist, explore,
+};
 use palpate_tests::{model, ridged_plate};
 
 /// Fewer than there are contacts at times.
@@ -18,16 +20,27 @@ fn allocations_in(work: impl FnOnce()) -> u64 {
 fn the_loops_do_not_allocate() {
     assert!(allocations_in(|| drop(std::hint::black_box(vec![1u8]))) > 0, "the counter counts");
     // More contacts than clusters at times.
-    let contacts = run(&model("spoon@5000"), model("cup@5000"), 100_000, false);
+    let by_levels = Settings { clusters: CLUSTERS, ..Settings::default() };
+    let contacts = run(&model("spoon@5000"), model("cup@5000"), 100_000, false, by_levels);
     assert!(contacts > CLUSTERS, "{contacts} contacts at most, so that nothing was tested");
-    let contacts = run(&model("stylus@2000"), ridged_plate(1e-3, 5e-3), 22_000, false);
+    let contacts = run(&model("stylus@2000"), ridged_plate(1e-3, 5e-3), 22_000, false, by_levels);
     assert!(contacts > 0, "the stylus never touched the ridges");
-    let contacts = run(&model("ellipsoid@500"), model("golf-ball@5000"), 22_000, true);
-    assert!(contacts > 0, "the moving ball was never touched");
+    let (probe, ball) = (model("ellipsoid@500"), model("golf-ball@5000"));
+    let by_fields = Settings {
+        search: ContactSearch::Representatives,
+        representative_error: Some(0.002 * probe.bounding_radius()),
+        ..by_levels
+    };
+    for settings in [by_levels, by_fields] {
+        let contacts = run(&probe, ball.clone(), 22_000, true, settings);
+        assert!(contacts > 0, "the moving ball was never touched: {settings:?}");
+    }
+    let contacts = run(&probe, ball, 22_000, false, by_fields);
+    assert!(contacts > CLUSTERS, "{contacts} contacts at most, so that nothing was tested");
 }
 
 /// So many haptic steps of a session with an object that may move to and fro and be pushed; the most contacts there were.
-fn run(probe: &Object, object: Object, steps: u32, moves: bool) -> usize {
+fn run(probe: &Object, object: Object, steps: u32, moves: bool, settings: Settings) -> usize {
     let source = &object.clod.source;
     let mobility = Mobility {
         mass: 0.1,
@@ -37,7 +50,6 @@ fn run(probe: &Object, object: Object, steps: u32, moves: bool) -> usize {
     };
     let scene = Scene::new().with(object, Pose::IDENTITY);
     let device = explore::open_device("emulated", probe, &scene).expect("emulated device");
-    let settings = Settings { clusters: CLUSTERS, ..Settings::default() };
     let mut renderer = HapticRenderer::new(probe.clone(), scene, device, settings).expect("renderer");
     let (mut watch, mut other) = (renderer.watch(), renderer.watch());
     let (mut editor, mut reactions) = (renderer.scene_editor(), renderer.reactions());

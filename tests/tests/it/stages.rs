@@ -177,7 +177,7 @@ fn the_jaws_compile_few_crates() {
         |options: &[&'static str]| compiled_for_examples(options).unwrap_or_else(|error| panic!("{error}"));
     let jaws = with(&[]);
     assert!(has(&jaws, "palpate-examples") && has(&jaws, "syn"), "{}", jaws.tree);
-    assert!(jaws.crates.len() <= 90, "{} crates:\n{}", jaws.crates.len(), jaws.tree);
+    assert!(jaws.crates.len() <= 100, "{} crates:\n{}", jaws.crates.len(), jaws.tree);
     for (feature, name) in [("textures", "wgpu"), ("terminal", "hidapi"), ("terminal", "ratatui")] {
         assert!(!has(&jaws, name), "{name}:\n{}", jaws.tree);
         assert!(has(&with(&["--features", feature]), name), "{name} with {feature}");

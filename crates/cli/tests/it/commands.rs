@@ -659,6 +659,116 @@ fn a_touch_is_summed_up_in_plain_words() {
     assert!(printed.contains("The report is r.html; open it in a browser"), "{printed}");
 }
 
+/// A ball, nearly, comes down on a plate and slides: representative contacts push as exact ones do, straight up.
+#[test]
+fn representative_contacts_are_reported_with_their_areas() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    let radius = json(&["check", "golf-ball@5000", "--json"], folder)["bounding_radius"].as_f64().unwrap();
+    let mut csv = String::from("t,px,py,pz,qx,qy,qz,qw\n");
+    for i in 0..=20 {
+        let (x, z) = (2e-4 * f64::from(i), radius * (1.04 - 0.0025 * f64::from(i)));
+        csv.push_str(&format!("{},{x},0.01,{z},0,0,0,1\n", f64::from(i) * 1e-3));
+    }
+    std::fs::write(folder.join("t.csv"), csv).unwrap();
+    let arguments =
+        ["query", "golf-ball@5000", "plate", "--trajectory", "t.csv", "--tolerance", "2%", "--json"];
+    let replayed = |options: &[&str]| json(&[&arguments[..], options].concat(), folder);
+    let [exact, found] =
+        [&["--exact"][..], &["--representative", "0.2%", "--contacts", "c.csv"]].map(replayed);
+    assert_eq!(keys(&found["summary"]), keys(&exact["summary"]));
+    assert_eq!(keys(&found["poses"][0]), keys(&exact["poses"][0]));
+    let numbers = |pose: &Value, key: &str| -> Vec<f64> {
+        pose[key].as_array().unwrap().iter().map(|value| value.as_f64().unwrap()).collect()
+    };
+    let length = |vector: &[f64]| vector.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let mut pushed = 0;
+    for (pose, wanted) in found["poses"].as_array().unwrap().iter().zip(exact["poses"].as_array().unwrap()) {
+        let (own, other) = (numbers(pose, "force"), numbers(wanted, "force"));
+        let (depth, truth) = (pose["depth_max"].as_f64().unwrap(), wanted["depth_max"].as_f64().unwrap());
+        // The field's lattice is 4 % of the radius here.
+        assert!((depth - truth).abs() < 2e-3 * radius, "{depth} m for {truth} m");
+        // Where the surfaces barely touch, one finds it a trace before the other.
+        if length(&other) > 0.05 {
+            pushed += 1;
+            let along = own.iter().zip(&other).map(|(x, y)| x * y).sum::<f64>();
+            let angle = (along / (length(&own) * length(&other))).min(1.0).acos().to_degrees();
+            // Normals are those of the dimples, a little askew. Seen were 3.0°, before the limit was set.
+            assert!(angle < 5.0, "{angle}° at t = {} s", pose["t"]);
+            // A mean over the area of contact, of depths of which the largest is the exact one; there each of up to 5 clusters pushes.
+            let share = length(&own) / length(&other);
+            assert!((0.15..1.1).contains(&share), "{share} of the exact force");
+            assert!(pose["contacts"].as_u64().unwrap() <= 60, "{} contacts", pose["contacts"]);
+        }
+    }
+    assert!(pushed > 10, "{pushed} poses pushed");
+    assert_eq!(found["poses"][0]["contacts"], 0);
+    assert_eq!(found["poses"][0]["distance_min"], Value::Null);
+    let rows = std::fs::read_to_string(folder.join("c.csv")).unwrap();
+    assert!(rows.starts_with("t,px,py,pz,nx,ny,nz,depth,area\n"), "{rows}");
+    let counts = found["poses"].as_array().unwrap().iter().map(|pose| pose["contacts"].as_u64().unwrap());
+    assert_eq!(rows.lines().count() as u64 - 1, counts.sum::<u64>());
+    let areas: f64 =
+        rows.lines().skip(1).map(|row| row.split(',').next_back().unwrap().parse::<f64>().unwrap()).sum();
+    assert!(areas > 0.0);
+    // The same again is the same, but for the time.
+    let forces = |replay: &Value| -> Vec<Vec<f64>> {
+        replay["poses"].as_array().unwrap().iter().map(|pose| numbers(pose, "force")).collect()
+    };
+    assert_eq!(forces(&replayed(&["--representative", "0.2%"])), forces(&found));
+    // What it cannot be combined with, and what makes no sense.
+    for with in [&["--exact"][..], &["--error", "1%"], &["--interpolate"], &["--budget-us", "100"]] {
+        let words = [&arguments[..], &["--representative"], with].concat();
+        let output = palpate(&words, folder);
+        assert_eq!(output.status.code(), Some(2), "{with:?}");
+        assert!(String::from_utf8_lossy(&output.stderr).contains("--representative"), "{with:?}");
+    }
+    assert_eq!(
+        palpate(&[&arguments[..], &["--representative", "much"]].concat(), folder).status.code(),
+        Some(2)
+    );
+    for refused in ["0", "5%", "1e-9"] {
+        let output = palpate(&[&arguments[..], &["--representative", refused]].concat(), folder);
+        assert_eq!(output.status.code(), Some(1), "{refused}");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(said.contains("--representative") && said.contains("0.02 % to 1 %"), "{said}");
+    }
+}
+
+/// A session renders representative contacts where it is asked to, by an option or a scene file, the same each time.
+#[test]
+fn sessions_render_representative_contacts() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    let run = |scene: &str, record: &str, options: &[&str]| {
+        let all = ["--lockstep", "--seconds", "1.5", "--record", record];
+        json(&[&["run", "ellipsoid@500", scene, "--json"], &all[..], options].concat(), folder)
+    };
+    let summary = run("golf-ball@1000", "first.csv", &["--representative", "0.5%"]);
+    let stage =
+        |summary: &Value| summary["stages"]["representative contacts"].as_str().expect("a stage").to_owned();
+    assert_eq!(stage(&summary), "on: off by about 0.00008 m");
+    assert!(summary["contacts_max"].as_u64() > Some(0), "nothing was touched: {summary}");
+    run("golf-ball@1000", "second.csv", &["--representative", "0.5%"]);
+    let read = |file: &str| std::fs::read_to_string(folder.join(file)).expect(file);
+    assert!(read("first.csv") == read("second.csv"), "a session is not the same again");
+    let scene = "[[object]]\nmodel = \"golf-ball@1000\"\n[settings]\nsearch = \"Representatives\"\n\
+                 representative_error = 8e-5\n";
+    std::fs::write(folder.join("scene.toml"), scene).unwrap();
+    run("scene.toml", "third.csv", &[]);
+    assert!(read("first.csv") == read("third.csv"), "the scene file says the same");
+    // A threshold is one of levels.
+    let levels = run("scene.toml", "levels.csv", &["--error", "1%"]);
+    assert!(stage(&levels).starts_with("off"), "{}", stage(&levels));
+    for with in [&["--error", "1%"][..], &["--no-interpolation"], &["--budget-us", "100"]] {
+        let words = [&["run", "ellipsoid@500", "golf-ball@1000", "--representative"], with].concat();
+        assert_eq!(palpate(&words, folder).status.code(), Some(2), "{with:?}");
+    }
+    let refused = palpate(&["run", "ellipsoid@500", "golf-ball@1000", "--representative", "5%"], folder);
+    let said = String::from_utf8_lossy(&refused.stderr);
+    assert!(refused.status.code() == Some(1) && said.contains("(--representative)"), "{said}");
+}
+
 /// A recording is a trajectory: of the object's poses.
 #[test]
 fn recordings_are_replayed_as_trajectories() {

@@ -132,6 +132,8 @@ pub struct SceneQuery {
     awake: Vec<u32>,
     /// Slots of the objects that got a query in the last run.
     in_reach: Vec<u32>,
+    /// Of those that were within reach when they were last looked for without queries.
+    near: Vec<u32>,
     /// Where the centre of the probe's sphere was, m, and the tolerance, m.
     last: Option<(DVec3, f64)>,
     /// The way that the probe has come, m.
@@ -204,6 +206,7 @@ impl SceneQuery {
             queue: WakeQueue::default(),
             awake: Vec::new(),
             in_reach: Vec::new(),
+            near: Vec::new(),
             last: None,
             way: 0.0,
         }
@@ -233,6 +236,7 @@ impl SceneQuery {
         self.queue.reserve(count);
         self.awake.reserve(count.saturating_sub(self.awake.len()));
         self.in_reach.reserve(count.saturating_sub(self.in_reach.len()));
+        self.near.reserve(count.saturating_sub(self.near.len()));
         self.queue.set(slot, f64::NEG_INFINITY);
         ObjectHandle { slot, generation: self.objects[slot as usize].generation }
     }
@@ -349,7 +353,8 @@ impl SceneQuery {
     pub fn bytes(&self) -> usize {
         let spare = self.kinds.iter().flat_map(|kind| &kind.spare);
         let held = self.objects.iter().filter_map(|object| object.workspace.as_ref());
-        let lists = self.awake.capacity() + self.in_reach.capacity() + self.vacant.capacity();
+        let lists =
+            self.awake.capacity() + self.in_reach.capacity() + self.near.capacity() + self.vacant.capacity();
         spare.chain(held).map(|workspace| size_of::<Workspace>() + workspace.query.bytes()).sum::<usize>()
             + self.kinds.iter().map(|kind| size_of::<Kind>() + 8 * kind.spare.capacity()).sum::<usize>()
             + self.objects.capacity() * size_of::<Object>()
@@ -389,6 +394,30 @@ impl SceneQuery {
         }
         outcome.queried = self.in_reach.len();
         Ok(outcome)
+    }
+
+    /// Finds the objects within reach of the probe at a pose (object frame to world), without any query: for those who look for contacts
+    /// otherwise. There are [no contacts](Self::contacts) then. How many are left out because their pose is not valid or their shape
+    /// has no nodes.
+    ///
+    /// # Errors
+    /// As [`run`](Self::run).
+    pub fn find_near(&mut self, probe_pose: &Pose, tolerance: f64) -> Result<usize, QueryError> {
+        self.in_reach.clear();
+        self.near.clear();
+        check_placed(&self.probe, probe_pose, QueryObject::Probe)?;
+        QuerySettings::new(tolerance).check(&self.probe)?;
+        let mut outcome = SceneOutcome::default();
+        self.find_in_reach(probe_pose, tolerance, &mut outcome);
+        std::mem::swap(&mut self.in_reach, &mut self.near);
+        Ok(outcome.invalid)
+    }
+
+    /// The objects that were within reach when [they were last looked for](Self::find_near), by handle.
+    pub fn near(&self) -> impl Iterator<Item = ObjectHandle> {
+        self.near
+            .iter()
+            .map(|slot| ObjectHandle { slot: *slot, generation: self.objects[*slot as usize].generation })
     }
 
     /// The objects that got a query in the last run, those without contacts included, with their contacts, by handle.

@@ -92,10 +92,16 @@ impl Both {
             sum.deepest = [sum.deepest, expected.deepest].into_iter().flatten().reduce(f64::max);
         }
         assert!(found.next().is_none(), "{context}");
+        drop(found);
         assert_eq!(outcome.query.contacts, sum.contacts, "{context}");
         assert_eq!(outcome.query.deepest.is_some(), sum.deepest.is_some());
         let off = outcome.query.deepest.zip(sum.deepest).map_or(0.0, |(x, y)| (x - y).abs());
         assert!(off < 1e-8 && outcome.invalid == 0 && outcome.left_out == 0, "{context}: {outcome:?}");
+        // Those within reach are the same without queries.
+        let queried: Vec<_> = self.scene.contacts().map(|with| with.object).collect();
+        assert_eq!(self.scene.find_near(probe_pose, settings.tolerance), Ok(0), "{context}");
+        assert!(self.scene.near().eq(queried.iter().copied()), "{context}");
+        assert_eq!(self.scene.contacts().count(), 0);
         self.contacts += sum.contacts;
         self.tested += outcome.tested;
         self.queried += outcome.queried;

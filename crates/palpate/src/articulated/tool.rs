@@ -10,10 +10,11 @@ use palpate_dynamics::{
 
 use super::gripper::{GripperSettings, STIFFNESS};
 use super::haptic::{ArticulatedLoop, Grasped};
-use crate::contact_loop::ContactLoop;
+use crate::contact_loop::{ContactLoop, ContactLoopError};
 use crate::gains::{coupling, max_damping, port_limits, slew};
 use crate::object::Object;
 use crate::reactions::Reactions;
+use crate::representative::FieldError;
 use crate::scene::Scene;
 use crate::scene_editor::SceneEditor;
 use crate::settings::{Settings, SettingsError};
@@ -81,6 +82,18 @@ pub enum ArticulatedError {
     /// Textures cannot be rendered.
     #[error(transparent)]
     Texture(#[from] TextureError),
+    /// Representative contacts cannot be found.
+    #[error(transparent)]
+    Field(#[from] FieldError),
+}
+
+impl From<ContactLoopError> for ArticulatedError {
+    fn from(error: ContactLoopError) -> Self {
+        match error {
+            ContactLoopError::Texture(error) => error.into(),
+            ContactLoopError::Field(error) => error.into(),
+        }
+    }
 }
 
 /// A session with a tool of two bodies: [run by a host](Self::host), [on a simulated clock](Self::lockstep), or [taken

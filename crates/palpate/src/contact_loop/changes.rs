@@ -18,8 +18,17 @@ impl ContactLoop {
         if let Some(moving) = moving {
             moving.stop();
         }
+        let handle = *handle;
+        self.scene_has_changed();
+        self.scene.set_pose(handle, pose)
+    }
+
+    /// What was found may hold no longer.
+    fn scene_has_changed(&mut self) {
         self.proxy.scene_has_changed();
-        self.scene.set_pose(*handle, pose)
+        if let Some(fields) = &mut self.by_fields {
+            fields.scene_has_changed();
+        }
     }
 
     /// Tells where a scene object that moves is at the time of the next step, and how fast; `false` if there is none
@@ -41,7 +50,8 @@ impl ContactLoop {
         if moving.is_none() {
             self.moving.push(place);
         }
-        Some(moving.get_or_insert_with(|| Box::new(Moving::new(self.all_settings.clusters))))
+        let radius = self.probe.bounding_radius();
+        Some(moving.get_or_insert_with(|| Box::new(Moving::new(self.all_settings.clusters, radius))))
     }
 
     /// Adds an object, its mesh's frame at a pose in the world, from the next step on; `false` if there is one of that number,
@@ -64,8 +74,10 @@ impl ContactLoop {
             self.objects.resize_with(place + 1, || None);
         }
         self.objects[place] = Some(InScene::new(id, handle, object));
-        if self.retexture(object) {
-            self.proxy.scene_has_changed();
+        let has_field =
+            self.by_fields.as_mut().is_none_or(|fields| fields.insert(place, object, false).is_ok());
+        if has_field && self.retexture(object) {
+            self.scene_has_changed();
             return true;
         }
         self.delete(id);
@@ -83,7 +95,10 @@ impl ContactLoop {
     fn delete(&mut self, id: SceneId) -> bool {
         let Some(place) = self.place_of(id) else { return false };
         let Some(InScene { handle, object, .. }) = self.objects[place].take() else { return false };
-        self.proxy.scene_has_changed();
+        self.scene_has_changed();
+        if let Some(fields) = &mut self.by_fields {
+            fields.remove(place);
+        }
         self.scene.remove(handle);
         self.moving.retain(|&moving| moving != place);
         self.retexture(&object)
@@ -118,7 +133,8 @@ impl ContactLoop {
             return None;
         }
         let place = self.place_of(id)?;
-        let moving = Moving::following(leader, mobility, self.all_settings.clusters);
+        let radius = self.probe.bounding_radius();
+        let moving = Moving::following(leader, mobility, self.all_settings.clusters, radius);
         self.objects[place].as_mut()?.moving = Some(Box::new(moving));
         self.moving.push(place);
         Some(id)
@@ -158,7 +174,8 @@ impl ContactLoop {
         if let Some(editor) = &self.editor {
             return editor.clone();
         }
-        let (editor, edits) = SceneEditor::new(self.objects.iter().flatten().map(|object| object.id));
+        let needs = self.by_fields.as_ref().map(|fields| fields.needs);
+        let (editor, edits) = SceneEditor::new(self.objects.iter().flatten().map(|object| object.id), needs);
         self.edits = Some(edits);
         self.editor.insert(editor).clone()
     }

@@ -3,7 +3,9 @@
 //! At full resolution the contacts reported are the contact set: local minima of the distance and one contact for each
 //! region of intersection, made of the query's contacts between patches and timed with it. With an error or a budget
 //! they are those between patches: making the set would take longer than such a query does, and contacts that fade in and
-//! out between levels would lose their weights.
+//! out between levels would lose their weights. Representative contacts are found in distance fields instead.
+
+mod representative;
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -11,8 +13,8 @@ use std::time::{Duration, Instant};
 use palpate::collide::{
     Budget, Clustering, ContactQuery, ContactSet, ContactSetSettings, PatchContact, QueryError, QuerySettings,
 };
-use palpate::device::{Interpolation, MotionPath};
-use palpate::{Object, Pose, Wrench};
+use palpate::device::{Interpolation, Keyframe, MotionPath};
+use palpate::{Contact, Object, Pose, Wrench};
 use serde::Serialize;
 
 use crate::arguments::{QueryArguments, detail_error};
@@ -68,28 +70,39 @@ pub fn run(arguments: &QueryArguments) -> Result<(), Failure> {
     let trajectory = MotionPath::load(&arguments.trajectory, Interpolation::Linear)?;
     let probe = progress::open(&arguments.probe, &arguments.reading.of_probe())?;
     let scene = progress::open(&arguments.scene, &arguments.reading.of_scene())?;
-    let error = arguments.error.map_or(Ok(0.0), |error| detail_error(error, &probe))?;
+    let objects = [&probe, &scene];
+    let replay = match arguments.representative {
+        Some(error) => representative::replay(arguments, error, objects, &trajectory)?,
+        None => replay(arguments, objects, &trajectory)?,
+    };
+    output::result(&arguments.json, &replay, |table| {
+        print(&replay, arguments.representative.is_some(), table)
+    })
+}
+
+/// With contacts by levels of detail.
+fn replay(
+    arguments: &QueryArguments,
+    [probe, scene]: [&Object; 2],
+    trajectory: &MotionPath,
+) -> Result<Replay, Failure> {
+    let error = arguments.error.map_or(Ok(0.0), |error| detail_error(error, probe))?;
     let settings = QuerySettings {
         error: error.into(),
         interpolate: arguments.interpolate,
         budget: arguments.budget_us.map(|us| Budget::Time(Duration::from_micros(us))),
         parallel: arguments.parallel,
-        ..QuerySettings::new(arguments.tolerance.metres(probe.bounding_radius()))
+        ..settings_for(arguments, probe)?
     };
-    settings.check(probe.shape()).map_err(|error| refused(error, &probe))?;
-    let mut contacts_file = match &arguments.contacts {
-        None => None,
-        Some(path) => Some((path, contacts_writer(path)?)),
-    };
+    let columns = ["level_probe", "level_scene"];
+    let mut contacts_file = ContactsFile::create(arguments.contacts.as_deref(), &columns)?;
 
     let mut query = ContactQuery::new(probe.shape(), scene.shape());
     let full_resolution = error == 0.0 && settings.budget.is_none();
     let mut set = full_resolution.then(|| ContactSet::new(probe.shape(), scene.shape()));
     let set_settings = ContactSetSettings::new(MERGED * settings.tolerance);
     let mut clustering = Clustering::new(arguments.clusters);
-    let mut poses = Vec::with_capacity(trajectory.keyframes().len());
-    let bar = progress::bar("contact queries");
-    for sample in trajectory.keyframes() {
+    let poses = each_pose(trajectory, |sample| {
         if arguments.cold {
             query.reset();
         }
@@ -107,11 +120,15 @@ pub fn run(arguments: &QueryArguments) -> Result<(), Failure> {
         };
         let query_us = begun.elapsed().as_secs_f64() * 1e6;
         let wrench = penalty(&mut clustering, found, &settings, arguments.stiffness, &sample.pose);
-        if let Some((path, file)) = &mut contacts_file {
-            write_contacts(file, sample.time, found, &probe, &scene)
-                .map_err(|error| Failure::writing(path, error))?;
+        let level = |object: &Object, node: u32| object.clod.nodes[node as usize].level.to_string();
+        for PatchContact { contact, probe_node, scene_node, .. } in found {
+            contacts_file.write(
+                sample.time,
+                contact,
+                [level(probe, *probe_node), level(scene, *scene_node)],
+            )?;
         }
-        poses.push(PoseEntry {
+        Ok(PoseEntry {
             t: sample.time,
             query_us,
             front: outcome.front,
@@ -120,43 +137,53 @@ pub fn run(arguments: &QueryArguments) -> Result<(), Failure> {
             distance_min: outcome.smallest_distance,
             force: wrench.force.to_array(),
             torque: wrench.torque.to_array(),
-        });
-        progress::set(&bar, poses.len() as f64 / trajectory.keyframes().len() as f64);
+        })
+    })?;
+    contacts_file.finish()?;
+    let memory =
+        [probe, scene].map(|object| object.clod.total_bytes() + object.shape().bytes()).iter().sum::<usize>()
+            + query.bytes()
+            + set.as_ref().map_or(0, ContactSet::bytes);
+    Ok(Replay { summary: summarise(&poses, memory), poses })
+}
+
+/// What to query with, but for how much detail.
+fn settings_for(arguments: &QueryArguments, probe: &Object) -> Result<QuerySettings, Failure> {
+    let settings = QuerySettings::new(arguments.tolerance.metres(probe.bounding_radius()));
+    settings.check(probe.shape()).map_err(|error| refused(error, probe))?;
+    Ok(settings)
+}
+
+/// Queries at each pose of a trajectory.
+fn each_pose(
+    trajectory: &MotionPath,
+    mut query: impl FnMut(&Keyframe) -> Result<PoseEntry, Failure>,
+) -> Result<Vec<PoseEntry>, Failure> {
+    let keyframes = trajectory.keyframes();
+    let bar = progress::bar("contact queries");
+    let mut poses = Vec::with_capacity(keyframes.len());
+    for sample in keyframes {
+        poses.push(query(sample)?);
+        progress::set(&bar, poses.len() as f64 / keyframes.len() as f64);
     }
     bar.finish_and_clear();
-    if let Some((path, mut file)) = contacts_file {
-        file.flush().map_err(|error| Failure::writing(path, error))?;
-    }
-    let memory = [&probe, &scene]
-        .map(|object| object.clod.total_bytes() + object.shape().bytes())
-        .iter()
-        .sum::<usize>()
-        + query.bytes()
-        + set.as_ref().map_or(0, ContactSet::bytes);
-    let replay = Replay { summary: summarise(&poses, memory), poses };
-    output::result(&arguments.json, &replay, |table| {
-        let Summary {
-            poses,
-            median_us,
-            p99_us,
-            max_us,
-            front_median,
-            front_max,
-            contacts_median,
-            memory_bytes,
-        } = &replay.summary;
-        table.row([&"poses", poses]);
-        table.row([&"query", &format!("median {median_us:.1}, p99 {p99_us:.1}, max {max_us:.1} µs")]);
-        table.row([&"front", &format!("median {front_median}, max {front_max} pairs of nodes")]);
-        table.row([&"contacts", &format!("median {contacts_median}")]);
-        let deepest = replay.poses.iter().map(|pose| pose.depth_max).fold(0.0, f64::max);
-        table.row([&"deepest penetration", &format!("{:.6} mm", 1e3 * deepest)]);
-        let nearest = replay.poses.iter().filter_map(|pose| pose.distance_min).reduce(f64::min);
-        let nearest =
-            nearest.map_or("none within the tolerance".to_owned(), |d| format!("{:.6} mm", 1e3 * d));
-        table.row([&"smallest distance", &nearest]);
-        table.row([&"memory", &format!("{:.1} MB", *memory_bytes as f64 / 1e6)]);
-    })
+    Ok(poses)
+}
+
+fn print(replay: &Replay, are_representative: bool, table: &mut output::Table) {
+    let Summary { poses, median_us, p99_us, max_us, front_median, front_max, contacts_median, memory_bytes } =
+        &replay.summary;
+    table.row([&"poses", poses]);
+    table.row([&"query", &format!("median {median_us:.1}, p99 {p99_us:.1}, max {max_us:.1} µs")]);
+    let of = if are_representative { "distances asked for, four at a time" } else { "pairs of nodes" };
+    table.row([&"front", &format!("median {front_median}, max {front_max} {of}")]);
+    table.row([&"contacts", &format!("median {contacts_median}")]);
+    let deepest = replay.poses.iter().map(|pose| pose.depth_max).fold(0.0, f64::max);
+    table.row([&"deepest penetration", &format!("{:.6} mm", 1e3 * deepest)]);
+    let nearest = replay.poses.iter().filter_map(|pose| pose.distance_min).reduce(f64::min);
+    let nearest = nearest.map_or("none within the tolerance".to_owned(), |d| format!("{:.6} mm", 1e3 * d));
+    table.row([&"smallest distance", &nearest]);
+    table.row([&"memory", &format!("{:.1} MB", *memory_bytes as f64 / 1e6)]);
 }
 
 /// What to change on the command line where a query does not take its settings.
@@ -186,32 +213,35 @@ fn penalty(
     })
 }
 
-type CsvFile = csv::Writer<std::fs::File>;
+/// The file that contacts are written to, where one is asked for: with columns besides those that all contacts have.
+struct ContactsFile<'a>(Option<(&'a Path, csv::Writer<std::fs::File>)>);
 
-fn contacts_writer(path: &Path) -> Result<CsvFile, Failure> {
-    let mut file = csv::Writer::from_path(path).map_err(|error| Failure::writing(path, error))?;
-    file.write_record(["t", "px", "py", "pz", "nx", "ny", "nz", "depth", "level_probe", "level_scene"])
-        .map_err(|error| Failure::writing(path, error))?;
-    Ok(file)
-}
-
-fn write_contacts(
-    file: &mut CsvFile,
-    time: f64,
-    contacts: &[PatchContact],
-    probe: &Object,
-    scene: &Object,
-) -> csv::Result<()> {
-    for PatchContact { contact, probe_node, scene_node, .. } in contacts {
-        let (p, n) = (contact.point, contact.normal);
-        for number in [time, p.x, p.y, p.z, n.x, n.y, n.z, contact.depth] {
-            file.write_field(number.to_string())?;
-        }
-        file.write_field(probe.clod.nodes[*probe_node as usize].level.to_string())?;
-        file.write_field(scene.clod.nodes[*scene_node as usize].level.to_string())?;
-        file.write_record(None::<&[u8]>)?;
+impl<'a> ContactsFile<'a> {
+    fn create(path: Option<&'a Path>, columns: &[&str]) -> Result<Self, Failure> {
+        let Some(path) = path else { return Ok(Self(None)) };
+        let failed = |error: csv::Error| Failure::writing(path, error);
+        let mut file = csv::Writer::from_path(path).map_err(failed)?;
+        let all = ["t", "px", "py", "pz", "nx", "ny", "nz", "depth"];
+        file.write_record(all.iter().chain(columns)).map_err(failed)?;
+        Ok(Self(Some((path, file))))
     }
-    Ok(())
+
+    fn write(
+        &mut self,
+        time: f64,
+        contact: &Contact,
+        more: impl IntoIterator<Item = String>,
+    ) -> Result<(), Failure> {
+        let Some((path, file)) = &mut self.0 else { return Ok(()) };
+        let Contact { point: p, normal: n, depth, .. } = contact;
+        let all = [time, p.x, p.y, p.z, n.x, n.y, n.z, *depth].map(|number| number.to_string());
+        file.write_record(all.into_iter().chain(more)).map_err(|error| Failure::writing(path, error))
+    }
+
+    fn finish(self) -> Result<(), Failure> {
+        let Some((path, mut file)) = self.0 else { return Ok(()) };
+        file.flush().map_err(|error| Failure::writing(path, error))
+    }
 }
 
 fn summarise(poses: &[PoseEntry], memory_bytes: usize) -> Summary {

@@ -1,0 +1,51 @@
+//! Replays a trajectory with representative contacts.
+
+use std::time::Instant;
+
+use palpate::device::MotionPath;
+use palpate::representative::{AreaContact, RepresentativeQuery};
+use palpate::{Object, Pose};
+
+use super::{ContactsFile, PoseEntry, Replay, each_pose, settings_for, summarise};
+use crate::arguments::{Length, QueryArguments};
+use crate::failure::Failure;
+use crate::progress;
+
+pub fn replay(
+    arguments: &QueryArguments,
+    error: Length,
+    [probe, scene]: [&Object; 2],
+    trajectory: &MotionPath,
+) -> Result<Replay, Failure> {
+    let tolerance = settings_for(arguments, probe)?.tolerance;
+    let error = error.metres(probe.bounding_radius());
+    let bar = progress::bar("distance fields");
+    let made = RepresentativeQuery::new(probe, scene, tolerance, error);
+    bar.finish_and_clear();
+    let mut query = made?;
+    let mut contacts_file = ContactsFile::create(arguments.contacts.as_deref(), &["area"])?;
+    let poses = each_pose(trajectory, |sample| {
+        if arguments.cold {
+            query.reset();
+        }
+        let begun = Instant::now();
+        let outcome = query.run(&sample.pose, &Pose::IDENTITY);
+        let query_us = begun.elapsed().as_secs_f64() * 1e6;
+        let wrench = query.wrench(&sample.pose, arguments.stiffness);
+        for AreaContact { contact, area } in query.contacts() {
+            contacts_file.write(sample.time, contact, [area.to_string()])?;
+        }
+        Ok(PoseEntry {
+            t: sample.time,
+            query_us,
+            front: outcome.asked,
+            contacts: outcome.contacts,
+            depth_max: outcome.deepest.map_or(0.0, |depth| depth.max(0.0)),
+            distance_min: outcome.deepest.map(|depth| (-depth).max(0.0)),
+            force: wrench.force.to_array(),
+            torque: wrench.torque.to_array(),
+        })
+    })?;
+    contacts_file.finish()?;
+    Ok(Replay { summary: summarise(&poses, query.bytes()), poses })
+}

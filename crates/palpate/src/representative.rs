@@ -1,0 +1,226 @@
+//! Representative contacts (`palpate-field`): few contacts at true geometry, each with the area that it stands for, found in the
+//! distance fields of objects. All that the facade asks of that crate is asked here.
+
+use std::sync::Arc;
+
+use palpate_core::glam::DVec3;
+use palpate_core::{Pose, TriMesh, Wrench};
+pub use palpate_field::AreaContact;
+pub(crate) use palpate_field::{AreaLaw, FieldQuery};
+use palpate_field::{FieldBody, FieldOutcome, FieldSettings};
+
+use crate::object::Object;
+
+/// EPS where none is asked for: what contacts may be off by, as a part of the probe's bounding radius.
+pub const USUAL_ERROR: f64 = 0.0005;
+
+/// The finest EPS, as a part of the probe's bounding radius: finer fields would take gigabytes.
+pub const FINEST_ERROR: f64 = 0.0002;
+
+/// The coarsest EPS, as a part of the probe's bounding radius: coarser fields miss features.
+pub const COARSEST_ERROR: f64 = 0.01;
+
+/// What objects are sampled with for [`USUAL_ERROR`].
+const USUAL: FieldResolution = FieldResolution { cells: 192, spacing: 0.006 };
+
+/// Reach of the law, and edge of the cells that contacts stand for, as parts of the probe's bounding radius.
+const REACH: f64 = 0.25;
+
+/// Samples in contact around each place.
+const SAMPLES: f32 = 64.0;
+
+/// How far fields know distances, in tolerances: as far as sessions look ahead, and for a body behind its proxy.
+pub(crate) const BAND: f64 = 4.0;
+
+/// How finely the field of an object is made.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FieldResolution {
+    /// Lattice cells across the bounding sphere.
+    pub cells: u32,
+    /// How far samples of the surface are apart, as a part of the bounding radius.
+    pub spacing: f64,
+}
+
+impl FieldResolution {
+    /// For contacts that are off by no more than `error` (EPS, m), about, on a probe. Objects are sampled the more finely in
+    /// proportion.
+    ///
+    /// # Errors
+    /// If the error is below [`FINEST_ERROR`] or above [`COARSEST_ERROR`] of the probe's bounding radius.
+    pub fn for_error(error: f64, probe: &Object) -> Result<Self, FieldError> {
+        let radius = probe.bounding_radius();
+        if !(FINEST_ERROR * radius..=COARSEST_ERROR * radius).contains(&error) {
+            let [finest, coarsest] = [FINEST_ERROR, COARSEST_ERROR].map(|part| part * radius);
+            return Err(FieldError::Error { name: probe.name.clone(), given: error, finest, coarsest });
+        }
+        let finer = USUAL_ERROR * radius / error;
+        Ok(Self { cells: (f64::from(USUAL.cells) * finer).round() as u32, spacing: USUAL.spacing / finer })
+    }
+}
+
+impl Default for FieldResolution {
+    /// For an EPS of [`USUAL_ERROR`].
+    fn default() -> Self {
+        USUAL
+    }
+}
+
+/// Why an object has no field.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum FieldError {
+    /// The error of contacts is out of range.
+    #[error(
+        "the error of representative contacts is {given} m; give metres from {finest:.3e} to {coarsest:.3e}, 0.02 % to 1 % of \
+         the bounding radius of {name}"
+    )]
+    Error {
+        /// The probe's name.
+        name: String,
+        /// What was asked for, m.
+        given: f64,
+        /// The least that can be, m.
+        finest: f64,
+        /// The most, m.
+        coarsest: f64,
+    },
+    /// Its surface is open.
+    #[error(
+        "{name}: its surface is not closed, so that representative contacts cannot tell inside from outside"
+    )]
+    Open {
+        /// The object's name.
+        name: String,
+    },
+}
+
+/// An object's surface and its distance field.
+#[derive(Clone, Debug)]
+pub struct Field(pub(crate) FieldBody);
+
+impl Field {
+    /// Of a closed surface, in a band around it (m). Takes seconds.
+    pub(crate) fn new(mesh: &TriMesh, radius: f64, band: f64, resolution: FieldResolution) -> Self {
+        Self(FieldBody::new(mesh, resolution.cells, band, resolution.spacing * radius))
+    }
+
+    /// Bytes of memory held.
+    pub fn bytes(&self) -> usize {
+        self.0.bytes()
+    }
+}
+
+/// Finds the representative contacts between two objects.
+#[derive(Clone, Debug)]
+pub struct RepresentativeQuery {
+    probe: Arc<Field>,
+    scene: Arc<Field>,
+    query: FieldQuery,
+    law: AreaLaw,
+    tolerance: f64,
+    found: Vec<AreaContact>,
+}
+
+/// What a [`RepresentativeQuery`] found, and what it cost.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RepresentativeOutcome {
+    /// Contacts found.
+    pub contacts: usize,
+    /// Places of either surface that were asked for their distance from the other, four at a time.
+    pub asked: usize,
+    /// The deepest penetration, m; none where there is no contact. Negative where the surfaces are apart.
+    pub deepest: Option<f64>,
+}
+
+impl RepresentativeQuery {
+    /// Of contacts within a tolerance (d, m), off by no more than an error (EPS, m), about. Makes the objects' fields, where they
+    /// have none yet.
+    ///
+    /// # Errors
+    /// If the error is out of range, or an object's surface is not closed.
+    pub fn new(probe: &Object, scene: &Object, tolerance: f64, error: f64) -> Result<Self, FieldError> {
+        let resolution = FieldResolution::for_error(error, probe)?;
+        let own = probe.field(BAND * tolerance, resolution)?;
+        let other = scene.field(BAND * tolerance, resolution)?;
+        let query = new_query(&own, &other);
+        Ok(Self { probe: own, scene: other, query, law: law(probe), tolerance, found: Vec::new() })
+    }
+
+    /// Finds the contacts with both objects at their poses (object frame to world).
+    pub fn run(&mut self, probe_pose: &Pose, scene_pose: &Pose) -> RepresentativeOutcome {
+        self.found.clear();
+        let Self { probe, scene, query, tolerance, found, .. } = self;
+        let FieldOutcome { spheres, samples, .. } =
+            find(query, (probe, probe_pose), (scene, scene_pose), *tolerance, found);
+        RepresentativeOutcome {
+            contacts: found.len(),
+            asked: spheres + samples,
+            deepest: found.iter().map(|found| found.contact.depth).reduce(f64::max),
+        }
+    }
+
+    /// Forgets where the objects were: the next run begins anew.
+    pub fn reset(&mut self) {
+        self.query.reset();
+    }
+
+    /// The contacts of the last run, in world axes. Some stand for no area: the deepest places, which push nothing.
+    pub fn contacts(&self) -> &[AreaContact] {
+        &self.found
+    }
+
+    /// The wrench (N, N·m about the probe frame's origin, world axes) that the contacts of the last run, which was at this pose of
+    /// the probe, push it with at a stiffness (N/m), by [`AreaLaw`](palpate_field::AreaLaw).
+    pub fn wrench(&mut self, probe_pose: &Pose, stiffness: f64) -> Wrench {
+        let Self { law, found, tolerance, .. } = self;
+        let unit = law.wrench(found, *tolerance, probe_pose, probe_pose.translation);
+        Wrench { force: unit.force * stiffness, torque: unit.torque * stiffness }
+    }
+
+    /// Bytes of memory held, the fields included.
+    pub fn bytes(&self) -> usize {
+        self.probe.bytes() + self.scene.bytes() + self.query.bytes()
+    }
+}
+
+/// A workspace for queries of a probe with a scene object.
+pub(crate) fn new_query(probe: &Field, scene: &Field) -> FieldQuery {
+    FieldQuery::new(&probe.0, &scene.0, REACH)
+}
+
+/// The law for contacts of a probe.
+pub(crate) fn law(probe: &Object) -> AreaLaw {
+    let source = &probe.clod.source;
+    AreaLaw::new(source.center, source.bounding_radius, REACH)
+}
+
+/// Adds the contacts within a tolerance (m) of two fields at poses.
+pub(crate) fn find(
+    query: &mut FieldQuery,
+    (probe, probe_pose): (&Field, &Pose),
+    (scene, scene_pose): (&Field, &Pose),
+    tolerance: f64,
+    into: &mut Vec<AreaContact>,
+) -> FieldOutcome {
+    let settings = FieldSettings { tolerance, samples: SAMPLES };
+    query.run(&probe.0, &scene.0, probe_pose, scene_pose, &settings);
+    query.append_contacts(&probe.0, probe_pose, tolerance, into);
+    query.outcome()
+}
+
+/// A mesh of the triangles of a surface whose corners are told one by one, equal ones welded. Triangles without area are left out:
+/// they have no normal, and no other point than their neighbours.
+pub(crate) fn welded(triangles: impl Iterator<Item = [DVec3; 3]>) -> Option<TriMesh> {
+    let (mut vertices, mut places) = (Vec::new(), std::collections::HashMap::new());
+    let mut place = |corner: DVec3| {
+        // −0 is 0.
+        *places.entry((corner + 0.0).to_array().map(f64::to_bits)).or_insert_with(|| {
+            vertices.push(corner);
+            vertices.len() as u32 - 1
+        })
+    };
+    let triangles: Vec<[u32; 3]> = triangles
+        .filter(|[a, b, c]| (b - a).cross(c - a).length_squared() > 0.0)
+        .map(|triangle| triangle.map(&mut place))
+        .collect();
+    TriMesh::new(vertices, triangles).ok().filter(|mesh| !mesh.triangles().is_empty())
+}
