@@ -16,7 +16,7 @@ const FIELD: f64 = 0.6;
 /// The lattice constant of a field and the spacing of the finest samples where there is room, in tolerances.
 const LATTICE: f64 = 0.5;
 const SPACING: f64 = 0.3;
-/// Distances are sampled up to this, in tolerances: bodies that are deeper in one another push as if they were this deep.
+/// The usual band, in tolerances.
 const BAND: f64 = 2.0;
 /// Places that the field is compared with exact distances at.
 const TESTED: usize = 4096;
@@ -25,16 +25,19 @@ const SEED: u64 = 0x7E57;
 /// How finely a body is sampled.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FieldOptions {
-    /// The largest d of any query, m.
+    /// d: surfaces closer than this are in contact, m.
     pub tolerance: f64,
+    /// Distances are known up to this on either side of the surface, m: no query looks further, and bodies that are deeper in one another push
+    /// as if they were this deep.
+    pub band: f64,
     /// The room that the body may take, in bytes. What is large in comparison with d is sampled less finely than it could be.
     pub memory: usize,
 }
 
 impl FieldOptions {
-    /// For queries within a tolerance (d, m), with 28 MB a body.
+    /// For queries within a tolerance (d, m), with a band of twice that, and 28 MB a body.
     pub fn new(tolerance: f64) -> Self {
-        Self { tolerance, memory: 28_000_000 }
+        Self { tolerance, band: BAND * tolerance, memory: 28_000_000 }
     }
 }
 
@@ -52,27 +55,27 @@ impl FieldBody {
     /// Of a mesh.
     ///
     /// # Panics
-    /// If the mesh has no triangles, or the tolerance is not finite and above 0.
+    /// If the mesh has no triangles, the tolerance is not finite and above 0, or the band is smaller.
     pub fn new(mesh: &TriMesh, options: &FieldOptions) -> Self {
-        let FieldOptions { tolerance, memory } = *options;
-        assert!(tolerance.is_finite() && tolerance > 0.0, "a tolerance of {tolerance} m");
+        let FieldOptions { tolerance, band, memory } = *options;
+        let is_band = band.is_finite() && tolerance > 0.0 && band >= tolerance;
+        assert!(is_band, "a tolerance of {tolerance} m and a band of {band} m");
         let area: f64 = (0..mesh.triangles().len()).map(|t| area(mesh.corners(t))).sum();
         let memory = memory as f64;
         let spacing = SurfaceSamples::spacing(area, (1.0 - FIELD) * memory).max(SPACING * tolerance);
-        let band = BAND * tolerance;
         let lattice = DistanceField::lattice(area, band, FIELD * memory).max(LATTICE * tolerance);
-        Self::with(mesh, lattice, band, spacing)
+        Self::with(mesh, lattice, (tolerance, band), spacing)
     }
 
-    /// Of a mesh, with a lattice constant, a band and a spacing of the finest samples (m).
-    pub(crate) fn with(mesh: &TriMesh, lattice: f64, band: f64, spacing: f64) -> Self {
+    /// Of a mesh, with a lattice constant, a tolerance and a band, and a spacing of the finest samples (m).
+    pub(crate) fn with(mesh: &TriMesh, lattice: f64, (tolerance, band): (f64, f64), spacing: f64) -> Self {
         let exact = ExactDistance::new(mesh);
         let sphere = mesh.bounding_sphere();
         let (field, samples) = rayon::join(
             || DistanceField::new(mesh, &exact, lattice, band),
             || SurfaceSamples::new(mesh, spacing),
         );
-        let error = error(&field, &samples, &exact, band / BAND);
+        let error = error(&field, &samples, &exact, tolerance);
         Self { center: sphere.center, radius: sphere.radius, field, samples, error }
     }
 

@@ -679,7 +679,7 @@ mod tests {
     #[test]
     fn no_sample_in_contact_is_left_out() {
         let (d, mut found) = (0.01, 0);
-        let body = FieldBody::with(&ball(1.0, 4), 0.02, 2.0 * d, 0.02);
+        let body = FieldBody::with(&ball(1.0, 4), 0.02, (d, 2.0 * d), 0.02);
         let mut query = FieldQuery::new(&body, &body, REACH);
         for step in 0..20 {
             let turn = DQuat::from_scaled_axis(DVec3::new(0.3, 0.2, 1.0) * f64::from(step));
@@ -706,7 +706,7 @@ mod tests {
     #[test]
     fn what_is_remembered_does_not_change_the_result() {
         let (d, mut contacts) = (0.01, 0);
-        let body = FieldBody::with(&ball(1.0, 4), 0.02, 2.0 * d, 0.02);
+        let body = FieldBody::with(&ball(1.0, 4), 0.02, (d, 2.0 * d), 0.02);
         let [mut tracked, mut cold] = [0; 2].map(|_| FieldQuery::new(&body, &body, REACH));
         let settings = FieldSettings { error: 0.06 * d, ..FieldSettings::new(d) };
         let mut read = [0; 2];
@@ -738,11 +738,11 @@ mod tests {
     #[test]
     fn a_ball_on_a_block_pushes_by_two_thirds_of_its_reach() {
         let (radius, d) = (1.0, 0.01);
-        let probe = FieldBody::with(&ball(radius, 6), 0.015, 2.0 * d, 0.01);
+        let probe = FieldBody::with(&ball(radius, 6), 0.015, (d, 2.0 * d), 0.01);
         let scene = FieldBody::with(
             &block(DVec3::new(-2.0, -2.0, -1.0), DVec3::new(2.0, 2.0, 0.0)),
             0.02,
-            2.0 * d,
+            (d, 2.0 * d),
             0.01,
         );
         let mut query = FieldQuery::new(&probe, &scene, REACH);
