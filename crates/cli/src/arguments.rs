@@ -236,7 +236,7 @@ pub struct QueryArguments {
     /// Report few contacts at true geometry, each with the area that it stands for, off by about EPS: metres, or a percentage of
     /// the probe's bounding radius, 0.02% to 1% [default EPS: 0.05%]
     #[arg(long, value_name = "EPS", num_args = 0..=1, default_missing_value = "0.05%",
-        conflicts_with_all = ["error", "exact", "interpolate", "budget_us", "parallel"])]
+        conflicts_with_all = ["error", "exact", "interpolate", "parallel"])]
     pub representative: Option<Length>,
     /// Leave out detail whose error, averaged over the area of contact (s*), is at most this: metres, or a percentage of the
     /// probe's bounding radius such as 2.5%, at most 100% [default: full resolution]
@@ -250,7 +250,8 @@ pub struct QueryArguments {
     /// Blend contacts smoothly from one level of detail to the next
     #[arg(long, conflicts_with = "exact")]
     pub interpolate: bool,
-    /// Time-critical mode: refine the most important detail first, and stop after about this many microseconds
+    /// Time-critical mode: refine the most important detail first, and stop after about this many microseconds; with
+    /// --representative, leave out the finest samples that there is no time for
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub budget_us: Option<u64>,
     /// Use all processors where there are many contacts; the result is the same

@@ -10,6 +10,9 @@ mod query;
 mod samples;
 mod slack;
 
+/// Changes whenever the same mesh and options make another body.
+pub const REVISION: u32 = 1;
+
 pub use area_law::{AreaContact, AreaLaw};
 pub use body::{FieldBody, FieldOptions};
 pub use bricks::DistanceField;

@@ -1,13 +1,15 @@
-//! Built hierarchies, kept in the user's cache folder (`palpate` in it) under a name derived from the mesh.
+//! Built hierarchies and distance fields, kept in the user's cache folder (`palpate` in it) under a name derived from the mesh.
 //!
-//! A cache that cannot be read or written is as good as none: the hierarchy is built, and the session goes on.
+//! A cache that cannot be read or written is as good as none: what is wanted is built, and the session goes on.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use palpate_clod_build::{BuildError, BuildOptions, REVISION, Stage};
 use palpate_core::{Clod, TriMesh};
+
+use crate::representative::{FIELD_REVISION, FieldBody, FieldOptions};
 
 /// The hierarchy of `mesh`, from the cache if it is there, else built and kept.
 pub(crate) fn build_or_load(
@@ -23,21 +25,41 @@ pub(crate) fn build_or_load(
     }
     let clod = palpate_clod_build::build(mesh, options, progress)?;
     if let Some(path) = path {
-        keep(&clod, &path);
+        keep(&path, |partial| clod.save(partial).is_ok());
     }
     Ok(clod)
 }
 
 /// Where the hierarchy of `mesh` is kept: the name holds the builder's revision and a hash of the mesh and the options.
 fn path_of(mesh: &TriMesh, options: &BuildOptions) -> Option<PathBuf> {
+    let name = format!("{REVISION}-{:016x}.clod", hash_of(mesh, &format!("{options:?}")));
+    Some(cache_folder()?.join(name))
+}
+
+/// A hash of a mesh, and of how something is made of it.
+fn hash_of(mesh: &TriMesh, how: &str) -> u64 {
     let mut hasher = DefaultHasher::new();
-    format!("{options:?}").hash(&mut hasher);
+    how.hash(&mut hasher);
     mesh.triangles().hash(&mut hasher);
     for vertex in mesh.vertices() {
         vertex.to_array().map(f64::to_bits).hash(&mut hasher);
     }
-    let name = format!("{REVISION}-{:016x}.clod", hasher.finish());
-    Some(cache_folder()?.join(name))
+    hasher.finish()
+}
+
+/// The distance field of `mesh`, from the cache if it is there, else made and kept. The name holds the revision of how it is made.
+pub(crate) fn field(mesh: &TriMesh, options: &FieldOptions) -> FieldBody {
+    let name = format!("{FIELD_REVISION}-{:016x}.field", hash_of(mesh, &format!("{options:?}")));
+    let path = cache_folder().map(|folder| folder.join(name));
+    let kept = path.as_ref().and_then(|path| std::fs::read(path).ok());
+    if let Some(body) = kept.and_then(|bytes| FieldBody::from_bytes(&bytes).ok()) {
+        return body;
+    }
+    let body = FieldBody::new(mesh, options);
+    if let Some(path) = path {
+        keep(&path, |partial| std::fs::write(partial, body.to_bytes()).is_ok());
+    }
+    body
 }
 
 /// The folder that built hierarchies are kept in, whether or not it exists yet; none where the system names no cache folder
@@ -53,10 +75,10 @@ fn made_from(clod: &Clod, mesh: &TriMesh) -> bool {
 }
 
 /// Writes the file under another name first, so that a session that ends meanwhile leaves no half a file.
-fn keep(clod: &Clod, path: &std::path::Path) {
+fn keep(path: &Path, write: impl FnOnce(&Path) -> bool) {
     let Some(folder) = path.parent() else { return };
     let partial = path.with_extension(format!("{}.partial", std::process::id()));
-    let written = std::fs::create_dir_all(folder).is_ok() && clod.save(&partial).is_ok();
+    let written = std::fs::create_dir_all(folder).is_ok() && write(&partial);
     if !(written && std::fs::rename(&partial, path).is_ok()) {
         // Nothing to be done about a partial file that cannot be removed either.
         drop(std::fs::remove_file(&partial));

@@ -16,7 +16,7 @@ use palpate_models::{Model, ModelError};
 use palpate_texture_pd::{BakeError, BakeOptions, BakeReport, HeightImage, SurfaceError, TexturedSurface};
 
 use crate::cache;
-use crate::representative::{Field, FieldError, FieldResolution, welded};
+use crate::representative::{Field, FieldError, FieldOptions, welded};
 
 /// Fields that an object keeps at most; the oldest goes first.
 const FIELDS: usize = 4;
@@ -39,8 +39,8 @@ pub struct Object {
     fields: Arc<Mutex<Vec<KeptField>>>,
 }
 
-/// The band (m) and the resolution of a field, and the field.
-type KeptField = ((f64, FieldResolution), Arc<Field>);
+/// What a field was asked for with, and the field.
+type KeptField = (FieldOptions, Arc<Field>);
 
 /// How [`Object::open`] reads and builds.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -313,20 +313,18 @@ impl Object {
     ///
     /// # Errors
     /// If the surface is not closed.
-    pub fn field(&self, band: f64, resolution: FieldResolution) -> Result<Arc<Field>, FieldError> {
-        let asked = (band, resolution);
+    pub fn field(&self, options: FieldOptions) -> Result<Arc<Field>, FieldError> {
         let fields = || self.fields.lock().unwrap_or_else(PoisonError::into_inner);
         let kept =
-            |fields: &[KeptField]| fields.iter().find(|(of, _)| *of == asked).map(|kept| kept.1.clone());
+            |fields: &[KeptField]| fields.iter().find(|(of, _)| *of == options).map(|kept| kept.1.clone());
         if let Some(known) = kept(&fields()) {
             return Ok(known);
         }
         let open = || FieldError::Open { name: self.name.clone() };
         // A hierarchy that was not built from a solid may still look closed, but nothing is known of its inside.
         let mesh = self.clod.source.solid.then(|| welded(self.triangles())).flatten().ok_or_else(open)?;
-        // The user's cache folder is to keep fields from here on, as it does hierarchies (`cache.rs`), once they have a form on
-        // disk. Nobody waits for the lock meanwhile.
-        let made = Arc::new(Field::new(&mesh, self.bounding_radius(), band, resolution));
+        // Nobody waits for the lock meanwhile.
+        let made = Arc::new(Field(cache::field(&mesh, &options)));
         let mut fields = fields();
         if let Some(known) = kept(&fields) {
             return Ok(known);
@@ -334,7 +332,7 @@ impl Object {
         if fields.len() == FIELDS {
             fields.remove(0);
         }
-        fields.push((asked, made.clone()));
+        fields.push((options, made.clone()));
         Ok(made)
     }
 
@@ -428,11 +426,11 @@ mod tests {
     #[test]
     fn a_field_is_made_once_of_the_closed_surface() {
         let object = Object::model("torus@2000").expect("a model");
-        let resolution = FieldResolution { cells: 32, spacing: 0.05 };
-        let made = object.field(0.004, resolution).expect("a closed surface");
-        let again = object.clone().field(0.004, resolution).expect("a closed surface");
+        let options = |tolerance| FieldOptions { memory: 500_000, ..FieldOptions::new(tolerance) };
+        let made = object.field(options(0.002)).expect("a closed surface");
+        let again = object.clone().field(options(0.002)).expect("a closed surface");
         assert!(Arc::ptr_eq(&made, &again), "it is made once");
-        let wider = object.field(0.008, resolution).expect("a closed surface");
+        let wider = object.field(options(0.004)).expect("a closed surface");
         assert!(wider.bytes() > made.bytes());
         // Corners are shared as in the mesh that it was built from.
         let mesh = welded(object.triangles()).expect("triangles");
@@ -443,7 +441,7 @@ mod tests {
         let corners = vec![DVec3::ZERO, 0.1 * DVec3::X, 0.1 * DVec3::Y];
         let triangle = TriMesh::new(corners, vec![[0, 1, 2]]).expect("a mesh");
         let open = Object::from_mesh("sheet", &triangle).expect("an open surface");
-        let refused = open.field(0.004, resolution).expect_err("an open surface").to_string();
+        let refused = open.field(options(0.002)).expect_err("an open surface").to_string();
         assert!(refused.starts_with("sheet: ") && refused.contains("not closed"), "{refused}");
     }
 

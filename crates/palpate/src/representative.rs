@@ -2,67 +2,49 @@
 //! distance fields of objects. All that the facade asks of that crate is asked here.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use palpate_core::glam::DVec3;
 use palpate_core::{Pose, TriMesh, Wrench};
 pub use palpate_field::AreaContact;
-pub(crate) use palpate_field::{AreaLaw, FieldQuery};
-use palpate_field::{FieldBody, FieldOutcome, FieldSettings};
+pub use palpate_field::FieldOptions;
+use palpate_field::FieldOutcome;
+pub(crate) use palpate_field::{AreaLaw, FieldQuery, FieldSettings};
+pub(crate) use palpate_field::{FieldBody, REVISION as FIELD_REVISION};
 
 use crate::object::Object;
 
 /// EPS where none is asked for: what contacts may be off by, as a part of the probe's bounding radius.
 pub const USUAL_ERROR: f64 = 0.0005;
 
-/// The finest EPS, as a part of the probe's bounding radius: finer fields would take gigabytes.
+/// The finest EPS, as a part of the probe's bounding radius: fields are not as true as that.
 pub const FINEST_ERROR: f64 = 0.0002;
 
-/// The coarsest EPS, as a part of the probe's bounding radius: coarser fields miss features.
+/// The coarsest EPS, as a part of the probe's bounding radius: fewer samples miss features.
 pub const COARSEST_ERROR: f64 = 0.01;
-
-/// What objects are sampled with for [`USUAL_ERROR`].
-const USUAL: FieldResolution = FieldResolution { cells: 192, spacing: 0.006 };
 
 /// Reach of the law, and edge of the cells that contacts stand for, as parts of the probe's bounding radius.
 const REACH: f64 = 0.25;
 
-/// Samples in contact around each place.
-const SAMPLES: f32 = 64.0;
-
 /// How far fields know distances, in tolerances: as far as sessions look ahead, and for a body behind its proxy.
-pub(crate) const BAND: f64 = 4.0;
+const BAND: f64 = 4.0;
 
-/// How finely the field of an object is made.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FieldResolution {
-    /// Lattice cells across the bounding sphere.
-    pub cells: u32,
-    /// How far samples of the surface are apart, as a part of the bounding radius.
-    pub spacing: f64,
+/// What the fields of objects are made with, for contacts within a tolerance (m).
+pub(crate) fn field_options(tolerance: f64) -> FieldOptions {
+    FieldOptions { band: BAND * tolerance, ..FieldOptions::new(tolerance) }
 }
 
-impl FieldResolution {
-    /// For contacts that are off by no more than `error` (EPS, m), about, on a probe. Objects are sampled the more finely in
-    /// proportion.
-    ///
-    /// # Errors
-    /// If the error is below [`FINEST_ERROR`] or above [`COARSEST_ERROR`] of the probe's bounding radius.
-    pub fn for_error(error: f64, probe: &Object) -> Result<Self, FieldError> {
-        let radius = probe.bounding_radius();
-        if !(FINEST_ERROR * radius..=COARSEST_ERROR * radius).contains(&error) {
-            let [finest, coarsest] = [FINEST_ERROR, COARSEST_ERROR].map(|part| part * radius);
-            return Err(FieldError::Error { name: probe.name.clone(), given: error, finest, coarsest });
-        }
-        let finer = USUAL_ERROR * radius / error;
-        Ok(Self { cells: (f64::from(USUAL.cells) * finer).round() as u32, spacing: USUAL.spacing / finer })
+/// Whether contacts can be told to an error (EPS, m) on a probe.
+///
+/// # Errors
+/// If the error is below [`FINEST_ERROR`] or above [`COARSEST_ERROR`] of the probe's bounding radius.
+pub(crate) fn check_error(error: f64, probe: &Object) -> Result<(), FieldError> {
+    let radius = probe.bounding_radius();
+    if (FINEST_ERROR * radius..=COARSEST_ERROR * radius).contains(&error) {
+        return Ok(());
     }
-}
-
-impl Default for FieldResolution {
-    /// For an EPS of [`USUAL_ERROR`].
-    fn default() -> Self {
-        USUAL
-    }
+    let [finest, coarsest] = [FINEST_ERROR, COARSEST_ERROR].map(|part| part * radius);
+    Err(FieldError::Error { name: probe.name.clone(), given: error, finest, coarsest })
 }
 
 /// Why an object has no field.
@@ -98,9 +80,9 @@ pub enum FieldError {
 pub struct Field(pub(crate) FieldBody);
 
 impl Field {
-    /// Of a closed surface, in a band around it (m). Takes seconds.
-    pub(crate) fn new(mesh: &TriMesh, radius: f64, band: f64, resolution: FieldResolution) -> Self {
-        Self(FieldBody::new(mesh, resolution.cells, band, resolution.spacing * radius))
+    /// By how much depths are off that are read in the field, m ([`FieldBody::error`]).
+    pub fn error(&self) -> f64 {
+        self.0.error()
     }
 
     /// Bytes of memory held.
@@ -116,7 +98,7 @@ pub struct RepresentativeQuery {
     scene: Arc<Field>,
     query: FieldQuery,
     law: AreaLaw,
-    tolerance: f64,
+    settings: FieldSettings,
     found: Vec<AreaContact>,
 }
 
@@ -125,6 +107,12 @@ pub struct RepresentativeQuery {
 pub struct RepresentativeOutcome {
     /// Contacts found.
     pub contacts: usize,
+    /// EPS reached, m: how far off the depths are that contacts push by ([`FieldOutcome::error`]).
+    pub error: f64,
+    /// Whether there was time for all that was asked for.
+    pub is_complete: bool,
+    /// Whether the objects are deeper in one another than their fields know, so that contacts push by less than their depth.
+    pub is_too_deep: bool,
     /// Places of either surface that were asked for their distance from the other, four at a time.
     pub asked: usize,
     /// The deepest penetration, m; none where there is no contact. Negative where the surfaces are apart.
@@ -138,22 +126,33 @@ impl RepresentativeQuery {
     /// # Errors
     /// If the error is out of range, or an object's surface is not closed.
     pub fn new(probe: &Object, scene: &Object, tolerance: f64, error: f64) -> Result<Self, FieldError> {
-        let resolution = FieldResolution::for_error(error, probe)?;
-        let own = probe.field(BAND * tolerance, resolution)?;
-        let other = scene.field(BAND * tolerance, resolution)?;
+        check_error(error, probe)?;
+        let options = field_options(tolerance);
+        let (own, other) = (probe.field(options)?, scene.field(options)?);
         let query = new_query(&own, &other);
-        Ok(Self { probe: own, scene: other, query, law: law(probe), tolerance, found: Vec::new() })
+        let settings = FieldSettings { error, ..FieldSettings::new(tolerance) };
+        Ok(Self { probe: own, scene: other, query, law: law(probe), settings, found: Vec::new() })
+    }
+
+    /// The same with a limit to the time that a run takes: what there is no time for is left out, the finest first.
+    #[must_use]
+    pub fn with_budget(mut self, budget: Option<Duration>) -> Self {
+        self.settings.budget = budget;
+        self
     }
 
     /// Finds the contacts with both objects at their poses (object frame to world).
     pub fn run(&mut self, probe_pose: &Pose, scene_pose: &Pose) -> RepresentativeOutcome {
         self.found.clear();
-        let Self { probe, scene, query, tolerance, found, .. } = self;
-        let FieldOutcome { spheres, samples, .. } =
-            find(query, (probe, probe_pose), (scene, scene_pose), *tolerance, found);
+        let Self { probe, scene, query, settings, found, .. } = self;
+        let outcome = find(query, (probe, probe_pose), (scene, scene_pose), settings, found);
+        let FieldOutcome { error, is_complete, is_too_deep, .. } = outcome;
         RepresentativeOutcome {
             contacts: found.len(),
-            asked: spheres + samples,
+            error,
+            is_complete,
+            is_too_deep,
+            asked: outcome.spheres + outcome.samples,
             deepest: found.iter().map(|found| found.contact.depth).reduce(f64::max),
         }
     }
@@ -171,8 +170,8 @@ impl RepresentativeQuery {
     /// The wrench (N, N·m about the probe frame's origin, world axes) that the contacts of the last run, which was at this pose of
     /// the probe, push it with at a stiffness (N/m), by [`AreaLaw`](palpate_field::AreaLaw).
     pub fn wrench(&mut self, probe_pose: &Pose, stiffness: f64) -> Wrench {
-        let Self { law, found, tolerance, .. } = self;
-        let unit = law.wrench(found, *tolerance, probe_pose, probe_pose.translation);
+        let Self { law, found, settings, .. } = self;
+        let unit = law.wrench(found, settings.tolerance, probe_pose, probe_pose.translation);
         Wrench { force: unit.force * stiffness, torque: unit.torque * stiffness }
     }
 
@@ -193,17 +192,16 @@ pub(crate) fn law(probe: &Object) -> AreaLaw {
     AreaLaw::new(source.center, source.bounding_radius, REACH)
 }
 
-/// Adds the contacts within a tolerance (m) of two fields at poses.
+/// Adds the contacts of two fields at poses.
 pub(crate) fn find(
     query: &mut FieldQuery,
     (probe, probe_pose): (&Field, &Pose),
     (scene, scene_pose): (&Field, &Pose),
-    tolerance: f64,
+    settings: &FieldSettings,
     into: &mut Vec<AreaContact>,
 ) -> FieldOutcome {
-    let settings = FieldSettings { tolerance, samples: SAMPLES };
-    query.run(&probe.0, &scene.0, probe_pose, scene_pose, &settings);
-    query.append_contacts(&probe.0, probe_pose, tolerance, into);
+    query.run(&probe.0, &scene.0, probe_pose, scene_pose, settings);
+    query.append_contacts(&probe.0, probe_pose, settings.tolerance, into);
     query.outcome()
 }
 

@@ -40,6 +40,9 @@ struct Summary {
     front_max: f64,
     contacts_median: f64,
     memory_bytes: usize,
+    /// The largest EPS reached, m.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    eps: Option<f64>,
 }
 
 #[derive(Serialize)]
@@ -52,6 +55,20 @@ struct PoseEntry {
     distance_min: Option<f64>,
     force: [f64; 3],
     torque: [f64; 3],
+    /// Of representative contacts.
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    reached: Option<Reached>,
+}
+
+/// How far what was asked for was reached.
+#[derive(Clone, Copy, Serialize)]
+struct Reached {
+    /// How far off depths are, m.
+    eps: f64,
+    /// Whether there was time for all that was asked for.
+    complete: bool,
+    /// Whether the objects are deeper in one another than distances are known.
+    too_deep: bool,
 }
 
 pub fn run(arguments: &QueryArguments) -> Result<(), Failure> {
@@ -137,6 +154,7 @@ fn replay(
             distance_min: outcome.smallest_distance,
             force: wrench.force.to_array(),
             torque: wrench.torque.to_array(),
+            reached: None,
         })
     })?;
     contacts_file.finish()?;
@@ -171,8 +189,17 @@ fn each_pose(
 }
 
 fn print(replay: &Replay, are_representative: bool, table: &mut output::Table) {
-    let Summary { poses, median_us, p99_us, max_us, front_median, front_max, contacts_median, memory_bytes } =
-        &replay.summary;
+    let Summary {
+        poses,
+        median_us,
+        p99_us,
+        max_us,
+        front_median,
+        front_max,
+        contacts_median,
+        memory_bytes,
+        eps,
+    } = &replay.summary;
     table.row([&"poses", poses]);
     table.row([&"query", &format!("median {median_us:.1}, p99 {p99_us:.1}, max {max_us:.1} µs")]);
     let of = if are_representative { "distances asked for, four at a time" } else { "pairs of nodes" };
@@ -183,6 +210,19 @@ fn print(replay: &Replay, are_representative: bool, table: &mut output::Table) {
     let nearest = replay.poses.iter().filter_map(|pose| pose.distance_min).reduce(f64::min);
     let nearest = nearest.map_or("none within the tolerance".to_owned(), |d| format!("{:.6} mm", 1e3 * d));
     table.row([&"smallest distance", &nearest]);
+    if let Some(eps) = eps {
+        table.row([&"off by at most", &format!("{:.6} mm", 1e3 * eps)]);
+    }
+    let count = |is: fn(&Reached) -> bool| {
+        replay.poses.iter().filter_map(|pose| pose.reached.as_ref()).filter(|r| is(r)).count()
+    };
+    let (short, deep) = (count(|reached| !reached.complete), count(|reached| reached.too_deep));
+    if short > 0 {
+        table.row([&"out of time", &format!("at {short} poses, where fewer places were looked at")]);
+    }
+    if deep > 0 {
+        table.row([&"too deep", &format!("at {deep} poses, where forces are too small: raise --tolerance")]);
+    }
     table.row([&"memory", &format!("{:.1} MB", *memory_bytes as f64 / 1e6)]);
 }
 
@@ -250,6 +290,7 @@ fn summarise(poses: &[PoseEntry], memory_bytes: usize) -> Summary {
         values.sort_by(f64::total_cmp);
         values
     };
+    let eps = poses.iter().filter_map(|pose| pose.reached).map(|reached| reached.eps).reduce(f64::max);
     let times = sorted(&|pose| pose.query_us);
     let fronts = sorted(&|pose| pose.front as f64);
     let contacts = sorted(&|pose| pose.contacts as f64);
@@ -262,6 +303,7 @@ fn summarise(poses: &[PoseEntry], memory_bytes: usize) -> Summary {
         front_max: quantile(&fronts, 1.0),
         contacts_median: quantile(&contacts, 0.5),
         memory_bytes,
+        eps,
     }
 }
 

@@ -1,12 +1,12 @@
 //! Replays a trajectory with representative contacts.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use palpate::device::MotionPath;
 use palpate::representative::{AreaContact, RepresentativeQuery};
 use palpate::{Object, Pose};
 
-use super::{ContactsFile, PoseEntry, Replay, each_pose, settings_for, summarise};
+use super::{ContactsFile, PoseEntry, Reached, Replay, each_pose, settings_for, summarise};
 use crate::arguments::{Length, QueryArguments};
 use crate::failure::Failure;
 use crate::progress;
@@ -22,7 +22,8 @@ pub fn replay(
     let bar = progress::bar("distance fields");
     let made = RepresentativeQuery::new(probe, scene, tolerance, error);
     bar.finish_and_clear();
-    let mut query = made?;
+    let budget = arguments.budget_us.map(Duration::from_micros);
+    let mut query = made?.with_budget(budget);
     let mut contacts_file = ContactsFile::create(arguments.contacts.as_deref(), &["area"])?;
     let poses = each_pose(trajectory, |sample| {
         if arguments.cold {
@@ -44,6 +45,11 @@ pub fn replay(
             distance_min: outcome.deepest.map(|depth| (-depth).max(0.0)),
             force: wrench.force.to_array(),
             torque: wrench.torque.to_array(),
+            reached: Some(Reached {
+                eps: outcome.error,
+                complete: outcome.is_complete,
+                too_deep: outcome.is_too_deep,
+            }),
         })
     })?;
     contacts_file.finish()?;

@@ -19,7 +19,8 @@ use crate::merging::{Merging, Plane, Weighed};
 use crate::object::Object;
 use crate::proxy::{Followed, Found, Search, carried};
 use crate::representative::{
-    AreaContact, AreaLaw, BAND, Field, FieldError, FieldQuery, FieldResolution, find, law, new_query,
+    AreaContact, AreaLaw, Field, FieldError, FieldOptions, FieldQuery, FieldSettings, check_error, find, law,
+    new_query,
 };
 
 /// How far is looked goes in steps of this, in tolerances.
@@ -31,20 +32,27 @@ const FADING: f64 = 0.25;
 /// What fields of a session are made with.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct FieldNeeds {
-    /// m.
-    pub band: f64,
-    pub resolution: FieldResolution,
+    options: FieldOptions,
+    /// EPS, m.
+    error: f64,
 }
 
 impl FieldNeeds {
     /// For contacts within a tolerance (m), off by about an error (m).
     pub fn new(tolerance: f64, error: f64, probe: &Object) -> Result<Self, FieldError> {
-        Ok(Self { band: BAND * tolerance, resolution: FieldResolution::for_error(error, probe)? })
+        check_error(error, probe)?;
+        Ok(Self { options: field_options(tolerance), error })
     }
 
     /// The field of an object, made if need be.
     pub fn of(&self, object: &Object) -> Result<Arc<Field>, FieldError> {
-        object.field(self.band, self.resolution)
+        object.field(self.options)
+    }
+
+    /// What queries ask for that look as far as a reach (m): the error in proportion, so that they read as much.
+    fn settings(&self, reach: f64) -> FieldSettings {
+        let error = self.error * reach / self.options.tolerance;
+        FieldSettings { error, ..FieldSettings::new(reach) }
     }
 }
 
@@ -130,7 +138,7 @@ impl ByFields {
 
     /// How far it can look, m.
     pub fn furthest(&self) -> f64 {
-        self.needs.band
+        self.needs.options.band
     }
 
     /// Bytes of memory that workspaces and fields hold.
@@ -167,11 +175,12 @@ impl ByFields {
             followed.refused = true;
             return false;
         };
+        let settings = self.needs.settings(reach);
         let near = |handle: ObjectHandle| Some((handle.place(), *scene.pose(handle)?));
         for (place, pose) in scene.near().filter_map(near) {
             let Some(Some(Side { field, queries })) = self.sides.get_mut(place) else { continue };
             let query = queries[purpose as usize].get_or_insert_with(|| new_query(&self.probe, field));
-            find(query, (&self.probe, mesh), (field, &pose), reach, &mut self.found);
+            find(query, (&self.probe, mesh), (field, &pose), &settings, &mut self.found);
             self.places.resize(self.found.len(), place);
         }
         followed.refused |= invalid > 0;
