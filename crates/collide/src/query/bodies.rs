@@ -234,14 +234,15 @@ impl Bodies {
     /// Whether the bounding hulls are out of reach; if so, until when.
     pub fn is_apart(&self, pair: &mut Pair, now: &Circumstances, leaf: &mut LeafQuery) -> bool {
         let (hull_a, hull_b) = (self.probe.hull(pair.a), self.scene.hull(pair.b));
-        if hull_a.points().len().max(hull_b.points().len()) > HULL_TEST_POINTS {
+        let [a, b] = self.nodes(pair);
+        let untested = |node: &Packed, hull: &Hull| !node.is_leaf() && hull.points().len() > HULL_TEST_POINTS;
+        if untested(a, &hull_a) || untested(b, &hull_b) {
             return false;
         }
         leaf.counts.convex_queries += 1;
         let reach = self.reach(pair, now);
         let limits =
             Limits { beyond: reach, share: SHARE, enough: reach, precision: self.precision(pair, now) };
-        let [a, b] = self.nodes(pair);
         let start = Start::Vertices(pair.nearest.vertices(false), a.center - now.placement.point(b.center));
         let found = gjk::distance(&hull_a, &hull_b, &now.placement, start, &limits);
         let apart = found.separation == Separation::Beyond;
