@@ -8,18 +8,17 @@
 use crate::shapes::{built, cube, globe, mapped, plain, shared_mesh, together, torus};
 use glam::DVec3;
 use palpate_clod_build::{BuildError, BuildOptions, Stage, build};
-use palpate_core::Clod;
-use palpate_core::clod::NO_NODE;
+use palpate_core::clod::{NO_NODE, Parts};
 use palpate_models::Model;
 use std::ops::ControlFlow;
 
-fn bytes(clod: &Clod) -> Vec<u8> {
+fn bytes(clod: &Parts) -> Vec<u8> {
     let mut out = Vec::new();
     clod.write(&mut out).expect("memory can be written to");
     out
 }
 
-fn check_levels(clod: &Clod) {
+fn check_levels(clod: &Parts) {
     assert!(!clod.levels[0].free && clod.levels[1..].iter().all(|l| l.free));
     assert_eq!(clod.nodes[0].parent, NO_NODE);
     for (k, level) in clod.levels.iter().enumerate() {

@@ -82,8 +82,8 @@ impl Distance {
     pub fn witnesses(&self, a: &Hull, b: &Hull, placement: &Placement) -> (DVec3, DVec3) {
         let (mut on_a, mut on_b) = (DVec3::ZERO, DVec3::ZERO);
         for (vertex, &weight) in self.simplex.vertices().iter().zip(self.simplex.weights()) {
-            on_a += weight * a.points()[vertex.a as usize];
-            on_b += weight * b.points()[vertex.b as usize];
+            on_a += weight * a.point(vertex.a);
+            on_b += weight * b.point(vertex.b);
         }
         (on_a, placement.point(on_b))
     }
@@ -97,11 +97,7 @@ pub(super) fn support(a: &Hull, b: &Hull, placement: &Placement, direction: DVec
 }
 
 pub(super) fn difference(a: &Hull, b: &Hull, placement: &Placement, on_a: u32, on_b: u32) -> Vertex {
-    Vertex {
-        difference: a.points()[on_a as usize] - placement.point(b.points()[on_b as usize]),
-        a: on_a,
-        b: on_b,
-    }
+    Vertex { difference: a.point(on_a) - placement.point(b.point(on_b)), a: on_a, b: on_b }
 }
 
 /// Finds the distance between hull a and hull b as placed, as far as `limits` asks for it.
@@ -119,7 +115,7 @@ pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits:
         Start::Axis(axis) => found.axis = axis,
         Start::Vertices(cached, axis) => {
             found.axis = axis;
-            let (last_a, last_b) = (a.points().len() as u32 - 1, b.points().len() as u32 - 1);
+            let (last_a, last_b) = (a.len() as u32 - 1, b.len() as u32 - 1);
             for &(on_a, on_b) in cached.iter().take(4) {
                 let vertex = difference(a, b, placement, on_a.min(last_a), on_b.min(last_b));
                 if !found.simplex.contains(&vertex) {

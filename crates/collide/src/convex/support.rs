@@ -8,6 +8,7 @@
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
+use palpate_core::clod::Points;
 use palpate_core::glam::DVec3;
 
 /// Cells with no more points than this are not quartered.
@@ -29,38 +30,133 @@ const SLACK: f64 = 1e-9;
 /// A convex hull as the set of its extreme points, in its own frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Hull<'a> {
-    points: &'a [DVec3],
+    points: HullPoints<'a>,
     map: Option<&'a SupportMap>,
+}
+
+/// Points of a hull: in a row, or of a hierarchy.
+#[derive(Clone, Copy, Debug)]
+pub enum HullPoints<'a> {
+    /// In a row.
+    Row(&'a [DVec3]),
+    /// Of a hierarchy.
+    Node(Points<'a>),
+}
+
+impl<'a> From<&'a [DVec3]> for HullPoints<'a> {
+    fn from(points: &'a [DVec3]) -> Self {
+        Self::Row(points)
+    }
+}
+
+impl<'a, const N: usize> From<&'a [DVec3; N]> for HullPoints<'a> {
+    fn from(points: &'a [DVec3; N]) -> Self {
+        Self::Row(points)
+    }
+}
+
+impl<'a> From<&'a Vec<DVec3>> for HullPoints<'a> {
+    fn from(points: &'a Vec<DVec3>) -> Self {
+        Self::Row(points)
+    }
+}
+
+impl<'a> From<Points<'a>> for HullPoints<'a> {
+    fn from(points: Points<'a>) -> Self {
+        Self::Node(points)
+    }
 }
 
 impl<'a> Hull<'a> {
     /// The hull of some points (m), at least one. Points that are not extreme do no harm.
-    pub fn new(points: &'a [DVec3]) -> Self {
-        debug_assert!(!points.is_empty());
-        Self { points, map: None }
+    pub fn new(points: impl Into<HullPoints<'a>>) -> Self {
+        Self::with_map(points, None)
     }
 
     /// The hull of some points with a map that was made of the same points.
-    pub fn with_map(points: &'a [DVec3], map: Option<&'a SupportMap>) -> Self {
-        debug_assert!(map.is_none_or(|map| map.count == points.len()));
-        Self { points, map }
+    pub fn with_map(points: impl Into<HullPoints<'a>>, map: Option<&'a SupportMap>) -> Self {
+        let hull = Self { points: points.into(), map };
+        debug_assert!(hull.len() > 0 && map.is_none_or(|map| map.count == hull.len()));
+        hull
     }
 
-    /// The points, m.
-    pub fn points(&self) -> &'a [DVec3] {
-        self.points
+    /// How many points there are.
+    #[expect(clippy::len_without_is_empty, reason = "there is at least one")]
+    #[inline]
+    pub fn len(&self) -> usize {
+        match self.points {
+            HullPoints::Row(points) => points.len(),
+            HullPoints::Node(points) => points.len(),
+        }
+    }
+
+    /// A point, m.
+    #[inline]
+    pub fn point(&self, index: u32) -> DVec3 {
+        match self.points {
+            HullPoints::Row(points) => points[index as usize],
+            HullPoints::Node(points) => points[index as usize],
+        }
+    }
+
+    /// Calls `each` with the points, m, in their order.
+    #[inline]
+    pub fn each_point(&self, mut each: impl FnMut(DVec3)) {
+        match self.points {
+            HullPoints::Row(points) => points.iter().for_each(|point| each(*point)),
+            HullPoints::Node(points) => points.iter().for_each(|point| each(*point)),
+        }
+    }
+
+    /// Whether all points fulfil a condition.
+    #[inline]
+    pub fn all_points(&self, mut condition: impl FnMut(DVec3) -> bool) -> bool {
+        match self.points {
+            HullPoints::Row(points) => points.iter().all(|point| condition(*point)),
+            HullPoints::Node(points) => points.iter().all(|point| condition(*point)),
+        }
+    }
+
+    /// Calls `each` with the index and the place (m) of every point that reaches at least so far along a direction.
+    #[inline]
+    pub fn each_beyond(&self, direction: DVec3, reach: f64, mut each: impl FnMut(u32, DVec3)) {
+        // Loops, which compile to fewer instructions than adapters.
+        match self.points {
+            HullPoints::Row(points) => {
+                for (index, point) in (0u32..).zip(points) {
+                    if point.dot(direction) >= reach {
+                        each(index, *point);
+                    }
+                }
+            }
+            HullPoints::Node(points) => {
+                for (index, point) in (0u32..).zip(points.iter()) {
+                    if point.dot(direction) >= reach {
+                        each(index, *point);
+                    }
+                }
+            }
+        }
+    }
+
+    /// How far the points reach along a direction, in its lengths.
+    pub fn end(&self, direction: DVec3) -> f64 {
+        self.point(self.support(direction)).dot(direction)
     }
 
     /// Index of the first point that lies furthest in a direction (of any length).
     pub fn support(&self, direction: DVec3) -> u32 {
-        match self.map {
-            Some(map) => map.support(self.points, direction),
-            None => first_furthest((0u32..).zip(self.points), direction),
+        match (self.map, self.points) {
+            (None, HullPoints::Row(points)) => first_furthest((0u32..).zip(points), direction),
+            (None, HullPoints::Node(points)) => first_furthest((0u32..).zip(points.iter()), direction),
+            (Some(map), HullPoints::Row(points)) => map.support(|index| &points[index as usize], direction),
+            (Some(map), HullPoints::Node(points)) => map.support(|index| &points[index as usize], direction),
         }
     }
 }
 
 /// Of points with their indices, the first one that lies furthest in a direction; 0 if none does.
+#[inline]
 fn first_furthest<'p>(points: impl Iterator<Item = (u32, &'p DVec3)>, direction: DVec3) -> u32 {
     let mut best = (0, f64::NEG_INFINITY);
     for (index, point) in points {
@@ -75,20 +171,29 @@ fn first_furthest<'p>(points: impl Iterator<Item = (u32, &'p DVec3)>, direction:
 /// For every direction, which points of a hull can be extreme.
 #[derive(Clone, Debug, Default)]
 pub struct SupportMap {
-    /// The six faces of the cube, then the quarters of each cell that has some.
-    cells: Vec<Cell>,
-    /// Points of the cells.
-    candidates: Vec<u32>,
+    /// The six faces of the cube, then the quarters of each cell that has some: where its quarters begin, or, with
+    /// [`FILLED`], where its candidates do.
+    cells: Box<[u32]>,
+    /// Of each cell that is not quartered: how many points can be extreme there, and which.
+    candidates: Candidates,
     /// Points of the hull.
     count: usize,
 }
 
-#[derive(Clone, Copy, Debug, Default)]
-struct Cell {
-    /// First of its quarters, or of its candidates.
-    first: u32,
-    /// Candidates; 0 for a cell that is quartered.
-    count: u32,
+/// Marks a cell that has candidates.
+const FILLED: u32 = 1 << 31;
+
+/// Counts and indices, in as few bytes as the hull allows.
+#[derive(Clone, Debug)]
+enum Candidates {
+    Shorts(Box<[u16]>),
+    Words(Box<[u32]>),
+}
+
+impl Default for Candidates {
+    fn default() -> Self {
+        Self::Shorts(Box::default())
+    }
 }
 
 /// A cell while a map is made. Those with the most points come first.
@@ -129,7 +234,7 @@ impl SupportMap {
 
     /// A map of a hull's points, at least one.
     pub fn new(points: &[DVec3]) -> Self {
-        let mut map = Self { cells: vec![Cell::default(); 6], candidates: Vec::new(), count: points.len() };
+        let (mut cells, mut filled) = (vec![0; 6], Vec::new());
         let all: Vec<u32> = (0u32..).take(points.len()).collect();
         let face = |cell| {
             let square = Square::face(cell);
@@ -138,9 +243,9 @@ impl SupportMap {
         let mut unfilled: BinaryHeap<Unfilled> = (0..6).map(face).collect();
         while let Some(next) = unfilled.pop() {
             let Unfilled { candidates, cell, square, depth } = &next;
-            let room = map.cells.len() + 4 <= CELLS * points.len();
+            let room = cells.len() + 4 <= CELLS * points.len();
             if candidates.len() > FEW && *depth < DEEPEST && room {
-                let first = map.cells.len();
+                let first = cells.len();
                 let quarters: [Unfilled; 4] = std::array::from_fn(|quarter| {
                     let square = square.quarter(quarter);
                     let candidates = square.candidates(points, candidates);
@@ -150,36 +255,55 @@ impl SupportMap {
                 if quarters.iter().map(|quarter| quarter.candidates.len()).sum::<usize>()
                     <= 3 * candidates.len()
                 {
-                    map.cells[*cell] = Cell { first: first as u32, count: 0 };
-                    map.cells.extend([Cell::default(); 4]);
+                    cells[*cell] = first as u32;
+                    cells.extend([0; 4]);
                     unfilled.extend(quarters);
                     continue;
                 }
             }
-            map.cells[*cell] = Cell { first: map.candidates.len() as u32, count: candidates.len() as u32 };
-            map.candidates.extend(candidates);
+            cells[*cell] = FILLED | filled.len() as u32;
+            filled.push(candidates.len() as u32);
+            filled.extend(candidates);
         }
-        map.cells.shrink_to_fit();
-        map.candidates.shrink_to_fit();
-        map
+        let candidates = if u16::try_from(points.len()).is_ok() {
+            Candidates::Shorts(filled.into_iter().map(|index| index as u16).collect())
+        } else {
+            Candidates::Words(filled.into())
+        };
+        Self { cells: cells.into(), candidates, count: points.len() }
     }
 
-    /// Bytes of memory held.
+    /// Bytes of memory held, besides itself.
     pub fn bytes(&self) -> usize {
-        size_of_val(&*self.cells) + size_of_val(&*self.candidates)
+        let candidates = match &self.candidates {
+            Candidates::Shorts(all) => size_of_val(&**all),
+            Candidates::Words(all) => size_of_val(&**all),
+        };
+        size_of_val(&*self.cells) + candidates
     }
 
-    fn support(&self, points: &[DVec3], direction: DVec3) -> u32 {
+    #[inline]
+    fn support<'p>(&self, point: impl Fn(u32) -> &'p DVec3, direction: DVec3) -> u32 {
         let (face, [u, v]) = on_cube(direction);
         let mut cell = self.cells[face];
         let mut digit = DIGITS;
-        while cell.count == 0 {
+        while cell & FILLED == 0 {
             digit -= 1;
             let quarter = (u >> digit & 1) | (v >> digit & 1) << 1;
-            cell = self.cells[(cell.first + quarter) as usize];
+            cell = self.cells[(cell + quarter) as usize];
         }
-        let candidates = &self.candidates[cell.first as usize..(cell.first + cell.count) as usize];
-        first_furthest(candidates.iter().map(|&index| (index, &points[index as usize])), direction)
+        let first = (cell ^ FILLED) as usize;
+        let indexed = |index: u32| (index, point(index));
+        match &self.candidates {
+            Candidates::Shorts(all) => {
+                let candidates = &all[first + 1..=first + usize::from(all[first])];
+                first_furthest(candidates.iter().map(|index| indexed(u32::from(*index))), direction)
+            }
+            Candidates::Words(all) => {
+                let candidates = &all[first + 1..=first + all[first] as usize];
+                first_furthest(candidates.iter().map(|index| indexed(*index)), direction)
+            }
+        }
     }
 }
 

@@ -34,20 +34,20 @@ pub(crate) struct Bodies {
 impl Bodies {
     /// Whether contacts of a pair can be reported.
     pub fn is_reportable(&self, pair: &Pair) -> bool {
-        !self.probe.detail(pair.a).is_free() && !self.scene.detail(pair.b).is_free()
+        !self.probe.is_free(pair.a) && !self.scene.is_free(pair.b)
     }
 
     /// The sum of the nodes' radii, m.
     pub fn radii(&self, pair: &Pair) -> f64 {
-        self.probe.node(pair.a).radius + self.scene.node(pair.b).radius
+        self.probe.radius(pair.a) + self.scene.radius(pair.b)
     }
 
-    fn nodes(&self, pair: &Pair) -> [&Packed; 2] {
+    fn nodes(&self, pair: &Pair) -> [Packed; 2] {
         [self.probe.node(pair.a), self.scene.node(pair.b)]
     }
 
     fn are_leaves(&self, pair: &Pair) -> bool {
-        self.nodes(pair).iter().all(|node| node.is_leaf())
+        self.probe.is_leaf(pair.a) && self.scene.is_leaf(pair.b)
     }
 
     /// The pairs that a pair is split into.
@@ -87,7 +87,12 @@ impl Bodies {
         } else if now.exact {
             Refine::Yes
         } else {
-            refine(self.probe.detail(pair.a), self.scene.detail(pair.b), self.threshold(pair, now), now.band)
+            refine(
+                &self.probe.detail(pair.a),
+                &self.scene.detail(pair.b),
+                self.threshold(pair, now),
+                now.band,
+            )
         };
         pair.apart = false;
         if !pair.split && self.spheres_are_apart(pair, now) {
@@ -150,7 +155,7 @@ impl Bodies {
         leaf.counts.leaf_pairs += 1;
         if beyond {
             if verdict == Verdict::Stop {
-                pair.parting = Parting::of(&found, self.nodes(pair), &now.placement, now.turn, true);
+                pair.parting = Parting::of(&found, &self.nodes(pair), &now.placement, now.turn, true);
                 pair.wake = now.way + settled;
                 pair.apart = self.are_leaves(pair);
             }
@@ -167,8 +172,9 @@ impl Bodies {
 
     /// How much of a pair's contact, found at these nearest points, is left to finer ones.
     fn share(&self, pair: &Pair, found: &Distance, now: &Circumstances) -> f64 {
-        let side_a = (self.probe.detail(pair.a), self.probe.support_areas(pair.a));
-        let side_b = (self.scene.detail(pair.b), self.scene.support_areas(pair.b));
+        let [detail_a, detail_b] = [self.probe.detail(pair.a), self.scene.detail(pair.b)];
+        let side_a = (&detail_a, self.probe.support_area(pair.a));
+        let side_b = (&detail_b, self.scene.support_area(pair.b));
         let error = self.threshold(pair, now);
         refined_share(weighted_deviation(found, side_a, side_b, now.settings.tolerance, error), now.band)
     }
@@ -176,8 +182,9 @@ impl Bodies {
     /// How far the bodies may move with all of a pair's contact left to finer ones still, m.
     fn refined_for(&self, pair: &Pair, found: &Distance, hulls: &[Hull; 2], now: &Circumstances) -> f64 {
         let [hull_a, hull_b] = hulls;
-        let side_a = (self.probe.detail(pair.a), hull_a.points(), self.probe.support_areas(pair.a));
-        let side_b = (self.scene.detail(pair.b), hull_b.points(), self.scene.support_areas(pair.b));
+        let [detail_a, detail_b] = [self.probe.detail(pair.a), self.scene.detail(pair.b)];
+        let side_a = (&detail_a, hull_a, self.probe.support_area(pair.a));
+        let side_b = (&detail_b, hull_b, self.scene.support_area(pair.b));
         refined_for(found, side_a, side_b, &now.placement, self.threshold(pair, now), now.rounding)
     }
 
@@ -222,7 +229,7 @@ impl Bodies {
             return false;
         }
         let reach = if parting.of_patches { now.settings.tolerance } else { self.reach(pair, now) };
-        let lower = parting.lower(self.nodes(pair), &now.placement, now.turn, now.rounding);
+        let lower = parting.lower(&self.nodes(pair), &now.placement, now.turn, now.rounding);
         let apart = lower > reach.max(self.precision(pair, now));
         if apart {
             pair.wake = now.way + (lower - reach);
@@ -235,8 +242,8 @@ impl Bodies {
     pub fn is_apart(&self, pair: &mut Pair, now: &Circumstances, leaf: &mut LeafQuery) -> bool {
         let (hull_a, hull_b) = (self.probe.hull(pair.a), self.scene.hull(pair.b));
         let [a, b] = self.nodes(pair);
-        let untested = |node: &Packed, hull: &Hull| !node.is_leaf() && hull.points().len() > HULL_TEST_POINTS;
-        if untested(a, &hull_a) || untested(b, &hull_b) {
+        let untested = |node: &Packed, hull: &Hull| !node.is_leaf() && hull.len() > HULL_TEST_POINTS;
+        if untested(&a, &hull_a) || untested(&b, &hull_b) {
             return false;
         }
         leaf.counts.convex_queries += 1;
@@ -248,7 +255,7 @@ impl Bodies {
         let apart = found.separation == Separation::Beyond;
         if apart {
             pair.nearest = Nearest::of(&found, false);
-            pair.parting = Parting::of(&found, [a, b], &now.placement, now.turn, false);
+            pair.parting = Parting::of(&found, &[a, b], &now.placement, now.turn, false);
             pair.wake = now.way + (found.lower - reach);
             pair.apart = true;
         } else {

@@ -343,7 +343,7 @@ impl ContactQuery {
     /// come since the last query.
     ///
     /// # Errors
-    /// If a pose is not valid, an object is empty, or the tolerance or an error metric is out of bounds. There are no
+    /// If a pose is not valid, or the tolerance or an error metric is out of bounds. There are no
     /// contacts then, and the next query goes on from the last one that succeeded.
     pub fn run(
         &mut self,
@@ -353,10 +353,9 @@ impl ContactQuery {
     ) -> Result<QueryOutcome, QueryError> {
         self.contacts.clear();
         self.outcome = QueryOutcome::default();
-        let Bodies { probe, scene } = &self.bodies;
-        check_placed(probe, probe_pose, QueryObject::Probe)?;
-        check_placed(scene, scene_pose, QueryObject::Scene)?;
-        settings.check(probe)?;
+        check_placed(probe_pose, QueryObject::Probe)?;
+        check_placed(scene_pose, QueryObject::Scene)?;
+        settings.check(&self.bodies.probe)?;
         let now = self.circumstances(probe_pose, scene_pose, settings);
         let buffers = self.buffers();
         self.leaf.counts = Counts::default();
@@ -632,11 +631,8 @@ impl QueryOutcome {
 }
 
 /// Whether an object can be queried at a pose.
-pub(crate) fn check_placed(shape: &Shape, pose: &Pose, object: QueryObject) -> Result<(), QueryError> {
-    if !pose.is_valid() {
-        return Err(QueryError::Pose { object });
-    }
-    if shape.is_empty() { Err(QueryError::Empty { object }) } else { Ok(()) }
+pub(crate) fn check_placed(pose: &Pose, object: QueryObject) -> Result<(), QueryError> {
+    if pose.is_valid() { Ok(()) } else { Err(QueryError::Pose { object }) }
 }
 
 /// Adds a contact of a pair, given in the probe's frame, to what is reported.

@@ -180,7 +180,7 @@ impl Kind {
         let points = || shape.clod().vertices.iter().copied();
         let (low, high) =
             (points().fold(DVec3::INFINITY, DVec3::min), points().fold(DVec3::NEG_INFINITY, DVec3::max));
-        let ball = if shape.is_empty() { Ball { center: DVec3::ZERO, radius: 0.0 } } else { shape.ball() };
+        let ball = shape.ball();
         let corner = (high - ball.center).abs().max((low - ball.center).abs()).length();
         Self { shape: shape.clone(), ball, low, high, corner, spare: Vec::new(), workspaces: 0, count: 0 }
     }
@@ -367,7 +367,7 @@ impl SceneQuery {
     pub fn run(&mut self, probe_pose: &Pose, settings: &QuerySettings) -> Result<SceneOutcome, QueryError> {
         let mut outcome = SceneOutcome::default();
         self.in_reach.clear();
-        check_placed(&self.probe, probe_pose, QueryObject::Probe)?;
+        check_placed(probe_pose, QueryObject::Probe)?;
         settings.check(&self.probe)?;
         self.find_in_reach(probe_pose, settings.tolerance, &mut outcome);
         self.hand_out(settings.fixed_capacity, &mut outcome);
@@ -425,7 +425,7 @@ impl SceneQuery {
             let slot = self.awake[index];
             let object = &self.objects[slot as usize];
             let kind = &self.kinds[object.kind as usize];
-            let invalid = check_placed(&kind.shape, &object.pose, QueryObject::Scene).is_err();
+            let invalid = check_placed(&object.pose, QueryObject::Scene).is_err();
             let gap = gap(object, kind, center, radius + tolerance + SLACK * self.probe.coordinates());
             let wake = if gap > 0.0 && !invalid { self.way + gap } else { f64::NEG_INFINITY };
             if wake != self.queue.wake(slot) {
