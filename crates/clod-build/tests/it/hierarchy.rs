@@ -132,7 +132,8 @@ fn parameters_of_a_cube() {
     assert!((clod.levels[0].resolution - 2.0).abs() < 1e-12, "edges of length 0.5");
     assert_eq!(clod.levels[0].triangles, 192);
     let [leaf] = clod.leaves() else { panic!("a cube is one patch") };
-    assert!((leaf.radius - 3f64.sqrt()).abs() < 1e-12);
+    // As packing rounds it: up.
+    assert!((0.0..1e-6).contains(&(leaf.radius - 3f64.sqrt())), "{}", leaf.radius);
     let inside: f64 = (0..clod.vertices.len())
         .filter(|k| clod.vertices[*k].abs().to_array().iter().filter(|x| **x == 1.0).count() == 1)
         .map(|k| clod.support_areas[k])

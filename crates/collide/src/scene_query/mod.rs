@@ -362,7 +362,7 @@ impl SceneQuery {
     /// A budget is for all queries together: each gets an equal part of what those before it have left.
     ///
     /// # Errors
-    /// If the probe's pose is not valid, the probe is empty, or the tolerance or an error metric is out of bounds. There are
+    /// If the probe's pose is not valid, or the tolerance or an error metric is out of bounds. There are
     /// no contacts then. An object whose own pose is not valid is left out and [counted](SceneOutcome::invalid).
     pub fn run(&mut self, probe_pose: &Pose, settings: &QuerySettings) -> Result<SceneOutcome, QueryError> {
         let mut outcome = SceneOutcome::default();
