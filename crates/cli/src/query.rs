@@ -207,8 +207,8 @@ fn write_contacts(
         for number in [time, p.x, p.y, p.z, n.x, n.y, n.z, contact.depth] {
             file.write_field(number.to_string())?;
         }
-        file.write_field(probe.clod.nodes[*probe_node as usize].level.to_string())?;
-        file.write_field(scene.clod.nodes[*scene_node as usize].level.to_string())?;
+        file.write_field(probe.clod.node(*probe_node).level.to_string())?;
+        file.write_field(scene.clod.node(*scene_node).level.to_string())?;
         file.write_record(None::<&[u8]>)?;
     }
     Ok(())

@@ -287,8 +287,8 @@ impl Object {
             return Ok(known.clone());
         }
         let triangles = self.clod.leaves().iter().flat_map(|leaf| {
-            let hull = self.clod.hull(leaf);
-            self.clod.patch(leaf).iter().map(move |triangle| triangle.map(|corner| hull[corner as usize]))
+            let hull = self.clod.hull(&leaf);
+            self.clod.patch(&leaf).iter().map(move |triangle| triangle.map(|corner| hull[corner as usize]))
         });
         let surface = Arc::new(TexturedSurface::from_triangles(triangles)?);
         Ok(self.plain.get_or_init(|| surface).clone())

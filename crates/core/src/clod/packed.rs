@@ -106,11 +106,12 @@ impl Packing {
         }
     }
 
-    fn bytes(&self) -> usize {
+    /// Of a triangle.
+    fn bytes_each(&self) -> usize {
         match self {
-            Self::Bytes(all) => size_of_val(&**all),
-            Self::Shorts(all) => size_of_val(&**all),
-            Self::Words(all) => size_of_val(&**all),
+            Self::Bytes(_) => size_of::<[u8; 3]>(),
+            Self::Shorts(_) => size_of::<[u16; 3]>(),
+            Self::Words(_) => size_of::<[u32; 3]>(),
         }
     }
 }
@@ -222,6 +223,11 @@ impl Clod {
         }
     }
 
+    /// A node, if there is one with this index.
+    pub fn get(&self, index: u32) -> Option<Node> {
+        self.nodes().range.contains(&index).then(|| self.node(index))
+    }
+
     #[inline]
     fn with_next(&self, index: u32) -> [&Packed; 2] {
         [&self.nodes[index as usize], &self.nodes[index as usize + 1]]
@@ -313,6 +319,28 @@ impl Clod {
         Self::pack_valid(&self.parts().scaled(factor)?).ok()
     }
 
+    /// Memory that a level takes, in bytes, with the points that no finer level has.
+    pub fn level_bytes(&self, level: usize) -> usize {
+        // Points are numbered from the finest level on.
+        let points = |level: usize| self.hulls[self.hulls_of(level)].iter().map(|index| index + 1).max();
+        let finer = (0..level).filter_map(points).max().unwrap_or(0);
+        let own = points(level).unwrap_or(0).saturating_sub(finer) as usize;
+        let triangles: usize = self.level(level).map(|node| node.triangles.len()).sum();
+        size_of::<Level>()
+            // The one that tells where the last one ends is among the leaves.
+            + (self.levels[level].nodes.len() + usize::from(level == 0)) * size_of::<Packed>()
+            + own * (size_of::<DVec3>() + size_of::<f64>())
+            + size_of_val(&self.hulls[self.hulls_of(level)])
+            + triangles * self.triangles.bytes_each()
+    }
+
+    /// Where the hull vertices of a level are among all.
+    fn hulls_of(&self, level: usize) -> Range<usize> {
+        let Range { start, end } = self.levels[level].nodes;
+        let first = |node: u32| self.nodes[node as usize].first_vertex as usize;
+        first(start)..first(end)
+    }
+
     /// Memory that the hierarchy takes, in bytes, apart from spare capacity.
     pub fn total_bytes(&self) -> usize {
         size_of::<Self>()
@@ -321,7 +349,7 @@ impl Clod {
             + size_of_val(&*self.areas)
             + size_of_val(&*self.nodes)
             + size_of_val(&*self.hulls)
-            + self.triangles.bytes()
+            + self.triangles.len() * self.triangles.bytes_each()
     }
 }
 
