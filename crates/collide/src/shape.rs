@@ -175,11 +175,6 @@ impl Shape {
     }
 
     #[inline]
-    pub(crate) fn is_leaf(&self, node: u32) -> bool {
-        self.clod().node(node).children.is_empty()
-    }
-
-    #[inline]
     pub(crate) fn detail(&self, node: u32) -> Detail {
         let clod = self.clod();
         Detail::of(clod, &clod.node(node), &self.0.extras[node as usize].areas, area_unit(clod))

@@ -115,8 +115,7 @@ pub(crate) fn colors(clod: &Clod) -> Vec<u8> {
         // Hulls of a free level are neighbours where any of their children are.
         neighbours = if level.free {
             let finer = clod.levels[index.saturating_sub(1)].nodes.start;
-            let parent =
-                |child: u32| clod.node(finer + child).parent.wrapping_sub(level.nodes.start);
+            let parent = |child: u32| clod.node(finer + child).parent.wrapping_sub(level.nodes.start);
             let mut merged: Vec<(u32, u32)> = neighbours
                 .iter()
                 .map(|(a, b)| (parent(*a), parent(*b)))

@@ -141,6 +141,6 @@ fn node(shape: &Shape, index: u32) -> Option<Node> {
 fn touches(point: DVec3, hull: &Hull, placement: &Placement, gap: f64) -> bool {
     let limits = Limits { beyond: gap, share: 0.0, enough: gap, precision: 1e-6 * gap };
     let points = [point];
-    let start = Start::Axis(point - placement.point(hull.points()[0]));
+    let start = Start::Axis(point - placement.point(hull.point(0)));
     gjk::distance(&Hull::new(&points), hull, placement, start, &limits).distance <= gap
 }

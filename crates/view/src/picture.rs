@@ -158,10 +158,8 @@ mod tests {
         };
         let picture = Picture::new(&sight, &probe.clod, &Pose::IDENTITY, &scene, 2.0);
 
-        let expected = 3 * nodes
-            .iter()
-            .map(|node| torus.clod.patch(torus.clod.node(*node)).len())
-            .sum::<usize>();
+        let expected =
+            3 * nodes.iter().map(|node| torus.clod.patch(torus.clod.node(*node)).len()).sum::<usize>();
         let of_probe = 3 * probe.clod.patch(probe.clod.node(0)).len();
         assert_eq!(picture.patches.len(), expected + of_probe);
         let red = picture.patches.iter().filter(|corner| corner.color == [255, 0, 0, 255]);

@@ -91,9 +91,9 @@ impl Distance {
 
 /// The vertex of a − b that lies furthest in a direction (of any length, a's frame).
 pub(super) fn support(a: &Hull, b: &Hull, placement: &Placement, direction: DVec3) -> Vertex {
-    let on_a = a.support(direction);
-    let on_b = b.support(-placement.direction_to_b(direction));
-    difference(a, b, placement, on_a, on_b)
+    let (on_a, point_a) = a.furthest(direction);
+    let (on_b, point_b) = b.furthest(-placement.direction_to_b(direction));
+    Vertex { difference: point_a - placement.point(point_b), a: on_a, b: on_b }
 }
 
 pub(super) fn difference(a: &Hull, b: &Hull, placement: &Placement, on_a: u32, on_b: u32) -> Vertex {

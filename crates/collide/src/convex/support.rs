@@ -76,7 +76,7 @@ impl<'a> Hull<'a> {
     /// The hull of some points with a map that was made of the same points.
     pub fn with_map(points: impl Into<HullPoints<'a>>, map: Option<&'a SupportMap>) -> Self {
         let hull = Self { points: points.into(), map };
-        debug_assert!(hull.len() > 0 && map.is_none_or(|map| map.count == hull.len()));
+        debug_assert!(hull.len() > 0 && map.is_none_or(|map| map.count as usize == hull.len()));
         hull
     }
 
@@ -141,60 +141,63 @@ impl<'a> Hull<'a> {
 
     /// How far the points reach along a direction, in its lengths.
     pub fn end(&self, direction: DVec3) -> f64 {
-        self.point(self.support(direction)).dot(direction)
+        self.furthest(direction).1.dot(direction)
     }
 
     /// Index of the first point that lies furthest in a direction (of any length).
     pub fn support(&self, direction: DVec3) -> u32 {
-        match (self.map, self.points) {
+        self.furthest(direction).0
+    }
+
+    /// The first point that lies furthest in a direction (of any length): its index, and where it is, m.
+    pub fn furthest(&self, direction: DVec3) -> (u32, DVec3) {
+        let found = match (self.map, self.points) {
             (None, HullPoints::Row(points)) => first_furthest((0u32..).zip(points), direction),
             (None, HullPoints::Node(points)) => first_furthest((0u32..).zip(points.iter()), direction),
-            (Some(map), HullPoints::Row(points)) => map.support(|index| &points[index as usize], direction),
-            (Some(map), HullPoints::Node(points)) => map.support(|index| &points[index as usize], direction),
-        }
+            (Some(map), HullPoints::Row(points)) => map.furthest(|index| &points[index as usize], direction),
+            (Some(map), HullPoints::Node(points)) => map.furthest(|index| &points[index as usize], direction),
+        };
+        found.unwrap_or_else(|| (0, self.point(0)))
     }
 }
 
-/// Of points with their indices, the first one that lies furthest in a direction; 0 if none does.
+/// Of points with their indices, the first one that lies furthest in a direction, if one does.
 #[inline]
-fn first_furthest<'p>(points: impl Iterator<Item = (u32, &'p DVec3)>, direction: DVec3) -> u32 {
-    let mut best = (0, f64::NEG_INFINITY);
+fn first_furthest<'p>(
+    points: impl Iterator<Item = (u32, &'p DVec3)>,
+    direction: DVec3,
+) -> Option<(u32, DVec3)> {
+    let (mut best, mut furthest) = (None, f64::NEG_INFINITY);
     for (index, point) in points {
         let reach = point.dot(direction);
-        if reach > best.1 {
-            best = (index, reach);
+        if reach > furthest {
+            (best, furthest) = (Some((index, point)), reach);
         }
     }
-    best.0
+    best.map(|(index, point)| (index, *point))
 }
 
 /// For every direction, which points of a hull can be extreme.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct SupportMap {
-    /// The six faces of the cube, then the quarters of each cell that has some: where its quarters begin, or, with
-    /// [`FILLED`], where its candidates do.
-    cells: Box<[u32]>,
-    /// Of each cell that is not quartered: how many points can be extreme there, and which.
-    candidates: Candidates,
+    lists: Lists,
     /// Points of the hull.
-    count: usize,
+    count: u32,
+}
+
+/// The cells: the six faces of the cube, then the quarters of each cell that has some. Each is where its quarters begin, or,
+/// with the highest bit, where its candidates do: how many points can be extreme there, and which. In as few bytes as the
+/// hull allows.
+#[derive(Clone, Debug)]
+enum Lists {
+    Small { cells: Box<[u16]>, candidates: Box<[u8]> },
+    Medium { cells: Box<[u32]>, candidates: Box<[u16]> },
+    Large { cells: Box<[u32]>, candidates: Box<[u32]> },
 }
 
 /// Marks a cell that has candidates.
 const FILLED: u32 = 1 << 31;
-
-/// Counts and indices, in as few bytes as the hull allows.
-#[derive(Clone, Debug)]
-enum Candidates {
-    Shorts(Box<[u16]>),
-    Words(Box<[u32]>),
-}
-
-impl Default for Candidates {
-    fn default() -> Self {
-        Self::Shorts(Box::default())
-    }
-}
+const FILLED_SMALL: u16 = 1 << 15;
 
 /// A cell while a map is made. Those with the most points come first.
 #[derive(Debug)]
@@ -230,7 +233,7 @@ const DIGITS: u32 = 30;
 
 impl SupportMap {
     /// From this many points on, a map is faster than a scan.
-    pub const WORTHWHILE: usize = 48;
+    pub const WORTHWHILE: usize = 28;
 
     /// A map of a hull's points, at least one.
     pub fn new(points: &[DVec3]) -> Self {
@@ -265,46 +268,70 @@ impl SupportMap {
             filled.push(candidates.len() as u32);
             filled.extend(candidates);
         }
-        let candidates = if u16::try_from(points.len()).is_ok() {
-            Candidates::Shorts(filled.into_iter().map(|index| index as u16).collect())
+        let cells = cells.into_iter();
+        // None is cut short.
+        let lists = if points.len() <= 0xff && filled.len() < usize::from(FILLED_SMALL) {
+            let small = |cell: u32| (cell & !FILLED) as u16 | ((cell & FILLED) >> 16) as u16;
+            let candidates = filled.into_iter().map(|index| index as u8).collect();
+            Lists::Small { cells: cells.map(small).collect(), candidates }
+        } else if points.len() <= 0xffff {
+            let candidates = filled.into_iter().map(|index| index as u16).collect();
+            Lists::Medium { cells: cells.collect(), candidates }
         } else {
-            Candidates::Words(filled.into())
+            Lists::Large { cells: cells.collect(), candidates: filled.into() }
         };
-        Self { cells: cells.into(), candidates, count: points.len() }
+        Self { lists, count: points.len() as u32 }
     }
 
     /// Bytes of memory held, besides itself.
     pub fn bytes(&self) -> usize {
-        let candidates = match &self.candidates {
-            Candidates::Shorts(all) => size_of_val(&**all),
-            Candidates::Words(all) => size_of_val(&**all),
-        };
-        size_of_val(&*self.cells) + candidates
+        match &self.lists {
+            Lists::Small { cells, candidates } => size_of_val(&**cells) + size_of_val(&**candidates),
+            Lists::Medium { cells, candidates } => size_of_val(&**cells) + size_of_val(&**candidates),
+            Lists::Large { cells, candidates } => size_of_val(&**cells) + size_of_val(&**candidates),
+        }
     }
 
     #[inline]
-    fn support<'p>(&self, point: impl Fn(u32) -> &'p DVec3, direction: DVec3) -> u32 {
+    fn furthest<'p>(&self, point: impl Fn(u32) -> &'p DVec3, direction: DVec3) -> Option<(u32, DVec3)> {
         let (face, [u, v]) = on_cube(direction);
-        let mut cell = self.cells[face];
         let mut digit = DIGITS;
-        while cell & FILLED == 0 {
+        let mut quarter = || {
             digit -= 1;
-            let quarter = (u >> digit & 1) | (v >> digit & 1) << 1;
-            cell = self.cells[(cell + quarter) as usize];
-        }
-        let first = (cell ^ FILLED) as usize;
+            ((u >> digit & 1) | (v >> digit & 1) << 1) as usize
+        };
         let indexed = |index: u32| (index, point(index));
-        match &self.candidates {
-            Candidates::Shorts(all) => {
-                let candidates = &all[first + 1..=first + usize::from(all[first])];
+        match &self.lists {
+            Lists::Small { cells, candidates } => {
+                let mut cell = cells[face];
+                while cell & FILLED_SMALL == 0 {
+                    cell = cells[usize::from(cell) + quarter()];
+                }
+                let first = usize::from(cell ^ FILLED_SMALL);
+                let candidates = &candidates[first + 1..=first + usize::from(candidates[first])];
                 first_furthest(candidates.iter().map(|index| indexed(u32::from(*index))), direction)
             }
-            Candidates::Words(all) => {
-                let candidates = &all[first + 1..=first + all[first] as usize];
+            Lists::Medium { cells, candidates } => {
+                let first = descend(cells, face, quarter);
+                let candidates = &candidates[first + 1..=first + usize::from(candidates[first])];
+                first_furthest(candidates.iter().map(|index| indexed(u32::from(*index))), direction)
+            }
+            Lists::Large { cells, candidates } => {
+                let first = descend(cells, face, quarter);
+                let candidates = &candidates[first + 1..=first + candidates[first] as usize];
                 first_furthest(candidates.iter().map(|index| indexed(*index)), direction)
             }
         }
     }
+}
+
+/// Where the candidates of the cell are that is found below a face, going from quarter to quarter.
+fn descend(cells: &[u32], face: usize, mut quarter: impl FnMut() -> usize) -> usize {
+    let mut cell = cells[face];
+    while cell & FILLED == 0 {
+        cell = cells[cell as usize + quarter()];
+    }
+    (cell ^ FILLED) as usize
 }
 
 /// The face of the cube that a direction goes through, and where: in units of 2⁻ᴰᴵᴳᴵᵀˢ of its sides.

@@ -158,16 +158,15 @@ fn faces(
 ) {
     each_plane(a, planes, [shared, on_b], best, |best, normal, top| {
         let in_b = placement.direction_to_b(normal);
-        let deepest = b.hull.support(-in_b);
-        let on_b = placement.point(b.hull.point(deepest));
+        let (deepest, on_b) = b.hull.furthest(-in_b);
+        let on_b = placement.point(on_b);
         best.offer(b.vertex_faces(deepest, -in_b), top - on_b.dot(normal), normal);
         on_b
     });
     let to_b = |point| placement.direction_to_b(point - placement.translation);
     each_plane(b, planes, [shared, on_a].map(to_b), best, |best, in_b, top| {
         let normal = -placement.direction(in_b);
-        let deepest = a.hull.support(normal);
-        let on_a = a.hull.point(deepest);
+        let (deepest, on_a) = a.hull.furthest(normal);
         best.offer(a.vertex_faces(deepest, normal), top + (on_a - placement.translation).dot(normal), normal);
         to_b(on_a)
     });
@@ -195,8 +194,7 @@ fn each_plane(
     for side in sides {
         let planes = || planes.iter().map(|plane| (side * plane.normal, side * plane.offset));
         // As far as the plane, and a little further where the patch is convex up to a tolerance; on its other side, much.
-        let top =
-            |normal: DVec3, offset: f64| patch.hull.point(patch.hull.support(normal)).dot(normal).max(offset);
+        let top = |normal: DVec3, offset: f64| patch.hull.end(normal).max(offset);
         let deep =
             |(normal, offset): (DVec3, f64)| (offset - normal.dot(p).min(normal.dot(q)), normal, offset);
         let deeper = |x: &(f64, DVec3, f64), y: &(f64, DVec3, f64)| x.0.total_cmp(&y.0);
