@@ -216,7 +216,7 @@ mod tests {
                 areas: (0.01, areas.iter().copied().fold(0.0, f64::max)),
                 mean_area: areas.iter().sum::<f64>() / 12.0,
             });
-            let hulls = points.each_ref().map(|points| Hull::new(points));
+            let hulls = points.each_ref().map(Hull::new);
             let limits = Limits { beyond: 1.0, share: 0.0, enough: -1.0, precision: 1e-12 };
             let find = |placement: &Placement| {
                 gjk::distance(&hulls[0], &hulls[1], placement, Start::Axis(DVec3::X), &limits)

@@ -408,10 +408,10 @@ fn shared(parts: &Parts) -> (Vec<DVec3>, Vec<f64>, Vec<u32>) {
         let nodes = &parts.nodes[level.nodes.start as usize..level.nodes.end as usize];
         let first = nodes.first().map_or(0, |node| node.vertices.start - node.added);
         let last = nodes.last().map_or(0, |node| node.vertices.end);
-        for at in first as usize..last as usize {
+        for (at, hull) in hulls.iter_mut().enumerate().take(last as usize).skip(first as usize) {
             let (vertex, area) = (parts.vertices[at], parts.support_areas[at]);
             let mut place = seed.hash_one(key(vertex, area)) as usize & mask;
-            let index = loop {
+            *hull = loop {
                 let taken = table[place];
                 if taken == FREE {
                     table[place] = vertices.len() as u32;
@@ -424,7 +424,6 @@ fn shared(parts: &Parts) -> (Vec<DVec3>, Vec<f64>, Vec<u32>) {
                 }
                 place = (place + 1) & mask;
             };
-            hulls[at] = index;
         }
     }
     vertices.shrink_to_fit();
