@@ -5,6 +5,7 @@ use std::sync::Arc;
 use palpate::collide::{
     ContactQuery, ContactSet, ContactSetSettings, PatchContact, QueryOutcome, QuerySettings,
 };
+use palpate::core::clod::Node;
 use palpate::{Object, Pose};
 use palpate_field::AreaContact;
 
@@ -82,12 +83,12 @@ fn object_bytes(probe: &Object, scene: &Object) -> usize {
 
 fn patch_areas(object: &Object) -> Arc<[f64]> {
     let clod = &object.clod;
-    let area = |node| {
-        let hull = clod.hull(node);
-        let triangles = clod.patch(node).iter().map(|triangle| triangle.map(|v| hull[v as usize]));
+    let area = |node: Node| {
+        let hull = clod.hull(&node);
+        let triangles = clod.patch(&node).iter().map(|triangle| triangle.map(|v| hull[v as usize]));
         triangles.map(|[a, b, c]| (b - a).cross(c - a).length() / 2.0).sum()
     };
-    clod.nodes.iter().map(area).collect()
+    clod.nodes().map(area).collect()
 }
 
 /// A query with the contact set of what it finds.

@@ -54,7 +54,7 @@ fn touch(clod: &Clod) {
         let pose = Pose { translation: DVec3::ONE * reach * sound.bounding_radius(), ..Pose::IDENTITY };
         // A file may say that its object is smaller than the tolerance.
         let Ok(outcome) = query.run(&pose, &Pose::IDENTITY, &settings) else { continue };
-        assert!(outcome.visited <= clod.nodes.len() * sound.nodes.len());
+        assert!(outcome.visited <= clod.nodes().len() * sound.nodes().len());
         for contact in query.contacts() {
             let c = &contact.contact;
             assert!(

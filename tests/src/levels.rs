@@ -8,8 +8,7 @@ use std::collections::{BTreeMap, HashSet};
 
 use palpate::collide::convex::gjk::{self, Limits, Separation, Start};
 use palpate::collide::convex::{Hull, Placement, Polytope, SupportMap};
-use palpate::core::Clod;
-use palpate::core::clod::Node;
+use palpate::core::clod::{Node, Parts};
 use palpate::glam::DVec3;
 use palpate::mesh_io::{self_intersections, weld};
 use palpate::{Pose, TriMesh};
@@ -72,7 +71,7 @@ impl Findings {
 
 /// A level, put together.
 struct Level<'a> {
-    clod: &'a Clod,
+    clod: &'a Parts,
     nodes: &'a [Node],
     mesh: TriMesh,
     tree: TriangleTree,
@@ -81,7 +80,7 @@ struct Level<'a> {
 }
 
 /// The corners of a patch's triangles, m.
-fn patch<'a>(clod: &'a Clod, node: &'a Node) -> impl Iterator<Item = [DVec3; 3]> + 'a {
+fn patch<'a>(clod: &'a Parts, node: &'a Node) -> impl Iterator<Item = [DVec3; 3]> + 'a {
     clod.patch(node).iter().map(|t| t.map(|v| clod.hull(node)[v as usize]))
 }
 
@@ -89,7 +88,7 @@ fn patch<'a>(clod: &'a Clod, node: &'a Node) -> impl Iterator<Item = [DVec3; 3]>
 ///
 /// # Panics
 /// If the level has too many triangles for a mesh.
-pub fn level_mesh(clod: &Clod, level: usize) -> TriMesh {
+pub fn level_mesh(clod: &Parts, level: usize) -> TriMesh {
     let corners: Vec<DVec3> =
         clod.level(level).iter().flat_map(|n| patch(clod, n)).collect::<Vec<_>>().into_flattened();
     let triangles = (0..corners.len() as u32 / 3).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
@@ -118,7 +117,7 @@ fn euler(mesh: &TriMesh) -> i64 {
 
 impl Examination {
     /// Examines the hierarchy of a mesh that is closed, 2-manifold, oriented, free of self-intersections and welded.
-    pub fn of(&self, mesh: &TriMesh, clod: &Clod) -> Findings {
+    pub fn of(&self, mesh: &TriMesh, clod: &Parts) -> Findings {
         let mut findings = Findings::default();
         if let Err(error) = clod.validate() {
             findings.fault(error.to_string());
@@ -151,7 +150,7 @@ impl Examination {
         findings
     }
 
-    fn level<'a>(&self, clod: &'a Clod, index: usize, mesh: TriMesh) -> Level<'a> {
+    fn level<'a>(&self, clod: &'a Parts, index: usize, mesh: TriMesh) -> Level<'a> {
         let nodes = clod.level(index);
         let area = |[a, b, c]: [DVec3; 3]| 0.5 * (b - a).cross(c - a).length();
         let total: f64 = nodes.iter().flat_map(|n| patch(clod, n)).map(area).sum();
@@ -181,7 +180,7 @@ impl Examination {
     /// the last.
     fn check_surface(
         &self,
-        clod: &Clod,
+        clod: &Parts,
         index: usize,
         surface: &TriMesh,
         (euler_of_mesh, components): (i64, usize),
@@ -390,7 +389,7 @@ impl Examination {
 
     /// h: no extreme point of a descendant's hull is further from the node's bounding hull. By convexity no other point
     /// is either.
-    fn check_hausdorff(&self, clod: &Clod, findings: &mut Findings) {
+    fn check_hausdorff(&self, clod: &Parts, findings: &mut Findings) {
         let slack = HULL_ROUNDING * clod.bounding_radius();
         for level in 1..clod.levels.len() {
             let found: Vec<(usize, Option<String>)> = clod
@@ -424,7 +423,7 @@ impl Examination {
 }
 
 /// What is added to a hull so that it bounds its descendants better is of theirs: it is no larger than it takes.
-fn check_added(clod: &Clod, findings: &mut Findings) {
+fn check_added(clod: &Parts, findings: &mut Findings) {
     let bits = |p: &DVec3| p.to_array().map(f64::to_bits);
     for level in 1..clod.levels.len() {
         let faults = each(clod.level(level), |k, node| {
@@ -442,7 +441,7 @@ fn check_added(clod: &Clod, findings: &mut Findings) {
 }
 
 /// The sphere of a node encloses its bounding hull and all its descendants' hulls.
-fn check_spheres(clod: &Clod, findings: &mut Findings) {
+fn check_spheres(clod: &Parts, findings: &mut Findings) {
     let slack = ROUNDING * clod.bounding_radius();
     for level in 0..clod.levels.len() {
         let faults = each(clod.level(level), |k, node| {
@@ -460,7 +459,7 @@ fn check_spheres(clod: &Clod, findings: &mut Findings) {
 }
 
 /// All nodes below a node.
-fn descendants<'a>(clod: &'a Clod, node: &Node) -> impl Iterator<Item = &'a Node> + use<'a> {
+fn descendants<'a>(clod: &'a Parts, node: &Node) -> impl Iterator<Item = &'a Node> + use<'a> {
     let mut waiting: Vec<u32> = node.children.clone().collect();
     std::iter::from_fn(move || {
         let next = &clod.nodes[waiting.pop()? as usize];
@@ -478,7 +477,7 @@ fn farthest(points: &[DVec3], from: &TriangleTree) -> f64 {
 }
 
 /// The leaves below a node, by their place among the leaves; of a leaf, itself.
-fn leaves_below(clod: &Clod, index: u32) -> Vec<usize> {
+fn leaves_below(clod: &Parts, index: u32) -> Vec<usize> {
     let (mut leaves, mut stack) = (Vec::new(), vec![index]);
     while let Some(index) = stack.pop() {
         let node = &clod.nodes[index as usize];

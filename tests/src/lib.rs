@@ -132,8 +132,8 @@ pub fn leaf_of_triangle(clod: &Clod, mesh: &TriMesh) -> Vec<u32> {
     };
     let mut leaf_of = HashMap::new();
     for (index, leaf) in clod.levels[0].nodes.clone().zip(clod.leaves()) {
-        let hull = clod.hull(leaf);
-        for triangle in clod.patch(leaf) {
+        let hull = clod.hull(&leaf);
+        for triangle in clod.patch(&leaf) {
             leaf_of.insert(bits(triangle.map(|vertex| hull[vertex as usize])), index);
         }
     }

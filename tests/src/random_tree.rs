@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 
 use palpate::core::Clod;
-use palpate::core::clod::{Level, NO_NODE, Node};
+use palpate::core::clod::{Level, NO_NODE, Node, Parts};
 use palpate::glam::DVec3;
 use rand::RngExt as _;
 use rand::rngs::StdRng;
@@ -19,15 +19,18 @@ struct Group {
 /// A hierarchy with the leaves of another one, and above them free levels of nodes with one to five children each, taken
 /// in the order of the leaves along a random line or, once in four times, in no order at all. Every hull holds all below
 /// it.
+///
+/// # Panics
+/// If the hierarchy is not valid.
 pub fn random_tree(built: &Clod, random: &mut StdRng) -> Clod {
-    let mut leaves: Vec<&Node> = built.leaves().iter().collect();
+    let mut leaves: Vec<Node> = built.leaves().collect();
     if random.random_range(0..4) == 0 {
         leaves.shuffle(random);
     } else {
         let line = DVec3::from_array(std::array::from_fn(|_| random.random_range(-1.0..1.0)));
         leaves.sort_by(|a, b| a.center.dot(line).total_cmp(&b.center.dot(line)));
     }
-    let of_leaf = |node: &&Node| Group { points: built.extreme(node).to_vec(), children: 0..0 };
+    let of_leaf = |node: &Node| Group { points: built.extreme(node).to_vec(), children: 0..0 };
     let mut levels: Vec<Vec<Group>> = vec![leaves.iter().map(of_leaf).collect()];
     while let Some(below) = levels.last().filter(|level| level.len() > 1) {
         let mut level = Vec::new();
@@ -44,7 +47,7 @@ pub fn random_tree(built: &Clod, random: &mut StdRng) -> Clod {
         levels.push(level);
     }
 
-    let mut clod = Clod {
+    let mut parts = Parts {
         levels: Vec::new(),
         nodes: Vec::new(),
         vertices: Vec::new(),
@@ -54,17 +57,17 @@ pub fn random_tree(built: &Clod, random: &mut StdRng) -> Clod {
     };
     let mut parents = vec![NO_NODE];
     for (height, level) in levels.iter().enumerate().rev() {
-        let first = clod.nodes.len() as u32;
+        let first = parts.nodes.len() as u32;
         let below = first + level.len() as u32;
         let mut next_parents = Vec::new();
         for (place, group) in level.iter().enumerate() {
-            let (start, first_triangle) = (clod.vertices.len() as u32, clod.triangles.len() as u32);
+            let (start, first_triangle) = (parts.vertices.len() as u32, parts.triangles.len() as u32);
             let node = if height == 0 {
-                clod.vertices.extend_from_slice(built.hull(leaves[place]));
-                clod.triangles.extend_from_slice(built.patch(leaves[place]));
+                parts.vertices.extend(built.hull(&leaves[place]));
+                parts.triangles.extend(built.patch(&leaves[place]));
                 Node { added: 0, ..leaves[place].clone() }
             } else {
-                clod.vertices.extend_from_slice(&group.points);
+                parts.vertices.extend_from_slice(&group.points);
                 let center = group.points.iter().sum::<DVec3>() / group.points.len() as f64;
                 let radius = group.points.iter().map(|p| p.distance(center)).fold(0.0, f64::max);
                 Node {
@@ -74,26 +77,26 @@ pub fn random_tree(built: &Clod, random: &mut StdRng) -> Clod {
                     hausdorff: 0.0,
                     contained: false,
                     all_real: false,
-                    ..built.nodes[Clod::ROOT as usize].clone()
+                    ..built.node(Clod::ROOT)
                 }
             };
             let children = below + group.children.start as u32..below + group.children.end as u32;
             next_parents.extend(group.children.clone().map(|_| first + place as u32));
-            clod.nodes.push(Node {
+            parts.nodes.push(Node {
                 parent: parents[place],
                 children: if height == 0 { 0..0 } else { children },
                 level: height as u32,
-                vertices: start..clod.vertices.len() as u32,
-                triangles: first_triangle..clod.triangles.len() as u32,
+                vertices: start..parts.vertices.len() as u32,
+                triangles: first_triangle..parts.triangles.len() as u32,
                 added: 0,
                 ..node
             });
         }
         parents = next_parents;
-        let nodes = first..clod.nodes.len() as u32;
-        clod.levels.push(Level { nodes, free: height > 0, ..built.levels[0].clone() });
+        let nodes = first..parts.nodes.len() as u32;
+        parts.levels.push(Level { nodes, free: height > 0, ..built.levels[0].clone() });
     }
-    clod.levels.reverse();
-    clod.support_areas = vec![0.0; clod.vertices.len()];
-    clod
+    parts.levels.reverse();
+    parts.support_areas = vec![0.0; parts.vertices.len()];
+    Clod::pack(&parts).expect("the tree is valid")
 }

@@ -14,8 +14,7 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use glam::DVec3;
-use palpate_core::Clod;
-use palpate_core::clod::Node;
+use palpate_core::clod::{Node, Parts};
 use rayon::prelude::*;
 
 use crate::convexity::HULL_THICKNESS;
@@ -82,7 +81,7 @@ impl Target {
 
 /// What bounds a node's descendants; in metres.
 struct Bounds {
-    /// Points of [`Clod::vertices`] that are added to the hull.
+    /// Points of [`Parts::vertices`] that are added to the hull.
     added: Vec<u32>,
     hausdorff: f64,
     center: DVec3,
@@ -92,10 +91,10 @@ struct Bounds {
 /// Sets the bounding hull of every node, with `most` added points at most, its h and its sphere, level by level from
 /// the finest; `scale` makes unit coordinates of metres. Fails with the number of points if there are more than 32-bit
 /// indices can name.
-pub(crate) fn bound_descendants(clod: &mut Clod, most: u32, scale: f64) -> Result<(), usize> {
+pub(crate) fn bound_descendants(clod: &mut Parts, most: u32, scale: f64) -> Result<(), usize> {
     let mut added: Vec<Vec<u32>> = vec![Vec::new(); clod.nodes.len()];
     for level in 1..clod.levels.len() {
-        let shared: &Clod = clod;
+        let shared: &Parts = clod;
         let found: Vec<Bounds> = shared
             .level(level)
             .par_iter()
@@ -111,7 +110,7 @@ pub(crate) fn bound_descendants(clod: &mut Clod, most: u32, scale: f64) -> Resul
     add(clod, &added)
 }
 
-fn bounds(clod: &Clod, node: &Node, most: u32, scale: f64, builder: &mut HullBuilder) -> Bounds {
+fn bounds(clod: &Parts, node: &Node, most: u32, scale: f64, builder: &mut HullBuilder) -> Bounds {
     let unit = |p: DVec3| (p - clod.source.center) * scale;
     let mut points: Vec<DVec3> = clod.extreme(node).iter().map(|p| unit(*p)).collect();
     let mut added = Vec::new();
@@ -167,7 +166,7 @@ impl FarthestSearch {
 
     /// How far the farthest is at most, and which of the vertices: the first of those that are equally far. `distance`
     /// is that of a point, in metres times `scale`. A distance of 0 if none is further than that.
-    fn farthest(&mut self, clod: &Clod, scale: f64, distance: impl Fn(DVec3) -> f64) -> (f64, u32) {
+    fn farthest(&mut self, clod: &Parts, scale: f64, distance: impl Fn(DVec3) -> f64) -> (f64, u32) {
         self.searches += 1;
         let search = self.searches;
         let wait = |is_vertex: bool, index: u32| {
@@ -204,7 +203,7 @@ impl FarthestSearch {
 }
 
 /// Puts the points added to each node's hull before its own.
-fn add(clod: &mut Clod, added: &[Vec<u32>]) -> Result<(), usize> {
+fn add(clod: &mut Parts, added: &[Vec<u32>]) -> Result<(), usize> {
     let count = clod.vertices.len() + added.iter().map(Vec::len).sum::<usize>();
     if count >= u32::MAX as usize {
         return Err(count);

@@ -157,11 +157,12 @@ pub fn build(
         return Err(BuildError::TooLarge { hull_vertices });
     }
     let source = source_of(mesh, solid, center, radius);
-    let mut clod = assemble(&regular, &free, source, tolerance);
+    let mut parts = assemble(&regular, &free, source, tolerance);
     if !simplified.is_empty() {
-        bound_descendants(&mut clod, options.bounding_points, surface.scale)
+        bound_descendants(&mut parts, options.bounding_points, surface.scale)
             .map_err(|hull_vertices| BuildError::TooLarge { hull_vertices })?;
     }
+    let clod = Clod::pack(&parts).map_err(|error| BuildError::Invalid { what: error.to_string() })?;
     progress.end()?;
     Ok(clod)
 }

@@ -143,6 +143,14 @@ pub enum BuildError {
         /// How many it needs.
         hull_vertices: usize,
     },
+    /// What was built breaks an invariant of hierarchies: a fault of the builder.
+    #[error(
+        "the hierarchy that was built is not valid, which is a fault of the builder, not of the mesh: {what}"
+    )]
+    Invalid {
+        /// What is wrong with it.
+        what: String,
+    },
     /// The progress callback asked for an end.
     #[error("the build was cancelled")]
     Cancelled,
@@ -174,6 +182,7 @@ impl BuildError {
             | Self::Extent { .. }
             | Self::NoSurface { .. }
             | Self::TooLarge { .. }
+            | Self::Invalid { .. }
             | Self::Cancelled
             | Self::Option { .. } => false,
         }

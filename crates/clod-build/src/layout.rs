@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use palpate_core::TriMesh;
-use palpate_core::clod::{Clod, Level, NO_NODE, Node, Source};
+use palpate_core::clod::{Level, NO_NODE, Node, Parts, Source};
 
 use crate::decomposition::Decomposition;
 use crate::hierarchy::Cluster;
@@ -35,10 +35,10 @@ pub(crate) struct PatchParts<'a> {
 /// The hierarchy.
 ///
 /// `scale` and `center` take unit coordinates to metres: p / scale + center.
-pub(crate) fn lay_out(levels: &[LevelParts<'_>], source: Source, scale: f64, center: DVec3) -> Clod {
+pub(crate) fn lay_out(levels: &[LevelParts<'_>], source: Source, scale: f64, center: DVec3) -> Parts {
     let count: usize = levels.iter().map(|level| level.clusters.len()).sum();
     let triangles = levels.iter().filter(|l| l.patches.is_some()).map(|l| l.mesh.triangles().len()).sum();
-    let mut clod = Clod {
+    let mut clod = Parts {
         levels: Vec::with_capacity(levels.len()),
         nodes: Vec::with_capacity(count),
         vertices: Vec::new(),
@@ -78,7 +78,7 @@ pub(crate) fn lay_out(levels: &[LevelParts<'_>], source: Source, scale: f64, cen
 }
 
 fn push_node(
-    clod: &mut Clod,
+    clod: &mut Parts,
     level: &LevelParts<'_>,
     cluster: u32,
     (scale, origin): (f64, DVec3),

@@ -1,8 +1,8 @@
 //! Puts the levels together: those of the mesh and its simplifications, with their parameters (§3.3.5), and the free ones
 //! above them.
 
-use palpate_core::clod::Source;
-use palpate_core::{Clod, TriMesh};
+use palpate_core::TriMesh;
+use palpate_core::clod::{Parts, Source};
 
 use crate::containment::{all_real, contained};
 use crate::decomposition::Decomposition;
@@ -43,7 +43,7 @@ pub(crate) fn assemble(
     free: &[Vec<Cluster>],
     source: Source,
     tolerance: f64,
-) -> Clod {
+) -> Parts {
     let finest = &regular[0].0;
     let mut clusters: Vec<Vec<Cluster>> = Vec::new();
     let mut patches: Vec<PatchParts<'_>> = Vec::new();

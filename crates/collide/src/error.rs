@@ -32,18 +32,9 @@ pub enum QueryError {
         /// The object that was placed.
         object: QueryObject,
     },
-    /// A hierarchy has no nodes, or, for a distance, no triangles.
-    #[error("the {object} has no surface: make its shape of a hierarchy with triangles")]
-    Empty {
-        /// The object without a surface.
-        object: QueryObject,
-    },
     /// The tolerance d is negative, not a number, or larger than [`Shape::max_tolerance`](crate::Shape::max_tolerance)
     /// of the probe.
-    #[error(
-        "the tolerance is {given} m: give 0 to {most} m, the probe's bounding radius; a ProximityQuery measures \
-         distances of any size"
-    )]
+    #[error("the tolerance is {given} m: give 0 to {most} m, the probe's bounding radius")]
     Tolerance {
         /// The tolerance asked for, m.
         given: f64,

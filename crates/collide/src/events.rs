@@ -136,7 +136,7 @@ fn top(shape: &Shape, node: u32) -> Option<u32> {
     let mut top = shape.has_patch(node).then_some(node)?;
     loop {
         // The root's parent is no node.
-        let parent = shape.clod().nodes[top as usize].parent;
+        let parent = shape.clod().node(top).parent;
         if !shape.has_patch(parent) {
             return Some(top);
         }
@@ -160,7 +160,7 @@ fn beginning_of<'r>(end: &Remembered, before: &'r [Remembered], clods: [&Clod; 2
 /// Whether a node is another one or below it.
 fn descends(clod: &Clod, mut node: u32, from: u32) -> bool {
     while node != from {
-        node = clod.nodes[node as usize].parent;
+        node = clod.node(node).parent;
         if node == NO_NODE {
             return false;
         }

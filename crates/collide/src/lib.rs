@@ -7,7 +7,6 @@
 //! | [`SceneQuery`] | the same for one probe and many objects; those that are far away cost next to nothing |
 //! | [`ContactSet`] | merges the contacts of a query into local minima of the distance and one contact for each connected region of intersection |
 //! | [`Clustering`] | condenses contacts to a few representatives |
-//! | [`ProximityQuery`] | the distance between two surfaces, and whether two bodies intersect |
 //! | [`CollisionEvents`] | when and where surfaces met, for hosts that step through time |
 //! | [`convex`] | queries between two convex hulls, on which all others rest |
 //!
@@ -79,7 +78,6 @@ mod error;
 mod events;
 mod motion;
 mod patch;
-mod proximity;
 mod query;
 mod scene_query;
 mod sets;
@@ -89,7 +87,6 @@ pub use clustering::{Cluster, Clustering};
 pub use contact_set::{ContactSet, ContactSetOutcome, ContactSetSettings};
 pub use error::{ContactSetError, QueryError, QueryObject};
 pub use events::{CollisionEvent, CollisionEvents};
-pub use proximity::{Effort, Intersection, NearestPoints, ProximityQuery};
 pub use query::{
     Budget, Combination, ContactQuery, ErrorMetrics, MAX_CONTACTS, MAX_PAIRS, PatchContact, QueryOutcome,
     QuerySettings, VelocityMetric, ViewMetric,

@@ -5,7 +5,7 @@
 //! when it lies on a triangle that faces the other object. A solid's triangle seen from behind is no place of
 //! contact: the solid itself is in between. An open mesh has no inside, and both sides of its triangles count.
 
-use palpate_core::clod::Node;
+use palpate_core::clod::{Node, Triangles};
 use palpate_core::glam::DVec3;
 use palpate_core::{Clod, Contact};
 
@@ -25,10 +25,8 @@ pub(crate) const FACING: f64 = 1e-9;
 pub(crate) struct Patch<'a> {
     pub hull: Hull<'a>,
     /// Hull vertices and the patch's other vertices.
-    pub vertices: &'a [DVec3],
-    pub triangles: &'a [[u32; 3]],
-    /// The triangles' planes; none for a patch that was made of a [single](Patch::single) one.
-    pub planes: &'a [Plane],
+    pub vertices: Hull<'a>,
+    pub triangles: Triangles<'a>,
     pub center: DVec3,
     pub radius: f64,
     /// The triangles cover the hull, to the last bit.
@@ -48,16 +46,13 @@ pub(crate) struct Plane {
     pub normal: DVec3,
     /// How far the plane lies from the origin along the normal, m.
     pub offset: f64,
-    /// How far the hull that the triangle belongs to reaches along the normal, m: a little further where a patch is convex
-    /// up to a tolerance.
-    pub top: f64,
 }
 
 impl Plane {
     pub fn of([p, q, r]: [DVec3; 3]) -> Self {
         let normal = (q - p).cross(r - p).normalize_or_zero();
         let offset = normal.dot(p);
-        Self { normal, offset, top: offset }
+        Self { normal, offset }
     }
 
     /// How far a point lies above the plane, m.
@@ -80,7 +75,7 @@ impl Prism {
         let edges = [(p, q), (q, r), (r, p)].map(|(from, to)| {
             let normal = (to - from).cross(plane.normal).normalize_or_zero();
             let offset = normal.dot(from);
-            Plane { normal, offset, top: offset }
+            Plane { normal, offset }
         });
         Self { plane, edges }
     }
@@ -97,22 +92,25 @@ impl Prism {
     }
 }
 
-/// The triangles at each vertex of a patch.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Incidence {
-    /// Per vertex, where its triangles start; one more at the end.
-    starts: Vec<u32>,
-    triangles: Vec<u32>,
+/// What a patch of a single triangle is made of.
+const ONE: &[[u32; 3]] = &[[0, 1, 2]];
+
+/// The triangles at each vertex of a patch: per vertex, where its triangles start, with one more at the end; and those. In as
+/// few bytes as there are triangles for.
+#[derive(Clone, Debug)]
+pub(crate) enum Incidence {
+    Shorts { starts: Box<[u16]>, triangles: Box<[u16]> },
+    Words { starts: Box<[u32]>, triangles: Box<[u32]> },
 }
 
 impl Incidence {
     /// From this many triangles on, looking them up by vertex is faster than going through them.
     pub const WORTHWHILE: usize = 24;
 
-    pub fn new(vertices: usize, triangles: &[[u32; 3]]) -> Self {
+    pub fn new(vertices: usize, triangles: Triangles) -> Self {
         let mut starts = vec![0u32; vertices + 1];
         for vertex in triangles.iter().flatten() {
-            starts[*vertex as usize + 1] += 1;
+            starts[vertex as usize + 1] += 1;
         }
         for index in 0..vertices {
             starts[index + 1] += starts[index];
@@ -121,20 +119,47 @@ impl Incidence {
         let mut at = vec![0u32; 3 * triangles.len()];
         for (index, corners) in (0u32..).zip(triangles) {
             for vertex in corners {
-                at[next[*vertex as usize] as usize] = index;
-                next[*vertex as usize] += 1;
+                at[next[vertex as usize] as usize] = index;
+                next[vertex as usize] += 1;
             }
         }
-        Self { starts, triangles: at }
+        let short = |all: Vec<u32>| all.into_iter().map(|index| index as u16).collect();
+        if u16::try_from(at.len()).is_ok() {
+            Self::Shorts { starts: short(starts), triangles: short(at) }
+        } else {
+            Self::Words { starts: starts.into(), triangles: at.into() }
+        }
     }
 
+    /// Bytes of memory held, besides itself.
     pub fn bytes(&self) -> usize {
-        (self.starts.len() + self.triangles.len()) * size_of::<u32>()
+        match self {
+            Self::Shorts { starts, triangles } => size_of_val(&**starts) + size_of_val(&**triangles),
+            Self::Words { starts, triangles } => size_of_val(&**starts) + size_of_val(&**triangles),
+        }
     }
 
-    fn around(&self, vertex: u32) -> &[u32] {
-        let range = self.starts[vertex as usize] as usize..self.starts[vertex as usize + 1] as usize;
-        &self.triangles[range]
+    /// Calls `each` with the triangles at a vertex.
+    fn each_around(&self, vertex: u32, mut each: impl FnMut(usize)) {
+        self.any_around(vertex, |triangle| {
+            each(triangle);
+            false
+        });
+    }
+
+    /// Whether some triangle at a vertex fulfils a condition.
+    fn any_around(&self, vertex: u32, mut condition: impl FnMut(usize) -> bool) -> bool {
+        let at = vertex as usize;
+        match self {
+            Self::Shorts { starts, triangles } => {
+                let around = &triangles[usize::from(starts[at])..usize::from(starts[at + 1])];
+                around.iter().any(|triangle| condition(usize::from(*triangle)))
+            }
+            Self::Words { starts, triangles } => {
+                let around = &triangles[starts[at] as usize..starts[at + 1] as usize];
+                around.iter().any(|triangle| condition(*triangle as usize))
+            }
+        }
     }
 }
 
@@ -155,8 +180,7 @@ impl<'a> Patch<'a> {
     /// The patch of a node. `exact`: its triangles' planes have all of its vertices below them, to rounding.
     pub fn of_node(
         clod: &'a Clod,
-        node: &'a Node,
-        planes: &'a [Plane],
+        node: &Node,
         map: Option<&'a SupportMap>,
         incidence: Option<&'a Incidence>,
         exact: bool,
@@ -166,9 +190,8 @@ impl<'a> Patch<'a> {
         let contained = node.contained || node.all_real || node.triangles.len() == 1;
         Self {
             hull: Hull::with_map(clod.extreme(node), map),
-            vertices: clod.hull(node),
+            vertices: Hull::new(clod.hull(node)),
             triangles: clod.patch(node),
-            planes,
             center: node.center,
             radius: node.radius,
             all_real: node.all_real && solid && exact,
@@ -183,9 +206,8 @@ impl<'a> Patch<'a> {
         let Ball { center, radius } = Ball::around(corners);
         Patch {
             hull: Hull::new(corners),
-            vertices: corners,
-            triangles: &[[0, 1, 2]],
-            planes: &[],
+            vertices: Hull::new(corners),
+            triangles: Triangles::of(ONE),
             center,
             radius,
             all_real: false,
@@ -195,8 +217,17 @@ impl<'a> Patch<'a> {
         }
     }
 
+    /// A triangle's corners, m.
+    #[inline]
     pub fn corners(&self, triangle: [u32; 3]) -> [DVec3; 3] {
-        triangle.map(|v| self.vertices[v as usize])
+        // Spelt out: as a map it is not inlined.
+        let [i, j, k] = triangle;
+        [self.vertices.point(i), self.vertices.point(j), self.vertices.point(k)]
+    }
+
+    /// A triangle's plane.
+    pub fn plane(&self, triangle: [u32; 3]) -> Plane {
+        Plane::of(self.corners(triangle))
     }
 
     /// Whether the hull is nothing but real surface (of either side).
@@ -230,20 +261,49 @@ impl<'a> Patch<'a> {
         let on = ON_TRIANGLE * self.radius + precision;
         let near = near.max(on);
         let mut surface = Surface::Virtual;
-        // The height is known to rounding only.
-        let high = near + 1e-12 * self.radius + precision;
-        for (plane, &triangle) in self.planes.iter().zip(self.triangles) {
-            if plane.height(point).abs() > high || !self.in_box(point, triangle, near) {
-                continue;
+        let mut look_at = |triangle: [u32; 3]| {
+            let corners = self.corners(triangle);
+            if surface == Surface::Front || !in_box(point, corners, near) {
+                return;
             }
-            let distance = distance_to_triangle(self.corners(triangle), point);
+            let distance = distance_to_triangle(corners, point);
             if distance <= on {
-                if self.faces(plane.normal, direction, slack) {
-                    return Surface::Front;
-                }
-                surface = Surface::Back;
+                let faces = self.faces(Plane::of(corners).normal, direction, slack);
+                surface = if faces { Surface::Front } else { Surface::Back };
             } else if distance <= near && surface == Surface::Virtual {
                 surface = Surface::Near;
+            }
+        };
+        // A triangle that is near has a corner that reaches as far along the direction as the point, but for that much.
+        // Heights are known to rounding only.
+        let low = direction.dot(point) - near - 1e-12 * self.radius - precision;
+        match self.incidence {
+            Some(incidence) => {
+                let is_high = |vertex: u32| self.vertices.point(vertex).dot(direction) >= low;
+                self.vertices.each_beyond(direction, low, |vertex, _| {
+                    incidence.each_around(vertex, |index| {
+                        // At the first of its corners that is high.
+                        let triangle = self.triangles.at(index);
+                        let mut earlier = triangle.into_iter().take_while(|corner| *corner != vertex);
+                        if !earlier.any(is_high) {
+                            look_at(triangle);
+                        }
+                    });
+                });
+            }
+            None => {
+                // A bit a vertex; patches that have no incidence have few.
+                let mut high = 0u128;
+                self.vertices
+                    .each_beyond(direction, low, |vertex, _| high |= 1u128.checked_shl(vertex).unwrap_or(0));
+                let is_high = |vertex: u32| vertex >= u128::BITS || high >> vertex & 1 != 0;
+                self.triangles.any(|triangle| {
+                    let [i, j, k] = triangle;
+                    if is_high(i) || is_high(j) || is_high(k) {
+                        look_at(triangle);
+                    }
+                    false
+                });
             }
         }
         surface
@@ -252,40 +312,34 @@ impl<'a> Patch<'a> {
     /// Whether some triangle that faces a direction has all of these vertices, and so whatever point they combine to.
     fn carried(&self, direction: DVec3, slack: f64, mut carriers: impl Iterator<Item = u32> + Clone) -> bool {
         let Some(first) = carriers.next() else { return false };
-        let carries = |(triangle, plane): (&[u32; 3], &Plane)| {
+        let carries = |triangle: [u32; 3]| {
             triangle.contains(&first)
                 && carriers.clone().all(|vertex| triangle.contains(&vertex))
-                && self.faces(plane.normal, direction, slack)
+                && self.faces(self.plane(triangle).normal, direction, slack)
         };
         match self.incidence {
-            Some(incidence) => {
-                let at = |&index: &u32| (&self.triangles[index as usize], &self.planes[index as usize]);
-                incidence.around(first).iter().map(at).any(carries)
-            }
-            None => self.triangles.iter().zip(self.planes).any(carries),
+            Some(incidence) => incidence.any_around(first, |index| carries(self.triangles.at(index))),
+            None => self.triangles.any(carries),
         }
-    }
-
-    /// Whether a point (body frame, m) may be within `reach` of a triangle.
-    fn in_box(&self, point: DVec3, triangle: [u32; 3], reach: f64) -> bool {
-        let [p, q, r] = self.corners(triangle);
-        let (low, high) = (p.min(q).min(r) - reach, p.max(q).max(r) + reach);
-        !(point.cmplt(low).any() || point.cmpgt(high).any())
     }
 
     /// Whether some triangle at vertex `vertex` of the hull can be touched from a direction (unit, body axes).
     pub fn vertex_faces(&self, vertex: u32, direction: DVec3) -> bool {
-        let facing = |plane: &Plane| plane.normal.dot(direction) >= -FACING;
+        let facing = |triangle: [u32; 3]| self.plane(triangle).normal.dot(direction) >= -FACING;
         if self.two_sided {
             return true;
         }
         match self.incidence {
-            Some(incidence) => {
-                incidence.around(vertex).iter().any(|index| facing(&self.planes[*index as usize]))
-            }
-            None => self.triangles.iter().zip(self.planes).any(|(t, p)| t.contains(&vertex) && facing(p)),
+            Some(incidence) => incidence.any_around(vertex, |index| facing(self.triangles.at(index))),
+            None => self.triangles.any(|triangle| triangle.contains(&vertex) && facing(triangle)),
         }
     }
+}
+
+/// Whether a point may be within `reach` of a triangle, m.
+fn in_box(point: DVec3, [p, q, r]: [DVec3; 3], reach: f64) -> bool {
+    let (low, high) = (p.min(q).min(r) - reach, p.max(q).max(r) + reach);
+    !(point.cmplt(low).any() || point.cmpgt(high).any())
 }
 
 /// Distance from a point to a triangle.

@@ -3,15 +3,14 @@
 use std::sync::{Arc, OnceLock};
 
 use palpate_core::Clod;
-use palpate_core::clod::Node;
+use palpate_core::clod::{Node, Points};
 use palpate_core::glam::DVec3;
 
 use crate::ball::Ball;
 use crate::contact_set::patchwork::Patchwork;
 use crate::convex::{Hull, SupportMap};
-use crate::patch::{Incidence, Patch, Plane};
-use crate::proximity::SurfaceIndex;
-use crate::query::refinement::Detail;
+use crate::patch::{Incidence, Patch};
+use crate::query::refinement::{Detail, SupportAreas};
 
 const NONE: u32 = u32::MAX;
 
@@ -25,19 +24,42 @@ pub struct Shape(Arc<Prepared>);
 #[derive(Debug)]
 struct Prepared {
     clod: Arc<Clod>,
-    nodes: Vec<Packed>,
-    details: Vec<Detail>,
+    /// Of each node.
+    extras: Vec<Extra>,
+    /// Of nodes that have some.
+    searches: Vec<Search>,
     supports: Vec<SupportMap>,
     incidences: Vec<Incidence>,
-    /// Of the hierarchy's triangles.
-    planes: Vec<Plane>,
     /// Bound on any coordinate, m.
     coordinates: f64,
-    /// For distance queries, made by the first.
-    surface: OnceLock<SurfaceIndex>,
     /// How the patches hang together, once that was asked for.
     patchwork: OnceLock<Patchwork>,
 }
+
+/// What queries read of a node besides what the hierarchy says.
+#[derive(Clone, Copy, Debug)]
+struct Extra {
+    areas: SupportAreas,
+    /// Index into [`Prepared::searches`], with [`EXACT`]; or, without that, [`NONE`].
+    search: u32,
+}
+
+/// Marks a closed patch whose vertices are all below its triangles' planes, to rounding.
+const EXACT: u32 = 1 << 31;
+
+/// Search structures of a node with a large hull or patch: indices, or [`NONE`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Search {
+    /// Into [`Prepared::supports`].
+    support: u32,
+    /// Likewise for the patch alone: the same unless points were added to bound descendants.
+    patch_support: u32,
+    /// Into [`Prepared::incidences`].
+    incidence: u32,
+}
+
+/// Of a node that has no search structures.
+const NO_SEARCH: Search = Search { support: NONE, patch_support: NONE, incidence: NONE };
 
 /// What the descent reads of a node.
 #[derive(Clone, Copy, Debug)]
@@ -47,31 +69,13 @@ pub(crate) struct Packed {
     pub hausdorff: f64,
     pub first_child: u32,
     pub last_child: u32,
-    /// Index into [`Prepared::supports`], or [`NONE`].
-    support: u32,
-    /// Likewise for the patch alone: the same unless points were added to bound descendants.
-    patch_support: u32,
-    /// Index into [`Prepared::incidences`], or [`NONE`].
-    incidence: u32,
-    /// A closed patch whose vertices are all below its triangles' planes, to rounding.
-    exact: bool,
 }
 
 impl Packed {
     /// A leaf of nothing but its bounding sphere.
     #[cfg(test)]
     pub fn sphere(center: DVec3, radius: f64) -> Self {
-        Self {
-            center,
-            radius,
-            hausdorff: 0.0,
-            first_child: 0,
-            last_child: 0,
-            support: NONE,
-            patch_support: NONE,
-            incidence: NONE,
-            exact: false,
-        }
+        Self { center, radius, hausdorff: 0.0, first_child: 0, last_child: 0 }
     }
 
     pub fn is_leaf(&self) -> bool {
@@ -84,57 +88,35 @@ impl Shape {
     pub fn new(clod: impl Into<Arc<Clod>>) -> Self {
         let shared = clod.into();
         let clod: &Clod = &shared;
-        let (mut supports, mut incidences) = (Vec::new(), Vec::new());
-        let nodes: Vec<Packed> = clod
-            .nodes
-            .iter()
-            .map(|node| {
-                let mut support_of = |points: &[DVec3]| {
-                    if points.len() < SupportMap::WORTHWHILE {
-                        return NONE;
-                    }
-                    supports.push(SupportMap::new(points));
-                    supports.len() as u32 - 1
-                };
-                let support = support_of(clod.bounding_hull(node));
-                let patch_support = if node.added > 0 && !node.triangles.is_empty() {
-                    support_of(clod.extreme(node))
-                } else {
-                    support
-                };
-                let incidence = if node.triangles.len() >= Incidence::WORTHWHILE {
-                    incidences.push(Incidence::new(node.vertices.len(), clod.patch(node)));
-                    incidences.len() as u32 - 1
-                } else {
-                    NONE
-                };
-                Packed {
-                    center: node.center,
-                    radius: node.radius,
-                    hausdorff: node.hausdorff,
-                    first_child: node.children.start,
-                    last_child: node.children.end,
-                    support,
-                    patch_support,
-                    incidence,
-                    exact: node.children.is_empty()
-                        && node.all_real
-                        && is_convex(clod, node, supports.get(support as usize)),
-                }
-            })
-            .collect();
-        let details = clod.nodes.iter().map(|node| Detail::of(clod, node)).collect();
+        let (mut searches, mut supports, mut incidences) = (Vec::new(), Vec::new(), Vec::new());
+        let unit = area_unit(clod);
+        let mut extras = Vec::with_capacity(clod.nodes().len());
+        for node in clod.nodes() {
+            let search = Search::of(clod, &node, &mut supports, &mut incidences);
+            let mut index = NONE ^ EXACT;
+            if search != NO_SEARCH {
+                index = searches.len() as u32;
+                searches.push(search);
+            }
+            let map = supports.get(search.patch_support as usize);
+            if node.children.is_empty() && node.all_real && is_convex(clod, &node, map) {
+                index |= EXACT;
+            }
+            extras.push(Extra { areas: SupportAreas::of(clod, &node, unit), search: index });
+        }
         let coordinates = clod.vertices.iter().map(|v| v.abs().max_element()).fold(0.0, f64::max);
+        searches.shrink_to_fit();
+        supports.shrink_to_fit();
+        incidences.shrink_to_fit();
+        let patchwork = OnceLock::new();
         Self(Arc::new(Prepared {
-            planes: planes_of(clod, &nodes, &supports),
             clod: shared,
-            nodes,
-            details,
+            extras,
+            searches,
             supports,
             incidences,
             coordinates,
-            surface: OnceLock::new(),
-            patchwork: OnceLock::new(),
+            patchwork,
         }))
     }
 
@@ -159,13 +141,14 @@ impl Shape {
 
     /// Bytes of memory held, besides the hierarchy itself.
     pub fn bytes(&self) -> usize {
-        let Prepared { nodes, details, supports, incidences, planes, surface, patchwork, .. } = &*self.0;
-        size_of_val(&**nodes)
-            + size_of_val(&**planes)
-            + size_of_val(&**details)
+        let Prepared { extras, searches, supports, incidences, patchwork, .. } = &*self.0;
+        size_of::<Prepared>()
+            + size_of_val(&**extras)
+            + size_of_val(&**searches)
+            + size_of_val(&**supports)
+            + size_of_val(&**incidences)
             + supports.iter().map(SupportMap::bytes).sum::<usize>()
             + incidences.iter().map(Incidence::bytes).sum::<usize>()
-            + surface.get().map_or(0, SurfaceIndex::bytes)
             + patchwork.get().map_or(0, Patchwork::bytes)
     }
 
@@ -174,71 +157,85 @@ impl Shape {
         self.0.patchwork.get_or_init(|| Patchwork::new(self.clod()))
     }
 
-    /// Whether it has no nodes.
-    pub(crate) fn is_empty(&self) -> bool {
-        self.0.nodes.is_empty()
-    }
-
     /// Bound on any coordinate, m.
     pub(crate) fn coordinates(&self) -> f64 {
         self.0.coordinates
     }
 
-    pub(crate) fn node(&self, node: u32) -> &Packed {
-        &self.0.nodes[node as usize]
+    #[inline]
+    pub(crate) fn node(&self, node: u32) -> Packed {
+        let Node { center, radius, hausdorff, children, .. } = self.clod().node(node);
+        Packed { center, radius, hausdorff, first_child: children.start, last_child: children.end }
     }
 
-    pub(crate) fn detail(&self, node: u32) -> &Detail {
-        &self.0.details[node as usize]
+    /// Of a node's bounding sphere, m.
+    #[inline]
+    pub(crate) fn radius(&self, node: u32) -> f64 {
+        self.clod().node(node).radius
+    }
+
+    #[inline]
+    pub(crate) fn detail(&self, node: u32) -> Detail {
+        let clod = self.clod();
+        Detail::of(clod, &clod.node(node), &self.0.extras[node as usize].areas, area_unit(clod))
+    }
+
+    /// Whether a node has no patch: no contacts can be reported with it.
+    #[inline]
+    pub(crate) fn is_free(&self, node: u32) -> bool {
+        let clod = self.clod();
+        clod.levels[clod.node(node).level as usize].free
     }
 
     /// Whether there is such a node, and it has a patch: contacts may be reported with it.
     pub(crate) fn has_patch(&self, node: u32) -> bool {
-        self.0.details.get(node as usize).is_some_and(|detail| !detail.is_free())
+        (node as usize) < self.0.extras.len() && !self.is_free(node)
+    }
+
+    fn search(&self, node: u32) -> Search {
+        let index = self.0.extras[node as usize].search & !EXACT;
+        self.0.searches.get(index as usize).copied().unwrap_or(NO_SEARCH)
     }
 
     /// The bounding hull of a node.
+    #[inline]
     pub(crate) fn hull(&self, node: u32) -> Hull<'_> {
-        let support = self.0.supports.get(self.node(node).support as usize);
-        Hull::with_map(self.clod().bounding_hull(&self.clod().nodes[node as usize]), support)
+        let support = self.0.supports.get(self.search(node).support as usize);
+        Hull::with_map(self.clod().bounding_hull(self.clod().node(node)), support)
     }
 
     /// The hull of a node's patch.
+    #[inline]
     pub(crate) fn patch_hull(&self, node: u32) -> Hull<'_> {
-        let support = self.0.supports.get(self.node(node).patch_support as usize);
-        Hull::with_map(self.clod().extreme(&self.clod().nodes[node as usize]), support)
+        let support = self.0.supports.get(self.search(node).patch_support as usize);
+        Hull::with_map(self.clod().extreme(self.clod().node(node)), support)
     }
 
-    /// D, the support areas (m²) of a node's vertices.
-    pub(crate) fn support_areas(&self, node: u32) -> &[f64] {
-        self.clod().support_areas(&self.clod().nodes[node as usize])
+    /// D, the support area (m²) of each of a node's vertices.
+    pub(crate) fn support_area(&self, node: u32) -> impl Fn(u32) -> f64 {
+        let areas = self.clod().support_areas(self.clod().node(node));
+        move |vertex| areas[vertex as usize]
     }
 
     /// A sphere around the whole body.
     pub(crate) fn ball(&self) -> Ball {
-        let Packed { center, radius, .. } = *self.node(Clod::ROOT);
+        let Packed { center, radius, .. } = self.node(Clod::ROOT);
         Ball { center, radius }
     }
 
-    /// What distance queries need besides; the first call prepares it.
-    pub(crate) fn surface(&self) -> &SurfaceIndex {
-        self.0.surface.get_or_init(|| SurfaceIndex::new(self.clod()))
-    }
-
     pub(crate) fn patch(&self, node: u32) -> Patch<'_> {
-        let Packed { patch_support, incidence, exact, .. } = *self.node(node);
+        let Search { patch_support, incidence, .. } = self.search(node);
         let (support, incidence) =
             (self.0.supports.get(patch_support as usize), self.0.incidences.get(incidence as usize));
-        let node = &self.clod().nodes[node as usize];
-        let planes = &self.0.planes[node.triangles.start as usize..node.triangles.end as usize];
-        Patch::of_node(self.clod(), node, planes, support, incidence, exact)
+        let exact = self.0.extras[node as usize].search & EXACT != 0;
+        Patch::of_node(self.clod(), &self.clod().node(node), support, incidence, exact)
     }
 
     /// The first descendant that is a leaf, has several children, or, unless the query is exact, may be fine enough.
     pub(crate) fn pass_through(&self, mut node: u32, exact: bool) -> u32 {
         loop {
-            let Packed { first_child, last_child, .. } = *self.node(node);
-            let fine_enough = !exact && !self.detail(node).is_free();
+            let Packed { first_child, last_child, .. } = self.node(node);
+            let fine_enough = !exact && !self.is_free(node);
             if last_child - first_child != 1 || fine_enough {
                 return node;
             }
@@ -248,28 +245,42 @@ impl Shape {
 
     /// Most nodes that can wait on the stack below any node: siblings along one path from root to leaf.
     pub(crate) fn path_width(&self) -> usize {
-        let mut width = vec![0usize; self.0.nodes.len()];
-        for (index, node) in self.0.nodes.iter().enumerate().rev() {
-            let below = (node.first_child..node.last_child).map(|c| width[c as usize]).max().unwrap_or(0);
-            width[index] = below + (node.last_child - node.first_child) as usize;
+        let mut width = vec![0usize; self.0.extras.len()];
+        for index in (0..width.len()).rev() {
+            let Packed { first_child, last_child, .. } = self.node(index as u32);
+            let below = (first_child..last_child).map(|c| width[c as usize]).max().unwrap_or(0);
+            width[index] = below + (last_child - first_child) as usize;
         }
         width.first().copied().unwrap_or(0)
     }
 }
 
-/// The planes of all triangles of a hierarchy, in their order.
-fn planes_of(clod: &Clod, nodes: &[Packed], supports: &[SupportMap]) -> Vec<Plane> {
-    let of_node = |(node, packed): (&Node, &Packed)| {
-        let vertices = clod.hull(node);
-        let hull = Hull::with_map(clod.extreme(node), supports.get(packed.patch_support as usize));
-        let planes = clod.patch(node).iter().map(move |corners| {
-            let plane = Plane::of(corners.map(|v| vertices[v as usize]));
-            let top = hull.points()[hull.support(plane.normal) as usize].dot(plane.normal);
-            Plane { top: top.max(plane.offset), ..plane }
-        });
-        planes.collect::<Vec<_>>()
-    };
-    clod.nodes.iter().zip(nodes).filter(|(node, _)| !node.triangles.is_empty()).flat_map(of_node).collect()
+/// What support areas of a hierarchy are measured by, m².
+fn area_unit(clod: &Clod) -> f64 {
+    clod.bounding_radius() * clod.bounding_radius()
+}
+
+impl Search {
+    /// Of a node. Hulls and patches too small to gain from them have none.
+    fn of(clod: &Clod, node: &Node, supports: &mut Vec<SupportMap>, incidences: &mut Vec<Incidence>) -> Self {
+        let mut support_of = |points: Points| {
+            if points.len() < SupportMap::WORTHWHILE {
+                return NONE;
+            }
+            supports.push(SupportMap::new(&points.to_vec()));
+            supports.len() as u32 - 1
+        };
+        let support = support_of(clod.bounding_hull(node));
+        let has_own = node.added > 0 && !node.triangles.is_empty();
+        let patch_support = if has_own { support_of(clod.extreme(node)) } else { support };
+        let incidence = if node.triangles.len() >= Incidence::WORTHWHILE {
+            incidences.push(Incidence::new(node.vertices.len(), clod.patch(node)));
+            incidences.len() as u32 - 1
+        } else {
+            NONE
+        };
+        Self { support, patch_support, incidence }
+    }
 }
 
 /// Whether no vertex of a patch's hull is above the planes of its triangles, to rounding.
@@ -279,7 +290,7 @@ fn is_convex(clod: &Clod, node: &Node, map: Option<&SupportMap>) -> bool {
     clod.patch(node).iter().all(|corners| {
         let [p, q, r] = corners.map(|v| points[v as usize]);
         let normal = (q - p).cross(r - p).normalize_or_zero();
-        let top = hull.points()[hull.support(normal) as usize];
+        let top = hull.point(hull.support(normal));
         normal.dot(top - p) <= CONVEX * node.radius
     })
 }

@@ -4,12 +4,17 @@
 //! Nodes are stored root first and level by level, so that the children of a node, and the nodes of a level, are
 //! contiguous. A node's hull vertices are contiguous too, those that only bound its descendants before the extreme
 //! points of its own patch, and these before the rest; vertices and triangles stand in the order of the nodes that they
-//! belong to, and nodes share none. [`Clod::validate`] lists all that queries rely on.
+//! belong to, and nodes share none. [`Parts::validate`] lists all that queries rely on.
+//!
+//! [`Parts`] is the hierarchy as builders make it and as files hold it, every number in full. [`Clod`] is the same in
+//! little [memory](packed), which queries read.
 
 mod format;
+mod packed;
 #[cfg(test)]
 mod tests;
 mod validation;
+mod views;
 
 use std::ops::Range;
 
@@ -17,13 +22,15 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 pub use format::ClodError;
+pub use packed::Clod;
+pub use views::{Areas, Nodes, Points, Triangles};
 
 /// Index of a node that is not there: the root's parent.
 pub const NO_NODE: u32 = u32::MAX;
 
-/// A hierarchy of contact levels of detail. Lengths in metres, in the object's own frame.
+/// A hierarchy of contact levels of detail in parts that can be changed. Lengths in metres, in the object's own frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Clod {
+pub struct Parts {
     /// Levels, the full mesh (index 0) first, the root's level last.
     pub levels: Vec<Level>,
     /// Nodes, the root first, level by level down to the leaves (level 0).
@@ -80,17 +87,17 @@ pub struct Node {
     pub parent: u32,
     /// Child nodes, one level finer; empty for a leaf.
     pub children: Range<u32>,
-    /// Index into [`Clod::levels`].
+    /// Index into [`Parts::levels`].
     pub level: u32,
-    /// Vertices of the patch's hull: a range of [`Clod::vertices`], the [`extreme`](Self::extreme) ones first.
+    /// Vertices of the patch's hull: a range of [`Parts::vertices`], the [`extreme`](Self::extreme) ones first.
     pub vertices: Range<u32>,
     /// How many of the vertices are extreme points of the patch's hull. The others are patch vertices that lie on its
     /// faces.
     pub extreme: u32,
-    /// How many points, right before the vertices, belong to the [bounding hull](Clod::bounding_hull) besides the
+    /// How many points, right before the vertices, belong to the [bounding hull](Parts::bounding_hull) besides the
     /// extreme ones.
     pub added: u32,
-    /// The patch's triangles, which are real surface: a range of [`Clod::triangles`]; empty for a free node. Hull faces
+    /// The patch's triangles, which are real surface: a range of [`Parts::triangles`]; empty for a free node. Hull faces
     /// not covered by them are virtual.
     pub triangles: Range<u32>,
     /// Centre of a sphere around the bounding hull and all descendants' hulls, m.
@@ -114,7 +121,7 @@ fn bounding_range(node: &Node) -> Range<usize> {
     (start - node.added) as usize..(start + node.extreme) as usize
 }
 
-impl Clod {
+impl Parts {
     /// Index of the root node.
     pub const ROOT: u32 = 0;
 
@@ -147,21 +154,6 @@ impl Clod {
     /// Radius of the bounding sphere of the mesh that the hierarchy was built from, m.
     pub fn bounding_radius(&self) -> f64 {
         self.source.bounding_radius
-    }
-
-    /// Axis-aligned bounds of the surface at full resolution, mesh frame, m: the smallest and the largest x, y and z;
-    /// `None` without triangles.
-    pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
-        let range = self.levels.first().map(|full| full.nodes.start as usize..full.nodes.end as usize);
-        let leaves = range.and_then(|range| self.nodes.get(range)).unwrap_or_default();
-        let corners = leaves.iter().flat_map(|leaf| {
-            let hull = self.hull(leaf);
-            self.patch(leaf).iter().flatten().map(|corner| hull[*corner as usize])
-        });
-        corners.fold(None, |bounds, corner| {
-            let (min, max) = bounds.unwrap_or((corner, corner));
-            Some((min.min(corner), max.max(corner)))
-        })
     }
 
     /// The nodes of a level, by its index in [`levels`](Self::levels).
@@ -210,15 +202,5 @@ impl Clod {
         source.center_of_mass *= factor;
         source.unit_inertia *= areas;
         scaled.validate().is_ok().then_some(scaled)
-    }
-
-    /// Memory that the hierarchy takes, in bytes, apart from spare capacity.
-    pub fn total_bytes(&self) -> usize {
-        size_of::<Self>()
-            + size_of_val(&*self.levels)
-            + size_of_val(&*self.nodes)
-            + size_of_val(&*self.vertices)
-            + size_of_val(&*self.support_areas)
-            + size_of_val(&*self.triangles)
     }
 }

@@ -303,13 +303,13 @@ impl Object {
     /// The triangles of the surface at full resolution, by their corners, m.
     fn triangles(&self) -> impl Iterator<Item = [DVec3; 3]> {
         self.clod.leaves().iter().flat_map(|leaf| {
-            let hull = self.clod.hull(leaf);
-            self.clod.patch(leaf).iter().map(move |triangle| triangle.map(|corner| hull[corner as usize]))
+            let hull = self.clod.hull(&leaf);
+            self.clod.patch(&leaf).iter().map(move |triangle| triangle.map(|corner| hull[corner as usize]))
         })
     }
 
-    /// The distance field of the surface at full resolution, known at least as far from it as `band` (m). The first call for a band
-    /// and a resolution makes it, which takes seconds; the last few are kept.
+    /// The distance field of the surface at full resolution. The first call with some options makes it, which takes seconds, or takes
+    /// it from the user's cache folder; the last few are kept.
     ///
     /// # Errors
     /// If the surface is not closed.

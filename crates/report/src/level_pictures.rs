@@ -89,13 +89,13 @@ impl<'a> LevelPictures<'a> {
         let mut faces = Vec::new();
         let first = self.clod.levels[level].nodes.start;
         for (index, node) in (first..).zip(self.clod.level(level)) {
-            let points = self.clod.extreme(node);
-            let hull = hull_faces(points);
+            let points = self.clod.extreme(node).to_vec();
+            let hull = hull_faces(&points);
             let color = patches::color(self.colors[index as usize]);
-            faces.extend(creases(points, &hull).into_iter().map(|lined| Face { color, lined }));
+            faces.extend(creases(&points, &hull).into_iter().map(|lined| Face { color, lined }));
             let offset = vertices.len() as u32;
             triangles.extend(hull.iter().map(|triangle| triangle.map(|vertex| offset + vertex)));
-            vertices.extend_from_slice(points);
+            vertices.extend_from_slice(&points);
         }
         // Indices are in range; hulls too many for a mesh are drawn as nothing.
         (TriMesh::new(vertices, triangles).unwrap_or_default(), faces)

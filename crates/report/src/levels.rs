@@ -1,8 +1,7 @@
 //! Figures of a hierarchy of contact levels of detail: the columns of Table 3.2, and a row a level.
 
 use palpate::core::Clod;
-use palpate::core::clod::{Level, Node};
-use palpate::glam::DVec3;
+use palpate::core::clod::Level;
 use palpate::models::Model;
 use serde::Serialize;
 
@@ -90,7 +89,7 @@ pub struct LevelFigures {
     pub deviation: Spread,
     /// h of the level's hulls, m.
     pub hausdorff: Spread,
-    /// Memory that the level takes, bytes.
+    /// Memory that the level takes, with the points that no finer level has, bytes.
     pub bytes: usize,
 }
 
@@ -106,18 +105,11 @@ impl LevelFigures {
                 free: level.free,
                 deviation: Spread::of(nodes.iter().map(|node| node.deviation)),
                 hausdorff: Spread::of(nodes.iter().map(|node| node.hausdorff)),
-                bytes: size_of::<Level>() + nodes.iter().map(node_bytes).sum::<usize>(),
+                bytes: clod.level_bytes(index),
             }
         };
         clod.levels.iter().enumerate().map(figures).collect()
     }
-}
-
-/// What a node takes: itself, its hulls' vertices with their support areas, its patch's triangles.
-fn node_bytes(node: &Node) -> usize {
-    size_of::<Node>()
-        + (node.vertices.len() + node.added as usize) * (size_of::<DVec3>() + size_of::<f64>())
-        + node.triangles.len() * size_of::<[u32; 3]>()
 }
 
 /// Median and greatest of some values; 0 where there are none.

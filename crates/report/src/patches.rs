@@ -29,7 +29,7 @@ impl Surface {
         let mut triangles = Vec::new();
         let mut owners = Vec::new();
         for (owner, node) in (0..).zip(clod.level(level)) {
-            let hull = clod.hull(node);
+            let hull = clod.hull(&node);
             for triangle in clod.patch(node) {
                 triangles.push(triangle.map(|corner| {
                     let point = hull[corner as usize];
@@ -109,14 +109,13 @@ pub(crate) fn color(number: u8) -> [f32; 3] {
 
 /// A colour's number for every node of the hierarchy.
 pub(crate) fn colors(clod: &Clod) -> Vec<u8> {
-    let mut colors = vec![0; clod.nodes.len()];
+    let mut colors = vec![0; clod.nodes().len()];
     let mut neighbours: Vec<(u32, u32)> = Vec::new();
     for (index, level) in clod.levels.iter().enumerate() {
         // Hulls of a free level are neighbours where any of their children are.
         neighbours = if level.free {
             let finer = clod.levels[index.saturating_sub(1)].nodes.start;
-            let parent =
-                |child: u32| clod.nodes[(finer + child) as usize].parent.wrapping_sub(level.nodes.start);
+            let parent = |child: u32| clod.node(finer + child).parent.wrapping_sub(level.nodes.start);
             let mut merged: Vec<(u32, u32)> = neighbours
                 .iter()
                 .map(|(a, b)| (parent(*a), parent(*b)))
@@ -137,7 +136,7 @@ pub(crate) fn colors(clod: &Clod) -> Vec<u8> {
                 // Of equals the first, as max_by takes the last.
                 let largest = (node.children.start..node.children.end)
                     .rev()
-                    .max_by_key(|child| size(&clod.nodes[*child as usize]));
+                    .max_by_key(|child| size(&clod.node(*child)));
                 largest.map(|child| colors[child as usize])
             })
             .collect();

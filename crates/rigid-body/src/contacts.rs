@@ -72,7 +72,7 @@ impl Touching {
         let Some(nodes) = node(&shapes[0], found.probe_node).zip(node(&shapes[1], found.scene_node)) else {
             return;
         };
-        let nodes: [&Node; 2] = nodes.into();
+        let nodes: [Node; 2] = nodes.into();
         if nodes.iter().any(|node| node.radius < self.near) {
             return;
         }
@@ -81,9 +81,9 @@ impl Touching {
         for (own, plane, outwards) in
             [(0, contact.scene_point, contact.normal), (1, contact.point, -contact.normal)]
         {
-            let other = Hull::new(shapes[1 - own].clod().extreme(nodes[1 - own]));
+            let other = Hull::new(shapes[1 - own].clod().extreme(&nodes[1 - own]));
             let placement = Placement::between(poses[own], poses[1 - own]);
-            for corner in shapes[own].clod().extreme(nodes[own]) {
+            for corner in shapes[own].clod().extreme(&nodes[own]) {
                 let point = poses[own].transform_point(*corner);
                 let depth = (point - plane).dot(outwards);
                 let near = |depth: f64| depth >= -gap && depth <= contact.depth.max(0.0) + gap;
@@ -133,14 +133,14 @@ impl Touching {
     }
 }
 
-fn node(shape: &Shape, index: u32) -> Option<&Node> {
-    shape.clod().nodes.get(index as usize)
+fn node(shape: &Shape, index: u32) -> Option<Node> {
+    shape.clod().get(index)
 }
 
 /// Whether a point comes as near as a gap (m) to a hull, placed in the point's frame.
 fn touches(point: DVec3, hull: &Hull, placement: &Placement, gap: f64) -> bool {
     let limits = Limits { beyond: gap, share: 0.0, enough: gap, precision: 1e-6 * gap };
     let points = [point];
-    let start = Start::Axis(point - placement.point(hull.points()[0]));
+    let start = Start::Axis(point - placement.point(hull.point(0)));
     gjk::distance(&Hull::new(&points), hull, placement, start, &limits).distance <= gap
 }

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::f32::consts::TAU;
 
 use palpate::core::Clod;
+use palpate::core::clod::Node;
 use palpate::glam::{DVec3, Vec3};
 use palpate::{Pose, Scene, Sight, level_color};
 
@@ -77,15 +78,15 @@ impl Picture {
     }
 
     fn add_patch(&mut self, object: Option<usize>, clod: &Clod, node: u32, pose: &Pose) {
-        let Some(node) = clod.nodes.get(node as usize) else { return };
+        let Some(node) = clod.get(node) else { return };
         let color = level_color(clod, node.level);
         match self.levels.iter_mut().find(|known| (known.object, known.level) == (object, node.level)) {
             Some(known) => known.patches += 1,
             None => self.levels.push(LevelColor { object, level: node.level, color, patches: 1 }),
         }
-        let hull = clod.hull(node);
-        for corner in clod.patch(node).as_flattened() {
-            let position = pose.transform_point(hull[*corner as usize]).as_vec3().to_array();
+        let hull = clod.hull(&node);
+        for corner in clod.patch(&node).iter().flatten() {
+            let position = pose.transform_point(hull[corner as usize]).as_vec3().to_array();
             self.patches.push(Corner { position, color });
         }
     }
@@ -93,9 +94,9 @@ impl Picture {
 
 /// The full mesh of a hierarchy, in its own frame.
 pub fn mesh_corners(clod: &Clod) -> Vec<Corner> {
-    let of_leaf = |node| {
-        let hull = clod.hull(node);
-        clod.patch(node).as_flattened().iter().map(|corner| hull[*corner as usize])
+    let of_leaf = |node: Node| {
+        let hull = clod.hull(&node);
+        clod.patch(&node).iter().flatten().map(move |corner| hull[corner as usize])
     };
     let corners = clod.leaves().iter().flat_map(of_leaf);
     corners.map(|place| Corner { position: place.as_vec3().to_array(), color: [255; 4] }).collect()
@@ -157,11 +158,9 @@ mod tests {
         };
         let picture = Picture::new(&sight, &probe.clod, &Pose::IDENTITY, &scene, 2.0);
 
-        let expected = 3 * nodes
-            .iter()
-            .map(|node| torus.clod.patch(&torus.clod.nodes[*node as usize]).len())
-            .sum::<usize>();
-        let of_probe = 3 * probe.clod.patch(&probe.clod.nodes[0]).len();
+        let expected =
+            3 * nodes.iter().map(|node| torus.clod.patch(torus.clod.node(*node)).len()).sum::<usize>();
+        let of_probe = 3 * probe.clod.patch(probe.clod.node(0)).len();
         assert_eq!(picture.patches.len(), expected + of_probe);
         let red = picture.patches.iter().filter(|corner| corner.color == [255, 0, 0, 255]);
         assert!(

@@ -68,7 +68,7 @@ fn scene_patches_arrows_and_nothing_are_where_they_should_be() {
     // The leaf of the ball that is nearest to the camera: red is the finest level.
     let nodes = ball.clod.levels[0].nodes.clone();
     let nearest = nodes.min_by(|a, b| {
-        let toward = |node: &u32| ball.clod.nodes[*node as usize].center.y;
+        let toward = |node: &u32| ball.clod.node(*node).center.y;
         toward(a).total_cmp(&toward(b))
     });
     let patches = TouchingPatches { object: 0, probe_node: 0, scene_node: nearest.unwrap(), weight: 1.0 };

@@ -14,7 +14,7 @@ use allocation_counter::measure;
 use palpate::clod_build::{BuildOptions, build, unwatched};
 use palpate::collide::{ContactQuery, QuerySettings, Shape};
 use palpate::core::Clod;
-use palpate::core::clod::ClodError;
+use palpate::core::clod::{ClodError, Parts};
 use palpate::glam::{DQuat, DVec3};
 use palpate::models::Model;
 use palpate::{Pose, TriMesh};
@@ -133,8 +133,7 @@ fn check(bytes: &[u8], seeds: &[Vec<u8>], sound: &Clod, disk: Option<&Path>, tal
             tally.accepted.fetch_add(1, Ordering::Relaxed);
             let touching = touches(&clod, sound);
             tally.touching.fetch_add(usize::from(touching), Ordering::Relaxed);
-            let mut again = Vec::new();
-            clod.write(&mut again).expect("what was read can be written");
+            let again = bytes_of(&Parts::read(bytes).expect("it was read before"));
             assert!(bytes.starts_with(&again), "what was read is not what was written");
             tally.changed.fetch_add(usize::from(!seeds.contains(&again)), Ordering::Relaxed);
         }
@@ -152,7 +151,7 @@ fn check(bytes: &[u8], seeds: &[Vec<u8>], sound: &Clod, disk: Option<&Path>, tal
 /// Whether queries with a sound object, as probe and as scene, find contacts.
 fn touches(clod: &Clod, sound: &Clod) -> bool {
     let radius = sound.bounding_radius();
-    let most = clod.nodes.len() * sound.nodes.len();
+    let most = clod.nodes().len() * sound.nodes().len();
     // At full resolution, and with some error.
     let settings = [0.0, 0.02]
         .map(|e| QuerySettings { error: (e * radius).into(), ..QuerySettings::new(0.02 * radius) });
@@ -172,8 +171,8 @@ fn touches(clod: &Clod, sound: &Clod) -> bool {
                 let c = &contact.contact;
                 let numbers = [c.point, c.scene_point, c.normal].map(|v| v.is_finite());
                 assert!(numbers == [true; 3] && c.depth.is_finite(), "{c:?}");
-                assert!((contact.probe_node as usize) < probe.nodes.len());
-                assert!((contact.scene_node as usize) < scene.nodes.len());
+                assert!((contact.probe_node as usize) < probe.nodes().len());
+                assert!((contact.scene_node as usize) < scene.nodes().len());
             }
             found |= outcome.contacts > 0;
         }
@@ -194,7 +193,7 @@ fn hierarchy(mesh: &TriMesh, simplify: bool) -> Clod {
     build(mesh, &options, &mut unwatched).expect("the model builds")
 }
 
-fn bytes_of(clod: &Clod) -> Vec<u8> {
+fn bytes_of(clod: &Parts) -> Vec<u8> {
     let mut bytes = Vec::new();
     clod.write(&mut bytes).expect("the hierarchy is valid");
     bytes
@@ -215,7 +214,7 @@ fn seeds() -> Vec<Vec<u8>> {
         let radius = mesh.bounding_sphere().radius;
         let vertices = mesh.vertices().iter().map(|v| *v * (0.03 / radius)).collect();
         let mesh = TriMesh::new(vertices, mesh.triangles().to_vec()).expect("the same triangles");
-        let mut clod = hierarchy(&mesh, simplify);
+        let mut clod = hierarchy(&mesh, simplify).parts();
         seeds.push(bytes_of(&clod));
         for node in &mut clod.nodes {
             (node.radius, node.hausdorff) = (1e6 * node.radius, 10.0 * node.hausdorff);

@@ -18,7 +18,7 @@ use std::collections::{HashMap, HashSet};
 use std::io::Write as _;
 
 use palpate::clod_build::{BuildOptions, build, unwatched};
-use palpate::collide::{ContactQuery, ProximityQuery, QuerySettings, Shape};
+use palpate::collide::{ContactQuery, QuerySettings, Shape};
 use palpate::core::Clod;
 use palpate::glam::{DQuat, DVec3};
 use palpate::models::Model;
@@ -86,7 +86,7 @@ impl Body {
 /// A pose at which the surfaces are close: a point of the probe opposite to one of the scene object, and turned at random.
 /// Three in four are those of the first contact of the probe coming along the normal. Of both, most are a part of d
 /// apart there, a third in by up to 2 d, and some are far in.
-fn near_pose(probe: &Body, scene: &Body, approach: &mut ProximityQuery, random: &mut StdRng) -> Pose {
+fn near_pose(probe: &Body, scene: &Body, approach: &mut ContactQuery, random: &mut StdRng) -> Pose {
     let tolerance = TOLERANCE * probe.radius;
     let ((on_probe, normal), (on_scene, outwards)) = (probe.point(random), scene.point(random));
     let facing = DQuat::from_rotation_arc(normal, -outwards);
@@ -96,14 +96,17 @@ fn near_pose(probe: &Body, scene: &Body, approach: &mut ProximityQuery, random: 
     let mut touching = on_scene - turn * on_probe;
     if random.random_range(0..4) > 0 {
         touching += 2.0 * (probe.radius + scene.radius) * outwards;
+        // As far as it is clear, in shorter and shorter steps.
+        let mut reach = probe.trees[0].shape.max_tolerance();
         for _ in 0..100 {
-            let pose = Pose::new(touching, turn);
-            match approach.distance(&pose, &Pose::IDENTITY, f64::INFINITY) {
-                Ok(Some(found)) if found.distance > 1e-3 * tolerance => {
-                    touching -= found.distance * outwards;
-                }
-                _ => break,
+            let settings = QuerySettings::new(reach);
+            let outcome = approach.run(&Pose::new(touching, turn), &Pose::IDENTITY, &settings);
+            let clear = outcome.expect("valid poses and settings").smallest_distance.unwrap_or(reach);
+            if clear <= 1e-3 * tolerance {
+                break;
             }
+            touching -= clear * outwards;
+            reach = reach.min(2.0 * clear).max(tolerance);
         }
     }
     let apart = match random.random_range(0..40) {
@@ -242,7 +245,7 @@ fn run(name: &str, bodies: [&Body; 2], first: usize, poses: usize) -> Tally {
     let number = first / RUN;
     let chosen = [0, 1 + number % TREES].map(|tree| bodies.map(|body| &body.trees[tree]));
     let mut queries = chosen.map(|[a, b]| ContactQuery::new(&a.shape, &b.shape));
-    let mut approach = ProximityQuery::new(&probe.trees[0].shape, &scene.trees[0].shape);
+    let mut approach = ContactQuery::new(&probe.trees[0].shape, &scene.trees[0].shape);
     for index in first..first + poses {
         let mut random = StdRng::seed_from_u64(SEED ^ index as u64);
         let pose = near_pose(probe, scene, &mut approach, &mut random);

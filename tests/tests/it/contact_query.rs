@@ -7,7 +7,6 @@ use std::sync::OnceLock;
 use palpate::clod_build::{BuildOptions, build, unwatched};
 use palpate::collide::{ContactQuery, PatchContact, QuerySettings, Shape};
 use palpate::core::Clod;
-use palpate::core::clod::Node;
 use palpate::glam::{DQuat, DVec3};
 use palpate::mesh_io::intersecting_pairs;
 use palpate::models::Model;
@@ -35,8 +34,8 @@ impl Body {
     }
 
     fn patch(&self, node: u32, pose: &Pose) -> Vec<[DVec3; 3]> {
-        let node: &Node = &self.clod.nodes[node as usize];
-        let hull = self.clod.hull(node);
+        let node = self.clod.node(node);
+        let hull = self.clod.hull(&node);
         let corner = |local: u32| pose.transform_point(hull[local as usize]);
         self.clod.patch(node).iter().map(|triangle| triangle.map(corner)).collect()
     }

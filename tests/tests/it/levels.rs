@@ -6,8 +6,7 @@ use std::io::Write as _;
 
 use palpate::TriMesh;
 use palpate::clod_build::{BuildOptions, build, unwatched};
-use palpate::core::Clod;
-use palpate::core::clod::Node;
+use palpate::core::clod::{Node, Parts};
 use palpate::glam::DVec3;
 use palpate::mesh_io::{LoadOptions, load};
 use palpate::models::{Model, ModelError};
@@ -16,13 +15,13 @@ use palpate_tests::shared;
 
 const SEED: u64 = 0x1e7e15;
 
-fn simplified(mesh: &TriMesh) -> Clod {
+fn simplified(mesh: &TriMesh) -> Parts {
     built_with(mesh, &BuildOptions::default())
 }
 
-fn built_with(mesh: &TriMesh, options: &BuildOptions) -> Clod {
+fn built_with(mesh: &TriMesh, options: &BuildOptions) -> Parts {
     match build(mesh, options, &mut unwatched) {
-        Ok(clod) => clod,
+        Ok(clod) => clod.parts(),
         Err(error) => panic!("{error}"),
     }
 }
@@ -135,7 +134,7 @@ fn real_models_keep_their_promises() {
     examine(models, &examination(200_000, 4));
 }
 
-fn faults_of(mesh: &TriMesh, clod: &Clod) -> Findings {
+fn faults_of(mesh: &TriMesh, clod: &Parts) -> Findings {
     examination(20_000, 4).of(mesh, clod)
 }
 
@@ -150,7 +149,7 @@ fn damage_is_found() {
     let coarsest = sound.levels[regular - 1].nodes.clone();
     let radius = sound.bounding_radius();
 
-    type Damage<'a> = &'a dyn Fn(&mut Clod);
+    type Damage<'a> = &'a dyn Fn(&mut Parts);
     let shrink = |value: &mut f64| *value *= 0.5;
     let damages: [(&str, Damage<'_>); 10] = [
         ("surface deviation", &|c| {
@@ -226,7 +225,7 @@ fn damage_is_found() {
     }
 }
 
-fn bytes_of(clod: &Clod) -> Vec<u8> {
+fn bytes_of(clod: &Parts) -> Vec<u8> {
     let mut bytes = Vec::new();
     clod.write(&mut bytes).expect("the hierarchy is valid");
     bytes
@@ -246,13 +245,13 @@ fn the_same_bytes_whatever_the_number_of_threads() {
 
 /// How the hierarchy of a mesh differs from that of the same mesh in another unit, if it does other than in the unit.
 /// Numbers may differ by so much of themselves, lengths also by so much of the bounding radius.
-fn difference(one: &Clod, other: &Clod, scale: f64, rounding: f64) -> Option<String> {
+fn difference(one: &Parts, other: &Parts, scale: f64, rounding: f64) -> Option<String> {
     let shape =
-        |clod: &Clod| clod.levels.iter().map(|l| (l.nodes.len(), l.triangles, l.free)).collect::<Vec<_>>();
+        |clod: &Parts| clod.levels.iter().map(|l| (l.nodes.len(), l.triangles, l.free)).collect::<Vec<_>>();
     if shape(one) != shape(other) {
         return Some(format!("levels of {:?} and {:?} nodes and triangles", shape(one), shape(other)));
     }
-    let links = |clod: &Clod| {
+    let links = |clod: &Parts| {
         let link =
             |n: &Node| (n.parent, n.children.clone(), n.vertices.clone(), n.extreme, n.contained, n.all_real);
         (clod.triangles.clone(), clod.nodes.iter().map(link).collect::<Vec<_>>())
@@ -262,7 +261,7 @@ fn difference(one: &Clod, other: &Clod, scale: f64, rounding: f64) -> Option<Str
     }
     let size = one.bounding_radius();
     // Every number with what it is and its power of the unit.
-    let numbers = |clod: &Clod| {
+    let numbers = |clod: &Parts| {
         let mut numbers: Vec<(f64, i32, &str)> = Vec::new();
         numbers.extend(clod.vertices.iter().flat_map(|v| v.to_array()).map(|x| (x, 1, "vertex")));
         numbers.extend(clod.levels.iter().map(|level| (level.resolution, -1, "resolution")));
@@ -301,8 +300,8 @@ fn powers_of_two_change_nothing_but_the_units() {
     }
 }
 
-/// Other factors round the coordinates, which changes the numbers by as much, but neither what is decided nor what is
-/// true.
+/// Other factors round the coordinates, and what of nodes is packed, which changes the numbers by as much, but neither what is
+/// decided nor what is true.
 #[test]
 fn other_units_change_nothing_but_rounding() {
     for model in [Model::LowerJaw, Model::Cup, Model::Hammer, Model::GolfBall] {
@@ -312,7 +311,7 @@ fn other_units_change_nothing_but_rounding() {
             let place = format!("{} times {scale}", model.name());
             let scaled = in_other_unit(&mesh, scale);
             let other = simplified(&scaled);
-            assert_eq!(difference(&one, &other, scale, 1e-7), None, "{place}");
+            assert_eq!(difference(&one, &other, scale, 5e-7), None, "{place}");
             assert_eq!(examination(2000, 1).of(&scaled, &other).faults, Vec::<String>::new(), "{place}");
         }
     }

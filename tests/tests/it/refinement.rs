@@ -82,8 +82,7 @@ fn contacts_are_true_to_within_the_deviation_of_their_levels() {
             for error in [0.004, 0.025, 0.1] {
                 query.run(pose, &Pose::IDENTITY, &settings(probe, error)).unwrap();
                 for found in query.contacts() {
-                    let (a, b) =
-                        (&probe.nodes[found.probe_node as usize], &scene.nodes[found.scene_node as usize]);
+                    let (a, b) = (probe.node(found.probe_node), scene.node(found.scene_node));
                     let bound = found.contact.distance() + a.deviation + b.deviation;
                     let reach = all.tolerance.min(bound);
                     let nearest = nearest.unwrap_or(all.tolerance);
@@ -111,9 +110,7 @@ fn larger_errors_cost_less() {
                 triangles += query
                     .contacts()
                     .iter()
-                    .map(|c| {
-                        probe.levels[probe.nodes[c.probe_node as usize].level as usize].triangles as usize
-                    })
+                    .map(|c| probe.levels[probe.node(c.probe_node).level as usize].triangles as usize)
                     .sum::<usize>();
             }
             (front, triangles / contacts.max(1))
@@ -137,7 +134,7 @@ fn what_is_fast_or_far_from_the_camera_is_coarse() {
             for pose in poses {
                 assert!(query.run(pose, &Pose::IDENTITY, &settings).is_ok());
                 contacts += query.contacts().len();
-                let level = |c: u32| &probe.levels[probe.nodes[c as usize].level as usize];
+                let level = |c: u32| &probe.levels[probe.node(c).level as usize];
                 triangles +=
                     query.contacts().iter().map(|c| level(c.probe_node).triangles as usize).sum::<usize>();
             }

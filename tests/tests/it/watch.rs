@@ -46,8 +46,8 @@ fn pushes_are_those_that_are_felt() {
             }
             for patches in &sight.patches {
                 assert_eq!(patches.object, 0);
-                assert!((patches.probe_node as usize) < probe.clod.nodes.len());
-                assert!((patches.scene_node as usize) < scene.objects()[0].object.clod.nodes.len());
+                assert!((patches.probe_node as usize) < probe.clod.nodes().len());
+                assert!((patches.scene_node as usize) < scene.objects()[0].object.clod.nodes().len());
                 assert!(patches.weight > 0.0 && patches.weight <= 1.0);
             }
             assert!(record.time - sight.time < 3e-3);

@@ -103,7 +103,7 @@ pub fn solid_collider(object: &Object, level: usize, mass: f64) -> Result<Collid
             )]
         }
         None => {
-            let hulls = clod.level(level).iter().filter_map(|node| hull(clod, node));
+            let hulls = clod.level(level).iter().filter_map(|node| hull(clod, &node));
             hulls.map(|hull| (math::Pose::IDENTITY, hull)).collect()
         }
     };
@@ -130,8 +130,8 @@ pub fn surface_collider(object: &Object) -> Result<ColliderBuilder, ColliderErro
     let mut numbers = HashMap::new();
     let mut triangles = Vec::new();
     for leaf in object.clod.leaves() {
-        let hull = object.clod.hull(leaf);
-        for &triangle in object.clod.patch(leaf) {
+        let hull = object.clod.hull(&leaf);
+        for triangle in object.clod.patch(&leaf) {
             triangles.push(triangle.map(|corner| {
                 let vertex = to_vector(hull[corner as usize]);
                 *numbers.entry(vertex.to_array().map(|x| (x + 0.0).to_bits())).or_insert_with(|| {

@@ -18,23 +18,26 @@ pub fn whole(clod: &Clod, color: [u8; 4]) -> Mesh3D {
 
 /// Patches of a hierarchy, each in the colour of its level; `None` if they have no triangles.
 pub fn patches(clod: &Clod, nodes: &BTreeSet<u32>) -> Option<Mesh3D> {
-    let nodes = nodes.iter().filter_map(|node| clod.nodes.get(*node as usize));
+    let nodes = nodes.iter().filter_map(|node| clod.get(*node));
     let nodes = nodes.filter(|node| !clod.patch(node).is_empty());
     nodes.clone().next()?;
-    let colored = nodes.map(|node| (node, level_color(clod, node.level)));
+    let colored = nodes.map(|node| {
+        let color = level_color(clod, node.level);
+        (node, color)
+    });
     Some(mesh(clod, colored, (LIFT * clod.bounding_radius()) as f32))
 }
 
 /// Patches with their normals, moved along these by `lift` (m).
-fn mesh<'a>(clod: &'a Clod, patches: impl Iterator<Item = (&'a Node, [u8; 4])>, lift: f32) -> Mesh3D {
+fn mesh(clod: &Clod, patches: impl Iterator<Item = (Node, [u8; 4])>, lift: f32) -> Mesh3D {
     let (mut corners, mut normals) = (Vec::new(), Vec::new());
     let (mut triangles, mut colors) = (Vec::new(), Vec::new());
     for (node, color) in patches {
         let first = corners.len();
-        corners.extend(clod.hull(node).iter().map(|corner| corner.as_vec3()));
+        corners.extend(clod.hull(&node).iter().map(|corner| corner.as_vec3()));
         normals.resize(corners.len(), Vec3::ZERO);
         colors.resize(corners.len(), color);
-        for triangle in clod.patch(node) {
+        for triangle in clod.patch(&node) {
             let triangle = triangle.map(|corner| first + corner as usize);
             let [a, b, c] = triangle.map(|corner| corners[corner]);
             for corner in triangle {

@@ -137,7 +137,7 @@ fn replay(
         };
         let query_us = begun.elapsed().as_secs_f64() * 1e6;
         let wrench = penalty(&mut clustering, found, &settings, arguments.stiffness, &sample.pose);
-        let level = |object: &Object, node: u32| object.clod.nodes[node as usize].level.to_string();
+        let level = |object: &Object, node: u32| object.clod.node(node).level.to_string();
         for PatchContact { contact, probe_node, scene_node, .. } in found {
             contacts_file.write(
                 sample.time,

@@ -12,8 +12,8 @@ use crate::shapes::{
 };
 use glam::{DMat3, DVec3};
 use palpate_clod_build::BuildOptions;
-use palpate_core::clod::Node;
-use palpate_core::{Clod, TriMesh};
+use palpate_core::TriMesh;
+use palpate_core::clod::{Node, Parts};
 use palpate_models::Model;
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
@@ -24,11 +24,11 @@ fn key(p: DVec3) -> Key {
     p.to_array().map(|x| (x + 0.0).to_bits())
 }
 
-fn tolerance(clod: &Clod) -> f64 {
+fn tolerance(clod: &Parts) -> f64 {
     BuildOptions::default().tolerance * clod.bounding_radius()
 }
 
-fn corners(clod: &Clod, node: &Node) -> Vec<[DVec3; 3]> {
+fn corners(clod: &Parts, node: &Node) -> Vec<[DVec3; 3]> {
     clod.patch(node).iter().map(|t| t.map(|v| clod.hull(node)[v as usize])).collect()
 }
 
@@ -40,7 +40,7 @@ fn normal([a, b, c]: [DVec3; 3], narrow: f64) -> Option<DVec3> {
 }
 
 /// Each triangle of the mesh is in exactly one patch, with its orientation.
-fn check_partition(mesh: &TriMesh, clod: &Clod) {
+fn check_partition(mesh: &TriMesh, clod: &Parts) {
     let rotated = |t: [Key; 3]| {
         let first = (0..3).min_by_key(|k| t[*k]).unwrap_or(0);
         [t[first], t[(first + 1) % 3], t[(first + 2) % 3]]
@@ -59,7 +59,7 @@ fn check_partition(mesh: &TriMesh, clod: &Clod) {
 
 /// Each triangle has all of the hull below its plane, and interior edges are convex (Eq. 3.2): brute force over all
 /// pairs.
-fn check_local_constraint(clod: &Clod) {
+fn check_local_constraint(clod: &Parts) {
     let tolerance = tolerance(clod);
     for (k, node) in clod.leaves().iter().enumerate() {
         for t in corners(clod, node) {
@@ -88,7 +88,7 @@ fn check_local_constraint(clod: &Clod) {
 
 /// Points of a contained hull that are deeper than the tolerance lie inside the object; of a flat one, what is just
 /// below it.
-fn check_global_constraint(mesh: &TriMesh, clod: &Clod, samples: usize) {
+fn check_global_constraint(mesh: &TriMesh, clod: &Parts, samples: usize) {
     let seed = 21;
     let mut rng = StdRng::seed_from_u64(seed);
     let tolerance = tolerance(clod);
@@ -152,7 +152,7 @@ fn planes_by_brute_force(points: &[DVec3]) -> Vec<(DVec3, f64)> {
     if flat { Vec::new() } else { planes }
 }
 
-fn check(mesh: &TriMesh, clod: &Clod) {
+fn check(mesh: &TriMesh, clod: &Parts) {
     check_partition(mesh, clod);
     check_local_constraint(clod);
 }

@@ -33,7 +33,7 @@ fn built_or_rightly_refused(mesh: &TriMesh, options: &BuildOptions, name: &str) 
     let crossings = self_intersections(mesh);
     let outcome = build(mesh, options, &mut unwatched);
     if let Ok(clod) = &outcome {
-        clod.validate().unwrap_or_else(|e| panic!("{name}: {e}"));
+        clod.parts().validate().unwrap_or_else(|e| panic!("{name}: {e}"));
         assert!(report.is_solid() || !clod.source.solid, "{name}");
         assert!(clod.source.solid || clod.leaves().iter().all(|n| !n.contained), "{name}");
     } else if let Err(e) = &outcome {
@@ -108,7 +108,7 @@ fn nasty_files(least: [usize; 2], size: impl Fn(u64) -> bool) {
             Ok(repaired) => {
                 let clod = build(&repaired.mesh, &options, &mut unwatched);
                 let clod = clod.unwrap_or_else(|e| panic!("{name}: {e}"));
-                clod.validate().unwrap_or_else(|e| panic!("{name}: {e}"));
+                clod.parts().validate().unwrap_or_else(|e| panic!("{name}: {e}"));
                 let summary = repaired.repairs.expect("repair was asked for");
                 println!("{name}: {} patches once repaired: {summary}", clod.leaves().len());
                 mended += 1;

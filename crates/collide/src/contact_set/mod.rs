@@ -1,5 +1,10 @@
 //! The contact set of two objects: what is left of a query's contacts between patches when the pieces are put together.
 //!
+//! It is for inspection, of a single pose or of a recorded path: where two objects touch, how often, and how deep. The command
+//! `palpate query` prints it at full resolution. Sessions do not use it. A force needs contacts that do not jump from pose to
+//! pose, and a set does where a region divides or two join; [clusters](crate::Clustering) go over smoothly. The first run
+//! prepares a surface of each shape, which takes more memory than the shape does.
+//!
 //! A [query](crate::ContactQuery) takes surfaces patch by patch. A contact of two patches may be no local minimum of the
 //! objects' distance, since a neighbouring patch comes closer; and one region of intersection is cut into as many
 //! contacts as pairs of patches meet in it, each with the depth of the two pieces only. Here:

@@ -25,7 +25,7 @@ pub(crate) struct Neighbours {
     ends: Vec<[u32; 3]>,
     /// Per mesh vertex: where its triangles start; one more at the end.
     starts: Vec<u32>,
-    /// Triangles around the mesh vertices, as indices into [`Clod::triangles`].
+    /// Triangles around the mesh vertices, as indices among all of the hierarchy.
     around: Vec<u32>,
     /// The node that each triangle belongs to.
     owner: Vec<u32>,
@@ -42,23 +42,24 @@ impl Neighbours {
         let Some(first_node) = regular().map(|level| level.nodes.start).min() else {
             return Self::default();
         };
-        let first_vertex = clod.nodes[first_node as usize].vertices.start;
+        let first_vertex = clod.node(first_node).vertices.start;
+        let last_vertex = clod.nodes().map(|node| node.vertices.end).max().unwrap_or(0);
         let mut found = Self {
             first_node,
-            ends: vec![[NO_VERTEX; 3]; clod.triangles.len()],
-            owner: vec![NO_NODE; clod.triangles.len()],
+            ends: vec![[NO_VERTEX; 3]; clod.patch_triangles()],
+            owner: vec![NO_NODE; clod.patch_triangles()],
             ..Self::default()
         };
         // The mesh vertex that each vertex of the hierarchy, from the first on, is.
-        let mut mesh_vertex = vec![NO_VERTEX; clod.vertices.len() - first_vertex as usize];
-        for level in regular() {
-            found.weld(clod, level.nodes.clone(), &mut mesh_vertex, first_vertex);
+        let mut mesh_vertex = vec![NO_VERTEX; (last_vertex - first_vertex) as usize];
+        for level in (0..clod.levels.len()).filter(|level| !clod.levels[*level].free) {
+            found.weld(clod, level, &mut mesh_vertex, first_vertex);
         }
-        for (index, node) in (0u32..).zip(&clod.nodes).skip(first_node as usize) {
+        for (index, node) in (0u32..).zip(clod.nodes()).skip(first_node as usize) {
             let triangles = node.triangles.start as usize..node.triangles.end as usize;
             found.owner[triangles.clone()].fill(index);
             let start = (node.vertices.start - first_vertex) as usize;
-            for (ends, corners) in found.ends[triangles.clone()].iter_mut().zip(&clod.triangles[triangles]) {
+            for (ends, corners) in found.ends[triangles].iter_mut().zip(clod.patch(&node)) {
                 *ends = corners.map(|corner| mesh_vertex[start + corner as usize]);
             }
         }
@@ -68,18 +69,16 @@ impl Neighbours {
     }
 
     /// Joins equal vertices of a level, and numbers them.
-    fn weld(&mut self, clod: &Clod, nodes: std::ops::Range<u32>, mesh_vertex: &mut [u32], first: u32) {
-        let of_level = &clod.nodes[nodes.start as usize..nodes.end as usize];
-        let mut vertices: Vec<([u64; 3], u32)> = of_level
-            .iter()
-            .flat_map(|node| node.vertices.clone())
-            .map(|vertex| (bits(clod.vertices[vertex as usize]), vertex))
+    fn weld(&mut self, clod: &Clod, level: usize, mesh_vertex: &mut [u32], first: u32) {
+        let mut vertices: Vec<([u64; 3], u32)> = clod
+            .level(level)
+            .flat_map(|node| clod.hull(&node).iter().map(|point| bits(*point)).zip(node.vertices))
             .collect();
         vertices.sort_unstable();
         let mut last = None;
         for (key, vertex) in vertices {
             if last.replace(key) != Some(key) {
-                self.points.push(clod.vertices[vertex as usize]);
+                self.points.push(DVec3::from_array(key.map(f64::from_bits)));
             }
             mesh_vertex[(vertex - first) as usize] = self.points.len() as u32 - 1;
         }
@@ -109,7 +108,7 @@ impl Neighbours {
     fn meet(&mut self, clod: &Clod) {
         let mut of_node = Vec::new();
         self.node_starts.push(0);
-        for (index, node) in (0u32..).zip(&clod.nodes).skip(self.first_node as usize) {
+        for (index, node) in (0u32..).zip(clod.nodes()).skip(self.first_node as usize) {
             of_node.clear();
             for triangle in node.triangles.clone() {
                 for vertex in self.ends(triangle) {
@@ -170,11 +169,11 @@ impl Neighbours {
     /// Whether two nodes are the same patch, or neighbours. Of nodes of different levels the finer one stands for its
     /// ancestor on the coarser one's level.
     pub fn meets(&self, clod: &Clod, x: u32, y: u32) -> bool {
-        let level = |node: u32| clod.nodes[node as usize].level;
+        let level = |node: u32| clod.node(node).level;
         let coarser = level(x).max(level(y));
         let lifted = |mut node: u32| {
             while level(node) < coarser {
-                node = clod.nodes[node as usize].parent;
+                node = clod.node(node).parent;
             }
             node
         };

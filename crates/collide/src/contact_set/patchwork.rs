@@ -25,7 +25,7 @@ const NO_TREE: u32 = u32::MAX;
 pub(crate) struct Patchwork {
     pub neighbours: Neighbours,
     trees: Vec<Bunch>,
-    /// Triangles in the order of the trees, as indices into [`Clod::triangles`].
+    /// Triangles in the order of the trees, as indices among all of the hierarchy.
     order: Vec<u32>,
     /// Per level, and per node: the root of its tree.
     of_level: Vec<u32>,
@@ -57,12 +57,12 @@ impl Patchwork {
         let mut surface = Self {
             neighbours: Neighbours::new(clod),
             of_level: vec![NO_TREE; clod.levels.len()],
-            of_node: vec![NO_TREE; clod.nodes.len()],
+            of_node: vec![NO_TREE; clod.nodes().len()],
             ..Self::default()
         };
         for (index, level) in clod.levels.iter().enumerate().filter(|(_, level)| !level.free) {
             let mut nodes: Vec<u32> = level.nodes.clone().collect();
-            nodes.retain(|node| !clod.nodes[*node as usize].triangles.is_empty());
+            nodes.retain(|node| !clod.node(*node).triangles.is_empty());
             if !nodes.is_empty() {
                 surface.of_level[index] = surface.join(clod, &mut nodes);
             }
@@ -74,11 +74,11 @@ impl Patchwork {
     fn join(&mut self, clod: &Clod, nodes: &mut [u32]) -> u32 {
         if let [node] = *nodes {
             let first = self.order.len();
-            self.order.extend(clod.nodes[node as usize].triangles.clone());
+            self.order.extend(clod.node(node).triangles);
             self.of_node[node as usize] = self.split(first, self.order.len());
             return self.of_node[node as usize];
         }
-        let center = |node: &u32| clod.nodes[*node as usize].center;
+        let center = |node: &u32| clod.node(*node).center;
         let axis = longest_axis(nodes.iter().map(center));
         let half = nodes.len() / 2;
         nodes.select_nth_unstable_by(half, |x, y| center(x)[axis].total_cmp(&center(y)[axis]));
@@ -184,7 +184,7 @@ pub(crate) struct NearestPoint {
     pub point: DVec3,
     /// Weights of the triangle's corners; some are 0 on its border.
     weights: [f64; 3],
-    /// Index into [`Clod::triangles`].
+    /// Index among all triangles of the hierarchy.
     pub triangle: u32,
     /// Node whose patch that belongs to.
     pub node: u32,

@@ -130,7 +130,7 @@ impl Regions {
         let shapes = [probe, scene];
         Self {
             pairs: Vec::new(),
-            groups: shapes.map(|shape| Groups::new(shape.clod().nodes.len())),
+            groups: shapes.map(|shape| Groups::new(shape.clod().nodes().len())),
             sets: Sets::default(),
             inside: Vec::new(),
             state: shapes.map(|shape| vec![UNSEEN; shape.patchwork().neighbours.vertices()]),
@@ -228,7 +228,7 @@ impl Regions {
     /// Joins pairs that are neighbours on both sides.
     fn connect_pairs(&mut self, sides: &[Side; 2]) {
         let coarsest = [0, 1].map(|side| {
-            let level = |pair: &Pair| sides[side].own.clod().nodes[pair.nodes[side] as usize].level;
+            let level = |pair: &Pair| sides[side].own.clod().node(pair.nodes[side]).level;
             self.pairs.iter().map(level).max().unwrap_or(0)
         });
         for index in 0..self.pairs.len() {
@@ -272,8 +272,7 @@ impl Regions {
         for at in 0..self.pairs.len() {
             let nodes = self.pairs[at].nodes;
             let node = nodes[index];
-            let Node { center, radius, level, ref triangles, .. } =
-                other.clod().nodes[nodes[1 - index] as usize];
+            let Node { center, radius, level, triangles, .. } = other.clod().node(nodes[1 - index]);
             let hint = triangles.start;
             let center = side.to_other.direction_to_b(center - side.to_other.translation);
             let [low, high] = other.patchwork().box_of(nodes[1 - index]);
@@ -506,9 +505,8 @@ impl Regions {
 
 /// A node with its neighbours, and the same of its ancestors up to a level.
 fn around(shape: &Shape, node: u32, coarsest: u32) -> impl Iterator<Item = u32> + Clone {
-    let nodes = &shape.clod().nodes;
     let above = move |node: &u32| {
-        let node = &nodes[*node as usize];
+        let node = shape.clod().node(*node);
         (node.level < coarsest).then_some(node.parent)
     };
     std::iter::successors(Some(node), above)

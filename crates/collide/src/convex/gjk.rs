@@ -82,8 +82,8 @@ impl Distance {
     pub fn witnesses(&self, a: &Hull, b: &Hull, placement: &Placement) -> (DVec3, DVec3) {
         let (mut on_a, mut on_b) = (DVec3::ZERO, DVec3::ZERO);
         for (vertex, &weight) in self.simplex.vertices().iter().zip(self.simplex.weights()) {
-            on_a += weight * a.points()[vertex.a as usize];
-            on_b += weight * b.points()[vertex.b as usize];
+            on_a += weight * a.point(vertex.a);
+            on_b += weight * b.point(vertex.b);
         }
         (on_a, placement.point(on_b))
     }
@@ -91,17 +91,13 @@ impl Distance {
 
 /// The vertex of a − b that lies furthest in a direction (of any length, a's frame).
 pub(super) fn support(a: &Hull, b: &Hull, placement: &Placement, direction: DVec3) -> Vertex {
-    let on_a = a.support(direction);
-    let on_b = b.support(-placement.direction_to_b(direction));
-    difference(a, b, placement, on_a, on_b)
+    let (on_a, point_a) = a.furthest(direction);
+    let (on_b, point_b) = b.furthest(-placement.direction_to_b(direction));
+    Vertex { difference: point_a - placement.point(point_b), a: on_a, b: on_b }
 }
 
 pub(super) fn difference(a: &Hull, b: &Hull, placement: &Placement, on_a: u32, on_b: u32) -> Vertex {
-    Vertex {
-        difference: a.points()[on_a as usize] - placement.point(b.points()[on_b as usize]),
-        a: on_a,
-        b: on_b,
-    }
+    Vertex { difference: a.point(on_a) - placement.point(b.point(on_b)), a: on_a, b: on_b }
 }
 
 /// Finds the distance between hull a and hull b as placed, as far as `limits` asks for it.
@@ -119,7 +115,7 @@ pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits:
         Start::Axis(axis) => found.axis = axis,
         Start::Vertices(cached, axis) => {
             found.axis = axis;
-            let (last_a, last_b) = (a.points().len() as u32 - 1, b.points().len() as u32 - 1);
+            let (last_a, last_b) = (a.len() as u32 - 1, b.len() as u32 - 1);
             for &(on_a, on_b) in cached.iter().take(4) {
                 let vertex = difference(a, b, placement, on_a.min(last_a), on_b.min(last_b));
                 if !found.simplex.contains(&vertex) {

@@ -22,4 +22,4 @@ pub use gjk::{Distance, Limits, Separation, Start};
 pub use penetration::{Penetration, Polytope};
 pub use placement::Placement;
 pub use simplex::{Simplex, Vertex, nearest_on_triangle};
-pub use support::{Hull, SupportMap};
+pub use support::{Hull, HullPoints, SupportMap};

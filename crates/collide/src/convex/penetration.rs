@@ -178,8 +178,8 @@ impl Polytope {
         let apex = self.apex(corners.map(|v| v.difference));
         let (mut on_a, mut on_b) = (DVec3::ZERO, DVec3::ZERO);
         for (vertex, weight) in corners.iter().zip(weights) {
-            on_a += weight * a.points()[vertex.a as usize];
-            on_b += weight * b.points()[vertex.b as usize];
+            on_a += weight * a.point(vertex.a);
+            on_b += weight * b.point(vertex.b);
         }
         Penetration {
             depth: best.extent,
@@ -221,7 +221,7 @@ impl Polytope {
 
     /// Starts from a tetrahedron that is known, unless it is thin.
     fn start_from(&mut self, a: &Hull, b: &Hull, placement: &Placement, start: &[(u32, u32)]) -> bool {
-        let (count_a, count_b) = (a.points().len(), b.points().len());
+        let (count_a, count_b) = (a.len(), b.len());
         let &[first, second, third, apex] = start else { return false };
         let known = |(on_a, on_b): (u32, u32)| (on_a as usize) < count_a && (on_b as usize) < count_b;
         if !start.iter().all(|&pair| known(pair)) {

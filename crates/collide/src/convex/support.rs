@@ -8,6 +8,7 @@
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
+use palpate_core::clod::Points;
 use palpate_core::glam::DVec3;
 
 /// Cells with no more points than this are not quartered.
@@ -29,67 +30,174 @@ const SLACK: f64 = 1e-9;
 /// A convex hull as the set of its extreme points, in its own frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Hull<'a> {
-    points: &'a [DVec3],
+    points: HullPoints<'a>,
     map: Option<&'a SupportMap>,
+}
+
+/// Points of a hull: in a row, or of a hierarchy.
+#[derive(Clone, Copy, Debug)]
+pub enum HullPoints<'a> {
+    /// In a row.
+    Row(&'a [DVec3]),
+    /// Of a hierarchy.
+    Node(Points<'a>),
+}
+
+impl<'a> From<&'a [DVec3]> for HullPoints<'a> {
+    fn from(points: &'a [DVec3]) -> Self {
+        Self::Row(points)
+    }
+}
+
+impl<'a, const N: usize> From<&'a [DVec3; N]> for HullPoints<'a> {
+    fn from(points: &'a [DVec3; N]) -> Self {
+        Self::Row(points)
+    }
+}
+
+impl<'a> From<&'a Vec<DVec3>> for HullPoints<'a> {
+    fn from(points: &'a Vec<DVec3>) -> Self {
+        Self::Row(points)
+    }
+}
+
+impl<'a> From<Points<'a>> for HullPoints<'a> {
+    fn from(points: Points<'a>) -> Self {
+        Self::Node(points)
+    }
 }
 
 impl<'a> Hull<'a> {
     /// The hull of some points (m), at least one. Points that are not extreme do no harm.
-    pub fn new(points: &'a [DVec3]) -> Self {
-        debug_assert!(!points.is_empty());
-        Self { points, map: None }
+    pub fn new(points: impl Into<HullPoints<'a>>) -> Self {
+        Self::with_map(points, None)
     }
 
     /// The hull of some points with a map that was made of the same points.
-    pub fn with_map(points: &'a [DVec3], map: Option<&'a SupportMap>) -> Self {
-        debug_assert!(map.is_none_or(|map| map.count == points.len()));
-        Self { points, map }
+    pub fn with_map(points: impl Into<HullPoints<'a>>, map: Option<&'a SupportMap>) -> Self {
+        let hull = Self { points: points.into(), map };
+        debug_assert!(hull.len() > 0 && map.is_none_or(|map| map.count as usize == hull.len()));
+        hull
     }
 
-    /// The points, m.
-    pub fn points(&self) -> &'a [DVec3] {
-        self.points
+    /// How many points there are.
+    #[expect(clippy::len_without_is_empty, reason = "there is at least one")]
+    #[inline]
+    pub fn len(&self) -> usize {
+        match self.points {
+            HullPoints::Row(points) => points.len(),
+            HullPoints::Node(points) => points.len(),
+        }
+    }
+
+    /// A point, m.
+    #[inline]
+    pub fn point(&self, index: u32) -> DVec3 {
+        match self.points {
+            HullPoints::Row(points) => points[index as usize],
+            HullPoints::Node(points) => points[index as usize],
+        }
+    }
+
+    /// Calls `each` with the points, m, in their order.
+    #[inline]
+    pub fn each_point(&self, mut each: impl FnMut(DVec3)) {
+        match self.points {
+            HullPoints::Row(points) => points.iter().for_each(|point| each(*point)),
+            HullPoints::Node(points) => points.iter().for_each(|point| each(*point)),
+        }
+    }
+
+    /// Whether all points fulfil a condition.
+    #[inline]
+    pub fn all_points(&self, mut condition: impl FnMut(DVec3) -> bool) -> bool {
+        match self.points {
+            HullPoints::Row(points) => points.iter().all(|point| condition(*point)),
+            HullPoints::Node(points) => points.iter().all(|point| condition(*point)),
+        }
+    }
+
+    /// Calls `each` with the index and the place (m) of every point that reaches at least so far along a direction.
+    #[inline]
+    pub fn each_beyond(&self, direction: DVec3, reach: f64, mut each: impl FnMut(u32, DVec3)) {
+        // Loops, which compile to fewer instructions than adapters.
+        match self.points {
+            HullPoints::Row(points) => {
+                for (index, point) in (0u32..).zip(points) {
+                    if point.dot(direction) >= reach {
+                        each(index, *point);
+                    }
+                }
+            }
+            HullPoints::Node(points) => {
+                for (index, point) in (0u32..).zip(points.iter()) {
+                    if point.dot(direction) >= reach {
+                        each(index, *point);
+                    }
+                }
+            }
+        }
+    }
+
+    /// How far the points reach along a direction, in its lengths.
+    pub fn end(&self, direction: DVec3) -> f64 {
+        self.furthest(direction).1.dot(direction)
     }
 
     /// Index of the first point that lies furthest in a direction (of any length).
     pub fn support(&self, direction: DVec3) -> u32 {
-        match self.map {
-            Some(map) => map.support(self.points, direction),
-            None => first_furthest((0u32..).zip(self.points), direction),
-        }
+        self.furthest(direction).0
+    }
+
+    /// The first point that lies furthest in a direction (of any length): its index, and where it is, m.
+    pub fn furthest(&self, direction: DVec3) -> (u32, DVec3) {
+        let found = match (self.map, self.points) {
+            (None, HullPoints::Row(points)) => first_furthest((0u32..).zip(points), direction),
+            (None, HullPoints::Node(points)) => first_furthest((0u32..).zip(points.iter()), direction),
+            (Some(map), HullPoints::Row(points)) => map.furthest(|index| &points[index as usize], direction),
+            (Some(map), HullPoints::Node(points)) => map.furthest(|index| &points[index as usize], direction),
+        };
+        found.unwrap_or_else(|| (0, self.point(0)))
     }
 }
 
-/// Of points with their indices, the first one that lies furthest in a direction; 0 if none does.
-fn first_furthest<'p>(points: impl Iterator<Item = (u32, &'p DVec3)>, direction: DVec3) -> u32 {
-    let mut best = (0, f64::NEG_INFINITY);
+/// Of points with their indices, the first one that lies furthest in a direction, if one does.
+#[inline]
+fn first_furthest<'p>(
+    points: impl Iterator<Item = (u32, &'p DVec3)>,
+    direction: DVec3,
+) -> Option<(u32, DVec3)> {
+    let (mut best, mut furthest) = (None, f64::NEG_INFINITY);
     for (index, point) in points {
         let reach = point.dot(direction);
-        if reach > best.1 {
-            best = (index, reach);
+        if reach > furthest {
+            (best, furthest) = (Some((index, point)), reach);
         }
     }
-    best.0
+    best.map(|(index, point)| (index, *point))
 }
 
 /// For every direction, which points of a hull can be extreme.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct SupportMap {
-    /// The six faces of the cube, then the quarters of each cell that has some.
-    cells: Vec<Cell>,
-    /// Points of the cells.
-    candidates: Vec<u32>,
+    lists: Lists,
     /// Points of the hull.
-    count: usize,
-}
-
-#[derive(Clone, Copy, Debug, Default)]
-struct Cell {
-    /// First of its quarters, or of its candidates.
-    first: u32,
-    /// Candidates; 0 for a cell that is quartered.
     count: u32,
 }
+
+/// The cells: the six faces of the cube, then the quarters of each cell that has some. Each is where its quarters begin, or,
+/// with the highest bit, where its candidates do: how many points can be extreme there, and which. In as few bytes as the
+/// hull allows.
+#[derive(Clone, Debug)]
+enum Lists {
+    Small { cells: Box<[u16]>, candidates: Box<[u8]> },
+    Medium { cells: Box<[u32]>, candidates: Box<[u16]> },
+    Large { cells: Box<[u32]>, candidates: Box<[u32]> },
+}
+
+/// Marks a cell that has candidates.
+const FILLED: u32 = 1 << 31;
+const FILLED_SMALL: u16 = 1 << 15;
 
 /// A cell while a map is made. Those with the most points come first.
 #[derive(Debug)]
@@ -125,11 +233,11 @@ const DIGITS: u32 = 30;
 
 impl SupportMap {
     /// From this many points on, a map is faster than a scan.
-    pub const WORTHWHILE: usize = 48;
+    pub const WORTHWHILE: usize = 28;
 
     /// A map of a hull's points, at least one.
     pub fn new(points: &[DVec3]) -> Self {
-        let mut map = Self { cells: vec![Cell::default(); 6], candidates: Vec::new(), count: points.len() };
+        let (mut cells, mut filled) = (vec![0; 6], Vec::new());
         let all: Vec<u32> = (0u32..).take(points.len()).collect();
         let face = |cell| {
             let square = Square::face(cell);
@@ -138,9 +246,9 @@ impl SupportMap {
         let mut unfilled: BinaryHeap<Unfilled> = (0..6).map(face).collect();
         while let Some(next) = unfilled.pop() {
             let Unfilled { candidates, cell, square, depth } = &next;
-            let room = map.cells.len() + 4 <= CELLS * points.len();
+            let room = cells.len() + 4 <= CELLS * points.len();
             if candidates.len() > FEW && *depth < DEEPEST && room {
-                let first = map.cells.len();
+                let first = cells.len();
                 let quarters: [Unfilled; 4] = std::array::from_fn(|quarter| {
                     let square = square.quarter(quarter);
                     let candidates = square.candidates(points, candidates);
@@ -150,37 +258,80 @@ impl SupportMap {
                 if quarters.iter().map(|quarter| quarter.candidates.len()).sum::<usize>()
                     <= 3 * candidates.len()
                 {
-                    map.cells[*cell] = Cell { first: first as u32, count: 0 };
-                    map.cells.extend([Cell::default(); 4]);
+                    cells[*cell] = first as u32;
+                    cells.extend([0; 4]);
                     unfilled.extend(quarters);
                     continue;
                 }
             }
-            map.cells[*cell] = Cell { first: map.candidates.len() as u32, count: candidates.len() as u32 };
-            map.candidates.extend(candidates);
+            cells[*cell] = FILLED | filled.len() as u32;
+            filled.push(candidates.len() as u32);
+            filled.extend(candidates);
         }
-        map.cells.shrink_to_fit();
-        map.candidates.shrink_to_fit();
-        map
+        let cells = cells.into_iter();
+        // None is cut short.
+        let lists = if points.len() <= 0xff && filled.len() < usize::from(FILLED_SMALL) {
+            let small = |cell: u32| (cell & !FILLED) as u16 | ((cell & FILLED) >> 16) as u16;
+            let candidates = filled.into_iter().map(|index| index as u8).collect();
+            Lists::Small { cells: cells.map(small).collect(), candidates }
+        } else if points.len() <= 0xffff {
+            let candidates = filled.into_iter().map(|index| index as u16).collect();
+            Lists::Medium { cells: cells.collect(), candidates }
+        } else {
+            Lists::Large { cells: cells.collect(), candidates: filled.into() }
+        };
+        Self { lists, count: points.len() as u32 }
     }
 
-    /// Bytes of memory held.
+    /// Bytes of memory held, besides itself.
     pub fn bytes(&self) -> usize {
-        size_of_val(&*self.cells) + size_of_val(&*self.candidates)
+        match &self.lists {
+            Lists::Small { cells, candidates } => size_of_val(&**cells) + size_of_val(&**candidates),
+            Lists::Medium { cells, candidates } => size_of_val(&**cells) + size_of_val(&**candidates),
+            Lists::Large { cells, candidates } => size_of_val(&**cells) + size_of_val(&**candidates),
+        }
     }
 
-    fn support(&self, points: &[DVec3], direction: DVec3) -> u32 {
+    #[inline]
+    fn furthest<'p>(&self, point: impl Fn(u32) -> &'p DVec3, direction: DVec3) -> Option<(u32, DVec3)> {
         let (face, [u, v]) = on_cube(direction);
-        let mut cell = self.cells[face];
         let mut digit = DIGITS;
-        while cell.count == 0 {
+        let mut quarter = || {
             digit -= 1;
-            let quarter = (u >> digit & 1) | (v >> digit & 1) << 1;
-            cell = self.cells[(cell.first + quarter) as usize];
+            ((u >> digit & 1) | (v >> digit & 1) << 1) as usize
+        };
+        let indexed = |index: u32| (index, point(index));
+        match &self.lists {
+            Lists::Small { cells, candidates } => {
+                let mut cell = cells[face];
+                while cell & FILLED_SMALL == 0 {
+                    cell = cells[usize::from(cell) + quarter()];
+                }
+                let first = usize::from(cell ^ FILLED_SMALL);
+                let candidates = &candidates[first + 1..=first + usize::from(candidates[first])];
+                first_furthest(candidates.iter().map(|index| indexed(u32::from(*index))), direction)
+            }
+            Lists::Medium { cells, candidates } => {
+                let first = descend(cells, face, quarter);
+                let candidates = &candidates[first + 1..=first + usize::from(candidates[first])];
+                first_furthest(candidates.iter().map(|index| indexed(u32::from(*index))), direction)
+            }
+            Lists::Large { cells, candidates } => {
+                let first = descend(cells, face, quarter);
+                let candidates = &candidates[first + 1..=first + candidates[first] as usize];
+                first_furthest(candidates.iter().map(|index| indexed(*index)), direction)
+            }
         }
-        let candidates = &self.candidates[cell.first as usize..(cell.first + cell.count) as usize];
-        first_furthest(candidates.iter().map(|&index| (index, &points[index as usize])), direction)
     }
+}
+
+/// Where the candidates of the cell are that is found below a face, going from quarter to quarter.
+fn descend(cells: &[u32], face: usize, mut quarter: impl FnMut() -> usize) -> usize {
+    let mut cell = cells[face];
+    while cell & FILLED == 0 {
+        cell = cells[cell as usize + quarter()];
+    }
+    (cell ^ FILLED) as usize
 }
 
 /// The face of the cube that a direction goes through, and where: in units of 2⁻ᴰᴵᴳᴵᵀˢ of its sides.

@@ -34,20 +34,16 @@ pub(crate) struct Bodies {
 impl Bodies {
     /// Whether contacts of a pair can be reported.
     pub fn is_reportable(&self, pair: &Pair) -> bool {
-        !self.probe.detail(pair.a).is_free() && !self.scene.detail(pair.b).is_free()
+        !self.probe.is_free(pair.a) && !self.scene.is_free(pair.b)
     }
 
     /// The sum of the nodes' radii, m.
     pub fn radii(&self, pair: &Pair) -> f64 {
-        self.probe.node(pair.a).radius + self.scene.node(pair.b).radius
+        self.probe.radius(pair.a) + self.scene.radius(pair.b)
     }
 
-    fn nodes(&self, pair: &Pair) -> [&Packed; 2] {
+    fn nodes(&self, pair: &Pair) -> [Packed; 2] {
         [self.probe.node(pair.a), self.scene.node(pair.b)]
-    }
-
-    fn are_leaves(&self, pair: &Pair) -> bool {
-        self.nodes(pair).iter().all(|node| node.is_leaf())
     }
 
     /// The pairs that a pair is split into.
@@ -82,22 +78,24 @@ impl Bodies {
 
     /// Decides about a pair that is awake.
     pub fn look_at(&self, pair: &mut Pair, now: &Circumstances, leaf: &mut LeafQuery) -> Verdict {
-        let refinement = if self.are_leaves(pair) {
+        let nodes = self.nodes(pair);
+        pair.apart = false;
+        if !pair.split && spheres_are_apart(&nodes, pair, now) {
+            return Verdict::Stop;
+        }
+        leaf.counts.visited += 1;
+        if are_still_apart(&nodes, pair, now) {
+            return Verdict::Stop;
+        }
+        pair.parting = None;
+        let refinement = if nodes.iter().all(Packed::is_leaf) {
             Refine::No
         } else if now.exact {
             Refine::Yes
         } else {
-            refine(self.probe.detail(pair.a), self.scene.detail(pair.b), self.threshold(pair, now), now.band)
+            let [detail_a, detail_b] = [self.probe.detail(pair.a), self.scene.detail(pair.b)];
+            refine(&detail_a, &detail_b, self.threshold(pair, now), now.band)
         };
-        pair.apart = false;
-        if !pair.split && self.spheres_are_apart(pair, now) {
-            return Verdict::Stop;
-        }
-        leaf.counts.visited += 1;
-        if self.are_still_apart(pair, now) {
-            return Verdict::Stop;
-        }
-        pair.parting = None;
         match refinement {
             Refine::No => Verdict::Examine,
             Refine::Yes if !pair.split && self.is_apart(pair, now, leaf) => Verdict::Stop,
@@ -117,10 +115,11 @@ impl Bodies {
     pub fn examine(&self, pair: &mut Pair, asks: bool, now: &Circumstances, leaf: &mut LeafQuery) -> Verdict {
         leaf.contacts.clear();
         let tolerance = now.settings.tolerance;
-        let precision = self.precision(pair, now);
+        let nodes = self.nodes(pair);
+        let precision = precision(&nodes, now);
         let hulls = [self.probe.patch_hull(pair.a), self.scene.patch_hull(pair.b)];
         let limits = Limits { beyond: tolerance, share: SHARE, enough: -1.0, precision };
-        let [a, b] = self.nodes(pair);
+        let [a, b] = &nodes;
         let start = Start::Vertices(pair.nearest.vertices(true), a.center - now.placement.point(b.center));
         let found = gjk::distance(&hulls[0], &hulls[1], &now.placement, start, &limits);
         leaf.counts.convex_queries += 1;
@@ -150,9 +149,9 @@ impl Bodies {
         leaf.counts.leaf_pairs += 1;
         if beyond {
             if verdict == Verdict::Stop {
-                pair.parting = Parting::of(&found, self.nodes(pair), &now.placement, now.turn, true);
+                pair.parting = Parting::of(&found, &nodes, &now.placement, now.turn, true);
                 pair.wake = now.way + settled;
-                pair.apart = self.are_leaves(pair);
+                pair.apart = nodes.iter().all(Packed::is_leaf);
             }
             return verdict;
         }
@@ -167,8 +166,9 @@ impl Bodies {
 
     /// How much of a pair's contact, found at these nearest points, is left to finer ones.
     fn share(&self, pair: &Pair, found: &Distance, now: &Circumstances) -> f64 {
-        let side_a = (self.probe.detail(pair.a), self.probe.support_areas(pair.a));
-        let side_b = (self.scene.detail(pair.b), self.scene.support_areas(pair.b));
+        let [detail_a, detail_b] = [self.probe.detail(pair.a), self.scene.detail(pair.b)];
+        let side_a = (&detail_a, self.probe.support_area(pair.a));
+        let side_b = (&detail_b, self.scene.support_area(pair.b));
         let error = self.threshold(pair, now);
         refined_share(weighted_deviation(found, side_a, side_b, now.settings.tolerance, error), now.band)
     }
@@ -176,8 +176,9 @@ impl Bodies {
     /// How far the bodies may move with all of a pair's contact left to finer ones still, m.
     fn refined_for(&self, pair: &Pair, found: &Distance, hulls: &[Hull; 2], now: &Circumstances) -> f64 {
         let [hull_a, hull_b] = hulls;
-        let side_a = (self.probe.detail(pair.a), hull_a.points(), self.probe.support_areas(pair.a));
-        let side_b = (self.scene.detail(pair.b), hull_b.points(), self.scene.support_areas(pair.b));
+        let [detail_a, detail_b] = [self.probe.detail(pair.a), self.scene.detail(pair.b)];
+        let side_a = (&detail_a, hull_a, self.probe.support_area(pair.a));
+        let side_b = (&detail_b, hull_b, self.scene.support_area(pair.b));
         refined_for(found, side_a, side_b, &now.placement, self.threshold(pair, now), now.rounding)
     }
 
@@ -190,64 +191,24 @@ impl Bodies {
         })
     }
 
-    /// Smallest length that is told from zero, m.
-    fn precision(&self, pair: &Pair, now: &Circumstances) -> f64 {
-        PRECISION * self.radii(pair) + now.rounding
-    }
-
-    /// d_ab, m (Eq. 3.5).
-    fn reach(&self, pair: &Pair, now: &Circumstances) -> f64 {
-        let [a, b] = self.nodes(pair);
-        now.settings.tolerance + a.hausdorff + b.hausdorff
-    }
-
-    /// Whether the bounding spheres are out of reach; if so, until when.
-    fn spheres_are_apart(&self, pair: &mut Pair, now: &Circumstances) -> bool {
-        let [a, b] = self.nodes(pair);
-        let distance = a.center.distance(now.placement.point(b.center));
-        // A little slack for rounding in the spheres.
-        let gap = distance * (1.0 - 1e-9) - (a.radius + b.radius) - now.settings.tolerance - now.rounding;
-        if gap > 0.0 {
-            pair.wake = now.way + gap;
-            pair.apart = true;
-        }
-        gap > 0.0
-    }
-
-    /// Whether hulls that were out of reach are so still, along the same direction; if so, until when.
-    fn are_still_apart(&self, pair: &mut Pair, now: &Circumstances) -> bool {
-        let Some(parting) = pair.parting.filter(|_| !pair.split) else { return false };
-        // With another threshold, the pair may have to be split.
-        if parting.of_patches && now.threshold_changed {
-            return false;
-        }
-        let reach = if parting.of_patches { now.settings.tolerance } else { self.reach(pair, now) };
-        let lower = parting.lower(self.nodes(pair), &now.placement, now.turn, now.rounding);
-        let apart = lower > reach.max(self.precision(pair, now));
-        if apart {
-            pair.wake = now.way + (lower - reach);
-            pair.apart = !parting.of_patches || self.are_leaves(pair);
-        }
-        apart
-    }
-
     /// Whether the bounding hulls are out of reach; if so, until when.
     pub fn is_apart(&self, pair: &mut Pair, now: &Circumstances, leaf: &mut LeafQuery) -> bool {
         let (hull_a, hull_b) = (self.probe.hull(pair.a), self.scene.hull(pair.b));
-        if hull_a.points().len().max(hull_b.points().len()) > HULL_TEST_POINTS {
+        let nodes = self.nodes(pair);
+        let [a, b] = &nodes;
+        let untested = |node: &Packed, hull: &Hull| !node.is_leaf() && hull.len() > HULL_TEST_POINTS;
+        if untested(a, &hull_a) || untested(b, &hull_b) {
             return false;
         }
         leaf.counts.convex_queries += 1;
-        let reach = self.reach(pair, now);
-        let limits =
-            Limits { beyond: reach, share: SHARE, enough: reach, precision: self.precision(pair, now) };
-        let [a, b] = self.nodes(pair);
+        let reach = reach(&nodes, now);
+        let limits = Limits { beyond: reach, share: SHARE, enough: reach, precision: precision(&nodes, now) };
         let start = Start::Vertices(pair.nearest.vertices(false), a.center - now.placement.point(b.center));
         let found = gjk::distance(&hull_a, &hull_b, &now.placement, start, &limits);
         let apart = found.separation == Separation::Beyond;
         if apart {
             pair.nearest = Nearest::of(&found, false);
-            pair.parting = Parting::of(&found, [a, b], &now.placement, now.turn, false);
+            pair.parting = Parting::of(&found, &nodes, &now.placement, now.turn, false);
             pair.wake = now.way + (found.lower - reach);
             pair.apart = true;
         } else {
@@ -255,4 +216,43 @@ impl Bodies {
         }
         apart
     }
+}
+
+/// Smallest length that is told from zero, m.
+fn precision([a, b]: &[Packed; 2], now: &Circumstances) -> f64 {
+    PRECISION * (a.radius + b.radius) + now.rounding
+}
+
+/// d_ab, m (Eq. 3.5).
+fn reach([a, b]: &[Packed; 2], now: &Circumstances) -> f64 {
+    now.settings.tolerance + a.hausdorff + b.hausdorff
+}
+
+/// Whether the bounding spheres of a pair's nodes are out of reach; if so, until when.
+fn spheres_are_apart([a, b]: &[Packed; 2], pair: &mut Pair, now: &Circumstances) -> bool {
+    let distance = a.center.distance(now.placement.point(b.center));
+    // A little slack for rounding in the spheres.
+    let gap = distance * (1.0 - 1e-9) - (a.radius + b.radius) - now.settings.tolerance - now.rounding;
+    if gap > 0.0 {
+        pair.wake = now.way + gap;
+        pair.apart = true;
+    }
+    gap > 0.0
+}
+
+/// Whether hulls that were out of reach are so still, along the same direction; if so, until when.
+fn are_still_apart(nodes: &[Packed; 2], pair: &mut Pair, now: &Circumstances) -> bool {
+    let Some(parting) = pair.parting.filter(|_| !pair.split) else { return false };
+    // With another threshold, the pair may have to be split.
+    if parting.of_patches && now.threshold_changed {
+        return false;
+    }
+    let reach = if parting.of_patches { now.settings.tolerance } else { reach(nodes, now) };
+    let lower = parting.lower(nodes, &now.placement, now.turn, now.rounding);
+    let apart = lower > reach.max(precision(nodes, now));
+    if apart {
+        pair.wake = now.way + (lower - reach);
+        pair.apart = !parting.of_patches || nodes.iter().all(Packed::is_leaf);
+    }
+    apart
 }

@@ -103,7 +103,7 @@ impl ContactQuery {
                 let pair = front.get(child);
                 let Bodies { probe, scene } = &*bodies;
                 let error = bodies.threshold(&pair, now);
-                let deviation = urgency(probe.detail(pair.a), scene.detail(pair.b), error);
+                let deviation = urgency(&probe.detail(pair.a), &scene.detail(pair.b), error);
                 urgent.push(Urgent { deviation, slot: child, weight: weight * share });
                 waiting += usize::from(bodies.is_reportable(&pair));
             }

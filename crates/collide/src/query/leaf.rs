@@ -20,9 +20,9 @@
 use palpate_core::Contact;
 use palpate_core::glam::DVec3;
 
-use crate::convex::{Distance, Limits, Placement, Polytope, Separation, Start, gjk};
+use crate::convex::{Distance, Hull, Limits, Placement, Separation, Start, gjk};
 use crate::patch::{Patch, Plane, Surface, separated};
-use crate::query::overlap::{contact_at, overlap};
+use crate::query::overlap::{Workspace, contact_at, overlap};
 use crate::query::triangles::InReach;
 
 /// Contacts of a pair of patches that there is room for at first.
@@ -31,7 +31,7 @@ const CONTACTS: usize = 512;
 /// Buffers for the contacts of one pair of leaves, with counts over a whole query.
 #[derive(Clone, Debug)]
 pub(crate) struct LeafQuery {
-    pub polytope: Polytope,
+    overlap: Workspace,
     /// Contacts of the pair, in the probe's frame.
     pub contacts: Vec<Contact>,
     /// Vertices to start from the next time, if the hulls overlap.
@@ -83,7 +83,7 @@ pub(crate) struct Reach<'a> {
 impl Default for LeafQuery {
     fn default() -> Self {
         Self {
-            polytope: Polytope::default(),
+            overlap: Workspace::default(),
             contacts: Vec::with_capacity(CONTACTS),
             tetrahedron: None,
             near: Vec::with_capacity(CONTACTS),
@@ -100,6 +100,7 @@ impl LeafQuery {
         self.contacts.capacity() * size_of::<Contact>()
             + self.near.capacity() * size_of::<(Contact, u32, u32)>()
             + self.in_reach.bytes()
+            + self.overlap.bytes()
     }
 
     /// Finds the contacts of a pair of patches, given the distance between their hulls. They are left in
@@ -174,7 +175,7 @@ impl LeafQuery {
 
     fn penetrating(&mut self, a: &Patch, b: &Patch, found: &Distance, reach: &Reach) {
         self.counts.convex_queries += 1;
-        let overlap = overlap(a, b, reach, found, &mut self.polytope);
+        let overlap = overlap(a, b, reach, found, &mut self.overlap);
         self.counts.not_converged += usize::from(!overlap.sure);
         self.contacts.push(overlap.contact);
         self.tetrahedron = Some(overlap.tetrahedron);
@@ -215,7 +216,7 @@ impl LeafQuery {
         let (on_a, on_b) = (&self.in_reach.of_a[on_a], &self.in_reach.of_b[on_b]);
         let (i, j, axis) = (on_a.index, on_b.index, on_a.ball.center - on_b.ball.center);
         let corners_a = on_a.corners;
-        let corners_b = b.corners(b.triangles[j as usize]);
+        let corners_b = b.corners(b.triangles.at(j as usize));
         let (one, other) = (a.single(&corners_a), b.single(&corners_b));
         let found = self.distance(&one, &other, axis, reach);
         if found.separation == Separation::Beyond {
@@ -243,7 +244,7 @@ impl LeafQuery {
     fn sunk(&mut self, a: &Patch, b: &Patch, reach: &Reach) -> bool {
         let touching = Reach { tolerance: 0.0, ..*reach };
         let (loose, hull_is_a) = if a.contained { (b, true) } else { (a, false) };
-        loose.triangles.iter().any(|&triangle| {
+        loose.triangles.iter().any(|triangle| {
             let corners = loose.corners(triangle);
             let one = loose.single(&corners);
             let found = if hull_is_a {
@@ -273,9 +274,22 @@ fn witnesses(a: &Patch, b: &Patch, found: &Distance) -> (DVec3, DVec3) {
 /// Whether the hulls' features along a normal (a's frame) are parallel, so that their nearest points are not unique.
 fn ambiguous(a: &Patch, b: &Patch, normal: DVec3, reach: &Reach) -> bool {
     let placement = reach.placement;
-    let on_a = Feature::of(a.hull.points(), normal, 1e-7 * a.radius + reach.looseness);
-    let on_b =
-        Feature::of(b.hull.points(), -placement.direction_to_b(normal), 1e-7 * b.radius + reach.looseness);
+    let on_a = || Feature::of(&a.hull, normal, 1e-7 * a.radius + reach.looseness);
+    let on_b = || Feature::of(&b.hull, -placement.direction_to_b(normal), 1e-7 * b.radius + reach.looseness);
+    // That of the smaller hull may do.
+    let (on_a, on_b) = if a.hull.len() <= b.hull.len() {
+        let on_a = on_a();
+        if matches!(on_a, Feature::Vertex) {
+            return false;
+        }
+        (on_a, on_b())
+    } else {
+        let on_b = on_b();
+        if matches!(on_b, Feature::Vertex) {
+            return false;
+        }
+        (on_a(), on_b)
+    };
     match (on_a, on_b) {
         (Feature::Vertex, _) | (_, Feature::Vertex) => false,
         (Feature::Edge(u), Feature::Edge(v)) => u.cross(placement.direction(v)).length() < 1e-6,
@@ -292,13 +306,19 @@ enum Feature {
 }
 
 impl Feature {
-    fn of(points: &[DVec3], direction: DVec3, tolerance: f64) -> Self {
-        let top = points.iter().map(|p| p.dot(direction)).fold(f64::NEG_INFINITY, f64::max);
-        let mut ends = points.iter().filter(|p| p.dot(direction) >= top - tolerance);
-        match (ends.next(), ends.next(), ends.next()) {
-            (Some(p), Some(q), None) => Self::Edge((*q - *p).normalize_or_zero()),
-            (Some(_), Some(_), Some(_)) => Self::Face,
-            _ => Self::Vertex,
+    fn of(hull: &Hull, direction: DVec3, tolerance: f64) -> Self {
+        let low = hull.end(direction) - tolerance;
+        let (mut ends, mut count) = ([DVec3::ZERO; 2], 0);
+        hull.each_beyond(direction, low, |_, point| {
+            if let Some(end) = ends.get_mut(count) {
+                *end = point;
+            }
+            count += 1;
+        });
+        match count {
+            0 | 1 => Self::Vertex,
+            2 => Self::Edge((ends[1] - ends[0]).normalize_or_zero()),
+            _ => Self::Face,
         }
     }
 }

@@ -28,6 +28,9 @@ const FEW_TRIANGLE_PAIRS: usize = 16;
 /// Upper bound on the vertices of either patch for that.
 const FEW_VERTICES: usize = 24;
 
+/// Planes of a patch that there is room for at first: patches have at most a few hundred.
+const PLANES: usize = 256;
+
 /// The best direction so far: first by whether both sides face each other, then by depth.
 struct Best {
     /// Unit normal out of a, and depth, m.
@@ -56,6 +59,27 @@ impl Best {
     }
 }
 
+/// Buffers.
+#[derive(Clone, Debug)]
+pub(crate) struct Workspace {
+    polytope: Polytope,
+    /// Of a patch.
+    planes: Vec<Plane>,
+}
+
+impl Default for Workspace {
+    fn default() -> Self {
+        Self { polytope: Polytope::default(), planes: Vec::with_capacity(PLANES) }
+    }
+}
+
+impl Workspace {
+    /// Bytes of memory held, but for the polytope, whose size is fixed.
+    pub fn bytes(&self) -> usize {
+        self.planes.capacity() * size_of::<Plane>()
+    }
+}
+
 /// What was found between two patches whose hulls overlap or touch.
 pub(crate) struct Overlap {
     /// In a's frame.
@@ -73,7 +97,7 @@ pub(crate) fn overlap(
     b: &Patch,
     reach: &Reach,
     found: &Distance,
-    polytope: &mut Polytope,
+    Workspace { polytope, planes }: &mut Workspace,
 ) -> Overlap {
     let Reach { placement, precision, looseness, .. } = *reach;
     let (touch, _) = found.witnesses(&a.hull, &b.hull, &Placement::IDENTITY);
@@ -101,7 +125,7 @@ pub(crate) fn overlap(
         }
     }
     if !best.facing {
-        faces(a, b, placement, [touch, least.on_a, least.on_b], &mut best);
+        faces(a, b, placement, [touch, least.on_a, least.on_b], planes, &mut best);
         let few = a.triangles.len() * b.triangles.len() <= FEW_TRIANGLE_PAIRS;
         if few && a.vertices.len() <= FEW_VERTICES && b.vertices.len() <= FEW_VERTICES {
             edges(a, b, placement, &mut best);
@@ -124,19 +148,25 @@ pub(crate) fn contact_at(point: DVec3, normal: DVec3, depth: f64) -> Contact {
 /// Tries the normals of both patches' triangles: how far the other hull reaches below their planes. At least as far as
 /// the points of it that are known: one that both hulls share, one of its own, and those found on the way. So most planes
 /// need not be tried; that nearest to them is tried first.
-fn faces(a: &Patch, b: &Patch, placement: &Placement, [shared, on_a, on_b]: [DVec3; 3], best: &mut Best) {
-    each_plane(a, [shared, on_b], best, |best, normal, top| {
+fn faces(
+    a: &Patch,
+    b: &Patch,
+    placement: &Placement,
+    [shared, on_a, on_b]: [DVec3; 3],
+    planes: &mut Vec<Plane>,
+    best: &mut Best,
+) {
+    each_plane(a, planes, [shared, on_b], best, |best, normal, top| {
         let in_b = placement.direction_to_b(normal);
-        let deepest = b.hull.support(-in_b);
-        let on_b = placement.point(b.hull.points()[deepest as usize]);
+        let (deepest, on_b) = b.hull.furthest(-in_b);
+        let on_b = placement.point(on_b);
         best.offer(b.vertex_faces(deepest, -in_b), top - on_b.dot(normal), normal);
         on_b
     });
     let to_b = |point| placement.direction_to_b(point - placement.translation);
-    each_plane(b, [shared, on_a].map(to_b), best, |best, in_b, top| {
+    each_plane(b, planes, [shared, on_a].map(to_b), best, |best, in_b, top| {
         let normal = -placement.direction(in_b);
-        let deepest = a.hull.support(normal);
-        let on_a = a.hull.points()[deepest as usize];
+        let (deepest, on_a) = a.hull.furthest(normal);
         best.offer(a.vertex_faces(deepest, normal), top + (on_a - placement.translation).dot(normal), normal);
         to_b(on_a)
     });
@@ -147,29 +177,38 @@ fn faces(a: &Patch, b: &Patch, placement: &Placement, [shared, on_a, on_b]: [DVe
 /// in the patch's frame.
 fn each_plane(
     patch: &Patch,
+    planes: &mut Vec<Plane>,
     [p, q]: [DVec3; 2],
     best: &mut Best,
     attempt: impl Fn(&mut Best, DVec3, f64) -> DVec3,
 ) {
     let sides = if patch.two_sided { &[1.0, -1.0][..] } else { &[1.0] };
+    planes.clear();
+    patch.triangles.any(|triangle| {
+        let plane = patch.plane(triangle);
+        if plane.normal != DVec3::ZERO {
+            planes.push(plane);
+        }
+        false
+    });
     for side in sides {
-        let planes = || patch.planes.iter().filter(|plane| plane.normal != DVec3::ZERO);
-        let normal = |plane: &Plane| *side * plane.normal;
-        let top = |plane: &Plane| {
-            let behind =
-                || patch.hull.points()[patch.hull.support(-plane.normal) as usize].dot(-plane.normal);
-            if *side > 0.0 { plane.top } else { behind() }
-        };
-        let deep = |plane: &Plane| top(plane) - normal(plane).dot(p).min(normal(plane).dot(q));
-        let deeper = |x: &(f64, &Plane), y: &(f64, &Plane)| x.0.total_cmp(&y.0);
-        let Some((_, nearest)) = planes().map(|plane| (deep(plane), plane)).min_by(deeper) else { continue };
-        let mut known = [p, q, attempt(best, normal(nearest), top(nearest)), p];
-        for plane in planes() {
-            let (normal, top) = (normal(plane), top(plane));
+        let planes = || planes.iter().map(|plane| (side * plane.normal, side * plane.offset));
+        // As far as the plane, and a little further where the patch is convex up to a tolerance; on its other side, much.
+        let top = |normal: DVec3, offset: f64| patch.hull.end(normal).max(offset);
+        let deep =
+            |(normal, offset): (DVec3, f64)| (offset - normal.dot(p).min(normal.dot(q)), normal, offset);
+        let deeper = |x: &(f64, DVec3, f64), y: &(f64, DVec3, f64)| x.0.total_cmp(&y.0);
+        let Some((_, normal, offset)) = planes().map(deep).min_by(deeper) else { continue };
+        let mut known = [p, q, attempt(best, normal, top(normal, offset)), p];
+        for (normal, offset) in planes() {
             let lowest = known.iter().map(|point| normal.dot(*point)).fold(f64::INFINITY, f64::min);
             // The depth is known to rounding only.
-            if best.has_a_chance(top - lowest - best.precision) {
-                known[3] = attempt(best, normal, top);
+            let least = lowest + best.precision;
+            if best.has_a_chance(offset - least) {
+                let top = top(normal, offset);
+                if best.has_a_chance(top - least) {
+                    known[3] = attempt(best, normal, top);
+                }
             }
         }
     }
@@ -179,15 +218,15 @@ fn each_plane(
 fn edges(a: &Patch, b: &Patch, placement: &Placement, best: &mut Best) {
     let mut placed = [DVec3::ZERO; FEW_VERTICES];
     let placed = &mut placed[..b.vertices.len()];
-    for (target, &vertex) in placed.iter_mut().zip(b.vertices) {
-        *target = placement.point(vertex);
+    for (target, vertex) in placed.iter_mut().zip(0..) {
+        *target = placement.point(b.vertices.point(vertex));
     }
-    for (&on_a, plane_a) in a.triangles.iter().zip(a.planes) {
-        let normal_a = plane_a.normal;
-        for (&on_b, plane_b) in b.triangles.iter().zip(b.planes) {
-            let normal_b = placement.direction(plane_b.normal);
+    for on_a in a.triangles {
+        let normal_a = a.plane(on_a).normal;
+        for on_b in b.triangles {
+            let normal_b = placement.direction(b.plane(on_b).normal);
             for (i, j) in [(0, 1), (1, 2), (2, 0)] {
-                let (p, q) = (a.vertices[on_a[i] as usize], a.vertices[on_a[j] as usize]);
+                let (p, q) = (a.vertices.point(on_a[i]), a.vertices.point(on_a[j]));
                 for (k, l) in [(0, 1), (1, 2), (2, 0)] {
                     let (r, s) = (placed[on_b[k] as usize], placed[on_b[l] as usize]);
                     let across = (q - p).cross(s - r);
@@ -206,9 +245,8 @@ fn edges(a: &Patch, b: &Patch, placement: &Placement, best: &mut Best) {
                             continue;
                         }
                         let (edge_a, edge_b) = (normal.dot(p), normal.dot(r));
-                        let supports =
-                            a.hull.points().iter().all(|v| normal.dot(*v) <= edge_a + best.precision)
-                                && placed.iter().all(|v| normal.dot(*v) >= edge_b - best.precision);
+                        let supports = a.hull.all_points(|v| normal.dot(v) <= edge_a + best.precision)
+                            && placed.iter().all(|v| normal.dot(*v) >= edge_b - best.precision);
                         if supports {
                             best.offer(true, edge_a - edge_b, normal);
                         }

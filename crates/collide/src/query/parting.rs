@@ -27,7 +27,7 @@ impl Parting {
     /// Of a pair of nodes whose hulls were found to be apart; none if not.
     pub fn of(
         found: &Distance,
-        [a, b]: [&Packed; 2],
+        [a, b]: &[Packed; 2],
         placement: &Placement,
         turn: f64,
         of_patches: bool,
@@ -39,7 +39,7 @@ impl Parting {
     }
 
     /// How far the hulls are apart along the direction by now, m. `rounding`: that of coordinates, m.
-    pub fn lower(&self, [a, b]: [&Packed; 2], placement: &Placement, turn: f64, rounding: f64) -> f64 {
+    pub fn lower(&self, [a, b]: &[Packed; 2], placement: &Placement, turn: f64, rounding: f64) -> f64 {
         let turned = (turn - self.turn) * a.radius.min(b.radius) * (1.0 + 1e-6);
         self.offset - self.direction.dot(center(a, b, placement)) - turned - rounding
     }
@@ -82,7 +82,7 @@ mod tests {
                 let point = |_| centers[side] + vector(1.0).clamp_length_max(1.0) * size[side];
                 (0..12).map(point).collect::<Vec<_>>()
             });
-            let [a, b] = [0, 1].map(|side| Packed::sphere(centers[side], size[side]));
+            let nodes = [0, 1].map(|side| Packed::sphere(centers[side], size[side]));
             let (hull_a, hull_b) = (Hull::new(&points[0]), Hull::new(&points[1]));
             let limits = Limits { beyond: 0.0, share: 0.5, enough: -1.0, precision: 1e-12 };
             let distance = |placement: &Placement| {
@@ -93,7 +93,7 @@ mod tests {
             let mut motion = Motion::default();
             let mut placement = Placement::between(&pose, &Pose::IDENTITY);
             motion.step(&balls[0], &balls[1], &placement, 0.0);
-            let Some(parting) = Parting::of(&distance(&placement), [&a, &b], &placement, motion.turn(), true)
+            let Some(parting) = Parting::of(&distance(&placement), &nodes, &placement, motion.turn(), true)
             else {
                 continue;
             };
@@ -104,7 +104,7 @@ mod tests {
                 );
                 placement = Placement::between(&pose, &Pose::IDENTITY);
                 motion.step(&balls[0], &balls[1], &placement, 0.0);
-                let lower = parting.lower([&a, &b], &placement, motion.turn(), 1e-15);
+                let lower = parting.lower(&nodes, &placement, motion.turn(), 1e-15);
                 let found = gjk::distance(
                     &hull_a,
                     &hull_b,

@@ -15,7 +15,7 @@ use palpate_core::Clod;
 use palpate_core::clod::Node;
 use palpate_core::glam::DVec3;
 
-use crate::convex::{Distance, Placement};
+use crate::convex::{Distance, Hull, Placement};
 
 /// D goes over from that of the nearest points to the patches' mean over this part of d, at either end.
 const GOING_OVER: f64 = 0.25;
@@ -33,8 +33,27 @@ pub(crate) struct Detail {
     mean_area: f64,
 }
 
+/// Least, largest and mean D of the extreme points of a patch, in units: bounds, and the mean to 2⁻²⁴.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SupportAreas([f32; 3]);
+
+impl SupportAreas {
+    /// Of a node; `unit`, m².
+    pub fn of(clod: &Clod, node: &Node, unit: f64) -> Self {
+        let areas = || clod.support_areas(node).iter().take(node.extreme as usize);
+        let least = areas().fold(f64::INFINITY, f64::min) / unit;
+        let largest = areas().fold(0.0, f64::max) / unit;
+        let mean = areas().sum::<f64>() / f64::from(node.extreme.max(1)) / unit;
+        let (low, high) = (least as f32, largest as f32);
+        let low = if f64::from(low) > least { low.next_down() } else { low };
+        let high = if f64::from(high) < largest { high.next_up() } else { high };
+        Self([low, high, mean as f32].map(|area| area.min(f32::MAX)))
+    }
+}
+
 impl Detail {
-    pub fn of(clod: &Clod, node: &Node) -> Self {
+    /// Of a node; `unit` is that of its areas, m².
+    pub fn of(clod: &Clod, node: &Node, areas: &SupportAreas, unit: f64) -> Self {
         let level = &clod.levels[node.level as usize];
         let missing = if level.free {
             f64::INFINITY
@@ -43,17 +62,13 @@ impl Detail {
         } else {
             node.deviation / (level.resolution * level.resolution)
         };
-        let below = match clod.children(node).first() {
-            None => f64::INFINITY,
-            Some(child) => {
-                let level = &clod.levels[child.level as usize];
-                if level.free { 0.0 } else { level.resolution }
-            }
+        let below = if node.children.is_empty() {
+            f64::INFINITY
+        } else {
+            let level = &clod.levels[node.level as usize - 1];
+            if level.free { 0.0 } else { level.resolution }
         };
-        let areas = &clod.support_areas(node)[..node.extreme as usize];
-        let least = areas.iter().copied().fold(f64::INFINITY, f64::min);
-        let largest = areas.iter().copied().fold(0.0, f64::max);
-        let mean_area = areas.iter().sum::<f64>() / areas.len().max(1) as f64;
+        let [least, largest, mean_area] = areas.0.map(|area| unit * f64::from(area));
         Self { missing, below, areas: (least, largest), mean_area }
     }
 
@@ -61,26 +76,24 @@ impl Detail {
     /// D, or anything between it and the mean, is `allowed` (m²) or more. 0 if that is not known.
     ///
     /// A point is a mean of vertices: where none at a height h has a D above c + kh, nor has the point.
-    fn rise(&self, points: &[DVec3], areas: &[f64], direction: DVec3, allowed: f64) -> f64 {
+    fn rise(&self, hull: &Hull, area: impl Fn(u32) -> f64, direction: DVec3, allowed: f64) -> f64 {
         if self.mean_area >= allowed || direction == DVec3::ZERO {
             return 0.0;
         }
         if self.areas.1 < allowed {
             return f64::INFINITY;
         }
-        let bottom = points.iter().map(|point| point.dot(direction)).fold(f64::INFINITY, f64::min);
+        let bottom = -hull.end(-direction);
         let level = 0.5 * allowed;
-        points
-            .iter()
-            .zip(areas)
-            .filter(|(_, area)| **area > level)
-            .map(|(point, area)| (point.dot(direction) - bottom) * (allowed - level) / (area - level))
-            .fold(f64::INFINITY, f64::min)
-    }
-
-    /// Whether the level is free.
-    pub fn is_free(&self) -> bool {
-        self.missing == f64::INFINITY
+        let (mut rise, mut vertex) = (f64::INFINITY, 0);
+        hull.each_point(|point| {
+            let area = area(vertex);
+            vertex += 1;
+            if area > level {
+                rise = rise.min((point.dot(direction) - bottom) * (allowed - level) / (area - level));
+            }
+        });
+        rise
     }
 }
 
@@ -109,15 +122,15 @@ pub(crate) fn refine(a: &Detail, b: &Detail, error: f64, band: f64) -> Refine {
 /// where s₀ is 0. `tolerance` is d, `error` is s₀, m.
 pub(crate) fn weighted_deviation(
     found: &Distance,
-    (detail_a, areas_a): (&Detail, &[f64]),
-    (detail_b, areas_b): (&Detail, &[f64]),
+    (detail_a, area_a): (&Detail, impl Fn(u32) -> f64),
+    (detail_b, area_b): (&Detail, impl Fn(u32) -> f64),
     tolerance: f64,
     error: f64,
 ) -> f64 {
     let (mut on_a, mut on_b) = (0.0, 0.0);
     for (vertex, weight) in found.simplex.vertices().iter().zip(found.simplex.weights()) {
-        on_a += weight * areas_a[vertex.a as usize];
-        on_b += weight * areas_b[vertex.b as usize];
+        on_a += weight * area_a(vertex.a);
+        on_b += weight * area_b(vertex.b);
     }
     let part = if tolerance > 0.0 { (found.distance / tolerance).min(1.0) } else { 1.0 };
     let share = (part.min(1.0 - part) / GOING_OVER).min(1.0);
@@ -128,26 +141,26 @@ pub(crate) fn weighted_deviation(
 }
 
 /// How far two bodies may move with s* above s₀ still at the contact between two patches, where it is, m; 0 if that is not
-/// known. Of each patch: its hull's points, and D there. `error` is s₀, `rounding` that of coordinates, m.
+/// known. Of each patch: its hull, and D at the hull's points. `error` is s₀, `rounding` that of coordinates, m.
 ///
 /// When the bodies have moved by m, the new nearest points were at most 2m further apart before than the nearest points
 /// then. So along the direction that the hulls were apart in, they lay that far above the supporting planes at most.
 pub(crate) fn refined_for(
     found: &Distance,
-    (detail_a, points_a, areas_a): (&Detail, &[DVec3], &[f64]),
-    (detail_b, points_b, areas_b): (&Detail, &[DVec3], &[f64]),
+    (detail_a, hull_a, area_a): (&Detail, &Hull, impl Fn(u32) -> f64),
+    (detail_b, hull_b, area_b): (&Detail, &Hull, impl Fn(u32) -> f64),
     placement: &Placement,
     error: f64,
     rounding: f64,
 ) -> f64 {
     let allowed = detail_a.missing.max(detail_b.missing) / error;
     let slack = found.distance - found.lower + rounding;
-    let rise_a = detail_a.rise(points_a, areas_a, found.direction, allowed);
+    let rise_a = detail_a.rise(hull_a, area_a, found.direction, allowed);
     if rise_a <= slack {
         return 0.0;
     }
     let in_b = -placement.direction_to_b(found.direction);
-    let rise_b = detail_b.rise(points_b, areas_b, in_b, allowed);
+    let rise_b = detail_b.rise(hull_b, area_b, in_b, allowed);
     (0.5 * (rise_a.min(rise_b) - slack)).max(0.0)
 }
 
@@ -203,13 +216,15 @@ mod tests {
                 areas: (0.01, areas.iter().copied().fold(0.0, f64::max)),
                 mean_area: areas.iter().sum::<f64>() / 12.0,
             });
-            let hulls = points.each_ref().map(|points| Hull::new(points));
+            let hulls = points.each_ref().map(Hull::new);
             let limits = Limits { beyond: 1.0, share: 0.0, enough: -1.0, precision: 1e-12 };
             let find = |placement: &Placement| {
                 gjk::distance(&hulls[0], &hulls[1], placement, Start::Axis(DVec3::X), &limits)
             };
             let is_refined = |found: &Distance| {
-                let [side_a, side_b] = [0, 1].map(|side| (&details[side], &*areas[side]));
+                let areas = &areas;
+                let [side_a, side_b] =
+                    [0, 1].map(|side| (&details[side], move |vertex: u32| areas[side][vertex as usize]));
                 weighted_deviation(found, side_a, side_b, limits.beyond, ERROR) > 1.0
             };
             let ball = Ball { center: DVec3::ZERO, radius: 1.0 };
@@ -220,7 +235,9 @@ mod tests {
             if found.separation != Separation::Within || !is_refined(&found) {
                 continue;
             }
-            let [side_a, side_b] = [0, 1].map(|side| (&details[side], &*points[side], &*areas[side]));
+            let areas = &areas;
+            let [side_a, side_b] = [0, 1]
+                .map(|side| (&details[side], &hulls[side], move |vertex: u32| areas[side][vertex as usize]));
             let lasts = refined_for(&found, side_a, side_b, &placement, ERROR, 1e-15);
             for (shift, turn) in moves {
                 pose = Pose::new(pose.translation + shift, DQuat::from_scaled_axis(turn) * pose.rotation);

@@ -73,12 +73,12 @@ impl InReach {
         let placement = reach.placement;
         let tolerance = reach.tolerance + reach.precision;
         let direction = towards_b.normalize_or_zero();
-        let end_of_a = end(a.vertices, direction);
+        let end_of_a = a.vertices.end(direction);
         let back = -placement.direction_to_b(direction);
         let origin_of_b = placement.translation.dot(direction);
         let sphere_of_a = Ball { center: a.center, radius: a.radius };
         self.of_b.clear();
-        for (index, &triangle) in (0u32..).zip(b.triangles) {
+        for (index, triangle) in (0u32..).zip(b.triangles) {
             let own = b.corners(triangle);
             let begin = origin_of_b - end(&own, back);
             if begin - end_of_a > tolerance {
@@ -93,7 +93,7 @@ impl InReach {
         let begin_of_b = self.of_b.iter().map(|placed| placed.extent[0]).fold(f64::INFINITY, f64::min);
         let sphere_of_b = Ball { center: placement.point(b.center), radius: b.radius };
         self.of_a.clear();
-        for (index, &triangle) in (0u32..).zip(a.triangles) {
+        for (index, triangle) in (0u32..).zip(a.triangles) {
             let corners = a.corners(triangle);
             let end = end(&corners, direction);
             if begin_of_b - end > tolerance {
@@ -116,7 +116,7 @@ impl InReach {
 }
 
 /// How far points reach along a direction.
-fn end(points: &[DVec3], direction: DVec3) -> f64 {
+fn end(points: &[DVec3; 3], direction: DVec3) -> f64 {
     points.iter().map(|point| point.dot(direction)).fold(f64::NEG_INFINITY, f64::max)
 }
 

@@ -182,7 +182,7 @@ impl Kind {
         let points = || shape.clod().vertices.iter().copied();
         let (low, high) =
             (points().fold(DVec3::INFINITY, DVec3::min), points().fold(DVec3::NEG_INFINITY, DVec3::max));
-        let ball = if shape.is_empty() { Ball { center: DVec3::ZERO, radius: 0.0 } } else { shape.ball() };
+        let ball = shape.ball();
         let corner = (high - ball.center).abs().max((low - ball.center).abs()).length();
         Self { shape: shape.clone(), ball, low, high, corner, spare: Vec::new(), workspaces: 0, count: 0 }
     }
@@ -367,12 +367,12 @@ impl SceneQuery {
     /// A budget is for all queries together: each gets an equal part of what those before it have left.
     ///
     /// # Errors
-    /// If the probe's pose is not valid, the probe is empty, or the tolerance or an error metric is out of bounds. There are
+    /// If the probe's pose is not valid, or the tolerance or an error metric is out of bounds. There are
     /// no contacts then. An object whose own pose is not valid is left out and [counted](SceneOutcome::invalid).
     pub fn run(&mut self, probe_pose: &Pose, settings: &QuerySettings) -> Result<SceneOutcome, QueryError> {
         let mut outcome = SceneOutcome::default();
         self.in_reach.clear();
-        check_placed(&self.probe, probe_pose, QueryObject::Probe)?;
+        check_placed(probe_pose, QueryObject::Probe)?;
         settings.check(&self.probe)?;
         self.find_in_reach(probe_pose, settings.tolerance, &mut outcome);
         self.hand_out(settings.fixed_capacity, &mut outcome);
@@ -405,7 +405,7 @@ impl SceneQuery {
     pub fn find_near(&mut self, probe_pose: &Pose, tolerance: f64) -> Result<usize, QueryError> {
         self.in_reach.clear();
         self.near.clear();
-        check_placed(&self.probe, probe_pose, QueryObject::Probe)?;
+        check_placed(probe_pose, QueryObject::Probe)?;
         QuerySettings::new(tolerance).check(&self.probe)?;
         let mut outcome = SceneOutcome::default();
         self.find_in_reach(probe_pose, tolerance, &mut outcome);
@@ -454,7 +454,7 @@ impl SceneQuery {
             let slot = self.awake[index];
             let object = &self.objects[slot as usize];
             let kind = &self.kinds[object.kind as usize];
-            let invalid = check_placed(&kind.shape, &object.pose, QueryObject::Scene).is_err();
+            let invalid = check_placed(&object.pose, QueryObject::Scene).is_err();
             let gap = gap(object, kind, center, radius + tolerance + SLACK * self.probe.coordinates());
             let wake = if gap > 0.0 && !invalid { self.way + gap } else { f64::NEG_INFINITY };
             if wake != self.queue.wake(slot) {

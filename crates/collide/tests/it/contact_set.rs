@@ -686,7 +686,7 @@ fn coarser_levels_have_the_same_regions() {
             .run(&probe_pose, &scene_pose, &QuerySettings { error: error.into(), ..QuerySettings::new(0.02) })
             .unwrap();
         let found = pipeline.set.run(pipeline.query.contacts(), &probe_pose, &scene_pose, &settings).unwrap();
-        let level = |c: &PatchContact| probe.clod().nodes[c.probe_node as usize].level;
+        let level = |c: &PatchContact| probe.clod().node(c.probe_node).level;
         coarse += found.iter().filter(|c| level(c) > 0).count();
         let depths = [fine.first(), found.first()].map(|c| c.map_or(-0.02, |c| c.contact.depth));
         let context = format!("seed {:#x}, round {round}: {depths:?} {outcome:?}", SEED + 5);

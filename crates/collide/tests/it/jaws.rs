@@ -28,9 +28,9 @@ fn load(path: &Path) -> Body {
     };
     let mut leaves = HashMap::new();
     for index in clod.levels[0].nodes.clone() {
-        let node = &clod.nodes[index as usize];
-        for triangle in clod.patch(node) {
-            leaves.insert(key(triangle.map(|v| clod.hull(node)[v as usize])), index);
+        let node = clod.node(index);
+        for triangle in clod.patch(&node) {
+            leaves.insert(key(triangle.map(|v| clod.hull(&node)[v as usize])), index);
         }
     }
     let leaf_of = (0..mesh.triangles().len()).map(|t| leaves[&key(mesh.corners(t))]).collect();

@@ -5,7 +5,6 @@ mod convex;
 mod jaws;
 mod no_allocation;
 mod oracle;
-mod proximity;
 mod query;
 mod scene_query;
 mod solids;

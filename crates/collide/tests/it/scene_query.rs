@@ -6,8 +6,8 @@ use palpate_clod_build::{BuildOptions, build, unwatched};
 use palpate_collide::{
     Budget, ContactQuery, ObjectHandle, PatchContact, QueryOutcome, QuerySettings, SceneQuery, Shape,
 };
-use palpate_core::Pose;
 use palpate_core::glam::{DQuat, DVec3};
+use palpate_core::{Clod, Pose};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 const SEED: u64 = 0x005C_E4E5;
@@ -28,12 +28,12 @@ fn shapes() -> Vec<Shape> {
     let (rod, _) = hierarchy(&rod, &singles(&rod), Kind::Loose);
     let small = egg.scaled(0.3).expect("a factor");
     let off_centre = {
-        let mut clod = egg.scaled(0.5).expect("a factor");
+        let mut parts = egg.parts().scaled(0.5).expect("a factor");
         let shift = DVec3::new(2.0, -1.0, 0.5);
-        clod.vertices.iter_mut().for_each(|vertex| *vertex += shift);
-        clod.nodes.iter_mut().for_each(|node| node.center += shift);
-        clod.source.center += shift;
-        clod
+        parts.vertices.iter_mut().for_each(|vertex| *vertex += shift);
+        parts.nodes.iter_mut().for_each(|node| node.center += shift);
+        parts.source.center += shift;
+        Clod::pack(&parts).expect("it is valid")
     };
     vec![
         bumpy(),

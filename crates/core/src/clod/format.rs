@@ -9,10 +9,10 @@
 //! | nodes | parent, children start and end, level, vertices start and end, extreme, added, triangles start and end, flags u32 (bit 0: contained, bit 1: all real), centre, radius, deviation, Hausdorff distance |
 //! | arrays | hull vertices (3 f64 each), their support areas (f64), patch triangles (3 u32 each) |
 //!
-//! Indices are u32, numbers f64, both as in [`Clod`]; there is no padding. Records of a fixed size, rather than a
+//! Indices are u32, numbers f64, both as in [`Parts`]; there is no padding. Records of a fixed size, rather than a
 //! self-describing encoding, let a reader compare the counts with the length of the body before it allocates, and decode
 //! at the speed of copying. Nothing in a file is trusted: memory grows with the bytes that are really there, and what was
-//! read passes [`Clod::validate`] before a caller sees it.
+//! read passes [`Parts::validate`] before a caller sees it.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Read, Write};
@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
 
-use super::{Clod, Level, Node, Source};
+use super::{Clod, Level, Node, Parts, Source};
 
 const MAGIC: [u8; 8] = *b"palpclod";
 const VERSION: u32 = 2;
@@ -138,7 +138,7 @@ impl ClodError {
     }
 }
 
-impl Clod {
+impl Parts {
     /// Writes the hierarchy in the `.clod` format. The same hierarchy gives the same bytes.
     ///
     /// # Errors
@@ -276,6 +276,40 @@ impl Clod {
     }
 }
 
+impl Clod {
+    /// Writes the hierarchy in the `.clod` format. The same hierarchy gives the same bytes.
+    ///
+    /// # Errors
+    /// If `out` refuses.
+    pub fn write(&self, out: impl Write) -> Result<(), ClodError> {
+        self.parts().write(out)
+    }
+
+    /// Writes the hierarchy to a file in the `.clod` format.
+    ///
+    /// # Errors
+    /// As [`write`](Self::write); also if the file cannot be created.
+    pub fn save(&self, path: &Path) -> Result<(), ClodError> {
+        self.parts().save(path)
+    }
+
+    /// Reads a hierarchy in the `.clod` format, and nothing beyond its end.
+    ///
+    /// # Errors
+    /// As [`Parts::read`], and those of [`pack`](Self::pack).
+    pub fn read(input: impl Read) -> Result<Self, ClodError> {
+        Self::pack_valid(&Parts::read(input)?)
+    }
+
+    /// Reads a hierarchy from a file in the `.clod` format.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read); also if the file cannot be opened or goes on after the hierarchy's end.
+    pub fn load(path: &Path) -> Result<Self, ClodError> {
+        Self::pack_valid(&Parts::load(path)?)
+    }
+}
+
 fn write_u32s<const N: usize>(out: &mut impl Write, values: [u32; N]) -> io::Result<()> {
     out.write_all(values.map(u32::to_le_bytes).as_flattened())
 }
@@ -352,7 +386,7 @@ struct Body<R> {
 
 impl<R: Read> Body<R> {
     /// The whole body, said to have `body_bytes` bytes.
-    fn read(&mut self, body_bytes: u64) -> Result<Clod, ClodError> {
+    fn read(&mut self, body_bytes: u64) -> Result<Parts, ClodError> {
         let mut unknown = false;
         let mut counts = Fields(self.block(COUNTS_BYTES)?);
         let [level_count, node_count, vertex_count, triangle_count] = [0; 4].map(|_| counts.u32());
@@ -418,7 +452,7 @@ impl<R: Read> Body<R> {
         if unknown {
             return Err(ClodError::invalid("flags", "some that this version does not know are set"));
         }
-        Ok(Clod { levels, nodes, vertices, support_areas, triangles, source })
+        Ok(Parts { levels, nodes, vertices, support_areas, triangles, source })
     }
 
     /// The next bytes.

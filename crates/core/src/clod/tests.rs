@@ -13,7 +13,7 @@ fn ball(random: &mut StdRng) -> DVec3 {
 }
 
 /// A hierarchy that is valid, but describes no object: random points as hulls.
-fn random_hierarchy(seed: u64, leaves: u32) -> Clod {
+fn random_hierarchy(seed: u64, leaves: u32) -> Parts {
     let random = &mut StdRng::seed_from_u64(seed);
     // From the leaves to the root: how many children each node of the coarser level has.
     let mut families: Vec<Vec<u32>> = Vec::new();
@@ -29,7 +29,7 @@ fn random_hierarchy(seed: u64, leaves: u32) -> Clod {
         count = sizes.len() as u32;
         families.push(sizes);
     }
-    let mut clod = Clod {
+    let mut clod = Parts {
         levels: vec![],
         nodes: vec![],
         vertices: vec![],
@@ -102,7 +102,7 @@ fn random_hierarchy(seed: u64, leaves: u32) -> Clod {
     clod
 }
 
-fn bytes_of(clod: &Clod) -> Vec<u8> {
+fn bytes_of(clod: &Parts) -> Vec<u8> {
     let mut bytes = Vec::new();
     clod.write(&mut bytes).unwrap();
     bytes
@@ -115,9 +115,9 @@ fn reseal(bytes: &mut [u8]) {
 }
 
 /// Does what a query does, with plain indexing: panics if the hierarchy lets it go astray. Returns the nodes visited.
-fn walk(clod: &Clod) -> usize {
+fn walk(clod: &Parts) -> usize {
     let mut visited = vec![false; clod.nodes.len()];
-    let mut stack = vec![Clod::ROOT];
+    let mut stack = vec![Parts::ROOT];
     while let Some(index) = stack.pop() {
         assert!(!std::mem::replace(&mut visited[index as usize], true), "node {index} visited twice");
         let node = &clod.nodes[index as usize];
@@ -144,12 +144,11 @@ fn what_is_read_is_what_was_written() {
     for (seed, leaves) in [(1, 1), (2, 2), (3, 30), (4, 5000)] {
         let clod = random_hierarchy(seed, leaves);
         let bytes = bytes_of(&clod);
-        let read = Clod::read(&*bytes).unwrap();
+        let read = Parts::read(&*bytes).unwrap();
         assert_eq!(read, clod);
         assert_eq!(bytes_of(&read), bytes);
         assert_eq!(walk(&read), clod.nodes.len());
         assert_eq!(read.leaves().len(), leaves as usize);
-        assert!(bytes.len() < read.total_bytes() && read.total_bytes() < 2 * bytes.len() + 1000);
         assert_eq!(read.bounding_radius(), 2.0);
     }
 }
@@ -177,7 +176,7 @@ fn reading_leaves_what_follows() {
     let mut bytes = bytes_of(&random_hierarchy(6, 10));
     bytes.extend(b"next");
     let mut rest = &*bytes;
-    Clod::read(&mut rest).unwrap();
+    Parts::read(&mut rest).unwrap();
     assert_eq!(rest, b"next");
 }
 
@@ -185,7 +184,7 @@ fn reading_leaves_what_follows() {
 fn every_prefix_is_refused() {
     let bytes = bytes_of(&random_hierarchy(7, 12));
     for length in 0..bytes.len() {
-        let error = Clod::read(&bytes[..length]).unwrap_err();
+        let error = Parts::read(&bytes[..length]).unwrap_err();
         match error {
             ClodError::NotClod { .. } if length == 0 => {}
             ClodError::Truncated { found, expected } => {
@@ -204,7 +203,7 @@ fn every_damaged_byte_is_noticed() {
         for flip in [0x01, 0x80, 0xff] {
             let mut damaged = bytes.clone();
             damaged[position] ^= flip;
-            assert!(Clod::read(&*damaged).is_err(), "byte {position} ^ {flip:#x}");
+            assert!(Parts::read(&*damaged).is_err(), "byte {position} ^ {flip:#x}");
         }
     }
 }
@@ -218,7 +217,7 @@ fn what_is_accepted_can_be_walked() {
     let (mut accepted, mut refused) = (0, 0);
     let mut attempt = |damaged: &mut [u8]| {
         reseal(damaged);
-        match Clod::read(&*damaged) {
+        match Parts::read(&*damaged) {
             Ok(clod) => {
                 assert_eq!(walk(&clod), clod.nodes.len(), "seed {SEED}");
                 assert_eq!(bytes_of(&clod), damaged);
@@ -265,7 +264,7 @@ fn hostile_lengths_take_no_memory() {
         for (i, count) in [levels, nodes, vertices, triangles].into_iter().enumerate() {
             hostile[24 + 4 * i..28 + 4 * i].copy_from_slice(&count.to_le_bytes());
         }
-        let error = Clod::read(&*hostile).unwrap_err();
+        let error = Parts::read(&*hostile).unwrap_err();
         assert!(
             matches!(error, ClodError::Truncated { found, .. } if found == bytes.len() as u64),
             "{error}"
@@ -274,7 +273,7 @@ fn hostile_lengths_take_no_memory() {
     for length in [0, 1, 163, u64::MAX, u64::MAX - 24] {
         let mut hostile = bytes.clone();
         hostile[12..20].copy_from_slice(&length.to_le_bytes());
-        let error = Clod::read(&*hostile).unwrap_err();
+        let error = Parts::read(&*hostile).unwrap_err();
         assert!(matches!(error, ClodError::Counts { found, .. } if found == length), "{error}");
     }
 }
@@ -285,19 +284,19 @@ fn files_are_saved_and_loaded() {
     let path = folder.path().join("object.clod");
     let clod = random_hierarchy(11, 20);
     clod.save(&path).unwrap();
-    assert_eq!(Clod::load(&path).unwrap(), clod);
+    assert_eq!(Parts::load(&path).unwrap(), clod);
 
     let bytes = std::fs::read(&path).unwrap();
     std::fs::write(&path, [&bytes[..], b"x"].concat()).unwrap();
-    assert!(matches!(Clod::load(&path), Err(ClodError::Overlong { .. })));
+    assert!(matches!(Parts::load(&path), Err(ClodError::Overlong { .. })));
     std::fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
-    assert!(matches!(Clod::load(&path), Err(ClodError::Truncated { .. })));
+    assert!(matches!(Parts::load(&path), Err(ClodError::Truncated { .. })));
     std::fs::write(&path, "o block\nv 0 0 0\nv 1 0 0\n").unwrap();
-    assert!(matches!(Clod::load(&path), Err(ClodError::NotClod { .. })));
+    assert!(matches!(Parts::load(&path), Err(ClodError::NotClod { .. })));
     let missing = folder.path().join("missing.clod");
-    let message = Clod::load(&missing).unwrap_err().to_string();
+    let message = Parts::load(&missing).unwrap_err().to_string();
     assert!(message.contains("missing.clod"), "{message}");
-    assert!(Clod::load(folder.path()).is_err());
+    assert!(Parts::load(folder.path()).is_err());
 }
 
 #[test]
@@ -312,7 +311,7 @@ fn an_invalid_hierarchy_is_not_written() {
 /// Breaks one invariant at a time.
 #[test]
 fn each_broken_invariant_is_named() {
-    type Break = fn(&mut Clod);
+    type Break = fn(&mut Parts);
     let breaks: &[(&str, &str, Break)] = &[
         ("source", "bounding radius", |c| c.source.bounding_radius = 0.0),
         ("source", "bounding radius", |c| c.source.bounding_radius = f64::INFINITY),
@@ -381,4 +380,145 @@ fn each_broken_invariant_is_named() {
         let message = clod.validate().unwrap_err().to_string();
         assert!(message.contains(place) && message.contains(what), "{place}, {what}: {message}");
     }
+}
+
+/// A hierarchy made larger by a factor, and then moved.
+fn placed(parts: &Parts, factor: f64, by: DVec3) -> Parts {
+    let mut parts = parts.scaled(factor).expect("a factor");
+    parts.source.center += by;
+    parts.nodes.iter_mut().for_each(|node| node.center += by);
+    parts.vertices.iter_mut().for_each(|vertex| *vertex += by);
+    // As far as coordinates are rounded.
+    parts.nodes.iter_mut().for_each(|node| node.radius += 4.0 * f64::EPSILON * by.length());
+    parts
+}
+
+#[test]
+fn packed_nodes_bound_what_they_bounded() {
+    let sound = random_hierarchy(14, 300);
+    let mut loosened = 0;
+    for (factor, by) in
+        [(1.0, 0.0), (1e-45, 0.0), (1e45, 0.0), (1e-3, 7.0), (1.0, 1e9), (1e-6, 1e3), (12.3, -0.01)]
+    {
+        let parts = placed(&sound, factor, by * DVec3::new(1.0, -2.0, 0.3));
+        let packed = Clod::pack(&parts).unwrap();
+        let size = parts.source.bounding_radius;
+        for (node, own) in parts.nodes.iter().zip(packed.nodes()) {
+            let aside = node.center.distance(own.center);
+            assert!(own.radius >= node.radius + aside && own.hausdorff >= node.hausdorff);
+            assert!(own.deviation >= node.deviation);
+            let rounding = 2.0 * f64::EPSILON * by.abs();
+            assert!(own.radius - node.radius <= 1e-6 * size + rounding, "{factor}, {by}");
+            assert!(own.hausdorff <= node.hausdorff * (1.0 + 1e-6), "{factor}, {by}");
+            assert!(own.deviation <= node.deviation * (1.0 + 1e-6), "{factor}, {by}");
+            loosened += usize::from(own.radius > node.radius);
+            let same = Node {
+                center: node.center,
+                radius: node.radius,
+                deviation: node.deviation,
+                hausdorff: node.hausdorff,
+                children: if own.children.is_empty() { node.children.clone() } else { own.children.clone() },
+                ..own.clone()
+            };
+            assert_eq!(same, *node);
+            assert!(packed.hull(&own).iter().eq(parts.hull(node)));
+            assert!(packed.extreme(&own).iter().eq(parts.extreme(node)));
+            assert!(packed.bounding_hull(&own).iter().eq(parts.bounding_hull(node)));
+            assert!(packed.support_areas(&own).iter().eq(parts.support_areas(node).iter().copied()));
+            assert!(packed.bounding_areas(&own).iter().eq(parts.bounding_areas(node).iter().copied()));
+            assert!(packed.patch(&own).iter().eq(parts.patch(node).iter().copied()));
+            assert!(
+                packed.children(&own).eq(packed
+                    .nodes()
+                    .filter(|child| { child.level + 1 == own.level && packed.node(child.parent) == own }))
+            );
+        }
+    }
+    assert!(loosened > 1000, "{loosened}");
+}
+
+#[test]
+fn packing_again_changes_nothing() {
+    for (seed, factor) in [(15, 1.0), (16, 1e-7), (17, 3e12)] {
+        let packed = Clod::pack(&random_hierarchy(seed, 200).scaled(factor).unwrap()).unwrap();
+        assert_eq!(Clod::pack(&packed.parts()).unwrap(), packed);
+        let mut bytes = Vec::new();
+        packed.write(&mut bytes).unwrap();
+        assert_eq!(Clod::read(&*bytes).unwrap(), packed);
+        assert_eq!(packed.scaled(4.0).and_then(|scaled| scaled.scaled(0.25)).unwrap(), packed);
+    }
+}
+
+#[test]
+fn equal_points_are_packed_once() {
+    let mut parts = random_hierarchy(18, 100);
+    let different = Clod::pack(&parts).unwrap();
+    assert_eq!(different.vertices.len(), parts.vertices.len());
+    // Every hull gets the first point of all, and half of them its area.
+    let (point, area) = (parts.vertices[0], parts.support_areas[0]);
+    for node in &mut parts.nodes {
+        parts.vertices[node.vertices.start as usize] = point;
+        node.radius += point.distance(node.center);
+    }
+    let shared = Clod::pack(&parts).unwrap();
+    let repeated = parts.nodes.len();
+    assert_eq!(shared.vertices.len(), parts.vertices.len(), "the areas differ");
+    for node in &parts.nodes {
+        parts.support_areas[node.vertices.start as usize] = area;
+    }
+    let shared_areas = Clod::pack(&parts).unwrap();
+    assert!(shared_areas.vertices.len() + repeated <= parts.vertices.len() + 2);
+    assert!(shared_areas.total_bytes() < shared.total_bytes());
+    assert_eq!(shared_areas.parts().vertices, parts.vertices);
+    assert_eq!(shared_areas.parts().support_areas, parts.support_areas);
+}
+
+#[test]
+fn triangles_of_any_hull_are_packed() {
+    for size in [256u32, 257, 65_536, 65_537] {
+        let mut parts = random_hierarchy(19, 1);
+        let leaf = parts.nodes.len() - 1;
+        let node = &mut parts.nodes[leaf];
+        parts.vertices.truncate(node.vertices.start as usize);
+        parts.vertices.extend((0..size).map(|_| node.center));
+        node.vertices.end = node.vertices.start + size;
+        node.extreme = 1;
+        parts.support_areas.resize(parts.vertices.len(), 0.25);
+        parts.triangles.truncate(node.triangles.start as usize);
+        parts.triangles.extend([[0, 1, size - 1], [size - 1, size - 2, 0]]);
+        node.triangles.end = node.triangles.start + 2;
+        let packed = Clod::pack(&parts).unwrap();
+        assert!(packed.parts().triangles == parts.triangles, "{size}");
+        assert_eq!(packed.hull(packed.node(leaf as u32)).len(), size as usize);
+    }
+}
+
+#[test]
+fn what_cannot_be_packed_is_named() {
+    let mut far = random_hierarchy(20, 12);
+    far.source.bounding_radius = 1e-40;
+    // What is read of it is within reach: the hull is a point.
+    far.nodes[3].center = DVec3::X * 1e20;
+    let range = far.nodes[3].vertices.start - far.nodes[3].added..far.nodes[3].vertices.end;
+    range.for_each(|vertex| far.vertices[vertex as usize] = DVec3::X * 1e20);
+    far.nodes.iter_mut().for_each(|node| node.radius += 10.0);
+    far.validate().expect("valid");
+    let message = Clod::pack(&far).unwrap_err().to_string();
+    assert!(message.contains("node") && message.contains("too large"), "{message}");
+
+    let mut crossed = random_hierarchy(21, 30);
+    let level = &crossed.levels[2].nodes;
+    let (one, other) = (level.start as usize, level.start as usize + 1);
+    // The two nodes swap their children.
+    let swapped = crossed.nodes[one].children.clone();
+    let with = crossed.nodes[other].children.clone();
+    for child in swapped.clone() {
+        crossed.nodes[child as usize].parent = other as u32;
+    }
+    for child in with.clone() {
+        crossed.nodes[child as usize].parent = one as u32;
+    }
+    (crossed.nodes[one].children, crossed.nodes[other].children) = (with, swapped);
+    let message = Clod::pack(&crossed).unwrap_err().to_string();
+    assert!(message.contains("should begin at"), "{message}");
 }

@@ -7,7 +7,7 @@ use std::ops::Range;
 
 use glam::DVec3;
 
-use super::{Clod, ClodError, NO_NODE, Node};
+use super::{ClodError, NO_NODE, Node, Parts};
 
 /// How far a hull vertex may lie outside its node's bounding sphere, as a multiple of the object's bounding radius:
 /// rounding.
@@ -17,12 +17,13 @@ const SPHERE_SLACK: f64 = 1e-9;
 /// the range of f64.
 const LARGEST_LENGTH: f64 = 1e50;
 
-impl Clod {
+impl Parts {
     /// Checks every invariant that queries rely on:
     ///
     /// - The levels hold the nodes, coarsest first, and the coarsest level is the root alone. Free levels are the
     ///   coarsest, and level 0 is not free.
-    /// - The nodes form one tree: each child is one level finer and names its parent, and only level 0 has leaves.
+    /// - The nodes form one tree: each child is one level finer and names its parent, and only level 0 has leaves. The
+    ///   children follow one another in the order of their parents.
     /// - The hull vertices follow one another in the order of the nodes, and so do the patch triangles. Each hull has a
     ///   vertex, and an extreme one; the points added to it stand right before. Each node has triangles unless its
     ///   level is free; they name three different vertices of its hull.
@@ -51,6 +52,14 @@ impl Clod {
             if end as usize != count {
                 return Err(ClodError::invalid(what, format!("the nodes use {end} of {count}")));
             }
+        }
+        let mut next_child = 1;
+        for (index, node) in self.nodes.iter().enumerate().filter(|(_, node)| !node.children.is_empty()) {
+            if node.children.start != next_child {
+                let what = format!("its children are {:?}: they should begin at {next_child}", node.children);
+                return Err(ClodError::invalid(format!("node {index}"), what));
+            }
+            next_child = node.children.end;
         }
         Ok(())
     }

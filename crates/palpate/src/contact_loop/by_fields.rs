@@ -19,8 +19,8 @@ use crate::merging::{Merging, Plane, Weighed};
 use crate::object::Object;
 use crate::proxy::{Followed, Found, Search, carried};
 use crate::representative::{
-    AreaContact, AreaLaw, Field, FieldError, FieldOptions, FieldQuery, FieldSettings, check_error, find, law,
-    new_query,
+    AreaContact, AreaLaw, Field, FieldError, FieldOptions, FieldQuery, FieldSettings, check_error,
+    field_options, find, law, new_query,
 };
 
 /// How far is looked goes in steps of this, in tolerances.

@@ -65,14 +65,14 @@ impl Where {
     fn new(clod: &Clod, part_of: &impl Fn(DVec3) -> JawPart) -> Self {
         let mut found = Self::default();
         let areas: Vec<BTreeMap<JawPart, f64>> =
-            clod.leaves().iter().map(|leaf| areas_of(clod, leaf, part_of)).collect();
-        for (leaf, areas) in clod.leaves().iter().zip(&areas) {
+            clod.leaves().map(|leaf| areas_of(clod, &leaf, part_of)).collect();
+        for (leaf, areas) in clod.leaves().zip(&areas) {
             for (part, area) in areas {
                 found.area.add(*part, *area);
             }
             found.patches.add(mainly(areas), 1.0);
-            for triangle in clod.patch(leaf) {
-                found.triangles.add(part_of(middle(clod, leaf, triangle)), 1.0);
+            for triangle in clod.patch(&leaf) {
+                found.triangles.add(part_of(middle(clod, &leaf, triangle)), 1.0);
             }
         }
         if clod.levels.len() > 1 {
@@ -99,7 +99,7 @@ impl Where {
     }
 }
 
-fn middle(clod: &Clod, node: &Node, triangle: &[u32; 3]) -> DVec3 {
+fn middle(clod: &Clod, node: &Node, triangle: [u32; 3]) -> DVec3 {
     triangle.map(|corner| clod.hull(node)[corner as usize]).iter().sum::<DVec3>() / 3.0
 }
 
@@ -124,8 +124,8 @@ fn vertices(clod: &Clod, level: usize, part_of: &impl Fn(DVec3) -> JawPart) -> S
     let mut split = Split::default();
     let mut known = HashSet::new();
     for node in clod.level(level) {
-        for corner in clod.patch(node).as_flattened() {
-            let point = clod.hull(node)[*corner as usize];
+        for corner in clod.patch(&node).iter().flatten() {
+            let point = clod.hull(&node)[corner as usize];
             // Both zeros are one number with two patterns of bits.
             if known.insert(point.to_array().map(|coordinate| (coordinate + 0.0).to_bits())) {
                 split.add(part_of(point), 1.0);
@@ -159,13 +159,13 @@ impl Cover {
 
 /// For each level, how each crown is best covered. What goes into a patch is what its descendants among the leaves cover.
 fn covers(clod: &Clod, part_of: &impl Fn(DVec3) -> JawPart) -> Vec<Vec<Cover>> {
-    let mut areas: Vec<BTreeMap<JawPart, f64>> = vec![BTreeMap::new(); clod.nodes.len()];
+    let mut areas: Vec<BTreeMap<JawPart, f64>> = vec![BTreeMap::new(); clod.nodes().len()];
     for (index, leaf) in clod.levels[0].nodes.clone().zip(clod.leaves()) {
-        areas[index as usize] = areas_of(clod, leaf, part_of);
+        areas[index as usize] = areas_of(clod, &leaf, part_of);
     }
     // Parents come before their children.
-    for index in (1..clod.nodes.len()).rev() {
-        let parent = clod.nodes[index].parent as usize;
+    for index in (1..clod.nodes().len()).rev() {
+        let parent = clod.node(index as u32).parent as usize;
         for (part, area) in areas[index].clone() {
             *areas[parent].entry(part).or_default() += area;
         }

@@ -8,7 +8,8 @@ use std::path::PathBuf;
 
 use glam::{DMat3, DVec3};
 use palpate_clod_build::{BuildOptions, build, unwatched};
-use palpate_core::{Clod, TriMesh};
+use palpate_core::TriMesh;
+use palpate_core::clod::Parts;
 use palpate_mesh_io::{LoadOptions, load};
 
 /// How the plain hierarchy is built: the decomposition of the full mesh, and free levels over it.
@@ -17,8 +18,8 @@ pub fn plain() -> BuildOptions {
 }
 
 /// Builds the plain hierarchy and checks what every hierarchy has to keep.
-pub fn built(mesh: &TriMesh) -> Clod {
-    let clod = build(mesh, &plain(), &mut unwatched).expect("the mesh builds");
+pub fn built(mesh: &TriMesh) -> Parts {
+    let clod = build(mesh, &plain(), &mut unwatched).expect("the mesh builds").parts();
     clod.validate().expect("the hierarchy is valid");
     clod
 }

@@ -5,7 +5,7 @@
 use std::collections::HashSet;
 
 use palpate_collide::Shape;
-use palpate_core::clod::{Level, NO_NODE, Node, Source};
+use palpate_core::clod::{Level, NO_NODE, Node, Parts, Source};
 use palpate_core::glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Clod, Pose, TriMesh};
 use rand::{RngExt, rngs::StdRng};
@@ -166,7 +166,7 @@ pub fn hierarchy(mesh: &TriMesh, patches: &[Vec<u32>], kind: Kind) -> (Clod, Vec
             .collect();
         levels.push(merged);
     }
-    let mut clod = Clod {
+    let mut parts = Parts {
         levels: Vec::new(),
         nodes: Vec::new(),
         vertices: Vec::new(),
@@ -185,30 +185,30 @@ pub fn hierarchy(mesh: &TriMesh, patches: &[Vec<u32>], kind: Kind) -> (Clod, Vec
     };
     let mut parents: Vec<u32> = vec![NO_NODE];
     for (height, level) in levels.iter().enumerate().rev() {
-        let first = clod.nodes.len() as u32;
+        let first = parts.nodes.len() as u32;
         let mut child = first + level.len() as u32;
         let mut next_parents = Vec::new();
         for (index, (vertices, children)) in level.iter().enumerate() {
-            let start = clod.vertices.len() as u32;
-            clod.vertices.extend(vertices.iter().map(|v| mesh.vertices()[*v as usize]));
-            let points = &clod.vertices[start as usize..];
+            let start = parts.vertices.len() as u32;
+            parts.vertices.extend(vertices.iter().map(|v| mesh.vertices()[*v as usize]));
+            let points = &parts.vertices[start as usize..];
             let center = points.iter().sum::<DVec3>() / points.len() as f64;
             let radius = points.iter().map(|p| p.distance(center)).fold(0.0, f64::max);
-            let first_triangle = clod.triangles.len() as u32;
+            let first_triangle = parts.triangles.len() as u32;
             if height == 0 {
                 for t in &order[index] {
                     let local =
                         mesh.triangles()[*t as usize].map(|v| vertices.binary_search(&v).unwrap() as u32);
-                    clod.triangles.push(local);
+                    parts.triangles.push(local);
                 }
             }
-            clod.nodes.push(Node {
+            parts.nodes.push(Node {
                 parent: parents[index],
                 children: child..child + *children as u32,
                 level: height as u32,
-                vertices: start..clod.vertices.len() as u32,
+                vertices: start..parts.vertices.len() as u32,
                 extreme: vertices.len() as u32,
-                triangles: first_triangle..clod.triangles.len() as u32,
+                triangles: first_triangle..parts.triangles.len() as u32,
                 center,
                 radius,
                 deviation: 0.0,
@@ -222,20 +222,20 @@ pub fn hierarchy(mesh: &TriMesh, patches: &[Vec<u32>], kind: Kind) -> (Clod, Vec
         }
         parents = next_parents;
         if height == 0 {
-            for node in &mut clod.nodes[first as usize..] {
+            for node in &mut parts.nodes[first as usize..] {
                 node.children = 0..0;
             }
         }
-        clod.levels.push(Level {
-            nodes: first..clod.nodes.len() as u32,
+        parts.levels.push(Level {
+            nodes: first..parts.nodes.len() as u32,
             triangles: mesh.triangles().len() as u32,
             resolution: 1.0,
             free: height > 0,
         });
     }
-    clod.levels.reverse();
-    clod.support_areas = vec![0.0; clod.vertices.len()];
-    (clod, order)
+    parts.levels.reverse();
+    parts.support_areas = vec![0.0; parts.vertices.len()];
+    (Clod::pack(&parts).expect("it is valid"), order)
 }
 
 /// A mesh with its patches, for brute force.

@@ -34,7 +34,7 @@ struct Seen {
 
 impl Seen {
     fn of(scenario: &Scenario, sample: &QuerySample, contact: &PatchContact) -> Self {
-        let level = |clod: &Clod, node: u32| clod.nodes[node as usize].level;
+        let level = |clod: &Clod, node: u32| clod.node(node).level;
         let (spoon, cup) = (&scenario.spoon.clod, &scenario.cup.clod);
         let levels = [level(spoon, contact.probe_node), level(cup, contact.scene_node)];
         let triangles = |clod: &Clod, level: u32| clod.levels[level as usize].triangles;
