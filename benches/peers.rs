@@ -1,7 +1,8 @@
 //! Contact queries compared with what others use for them: parry's contact manifolds and pairs of triangles, and shells of
 //! points and edges in signed distance grids.
 //!
-//! `cargo bench -p palpate-benches --bench peers`, or `-- --scenario jaws golf --poses 1000`. On files of one's own:
+//! `cargo bench -p palpate-benches --bench peers`, or `-- --scenario jaws golf --poses 1000`; with `--anywhere` at poses that have
+//! nothing to do with one another, anywhere on the scene object. On files of one's own:
 //! `-- --probe A.obj --scene B.obj --trajectory T.csv --tolerance 1% --json OUT.json`.
 //!
 //! Every scenario's path is cut into blocks of consecutive poses, at which the methods take turns, so that all of them see the
@@ -57,7 +58,7 @@ struct Arguments {
     /// d, for --probe: in metres, or in percent of the probe's radius
     #[arg(long, default_value = "1%")]
     tolerance: String,
-    /// A file for the figures of every scenario and method
+    /// A file for the figures of every method: of one's own files an object, of scenarios a list of such
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     /// Only methods whose names contain one of these
@@ -66,6 +67,9 @@ struct Arguments {
     /// Poses of each path
     #[arg(long, default_value_t = 240)]
     poses: usize,
+    /// Poses anywhere on the scene object in place of the path
+    #[arg(long)]
+    anywhere: bool,
     /// Poses that are compared with the reference
     #[arg(long, default_value_t = 40)]
     scored: usize,
@@ -240,6 +244,8 @@ struct Comparison {
     scene_triangles: usize,
     poses: usize,
     poses_scored: usize,
+    /// Of the probe's bounding sphere, m.
+    radius: f64,
     /// d, m.
     tolerance: f64,
     /// Regions deeper than 2 EPS that there are to be found.
@@ -253,19 +259,30 @@ fn main() -> Result<(), Box<dyn Error>> {
         arguments.poses = 80;
     }
     let mut compared = Vec::new();
+    let run = |scenario: &Scenario| -> Result<Comparison, Box<dyn Error>> {
+        if !arguments.anywhere {
+            return compare(scenario, &arguments);
+        }
+        let poses = scenarios::anywhere(scenario, arguments.poses + 1)?;
+        compare(&Scenario { poses, ..scenario.clone() }, &arguments)
+    };
     if let (Some(probe), Some(scene), Some(trajectory)) =
         (&arguments.probe, &arguments.scene, &arguments.trajectory)
     {
         let scenario = scenarios::own(probe, scene, trajectory, &arguments.tolerance)?;
-        compared.push(compare(&scenario, &arguments)?);
+        compared.push(run(&scenario)?);
     } else {
         scenarios::each(&arguments.scenario, |scenario| {
-            compared.push(compare(scenario, &arguments)?);
+            compared.push(run(scenario)?);
             Ok(())
         })?;
     }
     if let Some(file) = &arguments.json {
-        serde_json::to_writer_pretty(std::fs::File::create(file)?, &compared)?;
+        let file = std::fs::File::create(file)?;
+        match (&arguments.probe, compared.first()) {
+            (Some(_), Some(own)) => serde_json::to_writer_pretty(file, own)?,
+            _ => serde_json::to_writer_pretty(file, &compared)?,
+        }
     }
     Ok(())
 }
@@ -424,6 +441,7 @@ fn compare(scenario: &Scenario, arguments: &Arguments) -> Result<Comparison, Box
         scene_triangles: scene.mesh.triangles().len(),
         poses: rows[0].times.len(),
         poses_scored: scored,
+        radius,
         tolerance: *tolerance,
         regions: deep.count(),
         methods: rows.iter().map(|row| row.figures(&truths, radius)).collect(),

@@ -35,7 +35,7 @@ impl Method for Representative {
     }
 
     fn append_contacts(&self, pose: &Pose, found: &mut Vec<AreaContact>) {
-        self.query.append_contacts(&self.probe, pose, self.settings.tolerance, found);
+        self.query.append_contacts(&self.probe, pose, found);
     }
 
     fn bytes(&self) -> usize {

@@ -293,6 +293,44 @@ pub fn own(probe: &str, scene: &str, trajectory: &Path, tolerance: &str) -> Resu
     Ok(Scenario { name, poses: recorded(trajectory)?, probe, scene, tolerance })
 }
 
+/// Poses of a scenario's probe anywhere on the scene object, in any orientation: from apart by twice the tolerance to deeper by the
+/// tolerance than a light touch. They are the same each time: equidistributed, by multiples of powers of a root of x⁷ = x + 1.
+///
+/// # Errors
+/// If hardly any of the lines that the probe comes along lead to the scene object.
+pub fn anywhere(scenario: &Scenario, count: usize) -> Result<Vec<Pose>, Box<dyn Error>> {
+    const ROOT: f64 = 1.112_775_684_278_705_4;
+    let Scenario { probe, scene, tolerance, .. } = scenario;
+    let radius = probe.object.bounding_radius();
+    let (own, other) = (probe.mesh.bounding_sphere(), scene.mesh.bounding_sphere());
+    let apart = own.radius + other.radius;
+    let mut press = Press {
+        query: EngineQuery::new(&probe.object, &scene.object, 2.0 * LIGHT * radius),
+        radius,
+        farthest: 2.0 * apart,
+    };
+    let mut poses = Vec::with_capacity(count);
+    for index in 1..=10 * count {
+        let [a, b, c, d, e, f] = [1, 2, 3, 4, 5, 6].map(|axis| (index as f64 / ROOT.powi(axis)).fract());
+        // K. Shoemake, Uniform random rotations, Graphics Gems III, 1992.
+        let ((s, t), (u, v)) = ((TAU * b).sin_cos(), (TAU * c).sin_cos());
+        let (p, q) = ((1.0 - a).sqrt(), a.sqrt());
+        let rotation = DQuat::from_xyzw(p * s, p * t, q * u, q * v).normalize();
+        let (sine, cosine) = (TAU * d).sin_cos();
+        let along = 2.0 * e - 1.0;
+        let direction =
+            DVec3::new(cosine * (1.0 - along * along).sqrt(), sine * (1.0 - along * along).sqrt(), along);
+        let start = other.center - direction * apart - rotation * own.center;
+        let pose = |advance: f64| Pose::new(start + direction * advance, rotation);
+        let Ok(advance) = press.advance(pose, 0.0) else { continue };
+        poses.push(pose(advance + tolerance * (3.0 * f - 2.0)));
+        if poses.len() == count {
+            return Ok(poses);
+        }
+    }
+    Err("hardly any line leads the probe to the scene object".into())
+}
+
 /// The poses of a trajectory file.
 fn recorded(file: &Path) -> Result<Vec<Pose>, Box<dyn Error>> {
     let path = MotionPath::load(file, Interpolation::Linear)?;

@@ -11,9 +11,9 @@ pub struct Touch {
     pub point: Vec3A,
     /// Out of the probe.
     pub normal: Vec3A,
-    /// δ + d.
+    /// δ + d, in tolerances.
     pub reach: f32,
-    /// m².
+    /// As a part of a cell's squared edge: in these units nothing is too small for single precision.
     pub area: f32,
     /// The cube of the probe's surroundings that the sample is in.
     pub cube: u32,
@@ -38,7 +38,7 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// How far off the mean of δ + d is by which the cell pushes, m: the standard error of samples that are anywhere. Those that are
+    /// How far off the mean of δ + d is by which the cell pushes, in tolerances: the standard error of samples that are anywhere. Those that are
     /// in equal parts of the surface, each anywhere in its part, are nearer the mean, by about two.
     pub fn error(&self) -> f32 {
         let mean = self.weight / self.pressure;

@@ -24,6 +24,9 @@ const FEWEST: f32 = 4.0;
 /// Cells that push by less than this part of the strongest do not count for the error.
 const WEAK: f32 = 0.1;
 
+/// Of bounds in single precision, as a part of them.
+const ROUNDING: f64 = 1e-5;
+
 /// Levels of samples above this one are not read: too few points to stand for a contact.
 const COARSEST: usize = 5;
 
@@ -206,6 +209,8 @@ struct Side<'a> {
     to_probe: [[f32; 4]; 3],
     /// Of unit vectors from the field's body outwards to the probe's outwards, in the probe's frame.
     turn: [[f32; 4]; 3],
+    /// Of one of the finest samples, as a part of a cell's squared edge.
+    area: f32,
     is_probe: bool,
 }
 
@@ -247,6 +252,8 @@ pub struct FieldQuery {
     cells: Cells,
     /// Edge of a cube, m.
     edge: f64,
+    /// Of the last query, m.
+    tolerance: f64,
     outcome: FieldOutcome,
 }
 
@@ -260,6 +267,7 @@ impl FieldQuery {
             load: Load::new(across),
             cells: Cells::new((across * across * across) as usize),
             edge: edge * probe.radius,
+            tolerance: 0.0,
             outcome: FieldOutcome::default(),
         }
     }
@@ -298,6 +306,7 @@ impl FieldQuery {
         let begun = settings.budget.map(|budget| (Instant::now(), budget));
         let samples = settings.samples();
         let settings = &FieldSettings { tolerance, ..*settings };
+        self.tolerance = tolerance;
         let to_scene = scene_pose.inverse() * *probe_pose;
         if !self.motion.advance(&to_scene, probe.center, probe.radius, tolerance) {
             self.fronts.iter_mut().for_each(|front| front.known.forget());
@@ -360,9 +369,12 @@ impl FieldQuery {
         let strongest = self.cells.iter().map(|cell| cell.weight).fold(0.0, f32::max);
         let counted = self.cells.iter().filter(|cell| cell.weight > WEAK * strongest);
         let error = counted.map(Cell::error).reduce(f32::max);
-        self.outcome.error = error.map_or(0.0, |error| f64::from(error) + probe.error.max(scene.error));
-        let band = probe.field.band().min(scene.field.band()) as f32;
-        self.outcome.is_too_deep = self.cells.iter().any(|cell| cell.deepest.reach > band);
+        self.outcome.error =
+            error.map_or(0.0, |error| f64::from(error) * self.tolerance + probe.error.max(scene.error));
+        let band = probe.field.band().min(scene.field.band());
+        let depth = |touch: &Touch| (f64::from(touch.reach) - 1.0) * self.tolerance;
+        self.outcome.is_too_deep =
+            self.cells.iter().any(|cell| depth(&cell.deepest) > (1.0 - ROUNDING) * band);
     }
 
     /// Looks at the fours of a level: reads their samples where some may be in contact, and leaves those out that neither are nor
@@ -398,16 +410,22 @@ impl FieldQuery {
             }
             let mut cubes = [0; 4];
             if is_sampled {
-                let cube = |x: f32x4| x.fast_max(f32x4::ZERO).fast_min(last).fast_trunc_int();
-                let [x, y, z] = mapped(&side.to_cubes, &side.samples.four(level, four as usize)).map(cube);
-                let cube: i32x4 = (z * across + y) * across + x;
-                cubes = cube.to_array();
+                let sample = side.samples.four(level, four as usize);
+                let cubes_of = || {
+                    let cube = |x: f32x4| x.fast_max(f32x4::ZERO).fast_min(last).fast_trunc_int();
+                    let [x, y, z] = mapped(&side.to_cubes, &sample).map(cube);
+                    let cube: i32x4 = (z * across + y) * across + x;
+                    cube.to_array()
+                };
                 if is_awake {
                     self.outcome.samples += 1;
-                    let at = (level, four as usize);
+                    let area = weight * side.area(level);
                     let touching = &mut front.touching;
                     known.apart[four as usize] =
-                        read(side, at, weight, cubes, settings, &self.motion, touching);
+                        read(side, &sample, area, cubes_of, settings, &self.motion, touching);
+                }
+                if open != 0 {
+                    cubes = cubes_of();
                 }
             }
             if open != 0 {
@@ -422,7 +440,7 @@ impl FieldQuery {
             }
             front.touching.clear();
         } else {
-            let area = side.samples.area * (1 << (2 * level)) as f32;
+            let area = side.area(level);
             for touch in &front.touching {
                 self.load.add(touch, area);
             }
@@ -479,13 +497,8 @@ impl FieldQuery {
     /// The contacts of the last query, which was at this pose of the probe: one a cell, at the centre of its pressure, with the
     /// depth, the direction and the area that push as all of the cell does by the [`AreaLaw`](crate::AreaLaw); and its deepest
     /// sample, with no area.
-    pub fn append_contacts(
-        &self,
-        probe: &FieldBody,
-        pose: &Pose,
-        tolerance: f64,
-        into: &mut Vec<AreaContact>,
-    ) {
+    pub fn append_contacts(&self, probe: &FieldBody, pose: &Pose, into: &mut Vec<AreaContact>) {
+        let (tolerance, unit_area) = (self.tolerance, self.edge * self.edge);
         let place = |point: Vec3A, normal: Vec3A, depth: f64, area: f64| {
             let point = pose.transform_point(probe.center + point.as_dvec3());
             let normal = pose.transform_vector(normal.as_dvec3().normalize_or_zero());
@@ -501,26 +514,32 @@ impl FieldQuery {
             if !(reach > 0.0 && reach.is_finite()) {
                 continue;
             }
-            into.push(place(cell.moment / cell.weight, cell.push, reach - tolerance, pressure / reach));
+            let depth = |reach: f64| (reach - 1.0) * tolerance;
+            into.push(place(
+                cell.moment / cell.weight,
+                cell.push,
+                depth(reach),
+                unit_area * pressure / reach,
+            ));
             let Touch { point, normal, reach, .. } = cell.deepest;
-            into.push(place(point, normal, f64::from(reach) - tolerance, 0.0));
+            into.push(place(point, normal, depth(f64::from(reach)), 0.0));
         }
     }
 }
 
-/// Reads four samples of a level, given the cubes that they are in, and appends those in contact. Returns until when none of them is.
+/// Reads four samples, of which each stands for an area (of a cell's squared edge), and appends those in contact, with the cubes that they are in. Returns until
+/// when none of them is in contact.
 #[inline]
 fn read(
     side: &Side,
-    (level, four): (usize, usize),
-    weight: f32,
-    cubes: [i32; 4],
+    sample: &[f32x4; 3],
+    area: f32,
+    cubes_of: impl Fn() -> [i32; 4],
     settings: &FieldSettings,
     motion: &Motion,
     touching: &mut Vec<Touch>,
 ) -> u32 {
     let h = side.field.spacing() as f32;
-    let sample = &side.samples.four(level, four);
     let [distance, x, y, z] = side.field.read::<true>(&side.place(sample));
     let reach = f32x4::splat(settings.tolerance as f32 / h) - distance;
     let in_contact = reach.simd_gt(f32x4::ZERO).to_bitmask();
@@ -537,8 +556,8 @@ fn read(
         point = [0, 1, 2].map(|axis| point[axis] - normal[axis] * apart);
     }
     let [point, normal] = [point, normal].map(|vector| vector.map(f32x4::to_array));
-    let reach = (reach * f32x4::splat(h)).to_array();
-    let area = weight * side.samples.area * (1 << (2 * level)) as f32;
+    let reach = (reach * f32x4::splat(h / settings.tolerance as f32)).to_array();
+    let cubes = cubes_of();
     for lane in (0..4).filter(|lane| in_contact & 1 << lane != 0) {
         touching.push(Touch {
             point: Vec3A::new(point[0][lane], point[1][lane], point[2][lane]),
@@ -579,8 +598,14 @@ impl<'a> Side<'a> {
             to_cubes: rows(cubes * from_body),
             to_probe: rows(DAffine3::from_translation(-center) * from_body),
             turn: rows(DAffine3::from_mat3(from_field.matrix3 * sign)),
+            area: (f64::from(samples.area) / (edge * edge)) as f32,
             is_probe,
         }
+    }
+
+    /// That a sample of a level stands for, as a part of a cell's squared edge.
+    fn area(&self, level: usize) -> f32 {
+        self.area * (1 << (2 * level)) as f32
     }
 
     /// Four points of the body in the field's lattice.
@@ -614,6 +639,7 @@ mod tests {
 
     use super::*;
     use crate::area_law::AreaLaw;
+    use crate::body::FieldOptions;
 
     const REACH: f64 = 0.25;
 
@@ -670,7 +696,7 @@ mod tests {
         let settings = FieldSettings { error: 0.03 * d, ..FieldSettings::new(d) };
         query.run(probe, scene, pose, &Pose::IDENTITY, &settings);
         let mut contacts = Vec::new();
-        query.append_contacts(probe, pose, d, &mut contacts);
+        query.append_contacts(probe, pose, &mut contacts);
         let mut law = AreaLaw::new(probe.center, probe.radius, REACH);
         let deepest = contacts.iter().map(|found| found.contact.depth).fold(f64::NEG_INFINITY, f64::max);
         (law.wrench(&contacts, d, pose, pose.translation).force, deepest)
@@ -723,7 +749,7 @@ mod tests {
             }
             let found = [&tracked, &cold].map(|query| {
                 let mut found = Vec::new();
-                query.append_contacts(&body, &pose, d, &mut found);
+                query.append_contacts(&body, &pose, &mut found);
                 found
             });
             assert_eq!(found[0], found[1], "step {step}");
@@ -733,6 +759,83 @@ mod tests {
             }
         }
         assert!(contacts > 10_000 && 2 * read[0] < read[1], "{contacts} contacts, {read:?} read");
+    }
+
+    #[test]
+    fn scale_changes_nothing_else() {
+        // By powers of two, which round nothing: where surfaces are cut in two may else depend on rounding, as on a ball.
+        let forces = [1.0 / 1024.0, 1.0, 1024.0].map(|scale: f64| {
+            let d = 0.02 * scale;
+            let body =
+                FieldBody::new(&ball(scale, 4), &FieldOptions { memory: 1_000_000, ..FieldOptions::new(d) });
+            let mut query = FieldQuery::new(&body, &body, REACH);
+            let turn = DQuat::from_scaled_axis(DVec3::new(0.3, 0.2, 1.0));
+            let pose = Pose::new(turn * DVec3::X * 1.995 * scale, turn);
+            query.run(&body, &body, &pose, &Pose::IDENTITY, &FieldSettings::new(d));
+            let mut contacts = Vec::new();
+            query.append_contacts(&body, &pose, &mut contacts);
+            let mut law = AreaLaw::new(body.center, body.radius, REACH);
+            let FieldOutcome { error, contacts: count, .. } = query.outcome();
+            (law.wrench(&contacts, d, &pose, pose.translation).force / scale, error / scale, count)
+        });
+        let (wanted, error, count) = forces[1];
+        assert!(wanted.length() > 0.01 && error > 0.0 && error.is_finite(), "{wanted} {error}");
+        for (force, other, others) in forces {
+            assert!(force.distance(wanted) < 1e-6 * wanted.length(), "{force} for {wanted}");
+            assert!((other - error).abs() < 1e-6 * error, "{other} for {error}");
+            assert_eq!(others, count);
+        }
+    }
+
+    #[test]
+    fn what_is_deeper_than_the_field_is_told() {
+        let d = 0.02;
+        let body = FieldBody::with(&ball(1.0, 4), 0.02, (d, 2.0 * d), 0.02);
+        let mut query = FieldQuery::new(&body, &body, REACH);
+        for (depth, wanted) in [(1.5 * d, false), (2.5 * d, true)] {
+            let pose = Pose::from_translation(DVec3::X * (2.0 - depth));
+            query.run(&body, &body, &pose, &Pose::IDENTITY, &FieldSettings::new(d));
+            assert_eq!(query.outcome().is_too_deep, wanted, "{depth}");
+        }
+    }
+
+    #[test]
+    fn contacts_are_bounded_and_push_alike() {
+        let d = 0.02;
+        let body = FieldBody::with(&ball(1.0, 4), 0.02, (d, 2.0 * d), 0.02);
+        // One ball nearly in the other's place, shifted by d: the half that is ahead is in contact all over.
+        let pose = Pose::from_translation(DVec3::X * 1.8);
+        let [free, bounded] = [256, 16].map(|most| {
+            let mut query = FieldQuery::new(&body, &body, REACH);
+            query.run(&body, &body, &pose, &Pose::IDENTITY, &FieldSettings { most, ..FieldSettings::new(d) });
+            let mut contacts = Vec::new();
+            query.append_contacts(&body, &pose, &mut contacts);
+            assert!(contacts.len() <= most, "{} contacts", contacts.len());
+            let pressures = contacts
+                .iter()
+                .map(|found| found.area * (found.contact.depth + d).powi(2) * found.contact.normal);
+            (contacts.len(), pressures.sum::<DVec3>())
+        });
+        assert!(free.0 > 16, "{} contacts", free.0);
+        assert!(free.1.distance(bounded.1) < 1e-4 * free.1.length(), "{} {}", free.1, bounded.1);
+    }
+
+    #[test]
+    fn a_budget_ends_a_query_and_that_is_told() {
+        let d = 0.02;
+        let body = FieldBody::with(&ball(1.0, 5), 0.02, (d, 2.0 * d), 0.01);
+        let pose = Pose::from_translation(DVec3::X * 1.98);
+        let run = |budget| {
+            let mut query = FieldQuery::new(&body, &body, REACH);
+            let settings = FieldSettings { budget, error: 0.01 * d, ..FieldSettings::new(d) };
+            query.run(&body, &body, &pose, &Pose::IDENTITY, &settings);
+            query.outcome()
+        };
+        let (whole, cut) = (run(None), run(Some(Duration::ZERO)));
+        assert!(whole.is_complete && !cut.is_complete);
+        assert!(cut.contacts > 0 && cut.contacts < whole.contacts / 4, "{cut:?} {whole:?}");
+        assert!(cut.error > 1.5 * whole.error, "{cut:?} {whole:?}");
+        assert!(run(Some(Duration::from_secs(3600))).is_complete);
     }
 
     #[test]

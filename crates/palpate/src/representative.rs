@@ -201,7 +201,7 @@ pub(crate) fn find(
     into: &mut Vec<AreaContact>,
 ) -> FieldOutcome {
     query.run(&probe.0, &scene.0, probe_pose, scene_pose, settings);
-    query.append_contacts(&probe.0, probe_pose, settings.tolerance, into);
+    query.append_contacts(&probe.0, probe_pose, into);
     query.outcome()
 }
 

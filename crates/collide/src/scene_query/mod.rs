@@ -397,8 +397,7 @@ impl SceneQuery {
     }
 
     /// Finds the objects within reach of the probe at a pose (object frame to world), without any query: for those who look for contacts
-    /// otherwise. There are [no contacts](Self::contacts) then. How many are left out because their pose is not valid or their shape
-    /// has no nodes.
+    /// otherwise. There are [no contacts](Self::contacts) then. How many are left out because their pose is not valid.
     ///
     /// # Errors
     /// As [`run`](Self::run).
