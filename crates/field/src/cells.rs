@@ -42,8 +42,10 @@ impl Cell {
     /// in equal parts of the surface, each anywhere in its part, are nearer the mean, by about two.
     pub fn error(&self) -> f32 {
         let mean = self.weight / self.pressure;
-        let variance = (self.cubes / self.pressure - mean * mean).max(0.0);
         let count = self.pressure * self.pressure / self.squares;
+        // Few samples may be alike by chance, and one always is: as if there were another, half of the mean off.
+        let unseen = 0.25 * mean * mean / count;
+        let variance = (self.cubes / self.pressure - mean * mean).max(0.0) + unseen;
         (variance / count).sqrt()
     }
 

@@ -689,7 +689,7 @@ fn representative_contacts_are_reported_with_their_areas() {
     assert!(eps > 0.0 && eps < 0.02 * radius, "{eps}");
     assert!(found["poses"].as_array().unwrap().iter().all(|pose| pose["complete"] == true));
     // One microsecond is not enough, and that is said; what pushes still pushes.
-    let hurried = replayed(&["--representative", "--budget-us", "1"]);
+    let hurried = replayed(&["--representative", "0.2%", "--budget-us", "1"]);
     let poses =
         || hurried["poses"].as_array().unwrap().iter().filter(|pose| pose["contacts"].as_u64() > Some(0));
     assert!(poses().count() > 5 && poses().any(|pose| pose["complete"] == false), "{hurried}");
