@@ -4,7 +4,7 @@ use palpate::Settings;
 use serde_json::Value;
 
 /// The unit of each setting by the name of its field; those of textures behind a dot. Empty for numbers without one.
-const UNITS: [(&str, &str); 33] = [
+const UNITS: [(&str, &str); 35] = [
     ("rate", "Hz"),
     ("mass", "kg"),
     ("contact_stiffness", "N/m"),
@@ -16,6 +16,8 @@ const UNITS: [(&str, &str); 33] = [
     ("angular_stiffness", "N·m/rad"),
     ("angular_damping", "N·m·s/rad"),
     ("tolerance", "m"),
+    ("search", ""),
+    ("representative_error", "m"),
     ("error", "m"),
     ("interpolation", ""),
     ("query_budget", "s"),
