@@ -7,7 +7,7 @@
 //! belong to, and nodes share none. [`Parts::validate`] lists all that queries rely on.
 //!
 //! [`Parts`] is the hierarchy as builders make it and as files hold it, every number in full. [`Clod`] is the same in
-//! little [memory](packed), which queries read.
+//! little memory, which queries read.
 
 mod format;
 mod packed;
