@@ -38,8 +38,8 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// How far off the mean of δ + d is by which the cell pushes, in tolerances: the standard error of samples that are anywhere. Those that are
-    /// in equal parts of the surface, each anywhere in its part, are nearer the mean, by about two.
+    /// How far off the mean of δ + d is by which the cell pushes, in tolerances: the standard error of samples that are anywhere.
+    /// Those that are in equal parts of the surface, each anywhere in its part, are about twice as near the mean.
     pub fn error(&self) -> f32 {
         let mean = self.weight / self.pressure;
         let count = self.pressure * self.pressure / self.squares;

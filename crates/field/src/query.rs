@@ -87,7 +87,7 @@ struct Load {
     settled: Vec<f32x4>,
     /// Of those of the present level.
     present: Vec<f32x4>,
-    /// How many samples carry the load around each cube, and the mean of their δ + d, m.
+    /// How many samples carry the load around each cube, and the mean of their δ + d, in tolerances.
     around: Vec<[f32; 2]>,
     /// How much of what the samples of the present level push with counts.
     share: Vec<f32>,
@@ -181,7 +181,8 @@ impl Load {
     }
 
     fn bytes(&self) -> usize {
-        self.share.capacity() * (2 * size_of::<f32x4>() + 2 * size_of::<u32>() + 1)
+        let each = 2 * size_of::<f32x4>() + size_of::<[f32; 2]>() + size_of::<f32>() + size_of::<u32>() + 1;
+        self.share.capacity() * each
     }
 }
 
@@ -494,7 +495,7 @@ impl FieldQuery {
         std::mem::swap(&mut front.now, &mut front.next);
     }
 
-    /// The contacts of the last query, which was at this pose of the probe: one a cell, at the centre of its pressure, with the
+    /// The contacts of the last query, which was at this pose of the probe: one a cell, at the centre of its push, with the
     /// depth, the direction and the area that push as all of the cell does by the [`AreaLaw`](crate::AreaLaw); and its deepest
     /// sample, with no area.
     pub fn append_contacts(&self, probe: &FieldBody, pose: &Pose, into: &mut Vec<AreaContact>) {
@@ -527,8 +528,8 @@ impl FieldQuery {
     }
 }
 
-/// Reads four samples, of which each stands for an area (of a cell's squared edge), and appends those in contact, with the cubes that they are in. Returns until
-/// when none of them is in contact.
+/// Reads four samples, of which each stands for an area (of a cell's squared edge), and appends those in contact, with the cubes that
+/// they are in. Returns until when none of them is in contact.
 #[inline]
 fn read(
     side: &Side,
