@@ -220,7 +220,7 @@ impl DistanceField {
         let (bricks, firsts) = (brick.to_array(), first.to_array());
         // Of each lane four pairs of samples, which follow one another along x; far bricks are not among the samples.
         let mut far = is_outside;
-        let mut lane = |lane: usize| {
+        let mut lane = |lane: usize| -> [i32; 4] {
             let slot = self.table[bricks[lane] as usize] as usize;
             let first = firsts[lane] as usize;
             let brick = self.samples.get(slot).and_then(|brick| brick.get(2 * first..));
@@ -228,10 +228,16 @@ impl DistanceField {
                 far |= 1 << lane;
                 return [0; 4];
             };
-            ROWS.map(|row| i32::from_le_bytes([0, 1, 2, 3].map(|byte| values[2 * row + byte])))
+            // Spelled out, so that each becomes one load.
+            let pair = |row: usize| {
+                let byte = 2 * row;
+                i32::from_le_bytes([values[byte], values[byte + 1], values[byte + 2], values[byte + 3]])
+            };
+            [pair(ROWS[0]), pair(ROWS[1]), pair(ROWS[2]), pair(ROWS[3])]
         };
         let lanes = [lane(0), lane(1), lane(2), lane(3)];
-        let pairs: [[i32; 4]; 4] = std::array::from_fn(|row| lanes.map(|pairs| pairs[row]));
+        let row = |row: usize| [lanes[0][row], lanes[1][row], lanes[2][row], lanes[3][row]];
+        let pairs = [row(0), row(1), row(2), row(3)];
         let low = |pair: [i32; 4]| -> f32x4 {
             let up: i32x4 = i32x4::new(pair) << 16;
             let value: i32x4 = up >> 16;

@@ -5,18 +5,34 @@ use glam::Vec3A;
 /// No cell yet.
 const NONE: u32 = u32::MAX;
 
+/// A sample of one of the bodies' surfaces.
+#[derive(Clone, Copy, Debug)]
+pub struct Sample {
+    pub is_probe: bool,
+    pub level: u8,
+    /// Among the samples of the level.
+    pub index: u32,
+}
+
 /// A sample in contact, in the probe's frame from its centre, m.
 #[derive(Clone, Copy, Debug)]
-pub struct Touch {
+pub struct ContactSample {
     pub point: Vec3A,
     /// Out of the probe.
     pub normal: Vec3A,
     /// δ + d, in tolerances.
     pub reach: f32,
-    /// As a part of a cell's squared edge: in these units nothing is too small for single precision.
+    /// What it stands for among the samples that are looked at, as a part of a cell's squared edge: in these units nothing is too small
+    /// for single precision.
     pub area: f32,
+    /// What it stands for in the result, likewise.
+    pub counted: f32,
     /// The cube of the probe's surroundings that the sample is in.
     pub cube: u32,
+    /// The cube that the first of its four is in, by which it is decided how much it counts.
+    pub place: u32,
+    /// Which it is.
+    pub sample: Sample,
 }
 
 /// Sums over the area of contact in a cell, in the probe's frame from its centre, m.
@@ -34,7 +50,7 @@ pub struct Cell {
     pub cubes: f32,
     pub squares: f32,
     /// The deepest sample.
-    pub deepest: Touch,
+    pub deepest: ContactSample,
 }
 
 impl Cell {
@@ -47,6 +63,11 @@ impl Cell {
         let unseen = 0.25 * mean * mean / count;
         let variance = (self.cubes / self.pressure - mean * mean).max(0.0) + unseen;
         (variance / count).sqrt()
+    }
+
+    /// Whether a sample of the cell is inside the other body, so that it is among the deepest of the parts of cubes.
+    pub fn penetrates(&self) -> bool {
+        self.deepest.reach > 1.0
     }
 
     /// Joins another cell with this one.
@@ -63,6 +84,9 @@ impl Cell {
     }
 }
 
+/// Parts of a cube's edge; each part of a cube has a deepest place of its own.
+const PARTS: u32 = 4;
+
 /// The cells that hold contacts.
 #[derive(Clone, Debug)]
 pub struct Cells {
@@ -70,24 +94,62 @@ pub struct Cells {
     table: Vec<u32>,
     cells: Vec<Cell>,
     contacts: usize,
+    /// Cubes along each axis, and parts of cubes in a unit of length (1/m).
+    across: u32,
+    per_unit: f32,
+    /// By part.
+    parts: Vec<u32>,
+    /// The deepest sample of each part in which bodies penetrate, with the part.
+    deepest: Vec<(u32, ContactSample)>,
 }
 
 impl Cells {
-    /// For so many cubes.
-    pub fn new(cubes: usize) -> Self {
-        Self { table: vec![NONE; 6 * cubes], cells: Vec::with_capacity(1024), contacts: 0 }
+    /// For so many cubes along each axis, of an edge (m).
+    pub fn new(across: u32, edge: f64) -> Self {
+        let cubes = across.pow(3) as usize;
+        Self {
+            table: vec![NONE; 6 * cubes],
+            cells: Vec::with_capacity(1024),
+            contacts: 0,
+            across,
+            per_unit: (f64::from(PARTS) / edge) as f32,
+            parts: vec![NONE; cubes * PARTS.pow(3) as usize],
+            deepest: Vec::with_capacity(4096),
+        }
     }
 
     pub fn clear(&mut self) {
         for cell in self.cells.drain(..) {
             self.table[cell.slot as usize] = NONE;
         }
+        for (part, _) in self.deepest.drain(..) {
+            self.parts[part as usize] = NONE;
+        }
         self.contacts = 0;
     }
 
-    /// Adds a part of a sample.
+    /// Adds a sample where the bodies penetrate to those that may be the deepest of their part.
+    fn penetrate(&mut self, touch: &ContactSample) {
+        let across = PARTS * self.across;
+        // From the centre of the probe, which is at a corner of cubes.
+        let at = (touch.point * self.per_unit + (across / 2) as f32).to_array();
+        // Casts saturate.
+        let [x, y, z] = at.map(|at| (at as u32).min(across - 1));
+        let part = (z * across + y) * across + x;
+        let entry = &mut self.parts[part as usize];
+        match self.deepest.get_mut(*entry as usize) {
+            Some((_, deepest)) if touch.reach > deepest.reach => *deepest = *touch,
+            Some(_) => {}
+            None => {
+                *entry = self.deepest.len() as u32;
+                self.deepest.push((part, *touch));
+            }
+        }
+    }
+
+    /// Adds a sample.
     #[inline]
-    pub fn add(&mut self, touch: &Touch, share: f32) {
+    pub fn add(&mut self, touch: &ContactSample) {
         self.contacts += 1;
         let size = touch.normal.abs();
         let axis = if size.x >= size.y && size.x >= size.z {
@@ -114,7 +176,7 @@ impl Cells {
             });
         }
         let cell = &mut self.cells[*entry as usize];
-        let pressure = share * touch.area * touch.reach;
+        let pressure = touch.counted * touch.reach;
         cell.pressure += pressure;
         let weight = pressure * touch.reach;
         cell.weight += weight;
@@ -125,6 +187,31 @@ impl Cells {
         if touch.reach > cell.deepest.reach {
             cell.deepest = *touch;
         }
+        if touch.reach > 1.0 {
+            self.penetrate(touch);
+        }
+    }
+
+    /// The deepest samples of the parts of cubes in which bodies penetrate.
+    pub fn deepest(&self) -> impl Iterator<Item = &ContactSample> {
+        self.deepest.iter().map(|(_, touch)| touch)
+    }
+
+    /// Leaves the deepest so many of the deepest samples of parts; these, with those deeper than all others first.
+    pub fn keep_deepest(&mut self, most: usize, first: usize) -> impl Iterator<Item = &mut ContactSample> {
+        let order = |a: &(u32, ContactSample), b: &(u32, ContactSample)| {
+            b.1.reach.total_cmp(&a.1.reach).then_with(|| a.0.cmp(&b.0))
+        };
+        if most < self.deepest.len() {
+            self.deepest.select_nth_unstable_by(most, order);
+            for (part, _) in self.deepest.drain(most..) {
+                self.parts[part as usize] = NONE;
+            }
+        }
+        if first < self.deepest.len() {
+            self.deepest.select_nth_unstable_by(first, order);
+        }
+        self.deepest.iter_mut().map(|(_, touch)| touch)
     }
 
     /// Joins cells of neighbouring cubes with the same direction until there are no more than some, or one a direction; `across` is the
@@ -171,6 +258,8 @@ impl Cells {
 
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
-        self.table.capacity() * size_of::<u32>() + self.cells.capacity() * size_of::<Cell>()
+        (self.table.capacity() + self.parts.capacity()) * size_of::<u32>()
+            + self.cells.capacity() * size_of::<Cell>()
+            + self.deepest.capacity() * size_of::<(u32, ContactSample)>()
     }
 }

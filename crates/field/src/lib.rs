@@ -4,14 +4,18 @@ mod area_law;
 mod body;
 mod bricks;
 mod cells;
+mod deepest;
 mod exact;
 mod format;
+mod front;
 mod query;
 mod samples;
+mod sampling;
+mod side;
 mod slack;
 
 /// Changes whenever the same mesh and options make another body.
-pub const REVISION: u32 = 1;
+pub const REVISION: u32 = 2;
 
 pub use area_law::{AreaContact, AreaLaw};
 pub use body::{FieldBody, FieldOptions};

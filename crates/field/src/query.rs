@@ -5,30 +5,26 @@
 
 use std::time::{Duration, Instant};
 
-use glam::{DAffine3, DMat3, DQuat, DVec3, UVec3, Vec3A};
+use glam::{DVec3, Vec3A};
 use palpate_core::{Contact, Pose};
-use wide::{f32x4, i32x4};
 
 use crate::area_law::AreaContact;
 use crate::body::FieldBody;
-use crate::bricks::DistanceField;
-use crate::cells::{Cell, Cells, Touch};
-use crate::samples::SurfaceSamples;
-use crate::slack::{Known, Motion, Sphere};
+use crate::cells::{Cell, Cells, ContactSample};
+use crate::deepest::deepest_around;
+use crate::front::{COARSEST, Front};
+use crate::sampling::Sampling;
+use crate::side::Side;
+use crate::slack::Motion;
 
-/// What interpolated distances may change by more than points are apart, in lattice constants: they bend near creases.
-const SLACK: f32 = 0.25;
-
-/// Samples around each place, at least: fewer may be as deep as one another by chance.
-const FEWEST: f32 = 4.0;
 /// Cells that push by less than this part of the strongest do not count for the error.
 const WEAK: f32 = 0.1;
 
+/// So many of the deepest places are looked for among the finest samples.
+const REFINED: usize = 8;
+
 /// Of bounds in single precision, as a part of them.
 const ROUNDING: f64 = 1e-5;
-
-/// Levels of samples above this one are not read: too few points to stand for a contact.
-const COARSEST: usize = 5;
 
 /// What a query asks for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,10 +45,10 @@ impl FieldSettings {
         Self { tolerance, error: 0.05 * tolerance, most: 256, budget: None }
     }
 
-    /// How many samples in contact there are to be around a place. Depths within the tolerance are spread by some half of it, and the
-    /// mean of stratified samples is off by about half of what that of random ones would be.
+    /// How many samples in contact there are to be around a place. Depths are spread by some half of the tolerance, and the mean of
+    /// stratified samples is off by some 0.8 of what that of random ones would be.
     fn samples(&self) -> f32 {
-        let spread = 0.5 * 0.5 * self.tolerance;
+        let spread = 0.5 * 0.8 * self.tolerance;
         (spread / self.error).powi(2) as f32
     }
 }
@@ -67,180 +63,12 @@ pub struct FieldOutcome {
     pub is_complete: bool,
     /// Whether a sample is deeper inside than the fields reach, so that it pushes by less than its depth.
     pub is_too_deep: bool,
-    /// Fours of spheres and of samples asked for their distances.
+    /// Spheres asked for their distances.
     pub spheres: usize,
-    /// See [`Self::spheres`].
+    /// Samples asked for their distances.
     pub samples: usize,
     /// Samples in contact.
     pub contacts: usize,
-}
-
-/// What is in contact in each cube of the probe's surroundings, by the samples of the levels so far: with w how much of a sample
-/// counts and p = w a (δ + d), the sums of p, p² / w and p (δ + d).
-///
-/// (Σ p)² / Σ (p² / w) is the number of samples that carry the load, and Σ p (δ + d) / Σ p their mean δ + d.
-#[derive(Clone, Debug)]
-struct Load {
-    /// Cubes along each axis.
-    across: u32,
-    /// Of the samples that count.
-    settled: Vec<f32x4>,
-    /// Of those of the present level.
-    present: Vec<f32x4>,
-    /// How many samples carry the load around each cube, and the mean of their δ + d, in tolerances.
-    around: Vec<[f32; 2]>,
-    /// How much of what the samples of the present level push with counts.
-    share: Vec<f32>,
-    is_used: Vec<bool>,
-    /// Cubes that hold contacts.
-    used: Vec<u32>,
-    /// Whether there is no time for another level.
-    is_ended: bool,
-}
-
-impl Load {
-    fn new(across: u32) -> Self {
-        let count = (across * across * across) as usize;
-        Self {
-            across,
-            settled: vec![f32x4::ZERO; count],
-            present: vec![f32x4::ZERO; count],
-            around: vec![[0.0; 2]; count],
-            share: vec![0.0; count],
-            is_used: vec![false; count],
-            used: Vec::with_capacity(count),
-            is_ended: false,
-        }
-    }
-
-    fn clear(&mut self) {
-        self.is_ended = false;
-        for cube in self.used.drain(..) {
-            let cube = cube as usize;
-            (self.settled[cube], self.present[cube]) = (f32x4::ZERO, f32x4::ZERO);
-            (self.share[cube], self.is_used[cube]) = (0.0, false);
-        }
-    }
-
-    /// Adds a sample of the present level: `area` is that of all such samples, of which it has a part.
-    #[inline]
-    fn add(&mut self, touch: &Touch, area: f32) {
-        let cube = touch.cube as usize;
-        if !self.is_used[cube] {
-            self.is_used[cube] = true;
-            self.used.push(touch.cube);
-        }
-        let pressure = touch.area * touch.reach;
-        let moment = pressure * touch.reach;
-        self.present[cube] += f32x4::new([pressure, moment * area, moment, 0.0]);
-    }
-
-    /// Decides how much counts of the samples of the present level: all where there are twice as many around a place as are asked for,
-    /// none where there are fewer. Where contacts push by less than elsewhere, proportionally fewer will do: for the error of the
-    /// wrench they make up for one another, and it is least for its price so.
-    fn settle(&mut self, samples: f32) {
-        let n = self.across;
-        let mut most = 0.0f32;
-        for index in &self.used {
-            let at = UVec3::new(index % n, index / n % n, index / (n * n));
-            let (low, high) = (at.saturating_sub(UVec3::ONE), (at + 1).min(UVec3::splat(n - 1)));
-            let mut sum = f32x4::ZERO;
-            for z in low.z..=high.z {
-                for y in low.y..=high.y {
-                    let row = ((z * n + y) * n) as usize;
-                    let row = row + low.x as usize..=row + high.x as usize;
-                    for (settled, present) in self.settled[row.clone()].iter().zip(&self.present[row]) {
-                        sum += *settled + *present;
-                    }
-                }
-            }
-            let [pressure, squares, moment, _] = sum.to_array();
-            let (count, mean) =
-                if squares > 0.0 { (pressure * pressure / squares, moment / pressure) } else { (0.0, 0.0) };
-            self.around[*index as usize] = [count, mean];
-            most = most.max(mean);
-        }
-        for index in &self.used {
-            let cube = *index as usize;
-            let [count, mean] = self.around[cube];
-            let needed = (samples * mean / most).max(FEWEST);
-            self.share[cube] = (count / needed - 1.0).clamp(0.0, 1.0);
-            self.settled[cube] += std::mem::take(&mut self.present[cube]) * f32x4::splat(self.share[cube]);
-        }
-    }
-
-    /// Lets all of the samples of the present level count, so that none of the next do. Returns whether that was so anyway.
-    fn end(&mut self) -> bool {
-        let mut was_enough = true;
-        for cube in &self.used {
-            was_enough &= self.share[*cube as usize] == 1.0;
-            self.share[*cube as usize] = 1.0;
-        }
-        self.is_ended = true;
-        was_enough
-    }
-
-    fn bytes(&self) -> usize {
-        let each = 2 * size_of::<f32x4>() + size_of::<[f32; 2]>() + size_of::<f32>() + size_of::<u32>() + 1;
-        self.share.capacity() * each
-    }
-}
-
-/// Four samples of a level that something of is to be looked at.
-#[derive(Clone, Copy, Debug)]
-struct Four {
-    index: u32,
-    /// How much of what they push with may count.
-    weight: f32,
-    /// Of each.
-    cubes: [i32; 4],
-    /// Bit by bit: what may be in reach below these samples.
-    open: u32,
-}
-
-/// One body's samples in the other's field.
-struct Side<'a> {
-    samples: &'a SurfaceSamples,
-    field: &'a DistanceField,
-    /// Rows of the map from the body to the lattice.
-    to_lattice: [[f32; 4]; 3],
-    /// From the body to the cubes of the probe's surroundings.
-    to_cubes: [[f32; 4]; 3],
-    /// From the body to the probe's frame, from its centre.
-    to_probe: [[f32; 4]; 3],
-    /// Of unit vectors from the field's body outwards to the probe's outwards, in the probe's frame.
-    turn: [[f32; 4]; 3],
-    /// Of one of the finest samples, as a part of a cell's squared edge.
-    area: f32,
-    is_probe: bool,
-}
-
-/// What a query knows of one body's samples, and has yet to look at.
-#[derive(Clone, Debug)]
-struct Front {
-    known: Known,
-    /// Of the present level and of the next.
-    now: Vec<Four>,
-    next: Vec<Four>,
-    /// In contact, of the present level.
-    touching: Vec<Touch>,
-}
-
-impl Front {
-    fn new(samples: &SurfaceSamples) -> Self {
-        Self {
-            known: Known::new(samples),
-            now: Vec::with_capacity(8192),
-            next: Vec::with_capacity(8192),
-            touching: Vec::with_capacity(8192),
-        }
-    }
-
-    fn bytes(&self) -> usize {
-        self.known.bytes()
-            + (self.now.capacity() + self.next.capacity()) * size_of::<Four>()
-            + self.touching.capacity() * size_of::<Touch>()
-    }
 }
 
 /// The workspace of queries between two bodies. It remembers what the last query found to be out of reach, and by how much; the
@@ -249,7 +77,7 @@ impl Front {
 pub struct FieldQuery {
     motion: Motion,
     fronts: [Front; 2],
-    load: Load,
+    sampling: Sampling,
     cells: Cells,
     /// Edge of a cube, m.
     edge: f64,
@@ -265,8 +93,8 @@ impl FieldQuery {
         Self {
             motion: Motion::new(),
             fronts: [probe, scene].map(|body| Front::new(&body.samples)),
-            load: Load::new(across),
-            cells: Cells::new((across * across * across) as usize),
+            sampling: Sampling::new(across),
+            cells: Cells::new(across, edge * probe.radius),
             edge: edge * probe.radius,
             tolerance: 0.0,
             outcome: FieldOutcome::default(),
@@ -287,7 +115,7 @@ impl FieldQuery {
     pub fn bytes(&self) -> usize {
         size_of::<Self>()
             + self.cells.bytes()
-            + self.load.bytes()
+            + self.sampling.bytes()
             + self.fronts.iter().map(Front::bytes).sum::<usize>()
     }
 
@@ -301,198 +129,116 @@ impl FieldQuery {
         settings: &FieldSettings,
     ) {
         self.cells.clear();
-        self.load.clear();
+        self.sampling.clear();
         self.outcome = FieldOutcome::default();
         let tolerance = settings.tolerance.min(probe.field.band()).min(scene.field.band());
         let begun = settings.budget.map(|budget| (Instant::now(), budget));
         let samples = settings.samples();
-        let settings = &FieldSettings { tolerance, ..*settings };
         self.tolerance = tolerance;
         let to_scene = scene_pose.inverse() * *probe_pose;
-        if !self.motion.advance(&to_scene, probe.center, probe.radius, tolerance) {
-            self.fronts.iter_mut().for_each(|front| front.known.forget());
-        }
-        let place = |body, field, to_field, is_probe| {
-            Side::new(body, field, to_field, is_probe, (probe.center, self.load.across, self.edge))
-        };
         let sides = [
-            place(&probe.samples, &scene.field, &to_scene, true),
-            place(&scene.samples, &probe.field, &to_scene.inverse(), false),
+            Side::new(&probe.samples, &scene.field, &to_scene, true, tolerance, self.place(probe)),
+            Side::new(&scene.samples, &probe.field, &to_scene.inverse(), false, tolerance, self.place(probe)),
         ];
+        self.move_on(&to_scene, probe, &sides);
         for (front, side) in self.fronts.iter_mut().zip(&sides) {
-            front.now.clear();
-            if side.samples.levels.len() > 1 {
-                front.now.push(Four { index: 0, weight: 1.0, cubes: [0; 4], open: 0 });
-            }
+            front.begin(side.samples);
         }
         let levels = sides.iter().map(|side| side.samples.levels.len()).max().unwrap_or(0);
         let mut last = Duration::ZERO;
         self.outcome.is_complete = true;
         // Bodies of different sizes begin at levels of their own, and end together.
         for level in (0..levels).rev() {
-            for (index, side) in sides.iter().enumerate() {
-                self.fronts[index].touching.clear();
-                if level < side.samples.levels.len() {
-                    self.visit(index, side, level, settings);
+            let Self { fronts, sampling, cells, outcome, .. } = &mut *self;
+            let mut own: [_; 2] = std::array::from_fn(|_| None);
+            for ((own, front), side) in own.iter_mut().zip(fronts).zip(&sides) {
+                *own = (level < side.samples.levels.len()).then_some((front, side));
+            }
+            for (front, side) in own.iter_mut().flatten() {
+                front.visit(side, level, tolerance);
+            }
+            if level <= COARSEST {
+                for (front, side) in own.iter_mut().flatten() {
+                    front.add_to(sampling, 2.0 * side.area(level));
                 }
-            }
-            let is_sampled = level <= COARSEST;
-            if level > 0 && is_sampled {
-                self.load.settle(samples);
-            }
-            if let Some((begun, budget)) = begun.filter(|_| level > 0 && is_sampled) {
-                // The next level takes about as long as all before it.
-                let spent = begun.elapsed();
-                if spent + spent.saturating_sub(last) > budget {
-                    self.outcome.is_complete = self.load.end();
+                sampling.settle(samples, 0);
+                own.iter_mut().flatten().for_each(|(front, _)| front.count(sampling));
+                for (front, side) in own.iter_mut().flatten() {
+                    front.visit_others(side, level, sampling, tolerance);
                 }
-                last = spent;
-            }
-            for (index, side) in sides.iter().enumerate() {
-                if level < side.samples.levels.len() {
-                    for touch in &self.fronts[index].touching {
-                        let share = self.load.share[touch.cube as usize];
-                        if share > 0.0 {
-                            self.cells.add(touch, share);
-                        }
+                for (front, side) in own.iter_mut().flatten() {
+                    front.add_to(sampling, side.area(level));
+                }
+                if level > 0 {
+                    sampling.settle(samples, 1);
+                } else {
+                    sampling.end();
+                }
+                if let Some((begun, budget)) = begun.filter(|_| level > 0) {
+                    // The next level takes about as long as all before it.
+                    let spent = begun.elapsed();
+                    if spent + spent.saturating_sub(last) > budget {
+                        outcome.is_complete = sampling.end();
                     }
-                    self.descend(index, side, level, settings);
+                    last = spent;
                 }
+                for (front, _) in own.iter_mut().flatten() {
+                    front.count(sampling);
+                    front
+                        .in_contact
+                        .iter()
+                        .filter(|touch| touch.counted > 0.0)
+                        .for_each(|touch| cells.add(touch));
+                }
+            }
+            if level == 0 || sampling.is_ended() {
+                break;
+            }
+            for (front, side) in own.iter_mut().flatten() {
+                front.descend(side, level, sampling, tolerance);
             }
         }
-        self.conclude(probe, scene, settings.most);
+        self.outcome.spheres = self.fronts.iter().map(|front| front.read[0]).sum();
+        self.outcome.samples = self.fronts.iter().map(|front| front.read[1]).sum();
+        self.bound(settings.most, &sides);
+        self.conclude(probe, scene);
     }
 
-    /// Bounds the number of cells, and tells how far off they are.
-    fn conclude(&mut self, probe: &FieldBody, scene: &FieldBody, most: usize) {
+    /// Where the cubes of the probe's surroundings are: around a point of its frame (m), how many along each axis, and their edge (m).
+    fn place(&self, probe: &FieldBody) -> (DVec3, u32, f64) {
+        (probe.center, self.sampling.across(), self.edge)
+    }
+
+    /// Counts how far the bodies have moved, or forgets what is known where they have moved too far.
+    fn move_on(&mut self, to_scene: &Pose, probe: &FieldBody, sides: &[Side; 2]) {
+        let changes = self.motion.advance(to_scene, probe.center, probe.radius, self.tolerance);
+        let mut fronts = self.fronts.iter_mut().zip(sides).zip(changes);
+        if !fronts.all(|((front, side), change)| front.clocks.advance(side.samples, &change)) {
+            self.fronts.iter_mut().for_each(Front::forget);
+        }
+    }
+
+    /// Bounds the number of contacts, and looks for the deepest of them among the finest samples.
+    fn bound(&mut self, most: usize, [own, other]: &[Side; 2]) {
+        self.cells.bound(most / 2, self.sampling.across());
+        let told: usize = self.cells.iter().map(|cell| 1 + usize::from(!cell.penetrates())).sum();
+        for touch in self.cells.keep_deepest(most.saturating_sub(told), REFINED).take(REFINED) {
+            *touch = deepest_around(if touch.sample.is_probe { own } else { other }, touch);
+        }
+    }
+
+    /// Tells how far off the contacts are.
+    fn conclude(&mut self, probe: &FieldBody, scene: &FieldBody) {
         self.outcome.contacts = self.cells.contacts();
-        self.cells.bound(most / 2, self.load.across);
         let strongest = self.cells.iter().map(|cell| cell.weight).fold(0.0, f32::max);
         let counted = self.cells.iter().filter(|cell| cell.weight > WEAK * strongest);
         let error = counted.map(Cell::error).reduce(f32::max);
         self.outcome.error =
             error.map_or(0.0, |error| f64::from(error) * self.tolerance + probe.error.max(scene.error));
         let band = probe.field.band().min(scene.field.band());
-        let depth = |touch: &Touch| (f64::from(touch.reach) - 1.0) * self.tolerance;
+        let depth = |touch: &ContactSample| (f64::from(touch.reach) - 1.0) * self.tolerance;
         self.outcome.is_too_deep =
             self.cells.iter().any(|cell| depth(&cell.deepest) > (1.0 - ROUNDING) * band);
-    }
-
-    /// Looks at the fours of a level: reads their samples where some may be in contact, and leaves those out that neither are nor
-    /// have anything in reach below them.
-    fn visit(&mut self, index: usize, side: &Side, level: usize, settings: &FieldSettings) {
-        let front = &mut self.fronts[index];
-        let (known, mut above) = front.known.level(level);
-        let moved = self.motion.moved();
-        let is_sampled = level <= COARSEST;
-        let last = f32x4::splat((self.load.across - 1) as f32);
-        let across = i32x4::splat(self.load.across as i32);
-        let mut kept = 0;
-        for place in 0..front.now.len() {
-            let Four { index: four, weight, .. } = front.now[place];
-            let asleep = if is_sampled { known.apart[four as usize] } else { u32::MAX };
-            let mut until = asleep;
-            let mut open = 0;
-            if level > 0 {
-                for (lane, sphere) in known.spheres[four as usize].iter().enumerate() {
-                    let is_closed = !sphere.is_in_reach() && sphere.until() > moved;
-                    open |= u32::from(!is_closed) << lane;
-                    until = until.min(sphere.until());
-                }
-            }
-            let is_awake = asleep <= moved;
-            if !is_awake && open == 0 {
-                // Nor need anyone come back before.
-                if let Some(above) = &mut above {
-                    above.spheres[four as usize / 4][four as usize % 4] =
-                        Sphere::new(false, until.min(i32::MAX as u32));
-                }
-                continue;
-            }
-            let mut cubes = [0; 4];
-            if is_sampled {
-                let sample = side.samples.four(level, four as usize);
-                let cubes_of = || {
-                    let cube = |x: f32x4| x.fast_max(f32x4::ZERO).fast_min(last).fast_trunc_int();
-                    let [x, y, z] = mapped(&side.to_cubes, &sample).map(cube);
-                    let cube: i32x4 = (z * across + y) * across + x;
-                    cube.to_array()
-                };
-                if is_awake {
-                    self.outcome.samples += 1;
-                    let area = weight * side.area(level);
-                    let touching = &mut front.touching;
-                    known.apart[four as usize] =
-                        read(side, &sample, area, cubes_of, settings, &self.motion, touching);
-                }
-                if open != 0 {
-                    cubes = cubes_of();
-                }
-            }
-            if open != 0 {
-                front.now[kept] = Four { index: four, weight, cubes, open };
-                kept += 1;
-            }
-        }
-        front.now.truncate(kept);
-        if level == 0 {
-            for touch in &front.touching {
-                self.cells.add(touch, 1.0);
-            }
-            front.touching.clear();
-        } else {
-            let area = side.area(level);
-            for touch in &front.touching {
-                self.load.add(touch, area);
-            }
-        }
-    }
-
-    /// Goes on to the samples of the next level, where there are not enough of this one and there may be some within reach.
-    fn descend(&mut self, index: usize, side: &Side, level: usize, settings: &FieldSettings) {
-        let front = &mut self.fronts[index];
-        front.next.clear();
-        if level > 0 && !self.load.is_ended {
-            let scale = 1.0 / side.field.spacing() as f32;
-            let tolerance = settings.tolerance as f32 * scale + SLACK;
-            let steps = self.motion.per_unit(side.field.spacing());
-            let moved = self.motion.moved();
-            let is_sampled = level <= COARSEST;
-            let spheres = &side.samples.levels[level].spheres;
-            let (known, _) = front.known.level(level);
-            for four in &front.now {
-                let known = &mut known.spheres[four.index as usize];
-                let mut shares = [0.0; 4];
-                if is_sampled {
-                    shares = four.cubes.map(|cube| self.load.share[cube as usize]);
-                }
-                let wanted = (0..4).filter(|lane| shares[*lane] < 1.0).fold(0, |bits, lane| bits | 1 << lane)
-                    & four.open;
-                if wanted == 0 {
-                    continue;
-                }
-                if (0..4).any(|lane| wanted & 1 << lane != 0 && known[lane].until() <= moved) {
-                    self.outcome.spheres += 1;
-                    let [x, y, z, radius] = spheres[four.index as usize];
-                    let [distance, ..] = side.field.read::<false>(&side.place(&[x, y, z]));
-                    let apart = distance - radius * f32x4::splat(scale) - f32x4::splat(tolerance);
-                    let apart = (apart * f32x4::splat(steps)).to_array();
-                    for (known, apart) in known.iter_mut().zip(apart) {
-                        if known.until() <= moved {
-                            *known = Sphere::new(apart <= 0.0, self.motion.after(apart.abs()));
-                        }
-                    }
-                }
-                for lane in 0..4 {
-                    if wanted & 1 << lane != 0 && known[lane].is_in_reach() {
-                        let weight = (1.0 - shares[lane]) * four.weight;
-                        let index = 4 * four.index + lane as u32;
-                        front.next.push(Four { index, weight, cubes: [0; 4], open: 0 });
-                    }
-                }
-            }
-        }
-        std::mem::swap(&mut front.now, &mut front.next);
     }
 
     /// The contacts of the last query, which was at this pose of the probe: one a cell, at the centre of its push, with the
@@ -522,121 +268,24 @@ impl FieldQuery {
                 depth(reach),
                 unit_area * pressure / reach,
             ));
-            let Touch { point, normal, reach, .. } = cell.deepest;
-            into.push(place(point, normal, depth(f64::from(reach)), 0.0));
+            if !cell.penetrates() {
+                let ContactSample { point, normal, reach, .. } = cell.deepest;
+                into.push(place(point, normal, depth(f64::from(reach)), 0.0));
+            }
+        }
+        for touch in self.cells.deepest() {
+            into.push(place(touch.point, touch.normal, (f64::from(touch.reach) - 1.0) * tolerance, 0.0));
         }
     }
-}
-
-/// Reads four samples, of which each stands for an area (of a cell's squared edge), and appends those in contact, with the cubes that
-/// they are in. Returns until when none of them is in contact.
-#[inline]
-fn read(
-    side: &Side,
-    sample: &[f32x4; 3],
-    area: f32,
-    cubes_of: impl Fn() -> [i32; 4],
-    settings: &FieldSettings,
-    motion: &Motion,
-    touching: &mut Vec<Touch>,
-) -> u32 {
-    let h = side.field.spacing() as f32;
-    let [distance, x, y, z] = side.field.read::<true>(&side.place(sample));
-    let reach = f32x4::splat(settings.tolerance as f32 / h) - distance;
-    let in_contact = reach.simd_gt(f32x4::ZERO).to_bitmask();
-    if in_contact == 0 {
-        let nearest = reach.to_array().into_iter().fold(f32::NEG_INFINITY, f32::max);
-        return motion.after((-nearest - SLACK) * motion.per_unit(f64::from(h)));
-    }
-    let size = (x * x + y * y + z * z).fast_max(f32x4::splat(f32::MIN_POSITIVE)).sqrt();
-    let normal = mapped(&side.turn, &[x / size, y / size, z / size]);
-    let mut point = mapped(&side.to_probe, sample);
-    if !side.is_probe {
-        // On the probe's surface.
-        let apart = distance * f32x4::splat(h);
-        point = [0, 1, 2].map(|axis| point[axis] - normal[axis] * apart);
-    }
-    let [point, normal] = [point, normal].map(|vector| vector.map(f32x4::to_array));
-    let reach = (reach * f32x4::splat(h / settings.tolerance as f32)).to_array();
-    let cubes = cubes_of();
-    for lane in (0..4).filter(|lane| in_contact & 1 << lane != 0) {
-        touching.push(Touch {
-            point: Vec3A::new(point[0][lane], point[1][lane], point[2][lane]),
-            normal: Vec3A::new(normal[0][lane], normal[1][lane], normal[2][lane]),
-            reach: reach[lane],
-            area,
-            cube: cubes[lane] as u32,
-        });
-    }
-    motion.moved()
-}
-
-impl<'a> Side<'a> {
-    fn new(
-        samples: &'a SurfaceSamples,
-        field: &'a DistanceField,
-        to_field: &Pose,
-        is_probe: bool,
-        (center, across, edge): (DVec3, u32, f64),
-    ) -> Self {
-        let spacing = field.spacing();
-        let affine = |pose: &Pose| DAffine3::from_rotation_translation(pose.rotation, pose.translation);
-        let lattice =
-            DAffine3::from_mat3_translation(DMat3::from_diagonal(DVec3::splat(spacing)), field.origin());
-        let from_field = if is_probe { affine(&to_field.inverse()) } else { DAffine3::IDENTITY };
-        let from_body = if is_probe { DAffine3::IDENTITY } else { affine(to_field) };
-        let cubes = DAffine3::from_scale_rotation_translation(
-            DVec3::splat(1.0 / edge),
-            DQuat::IDENTITY,
-            DVec3::splat(f64::from(across / 2)) - center / edge,
-        );
-        // Out of the probe is into the scene object.
-        let sign = if is_probe { -1.0 } else { 1.0 };
-        Self {
-            samples,
-            field,
-            to_lattice: rows(lattice.inverse() * affine(to_field)),
-            to_cubes: rows(cubes * from_body),
-            to_probe: rows(DAffine3::from_translation(-center) * from_body),
-            turn: rows(DAffine3::from_mat3(from_field.matrix3 * sign)),
-            area: (f64::from(samples.area) / (edge * edge)) as f32,
-            is_probe,
-        }
-    }
-
-    /// That a sample of a level stands for, as a part of a cell's squared edge.
-    fn area(&self, level: usize) -> f32 {
-        self.area * (1 << (2 * level)) as f32
-    }
-
-    /// Four points of the body in the field's lattice.
-    #[inline]
-    fn place(&self, points: &[f32x4; 3]) -> [f32x4; 3] {
-        mapped(&self.to_lattice, points)
-    }
-}
-
-/// Rows of a matrix, each with its part of the translation.
-fn rows(map: DAffine3) -> [[f32; 4]; 3] {
-    [0, 1, 2].map(|axis| {
-        let row = map.matrix3.row(axis);
-        [row.x, row.y, row.z, map.translation[axis]].map(|x| x as f32)
-    })
-}
-
-#[inline]
-fn mapped(rows: &[[f32; 4]; 3], [x, y, z]: &[f32x4; 3]) -> [f32x4; 3] {
-    let row = |[a, b, c, d]: [f32; 4]| {
-        f32x4::splat(a) * *x + f32x4::splat(b) * *y + f32x4::splat(c) * *z + f32x4::splat(d)
-    };
-    [row(rows[0]), row(rows[1]), row(rows[2])]
 }
 
 #[cfg(test)]
 mod tests {
     use std::collections::HashMap;
 
+    use glam::DQuat;
     use palpate_core::TriMesh;
+    use wide::f32x4;
 
     use super::*;
     use crate::area_law::AreaLaw;
@@ -717,9 +366,9 @@ mod tests {
             let mut all = 0;
             for (to_field, is_probe) in [(pose, true), (pose.inverse(), false)] {
                 let side =
-                    Side::new(&body.samples, &body.field, &to_field, is_probe, (body.center, 10, REACH));
+                    Side::new(&body.samples, &body.field, &to_field, is_probe, d, (body.center, 10, REACH));
                 for four in 0..body.samples.fours(0) {
-                    let [distance, ..] = side.field.read::<false>(&side.place(&body.samples.four(0, four)));
+                    let distance = side.distances(&body.samples.four(0, four));
                     let reach = f32x4::splat((d / body.field.spacing()) as f32) - distance;
                     all += reach.simd_gt(f32x4::ZERO).to_bitmask().count_ones() as usize;
                 }

@@ -5,7 +5,7 @@ use palpate_core::TriMesh;
 use rand::rngs::SmallRng;
 use rand::{RngExt as _, SeedableRng as _};
 use rayon::prelude::*;
-use wide::f32x4;
+use wide::{f32x4, i32x4};
 
 use crate::format::{FormatError, Reader, Writer};
 
@@ -14,7 +14,7 @@ const FRAGMENT: f64 = 0.75;
 /// Places that are drawn in each part, of which one becomes a sample.
 const DRAWN: usize = 8;
 /// Choices of four samples that are compared.
-const CHOICES: usize = 64;
+const CHOICES: usize = 128;
 /// Of the samples' places.
 const SEED: u64 = 0x5A3B;
 /// More fragments than this are divided side by side.
@@ -80,9 +80,9 @@ impl Finest {
         let sphere = &above.spheres[four / 4];
         let lane = |x: &f32x4| x.as_array()[four % 4];
         let step = f32x4::splat(lane(&sphere[3]) * (1.0 / STEPS));
-        let steps = &self.0[four];
-        [0, 1, 2]
-            .map(|axis| f32x4::splat(lane(&sphere[axis])) + step * f32x4::new(steps[axis].map(f32::from)))
+        let [x, y, z] = self.0[four].map(|axis| i32x4::new(axis.map(i32::from)).round_float());
+        let [cx, cy, cz] = [lane(&sphere[0]), lane(&sphere[1]), lane(&sphere[2])].map(f32x4::splat);
+        [cx + step * x, cy + step * y, cz + step * z]
     }
 
     /// How many fours there are.
@@ -276,16 +276,38 @@ fn spread(fragments: &mut [[Vec3; 3]], points: &mut [Vec3], first: usize) {
     }
 }
 
+/// The mean of the products of points' coordinates from a middle: of x², y², z², and of yz, zx, xy.
+struct Spread([Vec3; 2]);
+
+impl Spread {
+    fn of(points: &[Vec3], middle: Vec3) -> Self {
+        let mut sums = [Vec3::ZERO; 2];
+        for point in points {
+            let p = *point - middle;
+            sums[0] += p * p;
+            sums[1] += Vec3::new(p.y * p.z, p.z * p.x, p.x * p.y);
+        }
+        Self(sums.map(|sum| sum / points.len() as f32))
+    }
+
+    fn trace(&self) -> f32 {
+        self.0[0].element_sum()
+    }
+
+    /// The sum of the squares of the elements of the difference of two symmetric matrices.
+    fn distance_squared(&self, other: &Self) -> f32 {
+        self.0[0].distance_squared(other.0[0]) + 2.0 * self.0[1].distance_squared(other.0[1])
+    }
+}
+
 /// One point of each part of so many: of several choices for four parts, the one that has their centroid and spread best.
 fn chosen(points: &[Vec3], parts: usize) -> Vec<Vec3> {
     let fours = points.par_chunks(4 * parts).enumerate().flat_map_iter(|(index, four)| {
         let mut rng = SmallRng::seed_from_u64(SEED ^ (index as u64) << 32 ^ parts as u64);
         let centroid = |points: &[Vec3]| points.iter().sum::<Vec3>() / points.len() as f32;
         let middle = centroid(four);
-        let spread = |points: &[Vec3]| {
-            points.iter().map(|point| point.distance_squared(middle)).sum::<f32>() / points.len() as f32
-        };
-        let wanted = spread(four).max(f32::MIN_POSITIVE);
+        let wanted = Spread::of(four, middle);
+        let size = wanted.trace().max(f32::MIN_POSITIVE);
         let (mut best, mut least) = ([Vec3::ZERO; 4], f32::INFINITY);
         let count = four.len().div_ceil(parts);
         for _ in 0..CHOICES {
@@ -294,7 +316,8 @@ fn chosen(points: &[Vec3], parts: usize) -> Vec<Vec3> {
                 *own = part[rng.random_range(0..part.len())];
             }
             let own = &own[..count];
-            let off = centroid(own).distance_squared(middle) / wanted + (spread(own) / wanted - 1.0).powi(2);
+            let centered = centroid(own).distance_squared(middle) / size;
+            let off = centered + Spread::of(own, middle).distance_squared(&wanted) / (size * size);
             if off < least {
                 least = off;
                 best[..count].copy_from_slice(own);

@@ -1,30 +1,49 @@
 //! What need not be read again until the bodies have moved so far.
 
 use palpate_core::Pose;
-use palpate_core::glam::DVec3;
+use palpate_core::glam::{DMat3, DVec3};
+use wide::{f32x4, i32x4};
 
 use crate::samples::SurfaceSamples;
 
 /// Steps that the tolerance is divided into, to count motion in whole numbers.
 const STEPS: f64 = 256.0;
-/// Motion is counted up to here before all is forgotten: some 4 million tolerances.
-const MOST: u32 = 1 << 30;
+/// Nothing is known for longer than this: some four thousand tolerances.
+const LONGEST: u32 = 1 << 20;
+/// Motion is counted up to here before all is forgotten.
+const MOST: u32 = 1 << 27;
+/// A body's surface is divided into this many regions at most, each with a clock of its own.
+const REGIONS: usize = 256;
+/// Of positions in single precision, as a part of them.
+const ROUNDING: f64 = 1e-6;
+/// Spheres around parts of a region have their centres within this many of its radii: they are middles of boxes.
+const MIDDLES: f32 = 1.1;
 
-/// How far a probe has moved relative to a scene object, at most: no distance of a point of either from the other's surface changes
-/// by more.
+/// How far a probe has moved relative to a scene object from one query to the next.
 #[derive(Clone, Debug)]
 pub struct Motion {
     /// Of the last query, probe to scene object.
     last: Option<Pose>,
     /// d, m; 0 before the first query.
     tolerance: f64,
-    /// Steps so far.
-    moved: u32,
+}
+
+/// How far points of one body move relative to the other, at most.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Change {
+    /// Rows of the map from a point of the body (m) to its displacement, in steps.
+    rows: [[f32; 4]; 3],
+    /// 2 sin θ/2: what the displacements of two points differ by at most, in steps a metre.
+    turn: f32,
+    /// How far a point is off in single precision, m.
+    rounding: f32,
+    /// No distance of a point of either body from the other's surface changes by more, in steps.
+    most: u32,
 }
 
 impl Motion {
     pub fn new() -> Self {
-        Self { last: None, tolerance: 0.0, moved: 0 }
+        Self { last: None, tolerance: 0.0 }
     }
 
     /// Forgets where the bodies were.
@@ -32,50 +51,157 @@ impl Motion {
         *self = Self::new();
     }
 
-    /// Moves on to a pose of a probe whose surface is within a sphere (m). Returns whether what is known still holds.
-    pub fn advance(&mut self, pose: &Pose, center: DVec3, radius: f64, tolerance: f64) -> bool {
-        let last = self.last.replace(*pose);
-        let known = last.filter(|_| self.tolerance == tolerance).map(|last| {
-            let shift = last.transform_point(center).distance(pose.transform_point(center));
-            let turn = (last.rotation.inverse() * pose.rotation).normalize();
-            // A chord is 2 sin θ/2 long, and the vector part of the quaternion sin θ/2.
-            shift + 2.0 * radius * DVec3::new(turn.x, turn.y, turn.z).length()
-        });
+    /// Moves on to a pose of a probe whose surface is within a sphere (m). Returns how the probe's points have moved and how the
+    /// scene object's have; where that is not known, further than anything is known for.
+    pub fn advance(&mut self, pose: &Pose, center: DVec3, radius: f64, tolerance: f64) -> [Change; 2] {
+        let last = self.last.replace(*pose).filter(|_| self.tolerance == tolerance);
         self.tolerance = tolerance;
-        let steps = known.map(|way| (way / self.step()).ceil());
-        match steps.filter(|steps| *steps < f64::from(MOST - self.moved)) {
-            Some(steps) => {
-                self.moved += steps as u32;
-                true
+        let anywhere = Change { most: LONGEST, ..Change::default() };
+        let Some(last) = last else { return [anywhere; 2] };
+        if last == *pose {
+            return [Change::default(); 2];
+        }
+        let shift = pose.transform_point(center) - last.transform_point(center);
+        let turn = (last.rotation.inverse() * pose.rotation).normalize();
+        // A chord is 2 sin θ/2 long, and the vector part of the quaternion sin θ/2.
+        let turn = 2.0 * DVec3::new(turn.x, turn.y, turn.z).length();
+        let per_metre = STEPS / tolerance;
+        let most = ((shift.length() + radius * turn) * per_metre).ceil();
+        if most.is_nan() || most >= f64::from(LONGEST) {
+            return [anywhere; 2];
+        }
+        let change = |from: &Pose, to: &Pose, about: DVec3| {
+            let matrix = DMat3::from_quat(to.rotation) - DMat3::from_quat(from.rotation);
+            let shift = to.transform_point(about) - from.transform_point(about) - matrix * about;
+            Change {
+                rows: [0, 1, 2].map(|axis| {
+                    let row = matrix.row(axis);
+                    [row.x, row.y, row.z, shift[axis]].map(|part| (per_metre * part) as f32)
+                }),
+                turn: (turn * per_metre) as f32,
+                rounding: (ROUNDING * (about.length() + radius)) as f32,
+                most: most as u32,
             }
-            None => {
-                self.moved = 1;
-                false
+        };
+        // Of the scene object's points the one where the probe's centre is moves as that does.
+        let (from, to) = (last.inverse(), pose.inverse());
+        [change(&last, pose, center), change(&from, &to, pose.transform_point(center))]
+    }
+}
+
+/// Steps in a unit of length of so many metres.
+pub fn steps_per(unit: f64, tolerance: f64) -> f32 {
+    (unit * STEPS / tolerance) as f32
+}
+
+/// How far each region of a body's surface has moved relative to the other body, in steps, summed up from query to query. A region is
+/// what a sample of a certain level stands for.
+#[derive(Clone, Debug)]
+pub struct Clocks {
+    level: usize,
+    regions: Vec<u32>,
+    /// No region has moved further.
+    whole: u32,
+}
+
+impl Clocks {
+    pub fn new(samples: &SurfaceSamples) -> Self {
+        let nodes = |level: usize| 4 * samples.levels[level].spheres.len();
+        let level = (1..samples.levels.len()).find(|level| nodes(*level) <= REGIONS).unwrap_or(0);
+        let regions = if level == 0 { 0 } else { nodes(level) };
+        Self { level, regions: vec![1; regions], whole: 1 }
+    }
+
+    /// Sets all back.
+    pub fn reset(&mut self) {
+        self.regions.fill(1);
+        self.whole = 1;
+    }
+
+    /// Moves on. Returns whether there was room left to count.
+    pub fn advance(&mut self, samples: &SurfaceSamples, change: &Change) -> bool {
+        if change.most >= MOST - self.whole {
+            return false;
+        }
+        self.whole += change.most;
+        if change.most == 0 || self.regions.is_empty() {
+            return true;
+        }
+        if change.most == LONGEST {
+            self.regions.iter_mut().for_each(|region| *region += LONGEST);
+            return true;
+        }
+        let spheres = &samples.levels[self.level].spheres;
+        for (regions, [x, y, z, radius]) in self.regions.as_chunks_mut().0.iter_mut().zip(spheres) {
+            let along = |[a, b, c, d]: [f32; 4]| {
+                f32x4::splat(a) * *x + f32x4::splat(b) * *y + f32x4::splat(c) * *z + f32x4::splat(d)
+            };
+            let [x, y, z] = change.rows.map(along);
+            let spread =
+                f32x4::splat(change.turn) * (f32x4::splat(MIDDLES) * *radius + f32x4::splat(change.rounding));
+            let moved = ((x * x + y * y + z * z).sqrt() + spread).to_array();
+            let regions: &mut [u32; 4] = regions;
+            for (region, moved) in regions.iter_mut().zip(moved) {
+                // Casts saturate, and round down.
+                *region += ((1.0001 * moved) as u32 + 1).min(change.most);
             }
         }
+        true
     }
 
-    /// One step, m.
-    fn step(&self) -> f64 {
-        self.tolerance / STEPS
+    /// Of the samples of a level.
+    pub fn at(&self, level: usize) -> Clock<'_> {
+        let regions = |level: usize| {
+            if level <= self.level && self.level > 0 {
+                (&self.regions[..], 2 * (self.level - level) as u32)
+            } else {
+                (std::slice::from_ref(&self.whole), u32::BITS - 1)
+            }
+        };
+        Clock { each: regions(level), fours: regions(level + 1), differs: level == self.level && level > 0 }
     }
+}
 
-    /// Steps so far.
-    pub fn moved(&self) -> u32 {
-        self.moved
-    }
+/// Of the samples of a level, each with all below it: regions, and how far to shift an index to that of its region.
+#[derive(Clone, Copy, Debug)]
+pub struct Clock<'a> {
+    each: (&'a [u32], u32),
+    fours: (&'a [u32], u32),
+    /// Whether the four samples of a four are of different regions.
+    differs: bool,
+}
 
-    /// Steps in a unit of length of so many metres.
-    pub fn per_unit(&self, unit: f64) -> f32 {
-        (unit / self.step()) as f32
-    }
-
-    /// When the bodies will have moved by a number of steps, if that is positive.
+impl Clock<'_> {
+    /// Of a sample.
     #[inline]
-    pub fn after(&self, steps: f32) -> u32 {
-        // Casts saturate, and what is not a number becomes 0.
-        self.moved + (steps as u32).min(MOST)
+    pub fn of(&self, sample: usize) -> u32 {
+        let (regions, shift) = self.each;
+        regions[sample >> shift]
     }
+
+    /// Of four samples together.
+    #[inline]
+    pub fn of_four(&self, four: usize) -> u32 {
+        let (regions, shift) = self.fours;
+        regions[four >> shift]
+    }
+
+    /// Of each of four samples.
+    #[inline]
+    pub fn of_each(&self, four: usize) -> i32x4 {
+        if self.differs {
+            i32x4::new([0, 1, 2, 3].map(|lane| self.of(4 * four + lane).cast_signed()))
+        } else {
+            i32x4::splat(self.of_four(four).cast_signed())
+        }
+    }
+}
+
+/// A clock's time after so many steps, if these are positive.
+#[inline]
+pub fn after(now: u32, steps: f32) -> u32 {
+    // Casts saturate, and what is not a number becomes 0.
+    now + (steps as u32).min(LONGEST)
 }
 
 /// Until when what is known of one body's samples holds, in steps of motion. What has passed is not known.
@@ -87,40 +213,101 @@ pub struct Known {
 /// Of one level.
 #[derive(Clone, Debug)]
 pub struct Level {
-    /// Four by four: until when none of these samples is in contact.
-    pub apart: Vec<u32>,
-    /// Of each sphere.
-    pub spheres: Vec<[Sphere; 4]>,
+    /// Four by four: of the two that are read first, and of the other two.
+    pub fours: Vec<[LastRead; 2]>,
+    /// Likewise.
+    pub spheres: Vec<Spheres>,
 }
 
-/// Twice until when it is known whether a sphere is in reach, and 1 more if it is.
+/// Of two samples: which of them were in contact when they were read last, bit by bit among four, and sixteen times until when the
+/// others are not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Sphere(u32);
+pub struct LastRead(u32);
 
-impl Sphere {
+impl LastRead {
     /// Nothing is known.
     pub const UNKNOWN: Self = Self(0);
 
-    pub fn new(is_in_reach: bool, until: u32) -> Self {
-        Self(until << 1 | u32::from(is_in_reach))
+    pub fn new(in_contact: u32, until: u32) -> Self {
+        Self(until << 4 | in_contact)
+    }
+
+    /// Which of them are to be read.
+    #[inline]
+    pub fn awake(self, all: u32, now: u32) -> u32 {
+        if self.until() <= now { all } else { self.in_contact() }
     }
 
     #[inline]
-    pub fn is_in_reach(self) -> bool {
-        self.0 & 1 == 1
+    pub fn in_contact(self) -> u32 {
+        self.0 & 15
     }
 
     #[inline]
     pub fn until(self) -> u32 {
+        self.0 >> 4
+    }
+}
+
+/// Of four spheres each: twice until when it is known whether it is in reach, and 1 more if it is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spheres(i32x4);
+
+impl Spheres {
+    /// Nothing is known.
+    pub const UNKNOWN: Self = Self(i32x4::ZERO);
+
+    /// Bit by bit: those that may be in reach.
+    #[inline]
+    pub fn open(self, now: i32x4) -> u32 {
+        (self.is_in_reach() | !self.is_known(now)).to_bitmask()
+    }
+
+    /// Bit by bit: those of which it is to be found out.
+    #[inline]
+    pub fn unknown(self, now: i32x4) -> u32 {
+        (!self.is_known(now)).to_bitmask()
+    }
+
+    /// Bit by bit: those in reach.
+    #[inline]
+    pub fn in_reach(self) -> u32 {
+        self.is_in_reach().to_bitmask()
+    }
+
+    /// The sign bits.
+    #[inline]
+    fn is_in_reach(self) -> i32x4 {
+        self.0 << 31
+    }
+
+    #[inline]
+    fn is_known(self, now: i32x4) -> i32x4 {
+        self.until().simd_gt(now)
+    }
+
+    #[inline]
+    fn until(self) -> i32x4 {
         self.0 >> 1
+    }
+
+    /// Steps until the first of them is not known any more.
+    pub fn left(self, now: i32x4) -> u32 {
+        (self.until() - now).reduce_min().max(0).cast_unsigned()
+    }
+
+    /// What was found out of one of them.
+    #[inline]
+    pub fn set(&mut self, lane: usize, is_in_reach: bool, until: u32) {
+        self.0.as_mut_array()[lane] = (until << 1 | u32::from(is_in_reach)).cast_signed();
     }
 }
 
 impl Known {
     pub fn new(samples: &SurfaceSamples) -> Self {
         let of = |(index, level): (usize, &crate::samples::Level)| Level {
-            apart: vec![0; samples.fours(index)],
-            spheres: vec![[Sphere::UNKNOWN; 4]; level.spheres.len()],
+            fours: vec![[LastRead::UNKNOWN; 2]; samples.fours(index)],
+            spheres: vec![Spheres::UNKNOWN; level.spheres.len()],
         };
         Self { levels: samples.levels.iter().enumerate().map(of).collect() }
     }
@@ -128,8 +315,8 @@ impl Known {
     /// Nothing is known any more.
     pub fn forget(&mut self) {
         for level in &mut self.levels {
-            level.apart.fill(0);
-            level.spheres.fill([Sphere::UNKNOWN; 4]);
+            level.fours.fill([LastRead::UNKNOWN; 2]);
+            level.spheres.fill(Spheres::UNKNOWN);
         }
     }
 
@@ -142,7 +329,8 @@ impl Known {
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
         let of = |level: &Level| {
-            level.apart.capacity() * size_of::<u32>() + level.spheres.capacity() * size_of::<[Sphere; 4]>()
+            level.fours.capacity() * size_of::<[LastRead; 2]>()
+                + level.spheres.capacity() * size_of::<Spheres>()
         };
         self.levels.iter().map(of).sum()
     }
@@ -151,6 +339,7 @@ impl Known {
 #[cfg(test)]
 mod tests {
     use palpate_core::glam::DQuat;
+    use palpate_models::Model;
     use rand::rngs::StdRng;
     use rand::{RngExt as _, SeedableRng as _};
 
@@ -160,32 +349,60 @@ mod tests {
     fn no_point_moves_further_than_is_counted() {
         let mut rng = StdRng::seed_from_u64(0x51AC);
         let mut random = || DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)));
-        let (center, radius, tolerance) = (DVec3::new(0.3, -0.2, 0.9), 2.0, 0.02);
+        let mesh = Model::Torus.generate(2000).expect("in range");
+        let (center, radius) = (mesh.bounding_sphere().center, mesh.bounding_sphere().radius);
+        let tolerance = 0.01 * radius;
+        let samples = SurfaceSamples::new(&mesh, 0.02 * radius);
+        let count = samples.count();
+        let points: Vec<(usize, DVec3)> = (0..200)
+            .map(|index| {
+                let sample = index * 997 % count;
+                let four = samples.four(0, sample / 4).map(|axis| axis.to_array()[sample % 4]);
+                (sample, DVec3::from_array(four.map(f64::from)))
+            })
+            .collect();
         let mut motion = Motion::new();
+        let mut clocks = Clocks::new(&samples);
+        assert!(!clocks.regions.is_empty());
         let mut pose = Pose::IDENTITY;
-        assert!(!motion.advance(&pose, center, radius, tolerance), "nothing was known");
-        let (mut total, mut most) = (0.0, 0.0f64);
-        let points: Vec<DVec3> = (0..100).map(|_| center + radius * random().normalize()).collect();
-        for size in [1e-7, 1e-4, 1e-2, 0.5] {
+        let unknown = |changes: [Change; 2]| changes.iter().all(|change| change.most == LONGEST);
+        assert!(unknown(motion.advance(&pose, center, radius, tolerance)), "nothing was known");
+        let (mut total, mut counted_in_all, mut most) = (0.0, 0.0, 0.0);
+        let metres = tolerance / STEPS;
+        for size in [1e-7, 1e-4, 1e-2, 0.2] {
             for _ in 0..100 {
-                let next = Pose::new(
-                    pose.translation + size * random(),
-                    DQuat::from_scaled_axis(size * random()) * pose.rotation,
-                );
-                let before = motion.moved();
-                assert!(motion.advance(&next, center, radius, tolerance));
-                let counted = f64::from(motion.moved() - before) * motion.step();
-                let way = points.iter().map(|p| pose.transform_point(*p).distance(next.transform_point(*p)));
-                let furthest = way.fold(0.0, f64::max);
-                assert!(furthest <= counted, "{furthest} {counted}");
-                (total, most) = (total + furthest, most + counted);
+                // About a point of the surface, as bodies that touch there turn.
+                let about = pose.transform_point(points[0].1);
+                let turn = DQuat::from_scaled_axis(size * random());
+                let shift = 0.1 * size * radius * random();
+                let next = Pose::new(turn * (pose.translation - about) + about + shift, turn * pose.rotation);
+                let [own, other] = motion.advance(&next, center, radius, tolerance);
+                for (change, from, to) in [(own, pose, next), (other, pose.inverse(), next.inverse())] {
+                    let mut clocks = clocks.clone();
+                    let before = clocks.clone();
+                    assert!(clocks.advance(&samples, &change));
+                    for (sample, point) in &points {
+                        let way = from.transform_point(*point).distance(to.transform_point(*point));
+                        let counted = clocks.at(0).of(*sample) - before.at(0).of(*sample);
+                        let whole = clocks.whole - before.whole;
+                        // Only what is around the probe moves no further than the whole.
+                        let way = way.min(f64::from(whole) * metres);
+                        assert!(way <= f64::from(counted) * metres, "{way} {counted}");
+                        (total, counted_in_all) = (total + way, counted_in_all + f64::from(counted));
+                        most += f64::from(whole);
+                    }
+                }
                 pose = next;
+                assert!(clocks.advance(&samples, &own));
             }
         }
-        assert!(most < 2.0 * total, "{most} counted for {total}");
-        let before = motion.moved();
-        assert!(motion.advance(&pose, center, radius, tolerance));
-        assert_eq!(motion.moved(), before, "at rest");
-        assert!(!motion.advance(&pose, center, radius, 2.0 * tolerance), "another tolerance");
+        assert!(counted_in_all * metres < 2.0 * total, "{counted_in_all} counted for {total}");
+        assert!(counted_in_all < 0.9 * most, "{counted_in_all} counted, {most} for the whole");
+        let before = clocks.clone();
+        let [own, _] = motion.advance(&pose, center, radius, tolerance);
+        assert!(clocks.advance(&samples, &own));
+        assert_eq!(clocks.regions, before.regions, "at rest");
+        assert_eq!(clocks.whole, before.whole, "at rest");
+        assert!(unknown(motion.advance(&pose, center, radius, 2.0 * tolerance)), "another tolerance");
     }
 }

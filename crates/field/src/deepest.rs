@@ -1,0 +1,42 @@
+//! The deepest samples near a place, among the finest.
+
+use crate::cells::{ContactSample, Sample};
+use crate::side::{Side, bits};
+
+/// Samples of a level that are followed to the next.
+const FOLLOWED: usize = 4;
+
+/// The deepest of the samples around one that is in contact, from its own level to the finest: of those below it and its three
+/// neighbours, following the deepest few of each level.
+pub fn deepest_around(side: &Side, touch: &ContactSample) -> ContactSample {
+    let mut best = *touch;
+    let first = touch.sample.index & !3;
+    let mut followed = [0, 1, 2, 3].map(|lane| Some(first + lane));
+    for level in (0..touch.sample.level).rev() {
+        let mut next = [(f32::NEG_INFINITY, None); FOLLOWED];
+        for parent in followed.into_iter().flatten() {
+            if parent as usize >= side.samples.fours(level.into()) {
+                continue;
+            }
+            let points = side.samples.four(level.into(), parent as usize);
+            let read = side.read(&points);
+            for (lane, inside) in (0..).zip(read.inside.to_array()) {
+                // In order, the deepest first.
+                let place = next.partition_point(|(other, _)| *other >= inside);
+                if place < FOLLOWED {
+                    next[place..].rotate_right(1);
+                    next[place] = (inside, Some(4 * parent + lane));
+                }
+            }
+            let mut lanes = bits(read.in_contact);
+            side.contacts(&points, &read, |found| {
+                let index = 4 * parent + lanes.next().unwrap_or(0) as u32;
+                if found.reach > best.reach {
+                    best = ContactSample { sample: Sample { level, index, ..found.sample }, ..found };
+                }
+            });
+        }
+        followed = next.map(|(_, sample)| sample);
+    }
+    best
+}

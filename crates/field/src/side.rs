@@ -1,0 +1,194 @@
+//! One body's samples in the other's field.
+
+use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3A};
+use palpate_core::Pose;
+use wide::f32x4;
+
+use crate::bricks::DistanceField;
+use crate::cells::{ContactSample, Sample};
+use crate::samples::SurfaceSamples;
+
+/// One body's samples in the other's field.
+pub struct Side<'a> {
+    pub samples: &'a SurfaceSamples,
+    pub field: &'a DistanceField,
+    /// d, in lattice constants.
+    reach: f32,
+    /// Rows of the map from the body to the lattice.
+    to_lattice: [[f32; 4]; 3],
+    /// From the body to the cubes of the probe's surroundings.
+    to_cubes: [[f32; 4]; 3],
+    /// The same column by column.
+    cube_columns: [f32x4; 4],
+    /// From the body to the probe's frame, from its centre.
+    to_probe: [[f32; 4]; 3],
+    /// Of unit vectors from the field's body outwards to the probe's outwards, in the probe's frame.
+    turn: [[f32; 4]; 3],
+    /// Of one of the finest samples, as a part of a cell's squared edge.
+    area: f32,
+    /// Cubes along each axis.
+    across: u32,
+    is_probe: bool,
+}
+
+impl<'a> Side<'a> {
+    pub fn new(
+        samples: &'a SurfaceSamples,
+        field: &'a DistanceField,
+        to_field: &Pose,
+        is_probe: bool,
+        tolerance: f64,
+        (center, across, edge): (DVec3, u32, f64),
+    ) -> Self {
+        let spacing = field.spacing();
+        let affine = |pose: &Pose| DAffine3::from_rotation_translation(pose.rotation, pose.translation);
+        let lattice =
+            DAffine3::from_mat3_translation(DMat3::from_diagonal(DVec3::splat(spacing)), field.origin());
+        let from_field = if is_probe { affine(&to_field.inverse()) } else { DAffine3::IDENTITY };
+        let from_body = if is_probe { DAffine3::IDENTITY } else { affine(to_field) };
+        let cubes = DAffine3::from_scale_rotation_translation(
+            DVec3::splat(1.0 / edge),
+            DQuat::IDENTITY,
+            DVec3::splat(f64::from(across / 2)) - center / edge,
+        );
+        let to_cubes = rows(cubes * from_body);
+        // Out of the probe is into the scene object.
+        let sign = if is_probe { -1.0 } else { 1.0 };
+        Self {
+            samples,
+            field,
+            reach: (tolerance / spacing) as f32,
+            to_lattice: rows(lattice.inverse() * affine(to_field)),
+            to_cubes,
+            cube_columns: [0, 1, 2, 3].map(|column| {
+                let [x, y, z] = to_cubes.map(|row| row[column]);
+                f32x4::new([x, y, z, 0.0])
+            }),
+            to_probe: rows(DAffine3::from_translation(-center) * from_body),
+            turn: rows(DAffine3::from_mat3(from_field.matrix3 * sign)),
+            area: (f64::from(samples.area) / (edge * edge)) as f32,
+            across,
+            is_probe,
+        }
+    }
+
+    /// That a sample of a level stands for, as a part of a cell's squared edge.
+    pub fn area(&self, level: usize) -> f32 {
+        self.area * (1 << (2 * level)) as f32
+    }
+
+    /// d, in lattice constants.
+    pub fn reach(&self) -> f32 {
+        self.reach
+    }
+
+    /// The distances of four points of the body from the other, in lattice constants.
+    #[inline]
+    pub fn distances(&self, points: &[f32x4; 3]) -> f32x4 {
+        let [distance, ..] = self.field.read::<false>(&mapped(&self.to_lattice, points));
+        distance
+    }
+
+    /// The distances of four points of the body from the other, and their gradients.
+    #[inline]
+    pub fn read(&self, points: &[f32x4; 3]) -> Reading {
+        let [distance, x, y, z] = self.field.read::<true>(&mapped(&self.to_lattice, points));
+        let inside = f32x4::splat(self.reach) - distance;
+        Reading {
+            distance,
+            gradient: [x, y, z],
+            inside,
+            in_contact: inside.simd_gt(f32x4::ZERO).to_bitmask(),
+        }
+    }
+
+    /// Hands on those of four points that are in contact.
+    #[inline]
+    pub fn contacts(&self, points: &[f32x4; 3], read: &Reading, mut to: impl FnMut(ContactSample)) {
+        let [x, y, z] = read.gradient;
+        let size = (x * x + y * y + z * z).fast_max(f32x4::splat(f32::MIN_POSITIVE)).sqrt();
+        let normal = mapped(&self.turn, &[x / size, y / size, z / size]);
+        let cubes = self.cubes(points);
+        let mut point = mapped(&self.to_probe, points);
+        if !self.is_probe {
+            // On the probe's surface.
+            let apart = read.distance * f32x4::splat(self.field.spacing() as f32);
+            point = [0, 1, 2].map(|axis| point[axis] - normal[axis] * apart);
+        }
+        let [point, normal] = [point, normal].map(|vector| vector.map(f32x4::to_array));
+        let reach = (read.inside / f32x4::splat(self.reach)).to_array();
+        for lane in bits(read.in_contact) {
+            to(ContactSample {
+                point: Vec3A::new(point[0][lane], point[1][lane], point[2][lane]),
+                normal: Vec3A::new(normal[0][lane], normal[1][lane], normal[2][lane]),
+                reach: reach[lane],
+                area: 0.0,
+                counted: 0.0,
+                cube: cubes[lane],
+                place: 0,
+                sample: Sample { is_probe: self.is_probe, level: 0, index: 0 },
+            });
+        }
+    }
+
+    /// The cubes that four points of the body are in; those beyond all cubes are in the next one.
+    #[inline]
+    fn cubes(&self, points: &[f32x4; 3]) -> [u32; 4] {
+        let last = f32x4::splat((self.across - 1) as f32);
+        let [x, y, z] = mapped(&self.to_cubes, points)
+            .map(|at| at.fast_max(f32x4::ZERO).fast_min(last).fast_trunc_int().to_array());
+        [0, 1, 2, 3].map(|lane| {
+            let [x, y, z] = [x[lane], y[lane], z[lane]].map(i32::cast_unsigned);
+            (z * self.across + y) * self.across + x
+        })
+    }
+
+    /// The cube that the first of four points of the body is in.
+    #[inline]
+    pub fn cube(&self, [x, y, z]: &[f32x4; 3]) -> u32 {
+        let [x, y, z] = [x, y, z].map(|axis| f32x4::splat(axis.as_array()[0]));
+        let last = f32x4::splat((self.across - 1) as f32);
+        let [a, b, c, d] = self.cube_columns;
+        let at = a * x + b * y + c * z + d;
+        let [x, y, z, _] = at.fast_max(f32x4::ZERO).fast_min(last).fast_trunc_int().to_array();
+        (z.cast_unsigned() * self.across + y.cast_unsigned()) * self.across + x.cast_unsigned()
+    }
+}
+
+/// What four points of a body are in the other's field.
+#[derive(Clone, Copy, Debug)]
+pub struct Reading {
+    /// In lattice constants.
+    distance: f32x4,
+    gradient: [f32x4; 3],
+    /// How far they are inside of reach, in lattice constants.
+    pub inside: f32x4,
+    /// Bit by bit: which of them are.
+    pub in_contact: u32,
+}
+
+/// The places of the bits of a number of four that are set.
+#[inline]
+pub fn bits(mut bits: u32) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let lane = bits.trailing_zeros() as usize;
+        bits &= bits.wrapping_sub(1);
+        (lane < 4).then_some(lane)
+    })
+}
+
+/// Rows of a matrix, each with its part of the translation.
+fn rows(map: DAffine3) -> [[f32; 4]; 3] {
+    [0, 1, 2].map(|axis| {
+        let row = map.matrix3.row(axis);
+        [row.x, row.y, row.z, map.translation[axis]].map(|x| x as f32)
+    })
+}
+
+#[inline]
+fn mapped(rows: &[[f32; 4]; 3], [x, y, z]: &[f32x4; 3]) -> [f32x4; 3] {
+    let row = |[a, b, c, d]: [f32; 4]| {
+        f32x4::splat(a) * *x + f32x4::splat(b) * *y + f32x4::splat(c) * *z + f32x4::splat(d)
+    };
+    [row(rows[0]), row(rows[1]), row(rows[2])]
+}
