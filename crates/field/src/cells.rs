@@ -2,17 +2,10 @@
 
 use glam::Vec3A;
 
+use crate::selection::Sample;
+
 /// No cell yet.
 const NONE: u32 = u32::MAX;
-
-/// A sample of one of the bodies' surfaces.
-#[derive(Clone, Copy, Debug)]
-pub struct Sample {
-    pub is_probe: bool,
-    pub level: u8,
-    /// Among the samples of the level.
-    pub index: u32,
-}
 
 /// A sample in contact, in the probe's frame from its centre, m.
 #[derive(Clone, Copy, Debug)]
@@ -22,15 +15,12 @@ pub struct ContactSample {
     pub normal: Vec3A,
     /// δ + d, in tolerances.
     pub reach: f32,
-    /// What it stands for among the samples that are looked at, as a part of a cell's squared edge: in these units nothing is too small
-    /// for single precision.
+    /// What it stands for, as a part of a cell's squared edge: in these units nothing is too small for single precision.
     pub area: f32,
-    /// What it stands for in the result, likewise.
-    pub counted: f32,
     /// The cube of the probe's surroundings that the sample is in.
     pub cube: u32,
-    /// The cube that the first of its four is in, by which it is decided how much it counts.
-    pub place: u32,
+    /// Whether it is on the probe's surface, or on the scene object's.
+    pub is_probe: bool,
     /// Which it is.
     pub sample: Sample,
 }
@@ -176,7 +166,7 @@ impl Cells {
             });
         }
         let cell = &mut self.cells[*entry as usize];
-        let pressure = touch.counted * touch.reach;
+        let pressure = touch.area * touch.reach;
         cell.pressure += pressure;
         let weight = pressure * touch.reach;
         cell.weight += weight;

@@ -1,7 +1,8 @@
 //! The deepest samples near a place, among the finest.
 
-use crate::cells::{ContactSample, Sample};
-use crate::side::{Side, bits};
+use crate::cells::ContactSample;
+use crate::selection::Sample;
+use crate::side::Side;
 
 /// Samples of a level that are followed to the next.
 const FOLLOWED: usize = 4;
@@ -28,11 +29,10 @@ pub fn deepest_around(side: &Side, touch: &ContactSample) -> ContactSample {
                     next[place] = (inside, Some(4 * parent + lane));
                 }
             }
-            let mut lanes = bits(read.in_contact);
-            side.contacts(&points, &read, |found| {
-                let index = 4 * parent + lanes.next().unwrap_or(0) as u32;
+            side.contacts(&points, &read, |lane, found| {
                 if found.reach > best.reach {
-                    best = ContactSample { sample: Sample { level, index, ..found.sample }, ..found };
+                    let index = 4 * parent + lane as u32;
+                    best = ContactSample { sample: Sample { level, index }, ..found };
                 }
             });
         }

@@ -2,16 +2,16 @@
 
 use wide::f32x4;
 
-use crate::cells::ContactSample;
 use crate::samples::SurfaceSamples;
 use crate::sampling::Sampling;
+use crate::selection::{Sample, Selection};
 use crate::side::{Side, bits};
 use crate::slack::{Clocks, Known, LastRead, after, steps_per};
 
 /// What interpolated distances may change by more than points are apart, in lattice constants: they bend near creases.
-const SLACK: f32 = 0.25;
+pub const SLACK: f32 = 0.25;
 /// Slope of interpolated distances at most, √3 and a little: along each axis they change by no more than the way.
-const STEEPEST: f32 = 1.74;
+pub const STEEPEST: f32 = 1.74;
 
 /// Levels of samples above this one are not read: too few points to stand for a contact.
 pub const COARSEST: usize = 5;
@@ -44,6 +44,25 @@ struct Open {
     lanes: u8,
     /// Bit by bit: of which that is to be found out.
     unknown: u8,
+}
+
+/// Regions that are no further out of reach than this are near, in reaches.
+pub const FURTHER: f32 = 2.0;
+
+/// A sample within reach.
+#[derive(Clone, Copy, Debug)]
+pub struct Touch {
+    /// Among the samples of the level.
+    index: u32,
+    /// How far within reach, in reaches.
+    pub reach: f32,
+    /// What it stands for among the samples that are looked at, as a part of a cell's squared edge: in these units nothing is too small
+    /// for single precision.
+    pub area: f32,
+    /// What it stands for in the selection, likewise.
+    counted: f32,
+    /// The cube that the first of its four is in, by which it is decided how much it counts.
+    pub place: u32,
 }
 
 /// The two of four samples that are read first, bit by bit: one of the first two, one of the last two, at random.
@@ -121,10 +140,12 @@ pub struct Front {
     queue: Queue,
     /// Of each point of the queue, how far inside of reach it is, in lattice constants.
     found: Vec<f32>,
-    /// In contact, of the present level.
-    pub in_contact: Vec<ContactSample>,
+    /// Within reach, of the present level.
+    touching: Vec<Touch>,
     /// Readings of spheres and of samples so far.
     pub read: [usize; 2],
+    /// Fours looked at so far.
+    pub visited: usize,
 }
 
 impl Front {
@@ -138,8 +159,9 @@ impl Front {
             open: Vec::with_capacity(USUAL),
             queue: Queue::with_capacity(USUAL),
             found: Vec::with_capacity(2 * USUAL),
-            in_contact: Vec::with_capacity(2 * USUAL),
+            touching: Vec::with_capacity(2 * USUAL),
             read: [0; 2],
+            visited: 0,
         }
     }
 
@@ -152,17 +174,24 @@ impl Front {
     /// Begins at the coarsest level.
     pub fn begin(&mut self, samples: &SurfaceSamples) {
         self.read = [0; 2];
-        self.in_contact.clear();
+        self.visited = 0;
+        self.touching.clear();
         self.now.clear();
         if samples.levels.len() > 1 {
             self.now.push(Four { index: 0, weight: 1.0 });
         }
     }
 
+    /// The fours of the present level that are to be looked at.
+    pub fn now(&self) -> impl Iterator<Item = u32> {
+        self.now.iter().map(|four| four.index)
+    }
+
     /// Looks at the fours of a level: reads the first two samples of each where they may be in contact, and leaves fours out that neither
     /// are nor have anything in reach below them.
     pub fn visit(&mut self, side: &Side, level: usize, tolerance: f64) {
-        self.in_contact.clear();
+        self.visited += self.now.len();
+        self.touching.clear();
         self.queue.clear();
         self.active.clear();
         self.open.clear();
@@ -217,14 +246,14 @@ impl Front {
         }
     }
 
-    /// Adds the samples in contact to those of each cube; each of them stands for an area, as a part of a cell's squared edge.
+    /// Adds the samples within reach to those of each cube; each of them stands for an area, as a part of a cell's squared edge.
     pub fn add_to(&self, sampling: &mut Sampling, area: f32) {
-        self.in_contact.iter().for_each(|touch| sampling.add(touch, area));
+        self.touching.iter().for_each(|touch| sampling.add(touch, area));
     }
 
     /// Counts as much of each sample as there is enough of them.
     pub fn count(&mut self, sampling: &Sampling) {
-        for touch in &mut self.in_contact {
+        for touch in &mut self.touching {
             touch.counted += sampling.share(touch.place) * touch.area;
         }
     }
@@ -241,7 +270,7 @@ impl Front {
             }
         }
         // Each of those read so far stands for half as much now.
-        for touch in &mut self.in_contact {
+        for touch in &mut self.touching {
             touch.area *= 0.5 * (1.0 - sampling.share(touch.place));
         }
         self.read(side, level, 1, tolerance);
@@ -253,31 +282,27 @@ impl Front {
         let (known, _) = self.known.level(level);
         self.read[1] += self.queue.finish();
         self.found.clear();
-        let before = self.in_contact.len();
         for point in &self.queue.fours {
-            let read = side.read(point);
-            self.found.extend_from_slice(read.inside.as_array());
-            if read.in_contact != 0 {
-                side.contacts(point, &read, |touch| self.in_contact.push(touch));
-            }
+            self.found.extend_from_slice(side.inside(point).as_array());
         }
         let per_unit = steps_per(side.field.spacing(), tolerance);
         // The first two of four stand for all.
         let area = if half == 0 { 2.0 } else { 1.0 } * side.area(level);
         let clock = self.clocks.at(level);
         let mut found = self.found.iter();
-        let mut touching = self.in_contact[before..].iter_mut();
+        let scale = 1.0 / side.reach();
         for four in self.active.iter().filter(|four| four.awake[half] != 0) {
             let (mut in_contact, mut nearest) = (0, f32::NEG_INFINITY);
             for (lane, inside) in bits(four.awake[half].into()).zip(&mut found) {
                 if *inside > 0.0 {
                     in_contact |= 1 << lane;
-                    // What fills the queue up is behind all of these.
-                    if let Some(touch) = touching.next() {
-                        (touch.area, touch.place) = (four.weight * area, four.place);
-                        (touch.sample.level, touch.sample.index) =
-                            (level as u8, 4 * four.index + lane as u32);
-                    }
+                    self.touching.push(Touch {
+                        index: 4 * four.index + lane as u32,
+                        reach: scale * inside,
+                        area: four.weight * area,
+                        counted: 0.0,
+                        place: four.place,
+                    });
                 } else {
                     nearest = nearest.max(*inside);
                 }
@@ -292,8 +317,14 @@ impl Front {
             }
             *known = LastRead::new(in_contact, until);
         }
-        let filled = touching.len();
-        self.in_contact.truncate(self.in_contact.len() - filled);
+    }
+
+    /// Selects those samples of the present level that count.
+    pub fn select(&self, side: &Side, level: usize, to: &mut Selection) {
+        for touch in self.touching.iter().filter(|touch| touch.counted > 0.0) {
+            let sample = Sample { level: level as u8, index: touch.index };
+            to.push(side.samples.point(sample), touch.counted, touch.reach, sample);
+        }
     }
 
     /// Goes on to the samples of the next level, where there are not enough of this one and there may be some within reach.
@@ -321,7 +352,9 @@ impl Front {
             self.found.extend_from_slice(side.distances(point).as_array());
         }
         let scale = 1.0 / side.field.spacing() as f32;
-        let reach = side.reach() + SLACK;
+        // Regions are looked at that are further away: each is near, or so far away that it matters little how far it moves.
+        let further = if level > self.clocks.level() { FURTHER * side.reach() } else { 0.0 };
+        let reach = side.reach() + further + SLACK;
         let per_unit = steps_per(side.field.spacing(), tolerance);
         let clock = self.clocks.at(level);
         let mut found = self.found.iter();
@@ -350,6 +383,6 @@ impl Front {
             + self.now.capacity() * size_of::<Four>()
             + self.active.capacity() * size_of::<Active>()
             + self.open.capacity() * size_of::<Open>()
-            + self.in_contact.capacity() * size_of::<ContactSample>()
+            + self.touching.capacity() * size_of::<Touch>()
     }
 }

@@ -11,6 +11,7 @@ mod front;
 mod query;
 mod samples;
 mod sampling;
+mod selection;
 mod side;
 mod slack;
 

@@ -1,27 +1,40 @@
 //! Representative contacts: integrals over the area of contact, a cell of the probe's surroundings and a direction at a time.
 //!
-//! Samples of either surface are asked for their distance from the other body. Spheres around samples that are provably out of
-//! reach are left out.
+//! Samples of either surface are asked for their distance from the other body: those that were [selected](crate::selection) at a pose
+//! that the bodies have not moved far from.
 
 use std::time::{Duration, Instant};
 
-use glam::{DVec3, Vec3A};
+use glam::Vec3A;
 use palpate_core::{Contact, Pose};
+use wide::f32x4;
 
 use crate::area_law::AreaContact;
 use crate::body::FieldBody;
 use crate::cells::{Cell, Cells, ContactSample};
 use crate::deepest::deepest_around;
-use crate::front::{COARSEST, Front};
-use crate::sampling::Sampling;
+use crate::front::{FURTHER, Front, SLACK, STEEPEST};
+use crate::selection::{SelectedFour, Selection, Selector};
 use crate::side::Side;
-use crate::slack::Motion;
+use crate::slack::{changes, motion_bound};
 
 /// Cells that push by less than this part of the strongest do not count for the error.
 const WEAK: f32 = 0.1;
 
 /// So many of the deepest places are looked for among the finest samples.
 const REFINED: usize = 8;
+
+/// Samples are selected up to this part of the tolerance beyond it.
+const MARGIN: f64 = 0.5;
+/// A selection holds until something that was left out may be in contact by this part of the tolerance: 1 would be until it may
+/// penetrate, but for what interpolated distances are off by, which [`SLACK`] sees to.
+const LATE: f64 = 1.0;
+/// And until the distance of a selected sample has changed by this part of the margin: what was left out nearby will hardly have come
+/// nearer by more.
+const CHANGED: f64 = 0.75;
+/// A selection is made in the course of at most about so many queries, and in no more than this part of the time that it holds for.
+const STEPS: f64 = 8.0;
+const AHEAD: f64 = 0.45;
 
 /// Of bounds in single precision, as a part of them.
 const ROUNDING: f64 = 1e-5;
@@ -71,19 +84,55 @@ pub struct FieldOutcome {
     pub contacts: usize,
 }
 
-/// The workspace of queries between two bodies. It remembers what the last query found to be out of reach, and by how much; the
-/// result does not depend on that.
+/// The workspace of queries between two bodies. It keeps what the last queries selected to read, so that results depend on these, within
+/// the error.
 #[derive(Clone, Debug)]
 pub struct FieldQuery {
-    motion: Motion,
-    fronts: [Front; 2],
-    sampling: Sampling,
+    selector: Selector,
+    /// Of either body, and the pose that they were selected at, probe to scene object.
+    selections: [Selection; 2],
+    selected_at: Option<Pose>,
+    /// What they were selected for.
+    purpose: Purpose,
+    /// That it took to make the last selection.
+    effort: usize,
+    /// Queries since it was made, and the largest change of a distance of one of its samples since, m.
+    age: u32,
+    change: f64,
+    /// The age that it had when the next one was begun.
+    next_from: u32,
     cells: Cells,
     /// Edge of a cube, m.
     edge: f64,
-    /// Of the last query, m.
-    tolerance: f64,
     outcome: FieldOutcome,
+}
+
+/// What a selection is made for.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Purpose {
+    /// d, m.
+    tolerance: f64,
+    /// Surfaces as close as this are selected, m.
+    reach: f64,
+    /// No distance between the surfaces may have changed by more, m.
+    allowed: f64,
+    /// Samples within reach that there are to be around a place.
+    needed: f32,
+}
+
+impl Purpose {
+    fn new(settings: &FieldSettings, probe: &FieldBody, scene: &FieldBody) -> Self {
+        let band = probe.field.band().min(scene.field.band());
+        let tolerance = settings.tolerance.min(band);
+        let reach = (tolerance * (1.0 + MARGIN)).min(band);
+        let margin = reach - tolerance;
+        let spacing = probe.field.spacing().max(scene.field.spacing());
+        let allowed =
+            (margin - f64::from(SLACK) * spacing).max(margin / f64::from(STEEPEST)) + LATE * tolerance;
+        // Of those within reach some are not in contact.
+        let needed = settings.samples() * (reach / tolerance) as f32;
+        Self { tolerance, reach, allowed, needed }
+    }
 }
 
 impl FieldQuery {
@@ -91,19 +140,24 @@ impl FieldQuery {
     pub fn new(probe: &FieldBody, scene: &FieldBody, edge: f64) -> Self {
         let across = 2 * ((1.0 / edge).ceil() as u32 + 1);
         Self {
-            motion: Motion::new(),
-            fronts: [probe, scene].map(|body| Front::new(&body.samples)),
-            sampling: Sampling::new(across),
+            selector: Selector::new([probe, scene].map(|body| Front::new(&body.samples)), across),
+            selections: [0; 2].map(|_| Selection::new()),
+            selected_at: None,
+            purpose: Purpose::default(),
+            effort: 0,
+            age: 0,
+            change: 0.0,
+            next_from: 0,
             cells: Cells::new(across, edge * probe.radius),
             edge: edge * probe.radius,
-            tolerance: 0.0,
             outcome: FieldOutcome::default(),
         }
     }
 
     /// Forgets what earlier queries found.
     pub fn reset(&mut self) {
-        self.motion.reset();
+        self.selector.reset();
+        self.selected_at = None;
     }
 
     /// What the last query took.
@@ -115,8 +169,8 @@ impl FieldQuery {
     pub fn bytes(&self) -> usize {
         size_of::<Self>()
             + self.cells.bytes()
-            + self.sampling.bytes()
-            + self.fronts.iter().map(Front::bytes).sum::<usize>()
+            + self.selector.bytes()
+            + self.selections.iter().map(Selection::bytes).sum::<usize>()
     }
 
     /// Integrates over the area of contact between the bodies that this query was made for.
@@ -128,115 +182,162 @@ impl FieldQuery {
         scene_pose: &Pose,
         settings: &FieldSettings,
     ) {
-        self.cells.clear();
-        self.sampling.clear();
+        let limit = settings.budget.map(|budget| (Instant::now(), budget));
+        let purpose = Purpose::new(settings, probe, scene);
+        if self.purpose != purpose {
+            self.purpose = purpose;
+            self.reset();
+        }
         self.outcome = FieldOutcome::default();
-        let tolerance = settings.tolerance.min(probe.field.band()).min(scene.field.band());
-        let begun = settings.budget.map(|budget| (Instant::now(), budget));
-        let samples = settings.samples();
-        self.tolerance = tolerance;
         let to_scene = scene_pose.inverse() * *probe_pose;
-        let sides = [
-            Side::new(&probe.samples, &scene.field, &to_scene, true, tolerance, self.place(probe)),
-            Side::new(&scene.samples, &probe.field, &to_scene.inverse(), false, tolerance, self.place(probe)),
-        ];
-        self.move_on(&to_scene, probe, &sides);
-        for (front, side) in self.fronts.iter_mut().zip(&sides) {
-            front.begin(side.samples);
-        }
-        let levels = sides.iter().map(|side| side.samples.levels.len()).max().unwrap_or(0);
-        let mut last = Duration::ZERO;
-        self.outcome.is_complete = true;
-        // Bodies of different sizes begin at levels of their own, and end together.
-        for level in (0..levels).rev() {
-            let Self { fronts, sampling, cells, outcome, .. } = &mut *self;
-            let mut own: [_; 2] = std::array::from_fn(|_| None);
-            for ((own, front), side) in own.iter_mut().zip(fronts).zip(&sides) {
-                *own = (level < side.samples.levels.len()).then_some((front, side));
-            }
-            for (front, side) in own.iter_mut().flatten() {
-                front.visit(side, level, tolerance);
-            }
-            if level <= COARSEST {
-                for (front, side) in own.iter_mut().flatten() {
-                    front.add_to(sampling, 2.0 * side.area(level));
+        self.select(probe, scene, &to_scene, limit);
+        self.cells.clear();
+        let sides = self.sides(probe, scene, &to_scene, purpose.tolerance);
+        let mut change = f32x4::ZERO;
+        for (side, selection) in sides.iter().zip(&self.selections) {
+            let per_unit = f32x4::splat((side.field.spacing() / purpose.reach) as f32);
+            let further = f32x4::splat((1.0 - purpose.tolerance / purpose.reach) as f32);
+            for SelectedFour { points, areas, reaches, samples } in selection.fours() {
+                let read = side.read(&points);
+                change = change.fast_max((read.inside * per_unit + further - reaches).abs());
+                if read.in_contact != 0 {
+                    side.contacts(&points, &read, |lane, found| {
+                        if let (Some(area), Some(sample)) = (areas.get(lane), samples.get(lane)) {
+                            self.cells.add(&ContactSample { area: *area, sample: *sample, ..found });
+                        }
+                    });
                 }
-                sampling.settle(samples, 0);
-                own.iter_mut().flatten().for_each(|(front, _)| front.count(sampling));
-                for (front, side) in own.iter_mut().flatten() {
-                    front.visit_others(side, level, sampling, tolerance);
-                }
-                for (front, side) in own.iter_mut().flatten() {
-                    front.add_to(sampling, side.area(level));
-                }
-                if level > 0 {
-                    sampling.settle(samples, 1);
-                } else {
-                    sampling.end();
-                }
-                if let Some((begun, budget)) = begun.filter(|_| level > 0) {
-                    // The next level takes about as long as all before it.
-                    let spent = begun.elapsed();
-                    if spent + spent.saturating_sub(last) > budget {
-                        outcome.is_complete = sampling.end();
-                    }
-                    last = spent;
-                }
-                for (front, _) in own.iter_mut().flatten() {
-                    front.count(sampling);
-                    front
-                        .in_contact
-                        .iter()
-                        .filter(|touch| touch.counted > 0.0)
-                        .for_each(|touch| cells.add(touch));
-                }
-            }
-            if level == 0 || sampling.is_ended() {
-                break;
-            }
-            for (front, side) in own.iter_mut().flatten() {
-                front.descend(side, level, sampling, tolerance);
             }
         }
-        self.outcome.spheres = self.fronts.iter().map(|front| front.read[0]).sum();
-        self.outcome.samples = self.fronts.iter().map(|front| front.read[1]).sum();
+        let change = change.to_array().into_iter().fold(0.0, f32::max);
+        self.change = f64::from(change) * purpose.reach;
+        self.outcome.samples += self.selections.iter().map(Selection::len).sum::<usize>();
         self.bound(settings.most, &sides);
         self.conclude(probe, scene);
     }
 
-    /// Where the cubes of the probe's surroundings are: around a point of its frame (m), how many along each axis, and their edge (m).
-    fn place(&self, probe: &FieldBody) -> (DVec3, u32, f64) {
-        (probe.center, self.sampling.across(), self.edge)
+    /// Sees to it that there is a selection that holds at a pose, probe to scene object.
+    fn select(
+        &mut self,
+        probe: &FieldBody,
+        scene: &FieldBody,
+        to_scene: &Pose,
+        limit: Option<(Instant, Duration)>,
+    ) {
+        self.age += 1;
+        let used = self.used(self.selected_at.as_ref(), &self.selections, probe, scene, to_scene);
+        if used <= 1.0 && self.selector.is_complete() {
+            // The next one is made while this one holds, as late as that can be: it holds for the time that is left to it afterwards.
+            let lasts = f64::from(self.age) / used;
+            let steps = (AHEAD * lasts).floor().clamp(1.0, STEPS);
+            if self.selector.pose().is_none() && lasts - f64::from(self.age) < 1.25 * steps + 1.0 {
+                self.begin(probe, scene, to_scene, None);
+            }
+            self.go_on(probe, scene, (self.effort as f64 / steps) as usize);
+            return;
+        }
+        let holds_here = self.selector.pose().is_some_and(|begun| {
+            motion_bound(begun, to_scene, probe.center, probe.radius) < self.purpose.allowed
+        });
+        if !holds_here || !self.selector.is_complete() {
+            self.begin(probe, scene, to_scene, limit);
+        }
+        self.go_on(probe, scene, usize::MAX);
     }
 
-    /// Counts how far the bodies have moved, or forgets what is known where they have moved too far.
-    fn move_on(&mut self, to_scene: &Pose, probe: &FieldBody, sides: &[Side; 2]) {
-        let changes = self.motion.advance(to_scene, probe.center, probe.radius, self.tolerance);
-        let mut fronts = self.fronts.iter_mut().zip(sides).zip(changes);
-        if !fronts.all(|((front, side), change)| front.clocks.advance(side.samples, &change)) {
-            self.fronts.iter_mut().for_each(Front::forget);
+    /// What part has been used up of the motion that selections made at a pose hold for.
+    fn used(
+        &self,
+        from: Option<&Pose>,
+        selections: &[Selection; 2],
+        probe: &FieldBody,
+        scene: &FieldBody,
+        to_scene: &Pose,
+    ) -> f64 {
+        let Some(from) = from else { return f64::INFINITY };
+        let Purpose { tolerance, reach, allowed, .. } = self.purpose;
+        let changes = changes(from, to_scene, probe.center, probe.radius, tolerance);
+        let mut used = self.change / (CHANGED * (reach - tolerance));
+        let levels = self.selector.region_levels();
+        let sides = selections.iter().zip([probe, scene]).zip(levels).zip(&changes);
+        for (((selection, body), level), change) in sides {
+            let [near, most] = selection.moved(&body.samples, level, change, tolerance);
+            used = used.max(near / allowed).max(most / (allowed + f64::from(FURTHER) * reach));
         }
+        used
+    }
+
+    /// Begins a selection at a pose.
+    fn begin(
+        &mut self,
+        probe: &FieldBody,
+        scene: &FieldBody,
+        to_scene: &Pose,
+        limit: Option<(Instant, Duration)>,
+    ) {
+        let reach = self.purpose.reach;
+        self.next_from = self.age;
+        let sides = self.sides(probe, scene, to_scene, reach);
+        self.selector.begin(to_scene, (probe.center, probe.radius), reach, &sides, limit);
+    }
+
+    /// Goes on with a selection that was begun, until it is finished or some effort has been made.
+    fn go_on(&mut self, probe: &FieldBody, scene: &FieldBody, effort: usize) {
+        let Some(pose) = self.selector.pose().copied() else { return };
+        let Purpose { reach, needed, .. } = self.purpose;
+        let sides = self.sides(probe, scene, &pose, reach);
+        let (before, [spheres, samples]) = (self.selector.effort(), self.selector.read());
+        let mut is_finished = false;
+        while !is_finished && self.selector.effort() - before < effort {
+            is_finished = self.selector.step(&sides, reach, needed);
+        }
+        let read = self.selector.read();
+        self.outcome.spheres += read[0] - spheres;
+        self.outcome.samples += read[1] - samples;
+        if is_finished {
+            self.effort = self.selector.effort();
+            self.age -= self.next_from;
+            self.change = 0.0;
+            self.selected_at = self.selector.finish(&mut self.selections);
+        }
+    }
+
+    /// Both bodies' samples in the other's field at a pose, probe to scene object, for surfaces within a distance, m.
+    fn sides<'a>(
+        &self,
+        probe: &'a FieldBody,
+        scene: &'a FieldBody,
+        to_scene: &Pose,
+        reach: f64,
+    ) -> [Side<'a>; 2] {
+        let place = (probe.center, self.selector.across(), self.edge);
+        [
+            Side::new(&probe.samples, &scene.field, to_scene, true, reach, place),
+            Side::new(&scene.samples, &probe.field, &to_scene.inverse(), false, reach, place),
+        ]
     }
 
     /// Bounds the number of contacts, and looks for the deepest of them among the finest samples.
     fn bound(&mut self, most: usize, [own, other]: &[Side; 2]) {
-        self.cells.bound(most / 2, self.sampling.across());
+        self.cells.bound(most / 2, self.selector.across());
         let told: usize = self.cells.iter().map(|cell| 1 + usize::from(!cell.penetrates())).sum();
         for touch in self.cells.keep_deepest(most.saturating_sub(told), REFINED).take(REFINED) {
-            *touch = deepest_around(if touch.sample.is_probe { own } else { other }, touch);
+            *touch = deepest_around(if touch.is_probe { own } else { other }, touch);
         }
     }
 
     /// Tells how far off the contacts are.
     fn conclude(&mut self, probe: &FieldBody, scene: &FieldBody) {
         self.outcome.contacts = self.cells.contacts();
+        self.outcome.is_complete = self.selector.is_complete();
+        let Purpose { tolerance, .. } = self.purpose;
         let strongest = self.cells.iter().map(|cell| cell.weight).fold(0.0, f32::max);
         let counted = self.cells.iter().filter(|cell| cell.weight > WEAK * strongest);
         let error = counted.map(Cell::error).reduce(f32::max);
         self.outcome.error =
-            error.map_or(0.0, |error| f64::from(error) * self.tolerance + probe.error.max(scene.error));
+            error.map_or(0.0, |error| f64::from(error) * tolerance + probe.error.max(scene.error));
         let band = probe.field.band().min(scene.field.band());
-        let depth = |touch: &ContactSample| (f64::from(touch.reach) - 1.0) * self.tolerance;
+        let depth = |touch: &ContactSample| (f64::from(touch.reach) - 1.0) * tolerance;
         self.outcome.is_too_deep =
             self.cells.iter().any(|cell| depth(&cell.deepest) > (1.0 - ROUNDING) * band);
     }
@@ -245,7 +346,7 @@ impl FieldQuery {
     /// depth, the direction and the area that push as all of the cell does by the [`AreaLaw`](crate::AreaLaw); and its deepest
     /// sample, with no area.
     pub fn append_contacts(&self, probe: &FieldBody, pose: &Pose, into: &mut Vec<AreaContact>) {
-        let (tolerance, unit_area) = (self.tolerance, self.edge * self.edge);
+        let (tolerance, unit_area) = (self.purpose.tolerance, self.edge * self.edge);
         let place = |point: Vec3A, normal: Vec3A, depth: f64, area: f64| {
             let point = pose.transform_point(probe.center + point.as_dvec3());
             let normal = pose.transform_vector(normal.as_dvec3().normalize_or_zero());
@@ -283,9 +384,8 @@ impl FieldQuery {
 mod tests {
     use std::collections::HashMap;
 
-    use glam::DQuat;
+    use glam::{DQuat, DVec3};
     use palpate_core::TriMesh;
-    use wide::f32x4;
 
     use super::*;
     use crate::area_law::AreaLaw;
@@ -379,36 +479,73 @@ mod tests {
         assert!(found > 10_000, "{found} contacts");
     }
 
-    #[test]
-    fn what_is_remembered_does_not_change_the_result() {
-        let (d, mut contacts) = (0.01, 0);
-        let body = FieldBody::with(&ball(1.0, 4), 0.02, (d, 2.0 * d), 0.02);
-        let [mut tracked, mut cold] = [0; 2].map(|_| FieldQuery::new(&body, &body, REACH));
-        let settings = FieldSettings { error: 0.06 * d, ..FieldSettings::new(d) };
-        let mut read = [0; 2];
-        for step in 0..2000 {
-            let phase = 2e-3 * f64::from(step);
-            let turn = DQuat::from_scaled_axis(DVec3::new(0.3, 0.2, 1.0) * phase);
-            // In, across, and out again, with a leap now and then.
+    /// In, across by some radians for each of the way in and out, and out again, with a leap now and then.
+    fn path(steps: u32, speed: f64, across: f64) -> impl Iterator<Item = Pose> {
+        (0..steps).map(move |step| {
+            let phase = speed * f64::from(step);
+            let turn = DQuat::from_scaled_axis(DVec3::new(0.3, 0.2, 1.0) * across * phase);
             let leap = if step % 400 == 399 { 0.5 } else { 0.0 };
-            let pose =
-                Pose::new(turn * DVec3::X * (1.98 + 0.05 * (3.0 * phase).sin() + leap), DQuat::IDENTITY);
+            Pose::new(turn * DVec3::X * (1.98 + 0.05 * (3.0 * phase).sin() + leap), DQuat::IDENTITY)
+        })
+    }
+
+    #[test]
+    fn queries_agree_with_those_from_scratch_and_repeat_bit_by_bit() {
+        let (d, error) = (0.01, 0.06 * 0.01);
+        let body = FieldBody::with(&ball(1.0, 4), 0.02, (d, 2.0 * d), 0.02);
+        let [mut tracked, mut again, mut cold] = [0; 3].map(|_| FieldQuery::new(&body, &body, REACH));
+        let settings = FieldSettings { error, ..FieldSettings::new(d) };
+        let mut law = AreaLaw::new(body.center, body.radius, REACH);
+        let (mut read, mut touching) = ([0; 2], 0);
+        for (step, pose) in path(2000, 1e-3, 1.0).enumerate() {
             cold.reset();
-            for query in [&mut tracked, &mut cold] {
+            let [own, other, fresh] = [&mut tracked, &mut again, &mut cold].map(|query| {
                 query.run(&body, &body, &pose, &Pose::IDENTITY, &settings);
-            }
-            let found = [&tracked, &cold].map(|query| {
                 let mut found = Vec::new();
                 query.append_contacts(&body, &pose, &mut found);
                 found
             });
-            assert_eq!(found[0], found[1], "step {step}");
-            contacts += tracked.outcome().contacts;
+            assert_eq!(own, other, "step {step}");
+            let [own, fresh] = [own, fresh].map(|found| law.wrench(&found, d, &pose, pose.translation).force);
+            assert!(own.distance(fresh) < 2.0 * error, "step {step}: {own} for {fresh}");
+            touching += usize::from(own.length() > 0.1 * d);
             for (read, query) in read.iter_mut().zip([&tracked, &cold]) {
                 *read += query.outcome().spheres + query.outcome().samples;
             }
         }
-        assert!(contacts > 10_000 && 2 * read[0] < read[1], "{contacts} contacts, {read:?} read");
+        assert!(touching > 500 && 3 * read[0] < read[1], "{touching} touching, {read:?} read");
+    }
+
+    #[test]
+    fn nothing_that_penetrates_is_left_out_while_bodies_move() {
+        let d = 0.01;
+        let body = FieldBody::with(&ball(1.0, 4), 0.01, (d, 2.0 * d), 0.02);
+        // All samples are to be read.
+        let settings = FieldSettings { error: 1e-9 * d, ..FieldSettings::new(d) };
+        let (mut found, mut kept) = (0, 0);
+        for (speed, across) in [(1e-3, 1.0), (3e-3, 1.0), (1e-2, 0.0), (3e-2, 0.0), (0.1, 0.0)] {
+            let mut query = FieldQuery::new(&body, &body, REACH);
+            for (step, pose) in path(300, speed, across).enumerate() {
+                let before = query.selected_at;
+                query.run(&body, &body, &pose, &Pose::IDENTITY, &settings);
+                kept += usize::from(query.selected_at == before);
+                let sides = query.sides(&body, &body, &pose, d);
+                for (side, selection) in sides.iter().zip(&query.selections) {
+                    let penetrating = |points: [f32x4; 3], lanes: usize| {
+                        let inside = side.distances(&points).to_array();
+                        inside[..lanes].iter().filter(|distance| **distance < 0.0).count()
+                    };
+                    let all: usize = (0..body.samples.fours(0))
+                        .map(|four| penetrating(body.samples.four(0, four), 4))
+                        .sum();
+                    let selected: usize =
+                        selection.fours().map(|four| penetrating(four.points, four.samples.len())).sum();
+                    assert_eq!(selected, all, "speed {speed}, step {step}");
+                    found += all;
+                }
+            }
+        }
+        assert!(found > 10_000 && kept > 300, "{found} penetrating, {kept} selections kept");
     }
 
     #[test]

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use wide::{f32x4, i32x4};
 
 use crate::format::{FormatError, Reader, Writer};
+use crate::selection::Sample;
 
 /// A surface is cut into fragments no longer than this part of the samples' spacing, so that its parts have equal areas.
 const FRAGMENT: f64 = 0.75;
@@ -170,6 +171,12 @@ impl SurfaceSamples {
     #[inline]
     pub(crate) fn four(&self, level: usize, four: usize) -> [f32x4; 3] {
         if level == 0 { self.finest.four(four, &self.levels[1]) } else { self.levels[level].samples[four] }
+    }
+
+    /// A sample, m.
+    pub(crate) fn point(&self, sample: Sample) -> Vec3 {
+        let four = self.four(sample.level.into(), sample.index as usize / 4);
+        Vec3::from(four.map(|axis| axis.as_array()[sample.index as usize % 4]))
     }
 
     /// How many fours of samples a level has.

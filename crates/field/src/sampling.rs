@@ -7,7 +7,7 @@
 use glam::UVec3;
 use wide::f32x4;
 
-use crate::cells::ContactSample;
+use crate::front::Touch;
 
 /// Samples around each place, at least: fewer may be as deep as one another by chance.
 const FEWEST: f32 = 4.0;
@@ -80,7 +80,7 @@ impl Sampling {
 
     /// Adds a sample of the present half: `area` is that of all such samples, of which it has a part.
     #[inline]
-    pub fn add(&mut self, sample: &ContactSample, area: f32) {
+    pub fn add(&mut self, sample: &Touch, area: f32) {
         let cube = &mut self.cubes[sample.place as usize];
         if !cube.is_used {
             cube.is_used = true;

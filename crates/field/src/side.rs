@@ -5,8 +5,9 @@ use palpate_core::Pose;
 use wide::f32x4;
 
 use crate::bricks::DistanceField;
-use crate::cells::{ContactSample, Sample};
+use crate::cells::ContactSample;
 use crate::samples::SurfaceSamples;
+use crate::selection::Sample;
 
 /// One body's samples in the other's field.
 pub struct Side<'a> {
@@ -15,15 +16,15 @@ pub struct Side<'a> {
     /// d, in lattice constants.
     reach: f32,
     /// Rows of the map from the body to the lattice.
-    to_lattice: [[f32; 4]; 3],
+    to_lattice: Map,
     /// From the body to the cubes of the probe's surroundings.
-    to_cubes: [[f32; 4]; 3],
+    to_cubes: Map,
     /// The same column by column.
     cube_columns: [f32x4; 4],
     /// From the body to the probe's frame, from its centre.
-    to_probe: [[f32; 4]; 3],
+    to_probe: Map,
     /// Of unit vectors from the field's body outwards to the probe's outwards, in the probe's frame.
-    turn: [[f32; 4]; 3],
+    turn: Map,
     /// Of one of the finest samples, as a part of a cell's squared edge.
     area: f32,
     /// Cubes along each axis.
@@ -61,7 +62,7 @@ impl<'a> Side<'a> {
             to_lattice: rows(lattice.inverse() * affine(to_field)),
             to_cubes,
             cube_columns: [0, 1, 2, 3].map(|column| {
-                let [x, y, z] = to_cubes.map(|row| row[column]);
+                let [x, y, z] = to_cubes.map(|row| row[column].as_array()[0]);
                 f32x4::new([x, y, z, 0.0])
             }),
             to_probe: rows(DAffine3::from_translation(-center) * from_body),
@@ -102,12 +103,13 @@ impl<'a> Side<'a> {
         }
     }
 
-    /// Hands on those of four points that are in contact.
+    /// Hands on those of four points that are in contact, with their places among the four.
     #[inline]
-    pub fn contacts(&self, points: &[f32x4; 3], read: &Reading, mut to: impl FnMut(ContactSample)) {
+    pub fn contacts(&self, points: &[f32x4; 3], read: &Reading, mut to: impl FnMut(usize, ContactSample)) {
         let [x, y, z] = read.gradient;
         let size = (x * x + y * y + z * z).fast_max(f32x4::splat(f32::MIN_POSITIVE)).sqrt();
-        let normal = mapped(&self.turn, &[x / size, y / size, z / size]);
+        let inverse = f32x4::ONE / size;
+        let normal = mapped(&self.turn, &[x * inverse, y * inverse, z * inverse]);
         let cubes = self.cubes(points);
         let mut point = mapped(&self.to_probe, points);
         if !self.is_probe {
@@ -115,20 +117,27 @@ impl<'a> Side<'a> {
             let apart = read.distance * f32x4::splat(self.field.spacing() as f32);
             point = [0, 1, 2].map(|axis| point[axis] - normal[axis] * apart);
         }
-        let [point, normal] = [point, normal].map(|vector| vector.map(f32x4::to_array));
-        let reach = (read.inside / f32x4::splat(self.reach)).to_array();
+        let [point, normal] = [point, normal].map(|[x, y, z]| f32x4::transpose([x, y, z, f32x4::ZERO]));
+        let reach = read.inside * f32x4::splat(1.0 / self.reach);
+        let vector = |four: &f32x4| Vec3A::from_vec4(glam::Vec4::from_array(four.to_array()));
         for lane in bits(read.in_contact) {
-            to(ContactSample {
-                point: Vec3A::new(point[0][lane], point[1][lane], point[2][lane]),
-                normal: Vec3A::new(normal[0][lane], normal[1][lane], normal[2][lane]),
-                reach: reach[lane],
+            let found = ContactSample {
+                point: vector(&point[lane]),
+                normal: vector(&normal[lane]),
+                reach: reach.as_array()[lane],
                 area: 0.0,
-                counted: 0.0,
                 cube: cubes[lane],
-                place: 0,
-                sample: Sample { is_probe: self.is_probe, level: 0, index: 0 },
-            });
+                is_probe: self.is_probe,
+                sample: Sample { level: 0, index: 0 },
+            };
+            to(lane, found);
         }
+    }
+
+    /// How far four points of the body are inside of reach, in lattice constants.
+    #[inline]
+    pub fn inside(&self, points: &[f32x4; 3]) -> f32x4 {
+        f32x4::splat(self.reach) - self.distances(points)
     }
 
     /// The cubes that four points of the body are in; those beyond all cubes are in the next one.
@@ -177,18 +186,18 @@ pub fn bits(mut bits: u32) -> impl Iterator<Item = usize> {
     })
 }
 
-/// Rows of a matrix, each with its part of the translation.
-fn rows(map: DAffine3) -> [[f32; 4]; 3] {
+/// An affine map of four points at a time: the rows of its matrix, each with its part of the translation, in all lanes.
+type Map = [[f32x4; 4]; 3];
+
+fn rows(map: DAffine3) -> Map {
     [0, 1, 2].map(|axis| {
         let row = map.matrix3.row(axis);
-        [row.x, row.y, row.z, map.translation[axis]].map(|x| x as f32)
+        [row.x, row.y, row.z, map.translation[axis]].map(|x| f32x4::splat(x as f32))
     })
 }
 
 #[inline]
-fn mapped(rows: &[[f32; 4]; 3], [x, y, z]: &[f32x4; 3]) -> [f32x4; 3] {
-    let row = |[a, b, c, d]: [f32; 4]| {
-        f32x4::splat(a) * *x + f32x4::splat(b) * *y + f32x4::splat(c) * *z + f32x4::splat(d)
-    };
-    [row(rows[0]), row(rows[1]), row(rows[2])]
+fn mapped(rows: &Map, [x, y, z]: &[f32x4; 3]) -> [f32x4; 3] {
+    let row = |[a, b, c, d]: &[f32x4; 4]| *a * *x + *b * *y + *c * *z + *d;
+    [row(&rows[0]), row(&rows[1]), row(&rows[2])]
 }

@@ -13,7 +13,7 @@ const LONGEST: u32 = 1 << 20;
 /// Motion is counted up to here before all is forgotten.
 const MOST: u32 = 1 << 27;
 /// A body's surface is divided into this many regions at most, each with a clock of its own.
-const REGIONS: usize = 256;
+pub const REGIONS: usize = 256;
 /// Of positions in single precision, as a part of them.
 const ROUNDING: f64 = 1e-6;
 /// Spheres around parts of a region have their centres within this many of its radii: they are middles of boxes.
@@ -56,37 +56,77 @@ impl Motion {
     pub fn advance(&mut self, pose: &Pose, center: DVec3, radius: f64, tolerance: f64) -> [Change; 2] {
         let last = self.last.replace(*pose).filter(|_| self.tolerance == tolerance);
         self.tolerance = tolerance;
-        let anywhere = Change { most: LONGEST, ..Change::default() };
-        let Some(last) = last else { return [anywhere; 2] };
-        if last == *pose {
-            return [Change::default(); 2];
-        }
-        let shift = pose.transform_point(center) - last.transform_point(center);
-        let turn = (last.rotation.inverse() * pose.rotation).normalize();
-        // A chord is 2 sin θ/2 long, and the vector part of the quaternion sin θ/2.
-        let turn = 2.0 * DVec3::new(turn.x, turn.y, turn.z).length();
-        let per_metre = STEPS / tolerance;
-        let most = ((shift.length() + radius * turn) * per_metre).ceil();
-        if most.is_nan() || most >= f64::from(LONGEST) {
-            return [anywhere; 2];
-        }
-        let change = |from: &Pose, to: &Pose, about: DVec3| {
-            let matrix = DMat3::from_quat(to.rotation) - DMat3::from_quat(from.rotation);
-            let shift = to.transform_point(about) - from.transform_point(about) - matrix * about;
-            Change {
-                rows: [0, 1, 2].map(|axis| {
-                    let row = matrix.row(axis);
-                    [row.x, row.y, row.z, shift[axis]].map(|part| (per_metre * part) as f32)
-                }),
-                turn: (turn * per_metre) as f32,
-                rounding: (ROUNDING * (about.length() + radius)) as f32,
-                most: most as u32,
-            }
-        };
-        // Of the scene object's points the one where the probe's centre is moves as that does.
-        let (from, to) = (last.inverse(), pose.inverse());
-        [change(&last, pose, center), change(&from, &to, pose.transform_point(center))]
+        last.map_or([Change::ANYWHERE; 2], |last| changes(&last, pose, center, radius, tolerance))
     }
+}
+
+impl Change {
+    /// Further than anything is known for.
+    const ANYWHERE: Self = Self { rows: [[0.0; 4]; 3], turn: 0.0, rounding: 0.0, most: LONGEST };
+
+    /// How far anything within four spheres of the body's surface (centres and radii, m) moves at most, in steps.
+    #[inline]
+    fn of(&self, [x, y, z, radius]: &[f32x4; 4]) -> f32x4 {
+        let along = |[a, b, c, d]: [f32; 4]| {
+            f32x4::splat(a) * *x + f32x4::splat(b) * *y + f32x4::splat(c) * *z + f32x4::splat(d)
+        };
+        let [x, y, z] = self.rows.map(along);
+        let spread =
+            f32x4::splat(self.turn) * (f32x4::splat(MIDDLES) * *radius + f32x4::splat(self.rounding));
+        f32x4::splat(1.0001) * ((x * x + y * y + z * z).sqrt() + spread)
+    }
+
+    /// How far anything within some spheres moves at most, four at a time, and at most how far anything moves that is near the other body, m
+    /// for a tolerance (m).
+    pub fn largest<'a>(&self, spheres: impl Iterator<Item = &'a [f32x4; 4]>, tolerance: f64) -> [f64; 2] {
+        let metres = |steps: f64| steps * tolerance / STEPS;
+        let most = if self.most == LONGEST { f64::INFINITY } else { metres(self.most.into()) };
+        let largest = spheres.map(|four| self.of(four)).fold(f32x4::ZERO, f32x4::fast_max);
+        let largest = largest.to_array().into_iter().fold(0.0, f32::max);
+        [most.min(metres(largest.into())), most]
+    }
+}
+
+/// 2 sin θ/2: how far a point moves at most that is 1 m from an axis, as bodies turn from one pose to another.
+fn chord(from: &Pose, to: &Pose) -> f64 {
+    let turn = (from.rotation.inverse() * to.rotation).normalize();
+    // The vector part of the quaternion is sin θ/2 long.
+    2.0 * DVec3::new(turn.x, turn.y, turn.z).length()
+}
+
+/// No distance between the bodies' surfaces changes by more from one pose to another, m, for a probe whose surface is within a sphere
+/// (m).
+pub fn motion_bound(from: &Pose, to: &Pose, center: DVec3, radius: f64) -> f64 {
+    from.transform_point(center).distance(to.transform_point(center)) + radius * chord(from, to)
+}
+
+/// How a probe's points, whose surface is within a sphere (m), and a scene object's move from one pose to another, probe to scene
+/// object.
+pub fn changes(from: &Pose, to: &Pose, center: DVec3, radius: f64, tolerance: f64) -> [Change; 2] {
+    if from == to {
+        return [Change::default(); 2];
+    }
+    let turn = chord(from, to);
+    let per_metre = STEPS / tolerance;
+    let most = (motion_bound(from, to, center, radius) * per_metre).ceil();
+    if most.is_nan() || most >= f64::from(LONGEST) {
+        return [Change::ANYWHERE; 2];
+    }
+    let change = |from: &Pose, to: &Pose, about: DVec3| {
+        let matrix = DMat3::from_quat(to.rotation) - DMat3::from_quat(from.rotation);
+        let shift = to.transform_point(about) - from.transform_point(about) - matrix * about;
+        Change {
+            rows: [0, 1, 2].map(|axis| {
+                let row = matrix.row(axis);
+                [row.x, row.y, row.z, shift[axis]].map(|part| (per_metre * part) as f32)
+            }),
+            turn: (turn * per_metre) as f32,
+            rounding: (ROUNDING * (about.length() + radius)) as f32,
+            most: most as u32,
+        }
+    };
+    // Of the scene object's points the one where the probe's centre is moves as that does.
+    [change(from, to, center), change(&from.inverse(), &to.inverse(), to.transform_point(center))]
 }
 
 /// Steps in a unit of length of so many metres.
@@ -132,21 +172,20 @@ impl Clocks {
             return true;
         }
         let spheres = &samples.levels[self.level].spheres;
-        for (regions, [x, y, z, radius]) in self.regions.as_chunks_mut().0.iter_mut().zip(spheres) {
-            let along = |[a, b, c, d]: [f32; 4]| {
-                f32x4::splat(a) * *x + f32x4::splat(b) * *y + f32x4::splat(c) * *z + f32x4::splat(d)
-            };
-            let [x, y, z] = change.rows.map(along);
-            let spread =
-                f32x4::splat(change.turn) * (f32x4::splat(MIDDLES) * *radius + f32x4::splat(change.rounding));
-            let moved = ((x * x + y * y + z * z).sqrt() + spread).to_array();
+        for (regions, spheres) in self.regions.as_chunks_mut().0.iter_mut().zip(spheres) {
+            let moved = change.of(spheres).to_array();
             let regions: &mut [u32; 4] = regions;
             for (region, moved) in regions.iter_mut().zip(moved) {
                 // Casts saturate, and round down.
-                *region += ((1.0001 * moved) as u32 + 1).min(change.most);
+                *region += (moved as u32 + 1).min(change.most);
             }
         }
         true
+    }
+
+    /// The level whose samples stand for a region each; 0 where there are no regions.
+    pub fn level(&self) -> usize {
+        self.level
     }
 
     /// Of the samples of a level.

@@ -1,0 +1,323 @@
+//! Which samples of the surfaces a query reads: those that may be in contact until the bodies have moved by a margin, each with the
+//! area that it stands for.
+//!
+//! They are selected at one pose, and serve at all poses around it. In the meantime the next selection is made step by step, at a
+//! later pose, so that no query has to make a whole one while the bodies move steadily.
+
+use std::time::{Duration, Instant};
+
+use glam::Vec3;
+use palpate_core::Pose;
+use palpate_core::glam::DVec3;
+use wide::f32x4;
+
+use crate::front::{COARSEST, Front};
+use crate::samples::SurfaceSamples;
+use crate::sampling::Sampling;
+use crate::side::Side;
+use crate::slack::{Change, Motion, REGIONS};
+
+/// A sample of a body's surface.
+#[derive(Clone, Copy, Debug)]
+pub struct Sample {
+    pub level: u8,
+    /// Among the samples of the level.
+    pub index: u32,
+}
+
+/// Samples of one body's surface, in the body's frame, m.
+#[derive(Clone, Debug)]
+pub struct Selection {
+    points: [Vec<f32>; 3],
+    /// As parts of a cell's squared edge.
+    areas: Vec<f32>,
+    /// How far within reach they were, in reaches.
+    reaches: Vec<f32>,
+    samples: Vec<Sample>,
+    /// Fours of the regions that are near the other body.
+    near: Vec<u32>,
+}
+
+impl Selection {
+    pub fn new() -> Self {
+        const USUAL: usize = 8192;
+        Self {
+            points: [0; 3].map(|_| Vec::with_capacity(USUAL)),
+            areas: Vec::with_capacity(USUAL),
+            reaches: Vec::with_capacity(USUAL),
+            samples: Vec::with_capacity(USUAL),
+            near: Vec::with_capacity(REGIONS),
+        }
+    }
+
+    pub fn clear(&mut self) {
+        self.points.iter_mut().for_each(Vec::clear);
+        self.areas.clear();
+        self.reaches.clear();
+        self.samples.clear();
+        self.near.clear();
+    }
+
+    pub fn push(&mut self, point: Vec3, area: f32, reach: f32, sample: Sample) {
+        self.points.iter_mut().zip(point.to_array()).for_each(|(axis, x)| axis.push(x));
+        self.areas.push(area);
+        self.reaches.push(reach);
+        self.samples.push(sample);
+    }
+
+    pub fn len(&self) -> usize {
+        self.samples.len()
+    }
+
+    /// Four at a time. The last of the points are repeated so that they make up four.
+    pub fn fours(&self) -> impl Iterator<Item = SelectedFour<'_>> {
+        let [x, y, z] = self.points.each_ref().map(|axis| axis.chunks(4).map(filled));
+        let which = self.areas.chunks(4).zip(self.reaches.chunks(4).map(filled)).zip(self.samples.chunks(4));
+        x.zip(y).zip(z).zip(which).map(|(((x, y), z), ((areas, reaches), samples))| SelectedFour {
+            points: [x, y, z],
+            areas,
+            reaches,
+            samples,
+        })
+    }
+
+    /// How far anything near the other body has moved since a pose at most, and at most how far anything has that was not near, m.
+    pub fn moved(&self, samples: &SurfaceSamples, level: usize, change: &Change, tolerance: f64) -> [f64; 2] {
+        if level == 0 {
+            let [_, most] = change.largest(std::iter::empty(), tolerance);
+            return [most; 2];
+        }
+        let spheres = &samples.levels[level].spheres;
+        change.largest(self.near.iter().map(|four| &spheres[*four as usize]), tolerance)
+    }
+
+    /// Bytes of memory held.
+    pub fn bytes(&self) -> usize {
+        let numbers =
+            self.points.iter().chain([&self.areas, &self.reaches]).map(Vec::capacity).sum::<usize>();
+        numbers * size_of::<f32>()
+            + self.samples.capacity() * size_of::<Sample>()
+            + self.near.capacity() * size_of::<u32>()
+    }
+}
+
+/// Four samples of a selection, or fewer at its end.
+pub struct SelectedFour<'a> {
+    pub points: [f32x4; 3],
+    pub areas: &'a [f32],
+    /// How far within reach they were when they were selected, in reaches.
+    pub reaches: f32x4,
+    pub samples: &'a [Sample],
+}
+
+/// Up to four numbers, the last repeated.
+#[inline]
+fn filled(numbers: &[f32]) -> f32x4 {
+    match numbers.as_array() {
+        Some(four) => f32x4::new(*four),
+        None => f32x4::new([0, 1, 2, 3].map(|lane| numbers[lane.min(numbers.len() - 1)])),
+    }
+}
+
+/// What is done next of a level of samples, side by side.
+#[derive(Clone, Copy, Debug)]
+enum Stage {
+    /// Reads the first two of each four samples.
+    First(usize),
+    /// Reads the others, where they are needed.
+    Others(usize),
+    /// Goes on to the next level.
+    Descent(usize),
+}
+
+/// Makes selections, from the coarsest samples to the finest, in steps.
+#[derive(Clone, Debug)]
+pub struct Selector {
+    motion: Motion,
+    fronts: [Front; 2],
+    sampling: Sampling,
+    /// The pose that a selection is being made at, probe to scene object.
+    pose: Option<Pose>,
+    level: usize,
+    stage: Stage,
+    /// When a selection with a limit of time was begun, that limit, and how long it took to the end of the last level.
+    limit: Option<(Instant, Duration)>,
+    last: Duration,
+    is_complete: bool,
+    selections: [Selection; 2],
+}
+
+impl Selector {
+    pub fn new(fronts: [Front; 2], across: u32) -> Self {
+        Self {
+            motion: Motion::new(),
+            fronts,
+            sampling: Sampling::new(across),
+            pose: None,
+            level: 0,
+            stage: Stage::First(0),
+            limit: None,
+            last: Duration::ZERO,
+            is_complete: true,
+            selections: [0; 2].map(|_| Selection::new()),
+        }
+    }
+
+    /// Forgets where the bodies were, and what was begun.
+    pub fn reset(&mut self) {
+        self.motion.reset();
+        self.pose = None;
+    }
+
+    /// The pose that a selection is being made at.
+    pub fn pose(&self) -> Option<&Pose> {
+        self.pose.as_ref()
+    }
+
+    /// Begins at a pose of the probe, whose surface is within a sphere (center, radius), m. Surfaces within a distance (m) of each other
+    /// are selected; the sides are those at the pose.
+    pub fn begin(
+        &mut self,
+        pose: &Pose,
+        (center, radius): (DVec3, f64),
+        reach: f64,
+        sides: &[Side; 2],
+        limit: Option<(Instant, Duration)>,
+    ) {
+        let changes = self.motion.advance(pose, center, radius, reach);
+        let mut fronts = self.fronts.iter_mut().zip(sides).zip(changes);
+        if !fronts.all(|((front, side), change)| front.clocks.advance(side.samples, &change)) {
+            // They have moved too far to count.
+            self.fronts.iter_mut().for_each(Front::forget);
+        }
+        self.fronts.iter_mut().zip(sides).for_each(|(front, side)| front.begin(side.samples));
+        self.selections.iter_mut().for_each(Selection::clear);
+        self.sampling.clear();
+        self.pose = Some(*pose);
+        self.level = sides.iter().map(|side| side.samples.levels.len()).max().unwrap_or(0) - 1;
+        self.stage = Stage::First(0);
+        (self.limit, self.last, self.is_complete) = (limit, Duration::ZERO, true);
+    }
+
+    /// Goes on by a step, at the pose that was begun at and with the same sides and reach (m). So many samples within reach are needed
+    /// around each place. Returns whether the selection is finished.
+    pub fn step(&mut self, sides: &[Side; 2], reach: f64, needed: f32) -> bool {
+        let Self { fronts, sampling, level, .. } = self;
+        let level = *level;
+        let is_sampled = level <= COARSEST;
+        // Bodies of different sizes begin at levels of their own, and end together.
+        let has_level = |side: &Side| level < side.samples.levels.len();
+        match self.stage {
+            Stage::First(side) => {
+                if has_level(&sides[side]) {
+                    if level == fronts[side].clocks.level() {
+                        self.selections[side].near.extend(fronts[side].now());
+                    }
+                    fronts[side].visit(&sides[side], level, reach);
+                }
+                if side == 0 {
+                    self.stage = Stage::First(1);
+                } else if is_sampled {
+                    for (front, side) in fronts.iter().zip(sides).filter(|(_, side)| has_level(side)) {
+                        front.add_to(sampling, 2.0 * side.area(level));
+                    }
+                    sampling.settle(needed, 0);
+                    fronts.iter_mut().for_each(|front| front.count(sampling));
+                    self.stage = Stage::Others(0);
+                } else {
+                    self.stage = Stage::Descent(0);
+                }
+            }
+            Stage::Others(side) => {
+                if has_level(&sides[side]) {
+                    fronts[side].visit_others(&sides[side], level, sampling, reach);
+                }
+                if side == 0 {
+                    self.stage = Stage::Others(1);
+                } else {
+                    self.end_level(sides, needed);
+                    self.stage = Stage::Descent(0);
+                    return level == 0 || self.sampling.is_ended();
+                }
+            }
+            Stage::Descent(side) => {
+                if has_level(&sides[side]) {
+                    fronts[side].descend(&sides[side], level, sampling, reach);
+                }
+                if side == 0 {
+                    self.stage = Stage::Descent(1);
+                } else {
+                    self.level -= 1;
+                    self.stage = Stage::First(0);
+                }
+            }
+        }
+        false
+    }
+
+    /// Decides how much counts of the samples of a level, and selects them.
+    fn end_level(&mut self, sides: &[Side; 2], needed: f32) {
+        let Self { fronts, sampling, level, .. } = self;
+        let level = *level;
+        for (front, side) in fronts.iter().zip(sides).filter(|(_, side)| level < side.samples.levels.len()) {
+            front.add_to(sampling, side.area(level));
+        }
+        if level > 0 {
+            sampling.settle(needed, 1);
+        } else {
+            sampling.end();
+        }
+        if let Some((begun, budget)) = self.limit.filter(|_| level > 0) {
+            // The next level takes about as long as all before it.
+            let spent = begun.elapsed();
+            if spent + spent.saturating_sub(self.last) > budget {
+                self.is_complete = sampling.end();
+            }
+            self.last = spent;
+        }
+        let fronts = fronts.iter_mut().zip(sides).zip(&mut self.selections);
+        for ((front, side), selection) in fronts {
+            front.count(sampling);
+            front.select(side, level, selection);
+        }
+    }
+
+    /// The level of each body whose samples stand for a region each; 0 where there are no regions.
+    pub fn region_levels(&self) -> [usize; 2] {
+        self.fronts.each_ref().map(|front| front.clocks.level())
+    }
+
+    /// Hands the finished selection over, with the pose that it was made at, and takes another's memory.
+    pub fn finish(&mut self, selections: &mut [Selection; 2]) -> Option<Pose> {
+        std::mem::swap(&mut self.selections, selections);
+        self.pose.take()
+    }
+
+    /// Whether all samples were selected that there are to be; not so where there was no time.
+    pub fn is_complete(&self) -> bool {
+        self.is_complete
+    }
+
+    /// Readings of spheres and of samples since the present selection was begun.
+    pub fn read(&self) -> [usize; 2] {
+        [0, 1].map(|kind| self.fronts.iter().map(|front| front.read[kind]).sum())
+    }
+
+    /// What has been done of the present selection, in about the work of reading one sample.
+    pub fn effort(&self) -> usize {
+        let visited: usize = self.fronts.iter().map(|front| front.visited).sum();
+        2 * visited + self.read().iter().sum::<usize>()
+    }
+
+    /// Cubes along each axis of the probe's surroundings.
+    pub fn across(&self) -> u32 {
+        self.sampling.across()
+    }
+
+    /// Bytes of memory held.
+    pub fn bytes(&self) -> usize {
+        self.sampling.bytes()
+            + self.fronts.iter().map(Front::bytes).sum::<usize>()
+            + self.selections.iter().map(Selection::bytes).sum::<usize>()
+    }
+}
