@@ -13,6 +13,9 @@ pub const SLACK: f32 = 0.25;
 /// Slope of interpolated distances at most, √3 and a little: along each axis they change by no more than the way.
 pub const STEEPEST: f32 = 1.74;
 
+/// So many fours are looked at in a step.
+const TOGETHER: usize = 128;
+
 /// Levels of samples above this one are not read: too few points to stand for a contact.
 pub const COARSEST: usize = 5;
 
@@ -135,6 +138,8 @@ pub struct Front {
     pub clocks: Clocks,
     /// Of the present level, and of the next after [`Self::descend`].
     now: Vec<Four>,
+    /// The first of them that has not been looked at.
+    next: usize,
     active: Vec<Active>,
     open: Vec<Open>,
     queue: Queue,
@@ -155,6 +160,7 @@ impl Front {
             known: Known::new(samples),
             clocks: Clocks::new(samples),
             now: Vec::with_capacity(USUAL),
+            next: 0,
             active: Vec::with_capacity(USUAL),
             open: Vec::with_capacity(USUAL),
             queue: Queue::with_capacity(USUAL),
@@ -177,6 +183,7 @@ impl Front {
         self.visited = 0;
         self.touching.clear();
         self.now.clear();
+        self.next = 0;
         if samples.levels.len() > 1 {
             self.now.push(Four { index: 0, weight: 1.0 });
         }
@@ -187,18 +194,23 @@ impl Front {
         self.now.iter().map(|four| four.index)
     }
 
-    /// Looks at the fours of a level: reads the first two samples of each where they may be in contact, and leaves fours out that neither
-    /// are nor have anything in reach below them.
-    pub fn visit(&mut self, side: &Side, level: usize, tolerance: f64) {
-        self.visited += self.now.len();
-        self.touching.clear();
+    /// Looks at some of the fours of a level: reads the first two samples of each where they may be in contact, and leaves fours out
+    /// that neither are nor have anything in reach below them. Returns whether it has looked at all of them.
+    pub fn visit(&mut self, side: &Side, level: usize, tolerance: f64) -> bool {
+        if self.next == 0 {
+            self.touching.clear();
+            self.active.clear();
+            self.open.clear();
+        }
         self.queue.clear();
-        self.active.clear();
-        self.open.clear();
+        let first = self.active.len();
+        let some = self.next..(self.next + TOGETHER).min(self.now.len());
+        self.visited += some.len();
+        self.next = some.end;
         let (known, mut above) = self.known.level(level);
         let (clock, clock_above) = (self.clocks.at(level), self.clocks.at(level + 1));
         let is_sampled = level <= COARSEST;
-        for Four { index, weight } in self.now.drain(..) {
+        for Four { index, weight } in self.now[some].iter().copied() {
             let four = index as usize;
             let now = clock.of_four(four);
             // Steps until something is to be looked at again, if nothing is now.
@@ -242,8 +254,14 @@ impl Front {
             }
         }
         if is_sampled {
-            self.read(side, level, 0, tolerance);
+            self.read(side, level, 0, first, tolerance);
         }
+        let is_all = self.next == self.now.len();
+        if is_all {
+            self.now.clear();
+            self.next = 0;
+        }
+        is_all
     }
 
     /// Adds the samples within reach to those of each cube; each of them stands for an area, as a part of a cell's squared edge.
@@ -273,12 +291,12 @@ impl Front {
         for touch in &mut self.touching {
             touch.area *= 0.5 * (1.0 - sampling.share(touch.place));
         }
-        self.read(side, level, 1, tolerance);
+        self.read(side, level, 1, 0, tolerance);
     }
 
     /// Reads the samples of the queue, which are those that are awake of one half of each four, and notes which are in contact and until
     /// when the others are not.
-    fn read(&mut self, side: &Side, level: usize, half: usize, tolerance: f64) {
+    fn read(&mut self, side: &Side, level: usize, half: usize, first: usize, tolerance: f64) {
         let (known, _) = self.known.level(level);
         self.read[1] += self.queue.finish();
         self.found.clear();
@@ -291,7 +309,7 @@ impl Front {
         let clock = self.clocks.at(level);
         let mut found = self.found.iter();
         let scale = 1.0 / side.reach();
-        for four in self.active.iter().filter(|four| four.awake[half] != 0) {
+        for four in self.active[first..].iter().filter(|four| four.awake[half] != 0) {
             let (mut in_contact, mut nearest) = (0, f32::NEG_INFINITY);
             for (lane, inside) in bits(four.awake[half].into()).zip(&mut found) {
                 if *inside > 0.0 {

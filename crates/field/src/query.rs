@@ -34,7 +34,7 @@ const LATE: f64 = 1.0;
 const CHANGED: f64 = 0.75;
 /// A selection is made in the course of at most about so many queries, and in no more than this part of the time that it holds for.
 const STEPS: f64 = 8.0;
-const AHEAD: f64 = 0.45;
+const AHEAD: f64 = 0.55;
 
 /// Of bounds in single precision, as a part of them.
 const ROUNDING: f64 = 1e-5;
@@ -130,7 +130,7 @@ impl Purpose {
         let allowed =
             (margin - f64::from(SLACK) * spacing).max(margin / f64::from(STEEPEST)) + LATE * tolerance;
         // Of those within reach some are not in contact.
-        let needed = settings.samples() * (reach / tolerance) as f32;
+        let needed = settings.samples() * (reach / tolerance).powf(1.5) as f32;
         Self { tolerance, reach, allowed, needed }
     }
 }

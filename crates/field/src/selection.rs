@@ -211,9 +211,12 @@ impl Selector {
             Stage::First(side) => {
                 if has_level(&sides[side]) {
                     if level == fronts[side].clocks.level() {
+                        self.selections[side].near.clear();
                         self.selections[side].near.extend(fronts[side].now());
                     }
-                    fronts[side].visit(&sides[side], level, reach);
+                    if !fronts[side].visit(&sides[side], level, reach) {
+                        return false;
+                    }
                 }
                 if side == 0 {
                     self.stage = Stage::First(1);
