@@ -64,6 +64,7 @@ impl FieldBody {
         let memory = memory as f64;
         let spacing = SurfaceSamples::spacing(area, (1.0 - FIELD) * memory).max(SPACING * tolerance);
         let lattice = DistanceField::lattice(area, band, FIELD * memory).max(LATTICE * tolerance);
+        let lattice = lattice.max(DistanceField::finest_lattice(mesh, band));
         Self::with(mesh, lattice, (tolerance, band), spacing)
     }
 

@@ -18,6 +18,8 @@ const BRICK_BYTES: usize = PER_BRICK * size_of::<i16>();
 const ROWS: [usize; 4] = [0, SAMPLES, SAMPLES * SAMPLES, SAMPLES * SAMPLES + SAMPLES];
 /// From the first corner of a cell to the last.
 const REACH: usize = ROWS[3] + 2;
+/// Bricks that a field has, near and far, at most about so many.
+const MOST_BRICKS: f64 = 2e6;
 /// In the table of bricks: no samples, only a bound.
 const FAR: u32 = u32::MAX;
 
@@ -48,9 +50,8 @@ impl DistanceField {
     /// Of a mesh's surface, with a lattice constant (m), and samples at least as far from the surface as `band` (m).
     pub fn new(mesh: &TriMesh, exact: &ExactDistance, spacing: f64, band: f64) -> Self {
         let side = spacing * CELLS as f64;
-        let used = || mesh.triangles().iter().flatten().map(|v| mesh.vertices()[*v as usize]);
-        let low = used().fold(DVec3::INFINITY, DVec3::min) - band - spacing;
-        let high = used().fold(DVec3::NEG_INFINITY, DVec3::max) + band + spacing;
+        let (low, high) = bounds(mesh);
+        let (low, high) = (low - band - spacing, high + band + spacing);
         let bricks = ((high - low) / side).ceil().max(DVec3::ONE).as_uvec3();
         let count = bricks.x * bricks.y * bricks.z;
         let half_diagonal = side * 0.75f64.sqrt();
@@ -133,6 +134,13 @@ impl DistanceField {
             spacing *= 1.05;
         }
         spacing
+    }
+
+    /// The smallest lattice constant (m) of a field with a band (m) around a mesh that has not too many bricks, near and far. Of bodies that are
+    /// long and thin next to nothing of their box is near them.
+    pub fn finest_lattice(mesh: &TriMesh, band: f64) -> f64 {
+        let (low, high) = bounds(mesh);
+        ((high - low + 2.0 * band).element_product() / MOST_BRICKS).cbrt() / CELLS as f64
     }
 
     /// Lattice constant, m.
@@ -322,6 +330,12 @@ impl DistanceField {
         }
         *found = [distances, gx, gy, gz].map(f32x4::new);
     }
+}
+
+/// Corners of the box of what a mesh's triangles use.
+fn bounds(mesh: &TriMesh) -> (DVec3, DVec3) {
+    let used = || mesh.triangles().iter().flatten().map(|v| mesh.vertices()[*v as usize]);
+    (used().fold(DVec3::INFINITY, DVec3::min), used().fold(DVec3::NEG_INFINITY, DVec3::max))
 }
 
 #[inline]

@@ -16,7 +16,7 @@ mod side;
 mod slack;
 
 /// Changes whenever the same mesh and options make another body.
-pub const REVISION: u32 = 2;
+pub const REVISION: u32 = 3;
 
 pub use area_law::{AreaContact, AreaLaw};
 pub use body::{FieldBody, FieldOptions};

@@ -549,6 +549,18 @@ mod tests {
     }
 
     #[test]
+    fn a_long_and_thin_body_takes_no_more_room() {
+        // A needle along a diagonal, and contacts that are close in comparison with it.
+        let needle = block(-DVec3::splat(1e-4), DVec3::new(1e-4, 1e-4, 2.0));
+        let turn = DQuat::from_rotation_arc(DVec3::Z, DVec3::ONE.normalize());
+        let vertices = needle.vertices().iter().map(|v| turn * *v).collect();
+        let needle = TriMesh::new(vertices, needle.triangles().to_vec()).expect("a mesh");
+        let options = FieldOptions { memory: 1_000_000, ..FieldOptions::new(1e-5) };
+        let body = FieldBody::new(&needle, &options);
+        assert!(body.bytes() < 50_000_000, "{} bytes", body.bytes());
+    }
+
+    #[test]
     fn scale_changes_nothing_else() {
         // By powers of two, which round nothing: where surfaces are cut in two may else depend on rounding, as on a ball.
         let forces = [1.0 / 1024.0, 1.0, 1024.0].map(|scale: f64| {

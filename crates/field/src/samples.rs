@@ -12,6 +12,8 @@ use crate::selection::Sample;
 
 /// A surface is cut into fragments no longer than this part of the samples' spacing, so that its parts have equal areas.
 const FRAGMENT: f64 = 0.75;
+/// What a fragment stands for at least, as a part of the squared spacing.
+const LEAST: f64 = 0.03;
 /// Places that are drawn in each part, of which one becomes a sample.
 const DRAWN: usize = 8;
 /// Choices of four samples that are compared.
@@ -95,11 +97,12 @@ impl Finest {
 impl SurfaceSamples {
     /// Of a mesh's surface, the finest so far apart (m).
     pub fn new(mesh: &TriMesh, spacing: f64) -> Self {
-        let mut fragments = Vec::with_capacity(mesh.triangles().len());
+        let mut fragments = Fragments::new((LEAST * spacing * spacing) as f32);
         for index in 0..mesh.triangles().len() {
             cut(mesh.corners(index), FRAGMENT * spacing, &mut fragments);
         }
-        let whole: f64 = fragments.iter().map(area).sum();
+        let mut fragments = fragments.finish();
+        let whole: f64 = fragments.iter().map(|fragment| f64::from(fragment.area)).sum();
         let count = ((whole / (spacing * spacing)).round() as usize).max(1);
         let mut drawn = vec![Vec3::ZERO; if whole > 0.0 { DRAWN * count } else { 0 }];
         if whole > 0.0 {
@@ -243,15 +246,49 @@ impl Level {
     }
 }
 
-fn area([a, b, c]: &[Vec3; 3]) -> f64 {
-    f64::from((b - a).cross(c - a).length()) / 2.0
+/// A piece of a triangle.
+struct Fragment {
+    corners: [Vec3; 3],
+    /// That it stands for, m².
+    area: f32,
+}
+
+/// Collects pieces of triangles. Of slivers, of which there may be very many, one stands for several that follow one another.
+struct Fragments {
+    kept: Vec<Fragment>,
+    /// No fragment stands for less, m².
+    least: f32,
+    /// What stands for these is yet to come.
+    area: f32,
+}
+
+impl Fragments {
+    fn new(least: f32) -> Self {
+        Self { kept: Vec::new(), least, area: 0.0 }
+    }
+
+    fn push(&mut self, corners: [Vec3; 3]) {
+        let [a, b, c] = corners;
+        self.area += (b - a).cross(c - a).length() / 2.0;
+        if self.area >= self.least || self.kept.is_empty() {
+            self.kept.push(Fragment { corners, area: std::mem::take(&mut self.area) });
+        }
+    }
+
+    /// All of them; the last also stands for what follows it.
+    fn finish(mut self) -> Vec<Fragment> {
+        if let Some(last) = self.kept.last_mut() {
+            last.area += self.area;
+        }
+        self.kept
+    }
 }
 
 /// Draws points in parts of equal area, [`DRAWN`] in each. Parts with a power of two of them are together; `first` is the number of
 /// the first point.
-fn spread(fragments: &mut [[Vec3; 3]], points: &mut [Vec3], first: usize) {
+fn spread(fragments: &mut [Fragment], points: &mut [Vec3], first: usize) {
     let count = points.len() / DRAWN;
-    let whole: f64 = fragments.iter().map(area).sum();
+    let whole: f64 = fragments.iter().map(|fragment| f64::from(fragment.area)).sum();
     if count > 1 {
         let half = count.next_power_of_two() / 2;
         let middle = divide(fragments, whole * half as f64 / count as f64);
@@ -271,10 +308,10 @@ fn spread(fragments: &mut [[Vec3; 3]], points: &mut [Vec3], first: usize) {
     for point in points {
         let mut left = rng.random_range(0.0..1.0) * whole;
         let drawn = fragments.iter().find(|fragment| {
-            left -= area(fragment);
+            left -= f64::from(fragment.area);
             left < 0.0
         });
-        let [a, b, c] = *drawn.unwrap_or(&fragments[fragments.len() - 1]);
+        let [a, b, c] = drawn.unwrap_or(&fragments[fragments.len() - 1]).corners;
         let (mut u, mut v): (f32, f32) = (rng.random_range(0.0..1.0), rng.random_range(0.0..1.0));
         if u + v > 1.0 {
             (u, v) = (1.0 - u, 1.0 - v);
@@ -336,19 +373,19 @@ fn chosen(points: &[Vec3], parts: usize) -> Vec<Vec3> {
 }
 
 /// Reorders fragments along the longest axis of their box so that the first have an area; how many these are.
-fn divide(fragments: &mut [[Vec3; 3]], share: f64) -> usize {
-    let corners = || fragments.iter().flatten().copied();
+fn divide(fragments: &mut [Fragment], share: f64) -> usize {
+    let corners = || fragments.iter().flat_map(|fragment| fragment.corners);
     let low = corners().fold(Vec3::INFINITY, Vec3::min);
     let high = corners().fold(Vec3::NEG_INFINITY, Vec3::max);
     let axis = (high - low).max_position();
-    let key = |[a, b, c]: &[Vec3; 3]| a[axis] + b[axis] + c[axis];
+    let key = |Fragment { corners: [a, b, c], .. }: &Fragment| a[axis] + b[axis] + c[axis];
     // What is before `first` is among the first, and what is from `end` on is not.
     let (mut first, mut end, mut left) = (0, fragments.len(), share);
     while end - first > 1 {
         let own = &mut fragments[first..end];
         let middle = own.len() / 2;
         own.select_nth_unstable_by(middle, |s, t| key(s).total_cmp(&key(t)));
-        let below: f64 = own[..middle].iter().map(area).sum();
+        let below: f64 = own[..middle].iter().map(|fragment| f64::from(fragment.area)).sum();
         if below <= left {
             (first, left) = (first + middle, left - below);
         } else {
@@ -359,7 +396,7 @@ fn divide(fragments: &mut [[Vec3; 3]], share: f64) -> usize {
 }
 
 /// Halves a triangle's longest edge until it is short.
-fn cut(corners: [DVec3; 3], longest: f64, into: &mut Vec<[Vec3; 3]>) {
+fn cut(corners: [DVec3; 3], longest: f64, into: &mut Fragments) {
     let mut stack = vec![corners];
     while let Some([a, b, c]) = stack.pop() {
         let [ab, bc, ca] = [a.distance(b), b.distance(c), c.distance(a)];
@@ -401,7 +438,8 @@ mod tests {
         let samples = SurfaceSamples::new(&mesh, 0.01 * radius);
         let (mut whole, mut moment) = (0.0, DVec3::ZERO);
         for triangle in (0..mesh.triangles().len()).map(|t| mesh.corners(t)) {
-            let own = area(&triangle.map(|corner| corner.as_vec3()));
+            let [a, b, c] = triangle;
+            let own = (b - a).cross(c - a).length() / 2.0;
             whole += own;
             moment += own * (triangle[0] + triangle[1] + triangle[2]) / 3.0;
         }
