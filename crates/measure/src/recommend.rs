@@ -3,11 +3,12 @@
 //! An emulated hand moves the probe in the scene at full resolution, in a session in which no contact step takes longer than the
 //! haptic period, and does the same with each [`Choice`]. Contact steps are timed along the path that the probe then took; where
 //! they take longer than the haptic period, the session is repeated with as few of them as there is time for. The wrenches sent to
-//! the device are compared with those at full resolution. So, besides, are contact wrenches at the same states of the object, but
-//! that is not what is felt: an object whose surface is a little off is held a little elsewhere, by nearly the same force. Of the
+//! the device are compared with those at full resolution; those of representative contacts, which push by another law, with those
+//! of the finest. So, besides, are contact wrenches at the same states of the object, but that is not what is felt: an object whose surface is a little off is held a little elsewhere, by nearly the same force. Of the
 //! choices whose 99th percentile keeps within the time, the one is picked that feels most like full resolution.
 
 use palpate::device::{IntendedPath, MotionPath, Task};
+use palpate::representative::FINEST_ERROR;
 use palpate::{ContactSearch, Object, Scene, Settings, explore};
 use serde::Serialize;
 
@@ -199,13 +200,23 @@ pub fn recommend(
         Experiment { probe, scene, settings, contact_rate, frozen: false, seconds }
             .emulate(hand.intended(probe, scene)?)
     };
-    let exact_trace = render(exact_settings, settings.rate)?;
-    let path = BodyPath::of(&exact_trace).thinned_to(PATH_RATE);
-    let exact = Profile::along(&path, probe, scene, &exact_settings, 1)?;
-    if exact.touching().next().is_none() {
+    let reference = |exact: &Settings| -> Result<(Trace, BodyPath, Profile), MeasureError> {
+        let trace = render(*exact, settings.rate)?;
+        let path = BodyPath::of(&trace).thinned_to(PATH_RATE);
+        let profile = Profile::along(&path, probe, scene, exact, 1)?;
+        Ok((trace, path, profile))
+    };
+    let by_levels = reference(&exact_settings)?;
+    if by_levels.2.touching().next().is_none() {
         let scene = scene.objects().first().map_or_else(String::new, |placed| placed.object.name.clone());
         return Err(MeasureError::NoContact { probe: probe.name.clone(), scene });
     }
+    let finest = choices.iter().find(|choice| choice.search == ContactSearch::Representatives);
+    let finest = finest.map(|choice| Settings {
+        representative_error: Some(FINEST_ERROR * probe.bounding_radius()),
+        ..choice.applied_to(settings)
+    });
+    let by_fields = finest.map(|finest| reference(&finest)).transpose()?;
     progress(1.0 / stages);
 
     let mut tried = Vec::with_capacity(choices.len());
@@ -217,14 +228,17 @@ pub fn recommend(
         let p99 = timed.time(0.99);
         let contact_rate = (1.0 / p99).min(settings.rate);
         let trace = if contact_rate < settings.rate { render(chosen, contact_rate)? } else { trace };
-        let same = Profile::along(&path, probe, scene, &chosen, 1)?;
+        let is_by_fields = choice.search == ContactSearch::Representatives;
+        let own = by_fields.as_ref().filter(|_| is_by_fields);
+        let (exact_trace, path, exact) = own.unwrap_or(&by_levels);
+        let same = Profile::along(path, probe, scene, &chosen, 1)?;
         tried.push(Measured {
             choice,
             median: timed.time(0.5),
             p99,
             bytes: timed.bytes,
-            rendered: Difference::of(&same, &exact, 1.0 / path.period),
-            felt: Difference::felt(&trace, &exact_trace),
+            rendered: Difference::of(&same, exact, 1.0 / path.period),
+            felt: Difference::felt(&trace, exact_trace),
             penetration: penetration(&trace, probe, scene, &exact_settings)?,
             contact_rate,
             fits: p99 <= *budget,
@@ -234,7 +248,8 @@ pub fn recommend(
     let chosen = pick(&tried);
 
     let settings = chosen.choice.applied_to(settings);
-    let held = pressed(&exact_trace, &path, &exact, probe);
+    let (exact_trace, path, exact) = &by_levels;
+    let held = pressed(exact_trace, path, exact, probe);
     let stability_margin = stability_margin(probe, scene, &settings, held, chosen.contact_rate)?;
     let haptic_step = quantile(&exact_trace.step_times, 0.999);
     progress(1.0);

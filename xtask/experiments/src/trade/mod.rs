@@ -1,7 +1,7 @@
 //! Speed against accuracy: what each setting costs, and what accuracy it buys.
 //!
 //! `cargo xtask trade [SCENARIO…|all] [--json] [--out FOLDER]` renders each scenario with each setting in turn, the hand doing the
-//! same, and compares with a session at full resolution in which a contact step ends within each haptic step. Contact steps are
+//! same, and compares with a session at full resolution (of representative contacts, with the finest) in which a contact step ends within each haptic step. Contact steps are
 //! timed alone, one session after another, and counted in instructions where valgrind is installed. Sessions are on a simulated
 //! clock with as many contact steps a second each, whatever they take, so that what they give is the same each time.
 
@@ -99,10 +99,14 @@ fn measure(name: &str, out: &Path) -> Result<Option<Trade>, String> {
     bar.set_message(format!("{name}: full resolution"));
     let reference = Reference::of(&scenario, full)?;
     bar.inc(1);
+    // Representative contacts push by another law (that of areas), so that they have a reference of their own.
+    let finest = variations.iter().find(|variation| variation.axis == Axis::Representatives);
+    let by_fields = finest.map(|finest| Reference::of(&scenario, finest)).transpose()?;
     let mut rows = Vec::with_capacity(variations.len());
     for variation in &variations {
         bar.set_message(format!("{name}: {} {}", variation.axis.word(), variation.value));
-        match Measured::of(&scenario, variation, full, &reference) {
+        let own = by_fields.as_ref().filter(|_| variation.axis == Axis::Representatives);
+        match Measured::of(&scenario, variation, full, own.unwrap_or(&reference)) {
             Ok(row) => rows.push(row),
             // Without a GPU or a driver that stands in for one there is nothing to measure.
             Err(error) if variation.axis == Axis::Precision => {
