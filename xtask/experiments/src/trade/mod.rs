@@ -1,9 +1,10 @@
 //! Speed against accuracy: what each setting costs, and what accuracy it buys.
 //!
 //! `cargo xtask trade [SCENARIO…|all] [--json] [--out FOLDER]` renders each scenario with each setting in turn, the hand doing the
-//! same, and compares with a session at full resolution (of representative contacts, with the finest) in which a contact step ends within each haptic step. Contact steps are
-//! timed alone, one session after another, and counted in instructions where valgrind is installed. Sessions are on a simulated
-//! clock with as many contact steps a second each, whatever they take, so that what they give is the same each time.
+//! same, and compares with a session at full resolution in which a contact step ends within each haptic step; representative
+//! contacts, which push by another law, with a session with the finest of them. Contact steps are timed alone, one session after
+//! another, and counted in instructions where valgrind is installed. Sessions are on a simulated clock with as many contact steps a
+//! second each, whatever they take, so that what they give is the same each time.
 
 mod cost;
 mod measured;
@@ -90,7 +91,7 @@ fn measure(name: &str, out: &Path) -> Result<Option<Trade>, String> {
     let variations = variations(&scenario);
     let full = &variations[0];
     let bar = ProgressBar::with_draw_target(
-        Some(variations.len() as u64 + 2),
+        Some(variations.len() as u64 + 3),
         ProgressDrawTarget::stderr_with_hz(4),
     );
     if let Ok(style) = ProgressStyle::with_template("{msg:32} {bar:32} {pos}/{len} {elapsed}") {
@@ -102,6 +103,7 @@ fn measure(name: &str, out: &Path) -> Result<Option<Trade>, String> {
     // Representative contacts push by another law (that of areas), so that they have a reference of their own.
     let finest = variations.iter().find(|variation| variation.axis == Axis::Representatives);
     let by_fields = finest.map(|finest| Reference::of(&scenario, finest)).transpose()?;
+    bar.inc(1);
     let mut rows = Vec::with_capacity(variations.len());
     for variation in &variations {
         bar.set_message(format!("{name}: {} {}", variation.axis.word(), variation.value));
