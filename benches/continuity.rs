@@ -117,7 +117,8 @@ pub fn largest(scenario: &Scenario, method: &mut dyn Method, changes: &[Change])
     let Some(largest) = changes.iter().max_by(|a, b| a.force.total_cmp(&b.force)) else { return [0.0; 2] };
     let Window { poses, steps } = &largest.step;
     let mut finer = Window::at(poses[0]);
-    finer.go_on(&poses[1], steps[0] / PARTS as f64, PARTS, &scenario.probe.mesh.bounding_sphere());
+    // Rounding may make it one more.
+    finer.go_on(&poses[1], steps[0] / PARTS as f64, PARTS + 1, &scenario.probe.mesh.bounding_sphere());
     let within = self::changes(scenario, method, &[finer]);
     [largest.force, within.iter().map(|change| change.force).fold(0.0, f64::max)]
 }
