@@ -4,7 +4,7 @@
 //! `cargo bench -p palpate-benches --bench peers`, or `-- --scenario jaws golf --poses 1000`; with `--anywhere` at poses that have
 //! nothing to do with one another, anywhere on the scene object. On files of one's own:
 //! `-- --probe A.obj --scene B.obj --trajectory T.csv --tolerance 1% --json OUT.json`. With `--continuity` it prints instead how much
-//! the force changes in [steps](continuity) of 1 µm.
+//! the wrench changes in small [steps](continuity).
 //!
 //! Every scenario's path is cut into blocks of consecutive poses, at which the methods take turns, so that all of them see the
 //! same machine. Times are of the query alone. At some of the poses each method is compared with a [reference] that is found
@@ -72,9 +72,10 @@ struct Arguments {
     /// Poses anywhere on the scene object in place of the path
     #[arg(long)]
     anywhere: bool,
-    /// In place of times and errors: how much the wrench changes in steps of so much along the path, m
-    #[arg(long, value_name = "STEP", num_args = 0..=1, default_missing_value = "1e-6", conflicts_with = "anywhere")]
-    continuity: Option<f64>,
+    /// In place of times and errors: how much the wrench changes in steps of so much along the path, m; by default 1 µm, or 1e-5 R
+    /// of probes larger than a handful (R > 0.1 m)
+    #[arg(long, value_name = "STEP", num_args = 0..=1, conflicts_with = "anywhere")]
+    continuity: Option<Option<f64>>,
     /// Poses that are compared with the reference
     #[arg(long, default_value_t = 40)]
     scored: usize,
@@ -520,13 +521,18 @@ fn print(comparison: &Comparison, truths: &[&Truth], radius: f64, [probe, scene]
 }
 
 /// How much the wrench changes by each method in small steps along a scenario's path.
-fn print_changes(scenario: &Scenario, arguments: &Arguments, step: f64) -> Result<(), Box<dyn Error>> {
+fn print_changes(
+    scenario: &Scenario,
+    arguments: &Arguments,
+    step: Option<f64>,
+) -> Result<(), Box<dyn Error>> {
+    let step = step.unwrap_or((1e-5 * scenario.probe.object.bounding_radius()).max(1e-6));
     if !(step > 0.0 && step.is_finite()) {
         return Err("--continuity has to be a length above 0 in metres".into());
     }
     let windows = continuity::windows(scenario, step);
     let steps: usize = windows.iter().map(Window::len).sum();
-    println!("## {}: {steps} steps of {step:e} m in {} windows\n", scenario.name, windows.len());
+    println!("## {}: {steps} steps of {:.1} µm in {} windows\n", scenario.name, 1e6 * step, windows.len());
     println!(
         "| method | steps in contact | force, median | p99 | largest | in tenths of that step | torque, largest |"
     );
