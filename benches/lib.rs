@@ -1,6 +1,7 @@
 //! Benchmarks, and what the comparisons of contact queries with other methods' (`peers`, `scores`) are made of.
 
 pub mod callgrind;
+pub mod continuity;
 pub mod engine;
 pub mod method;
 pub mod parry;

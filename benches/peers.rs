@@ -3,7 +3,8 @@
 //!
 //! `cargo bench -p palpate-benches --bench peers`, or `-- --scenario jaws golf --poses 1000`; with `--anywhere` at poses that have
 //! nothing to do with one another, anywhere on the scene object. On files of one's own:
-//! `-- --probe A.obj --scene B.obj --trajectory T.csv --tolerance 1% --json OUT.json`.
+//! `-- --probe A.obj --scene B.obj --trajectory T.csv --tolerance 1% --json OUT.json`. With `--continuity` it prints instead how much
+//! the wrench changes in small [steps](continuity).
 //!
 //! Every scenario's path is cut into blocks of consecutive poses, at which the methods take turns, so that all of them see the
 //! same machine. Times are of the query alone. At some of the poses each method is compared with a [reference] that is found
@@ -29,6 +30,7 @@ use clap::Parser;
 use palpate::clod_build::{BuildOptions, build, unwatched};
 use palpate::glam::DVec3;
 use palpate::{Pose, TriMesh};
+use palpate_benches::continuity::{self, Window};
 use palpate_benches::engine::EngineQuery;
 use palpate_benches::method::Method;
 use palpate_benches::parry::{Manifolds, TrianglePairs, distance_grid};
@@ -70,6 +72,10 @@ struct Arguments {
     /// Poses anywhere on the scene object in place of the path
     #[arg(long)]
     anywhere: bool,
+    /// In place of times and errors: how much the wrench changes in steps of so much along the path, m; by default 1 µm, or 1e-5 R
+    /// of probes larger than a handful (R > 0.1 m)
+    #[arg(long, value_name = "STEP", num_args = 0..=1, conflicts_with = "anywhere")]
+    continuity: Option<Option<f64>>,
     /// Poses that are compared with the reference
     #[arg(long, default_value_t = 40)]
     scored: usize,
@@ -90,12 +96,14 @@ const BLOCK: usize = 20;
 const ERRORS: [f64; 5] = [0.0, 0.004, 0.01, 0.025, 0.05];
 /// Those that are also measured with queries that start from the roots.
 const COLD: [f64; 2] = [0.0, 0.025];
-/// Names of methods.
+/// Names of methods, and what names of those that forget the last query end in.
+const FROM_THE_ROOTS: &str = ", from the roots";
 const MANIFOLDS: &str = "parry, manifolds";
 const PAIRS: &str = "parry, all pairs of triangles";
 const BOTH_WAYS: &str = "vertices in 256³ grid, both ways";
-/// EPS of representative contacts, as parts of the probe's radius.
+/// EPS of representative contacts, as parts of the probe's radius, and that which is also measured with queries that start anew.
 const EPS: [f64; 3] = [1e-3, 5e-4, 2e-4];
+const COLD_EPS: f64 = 5e-4;
 /// Regions of less depth than this part of the probe's radius may be missed: 2 EPS, for EPS = 0.05 %.
 const DEEP: f64 = 1e-3;
 /// Directions of forces weaker than this part of the mean do not count.
@@ -259,6 +267,14 @@ fn main() -> Result<(), Box<dyn Error>> {
         arguments.poses = 80;
     }
     let mut compared = Vec::new();
+    if let Some(step) = arguments.continuity {
+        return match own(&arguments)? {
+            Some(scenario) => print_changes(&scenario, &arguments, step),
+            None => {
+                scenarios::each(&arguments.scenario, |scenario| print_changes(scenario, &arguments, step))
+            }
+        };
+    }
     let run = |scenario: &Scenario| -> Result<Comparison, Box<dyn Error>> {
         if !arguments.anywhere {
             return compare(scenario, &arguments);
@@ -266,10 +282,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let poses = scenarios::anywhere(scenario, arguments.poses + 1)?;
         compare(&Scenario { poses, ..scenario.clone() }, &arguments)
     };
-    if let (Some(probe), Some(scene), Some(trajectory)) =
-        (&arguments.probe, &arguments.scene, &arguments.trajectory)
-    {
-        let scenario = scenarios::own(probe, scene, trajectory, &arguments.tolerance)?;
+    if let Some(scenario) = own(&arguments)? {
         compared.push(run(&scenario)?);
     } else {
         scenarios::each(&arguments.scenario, |scenario| {
@@ -285,6 +298,16 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
     }
     Ok(())
+}
+
+/// The scenario of one's own files, if there are any.
+fn own(arguments: &Arguments) -> Result<Option<Scenario>, Box<dyn Error>> {
+    let (Some(probe), Some(scene), Some(trajectory)) =
+        (&arguments.probe, &arguments.scene, &arguments.trajectory)
+    else {
+        return Ok(None);
+    };
+    scenarios::own(probe, scene, trajectory, &arguments.tolerance).map(Some)
 }
 
 /// The methods whose names are asked for, each with the time that it took to build what it needs.
@@ -316,7 +339,7 @@ fn engine_rows(
     let radius = probe.object.bounding_radius();
     let modes = ERRORS.iter().flat_map(|error| {
         let mode = if *error == 0.0 { "exact".to_owned() } else { format!("s₀ = {} %", 100.0 * error) };
-        let cold = COLD.contains(error).then(|| (format!("palpate, {mode}, from the roots"), *error, true));
+        let cold = COLD.contains(error).then(|| (format!("palpate, {mode}{FROM_THE_ROOTS}"), *error, true));
         std::iter::once((format!("palpate, {mode}"), *error, false)).chain(cold)
     });
     let modes: Vec<(String, f64, bool)> = modes.filter(|(name, ..)| is_asked_for(name)).collect();
@@ -341,17 +364,23 @@ fn engine_rows(
 /// Representative contacts.
 fn representative_rows(scenario: &Scenario, is_asked_for: &dyn Fn(&str) -> bool) -> Vec<Row> {
     let Scenario { probe, scene, tolerance, .. } = scenario;
-    let named = EPS.map(|eps| (format!("palpate, representative, EPS {} %", 100.0 * eps), eps));
-    let named: Vec<(String, f64)> = named.into_iter().filter(|(name, _)| is_asked_for(name)).collect();
+    let modes = EPS.iter().flat_map(|eps| {
+        let name = format!("palpate, representative, EPS {} %", 100.0 * eps);
+        let cold = (*eps == COLD_EPS).then(|| (format!("{name}{FROM_THE_ROOTS}"), *eps, true));
+        std::iter::once((name, *eps, false)).chain(cold)
+    });
+    let named: Vec<(String, f64, bool)> = modes.filter(|(name, ..)| is_asked_for(name)).collect();
     if named.is_empty() {
         return Vec::new();
     }
     let body = |body: &scenarios::Body| Arc::new(FieldBody::new(&body.mesh, &FieldOptions::new(*tolerance)));
     let ([own, other], seconds) = timed(|| [body(probe), body(scene)]);
-    let row = |(name, eps)| {
+    let row = |(name, eps, cold)| {
         let settings =
             FieldSettings { error: eps * probe.object.bounding_radius(), ..FieldSettings::new(*tolerance) };
-        Row::new(name, Representative::new(own.clone(), other.clone(), settings), Some(seconds))
+        let mut query = Representative::new(own.clone(), other.clone(), settings);
+        query.cold = cold;
+        Row::new(name, query, Some(seconds))
     };
     named.into_iter().map(row).collect()
 }
@@ -489,6 +518,45 @@ fn print(comparison: &Comparison, truths: &[&Truth], radius: f64, [probe, scene]
         );
     }
     println!();
+}
+
+/// How much the wrench changes by each method in small steps along a scenario's path.
+fn print_changes(
+    scenario: &Scenario,
+    arguments: &Arguments,
+    step: Option<f64>,
+) -> Result<(), Box<dyn Error>> {
+    let step = step.unwrap_or((1e-5 * scenario.probe.object.bounding_radius()).max(1e-6));
+    if !(step > 0.0 && step.is_finite()) {
+        return Err("--continuity has to be a length above 0 in metres".into());
+    }
+    let windows = continuity::windows(scenario, step);
+    let steps: usize = windows.iter().map(Window::len).sum();
+    println!("## {}: {steps} steps of {:.1} µm in {} windows\n", scenario.name, 1e6 * step, windows.len());
+    println!(
+        "| method | steps in contact | force, median | p99 | largest | in tenths of that step | torque, largest |"
+    );
+    println!("|---|---|---|---|---|---|---|");
+    // What is remembered of the last query changes no wrench.
+    let mut rows = rows(scenario, arguments)?;
+    rows.retain(|row| !row.name.ends_with(FROM_THE_ROOTS));
+    for row in &mut rows {
+        let changes = continuity::changes(scenario, row.method.as_mut(), &windows);
+        let [largest, within] = continuity::largest(scenario, row.method.as_mut(), &changes);
+        let force: Vec<f64> = changes.iter().map(|change| change.force).collect();
+        println!(
+            "| {} | {} | {:.2} | {:.2} | {:.2} | {:.2} | {:.2} |",
+            row.name,
+            changes.len(),
+            quantile(&force, 0.5),
+            quantile(&force, 0.99),
+            largest,
+            within,
+            changes.iter().map(|change| change.torque).fold(0.0, f64::max),
+        );
+    }
+    println!();
+    Ok(())
 }
 
 /// Where blocks of a path begin, one pose before the first that counts: at the middles of equal parts, and in such an

@@ -14,13 +14,15 @@ pub struct Representative {
     scene: Arc<FieldBody>,
     query: FieldQuery,
     settings: FieldSettings,
+    /// Whether each query starts anew, rather than from what the last one found to be out of reach.
+    pub cold: bool,
 }
 
 impl Representative {
     /// Between two bodies.
     pub fn new(probe: Arc<FieldBody>, scene: Arc<FieldBody>, settings: FieldSettings) -> Self {
         let query = FieldQuery::new(&probe, &scene, LAW_REACH);
-        Self { probe, scene, query, settings }
+        Self { probe, scene, query, settings, cold: false }
     }
 
     /// What the last query took.
@@ -31,6 +33,9 @@ impl Representative {
 
 impl Method for Representative {
     fn run(&mut self, pose: &Pose) {
+        if self.cold {
+            self.query.reset();
+        }
         self.query.run(&self.probe, &self.scene, pose, &Pose::IDENTITY, &self.settings);
     }
 

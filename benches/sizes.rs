@@ -2,19 +2,27 @@
 //! of triangles a body.
 //!
 //! `cargo bench -p palpate-benches --bench sizes` goes up to 80,000 triangles, `-- --most 1280000` further; hierarchies are
-//! built where the cache has none, which takes minutes for the largest. The club is lowered on the ball until it is
-//! pressed in by a tenth of the tolerance, and then slides and turns.
+//! built where the cache has none, which takes minutes for the largest. `--representative` leaves them out. The largest club is
+//! lowered on the largest ball until it is pressed in by a tenth of the tolerance, and then slides and turns; all sizes go along the
+//! same path. Forces are those of the law of areas, and compared with the largest size's by the same method.
 
 #![allow(clippy::print_stdout, reason = "it prints a table")]
 
 use std::error::Error;
+use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Parser;
-use palpate::collide::{ContactQuery, QueryOutcome, QuerySettings};
+use palpate::core::mesh::Sphere;
 use palpate::glam::{DQuat, DVec3};
-use palpate::{Object, Pose};
-use palpate_benches::statistics::quantile;
+use palpate::models::Model;
+use palpate::{Object, Pose, TriMesh};
+use palpate_benches::engine::EngineQuery;
+use palpate_benches::method::Method;
+use palpate_benches::reference::LAW_REACH;
+use palpate_benches::representative::Representative;
+use palpate_benches::statistics::{mean, quantile};
+use palpate_field::{AreaLaw, FieldBody, FieldOptions, FieldSettings};
 
 #[derive(Parser)]
 #[command(about = "The cost of contact queries at rising resolutions")]
@@ -22,6 +30,9 @@ struct Arguments {
     /// Largest number of triangles of either
     #[arg(long, default_value_t = 80_000)]
     most: usize,
+    /// Representative contacts alone, which need no hierarchies
+    #[arg(long)]
+    representative: bool,
     /// What cargo passes to every benchmark
     #[arg(long, hide = true)]
     bench: bool,
@@ -29,68 +40,141 @@ struct Arguments {
 
 const FEWEST: usize = 5_000;
 const FACTOR: usize = 4;
+const PROBE: &str = "golf-club";
+const SCENE: &str = "golf-ball";
 /// Poses of the path.
 const POSES: u32 = 500;
-/// Tolerance, and errors that are left out, as parts of the probe's radius; 0 is full resolution.
+/// Tolerance, errors that are left out, and the error of representative contacts, as parts of the probe's radius; 0 is full
+/// resolution.
 const TOLERANCE: f64 = 0.01;
 const ERRORS: [f64; 2] = [0.0, 0.025];
+const EPS: f64 = 5e-4;
+
+/// What a method takes and finds along the path.
+struct Run {
+    size: usize,
+    method: String,
+    /// µs.
+    times: Vec<f64>,
+    contacts: Vec<f64>,
+    /// By the law, in units of the stiffness.
+    forces: Vec<DVec3>,
+}
+
+/// The path, and what lengths are measured with.
+struct Path {
+    poses: Vec<Pose>,
+    /// Around the largest probe.
+    sphere: Sphere,
+    tolerance: f64,
+}
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments = Arguments::parse();
-    println!("| triangles of either | s₀ | query median, µs | p99 | contacts | front |");
-    println!("|---|---|---|---|---|---|");
-    let sizes = std::iter::successors(Some(FEWEST), |size| Some(FACTOR * size));
-    for size in sizes.take_while(|size| *size <= arguments.most) {
-        let probe = Object::model(&format!("golf-club@{size}"))?;
-        let scene = Object::model(&format!("golf-ball@{size}"))?;
-        for error in ERRORS {
-            let (times, outcomes) = slide(&probe, &scene, error);
-            let mean = |count: fn(&QueryOutcome) -> usize| {
-                outcomes.iter().map(count).sum::<usize>() as f64 / outcomes.len() as f64
-            };
-            println!(
-                "| {size} | {} % | {:.1} | {:.1} | {:.1} | {:.1} |",
-                100.0 * error,
-                quantile(&times, 0.5),
-                quantile(&times, 0.99),
-                mean(|outcome| outcome.contacts),
-                mean(|outcome| outcome.front)
-            );
+    let mut sizes: Vec<usize> = std::iter::successors(Some(FEWEST), |size| Some(FACTOR * size))
+        .take_while(|size| *size <= arguments.most.max(FEWEST))
+        .collect();
+    sizes.reverse();
+    let mut path = None;
+    let mut runs = Vec::new();
+    for size in sizes {
+        let [probe, scene] = [PROBE, SCENE].map(|name| mesh(name, size));
+        let (probe, scene) = (probe?, scene?);
+        let own = path.as_ref().map_or_else(|| probe.bounding_sphere(), |path: &Path| path.sphere);
+        let tolerance = TOLERANCE * own.radius;
+        let body = |mesh: &TriMesh| Arc::new(FieldBody::new(mesh, &FieldOptions::new(tolerance)));
+        let settings = FieldSettings { error: EPS * own.radius, ..FieldSettings::new(tolerance) };
+        let mut representative = Representative::new(body(&probe), body(&scene), settings);
+        let path = path.get_or_insert_with(|| {
+            let poses = slide(&mut representative, own, scene.bounding_sphere(), tolerance);
+            Path { poses, sphere: own, tolerance }
+        });
+        runs.push(path.run(size, format!("representative, EPS {} %", 100.0 * EPS), &mut representative));
+        if !arguments.representative {
+            let [probe, scene] = [PROBE, SCENE].map(|name| Object::model(&format!("{name}@{size}")));
+            let mut query = EngineQuery::new(&probe?, &scene?, tolerance);
+            for error in ERRORS {
+                query.settings.error = (error * own.radius).into();
+                runs.push(path.run(size, format!("s₀ = {} %", 100.0 * error), &mut query));
+            }
         }
     }
+    print(&runs);
     Ok(())
 }
 
-/// Times, µs, and what was found.
-fn slide(probe: &Object, scene: &Object, error: f64) -> (Vec<f64>, Vec<QueryOutcome>) {
-    let (radius, scene_radius) = (probe.bounding_radius(), scene.bounding_radius());
-    let tolerance = TOLERANCE * radius;
-    let settings = QuerySettings { error: (error * radius).into(), ..QuerySettings::new(tolerance) };
-    let mut query = ContactQuery::new(probe.shape(), scene.shape());
-    let concentric = scene.clod.source.center - probe.clod.source.center;
-    let above = |height: f64| concentric + height * DVec3::Y;
-    let mut height = radius + scene_radius;
-    let mut touch = |height: f64| {
-        let outcome = query
-            .run(&Pose::from_translation(above(height)), &Pose::IDENTITY, &settings)
-            .expect("valid poses and settings");
-        outcome.deepest.unwrap_or(-1.0)
+fn mesh(name: &str, size: usize) -> Result<TriMesh, Box<dyn Error>> {
+    let (model, _) = Model::parse(name)?;
+    Ok(model.generate(size)?)
+}
+
+/// Poses of a probe that is lowered on a scene object, and then slides over it.
+fn slide(query: &mut Representative, probe: Sphere, scene: Sphere, tolerance: f64) -> Vec<Pose> {
+    let above = |height: f64| scene.center - probe.center + height * DVec3::Y;
+    let mut found = Vec::new();
+    let mut deepest = |height: f64| {
+        let pose = Pose::from_translation(above(height));
+        query.run(&pose);
+        found.clear();
+        query.append_contacts(&pose, &mut found);
+        found.iter().map(|found| found.contact.depth).fold(-tolerance, f64::max)
     };
     // The club's head is below the middle of its bounding sphere.
+    let mut height = probe.radius + scene.radius;
     let lowest = -height;
-    while height > lowest && touch(height) < 0.1 * tolerance {
+    while height > lowest && deepest(height) < 0.1 * tolerance {
         height -= 0.05 * tolerance;
     }
-    let poses = (0..POSES).map(|index| {
-        let along = 2e-4 * scene_radius * f64::from(index);
+    let pose = |index: u32| {
+        let along = 2e-4 * scene.radius * f64::from(index);
         let turn = DQuat::from_rotation_y(1e-4 * f64::from(index));
         Pose::new(above(height) + along * DVec3::X, turn)
-    });
-    poses
-        .map(|pose| {
+    };
+    (0..POSES).map(pose).collect()
+}
+
+impl Path {
+    fn run(&self, size: usize, name: String, method: &mut dyn Method) -> Run {
+        let mut run = Run { size, method: name, times: Vec::new(), contacts: Vec::new(), forces: Vec::new() };
+        let mut law = AreaLaw::new(self.sphere.center, self.sphere.radius, LAW_REACH);
+        let mut found = Vec::new();
+        for pose in &self.poses {
             let begun = Instant::now();
-            let outcome = query.run(&pose, &Pose::IDENTITY, &settings).expect("valid poses and settings");
-            (1e6 * begun.elapsed().as_secs_f64(), outcome)
-        })
-        .unzip()
+            method.run(pose);
+            run.times.push(1e6 * begun.elapsed().as_secs_f64());
+            found.clear();
+            method.append_contacts(pose, &mut found);
+            run.contacts.push(found.len() as f64);
+            run.forces.push(law.wrench(&found, self.tolerance, pose, pose.translation).force);
+        }
+        run
+    }
+}
+
+/// A table, from the smallest size to the largest, which is the first.
+fn print(runs: &[Run]) {
+    println!(
+        "| triangles of either | method | query median, µs | p99 | contacts | force off the largest size's, % | p95 |"
+    );
+    println!("|---|---|---|---|---|---|---|");
+    let mut sorted: Vec<&Run> = runs.iter().collect();
+    sorted.sort_by_key(|run| run.size);
+    for run in sorted {
+        let largest =
+            runs.iter().find(|other| other.method == run.method).map_or(&run.forces, |run| &run.forces);
+        let average = mean(&largest.iter().map(|force| force.length()).collect::<Vec<f64>>());
+        let off =
+            |(force, largest): (&DVec3, &DVec3)| force.distance(*largest) / largest.length().max(average);
+        let off: Vec<f64> = run.forces.iter().zip(largest).map(off).collect();
+        println!(
+            "| {} | {} | {:.1} | {:.1} | {:.1} | {:.2} | {:.2} |",
+            run.size,
+            run.method,
+            quantile(&run.times, 0.5),
+            quantile(&run.times, 0.99),
+            mean(&run.contacts),
+            100.0 * mean(&off),
+            100.0 * quantile(&off, 0.95)
+        );
+    }
 }

@@ -3,11 +3,13 @@
 //! An emulated hand moves the probe in the scene at full resolution, in a session in which no contact step takes longer than the
 //! haptic period, and does the same with each [`Choice`]. Contact steps are timed along the path that the probe then took; where
 //! they take longer than the haptic period, the session is repeated with as few of them as there is time for. The wrenches sent to
-//! the device are compared with those at full resolution. So, besides, are contact wrenches at the same states of the object, but
-//! that is not what is felt: an object whose surface is a little off is held a little elsewhere, by nearly the same force. Of the
-//! choices whose 99th percentile keeps within the time, the one is picked that feels most like full resolution.
+//! the device are compared with those at full resolution; those of representative contacts, which push by another law, with those
+//! of the finest. So, besides, are contact wrenches at the same states of the object, but that is not what is felt: an object whose
+//! surface is a little off is held a little elsewhere, by nearly the same force. Of the choices whose 99th percentile keeps within
+//! the time, the one is picked that feels most like its reference.
 
 use palpate::device::{IntendedPath, MotionPath, Task};
+use palpate::representative::FINEST_ERROR;
 use palpate::{ContactSearch, Object, Scene, Settings, explore};
 use serde::Serialize;
 
@@ -67,6 +69,15 @@ impl Hand {
     }
 }
 
+/// A session that others are compared with.
+struct Reference {
+    trace: Trace,
+    /// The states that its contact queries saw, at most [`PATH_RATE`] a second.
+    path: BodyPath,
+    /// Contact steps along it.
+    profile: Profile,
+}
+
 /// What is up for choice.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Choice {
@@ -97,9 +108,10 @@ pub struct Measured {
     pub p99: f64,
     /// Hierarchies and workspaces.
     pub bytes: usize,
-    /// Of the contact wrench from that at full resolution, at the same states of the object.
+    /// Of the contact wrench from that at full resolution, or of the finest representative contacts, at the same states of the object.
     pub rendered: Difference,
-    /// Of the wrench at the device from that of a session at full resolution, with the same hand.
+    /// Of the wrench at the device from that of a session at full resolution, or with the finest representative contacts, with the
+    /// same hand.
     pub felt: Difference,
     /// Deepest penetration in the session, at full resolution, m.
     pub penetration: f64,
@@ -140,7 +152,7 @@ impl Choice {
 }
 
 impl Measured {
-    /// How far the wrench at the device is off, as a part of the exact one's root mean square: the largest of the mean differences
+    /// How far the wrench at the device is off, as a part of its reference's root mean square: the largest of the mean differences
     /// of force and of torque, and of the vibration that there is more of.
     pub fn felt_error(&self) -> f64 {
         let Difference { force, torque } = self.felt;
@@ -199,13 +211,23 @@ pub fn recommend(
         Experiment { probe, scene, settings, contact_rate, frozen: false, seconds }
             .emulate(hand.intended(probe, scene)?)
     };
-    let exact_trace = render(exact_settings, settings.rate)?;
-    let path = BodyPath::of(&exact_trace).thinned_to(PATH_RATE);
-    let exact = Profile::along(&path, probe, scene, &exact_settings, 1)?;
-    if exact.touching().next().is_none() {
+    let reference = |exact: &Settings| -> Result<Reference, MeasureError> {
+        let trace = render(*exact, settings.rate)?;
+        let path = BodyPath::of(&trace).thinned_to(PATH_RATE);
+        let profile = Profile::along(&path, probe, scene, exact, 1)?;
+        Ok(Reference { trace, path, profile })
+    };
+    let by_levels = reference(&exact_settings)?;
+    if by_levels.profile.touching().next().is_none() {
         let scene = scene.objects().first().map_or_else(String::new, |placed| placed.object.name.clone());
         return Err(MeasureError::NoContact { probe: probe.name.clone(), scene });
     }
+    let represented = choices.iter().find(|choice| choice.search == ContactSearch::Representatives);
+    let finest = represented.map(|choice| Settings {
+        representative_error: Some(FINEST_ERROR * probe.bounding_radius()),
+        ..choice.applied_to(settings)
+    });
+    let by_fields = finest.map(|finest| reference(&finest)).transpose()?;
     progress(1.0 / stages);
 
     let mut tried = Vec::with_capacity(choices.len());
@@ -217,14 +239,16 @@ pub fn recommend(
         let p99 = timed.time(0.99);
         let contact_rate = (1.0 / p99).min(settings.rate);
         let trace = if contact_rate < settings.rate { render(chosen, contact_rate)? } else { trace };
-        let same = Profile::along(&path, probe, scene, &chosen, 1)?;
+        let finest = by_fields.as_ref().filter(|_| choice.search == ContactSearch::Representatives);
+        let Reference { trace: exact_trace, path, profile: exact } = finest.unwrap_or(&by_levels);
+        let same = Profile::along(path, probe, scene, &chosen, 1)?;
         tried.push(Measured {
             choice,
             median: timed.time(0.5),
             p99,
             bytes: timed.bytes,
-            rendered: Difference::of(&same, &exact, 1.0 / path.period),
-            felt: Difference::felt(&trace, &exact_trace),
+            rendered: Difference::of(&same, exact, 1.0 / path.period),
+            felt: Difference::felt(&trace, exact_trace),
             penetration: penetration(&trace, probe, scene, &exact_settings)?,
             contact_rate,
             fits: p99 <= *budget,
@@ -234,9 +258,9 @@ pub fn recommend(
     let chosen = pick(&tried);
 
     let settings = chosen.choice.applied_to(settings);
-    let held = pressed(&exact_trace, &path, &exact, probe);
+    let held = pressed(&by_levels.trace, &by_levels.path, &by_levels.profile, probe);
     let stability_margin = stability_margin(probe, scene, &settings, held, chosen.contact_rate)?;
-    let haptic_step = quantile(&exact_trace.step_times, 0.999);
+    let haptic_step = quantile(&by_levels.trace.step_times, 0.999);
     progress(1.0);
     Ok(Recommendation {
         chosen,

@@ -11,7 +11,8 @@ use super::variation::Variation;
 /// Contact steps a second in sessions, Hz, whatever they take, so that sessions are the same each time.
 pub const CONTACT_RATE: f64 = 500.0;
 
-/// The session that others are held against: at full resolution, with a contact step in each haptic step.
+/// The session that others are held against: at full resolution, or with representative contacts at the finest EPS, with a contact
+/// step in each haptic step.
 pub struct Reference {
     pub trace: Trace,
     /// The states that its contact queries saw, as many a second as sessions have.
@@ -51,7 +52,7 @@ fn session<'a>(scenario: &'a Scenario, variation: &Variation, contact_rate: f64)
 }
 
 impl Reference {
-    /// Of a scenario at full resolution.
+    /// Of a scenario at full resolution, or with the finest representative contacts.
     ///
     /// # Errors
     /// If it cannot be rendered, or the objects never touch.

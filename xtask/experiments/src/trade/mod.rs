@@ -1,9 +1,10 @@
 //! Speed against accuracy: what each setting costs, and what accuracy it buys.
 //!
-//! `cargo xtask trade [SCENARIO…|all] [--json] [--out FOLDER]` renders each scenario with each setting in turn, the hand doing the
-//! same, and compares with a session at full resolution in which a contact step ends within each haptic step. Contact steps are
-//! timed alone, one session after another, and counted in instructions where valgrind is installed. Sessions are on a simulated
-//! clock with as many contact steps a second each, whatever they take, so that what they give is the same each time.
+//! `cargo xtask trade [SCENARIO…|all] [--axis PART…] [--json] [--out FOLDER]` renders each scenario with each setting in turn, the
+//! hand doing the same, and compares with a session at full resolution in which a contact step ends within each haptic step;
+//! representative contacts, which push by another law, with a session with the finest of them. Contact steps are timed alone, one
+//! session after another, and counted in instructions where valgrind is installed. Sessions are on a simulated clock with as many
+//! contact steps a second each, whatever they take, so that what they give is the same each time.
 
 mod cost;
 mod measured;
@@ -30,6 +31,9 @@ pub struct Arguments {
     /// Scenarios, or all.
     #[arg(default_value = "all", value_name = "SCENARIO")]
     scenarios: Vec<String>,
+    /// Only settings whose names contain one of these: s0, representatives, query limit and so on.
+    #[arg(long, num_args = 1.., value_name = "PART")]
+    axis: Vec<String>,
     /// Prints what was measured as a JSON list.
     #[arg(long)]
     json: bool,
@@ -64,7 +68,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
         if all { scenario::names().collect() } else { scenarios.iter().map(String::as_str).collect() };
     let mut values = Vec::new();
     for name in names {
-        let Some(trade) = measure(name, out)? else {
+        let Some(trade) = measure(name, &arguments.axis, out)? else {
             section::forget(out, name)?;
             eprintln!("{name}: skipped, its files are absent");
             continue;
@@ -85,24 +89,35 @@ pub fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-fn measure(name: &str, out: &Path) -> Result<Option<Trade>, String> {
+fn measure(name: &str, axes: &[String], out: &Path) -> Result<Option<Trade>, String> {
     let Some(scenario) = scenario::open(name)? else { return Ok(None) };
-    let variations = variations(&scenario);
-    let full = &variations[0];
+    let mut variations = variations(&scenario);
+    let full = variations[0].clone();
+    let is_asked_for =
+        |axis: Axis| axes.is_empty() || axes.iter().any(|part| axis.word().contains(part.as_str()));
+    variations.retain(|variation| is_asked_for(variation.axis));
+    if variations.is_empty() {
+        return Err(format!("{name}: no setting's name contains {}", axes.join(" or ")));
+    }
     let bar = ProgressBar::with_draw_target(
-        Some(variations.len() as u64 + 2),
+        Some(variations.len() as u64 + 3),
         ProgressDrawTarget::stderr_with_hz(4),
     );
     if let Ok(style) = ProgressStyle::with_template("{msg:32} {bar:32} {pos}/{len} {elapsed}") {
         bar.set_style(style);
     }
     bar.set_message(format!("{name}: full resolution"));
-    let reference = Reference::of(&scenario, full)?;
+    let reference = Reference::of(&scenario, &full)?;
+    bar.inc(1);
+    // Representative contacts push by another law (that of areas), so that they have a reference of their own.
+    let finest = variations.iter().find(|variation| variation.axis == Axis::Representatives);
+    let by_fields = finest.map(|finest| Reference::of(&scenario, finest)).transpose()?;
     bar.inc(1);
     let mut rows = Vec::with_capacity(variations.len());
     for variation in &variations {
         bar.set_message(format!("{name}: {} {}", variation.axis.word(), variation.value));
-        match Measured::of(&scenario, variation, full, &reference) {
+        let own = by_fields.as_ref().filter(|_| variation.axis == Axis::Representatives);
+        match Measured::of(&scenario, variation, &full, own.unwrap_or(&reference)) {
             Ok(row) => rows.push(row),
             // Without a GPU or a driver that stands in for one there is nothing to measure.
             Err(error) if variation.axis == Axis::Precision => {

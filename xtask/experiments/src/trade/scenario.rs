@@ -36,6 +36,12 @@ pub struct Scenario {
 }
 
 impl Scenario {
+    /// Whether all objects are closed, as distance fields ask for.
+    pub fn is_closed(&self) -> bool {
+        let others = self.scene.objects().iter().map(|placed| &placed.object);
+        std::iter::once(&self.probe).chain(others).all(|object| object.clod.source.solid)
+    }
+
     /// Where the hand means the probe's mesh frame to be.
     ///
     /// # Errors

@@ -139,12 +139,14 @@ impl Trade {
         front_of(false).into_iter().zip(front_of(true)).map(|(contact, haptic)| contact || haptic).collect()
     }
 
-    /// Accuracy over time: of settings of the contact step, and of those of the haptic step.
+    /// Accuracy over time: of settings of the contact step, and of those of the haptic step, where there are any.
     ///
     /// # Errors
     /// If a plot cannot be drawn.
-    pub fn plots(&self) -> Result<[(&'static str, String); 2], String> {
-        Ok([("contact", self.plot(false)?), ("haptic", self.plot(true)?)])
+    pub fn plots(&self) -> Result<Vec<(&'static str, String)>, String> {
+        let has = |haptic: bool| self.rows.iter().any(|row| row.is_of_the_haptic_step() == haptic);
+        let kinds = [("contact", false), ("haptic", true)].into_iter().filter(|(_, haptic)| has(*haptic));
+        kinds.map(|(kind, haptic)| Ok((kind, self.plot(haptic)?))).collect()
     }
 
     fn plot(&self, haptic: bool) -> Result<String, String> {

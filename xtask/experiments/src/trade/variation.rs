@@ -1,7 +1,7 @@
 //! The settings that are varied, one at a time.
 
 use palpate::dynamics::MAX_CLUSTERS;
-use palpate::{IntegratorKind, Settings, TextureBackend, TextureDerivatives};
+use palpate::{ContactSearch, IntegratorKind, Settings, TextureBackend, TextureDerivatives};
 
 use super::scenario::Scenario;
 
@@ -22,6 +22,8 @@ pub enum Axis {
     Error,
     /// The same with forces that jump between levels of detail.
     ErrorWithoutInterpolation,
+    /// EPS of representative contacts, likewise; the first is the finest.
+    Representatives,
     /// Time that queries may take, s₀ being the smallest above 0.
     QueryBudget,
     Clusters,
@@ -40,9 +42,10 @@ impl Variation {
 }
 
 impl Axis {
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Error,
         Self::ErrorWithoutInterpolation,
+        Self::Representatives,
         Self::QueryBudget,
         Self::Clusters,
         Self::TextureGrid,
@@ -56,6 +59,7 @@ impl Axis {
         match self {
             Self::Error => "s0",
             Self::ErrorWithoutInterpolation => "s0, not interpolated",
+            Self::Representatives => "representatives, EPS",
             Self::QueryBudget => "query limit",
             Self::Clusters => "clusters",
             Self::TextureGrid => "grid",
@@ -76,6 +80,8 @@ impl Axis {
 /// s₀, in parts of the probe's bounding radius; what is not about detail is varied at the usual one (§3.5.2).
 const ERRORS: [f64; 7] = [0.0, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1];
 const USUAL: f64 = 0.025;
+/// EPS, likewise.
+const REPRESENTATIVE_ERRORS: [f64; 4] = [0.0002, 0.0005, 0.001, 0.002];
 /// s.
 const BUDGETS: [f64; 4] = [50e-6, 100e-6, 200e-6, 500e-6];
 const CLUSTERS: [usize; 6] = [1, 2, 3, 5, 8, MAX_CLUSTERS];
@@ -94,7 +100,7 @@ const INTEGRATORS: [IntegratorKind; 6] = [
 /// What a scenario is measured with. The first is full resolution.
 pub fn variations(scenario: &Scenario) -> Vec<Variation> {
     let radius = scenario.probe.bounding_radius();
-    let full = scenario.settings;
+    let full = Settings { search: ContactSearch::Levels, ..scenario.settings };
     let usual = if scenario.textured { full } else { Settings { error: USUAL * radius, ..full } };
     let mut all = Vec::new();
     let mut add = |axis, value: String, settings| all.push(Variation { axis, value, settings });
@@ -120,6 +126,13 @@ pub fn variations(scenario: &Scenario) -> Vec<Variation> {
         for error in ERRORS.into_iter().skip(1) {
             let settings = Settings { error: error * radius, interpolation: false, ..full };
             add(Axis::ErrorWithoutInterpolation, percent(error), settings);
+        }
+        if scenario.is_closed() {
+            for error in REPRESENTATIVE_ERRORS {
+                let representative_error = Some(error * radius);
+                let search = ContactSearch::Representatives;
+                add(Axis::Representatives, percent(error), Settings { search, representative_error, ..full });
+            }
         }
         for budget in BUDGETS {
             let settings = Settings { error: ERRORS[1] * radius, query_budget: Some(budget), ..full };
