@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use palpate::dynamics::DeviceMapping;
 use palpate::glam::DVec3;
-use palpate::{ContactTiming, HapticRenderer, Pose, Scene, Settings, explore};
+use palpate::{ContactSearch, ContactTiming, HapticRenderer, Pose, Scene, Settings, explore};
 use palpate_tests::model;
 
 /// A hand is steered down onto a golf ball, rests there, and is steered up again: seen are the patches that touch, pushes that
@@ -18,7 +18,7 @@ fn pushes_are_those_that_are_felt() {
         explore::open_steered_device("emulated:hand=firm", &probe, &scene, &DeviceMapping::IDENTITY)
             .expect("emulated device");
     let mut steering = steering.expect("a hand without a task is steered");
-    let settings = Settings { error: 0.0, ..Settings::default() };
+    let settings = Settings { search: ContactSearch::Levels, ..Settings::default() };
     let mut renderer = HapticRenderer::new(probe.clone(), scene.clone(), device, settings).expect("renderer");
     let mut watch = renderer.watch();
     assert!(watch.latest().time.is_nan() && watch.latest().pushes.is_empty());
