@@ -4,12 +4,12 @@ mod by_fields;
 mod changes;
 mod in_scene;
 mod search;
+mod touching;
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use palpate_collide::{Budget, Cluster, Clustering, PatchContact, QuerySettings, SceneQuery};
-use palpate_core::clod::NO_NODE;
 use palpate_core::glam::DVec3;
 use palpate_core::{Contact, Pose, Twist};
 use palpate_dynamics::{
@@ -23,9 +23,10 @@ use self::by_fields::{ByFields, FieldSearch, in_steps};
 use self::in_scene::{InScene, objects_of};
 pub(crate) use self::search::ByLevels;
 use self::search::choose;
+use self::touching::Patches;
 use crate::merging::Plane;
 use crate::object::Object;
-use crate::proxy::{LevelSearch, Proxy, carried, motion_between};
+use crate::proxy::{Found, LevelSearch, Proxy, carried, motion_between};
 use crate::representative::FieldError;
 use crate::scene::Placed;
 use crate::scene_editor::{Edit, SceneEditor, SceneId};
@@ -153,8 +154,9 @@ pub struct ContactLoop {
     /// Of the last step, s.
     time: f64,
     telemetry: ContactTelemetry,
-    /// Where someone looks on.
+    /// Where someone looks on, and what finds the patches that touch.
     watched: Option<Watched>,
+    patches: Patches,
 }
 
 impl ContactLoop {
@@ -224,6 +226,7 @@ impl ContactLoop {
             time: f64::NAN,
             telemetry: ContactTelemetry::default(),
             watched: None,
+            patches: Patches::new(),
         })
     }
 
@@ -617,17 +620,33 @@ impl ContactLoop {
         self.error
     }
 
-    /// Begins to show what is seen at a time (s), with the patches that touch, of textured objects the coarse ones.
+    /// Begins to show what is seen at a time (s), with the patches that touch, of textured objects the coarse ones; those of
+    /// representatives where the deepest are.
     fn show_patches(&mut self, time: f64) {
+        let is_by_fields = self.is_by_fields();
         let Some(watched) = &mut self.watched else { return };
         let sight = watched.begin(time);
-        for found in self.proxy.contacts() {
-            let PatchContact { contact, probe_node, scene_node, weight } = found.contact;
-            // Those of fields are of no patches.
-            if contact.depth > -self.parameters.tolerance && probe_node != NO_NODE {
+        let is_near = |found: &&Found| found.contact.contact.depth > -self.parameters.tolerance;
+        if !is_by_fields {
+            for found in self.proxy.contacts().filter(is_near) {
+                let PatchContact { probe_node, scene_node, weight, .. } = found.contact;
                 let object = self.objects.get(found.object).and_then(Option::as_ref);
                 let object = object.map_or(found.object, |object| object.id.0);
                 sight.add_patches(TouchingPatches { object, probe_node, scene_node, weight });
+            }
+            return;
+        }
+        self.patches.choose(self.proxy.contacts().filter(is_near));
+        let probe = (*self.proxy.pose() * Pose::from_translation(-self.center_of_mass)).inverse();
+        for index in 0..self.patches.deepest.len() {
+            let Found { contact: PatchContact { contact, .. }, object } = self.patches.deepest[index];
+            let Some(Some(InScene { id, handle, object, .. })) = self.objects.get(object) else { continue };
+            let Some(scene) = self.scene.pose(*handle) else { continue };
+            let own = self.patches.leaf_at(&self.probe.clod, probe.transform_point(contact.point));
+            let at = scene.inverse().transform_point(contact.scene_point);
+            let other = self.patches.leaf_at(&object.clod, at);
+            if let (Some(probe_node), Some(scene_node)) = (own, other) {
+                sight.add_patches(TouchingPatches { object: id.0, probe_node, scene_node, weight: 1.0 });
             }
         }
     }
