@@ -141,8 +141,8 @@ impl Default for Settings {
 pub enum ContactSearch {
     /// As [representatives](Self::Representatives) where these hold, and else by [levels](Self::Levels): where detail is to be left out
     /// ([`Settings::error`]) or queries have a [time limit](Settings::query_budget), where an object has a haptic texture or an open
-    /// surface, and where one has walls thinner than d or a field that is not true to a part of d. It is decided when the session is
-    /// made. The stage `representative contacts` of its summary says what was decided, and why.
+    /// surface, where one has walls thinner than d or a field that is not true to a quarter of d, and for [tools with a
+    /// hinge](crate::ArticulatedRenderer). It is decided when the session is made. The stage `representative contacts` of its summary says what was decided, and why.
     ///
     /// An object of that kind that is added later makes the session go over to levels, for good.
     #[default]

@@ -22,7 +22,7 @@ use crate::object::Object;
 use crate::proxy::{Followed, Found, Search, carried};
 use crate::representative::{
     AreaContact, AreaLaw, Field, FieldError, FieldOptions, FieldQuery, FieldSettings, USUAL_ERROR,
-    check_error, field_options, find, law, new_query,
+    check_error, field_options, find, lattice, law, new_query,
 };
 use crate::settings::Settings;
 
@@ -80,6 +80,11 @@ impl FieldNeeds {
     /// The field of an object, made if need be.
     pub fn of(&self, object: &Object) -> Result<Arc<Field>, FieldError> {
         object.field(self.options)
+    }
+
+    /// The lattice constant that the field of an object has, about, m.
+    pub fn lattice(&self, object: &Object) -> f64 {
+        lattice(object, &self.options)
     }
 
     /// What queries ask for that look as far as a reach (m): the error in proportion, so that they read as much.

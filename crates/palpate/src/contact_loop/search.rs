@@ -13,6 +13,9 @@ const THIN: f64 = 0.01;
 /// The largest error of a field, in tolerances, that forces are still true with.
 const ROUGH: f64 = 0.25;
 
+/// The largest lattice constant of a field, in tolerances, that is worth making it.
+const COARSE: f64 = 1.5;
+
 /// Why contacts are found by levels of detail.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum ByLevels {
@@ -30,6 +33,10 @@ pub(crate) enum ByLevels {
         name: String,
         error: f64,
     },
+    Coarse {
+        name: String,
+        lattice: f64,
+    },
 }
 
 impl fmt::Display for ByLevels {
@@ -45,6 +52,12 @@ impl fmt::Display for ByLevels {
                     f,
                     "{name}: {:.0} % of its surface bound walls thinner than the tolerance",
                     100.0 * share
+                )
+            }
+            Self::Coarse { name, lattice } => {
+                write!(
+                    f,
+                    "{name}: its distance field would have a lattice constant of {lattice:.1} tolerances"
                 )
             }
             Self::Rough { name, error } => {
@@ -103,6 +116,10 @@ pub(super) fn choose<'a>(
 pub(super) fn unfit(needs: &FieldNeeds, object: &Object) -> Option<ByLevels> {
     if object.texture().is_some() {
         return Some(ByLevels::Texture);
+    }
+    let lattice = needs.lattice(object) / needs.tolerance();
+    if lattice > COARSE {
+        return Some(ByLevels::Coarse { name: object.name.clone(), lattice });
     }
     let field = match needs.of(object) {
         Ok(field) => field,
