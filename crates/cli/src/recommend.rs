@@ -171,6 +171,8 @@ fn command(arguments: &RecommendArguments, choice: &Choice) -> String {
         if !choice.interpolation {
             words.push("--no-interpolation".to_owned());
         }
+    } else {
+        words.push("--error 0".to_owned());
     }
     words.extend(choice.query_budget.map(|budget| format!("--budget-us {:.1}", 1e6 * budget)));
     words.extend(choice.grid.map(|grid| format!("--texture-grid {grid}")));

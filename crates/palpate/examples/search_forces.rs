@@ -1,10 +1,12 @@
 //! How the force that a session sends depends on how its contacts are found: by levels of detail or as representatives.
 //!
-//! `search_forces PROBE SCENE [--scale S] [--seconds N] [--clusters K] [--task NAME] [--press M] [--path T.csv]` records the path of an
-//! emulated device whose hand does a task in the scene, or takes one, lowers it by a length along z, and replays it in sessions whose haptic loops run at 4 kHz. For each way to find
-//! contacts it compares the coupling force, with contacts found 1000 times a second, to that of the same session with contacts found
-//! 4000 times a second, and to that of the session that is given as the reference: |ΔF| / max(|F|, 0.5 N) while either is in contact,
-//! and the angle between forces above 0.5 N.
+//! `search_forces PROBE SCENE [--scale S] [--seconds N] [--clusters K] [--task NAME] [--press M] [--path T.csv] [--height M --screw PITCH]
+//! [--no-levels]` records the path of an emulated device whose hand does a task in the scene, or takes one, or that of a nut, lowers it by a length along z, and replays it in
+//! sessions whose haptic loops run at 4 kHz. For each way to find contacts it compares the coupling force, with contacts found 1000
+//! times a second, to that of the same session with contacts found 4000 times a second, and to that of the reference: representative
+//! contacts as fine as fields are true (EPS of 0.02 % of the radius), 4000 times a second. |ΔF| / max(|F|, 0.5 N) while either is in
+//! contact, and the angle between forces above 0.5 N. `--no-levels` leaves levels of detail out, which take long where surfaces fit
+//! closely.
 
 #![allow(clippy::print_stdout, reason = "a table is what it is for")]
 
@@ -12,7 +14,8 @@ use std::error::Error;
 use std::time::Instant;
 
 use palpate::device::{Emulation, HapticDevice, Interpolation, Keyframe, MotionPath, ReplayDevice, Task};
-use palpate::glam::DVec3;
+use palpate::glam::{DQuat, DVec3};
+use palpate::representative::FINEST_ERROR;
 use palpate::{
     ContactSearch, HapticRenderer, Object, OpenOptions, Pose, Scene, Settings, clod_build, explore,
 };
@@ -43,6 +46,8 @@ struct Shown {
     unsound: u64,
     energy_min: f64,
     roughness: f64,
+    /// m, by the contacts.
+    deepest: f64,
 }
 
 fn main() -> Result<(), Failure> {
@@ -61,66 +66,91 @@ fn main() -> Result<(), Failure> {
     let scene = Scene::new().with(object, Pose::IDENTITY);
     let usual = Settings { rate: RATE, clusters, unusual_size: true, ..Settings::default() };
     let radius = probe.bounding_radius();
-    let coarse = Settings { error: 0.025 * radius, ..usual };
-    let path = match option("--path") {
-        Some(file) => MotionPath::load(std::path::Path::new(file), Interpolation::Smooth)?,
-        None => {
+    let representatives = Settings { search: ContactSearch::Representatives, ..usual };
+    let by_levels = Settings { search: ContactSearch::Levels, ..usual };
+    let coarse = Settings { error: 0.025 * radius, ..by_levels };
+    let with_levels = !words.iter().any(|word| word == "--no-levels");
+    let recorded_with = if with_levels { coarse } else { representatives };
+    let press = number("--press", 0.0)?;
+    let path = match (option("--path"), option("--screw")) {
+        (Some(file), _) => MotionPath::load(std::path::Path::new(file), Interpolation::Smooth)?,
+        (None, Some(pitch)) => screwing([number("--height", 0.0)?, pitch.parse()?, press], seconds)?,
+        (None, None) => {
             let task = option("--task")
                 .map_or(Some(Task::Explore), |name| Task::named(name))
                 .ok_or("no such task")?;
             let hand = Emulation::default().open(explore::path(task, &probe, &scene)?)?;
-            record(&probe, &scene, Box::new(hand), coarse, seconds)?
+            record(&probe, &scene, Box::new(hand), recorded_with, seconds)?
         }
     };
-    let press = number("--press", 0.0)?;
-    let path = if press > 0.0 { pressed(&path, press, APPROACH * radius)? } else { path };
+    let path = if press > 0.0 && option("--screw").is_none() {
+        pressed(&path, press, APPROACH * radius)?
+    } else {
+        path
+    };
     let given = Given { probe, scene, path, seconds };
-    let representatives = Settings { search: ContactSearch::Representatives, ..usual };
+    let finest = Settings { representative_error: Some(FINEST_ERROR * radius), ..representatives };
     println!("R = {radius:.4} m; {clusters} clusters; planes, µs: medians and 99th percentile");
     println!(
-        "| contacts | planes | µs | p99 | rms force, N | jumps, N | energy min, mJ | held back | 1 kHz to 4 kHz median, % | p95 | ° | to reference median, % | p95 | ° |"
+        "| contacts | planes | µs | p99 | deepest, mm | rms force, N | jumps, N | above 20 Hz, N | energy min, mJ | held back | 1 kHz to 4 kHz median, % | p95 | ° | to reference median, % | p95 | ° |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|---|");
-    let mut rows = vec![
-        ("representatives", representatives),
-        ("s₀ = 0.4 %", Settings { error: 0.004 * radius, ..usual }),
-        ("s₀ = 2.5 %", coarse),
-    ];
-    if words.iter().any(|word| word == "--exact") {
-        rows.push(("exact", usual));
+    println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|");
+    let mut rows = vec![("EPS = 0.02 %", finest), ("representatives", representatives)];
+    if with_levels {
+        rows.extend([
+            ("s₀ = 0.4 %", Settings { error: 0.004 * radius, ..by_levels }),
+            ("s₀ = 2.5 %", coarse),
+        ]);
     }
-    let only = option("--only");
-    let rows = rows.into_iter().filter(|(name, _)| only.is_none_or(|only| name.contains(only.as_str())));
+    if words.iter().any(|word| word == "--exact") {
+        rows.push(("exact", by_levels));
+    }
+    let mut reference: Option<Vec<DVec3>> = None;
     for (name, settings) in rows {
         let slow = render(&given, settings, 4)?;
         let fast = render(&given, settings, 1)?;
-        let reference = match option("--reference") {
-            None => None,
-            Some(file) if std::path::Path::new(file).exists() => Some(read(file)?),
-            Some(file) => {
-                // The first that runs without one becomes it.
-                let text: Vec<String> =
-                    fast.forces.iter().map(|f| format!("{},{},{}", f.x, f.y, f.z)).collect();
-                std::fs::write(file, text.join("\n"))?;
-                None
-            }
-        };
         let (middle, off, angle) = compared(&slow.forces, &fast.forces);
-        let none = (f64::NAN, f64::NAN, f64::NAN);
-        let (usual, far, turned) = reference.map_or(none, |forces| compared(&slow.forces, &forces));
+        let wanted = reference.get_or_insert(fast.forces);
+        let (usual, far, turned) = compared(&slow.forces, wanted);
         let rms =
             (slow.forces.iter().map(|f| f.length_squared()).sum::<f64>() / slow.forces.len() as f64).sqrt();
         println!(
-            "| {name} | {:.0} | {:.0} | {:.0} | {rms:.3} | {:.4} | {:.3} | {} | {middle:.1} | {off:.1} | {angle:.1} | {usual:.1} | {far:.1} | {turned:.1} |",
+            "| {name} | {:.0} | {:.0} | {:.0} | {:.3} | {rms:.3} | {:.4} | {:.4} | {:.3} | {} | {middle:.1} | {off:.1} | {angle:.1} | {usual:.1} | {far:.1} | {turned:.1} |",
             quantile(&slow.planes, 0.5),
             quantile(&slow.took, 0.5),
             quantile(&slow.took, 0.99),
+            1e3 * slow.deepest,
             slow.roughness,
+            above(20.0, &slow.forces),
             1e3 * slow.energy_min,
             slow.unsound,
         );
     }
     Ok(())
+}
+
+/// The root mean square of what of forces is above a frequency (Hz), N: the difference from their mean over a period of it.
+fn above(frequency: f64, forces: &[DVec3]) -> f64 {
+    let half = (0.5 * RATE / frequency) as usize;
+    let (mut sum, mut count) = (0.0, 0);
+    for window in forces.windows(2 * half + 1).step_by(8) {
+        let mean = window.iter().sum::<DVec3>() / window.len() as f64;
+        sum += window[half].distance_squared(mean);
+        count += 1;
+    }
+    (sum / f64::from(count.max(1))).sqrt()
+}
+
+/// Turning about z once a second from a height (m), clockwise seen from above, down by the pitch (m) of a thread a turn, and lower by
+/// what it is pressed by (m).
+fn screwing([height, pitch, press]: [f64; 3], seconds: f64) -> Result<MotionPath, Failure> {
+    let keyframe = |step: usize| {
+        let time = 0.01 * step as f64;
+        let turn = DQuat::from_rotation_z(-std::f64::consts::TAU * time);
+        let height = height - pitch * time - press * (time / RAMP).min(1.0);
+        Keyframe { time, pose: Pose::new(DVec3::Z * height, turn) }
+    };
+    Ok(MotionPath::new((0..=(100.0 * seconds) as usize).map(keyframe).collect(), Interpolation::Smooth)?)
 }
 
 /// A path that ends deeper by a length (m) than the hand would go, and begins higher by another (m): an object that begins inside has
@@ -132,15 +162,6 @@ fn pressed(path: &MotionPath, press: f64, approach: f64) -> Result<MotionPath, F
         Keyframe { time: frame.time, pose: Pose::from_translation(DVec3::Z * lift) * frame.pose }
     };
     Ok(MotionPath::new(path.keyframes().iter().map(lower).collect(), Interpolation::Smooth)?)
-}
-
-fn read(file: &str) -> Result<Vec<DVec3>, Failure> {
-    let text = std::fs::read_to_string(file)?;
-    let row = |line: &str| -> Result<DVec3, Failure> {
-        let numbers = line.split(',').map(str::parse).collect::<Result<Vec<f64>, _>>()?;
-        Ok(DVec3::from_slice(&numbers))
-    };
-    text.lines().map(row).collect()
 }
 
 fn record(
@@ -195,7 +216,9 @@ fn render(given: &Given, settings: Settings, every: usize) -> Result<Shown, Fail
     let jumps: Vec<f64> = forces.windows(2).map(|two| two[0].distance(two[1])).collect();
     let roughness = quantile(&jumps, 0.999);
     let unsound = contact.telemetry().events.held_back;
-    Ok(Shown { forces, took, planes, unsound, energy_min: haptic.telemetry().energy_min, roughness })
+    let telemetry = haptic.telemetry();
+    let (energy_min, deepest) = (telemetry.energy_min, telemetry.depth_max);
+    Ok(Shown { forces, took, planes, unsound, energy_min, roughness, deepest })
 }
 
 /// Median and 95th percentile of the relative difference, %, and 95th percentile of the angle, °.

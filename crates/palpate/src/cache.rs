@@ -9,7 +9,10 @@ use std::path::{Path, PathBuf};
 use palpate_clod_build::{BuildError, BuildOptions, REVISION, Stage};
 use palpate_core::{Clod, TriMesh};
 
-use crate::representative::{FIELD_REVISION, FieldBody, FieldOptions};
+use crate::representative::{FIELD_REVISION, Field, FieldOptions};
+
+/// Changes whenever what is kept with a field does.
+const WITH_FIELD: u32 = 1;
 
 /// The hierarchy of `mesh`, from the cache if it is there, else built and kept.
 pub(crate) fn build_or_load(
@@ -48,18 +51,18 @@ fn hash_of(mesh: &TriMesh, how: &str) -> u64 {
 }
 
 /// The distance field of `mesh`, from the cache if it is there, else made and kept. The name holds the revision of how it is made.
-pub(crate) fn field(mesh: &TriMesh, options: &FieldOptions) -> FieldBody {
-    let name = format!("{FIELD_REVISION}-{:016x}.field", hash_of(mesh, &format!("{options:?}")));
+pub(crate) fn field(mesh: &TriMesh, options: &FieldOptions) -> Field {
+    let name = format!("{FIELD_REVISION}.{WITH_FIELD}-{:016x}.field", hash_of(mesh, &format!("{options:?}")));
     let path = cache_folder().map(|folder| folder.join(name));
     let kept = path.as_ref().and_then(|path| std::fs::read(path).ok());
-    if let Some(body) = kept.and_then(|bytes| FieldBody::from_bytes(&bytes).ok()) {
-        return body;
+    if let Some(field) = kept.and_then(|bytes| Field::from_bytes(&bytes)) {
+        return field;
     }
-    let body = FieldBody::new(mesh, options);
+    let field = Field::new(mesh, options);
     if let Some(path) = path {
-        keep(&path, |partial| std::fs::write(partial, body.to_bytes()).is_ok());
+        keep(&path, |partial| std::fs::write(partial, field.to_bytes()).is_ok());
     }
-    body
+    field
 }
 
 /// The folder that built hierarchies are kept in, whether or not it exists yet; none where the system names no cache folder

@@ -3,12 +3,13 @@
 mod by_fields;
 mod changes;
 mod in_scene;
+mod search;
+mod touching;
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use palpate_collide::{Budget, Cluster, Clustering, PatchContact, QuerySettings, SceneQuery};
-use palpate_core::clod::NO_NODE;
 use palpate_core::glam::DVec3;
 use palpate_core::{Contact, Pose, Twist};
 use palpate_dynamics::{
@@ -20,13 +21,16 @@ use rtrb::Consumer;
 pub(crate) use self::by_fields::FieldNeeds;
 use self::by_fields::{ByFields, FieldSearch, in_steps};
 use self::in_scene::{InScene, objects_of};
+pub(crate) use self::search::ByLevels;
+use self::search::choose;
+use self::touching::Patches;
 use crate::merging::Plane;
 use crate::object::Object;
-use crate::proxy::{LevelSearch, Proxy, carried, motion_between};
-use crate::representative::{FieldError, USUAL_ERROR};
+use crate::proxy::{Found, LevelSearch, Proxy, carried, motion_between};
+use crate::representative::FieldError;
 use crate::scene::Placed;
 use crate::scene_editor::{Edit, SceneEditor, SceneId};
-use crate::settings::{ContactSearch, Settings};
+use crate::settings::Settings;
 use crate::settings_editor::{ContactTuning, Ramp};
 use crate::telemetry::ContactTelemetry;
 use crate::textures::{TextureError, Textures};
@@ -48,6 +52,9 @@ const FURTHEST: f64 = 0.5;
 /// apart than d there may be before it is less. They hold the body.
 const FURTHEST_LAG: f64 = 16.0;
 const LAG_CONTACTS: usize = 256;
+
+/// Contacts that there is room for from the start.
+const MOST: usize = 512;
 
 /// How far the query looks ahead goes in steps of this, in tolerances.
 const STEP: f64 = 0.25;
@@ -125,9 +132,9 @@ pub struct ContactLoop {
     /// Contacts with all scene objects that are not textured and do not move.
     contacts: Vec<PatchContact>,
     clustering: Clustering,
-    /// Where contacts are found in fields; why not, where that was asked for.
+    /// Where contacts are found in fields, or why they are not.
     by_fields: Option<Box<ByFields>>,
-    no_fields: Option<FieldError>,
+    by_levels: Option<ByLevels>,
     /// Contacts further apart than d that the body comes at, and their clusters.
     approaching: Vec<PatchContact>,
     approaching_clusters: Clustering,
@@ -147,8 +154,9 @@ pub struct ContactLoop {
     /// Of the last step, s.
     time: f64,
     telemetry: ContactTelemetry,
-    /// Where someone looks on.
+    /// Where someone looks on, and what finds the patches that touch.
     watched: Option<Watched>,
+    patches: Patches,
 }
 
 impl ContactLoop {
@@ -176,16 +184,12 @@ impl ContactLoop {
             query.reserve(placed.object.shape(), scene[..=index].iter().filter(same).count());
         }
         let textures = Textures::new(probe, &objects_of(&objects), settings, parameters.tolerance, radius)?;
-        let (by_fields, no_fields) = match settings.search {
-            ContactSearch::Levels => (None, None),
-            ContactSearch::Representatives => {
-                match by_fields(probe, &objects, parameters.tolerance, settings) {
-                    Ok(fields) => (Some(fields), None),
-                    // As good as is possible with it.
-                    Err(open @ FieldError::Open { .. }) => (None, Some(open)),
-                    Err(error) => return Err(error.into()),
-                }
-            }
+        let with_places = objects.iter().enumerate().filter_map(|(place, object)| {
+            object.as_ref().map(|InScene { object, .. }| (place, object, place < RESERVED))
+        });
+        let (by_fields, by_levels) = match choose(probe, with_places, parameters.tolerance, settings)? {
+            Ok(fields) => (Some(fields), None),
+            Err(why) => (None, Some(why)),
         };
         let recesses = textures.as_ref().map_or_else(Vec::new, Textures::recesses);
         let objects_with_probe = std::iter::once(probe).chain(scene.iter().map(|placed| &placed.object));
@@ -206,11 +210,11 @@ impl ContactLoop {
             error,
             settings: query_settings(parameters.tolerance, error, interpolation, query_budget),
             parameters,
-            contacts: Vec::new(),
+            contacts: Vec::with_capacity(MOST),
             clustering: Clustering::new(clusters),
             by_fields,
-            no_fields,
-            approaching: Vec::new(),
+            by_levels,
+            approaching: Vec::with_capacity(MOST),
             approaching_clusters: Clustering::new(MAX_APPROACHING),
             textures,
             braking,
@@ -222,6 +226,7 @@ impl ContactLoop {
             time: f64::NAN,
             telemetry: ContactTelemetry::default(),
             watched: None,
+            patches: Patches::new(),
         })
     }
 
@@ -292,9 +297,14 @@ impl ContactLoop {
         self.by_fields.is_some() && self.textures.is_none()
     }
 
-    /// Why contacts are not found in fields, where that was asked for and an object has none.
-    pub(crate) fn no_fields(&self) -> Option<&FieldError> {
-        self.no_fields.as_ref()
+    /// How contacts are found: off by so much (m) in fields, or by levels, and why.
+    pub(crate) fn search(&self) -> Result<f64, &ByLevels> {
+        match (&self.by_levels, &self.by_fields) {
+            (Some(why), _) => Err(why),
+            _ if self.textures.is_some() => Err(&ByLevels::Texture),
+            (None, Some(fields)) => Ok(fields.needs.error()),
+            (None, None) => Err(&ByLevels::AskedFor),
+        }
     }
 
     /// How far contacts can be looked for, m.
@@ -357,6 +367,9 @@ impl ContactLoop {
             // On the way to full resolution levels still go over into one another.
             let coarsest = error.max(self.error);
             self.settings = query_settings(parameters.tolerance, coarsest, interpolation, query_budget);
+            if let Some(fields) = &mut self.by_fields {
+                fields.needs.set_budget(query_budget);
+            }
             self.tuning = Some(Ramp::new((self.parameters, self.error), (parameters, error)));
         }
         if let Some(ramp) = &mut self.tuning {
@@ -607,17 +620,33 @@ impl ContactLoop {
         self.error
     }
 
-    /// Begins to show what is seen at a time (s), with the patches that touch, of textured objects the coarse ones.
+    /// Begins to show what is seen at a time (s), with the patches that touch, of textured objects the coarse ones; those of
+    /// representatives where the deepest are.
     fn show_patches(&mut self, time: f64) {
+        let is_by_fields = self.is_by_fields();
         let Some(watched) = &mut self.watched else { return };
         let sight = watched.begin(time);
-        for found in self.proxy.contacts() {
-            let PatchContact { contact, probe_node, scene_node, weight } = found.contact;
-            // Those of fields are of no patches.
-            if contact.depth > -self.parameters.tolerance && probe_node != NO_NODE {
+        let is_near = |found: &&Found| found.contact.contact.depth > -self.parameters.tolerance;
+        if !is_by_fields {
+            for found in self.proxy.contacts().filter(is_near) {
+                let PatchContact { probe_node, scene_node, weight, .. } = found.contact;
                 let object = self.objects.get(found.object).and_then(Option::as_ref);
                 let object = object.map_or(found.object, |object| object.id.0);
                 sight.add_patches(TouchingPatches { object, probe_node, scene_node, weight });
+            }
+            return;
+        }
+        self.patches.choose(self.proxy.contacts().filter(is_near));
+        let probe = (*self.proxy.pose() * Pose::from_translation(-self.center_of_mass)).inverse();
+        for index in 0..self.patches.deepest.len() {
+            let Found { contact: PatchContact { contact, .. }, object } = self.patches.deepest[index];
+            let Some(Some(InScene { id, handle, object, .. })) = self.objects.get(object) else { continue };
+            let Some(scene) = self.scene.pose(*handle) else { continue };
+            let own = self.patches.leaf_at(&self.probe.clod, probe.transform_point(contact.point));
+            let at = scene.inverse().transform_point(contact.scene_point);
+            let other = self.patches.leaf_at(&object.clod, at);
+            if let (Some(probe_node), Some(scene_node)) = (own, other) {
+                sight.add_patches(TouchingPatches { object: id.0, probe_node, scene_node, weight: 1.0 });
             }
         }
     }
@@ -654,23 +683,6 @@ impl ContactLoop {
     pub(crate) fn telemetry_mut(&mut self) -> &mut ContactTelemetry {
         &mut self.telemetry
     }
-}
-
-/// What finds contacts with the objects of a scene in fields.
-fn by_fields(
-    probe: &Object,
-    objects: &[Option<InScene>],
-    tolerance: f64,
-    settings: &Settings,
-) -> Result<Box<ByFields>, FieldError> {
-    let error = settings.representative_error.unwrap_or(USUAL_ERROR * probe.bounding_radius());
-    let mut fields = ByFields::new(FieldNeeds::new(tolerance, error, probe)?, probe, settings.clusters)?;
-    for (place, object) in objects.iter().enumerate() {
-        if let Some(InScene { object, .. }) = object {
-            fields.insert(place, object, place < RESERVED)?;
-        }
-    }
-    Ok(Box::new(fields))
 }
 
 /// Whether some have detail to leave out: where all are one hull, nothing is to be measured for it.

@@ -49,6 +49,7 @@ mod spawn;
 mod telemetry;
 mod textures;
 mod tracking;
+mod walls;
 mod watch;
 mod workspace;
 

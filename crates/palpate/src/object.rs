@@ -301,7 +301,7 @@ impl Object {
     }
 
     /// The triangles of the surface at full resolution, by their corners, m.
-    fn triangles(&self) -> impl Iterator<Item = [DVec3; 3]> {
+    pub(crate) fn triangles(&self) -> impl Iterator<Item = [DVec3; 3]> {
         self.clod.leaves().iter().flat_map(|leaf| {
             let hull = self.clod.hull(&leaf);
             self.clod.patch(&leaf).iter().map(move |triangle| triangle.map(|corner| hull[corner as usize]))
@@ -324,7 +324,7 @@ impl Object {
         // A hierarchy that was not built from a solid may still look closed, but nothing is known of its inside.
         let mesh = self.clod.source.solid.then(|| welded(self.triangles())).flatten().ok_or_else(open)?;
         // Nobody waits for the lock meanwhile.
-        let made = Arc::new(Field(cache::field(&mesh, &options)));
+        let made = Arc::new(cache::field(&mesh, &options));
         let mut fields = fields();
         if let Some(known) = kept(&fields) {
             return Ok(known);

@@ -43,6 +43,9 @@ const JUMP: f64 = 0.25;
 /// Contacts that are remembered, at most.
 const REMEMBERED: usize = 64;
 
+/// Contacts that there is room for from the start.
+const MOST: usize = 512;
+
 /// Queries in a step of the contact loop, at most. What is left of the way is gone in the next.
 const LOOKS: usize = 8;
 
@@ -188,13 +191,13 @@ impl Proxy {
             pose: Pose::IDENTITY,
             sound: false,
             lag: 0.0,
-            found: Vec::new(),
-            before: Vec::new(),
+            found: Vec::with_capacity(MOST),
+            before: Vec::with_capacity(MOST),
             reach: 0.0,
             stale: false,
             remembered: Vec::with_capacity(REMEMBERED),
-            limits: Vec::new(),
-            multipliers: Vec::new(),
+            limits: Vec::with_capacity(MOST),
+            multipliers: Vec::with_capacity(MOST),
         }
     }
 

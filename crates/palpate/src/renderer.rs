@@ -179,8 +179,10 @@ impl HapticRenderer {
         if let Some(editor) = &self.settings_editor {
             return editor.clone();
         }
+        let specification = self.device.specification().clone();
+        let by_fields = self.contact.is_by_fields();
         let (editor, haptic, contact) =
-            SettingsEditor::new(self.settings, self.probe.clone(), self.device.specification().clone());
+            SettingsEditor::new(self.settings, self.probe.clone(), specification, by_fields);
         self.haptic.set_tunings(haptic);
         self.contact.set_tunings(contact);
         self.settings_editor.insert(editor).clone()

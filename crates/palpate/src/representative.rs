@@ -9,10 +9,12 @@ use palpate_core::{Pose, TriMesh, Wrench};
 pub use palpate_field::AreaContact;
 pub use palpate_field::FieldOptions;
 use palpate_field::FieldOutcome;
+pub(crate) use palpate_field::REVISION as FIELD_REVISION;
 pub(crate) use palpate_field::{AreaLaw, FieldQuery, FieldSettings};
-pub(crate) use palpate_field::{FieldBody, REVISION as FIELD_REVISION};
+use palpate_field::{DistanceField, FieldBody};
 
 use crate::object::Object;
+use crate::walls::thin_share;
 
 /// EPS where none is asked for: what contacts may be off by, as a part of the probe's bounding radius.
 pub const USUAL_ERROR: f64 = 0.0005;
@@ -32,6 +34,15 @@ const BAND: f64 = 4.0;
 /// What the fields of objects are made with, for contacts within a tolerance (m).
 pub(crate) fn field_options(tolerance: f64) -> FieldOptions {
     FieldOptions { band: BAND * tolerance, ..FieldOptions::new(tolerance) }
+}
+
+/// Of the room that an object's field may take, the lattice gets about this part, and the samples the rest.
+const LATTICE_ROOM: f64 = 0.6;
+
+/// The lattice constant that the field of an object has, m, where room is what limits it.
+pub(crate) fn lattice(object: &Object, options: &FieldOptions) -> f64 {
+    let area: f64 = object.triangles().map(|[a, b, c]| (b - a).cross(c - a).length() / 2.0).sum();
+    DistanceField::lattice(area, options.band, LATTICE_ROOM * options.memory as f64)
 }
 
 /// Whether contacts can be told to an error (EPS, m) on a probe.
@@ -77,17 +88,44 @@ pub enum FieldError {
 
 /// An object's surface and its distance field.
 #[derive(Clone, Debug)]
-pub struct Field(pub(crate) FieldBody);
+pub struct Field {
+    body: FieldBody,
+    thin: f64,
+}
 
 impl Field {
+    pub(crate) fn new(mesh: &TriMesh, options: &FieldOptions) -> Self {
+        Self { body: FieldBody::new(mesh, options), thin: thin_share(mesh, options.tolerance) }
+    }
+
     /// By how much depths are off that are read in the field, m ([`FieldBody::error`]).
     pub fn error(&self) -> f64 {
-        self.0.error()
+        self.body.error()
+    }
+
+    /// The part of the surface, by its area, that bounds walls thinner than the tolerance d. Of such the field does not tell well on
+    /// which side a place is.
+    pub fn thin_share(&self) -> f64 {
+        self.thin
     }
 
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
-        self.0.bytes()
+        self.body.bytes()
+    }
+
+    pub(crate) fn to_bytes(&self) -> Vec<u8> {
+        let mut bytes = self.body.to_bytes();
+        bytes.extend_from_slice(&self.thin.to_le_bytes());
+        bytes
+    }
+
+    /// What [`to_bytes`](Self::to_bytes) gave; `None` of anything else.
+    pub(crate) fn from_bytes(bytes: &[u8]) -> Option<Self> {
+        let (body, thin) = bytes.split_last_chunk()?;
+        let thin = f64::from_le_bytes(*thin);
+        let body = FieldBody::from_bytes(body).ok()?;
+        (0.0..=1.0).contains(&thin).then_some(Self { body, thin })
     }
 }
 
@@ -183,7 +221,7 @@ impl RepresentativeQuery {
 
 /// A workspace for queries of a probe with a scene object.
 pub(crate) fn new_query(probe: &Field, scene: &Field) -> FieldQuery {
-    FieldQuery::new(&probe.0, &scene.0, REACH)
+    FieldQuery::new(&probe.body, &scene.body, REACH)
 }
 
 /// The law for contacts of a probe.
@@ -200,8 +238,8 @@ pub(crate) fn find(
     settings: &FieldSettings,
     into: &mut Vec<AreaContact>,
 ) -> FieldOutcome {
-    query.run(&probe.0, &scene.0, probe_pose, scene_pose, settings);
-    query.append_contacts(&probe.0, probe_pose, into);
+    query.run(&probe.body, &scene.body, probe_pose, scene_pose, settings);
+    query.append_contacts(&probe.body, probe_pose, into);
     query.outcome()
 }
 

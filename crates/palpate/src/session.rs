@@ -9,8 +9,7 @@ use serde::Serialize;
 use crate::machine::MachineLoad;
 use crate::object::Object;
 use crate::renderer::HapticRenderer;
-use crate::representative::USUAL_ERROR;
-use crate::settings::{ContactSearch, Settings};
+use crate::settings::Settings;
 use crate::telemetry::{ContactTelemetry, Events, HapticTelemetry, Percentiles};
 
 /// [`HapticSummary::scheduling`] on a simulated clock.
@@ -295,20 +294,13 @@ impl HapticRenderer {
     }
 
     fn search_stage(&self) -> String {
-        let settings = self.settings();
-        match settings.search {
-            ContactSearch::Levels => "off: contacts are found by levels of detail".to_owned(),
-            ContactSearch::Representatives if !self.contact.is_by_fields() => {
-                match self.contact.no_fields() {
-                    Some(why) => format!("off: {why}; contacts are found by levels of detail"),
-                    None => "off: an object has a haptic texture; contacts are found by levels of detail"
-                        .to_owned(),
-                }
+        match (self.contact.search(), self.settings().representative_error) {
+            (Err(why), _) => format!("off: {why}; contacts are found by levels of detail"),
+            (Ok(_), Some(error)) => format!("on: off by about {error} m"),
+            (Ok(error), None) => {
+                let percent = 100.0 * error / self.probe().bounding_radius();
+                format!("on: off by about {percent:.2} % of the radius")
             }
-            ContactSearch::Representatives => match settings.representative_error {
-                Some(error) => format!("on: off by about {error} m"),
-                None => format!("on: off by about {} % of the radius", 100.0 * USUAL_ERROR),
-            },
         }
     }
 

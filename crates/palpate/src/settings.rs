@@ -35,10 +35,10 @@ pub struct Settings {
     pub angular_damping: Option<f64>,
     /// Distance tolerance d of the contact query, m, at most the grasped object's bounding radius; by default 1 % of it.
     pub tolerance: Option<f64>,
-    /// How contacts are found.
+    /// How contacts are found; by default as representatives where these hold.
     pub search: ContactSearch,
     /// EPS, m: representative contacts are off by about this at most, 0.02 % to 1 % of the grasped object's bounding radius; by
-    /// default 0.05 %.
+    /// default 0.05 %, and no more than a twentieth of the tolerance d.
     pub representative_error: Option<f64>,
     /// s₀, m: with levels of detail, detail is left out of contacts where it would not be felt, its deviation averaged over the area of contact
     /// being no more than this (§3.4.3), and forces go over smoothly from one level of detail to the next. 0, the
@@ -139,8 +139,15 @@ impl Default for Settings {
 /// How the contacts of a session are found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ContactSearch {
-    /// By the hierarchies: contacts of convex patches, at full resolution or with detail left out.
+    /// As [representatives](Self::Representatives) where these hold, and else by [levels](Self::Levels): where detail is to be left out
+    /// ([`Settings::error`]) or queries have a [time limit](Settings::query_budget), where an object has a haptic texture or an open
+    /// surface, where one has walls thinner than d or a field that is not true to a quarter of d, and for [tools with a
+    /// hinge](crate::ArticulatedRenderer). It is decided when the session is made. The stage `representative contacts` of its summary says what was decided, and why.
+    ///
+    /// An object of that kind that is added later makes the session go over to levels, for good.
     #[default]
+    Automatic,
+    /// By the hierarchies: contacts of convex patches, at full resolution or with detail left out.
     Levels,
     /// In distance fields: few contacts at true geometry, each with the area that it stands for. Where an object's surface is not
     /// closed, or one has a haptic texture, contacts are found by levels nevertheless.

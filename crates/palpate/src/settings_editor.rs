@@ -47,6 +47,8 @@ struct Edited {
     settings: Settings,
     probe: Object,
     specification: Specification,
+    /// Whether contacts are found in fields, which have no detail to leave out.
+    by_fields: bool,
     haptic: Producer<HapticTuning>,
     contact: Producer<ContactTuning>,
 }
@@ -74,10 +76,11 @@ impl SettingsEditor {
         settings: Settings,
         probe: Object,
         specification: Specification,
+        by_fields: bool,
     ) -> (Self, Consumer<HapticTuning>, Consumer<ContactTuning>) {
         let (haptic, for_haptic) = RingBuffer::new(WAITING);
         let (contact, for_contact) = RingBuffer::new(WAITING);
-        let edited = Edited { settings, probe, specification, haptic, contact };
+        let edited = Edited { settings, probe, specification, by_fields, haptic, contact };
         (Self(Arc::new(Mutex::new(edited))), for_haptic, for_contact)
     }
 
@@ -95,13 +98,16 @@ impl SettingsEditor {
     ///
     /// # Errors
     /// If one is out of range, one of the others differs from what the session was made with, or too many changes wait;
-    /// nothing is changed then.
+    /// nothing is changed then. The detail that is left out is one of the others where contacts are found as representatives.
     pub fn set(&mut self, settings: Settings) -> Result<(), SettingsEditError> {
         let mut edited = self.edited();
         let edited = &mut *edited;
         let gains = Gains::new(&settings, &edited.probe, &edited.specification)?;
         if let Some(name) = fixed_difference(&edited.settings, &settings) {
             return Err(SettingsEditError::Fixed(name));
+        }
+        if edited.by_fields && settings.error != edited.settings.error {
+            return Err(SettingsEditError::Fixed("error"));
         }
         if edited.haptic.slots() == 0 || edited.contact.slots() == 0 {
             return Err(SettingsEditError::Full);

@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 use palpate::device::{DeviceState, Emulation, IntendedPath, Status};
 use palpate::glam::DVec3;
 use palpate::{
-    ContactLoop, HapticLoop, HapticRenderer, Object, Pose, Scene, Settings, SettingsEditError,
+    ContactLoop, ContactSearch, HapticLoop, HapticRenderer, Object, Pose, Scene, Settings, SettingsEditError,
     SettingsEditor, Twist,
 };
 use palpate_tests::model;
@@ -100,7 +100,7 @@ fn gains_go_over_smoothly() {
 /// Detail that is to be left out, or felt again, comes and goes smoothly as well.
 #[test]
 fn detail_goes_over_smoothly() {
-    let fine = Settings { proxy: false, ..Settings::default() };
+    let fine = Settings { search: ContactSearch::Levels, proxy: false, ..Settings::default() };
     let coarse = Settings { error: 2e-4, ..fine };
     for (from, to) in [(fine, coarse), (coarse, fine)] {
         let mut rig = Rig::new(from);
@@ -129,6 +129,8 @@ fn what_cannot_change_is_refused() {
         ("mass", Settings { mass: 0.2, ..made }),
         ("tolerance", Settings { tolerance: Some(1e-4), ..made }),
         ("workspace_scale", Settings { workspace_scale: 2.0, ..made }),
+        // Contacts found in fields have no detail to leave out.
+        ("error", Settings { error: 1e-4, ..made }),
     ] {
         let refused = rig.settings.set(settings).expect_err(name);
         assert!(matches!(refused, SettingsEditError::Fixed(which) if which == name), "{refused}");

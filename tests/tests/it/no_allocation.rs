@@ -20,7 +20,7 @@ fn allocations_in(work: impl FnOnce()) -> u64 {
 fn the_loops_do_not_allocate() {
     assert!(allocations_in(|| drop(std::hint::black_box(vec![1u8]))) > 0, "the counter counts");
     // More contacts than clusters at times.
-    let by_levels = Settings { clusters: CLUSTERS, ..Settings::default() };
+    let by_levels = Settings { search: ContactSearch::Levels, clusters: CLUSTERS, ..Settings::default() };
     let contacts = run(&model("spoon@5000"), model("cup@5000"), 100_000, false, by_levels);
     assert!(contacts > CLUSTERS, "{contacts} contacts at most, so that nothing was tested");
     let contacts = run(&model("stylus@2000"), ridged_plate(1e-3, 5e-3), 22_000, false, by_levels);

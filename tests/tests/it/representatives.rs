@@ -87,7 +87,8 @@ fn a_session_is_the_same_each_time_and_about_that_by_levels() {
     let (_, again) = lockstep(&probe, scene.clone(), settings(&probe), 2.0);
     let same = |(one, other): (&Record, &Record)| format!("{one:?}") == format!("{other:?}");
     assert!(records.len() == again.len() && records.iter().zip(&again).all(same), "it is not the same again");
-    let (levels, by_levels) = lockstep(&probe, scene, Settings::default(), 2.0);
+    let levels = Settings { search: ContactSearch::Levels, ..Settings::default() };
+    let (levels, by_levels) = lockstep(&probe, scene, levels, 2.0);
     let stages = [session.summary().stages, levels.summary().stages]
         .map(|stages| stages["representative contacts"].clone());
     assert!(stages[0].starts_with("on: off by about") && stages[1].starts_with("off"), "{stages:?}");

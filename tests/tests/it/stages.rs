@@ -5,7 +5,8 @@ use std::sync::atomic::AtomicBool;
 
 use allocation_counter::measure;
 use palpate::{
-    ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Settings, TextureSettings, Wrench, explore,
+    ContactSearch, ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Settings, TextureSettings,
+    Wrench, explore,
 };
 use palpate_tests::{model, ridged_plate};
 use xtask::linked::{Linked, compiled_for_examples, linked};
@@ -96,7 +97,8 @@ fn stages_say_whether_they_are_on_and_why() {
 fn convex_hulls_do_not_mind_what_detail_is_left_out() {
     let hull = model("ellipsoid@500");
     let with = |object: &Object, error| {
-        records(renderer(&hull, std::slice::from_ref(object), Settings { error, ..Settings::default() }))
+        let settings = Settings { search: ContactSearch::Levels, error, ..Settings::default() };
+        records(renderer(&hull, std::slice::from_ref(object), settings))
     };
     let felt = with(&hull, 0.0);
     assert!(felt.iter().any(|record| record.contact.force.length() > 0.1), "nothing is touched");

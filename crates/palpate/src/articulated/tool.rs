@@ -17,7 +17,7 @@ use crate::reactions::Reactions;
 use crate::representative::FieldError;
 use crate::scene::Scene;
 use crate::scene_editor::SceneEditor;
-use crate::settings::{Settings, SettingsError};
+use crate::settings::{ContactSearch, Settings, SettingsError};
 use crate::size::{UnitsError, check_sizes};
 use crate::textures::TextureError;
 
@@ -136,7 +136,7 @@ impl ArticulatedRenderer {
     ///
     /// Of the settings, `mass` does not count, for the tool has masses of its own; the [grasp](Settings::grasp) is in the first
     /// body's mesh frame, by default at its centre of mass; the tolerance is by default 1 % of the smaller body's bounding radius, and the contact damping
-    /// critical for the tool's mass.
+    /// critical for the tool's mass. Contacts are found by levels of detail unless representatives are asked for.
     ///
     /// # Errors
     /// If a setting is out of range, a body cannot be given its mass, the hinge cannot be, another integrator than the semi-implicit
@@ -212,8 +212,14 @@ impl ArticulatedRenderer {
         let pose = mapping.pose(&device.pose) * Pose::from_translation(centers[0]);
         let state = ArticulatedState::at_rest(pose, angle);
         let haptic = ArticulatedLoop::new(grasped, state, device, specification, gripper, asked);
+        // By the area law narrow jaws slide off sideways: what they close on is in contact beyond their edges.
+        let search = match settings.search {
+            ContactSearch::Automatic => ContactSearch::Levels,
+            asked => asked,
+        };
+        let settings = Settings { search, ..*settings };
         let of = |object: &Object, body: Body, centre: DVec3| {
-            ContactLoop::new(object, body, centre, scene.objects(), parameters, settings)
+            ContactLoop::new(object, body, centre, scene.objects(), parameters, &settings)
         };
         let contacts = [of(&tool.first, body.first, centers[0])?, of(&tool.second, body.second, centers[1])?];
         Ok(Self { haptic, contacts, period })

@@ -9,19 +9,22 @@
 //! few planes ([`Merging`]), and so do those with each object that moves.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use palpate_collide::{ObjectHandle, PatchContact, SceneQuery};
-use palpate_core::Pose;
 use palpate_core::clod::NO_NODE;
+use palpate_core::glam::DVec3;
+use palpate_core::{Contact, Pose};
 
 use super::in_scene::InScene;
 use crate::merging::{Merging, Plane, Weighed};
 use crate::object::Object;
 use crate::proxy::{Followed, Found, Search, carried};
 use crate::representative::{
-    AreaContact, AreaLaw, Field, FieldError, FieldOptions, FieldQuery, FieldSettings, check_error,
-    field_options, find, law, new_query,
+    AreaContact, AreaLaw, Field, FieldError, FieldOptions, FieldQuery, FieldSettings, USUAL_ERROR,
+    check_error, field_options, find, lattice, law, new_query,
 };
+use crate::settings::Settings;
 
 /// How far is looked goes in steps of this, in tolerances.
 const STEP: f64 = 0.5;
@@ -29,19 +32,49 @@ const STEP: f64 = 0.5;
 /// Weights fade out over this part of what fields know beyond d.
 const FADING: f64 = 0.25;
 
+/// Contacts that there is room for from the start: as many as there may be with four objects.
+const MOST: usize = 1024;
+
+/// EPS where none is asked for is no more than this part of the tolerance: as many samples are around a place as at the usual tolerance.
+const USUAL_PART: f64 = 0.05;
+
 /// What fields of a session are made with.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct FieldNeeds {
     options: FieldOptions,
     /// EPS, m.
     error: f64,
+    budget: Option<Duration>,
 }
 
 impl FieldNeeds {
-    /// For contacts within a tolerance (m), off by about an error (m).
-    pub fn new(tolerance: f64, error: f64, probe: &Object) -> Result<Self, FieldError> {
-        check_error(error, probe)?;
-        Ok(Self { options: field_options(tolerance), error })
+    /// For contacts within a tolerance (m).
+    pub fn new(tolerance: f64, settings: &Settings, probe: &Object) -> Result<Self, FieldError> {
+        if let Some(error) = settings.representative_error {
+            check_error(error, probe)?;
+        }
+        let usual = (USUAL_ERROR * probe.bounding_radius()).min(USUAL_PART * tolerance);
+        let error = settings.representative_error.unwrap_or(usual);
+        Ok(Self {
+            options: field_options(tolerance),
+            error,
+            budget: settings.query_budget.map(Duration::from_secs_f64),
+        })
+    }
+
+    /// d, m.
+    pub fn tolerance(&self) -> f64 {
+        self.options.tolerance
+    }
+
+    /// EPS, m.
+    pub fn error(&self) -> f64 {
+        self.error
+    }
+
+    /// Limits the time of each query (s), or no longer.
+    pub fn set_budget(&mut self, budget: Option<f64>) {
+        self.budget = budget.map(Duration::from_secs_f64);
     }
 
     /// The field of an object, made if need be.
@@ -49,10 +82,15 @@ impl FieldNeeds {
         object.field(self.options)
     }
 
+    /// The lattice constant that the field of an object has, about, m.
+    pub fn lattice(&self, object: &Object) -> f64 {
+        lattice(object, &self.options)
+    }
+
     /// What queries ask for that look as far as a reach (m): the error in proportion, so that they read as much.
     fn settings(&self, reach: f64) -> FieldSettings {
         let error = self.error * reach / self.options.tolerance;
-        FieldSettings { error, ..FieldSettings::new(reach) }
+        FieldSettings { error, budget: self.budget, ..FieldSettings::new(reach) }
     }
 }
 
@@ -95,17 +133,26 @@ enum Purpose {
 
 impl ByFields {
     pub fn new(needs: FieldNeeds, probe: &Object, clusters: usize) -> Result<Self, FieldError> {
+        let mut law = law(probe);
+        // Its workspace grows with the contacts that it has seen.
+        let contact = Contact {
+            point: DVec3::ZERO,
+            scene_point: DVec3::ZERO,
+            normal: DVec3::Z,
+            depth: f64::NEG_INFINITY,
+        };
+        law.weights(&[AreaContact { contact, area: 0.0 }; MOST], needs.tolerance(), &Pose::IDENTITY);
         Ok(Self {
             needs,
             probe: needs.of(probe)?,
-            law: law(probe),
+            law,
             sides: Vec::new(),
-            found: Vec::with_capacity(1024),
-            places: Vec::with_capacity(1024),
+            found: Vec::with_capacity(MOST),
+            places: Vec::with_capacity(MOST),
             at: None,
-            carried: Vec::with_capacity(1024),
-            weights: Vec::with_capacity(1024),
-            weighed: Vec::with_capacity(1024),
+            carried: Vec::with_capacity(MOST),
+            weights: Vec::with_capacity(MOST),
+            weighed: Vec::with_capacity(MOST),
             still: Merging::new(clusters, probe.bounding_radius()),
             planes: Vec::with_capacity(64),
         })

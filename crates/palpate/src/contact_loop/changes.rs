@@ -4,9 +4,11 @@ use palpate_core::{Pose, Twist};
 
 use super::ContactLoop;
 use super::in_scene::{InScene, objects_of};
+use super::search::unfit;
 use crate::moving::{Mobility, Moving};
 use crate::object::Object;
 use crate::scene_editor::{Edit, SceneEditor, SceneId};
+use crate::settings::ContactSearch;
 use crate::textures::Textures;
 
 impl ContactLoop {
@@ -74,14 +76,26 @@ impl ContactLoop {
             self.objects.resize_with(place + 1, || None);
         }
         self.objects[place] = Some(InScene::new(id, handle, object));
-        let has_field =
-            self.by_fields.as_mut().is_none_or(|fields| fields.insert(place, object, false).is_ok());
-        if has_field && self.retexture(object) {
+        if self.insert_field(place, object) && self.retexture(object) {
             self.scene_has_changed();
             return true;
         }
         self.delete(id);
         false
+    }
+
+    /// Gives an object at a place its field, where contacts are found in these; `false` if it has none and that was asked for. Where it
+    /// was not, contacts are found by levels from now on.
+    fn insert_field(&mut self, place: usize, object: &Object) -> bool {
+        let Some(fields) = &mut self.by_fields else { return true };
+        if self.all_settings.search == ContactSearch::Automatic
+            && let Some(why) = unfit(&fields.needs, object)
+        {
+            self.by_fields = None;
+            self.by_levels = Some(why);
+            return true;
+        }
+        fields.insert(place, object, false).is_ok()
     }
 
     /// Takes an object out, from the next step on; `false` if there is none.

@@ -8,7 +8,7 @@ use palpate::device::Task;
 use palpate::glam::{DQuat, DVec3};
 use palpate::models::Model;
 use palpate::texture_pd::BakeOptions;
-use palpate::{Object, Pose, Scene, Settings, TextureSettings, explore};
+use palpate::{ContactSearch, Object, Pose, Scene, Settings, TextureSettings, explore};
 use palpate_report::{Curve, Figure, draw};
 use palpate_tests::{correlation, smooth};
 
@@ -232,6 +232,7 @@ const TIMES: usize = 3;
 /// What a file is felt with on a CAD part.
 pub(crate) fn scraping() -> Settings {
     Settings {
+        search: ContactSearch::Levels,
         tolerance: Some(2e-4),
         clusters: CONTACTS,
         textures: TextureSettings {

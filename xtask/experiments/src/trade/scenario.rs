@@ -2,7 +2,7 @@
 
 use palpate::device::{IntendedPath, Interpolation, Keyframe, MotionPath, Task};
 use palpate::models::Model;
-use palpate::{Object, Pose, Scene, Settings, explore};
+use palpate::{ContactSearch, Object, Pose, Scene, Settings, explore};
 use palpate_benches::scenarios;
 
 use crate::reproduce::relief;
@@ -86,7 +86,11 @@ fn rigid(name: &'static str, opened: scenarios::Scenario, slower: f64) -> Result
         name,
         probe: probe.object,
         scene: Scene::new().with(scene.object, Pose::IDENTITY),
-        settings: Settings { tolerance: Some(tolerance), ..Settings::default() },
+        settings: Settings {
+            search: ContactSearch::Levels,
+            tolerance: Some(tolerance),
+            ..Settings::default()
+        },
         textured: false,
         seconds: path.keyframes().last().map_or(0.0, |last| last.time),
         hand: Some(path),
@@ -117,7 +121,7 @@ pub mod tests {
             name: "small",
             probe: open("ellipsoid@500"),
             scene: Scene::new().with(open("golf-ball@5000"), Pose::IDENTITY),
-            settings: Settings::default(),
+            settings: Settings { search: ContactSearch::Levels, ..Settings::default() },
             textured: false,
             seconds: 1.5,
             hand: None,

@@ -2,7 +2,7 @@
 
 use palpate::device::MotionPath;
 use palpate::glam::{DQuat, DVec3};
-use palpate::{IntegratorKind, Object, Pose, Scene, Settings};
+use palpate::{ContactSearch, IntegratorKind, Object, Pose, Scene, Settings};
 
 use palpate_tests::smooth;
 
@@ -66,6 +66,7 @@ fn session<'a>(
         coupling_damping: Some(COUPLING_DAMPING),
         angular_stiffness: Some(ANGULAR_STIFFNESS),
         angular_damping: Some(damping),
+        search: ContactSearch::Levels,
         ..Settings::default()
     };
     Experiment { probe: spoon, scene, settings, contact_rate: 1000.0, frozen: false, seconds: SECONDS }

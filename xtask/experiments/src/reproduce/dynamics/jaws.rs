@@ -2,7 +2,7 @@
 //! Fig. 5.10).
 
 use palpate::glam::DVec3;
-use palpate::{Object, Pose, Scene, Settings};
+use palpate::{ContactSearch, Object, Pose, Scene, Settings};
 use palpate_tests::{first_touch, smooth};
 
 use super::{COUPLING, DEPTH, DEVIATION, most, plot, root_mean_square, table};
@@ -97,6 +97,7 @@ fn find(name: &str, setups: &[Setup], triangles: Option<usize>) -> Result<(Found
             device_frame: Pose::from_translation(touch * (1.0 - scale)),
             error: error * upper.bounding_radius(),
             clusters: 16,
+            search: ContactSearch::Levels,
             ..Settings::default()
         },
         contact_rate,

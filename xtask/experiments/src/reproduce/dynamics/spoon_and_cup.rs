@@ -1,7 +1,7 @@
 //! A spoon pressed onto a cup, by integrator, mass and contact stiffness (§5.5.3, Fig. 5.8).
 
 use palpate::glam::{DQuat, DVec3};
-use palpate::{IntegratorKind, Pose, Scene, Settings};
+use palpate::{ContactSearch, IntegratorKind, Pose, Scene, Settings};
 use palpate_tests::first_touch;
 
 use super::{
@@ -99,6 +99,7 @@ fn find(setups: &[Setup; 3]) -> Result<(Found, [Trace; 3]), String> {
             angular_stiffness: Some(ANGULAR_STIFFNESS),
             angular_damping: Some(damping),
             tolerance: Some(1e-4),
+            search: ContactSearch::Levels,
             ..Settings::default()
         },
         contact_rate: 1000.0,

@@ -1,7 +1,7 @@
 //! A probe with a round tip on a plate with ridges 8 mm high, to the right and faster back (§5.5.4, Fig. 5.12).
 
 use palpate::glam::DVec3;
-use palpate::{Pose, Scene, Settings, TextureDerivatives, TextureSettings};
+use palpate::{ContactSearch, Pose, Scene, Settings, TextureDerivatives, TextureSettings};
 use palpate_tests::{ridged_plate, smooth};
 
 use super::{COUPLING, DEPTH, plot, table};
@@ -115,6 +115,7 @@ fn find(height: f64) -> Result<(Found, [Trace; 2]), String> {
                 derivatives: TextureDerivatives::Maximum,
                 ..TextureSettings::default()
             },
+            search: ContactSearch::Levels,
             ..Settings::default()
         },
         contact_rate: CONTACT_RATE,
