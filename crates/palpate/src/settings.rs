@@ -35,7 +35,7 @@ pub struct Settings {
     pub angular_damping: Option<f64>,
     /// Distance tolerance d of the contact query, m, at most the grasped object's bounding radius; by default 1 % of it.
     pub tolerance: Option<f64>,
-    /// How contacts are found; by default as representatives where these hold.
+    /// How contacts are found; by default by levels of detail.
     pub search: ContactSearch,
     /// EPS, m: representative contacts are off by about this at most, 0.02 % to 1 % of the grasped object's bounding radius; by
     /// default 0.05 %, and no more than a twentieth of the tolerance d.
@@ -145,9 +145,9 @@ pub enum ContactSearch {
     /// hinge](crate::ArticulatedRenderer). It is decided when the session is made. The stage `representative contacts` of its summary says what was decided, and why.
     ///
     /// An object of that kind that is added later makes the session go over to levels, for good.
-    #[default]
     Automatic,
     /// By the hierarchies: contacts of convex patches, at full resolution or with detail left out.
+    #[default]
     Levels,
     /// In distance fields: few contacts at true geometry, each with the area that it stands for. Where an object's surface is not
     /// closed, or one has a haptic texture, contacts are found by levels nevertheless.
