@@ -560,13 +560,15 @@ fn print_changes(
 }
 
 /// Where blocks of a path begin, one pose before the first that counts: at the middles of equal parts, and in such an
-/// order that the first few are spread over the path.
+/// order that the first few are spread over the path. If all blocks are to be run they are in the order of the path, so that nothing leaps.
 fn blocks(path: usize, poses: usize) -> impl Iterator<Item = usize> {
     const GOLDEN: f64 = 0.618_033_988_749_894_9;
     let all = path.saturating_sub(1) / BLOCK;
     let chosen = poses.div_ceil(BLOCK).clamp(1, all.max(1));
     let mut order: Vec<usize> = (0..chosen).collect();
     let key = |block: usize| (GOLDEN * (block as f64 - (chosen / 2) as f64)).rem_euclid(1.0);
-    order.sort_by(|a, b| key(*a).total_cmp(&key(*b)));
+    if chosen < all {
+        order.sort_by(|a, b| key(*a).total_cmp(&key(*b)));
+    }
     order.into_iter().map(move |block| (2 * block + 1) * all / (2 * chosen) * BLOCK)
 }

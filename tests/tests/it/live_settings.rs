@@ -122,7 +122,7 @@ fn detail_goes_over_smoothly() {
 /// What cannot change says so, and nothing changes then.
 #[test]
 fn what_cannot_change_is_refused() {
-    let mut rig = Rig::new(Settings::default());
+    let mut rig = Rig::new(Settings { search: ContactSearch::Representatives, ..Settings::default() });
     let made = rig.settings.settings();
     for (name, settings) in [
         ("rate", Settings { rate: 500.0, ..made }),
