@@ -39,6 +39,11 @@ impl FieldOptions {
     pub fn new(tolerance: f64) -> Self {
         Self { tolerance, band: BAND * tolerance, memory: 28_000_000 }
     }
+
+    /// The lattice constant (m) of the field of a body whose surface has some area (m²); that of a long and thin one may be larger.
+    pub fn lattice(&self, area: f64) -> f64 {
+        DistanceField::lattice(area, self.band, FIELD * self.memory as f64).max(LATTICE * self.tolerance)
+    }
 }
 
 /// A body prepared for queries: a distance field, and samples of its surface.
@@ -63,8 +68,7 @@ impl FieldBody {
         let area: f64 = (0..mesh.triangles().len()).map(|t| area(mesh.corners(t))).sum();
         let memory = memory as f64;
         let spacing = SurfaceSamples::spacing(area, (1.0 - FIELD) * memory).max(SPACING * tolerance);
-        let lattice = DistanceField::lattice(area, band, FIELD * memory).max(LATTICE * tolerance);
-        let lattice = lattice.max(DistanceField::finest_lattice(mesh, band));
+        let lattice = options.lattice(area).max(DistanceField::finest_lattice(mesh, band));
         Self::with(mesh, lattice, (tolerance, band), spacing)
     }
 

@@ -7,11 +7,11 @@ use std::time::Duration;
 use palpate_core::glam::DVec3;
 use palpate_core::{Pose, TriMesh, Wrench};
 pub use palpate_field::AreaContact;
+use palpate_field::FieldBody;
 pub use palpate_field::FieldOptions;
 use palpate_field::FieldOutcome;
 pub(crate) use palpate_field::REVISION as FIELD_REVISION;
 pub(crate) use palpate_field::{AreaLaw, FieldQuery, FieldSettings};
-use palpate_field::{DistanceField, FieldBody};
 
 use crate::object::Object;
 use crate::walls::thin_share;
@@ -36,13 +36,10 @@ pub(crate) fn field_options(tolerance: f64) -> FieldOptions {
     FieldOptions { band: BAND * tolerance, ..FieldOptions::new(tolerance) }
 }
 
-/// Of the room that an object's field may take, the lattice gets about this part, and the samples the rest.
-const LATTICE_ROOM: f64 = 0.6;
-
-/// The lattice constant that the field of an object has, m, where room is what limits it.
+/// The lattice constant that the field of an object has, about, m.
 pub(crate) fn lattice(object: &Object, options: &FieldOptions) -> f64 {
     let area: f64 = object.triangles().map(|[a, b, c]| (b - a).cross(c - a).length() / 2.0).sum();
-    DistanceField::lattice(area, options.band, LATTICE_ROOM * options.memory as f64)
+    options.lattice(area)
 }
 
 /// Whether contacts can be told to an error (EPS, m) on a probe.
