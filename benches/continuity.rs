@@ -2,7 +2,7 @@
 //!
 //! A step is as long as no point of the probe's bounding sphere moves further: |Δx| + R |Δθ|. Changes of the force are told as
 //! |Δ**F**| / (k · step), those of the torque about the sphere's centre as |Δ**τ**| / (k R · step), by the
-//! [`AreaLaw`](palpate_field::AreaLaw). A wrench that is continuous keeps these bounded however small the steps are; of one that
+//! [`AreaLaw`]. A wrench that is continuous keeps these bounded however small the steps are; of one that
 //! jumps they grow as steps become smaller.
 
 use palpate::core::mesh::Sphere;
