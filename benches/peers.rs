@@ -537,7 +537,7 @@ fn print_changes(
         "| method | steps in contact | force, median | p99 | largest | in tenths of that step | torque, largest |"
     );
     println!("|---|---|---|---|---|---|---|");
-    // What is remembered of the last query changes no wrench.
+    // Poses follow closely, as in a session, where each query goes on from the last.
     let mut rows = rows(scenario, arguments)?;
     rows.retain(|row| !row.name.ends_with(FROM_THE_ROOTS));
     for row in &mut rows {
