@@ -36,7 +36,7 @@ pub struct Cell {
     pub moment: Vec3A,
     /// Σ a (δ + d)² **n**.
     pub push: Vec3A,
-    /// Σ a (δ + d)³, and Σ a² (δ + d)² over the samples.
+    /// Σ a (δ + d)³, and Σ a² (δ + d)² over the samples, for the part that each counts for.
     pub cubes: f32,
     pub squares: f32,
     /// The deepest sample.
@@ -137,9 +137,9 @@ impl Cells {
         }
     }
 
-    /// Adds a sample.
+    /// Adds a sample, which counts for a part (0 to 1).
     #[inline]
-    pub fn add(&mut self, touch: &ContactSample) {
+    pub fn add(&mut self, touch: &ContactSample, part: f32) {
         self.contacts += 1;
         let size = touch.normal.abs();
         let axis = if size.x >= size.y && size.x >= size.z {
@@ -166,14 +166,16 @@ impl Cells {
             });
         }
         let cell = &mut self.cells[*entry as usize];
-        let pressure = touch.area * touch.reach;
+        let whole = touch.area * touch.reach;
+        let pressure = part * whole;
         cell.pressure += pressure;
         let weight = pressure * touch.reach;
         cell.weight += weight;
         cell.moment += weight * touch.point;
         cell.push += weight * touch.normal;
         cell.cubes += weight * touch.reach;
-        cell.squares += pressure * pressure;
+        // The mean of two results is no further off than they are on average.
+        cell.squares += pressure * whole;
         if touch.reach > cell.deepest.reach {
             cell.deepest = *touch;
         }

@@ -14,7 +14,7 @@ use crate::body::FieldBody;
 use crate::cells::{Cell, Cells, ContactSample};
 use crate::deepest::deepest_around;
 use crate::front::{FURTHER, Front, SLACK, STEEPEST};
-use crate::selection::{SelectedFour, Selection, Selector};
+use crate::selection::{Held, SelectedFour, Selector};
 use crate::side::Side;
 use crate::slack::{changes, motion_bound};
 
@@ -35,6 +35,11 @@ const CHANGED: f64 = 0.75;
 /// A selection is made in the course of at most about so many queries, and in no more than this part of the time that it holds for.
 const STEPS: f64 = 8.0;
 const AHEAD: f64 = 0.55;
+/// It fades in over so many queries, or in this part of the time that it holds for as fast as bodies move; where that is short, at once,
+/// for the force changes by more as they move so fast than it does from one selection to the next.
+const FADE: f64 = 64.0;
+const FADED: f64 = 0.04;
+const SHORT: f64 = 4.0;
 
 /// Of bounds in single precision, as a part of them.
 const ROUNDING: f64 = 1e-5;
@@ -89,16 +94,20 @@ pub struct FieldOutcome {
 #[derive(Clone, Debug)]
 pub struct FieldQuery {
     selector: Selector,
-    /// Of either body, and the pose that they were selected at, probe to scene object.
-    selections: [Selection; 2],
-    selected_at: Option<Pose>,
+    /// What is read, and what was read before it, which counts for a part that fades.
+    held: Held,
+    fading: Held,
+    part: f64,
+    /// By how much less it counts in each query, and what part of its motion was used up when it began to fade.
+    fade: (f64, f64),
     /// What they were selected for.
     purpose: Purpose,
     /// That it took to make the last selection.
     effort: usize,
-    /// Queries since it was made, and the largest change of a distance of one of its samples since, m.
+    /// Queries since it was begun.
     age: u32,
-    change: f64,
+    /// The pose of the last query, probe to scene object.
+    last: Option<Pose>,
     /// The age that it had when the next one was begun.
     next_from: u32,
     cells: Cells,
@@ -141,12 +150,14 @@ impl FieldQuery {
         let across = 2 * ((1.0 / edge).ceil() as u32 + 1);
         Self {
             selector: Selector::new([probe, scene].map(|body| Front::new(&body.samples)), across),
-            selections: [0; 2].map(|_| Selection::new()),
-            selected_at: None,
+            held: Held::new(),
+            fading: Held::new(),
+            part: 0.0,
+            fade: (0.0, 0.0),
             purpose: Purpose::default(),
             effort: 0,
             age: 0,
-            change: 0.0,
+            last: None,
             next_from: 0,
             cells: Cells::new(across, edge * probe.radius),
             edge: edge * probe.radius,
@@ -157,7 +168,10 @@ impl FieldQuery {
     /// Forgets what earlier queries found.
     pub fn reset(&mut self) {
         self.selector.reset();
-        self.selected_at = None;
+        self.held.at = None;
+        self.fading.at = None;
+        self.part = 0.0;
+        self.last = None;
     }
 
     /// What the last query took.
@@ -170,7 +184,8 @@ impl FieldQuery {
         size_of::<Self>()
             + self.cells.bytes()
             + self.selector.bytes()
-            + self.selections.iter().map(Selection::bytes).sum::<usize>()
+            + self.held.bytes()
+            + self.fading.bytes()
     }
 
     /// Integrates over the area of contact between the bodies that this query was made for.
@@ -193,25 +208,31 @@ impl FieldQuery {
         self.select(probe, scene, &to_scene, limit);
         self.cells.clear();
         let sides = self.sides(probe, scene, &to_scene, purpose.tolerance);
-        let mut change = f32x4::ZERO;
-        for (side, selection) in sides.iter().zip(&self.selections) {
-            let per_unit = f32x4::splat((side.field.spacing() / purpose.reach) as f32);
-            let further = f32x4::splat((1.0 - purpose.tolerance / purpose.reach) as f32);
-            for SelectedFour { points, areas, reaches, samples } in selection.fours() {
-                let read = side.read(&points);
-                change = change.fast_max((read.inside * per_unit + further - reaches).abs());
-                if read.in_contact != 0 {
-                    side.contacts(&points, &read, |lane, found| {
-                        if let (Some(area), Some(sample)) = (areas.get(lane), samples.get(lane)) {
-                            self.cells.add(&ContactSample { area: *area, sample: *sample, ..found });
-                        }
-                    });
+        for (held, part) in [(&mut self.held, 1.0 - self.part), (&mut self.fading, self.part)] {
+            if part == 0.0 {
+                continue;
+            }
+            let mut change = f32x4::ZERO;
+            for (side, selection) in sides.iter().zip(&held.sides) {
+                let per_unit = f32x4::splat((side.field.spacing() / purpose.reach) as f32);
+                let further = f32x4::splat((1.0 - purpose.tolerance / purpose.reach) as f32);
+                for SelectedFour { points, areas, reaches, samples } in selection.fours() {
+                    let read = side.read(&points);
+                    change = change.fast_max((read.inside * per_unit + further - reaches).abs());
+                    if read.in_contact != 0 {
+                        side.contacts(&points, &read, |lane, found| {
+                            if let (Some(area), Some(sample)) = (areas.get(lane), samples.get(lane)) {
+                                let found = ContactSample { area: *area, sample: *sample, ..found };
+                                self.cells.add(&found, part as f32);
+                            }
+                        });
+                    }
                 }
             }
+            let change = change.to_array().into_iter().fold(0.0, f32::max);
+            held.change = f64::from(change) * purpose.reach;
+            self.outcome.samples += held.len();
         }
-        let change = change.to_array().into_iter().fold(0.0, f32::max);
-        self.change = f64::from(change) * purpose.reach;
-        self.outcome.samples += self.selections.iter().map(Selection::len).sum::<usize>();
         self.bound(settings.most, &sides);
         self.conclude(probe, scene);
     }
@@ -225,46 +246,61 @@ impl FieldQuery {
         limit: Option<(Instant, Duration)>,
     ) {
         self.age += 1;
-        let used = self.used(self.selected_at.as_ref(), &self.selections, probe, scene, to_scene);
-        if used <= 1.0 && self.selector.is_complete() {
-            // The next one is made while this one holds, as late as that can be: it holds for the time that is left to it afterwards.
+        let moved = self.moved(&self.held, probe, scene, to_scene);
+        let used = moved.max(self.held.change / (CHANGED * (self.purpose.reach - self.purpose.tolerance)));
+        let fades = self.fades(probe, to_scene);
+        let holds = used <= 1.0 && self.selector.is_complete();
+        let is_new = if holds {
+            // The next one is made while this one holds, as late as that can be, but for the time that it takes to fade in.
             let lasts = f64::from(self.age) / used;
             let steps = (AHEAD * lasts).floor().clamp(1.0, STEPS);
-            if self.selector.pose().is_none() && lasts - f64::from(self.age) < 1.25 * steps + 1.0 {
+            if self.selector.pose().is_none() && lasts - f64::from(self.age) < 1.25 * steps + fades + 1.0 {
                 self.begin(probe, scene, to_scene, None);
             }
-            self.go_on(probe, scene, (self.effort as f64 / steps) as usize);
-            return;
+            self.go_on(probe, scene, (self.effort as f64 / steps) as usize)
+        } else {
+            let begun_holds = self.selector.pose().is_some_and(|begun| {
+                motion_bound(begun, to_scene, probe.center, probe.radius) < self.purpose.allowed
+            });
+            if !begun_holds || !self.selector.is_complete() {
+                self.begin(probe, scene, to_scene, limit);
+            }
+            self.go_on(probe, scene, usize::MAX)
+        };
+        if is_new {
+            self.part = if fades > 0.0 { 1.0 } else { 0.0 };
+            self.fade = (1.0 / fades, moved);
         }
-        let holds_here = self.selector.pose().is_some_and(|begun| {
-            motion_bound(begun, to_scene, probe.center, probe.radius) < self.purpose.allowed
-        });
-        if !holds_here || !self.selector.is_complete() {
-            self.begin(probe, scene, to_scene, limit);
+        if self.part > 0.0 {
+            // Nothing of what was read before is left where it holds no longer.
+            let moved = self.moved(&self.fading, probe, scene, to_scene);
+            let (step, from) = self.fade;
+            self.part = (self.part - step).min((1.0 - moved) / (1.0 - from)).max(0.0);
         }
-        self.go_on(probe, scene, usize::MAX);
     }
 
-    /// What part has been used up of the motion that selections made at a pose hold for.
-    fn used(
-        &self,
-        from: Option<&Pose>,
-        selections: &[Selection; 2],
-        probe: &FieldBody,
-        scene: &FieldBody,
-        to_scene: &Pose,
-    ) -> f64 {
-        let Some(from) = from else { return f64::INFINITY };
+    /// In how many queries a selection is to fade in, as fast as bodies move to a pose, probe to scene object; 0 for at once.
+    fn fades(&mut self, probe: &FieldBody, to_scene: &Pose) -> f64 {
+        let last = self.last.replace(*to_scene);
+        let step = last.map_or(f64::INFINITY, |last| {
+            motion_bound(&last, to_scene, probe.center, probe.radius) / self.purpose.allowed
+        });
+        let fades = (FADED / step).min(FADE);
+        if fades < SHORT { 0.0 } else { fades }
+    }
+
+    /// What part has been used up of the motion that a selection holds for.
+    fn moved(&self, held: &Held, probe: &FieldBody, scene: &FieldBody, to_scene: &Pose) -> f64 {
+        let Some(from) = &held.at else { return f64::INFINITY };
         let Purpose { tolerance, reach, allowed, .. } = self.purpose;
         let changes = changes(from, to_scene, probe.center, probe.radius, tolerance);
-        let mut used = self.change / (CHANGED * (reach - tolerance));
         let levels = self.selector.region_levels();
-        let sides = selections.iter().zip([probe, scene]).zip(levels).zip(&changes);
-        for (((selection, body), level), change) in sides {
+        let sides = held.sides.iter().zip([probe, scene]).zip(levels).zip(&changes);
+        let moved = sides.map(|(((selection, body), level), change)| {
             let [near, most] = selection.moved(&body.samples, level, change, tolerance);
-            used = used.max(near / allowed).max(most / (allowed + f64::from(FURTHER) * reach));
-        }
-        used
+            (near / allowed).max(most / (allowed + f64::from(FURTHER) * reach))
+        });
+        moved.fold(0.0, f64::max)
     }
 
     /// Begins a selection at a pose.
@@ -281,9 +317,9 @@ impl FieldQuery {
         self.selector.begin(to_scene, (probe.center, probe.radius), reach, &sides, limit);
     }
 
-    /// Goes on with a selection that was begun, until it is finished or some effort has been made.
-    fn go_on(&mut self, probe: &FieldBody, scene: &FieldBody, effort: usize) {
-        let Some(pose) = self.selector.pose().copied() else { return };
+    /// Goes on with a selection that was begun, until it is finished or some effort has been made. Returns whether it was finished.
+    fn go_on(&mut self, probe: &FieldBody, scene: &FieldBody, effort: usize) -> bool {
+        let Some(pose) = self.selector.pose().copied() else { return false };
         let Purpose { reach, needed, .. } = self.purpose;
         let sides = self.sides(probe, scene, &pose, reach);
         let (before, [spheres, samples]) = (self.selector.effort(), self.selector.read());
@@ -297,9 +333,10 @@ impl FieldQuery {
         if is_finished {
             self.effort = self.selector.effort();
             self.age -= self.next_from;
-            self.change = 0.0;
-            self.selected_at = self.selector.finish(&mut self.selections);
+            std::mem::swap(&mut self.held, &mut self.fading);
+            self.selector.finish(&mut self.held);
         }
+        is_finished
     }
 
     /// Both bodies' samples in the other's field at a pose, probe to scene object, for surfaces within a distance, m.
@@ -517,6 +554,41 @@ mod tests {
     }
 
     #[test]
+    fn one_selection_fades_into_the_next() {
+        let d = 0.01;
+        let body = FieldBody::with(&ball(1.0, 5), 0.01, (d, 2.0 * d), 0.004);
+        let settings = FieldSettings { error: 0.1 * d, ..FieldSettings::new(d) };
+        // The largest change of the force right after another selection has been made.
+        let largest = |fades: bool| {
+            let mut query = FieldQuery::new(&body, &body, REACH);
+            let mut law = AreaLaw::new(body.center, body.radius, REACH);
+            let (mut last, mut was_new, mut largest, mut selections) = (DVec3::ZERO, false, 0.0_f64, 0);
+            for index in 0..2000 {
+                let across = 2e-3 * d * f64::from(index);
+                let pose = Pose::from_translation(DVec3::new(2.0 + 0.5 * d - 0.5 * across, across, 0.0));
+                let before = query.held.at;
+                query.run(&body, &body, &pose, &Pose::IDENTITY, &settings);
+                let mut found = Vec::new();
+                query.append_contacts(&body, &pose, &mut found);
+                let force = law.wrench(&found, d, &pose, pose.translation).force;
+                if was_new {
+                    largest = largest.max(last.distance(force));
+                }
+                last = force;
+                was_new = query.held.at != before && index > 0;
+                selections += usize::from(was_new);
+                if !fades {
+                    query.part = 0.0;
+                }
+            }
+            assert!(selections > 4, "{selections} selections");
+            largest / d
+        };
+        let (faded, sudden) = (largest(true), largest(false));
+        assert!(5.0 * faded < sudden, "by {faded} k d, and suddenly by {sudden} k d");
+    }
+
+    #[test]
     fn nothing_that_penetrates_is_left_out_while_bodies_move() {
         let d = 0.01;
         let body = FieldBody::with(&ball(1.0, 4), 0.01, (d, 2.0 * d), 0.02);
@@ -526,11 +598,11 @@ mod tests {
         for (speed, across) in [(1e-3, 1.0), (3e-3, 1.0), (1e-2, 0.0), (3e-2, 0.0), (0.1, 0.0)] {
             let mut query = FieldQuery::new(&body, &body, REACH);
             for (step, pose) in path(300, speed, across).enumerate() {
-                let before = query.selected_at;
+                let before = query.held.at;
                 query.run(&body, &body, &pose, &Pose::IDENTITY, &settings);
-                kept += usize::from(query.selected_at == before);
+                kept += usize::from(query.held.at == before);
                 let sides = query.sides(&body, &body, &pose, d);
-                for (side, selection) in sides.iter().zip(&query.selections) {
+                for (side, selection) in sides.iter().zip(&query.held.sides) {
                     let penetrating = |points: [f32x4; 3], lanes: usize| {
                         let inside = side.distances(&points).to_array();
                         inside[..lanes].iter().filter(|distance| **distance < 0.0).count()

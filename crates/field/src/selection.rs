@@ -101,6 +101,32 @@ impl Selection {
     }
 }
 
+/// Samples of both bodies' surfaces that were selected at one pose, and serve at all poses around it.
+#[derive(Clone, Debug)]
+pub struct Held {
+    pub sides: [Selection; 2],
+    /// The pose that they were selected at, probe to scene object; none where there are none.
+    pub at: Option<Pose>,
+    /// The largest change of a distance of one of the samples since, m.
+    pub change: f64,
+}
+
+impl Held {
+    pub fn new() -> Self {
+        Self { sides: [0; 2].map(|_| Selection::new()), at: None, change: 0.0 }
+    }
+
+    /// Samples of both sides.
+    pub fn len(&self) -> usize {
+        self.sides.iter().map(Selection::len).sum()
+    }
+
+    /// Bytes of memory held.
+    pub fn bytes(&self) -> usize {
+        self.sides.iter().map(Selection::bytes).sum()
+    }
+}
+
 /// Four samples of a selection, or fewer at its end.
 pub struct SelectedFour<'a> {
     pub points: [f32x4; 3],
@@ -290,10 +316,11 @@ impl Selector {
         self.fronts.each_ref().map(|front| front.clocks.level())
     }
 
-    /// Hands the finished selection over, with the pose that it was made at, and takes another's memory.
-    pub fn finish(&mut self, selections: &mut [Selection; 2]) -> Option<Pose> {
-        std::mem::swap(&mut self.selections, selections);
-        self.pose.take()
+    /// Hands the finished selection over, and takes another's memory.
+    pub fn finish(&mut self, to: &mut Held) {
+        std::mem::swap(&mut self.selections, &mut to.sides);
+        to.at = self.pose.take();
+        to.change = 0.0;
     }
 
     /// Whether all samples were selected that there are to be; not so where there was no time.
