@@ -249,8 +249,8 @@ impl FieldQuery {
         let moved = self.moved(&self.held, probe, scene, to_scene);
         let used = moved.max(self.held.change / (CHANGED * (self.purpose.reach - self.purpose.tolerance)));
         let fades = self.fades(probe, to_scene);
-        let holds = used <= 1.0 && self.selector.is_complete();
-        let is_new = if holds {
+        let is_complete = self.selector.is_complete();
+        let is_new = if used <= 1.0 && is_complete {
             // The next one is made while this one holds, as late as that can be, but for the time that it takes to fade in.
             let lasts = f64::from(self.age) / used;
             let steps = (AHEAD * lasts).floor().clamp(1.0, STEPS);
@@ -262,13 +262,13 @@ impl FieldQuery {
             let begun_holds = self.selector.pose().is_some_and(|begun| {
                 motion_bound(begun, to_scene, probe.center, probe.radius) < self.purpose.allowed
             });
-            if !begun_holds || !self.selector.is_complete() {
+            if !begun_holds || !is_complete {
                 self.begin(probe, scene, to_scene, limit);
             }
             self.go_on(probe, scene, usize::MAX)
         };
         if is_new {
-            self.part = if fades > 0.0 { 1.0 } else { 0.0 };
+            self.part = if fades > 0.0 && moved < 1.0 && is_complete { 1.0 } else { 0.0 };
             self.fade = (1.0 / fades, moved);
         }
         if self.part > 0.0 {
