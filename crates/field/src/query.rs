@@ -6,6 +6,7 @@
 use std::time::{Duration, Instant};
 
 use glam::Vec3A;
+use palpate_core::glam::{DQuat, DVec3};
 use palpate_core::{Contact, Pose};
 use wide::f32x4;
 
@@ -29,12 +30,15 @@ const MARGIN: f64 = 0.5;
 /// A selection holds until something that was left out may be in contact by this part of the tolerance: 1 would be until it may
 /// penetrate, but for what interpolated distances are off by, which [`SLACK`] sees to.
 const LATE: f64 = 1.0;
-/// And until the distance of a selected sample has changed by this part of the margin: what was left out nearby will hardly have come
-/// nearer by more.
+/// And until a selected sample has come nearer by this part of the margin: what was left out nearby will hardly have come nearer by
+/// more.
 const CHANGED: f64 = 0.75;
 /// A selection is made in the course of at most about so many queries, and in no more than this part of the time that it holds for.
 const STEPS: f64 = 8.0;
 const AHEAD: f64 = 0.55;
+/// A selection is made for a pose that is this part of the motion that it holds for ahead, but no more than so many queries.
+const LEAD: f64 = 0.5;
+const LONGEST_LEAD: f64 = 64.0;
 /// It fades in over so many queries, or in this part of the time that it holds for as fast as bodies move; where that is short, at once,
 /// for the force changes by more as they move so fast than it does from one selection to the next.
 const FADE: f64 = 64.0;
@@ -104,16 +108,48 @@ pub struct FieldQuery {
     purpose: Purpose,
     /// That it took to make the last selection.
     effort: usize,
-    /// Queries since it was begun.
-    age: u32,
+    /// By how much a sample comes nearer, and by how much one goes further away, from query to query, m.
+    rates: [f64; 2],
     /// The pose of the last query, probe to scene object.
     last: Option<Pose>,
-    /// The age that it had when the next one was begun.
-    next_from: u32,
     cells: Cells,
     /// Edge of a cube, m.
     edge: f64,
     outcome: FieldOutcome,
+}
+
+/// Motion of a probe relative to a scene object, as fast as from the last pose to this one, about the probe's centre.
+struct Steady {
+    pose: Pose,
+    center: DVec3,
+    /// Of the centre in each query, m, and the turn, as an axis times an angle, both in the scene object's frame.
+    shift: DVec3,
+    turn: DVec3,
+    /// No distance between the surfaces changes by more in each query, m.
+    step: f64,
+}
+
+impl Steady {
+    fn new(last: Option<Pose>, pose: &Pose, probe: &FieldBody) -> Self {
+        let center = pose.transform_point(probe.center);
+        let Some(last) = last else {
+            return Self { pose: *pose, center, shift: DVec3::ZERO, turn: DVec3::ZERO, step: f64::INFINITY };
+        };
+        Self {
+            pose: *pose,
+            center,
+            shift: center - last.transform_point(probe.center),
+            turn: (pose.rotation * last.rotation.inverse()).normalize().to_scaled_axis(),
+            step: motion_bound(&last, pose, probe.center, probe.radius),
+        }
+    }
+
+    /// The pose in so many queries.
+    fn after(&self, queries: f64) -> Pose {
+        let turn = DQuat::from_scaled_axis(queries * self.turn);
+        let arm = turn * (self.pose.translation - self.center);
+        Pose::new(self.center + queries * self.shift + arm, (turn * self.pose.rotation).normalize())
+    }
 }
 
 /// What a selection is made for.
@@ -156,9 +192,8 @@ impl FieldQuery {
             fade: (0.0, 0.0),
             purpose: Purpose::default(),
             effort: 0,
-            age: 0,
+            rates: [0.0; 2],
             last: None,
-            next_from: 0,
             cells: Cells::new(across, edge * probe.radius),
             edge: edge * probe.radius,
             outcome: FieldOutcome::default(),
@@ -171,6 +206,7 @@ impl FieldQuery {
         self.held.at = None;
         self.fading.at = None;
         self.part = 0.0;
+        self.rates = [0.0; 2];
         self.last = None;
     }
 
@@ -212,13 +248,14 @@ impl FieldQuery {
             if part == 0.0 {
                 continue;
             }
-            let mut change = f32x4::ZERO;
+            let mut changes = [f32x4::ZERO; 2];
             for (side, selection) in sides.iter().zip(&held.sides) {
                 let per_unit = f32x4::splat((side.field.spacing() / purpose.reach) as f32);
                 let further = f32x4::splat((1.0 - purpose.tolerance / purpose.reach) as f32);
                 for SelectedFour { points, areas, reaches, samples } in selection.fours() {
                     let read = side.read(&points);
-                    change = change.fast_max((read.inside * per_unit + further - reaches).abs());
+                    let nearer = read.inside * per_unit + further - reaches;
+                    changes = [changes[0].fast_max(nearer), changes[1].fast_max(-nearer)];
                     if read.in_contact != 0 {
                         side.contacts(&points, &read, |lane, found| {
                             if let (Some(area), Some(sample)) = (areas.get(lane), samples.get(lane)) {
@@ -229,8 +266,11 @@ impl FieldQuery {
                     }
                 }
             }
-            let change = change.to_array().into_iter().fold(0.0, f32::max);
-            held.change = f64::from(change) * purpose.reach;
+            let changes = changes
+                .map(|four| purpose.reach * f64::from(four.to_array().into_iter().fold(0.0, f32::max)));
+            if let Some(before) = held.changes.replace(changes) {
+                self.rates = [0, 1].map(|way| (changes[way] - before[way]).max(0.0));
+            }
             self.outcome.samples += held.len();
         }
         self.bound(settings.most, &sides);
@@ -245,25 +285,39 @@ impl FieldQuery {
         to_scene: &Pose,
         limit: Option<(Instant, Duration)>,
     ) {
-        self.age += 1;
+        let Purpose { tolerance, reach, allowed, .. } = self.purpose;
+        let motion = Steady::new(self.last.replace(*to_scene), to_scene, probe);
+        // Parts of what a selection holds for that are used up so far, and in each query.
         let moved = self.moved(&self.held, probe, scene, to_scene);
-        let used = moved.max(self.held.change / (CHANGED * (self.purpose.reach - self.purpose.tolerance)));
-        let fades = self.fades(probe, to_scene);
+        let changeable = CHANGED * (reach - tolerance);
+        let [nearer, _] = self.held.changes.unwrap_or_default();
+        let step = motion.step / allowed;
+        let fades = Some((FADED / step).min(FADE)).filter(|fades| *fades >= SHORT).unwrap_or(0.0);
+        // It is made for where the bodies will be, so that it holds before and after, unless they leap.
+        let [approach, recession] = self.rates;
+        let lead = (LEAD / step).min(0.5 * changeable / recession).min(LONGEST_LEAD);
+        let lead = if lead < 1.0 || nearer > changeable { 0.0 } else { lead };
         let is_complete = self.selector.is_complete();
-        let is_new = if used <= 1.0 && is_complete {
+        let is_new = if moved <= 1.0 && nearer <= changeable && is_complete {
             // The next one is made while this one holds, as late as that can be, but for the time that it takes to fade in.
-            let lasts = f64::from(self.age) / used;
-            let steps = (AHEAD * lasts).floor().clamp(1.0, STEPS);
-            if self.selector.pose().is_none() && lasts - f64::from(self.age) < 1.25 * steps + fades + 1.0 {
-                self.begin(probe, scene, to_scene, None);
+            let steps = (AHEAD * (1.0 + LEAD) / step).floor().clamp(1.0, STEPS);
+            if self.selector.pose().is_none() {
+                let then = 1.25 * steps + fades + 1.0;
+                if nearer + then * approach > changeable
+                    || self.moved(&self.held, probe, scene, &motion.after(then)) > 1.0
+                {
+                    self.begin(probe, scene, &motion.after(steps + lead), None);
+                }
             }
             self.go_on(probe, scene, (self.effort as f64 / steps) as usize)
         } else {
-            let begun_holds = self.selector.pose().is_some_and(|begun| {
-                motion_bound(begun, to_scene, probe.center, probe.radius) < self.purpose.allowed
-            });
+            let begun_holds = self
+                .selector
+                .pose()
+                .is_some_and(|begun| motion_bound(begun, to_scene, probe.center, probe.radius) < allowed);
             if !begun_holds || !is_complete {
-                self.begin(probe, scene, to_scene, limit);
+                let lead = if limit.is_none() { lead } else { 0.0 };
+                self.begin(probe, scene, &motion.after(lead), limit);
             }
             self.go_on(probe, scene, usize::MAX)
         };
@@ -277,16 +331,6 @@ impl FieldQuery {
             let (step, from) = self.fade;
             self.part = (self.part - step).min((1.0 - moved) / (1.0 - from)).max(0.0);
         }
-    }
-
-    /// In how many queries a selection is to fade in, as fast as bodies move to a pose, probe to scene object; 0 for at once.
-    fn fades(&mut self, probe: &FieldBody, to_scene: &Pose) -> f64 {
-        let last = self.last.replace(*to_scene);
-        let step = last.map_or(f64::INFINITY, |last| {
-            motion_bound(&last, to_scene, probe.center, probe.radius) / self.purpose.allowed
-        });
-        let fades = (FADED / step).min(FADE);
-        if fades < SHORT { 0.0 } else { fades }
     }
 
     /// What part has been used up of the motion that a selection holds for.
@@ -312,7 +356,6 @@ impl FieldQuery {
         limit: Option<(Instant, Duration)>,
     ) {
         let reach = self.purpose.reach;
-        self.next_from = self.age;
         let sides = self.sides(probe, scene, to_scene, reach);
         self.selector.begin(to_scene, (probe.center, probe.radius), reach, &sides, limit);
     }
@@ -332,7 +375,6 @@ impl FieldQuery {
         self.outcome.samples += read[1] - samples;
         if is_finished {
             self.effort = self.selector.effort();
-            self.age -= self.next_from;
             std::mem::swap(&mut self.held, &mut self.fading);
             self.selector.finish(&mut self.held);
         }

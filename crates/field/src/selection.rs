@@ -107,13 +107,13 @@ pub struct Held {
     pub sides: [Selection; 2],
     /// The pose that they were selected at, probe to scene object; none where there are none.
     pub at: Option<Pose>,
-    /// The largest change of a distance of one of the samples since, m.
-    pub change: f64,
+    /// By how much one of the samples was nearer at most when they were read last, and by how much one was further away, m.
+    pub changes: Option<[f64; 2]>,
 }
 
 impl Held {
     pub fn new() -> Self {
-        Self { sides: [0; 2].map(|_| Selection::new()), at: None, change: 0.0 }
+        Self { sides: [0; 2].map(|_| Selection::new()), at: None, changes: None }
     }
 
     /// Samples of both sides.
@@ -320,7 +320,7 @@ impl Selector {
     pub fn finish(&mut self, to: &mut Held) {
         std::mem::swap(&mut self.selections, &mut to.sides);
         to.at = self.pose.take();
-        to.change = 0.0;
+        to.changes = None;
     }
 
     /// Whether all samples were selected that there are to be; not so where there was no time.
