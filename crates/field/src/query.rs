@@ -35,7 +35,7 @@ const LATE: f64 = 1.0;
 const CHANGED: f64 = 0.75;
 /// A selection is made in the course of at most about so many queries, and in no more than this part of the time that it holds for.
 const STEPS: f64 = 8.0;
-const AHEAD: f64 = 0.55;
+const AHEAD: f64 = 0.8;
 /// A selection is made for a pose that is this part of the motion that it holds for ahead, but no more than so many queries.
 const LEAD: f64 = 0.5;
 const LONGEST_LEAD: f64 = 64.0;
@@ -296,7 +296,7 @@ impl FieldQuery {
         // It is made for where the bodies will be, so that it holds before and after, unless they leap.
         let [approach, recession] = self.rates;
         let lead = (LEAD / step).min(0.5 * changeable / recession).min(LONGEST_LEAD);
-        let lead = if lead < 1.0 || nearer > changeable { 0.0 } else { lead };
+        let lead = if lead < LEAD || nearer > changeable { 0.0 } else { lead };
         let is_complete = self.selector.is_complete();
         let is_new = if moved <= 1.0 && nearer <= changeable && is_complete {
             // The next one is made while this one holds, as late as that can be, but for the time that it takes to fade in.
