@@ -1,5 +1,7 @@
 //! What a query knows of one body's samples, and what of them it has yet to look at.
 
+use std::ops::Range;
+
 use wide::f32x4;
 
 use crate::samples::SurfaceSamples;
@@ -138,7 +140,7 @@ pub struct Front {
     pub clocks: Clocks,
     /// Of the present level, and of the next after [`Self::descend`].
     now: Vec<Four>,
-    /// The first of them that has not been looked at.
+    /// The first that has not been looked at: of them, or of what is active or open.
     next: usize,
     active: Vec<Active>,
     open: Vec<Open>,
@@ -254,14 +256,13 @@ impl Front {
             }
         }
         if is_sampled {
-            self.read(side, level, 0, first, tolerance);
+            self.read(side, level, 0, first..self.active.len(), tolerance);
         }
-        let is_all = self.next == self.now.len();
-        if is_all {
+        let is_end = self.is_end(self.now.len());
+        if is_end {
             self.now.clear();
-            self.next = 0;
         }
-        is_all
+        is_end
     }
 
     /// Adds the samples within reach to those of each cube; each of them stands for an area, as a part of a cell's squared edge.
@@ -276,10 +277,19 @@ impl Front {
         }
     }
 
-    /// Goes on to the other two samples of each four, where there are not enough of those read so far.
-    pub fn visit_others(&mut self, side: &Side, level: usize, sampling: &Sampling, tolerance: f64) {
+    /// Goes on to the other two samples of some of the fours, where there are not enough of those read so far. Returns whether it has
+    /// looked at all of them.
+    pub fn visit_others(&mut self, side: &Side, level: usize, sampling: &Sampling, tolerance: f64) -> bool {
+        if self.next == 0 {
+            // Each of those read so far stands for half as much now.
+            for touch in &mut self.touching {
+                touch.area *= 0.5 * (1.0 - sampling.share(touch.place));
+            }
+        }
         self.queue.clear();
-        for four in &mut self.active {
+        let some = self.next..(self.next + TOGETHER).min(self.active.len());
+        self.next = some.end;
+        for four in &mut self.active[some.clone()] {
             four.weight *= 1.0 - sampling.share(four.place);
             if four.weight == 0.0 {
                 four.awake[1] = 0;
@@ -287,16 +297,22 @@ impl Front {
                 self.queue.push(&side.samples.four(level, four.index as usize), four.awake[1].into());
             }
         }
-        // Each of those read so far stands for half as much now.
-        for touch in &mut self.touching {
-            touch.area *= 0.5 * (1.0 - sampling.share(touch.place));
+        self.read(side, level, 1, some, tolerance);
+        self.is_end(self.active.len())
+    }
+
+    /// Whether all of so many have been looked at; then the next look begins at the first again.
+    fn is_end(&mut self, count: usize) -> bool {
+        let is_end = self.next == count;
+        if is_end {
+            self.next = 0;
         }
-        self.read(side, level, 1, 0, tolerance);
+        is_end
     }
 
     /// Reads the samples of the queue, which are those that are awake of one half of each four, and notes which are in contact and until
     /// when the others are not.
-    fn read(&mut self, side: &Side, level: usize, half: usize, first: usize, tolerance: f64) {
+    fn read(&mut self, side: &Side, level: usize, half: usize, some: Range<usize>, tolerance: f64) {
         let (known, _) = self.known.level(level);
         self.read[1] += self.queue.finish();
         self.found.clear();
@@ -309,7 +325,7 @@ impl Front {
         let clock = self.clocks.at(level);
         let mut found = self.found.iter();
         let scale = 1.0 / side.reach();
-        for four in self.active[first..].iter().filter(|four| four.awake[half] != 0) {
+        for four in self.active[some].iter().filter(|four| four.awake[half] != 0) {
             let (mut in_contact, mut nearest) = (0, f32::NEG_INFINITY);
             for (lane, inside) in bits(four.awake[half].into()).zip(&mut found) {
                 if *inside > 0.0 {
@@ -345,25 +361,26 @@ impl Front {
         }
     }
 
-    /// Goes on to the samples of the next level, where there are not enough of this one and there may be some within reach.
-    pub fn descend(&mut self, side: &Side, level: usize, sampling: &Sampling, tolerance: f64) {
+    /// Goes on from some of the fours to the samples of the next level, where there are not enough of this one and there may be some
+    /// within reach. Returns whether it has gone on from all of them.
+    pub fn descend(&mut self, side: &Side, level: usize, sampling: &Sampling, tolerance: f64) -> bool {
         self.queue.clear();
+        let some = self.next..(self.next + TOGETHER).min(self.open.len());
+        self.next = some.end;
         let counts = level <= COARSEST && sampling.counts();
         let spheres = &side.samples.levels[level].spheres;
         let (known, _) = self.known.level(level);
         // Of which it has to be found out first whether they are in reach.
-        self.open.retain_mut(|four| {
+        for four in &mut self.open[some.clone()] {
             let index = four.index as usize;
             if counts {
                 four.weight *= sampling.rest(side.cube(&side.samples.four(level, index)));
             }
-            let is_open = four.weight > 0.0;
-            if is_open && four.unknown != 0 {
+            if four.weight > 0.0 && four.unknown != 0 {
                 let [x, y, z, _] = spheres[index];
                 self.queue.push(&[x, y, z], four.unknown.into());
             }
-            is_open
-        });
+        }
         self.read[0] += self.queue.finish();
         self.found.clear();
         for point in &self.queue.fours {
@@ -376,7 +393,7 @@ impl Front {
         let per_unit = steps_per(side.field.spacing(), tolerance);
         let clock = self.clocks.at(level);
         let mut found = self.found.iter();
-        for four in &mut self.open {
+        for four in self.open[some].iter_mut().filter(|four| four.weight > 0.0) {
             let index = four.index as usize;
             if four.unknown != 0 {
                 let known = &mut known.spheres[index];
@@ -391,6 +408,7 @@ impl Front {
                 self.now.push(Four { index: 4 * four.index + lane as u32, weight: four.weight });
             }
         }
+        self.is_end(self.open.len())
     }
 
     /// Bytes of memory held.

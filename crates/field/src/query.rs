@@ -298,7 +298,9 @@ impl FieldQuery {
         let lead = (LEAD / step).min(0.5 * changeable / recession).min(LONGEST_LEAD);
         let lead = if lead < LEAD || nearer > changeable { 0.0 } else { lead };
         let is_complete = self.selector.is_complete();
-        let is_new = if moved <= 1.0 && nearer <= changeable && is_complete {
+        let apart = |from: &Pose| motion_bound(from, to_scene, probe.center, probe.radius);
+        let holds = moved <= 1.0 && nearer <= changeable && is_complete;
+        if holds {
             // The next one is made while this one holds, as late as that can be, but for the time that it takes to fade in.
             let steps = (AHEAD * (1.0 + LEAD) / step).floor().clamp(1.0, STEPS);
             if self.selector.pose().is_none() {
@@ -309,19 +311,19 @@ impl FieldQuery {
                     self.begin(probe, scene, &motion.after(steps + lead), None);
                 }
             }
-            self.go_on(probe, scene, (self.effort as f64 / steps) as usize)
+            self.go_on(probe, scene, (self.effort as f64 / steps) as usize);
         } else {
-            let begun_holds = self
-                .selector
-                .pose()
-                .is_some_and(|begun| motion_bound(begun, to_scene, probe.center, probe.radius) < allowed);
-            if !begun_holds || !is_complete {
+            if !is_complete || self.selector.pose().is_none_or(|begun| apart(begun) >= allowed) {
                 let lead = if limit.is_none() { lead } else { 0.0 };
                 self.begin(probe, scene, &motion.after(lead), limit);
             }
-            self.go_on(probe, scene, usize::MAX)
-        };
-        if is_new {
+            self.go_on(probe, scene, usize::MAX);
+        }
+        let is_nearer = |made: &Pose| apart(made) < self.held.at.as_ref().map_or(allowed, apart).min(allowed);
+        if self.selector.is_done() && (!holds || self.selector.pose().is_some_and(is_nearer)) {
+            self.effort = self.selector.effort();
+            std::mem::swap(&mut self.held, &mut self.fading);
+            self.selector.finish(&mut self.held);
             self.part = if fades > 0.0 && moved < 1.0 && is_complete { 1.0 } else { 0.0 };
             self.fade = (1.0 / fades, moved);
         }
@@ -360,25 +362,18 @@ impl FieldQuery {
         self.selector.begin(to_scene, (probe.center, probe.radius), reach, &sides, limit);
     }
 
-    /// Goes on with a selection that was begun, until it is finished or some effort has been made. Returns whether it was finished.
-    fn go_on(&mut self, probe: &FieldBody, scene: &FieldBody, effort: usize) -> bool {
-        let Some(pose) = self.selector.pose().copied() else { return false };
+    /// Goes on with a selection that was begun, until it is done or some effort has been made.
+    fn go_on(&mut self, probe: &FieldBody, scene: &FieldBody, effort: usize) {
+        let Some(pose) = self.selector.pose().copied() else { return };
         let Purpose { reach, needed, .. } = self.purpose;
         let sides = self.sides(probe, scene, &pose, reach);
         let (before, [spheres, samples]) = (self.selector.effort(), self.selector.read());
-        let mut is_finished = false;
-        while !is_finished && self.selector.effort() - before < effort {
-            is_finished = self.selector.step(&sides, reach, needed);
+        while !self.selector.is_done() && self.selector.effort() - before < effort {
+            self.selector.step(&sides, reach, needed);
         }
         let read = self.selector.read();
         self.outcome.spheres += read[0] - spheres;
         self.outcome.samples += read[1] - samples;
-        if is_finished {
-            self.effort = self.selector.effort();
-            std::mem::swap(&mut self.held, &mut self.fading);
-            self.selector.finish(&mut self.held);
-        }
-        is_finished
     }
 
     /// Both bodies' samples in the other's field at a pose, probe to scene object, for surfaces within a distance, m.

@@ -166,6 +166,7 @@ pub struct Selector {
     pose: Option<Pose>,
     level: usize,
     stage: Stage,
+    is_done: bool,
     /// When a selection with a limit of time was begun, that limit, and how long it took to the end of the last level.
     limit: Option<(Instant, Duration)>,
     last: Duration,
@@ -182,6 +183,7 @@ impl Selector {
             pose: None,
             level: 0,
             stage: Stage::First(0),
+            is_done: false,
             limit: None,
             last: Duration::ZERO,
             is_complete: true,
@@ -193,6 +195,7 @@ impl Selector {
     pub fn reset(&mut self) {
         self.motion.reset();
         self.pose = None;
+        self.is_done = false;
     }
 
     /// The pose that a selection is being made at.
@@ -221,13 +224,13 @@ impl Selector {
         self.sampling.clear();
         self.pose = Some(*pose);
         self.level = sides.iter().map(|side| side.samples.levels.len()).max().unwrap_or(0) - 1;
-        self.stage = Stage::First(0);
+        (self.stage, self.is_done) = (Stage::First(0), false);
         (self.limit, self.last, self.is_complete) = (limit, Duration::ZERO, true);
     }
 
     /// Goes on by a step, at the pose that was begun at and with the same sides and reach (m). So many samples within reach are needed
-    /// around each place. Returns whether the selection is finished.
-    pub fn step(&mut self, sides: &[Side; 2], reach: f64, needed: f32) -> bool {
+    /// around each place.
+    pub fn step(&mut self, sides: &[Side; 2], reach: f64, needed: f32) {
         let Self { fronts, sampling, level, .. } = self;
         let level = *level;
         let is_sampled = level <= COARSEST;
@@ -241,7 +244,7 @@ impl Selector {
                         self.selections[side].near.extend(fronts[side].now());
                     }
                     if !fronts[side].visit(&sides[side], level, reach) {
-                        return false;
+                        return;
                     }
                 }
                 if side == 0 {
@@ -258,20 +261,21 @@ impl Selector {
                 }
             }
             Stage::Others(side) => {
-                if has_level(&sides[side]) {
-                    fronts[side].visit_others(&sides[side], level, sampling, reach);
+                if has_level(&sides[side]) && !fronts[side].visit_others(&sides[side], level, sampling, reach)
+                {
+                    return;
                 }
                 if side == 0 {
                     self.stage = Stage::Others(1);
                 } else {
                     self.end_level(sides, needed);
                     self.stage = Stage::Descent(0);
-                    return level == 0 || self.sampling.is_ended();
+                    self.is_done = level == 0 || self.sampling.is_ended();
                 }
             }
             Stage::Descent(side) => {
-                if has_level(&sides[side]) {
-                    fronts[side].descend(&sides[side], level, sampling, reach);
+                if has_level(&sides[side]) && !fronts[side].descend(&sides[side], level, sampling, reach) {
+                    return;
                 }
                 if side == 0 {
                     self.stage = Stage::Descent(1);
@@ -281,7 +285,6 @@ impl Selector {
                 }
             }
         }
-        false
     }
 
     /// Decides how much counts of the samples of a level, and selects them.
@@ -320,7 +323,13 @@ impl Selector {
     pub fn finish(&mut self, to: &mut Held) {
         std::mem::swap(&mut self.selections, &mut to.sides);
         to.at = self.pose.take();
+        self.is_done = false;
         to.changes = None;
+    }
+
+    /// Whether a selection waits to be handed over.
+    pub fn is_done(&self) -> bool {
+        self.is_done
     }
 
     /// Whether all samples were selected that there are to be; not so where there was no time.
