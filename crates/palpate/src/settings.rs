@@ -35,7 +35,7 @@ pub struct Settings {
     pub angular_damping: Option<f64>,
     /// Distance tolerance d of the contact query, m, at most the grasped object's bounding radius; by default 1 % of it.
     pub tolerance: Option<f64>,
-    /// How contacts are found; by default by levels of detail.
+    /// How contacts are found; by default as representatives where these hold, and else by levels of detail.
     pub search: ContactSearch,
     /// EPS, m: representative contacts are off by about this at most, 0.02 % to 1 % of the grasped object's bounding radius; by
     /// default 0.05 %, and no more than a twentieth of the tolerance d.
@@ -50,7 +50,8 @@ pub struct Settings {
     /// Time that a contact query may take, s: detail that matters most comes first, and what does not fit in is left out
     /// (§3.4.3). A session on a simulated clock is then not the same each time. None by default.
     pub query_budget: Option<f64>,
-    /// K: how many representative contacts there may be (§5.4.2).
+    /// K: how many representative contacts there may be (§5.4.2). Those found in distance fields push with K k wherever bodies
+    /// touch, as K clusters of contacts do that are found by levels of detail.
     pub clusters: usize,
     /// Brake the grasped object before it touches what it comes at fast, so that it is not inside or behind it by the time
     /// that a contact query finds it (§5.6.1).
@@ -145,9 +146,9 @@ pub enum ContactSearch {
     /// hinge](crate::ArticulatedRenderer). It is decided when the session is made. The stage `representative contacts` of its summary says what was decided, and why.
     ///
     /// An object of that kind that is added later makes the session go over to levels, for good.
+    #[default]
     Automatic,
     /// By the hierarchies: contacts of convex patches, at full resolution or with detail left out.
-    #[default]
     Levels,
     /// In distance fields: few contacts at true geometry, each with the area that it stands for. Where an object's surface is not
     /// closed, or one has a haptic texture, contacts are found by levels nevertheless.

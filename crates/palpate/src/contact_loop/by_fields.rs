@@ -2,7 +2,8 @@
 //!
 //! The proxy is planned with the deepest places of each cell. What the body feels is the law
 //! ([`AreaLaw`](palpate_field::AreaLaw)) of the contacts at the proxy, each carried to where its plane has the body: their force at
-//! the body's pose is **F** = −k Σ w (δ + d) **n**. Contacts are looked for as much further than d as the proxy lags behind the body.
+//! the body's pose is **F** = −K k Σ w (δ + d) **n**. By levels each of K clusters pushes with k, and nearly all of them do wherever
+//! bodies touch; so what the law takes for one place is K times as stiff. Contacts are looked for as much further than d as the proxy lags behind the body.
 //! Where that is more than fields know, weights fade out on the last part of the way, so that none comes in with a push.
 //!
 //! The law weighs all contacts together, whatever scene objects they are with. Then those with objects that stand still become
@@ -100,6 +101,8 @@ pub(super) struct ByFields {
     pub needs: FieldNeeds,
     probe: Arc<Field>,
     law: AreaLaw,
+    /// K.
+    stiffness: f64,
     /// By the places of the scene's objects.
     sides: Vec<Option<Side>>,
     /// What was found last, and with the mesh's frame at which pose, within which reach (m).
@@ -146,6 +149,7 @@ impl ByFields {
             needs,
             probe: needs.of(probe)?,
             law,
+            stiffness: clusters as f64,
             sides: Vec::new(),
             found: Vec::with_capacity(MOST),
             places: Vec::with_capacity(MOST),
@@ -278,7 +282,7 @@ impl ByFields {
         let faded = FADING * (self.furthest() - tolerance);
         let furthest = self.furthest();
         for (weight, found) in self.weights.iter_mut().zip(&self.found) {
-            *weight *= ((found.contact.depth + furthest) / faded).clamp(0.0, 1.0);
+            *weight *= self.stiffness * ((found.contact.depth + furthest) / faded).clamp(0.0, 1.0);
         }
         self.merge(tolerance, &mesh, objects, moving);
         &self.planes
