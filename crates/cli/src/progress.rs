@@ -1,6 +1,7 @@
 //! Progress bars on a terminal's standard error; nothing where it is not a terminal.
 
 use std::ops::ControlFlow;
+use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use palpate::clod_build::Stage;
@@ -16,6 +17,13 @@ pub fn bar(what: &str) -> ProgressBar {
         bar.set_style(style);
     }
     bar
+}
+
+/// A sign that something goes on of which it is not known how long it takes.
+pub fn waiting(what: &str) -> ProgressBar {
+    let spinner = ProgressBar::new_spinner().with_message(what.to_owned());
+    spinner.enable_steady_tick(Duration::from_millis(100));
+    spinner
 }
 
 /// Shows the stages of a build on a bar, with an estimate of the whole.

@@ -100,7 +100,11 @@ fn render(arguments: &RunArguments, window: Option<Window>) -> Result<(), Failur
         }
     };
     let shown = window.is_some();
-    let renderer = HapticRenderer::new(probe, scene, device, settings)?;
+    // Distance fields are made the first time.
+    let waiting = progress::waiting("preparing contacts");
+    let renderer = HapticRenderer::new(probe, scene, device, settings);
+    waiting.finish_and_clear();
+    let renderer = renderer?;
     let rendered = Rendered::of(&renderer);
 
     let stop = stop_on_interrupt()?;

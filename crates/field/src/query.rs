@@ -308,16 +308,17 @@ impl FieldQuery {
                 if nearer + then * approach > changeable
                     || self.moved(&self.held, probe, scene, &motion.after(then)) > 1.0
                 {
-                    self.begin(probe, scene, &motion.after(steps + lead), None);
+                    self.begin(probe, scene, &motion.after(steps + lead));
                 }
             }
-            self.go_on(probe, scene, (self.effort as f64 / steps) as usize);
+            self.go_on(probe, scene, (self.effort as f64 / steps) as usize, limit);
         } else {
             if !is_complete || self.selector.pose().is_none_or(|begun| apart(begun) >= allowed) {
                 let lead = if limit.is_none() { lead } else { 0.0 };
-                self.begin(probe, scene, &motion.after(lead), limit);
+                self.begin(probe, scene, &motion.after(lead));
             }
-            self.go_on(probe, scene, usize::MAX);
+            self.selector.limit(limit);
+            self.go_on(probe, scene, usize::MAX, None);
         }
         let is_nearer = |made: &Pose| apart(made) < self.held.at.as_ref().map_or(allowed, apart).min(allowed);
         if self.selector.is_done() && (!holds || self.selector.pose().is_some_and(is_nearer)) {
@@ -350,26 +351,29 @@ impl FieldQuery {
     }
 
     /// Begins a selection at a pose.
-    fn begin(
+    fn begin(&mut self, probe: &FieldBody, scene: &FieldBody, to_scene: &Pose) {
+        let reach = self.purpose.reach;
+        let sides = self.sides(probe, scene, to_scene, reach);
+        self.selector.begin(to_scene, (probe.center, probe.radius), reach, &sides);
+    }
+
+    /// Goes on with a selection that was begun by at least a step, until it is done, some effort has been made, or time is over.
+    fn go_on(
         &mut self,
         probe: &FieldBody,
         scene: &FieldBody,
-        to_scene: &Pose,
+        effort: usize,
         limit: Option<(Instant, Duration)>,
     ) {
-        let reach = self.purpose.reach;
-        let sides = self.sides(probe, scene, to_scene, reach);
-        self.selector.begin(to_scene, (probe.center, probe.radius), reach, &sides, limit);
-    }
-
-    /// Goes on with a selection that was begun, until it is done or some effort has been made.
-    fn go_on(&mut self, probe: &FieldBody, scene: &FieldBody, effort: usize) {
         let Some(pose) = self.selector.pose().copied() else { return };
         let Purpose { reach, needed, .. } = self.purpose;
         let sides = self.sides(probe, scene, &pose, reach);
         let (before, [spheres, samples]) = (self.selector.effort(), self.selector.read());
         while !self.selector.is_done() && self.selector.effort() - before < effort {
             self.selector.step(&sides, reach, needed);
+            if limit.is_some_and(|(begun, budget)| begun.elapsed() >= budget) {
+                break;
+            }
         }
         let read = self.selector.read();
         self.outcome.spheres += read[0] - spheres;

@@ -167,7 +167,7 @@ pub struct Selector {
     level: usize,
     stage: Stage,
     is_done: bool,
-    /// When a selection with a limit of time was begun, that limit, and how long it took to the end of the last level.
+    /// From when there is a limit of time, that limit, and how long it took to the end of the last level.
     limit: Option<(Instant, Duration)>,
     last: Duration,
     is_complete: bool,
@@ -205,14 +205,7 @@ impl Selector {
 
     /// Begins at a pose of the probe, whose surface is within a sphere (center, radius), m. Surfaces within a distance (m) of each other
     /// are selected; the sides are those at the pose.
-    pub fn begin(
-        &mut self,
-        pose: &Pose,
-        (center, radius): (DVec3, f64),
-        reach: f64,
-        sides: &[Side; 2],
-        limit: Option<(Instant, Duration)>,
-    ) {
+    pub fn begin(&mut self, pose: &Pose, (center, radius): (DVec3, f64), reach: f64, sides: &[Side; 2]) {
         let changes = self.motion.advance(pose, center, radius, reach);
         let mut fronts = self.fronts.iter_mut().zip(sides).zip(changes);
         if !fronts.all(|((front, side), change)| front.clocks.advance(side.samples, &change)) {
@@ -225,7 +218,12 @@ impl Selector {
         self.pose = Some(*pose);
         self.level = sides.iter().map(|side| side.samples.levels.len()).max().unwrap_or(0) - 1;
         (self.stage, self.is_done) = (Stage::First(0), false);
-        (self.limit, self.last, self.is_complete) = (limit, Duration::ZERO, true);
+        (self.limit, self.is_complete) = (None, true);
+    }
+
+    /// Leaves the finest samples out of the selection that has been begun, for which there is no time by a limit: from when, and how long.
+    pub fn limit(&mut self, limit: Option<(Instant, Duration)>) {
+        (self.limit, self.last) = (limit, Duration::ZERO);
     }
 
     /// Goes on by a step, at the pose that was begun at and with the same sides and reach (m). So many samples within reach are needed
