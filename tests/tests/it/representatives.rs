@@ -62,8 +62,8 @@ fn a_model_pushes_by_the_law() {
         let mut contacts = contact_loop(&probe, Scene::new().with(object.clone(), Pose::IDENTITY), settings);
         let update = contacts.step(&body, 0.0);
         query.run(&mesh, &Pose::IDENTITY);
-        let wanted =
-            query.wrench(&mesh, settings.contact_stiffness).about(body.pose.translation - mesh.translation);
+        let stiffness = settings.clusters as f64 * settings.contact_stiffness;
+        let wanted = query.wrench(&mesh, stiffness).about(body.pose.translation - mesh.translation);
         let found = update.model.wrench(&body);
         let size = wanted.force.length();
         if contacts.telemetry().events.held_back > 0 || size < 1e-3 {
