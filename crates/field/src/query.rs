@@ -161,6 +161,8 @@ struct Purpose {
     reach: f64,
     /// No distance between the surfaces may have changed by more, m.
     allowed: f64,
+    /// And no selected sample may have come nearer by more, m.
+    changeable: f64,
     /// Samples within reach that there are to be around a place.
     needed: f32,
 }
@@ -176,7 +178,7 @@ impl Purpose {
             (margin - f64::from(SLACK) * spacing).max(margin / f64::from(STEEPEST)) + LATE * tolerance;
         // Of those within reach some are not in contact.
         let needed = settings.samples() * (reach / tolerance).powf(1.5) as f32;
-        Self { tolerance, reach, allowed, needed }
+        Self { tolerance, reach, allowed, changeable: CHANGED * margin, needed }
     }
 }
 
@@ -241,9 +243,24 @@ impl FieldQuery {
         }
         self.outcome = FieldOutcome::default();
         let to_scene = scene_pose.inverse() * *probe_pose;
-        self.select(probe, scene, &to_scene, limit);
-        self.cells.clear();
+        let motion = Steady::new(self.last.replace(to_scene), &to_scene, probe);
+        let before = self.held.at;
+        self.select(probe, scene, &motion, limit);
         let sides = self.sides(probe, scene, &to_scene, purpose.tolerance);
+        self.evaluate(&sides);
+        if self.held.at == before && self.has_changed() {
+            // It does not hold here after all.
+            self.select(probe, scene, &motion, limit);
+            self.evaluate(&sides);
+        }
+        self.bound(settings.most, &sides);
+        self.conclude(probe, scene);
+    }
+
+    /// Sums up what is in contact of the selected samples.
+    fn evaluate(&mut self, sides: &[Side; 2]) {
+        let purpose = self.purpose;
+        self.cells.clear();
         for (held, part) in [(&mut self.held, 1.0 - self.part), (&mut self.fading, self.part)] {
             if part == 0.0 {
                 continue;
@@ -273,33 +290,35 @@ impl FieldQuery {
             }
             self.outcome.samples += held.len();
         }
-        self.bound(settings.most, &sides);
-        self.conclude(probe, scene);
     }
 
-    /// Sees to it that there is a selection that holds at a pose, probe to scene object.
+    /// Whether a selected sample has come nearer by more than a selection holds for.
+    fn has_changed(&self) -> bool {
+        self.held.changes.is_some_and(|[nearer, _]| nearer > self.purpose.changeable)
+    }
+
+    /// Sees to it that there is a selection that holds where bodies have come to.
     fn select(
         &mut self,
         probe: &FieldBody,
         scene: &FieldBody,
-        to_scene: &Pose,
+        motion: &Steady,
         limit: Option<(Instant, Duration)>,
     ) {
-        let Purpose { tolerance, reach, allowed, .. } = self.purpose;
-        let motion = Steady::new(self.last.replace(*to_scene), to_scene, probe);
+        let Purpose { allowed, changeable, .. } = self.purpose;
+        let to_scene = &motion.pose;
         // Parts of what a selection holds for that are used up so far, and in each query.
         let moved = self.moved(&self.held, probe, scene, to_scene);
-        let changeable = CHANGED * (reach - tolerance);
         let [nearer, _] = self.held.changes.unwrap_or_default();
         let step = motion.step / allowed;
         let fades = Some((FADED / step).min(FADE)).filter(|fades| *fades >= SHORT).unwrap_or(0.0);
         // It is made for where the bodies will be, so that it holds before and after, unless they leap.
         let [approach, recession] = self.rates;
         let lead = (LEAD / step).min(0.5 * changeable / recession).min(LONGEST_LEAD);
-        let lead = if lead < LEAD || nearer > changeable { 0.0 } else { lead };
+        let lead = if lead < LEAD || self.has_changed() { 0.0 } else { lead };
         let is_complete = self.selector.is_complete();
         let apart = |from: &Pose| motion_bound(from, to_scene, probe.center, probe.radius);
-        let holds = moved <= 1.0 && nearer <= changeable && is_complete;
+        let holds = moved <= 1.0 && !self.has_changed() && is_complete;
         if holds {
             // The next one is made while this one holds, as late as that can be, but for the time that it takes to fade in.
             let steps = (AHEAD * (1.0 + LEAD) / step).floor().clamp(1.0, STEPS);
