@@ -414,12 +414,12 @@ impl Textures {
 #[derive(Args)]
 pub struct Resolution {
     /// Find few contacts at true geometry, each with the area that it stands for, off by about EPS: metres, or a percentage of the
-    /// probe's bounding radius, 0.02% to 1% [default EPS: 0.05%]
+    /// probe's bounding radius, 0.02% to 1% [default EPS: 0.05%]. Without this and --error they are found so where that holds
     #[arg(long, value_name = "EPS", num_args = 0..=1, default_missing_value = "0.05%",
         conflicts_with_all = ["error", "no_interpolation", "budget_us"])]
     representative: Option<Length>,
     /// Find contacts by levels of detail, and leave out detail whose error, averaged over the area of contact, is at most this:
-    /// metres, or a percentage of the probe's bounding radius such as 2.5%, at most 100% [default: 0, full resolution]
+    /// metres, or a percentage of the probe's bounding radius such as 2.5%, at most 100%; 0 for full resolution
     #[arg(long, value_name = "S0")]
     error: Option<Length>,
     /// Let forces jump where the level of detail changes, which takes a little less time
