@@ -14,6 +14,7 @@ mod sampling;
 mod selection;
 mod side;
 mod slack;
+mod steady;
 
 /// Changes whenever the same mesh and options make another body.
 pub const REVISION: u32 = 3;

@@ -6,7 +6,6 @@
 use std::time::{Duration, Instant};
 
 use glam::Vec3A;
-use palpate_core::glam::{DQuat, DVec3};
 use palpate_core::{Contact, Pose};
 use wide::f32x4;
 
@@ -18,6 +17,7 @@ use crate::front::{FURTHER, Front, SLACK, STEEPEST};
 use crate::selection::{Held, SelectedFour, Selector};
 use crate::side::Side;
 use crate::slack::{changes, motion_bound};
+use crate::steady::Steady;
 
 /// Cells that push by less than this part of the strongest do not count for the error.
 const WEAK: f32 = 0.1;
@@ -116,40 +116,6 @@ pub struct FieldQuery {
     /// Edge of a cube, m.
     edge: f64,
     outcome: FieldOutcome,
-}
-
-/// Motion of a probe relative to a scene object, as fast as from the last pose to this one, about the probe's centre.
-struct Steady {
-    pose: Pose,
-    center: DVec3,
-    /// Of the centre in each query, m, and the turn, as an axis times an angle, both in the scene object's frame.
-    shift: DVec3,
-    turn: DVec3,
-    /// No distance between the surfaces changes by more in each query, m.
-    step: f64,
-}
-
-impl Steady {
-    fn new(last: Option<Pose>, pose: &Pose, probe: &FieldBody) -> Self {
-        let center = pose.transform_point(probe.center);
-        let Some(last) = last else {
-            return Self { pose: *pose, center, shift: DVec3::ZERO, turn: DVec3::ZERO, step: f64::INFINITY };
-        };
-        Self {
-            pose: *pose,
-            center,
-            shift: center - last.transform_point(probe.center),
-            turn: (pose.rotation * last.rotation.inverse()).normalize().to_scaled_axis(),
-            step: motion_bound(&last, pose, probe.center, probe.radius),
-        }
-    }
-
-    /// The pose in so many queries.
-    fn after(&self, queries: f64) -> Pose {
-        let turn = DQuat::from_scaled_axis(queries * self.turn);
-        let arm = turn * (self.pose.translation - self.center);
-        Pose::new(self.center + queries * self.shift + arm, (turn * self.pose.rotation).normalize())
-    }
 }
 
 /// What a selection is made for.
