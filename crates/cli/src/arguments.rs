@@ -414,7 +414,7 @@ impl Textures {
 #[derive(Args)]
 pub struct Resolution {
     /// Find few contacts at true geometry, each with the area that it stands for, off by about EPS: metres, or a percentage of the
-    /// probe's bounding radius, 0.02% to 1% [default EPS: 0.05%]. Without this and --error they are found so where that holds
+    /// probe's bounding radius, 0.02% to 1% [default EPS: 0.05%]. The default on closed objects without thin walls or textures
     #[arg(long, value_name = "EPS", num_args = 0..=1, default_missing_value = "0.05%",
         conflicts_with_all = ["error", "no_interpolation", "budget_us"])]
     representative: Option<Length>,

@@ -203,7 +203,8 @@ impl RepresentativeQuery {
     }
 
     /// The wrench (N, N·m about the probe frame's origin, world axes) that the contacts of the last run, which was at this pose of
-    /// the probe, push it with at a stiffness (N/m), by [`AreaLaw`]. Sessions push with K k ([`Settings::clusters`](crate::Settings::clusters)).
+    /// the probe, push it with at a stiffness (N/m), by [`AreaLaw`]. That of sessions is K k
+    /// ([`Settings::clusters`](crate::Settings::clusters)).
     pub fn wrench(&mut self, probe_pose: &Pose, stiffness: f64) -> Wrench {
         let Self { law, found, settings, .. } = self;
         let unit = law.wrench(found, settings.tolerance, probe_pose, probe_pose.translation);

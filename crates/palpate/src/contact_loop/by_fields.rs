@@ -3,8 +3,9 @@
 //! The proxy is planned with the deepest places of each cell. What the body feels is the law
 //! ([`AreaLaw`](palpate_field::AreaLaw)) of the contacts at the proxy, each carried to where its plane has the body: their force at
 //! the body's pose is **F** = −K k Σ w (δ + d) **n**. By levels each of K clusters pushes with k, and nearly all of them do wherever
-//! bodies touch; so what the law takes for one place is K times as stiff. Contacts are looked for as much further than d as the proxy lags behind the body.
-//! Where that is more than fields know, weights fade out on the last part of the way, so that none comes in with a push.
+//! bodies touch; so what the law takes for one place is K times as stiff. Contacts are looked for as much further than d as the proxy
+//! lags behind the body. Where that is more than fields know, weights fade out on the last part of the way, so that none comes in with
+//! a push.
 //!
 //! The law weighs all contacts together, whatever scene objects they are with. Then those with objects that stand still become
 //! few planes ([`Merging`]), and so do those with each object that moves.
@@ -101,7 +102,7 @@ pub(super) struct ByFields {
     pub needs: FieldNeeds,
     probe: Arc<Field>,
     law: AreaLaw,
-    /// K.
+    /// K: how many times as stiff as one cluster a place is.
     stiffness: f64,
     /// By the places of the scene's objects.
     sides: Vec<Option<Side>>,
