@@ -37,6 +37,7 @@ pub(crate) fn preset(name: &str) -> Option<Emulation> {
             encoder_step: 3e-5,
             angular_encoder_step: 1e-4,
             velocity_delay: 3e-3,
+            delay: 0.0,
             sensed: six,
             actuated: six,
             handle: Some(Handle {
@@ -62,6 +63,7 @@ pub(crate) fn preset(name: &str) -> Option<Emulation> {
             encoder_step: 2e-5,
             angular_encoder_step: 1e-4,
             velocity_delay: 3e-3,
+            delay: 0.0,
             sensed: six,
             actuated: six,
             handle: Some(Handle {
@@ -87,6 +89,7 @@ pub(crate) fn preset(name: &str) -> Option<Emulation> {
             encoder_step: 5.5e-5,
             angular_encoder_step: 1e-3,
             velocity_delay: 3e-3,
+            delay: 0.0,
             sensed: six,
             actuated: Axes::TRANSLATION,
             handle: Some(Handle {
@@ -112,6 +115,7 @@ pub(crate) fn preset(name: &str) -> Option<Emulation> {
             encoder_step: 1e-5,
             angular_encoder_step: 1.5e-3,
             velocity_delay: 2e-3,
+            delay: 0.0,
             sensed: six,
             actuated: Axes::TRANSLATION,
             handle: Some(Handle {
@@ -137,6 +141,7 @@ pub(crate) fn preset(name: &str) -> Option<Emulation> {
             encoder_step: 1e-5,
             angular_encoder_step: 2e-4,
             velocity_delay: 2e-3,
+            delay: 0.0,
             sensed: six,
             actuated: six,
             handle: Some(Handle {
@@ -162,6 +167,7 @@ pub(crate) fn preset(name: &str) -> Option<Emulation> {
             encoder_step: 2e-5,
             angular_encoder_step: 1e-4,
             velocity_delay: 2e-3,
+            delay: 0.0,
             sensed: six,
             actuated: six,
             handle: Some(Handle {

@@ -43,6 +43,7 @@ impl ReplayDevice {
             encoder_step: 0.0,
             angular_encoder_step: 0.0,
             velocity_delay: 0.0,
+            delay: 0.0,
             sensed: Axes::ALL,
             actuated: Axes::ALL,
             handle: None,

@@ -83,6 +83,7 @@ mod tests {
             encoder_step: 3e-5,
             angular_encoder_step: 1e-3,
             velocity_delay: 2e-3,
+            delay: 0.0,
             ..Emulation::default().specification
         }
     }

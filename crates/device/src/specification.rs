@@ -66,6 +66,10 @@ pub struct Specification {
     pub angular_encoder_step: f64,
     /// How far the reported twist lags behind the handle, s.
     pub velocity_delay: f64,
+    /// Time from a motion of the handle to the wrench that answers it, beyond the sampling of the haptic loop, s: what the way
+    /// to the device and back takes. 0 where the wrench is there as soon as it is written.
+    #[serde(default)]
+    pub delay: f64,
     /// The axes whose motion is reported; the others read zero.
     pub sensed: Axes,
     /// The axes along and about which a wrench reaches the hand; other components of a wrench are dropped.

@@ -57,7 +57,11 @@ impl Status {
     /// The wrench is zero as the button that enables it is not held.
     pub const NOT_ENABLED: Self = Self(1 << 12);
 
-    const NAMES: [(Self, &str); 13] = [
+    /// The driver has sent the device zero in place of what was asked for, since the previous read: the wrench is to come up from
+    /// there.
+    pub const WITHHELD: Self = Self(1 << 13);
+
+    const NAMES: [(Self, &str); 14] = [
         (Self::WRENCH_REFUSED, "wrench refused"),
         (Self::FORCE_CLIPPED, "force clipped"),
         (Self::TORQUE_CLIPPED, "torque clipped"),
@@ -71,6 +75,7 @@ impl Status {
         (Self::MALFORMED, "report not understood"),
         (Self::UNWRITTEN, "report not written"),
         (Self::NOT_ENABLED, "not enabled"),
+        (Self::WITHHELD, "wrench withheld"),
     ];
 
     /// One bit for each condition, for files.

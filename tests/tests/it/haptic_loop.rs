@@ -21,6 +21,7 @@ fn specification() -> Specification {
         encoder_step: 0.0,
         angular_encoder_step: 0.0,
         velocity_delay: 0.0,
+        delay: 0.0,
         handle: None,
         ..Emulation::default().specification
     }

@@ -95,6 +95,7 @@ pub fn inverse3() -> Link<Inverse3Codec, Inverse3Motion> {
             encoder_step: 1e-5,
             angular_encoder_step: 1e-3,
             velocity_delay: 2e-3,
+            delay: 0.0,
             sensed: Axes::ALL,
             actuated: Axes::TRANSLATION,
             handle: None,

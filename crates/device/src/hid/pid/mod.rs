@@ -233,6 +233,7 @@ impl Link<PidCodec, StickMotion> {
             encoder_step: step,
             angular_encoder_step: 0.0,
             velocity_delay: 4e-3,
+            delay: 0.0,
             sensed,
             actuated: driven,
             handle: None,
