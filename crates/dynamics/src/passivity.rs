@@ -134,8 +134,7 @@ impl PassivityController {
     /// The wrench (N, N·m) to add at a handle that moves at `twist` (m/s, rad/s) and is sampled again in `dt` (s):
     /// against its motion, and such that it takes out in that time what was created, as far as the maxima go.
     pub fn damping(&mut self, twist: &Twist, dt: f64) -> Wrench {
-        let hidden = |observer: &PassivityObserver| DIAGONAL * observer.step * observer.held.length();
-        let created = -self.reserve - hidden(&self.translation) - hidden(&self.rotation);
+        let created = self.created();
         let most = Wrench::new(twist.linear * -self.max_damping.0, twist.angular * -self.max_damping.1);
         let taken = -most.power(twist) * dt;
         self.damping = if created > 0.0 && taken > 0.0 && taken.is_finite() {
@@ -144,6 +143,18 @@ impl PassivityController {
             Wrench::ZERO
         };
         self.damping
+    }
+
+    /// Energy (J) that came out beyond what can have been stored, and that rounding of the position does not explain; 0 where there
+    /// is none.
+    pub fn created(&self) -> f64 {
+        let hidden = |observer: &PassivityObserver| DIAGONAL * observer.step * observer.held.length();
+        (-self.reserve - hidden(&self.translation) - hidden(&self.rotation)).max(0.0)
+    }
+
+    /// Forgets what was created: the wrench that did it is let go of.
+    pub fn forgive(&mut self) {
+        self.reserve = self.reserve.max(0.0);
     }
 
     /// Adds nothing for now: no wrench is wanted.

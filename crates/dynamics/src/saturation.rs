@@ -127,20 +127,20 @@ impl SlewLimit {
         }
     }
 
-    /// As [`Self::approach`], for a step of `dt` (s) that comes `elapsed` (s) after the last one, over which `previous`
-    /// was held. Beyond `dt` that time counts only for the wrench to shrink, along its direction and no further than
-    /// `wanted` does. So a wrench goes down as fast in steps that come late as in others, and never up faster.
-    pub fn approach_late(&self, previous: &Wrench, wanted: &Wrench, dt: f64, elapsed: f64) -> Wrench {
-        let late = (elapsed - dt).max(0.0);
-        let shrunk = Wrench {
-            force: approached(previous.force, part_wanted(previous.force, wanted.force), self.force * late),
-            torque: approached(
-                previous.torque,
-                part_wanted(previous.torque, wanted.torque),
-                self.torque * late,
-            ),
+    /// `previous` after it has shrunk, along its direction and no further than `wanted` does, within `elapsed` (s): where it is no
+    /// longer than `free` (N, N·m), as far as it likes. To be followed by [`Self::approach`], which is for growing and turning.
+    ///
+    /// A hand that comes off a surface is let go of as fast as that: what the force lags behind while it falls is energy that
+    /// goes into the hand.
+    pub fn unload(&self, previous: &Wrench, wanted: &Wrench, elapsed: f64, free: (f64, f64)) -> Wrench {
+        let shrunk = |previous: DVec3, wanted: DVec3, most: f64, free: f64| {
+            let most = if previous.length() <= free { f64::INFINITY } else { most };
+            approached(previous, part_wanted(previous, wanted), most)
         };
-        self.approach(&shrunk, wanted, dt)
+        Wrench {
+            force: shrunk(previous.force, wanted.force, self.force * elapsed, free.0),
+            torque: shrunk(previous.torque, wanted.torque, self.torque * elapsed, free.1),
+        }
     }
 }
 
@@ -263,33 +263,34 @@ mod tests {
     }
 
     #[test]
-    fn a_late_step_shrinks_the_wrench_as_fast_as_steps_in_time_and_never_lets_it_grow_faster() {
+    fn a_wrench_unloads_along_itself_and_at_once_where_it_is_small() {
         let slew = SlewLimit { force: 100.0, torque: 2.0 };
         let held = Wrench::new(DVec3::new(0.3, -0.4, 0.0), DVec3::Z * 0.01);
+        let none = (0.0, 0.0);
         let far = Wrench::new(DVec3::new(-3.0, 4.0, 1.0), DVec3::X);
-        let (dt, elapsed) = (1e-3, 4e-3);
         for wanted in [Wrench::ZERO, held * 0.5, held * 3.0, far] {
-            assert_eq!(slew.approach_late(&held, &wanted, dt, dt), slew.approach(&held, &wanted, dt));
-            let next = slew.approach_late(&held, &wanted, dt, elapsed);
-            let change = (next - held).force.length();
-            assert!(change <= 100.0 * elapsed + 1e-12, "{change} N to {wanted:?}");
-            let longer = next.force.length() - held.force.length();
-            assert!(longer <= 100.0 * dt + 1e-12, "{longer} N longer, to {wanted:?}");
+            let next = slew.unload(&held, &wanted, 4e-3, none);
+            assert!(
+                next.force.length() <= held.force.length() && next.force.cross(held.force).length() < 1e-15
+            );
+            assert!((next - held).force.length() <= 0.4 + 1e-12 && next.force.dot(held.force) >= 0.0);
         }
-        // 0.1 N for each of four steps, and 0.002 N·m.
-        let next = slew.approach_late(&held, &Wrench::ZERO, dt, elapsed);
+        // 0.1 N a millisecond, and 0.002 N·m.
+        let next = slew.unload(&held, &Wrench::ZERO, 4e-3, none);
         assert!((next.force - held.force * 0.2).length() < 1e-12, "{next:?}");
         assert!((next.torque - held.torque * 0.2).length() < 1e-15, "{next:?}");
-        assert_eq!(slew.approach_late(&held, &Wrench::ZERO, dt, 6e-3), Wrench::ZERO);
-        // It does not shrink beyond what is wanted, and grows as in one step.
-        let next = slew.approach_late(&held, &(held * 0.9), dt, elapsed);
+        assert_eq!(slew.unload(&held, &Wrench::ZERO, 6e-3, none), Wrench::ZERO);
+        // No further than is wanted, and not at all where more is.
+        let next = slew.unload(&held, &(held * 0.9), 4e-3, none);
         assert!((next - held * 0.9).force.length() < 1e-12, "{next:?}");
-        let next = slew.approach_late(&held, &(held * 3.0), dt, elapsed);
-        assert_eq!(next, slew.approach(&held, &(held * 3.0), dt));
+        assert_eq!(slew.unload(&held, &(held * 3.0), 4e-3, none), held);
+        // At once below what is free.
+        let next = slew.unload(&held, &Wrench::ZERO, 1e-3, (0.6, 0.001));
+        assert_eq!((next.force, next.torque), (DVec3::ZERO, DVec3::Z * 0.008));
         let nan = Wrench::new(DVec3::NAN, DVec3::INFINITY);
-        assert!(slew.approach_late(&held, &nan, dt, elapsed).is_finite());
-        assert!(slew.approach_late(&Wrench::ZERO, &held, f64::NAN, f64::NAN).is_finite());
-        assert_eq!(SlewLimit::NONE.approach_late(&held, &far, dt, elapsed), far);
+        assert!(slew.unload(&held, &nan, 1e-3, none).is_finite());
+        assert!(slew.unload(&Wrench::ZERO, &held, f64::NAN, none).is_finite());
+        assert_eq!(SlewLimit::NONE.unload(&held, &far, 1e-3, none).force, DVec3::ZERO);
     }
 
     #[test]

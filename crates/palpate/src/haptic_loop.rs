@@ -5,15 +5,17 @@
 use std::sync::{Arc, OnceLock};
 
 use palpate_core::glam::DVec3;
-use palpate_core::{Pose, Twist, Wrench};
-use palpate_device::{Axes, DeviceError, DeviceState, HapticDevice, Specification};
+use palpate_core::{Pose, Twist};
+use palpate_device::{DeviceError, DeviceState, HapticDevice, Specification, Status};
 use palpate_dynamics::{
-    Body, BodyState, ContactBlend, DeviceMapping, DeviceMotion, Frame, Integrator, IntegratorKind,
-    PassivityController, SlewLimit, Step, VirtualCoupling, saturate,
+    Body, BodyState, ContactBlend, DeviceMapping, DeviceMotion, Frame, HeldBecause, Integrator,
+    IntegratorKind, SlewLimit, Step, VirtualCoupling,
 };
 use rtrb::Consumer;
 
 use crate::contact_loop::ContactUpdate;
+use crate::invariants::Invariants;
+use crate::output::{Moment, Output};
 use crate::presence::Presence;
 use crate::reactions::{Reacting, Reactions};
 use crate::record::Record;
@@ -35,14 +37,18 @@ pub struct HapticLoop {
     center_of_mass: DVec3,
     /// The [grasp](crate::Settings::grasp), in the mesh's frame.
     grasp: Pose,
-    limits: Limits,
-    slew: SlewLimit,
     tracking: Tracking,
     workspace: Workspace,
     presence: Presence,
-    passivity: PassivityController,
-    /// The wrench that the device holds, as far as known.
-    sent: Wrench,
+    output: Output,
+    /// The longest time that a step integrates, s.
+    longest_step: f64,
+    /// How far the object may go, m, from where its contact model was found before that holds no more.
+    roam: f64,
+    /// Bounding radius about the centre of mass, m.
+    radius: f64,
+    /// Steps in a row that were refused.
+    stuck: u32,
     /// What the newest contact model was found with.
     found: Found,
     contacts: ContactBlend,
@@ -60,29 +66,10 @@ pub struct HapticLoop {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Found {
     pub time: f64,
+    /// Where the object was.
+    pub pose: Pose,
     pub depth: f64,
     pub contacts: u32,
-}
-
-/// What the device can render.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Limits {
-    /// N.
-    pub force: f64,
-    /// N·m.
-    pub torque: f64,
-    pub actuated: Axes,
-}
-
-impl Limits {
-    /// The wrench as far as the device can render it, and whether its actuators are too weak for it.
-    pub fn fit(&self, wanted: &Wrench) -> (Wrench, bool) {
-        let force = DVec3::select(self.actuated.translation.into(), wanted.force, DVec3::ZERO);
-        let torque = DVec3::select(self.actuated.rotation.into(), wanted.torque, DVec3::ZERO);
-        let actuated = Wrench::new(force, torque);
-        let sent = saturate(&actuated, self.force, self.torque);
-        (sent, sent != actuated)
-    }
 }
 
 /// What a [`HapticLoop`] is made of.
@@ -91,6 +78,8 @@ pub(crate) struct Grasped {
     pub body: Body,
     pub coupling: VirtualCoupling,
     pub center_of_mass: DVec3,
+    /// Bounding radius about the centre of mass, m.
+    pub radius: f64,
     pub grasp: Pose,
     pub mapping: DeviceMapping,
     pub clutch_button: Option<u32>,
@@ -126,29 +115,39 @@ impl Clone for Told {
 /// at least as stiff.
 pub(crate) const STORED_IN_CONTACTS: f64 = 1.0;
 
+/// The longest time that a step integrates: in periods, and no less than in s. What a host gives beyond is left out.
+pub(crate) const LONGEST_STEP: (f64, f64) = (5.0, 0.02);
+
+/// After a step that comes later than [`LONGEST_STEP`] in periods, the wrench comes up anew if the hand has gone further than this
+/// meanwhile, m and rad: the object is left behind by as much.
+const LATE_WAY: (f64, f64) = (2e-3, 0.05);
+
+/// How far an object may go from where its contact model was found: in bounding radii, and no less than in m at the device.
+const ROAM: (f64, f64) = (0.5, 0.01);
+
+/// Steps in a row that may be refused before the object is put where the hand is.
+const MOST_STUCK: u32 = 20;
+
 impl HapticLoop {
     /// Starts with the object at rest in the device's hand: the mesh's frame coincides with the device's.
     pub(crate) fn new(grasped: Grasped, device: DeviceState, specification: &Specification) -> Self {
-        let steps = (specification.encoder_step, specification.angular_encoder_step);
         let pose = grasped.mapping.pose(&device.pose) * Pose::from_translation(grasped.center_of_mass);
+        let Grasped { slew, max_damping, engagement, period, radius, .. } = grasped;
         Self {
             body: grasped.body,
             coupling: grasped.coupling,
             state: BodyState::at_rest(pose),
             center_of_mass: grasped.center_of_mass,
             grasp: grasped.grasp,
-            limits: Limits {
-                force: specification.peak_force,
-                torque: specification.peak_torque,
-                actuated: specification.actuated,
-            },
-            slew: grasped.slew,
-            tracking: Tracking::new(device, grasped.velocity_lags, grasped.period),
+            tracking: Tracking::new(device, grasped.velocity_lags, period),
             workspace: Workspace::new(grasped.mapping, grasped.clutch_button),
-            presence: Presence::new(grasped.contact_timeout, grasped.engagement),
-            passivity: PassivityController::new(grasped.max_damping, steps),
-            sent: Wrench::ZERO,
-            found: Found { time: f64::NAN, depth: 0.0, contacts: 0 },
+            presence: Presence::new(grasped.contact_timeout, engagement),
+            output: Output::new(specification, slew, max_damping, engagement, period),
+            longest_step: (LONGEST_STEP.0 * period).max(LONGEST_STEP.1),
+            roam: (ROAM.0 * radius).max(ROAM.1 * grasped.mapping.scale),
+            radius,
+            stuck: 0,
+            found: Found { time: f64::NAN, pose, depth: 0.0, contacts: 0 },
             contacts: ContactBlend::new(),
             integrator: grasped.integrator,
             told: Told::default(),
@@ -195,6 +194,11 @@ impl HapticLoop {
         &self.telemetry
     }
 
+    /// What was checked so far of the wrenches that were sent.
+    pub fn invariants(&self) -> &Invariants {
+        self.output.invariants()
+    }
+
     /// What was measured so far, to add to.
     pub(crate) fn telemetry_mut(&mut self) -> &mut HapticTelemetry {
         &mut self.telemetry
@@ -207,7 +211,7 @@ impl HapticLoop {
         let since = time - self.found.time;
         let duration = if since.is_nan() { 0.0 } else { since.min(ContactBlend::LONGEST) };
         self.contacts.arrive(model, &self.state, self.now - time, duration);
-        self.found = Found { time, depth, contacts };
+        self.found = Found { time, pose: *model.pose(), depth, contacts };
         let telemetry = &mut self.telemetry;
         telemetry.depth_max = telemetry.depth_max.max(depth);
         telemetry.contacts_max = telemetry.contacts_max.max(contacts);
@@ -224,9 +228,14 @@ impl HapticLoop {
             self.keep_device_error(error);
             // What it holds is not known; when it takes wrenches again they come up from zero.
             self.presence.release();
-            self.sent = Wrench::ZERO;
+            self.output.forget();
         }
         record
+    }
+
+    /// Lets the wrench fade out from now on, for good: the end is near.
+    pub fn leave(&mut self) {
+        self.presence.leave();
     }
 
     /// The first error that the device gave, if any.
@@ -252,19 +261,22 @@ impl HapticLoop {
 
     fn advance(&mut self, device: Option<&DeviceState>, now: f64, dt: f64) -> Record {
         self.telemetry.steps += 1;
-        let reading = self.tracking.take(device, dt, &mut self.telemetry.events);
         if self.started.is_nan() {
             self.started = now;
         }
         if self.found.contacts > 0 {
             self.telemetry.first_touch.get_or_insert(now);
         }
-        // A step may come late.
+        // A step may come late, and make up for some of it.
         let elapsed = (now - std::mem::replace(&mut self.now, now)).max(dt);
+        let dt = if dt.is_finite() && dt > self.longest_step { self.longest_step } else { dt };
+        let reading = self.read(device, elapsed, dt);
         let handle = self.workspace.locate(&self.tracking.damped_state());
         let motion = motion_at(&handle, &self.grasp);
         let arm = motion.pose.translation - handle.pose.translation;
-        self.observe(&motion);
+        let stored = self.observe(&motion);
+        let events = &mut self.telemetry.events;
+        let harmful = self.output.is_harmful(&self.tracking, (stored, elapsed), events);
 
         self.tune(dt);
         self.contacts.advance(&self.state, dt);
@@ -276,41 +288,83 @@ impl HapticLoop {
             gravity: DVec3::ZERO,
         };
         let step = self.integrator.step(&frame, &self.state, dt);
-        self.telemetry.events.step_refused += u64::from(step.status.held.is_some());
-        self.telemetry.events.contacts_unsettled += u64::from(step.status.active_set_unsettled);
-        self.telemetry.events.step_unconverged += u64::from(step.status.unconverged);
-        self.state = step.state;
+        self.take(&step, &motion);
         self.tell_others(step.status.held.is_none(), dt);
 
-        self.pass(reading, &step, now, dt);
-        let sound = step.status.held.is_none() && reading != Reading::Lost;
-        let wanted = self.workspace.mapping().wrench(&step.coupling.about(-arm)) * self.presence.share();
-        self.sent = match device {
-            Some(_) if sound && self.presence.share() > 0.0 => {
-                // Overdue, it has to be nothing in time.
-                let elapsed = if self.presence.fading() { elapsed } else { dt };
-                self.fit(&wanted, dt, elapsed)
+        let failed = step.status.held.is_some() || reading == Reading::Lost;
+        let released = failed || harmful || reading == Reading::Back;
+        if released {
+            self.presence.release();
+        }
+        let overdue = self.pass(reading, &step, now, dt);
+        let share = self.presence.share();
+        let at = Moment { dt, elapsed, share, faulty: failed || overdue, released, stored };
+        let wanted = self.workspace.mapping().wrench(&step.coupling.about(-arm));
+        let sent = match device {
+            // It holds nothing, or must not.
+            None => self.output.drop(&self.tracking, &at),
+            Some(_) if harmful => self.output.drop(&self.tracking, &at),
+            Some(_) if !failed && share > 0.0 => {
+                self.output.send(&wanted, &self.tracking, &at, &mut self.telemetry.events)
             }
-            // The device still holds the last wrench. It goes down as fast as it may, also for the time that a step is late.
-            Some(_) => self.slew.approach(&self.sent, &self.passivity.rest(), elapsed),
-            None => self.passivity.rest(),
+            Some(_) => self.output.let_go(&self.tracking, &at),
         };
-        self.passivity.hold(&self.sent);
         let record = Record {
             time: now,
             device: self.tracking.state().pose,
             handle: handle.pose,
             object: self.object_pose(),
-            coupling: self.sent,
+            coupling: sent,
             contact: step.contact,
             depth: self.found.depth,
             contacts: self.found.contacts,
             model_age: now - self.found.time,
         };
         let telemetry = &mut self.telemetry;
-        telemetry.coupling_force_max = telemetry.coupling_force_max.max(self.sent.force.length());
+        telemetry.coupling_force_max = telemetry.coupling_force_max.max(sent.force.length());
         telemetry.stretch_max = telemetry.stretch_max.max(record.stretch(self.grasp.translation));
         record
+    }
+
+    /// Takes a reading `elapsed` (s) after the one before, of which a step integrates `dt` (s).
+    fn read(&mut self, device: Option<&DeviceState>, elapsed: f64, dt: f64) -> Reading {
+        let before = self.tracking.state().pose;
+        let reading = self.tracking.take(device, elapsed, &mut self.telemetry.events);
+        if device.is_some_and(|state| state.status.contains(Status::WITHHELD)) {
+            self.telemetry.events.withheld += 1;
+            self.presence.release();
+            self.output.forget();
+        }
+        // Nothing is to be dragged to where the hand was found.
+        if reading == Reading::Back && self.output.limits().render() {
+            let rebased = self.workspace.rebase(&before, &self.tracking.state().pose);
+            self.telemetry.events.rebased += u64::from(rebased);
+        }
+        let Twist { linear, angular } = *self.tracking.displacement();
+        let left_out = elapsed > 1.5 * dt;
+        if left_out && (linear.length() > LATE_WAY.0 || angular.length() > LATE_WAY.1) {
+            self.telemetry.events.late += 1;
+            self.presence.release();
+        }
+        reading
+    }
+
+    /// Takes a step as far as it was one. An object that no step moves is put where the hand, as it moves, holds it.
+    fn take(&mut self, step: &Step, motion: &DeviceMotion) {
+        let events = &mut self.telemetry.events;
+        events.step_refused += u64::from(step.status.held.is_some());
+        events.contacts_unsettled += u64::from(step.status.active_set_unsettled);
+        events.step_unconverged += u64::from(step.status.unconverged);
+        self.state = step.state;
+        // A host's `dt` is not what holds the object.
+        let stuck = step.status.held.is_some_and(|why| why != HeldBecause::TimeStep);
+        self.stuck = if stuck { self.stuck + 1 } else { 0 };
+        let relaxed = self.coupling.relaxed_pose(&motion.pose);
+        if self.stuck >= MOST_STUCK && relaxed.is_valid() {
+            self.state = BodyState::at_rest(relaxed);
+            self.stuck = 0;
+            events.reseated += 1;
+        }
     }
 
     /// Goes over to what the loop is tuned to.
@@ -318,8 +372,8 @@ impl HapticLoop {
         while let Some(tuning) = self.told.tunings.as_mut().and_then(|tunings| tunings.pop().ok()) {
             self.tuning = Some(Ramp::new(self.coupling, tuning.coupling));
             self.tracking.set_lags(tuning.velocity_lags);
-            self.slew = tuning.slew;
-            self.passivity.set_max_damping(tuning.max_damping);
+            self.output.set_slew(tuning.slew);
+            self.output.passivity.set_max_damping(tuning.max_damping);
         }
         if let Some(ramp) = &mut self.tuning {
             let (coupling, ended) = ramp.advance(dt);
@@ -369,48 +423,42 @@ impl HapticLoop {
         output
     }
 
-    /// Counts the energy that flowed over the last period.
-    fn observe(&mut self, motion: &DeviceMotion) {
+    /// Counts the energy that flowed over the last period. The most (J at the device) that may come back.
+    fn observe(&mut self, motion: &DeviceMotion) -> f64 {
         let scale = self.workspace.mapping().scale;
         let stored = (1.0 + STORED_IN_CONTACTS)
-            * (self.coupling.potential_energy(&self.state, motion) + self.body.kinetic_energy(&self.state));
-        self.passivity.observe(self.tracking.displacement(), stored / (scale * scale));
+            * (self.coupling.potential_energy(&self.state, motion) + self.body.kinetic_energy(&self.state))
+            / (scale * scale);
+        let passivity = &mut self.output.passivity;
+        passivity.observe(self.tracking.displacement(), stored);
         let telemetry = &mut self.telemetry;
-        telemetry.energy = self.passivity.energy();
+        telemetry.energy = passivity.energy();
         telemetry.energy_min = telemetry.energy_min.min(telemetry.energy);
-        telemetry.dissipated = self.passivity.dissipated();
+        telemetry.dissipated = passivity.dissipated();
+        stored
     }
 
-    /// Lets the wrench's share come up, fade or fall to nothing, and counts why.
-    fn pass(&mut self, reading: Reading, step: &Step, now: f64, dt: f64) {
+    /// Lets the wrench's share come up, fade or fall to nothing, and counts why. Whether contact models are overdue.
+    fn pass(&mut self, reading: Reading, step: &Step, now: f64, dt: f64) -> bool {
         let waited = now - if self.found.time.is_nan() { self.started } else { self.found.time };
-        let taken = step.status.held.is_none();
         // A step that is refused may be so because of its `dt`.
-        let dt = if taken { dt } else { 0.0 };
-        if !taken || matches!(reading, Reading::Lost | Reading::Back) {
-            self.presence.release();
-        }
-        self.presence.pass(
-            waited,
-            self.workspace.clutched(),
-            if reading == Reading::Lost { 0.0 } else { dt },
-        );
+        let dt = if step.status.held.is_none() && reading != Reading::Lost { dt } else { 0.0 };
+        let strayed = self.strayed() / self.roam;
+        self.presence.pass(waited, strayed, self.workspace.clutched(), dt);
         let events = &mut self.telemetry.events;
         events.faded += u64::from(self.presence.fading());
         events.engaging += u64::from(self.presence.engaging());
         events.clutched += u64::from(self.workspace.clutched());
+        self.presence.is_overdue(waited)
     }
 
-    /// What is sent of a wrench: with the passivity controller's damping, within what the device renders, and no
-    /// further from the last than it may change in `dt` (s), or shrink in the time that has `elapsed` (s).
-    fn fit(&mut self, wanted: &Wrench, dt: f64, elapsed: f64) -> Wrench {
-        let damping = self.passivity.damping(&self.tracking.damped_state().twist, dt);
-        let (fitting, limited) = self.limits.fit(&(*wanted + damping));
-        let sent = self.slew.approach_late(&self.sent, &fitting, dt, elapsed);
-        let events = &mut self.telemetry.events;
-        events.damped += u64::from(damping != Wrench::ZERO);
-        events.saturated += u64::from(limited);
-        events.slewed += u64::from(sent != fitting);
-        sent
+    /// How far any point of the object has gone, at most, from where its contact model was found, m; 0 without contacts.
+    fn strayed(&self) -> f64 {
+        let Found { pose, contacts, .. } = &self.found;
+        if *contacts == 0 {
+            return 0.0;
+        }
+        let turn = 0.5 * pose.rotation_vector_to(&self.state.pose).length();
+        pose.translation.distance(self.state.pose.translation) + 2.0 * self.radius * turn.sin()
     }
 }

@@ -52,6 +52,7 @@ pub struct HostedStepper {
     now: f64,
     latest: Option<Record>,
     ended: Arc<AtomicBool>,
+    /// Finds contacts. It ends before its time by a panic alone.
     contact_thread: Option<JoinHandle<()>>,
 }
 
@@ -130,7 +131,10 @@ impl HostedSession {
 
 impl HostedStepper {
     /// A haptic step of `dt` seconds, the device being in a state: the wrench to send to it, in its axes, about its
-    /// handle's origin. A `dt` that is not above 0 changes nothing, and gives the wrench of the last step.
+    /// handle's origin. A `dt` that is not above 0 changes nothing, and gives the wrench of the last step. Of one above 20 ms and five
+    /// periods no more than that is integrated.
+    ///
+    /// The host sends zero when it ends, before it drops this: nothing else does.
     pub fn step(&mut self, dt: f64, device: &DeviceState) -> Wrench {
         if !(dt > 0.0 && dt.is_finite()) {
             return self.latest.map_or(Wrench::ZERO, |record| record.coupling);
@@ -140,6 +144,9 @@ impl HostedStepper {
         }
         self.now += dt;
         let record = self.haptic.step(device, self.now, dt);
+        if self.contact_thread.as_ref().is_some_and(JoinHandle::is_finished) {
+            self.haptic.telemetry_mut().events.contact_thread_lost = 1;
+        }
         self.state.write((self.now, *self.haptic.body_state()));
         self.latest = Some(record);
         record.coupling
@@ -170,7 +177,7 @@ impl Drop for HostedStepper {
     fn drop(&mut self) {
         self.ended.store(true, Ordering::Release);
         if let Some(thread) = self.contact_thread.take() {
-            // It does not panic; should it, there is nobody to tell.
+            // A panic of it was counted.
             let _ = thread.join();
         }
     }

@@ -24,6 +24,7 @@ use crate::contact_loop::{ContactLoop, ContactUpdate};
 use crate::haptic_loop::HapticLoop;
 use crate::lockstep::steps_in;
 use crate::machine::MachineSample;
+use crate::presence::FADE;
 use crate::record::Record;
 use crate::renderer::HapticRenderer;
 use crate::session::{Clock, Session};
@@ -151,13 +152,15 @@ impl HapticThread<'_> {
         Ok(lasted)
     }
 
-    fn render(&mut self, steps: u64, stop: impl Fn() -> bool) -> Duration {
+    fn render(&mut self, mut steps: u64, stop: impl Fn() -> bool) -> Duration {
         let period = self.period;
+        // The last steps let the wrench fade out, so that the hand does not lunge.
+        let fading = (FADE / period).ceil() as u64;
         let sleeper = sleeper(period);
         let start = Instant::now();
         let mut last = 0;
         let mut stepped = Duration::ZERO;
-        while last < steps && !stop() {
+        while last < steps {
             let next = last + 1;
             let deadline = Duration::from_nanos((next as f64 * period * 1e9) as u64);
             sleeper.sleep_until(start + deadline);
@@ -168,6 +171,10 @@ impl HapticThread<'_> {
 
             while let Ok(update) = self.models.pop() {
                 self.haptic.update_contacts(&update);
+            }
+            if steps - tick <= fading || stop() {
+                self.haptic.leave();
+                steps = steps.min(tick + fading);
             }
             let now = tick as f64 * period;
             let dt = (tick - last).min(MAX_PERIODS_A_STEP) as f64 * period;

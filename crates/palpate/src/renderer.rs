@@ -98,6 +98,7 @@ impl HapticRenderer {
             body: gains.body,
             coupling: gains.coupling,
             center_of_mass: source.center_of_mass,
+            radius: probe.bounding_radius() + source.center_of_mass.distance(source.center),
             grasp: gains.grasp,
             mapping: DeviceMapping::new(settings.workspace_scale, settings.device_frame),
             clutch_button: settings.clutch_button,

@@ -71,8 +71,9 @@ pub struct Settings {
     /// grasp to [`Pose::IDENTITY`], so that the coupling acts there too. Only the grasp's position matters, since the coupling
     /// is equally stiff in all directions.
     pub grasp: Option<Pose>,
-    /// Age of the newest contact model, s, from which the wrench fades out, to nothing at twice this age; it fades in
-    /// again over as long a time.
+    /// Age of the newest contact model, s, from which the wrench fades out, to nothing 50 ms later, or at twice this age where that
+    /// is sooner; it fades in again over as long a time. It fades likewise where the object has gone further than half its bounding
+    /// radius, and than 1 cm at the device, from where its contacts were found.
     pub contact_timeout: f64,
     /// How the motion of the grasped object is integrated; only the implicit integrators stay stable with a light object.
     pub integrator: IntegratorKind,
@@ -123,7 +124,7 @@ impl Default for Settings {
             proxy: true,
             textures: TextureSettings::default(),
             grasp: None,
-            contact_timeout: 0.5,
+            contact_timeout: 0.05,
             integrator: IntegratorKind::default(),
             engagement: 0.2,
             workspace_scale: 1.0,

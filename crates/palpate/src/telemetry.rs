@@ -65,10 +65,28 @@ pub struct Events {
     /// The device reported a place that no hand could have moved it to since the last reading; its last good pose was
     /// held. It is believed after five readings in a row, and the wrench then comes up from zero.
     pub device_jumped: u64,
+    /// The device's reading was the one before, by its time: its velocity was held. After 25 ms the device counts as lost.
+    pub device_stale: u64,
+    /// The device was found more than 5 mm or 0.1 rad from where it was lost, or from where it was when the session was made: the
+    /// object stays, and the hand goes on from there.
+    pub rebased: u64,
+    /// The driver had sent zero in place of the wrench, which then came up from zero.
+    pub withheld: u64,
+    /// A step came so late that not all of the time was integrated, and the hand had moved meanwhile: the wrench came up from zero.
+    pub late: u64,
+    /// The handle ran along the wrench at more than 0.8 m/s or 20 rad/s, as one that is let go of does: the wrench was dropped, and
+    /// came up from zero.
+    pub runaway: u64,
+    /// More energy had come out than can have been stored, by half of the bound: the wrench was dropped, and came up from zero.
+    pub energy_created: u64,
+    /// Actuators had been asked for more than they can keep up, and were given less than the peak.
+    pub hot: u64,
     /// The device has no more to give: a replayed path came to its end.
     pub device_ended: u64,
     /// The step had no finite solution; the object's state was held and no wrench sent.
     pub step_refused: u64,
+    /// No step could be taken 20 times in a row: the object was put where the hand is, at rest.
+    pub reseated: u64,
     /// The set of pushing contacts was still changing when the step ended, so that one may have been left out.
     pub contacts_unsettled: u64,
     /// An iterative integrator did not converge, and the step was taken as far as it came or semi-implicitly.
@@ -109,6 +127,8 @@ pub struct Events {
     pub edit_refused: u64,
     /// A contact model was lost because the haptic loop had not fetched the earlier ones.
     pub model_dropped: u64,
+    /// The contact thread of a hosted session has ended, by a panic: no more contacts are found, and the wrench has faded.
+    pub contact_thread_lost: u64,
     /// Rows of the recording were lost because the recorder could not keep up.
     pub record_dropped: u64,
 }
@@ -121,8 +141,16 @@ impl Events {
         let Self {
             device_refused,
             device_jumped,
+            device_stale,
+            rebased,
+            withheld,
+            late,
+            runaway,
+            energy_created,
+            hot,
             device_ended,
             step_refused,
+            reseated,
             contacts_unsettled,
             step_unconverged,
             saturated,
@@ -141,13 +169,22 @@ impl Events {
             not_converged,
             edit_refused,
             model_dropped,
+            contact_thread_lost,
             record_dropped,
         } = *other;
         for (total, more) in [
             (&mut sum.device_refused, device_refused),
             (&mut sum.device_jumped, device_jumped),
+            (&mut sum.device_stale, device_stale),
+            (&mut sum.rebased, rebased),
+            (&mut sum.withheld, withheld),
+            (&mut sum.late, late),
+            (&mut sum.runaway, runaway),
+            (&mut sum.energy_created, energy_created),
+            (&mut sum.hot, hot),
             (&mut sum.device_ended, device_ended),
             (&mut sum.step_refused, step_refused),
+            (&mut sum.reseated, reseated),
             (&mut sum.contacts_unsettled, contacts_unsettled),
             (&mut sum.step_unconverged, step_unconverged),
             (&mut sum.saturated, saturated),
@@ -166,6 +203,7 @@ impl Events {
             (&mut sum.not_converged, not_converged),
             (&mut sum.edit_refused, edit_refused),
             (&mut sum.model_dropped, model_dropped),
+            (&mut sum.contact_thread_lost, contact_thread_lost),
             (&mut sum.record_dropped, record_dropped),
         ] {
             *total += more;

@@ -1,6 +1,7 @@
 //! What the haptic loop takes a device's readings for: the last good one held, jumps refused, and the velocity that
 //! the coupling's damper needs.
 
+use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist};
 use palpate_device::{DeviceState, Status};
 
@@ -10,17 +11,26 @@ use crate::telemetry::Events;
 const FASTEST: (f64, f64) = (10.0, 100.0);
 /// Readings in a row, each within reach of the one before, after which a place that the device jumped to is believed.
 const BELIEVED: u32 = 5;
-/// How long the last good reading is held for the device, s, before it counts as lost.
+/// How long the last good reading is held for the device, s, before it counts as lost: after bad readings, and where none newer
+/// comes.
 const LONGEST_HOLD: f64 = 0.01;
+const LONGEST_STALE: f64 = 0.025;
+/// The velocity is that of readings at least this part of a period apart: the stamps of two that came at once say nothing of it.
+const CLOSEST: f64 = 0.25;
+/// Velocities below these are none, m/s and rad/s: a lag lets them halve for ever.
+const SLOWEST: f64 = 1e-12;
 
 /// What came of a reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Reading {
     /// It was taken.
     Good,
+    /// It is the one before, once more: its velocity goes on.
+    Stale,
     /// It was refused; the last good one is held at rest.
     Held,
-    /// It is the first one taken of a device that was lost or is elsewhere now: the displacement since the last is none.
+    /// It is the first one taken, or the first of a device that was lost or is elsewhere now: the displacement since the last is
+    /// none.
     Back,
     /// There is none, or none that is good has come for too long; the last good one is held at rest.
     Lost,
@@ -35,6 +45,8 @@ pub(crate) struct Tracking {
     /// Time since the last good reading, s, up to now.
     blind: f64,
     started: bool,
+    /// Whether the device stamps its readings: a time that stays means that the reading does.
+    stamped: bool,
     /// Whether it counts as lost.
     lost: bool,
     /// A place that the device jumped to, and how many readings were there.
@@ -53,6 +65,7 @@ impl Tracking {
             displacement: Twist::ZERO,
             blind: 0.0,
             started: false,
+            stamped: false,
             lost: false,
             suspect: None,
             lags,
@@ -91,9 +104,9 @@ impl Tracking {
         &self.displacement
     }
 
-    /// Takes a reading that comes `dt` seconds after the one before, or counts why it was not taken.
-    pub fn take(&mut self, device: Option<&DeviceState>, dt: f64, events: &mut Events) -> Reading {
-        self.blind += if dt > 0.0 && dt.is_finite() { dt } else { 0.0 };
+    /// Takes a reading that comes `elapsed` seconds after the one before, or counts why it was not taken.
+    pub fn take(&mut self, device: Option<&DeviceState>, elapsed: f64, events: &mut Events) -> Reading {
+        self.blind += if elapsed > 0.0 && elapsed.is_finite() { elapsed } else { 0.0 };
         self.displacement = Twist::ZERO;
         let Some(state) = device else {
             events.device_refused += 1;
@@ -105,16 +118,22 @@ impl Tracking {
             events.device_refused += 1;
             return self.hold();
         }
+        if self.is_stale(state) {
+            events.device_stale += 1;
+            return if self.lost || self.blind > LONGEST_STALE { self.hold() } else { Reading::Stale };
+        }
         events.device_refused += u64::from(state.status.contains(Status::HELD));
         events.device_ended += u64::from(state.status.contains(Status::ENDED));
-        let elapsed = self.blind.max(self.period);
+        let blind = self.blind.max(self.period);
         let moved = moved(&self.state.pose, &state.pose);
-        let jumped = self.started && !reachable(&moved, elapsed);
+        let jumped = self.started && !reachable(&moved, blind);
         if jumped && !self.believe(&state.pose) {
             events.device_jumped += 1;
             return self.hold();
         }
+        let between = self.between(state, blind);
         let back = !self.started || jumped || self.lost;
+        self.stamped |= self.started && state.time > self.state.time;
         (self.started, self.lost) = (true, false);
         self.suspect = None;
         self.blind = 0.0;
@@ -124,10 +143,26 @@ impl Tracking {
             return Reading::Back;
         }
         self.displacement = moved;
-        let lag = |tau: f64| if tau > 0.0 { elapsed / (tau + elapsed) } else { 0.0 };
-        self.lagged.linear += (moved.linear / elapsed - self.lagged.linear) * lag(self.lags.0);
-        self.lagged.angular += (moved.angular / elapsed - self.lagged.angular) * lag(self.lags.1);
+        let lag = |tau: f64| if tau > 0.0 { between / (tau + between) } else { 0.0 };
+        let follow = |lagged: DVec3, moved: DVec3, tau: f64| {
+            let velocity = lagged + (moved / between - lagged) * lag(tau);
+            if velocity.abs().max_element() < SLOWEST { DVec3::ZERO } else { velocity }
+        };
+        self.lagged.linear = follow(self.lagged.linear, moved.linear, self.lags.0);
+        self.lagged.angular = follow(self.lagged.angular, moved.angular, self.lags.1);
         Reading::Good
+    }
+
+    /// Whether a reading is the one before. A device that does not stamp its readings is taken to give a new one each time.
+    fn is_stale(&self, state: &DeviceState) -> bool {
+        self.started && self.stamped && state.time <= self.state.time && state.pose == self.state.pose
+    }
+
+    /// Time from the reading before to this one, s: by their stamps as far as these can be, `blind` (s) after the last good one.
+    fn between(&self, state: &DeviceState, blind: f64) -> f64 {
+        let stamps = state.time - self.state.time;
+        let time = if stamps > 0.0 { stamps.min(blind + LONGEST_STALE) } else { blind };
+        time.max(CLOSEST * self.period)
     }
 
     fn hold(&mut self) -> Reading {

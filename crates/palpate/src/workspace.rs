@@ -1,4 +1,5 @@
-//! Where the hand is in the world: the device's mapping, and the clutch by which it is moved without the object.
+//! Where the hand is in the world: the device's mapping, the clutch by which it is moved without the object, and the same for a hand
+//! that is found elsewhere.
 
 use palpate_core::{Pose, Twist};
 use palpate_device::DeviceState;
@@ -20,6 +21,9 @@ pub(crate) struct Workspace {
     held: Option<Pose>,
 }
 
+/// A hand that is found further away than this, m and rad, holds the object where it is.
+const ELSEWHERE: (f64, f64) = (5e-3, 0.1);
+
 impl Workspace {
     pub fn new(mapping: DeviceMapping, button: Option<u32>) -> Self {
         Self { mapping, button, asked: false, held: None }
@@ -37,6 +41,19 @@ impl Workspace {
     /// Holds the clutch for the host, or lets it go for it.
     pub fn ask_clutch(&mut self, held: bool) {
         self.asked = held;
+    }
+
+    /// Lets a hand that was lost at one pose of the device and found at another, further away than a hand holds still, go on from
+    /// where its image was: whether it does.
+    pub fn rebase(&mut self, lost: &Pose, found: &Pose) -> bool {
+        let way = lost.translation.distance(found.translation);
+        let turn = lost.rotation_vector_to(found).length();
+        // While the clutch is held the image stays in any case.
+        let elsewhere = self.held.is_none() && (way > ELSEWHERE.0 || turn > ELSEWHERE.1);
+        if elsewhere {
+            self.mapping = self.mapping.rebased(found, &self.mapping.pose(lost));
+        }
+        elsewhere
     }
 
     /// Where the hand is in the world for a state of the device.

@@ -145,7 +145,8 @@ fn the_wrench_keeps_to_what_the_device_renders() {
         let limited = limited.step(&device, device.time, PERIOD).coupling;
         assert_eq!((limited.torque, limited.force.y), (DVec3::ZERO, 0.0));
         assert!(limited.force.length() <= 0.05 * (1.0 + 1e-12), "step {step}: {}", limited.force);
-        saturated += u64::from(limited.force.length() > 0.75 * 0.05);
+        let share = smooth(0.0, 1.0, f64::from(step) / 200.0);
+        saturated += u64::from(limited.force.length() > 0.75 * 0.05 * share);
         assert!(free.force.is_finite());
     }
     assert!(saturated > 0, "the limit was never reached");
@@ -169,17 +170,17 @@ fn an_overdue_contact_model_fades_the_wrench_out_and_in() {
         let age = f64::from(step - 50) * PERIOD;
         let share = match step {
             0..=50 => 1.0,
-            51..300 => (2.0 - age / 0.1).clamp(0.0, 1.0),
-            // Ten per cent more each hundredth of a second.
-            _ => (f64::from(step - 299) / 100.0).min(1.0),
+            51..300 => (1.0 - (age - 0.1) / 0.05).clamp(0.0, 1.0),
+            // Two per cent more each millisecond.
+            _ => (f64::from(step - 299) / 50.0).min(1.0),
         };
         let share = smooth(0.0, 1.0, share);
         assert!((sent.force - whole.force * share).length() < 1e-9, "step {step}: share {share}");
         assert!((sent.torque - whole.torque * share).length() < 1e-9, "step {step}: share {share}");
     }
     assert_eq!(fresh.telemetry().events.faded, 0);
-    // From 100 ms after step 50 (age equal to the timeout is still in time) until the wrench is whole at step 399.
-    assert!((247..=249).contains(&late.telemetry().events.faded), "{:?}", late.telemetry().events);
+    // From 100 ms after step 50 (age equal to the timeout is still in time) until the wrench is whole at step 349.
+    assert!((197..=199).contains(&late.telemetry().events.faded), "{:?}", late.telemetry().events);
 }
 
 #[test]
@@ -199,7 +200,7 @@ fn a_session_without_any_contact_model_fades_out() {
 #[test]
 fn a_lost_device_gets_no_wrench_and_a_found_one_gets_it_back_slowly() {
     let mut device = Circling::new(specification());
-    device.lost = 100..130;
+    device.lost = 100..110;
     let written = Arc::clone(&device.written);
     let settings = Settings { engagement: 0.1, ..Settings::default() };
     let mut haptic = haptic_loop(specification(), settings);
@@ -211,13 +212,13 @@ fn a_lost_device_gets_no_wrench_and_a_found_one_gets_it_back_slowly() {
         haptic.update_contacts(&update(now));
         holding.update_contacts(&update(now));
         let record = haptic.step_device(&mut device, now, PERIOD);
-        let held = DeviceState { twist: Twist::ZERO, ..state(99.0 * PERIOD) };
-        let device = if (100..130).contains(&step) { held } else { state(now) };
+        let held = DeviceState { time: now, twist: Twist::ZERO, ..state(99.0 * PERIOD) };
+        let device = if (100..110).contains(&step) { held } else { state(now) };
         let whole = holding.step(&device, now, PERIOD).coupling;
         let share = match step {
             ..100 => 1.0,
-            100..130 => 0.0,
-            _ => smooth(0.0, 1.0, f64::from(step - 129) / 100.0),
+            100..110 => 0.0,
+            _ => smooth(0.0, 1.0, f64::from(step - 109) / 100.0),
         };
         let (sent, whole) = (record.coupling, whole * share);
         assert!((sent.force - whole.force).length() < 1e-9, "step {step}: share {share}");
@@ -227,8 +228,8 @@ fn a_lost_device_gets_no_wrench_and_a_found_one_gets_it_back_slowly() {
     let written = written.lock().expect("one thread");
     for (step, (record, written)) in records.iter().zip(written.iter()).enumerate() {
         assert_eq!(record.coupling, *written, "step {step}: the record says what was sent");
-        assert_eq!((100..130).contains(&step), *written == Wrench::ZERO, "step {step}");
-        let expected = if (100..130).contains(&step) { 99 } else { step };
+        assert_eq!((100..110).contains(&step), *written == Wrench::ZERO, "step {step}");
+        let expected = if (100..110).contains(&step) { 99 } else { step };
         assert_eq!(
             record.device,
             circling(expected as f64 * PERIOD).0,
@@ -236,8 +237,8 @@ fn a_lost_device_gets_no_wrench_and_a_found_one_gets_it_back_slowly() {
         );
     }
     let events = haptic.telemetry().events;
-    assert_eq!((events.device_refused, events.faded), (30, 0));
-    assert_eq!(events.engaging, 99 + 30 + 99, "up at the start, and again when the device is back");
+    assert_eq!((events.device_refused, events.faded), (10, 0));
+    assert_eq!(events.engaging, 99 + 10 + 99, "up at the start, and again when the device is back");
 }
 
 #[test]

@@ -8,6 +8,7 @@ mod conservative;
 mod contact_query;
 mod contact_state;
 mod devices;
+mod faults;
 mod front_tracking;
 mod haptic_loop;
 mod hosted;

@@ -6,6 +6,7 @@ use palpate_device::{DeviceState, Status};
 use palpate_dynamics::{GripperMotion, PassivityObserver, PortAxes, SlewLimit, saturate};
 
 use crate::gains::SLEW_TIME;
+use crate::output::Moment;
 use crate::settings::SettingsError;
 use crate::telemetry::Events;
 use crate::tracking::{Reading, Tracking};
@@ -96,10 +97,10 @@ impl Gripper {
         }
     }
 
-    /// Takes a reading (rad) that comes `dt` seconds after the one before, or counts why it was not taken. With the energy (J) that
+    /// Takes a reading (rad) that comes `elapsed` seconds after the one before, or counts why it was not taken. With the energy (J) that
     /// flowed in since then.
-    pub fn take(&mut self, angle: f64, dt: f64, events: &mut Events) -> (Reading, f64) {
-        let reading = self.tracking.take(Some(&as_handle(angle)), dt, events);
+    pub fn take(&mut self, angle: f64, elapsed: f64, events: &mut Events) -> (Reading, f64) {
+        let reading = self.tracking.take(Some(&as_handle(angle)), elapsed, events);
         if matches!(reading, Reading::Good | Reading::Back) {
             self.angle = angle;
         }
@@ -111,12 +112,12 @@ impl Gripper {
         GripperMotion { angle: self.angle, rate: self.tracking.damped_state().twist.angular.x }
     }
 
-    /// What is sent of a wanted torque (N·m): within the peak, and no further from the last than it may change in `dt` (s), or shrink
-    /// in the time that has `elapsed` (s).
-    pub fn send(&mut self, wanted: f64, dt: f64, elapsed: f64, events: &mut Events) {
+    /// What is sent of a wanted torque (N·m): within the peak, and no further from the last than it may change.
+    pub fn send(&mut self, wanted: f64, at: &Moment, events: &mut Events) {
         let wanted = Wrench::new(DVec3::ZERO, DVec3::X * wanted);
         let fitting = saturate(&wanted, 0.0, self.peak);
-        let sent = self.slew.approach_late(&self.sent, &fitting, dt, elapsed);
+        let unloaded = self.slew.unload(&self.sent, &fitting, at.elapsed, (0.0, 0.0));
+        let sent = self.slew.approach(&unloaded, &fitting, at.dt);
         events.saturated += u64::from(fitting != wanted);
         events.slewed += u64::from(sent != fitting);
         self.hold(sent);
@@ -124,7 +125,7 @@ impl Gripper {
 
     /// Lets go as fast as it may.
     pub fn release(&mut self, elapsed: f64) {
-        self.hold(self.slew.approach(&self.sent, &Wrench::ZERO, elapsed));
+        self.hold(self.slew.unload(&self.sent, &Wrench::ZERO, elapsed, (0.0, 0.0)));
     }
 
     fn hold(&mut self, sent: Wrench) {

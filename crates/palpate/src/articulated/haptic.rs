@@ -5,18 +5,19 @@
 
 use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Wrench};
-use palpate_device::{DeviceState, Specification};
+use palpate_device::{DeviceState, Specification, Status};
 use palpate_dynamics::{
     ArticulatedBody, ArticulatedFrame, ArticulatedState, ArticulatedStep, BodyState, ContactBlend,
-    DeviceMapping, DeviceMotion, GripperCoupling, PassivityController, SlewLimit, VirtualCoupling,
-    articulated_step,
+    DeviceMapping, DeviceMotion, GripperCoupling, SlewLimit, VirtualCoupling, articulated_step,
 };
 
 use super::gripper::{Gripper, GripperSettings};
 use super::record::ArticulatedRecord;
 use super::tool::ToolBody;
 use crate::contact_loop::ContactUpdate;
-use crate::haptic_loop::{Found, Limits, STORED_IN_CONTACTS};
+use crate::haptic_loop::{Found, LONGEST_STEP, STORED_IN_CONTACTS};
+use crate::invariants::Invariants;
+use crate::output::{Moment, Output};
 use crate::presence::Presence;
 use crate::reactions::{Reacting, Reactions};
 use crate::telemetry::HapticTelemetry;
@@ -36,15 +37,13 @@ pub struct ArticulatedLoop {
     centers: [DVec3; 2],
     /// The frame that the coupling holds, in the first mesh's frame, which the device's frame stands for.
     grasp: Pose,
-    limits: Limits,
-    slew: SlewLimit,
     tracking: Tracking,
     gripper: Gripper,
     workspace: Workspace,
     presence: Presence,
-    passivity: PassivityController,
-    /// The wrench that the device holds.
-    sent: Wrench,
+    output: Output,
+    /// The longest time that a step integrates, s.
+    longest_step: f64,
     found: [Found; 2],
     contacts: [ContactBlend; 2],
     reacting: Reacting,
@@ -88,8 +87,8 @@ impl ArticulatedLoop {
         gripper: &GripperSettings,
         gripper_angle: f64,
     ) -> Self {
-        let steps = (specification.encoder_step, specification.angular_encoder_step);
-        let none = Found { time: f64::NAN, depth: 0.0, contacts: 0 };
+        let Grasped { slew, max_damping, engagement, period, .. } = grasped;
+        let none = Found { time: f64::NAN, pose: Pose::IDENTITY, depth: 0.0, contacts: 0 };
         Self {
             body: grasped.body,
             coupling: grasped.coupling,
@@ -97,18 +96,12 @@ impl ArticulatedLoop {
             state,
             centers: grasped.centers,
             grasp: grasped.grasp,
-            limits: Limits {
-                force: specification.peak_force,
-                torque: specification.peak_torque,
-                actuated: specification.actuated,
-            },
-            slew: grasped.slew,
-            tracking: Tracking::new(*device, grasped.velocity_lags, grasped.period),
-            gripper: Gripper::new(gripper, gripper_angle, grasped.gripper_lag, grasped.period),
+            tracking: Tracking::new(*device, grasped.velocity_lags, period),
+            gripper: Gripper::new(gripper, gripper_angle, grasped.gripper_lag, period),
             workspace: Workspace::new(grasped.mapping, grasped.clutch_button),
-            presence: Presence::new(grasped.contact_timeout, grasped.engagement),
-            passivity: PassivityController::new(grasped.max_damping, steps),
-            sent: Wrench::ZERO,
+            presence: Presence::new(grasped.contact_timeout, engagement),
+            output: Output::new(specification, slew, max_damping, engagement, period),
+            longest_step: (LONGEST_STEP.0 * period).max(LONGEST_STEP.1),
             found: [none; 2],
             contacts: [ContactBlend::new(), ContactBlend::new()],
             reacting: Reacting::default(),
@@ -163,6 +156,11 @@ impl ArticulatedLoop {
         &self.telemetry
     }
 
+    /// What was checked so far of the wrenches that were sent; the gripper's torque is not among them.
+    pub fn invariants(&self) -> &Invariants {
+        self.output.invariants()
+    }
+
     /// Takes a newer contact model of one body into use: [gradually](ContactBlend), over as long as lies between the last two, but no
     /// longer than [`ContactBlend::LONGEST`].
     pub fn update_contacts(&mut self, body: ToolBody, update: &ContactUpdate) {
@@ -175,7 +173,7 @@ impl ArticulatedLoop {
         let since = time - found.time;
         let duration = if since.is_nan() { 0.0 } else { since.min(ContactBlend::LONGEST) };
         contacts.arrive(model, &state, self.now - time, duration);
-        *found = Found { time, depth, contacts: count };
+        *found = Found { time, pose: *model.pose(), depth, contacts: count };
         self.telemetry.depth_max = self.telemetry.depth_max.max(depth);
     }
 
@@ -183,16 +181,18 @@ impl ArticulatedLoop {
     /// to send are the record's [`coupling`](ArticulatedRecord::coupling) and [`torque`](ArticulatedRecord::torque).
     pub fn step(&mut self, device: &DeviceState, gripper_angle: f64, now: f64, dt: f64) -> ArticulatedRecord {
         self.telemetry.steps += 1;
-        let reading = self.read(device, gripper_angle, dt);
         if self.started.is_nan() {
             self.started = now;
         }
-        // A step may come late.
+        // A step may come late, and make up for some of it.
         let elapsed = (now - std::mem::replace(&mut self.now, now)).max(dt);
+        let dt = if dt.is_finite() && dt > self.longest_step { self.longest_step } else { dt };
+        let reading = self.read(device, gripper_angle, elapsed);
         let handle = self.workspace.locate(&self.tracking.damped_state());
         let motion = motion_at(&handle, &self.grasp);
         let arm = motion.pose.translation - handle.pose.translation;
-        self.observe(&motion);
+        let stored = self.observe(&motion);
+        let harmful = self.output.is_harmful(&self.tracking, (stored, elapsed), &mut self.telemetry.events);
 
         let second = self.body_state(ToolBody::Second);
         self.contacts[0].advance(&self.state.first, dt);
@@ -213,9 +213,25 @@ impl ArticulatedLoop {
         self.state = step.state;
         self.react(&step, dt);
 
-        self.pass(reading, &step, now, dt);
-        self.send(reading, &step, arm, dt, elapsed);
-        self.record(&handle, &step, now)
+        let failed = step.status.held.is_some() || reading == Reading::Lost;
+        let released = failed || harmful || reading == Reading::Back;
+        if released {
+            self.presence.release();
+        }
+        let overdue = self.pass(reading, &step, now, dt);
+        let share = self.presence.share();
+        let at = Moment { dt, elapsed, share, faulty: failed || overdue, released, stored };
+        let sent = if harmful {
+            self.gripper.release(elapsed);
+            self.output.drop(&self.tracking, &at)
+        } else if !failed && share > 0.0 {
+            self.send(&step, arm, &at)
+        } else {
+            self.gripper.release(elapsed);
+            self.output.let_go(&self.tracking, &at)
+        };
+        self.telemetry.coupling_force_max = self.telemetry.coupling_force_max.max(sent.force.length());
+        self.record(&handle, &step, sent, now)
     }
 
     /// Lets what contacts push the scene's objects with be taken elsewhere, from the next step on.
@@ -232,12 +248,21 @@ impl ArticulatedLoop {
         self.reacting.pass_on();
     }
 
-    /// Takes the readings of device and gripper: what came of the worse.
-    fn read(&mut self, device: &DeviceState, gripper_angle: f64, dt: f64) -> Reading {
+    /// Takes the readings of device and gripper, `elapsed` (s) after those before: what came of the worse.
+    fn read(&mut self, device: &DeviceState, gripper_angle: f64, elapsed: f64) -> Reading {
+        let before = self.tracking.state().pose;
         let events = &mut self.telemetry.events;
-        let of_device = self.tracking.take(Some(device), dt, events);
-        let (of_gripper, energy) = self.gripper.take(gripper_angle, dt, events);
-        self.passivity.exchange(energy);
+        let of_device = self.tracking.take(Some(device), elapsed, events);
+        let (of_gripper, energy) = self.gripper.take(gripper_angle, elapsed, events);
+        self.output.passivity.exchange(energy);
+        if device.status.contains(Status::WITHHELD) {
+            events.withheld += 1;
+            self.presence.release();
+            self.output.forget();
+        }
+        if of_device == Reading::Back && self.output.limits().render() {
+            events.rebased += u64::from(self.workspace.rebase(&before, &self.tracking.state().pose));
+        }
         let either = |reading: Reading| of_device == reading || of_gripper == reading;
         [Reading::Lost, Reading::Back, Reading::Held]
             .into_iter()
@@ -245,65 +270,54 @@ impl ArticulatedLoop {
             .unwrap_or(Reading::Good)
     }
 
-    /// Counts the energy that flowed over the last period.
-    fn observe(&mut self, motion: &DeviceMotion) {
+    /// Counts the energy that flowed over the last period. The most (J at the device) that may come back.
+    fn observe(&mut self, motion: &DeviceMotion) -> f64 {
         let scale = self.workspace.mapping().scale;
         let springs = self.coupling.potential_energy(&self.state.first, motion)
             + self.grip.potential_energy(&self.state, &self.gripper.motion());
-        let stored = (1.0 + STORED_IN_CONTACTS) * (springs + self.body.kinetic_energy(&self.state));
-        self.passivity.observe(self.tracking.displacement(), stored / (scale * scale));
+        let stored =
+            (1.0 + STORED_IN_CONTACTS) * (springs + self.body.kinetic_energy(&self.state)) / (scale * scale);
+        let passivity = &mut self.output.passivity;
+        passivity.observe(self.tracking.displacement(), stored);
         let telemetry = &mut self.telemetry;
-        telemetry.energy = self.passivity.energy() + self.gripper.energy();
+        telemetry.energy = passivity.energy() + self.gripper.energy();
         telemetry.energy_min = telemetry.energy_min.min(telemetry.energy);
-        telemetry.dissipated = self.passivity.dissipated();
+        telemetry.dissipated = passivity.dissipated();
+        stored
     }
 
-    /// Lets the share of wrench and torque come up, fade or fall to nothing, and counts why.
-    fn pass(&mut self, reading: Reading, step: &ArticulatedStep, now: f64, dt: f64) {
+    /// Lets the share of wrench and torque come up, fade or fall to nothing, and counts why. Whether contact models are overdue.
+    fn pass(&mut self, reading: Reading, step: &ArticulatedStep, now: f64, dt: f64) -> bool {
         let since = |found: &Found| now - if found.time.is_nan() { self.started } else { found.time };
         let waited = since(&self.found[0]).max(since(&self.found[1]));
-        let taken = step.status.held.is_none();
         // A step that is refused may be so because of its `dt`.
-        let dt = if taken { dt } else { 0.0 };
-        if !taken || matches!(reading, Reading::Lost | Reading::Back) {
-            self.presence.release();
-        }
-        let passed = if reading == Reading::Lost { 0.0 } else { dt };
-        self.presence.pass(waited, self.workspace.clutched(), passed);
+        let dt = if step.status.held.is_none() && reading != Reading::Lost { dt } else { 0.0 };
+        self.presence.pass(waited, 0.0, self.workspace.clutched(), dt);
         let events = &mut self.telemetry.events;
         events.faded += u64::from(self.presence.fading());
         events.engaging += u64::from(self.presence.engaging());
         events.clutched += u64::from(self.workspace.clutched());
+        self.presence.is_overdue(waited)
     }
 
-    /// What device and gripper get of a step, within what they render and in how fast that changes.
-    fn send(&mut self, reading: Reading, step: &ArticulatedStep, arm: DVec3, dt: f64, elapsed: f64) {
-        let share = self.presence.share();
-        if step.status.held.is_none() && reading != Reading::Lost && share > 0.0 {
-            // Overdue, it has to be nothing in time.
-            let elapsed = if self.presence.fading() { elapsed } else { dt };
-            let mapping = *self.workspace.mapping();
-            let wanted = mapping.wrench(&step.coupling.about(-arm)) * share;
-            let damping = self.passivity.damping(&self.tracking.damped_state().twist, dt);
-            let (fitting, limited) = self.limits.fit(&(wanted + damping));
-            let events = &mut self.telemetry.events;
-            self.sent = self.slew.approach_late(&self.sent, &fitting, dt, elapsed);
-            events.damped += u64::from(damping != Wrench::ZERO);
-            events.saturated += u64::from(limited);
-            events.slewed += u64::from(self.sent != fitting);
-            // As any torque (§5.3.3).
-            let torque = step.gripper * share / (mapping.scale * mapping.scale);
-            self.gripper.send(torque, dt, elapsed, events);
-        } else {
-            // They still hold the last ones, which go down as fast as they may.
-            self.sent = self.slew.approach(&self.sent, &self.passivity.rest(), elapsed);
-            self.gripper.release(elapsed);
-        }
-        self.passivity.hold(&self.sent);
-        self.telemetry.coupling_force_max = self.telemetry.coupling_force_max.max(self.sent.force.length());
+    /// Sends device and gripper what they get of a step.
+    fn send(&mut self, step: &ArticulatedStep, arm: DVec3, at: &Moment) -> Wrench {
+        let mapping = *self.workspace.mapping();
+        let events = &mut self.telemetry.events;
+        // As any torque (§5.3.3).
+        let torque = step.gripper * at.share / (mapping.scale * mapping.scale);
+        self.gripper.send(torque, at, events);
+        let wanted = mapping.wrench(&step.coupling.about(-arm));
+        self.output.send(&wanted, &self.tracking, at, events)
     }
 
-    fn record(&self, handle: &DeviceMotion, step: &ArticulatedStep, now: f64) -> ArticulatedRecord {
+    fn record(
+        &self,
+        handle: &DeviceMotion,
+        step: &ArticulatedStep,
+        sent: Wrench,
+        now: f64,
+    ) -> ArticulatedRecord {
         let [first, second] = &self.found;
         ArticulatedRecord {
             time: now,
@@ -312,7 +326,7 @@ impl ArticulatedLoop {
             gripper: self.gripper.motion().angle,
             objects: self.object_poses(),
             angle: self.state.angle,
-            coupling: self.sent,
+            coupling: sent,
             torque: self.gripper.torque(),
             stop: step.stop,
             contact: step.contacts,

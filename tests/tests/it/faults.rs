@@ -1,0 +1,316 @@
+//! Faults of a hand, a device, a host or a machine that could hurt: each is shown here by what it would make the wrench do.
+
+use palpate::device::{DeviceState, Emulation, Status};
+use palpate::dynamics::{ContactParameters, Friction, LinearContactModel};
+use palpate::glam::{DQuat, DVec3};
+use palpate::{
+    Contact, ContactUpdate, HapticLoop, HapticRenderer, Pose, Record, Scene, Settings, Twist, Wrench,
+};
+use palpate_tests::model;
+
+const PERIOD: f64 = 1e-3;
+/// Peak force of the device, N.
+const PEAK: f64 = 8.5;
+
+/// A host's loop, with a contact query that finds a floor.
+struct Rig {
+    haptic: HapticLoop,
+    /// Height over the world's origin (m) and damping (N·s/m) of a floor of 2 kN/m; none without one.
+    floor: Option<(f64, f64)>,
+    /// Whether contacts are found.
+    queries: bool,
+    now: f64,
+}
+
+impl Rig {
+    fn new(settings: Settings) -> Self {
+        let device = Box::new(Emulation::default().open(Pose::IDENTITY).expect("an emulated device"));
+        let renderer = HapticRenderer::new(model("ellipsoid@500"), Scene::new(), device, settings);
+        let (haptic, _, _) = renderer.expect("a renderer").into_loops();
+        Self { haptic, floor: None, queries: true, now: 0.0 }
+    }
+
+    /// With a floor of 2 kN/m whose surface is `depth` (m) above where the object is.
+    fn on_floor(settings: Settings, depth: f64) -> Self {
+        let rig = Self::new(settings);
+        let height = rig.haptic.body_state().pose.translation.z + depth;
+        Self { floor: Some((height, 20.0)), ..rig }
+    }
+
+    /// What a contact query finds, under the object's centre of mass.
+    fn query(&self) -> ContactUpdate {
+        let center = self.haptic.body_state().pose;
+        let none = LinearContactModel::empty(&center, self.now);
+        let Some((height, damping)) = self.floor else {
+            return ContactUpdate { model: none, time: self.now, ..ContactUpdate::none() };
+        };
+        let point = center.translation;
+        let depth = height - point.z;
+        let contact = Contact { point, scene_point: point + DVec3::Z * depth, normal: DVec3::NEG_Z, depth };
+        let parameters =
+            ContactParameters { stiffness: 2000.0, damping, tolerance: 0.0, friction: Friction::NONE };
+        let model = LinearContactModel::from_contacts([contact], &center, &parameters, self.now);
+        ContactUpdate { model, time: self.now, depth, contacts: 1 }
+    }
+
+    fn step_by(&mut self, state: DeviceState, elapsed: f64, dt: f64) -> Record {
+        self.now += elapsed;
+        if self.queries {
+            self.haptic.update_contacts(&self.query());
+        }
+        self.haptic.step(&state, self.now, dt)
+    }
+
+    fn step(&mut self, state: DeviceState) -> Record {
+        self.step_by(state, PERIOD, PERIOD)
+    }
+
+    fn rest(&mut self, steps: usize, place: DVec3) -> Record {
+        (0..steps)
+            .map(|_| {
+                let state = self.moving(place, DVec3::ZERO, PERIOD);
+                self.step(state)
+            })
+            .last()
+            .expect("a step")
+    }
+
+    /// What a device says `elapsed` (s) from now, its time being the host's.
+    fn moving(&self, place: DVec3, velocity: DVec3, elapsed: f64) -> DeviceState {
+        DeviceState {
+            time: self.now + elapsed,
+            pose: Pose::from_translation(place),
+            twist: Twist::new(velocity, DVec3::ZERO),
+            buttons: 0,
+            status: Status::OK,
+        }
+    }
+}
+
+/// Fault 4: 40 mm in 40 ms are 1 m/s, though the step that comes late integrates 5 ms of them.
+#[test]
+fn a_late_wake_up_makes_no_spike_of_velocity() {
+    let mut rig = Rig::new(Settings::default());
+    let speed = DVec3::X;
+    let mut place = DVec3::ZERO;
+    let mut last = Wrench::ZERO;
+    for _ in 0..400 {
+        place += speed * PERIOD;
+        let state = rig.moving(place, speed, PERIOD);
+        last = rig.step(state).coupling;
+    }
+    place += speed * 0.04;
+    let state = rig.moving(place, speed, 0.04);
+    let late = rig.step_by(state, 0.04, 0.005).coupling;
+    let grown = (late.force - last.force).length();
+    assert!(grown < 0.2 * PEAK || late == Wrench::ZERO, "{grown} N in one write");
+    let mut most = late.force.length();
+    for _ in 0..300 {
+        place += speed * PERIOD;
+        let state = rig.moving(place, speed, PERIOD);
+        most = most.max(rig.step(state).coupling.force.length());
+    }
+    assert!(most < 0.5 * PEAK, "{most} N after a wake-up 40 ms late, without contact");
+}
+
+/// Fault 5: a device that reports every other step has the velocity that it has, not nothing and twice as much in turn.
+#[test]
+fn readings_that_are_stale_are_not_taken_for_rest() {
+    let ripple = |every: usize| {
+        let mut rig = Rig::new(Settings::default());
+        let speed = DVec3::X * 0.3;
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        let mut state = rig.moving(DVec3::ZERO, speed, PERIOD);
+        for step in 0..500 {
+            if step % every == 0 {
+                let time = rig.now + PERIOD;
+                state = rig.moving(speed * time, DVec3::ZERO, PERIOD);
+            }
+            let force = rig.step(state).coupling.force.x;
+            if step >= 300 {
+                (low, high) = (low.min(force), high.max(force));
+            }
+        }
+        high - low
+    };
+    let (each, other) = (ripple(1), ripple(2));
+    assert!(each < 1e-3, "{each} N though each step has a reading");
+    assert!(other < 0.2, "{other} N of ripple at half the rate");
+}
+
+/// Fault 6: what the driver took back comes up anew.
+#[test]
+fn a_wrench_that_the_driver_withheld_comes_up_from_nothing() {
+    let mut rig = Rig::on_floor(Settings::default(), 5e-3);
+    let before = rig.rest(400, DVec3::ZERO).coupling.force.z;
+    assert!(before > 1.0, "{before} N");
+    let withheld = DeviceState { status: Status::WITHHELD, ..rig.moving(DVec3::ZERO, DVec3::ZERO, PERIOD) };
+    let first = rig.step(withheld).coupling.force.z;
+    assert!(first.abs() < 0.01 * before, "{first} N in the first write after it, {before} N before");
+    let early = rig.rest(19, DVec3::ZERO).coupling.force.z;
+    assert!(early.abs() < 0.1 * before, "{early} N after 20 ms");
+    let back = rig.rest(300, DVec3::ZERO).coupling.force.z;
+    assert!((back - before).abs() < 1e-3, "{back} N");
+}
+
+/// Fault 7: one long step of a host does not bring the wrench up at once.
+#[test]
+fn a_long_step_of_a_host_does_not_complete_the_engagement() {
+    let mut rig = Rig::on_floor(Settings::default(), 5e-3);
+    let state = rig.moving(DVec3::ZERO, DVec3::ZERO, 0.2);
+    let first = rig.step_by(state, 0.2, 0.2).coupling.force.length();
+    assert!(first < 0.02 * PEAK, "{first} N in the first write");
+}
+
+/// Fault 8: contacts of long ago hold nothing.
+#[test]
+fn planes_that_are_old_let_go() {
+    let mut rig = Rig::on_floor(Settings::default(), 5e-3);
+    let before = rig.rest(400, DVec3::ZERO).coupling.force.z;
+    assert!(before > 1.0, "{before} N");
+    rig.queries = false;
+    let after = rig.rest(101, DVec3::ZERO).coupling;
+    assert_eq!(after, Wrench::ZERO, "100 ms after the last contact model");
+}
+
+/// Fault 8: nor do those of far away.
+#[test]
+fn planes_that_were_found_far_away_let_go() {
+    let mut rig = Rig::on_floor(Settings::default(), 5e-3);
+    rig.rest(400, DVec3::ZERO);
+    rig.queries = false;
+    // In 30 ms the hand is 15 cm aside, three radii of what it holds.
+    let speed = DVec3::X * 5.0;
+    let mut place = DVec3::ZERO;
+    let mut pushed = 0.0;
+    for _ in 0..30 {
+        place += speed * PERIOD;
+        let state = rig.moving(place, speed, PERIOD);
+        pushed = rig.step(state).coupling.force.z;
+    }
+    assert!(pushed.abs() < 0.05, "{pushed} N along the normal of a plane that is 15 cm behind");
+}
+
+/// Fault 10: a device that comes back elsewhere holds the object where it is.
+#[test]
+fn a_hand_that_is_found_elsewhere_does_not_drag_the_object() {
+    let mut rig = Rig::new(Settings::default());
+    rig.rest(300, DVec3::ZERO);
+    let held = rig.haptic.object_pose();
+    // No reading is good for 50 ms; then the hand is 8 cm aside and turned.
+    for _ in 0..50 {
+        let mut state = rig.moving(DVec3::ZERO, DVec3::ZERO, PERIOD);
+        state.pose.translation.x = f64::NAN;
+        rig.step(state);
+    }
+    let mut most = 0.0_f64;
+    for _ in 0..500 {
+        let mut state = rig.moving(DVec3::X * 0.08, DVec3::ZERO, PERIOD);
+        state.pose.rotation = DQuat::from_rotation_z(0.6);
+        most = most.max(rig.step(state).coupling.force.length());
+    }
+    let dragged = rig.haptic.object_pose().translation.distance(held.translation);
+    assert!(dragged < 1e-3 && most < 0.05, "dragged by {dragged} m with {most} N");
+    // From there it follows.
+    for step in 1..=300 {
+        let x = 0.08 + 1e-4 * f64::from(step);
+        let mut state = rig.moving(DVec3::X * x, DVec3::X * 0.1, PERIOD);
+        state.pose.rotation = DQuat::from_rotation_z(0.6);
+        rig.step(state);
+    }
+    let moved = rig.haptic.object_pose().translation - held.translation;
+    assert!((moved - DVec3::X * 0.03).length() < 2e-3, "{moved}");
+}
+
+/// Fault 10: nor does one that has moved before the first step.
+#[test]
+fn a_hand_that_moved_before_the_first_step_does_not_drag_the_object() {
+    let mut rig = Rig::new(Settings::default());
+    let held = rig.haptic.object_pose();
+    let most = (0..500)
+        .map(|_| {
+            let state = rig.moving(DVec3::Y * 0.07, DVec3::ZERO, PERIOD);
+            rig.step(state).coupling.force.length()
+        })
+        .fold(0.0, f64::max);
+    let dragged = rig.haptic.object_pose().translation.distance(held.translation);
+    assert!(dragged < 1e-3 && most < 0.05, "dragged by {dragged} m with {most} N");
+}
+
+/// Fault 13: what is kept up is no more than the actuators stand for long.
+#[test]
+fn a_force_that_is_kept_up_falls_to_what_the_device_stands() {
+    let continuous = Emulation::default().specification.continuous_force;
+    let mut rig =
+        Rig::on_floor(Settings { rate: 50.0, coupling_stiffness: Some(400.0), ..Settings::default() }, 0.015);
+    let mut rest = |seconds: f64| {
+        (0..(50.0 * seconds) as usize)
+            .map(|_| {
+                let state = rig.moving(DVec3::ZERO, DVec3::ZERO, 0.02);
+                rig.step_by(state, 0.02, 0.02).coupling.force.length()
+            })
+            .last()
+            .expect("a step")
+    };
+    let early = rest(2.0);
+    assert!(early > 2.0 * continuous, "{early} N at first");
+    let late = rest(3600.0);
+    assert!(late <= continuous * 1.01, "{late} N after an hour, {continuous} N can be kept up");
+    assert!(late > 0.9 * continuous, "{late} N is less than what can be kept up");
+}
+
+/// Fault 13: a handle that nobody holds is not driven off.
+#[test]
+fn a_handle_that_is_let_go_does_not_run_away() {
+    let handle = Emulation::default().handle;
+    let mut rig = Rig::on_floor(Settings::default(), 0.05);
+    let pressed = rig.rest(300, DVec3::ZERO).coupling.force.z;
+    assert!(pressed > 0.8 * PEAK, "{pressed} N");
+    // Let go, it moves by the force that it gets alone.
+    let (mut place, mut speed, mut force, mut fastest) = (0.0, 0.0, pressed, 0.0_f64);
+    for _ in 0..300 {
+        speed += force / handle.mass * PERIOD;
+        speed -= handle.damping / handle.mass * speed * PERIOD;
+        place += speed * PERIOD;
+        fastest = fastest.max(speed);
+        let state = rig.moving(DVec3::Z * place, DVec3::Z * speed, PERIOD);
+        force = rig.step(state).coupling.force.z;
+    }
+    assert!(fastest < 1.0, "it flies off at {fastest} m/s");
+}
+
+/// Fault 14: an object that no step can move is not held for ever where the hand was.
+#[test]
+fn an_object_that_is_stuck_comes_back_to_the_hand() {
+    let mut rig = Rig::new(Settings::default());
+    rig.rest(300, DVec3::ZERO);
+    rig.floor = Some((rig.haptic.body_state().pose.translation.z + 1e-3, f64::INFINITY));
+    let mut place = DVec3::ZERO;
+    for _ in 0..100 {
+        place += DVec3::new(4e-4, 0.0, -4e-4);
+        let state = rig.moving(place, DVec3::new(0.4, 0.0, -0.4), PERIOD);
+        rig.step(state);
+    }
+    let refused = rig.haptic.telemetry().events.step_refused;
+    assert!(refused > 90, "{refused} steps were refused");
+    rig.floor = None;
+    let most = (0..500)
+        .map(|_| {
+            let state = rig.moving(place, DVec3::ZERO, PERIOD);
+            rig.step(state).coupling.force.length()
+        })
+        .fold(0.0, f64::max);
+    assert!(most < 0.5, "dragged to the hand with {most} N");
+}
+
+/// Fault 15: a small wrench is let go of as fast as the hand comes off, whatever the limit of its change.
+#[test]
+fn unloading_is_not_delayed() {
+    let settings = Settings { force_slew: Some(20.0), ..Settings::default() };
+    let mut rig = Rig::on_floor(settings, 3e-3);
+    let before = rig.rest(1000, DVec3::ZERO).coupling.force.z;
+    assert!(before > 0.5 && before < 0.2 * PEAK, "{before} N");
+    rig.floor = None;
+    let after = rig.rest(40, DVec3::ZERO).coupling.force.z;
+    assert!(after < 0.05 * before, "{after} N of {before} N, 40 ms after the surface was gone");
+}
