@@ -15,7 +15,6 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use palpate::device::Steering;
-use palpate::dynamics::DeviceMapping;
 use palpate::glam::{DQuat, DVec3};
 use palpate::{HapticRenderer, Pose, Record, Scene, Session, Settings, explore};
 use palpate_examples::{CommandLine, open, say, write_report};
@@ -79,12 +78,11 @@ fn main() -> Result<(), Box<dyn Error>> {
         friction: arguments.friction,
         ..Settings::default()
     };
-    let mapping = DeviceMapping::new(settings.workspace_scale, settings.device_frame);
     let period = 1.0 / settings.rate;
     let (device, steering) = if on_terminal {
-        explore::open_steered_device(&arguments.device, &probe, &scene, &mapping)?
+        explore::open_steered_device(&arguments.device, &probe, &scene, &settings)?
     } else {
-        (explore::open_mapped_device(&arguments.device, &probe, &scene, &mapping)?, None)
+        (explore::open_device_for(&arguments.device, &probe, &scene, &settings)?, None)
     };
     let renderer = HapticRenderer::new(probe, scene, device, settings)?;
     let rendered = Rendered::of(&renderer);

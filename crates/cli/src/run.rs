@@ -8,10 +8,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use indicatif::ProgressBar;
 use palpate::device::{HapticDevice, HoldToEnable, RecordingWriter, Steering, Tap, Taps};
-use palpate::dynamics::DeviceMapping;
 use palpate::{
-    ContactTiming, HapticRenderer, Pose, Record, RecordWriter, RendererError, Scene, SceneFile, Session,
-    Settings, Summary, explore,
+    ContactTiming, HandlePlace, HapticRenderer, Pose, Record, RecordWriter, RendererError, Scene, SceneFile,
+    Session, Settings, Summary, explore,
 };
 use palpate_report::{Machine, Rendered, Report};
 
@@ -72,13 +71,13 @@ fn render(arguments: &RunArguments, window: Option<Window>) -> Result<(), Failur
     let radius = probe.bounding_radius();
     let settings = arguments.physics.applied_to(arguments.textures.applied_to(settings), radius);
     let settings = arguments.resolution.applied_to(settings, &probe)?;
+    let settings = held_for(&arguments.device, settings);
     settings.check().map_err(RendererError::from)?;
     let timing = timing(arguments, &settings)?;
-    let mapping = DeviceMapping::new(settings.workspace_scale, settings.device_frame);
     let (device, steering) = if window.is_some() {
-        explore::open_steered_device(&arguments.device, &probe, &scene, &mapping)?
+        explore::open_steered_device(&arguments.device, &probe, &scene, &settings)?
     } else {
-        (explore::open_mapped_device(&arguments.device, &probe, &scene, &mapping)?, None)
+        (explore::open_device_for(&arguments.device, &probe, &scene, &settings)?, None)
     };
     if arguments.report.is_some() && seconds * settings.rate > MOST_REPORTED {
         let most = MOST_REPORTED / settings.rate;
@@ -226,10 +225,25 @@ fn show(
     Err(Failure::Message("there is no window without the feature `view`".to_owned()))
 }
 
+/// The file whose path the hand of an emulated device follows, by the device's address.
+fn followed(device: &str) -> Option<&str> {
+    let followed = device.split_once("path=").filter(|_| device.starts_with("emulated"));
+    followed.map(|(_, file)| file)
+}
+
+/// A path from a file is one of the probe's mesh frame: the handle is at its origin.
+fn held_for(device: &str, settings: Settings) -> Settings {
+    match settings.handle {
+        HandlePlace::Automatic if followed(device).is_some() => {
+            Settings { handle: HandlePlace::MeshOrigin, ..settings }
+        }
+        _ => settings,
+    }
+}
+
 fn check_files(arguments: &RunArguments, window: Option<&Window>) -> Result<(), Failure> {
-    let (device, followed) = (&arguments.device, arguments.device.split_once("path="));
-    let followed = followed.filter(|_| device.starts_with("emulated")).map(|(_, file)| file);
-    let replayed = device.strip_prefix("replay:").or(followed).map(Path::new);
+    let device = &arguments.device;
+    let replayed = device.strip_prefix("replay:").or_else(|| followed(device)).map(Path::new);
     let read: Vec<&Path> =
         [Path::new(&arguments.probe), Path::new(&arguments.scene)].into_iter().chain(replayed).collect();
     let given = [

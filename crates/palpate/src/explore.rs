@@ -6,10 +6,11 @@ use palpate_core::glam::DVec3;
 use palpate_device::{
     DeviceError, EmulatedHand, HapticDevice, IntendedPath, PathError, Steering, Task, TaskSite,
 };
-use palpate_dynamics::DeviceMapping;
 
 use crate::object::Object;
+use crate::placement::HandlePlacement;
 use crate::scene::Scene;
+use crate::settings::Settings;
 
 /// Most steps of the descent to first touch.
 const MAX_DESCENT: usize = 4000;
@@ -24,30 +25,34 @@ pub fn open_device(
     probe: &Object,
     scene: &Scene,
 ) -> Result<Box<dyn HapticDevice>, DeviceError> {
-    open_mapped_device(address, probe, scene, &DeviceMapping::IDENTITY)
+    open_device_for(address, probe, scene, &Settings::default())
 }
 
-/// [`open_device`] for a session in which the device's motion is mapped: the hand moves so that the probe does its task in the
-/// scene all the same. A path from a file is one of the device, and stays what it is.
+/// [`open_device`] for a session with other settings: wherever they put the handle on the probe, and the device's workspace in the
+/// world, the hand moves so that the probe does its task in the scene all the same. A path from a file is one of the device, and
+/// stays what it is.
 ///
 /// # Errors
 /// As [`open_device`].
-pub fn open_mapped_device(
+pub fn open_device_for(
     address: &str,
     probe: &Object,
     scene: &Scene,
-    mapping: &DeviceMapping,
+    settings: &Settings,
 ) -> Result<Box<dyn HapticDevice>, DeviceError> {
     let Some(hand) = EmulatedHand::at(address) else { return palpate_device::open(address) };
     let hand = hand?;
     let path = match hand.path {
         Some(path) => path.into(),
-        None => mapped_path(hand.task.unwrap_or_default(), probe, scene, mapping)?,
+        None => {
+            let placement = HandlePlacement::new(settings, probe, &hand.emulation.specification);
+            placed_path(hand.task.unwrap_or_default(), probe, scene, &placement)?
+        }
     };
     Ok(Box::new(hand.emulation.open(path)?))
 }
 
-/// [`open_mapped_device`], except that the hand of an emulated device whose address names neither a task nor a path goes where
+/// [`open_device_for`], except that the hand of an emulated device whose address names neither a task nor a path goes where
 /// it is steered to, from over the middle of the scene on.
 ///
 /// # Errors
@@ -56,36 +61,38 @@ pub fn open_steered_device(
     address: &str,
     probe: &Object,
     scene: &Scene,
-    mapping: &DeviceMapping,
+    settings: &Settings,
 ) -> Result<(Box<dyn HapticDevice>, Option<Steering>), DeviceError> {
     match EmulatedHand::at(address) {
         Some(Ok(EmulatedHand { emulation, task: None, path: None })) => {
             let start = Task::default().pose(0.0, &site(Task::default(), probe, scene));
-            let (steering, path) = Steering::new(mapping.device_pose(&start));
+            let placement = HandlePlacement::new(settings, probe, &emulation.specification);
+            let (steering, path) = Steering::new(placement.device_pose(&start));
             Ok((Box::new(emulation.open(path)?), Some(steering)))
         }
-        _ => Ok((open_mapped_device(address, probe, scene, mapping)?, None)),
+        _ => Ok((open_device_for(address, probe, scene, settings)?, None)),
     }
 }
 
-/// Where the hand means the probe's mesh frame to be, to do a task: the probe comes down the world's z axis onto the middle of
-/// the scene, and what a task's lengths are multiples of is the probe's bounding radius.
+/// Where the hand means the handle of a device to be, to do a task with the default settings: the probe comes down the world's z axis
+/// onto the middle of the scene, and what a task's lengths are multiples of is the probe's bounding radius.
 ///
 /// # Errors
 /// If an object is so large or so far away that a pose is out of a path's range.
 pub fn path(task: Task, probe: &Object, scene: &Scene) -> Result<IntendedPath, PathError> {
-    mapped_path(task, probe, scene, &DeviceMapping::IDENTITY)
+    let handle = probe.clod.source.center_of_mass;
+    placed_path(task, probe, scene, &HandlePlacement::holding(&Settings::default(), handle))
 }
 
-/// [`path`] of the device that `mapping` takes to the world.
-fn mapped_path(
+/// [`path`] of a device that is placed otherwise.
+fn placed_path(
     task: Task,
     probe: &Object,
     scene: &Scene,
-    mapping: &DeviceMapping,
+    placement: &HandlePlacement,
 ) -> Result<IntendedPath, PathError> {
     let site = site(task, probe, scene);
-    IntendedPath::cycle(task.cycle(), |time| mapping.device_pose(&task.pose(time, &site)))
+    IntendedPath::cycle(task.cycle(), |time| placement.device_pose(&task.pose(time, &site)))
 }
 
 /// Where the probe does a task in the scene.

@@ -16,6 +16,7 @@ use rtrb::Consumer;
 use crate::contact_loop::ContactUpdate;
 use crate::invariants::Invariants;
 use crate::output::{Moment, Output};
+use crate::placement::HandlePlacement;
 use crate::presence::Presence;
 use crate::reactions::{Reacting, Reactions};
 use crate::record::Record;
@@ -37,6 +38,8 @@ pub struct HapticLoop {
     center_of_mass: DVec3,
     /// The [grasp](crate::Settings::grasp), in the mesh's frame.
     grasp: Pose,
+    /// Where the device's handle is, in the mesh's frame, m.
+    handle: DVec3,
     tracking: Tracking,
     workspace: Workspace,
     presence: Presence,
@@ -81,7 +84,7 @@ pub(crate) struct Grasped {
     /// Bounding radius about the centre of mass, m.
     pub radius: f64,
     pub grasp: Pose,
-    pub mapping: DeviceMapping,
+    pub placement: HandlePlacement,
     pub clutch_button: Option<u32>,
     pub contact_timeout: f64,
     pub integrator: IntegratorKind,
@@ -129,22 +132,24 @@ const ROAM: (f64, f64) = (0.5, 0.01);
 const MOST_STUCK: u32 = 20;
 
 impl HapticLoop {
-    /// Starts with the object at rest in the device's hand: the mesh's frame coincides with the device's.
+    /// Starts with the object at rest in the device's hand.
     pub(crate) fn new(grasped: Grasped, device: DeviceState, specification: &Specification) -> Self {
-        let pose = grasped.mapping.pose(&device.pose) * Pose::from_translation(grasped.center_of_mass);
+        let Grasped { placement, center_of_mass, grasp, .. } = grasped;
+        let pose = placement.mesh_pose(&device.pose) * Pose::from_translation(center_of_mass);
         let Grasped { slew, max_damping, engagement, period, radius, .. } = grasped;
         Self {
             body: grasped.body,
             coupling: grasped.coupling,
             state: BodyState::at_rest(pose),
-            center_of_mass: grasped.center_of_mass,
-            grasp: grasped.grasp,
+            center_of_mass,
+            grasp,
+            handle: placement.handle(),
             tracking: Tracking::new(device, grasped.velocity_lags, period),
-            workspace: Workspace::new(grasped.mapping, grasped.clutch_button),
+            workspace: Workspace::new(*placement.mapping(), grasped.clutch_button),
             presence: Presence::new(grasped.contact_timeout, engagement),
             output: Output::new(specification, slew, max_damping, engagement, period),
             longest_step: (LONGEST_STEP.0 * period).max(LONGEST_STEP.1),
-            roam: (ROAM.0 * radius).max(ROAM.1 * grasped.mapping.scale),
+            roam: (ROAM.0 * radius).max(ROAM.1 * placement.mapping().scale),
             radius,
             stuck: 0,
             found: Found { time: f64::NAN, pose, depth: 0.0, contacts: 0 },
@@ -178,7 +183,7 @@ impl HapticLoop {
         &self.grasp
     }
 
-    /// Where the device's workspace is in the world now; each release of the clutch moves it.
+    /// Where the device's workspace is in the world now, for its handle; each release of the clutch moves it.
     pub fn mapping(&self) -> &DeviceMapping {
         self.workspace.mapping()
     }
@@ -272,7 +277,7 @@ impl HapticLoop {
         let dt = if dt.is_finite() && dt > self.longest_step { self.longest_step } else { dt };
         let reading = self.read(device, elapsed, dt);
         let handle = self.workspace.locate(&self.tracking.damped_state());
-        let motion = motion_at(&handle, &self.grasp);
+        let motion = motion_at(&handle, &(Pose::from_translation(-self.handle) * self.grasp));
         let arm = motion.pose.translation - handle.pose.translation;
         let stored = self.observe(&motion);
         let events = &mut self.telemetry.events;
@@ -312,7 +317,7 @@ impl HapticLoop {
         let record = Record {
             time: now,
             device: self.tracking.state().pose,
-            handle: handle.pose,
+            handle: handle.pose * Pose::from_translation(-self.handle),
             object: self.object_pose(),
             coupling: sent,
             contact: step.contact,

@@ -32,6 +32,7 @@ mod merging;
 mod moving;
 mod object;
 mod output;
+mod placement;
 mod presence;
 mod proxy;
 mod reactions;
@@ -82,6 +83,7 @@ pub use palpate_mesh_io::LoadWarning;
 #[cfg(feature = "models")]
 pub use palpate_models as models;
 pub use palpate_texture_pd as texture_pd;
+pub use placement::{HandlePlace, HandlePlacement};
 pub use reactions::{Reaction, Reactions};
 pub use realtime::REALTIME_PRIORITY;
 pub use record::{COLUMNS, Record, RecordWriter};

@@ -15,8 +15,8 @@ pub struct Record {
     pub time: f64,
     /// Pose of the device as it was read, in its own axes and at its own scale; the last good one where it was refused.
     pub device: Pose,
-    /// The same in the world, where the coupling has it: mapped, and held in place while the clutch is held. Not written
-    /// to recordings.
+    /// Where that has the mesh's frame in the world: the object is there while nothing holds it back. Held in place while the clutch
+    /// is held. Not written to recordings.
     pub handle: Pose,
     /// Pose of the grasped object's mesh frame in the world after the step.
     pub object: Pose,

@@ -2,7 +2,7 @@
 
 use palpate_core::Pose;
 use palpate_device::{DeviceError, HapticDevice};
-use palpate_dynamics::{Body, BodyError, DeviceMapping};
+use palpate_dynamics::{Body, BodyError};
 use palpate_texture_pd::Backend;
 
 use crate::contact_loop::{ContactLoop, ContactLoopError};
@@ -10,6 +10,7 @@ use crate::gains::Gains;
 use crate::haptic_loop::{Grasped, HapticLoop};
 use crate::moving::Mobility;
 use crate::object::Object;
+use crate::placement::HandlePlacement;
 use crate::reactions::Reactions;
 use crate::representative::FieldError;
 use crate::scene::Scene;
@@ -100,7 +101,7 @@ impl HapticRenderer {
             center_of_mass: source.center_of_mass,
             radius: probe.bounding_radius() + source.center_of_mass.distance(source.center),
             grasp: gains.grasp,
-            mapping: DeviceMapping::new(settings.workspace_scale, settings.device_frame),
+            placement: HandlePlacement::at(&settings, gains.grasp.translation, device.specification()),
             clutch_button: settings.clutch_button,
             contact_timeout: settings.contact_timeout,
             integrator: settings.integrator,

@@ -4,6 +4,8 @@ use palpate_core::Pose;
 use palpate_dynamics::IntegratorKind;
 use serde::{Deserialize, Serialize};
 
+use crate::placement::HandlePlace;
+
 /// What a session renders with. Values that are left out of a file are the usual ones; those that are `None` are derived from the
 /// grasped object and the device.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -64,13 +66,12 @@ pub struct Settings {
     /// The grasp: the frame, fixed to the grasped object and given in its mesh's frame, that the virtual coupling acts on; by
     /// default at the centre of mass.
     ///
-    /// The grasp does not place the object. With any grasp the device's frame, as mapped to the world, stands for the mesh's frame: where
-    /// the coupling is not stretched, the two coincide. The coupling pulls the grasp of the object to the same place in the
-    /// device's frame, and the torque at the device includes that of the lever between its origin and the grasp. The device's
-    /// origin is thus at the origin of the mesh: to hold a tool by its handle, make a mesh whose origin is there, and set the
-    /// grasp to [`Pose::IDENTITY`], so that the coupling acts there too. Only the grasp's position matters, since the coupling
-    /// is equally stiff in all directions.
+    /// The device's handle [is there](Self::handle) too: to hold a tool by its handle, set the grasp to where that is in its mesh. Only
+    /// the grasp's position matters, since the coupling is equally stiff in all directions.
     pub grasp: Option<Pose>,
+    /// Where on the grasped object the device's handle is. It does not place the object: while the handle is in the middle of its
+    /// workspace, unturned, and the coupling is not stretched, the mesh's frame is at the [device frame](Self::device_frame).
+    pub handle: HandlePlace,
     /// Age of the newest contact model, s, from which the wrench fades out, to nothing 50 ms later, or at twice this age where that
     /// is sooner; it fades in again over as long a time. It fades likewise where the object has gone further than half its bounding
     /// radius, and than 1 cm at the device, from where its contacts were found.
@@ -83,7 +84,7 @@ pub struct Settings {
     /// How far in the world a metre at the device is. Forces at the device are those of the world divided by it, torques
     /// by its square ([`DeviceMapping`](palpate_dynamics::DeviceMapping), §5.3.3).
     pub workspace_scale: f64,
-    /// The device's axes and origin in the world.
+    /// The device's axes in the world, and where the mesh's frame is while the handle is in the middle of its workspace.
     pub device_frame: Pose,
     /// The device's button, counted from 0, that is the clutch: while it is held the device moves without the object.
     pub clutch_button: Option<u32>,
@@ -124,6 +125,7 @@ impl Default for Settings {
             proxy: true,
             textures: TextureSettings::default(),
             grasp: None,
+            handle: HandlePlace::default(),
             contact_timeout: 0.05,
             integrator: IntegratorKind::default(),
             engagement: 0.2,

@@ -138,6 +138,7 @@ fn fixed_difference(before: &Settings, after: &Settings) -> Option<&'static str>
         ("proxy", before.proxy == after.proxy),
         ("textures", before.textures == after.textures),
         ("grasp", before.grasp == after.grasp),
+        ("handle", before.handle == after.handle),
         ("contact_timeout", before.contact_timeout == after.contact_timeout),
         ("integrator", before.integrator == after.integrator),
         ("engagement", before.engagement == after.engagement),

@@ -12,9 +12,8 @@ use egui::{
 };
 use egui_plot::{Line, Plot, PlotPoints};
 use palpate::device::Steering;
-use palpate::dynamics::DeviceMapping;
 use palpate::glam::{DQuat, DVec3};
-use palpate::{HapticRenderer, Object, Pose, Record, Scene, Session, Watch};
+use palpate::{HandlePlacement, HapticRenderer, Object, Pose, Record, Scene, Session, Watch};
 use palpate_report::{COLUMN, Live};
 
 use crate::camera::Camera;
@@ -83,8 +82,8 @@ pub fn show<E: Send>(
     stop: &AtomicBool,
     mut sink: impl FnMut(&Record) -> Result<(), E> + Send,
 ) -> Result<Session, ViewError<E>> {
-    let settings = renderer.settings();
-    let mapping = DeviceMapping::new(settings.workspace_scale, settings.device_frame);
+    let settings = *renderer.settings();
+    let placement = HandlePlacement::new(&settings, renderer.probe(), renderer.device().specification());
     let shared = Shared {
         live: Mutex::new(Live::new(renderer.device().specification(), 1.0 / settings.rate)),
         screenshot: Arc::default(),
@@ -95,7 +94,7 @@ pub fn show<E: Send>(
         watch: renderer.watch(),
         probe: renderer.probe().clone(),
         scene: renderer.scene().clone(),
-        hand: steering.map(|steering| SteeredHand::new(steering, mapping)),
+        hand: steering.map(|steering| SteeredHand::new(steering, placement)),
     };
     let seconds = options.seconds.unwrap_or(f64::MAX);
     let (rendered, shown) = std::thread::scope(|scope| {
@@ -153,21 +152,21 @@ struct Stage {
 /// A hand that the mouse moves.
 struct SteeredHand {
     steering: Steering,
-    mapping: DeviceMapping,
+    placement: HandlePlacement,
     /// Where it is told to be in the world.
     aim: Pose,
 }
 
 impl SteeredHand {
-    fn new(steering: Steering, mapping: DeviceMapping) -> Self {
-        Self { aim: mapping.pose(&steering.aimed()), steering, mapping }
+    fn new(steering: Steering, placement: HandlePlacement) -> Self {
+        Self { aim: placement.mesh_pose(&steering.aimed()), steering, placement }
     }
 
     /// Shifts it (m), and turns it about itself (a rotation vector); world axes.
     fn move_by(&mut self, shift: DVec3, turn: DVec3) {
         self.aim.translation += shift;
         self.aim.rotation = (DQuat::from_scaled_axis(turn) * self.aim.rotation).normalize();
-        self.steering.aim(self.mapping.device_pose(&self.aim));
+        self.steering.aim(self.placement.device_pose(&self.aim));
     }
 }
 
@@ -406,19 +405,26 @@ fn write(file: &Path, image: Option<Arc<ColorImage>>) -> Result<(), String> {
 
 #[cfg(test)]
 mod tests {
+    use palpate::Settings;
+    use palpate::device::Emulation;
+
     use super::*;
 
     /// The mouse moves the hand in the world, whatever the mapping to the device.
     #[test]
     fn a_hand_is_moved_in_the_world() {
-        let mapping = DeviceMapping::new(4.0, Pose::new(DVec3::X, DQuat::from_rotation_z(0.7)));
+        let device_frame = Pose::new(DVec3::X, DQuat::from_rotation_z(0.7));
+        let settings = Settings { workspace_scale: 4.0, device_frame, ..Settings::default() };
+        let probe = Object::model("lower-jaw@1000").expect("a model");
+        let specification = Emulation::default().specification;
+        let placement = HandlePlacement::new(&settings, &probe, &specification);
         let start = Pose::new(DVec3::new(0.01, 0.02, 0.0), DQuat::from_rotation_x(0.3));
         let (steering, _path) = Steering::new(start);
-        let mut hand = SteeredHand::new(steering, mapping);
+        let mut hand = SteeredHand::new(steering, placement);
         let before = hand.aim;
         hand.move_by(DVec3::Y * 0.1, DVec3::ZERO);
         hand.move_by(DVec3::ZERO, DVec3::Z * 0.5);
-        let told = mapping.pose(&hand.steering.aimed());
+        let told = placement.mesh_pose(&hand.steering.aimed());
         assert!(told.translation.distance(before.translation + DVec3::Y * 0.1) < 1e-12);
         assert!(before.rotation_vector_to(&told).distance(DVec3::Z * 0.5) < 1e-12);
     }

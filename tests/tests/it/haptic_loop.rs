@@ -6,7 +6,9 @@ use std::sync::{Arc, Mutex};
 use palpate::device::{Axes, DeviceError, DeviceState, Emulation, HapticDevice, Specification, Status};
 use palpate::dynamics::{ContactParameters, Friction, LinearContactModel};
 use palpate::glam::{DQuat, DVec3};
-use palpate::{Contact, ContactUpdate, HapticLoop, HapticRenderer, Pose, Scene, Settings, Twist, Wrench};
+use palpate::{
+    Contact, ContactUpdate, HandlePlace, HapticLoop, HapticRenderer, Pose, Scene, Settings, Twist, Wrench,
+};
 use palpate_tests::{model, smooth};
 
 const PERIOD: f64 = 1e-3;
@@ -93,6 +95,7 @@ fn the_wrench_at_the_device_does_the_work_of_the_coupling() {
     let grasp = Pose::new(DVec3::new(0.03, -0.06, 0.02), DQuat::from_rotation_z(1.0));
     let settings = Settings {
         grasp: Some(grasp),
+        handle: HandlePlace::MeshOrigin,
         angular_stiffness: Some(0.0),
         angular_damping: Some(0.0),
         engagement: 0.0,

@@ -7,7 +7,9 @@
 
 use palpate::device::{Emulation, Interpolation, Keyframe, MotionPath};
 use palpate::glam::DVec3;
-use palpate::{HapticRenderer, Object, Pose, Record, Scene, Settings, TextureDerivatives, TextureSettings};
+use palpate::{
+    HandlePlace, HapticRenderer, Object, Pose, Record, Scene, Settings, TextureDerivatives, TextureSettings,
+};
 use palpate_tests::{model, ridged_plate, smooth};
 use rayon::prelude::*;
 
@@ -54,6 +56,8 @@ fn explore(experiment: &Experiment) -> Vec<Record> {
     emulation.specification.angular_encoder_step = 0.0;
     let settings = Settings {
         mass: 0.01,
+        // The path is that of the tip.
+        handle: HandlePlace::MeshOrigin,
         contact_stiffness: experiment.stiffness,
         coupling_stiffness: Some(200.0),
         angular_stiffness: Some(3.0),

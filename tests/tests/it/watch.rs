@@ -3,7 +3,6 @@
 use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
 
-use palpate::dynamics::DeviceMapping;
 use palpate::glam::DVec3;
 use palpate::{ContactSearch, ContactTiming, HapticRenderer, Pose, Scene, Settings, explore};
 use palpate_tests::model;
@@ -21,7 +20,7 @@ fn watch_a_push(search: ContactSearch, down: f64) {
     let probe = model("ellipsoid@500");
     let scene = Scene::new().with(model("golf-ball@5000"), Pose::IDENTITY);
     let (device, steering) =
-        explore::open_steered_device("emulated:hand=firm", &probe, &scene, &DeviceMapping::IDENTITY)
+        explore::open_steered_device("emulated:hand=firm", &probe, &scene, &Settings::default())
             .expect("emulated device");
     let mut steering = steering.expect("a hand without a task is steered");
     let settings = Settings { search, ..Settings::default() };
@@ -79,8 +78,7 @@ fn watch_a_push(search: ContactSearch, down: f64) {
 fn what_has_a_way_of_its_own_is_not_steered() {
     let probe = model("ellipsoid@500");
     let scene = Scene::new().with(model("golf-ball@1000"), Pose::IDENTITY);
-    let opened =
-        |address: &str| explore::open_steered_device(address, &probe, &scene, &DeviceMapping::IDENTITY);
+    let opened = |address: &str| explore::open_steered_device(address, &probe, &scene, &Settings::default());
     assert!(opened("emulated:touch").is_ok_and(|(_, steering)| steering.is_some()));
     assert!(opened("emulated:task=tap").is_ok_and(|(_, steering)| steering.is_none()));
     assert!(opened("emulated:task=fly").is_err() && opened("nothing").is_err());

@@ -8,7 +8,7 @@ use palpate_core::{Pose, Wrench};
 use palpate_device::{DeviceState, Specification, Status};
 use palpate_dynamics::{
     ArticulatedBody, ArticulatedFrame, ArticulatedState, ArticulatedStep, BodyState, ContactBlend,
-    DeviceMapping, DeviceMotion, GripperCoupling, SlewLimit, VirtualCoupling, articulated_step,
+    DeviceMotion, GripperCoupling, SlewLimit, VirtualCoupling, articulated_step,
 };
 
 use super::gripper::{Gripper, GripperSettings};
@@ -18,6 +18,7 @@ use crate::contact_loop::ContactUpdate;
 use crate::haptic_loop::{Found, LONGEST_STEP, STORED_IN_CONTACTS};
 use crate::invariants::Invariants;
 use crate::output::{Moment, Output};
+use crate::placement::HandlePlacement;
 use crate::presence::Presence;
 use crate::reactions::{Reacting, Reactions};
 use crate::telemetry::HapticTelemetry;
@@ -35,8 +36,10 @@ pub struct ArticulatedLoop {
     state: ArticulatedState,
     /// Centres of mass in the meshes' frames, m.
     centers: [DVec3; 2],
-    /// The frame that the coupling holds, in the first mesh's frame, which the device's frame stands for.
+    /// The frame that the coupling holds, in the first mesh's frame.
     grasp: Pose,
+    /// Where the device's handle is, in the first mesh's frame, m.
+    handle: DVec3,
     tracking: Tracking,
     gripper: Gripper,
     workspace: Workspace,
@@ -61,7 +64,7 @@ pub(super) struct Grasped {
     pub grip: GripperCoupling,
     pub centers: [DVec3; 2],
     pub grasp: Pose,
-    pub mapping: DeviceMapping,
+    pub placement: HandlePlacement,
     pub clutch_button: Option<u32>,
     pub contact_timeout: f64,
     pub engagement: f64,
@@ -77,7 +80,7 @@ pub(super) struct Grasped {
 }
 
 impl ArticulatedLoop {
-    /// Starts with the tool at rest in the device's hand: the first mesh's frame coincides with the device's, and the hinge is where
+    /// Starts with the tool at rest in the device's hand, and the hinge where
     /// the gripper (rad) is, as far as its limits allow.
     pub(super) fn new(
         grasped: Grasped,
@@ -96,9 +99,10 @@ impl ArticulatedLoop {
             state,
             centers: grasped.centers,
             grasp: grasped.grasp,
+            handle: grasped.placement.handle(),
             tracking: Tracking::new(*device, grasped.velocity_lags, period),
             gripper: Gripper::new(gripper, gripper_angle, grasped.gripper_lag, period),
-            workspace: Workspace::new(grasped.mapping, grasped.clutch_button),
+            workspace: Workspace::new(*grasped.placement.mapping(), grasped.clutch_button),
             presence: Presence::new(grasped.contact_timeout, engagement),
             output: Output::new(specification, slew, max_damping, engagement, period),
             longest_step: (LONGEST_STEP.0 * period).max(LONGEST_STEP.1),
@@ -189,7 +193,7 @@ impl ArticulatedLoop {
         let dt = if dt.is_finite() && dt > self.longest_step { self.longest_step } else { dt };
         let reading = self.read(device, gripper_angle, elapsed);
         let handle = self.workspace.locate(&self.tracking.damped_state());
-        let motion = motion_at(&handle, &self.grasp);
+        let motion = motion_at(&handle, &(Pose::from_translation(-self.handle) * self.grasp));
         let arm = motion.pose.translation - handle.pose.translation;
         let stored = self.observe(&motion);
         let harmful = self.output.is_harmful(&self.tracking, (stored, elapsed), &mut self.telemetry.events);
@@ -322,7 +326,7 @@ impl ArticulatedLoop {
         ArticulatedRecord {
             time: now,
             device: self.tracking.state().pose,
-            handle: handle.pose,
+            handle: handle.pose * Pose::from_translation(-self.handle),
             gripper: self.gripper.motion().angle,
             objects: self.object_poses(),
             angle: self.state.angle,

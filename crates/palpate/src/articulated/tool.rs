@@ -4,8 +4,8 @@ use palpate_core::Pose;
 use palpate_core::glam::DVec3;
 use palpate_device::{DeviceState, Specification};
 use palpate_dynamics::{
-    ArticulatedBody, ArticulatedState, Body, BodyError, ContactParameters, DeviceMapping, Friction,
-    GripperCoupling, IntegratorKind, Joint, JointError, JointLimits, PortLimits, VirtualCoupling,
+    ArticulatedBody, ArticulatedState, Body, BodyError, ContactParameters, Friction, GripperCoupling,
+    IntegratorKind, Joint, JointError, JointLimits, PortLimits, VirtualCoupling,
 };
 
 use super::gripper::{GripperSettings, STIFFNESS};
@@ -13,6 +13,7 @@ use super::haptic::{ArticulatedLoop, Grasped};
 use crate::contact_loop::{ContactLoop, ContactLoopError};
 use crate::gains::{coupling, max_damping, port_limits, slew};
 use crate::object::Object;
+use crate::placement::HandlePlacement;
 use crate::reactions::Reactions;
 use crate::representative::FieldError;
 use crate::scene::Scene;
@@ -192,14 +193,14 @@ impl ArticulatedRenderer {
             ..GripperCoupling::critically_damped(&body, gripper.stiffness.unwrap_or(grip.stiffness))
         };
         let grip = GripperCoupling { damping: gripper.damping.unwrap_or(grip.damping), ..grip };
-        let mapping = DeviceMapping::new(scale, settings.device_frame);
+        let placement = HandlePlacement::at(settings, grasp.translation, specification);
         let grasped = Grasped {
             body,
             coupling: held,
             grip,
             centers,
             grasp,
-            mapping,
+            placement,
             clutch_button: settings.clutch_button,
             contact_timeout: settings.contact_timeout,
             engagement: settings.engagement,
@@ -209,7 +210,7 @@ impl ArticulatedRenderer {
             max_damping: max_damping(settings, &held, &limits),
             period,
         };
-        let pose = mapping.pose(&device.pose) * Pose::from_translation(centers[0]);
+        let pose = placement.mesh_pose(&device.pose) * Pose::from_translation(centers[0]);
         let state = ArticulatedState::at_rest(pose, angle);
         let haptic = ArticulatedLoop::new(grasped, state, device, specification, gripper, asked);
         // By the area law narrow jaws slide off sideways: what they close on is in contact beyond their edges.

@@ -2,7 +2,7 @@
 
 use palpate::device::{IntendedPath, Interpolation, Keyframe, MotionPath, Task};
 use palpate::models::Model;
-use palpate::{ContactSearch, Object, Pose, Scene, Settings, explore};
+use palpate::{ContactSearch, HandlePlace, Object, Pose, Scene, Settings, explore};
 use palpate_benches::scenarios;
 
 use crate::reproduce::relief;
@@ -87,6 +87,8 @@ fn rigid(name: &'static str, opened: scenarios::Scenario, slower: f64) -> Result
         probe: probe.object,
         scene: Scene::new().with(scene.object, Pose::IDENTITY),
         settings: Settings {
+            // The hand's path is that of the mesh's frame.
+            handle: HandlePlace::MeshOrigin,
             search: ContactSearch::Levels,
             tolerance: Some(tolerance),
             ..Settings::default()

@@ -2,7 +2,7 @@
 
 use palpate::device::MotionPath;
 use palpate::glam::{DQuat, DVec3};
-use palpate::{ContactSearch, IntegratorKind, Object, Pose, Scene, Settings};
+use palpate::{ContactSearch, HandlePlace, IntegratorKind, Object, Pose, Scene, Settings};
 
 use palpate_tests::smooth;
 
@@ -60,6 +60,8 @@ fn session<'a>(
     integrator: IntegratorKind,
 ) -> Experiment<'a> {
     let settings = Settings {
+        // The hand's path is that of the mesh's frame.
+        handle: HandlePlace::MeshOrigin,
         mass,
         integrator,
         coupling_stiffness: Some(COUPLING_STIFFNESS),

@@ -2,7 +2,7 @@
 //! Fig. 5.10).
 
 use palpate::glam::DVec3;
-use palpate::{ContactSearch, Object, Pose, Scene, Settings};
+use palpate::{ContactSearch, HandlePlace, Object, Pose, Scene, Settings};
 use palpate_tests::{first_touch, smooth};
 
 use super::{COUPLING, DEPTH, DEVIATION, most, plot, root_mean_square, table};
@@ -89,6 +89,8 @@ fn find(name: &str, setups: &[Setup], triangles: Option<usize>) -> Result<(Found
         probe: &upper,
         scene: &scene,
         settings: Settings {
+            // The hand's path is that of the mesh's frame.
+            handle: HandlePlace::MeshOrigin,
             mass: 0.01,
             contact_stiffness: 5e3,
             coupling_stiffness: Some(500.0),

@@ -1,7 +1,7 @@
 //! A spoon pressed onto a cup, by integrator, mass and contact stiffness (§5.5.3, Fig. 5.8).
 
 use palpate::glam::{DQuat, DVec3};
-use palpate::{ContactSearch, IntegratorKind, Pose, Scene, Settings};
+use palpate::{ContactSearch, HandlePlace, IntegratorKind, Pose, Scene, Settings};
 use palpate_tests::first_touch;
 
 use super::{
@@ -92,6 +92,8 @@ fn find(setups: &[Setup; 3]) -> Result<(Found, [Trace; 3]), String> {
         probe: &spoon,
         scene: &scene,
         settings: Settings {
+            // The hand's path is that of the mesh's frame.
+            handle: HandlePlace::MeshOrigin,
             integrator,
             mass,
             contact_stiffness,

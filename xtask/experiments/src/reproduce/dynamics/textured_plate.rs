@@ -1,7 +1,7 @@
 //! A probe with a round tip on a plate with ridges 8 mm high, to the right and faster back (§5.5.4, Fig. 5.12).
 
 use palpate::glam::DVec3;
-use palpate::{ContactSearch, Pose, Scene, Settings, TextureDerivatives, TextureSettings};
+use palpate::{ContactSearch, HandlePlace, Pose, Scene, Settings, TextureDerivatives, TextureSettings};
 use palpate_tests::{ridged_plate, smooth};
 
 use super::{COUPLING, DEPTH, plot, table};
@@ -106,6 +106,8 @@ fn find(height: f64) -> Result<(Found, [Trace; 2]), String> {
         probe: &stylus,
         scene,
         settings: Settings {
+            // The hand's path is that of the mesh's frame.
+            handle: HandlePlace::MeshOrigin,
             mass: 0.01,
             contact_stiffness: 2000.0,
             coupling_stiffness: Some(200.0),
