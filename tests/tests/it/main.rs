@@ -12,6 +12,7 @@ mod front_tracking;
 mod haptic_loop;
 mod hosted;
 mod levels;
+mod levers;
 mod live_settings;
 mod lockstep;
 mod mesh_figures;

@@ -5,13 +5,13 @@ use palpate_core::glam::DVec3;
 use palpate_device::{DeviceState, Specification};
 use palpate_dynamics::{
     ArticulatedBody, ArticulatedState, Body, BodyError, ContactParameters, DeviceMapping, Friction,
-    GripperCoupling, IntegratorKind, Joint, JointError, JointLimits, PortLimits, VirtualCoupling,
+    GripperCoupling, IntegratorKind, Joint, JointError, JointLimits, PortLimits, Sampling, VirtualCoupling,
 };
 
 use super::gripper::{GripperSettings, STIFFNESS};
 use super::haptic::{ArticulatedLoop, Grasped};
 use crate::contact_loop::{ContactLoop, ContactLoopError};
-use crate::gains::{coupling, max_damping, port_limits, slew};
+use crate::gains::{coupling, lever, max_damping, port_limits, slew, usual_tolerance};
 use crate::object::Object;
 use crate::reactions::Reactions;
 use crate::representative::FieldError;
@@ -169,7 +169,7 @@ impl ArticulatedRenderer {
             damping: settings
                 .contact_damping
                 .unwrap_or(2.0 * (settings.contact_stiffness * body.mass()).sqrt()),
-            tolerance: settings.tolerance.unwrap_or(0.01 * radius),
+            tolerance: settings.tolerance.unwrap_or_else(|| usual_tolerance(settings, radius)),
             friction: Friction {
                 static_coefficient: settings.static_friction.unwrap_or(settings.friction),
                 dynamic_coefficient: settings.friction,
@@ -181,11 +181,13 @@ impl ArticulatedRenderer {
         let angle = asked.max(low).min(high);
         let grasp = settings.grasp.unwrap_or(Pose::from_translation(centers[0]));
         let period = 1.0 / settings.rate;
-        let limits = port_limits(specification, period);
-        let held = hold(&body, settings, Pose::from_translation(-centers[0]) * grasp, angle, &limits);
         let scale = settings.workspace_scale;
+        let limits = port_limits(specification, period).with_lever(lever(settings, &grasp));
+        let held = hold(&body, settings, Pose::from_translation(-centers[0]) * grasp, angle, &limits);
         let port = PortLimits { rotation: gripper.port, ..limits }.in_world(scale).rotation;
-        let grip = GripperCoupling::auto(&body, &port, STIFFNESS, period);
+        // Its rate is the difference of its angles.
+        let of_gripper = Sampling { velocity_delay: 0.0, ..limits.sampling };
+        let grip = GripperCoupling::auto(&body, &port, STIFFNESS, &limits.sampling);
         let grip = GripperCoupling {
             stiffness: gripper.stiffness.unwrap_or(grip.stiffness),
             max_torque: grip.max_torque,
@@ -204,7 +206,7 @@ impl ArticulatedRenderer {
             contact_timeout: settings.contact_timeout,
             engagement: settings.engagement,
             velocity_lags: limits.in_world(scale).velocity_lags(&held),
-            gripper_lag: port.velocity_lag(grip.stiffness, grip.damping, 0.0, period),
+            gripper_lag: port.velocity_lag(grip.stiffness, grip.damping, &of_gripper),
             slew: slew(settings, &limits),
             max_damping: max_damping(settings, &held, &limits),
             period,
