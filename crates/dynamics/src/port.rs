@@ -15,27 +15,28 @@
 //! q = T/(2 (1 − cos ωT)) (1 − z⁻¹) z⁻ⁿ H(z) and σ = 1 − φ + φ z⁻¹,
 //!
 //! at all frequencies up to half the sampling rate: what the hand does between the samples no longer cancels where the force
-//! changes there. For whole periods (φ = 0) the right-hand side is Re q: the delay multiplies H by z⁻ⁿ. It is a norm of q plus what is
-//! linear in q, so that what a sum of laws needs is at most the sum of what each needs. A spring needs most where ω goes to 0:
-//! b > K h with the effective delay
+//! changes there. For whole periods (φ = 0) the right-hand side is Re q: the delay multiplies H by z⁻ⁿ. It is a norm of q plus
+//! what is linear in q, so that what a sum of laws needs is at most the sum of what each needs. A spring needs most where ω
+//! goes to 0: b > K h with the effective delay
 //!
 //! h = T/2 + t_d + T² φ (1 − φ)/(4 (T/2 + t_d)),
 //!
-//! exact for whole periods, where it is T/2 + t_d (Diolaiti et al. 2006), and else too much by less than 0.6 %.
+//! exact for whole periods, where it is T/2 + t_d (Diolaiti et al. 2006), and else too much by less than 0.6 % (the same test).
 //!
 //! # Dampers
 //!
 //! With a damper B beside the spring the condition without delay is b > K T/2 + B, which no damping leaves room for that is
-//! critical for a body of 0.1 kg. But the force that counts is the one at high frequencies, where a
-//! velocity from differences of position through a first-order lag τ is small. With g = T/(τ + T) the
-//! backward-Euler lag's weight, H(z) = K + B g (1 − z⁻¹)/(T (1 − (1 − g) z⁻¹)). Without delay the condition becomes
-//! b > K T/2 − B g (cos ωT − 1 + g)/(1 − 2 (1 − g) cos ωT + (1 − g)²), whose right-hand side grows with
-//! ω: it is hardest at ωT = π, and there b > K T/2 + B T/(2 τ + T). With a delay the worst frequency has no closed form; the bound
+//! critical for a body of 0.1 kg. But the force that counts is the one at high frequencies, where a velocity from differences
+//! of position through a first-order lag τ is small. With g = T/(τ + T) the backward-Euler lag's weight, H(z) = K + B g (1 −
+//! z⁻¹)/(T (1 − (1 − g) z⁻¹)). Without delay the condition becomes b > K T/2 − B g (cos ωT − 1 + g)/(1 − 2 (1 − g) cos ωT + (1
+//! − g)²), whose right-hand side grows with ω: it is hardest at ωT = π, and there b > K T/2 + B T/(2 τ + T). With a delay the
+//! worst frequency has no closed form; the bound
 //!
 //! b > K h + B min(1, h/(τ + T/2))
 //!
-//! is enough at every frequency. It is exact without delay, and close where the lag is long against the delay: a lagged damper is
-//! then a spring B/τ that lets go in τ.
+//! is enough at every frequency, by the numbers (the test `with_a_delay_the_bound_is_above_the_general_condition_and_near_it`).
+//! It is exact without delay, and close where the lag is long against the delay: a lagged damper is then a spring B/τ that lets
+//! go in τ.
 //!
 //! A step Δ of the encoder answers with K Δ + B Δ/(τ + T) at once, so that what friction absorbs is, as for the spring
 //! alone, K + B/(τ + T) ≤ 2 f_c/Δ, whatever the delay.
@@ -49,16 +50,16 @@
 //!
 //! A coupling that acts at a grasp ℓ away from the handle's origin turns the handle by its force: across the lever it renders
 //! s sᵀ k_c + e eᵀ k_θ on (x, φ), with s = (1, ℓ) and e = (0, 1). If N_c is what its force law needs of a device, and N_θ what
-//! its couple needs, the device is passive if its damping diag(b, b_θ) is at least s sᵀ N_c + e eᵀ N_θ. As 2 ℓ x φ ≤ ρ ℓ x² + ℓ φ²/ρ for
-//! every ρ > 0, it is so if
+//! its couple needs, the device is passive if its damping diag(b, b_θ) is at least s sᵀ N_c + e eᵀ N_θ. As 2 ℓ x φ ≤ ρ ℓ x² +
+//! ℓ φ²/ρ for every ρ > 0, it is so if
 //!
 //! b ≥ (1 + ρ ℓ) N_c and b_θ ≥ N_θ + ℓ (ℓ + 1/ρ) N_c,
 //!
-//! each port by itself with a stiffness and a damping of its own; ρ = √(b/b_θ) asks least. This takes one law of the force: the
-//! velocity of the grasp, v + ω × a, must lag by one and the same time in v and in ω. Where v alone lags less, a hand that turns the
-//! handle about a point near the grasp drives the difference of the two, b_c (L_v − L_ω) v, at frequencies at which the device's damping is
-//! small against b_c. So a coupling with a lever has one lag, the longer of what the two ports ask for, unless the lever is so
-//! short that the rest of the device's damping makes up for it.
+//! each port by itself with a stiffness and a damping of its own; ρ is taken as √(b/b_θ). This takes one law of the force:
+//! the velocity of the grasp, v + ω × a, must lag by one and the same time in v and in ω. Where v alone lags less, a hand that
+//! turns the handle about a point near the grasp drives the difference of the two, b_c (L_v − L_ω) v, at frequencies at which
+//! the device's damping is small against b_c. So a coupling with a lever has one lag, the longer of what the two ports ask
+//! for, unless the lever is so short that the rest of the device's damping makes up for it.
 //!
 //! An encoder's steps reach the force both ways, Δ + ℓ Δ_θ at the grasp, and the torque by ℓ times that.
 //!
@@ -664,8 +665,8 @@ mod tests {
         }
     }
 
-    /// How much of the device's damping is left at an angle ωT, at least: the smaller eigenvalue of diag(b, b_θ) less the Hermitian part
-    /// of what the coupling renders, each divided by the root of its damping. For delays of whole periods.
+    /// How much of the device's damping is left at an angle ωT, at least: the smaller eigenvalue of diag(b, b_θ) less the
+    /// Hermitian part of what the coupling renders, each divided by the root of its damping. For delays of whole periods.
     fn left_at(limits: &PortLimits, coupling: &VirtualCoupling, lags: (f64, f64), angle: f64) -> f64 {
         let PortLimits { translation, rotation, lever, sampling } = limits;
         let q = |stiffness, damping, lag| {
@@ -758,8 +759,8 @@ mod tests {
         assert!(damping(0.02).1 / (short.1 + 5e-4) < damping(0.0).1 / (3e-3 + 5e-4));
     }
 
-    /// What the maker calls stable at 1 kHz is passive for a device of some damping. With no more than that, what is chosen of the
-    /// maker's figures alone is passive, too, at any rate and delay.
+    /// What the maker calls stable at 1 kHz is passive for a device of some damping. With no more than that, what is chosen of
+    /// the maker's figures alone is passive, too, at any rate and delay.
     #[test]
     fn the_makers_figures_alone_are_enough_with_a_delay() {
         let seed = 78;

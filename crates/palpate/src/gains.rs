@@ -129,8 +129,8 @@ pub(crate) fn lever(settings: &Settings, grasp: &Pose) -> f64 {
 
 /// The largest distance tolerance that is chosen, m at the device.
 ///
-/// It is 1 % of a bounding radius of 0.2 m, about the largest that a hand wields. A surface pushes from so far away, and what is larger
-/// than that, or was read in a wrong unit, is not to be felt as a cushion before it is seen to touch.
+/// It is 1 % of a bounding radius of 0.2 m, about the largest that a hand wields. A surface pushes from so far away, and what
+/// is larger than that, or was read in a wrong unit, is not to be felt as a cushion before it is seen to touch.
 const LARGEST_TOLERANCE: f64 = 2e-3;
 
 /// The distance tolerance d for an object of a bounding radius, m: 1 % of it, and no more than [`LARGEST_TOLERANCE`].

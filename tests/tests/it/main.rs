@@ -7,6 +7,7 @@ mod collision_events;
 mod conservative;
 mod contact_query;
 mod contact_state;
+mod delays;
 mod devices;
 mod front_tracking;
 mod haptic_loop;

@@ -1,8 +1,8 @@
 //! The engine's coupling at the end of a lever: a body that stands still, grasped away from the handle of a device that no hand
 //! holds, or that a hand keeps from moving but lets turn.
 //!
-//! The handle's damping is to its angular damping as its mass is to its moment of inertia. Such a device is as bad as any hand: where
-//! a mode of handle and springs is stable, it is passive.
+//! The handle's damping is to its angular damping as its mass is to its moment of inertia. Such a device is as bad as any
+//! hand: where a mode of handle and springs is stable, it is passive.
 
 use palpate::device::{Emulation, Hand, HapticDevice, IntendedPath};
 use palpate::dynamics::{BodyState, DeviceMotion, VirtualCoupling};

@@ -24,8 +24,8 @@ const PUSHES: usize = 8;
 const REST: f64 = 1e-6;
 /// By what part of its depth in the wall a handle is disturbed.
 const DISTURBED: f64 = 0.2;
-/// How deep the handle is pushed into a wall where positions are rounded, m: so deep that friction is little of what brakes it. How long
-/// it may take to come to rest, s.
+/// How deep the handle is pushed into a wall where positions are rounded, m: so deep that friction is little of what brakes
+/// it. How long it may take to come to rest, s.
 const DEPTH: f64 = 0.02;
 const LONG: f64 = 8.0;
 /// A lagged damper, in the device's damping, and its lag in T/2 + t_d.
@@ -246,8 +246,8 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
         paragraphs: vec![
             "The handle of a premium-1.5 that no hand holds meets a wall, by sampling rate, delay, damping of the device, virtual damping \
              with its lag, and encoder step, in translation and in rotation (as at the lever arm of its inertia). For springs a steady \
-             push of 1 N leans on the wall, and stable is where a disturbance dies away. Where positions are rounded the handle is pushed 20 mm deep, \
-             varied in eight parts of an encoder step's force, and stable is what friction brings to rest, whatever the push. With virtual \
+             push of 1 N leans on the wall, and stable is where a disturbance dies away. Where positions are rounded the \
+             handle is pushed 20 mm deep, varied in eight parts of an encoder step's force, and stable is what friction brings to rest, whatever the push. With virtual \
              damping a hand moves the handle by 0.1 mm to and fro behind the wall's surface at the frequency that asks most of the \
              device, and the limit is where it gets energy out of device and wall together. With a lever it is the engine's coupling to \
              a body that stands still, grasped away from the handle, and the limit is that of k_θ + k_c ℓ², of which each is half: once \

@@ -184,8 +184,8 @@ impl WallCase {
         }
     }
 
-    /// Whether the handle, which is let go at a `part` (0 to 1) of its depth from where the wall and what pushes are in balance, swings less
-    /// in the end than at the start. A wall that is not stable makes it swing out of the wall.
+    /// Whether the handle, which is let go at a `part` (0 to 1) of its depth from where the wall and what pushes are in
+    /// balance, swings less in the end than at the start. A wall that is not stable makes it swing out of the wall.
     ///
     /// # Errors
     /// If the device refuses its parameters.
@@ -195,8 +195,8 @@ impl WallCase {
         Ok(Self { start: (part - 1.0) * depth, ..*self }.run()?.amplitude < DYING * swing)
     }
 
-    /// The case with a push that leans on the wall at a `depth` (m), between the force of an encoder step and the next by a `part`,
-    /// 0 to 1; half of the way no step's force is nearer than half a step's.
+    /// The case with a push that leans on the wall at a `depth` (m), between the force of an encoder step and the next by a
+    /// `part`, 0 to 1; half of the way no step's force is nearer than half a step's.
     pub fn pushed(&self, depth: f64, part: f64) -> Self {
         // What pushes is a spring itself, and softer by as much at each step.
         let step = (self.stiffness + SOFT) * self.quantum;
@@ -326,8 +326,8 @@ impl WallCase {
     }
 
     /// The energy that a hand of any strength gets out of device and wall, J, when it moves the handle to and fro behind the
-    /// wall's surface in the way that the device needs most damping for, over whole turns; negative where device and wall take energy
-    /// up.
+    /// wall's surface in the way that the device needs most damping for, over whole turns; negative where device and wall take
+    /// energy up.
     ///
     /// # Errors
     /// If the device refuses its parameters.
