@@ -9,8 +9,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use indicatif::ProgressBar;
 use palpate::device::{HapticDevice, HoldToEnable, RecordingWriter, Steering, Tap, Taps};
 use palpate::{
-    ContactTiming, HandlePlace, HapticRenderer, Pose, Record, RecordWriter, RendererError, Scene, SceneFile,
-    Session, Settings, Summary, explore,
+    ContactTiming, HapticRenderer, Pose, Record, RecordWriter, RendererError, Scene, SceneFile, Session,
+    Settings, Summary, explore,
 };
 use palpate_report::{Machine, Rendered, Report};
 
@@ -71,7 +71,6 @@ fn render(arguments: &RunArguments, window: Option<Window>) -> Result<(), Failur
     let radius = probe.bounding_radius();
     let settings = arguments.physics.applied_to(arguments.textures.applied_to(settings), radius);
     let settings = arguments.resolution.applied_to(settings, &probe)?;
-    let settings = held_for(&arguments.device, settings);
     settings.check().map_err(RendererError::from)?;
     let timing = timing(arguments, &settings)?;
     let (device, steering) = if window.is_some() {
@@ -229,16 +228,6 @@ fn show(
 fn followed(device: &str) -> Option<&str> {
     let followed = device.split_once("path=").filter(|_| device.starts_with("emulated"));
     followed.map(|(_, file)| file)
-}
-
-/// A path from a file is one of the probe's mesh frame: the handle is at its origin.
-fn held_for(device: &str, settings: Settings) -> Settings {
-    match settings.handle {
-        HandlePlace::Automatic if followed(device).is_some() => {
-            Settings { handle: HandlePlace::MeshOrigin, ..settings }
-        }
-        _ => settings,
-    }
 }
 
 fn check_files(arguments: &RunArguments, window: Option<&Window>) -> Result<(), Failure> {

@@ -1,7 +1,8 @@
 //! A device emulated with the hand that holds it.
 //!
 //! The handle (mass, damping, Coulomb friction), held by a hand that follows an intended path, moves under the
-//! wrench written last, held between writes as an amplifier holds it. Encoders round what is read, and the
+//! wrench written last, held between writes as an amplifier holds it. A wrench takes effect with the
+//! specification's delay, in whole substeps: none for the presets, which apply it at once. Encoders round what is read, and the
 //! force and the torque are clipped to the device's peaks: the driver meets the delays, the rounding and the
 //! limits that it would meet on the real device. The figures of the presets are approximate; see
 //! [`Emulation::preset`].
@@ -12,6 +13,8 @@
 //! and the hand alike, and counted in [`EmulatedDevice::skipped_time`].
 //!
 //! There is no end stop: a handle that leaves the workspace sets [`Status::OUTSIDE_WORKSPACE`] and moves on.
+
+use std::collections::VecDeque;
 
 use palpate_core::{Pose, Twist, Wrench};
 use serde::{Deserialize, Serialize};
@@ -30,6 +33,8 @@ pub(crate) use address::KIND;
 /// The largest value of a mechanical parameter that passes as one (in its SI unit): beyond it lies a slip of
 /// units.
 const MAX_PARAMETER: f64 = 1e6;
+/// The longest delay of a wrench, s: what is later than this is no answer that a hand could be told to feel.
+const MAX_DELAY: f64 = 0.1;
 
 /// What to emulate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -77,12 +82,16 @@ impl Emulation {
         hand_path.advance(0.0);
         let pose = hand_path.pose;
         let encoders = Encoders::new(&self.specification, self.substep, &pose);
+        let delay = (self.specification.delay / self.substep).round() as u64;
         Ok(EmulatedDevice {
             encoders,
             hand_path,
             pose,
             twist: Twist::ZERO,
             wrench: Wrench::ZERO,
+            // One for each substep of the delay, and one that is written when the first is due.
+            pending: VecDeque::with_capacity(delay as usize + 1),
+            delay,
             work: 0.0,
             now: 0.0,
             ticks: 0,
@@ -130,6 +139,7 @@ impl Emulation {
         steps.into_iter().try_for_each(|p| within(p, 1e-9, 1.0, true))?;
         limits.into_iter().try_for_each(|p| within(p, 0.0, f64::INFINITY, true))?;
         within(("velocity delay (s)", s.velocity_delay), 0.0, 1.0, true)?;
+        within(("delay (s)", s.delay), 0.0, MAX_DELAY, true)?;
         within(("substep (s)", *substep), 1e-6, 1e-2, false)?;
         within(("catch-up (s)", *catch_up), *substep, 10.0, false)
     }
@@ -195,7 +205,11 @@ pub struct EmulatedDevice {
     hand_path: HandPath,
     pose: Pose,
     twist: Twist,
+    /// In effect, and those on their way with the substep from which they are.
     wrench: Wrench,
+    pending: VecDeque<(u64, Wrench)>,
+    /// Substeps.
+    delay: u64,
     work: f64,
     now: f64,
     /// Substeps since the driver's time 0, and how many of them were left out.
@@ -223,7 +237,7 @@ impl EmulatedDevice {
         (self.hand_path.pose, self.hand_path.twist)
     }
 
-    /// The wrench on the hand now, after clipping, N and N·m.
+    /// The wrench on the hand now, after clipping and [delay](Specification::delay), N and N·m.
     pub fn applied_wrench(&self) -> Wrench {
         self.wrench
     }
@@ -254,10 +268,32 @@ impl EmulatedDevice {
             self.ticks = target - self.max_steps;
             steps = self.max_steps;
             self.events |= Status::GAP;
+            self.arrive();
         }
         for _ in 0..steps {
             self.ticks += 1;
             self.substep(dt);
+            self.arrive();
+        }
+    }
+
+    /// Lets wrenches take effect that are due.
+    fn arrive(&mut self) {
+        while let Some((_, wrench)) = self.pending.pop_front_if(|(due, _)| *due <= self.ticks) {
+            self.wrench = wrench;
+        }
+    }
+
+    /// Takes a wrench that is written now. Of those written in the same substep the last one counts.
+    fn take(&mut self, wrench: Wrench) {
+        if self.delay == 0 {
+            self.wrench = wrench;
+            return;
+        }
+        let due = self.ticks + self.delay;
+        match self.pending.back_mut() {
+            Some((last, pending)) if *last == due => *pending = wrench,
+            _ => self.pending.push_back((due, wrench)),
         }
     }
 
@@ -308,12 +344,13 @@ impl HapticDevice for EmulatedDevice {
             return Err(DeviceError::Closed);
         }
         let (wrench, events) = clipped(wrench, &self.emulation.specification);
-        self.wrench = wrench;
+        self.take(wrench);
         self.events |= events;
         Ok(())
     }
 
     fn close(&mut self) -> Result<(), DeviceError> {
+        self.pending.clear();
         self.wrench = Wrench::ZERO;
         self.closed = true;
         Ok(())

@@ -2,7 +2,8 @@
 //!
 //! Peak force, torque, stiffness and workspace are the makers' figures (3D Systems, Force Dimension, Haption).
 //! Continuous values, encoder steps, damping ceilings and the mechanics of the handle are typical figures of
-//! the class, not measurements of a unit: check them against one before calling it supported.
+//! the class, not measurements of a unit: check them against one before calling it supported. There is no delay: an emulation
+//! applies a wrench as soon as it is written, whatever the way to such a device takes.
 
 use crate::emulated::Emulation;
 use crate::hand::Hand;

@@ -67,7 +67,10 @@ pub struct Specification {
     /// How far the reported twist lags behind the handle, s.
     pub velocity_delay: f64,
     /// Time from a motion of the handle to the wrench that answers it, beyond the sampling of the haptic loop, s: what the way
-    /// to the device and back takes. 0 where the wrench is there as soon as it is written.
+    /// to the device and back takes. 0 where the wrench is there as soon as it is written. The coupling is chosen the softer
+    /// and its damper the slower for it. A device that is reached by messages sends what it has read with one, and is answered
+    /// after the next: its delay is the time between two of them and that in which an answer takes effect. Drivers of devices
+    /// that were not measured state that sum for the usual rate of messages; an emulation keeps to it in whole substeps.
     #[serde(default)]
     pub delay: f64,
     /// The axes whose motion is reported; the others read zero.

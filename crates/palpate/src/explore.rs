@@ -1,10 +1,11 @@
 //! What an emulated hand does in a scene when it is not given a path: a [`Task`] where the probe first touches the scene.
 
 use palpate_collide::{QuerySettings, SceneQuery};
-use palpate_core::Pose;
 use palpate_core::glam::DVec3;
+use palpate_core::{Pose, Twist};
 use palpate_device::{
-    DeviceError, EmulatedHand, HapticDevice, IntendedPath, PathError, Steering, Task, TaskSite,
+    DeviceError, EmulatedHand, HapticDevice, IntendedPath, MotionPath, PathError, PathPoint, Steering, Task,
+    TaskSite,
 };
 
 use crate::object::Object;
@@ -29,8 +30,8 @@ pub fn open_device(
 }
 
 /// [`open_device`] for a session with other settings: wherever they put the handle on the probe, and the device's workspace in the
-/// world, the hand moves so that the probe does its task in the scene all the same. A path from a file is one of the device, and
-/// stays what it is.
+/// world, the hand moves so that the probe does its task in the scene all the same. A path from a file is one of
+/// the probe's mesh frame ([`mesh_path`]).
 ///
 /// # Errors
 /// As [`open_device`].
@@ -43,7 +44,10 @@ pub fn open_device_for(
     let Some(hand) = EmulatedHand::at(address) else { return palpate_device::open(address) };
     let hand = hand?;
     let path = match hand.path {
-        Some(path) => path.into(),
+        Some(path) => {
+            let placement = HandlePlacement::new(settings, probe, &hand.emulation.specification);
+            mesh_path(path, settings, placement)
+        }
         None => {
             let placement = HandlePlacement::new(settings, probe, &hand.emulation.specification);
             placed_path(hand.task.unwrap_or_default(), probe, scene, &placement)?
@@ -82,6 +86,20 @@ pub fn open_steered_device(
 pub fn path(task: Task, probe: &Object, scene: &Scene) -> Result<IntendedPath, PathError> {
     let handle = probe.clod.source.center_of_mass;
     placed_path(task, probe, scene, &HandlePlacement::holding(&Settings::default(), handle))
+}
+
+/// Where the hand means the handle to be for the mesh's frame to follow a path of a device whose handle is at the mesh's origin,
+/// wherever the handle is placed on the mesh. At the end of the path it stays.
+pub fn mesh_path(path: MotionPath, settings: &Settings, placement: HandlePlacement) -> IntendedPath {
+    let at_origin = HandlePlacement::holding(settings, DVec3::ZERO);
+    let arm = placement.handle() / settings.workspace_scale;
+    let mut segment = 0;
+    IntendedPath::function(move |time| {
+        let PathPoint { pose, twist, .. } = path.at_near(time, &mut segment);
+        let arm = pose.rotation * arm;
+        let twist = Twist { linear: twist.velocity_at(arm), ..twist };
+        (placement.device_pose(&at_origin.mesh_pose(&pose)), twist)
+    })
 }
 
 /// [`path`] of a device that is placed otherwise.
@@ -138,4 +156,42 @@ fn first_touch(probe: &Object, scene: &Scene, beside: DVec3) -> DVec3 {
         position.z -= nearest;
     }
     position
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate_core::glam::DQuat;
+    use palpate_device::{Interpolation, Keyframe};
+
+    use super::*;
+
+    /// Wherever the handle is, the mesh goes where the file has it, and the handle as fast as it gets there.
+    #[test]
+    fn a_path_of_the_mesh_is_followed_with_any_handle() {
+        let frame = Pose::new(DVec3::new(0.2, -0.1, 0.3), DQuat::from_rotation_z(0.4));
+        let settings = Settings { workspace_scale: 2.0, device_frame: frame, ..Settings::default() };
+        let keyframe = |index: u32| {
+            let time = 0.1 * f64::from(index);
+            let pose =
+                Pose::new(DVec3::new(time, 0.3 * time * time, 0.0), DQuat::from_rotation_x(0.7 * time));
+            Keyframe { time, pose }
+        };
+        let path = MotionPath::new((0..10).map(keyframe).collect(), Interpolation::Smooth).expect("a path");
+        let at_origin = HandlePlacement::holding(&settings, DVec3::ZERO);
+        let placement = HandlePlacement::holding(&settings, DVec3::new(0.1, 0.2, -0.05));
+        let IntendedPath::Function(mut intended) = mesh_path(path.clone(), &settings, placement) else {
+            panic!("a function");
+        };
+        for step in 1..80 {
+            let time = 0.01 * f64::from(step);
+            let wanted = at_origin.mesh_pose(&path.at(time).pose);
+            let (pose, twist) = intended(time);
+            let mesh = placement.mesh_pose(&pose);
+            assert!(mesh.translation.distance(wanted.translation) < 1e-12, "{time} s");
+            assert!(mesh.rotation_vector_to(&wanted).length() < 1e-12, "{time} s");
+            let h = 1e-6;
+            let way = intended(time + h).0.translation - intended(time - h).0.translation;
+            assert!((way / (2.0 * h) - twist.linear).length() < 1e-6, "{time} s: {twist:?}");
+        }
+    }
 }

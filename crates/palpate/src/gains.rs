@@ -2,9 +2,12 @@
 
 use palpate_core::Pose;
 use palpate_device::Specification;
-use palpate_dynamics::{Body, ContactParameters, Friction, PortAxes, PortLimits, SlewLimit, VirtualCoupling};
+use palpate_dynamics::{
+    Body, ContactParameters, Friction, PortAxes, PortLimits, Sampling, SlewLimit, VirtualCoupling,
+};
 
 use crate::object::Object;
+use crate::placement::HandlePlacement;
 use crate::renderer::RendererError;
 use crate::settings::{Settings, SettingsError};
 
@@ -15,6 +18,7 @@ pub(crate) struct Gains {
     pub body: Body,
     /// Where the device holds it, in its mesh's frame.
     pub grasp: Pose,
+    pub placement: HandlePlacement,
     pub coupling: VirtualCoupling,
     /// Lags of velocity and angular velocity for the coupling's dampers, s; 0 for the device's own.
     pub velocity_lags: (f64, f64),
@@ -40,7 +44,8 @@ impl Gains {
             .map_err(|source| RendererError::Body { name: probe.name.clone(), source })?;
         let grasp = settings.grasp.unwrap_or(Pose::from_translation(source.center_of_mass));
         let grasp_in_body = Pose::from_translation(-source.center_of_mass) * grasp;
-        let limits = port_limits(specification, 1.0 / settings.rate);
+        let placement = HandlePlacement::at(settings, grasp.translation, specification);
+        let limits = port_limits(specification, 1.0 / settings.rate).with_lever(placement.lever(&grasp));
         let coupling = coupling(settings, &body, grasp_in_body, &limits);
         let radius = probe.bounding_radius();
         if let Some(value) = settings.tolerance.filter(|&tolerance| tolerance > radius) {
@@ -52,7 +57,7 @@ impl Gains {
             damping: settings
                 .contact_damping
                 .unwrap_or(2.0 * (settings.contact_stiffness * settings.mass).sqrt()),
-            tolerance: settings.tolerance.unwrap_or(0.01 * radius),
+            tolerance: settings.tolerance.unwrap_or_else(|| usual_tolerance(settings, radius)),
             friction: Friction {
                 static_coefficient: settings.static_friction.unwrap_or(settings.friction),
                 dynamic_coefficient: settings.friction,
@@ -61,6 +66,7 @@ impl Gains {
         Ok(Self {
             body,
             grasp,
+            placement,
             coupling,
             velocity_lags: limits.in_world(settings.workspace_scale).velocity_lags(&coupling),
             contacts,
@@ -110,9 +116,24 @@ pub(crate) fn port_limits(specification: &Specification, period: f64) -> PortLim
             peak: driven(specification.actuated.rotation, specification.peak_torque),
             step: specification.angular_encoder_step,
         },
-        velocity_delay: specification.velocity_delay,
-        period,
+        lever: 0.0,
+        sampling: Sampling {
+            period,
+            delay: specification.delay,
+            velocity_delay: specification.velocity_delay,
+        },
     }
+}
+
+/// The largest distance tolerance that is chosen, m at the device.
+///
+/// It is 1 % of a bounding radius of 0.2 m, about the largest that a hand wields. A surface pushes from so far away, and what
+/// is larger than that, or was read in a wrong unit, is not to be felt as a cushion before it is seen to touch.
+const LARGEST_TOLERANCE: f64 = 2e-3;
+
+/// The distance tolerance d for an object of a bounding radius, m: 1 % of it, and no more than [`LARGEST_TOLERANCE`].
+pub(crate) fn usual_tolerance(settings: &Settings, radius: f64) -> f64 {
+    (0.01 * radius).min(LARGEST_TOLERANCE * settings.workspace_scale)
 }
 
 /// The coupling that the settings ask for, the rest chosen for the body and the device.
@@ -154,12 +175,6 @@ pub(crate) fn max_damping(
         return (0.0, 0.0);
     }
     let scale = settings.workspace_scale;
-    let (lag, angular_lag) = limits.in_world(scale).velocity_lags(coupling);
-    let largest = |axes: &PortAxes, stiffness: f64, lag: f64| {
-        axes.largest_damping(stiffness, lag.max(limits.velocity_delay), limits.velocity_delay, limits.period)
-    };
-    (
-        largest(&limits.translation, coupling.linear_stiffness, lag),
-        largest(&limits.rotation, coupling.angular_stiffness / (scale * scale), angular_lag),
-    )
+    let (linear, angular) = limits.in_world(scale).largest_dampings(coupling);
+    (linear, angular / (scale * scale))
 }

@@ -67,6 +67,11 @@ impl HandlePlacement {
         self.handle
     }
 
+    /// How far the grasp (in the mesh's frame) is from the handle, m at the device.
+    pub(crate) fn lever(&self, grasp: &Pose) -> f64 {
+        self.handle.distance(grasp.translation) / self.mapping.scale
+    }
+
     /// Where the mesh's frame is in the world if the handle is at a pose of the device and nothing holds the object back.
     pub fn mesh_pose(&self, device: &Pose) -> Pose {
         self.mapping.pose(device) * Pose::from_translation(-self.handle)

@@ -10,7 +10,6 @@ use crate::gains::Gains;
 use crate::haptic_loop::{Grasped, HapticLoop};
 use crate::moving::Mobility;
 use crate::object::Object;
-use crate::placement::HandlePlacement;
 use crate::reactions::Reactions;
 use crate::representative::FieldError;
 use crate::scene::Scene;
@@ -101,7 +100,7 @@ impl HapticRenderer {
             center_of_mass: source.center_of_mass,
             radius: probe.bounding_radius() + source.center_of_mass.distance(source.center),
             grasp: gains.grasp,
-            placement: HandlePlacement::at(&settings, gains.grasp.translation, device.specification()),
+            placement: gains.placement,
             clutch_button: settings.clutch_button,
             contact_timeout: settings.contact_timeout,
             integrator: settings.integrator,

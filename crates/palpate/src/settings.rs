@@ -35,7 +35,8 @@ pub struct Settings {
     /// Angular damping of the virtual coupling b_θ, N·m·s/rad; by default critical for the largest principal moment of
     /// inertia about the grasp. Both dampers act on a velocity of the device that lags as much as passivity asks for.
     pub angular_damping: Option<f64>,
-    /// Distance tolerance d of the contact query, m, at most the grasped object's bounding radius; by default 1 % of it.
+    /// Distance tolerance d of the contact query, m, at most the grasped object's bounding radius; by default 1 % of it, and no
+    /// more than 2 mm at the device.
     pub tolerance: Option<f64>,
     /// How contacts are found; by default as representatives where these hold, and else by levels of detail.
     pub search: ContactSearch,

@@ -273,7 +273,7 @@ fn two_hands_feel_each_other() {
         })
     };
     // Contact begins at the same distance for both.
-    let settings = Settings { tolerance: Some(2e-4), ..Settings::default() };
+    let settings = Settings { tolerance: Some(2e-4), grasp: Some(Pose::IDENTITY), ..Settings::default() };
     let mut upper = renderer(one, Scene::new(), settings, &hand(1.0));
     let mut lower = renderer(other, Scene::new(), settings, &hand(-1.0));
     upper.join(&mut lower).expect("not textured");

@@ -294,6 +294,8 @@ fn a_scaled_and_turned_workspace_feels_as_stiff() {
             device_frame: Pose::new(DVec3::new(0.3, -0.1, 0.2), turn),
             // So stiff that the object stands still.
             contact_stiffness: 1e7,
+            // Where the handle is: the least lever makes the coupling softer.
+            grasp: Some(Pose::IDENTITY),
             ..Settings::default()
         };
         let mut rig = Rig::new(settings, 0.0);

@@ -165,6 +165,9 @@ mod tests {
         assert_eq!(hand.emulation, expected);
         assert_eq!(hand.task, Some(Task::Tap));
 
+        let late = parsed("emulated:premium-1.5,delay=2e-3").emulation;
+        assert_eq!(late.specification.delay, 2e-3);
+
         // What is set is what the driver is told, too.
         let heavy = parsed("emulated:handle.mass=0.5,substep=5e-5").emulation;
         assert_eq!(heavy.handle.mass, 0.5);

@@ -388,3 +388,70 @@ fn buttons_come_through() {
     device.set_buttons(0b101);
     assert_eq!(device.read(0.001).unwrap().buttons, 0b101);
 }
+
+/// An emulation with a delay, s.
+fn late(delay: f64) -> Emulation {
+    let mut emulation = ideal(Hand::GRIP);
+    emulation.specification.delay = delay;
+    emulation
+}
+
+#[test]
+fn a_wrench_takes_effect_after_the_delay() {
+    let force = |newtons: f64| Wrench::new(DVec3::X * newtons, DVec3::ZERO);
+    let mut device = late(2e-3).open(Pose::IDENTITY).unwrap();
+    let mut felt = Vec::new();
+    for i in 0..8 {
+        device.read(f64::from(i) * 1e-3).unwrap();
+        // Of two in a substep the last one counts.
+        device.write(&force(-1.0)).unwrap();
+        device.write(&force(f64::from(i))).unwrap();
+        felt.push(device.applied_wrench().force.x);
+    }
+    assert_eq!(felt, [0.0, 0.0, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0]);
+    // What is on its way when the device is closed does not come.
+    device.close().unwrap();
+    assert_eq!((device.applied_wrench(), device.pending.len()), (Wrench::ZERO, 0));
+}
+
+/// A handle moves by a late force as it moves by the same force later.
+#[test]
+fn a_late_wrench_moves_the_handle_as_one_written_later_does() {
+    let at = |delay: f64, writes_at: u32| {
+        let mut device = late(delay).open(Pose::IDENTITY).unwrap();
+        for i in 0..=200 {
+            device.read(f64::from(i) * 1e-3).unwrap();
+            if i == writes_at {
+                device.write(&Wrench::new(DVec3::X, DVec3::Y * 0.1)).unwrap();
+            }
+        }
+        (device.handle(), device.work())
+    };
+    assert_eq!(at(5e-3, 10), at(0.0, 15));
+    assert_ne!(at(5e-3, 10), at(0.0, 14));
+    // Rounded to whole substeps.
+    assert_eq!(at(5.04e-3, 10), at(5e-3, 10));
+}
+
+/// What waits has its place from the start, however often the device is written, and time that is left out passes for it as well.
+#[test]
+fn wrenches_on_their_way_need_no_more_room_than_at_the_start() {
+    let mut device = late(MAX_DELAY).open(Pose::IDENTITY).unwrap();
+    let room = device.pending.capacity();
+    for i in 0..5000 {
+        device.read(f64::from(i) * 1e-4).unwrap();
+        device.write(&Wrench::new(DVec3::X * f64::from(i), DVec3::ZERO)).unwrap();
+    }
+    assert_eq!((device.pending.capacity(), device.pending.len()), (room, 1000));
+    let state = device.read(10.0).unwrap();
+    assert!(state.status.contains(Status::GAP) && device.pending.is_empty());
+    assert_eq!(device.applied_wrench().force.x, 8.5);
+}
+
+#[test]
+fn a_delay_that_no_device_has_is_refused() {
+    for delay in [-1e-3, 0.11, f64::NAN, f64::INFINITY] {
+        let error = late(delay).open(Pose::IDENTITY).expect_err("a delay").to_string();
+        assert!(error.contains("delay (s)"), "{error}");
+    }
+}

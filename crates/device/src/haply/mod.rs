@@ -95,7 +95,8 @@ pub fn inverse3() -> Link<Inverse3Codec, Inverse3Motion> {
             encoder_step: 1e-5,
             angular_encoder_step: 1e-3,
             velocity_delay: 2e-3,
-            delay: 0.0,
+            // A message a millisecond, and one more until the service's device has what it answers.
+            delay: 2e-3,
             sensed: Axes::ALL,
             actuated: Axes::TRANSLATION,
             handle: None,

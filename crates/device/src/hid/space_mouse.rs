@@ -181,6 +181,7 @@ impl Link<SpaceMouseCodec, RateControl> {
             encoder_step: 0.0,
             angular_encoder_step: 0.0,
             velocity_delay: 0.0,
+            // There is no wrench that could be late.
             delay: 0.0,
             sensed: Axes::ALL,
             actuated: Axes::NONE,

@@ -353,7 +353,8 @@ impl WoodenHapticsModel {
             angular_encoder_step: if wrist { TAU / self.cpr_encoder_d.abs() } else { 0.0 },
             // Half of the longest window would be 16 ms; at a stroke it is a few readings.
             velocity_delay: 2e-3,
-            delay: 0.0,
+            // A report in each frame of 1 ms of the bus; the currents that answer it go out in the one after the next report.
+            delay: 2e-3,
             sensed: if wrist { Axes::ALL } else { Axes::TRANSLATION },
             actuated: Axes::TRANSLATION,
             handle: None,

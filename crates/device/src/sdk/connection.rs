@@ -37,19 +37,20 @@ pub(super) fn open(
     maker: &str,
     connect: impl FnMut() -> Result<Found<SdkMotion>, DeviceError> + Send + 'static,
 ) -> Result<Box<dyn HapticDevice>, DeviceError> {
-    let specification = specification(maker.into(), None, Axes::ALL, Axes::NONE);
+    let specification = specification(maker.into(), None, Axes::ALL, Axes::NONE, 0.0);
     let motion = SdkMotion::new(&specification);
     let link = Link { codec: SdkCodec, motion, specification, patience: PATIENCE, silence: SILENCE };
     Ok(Box::new(link.spawn_apart(connect)?))
 }
 
 /// What a device can do: the figures of an emulation where it is one of those, else of the weakest there is. A torque only where
-/// it drives rotations.
+/// it drives rotations. `round` is the least time from one round of the pump to the next, s.
 pub(super) fn specification(
     name: String,
     preset: Option<&str>,
     sensed: Axes,
     actuated: Axes,
+    round: f64,
 ) -> Specification {
     let figures = |preset: &str| Emulation::preset(preset).unwrap_or_default().specification;
     let of = figures(preset.unwrap_or("touch"));
@@ -64,6 +65,8 @@ pub(super) fn specification(
         angular_damping: torque(turns.angular_damping),
         sensed,
         actuated,
+        // What a round has read is answered after the next has read, and the device's own round takes that up.
+        delay: 2.0 * round,
         // That of an emulation says nothing of a unit.
         handle: None,
         ..of
@@ -115,18 +118,18 @@ mod tests {
 
     #[test]
     fn figures_are_those_of_the_emulation_and_torque_is_for_those_that_drive_it() {
-        let omega = specification("omega.6".into(), Some("omega"), Axes::ALL, Axes::TRANSLATION);
+        let omega = specification("omega.6".into(), Some("omega"), Axes::ALL, Axes::TRANSLATION, 1e-3);
         assert_eq!((omega.peak_force, omega.peak_torque, omega.angular_stiffness), (12.0, 0.0, 0.0));
-        let sigma = specification("sigma.7".into(), Some("sigma.7"), Axes::ALL, Axes::ALL);
+        let sigma = specification("sigma.7".into(), Some("sigma.7"), Axes::ALL, Axes::ALL, 1e-3);
         assert_eq!((sigma.peak_force, sigma.peak_torque), (20.0, 0.4));
         // Of what is not known, the least.
-        let unknown = specification("?".into(), None, Axes::ALL, Axes::ALL);
+        let unknown = specification("?".into(), None, Axes::ALL, Axes::ALL, 1e-3);
         for (preset, _) in Emulation::presets() {
             let known = Emulation::preset(preset).unwrap().specification;
             assert!(unknown.peak_force <= known.peak_force, "{preset}");
             assert!(known.peak_torque == 0.0 || unknown.peak_torque <= known.peak_torque, "{preset}");
         }
-        assert_eq!(unknown.handle, None);
+        assert_eq!((unknown.handle, unknown.delay), (None, 2e-3));
     }
 
     #[test]

@@ -61,8 +61,13 @@ fn found(device: Device) -> Found<SdkMotion> {
     let preset = preset.map(|family| if family == "sigma" { "sigma.7" } else { family });
     let (senses, drives) = device.wrist();
     let axes = |all: bool| if all { Axes::ALL } else { Axes::TRANSLATION };
-    let specification =
-        specification(format!("{MAKER} {name}"), preset, axes(senses), axes(senses && drives));
+    let specification = specification(
+        format!("{MAKER} {name}"),
+        preset,
+        axes(senses),
+        axes(senses && drives),
+        PERIOD.as_secs_f64(),
+    );
     device.set_window(WINDOW);
     let motion = SdkMotion::new(&specification);
     let transport = Calls {

@@ -57,7 +57,7 @@ fn found(device: Device) -> Found<SdkMotion> {
     };
     let three = model.is_some_and(|model| THREE_AXES.contains(&model));
     let actuated = if three { Axes::TRANSLATION } else { Axes::ALL };
-    let specification = specification(name, preset, Axes::ALL, actuated);
+    let specification = specification(name, preset, Axes::ALL, actuated, PERIOD.as_secs_f64());
     let motion = SdkMotion::from_here(&specification);
     let (reads, writes) = Default::default();
     let transport = Calls { device, pace: Pace::new(PERIOD), reads, writes };

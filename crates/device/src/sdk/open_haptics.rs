@@ -20,7 +20,9 @@ use crate::{Axes, DeviceError, HapticDevice};
 
 const LIBRARY: SdkLibrary = SdkLibrary::OPEN_HAPTICS;
 const MAKER: &str = LIBRARY.maker;
-/// How often it is looked whether there is a frame, of which there are a thousand a second.
+/// From one frame to the next, s.
+const FRAME: f64 = 1e-3;
+/// How often it is looked whether there is a frame.
 const LOOK: Duration = Duration::from_micros(100);
 /// m in a millimetre.
 const MILLIMETRE: f64 = 1e-3;
@@ -61,7 +63,8 @@ fn found(device: Device, model: &Model) -> Found<SdkMotion> {
     };
     let axes = |all: bool| if all { Axes::ALL } else { Axes::TRANSLATION };
     let name = format!("{MAKER} {}", model.name);
-    let mut specification = specification(name, preset, axes(model.input >= 6), axes(model.output >= 6));
+    let (sensed, driven) = (axes(model.input >= 6), axes(model.output >= 6));
+    let mut specification = specification(name, preset, sensed, driven, FRAME);
     if model.peak_force > 0.0 {
         specification.peak_force = specification.peak_force.min(model.peak_force);
         specification.continuous_force = specification.continuous_force.min(model.peak_force);

@@ -1,7 +1,7 @@
 //! The seventh coupling: a spring and damper between a tool's hinge and the angle that the hand asks for.
 
 use super::{ArticulatedBody, ArticulatedState};
-use crate::port::PortAxes;
+use crate::port::{PortAxes, Sampling};
 use crate::saturation::{spring_energy, spring_force};
 
 /// Where the gripper is and how it moves: the angle of the tool's hinge that the hand asks for.
@@ -56,11 +56,11 @@ impl GripperCoupling {
         Self { stiffness, damping, max_torque: f64::INFINITY }
     }
 
-    /// A coupling for a gripper of such limits, sampled every `period` (s): as stiff as it renders passively with a margin
+    /// A coupling for a gripper of such limits, sampled so: as stiff as it renders passively with a margin
     /// ([`PortAxes::largest_stiffness`]), or `otherwise` (N·m/rad) where nothing limits it or nothing is rendered; no stronger
     /// than it, and damped critically.
-    pub fn auto(tool: &ArticulatedBody, limits: &PortAxes, otherwise: f64, period: f64) -> Self {
-        let largest = limits.largest_stiffness(period);
+    pub fn auto(tool: &ArticulatedBody, limits: &PortAxes, otherwise: f64, sampling: &Sampling) -> Self {
+        let largest = limits.largest_stiffness(sampling);
         let rendered = limits.peak > 0.0;
         let chosen = if rendered && largest > 0.0 && largest.is_finite() { largest } else { otherwise };
         let max_torque = if rendered { limits.peak } else { f64::INFINITY };

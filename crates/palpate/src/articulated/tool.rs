@@ -5,13 +5,13 @@ use palpate_core::glam::DVec3;
 use palpate_device::{DeviceState, Specification};
 use palpate_dynamics::{
     ArticulatedBody, ArticulatedState, Body, BodyError, ContactParameters, Friction, GripperCoupling,
-    IntegratorKind, Joint, JointError, JointLimits, PortLimits, VirtualCoupling,
+    IntegratorKind, Joint, JointError, JointLimits, PortLimits, Sampling, VirtualCoupling,
 };
 
 use super::gripper::{GripperSettings, STIFFNESS};
 use super::haptic::{ArticulatedLoop, Grasped};
 use crate::contact_loop::{ContactLoop, ContactLoopError};
-use crate::gains::{coupling, max_damping, port_limits, slew};
+use crate::gains::{coupling, max_damping, port_limits, slew, usual_tolerance};
 use crate::object::Object;
 use crate::placement::HandlePlacement;
 use crate::reactions::Reactions;
@@ -170,7 +170,7 @@ impl ArticulatedRenderer {
             damping: settings
                 .contact_damping
                 .unwrap_or(2.0 * (settings.contact_stiffness * body.mass()).sqrt()),
-            tolerance: settings.tolerance.unwrap_or(0.01 * radius),
+            tolerance: settings.tolerance.unwrap_or_else(|| usual_tolerance(settings, radius)),
             friction: Friction {
                 static_coefficient: settings.static_friction.unwrap_or(settings.friction),
                 dynamic_coefficient: settings.friction,
@@ -182,18 +182,20 @@ impl ArticulatedRenderer {
         let angle = asked.max(low).min(high);
         let grasp = settings.grasp.unwrap_or(Pose::from_translation(centers[0]));
         let period = 1.0 / settings.rate;
-        let limits = port_limits(specification, period);
-        let held = hold(&body, settings, Pose::from_translation(-centers[0]) * grasp, angle, &limits);
         let scale = settings.workspace_scale;
+        let placement = HandlePlacement::at(settings, grasp.translation, specification);
+        let limits = port_limits(specification, period).with_lever(placement.lever(&grasp));
+        let held = hold(&body, settings, Pose::from_translation(-centers[0]) * grasp, angle, &limits);
         let port = PortLimits { rotation: gripper.port, ..limits }.in_world(scale).rotation;
-        let grip = GripperCoupling::auto(&body, &port, STIFFNESS, period);
+        // Its rate is the difference of its angles.
+        let of_gripper = Sampling { velocity_delay: 0.0, ..limits.sampling };
+        let grip = GripperCoupling::auto(&body, &port, STIFFNESS, &limits.sampling);
         let grip = GripperCoupling {
             stiffness: gripper.stiffness.unwrap_or(grip.stiffness),
             max_torque: grip.max_torque,
             ..GripperCoupling::critically_damped(&body, gripper.stiffness.unwrap_or(grip.stiffness))
         };
         let grip = GripperCoupling { damping: gripper.damping.unwrap_or(grip.damping), ..grip };
-        let placement = HandlePlacement::at(settings, grasp.translation, specification);
         let grasped = Grasped {
             body,
             coupling: held,
@@ -205,7 +207,7 @@ impl ArticulatedRenderer {
             contact_timeout: settings.contact_timeout,
             engagement: settings.engagement,
             velocity_lags: limits.in_world(scale).velocity_lags(&held),
-            gripper_lag: port.velocity_lag(grip.stiffness, grip.damping, 0.0, period),
+            gripper_lag: port.velocity_lag(grip.stiffness, grip.damping, &of_gripper),
             slew: slew(settings, &limits),
             max_damping: max_damping(settings, &held, &limits),
             period,

@@ -10,6 +10,7 @@ mod contacts;
 mod geometry;
 pub mod grid;
 mod lever;
+mod levered;
 mod limits;
 mod meshes;
 mod metered;

@@ -66,6 +66,7 @@ fn conditions_hold_up_to_their_limits() {
         friction: 0.04,
         stiffness: 1000.0,
         damping: 0.0,
+        lag: 0.0,
         period: 1e-3,
         delay: 0.0,
         quantum: 3e-5,

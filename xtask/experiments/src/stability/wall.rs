@@ -3,7 +3,7 @@
 //! In rotation everything is as in translation at the lever arm ℓ = √(J/m) of the device, at which its inertia J weighs
 //! as much as its mass m: K ℓ², B ℓ², x/ℓ.
 
-use std::collections::VecDeque;
+use std::ops::Range;
 
 use palpate::device::{DeviceError, EmulatedDevice, Emulation, Hand, HapticDevice, IntendedPath};
 use palpate::glam::{DQuat, DVec3};
@@ -29,15 +29,30 @@ impl Motion {
             Self::Rotation => "rotation",
         }
     }
+
+    /// Pose and twist of a handle at a place (m) and speed (m/s).
+    fn at(self, place: f64, speed: f64) -> (Pose, Twist) {
+        match self {
+            Self::Translation => {
+                (Pose::from_translation(DVec3::Z * place), Twist::new(DVec3::Z * speed, DVec3::ZERO))
+            }
+            Self::Rotation => (
+                Pose::new(DVec3::ZERO, DQuat::from_rotation_z(place / lever_arm())),
+                Twist::new(DVec3::ZERO, DVec3::Z * (speed / lever_arm())),
+            ),
+        }
+    }
 }
 
 /// What the wall's damper takes for the velocity.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Velocity {
     /// What the device reports: differences of rounded readings through its low-pass filter.
     Sensed,
     /// The difference of successive readings over the sampling period.
     BackwardDifference,
+    /// The same through a first-order lag, s.
+    Lagged(f64),
 }
 
 impl Velocity {
@@ -45,6 +60,7 @@ impl Velocity {
         match self {
             Self::Sensed => "sensed",
             Self::BackwardDifference => "backward difference",
+            Self::Lagged(_) => "lagged difference",
         }
     }
 }
@@ -59,7 +75,7 @@ pub struct WallCase {
     pub damping: f64,
     /// T, s; a multiple of [`TICK`], as is the delay.
     pub period: f64,
-    /// From a sample to its force, t_d, s.
+    /// From a sample to its force, t_d, s: the device's.
     pub delay: f64,
     /// Δ, m.
     pub quantum: f64,
@@ -70,6 +86,8 @@ pub struct WallCase {
     pub device_damping: f64,
     /// What pushes a device that no hand holds, N.
     pub push: f64,
+    /// Where the handle starts, m: in front of the wall where that is above zero.
+    pub start: f64,
     /// Simulated time, s.
     pub duration: f64,
     pub hand: (&'static str, Hand),
@@ -86,7 +104,8 @@ pub struct WallResult {
     /// The least energy that had flowed from the hand into the device with the wall, J: what the wall took, what the
     /// device's damping and friction turned to heat, and what the handle's motion holds.
     pub hand_energy: f64,
-    /// What the hand had got of device and wall at the end, but for what the handle's motion holds, J.
+    /// What the hand had got of device and wall from the tick on from which that is counted to the end, but for what the handle's
+    /// motion holds, J.
     pub gained: f64,
 }
 
@@ -103,8 +122,13 @@ const SPEED: f64 = 0.2;
 const SOFT: f64 = 20.0;
 /// A hand that shakes the handle as it likes, N/m and N·s/m; by how much, and how far behind the wall's surface, m.
 const STRONG: (f64, f64) = (1e6, 1e4);
-const SHAKE: f64 = 1e-3;
-const DEEP: f64 = 0.1;
+const SHAKE: f64 = 1e-4;
+const DEEP: f64 = 0.05;
+/// What is left of a swing that dies away, at most: a steady one is not measured as quite so large as it was.
+const DYING: f64 = 0.99;
+/// How long it is left to come to a steady motion, and how long it then shakes, at the least, s.
+const SETTLING: f64 = 0.5;
+const SHAKING: f64 = 1.0;
 /// A handle this far away has left, m.
 const FAR: f64 = 0.5;
 /// The least floor of the amplitude, m.
@@ -132,6 +156,7 @@ impl WallCase {
                 Motion::Rotation => handle.angular_damping / lever_arm().powi(2),
             },
             push: 1.0,
+            start: REACH,
             duration: 2.0,
             hand: ("grip", Hand::GRIP),
         }
@@ -149,10 +174,34 @@ impl WallCase {
             friction: if self.friction { friction } else { 0.0 },
             stiffness: self.stiffness,
             damping: self.damping,
+            lag: match self.velocity {
+                Velocity::Lagged(lag) => lag,
+                Velocity::Sensed | Velocity::BackwardDifference => 0.0,
+            },
             period: self.period,
             delay: self.delay,
             quantum: self.quantum,
         }
+    }
+
+    /// Whether the handle, which is let go at a `part` (0 to 1) of its depth from where the wall and what pushes are in
+    /// balance, swings less in the end than at the start. A wall that is not stable makes it swing out of the wall.
+    ///
+    /// # Errors
+    /// If the device refuses its parameters.
+    pub fn swing_dies_away(&self, part: f64) -> Result<bool, String> {
+        let depth = self.push / (self.stiffness + SOFT);
+        let swing = 2.0 * part * depth;
+        Ok(Self { start: (part - 1.0) * depth, ..*self }.run()?.amplitude < DYING * swing)
+    }
+
+    /// The case with a push that leans on the wall at a `depth` (m), between the force of an encoder step and the next by a
+    /// `part`, 0 to 1; half of the way no step's force is nearer than half a step's.
+    pub fn pushed(&self, depth: f64, part: f64) -> Self {
+        // What pushes is a spring itself, and softer by as much at each step.
+        let step = (self.stiffness + SOFT) * self.quantum;
+        let steps = (depth / self.quantum).floor();
+        Self { push: (steps + part) * step, ..*self }
     }
 
     /// The amplitude up to which a motion counts as rest, m: two encoder steps, or the width of the dead zone in which
@@ -166,32 +215,27 @@ impl WallCase {
     /// # Errors
     /// If the device refuses its parameters.
     pub fn run(&self) -> Result<WallResult, String> {
-        self.run_with(&mut self.device().map_err(|error| error.to_string())?)
+        let ticks = (self.duration / TICK).round() as u64;
+        self.run_with(&mut self.device().map_err(|error| error.to_string())?, 0..ticks)
     }
 
-    /// The same of a device that may do otherwise.
-    fn run_with(&self, device: &mut EmulatedDevice) -> Result<WallResult, String> {
-        let (period, delay) = ((self.period / TICK).round() as u64, (self.delay / TICK).round() as u64);
+    /// The same of a device that may do otherwise, with what is gained counted from one tick to another, the end.
+    fn run_with(&self, device: &mut EmulatedDevice, counted: Range<u64>) -> Result<WallResult, String> {
+        let period = (self.period / TICK).round() as u64;
         let theory = self.sampled();
-        let ticks = (self.duration / TICK).round() as u64;
-        let mut trace = Vec::with_capacity(ticks as usize);
-        let mut pending = VecDeque::new();
-        let mut last = f64::NAN;
+        let mut trace = Vec::with_capacity(counted.end as usize);
+        let (mut last, mut lagged, mut gained) = (f64::NAN, 0.0, 0.0);
         let (mut most_work, mut lost, mut hand_energy): (f64, f64, f64) = (0.0, 0.0, 0.0);
-        for tick in 0..ticks {
+        for tick in 0..counted.end {
             let state = device.read(tick as f64 * TICK).map_err(|error| error.to_string())?;
             if tick % period == 0 {
                 let (position, sensed) = (self.position(&state.pose), self.speed(&state.twist));
                 let difference = if last.is_nan() { 0.0 } else { (position - last) / self.period };
                 last = position;
-                let speed = match self.velocity {
-                    Velocity::Sensed => sensed,
-                    Velocity::BackwardDifference => difference,
-                };
-                pending.push_back((tick + delay, self.force(position, speed)));
-            }
-            while let Some((_, force)) = pending.pop_front_if(|(arrival, _)| *arrival <= tick) {
-                device.write(&self.wrench(force)).map_err(|error| error.to_string())?;
+                lagged += (difference - lagged) * self.period / (theory.lag + self.period);
+                let speed = if self.velocity == Velocity::Sensed { sensed } else { lagged };
+                let wrench = self.wrench(self.force(position, speed));
+                device.write(&wrench).map_err(|error| error.to_string())?;
             }
             let (pose, twist) = device.handle();
             let (position, speed) = (self.position(&pose), self.speed(&twist));
@@ -202,6 +246,9 @@ impl WallCase {
             let moving = 0.5 * Emulation::default().handle.mass * speed * speed;
             hand_energy = hand_energy.min(lost + moving - device.work());
             trace.push([position]);
+            if tick == counted.start {
+                gained = device.work() - lost;
+            }
             if position.is_nan() || position.abs() > FAR {
                 return Ok(WallResult {
                     outcome: Outcome::Diverged,
@@ -213,7 +260,7 @@ impl WallCase {
             }
         }
         let (outcome, amplitude) = judge(&trace[trace.len() - LAST..], self.floor());
-        let gained = device.work() - lost;
+        let gained = device.work() - lost - gained;
         Ok(WallResult { outcome, amplitude, port_energy: -most_work, hand_energy, gained })
     }
 
@@ -250,19 +297,10 @@ impl WallCase {
         } else {
             Hand { stiffness: SOFT, angular_stiffness: SOFT * lever_arm().powi(2), ..Hand::NONE }
         };
-        let (motion, drawn) = (self.motion, self.push / SOFT);
+        let (motion, drawn, start) = (self.motion, self.push / SOFT, self.start);
         self.emulation(hand).open(IntendedPath::function(move |time| {
             let (position, speed) = if held { approach(time) } else { (-drawn, 0.0) };
-            let place = if time == 0.0 { REACH } else { position };
-            match motion {
-                Motion::Translation => {
-                    (Pose::from_translation(DVec3::Z * place), Twist::new(DVec3::Z * speed, DVec3::ZERO))
-                }
-                Motion::Rotation => (
-                    Pose::new(DVec3::ZERO, DQuat::from_rotation_z(place / lever_arm())),
-                    Twist::new(DVec3::ZERO, DVec3::Z * (speed / lever_arm())),
-                ),
-            }
+            motion.at(if time == 0.0 { start } else { position }, speed)
         }))
     }
 
@@ -271,6 +309,7 @@ impl WallCase {
         let specification = &mut emulation.specification;
         specification.peak_force = f64::INFINITY;
         specification.peak_torque = f64::INFINITY;
+        specification.delay = self.delay;
         specification.encoder_step = 0.0;
         specification.angular_encoder_step = 0.0;
         match self.motion {
@@ -287,26 +326,33 @@ impl WallCase {
     }
 
     /// The energy that a hand of any strength gets out of device and wall, J, when it moves the handle to and fro behind the
-    /// wall's surface, once in two samples, at a speed that changes its sign where a sample is taken; negative where device and
-    /// wall take energy up. In translation.
+    /// wall's surface in the way that the device needs most damping for, over whole turns; negative where device and wall take
+    /// energy up.
     ///
     /// # Errors
     /// If the device refuses its parameters.
     pub fn shaken(&self) -> Result<f64, String> {
-        let period = self.period;
-        let hand = Hand { mass: 0.0, stiffness: STRONG.0, damping: STRONG.1, ..Hand::NONE };
+        let (motion, theory) = (self.motion, self.sampled());
+        let shake = theory.worst_shake();
+        let angular = lever_arm().powi(2);
+        let hand = Hand {
+            stiffness: STRONG.0,
+            damping: STRONG.1,
+            angular_stiffness: STRONG.0 * angular,
+            angular_damping: STRONG.1 * angular,
+            ..Hand::NONE
+        };
         let path = IntendedPath::function(move |time| {
-            let half = time / period;
-            let (part, back) = (half.fract(), half as u64 % 2 == 1);
-            let (place, speed) = (SHAKE * (1.0 - 2.0 * part), -2.0 * SHAKE / period);
-            let sign = if back { -1.0 } else { 1.0 };
-            (
-                Pose::from_translation(DVec3::Z * (sign * place - DEEP)),
-                Twist::new(DVec3::Z * (sign * speed), DVec3::ZERO),
-            )
+            let (place, speed) = theory.worst_path(shake, time);
+            motion.at(SHAKE * place - DEEP, SHAKE * speed)
         });
         let mut device = self.emulation(hand).open(path).map_err(|error| error.to_string())?;
-        Ok(self.run_with(&mut device)?.gained)
+        let turn = f64::from(shake.samples) * self.period;
+        let ticks = |turns: f64| (turns * turn / TICK).round() as u64;
+        let settled = (SETTLING / turn).ceil();
+        let counted = ticks(settled)..ticks(settled + (SHAKING / turn).ceil());
+        // The last tick is simulated, too.
+        Ok(self.run_with(&mut device, counted.start..counted.end + 1)?.gained)
     }
 }
 

@@ -1,8 +1,8 @@
 //! What speed is measured against accuracy on: objects, and what a hand does with them.
 
-use palpate::device::{IntendedPath, Interpolation, Keyframe, MotionPath, Task};
+use palpate::device::{Emulation, IntendedPath, Interpolation, Keyframe, MotionPath, Task};
 use palpate::models::Model;
-use palpate::{ContactSearch, HandlePlace, Object, Pose, Scene, Settings, explore};
+use palpate::{ContactSearch, HandlePlacement, Object, Pose, Scene, Settings, explore};
 use palpate_benches::scenarios;
 
 use crate::reproduce::relief;
@@ -42,13 +42,17 @@ impl Scenario {
         std::iter::once(&self.probe).chain(others).all(|object| object.clod.source.solid)
     }
 
-    /// Where the hand means the probe's mesh frame to be.
+    /// Where the hand means the handle of an emulated device to be.
     ///
     /// # Errors
     /// If an object is out of range.
     pub fn hand(&self) -> Result<IntendedPath, String> {
         match &self.hand {
-            Some(path) => Ok(path.clone().into()),
+            Some(path) => {
+                let specification = Emulation::default().specification;
+                let placement = HandlePlacement::new(&self.settings, &self.probe, &specification);
+                Ok(explore::mesh_path(path.clone(), &self.settings, placement))
+            }
             None => explore::path(Task::Explore, &self.probe, &self.scene).map_err(|error| error.to_string()),
         }
     }
@@ -87,8 +91,6 @@ fn rigid(name: &'static str, opened: scenarios::Scenario, slower: f64) -> Result
         probe: probe.object,
         scene: Scene::new().with(scene.object, Pose::IDENTITY),
         settings: Settings {
-            // The hand's path is that of the mesh's frame.
-            handle: HandlePlace::MeshOrigin,
             search: ContactSearch::Levels,
             tolerance: Some(tolerance),
             ..Settings::default()

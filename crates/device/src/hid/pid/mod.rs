@@ -233,7 +233,8 @@ impl Link<PidCodec, StickMotion> {
             encoder_step: step,
             angular_encoder_step: 0.0,
             velocity_delay: 4e-3,
-            delay: 0.0,
+            // A round of the pump, which waits no longer than 1 ms for a report, and a frame of 1 ms of the bus.
+            delay: 2e-3,
             sensed,
             actuated: driven,
             handle: None,
