@@ -244,3 +244,16 @@ fn any_positive_time_is_a_step() {
         assert!(summary.haptic.rate_hz.is_finite() && summary.contact.rate_hz.is_finite());
     }
 }
+
+/// A page that is touched first costs the haptic thread some microseconds, or much more where memory is short: what it uses was touched
+/// before. With the test's allocator warm, what is left is of the samples themselves.
+#[test]
+#[cfg(target_os = "linux")]
+fn the_haptic_thread_touches_no_memory_first() {
+    let (renderer, _) = renderer(usize::MAX);
+    let sink = |_: &Record| Ok::<_, Infallible>(());
+    let session = renderer.run_realtime(1.5, &AtomicBool::new(false), sink).expect("the sink never fails");
+    let faults = session.machine.page_faults.expect("Linux counts them");
+    let steps = session.haptic.steps;
+    assert!(steps > 1000 && faults <= 4, "{faults} pages were missing in {steps} steps");
+}
