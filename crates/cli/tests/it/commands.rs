@@ -329,11 +329,13 @@ fn a_lockstep_session_is_recorded_and_reported_twice_alike() {
             "first_touch_s",
             "grasp",
             "haptic",
+            "realtime",
             "seconds",
             "stages",
             "tolerance"
         ]
     );
+    assert!(summary["realtime"].is_null(), "nothing is asked for on a simulated clock");
     assert_eq!(summary["haptic"]["steps"], 3000);
     assert_eq!(summary["contact"]["rate_hz"], 250.0);
     let (a, b) = (std::fs::read(folder.join("a.csv")).unwrap(), std::fs::read(folder.join("b.csv")).unwrap());
