@@ -87,4 +87,16 @@ mod tests {
         assert_eq!(part_of(&allowed, Role::Haptic), Some(&[8, 9][..]));
         assert_eq!(part_of(&allowed, Role::Device), Some(&[8, 9][..]));
     }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn a_thread_keeps_to_its_processors() {
+        let thread = std::thread::spawn(|| {
+            let last = system::allowed()?.pop().ok_or("none is allowed")?;
+            system::keep_to(&[last])?;
+            Ok::<_, String>((last, system::allowed()?))
+        });
+        let (last, kept) = thread.join().expect("no panic").expect("processors");
+        assert_eq!(kept, [last]);
+    }
 }
