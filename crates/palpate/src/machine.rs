@@ -101,8 +101,8 @@ fn run_delay(schedstat: &str) -> Option<u64> {
     schedstat.split_whitespace().nth(1)?.parse().ok()
 }
 
-/// From `/proc/thread-self/stat`: the sum of minor and major ones, tenth and twelfth of the fields, of which the second is a name in
-/// brackets that may hold anything.
+/// From `/proc/thread-self/stat`: the sum of minor and major ones, tenth and twelfth of the fields, of which the second is a
+/// name in brackets that may hold anything.
 fn page_faults(stat: &str) -> Option<u64> {
     let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().take(10).collect();
     let at = |number: usize| fields.get(number - 3)?.parse::<u64>().ok();

@@ -13,7 +13,8 @@ impl Times {
         // The bounds are constants that the histogram accepts.
         #[allow(clippy::expect_used)]
         let mut counts = Histogram::new_with_bounds(1, 100_000_000_000, 3).expect("constant bounds");
-        // Memory that is zero as it comes from the system is there only once it is written; the compiler must not know that it is zero.
+        // Memory that is zero as it comes from the system is there only once it is written; the compiler must not know that it
+        // is zero.
         std::hint::black_box(&mut counts).clear();
         Self(counts)
     }

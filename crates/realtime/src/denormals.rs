@@ -18,10 +18,10 @@ fn set() -> bool {
 
     const FLUSH: u32 = 1 << 15 | 1 << 6;
     let mut control = 0_u32;
-    // SAFETY: stores the register in a variable of its size, and loads it with two more bits, which every x86-64 processor has. Rounding
-    // and masked exceptions stay as they are. Rust and LLVM compute what is constant as if denormal numbers were kept, and promise nothing
-    // for a thread in which they are not: such a number may be one or zero. No code of this thread depends on which; none is of use as a
-    // force, a length or a time.
+    // SAFETY: stores the register in a variable of its size, and loads it with two more bits, which every x86-64 processor has.
+    // Rounding and masked exceptions stay as they are. Rust and LLVM compute what is constant as if denormal numbers were kept,
+    // and promise nothing for a thread in which they are not: such a number may be one or zero. No code of this thread depends
+    // on which; none is of use as a force, a length or a time.
     unsafe {
         asm!("stmxcsr [{}]", in(reg) &raw mut control, options(nostack, preserves_flags));
         control |= FLUSH;

@@ -1,8 +1,9 @@
 //! What a thread asks of the operating system to be on time.
 //!
-//! A session has three kinds of threads that time matters to ([`Role`]). Each asks once, before its loop, with [`set_up`]; the process
-//! asks once for its memory, with [`lock_memory`]. Nothing of it is needed to render: what is refused is reported as an [`Outcome`], with
-//! the remedy, and the thread goes on without it. All of it is asked for on Linux alone, but for the stack and denormal numbers.
+//! A session has three kinds of threads that time matters to ([`Role`]). Each asks once, before its loop, with [`set_up`]; the
+//! process asks once for its memory, with [`lock_memory`]. Nothing of it is needed to render: what is refused is reported as an
+//! [`Outcome`], with the remedy, and the thread goes on without it. All of it is asked for on Linux alone, but for the stack
+//! and denormal numbers.
 //!
 //! | | device | haptic | contact |
 //! |---|---|---|---|
@@ -12,21 +13,22 @@
 //! | first bytes of the stack touched | yes | yes | yes |
 //! | denormal numbers flushed | yes | yes | no |
 //!
-//! **Device above haptic.** The device's thread carries what the haptic thread computed to the device, and its watchdog takes back
-//! what is not renewed. It runs for some 10 µs in a period: the haptic thread can spare them, where the device cannot spare the haptic
-//! thread's step.
+//! **Device above haptic.** The device's thread carries what the haptic thread computed to the device, and its watchdog takes
+//! back what is not renewed. It runs for a small part of a period: the haptic thread can spare that, where the device cannot
+//! spare the haptic thread's step.
 //!
-//! **Contact at normal priority.** A contact thread looks for contacts without end. Under SCHED_FIFO it would take a processor from
-//! every program with normal priority, and two of them (a tool of two bodies) a whole machine of two; Linux would then stop them, and
-//! the haptic thread with them, for 50 ms a second. Nor SCHED_BATCH: it would wait for other programs' time slices when a new state
-//! of the body comes, and models would be older. A contact thread that inherits SCHED_FIFO from the thread that started it gives it back.
+//! **Contact at normal priority.** A contact thread looks for contacts without end. Under SCHED_FIFO it would take a processor
+//! from every program with normal priority, and two of them (a tool of two bodies) a whole machine of two; Linux would then
+//! stop them, and the haptic thread with them, for 50 ms a second. Nor SCHED_BATCH: it would wait for other programs' time
+//! slices when a new state of the body comes, and models would be older. A contact thread that inherits SCHED_FIFO from the
+//! thread that started it gives it back.
 //!
-//! **The last two processors.** Interrupts are served by the first ones as a rule. Device and haptic thread share two, so that neither
-//! waits for a processor of its own while another is free.
+//! **The last two processors.** Interrupts are served by the first ones as a rule. Device and haptic thread share two, so that
+//! neither waits for a processor of its own while another is free.
 //!
-//! **Denormal numbers.** A filter that decays towards zero comes to numbers below 2.2e-308, which many processors compute with a hundred
-//! times slower; device and haptic thread have such filters and take such numbers as zero. A contact query has none, and the threads
-//! that it divides its work among, which others may use, would inherit the mode.
+//! **Denormal numbers.** A filter that decays towards zero comes to numbers below 2.2e-308, which many processors compute with
+//! much slower; device and haptic thread have such filters and take such numbers as zero. A contact query has none,
+//! and the threads that it divides its work among, which others may use, would inherit the mode.
 
 mod affinity;
 #[expect(unsafe_code, reason = "the floating-point control register has no other access")]

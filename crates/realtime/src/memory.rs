@@ -27,12 +27,12 @@ mod system {
     const REMEDY: &str =
         "allow it with the limit `memlock unlimited` in /etc/security/limits.conf, or CAP_IPC_LOCK";
 
-    /// Locks the process's memory for as long as it lives: what is mapped now is brought in and stays, what is mapped later stays from its
-    /// first touch on. It may take some hundred milliseconds the first time. Call it where all that the threads need is allocated, and
-    /// before they start.
+    /// Locks the process's memory for as long as it lives: what is mapped now is brought in and stays, what is mapped later
+    /// stays from its first touch on. It may take some hundred milliseconds the first time. Call it where all that the threads
+    /// need is allocated, and before they start.
     ///
-    /// Asked for only where there is no limit on locked memory: under one, a process whose memory is locked cannot have more than that,
-    /// and ends where it needs it.
+    /// Asked for only where there is no limit on locked memory: under one, a process whose memory is locked cannot have more
+    /// than that, and ends where it needs it.
     pub fn lock_memory() -> Outcome {
         let limit = getrlimit(Resource::RLIMIT_MEMLOCK).map_or(0, |(soft, _)| soft);
         if limit != RLIM_INFINITY && !may_lock() {
@@ -127,9 +127,9 @@ mod tests {
         let locked = locked_bytes().expect("Linux reports it");
         if outcome.is_granted() {
             assert!(locked > 0, "{outcome}");
-            // What is mapped later is there from its first touch on, and not before.
-            let later = vec![1_u8; 1 << 20];
-            assert!(locked_bytes().is_some_and(|now| now >= locked + later.len() as u64));
+            // What is mapped later is locked, too; threads of other tests that end give some of theirs back.
+            let later = vec![1_u8; 64 << 20];
+            assert!(locked_bytes().is_some_and(|now| now >= locked + later.len() as u64 / 2));
         } else {
             println!("skipped: {outcome}");
             assert_eq!(locked, 0);

@@ -95,8 +95,8 @@ mod system {
         }
     }
 
-    /// The highest real-time priority that a thread without privileges may take (RLIMIT_RTPRIO); none where the system has no such
-    /// limit.
+    /// The highest real-time priority that a thread without privileges may take (RLIMIT_RTPRIO); none where the system has no
+    /// such limit.
     pub fn priority_limit() -> Option<u64> {
         getrlimit(Resource::RLIMIT_RTPRIO).ok().map(|(soft, _)| soft)
     }

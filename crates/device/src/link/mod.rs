@@ -97,7 +97,8 @@ impl<C: Codec, M: Motion<Sample = C::Sample>> Link<C, M> {
     }
 }
 
-/// Runs a pump in a thread until the device ends it: above the haptic thread, so that what that computed in time is written in time.
+/// Runs a pump in a thread until the device ends it: above the haptic thread, so that what that computed in time is written in
+/// time.
 fn run<C: Codec, M: Motion>(mut pump: Pump<C>, device: &mut LinkedDevice<M>) -> std::io::Result<()> {
     let stop = Arc::new(AtomicBool::new(false));
     let (stopped, setup) = (stop.clone(), device.thread_setup_cell());

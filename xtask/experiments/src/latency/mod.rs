@@ -1,7 +1,8 @@
 //! How late a session is in real time, while other programs keep the processors busy.
 //!
-//! `cargo xtask latency [--seconds S] [--busy N] [--normal-pump]` renders two jaws for an emulated hand whose device is behind a wire, so
-//! that all threads of a session with a real device run: the device's pump, the haptic and the contact thread, and the recorder.
+//! `cargo xtask latency [--seconds S] [--busy N] [--normal-pump]` renders two jaws for an emulated hand whose device is behind
+//! a wire, so that all threads of a session with a real device run: the device's pump, the haptic and the contact thread, and
+//! the recorder.
 
 mod wire;
 
@@ -35,8 +36,8 @@ pub struct Arguments {
     scene: String,
 }
 
-/// Oldest age at p99.9, in periods of the haptic loop, that is good enough: of a wrench when it is written, and when the next one is, which
-/// the device asks for up to a period of its own later.
+/// Oldest age at p99.9, in periods of the haptic loop, that is good enough: of a wrench when it is written, and when the next
+/// one is, which the device asks for up to a period of its own later.
 const WRITTEN: f64 = 2.0;
 const IN_FORCE: f64 = 3.0;
 

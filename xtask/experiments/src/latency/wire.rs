@@ -1,5 +1,5 @@
-//! A device behind a wire: an emulated one with its hand, which is reached by reports and keeps a clock of its own, and notes how old the
-//! wrenches are that are written to it.
+//! A device behind a wire: an emulated one with its hand, which is reached by reports and keeps a clock of its own, and notes
+//! how old the wrenches are that are written to it.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -22,7 +22,8 @@ const SILENCE: f64 = 10e-3;
 const SAMPLE: usize = 13;
 const WRENCH: usize = 6;
 
-/// What the device noted of the wrenches that were written to it. Ages are counted from when the haptic thread handed a wrench over.
+/// What the device noted of the wrenches that were written to it. Ages are counted from when the haptic thread handed a wrench
+/// over.
 #[derive(Clone, Debug, Default)]
 pub struct Noted {
     /// Age of each wrench when it was written.
@@ -33,7 +34,8 @@ pub struct Noted {
     pub between: Times,
     /// How often the pump wrote a wrench of zero that the haptic thread had not asked for.
     pub dropouts: u64,
-    /// When the last write was, and when its wrench was handed over, ns since the start; none before the first that was asked for.
+    /// When the last write was, and when its wrench was handed over, ns since the start; none before the first that was asked
+    /// for.
     last: Option<(u64, u64)>,
 }
 
