@@ -1,6 +1,6 @@
 //! Project tasks: `cargo xtask test`, `cargo xtask ci`, `cargo xtask dependencies`, `cargo xtask publish-check`, `cargo xtask msrv`,
 //! `cargo xtask semver`; and those that run the engine, which are handed to `palpate-experiments`: `cargo xtask pictures`,
-//! `cargo xtask stability`, `cargo xtask reproduce`, `cargo xtask trade`.
+//! `cargo xtask stability`, `cargo xtask reproduce`, `cargo xtask trade`, `cargo xtask latency`.
 
 #![allow(clippy::print_stdout, clippy::print_stderr)] // Tasks report to a person at a terminal.
 
@@ -45,6 +45,9 @@ enum Task {
     /// Measures what each setting costs, and what accuracy it buys.
     #[command(disable_help_flag = true)]
     Trade(Passed),
+    /// Measures how late a session is while other programs keep the processors busy.
+    #[command(disable_help_flag = true)]
+    Latency(Passed),
     /// Writes the page of what a program links that embeds palpate.
     Dependencies(dependencies::Arguments),
     /// Packs every published package and builds it from that alone, without uploading anything.
@@ -73,6 +76,7 @@ fn main() -> ExitCode {
         Task::Stability(passed) => experiment("stability", &passed),
         Task::Reproduce(passed) => experiment("reproduce", &passed),
         Task::Trade(passed) => experiment("trade", &passed),
+        Task::Latency(passed) => experiment("latency", &passed),
         Task::Dependencies(arguments) => dependencies::run(&arguments),
         Task::PublishCheck => release::publish_check(),
         Task::Msrv => release::msrv(),

@@ -1,6 +1,7 @@
 //! Holding a button to feel anything.
 
 use palpate_core::Wrench;
+use palpate_realtime::ThreadSetup;
 
 use crate::{DeviceError, DeviceState, HapticDevice, Specification, Status};
 
@@ -61,6 +62,10 @@ impl<D: HapticDevice> HapticDevice for HoldToEnable<D> {
 
     fn close(&mut self) -> Result<(), DeviceError> {
         self.device.close()
+    }
+
+    fn thread_setup(&self) -> Option<&ThreadSetup> {
+        self.device.thread_setup()
     }
 }
 

@@ -39,6 +39,7 @@ pub use error::{DeviceError, PathError};
 pub use hand::{Hand, IntendedPath};
 pub use mechanics::Handle;
 use palpate_core::Wrench;
+use palpate_realtime::ThreadSetup;
 pub use path::{Interpolation, Keyframe, MotionPath, PathPoint};
 pub use path_file::PATH_HEADER;
 pub use recording::{Reading, RecordedDevice, Recording, RecordingWriter, Tap, Taps};
@@ -73,6 +74,12 @@ pub trait HapticDevice: Send {
 
     /// Writes a zero wrench and gives the device up. Closing twice is no error.
     fn close(&mut self) -> Result<(), DeviceError>;
+
+    /// What the thread that exchanges reports with the device obtained of the operating system; none where there is no such thread, or
+    /// it has not begun.
+    fn thread_setup(&self) -> Option<&ThreadSetup> {
+        None
+    }
 }
 
 impl<D: HapticDevice + ?Sized> HapticDevice for Box<D> {
@@ -90,5 +97,9 @@ impl<D: HapticDevice + ?Sized> HapticDevice for Box<D> {
 
     fn close(&mut self) -> Result<(), DeviceError> {
         (**self).close()
+    }
+
+    fn thread_setup(&self) -> Option<&ThreadSetup> {
+        (**self).thread_setup()
     }
 }

@@ -90,7 +90,7 @@ impl HostedSession {
         let flag = Arc::clone(&ended);
         let contact_thread = std::thread::Builder::new()
             .name("palpate contacts".to_owned())
-            .spawn(move || run_contact(&mut contact, state_out, models_in, &flag))?;
+            .spawn(move || drop(run_contact(&mut contact, state_out, models_in, &flag)))?;
         let stepper = HostedStepper {
             haptic,
             models,

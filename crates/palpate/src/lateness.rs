@@ -2,17 +2,17 @@
 
 use std::time::{Duration, Instant};
 
+use palpate_realtime::{Role, ThreadSetup, set_up};
+
 use crate::machine::{MachineLoad, MachineSample};
-use crate::realtime::{ask_for_realtime, sleeper};
+use crate::realtime::sleeper;
 use crate::telemetry::Times;
 
 /// What [`measure_wake_lateness`] found.
 #[derive(Clone, Debug)]
 pub struct WakeLateness {
-    /// How the thread was scheduled: SCHED_FIFO with its priority, or why not.
-    pub scheduling: String,
-    /// Whether that is SCHED_FIFO.
-    pub realtime: bool,
+    /// What the thread obtained of the operating system.
+    pub setup: ThreadSetup,
     /// Time from each deadline to the wake-up for it.
     pub lateness: Times,
     /// Periods that the thread slept through.
@@ -28,12 +28,11 @@ pub struct WakeLateness {
 pub fn measure_wake_lateness(rate: f64, seconds: f64) -> WakeLateness {
     std::thread::scope(|scope| {
         let measured = scope.spawn(|| {
-            let scheduling = ask_for_realtime();
-            let realtime = scheduling.starts_with("SCHED_FIFO");
+            let setup = set_up(Role::Haptic);
             let before = MachineSample::take();
             let (lateness, missed) = sleep_through(rate, seconds);
             let machine = MachineSample::take().since(&before);
-            WakeLateness { scheduling, realtime, lateness, missed, machine }
+            WakeLateness { setup, lateness, missed, machine }
         });
         measured.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     })
@@ -72,7 +71,7 @@ mod tests {
         // The last wake-up may be late by some periods of its own.
         assert!(woken > 0 && woken + missed >= 200, "{woken} + {missed}");
         assert!(measured.lateness.percentiles(1.0).max < 1e9);
-        assert_eq!(measured.realtime, measured.scheduling.starts_with("SCHED_FIFO"));
+        assert_eq!(measured.setup.role, Role::Haptic);
         assert_eq!(measured.lateness.count_between(0, u64::MAX), woken);
         for (rate, seconds) in [(0.0, 1.0), (-1.0, 1.0), (f64::NAN, 1.0), (1e3, f64::INFINITY), (1e3, 0.0)] {
             assert_eq!(measure_wake_lateness(rate, seconds).lateness.count(), 0, "{rate} {seconds}");

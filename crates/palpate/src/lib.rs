@@ -82,17 +82,17 @@ pub use palpate_mesh_io as mesh_io;
 pub use palpate_mesh_io::LoadWarning;
 #[cfg(feature = "models")]
 pub use palpate_models as models;
+pub use palpate_realtime as threads;
 pub use palpate_texture_pd as texture_pd;
 pub use placement::{HandlePlace, HandlePlacement};
 pub use reactions::{Reaction, Reactions};
-pub use realtime::REALTIME_PRIORITY;
 pub use record::{COLUMNS, Record, RecordWriter};
 pub use renderer::{HapticRenderer, RendererError};
 pub use scene::{Placed, Scene};
 pub use scene_editor::{EditError, SceneEditor, SceneId};
 #[cfg(feature = "scene-files")]
 pub use scene_file::{ObjectEntry, SceneFile, SceneFileError};
-pub use session::{Clock, ContactSummary, HapticSummary, Session, Summary};
+pub use session::{Clock, ContactSummary, HapticSummary, RealtimeSetup, Session, Summary};
 pub use settings::{
     ContactSearch, Settings, SettingsError, TextureBackend, TextureDerivatives, TextureSettings,
 };

@@ -16,6 +16,8 @@ pub struct MachineSample {
     preempted: Option<u64>,
     /// Time for which the thread was ready to run and did not, ns.
     run_delay: Option<u64>,
+    /// How often the thread found a page of its memory missing.
+    page_faults: Option<u64>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,6 +42,8 @@ pub struct MachineLoad {
     pub preempted: Option<u64>,
     /// Time for which the thread was ready to run, but waited for a processor, s.
     pub run_delay_s: Option<f64>,
+    /// How often the thread found a page of its memory missing, as at the first touch, and waited until the system had mapped it.
+    pub page_faults: Option<u64>,
 }
 
 impl MachineSample {
@@ -52,6 +56,8 @@ impl MachineSample {
             processors: read("/proc/stat").and_then(|text| processor_time(&text)),
             preempted: read("/proc/thread-self/status").and_then(|text| preemptions(&text)),
             run_delay: read("/proc/thread-self/schedstat").and_then(|text| run_delay(&text)),
+            // Last, so that the rest of a first sample is not counted.
+            page_faults: read("/proc/thread-self/stat").and_then(|text| page_faults(&text)),
         }
     }
 
@@ -69,6 +75,7 @@ impl MachineSample {
             stolen_fraction: time.filter(|time| time.total > 0.0).map(|time| time.stolen / time.total),
             preempted: counted(self.preempted, earlier.preempted),
             run_delay_s: counted(self.run_delay, earlier.run_delay).map(|ns| ns as f64 * 1e-9),
+            page_faults: counted(self.page_faults, earlier.page_faults),
         }
     }
 }
@@ -94,6 +101,14 @@ fn run_delay(schedstat: &str) -> Option<u64> {
     schedstat.split_whitespace().nth(1)?.parse().ok()
 }
 
+/// From `/proc/thread-self/stat`: the sum of minor and major ones, tenth and twelfth of the fields, of which the second is a
+/// name in brackets that may hold anything.
+fn page_faults(stat: &str) -> Option<u64> {
+    let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().take(10).collect();
+    let at = |number: usize| fields.get(number - 3)?.parse::<u64>().ok();
+    Some(at(10)? + at(12)?)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -107,19 +122,29 @@ mod tests {
         let status = "Name:\tpalpate\nvoluntary_ctxt_switches:\t7\nnonvoluntary_ctxt_switches:\t35\n";
         assert_eq!(preemptions(status), Some(35));
         assert_eq!(run_delay("123 82994 1\n"), Some(82_994));
+        let stat = "7 (a ) thread) S 1 7 7 0 -1 4194304 90 0 2 0 0 1 0 0 20 0";
+        assert_eq!(page_faults(stat), Some(92));
     }
 
     #[test]
     fn what_is_not_there_is_not_made_up() {
         for text in ["", "cpu", "cpu 1 2 3", "cpu a b c d e f g h", "Name: x"] {
-            assert_eq!((processor_time(text), preemptions(text)), (None, None), "{text}");
+            let read = (processor_time(text), preemptions(text), page_faults(text));
+            assert_eq!(read, (None, None, None), "{text}");
         }
         assert_eq!((run_delay(""), run_delay("5"), run_delay("5 x")), (None, None, None));
-        let bare =
-            MachineSample { taken: Instant::now(), processors: None, preempted: None, run_delay: None };
+        let bare = MachineSample {
+            taken: Instant::now(),
+            processors: None,
+            preempted: None,
+            run_delay: None,
+            page_faults: None,
+        };
         let counted = MachineSample { preempted: Some(4), run_delay: Some(9), ..bare };
-        let MachineLoad { stolen_s, stolen_fraction, preempted, run_delay_s, .. } = counted.since(&bare);
-        assert_eq!((stolen_s, stolen_fraction, preempted, run_delay_s), (None, None, None, None));
+        let MachineLoad { stolen_s, stolen_fraction, preempted, run_delay_s, page_faults, .. } =
+            counted.since(&bare);
+        assert_eq!((stolen_s, stolen_fraction, preempted), (None, None, None));
+        assert_eq!((run_delay_s, page_faults), (None, None));
     }
 
     #[test]
@@ -130,16 +155,18 @@ mod tests {
             processors: time(100.0, 1.0),
             preempted: Some(5),
             run_delay: Some(1_000_000),
+            page_faults: Some(9),
         };
         let later = MachineSample {
             taken: earlier.taken + std::time::Duration::from_secs(2),
             processors: time(108.0, 3.0),
             preempted: Some(40),
             run_delay: Some(3_000_000),
+            page_faults: Some(12),
         };
         let load = later.since(&earlier);
         assert_eq!((load.seconds, load.stolen_s, load.stolen_fraction), (2.0, Some(2.0), Some(0.25)));
-        assert_eq!(load.preempted, Some(35));
+        assert_eq!((load.preempted, load.page_faults), (Some(35), Some(3)));
         assert!((load.run_delay_s.expect("counted") - 0.002).abs() < 1e-12);
     }
 

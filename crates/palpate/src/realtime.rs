@@ -13,12 +13,9 @@ use std::time::{Duration, Instant};
 use palpate_core::Wrench;
 use palpate_device::HapticDevice;
 use palpate_dynamics::BodyState;
+use palpate_realtime::{Role, ThreadSetup, lock_memory, set_up};
 use rtrb::{Consumer, Producer, RingBuffer};
 use spin_sleep::{SpinSleeper, SpinStrategy};
-use thread_priority::{
-    RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy,
-    set_thread_priority_and_policy, thread_native_id,
-};
 
 use crate::contact_loop::{ContactLoop, ContactUpdate};
 use crate::haptic_loop::HapticLoop;
@@ -27,7 +24,7 @@ use crate::machine::MachineSample;
 use crate::presence::FADE;
 use crate::record::Record;
 use crate::renderer::HapticRenderer;
-use crate::session::{Clock, Session};
+use crate::session::{Clock, RealtimeSetup, Session};
 
 /// Contact models that may wait for the haptic thread.
 pub(crate) const MODEL_RING: usize = 8;
@@ -43,8 +40,6 @@ const SPIN: f64 = 1e-4;
 const SPIN_SHARE: f64 = 0.25;
 /// Most periods that one step makes up for after late wake-ups.
 const MAX_PERIODS_A_STEP: u64 = 5;
-/// SCHED_FIFO priority that the haptic thread asks for.
-pub const REALTIME_PRIORITY: u8 = 80;
 
 impl HapticRenderer {
     /// Renders `seconds` of real time, or until `stop` is set, in threads of its own. Each step's record goes to `sink`,
@@ -65,7 +60,8 @@ impl HapticRenderer {
     ) -> Result<Session, E> {
         let steps = steps_in(seconds, self.period);
         let (models_in, models_out) = RingBuffer::new(MODEL_RING);
-        let (records_in, mut records_out) = RingBuffer::new(RECORD_RING);
+        let (mut records_in, mut records_out) = RingBuffer::new(RECORD_RING);
+        write_through(&mut records_in, &mut records_out);
         let (state_in, state_out) = triple_buffer::triple_buffer(&(0.0, *self.haptic.body_state()));
         // Whatever ends one of the threads, a panic included, must end the others.
         let ended = AtomicBool::new(false);
@@ -80,19 +76,21 @@ impl HapticRenderer {
             records: records_in,
             state: state_in,
         };
-        let (scheduling, machine, lasted) = std::thread::scope(|scope| {
+        // All that the threads need is allocated.
+        let memory = lock_memory();
+        let (haptic, contact, machine, lasted) = std::thread::scope(|scope| {
             let _ended = SetOnDrop(&ended);
             let contact_thread = scope.spawn(|| {
                 let _ended = SetOnDrop(&ended);
-                run_contact(contact, state_out, models_in, &ended);
+                run_contact(contact, state_out, models_in, &ended)
             });
             let haptic_thread = scope.spawn(|| {
                 let _ended = SetOnDrop(&ended);
-                let scheduling = ask_for_realtime();
+                let setup = set_up(Role::Haptic);
                 let before = MachineSample::take();
                 let lasted =
                     haptic.run(steps, || stop.load(Ordering::Acquire) || ended.load(Ordering::Acquire));
-                (scheduling, MachineSample::take().since(&before), lasted)
+                (setup, MachineSample::take().since(&before), lasted)
             });
             let mut drain = || {
                 while let Ok(record) = records_out.pop() {
@@ -108,14 +106,22 @@ impl HapticRenderer {
             }
             let outcome = haptic_thread.join();
             drain();
-            let (scheduling, machine, lasted) = outcome.unwrap_or_else(|panic| resume_unwind(panic));
+            let (setup, machine, lasted) = outcome.unwrap_or_else(|panic| resume_unwind(panic));
             let lasted = lasted.unwrap_or_else(|panic| resume_unwind(panic));
-            contact_thread.join().unwrap_or_else(|panic| resume_unwind(panic));
-            (scheduling, machine, lasted)
+            let contact = contact_thread.join().unwrap_or_else(|panic| resume_unwind(panic));
+            (setup, contact, machine, lasted)
         });
-        let session = Session::close(self, lasted.as_secs_f64(), Clock::Real { scheduling }, machine);
+        let setup = RealtimeSetup { device: self.device.thread_setup().cloned(), haptic, contact, memory };
+        let clock = Clock::Real { setup: Box::new(setup) };
+        let session = Session::close(self, lasted.as_secs_f64(), clock, machine);
         result.map(|()| session)
     }
+}
+
+/// Fills and empties the ring, so that its memory is there before the haptic thread writes to it.
+fn write_through(records_in: &mut Producer<Record>, records_out: &mut Consumer<Record>) {
+    while records_in.push(Record::BLANK).is_ok() {}
+    while records_out.pop().is_ok() {}
 }
 
 /// Sets a flag when dropped.
@@ -211,13 +217,14 @@ pub(crate) fn sleeper(period: f64) -> SpinSleeper {
     SpinSleeper::new((spin * 1e9) as u32).with_spin_strategy(SpinStrategy::SpinLoopHint)
 }
 
-/// The contact thread: as fast as it can, but never twice for the same state.
+/// The contact thread: as fast as it can, but never twice for the same state. What it obtained of the operating system.
 pub(crate) fn run_contact(
     contact: &mut ContactLoop,
     mut state: triple_buffer::Output<(f64, BodyState)>,
     mut models: Producer<ContactUpdate>,
     ended: &AtomicBool,
-) {
+) -> ThreadSetup {
+    let setup = set_up(Role::Contact);
     let mut first = true;
     while !ended.load(Ordering::Acquire) {
         if !state.update() && !first {
@@ -232,30 +239,7 @@ pub(crate) fn run_contact(
         telemetry.query.record(begun.elapsed().as_nanos() as u64);
         telemetry.events.model_dropped += u64::from(models.push(update).is_err());
     }
-}
-
-/// Asks for SCHED_FIFO for the calling thread; what was obtained, for the report.
-pub(crate) fn ask_for_realtime() -> String {
-    if !cfg!(target_os = "linux") {
-        return "normal: SCHED_FIFO is asked for on Linux only".to_owned();
-    }
-    let policy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
-    let asked = ThreadPriorityValue::try_from(REALTIME_PRIORITY).map_err(|error| error.to_string()).and_then(
-        |priority| {
-            set_thread_priority_and_policy(
-                thread_native_id(),
-                ThreadPriority::Crossplatform(priority),
-                policy,
-            )
-            .map_err(|error| format!("{error:?}"))
-        },
-    );
-    match asked {
-        Ok(()) => format!("SCHED_FIFO, priority {REALTIME_PRIORITY}"),
-        Err(why) => {
-            format!("normal: SCHED_FIFO was refused ({why}); allow it with a `rtprio` limit or CAP_SYS_NICE")
-        }
-    }
+    setup
 }
 
 #[cfg(test)]

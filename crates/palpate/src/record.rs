@@ -33,6 +33,19 @@ pub struct Record {
 }
 
 impl Record {
+    /// Of no step.
+    pub(crate) const BLANK: Self = Self {
+        time: 0.0,
+        device: Pose::IDENTITY,
+        handle: Pose::IDENTITY,
+        object: Pose::IDENTITY,
+        coupling: Wrench::ZERO,
+        contact: Wrench::ZERO,
+        depth: 0.0,
+        contacts: 0,
+        model_age: f64::NAN,
+    };
+
     /// How far the coupling is stretched, m: the distance, in the world, of the object's grasp from where the device holds it. `grasp` is
     /// the grasp's position in the mesh's frame, as [`Summary::grasp`](crate::Summary::grasp) has it.
     ///

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use palpate_core::glam::DVec3;
 use palpate_device::Specification;
+use palpate_realtime::{Outcome, State, ThreadSetup};
 use serde::Serialize;
 
 use crate::machine::MachineLoad;
@@ -18,13 +19,46 @@ const LOCKSTEP: &str = "lockstep";
 /// Which clock a session ran by.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Clock {
-    /// Real time; says how the haptic thread was scheduled.
+    /// Real time.
     Real {
-        /// The scheduling class obtained, and why no better one.
-        scheduling: String,
+        /// What was asked of the operating system, and what came of it.
+        setup: Box<RealtimeSetup>,
     },
     /// Simulated time.
     Simulated,
+}
+
+/// What a session in real time asked of the operating system, and what came of it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct RealtimeSetup {
+    /// The thread that exchanges reports with the device; none where the device has no such thread.
+    pub device: Option<ThreadSetup>,
+    /// The haptic thread.
+    pub haptic: ThreadSetup,
+    /// The contact thread.
+    pub contact: ThreadSetup,
+    /// The process's memory.
+    pub memory: Outcome,
+}
+
+impl RealtimeSetup {
+    /// What a privilege is absent for, in whole or in part: which thread or what, and what came of it.
+    pub fn limited(&self) -> Vec<(String, &Outcome)> {
+        let threads = [
+            ("device", self.device.as_ref()),
+            ("haptic", Some(&self.haptic)),
+            ("contact", Some(&self.contact)),
+        ];
+        let threads = threads.into_iter().filter_map(|(name, setup)| Some((name, setup?)));
+        let outcomes = threads.flat_map(|(name, setup)| {
+            setup.outcomes().map(|(what, outcome)| (format!("{what} of the {name} thread"), outcome))
+        });
+        let limited = |outcome: &Outcome| outcome.state == State::Refused || outcome.remedy.is_some();
+        outcomes
+            .chain([("memory".to_owned(), &self.memory)])
+            .filter(|(_, outcome)| limited(outcome))
+            .collect()
+    }
 }
 
 /// An ended session.
@@ -59,6 +93,8 @@ pub struct Summary {
     pub haptic: HapticSummary,
     /// The contact loop.
     pub contact: ContactSummary,
+    /// What was asked of the operating system, and what came of it; none on a simulated clock.
+    pub realtime: Option<RealtimeSetup>,
     /// Time of the first touch, s: of the first step that a contact was known in; none if nothing was touched.
     pub first_touch_s: Option<f64>,
     /// Most contacts at once, before clustering.
@@ -109,6 +145,8 @@ pub struct HapticSummary {
     /// Time for which the haptic thread was ready to run, but waited for a processor, s; none where the operating system does
     /// not report it.
     pub run_delay_s: Option<f64>,
+    /// How often the haptic thread found a page of its memory missing; none where the operating system does not report it.
+    pub page_faults: Option<u64>,
     /// Duration of a step, ns.
     pub step_ns: Percentiles,
     /// Lateness of the wake-up, µs.
@@ -163,10 +201,11 @@ impl Session {
     pub fn summary(&self) -> Summary {
         let (haptic, contact) = (&self.haptic, &self.contact);
         let rate = |count: u64| if self.seconds > 0.0 { count as f64 / self.seconds } else { 0.0 };
-        let scheduling = match &self.clock {
-            Clock::Real { scheduling } => scheduling.clone(),
-            Clock::Simulated => LOCKSTEP.to_owned(),
+        let realtime = match &self.clock {
+            Clock::Real { setup } => Some(RealtimeSetup::clone(setup)),
+            Clock::Simulated => None,
         };
+        let scheduling = realtime.as_ref().map_or(LOCKSTEP.to_owned(), |it| it.haptic.scheduling_line());
         Summary {
             seconds: self.seconds,
             haptic: HapticSummary {
@@ -178,6 +217,7 @@ impl Session {
                 stolen_s: self.machine.stolen_s,
                 preempted: self.machine.preempted,
                 run_delay_s: self.machine.run_delay_s,
+                page_faults: self.machine.page_faults,
                 step_ns: haptic.step.percentiles(1.0),
                 wake_us: haptic.wake.percentiles(1000.0),
                 scheduling,
@@ -187,6 +227,7 @@ impl Session {
                 query_us: contact.query.percentiles(1000.0),
                 longer_than_slot: contact.longer_than_slot,
             },
+            realtime,
             first_touch_s: haptic.first_touch,
             contacts_max: haptic.contacts_max,
             contacts_at_end: haptic.contacts_now,
@@ -401,6 +442,7 @@ mod tests {
             stolen_s: None,
             preempted: None,
             run_delay_s: None,
+            page_faults: None,
             step_ns: Percentiles::default(),
             wake_us: Percentiles::default(),
             scheduling: "normal".to_owned(),

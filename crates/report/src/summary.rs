@@ -1,6 +1,6 @@
 //! What a session measured of itself, in plain words: first what was felt, then how well the loops kept up.
 
-use palpate::{Percentiles, Summary};
+use palpate::{Percentiles, RealtimeSetup, Summary};
 
 use crate::events::happened;
 use crate::grouped;
@@ -62,6 +62,7 @@ fn kept_up(summary: &Summary) -> Vec<(&'static str, String)> {
         rows.push(("wake-up lateness", percentiles(&haptic.wake_us, 1e-6)));
         rows.push(("scheduling of the haptic thread", haptic.scheduling.clone()));
     }
+    rows.extend(summary.realtime.iter().map(|setup| ("real-time set-up", limits(setup))));
     rows.push(("contact rate", rate(contact.rate_hz)));
     rows.push(("contact query time", percentiles(&contact.query_us, 1e-6)));
     if let Some(longer) = contact.longer_than_slot {
@@ -83,6 +84,16 @@ fn kept_up(summary: &Summary) -> Vec<(&'static str, String)> {
     rows
 }
 
+/// What the operating system did not grant a session, with the remedy for each.
+fn limits(setup: &RealtimeSetup) -> String {
+    let limited = setup.limited();
+    if limited.is_empty() {
+        return "all that was asked for was granted".to_owned();
+    }
+    let said: Vec<String> = limited.iter().map(|(what, outcome)| format!("{what}: {outcome}")).collect();
+    said.join("; ")
+}
+
 /// Times in units of `unit` (s).
 fn percentiles(of: &Percentiles, unit: f64) -> String {
     let time = |value: f64| quantity(value * unit, "s");
@@ -95,9 +106,48 @@ fn times(count: u64) -> String {
 
 #[cfg(test)]
 mod tests {
+    use palpate::threads::{Outcome, Role, State, ThreadSetup};
     use palpate::{ContactSummary, Events, HapticSummary};
 
     use super::*;
+
+    fn outcome(state: State, remedy: Option<&str>) -> Outcome {
+        Outcome { state, detail: "as it is".to_owned(), remedy: remedy.map(str::to_owned) }
+    }
+
+    /// Of a session that was granted all, where it was asked for.
+    fn setup() -> RealtimeSetup {
+        let granted = || outcome(State::Granted, None);
+        let thread = |role| ThreadSetup {
+            role,
+            scheduling: granted(),
+            processors: outcome(State::NotAsked, None),
+            timer_slack: granted(),
+            stack: granted(),
+            denormals: granted(),
+        };
+        let (haptic, contact) = (thread(Role::Haptic), thread(Role::Contact));
+        RealtimeSetup { device: None, haptic, contact, memory: granted() }
+    }
+
+    #[test]
+    fn absent_privileges_are_named_with_the_remedy() {
+        let all = summary();
+        assert_eq!(value(&measured(&all), "real-time set-up"), "all that was asked for was granted");
+        let mut setup = setup();
+        setup.memory = outcome(State::Refused, Some("raise the limit"));
+        setup.device = Some(ThreadSetup {
+            role: Role::Device,
+            scheduling: outcome(State::Granted, Some("ask for more")),
+            ..setup.haptic.clone()
+        });
+        let some = Summary { realtime: Some(setup), ..all };
+        let said =
+            "scheduling of the device thread: as it is; ask for more; memory: as it is; raise the limit";
+        assert_eq!(value(&measured(&some), "real-time set-up"), said);
+        let rows = measured(&Summary { realtime: None, ..some });
+        assert!(rows.iter().all(|(name, _)| *name != "real-time set-up"), "on a simulated clock: {rows:?}");
+    }
 
     fn summary() -> Summary {
         Summary {
@@ -111,6 +161,7 @@ mod tests {
                 stolen_s: None,
                 preempted: None,
                 run_delay_s: None,
+                page_faults: Some(0),
                 step_ns: Percentiles { p50: 16_975.0, p99: 24_100.0, p999: 30_000.0, max: 1_200_000.0 },
                 wake_us: Percentiles { p50: 1.0, p99: 20.0, p999: 50.0, max: 1100.0 },
                 scheduling: "SCHED_FIFO, priority 80".to_owned(),
@@ -120,6 +171,7 @@ mod tests {
                 query_us: Percentiles { p50: 300.0, p99: 800.0, p999: 900.0, max: 1000.0 },
                 longer_than_slot: None,
             },
+            realtime: Some(setup()),
             first_touch_s: Some(0.412),
             contacts_max: 1204,
             contacts_at_end: 3,

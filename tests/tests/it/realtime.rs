@@ -7,6 +7,7 @@ use std::sync::{Arc, Mutex};
 
 use palpate::device::{DeviceError, DeviceState, Emulation, HapticDevice, Specification};
 use palpate::glam::DVec3;
+use palpate::threads::Role;
 use palpate::{HapticRenderer, Object, Pose, Record, Scene, Settings, Wrench};
 use palpate_tests::model;
 
@@ -242,5 +243,43 @@ fn any_positive_time_is_a_step() {
         let summary = session.expect("the sink never fails").summary();
         assert_eq!(summary.haptic.steps + summary.haptic.missed_deadlines, steps, "{seconds} s");
         assert!(summary.haptic.rate_hz.is_finite() && summary.contact.rate_hz.is_finite());
+    }
+}
+
+/// A page that is touched first costs the haptic thread some microseconds, or much more where memory is short: what it uses was touched
+/// before. With the test's allocator warm, what is left is of the samples themselves.
+#[test]
+#[cfg(target_os = "linux")]
+fn the_haptic_thread_touches_no_memory_first() {
+    let (renderer, _) = renderer(usize::MAX);
+    let sink = |_: &Record| Ok::<_, Infallible>(());
+    let session = renderer.run_realtime(1.5, &AtomicBool::new(false), sink).expect("the sink never fails");
+    let faults = session.machine.page_faults.expect("Linux counts them");
+    let steps = session.haptic.steps;
+    assert!(steps > 1000 && faults <= 4, "{faults} pages were missing in {steps} steps");
+}
+
+/// What each thread asked for is in the summary, in words and for machines, whatever this machine grants.
+#[test]
+fn the_summary_says_what_was_granted() {
+    let sink = |_: &Record| Ok::<_, Infallible>(());
+    let (renderer, _) = renderer(usize::MAX);
+    let session = renderer.run_realtime(0.05, &AtomicBool::new(false), sink).expect("the sink never fails");
+    let summary = session.summary();
+    let setup = summary.realtime.expect("it ran in real time");
+    assert_eq!(setup.device, None, "an emulated device has no thread");
+    assert_eq!((setup.haptic.role, setup.contact.role), (Role::Haptic, Role::Contact));
+    assert_eq!(summary.haptic.scheduling, setup.haptic.scheduling_line());
+    let json = serde_json::to_value(&setup).expect("JSON");
+    for thread in ["haptic", "contact"] {
+        for asked in ["scheduling", "processors", "timer_slack", "stack", "denormals"] {
+            let state = json[thread][asked]["state"].as_str().expect("a state");
+            assert!(["granted", "refused", "not_asked"].contains(&state), "{json}");
+            assert!(json[thread][asked]["detail"].as_str().is_some_and(|said| !said.is_empty()), "{json}");
+        }
+    }
+    // What is refused for want of a privilege names it.
+    for (what, outcome) in setup.limited() {
+        assert!(outcome.remedy.is_some(), "{what}: {outcome}");
     }
 }

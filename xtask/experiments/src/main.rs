@@ -1,8 +1,9 @@
-//! Project tasks that run the engine: `cargo xtask pictures`, `cargo xtask stability`, `cargo xtask reproduce`, `cargo xtask trade`.
-//! They stand in a package of their own so that the other tasks start without it.
+//! Project tasks that run the engine: `cargo xtask pictures`, `cargo xtask stability`, `cargo xtask reproduce`, `cargo xtask trade`,
+//! `cargo xtask latency`. They stand in a package of their own so that the other tasks start without it.
 
 #![allow(clippy::print_stdout, clippy::print_stderr)] // Tasks report to a person at a terminal.
 
+mod latency;
 mod pictures;
 mod progress;
 mod reproduce;
@@ -30,6 +31,8 @@ enum Task {
     Reproduce(reproduce::Arguments),
     /// Measures what each setting costs, and what accuracy it buys.
     Trade(trade::Arguments),
+    /// Measures how late a session is while other programs keep the processors busy.
+    Latency(latency::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -38,6 +41,7 @@ fn main() -> ExitCode {
         Task::Stability(arguments) => stability::run(&arguments),
         Task::Reproduce(arguments) => reproduce::run(&arguments),
         Task::Trade(arguments) => trade::run(&arguments),
+        Task::Latency(arguments) => latency::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -69,7 +69,7 @@ impl Lateness {
             wakes: times.count(),
             missed: measured.missed,
             rate_hz: RATE,
-            scheduling: measured.scheduling.clone(),
+            scheduling: measured.setup.scheduling_line(),
             histogram,
         }
     }

@@ -9,8 +9,8 @@ mod finding;
 mod graphics;
 mod lateness;
 mod libraries;
+mod privileges;
 mod processors;
-mod scheduling;
 
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
@@ -47,8 +47,9 @@ pub fn run(arguments: &DoctorArguments) -> Result<(), Failure> {
     let measured = palpate::measure_wake_lateness(lateness::RATE, lateness::SECONDS);
     let lateness = Lateness::new(&measured);
     let findings = vec![
-        scheduling::finding(&measured),
-        lateness::finding(&lateness, measured.realtime),
+        privileges::finding(&measured.setup),
+        lateness::finding(&lateness, measured.setup.scheduling.is_granted()),
+        privileges::memory(),
         processors::stolen_time(&measured.machine),
         processors::frequency(),
         processors::count(),
@@ -61,7 +62,7 @@ pub fn run(arguments: &DoctorArguments) -> Result<(), Failure> {
         machine: Machine::this(),
         findings,
         lateness_us: lateness,
-        limits_line: scheduling::limits_line(),
+        limits_line: privileges::limits_line(),
     };
     output::text_or_json(&arguments.json, &report, || print(&report))
 }

@@ -329,11 +329,13 @@ fn a_lockstep_session_is_recorded_and_reported_twice_alike() {
             "first_touch_s",
             "grasp",
             "haptic",
+            "realtime",
             "seconds",
             "stages",
             "tolerance"
         ]
     );
+    assert!(summary["realtime"].is_null(), "nothing is asked for on a simulated clock");
     assert_eq!(summary["haptic"]["steps"], 3000);
     assert_eq!(summary["contact"]["rate_hz"], 250.0);
     let (a, b) = (std::fs::read(folder.join("a.csv")).unwrap(), std::fs::read(folder.join("b.csv")).unwrap());
@@ -996,9 +998,10 @@ fn messages_name_what_would_do() {
 /// The doctor answers in time whatever it finds, and never fails.
 #[test]
 fn the_doctor_looks_at_the_machine() {
-    const SUBJECTS: [&str; 9] = [
+    const SUBJECTS: [&str; 10] = [
         "real-time scheduling",
         "timer lateness",
+        "locked memory",
         "stolen time",
         "processor frequency",
         "processors",
@@ -1046,7 +1049,7 @@ fn the_doctor_looks_at_the_machine() {
         assert_eq!(counted, at("wakes"));
         let line = report["limits_line"].as_str().expect("a line");
         let (user, rest) = line.split_once(' ').expect("two words");
-        assert_eq!(rest, "- rtprio 80");
+        assert_eq!(rest, "- rtprio 85");
         if cfg!(unix) {
             let id = Command::new("id").arg("-un").output().expect("id");
             assert_eq!(user, String::from_utf8_lossy(&id.stdout).trim());

@@ -1,11 +1,12 @@
 //! The side of the haptic thread.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use palpate_core::{Pose, Twist, Wrench};
+use palpate_realtime::ThreadSetup;
 
 use super::codec::Motion;
 use super::pump::{News, Order};
@@ -34,6 +35,8 @@ pub struct LinkedDevice<M: Motion> {
     events: Status,
     closed: bool,
     pump: Option<(Arc<AtomicBool>, JoinHandle<()>)>,
+    /// What the pump's thread obtained.
+    setup: Arc<OnceLock<ThreadSetup>>,
 }
 
 impl<M: Motion> HapticDevice for LinkedDevice<M> {
@@ -107,6 +110,10 @@ impl<M: Motion> HapticDevice for LinkedDevice<M> {
         self.end();
         Ok(())
     }
+
+    fn thread_setup(&self) -> Option<&ThreadSetup> {
+        self.setup.get()
+    }
 }
 
 impl<M: Motion> LinkedDevice<M> {
@@ -138,12 +145,18 @@ impl<M: Motion> LinkedDevice<M> {
             events: Status::OK,
             closed: false,
             pump: None,
+            setup: Arc::default(),
         }
     }
 
     /// Its pump is in a thread that ends where `stop` is set.
     pub(super) fn run_by(&mut self, stop: Arc<AtomicBool>, thread: JoinHandle<()>) {
         self.pump = Some((stop, thread));
+    }
+
+    /// Where the pump's thread leaves what it obtained.
+    pub(super) fn thread_setup_cell(&self) -> Arc<OnceLock<ThreadSetup>> {
+        Arc::clone(&self.setup)
     }
 
     /// It turned out to be this.

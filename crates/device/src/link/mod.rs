@@ -23,6 +23,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use palpate_realtime::{Role, set_up};
+
 use crate::Specification;
 
 use pump::{News, Order};
@@ -37,6 +39,8 @@ pub use transport::{LONGEST_REPORT, Transport, TransportError};
 
 /// How long the pump rests while there is no device.
 const REST: Duration = Duration::from_millis(20);
+/// A round takes at least this long: a thread above all others leaves them the processor, whatever its transport does.
+const SHORTEST_ROUND: Duration = Duration::from_micros(100);
 /// How long opening waits for the first report.
 const FIRST_WORD: Duration = Duration::from_millis(500);
 
@@ -93,15 +97,20 @@ impl<C: Codec, M: Motion<Sample = C::Sample>> Link<C, M> {
     }
 }
 
-/// Runs a pump in a thread until the device ends it.
+/// Runs a pump in a thread until the device ends it: above the haptic thread, so that what that computed in time is written in
+/// time.
 fn run<C: Codec, M: Motion>(mut pump: Pump<C>, device: &mut LinkedDevice<M>) -> std::io::Result<()> {
     let stop = Arc::new(AtomicBool::new(false));
-    let stopped = stop.clone();
+    let (stopped, setup) = (stop.clone(), device.thread_setup_cell());
     let thread = std::thread::Builder::new().name("palpate-device".into()).spawn(move || {
+        setup.get_or_init(|| set_up(Role::Device));
         let start = Instant::now();
         while !stopped.load(Ordering::Acquire) {
-            if !pump.round(start.elapsed().as_secs_f64()) {
-                std::thread::sleep(REST);
+            let begun = start.elapsed();
+            let rest = if pump.round(begun.as_secs_f64()) { SHORTEST_ROUND } else { REST };
+            let taken = start.elapsed() - begun;
+            if taken < rest {
+                std::thread::sleep(rest - taken);
             }
         }
         pump.end();

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use palpate_core::{Pose, Twist, Wrench};
+use palpate_realtime::ThreadSetup;
 use rtrb::{Consumer, Producer, RingBuffer};
 
 use super::Reading;
@@ -80,6 +81,10 @@ impl<D: HapticDevice> HapticDevice for Tap<D> {
 
     fn close(&mut self) -> Result<(), DeviceError> {
         self.device.close()
+    }
+
+    fn thread_setup(&self) -> Option<&ThreadSetup> {
+        self.device.thread_setup()
     }
 }
 

@@ -9,4 +9,5 @@ mod hid_pid;
 mod hid_umockdev;
 mod link;
 mod no_allocation;
+mod pump_thread;
 mod recording;

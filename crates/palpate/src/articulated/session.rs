@@ -46,7 +46,7 @@ impl Beside {
         let flag = Arc::clone(ended);
         let thread = std::thread::Builder::new()
             .name("palpate contacts".to_owned())
-            .spawn(move || run_contact(&mut contact, state_out, models_in, &flag))?;
+            .spawn(move || drop(run_contact(&mut contact, state_out, models_in, &flag)))?;
         Ok(Self { models, state, thread: Some(thread) })
     }
 }
