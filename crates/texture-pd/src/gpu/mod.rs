@@ -5,10 +5,10 @@
 //! and one copy in one submission, then a wait for the answers, 272 bytes a pair; images are never read back. wgpu allocates
 //! a few small objects for each submission: a backend belongs on the contact thread, not on the haptic one.
 //!
-//! A thread of the backend's own makes all calls on the device and drops it. A driver that hangs, in a wait, a submission or
-//! while a queue is dropped, hangs that thread, and whoever asked for a batch waits for no longer than the backend's deadline.
-//! Where a device is lost while it is waited for, wgpu 30 has no error for it but panics: that thread catches the panic. (In a
-//! program that is built with `panic = "abort"` the process ends there.)
+//! A thread of the backend's own makes all calls on the device and drops it. A driver that hangs, in a submission or while a queue is
+//! dropped, hangs that thread, and whoever asked for a batch waits for no longer than the backend's deadline. Where a device turns out
+//! to be lost while it is polled, wgpu 30 has no error for it but panics: that thread catches the panic. (In a program that is
+//! built with `panic = "abort"` the process ends there.)
 
 mod pipelines;
 #[cfg(test)]
@@ -22,7 +22,7 @@ use std::time::{Duration, Instant};
 
 use wgpu::{Device, Instance, InstanceDescriptor, Queue};
 
-use self::pipelines::{COMPILE_TIMEOUT, Pipelines, Wait};
+use self::pipelines::{COMPILE_TIMEOUT, Look, Pipelines};
 use crate::backend::{Backend, BackendError};
 use crate::batch::{Batch, SurfaceSet};
 use crate::kernels::Answer;
@@ -140,17 +140,17 @@ impl WgpuBackend {
     /// # Errors
     /// If the device fails, or gives fewer than the eight storage buffers that WebGPU promises.
     pub fn with_device(name: &str, device: Device, queue: Queue) -> Result<Self, BackendError> {
-        Self::waiting(name, device, queue, Device::poll)
+        Self::looking(name, device, queue, Device::poll)
     }
 
-    /// A backend whose thread waits for the device in a way of its own.
-    fn waiting(name: &str, device: Device, queue: Queue, wait: Wait) -> Result<Self, BackendError> {
+    /// A backend whose thread looks at the device in a way of its own.
+    fn looking(name: &str, device: Device, queue: Queue, look: Look) -> Result<Self, BackendError> {
         let (jobs, to_do) = mpsc::sync_channel(1);
         let (send, done) = mpsc::sync_channel(1);
         let called = name.to_owned();
         std::thread::Builder::new()
             .name("palpate-gpu".into())
-            .spawn(move || serve(&called, || Pipelines::new(&called, device, queue, wait), &to_do, &send))
+            .spawn(move || serve(&called, || Pipelines::new(&called, device, queue, look), &to_do, &send))
             .map_err(|error| BackendError::NoDevice { adapter: name.into(), reason: error.to_string() })?;
         let mut backend = Self {
             name: name.into(),

@@ -1,6 +1,6 @@
 //! The kernels on a device: what they are made of, and one batch after the other. All of it belongs to one thread.
 
-use std::sync::mpsc::{self, Receiver};
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
 use palpate_shaders::TEXTURE_DEPTH;
@@ -21,14 +21,15 @@ const TEXELS: u32 = 64;
 const TIMEOUT: Duration = Duration::from_secs(10);
 /// The first batch waits for the driver's compiler, which takes a second on a software driver, and more on a busy machine.
 pub(super) const COMPILE_TIMEOUT: Duration = Duration::from_secs(120);
-/// How long wgpu is asked to wait at once: while it waits, it keeps others who share the device from giving back buffers.
-const SLICE: Duration = Duration::from_millis(5);
+/// Answers are looked for without a pause for so long, and then with pauses.
+const EAGER: Duration = Duration::from_micros(300);
+const PAUSE: Duration = Duration::from_micros(50);
 
 /// What the kernels bind.
 const STORAGE: BufferUsages = BufferUsages::STORAGE.union(BufferUsages::COPY_DST);
 
-/// How the device is waited for: [`Device::poll`], but for tests of devices that are lost or hang.
-pub(super) type Wait = fn(&Device, PollType) -> Result<PollStatus, PollError>;
+/// How the device is looked at: [`Device::poll`], but for tests of devices that are lost or hang.
+pub(super) type Look = fn(&Device, PollType) -> Result<PollStatus, PollError>;
 
 /// Both kernels with their buffers.
 #[derive(Debug)]
@@ -49,7 +50,7 @@ pub(super) struct Pipelines {
     readback: Store,
     /// Those of the stores as they are.
     groups: Option<[BindGroup; 2]>,
-    wait: Wait,
+    look: Look,
     timeout: Duration,
 }
 
@@ -66,7 +67,7 @@ impl Pipelines {
     ///
     /// # Errors
     /// If the device fails, or gives fewer than the eight storage buffers that WebGPU promises.
-    pub fn new(name: &str, device: Device, queue: Queue, wait: Wait) -> Result<Self, BackendError> {
+    pub fn new(name: &str, device: Device, queue: Queue, look: Look) -> Result<Self, BackendError> {
         let (images, overlaps, header) = caught(name, &device, || {
             let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
                 label: Some(TEXTURE_DEPTH.name),
@@ -107,7 +108,7 @@ impl Pipelines {
             answers: store("answers", BufferUsages::STORAGE | BufferUsages::COPY_SRC),
             readback: store("readback", BufferUsages::MAP_READ | BufferUsages::COPY_DST),
             groups: None,
-            wait,
+            look,
             timeout: COMPILE_TIMEOUT,
         };
         pipelines.warm_up()?;
@@ -221,14 +222,14 @@ impl Pipelines {
         }
         let used = u64::from(pairs) * size_of::<Answer>() as u64;
         encoder.copy_buffer_to_buffer(found, 0, readback, 0, used);
-        let submission = self.queue.submit([encoder.finish()]);
+        self.queue.submit([encoder.finish()]);
 
         let (send, receive) = mpsc::sync_channel(1);
         readback.map_async(MapMode::Read, ..used, move |result| {
             // The receiver is gone only after a timeout.
             let _ = send.send(result);
         });
-        self.await_answers(&submission, &receive)?;
+        self.await_answers(&receive)?;
         {
             let bytes = readback.get_mapped_range(..used).map_err(|error| failed(error.to_string()))?;
             answers.extend_from_slice(bytemuck::cast_slice(&bytes));
@@ -237,30 +238,24 @@ impl Pipelines {
         Ok(())
     }
 
-    /// Waits until a submission's answers are mapped.
+    /// Waits until the answers are mapped.
     ///
-    /// What tells so is called by whoever looks at the device once they are: another thread that polls or submits to a shared
-    /// device may have it in hand, and call it only after our own wait is over.
-    fn await_answers(
-        &self,
-        submission: &SubmissionIndex,
-        mapped: &Receiver<Result<(), BufferAsyncError>>,
-    ) -> Result<(), BackendError> {
+    /// What tells so is called by whoever looks at the device once they are: a thread of the host that polls or submits to the
+    /// same device may have it in hand, and call it after we have looked. wgpu's own wait (`PollType::Wait`) is of no use then, and
+    /// as it waits it keeps the host from giving back buffers; where it times out while the host looks, it panics (wgpu 30).
+    fn await_answers(&self, mapped: &Receiver<Result<(), BufferAsyncError>>) -> Result<(), BackendError> {
         let failed = |reason: String| BackendError::Device { device: self.name.clone(), reason };
-        let end = Instant::now() + self.timeout;
+        let start = Instant::now();
         loop {
-            let wait = PollType::Wait { submission_index: Some(submission.clone()), timeout: Some(SLICE) };
-            match (self.wait)(&self.device, wait) {
-                Ok(_) => break,
-                Err(PollError::Timeout) if Instant::now() < end => {}
-                Err(error) => return Err(failed(error.to_string())),
+            (self.look)(&self.device, PollType::Poll).map_err(|error| failed(error.to_string()))?;
+            let waited = start.elapsed();
+            let pause = if waited < EAGER { Duration::ZERO } else { PAUSE };
+            match mapped.recv_timeout(pause) {
+                Ok(Ok(())) => return Ok(()),
+                Ok(Err(error)) => return Err(failed(error.to_string())),
+                Err(RecvTimeoutError::Timeout) if waited < self.timeout => std::thread::yield_now(),
+                Err(_) => return Err(failed("the answers did not arrive".into())),
             }
-        }
-        let left = end.saturating_duration_since(Instant::now());
-        match mapped.recv_timeout(left) {
-            Ok(Ok(())) => Ok(()),
-            Ok(Err(error)) => Err(failed(error.to_string())),
-            Err(_) => Err(failed("the answers did not arrive".into())),
         }
     }
 }

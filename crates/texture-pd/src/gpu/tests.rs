@@ -1,4 +1,4 @@
-//! Devices that are lost or hang, as far as that can be had without one: in place of wgpu's wait.
+//! Devices that are lost or hang, as far as that can be had without one: in place of wgpu's poll.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -10,12 +10,12 @@ use crate::kernels::Clips;
 
 const DEADLINE: Duration = Duration::from_millis(20);
 
-/// A backend that waits its own way once it is made, with the deadline of a contact loop.
-fn backend(wait: Wait) -> WgpuBackend {
+/// A backend that looks at its device in a way of its own once it is made, with the deadline of a contact loop.
+fn backend(look: Look) -> WgpuBackend {
     let instance = Instance::new(InstanceDescriptor::new_without_display_handle());
     let adapter = pollster::block_on(instance.request_adapter(&Default::default())).unwrap();
     let (device, queue) = pollster::block_on(adapter.request_device(&Default::default())).unwrap();
-    let mut backend = WgpuBackend::waiting("injected", device, queue, wait).unwrap();
+    let mut backend = WgpuBackend::looking("injected", device, queue, look).unwrap();
     backend.set_deadline(DEADLINE);
     backend
 }
@@ -48,25 +48,27 @@ fn assert_is_lost(result: &Result<usize, BackendError>, why: &str) {
     );
 }
 
-/// wgpu's wait, and then what is to go wrong from the second that is over on: the first is that for the kernels' first run.
+/// wgpu's poll, and then what is to go wrong from the second batch on that it finds done: the first is the kernels' first run.
 fn poll(
     device: &Device,
-    until: PollType,
-    waits: &AtomicUsize,
+    how: PollType,
+    batches: &AtomicUsize,
     wrong: fn(usize),
 ) -> Result<PollStatus, PollError> {
-    let status = device.poll(until)?;
-    let before = waits.fetch_add(1, Ordering::Relaxed);
-    if before > 0 {
-        wrong(before);
+    let status = device.poll(how)?;
+    if status.is_queue_empty() {
+        let before = batches.fetch_add(1, Ordering::Relaxed);
+        if before > 0 {
+            wrong(before);
+        }
     }
     Ok(status)
 }
 
 /// Panics as wgpu does where the driver says that the device is lost.
-fn panicking(device: &Device, until: PollType) -> Result<PollStatus, PollError> {
-    static WAITS: AtomicUsize = AtomicUsize::new(0);
-    poll(device, until, &WAITS, |_| panic!("Error in Device::poll: Parent device is lost"))
+fn panicking(device: &Device, how: PollType) -> Result<PollStatus, PollError> {
+    static BATCHES: AtomicUsize = AtomicUsize::new(0);
+    poll(device, how, &BATCHES, |_| panic!("Error in Device::poll: Parent device is lost"))
 }
 
 #[test]
@@ -83,9 +85,9 @@ fn a_panic_over_a_lost_device_is_an_error_and_the_processor_goes_on() {
 }
 
 /// Never returns.
-fn hanging(device: &Device, until: PollType) -> Result<PollStatus, PollError> {
-    static WAITS: AtomicUsize = AtomicUsize::new(0);
-    poll(device, until, &WAITS, |_| {
+fn hanging(device: &Device, how: PollType) -> Result<PollStatus, PollError> {
+    static BATCHES: AtomicUsize = AtomicUsize::new(0);
+    poll(device, how, &BATCHES, |_| {
         loop {
             std::thread::park();
         }
@@ -109,9 +111,9 @@ fn a_device_that_hangs_is_waited_for_until_the_deadline_and_given_up() {
 }
 
 /// Takes its time twice.
-fn tardy(device: &Device, until: PollType) -> Result<PollStatus, PollError> {
-    static WAITS: AtomicUsize = AtomicUsize::new(0);
-    poll(device, until, &WAITS, |before| {
+fn tardy(device: &Device, how: PollType) -> Result<PollStatus, PollError> {
+    static BATCHES: AtomicUsize = AtomicUsize::new(0);
+    poll(device, how, &BATCHES, |before| {
         if before < 3 {
             std::thread::sleep(5 * DEADLINE);
         }
@@ -119,9 +121,9 @@ fn tardy(device: &Device, until: PollType) -> Result<PollStatus, PollError> {
 }
 
 /// Takes its time always.
-fn slow(device: &Device, until: PollType) -> Result<PollStatus, PollError> {
-    static WAITS: AtomicUsize = AtomicUsize::new(0);
-    poll(device, until, &WAITS, |_| std::thread::sleep(5 * DEADLINE))
+fn slow(device: &Device, how: PollType) -> Result<PollStatus, PollError> {
+    static BATCHES: AtomicUsize = AtomicUsize::new(0);
+    poll(device, how, &BATCHES, |_| std::thread::sleep(5 * DEADLINE))
 }
 
 #[test]
