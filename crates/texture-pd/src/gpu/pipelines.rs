@@ -7,7 +7,7 @@ use palpate_shaders::TEXTURE_DEPTH;
 use wgpu::{
     BindGroup, BindGroupDescriptor, BindGroupEntry, Buffer, BufferAsyncError, BufferDescriptor, BufferUsages,
     ComputePipeline, ComputePipelineDescriptor, Device, ErrorFilter, MapMode, PollError, PollStatus,
-    PollType, Queue, SubmissionIndex,
+    PollType, Queue,
 };
 
 use super::{Job, Textures};
