@@ -546,3 +546,76 @@ fn is_textured(probe: &Object, other: &Object) -> bool {
 fn surface(object: &Object) -> Result<Arc<TexturedSurface>, TextureError> {
     object.surface().map_err(|source| TextureError::Surface { name: object.name.clone(), source })
 }
+
+#[cfg(all(test, feature = "gpu"))]
+mod tests {
+    use std::time::Instant;
+
+    use palpate_core::TriMesh;
+    use palpate_core::glam::DVec2;
+    use palpate_core::mesh::UvMesh;
+    use palpate_texture_pd::{HeightImage, Wrap};
+
+    use super::*;
+
+    /// A tetrahedron, all of its texture at one height.
+    fn object() -> Object {
+        let corners = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z].map(|corner| corner * 0.01).to_vec();
+        let mesh = TriMesh::new(corners, vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]).unwrap();
+        let mesh = UvMesh::projected(mesh, |corner| DVec2::new(corner.x, corner.y) * 100.0).unwrap();
+        let image = HeightImage::new(2, 2, vec![1e-4; 4], [Wrap::Clamp; 2]).unwrap();
+        Object::textured("tetrahedron", &mesh, &image, 1.0).unwrap()
+    }
+
+    /// The processor serves until a backend has been made elsewhere; that stays as objects come and go.
+    #[test]
+    fn backend_is_made_elsewhere_taken_in_when_ready_and_kept() {
+        let (probe, other) = (object(), object());
+        let mut settings = Settings::default();
+        settings.textures.backend = TextureBackend::Gpu;
+        let mut textures = None;
+        let renew = |textures: &mut Option<Textures>, objects: &[Option<&Object>]| {
+            Textures::renew(textures, &probe, objects, &settings, 1e-3, 0.02).unwrap();
+        };
+        let mut events = Events::default();
+        let mut run = |textures: &mut Textures| {
+            textures.run(&Pose::IDENTITY, DVec3::ZERO, |_| None, 1e-3, &mut events);
+            (textures.backend().to_owned(), events.texture_backend_lost)
+        };
+        renew(&mut textures, &[Some(&other)]);
+        let made = textures.as_mut().unwrap();
+        assert_eq!(made.backend(), "CPU");
+        let begun = Instant::now();
+        while run(made).0 == "CPU" {
+            assert!(begun.elapsed().as_secs() < 60, "no backend came");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let (name, lost) = run(made);
+        assert_eq!(lost, 0);
+        renew(&mut textures, &[Some(&other), Some(&other)]);
+        let renewed = textures.as_ref().unwrap();
+        assert!(renewed.backend() == name && renewed.coming.is_none(), "{renewed:?}");
+        renew(&mut textures, &[]);
+        assert!(textures.is_none());
+    }
+
+    /// One that could not be made is counted.
+    #[test]
+    fn backend_that_could_not_be_made_is_counted() {
+        let mut textures = None;
+        let (probe, other) = (object(), object());
+        Textures::renew(&mut textures, &probe, &[Some(&other)], &Settings::default(), 1e-3, 0.02).unwrap();
+        let textures = textures.as_mut().unwrap();
+        let mut events = Events::default();
+        for make in [false, true] {
+            let made = || Err(BackendError::NoAdapter { reason: "none".into() }.into());
+            textures.coming = Some(if make { elsewhere(made) } else { mpsc::sync_channel(1).1 });
+            let begun = Instant::now();
+            while textures.coming.is_some() {
+                assert!(begun.elapsed().as_secs() < 60, "nothing came");
+                textures.run(&Pose::IDENTITY, DVec3::ZERO, |_| None, 1e-3, &mut events);
+            }
+        }
+        assert_eq!((events.texture_backend_lost, textures.backend()), (2, "CPU"));
+    }
+}

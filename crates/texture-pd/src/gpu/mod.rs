@@ -5,10 +5,10 @@
 //! and one copy in one submission, then a wait for the answers, 272 bytes a pair; images are never read back. wgpu allocates
 //! a few small objects for each submission: a backend belongs on the contact thread, not on the haptic one.
 //!
-//! A thread of the backend's own makes all calls on the device and drops it. A driver that hangs, in a submission or while a queue is
-//! dropped, hangs that thread, and whoever asked for a batch waits for no longer than the backend's deadline. Where a device turns out
-//! to be lost while it is polled, wgpu 30 has no error for it but panics: that thread catches the panic. (In a program that is
-//! built with `panic = "abort"` the process ends there.)
+//! A thread of the backend's own makes all calls on the device and drops it. A driver that hangs, in a submission or while a
+//! queue is dropped, hangs that thread, and whoever asked for a batch waits for no longer than the backend's deadline. Where a
+//! device turns out to be lost while it is polled, wgpu 30 has no error for it but panics: that thread catches the panic. (In
+//! a program that is built with `panic = "abort"` the process ends there.)
 
 mod pipelines;
 #[cfg(test)]
@@ -42,8 +42,11 @@ const ENDED: &str = "it failed before";
 
 /// A backend on a GPU, or on a software driver that stands in for one.
 ///
-/// A batch whose answers come later than the deadline is an error ([`BackendError::Late`]), as are all until they have come. Then the
-/// device is asked again, unless that was the third in a row, or took more than a second: it is then given up.
+/// A batch whose answers come later than the deadline is an error ([`BackendError::Late`]), as are all until they have come.
+/// Then the device is asked again. The error of the third late batch in a row [lasts](BackendError::is_lasting), and so does
+/// that of a batch that was asked for while another had no answer for a second.
+///
+/// The deadline is 10 s, for work that is in no hurry, unless [`set_deadline`](Backend::set_deadline) says otherwise.
 #[derive(Debug)]
 pub struct WgpuBackend {
     name: String,
