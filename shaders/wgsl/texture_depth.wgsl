@@ -285,6 +285,8 @@ struct HeightJet {
     vv: f32,
 }
 
+// A folded surface gets the derivatives of the approximate height function (Eq. 4.9), which displaces along n alone: its area
+// along the grid may be 0, and what is divided by it without bounds.
 fn height_jet(tri: Triangle, point: Point) -> HeightJet {
     let s = point.s;
     let t = point.t;
@@ -301,12 +303,20 @@ fn height_jet(tri: Triangle, point: Point) -> HeightJet {
     let htt = dot(tri.d2, curvature * tri.d2);
     // Derivatives of the displaced point by s and t.
     let n = tri.n0 + s * tri.m1 + t * tri.m2;
-    let by_s = tri.e1 + hs * n + h.value * tri.m1;
-    let by_t = tri.e2 + ht * n + h.value * tri.m2;
-    let by_ss = hss * n + 2.0 * hs * tri.m1;
-    let by_st = hst * n + hs * tri.m2 + ht * tri.m1;
-    let by_tt = htt * n + 2.0 * ht * tri.m2;
-    let area = by_s.x * by_t.y - by_t.x * by_s.y;
+    var by_s = tri.e1 + hs * n + h.value * tri.m1;
+    var by_t = tri.e2 + ht * n + h.value * tri.m2;
+    var by_ss = hss * n + 2.0 * hs * tri.m1;
+    var by_st = hst * n + hs * tri.m2 + ht * tri.m1;
+    var by_tt = htt * n + 2.0 * ht * tri.m2;
+    var area = by_s.x * by_t.y - by_t.x * by_s.y;
+    if point.folded || !(area * tri.inverse_area >= FOLD) {
+        by_s = vec3(tri.e1.xy, by_s.z);
+        by_t = vec3(tri.e2.xy, by_t.z);
+        by_ss = vec3(0.0, 0.0, by_ss.z);
+        by_st = vec3(0.0, 0.0, by_st.z);
+        by_tt = vec3(0.0, 0.0, by_tt.z);
+        area = by_s.x * by_t.y - by_t.x * by_s.y;
+    }
     let u = (by_s.z * by_t.y - by_t.z * by_s.y) / area;
     let v = (by_s.x * by_t.z - by_t.x * by_s.z) / area;
     let kss = by_ss.z - u * by_ss.x - v * by_ss.y;
@@ -429,9 +439,10 @@ fn ends(image: u32, texel: u32) -> bool {
 fn surface(image: u32, texel: u32, at: vec2<f32>) -> HeightJet {
     let known = heights[image * header.grid * header.grid + texel];
     let tri = load_triangle(known.y & ~FOLDED);
-    let refinements = select(0u, header.refinements, (known.y & FOLDED) == 0u);
-    var point = above(tri, at, images[image].step, images[image].reach, refinements);
+    let folded = (known.y & FOLDED) != 0u;
+    var point = above(tri, at, images[image].step, images[image].reach, select(header.refinements, 0u, folded));
     if !point.found { point = Point(true, false, 0.0, 0.0, bitcast<f32>(known.x)); }
+    point.folded = folded;
     return height_jet(tri, point);
 }
 

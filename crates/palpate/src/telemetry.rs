@@ -119,11 +119,14 @@ pub struct Events {
     /// A quarter of a textured contact's grid of which more than a tenth folds over itself as seen along the contact, so that
     /// its depth is approximated (§4.6.1).
     pub texture_folded: u64,
-    /// What computed textured contacts failed; the processor has done so since.
+    /// A contact step whose textured contacts the processor computed, as what was to do so failed at them: it was lost, had not
+    /// answered within 20 ms, could not be made, or they were too many for it. What is lost is counted once, and the processor
+    /// has computed them since.
     pub texture_backend_lost: u64,
     /// A contact query ran out of room and reported fewer contacts than there are.
     pub contact_overflow: u64,
-    /// A contact query was refused, its pose not being finite, and found nothing; or a contact was not finite.
+    /// A contact query was refused, its pose not being finite, and found nothing; or a contact was not finite, or the depth of a
+    /// quarter of a textured contact's grid, and was left out.
     pub contact_refused: u64,
     /// A pair of convex hulls did not converge in a contact query.
     pub not_converged: u64,

@@ -13,6 +13,8 @@
 
 use std::fmt;
 use std::sync::Arc;
+use std::sync::mpsc::{self, Receiver, TryRecvError};
+use std::time::Duration;
 
 use arrayvec::ArrayVec;
 use palpate_collide::{Cluster, Clustering, PatchContact};
@@ -20,7 +22,7 @@ use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist};
 use palpate_dynamics::CurvedContact;
 use palpate_texture_pd::{
-    Backend, BackendError, CpuBackend, DepthError, DepthQuery, DepthSettings, Derivatives, Domain, HalfSpace,
+    Backend, BackendError, DepthError, DepthQuery, DepthSettings, Derivatives, Domain, Fallback, HalfSpace,
     SurfaceError, SurfaceId, SurfaceSet, TextureContact, TextureDepth, TexturedSurface, TooManyTexels,
 };
 
@@ -48,6 +50,10 @@ const NEGLIGIBLE: f64 = 1e-3;
 /// Of a grid.
 const QUARTERS: usize = 4;
 
+/// How long a contact step waits for a GPU at most, before the processor computes its textured contacts: some periods of a contact
+/// loop, which a hand feels as a short lag.
+const DEADLINE: Duration = Duration::from_millis(20);
+
 /// The part of a grid that may be folded before it is counted as no height field.
 const MOSTLY: f64 = 0.1;
 
@@ -73,15 +79,8 @@ pub enum TextureError {
     Backend(#[from] BackendError),
 }
 
-#[cfg(feature = "gpu")]
-fn gpu() -> Result<Box<dyn Backend>, BackendError> {
-    Ok(Box::new(palpate_texture_pd::WgpuBackend::new()?))
-}
-
-#[cfg(not(feature = "gpu"))]
-fn gpu() -> Result<Box<dyn Backend>, BackendError> {
-    Err(BackendError::NoAdapter { reason: "palpate was built without its feature `gpu`".to_owned() })
-}
+/// A backend that is made elsewhere.
+type Coming = Receiver<Result<Box<dyn Backend>, TextureError>>;
 
 /// What the stage needs for a scene with textures.
 pub(crate) struct Textures {
@@ -90,7 +89,11 @@ pub(crate) struct Textures {
     /// By the scene's order; none where neither object is textured.
     pairs: Vec<Option<Pair>>,
     settings: DepthSettings,
-    backend: Box<dyn Backend>,
+    backend: Fallback,
+    /// How many of its failures were counted.
+    failures: u64,
+    /// What takes its place.
+    coming: Option<Coming>,
     query: DepthQuery,
     grids: Vec<TextureContact>,
     /// The scene object of each four of them.
@@ -125,8 +128,59 @@ pub(crate) struct Found {
 }
 
 impl Textures {
-    /// `None` for a scene without textures, whose objects are given by their places.
+    /// `None` for a scene without textures, whose objects are given by their places. Waits for its backend to be made.
+    ///
+    /// # Errors
+    /// If a texture cannot be rendered, or a GPU is asked for that there is not.
     pub fn new(
+        probe: &Object,
+        objects: &[Option<&Object>],
+        settings: &Settings,
+        tolerance: f64,
+        lever: f64,
+    ) -> Result<Option<Self>, TextureError> {
+        let mut textures = Self::on_processor(probe, objects, settings, tolerance, lever)?;
+        if let Some(textures) = &mut textures
+            && let Some(make) = textures.maker(settings)
+        {
+            textures.set_backend(make()?);
+        }
+        Ok(textures)
+    }
+
+    /// As [`new`](Self::new), in a contact step: with the backend of the textures that were before, and where there were none
+    /// with the processor until one is made, in a thread.
+    ///
+    /// # Errors
+    /// If a texture cannot be rendered: nothing has changed.
+    pub fn renew(
+        before: &mut Option<Self>,
+        probe: &Object,
+        objects: &[Option<&Object>],
+        settings: &Settings,
+        tolerance: f64,
+        lever: f64,
+    ) -> Result<(), TextureError> {
+        let mut textures = Self::on_processor(probe, objects, settings, tolerance, lever)?;
+        match (&mut textures, before.as_mut()) {
+            (Some(textures), Some(before)) => {
+                std::mem::swap(&mut textures.backend, &mut before.backend);
+                textures.failures = before.failures;
+                textures.coming = before.coming.take();
+            }
+            (Some(textures), None) => textures.coming = textures.maker(settings).map(elsewhere),
+            (None, _) => {}
+        }
+        if let Some(before) = std::mem::replace(before, textures).filter(|before| before.backend.has_other())
+        {
+            // A device takes its time to be dropped.
+            let _ = std::thread::Builder::new().spawn(move || drop(before));
+        }
+        Ok(())
+    }
+
+    /// With the processor for a backend.
+    fn on_processor(
         probe: &Object,
         objects: &[Option<&Object>],
         settings: &Settings,
@@ -136,7 +190,7 @@ impl Textures {
         if objects.iter().flatten().all(|object| !is_textured(probe, object)) {
             return Ok(None);
         }
-        let TextureSettings { grid, half_size, temperature, derivatives, backend } = settings.textures;
+        let TextureSettings { grid, half_size, temperature, derivatives, .. } = settings.textures;
         let mut surfaces = SurfaceSet::default();
         let own = surface(probe)?;
         let id = surfaces.add(&own)?;
@@ -170,49 +224,88 @@ impl Textures {
             },
             ..DepthSettings::default()
         };
-        let mut textures = Self {
+        Ok(Some(Self {
             surfaces,
             probe: id,
             pairs,
             settings: depth,
-            backend: Box::new(CpuBackend::new()),
+            backend: Fallback::default(),
+            failures: 0,
+            coming: None,
             query: DepthQuery::new(),
             grids: Vec::new(),
             grid_objects: Vec::new(),
             found: Vec::new(),
             lever,
-        };
-        match backend {
-            TextureBackend::Processor => {}
-            TextureBackend::Auto => textures.measure(settings.clusters)?,
-            TextureBackend::Gpu => textures.backend = gpu()?,
-        }
-        Ok(Some(textures))
+        }))
     }
 
-    /// Takes the faster backend for as many contacts as there may be with one object.
+    /// What makes the backend that the settings ask for, if that is not the processor: the GPU's, or the faster of both for as
+    /// many contacts as there may be with one object.
     #[cfg(feature = "gpu")]
-    fn measure(&mut self, clusters: usize) -> Result<(), TextureError> {
-        let Some(pair) = self.pairs.iter().flatten().next() else { return Ok(()) };
+    fn maker(
+        &self,
+        settings: &Settings,
+    ) -> Option<impl FnOnce() -> Result<Box<dyn Backend>, TextureError> + Send + use<>> {
+        let chosen = settings.textures.backend;
+        if chosen == TextureBackend::Processor {
+            return None;
+        }
+        let contacts = self.typical_contacts(settings.clusters);
+        let (surfaces, depth) = (self.surfaces.clone(), self.settings);
+        Some(move || -> Result<Box<dyn Backend>, TextureError> {
+            if chosen == TextureBackend::Auto {
+                return Ok(Box::new(palpate_texture_pd::AutoBackend::new(&surfaces, &contacts, &depth)?));
+            }
+            let mut gpu = palpate_texture_pd::WgpuBackend::new()?;
+            // The first batch uploads the textures. What it fails at, others fail at as well, which is counted.
+            let _ = DepthQuery::new().run(&surfaces, &contacts, &depth, &mut gpu);
+            Ok(Box::new(gpu))
+        })
+    }
+
+    #[cfg(not(feature = "gpu"))]
+    #[expect(clippy::unused_self, reason = "there is one backend only")]
+    fn maker(
+        &self,
+        settings: &Settings,
+    ) -> Option<impl FnOnce() -> Result<Box<dyn Backend>, TextureError> + Send + use<>> {
+        let missing = || {
+            let reason = "palpate was built without its feature `gpu`".to_owned();
+            Err(BackendError::NoAdapter { reason }.into())
+        };
+        (settings.textures.backend == TextureBackend::Gpu).then_some(missing)
+    }
+
+    /// As many contacts as there may be with one object, where the largest triangles touch.
+    #[cfg(feature = "gpu")]
+    fn typical_contacts(&self, clusters: usize) -> Vec<TextureContact> {
+        let Some(pair) = self.pairs.iter().flatten().next() else { return Vec::new() };
         let (point, normal) = self.surfaces.surface(self.probe).middle();
         let (touched, facing) = self.surfaces.surface(pair.surface).middle();
         let rotation = palpate_core::glam::DQuat::from_rotation_arc(normal, -facing);
         let pose = Pose::new(touched - rotation * point, rotation);
         let contact = self.grid(pair, &pose, pose.translation, &Pose::IDENTITY, (touched, -facing));
-        let contacts = quarters(&contact).repeat(clusters);
-        self.backend =
-            Box::new(palpate_texture_pd::AutoBackend::new(&self.surfaces, &contacts, &self.settings)?);
-        Ok(())
+        quarters(&contact).repeat(clusters)
     }
 
-    #[cfg(not(feature = "gpu"))]
-    #[expect(clippy::unused_self, clippy::unnecessary_wraps, reason = "there is one backend only")]
-    fn measure(&mut self, _: usize) -> Result<(), TextureError> {
-        Ok(())
+    /// Takes over the backend that is made elsewhere once it is.
+    fn take_what_came(&mut self, events: &mut Events) {
+        match self.coming.as_ref().map(Receiver::try_recv) {
+            None | Some(Err(TryRecvError::Empty)) => {}
+            Some(Ok(Ok(backend))) => self.set_backend(backend),
+            Some(Ok(Err(_)) | Err(TryRecvError::Disconnected)) => {
+                events.texture_backend_lost += 1;
+                self.coming = None;
+            }
+        }
     }
 
-    pub fn set_backend(&mut self, backend: Box<dyn Backend>) {
-        self.backend = backend;
+    pub fn set_backend(&mut self, mut backend: Box<dyn Backend>) {
+        backend.set_deadline(DEADLINE);
+        self.backend = Fallback::new(backend);
+        self.failures = 0;
+        self.coming = None;
     }
 
     pub fn backend(&self) -> &str {
@@ -259,6 +352,7 @@ impl Textures {
         tolerance: f64,
         events: &mut Events,
     ) -> &[Found] {
+        self.take_what_came(events);
         let mut pairs = std::mem::take(&mut self.pairs);
         self.grids.clear();
         self.grid_objects.clear();
@@ -315,27 +409,24 @@ impl Textures {
         if grids.is_empty() {
             return;
         }
-        if query.run(surfaces, grids, settings, &mut **backend).is_err() {
-            events.texture_backend_lost += 1;
-            *backend = Box::new(CpuBackend::new());
-            if query.run(surfaces, grids, settings, &mut **backend).is_err() {
-                return;
-            }
+        let looked = query.run(surfaces, grids, settings, backend).is_ok();
+        let failures = backend.failures();
+        events.texture_backend_lost += failures - std::mem::replace(&mut self.failures, failures);
+        if !looked {
+            events.contact_refused += 1;
+            return;
         }
         let looked_at = grids.chunks(QUARTERS).zip(query.depths().chunks(QUARTERS));
         for ((grids, depths), &object) in looked_at.zip(&*grid_objects) {
             let mut quarters: ArrayVec<_, QUARTERS> = ArrayVec::new();
-            for TextureDepth { depth, linear, angular, second, point, folded, .. } in depths.iter().flatten()
-            {
-                events.texture_folded += u64::from(*folded > MOSTLY);
-                quarters.push(CurvedContact {
-                    point: *point,
-                    depth: *depth,
-                    linear: *linear,
-                    angular: *angular,
-                    second: *second,
-                    lever: *lever,
-                });
+            for depth in depths.iter().flatten() {
+                events.texture_folded += u64::from(depth.folded > MOSTLY);
+                if !depth.is_finite() {
+                    events.contact_refused += 1;
+                    continue;
+                }
+                let TextureDepth { depth, linear, angular, second, point, .. } = *depth;
+                quarters.push(CurvedContact { point, depth, linear, angular, second, lever: *lever });
             }
             let texel = grids.first().map_or(0.0, |grid| 2.0 * grid.half_size / f64::from(settings.grid));
             let joined = joined(&quarters, settings.temperature, tolerance);
@@ -363,6 +454,17 @@ impl Found {
         let velocity = twist.velocity_at(self.contact.point - center);
         velocity.reject_from(self.contact.linear).length() * time > self.texel
     }
+}
+
+/// What a thread makes, where one can be had.
+fn elsewhere(make: impl FnOnce() -> Result<Box<dyn Backend>, TextureError> + Send + 'static) -> Coming {
+    let (send, coming) = mpsc::sync_channel(1);
+    // Whoever waits for it learns from the channel that there is no thread.
+    let _ = std::thread::Builder::new().name("palpate-gpu-start".into()).spawn(move || {
+        // The scene may have no texture any more.
+        let _ = send.send(make());
+    });
+    coming
 }
 
 /// The quarters of a grid.
@@ -443,4 +545,77 @@ fn is_textured(probe: &Object, other: &Object) -> bool {
 
 fn surface(object: &Object) -> Result<Arc<TexturedSurface>, TextureError> {
     object.surface().map_err(|source| TextureError::Surface { name: object.name.clone(), source })
+}
+
+#[cfg(all(test, feature = "gpu"))]
+mod tests {
+    use std::time::Instant;
+
+    use palpate_core::TriMesh;
+    use palpate_core::glam::DVec2;
+    use palpate_core::mesh::UvMesh;
+    use palpate_texture_pd::{HeightImage, Wrap};
+
+    use super::*;
+
+    /// A tetrahedron, all of its texture at one height.
+    fn object() -> Object {
+        let corners = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z].map(|corner| corner * 0.01).to_vec();
+        let mesh = TriMesh::new(corners, vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]).unwrap();
+        let mesh = UvMesh::projected(mesh, |corner| DVec2::new(corner.x, corner.y) * 100.0).unwrap();
+        let image = HeightImage::new(2, 2, vec![1e-4; 4], [Wrap::Clamp; 2]).unwrap();
+        Object::textured("tetrahedron", &mesh, &image, 1.0).unwrap()
+    }
+
+    /// The processor serves until a backend has been made elsewhere; that stays as objects come and go.
+    #[test]
+    fn backend_is_made_elsewhere_taken_in_when_ready_and_kept() {
+        let (probe, other) = (object(), object());
+        let mut settings = Settings::default();
+        settings.textures.backend = TextureBackend::Gpu;
+        let mut textures = None;
+        let renew = |textures: &mut Option<Textures>, objects: &[Option<&Object>]| {
+            Textures::renew(textures, &probe, objects, &settings, 1e-3, 0.02).unwrap();
+        };
+        let mut events = Events::default();
+        let mut run = |textures: &mut Textures| {
+            textures.run(&Pose::IDENTITY, DVec3::ZERO, |_| None, 1e-3, &mut events);
+            (textures.backend().to_owned(), events.texture_backend_lost)
+        };
+        renew(&mut textures, &[Some(&other)]);
+        let made = textures.as_mut().unwrap();
+        assert_eq!(made.backend(), "CPU");
+        let begun = Instant::now();
+        while run(made).0 == "CPU" {
+            assert!(begun.elapsed().as_secs() < 60, "no backend came");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let (name, lost) = run(made);
+        assert_eq!(lost, 0);
+        renew(&mut textures, &[Some(&other), Some(&other)]);
+        let renewed = textures.as_ref().unwrap();
+        assert!(renewed.backend() == name && renewed.coming.is_none(), "{renewed:?}");
+        renew(&mut textures, &[]);
+        assert!(textures.is_none());
+    }
+
+    /// One that could not be made is counted.
+    #[test]
+    fn backend_that_could_not_be_made_is_counted() {
+        let mut textures = None;
+        let (probe, other) = (object(), object());
+        Textures::renew(&mut textures, &probe, &[Some(&other)], &Settings::default(), 1e-3, 0.02).unwrap();
+        let textures = textures.as_mut().unwrap();
+        let mut events = Events::default();
+        for make in [false, true] {
+            let made = || Err(BackendError::NoAdapter { reason: "none".into() }.into());
+            textures.coming = Some(if make { elsewhere(made) } else { mpsc::sync_channel(1).1 });
+            let begun = Instant::now();
+            while textures.coming.is_some() {
+                assert!(begun.elapsed().as_secs() < 60, "nothing came");
+                textures.run(&Pose::IDENTITY, DVec3::ZERO, |_| None, 1e-3, &mut events);
+            }
+        }
+        assert_eq!((events.texture_backend_lost, textures.backend()), (2, "CPU"));
+    }
 }

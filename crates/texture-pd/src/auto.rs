@@ -1,24 +1,23 @@
 //! The faster of two backends.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use crate::backend::{Backend, BackendError};
 use crate::batch::{Batch, SurfaceSet};
 use crate::cpu::CpuBackend;
 use crate::depth::{DepthError, DepthQuery, DepthSettings, TextureContact};
+use crate::fallback::Fallback;
 use crate::kernels::Answer;
 
 /// How often each backend is measured.
 const RUNS: usize = 9;
 
-/// A backend that measured itself and another one, usually the GPU's, and goes on with the faster of both. Should the other
-/// one fail later, as where a GPU is lost, it goes on by itself, without an interruption but for the time until that was
-/// known: see [`failure`](Self::failure).
+/// A backend that measured itself and another one, usually the GPU's, and goes on with the faster of both. What the other one
+/// fails at later, as where a GPU is lost, it computes by itself, without an interruption but for the time until that was
+/// known: see [`Fallback`] and [`failure`](Self::failure).
 pub struct AutoBackend {
-    processor: CpuBackend,
-    other: Option<Box<dyn Backend>>,
+    chosen: Fallback,
     times: [f64; 2],
-    failure: Option<BackendError>,
 }
 
 impl AutoBackend {
@@ -34,10 +33,7 @@ impl AutoBackend {
     ) -> Result<Self, DepthError> {
         match crate::gpu::WgpuBackend::new() {
             Ok(gpu) => Self::choose(Box::new(gpu), surfaces, contacts, settings),
-            Err(error) => {
-                let processor = CpuBackend::new();
-                Ok(Self { processor, other: None, times: [f64::NAN; 2], failure: Some(error) })
-            }
+            Err(error) => Ok(Self { chosen: Fallback::failed(error), times: [f64::NAN; 2] }),
         }
     }
 
@@ -53,13 +49,13 @@ impl AutoBackend {
     ) -> Result<Self, DepthError> {
         let mut processor = CpuBackend::new();
         let on_processor = median_time(&mut processor, surfaces, contacts, settings)?;
-        let (on_other, failure) = match median_time(&mut *other, surfaces, contacts, settings) {
-            Ok(time) => (time, None),
-            Err(DepthError::Backend(error)) => (f64::INFINITY, Some(error)),
+        let (on_other, chosen) = match median_time(&mut *other, surfaces, contacts, settings) {
+            Ok(time) if time < on_processor => (time, Fallback::new(other)),
+            Ok(time) => (time, Fallback::default()),
+            Err(DepthError::Backend(error)) => (f64::INFINITY, Fallback::failed(error)),
             Err(error) => return Err(error),
         };
-        let other = (on_other < on_processor).then_some(other);
-        Ok(Self { processor, other, times: [on_processor, on_other], failure })
+        Ok(Self { chosen, times: [on_processor, on_other] })
     }
 
     /// Median time of the measured query on the processor and on the other backend, s: infinite where that failed, NaN where
@@ -68,9 +64,9 @@ impl AutoBackend {
         self.times
     }
 
-    /// Why the other backend is out of use, if it failed.
+    /// The latest error of the other backend, if it failed.
     pub fn failure(&self) -> Option<&BackendError> {
-        self.failure.as_ref()
+        self.chosen.failure()
     }
 }
 
@@ -94,7 +90,7 @@ fn median_time(
 
 impl Backend for AutoBackend {
     fn name(&self) -> &str {
-        self.other.as_ref().map_or(self.processor.name(), |other| other.name())
+        self.chosen.name()
     }
 
     fn evaluate(
@@ -103,15 +99,14 @@ impl Backend for AutoBackend {
         batch: &Batch,
         answers: &mut Vec<Answer>,
     ) -> Result<(), BackendError> {
-        if let Some(other) = &mut self.other {
-            match other.evaluate(surfaces, batch, answers) {
-                Ok(()) => return Ok(()),
-                Err(error) => {
-                    self.failure = Some(error);
-                    self.other = None;
-                }
-            }
-        }
-        self.processor.evaluate(surfaces, batch, answers)
+        self.chosen.evaluate(surfaces, batch, answers)
+    }
+
+    fn set_deadline(&mut self, deadline: Duration) {
+        self.chosen.set_deadline(deadline);
+    }
+
+    fn failures(&self) -> u64 {
+        self.chosen.failures()
     }
 }

@@ -1,5 +1,7 @@
 //! Where directional penetration depths are computed.
 
+use std::time::Duration;
+
 use thiserror::Error;
 
 use crate::batch::{Batch, SurfaceSet};
@@ -38,6 +40,14 @@ pub enum BackendError {
         /// The device.
         device: String,
     },
+    /// The answers did not come in time; the device may still be at work.
+    #[error("{device} gave no answer within {deadline:?}; let another backend compute the batch")]
+    Late {
+        /// The device.
+        device: String,
+        /// How long it was waited for ([`Backend::set_deadline`]).
+        deadline: Duration,
+    },
     /// The device failed.
     #[error("{device} failed: {reason}; make a new backend, or use the CPU one")]
     Device {
@@ -46,6 +56,13 @@ pub enum BackendError {
         /// What it says.
         reason: String,
     },
+}
+
+impl BackendError {
+    /// Whether the next batch fails as well: not where this one was too large, or its answers were late.
+    pub fn is_lasting(&self) -> bool {
+        !matches!(self, Self::TooLarge { .. } | Self::Late { .. })
+    }
 }
 
 /// Evaluates batches. Every backend gives the same answers, to within rounding.
@@ -57,13 +74,21 @@ pub trait Backend: Send {
     /// again only where the set is another one, or has grown.
     ///
     /// # Errors
-    /// If the device fails or is too small.
+    /// If the device fails, is too small, or does not answer in time.
     fn evaluate(
         &mut self,
         surfaces: &SurfaceSet,
         batch: &Batch,
         answers: &mut Vec<Answer>,
     ) -> Result<(), BackendError>;
+
+    /// How long [`evaluate`](Self::evaluate) may wait for a device from now on, where there is one.
+    fn set_deadline(&mut self, _deadline: Duration) {}
+
+    /// How many batches failed so far that it had another backend compute, where it has one to go over to.
+    fn failures(&self) -> u64 {
+        0
+    }
 }
 
 /// The kernels' twins on the processor, one after the other: what the other backends are held against. It cannot fail.

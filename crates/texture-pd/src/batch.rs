@@ -25,8 +25,9 @@ pub struct SurfaceSet {
     surfaces: Vec<(Arc<TexturedSurface>, u32)>,
     /// Tells what the set holds from what it held before, and from other sets.
     revision: u64,
-    pub(crate) levels: Vec<Level>,
-    pub(crate) coefficients: Vec<f32>,
+    /// Shared with what uploads them.
+    pub(crate) levels: Arc<Vec<Level>>,
+    pub(crate) coefficients: Arc<Vec<f32>>,
     pub(crate) ceilings: Ceilings,
 }
 
@@ -58,8 +59,8 @@ impl SurfaceSet {
             }
             let moved =
                 |&[from, width, height, wrap]: &Level| [from + coefficients as u32, width, height, wrap];
-            self.levels.extend(texture.levels.iter().map(moved));
-            self.coefficients.extend_from_slice(&texture.coefficients);
+            Arc::make_mut(&mut self.levels).extend(texture.levels.iter().map(moved));
+            Arc::make_mut(&mut self.coefficients).extend_from_slice(&texture.coefficients);
             self.ceilings.add(&texture.levels, &texture.coefficients);
             self.revision = NEXT_REVISION.fetch_add(1, Ordering::Relaxed);
         }
@@ -93,6 +94,16 @@ pub struct Batch {
 }
 
 impl Batch {
+    /// Becomes the same as another one, in the room that it has.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn copy_from(&mut self, other: &Self) {
+        let Self { header, triangles, images, pairs } = self;
+        *header = other.header;
+        triangles.clone_from(&other.triangles);
+        images.clone_from(&other.images);
+        pairs.clone_from(&other.pairs);
+    }
+
     pub(crate) fn clear(&mut self, grid: u32, refinements: u32) {
         self.header = Header { grid, images: 0, pairs: 0, refinements };
         self.triangles.clear();

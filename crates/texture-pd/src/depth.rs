@@ -157,6 +157,18 @@ pub struct TextureDepth {
     pub folded: f64,
 }
 
+impl TextureDepth {
+    /// Whether the depth, its derivatives and the points are finite numbers.
+    pub fn is_finite(&self) -> bool {
+        let Self { depth, linear, angular, second, point, scene_point, folded } = self;
+        let vectors = [linear, angular, point, scene_point];
+        depth.is_finite()
+            && folded.is_finite()
+            && vectors.iter().all(|vector| vector.is_finite())
+            && second.as_flattened().iter().all(|value| value.is_finite())
+    }
+}
+
 /// The workspace of depth queries.
 #[derive(Clone, Debug, Default)]
 pub struct DepthQuery {

@@ -57,6 +57,7 @@ mod ceiling;
 mod cpu;
 mod depth;
 mod domain;
+mod fallback;
 mod force;
 #[cfg(feature = "gpu")]
 mod gpu;
@@ -79,6 +80,7 @@ pub use depth::{
     DepthError, DepthQuery, DepthSettings, Derivatives, TextureContact, TextureDepth, TextureFilter,
 };
 pub use domain::{Domain, HalfSpace};
+pub use fallback::Fallback;
 pub use force::{TextureForce, sum_of_forces};
 #[cfg(feature = "gpu")]
 pub use gpu::{WgpuBackend, adapters};

@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 use palpate::device::{Emulation, Interpolation, Keyframe, MotionPath};
 use palpate::glam::DVec3;
 use palpate::models::Model;
-use palpate::texture_pd::{Answer, Backend, BackendError, Batch, SurfaceSet};
+use palpate::texture_pd::{Answer, Backend, BackendError, Batch, CpuBackend, SurfaceSet};
 use palpate::{
     ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Settings, Summary, TextureBackend,
     TextureSettings,
@@ -67,6 +67,50 @@ fn the_processor_goes_on_where_a_backend_fails() {
     assert!(records.iter().any(|record| record.contact.force.z > 0.1));
     assert_eq!(summary.events.texture_backend_lost, 1);
     assert_eq!(summary.stages["textures"], "on, computed by CPU: scene ridges");
+}
+
+/// Computes as the processor does, but for slopes and curvatures that are not numbers in each so manieth answer.
+struct Spoiling {
+    processor: CpuBackend,
+    every: usize,
+}
+
+impl Backend for Spoiling {
+    fn name(&self) -> &str {
+        "spoiling"
+    }
+
+    fn evaluate(
+        &mut self,
+        surfaces: &SurfaceSet,
+        batch: &Batch,
+        answers: &mut Vec<Answer>,
+    ) -> Result<(), BackendError> {
+        self.processor.evaluate(surfaces, batch, answers)?;
+        for answer in answers.iter_mut().step_by(self.every) {
+            // All but the heights' places: the sums, from the first gradient on.
+            bytemuck::bytes_of_mut(answer)[20..4 * 53].fill(0xff);
+        }
+        Ok(())
+    }
+}
+
+/// One quarter of each grid is spoilt: what the others find goes on pushing, and what is left out is counted.
+#[test]
+fn a_depth_that_is_not_finite_is_left_out_and_counted() {
+    let whole = renderer(ridges(), 0.05, TextureSettings::default());
+    let (_, summary) = run(whole);
+    assert_eq!(summary.events.contact_refused, 0);
+    for (every, pushes) in [(4, true), (1, false)] {
+        let mut spoilt = renderer(ridges(), 0.05, TextureSettings::default());
+        spoilt.set_texture_backend(Box::new(Spoiling { processor: CpuBackend::new(), every }));
+        let (records, summary) = run(spoilt);
+        let pushed = records.iter().filter(|record| record.contact.force.z > 0.1).count();
+        let refused = summary.events.contact_refused;
+        assert!(refused > 100, "{refused} refused, {pushed} steps pushed");
+        assert_eq!(pushed > 100, pushes, "{refused} refused, {pushed} steps pushed");
+        assert_eq!(summary.events.texture_backend_lost, 0);
+    }
 }
 
 #[test]

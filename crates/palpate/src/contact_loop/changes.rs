@@ -168,13 +168,16 @@ impl ContactLoop {
         }
         let objects = objects_of(&self.objects);
         let tolerance = self.parameters.tolerance;
-        let Ok(textures) = Textures::new(&self.probe, &objects, &self.all_settings, tolerance, self.radius)
-        else {
-            return false;
-        };
-        self.proxy.set_recesses(textures.as_ref().map_or_else(Vec::new, Textures::recesses));
-        self.textures = textures;
-        true
+        let made = Textures::renew(
+            &mut self.textures,
+            &self.probe,
+            &objects,
+            &self.all_settings,
+            tolerance,
+            self.radius,
+        );
+        self.proxy.set_recesses(self.textures.as_ref().map_or_else(Vec::new, Textures::recesses));
+        made.is_ok()
     }
 
     /// Where an object is among those of the query.

@@ -75,6 +75,13 @@ impl Triangle {
         p0 + s * e1 + t * e2
     }
 
+    /// Its edges along an axis.
+    #[inline]
+    fn edges(&self, axis: usize) -> [f32; 2] {
+        let [_, e1, e2] = if axis < 2 { self.plane.map(|edge| edge[axis]) } else { self.rise };
+        [e1, e2]
+    }
+
     #[inline]
     fn direction(&self, s: f32, t: f32, axis: usize) -> f32 {
         let [n0, m1, m2] = &self.directions;
@@ -226,7 +233,10 @@ impl Triangle {
     }
 
     /// The height function at a point of the displaced triangle, with its derivatives.
-    pub(super) fn jet(&self, &Point { s, t, height, .. }: &Point, textures: &Textures) -> HeightJet {
+    ///
+    /// A folded surface gets those of the approximate height function (Eq. 4.9), which displaces along n alone: its area along
+    /// the grid may be 0, and what is divided by it without bounds.
+    pub(super) fn jet(&self, &Point { s, t, height, folded }: &Point, textures: &Textures) -> HeightJet {
         let texture = match self.level as usize {
             0 => spline::Jet::default(),
             level => {
@@ -245,7 +255,7 @@ impl Triangle {
         let along = |axis: usize| {
             let n = self.direction(s, t, axis);
             let [_, m1, m2] = self.directions.map(|direction| direction[axis]);
-            let [_, e1, e2] = if axis < 2 { self.plane.map(|edge| edge[axis]) } else { self.rise };
+            let [e1, e2] = self.edges(axis);
             [
                 e1 + hs * n + h * m1,
                 e2 + ht * n + h * m2,
@@ -254,9 +264,19 @@ impl Triangle {
                 htt * n + 2.0 * ht * m2,
             ]
         };
-        let ([us, ut, uss, ust, utt], [vs, vt, vss, vst, vtt], [ws, wt, wss, wst, wtt]) =
-            (along(0), along(1), along(2));
-        let area = us * vt - ut * vs;
+        let flat = |axis: usize| {
+            let [e1, e2] = self.edges(axis);
+            [e1, e2, 0.0, 0.0, 0.0]
+        };
+        let area = |u: &[f32; 5], v: &[f32; 5]| u[0] * v[1] - u[1] * v[0];
+        let (mut by_u, mut by_v) = (along(0), along(1));
+        let shrunk = area(&by_u, &by_v) * self.inverse_area;
+        if folded || shrunk < FOLD || shrunk.is_nan() {
+            (by_u, by_v) = (flat(0), flat(1));
+        }
+        let area = area(&by_u, &by_v);
+        let ([us, ut, uss, ust, utt], [vs, vt, vss, vst, vtt]) = (by_u, by_v);
+        let [ws, wt, wss, wst, wtt] = along(2);
         let u = (ws * vt - wt * vs) / area;
         let v = (us * wt - ut * ws) / area;
         let (kss, kst, ktt) = (wss - u * uss - v * vss, wst - u * ust - v * vst, wtt - u * utt - v * vtt);

@@ -148,6 +148,16 @@ pub(crate) fn coordinate(index: u32, grid: u32, step: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeSet;
+    use std::sync::Arc;
+
+    use glam::{DVec2, DVec3};
+    use palpate_core::TriMesh;
+    use palpate_core::mesh::UvMesh;
+
+    use super::{Answer, Clips, NOWHERE, Triangle};
+    use crate::{
+        Backend, Batch, CpuBackend, HeightImage, ReferenceBackend, SurfaceSet, TexturedSurface, Wrap,
+    };
 
     /// The twin of each entry point: `tests/backends.rs` runs both on the same inputs.
     const TWINS: [&str; 2] = ["height_images", "overlaps"];
@@ -158,5 +168,83 @@ mod tests {
         let _ = (super::height_images, super::overlaps);
         let entry_points = palpate_shaders::SHADERS.iter().flat_map(|shader| shader.entry_points).copied();
         assert_eq!(entry_points.collect::<BTreeSet<_>>(), TWINS.into());
+    }
+
+    /// A set with a texture of one height (m) everywhere.
+    fn even(height: f32) -> SurfaceSet {
+        let corners = vec![DVec3::ZERO, DVec3::X, DVec3::Y];
+        let uv = vec![[DVec2::ZERO, DVec2::X, DVec2::Y]];
+        let mesh = UvMesh::new(TriMesh::new(corners, vec![[0, 1, 2]]).unwrap(), uv).unwrap();
+        let image = HeightImage::new(1, 1, vec![height], [Wrap::Clamp; 2]).unwrap();
+        let mut surfaces = SurfaceSet::default();
+        surfaces.add(&Arc::new(TexturedSurface::textured(&mesh, &image, 1.0).unwrap())).unwrap();
+        surfaces
+    }
+
+    /// A triangle whose directions come together in one point, at the height of its texture: all of it is displaced to there, so
+    /// that its area as seen along n is 0, exactly.
+    #[test]
+    fn a_triangle_that_falls_into_a_point_has_finite_derivatives() {
+        let height = 0.25;
+        let surfaces = even(height);
+        // One that faces along n (side 1) or against it, folded or flat.
+        let triangle = |side: f32, folded: bool| {
+            let facing =
+                |edges: [[f32; 2]; 3]| if side > 0.0 { edges } else { [edges[0], edges[2], edges[1]] };
+            let flat = Triangle {
+                plane: facing([[-0.5, -0.5], [2.0, 0.0], [0.0, 2.0]]),
+                inverse_area: 0.25 * side,
+                rise: [0.0, 0.2, -0.1],
+                ..Triangle::default()
+            };
+            let [across, along] = [[-8.0, 0.0, 0.0], [0.0, -8.0, 0.0]];
+            let falling = Triangle {
+                level: 1.0,
+                most: height,
+                outwards: height,
+                directions: if side > 0.0 {
+                    [[2.0, 2.0, 1.0], across, along]
+                } else {
+                    [[2.0, 2.0, -1.0], along, across]
+                },
+                texture: [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]],
+                ..flat
+            };
+            if folded { falling } else { flat }
+        };
+        let mut batch = Batch::default();
+        batch.clear(8, 5);
+        for temperature in [0.0, 1e-3] {
+            for folded in [[true, false], [false, true], [true, true]] {
+                let [a, b] = [(1.0, folded[0]), (-1.0, folded[1])].map(|(side, folded)| {
+                    let first = batch.triangles.len();
+                    batch.triangles.push(triangle(side, folded));
+                    batch.push_image(first, side.into(), 0.05, 10.0)
+                });
+                batch.push_pair(a, b, temperature, Clips::default());
+            }
+        }
+        let mut backends: Vec<Box<dyn Backend>> = vec![
+            Box::new(ReferenceBackend::new()),
+            Box::new(CpuBackend::new()),
+            #[cfg(feature = "gpu")]
+            Box::new(crate::WgpuBackend::new().unwrap()),
+        ];
+        for backend in &mut backends {
+            let mut answers: Vec<Answer> = Vec::new();
+            backend.evaluate(&surfaces, &batch, &mut answers).unwrap();
+            assert_eq!(answers.len(), 6);
+            for answer in &answers {
+                let sums = answer.gradient.iter().chain(&answer.spread).chain(&answer.curvature);
+                let all = sums.chain(&answer.jet_a).chain(&answer.jet_b).chain([&answer.weight]);
+                let steepest =
+                    all.fold(
+                        0.0_f32,
+                        |most, value| if value.is_finite() { most.max(value.abs()) } else { f32::INFINITY },
+                    );
+                assert!(answer.texel != NOWHERE && answer.folded > 0, "{}: {answer:?}", backend.name());
+                assert!(steepest < 1e3, "{}: {answer:?}", backend.name());
+            }
+        }
     }
 }

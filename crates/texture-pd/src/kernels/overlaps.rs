@@ -208,14 +208,15 @@ impl Images<'_> {
         let [height, index] = heights[texel as usize];
         let height = f32::from_bits(height);
         let triangle = &self.triangles[(index & !FOLDED) as usize];
+        let folded = index & FOLDED != 0;
         if let Some(known) = self.known {
             let [s, t] = known.points[self.first[side] + texel as usize];
-            return triangle.jet(&Point { s, t, height, folded: false }, &self.textures);
+            return triangle.jet(&Point { s, t, height, folded }, &self.textures);
         }
-        let refinements = if index & FOLDED == 0 { self.header.refinements } else { 0 };
+        let refinements = if folded { 0 } else { self.header.refinements };
         let point = triangle.above(u, v, (image.step, image.reach), refinements, &self.textures);
-        let point = point.unwrap_or(Point { s: 0.0, t: 0.0, height, folded: false });
-        triangle.jet(&point, &self.textures)
+        let point = point.unwrap_or(Point { s: 0.0, t: 0.0, height, folded });
+        triangle.jet(&Point { folded, ..point }, &self.textures)
     }
 
     /// Whether a surface ends, within the grid, next to a texel.

@@ -69,14 +69,16 @@ fn backend_that_is_lost_is_replaced_by_the_processor() {
     let (backend, depth) = chosen(Duration::ZERO, 10);
     assert_eq!(backend.name(), "CPU");
     assert!(backend.failure().unwrap().to_string().contains("it is lost"));
+    assert_eq!(backend.failures(), 1);
     assert!((depth.unwrap() - 0.001).abs() < 1e-4, "{depth:?}");
 }
 
 #[test]
 fn faster_backend_is_kept_and_one_that_fails_at_once_is_not() {
     let (backend, depth) = chosen(Duration::ZERO, usize::MAX);
-    assert_eq!((backend.name(), depth), ("other", None));
+    assert_eq!((backend.name(), backend.failures(), depth), ("other", 0, None));
     let (backend, depth) = chosen(Duration::ZERO, 0);
     assert_eq!(backend.name(), "CPU");
+    assert_eq!(backend.failures(), 1);
     assert!(backend.failure().is_some() && backend.times()[1].is_infinite() && depth.is_some());
 }

@@ -1,5 +1,7 @@
 //! What the GPU backend does about the device it runs on: none, a shared one, a small one, a lost one.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use crate::common::{Plates, turned_over};
 use glam::{DVec2, DVec3};
 use palpate_texture_pd::wgpu::{self, Backends, Device, Instance, InstanceDescriptor, Limits, Queue};
@@ -77,6 +79,33 @@ fn a_host_shares_its_device_between_backends() {
         }
     }
     assert_eq!(palpate_texture_pd::Backend::name(&first), "host");
+}
+
+/// A host that polls and submits beside us may be handed what tells that our answers have come, and tell us after our own wait.
+#[test]
+fn a_host_that_polls_beside_a_backend_takes_nothing_from_it() {
+    const BATCHES: usize = 3000;
+    let (device, queue) = device(Limits::default());
+    let mut backend = WgpuBackend::with_device("host", device.clone(), queue.clone()).unwrap();
+    let mut flat = Flat::new(4);
+    let done = AtomicBool::new(false);
+    let failures = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while !done.load(Ordering::Relaxed) {
+                device.poll(wgpu::PollType::Poll).unwrap();
+            }
+        });
+        scope.spawn(|| {
+            while !done.load(Ordering::Relaxed) {
+                queue.submit([]);
+                std::thread::yield_now();
+            }
+        });
+        let found: Vec<_> = (0..BATCHES).map(|_| flat.depth(&mut backend, 2, 1e-3)).collect();
+        done.store(true, Ordering::Relaxed);
+        found.into_iter().filter_map(Result::err).collect::<Vec<_>>()
+    });
+    assert!(failures.is_empty(), "{} of {BATCHES}: {}", failures.len(), failures[0]);
 }
 
 #[test]

@@ -6,6 +6,7 @@ mod common;
 mod derivatives;
 mod domains;
 mod energy;
+mod folds;
 #[cfg(feature = "gpu")]
 mod gpu_device;
 mod no_allocation;

@@ -1,21 +1,18 @@
-//! Directional penetration depth on the GPU, through wgpu.
-//!
-//! Pipelines are built and run once when the backend is made. Textures are uploaded once, and buffers grow to the largest
-//! batch met and stay. A batch is one upload, two dispatches (an invocation a texel of the images, then a workgroup a pair)
-//! and one copy in one submission, then a wait for the answers, 272 bytes a pair; images are never read back. wgpu allocates
-//! a few small objects for each submission: a backend belongs on the contact thread, not on the haptic one.
+//! The kernels on a device: what they are made of, and one batch after the other. All of it belongs to one thread.
 
-use std::sync::mpsc;
-use std::time::Duration;
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
+use std::time::{Duration, Instant};
 
 use palpate_shaders::TEXTURE_DEPTH;
 use wgpu::{
-    BindGroup, BindGroupDescriptor, BindGroupEntry, Buffer, BufferDescriptor, BufferUsages, ComputePipeline,
-    ComputePipelineDescriptor, Device, ErrorFilter, Instance, InstanceDescriptor, MapMode, PollType, Queue,
+    BindGroup, BindGroupDescriptor, BindGroupEntry, Buffer, BufferAsyncError, BufferDescriptor, BufferUsages,
+    ComputePipeline, ComputePipelineDescriptor, Device, ErrorFilter, MapMode, PollError, PollStatus,
+    PollType, Queue,
 };
 
-use crate::backend::{Backend, BackendError};
-use crate::batch::{Batch, SurfaceSet};
+use super::{Job, Textures};
+use crate::backend::BackendError;
+use crate::batch::Batch;
 use crate::kernels::{Answer, Clips, Header, Image, Pair, Triangle};
 
 /// Invocations of a workgroup of `height_images`.
@@ -23,14 +20,20 @@ const TEXELS: u32 = 64;
 /// A batch that takes longer has hung the device.
 const TIMEOUT: Duration = Duration::from_secs(10);
 /// The first batch waits for the driver's compiler, which takes a second on a software driver, and more on a busy machine.
-const COMPILE_TIMEOUT: Duration = Duration::from_secs(120);
+pub(super) const COMPILE_TIMEOUT: Duration = Duration::from_secs(120);
+/// Answers are looked for without a pause for so long, and then with pauses.
+const EAGER: Duration = Duration::from_micros(300);
+const PAUSE: Duration = Duration::from_micros(50);
 
 /// What the kernels bind.
 const STORAGE: BufferUsages = BufferUsages::STORAGE.union(BufferUsages::COPY_DST);
 
-/// A backend on a GPU, or on a software driver that stands in for one.
+/// How the device is looked at: [`Device::poll`], but for tests of devices that are lost or hang.
+pub(super) type Look = fn(&Device, PollType) -> Result<PollStatus, PollError>;
+
+/// Both kernels with their buffers.
 #[derive(Debug)]
-pub struct WgpuBackend {
+pub(super) struct Pipelines {
     name: String,
     device: Device,
     queue: Queue,
@@ -47,8 +50,7 @@ pub struct WgpuBackend {
     readback: Store,
     /// Those of the stores as they are.
     groups: Option<[BindGroup; 2]>,
-    /// Which textures are uploaded.
-    uploaded: Option<u64>,
+    look: Look,
     timeout: Duration,
 }
 
@@ -60,62 +62,12 @@ struct Store {
     buffer: Option<Buffer>,
 }
 
-/// The adapters of this machine that a [`WgpuBackend`] may run on, software ones included: Vulkan, Metal or Direct3D 12. Loads
-/// their drivers, which may take long.
-pub fn adapters() -> Vec<wgpu::AdapterInfo> {
-    let instance = Instance::new(InstanceDescriptor::new_without_display_handle());
-    let found = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::PRIMARY));
-    found.iter().map(wgpu::Adapter::get_info).collect()
-}
-
-impl WgpuBackend {
-    /// A backend on the fastest adapter of this machine: Vulkan, Metal or Direct3D 12. Where there is no GPU, a
-    /// software driver serves.
-    ///
-    /// # Errors
-    /// If there is no adapter, or it gives no device.
-    pub fn new() -> Result<Self, BackendError> {
-        Self::from_instance(&Instance::new(InstanceDescriptor::new_without_display_handle()))
-    }
-
-    /// A backend on the fastest adapter of `instance`.
-    ///
-    /// # Errors
-    /// As [`new`](Self::new).
-    pub fn from_instance(instance: &Instance) -> Result<Self, BackendError> {
-        let options = wgpu::RequestAdapterOptions {
-            power_preference: wgpu::PowerPreference::HighPerformance,
-            ..Default::default()
-        };
-        let adapter = pollster::block_on(instance.request_adapter(&options))
-            .map_err(|error| BackendError::NoAdapter { reason: error.to_string() })?;
-        let name = adapter.get_info().name;
-        // What WebGPU promises everywhere, but room for as much as the adapter binds.
-        let most = adapter.limits();
-        let limits = wgpu::Limits {
-            max_buffer_size: most.max_buffer_size,
-            max_storage_buffer_binding_size: most.max_storage_buffer_binding_size,
-            ..wgpu::Limits::default()
-        };
-        let descriptor = wgpu::DeviceDescriptor {
-            label: Some("palpate"),
-            required_limits: limits,
-            memory_hints: wgpu::MemoryHints::MemoryUsage,
-            ..Default::default()
-        };
-        let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
-            .map_err(|error| BackendError::NoDevice { adapter: name.clone(), reason: error.to_string() })?;
-        Self::with_device(&name, device, queue)
-    }
-
-    /// A backend on a device that the host has, so that both share it. It goes by `name`.
-    ///
-    /// The backend submits to `queue` and waits for its own submissions. Errors of its own calls are caught and
-    /// do not reach the host's error handler.
+impl Pipelines {
+    /// Compiles the kernels and runs them once.
     ///
     /// # Errors
     /// If the device fails, or gives fewer than the eight storage buffers that WebGPU promises.
-    pub fn with_device(name: &str, device: Device, queue: Queue) -> Result<Self, BackendError> {
+    pub fn new(name: &str, device: Device, queue: Queue, look: Look) -> Result<Self, BackendError> {
         let (images, overlaps, header) = caught(name, &device, || {
             let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
                 label: Some(TEXTURE_DEPTH.name),
@@ -140,7 +92,7 @@ impl WgpuBackend {
             (images, overlaps, header)
         })?;
         let store = |what, usage| Store { what, usage, buffer: None };
-        let mut backend = Self {
+        let mut pipelines = Self {
             name: name.into(),
             device,
             queue,
@@ -156,12 +108,12 @@ impl WgpuBackend {
             answers: store("answers", BufferUsages::STORAGE | BufferUsages::COPY_SRC),
             readback: store("readback", BufferUsages::MAP_READ | BufferUsages::COPY_DST),
             groups: None,
-            uploaded: None,
+            look,
             timeout: COMPILE_TIMEOUT,
         };
-        backend.warm_up()?;
-        backend.timeout = TIMEOUT;
-        Ok(backend)
+        pipelines.warm_up()?;
+        pipelines.timeout = TIMEOUT;
+        Ok(pipelines)
     }
 
     /// Runs both kernels once, on one pair of empty images: drivers compile at the first use.
@@ -170,19 +122,38 @@ impl WgpuBackend {
         batch.clear(2, 0);
         let (a, b) = (batch.push_image(0, 1.0, 1.0, 1.0), batch.push_image(0, -1.0, 1.0, 1.0));
         batch.push_pair(a, b, 0.0, Clips::default());
-        self.evaluate(&SurfaceSet::default(), &batch, &mut Vec::new())
+        self.evaluate(&mut Job { textures: Some(Textures::default()), batch, ..Job::default() })
+    }
+
+    /// Answers a job.
+    ///
+    /// # Errors
+    /// If the device fails or is too small: it then has no textures.
+    pub fn evaluate(&mut self, job: &mut Job) -> Result<(), BackendError> {
+        let Job { textures, batch, answers, .. } = job;
+        answers.clear();
+        let (name, device) = (self.name.clone(), self.device.clone());
+        let result = caught(&name, &device, || {
+            self.load(textures.take(), batch)?;
+            self.submit(batch, answers)
+        });
+        let result = result.flatten();
+        if result.is_err() {
+            // Buffers of a failed run may still be mapped or in use: the next run makes new ones.
+            answers.clear();
+            self.readback.buffer = None;
+            self.groups = None;
+        }
+        result
     }
 
     /// Makes room and uploads.
-    fn load(&mut self, surfaces: &SurfaceSet, batch: &Batch) -> Result<(), BackendError> {
+    fn load(&mut self, textures: Option<Textures>, batch: &Batch) -> Result<(), BackendError> {
         let (device, queue, name) = (&self.device, &self.queue, &self.name);
         let mut grown = false;
-        if self.uploaded != Some(surfaces.revision()) {
-            self.uploaded = None;
-            grown |= self.levels.write(device, queue, name, bytemuck::cast_slice(&surfaces.levels))?;
-            grown |=
-                self.coefficients.write(device, queue, name, bytemuck::cast_slice(&surfaces.coefficients))?;
-            self.uploaded = Some(surfaces.revision());
+        if let Some(Textures { levels, coefficients }) = textures {
+            grown |= self.levels.write(device, queue, name, bytemuck::cast_slice(&levels))?;
+            grown |= self.coefficients.write(device, queue, name, bytemuck::cast_slice(&coefficients))?;
         }
         grown |= self.triangles.write(
             device,
@@ -251,26 +222,41 @@ impl WgpuBackend {
         }
         let used = u64::from(pairs) * size_of::<Answer>() as u64;
         encoder.copy_buffer_to_buffer(found, 0, readback, 0, used);
-        let submission = self.queue.submit([encoder.finish()]);
+        self.queue.submit([encoder.finish()]);
 
         let (send, receive) = mpsc::sync_channel(1);
         readback.map_async(MapMode::Read, ..used, move |result| {
             // The receiver is gone only after a timeout.
             let _ = send.send(result);
         });
-        let wait = PollType::Wait { submission_index: Some(submission), timeout: Some(self.timeout) };
-        self.device.poll(wait).map_err(|error| failed(error.to_string()))?;
-        match receive.try_recv() {
-            Ok(Ok(())) => {}
-            Ok(Err(error)) => return Err(failed(error.to_string())),
-            Err(_) => return Err(failed("the answers did not arrive".into())),
-        }
+        self.await_answers(&receive)?;
         {
             let bytes = readback.get_mapped_range(..used).map_err(|error| failed(error.to_string()))?;
             answers.extend_from_slice(bytemuck::cast_slice(&bytes));
         }
         readback.unmap();
         Ok(())
+    }
+
+    /// Waits until the answers are mapped.
+    ///
+    /// What tells so is called by whoever looks at the device once they are: a thread of the host that polls or submits to the
+    /// same device may have it in hand, and call it after we have looked. wgpu's own wait (`PollType::Wait`) is of no use then, and
+    /// as it waits it keeps the host from giving back buffers; where it times out while the host looks, it panics (wgpu 30).
+    fn await_answers(&self, mapped: &Receiver<Result<(), BufferAsyncError>>) -> Result<(), BackendError> {
+        let failed = |reason: String| BackendError::Device { device: self.name.clone(), reason };
+        let start = Instant::now();
+        loop {
+            (self.look)(&self.device, PollType::Poll).map_err(|error| failed(error.to_string()))?;
+            let waited = start.elapsed();
+            let pause = if waited < EAGER { Duration::ZERO } else { PAUSE };
+            match mapped.recv_timeout(pause) {
+                Ok(Ok(())) => return Ok(()),
+                Ok(Err(error)) => return Err(failed(error.to_string())),
+                Err(RecvTimeoutError::Timeout) if waited < self.timeout => std::thread::yield_now(),
+                Err(_) => return Err(failed("the answers did not arrive".into())),
+            }
+        }
     }
 }
 
@@ -308,38 +294,6 @@ impl Store {
             queue.write_buffer(buffer, 0, bytes);
         }
         Ok(grown)
-    }
-}
-
-impl Backend for WgpuBackend {
-    fn name(&self) -> &str {
-        &self.name
-    }
-
-    fn evaluate(
-        &mut self,
-        surfaces: &SurfaceSet,
-        batch: &Batch,
-        answers: &mut Vec<Answer>,
-    ) -> Result<(), BackendError> {
-        answers.clear();
-        if batch.pairs.is_empty() {
-            return Ok(());
-        }
-        let (name, device) = (self.name.clone(), self.device.clone());
-        let result = caught(&name, &device, || {
-            self.load(surfaces, batch)?;
-            self.submit(batch, answers)
-        });
-        let result = result.flatten();
-        if result.is_err() {
-            // Buffers of a failed run may still be mapped or in use: the next run makes new ones.
-            answers.clear();
-            self.readback.buffer = None;
-            self.groups = None;
-            self.uploaded = None;
-        }
-        result
     }
 }
 
