@@ -10,3 +10,4 @@ mod hid_umockdev;
 mod link;
 mod no_allocation;
 mod recording;
+mod withheld;
