@@ -9,7 +9,7 @@ use crate::{DeviceError, DeviceState, HapticDevice, Specification, Status};
 const RISE: f64 = 0.2;
 
 /// A device that renders a wrench only while one of its buttons is held: let go, it is zero at the next write, and
-/// [`Status::NOT_ENABLED`] is set; pressed, it comes up smoothly. What drives the device knows of it by the status only: its own
+/// [`Status::NOT_ENABLED`] is set, with [`Status::WITHHELD`] where it would not have been zero; pressed, it comes up smoothly. What drives the device knows of it by the status only: its own
 /// figures of energy are of the wrench that it asked for.
 #[derive(Debug)]
 pub struct HoldToEnable<D> {
@@ -19,12 +19,20 @@ pub struct HoldToEnable<D> {
     /// Since when it has been held, s.
     held: Option<f64>,
     now: f64,
+    /// What has been done to the wrench since the last read.
+    events: Status,
 }
 
 impl<D: HapticDevice> HoldToEnable<D> {
     /// With a button, counted from 0; of those beyond the 32nd none is ever held.
     pub fn new(device: D, button: u32) -> Self {
-        Self { device, button: 1_u32.checked_shl(button).unwrap_or(0), held: None, now: 0.0 }
+        Self {
+            device,
+            button: 1_u32.checked_shl(button).unwrap_or(0),
+            held: None,
+            now: 0.0,
+            events: Status::OK,
+        }
     }
 
     /// How much of the wrench is rendered, 0 to 1.
@@ -47,6 +55,7 @@ impl<D: HapticDevice> HapticDevice for HoldToEnable<D> {
         let pressed = state.as_ref().is_ok_and(|state| state.buttons & self.button != 0);
         self.held = pressed.then(|| self.held.unwrap_or(self.now));
         let mut state = state?;
+        state.status |= std::mem::take(&mut self.events);
         if !pressed {
             state.status |= Status::NOT_ENABLED;
         }
@@ -55,7 +64,12 @@ impl<D: HapticDevice> HapticDevice for HoldToEnable<D> {
 
     fn write(&mut self, wrench: &Wrench) -> Result<(), DeviceError> {
         match self.share() {
-            0.0 => self.device.write(&Wrench::ZERO),
+            0.0 => {
+                if *wrench != Wrench::ZERO {
+                    self.events |= Status::WITHHELD;
+                }
+                self.device.write(&Wrench::ZERO)
+            }
             share => self.device.write(&(*wrench * share)),
         }
     }
@@ -99,6 +113,23 @@ mod tests {
         assert_eq!(last, 1.0);
         assert_eq!(applied(&mut device, 0.501, 0), (0.0, true), "let go");
         assert!(applied(&mut device, 0.502, 0b100).0 < 0.01, "it comes up anew");
+    }
+
+    #[test]
+    fn a_wrench_that_is_cut_to_zero_is_told() {
+        let mut device = HoldToEnable::new(Emulation::default().open(Pose::IDENTITY).unwrap(), 0);
+        let mut withheld = |now: f64, buttons: u32, wrench: Wrench| {
+            device.device.set_buttons(buttons);
+            let status = device.read(now).unwrap().status;
+            device.write(&wrench).unwrap();
+            status.contains(Status::WITHHELD)
+        };
+        assert!(!withheld(0.0, 0, Wrench::ZERO));
+        assert!(!withheld(0.1, 0, WRENCH), "zero was asked for");
+        assert!(withheld(0.2, 1, WRENCH));
+        assert!(withheld(0.3, 1, WRENCH), "pressed this instant, it was zero");
+        assert!(!withheld(0.4, 0, WRENCH));
+        assert!(withheld(0.5, 0, WRENCH), "let go");
     }
 
     #[test]

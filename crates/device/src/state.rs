@@ -54,7 +54,7 @@ impl Status {
     pub const MALFORMED: Self = Self(1 << 10);
     /// A report could not be written to the device.
     pub const UNWRITTEN: Self = Self(1 << 11);
-    /// The wrench is zero as the button that enables it is not held.
+    /// The wrench is zero: the button that enables it is not held, or the device is not ready (not calibrated, without power).
     pub const NOT_ENABLED: Self = Self(1 << 12);
 
     /// The driver has sent the device zero in place of what was asked for, since the previous read: the wrench is to come up from

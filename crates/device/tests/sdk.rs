@@ -420,6 +420,13 @@ fn force_dimensions_watchdog_and_window_are_set_and_its_trip_is_undone() {
         session.until("more reads", |state| state.is_ok() && fake.get(READS) > reads + 100.0);
         assert_eq!(fake.get(ENABLED), enabled, "{cause}");
     }
+    // Off by the button, it is told, and zero is commanded until it is on again.
+    session.wrench = Wrench::new(DVec3::X, DVec3::ZERO);
+    let off = Status::NOT_ENABLED | Status::WITHHELD;
+    session.until("that it is off", |state| state.as_ref().is_ok_and(|state| state.status.contains(off)));
+    assert_eq!(fake.get(WRENCH), 0.0);
+    fake.set(ENABLED, 1.0);
+    session.until("the force", |_| fake.get(WRENCH) == 1.0);
     assert_eq!(fake.get(FAULTS), 0.0);
 }
 
@@ -455,6 +462,8 @@ fn without_power_a_virtuose_gets_no_force() {
     session.until("the force", |_| fake.get(WRENCH) == 1.0);
     fake.set(ENABLED, 0.0);
     session.until("no force", |_| fake.get(WRENCH) == 0.0);
+    let off = Status::NOT_ENABLED | Status::WITHHELD;
+    session.until("that it is off", |state| state.as_ref().is_ok_and(|state| state.status.contains(off)));
     fake.set(ENABLED, 1.0);
     session.until("the force", |_| fake.get(WRENCH) == 1.0);
 }

@@ -274,7 +274,7 @@ impl Invariants {
         let kept = &mut self.kept[invariant as usize];
         kept.worst = kept.worst.max(part);
         // A part that is no number is of something broken.
-        kept.broken += u64::from(!(part <= 1.0 + ROUNDING));
+        kept.broken += u64::from(part.is_nan() || part > 1.0 + ROUNDING);
     }
 }
 

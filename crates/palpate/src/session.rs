@@ -7,6 +7,7 @@ use palpate_device::Specification;
 use palpate_realtime::{Outcome, State, ThreadSetup};
 use serde::Serialize;
 
+use crate::invariants::Kept;
 use crate::machine::MachineLoad;
 use crate::object::Object;
 use crate::renderer::HapticRenderer;
@@ -82,6 +83,8 @@ pub struct Session {
     pub grasp: DVec3,
     /// Which stages the scene switched on or off, and why.
     pub stages: BTreeMap<&'static str, String>,
+    /// Whether the wrenches that were sent kept what the engine promises of them, by [`Invariant`](crate::Invariant).
+    pub invariants: BTreeMap<&'static str, Kept>,
 }
 
 /// The machine-readable summary of a session.
@@ -120,6 +123,8 @@ pub struct Summary {
     pub device_error: Option<String>,
     /// Which stages ran, and why.
     pub stages: BTreeMap<&'static str, String>,
+    /// Whether the wrenches that were sent kept what the engine promises of them, by [`Invariant`](crate::Invariant).
+    pub invariants: BTreeMap<&'static str, Kept>,
     /// Counts of events.
     pub events: Events,
 }
@@ -182,6 +187,7 @@ impl Session {
         }
         let device_error = renderer.haptic.device_error().map(ToString::to_string);
         let grasp = renderer.grasp().translation;
+        let invariants = renderer.haptic.invariants().summary();
         let haptic = renderer.haptic.telemetry().clone();
         let contact = renderer.contact.telemetry().clone();
         #[cfg(feature = "tracing")]
@@ -194,7 +200,7 @@ impl Session {
             "session ended"
         );
         let tolerance = renderer.contact.tolerance();
-        Self { seconds, clock, haptic, contact, machine, tolerance, device_error, grasp, stages }
+        Self { seconds, clock, haptic, contact, machine, tolerance, device_error, grasp, stages, invariants }
     }
 
     /// The machine-readable summary.
@@ -240,6 +246,7 @@ impl Session {
             dissipated_j: haptic.dissipated,
             device_error: self.device_error.clone(),
             stages: self.stages.clone(),
+            invariants: self.invariants.clone(),
             events: haptic.events.and(&contact.events),
         }
     }

@@ -3,7 +3,7 @@
 use palpate::Events;
 
 /// Each event of [`Events`] by the name of its field, and what it means.
-pub const EVENTS: [(&str, &str); 23] = [
+pub const EVENTS: [(&str, &str); 32] = [
     (
         "device_refused",
         "the device did not answer, reported a motion that is not finite, or refused a wrench",
@@ -12,8 +12,25 @@ pub const EVENTS: [(&str, &str); 23] = [
         "device_jumped",
         "the device reported a place that no hand could have reached so fast; its last good pose was held",
     ),
+    ("device_stale", "the device's reading was the one before, by its time; its velocity went on"),
+    (
+        "rebased",
+        "the device was found elsewhere than it was lost; the object stayed, and the hand went on from there",
+    ),
+    ("withheld", "the driver had sent zero in place of the wrench, which then came up from zero"),
+    ("late", "a step came late while the hand moved on; the wrench came up from zero"),
+    (
+        "runaway",
+        "the handle ran along the wrench faster than a hand lets it; the wrench was dropped and came up from zero",
+    ),
+    (
+        "energy_created",
+        "more energy had come out than can have been stored; the wrench was dropped and came up from zero",
+    ),
+    ("hot", "actuators were asked for more than they can keep up, and given less than the peak"),
     ("device_ended", "the replayed motion had come to its end"),
     ("step_refused", "the step had no finite solution; the object stood still and no wrench was sent"),
+    ("reseated", "no step could be taken 20 times in a row; the object was put where the hand is"),
     (
         "contacts_unsettled",
         "which contacts push was still changing when the step ended, so that one may have been left out",
@@ -50,6 +67,10 @@ pub const EVENTS: [(&str, &str); 23] = [
     ("not_converged", "the distance of two convex patches did not converge"),
     ("edit_refused", "a change of the scene could not be made"),
     ("model_dropped", "a contact model was lost, for the haptic loop had not fetched the ones before"),
+    (
+        "contact_thread_lost",
+        "the contact thread has ended by a panic; no more contacts are found, and the wrench has faded",
+    ),
     ("record_dropped", "a row of the recording was lost, for the recorder could not keep up"),
 ];
 

@@ -78,10 +78,19 @@ fn kept_up(summary: &Summary) -> Vec<(&'static str, String)> {
         rows.push(("contact loop", kept_up));
     }
     rows.push(("smallest energy at the device port", quantity(summary.energy_min_j, "J")));
+    rows.push(("promises to the hand", promises(summary)));
     if summary.dissipated_j > 0.0 {
         rows.push(("energy taken out by the passivity controller", quantity(summary.dissipated_j, "J")));
     }
     rows
+}
+
+/// Whether the wrenches that were sent kept what is promised of them.
+fn promises(summary: &Summary) -> String {
+    let broken = summary.invariants.iter().filter(|(_, kept)| kept.broken > 0);
+    let broken: Vec<String> =
+        broken.map(|(name, kept)| format!("{name} broken {}", times(kept.broken))).collect();
+    if broken.is_empty() { "all kept".to_owned() } else { broken.join(", ") }
 }
 
 /// What the operating system did not grant a session, with the remedy for each.
@@ -184,6 +193,7 @@ mod tests {
             energy_min_j: -1e-6,
             dissipated_j: 0.0,
             stages: [("friction", "off".to_owned())].into(),
+            invariants: std::collections::BTreeMap::new(),
             events: Events { slewed: 1, saturated: 2000, ..Events::default() },
         }
     }

@@ -37,6 +37,10 @@ impl Codec for Inverse3Codec {
         Ok(())
     }
 
+    fn is_enabled(&self, sample: &Inverse3State) -> bool {
+        sample.ready
+    }
+
     fn encode(&mut self, wrench: &Wrench, sample: &Inverse3State, say: &mut dyn FnMut(Report)) {
         // A device that is not ready gets none.
         let force = if sample.ready { wrench.force } else { DVec3::ZERO };

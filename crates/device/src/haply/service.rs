@@ -77,20 +77,31 @@ fn asked(mut stream: TcpStream, place: SocketAddr) -> Dialect {
     Dialect::of(&version)
 }
 
+impl Connection {
+    /// The next message, where one comes in time.
+    fn message(&mut self, patience: Duration) -> Result<Message, Error> {
+        if patience.is_zero() {
+            // A timeout of nothing would be none at all, and a short one is rounded up to some milliseconds.
+            self.socket.get_ref().set_nonblocking(true)?;
+            let message = self.socket.read();
+            self.socket.get_ref().set_nonblocking(false)?;
+            return message;
+        }
+        if patience != self.patience {
+            self.patience = patience;
+            self.socket.get_ref().set_read_timeout(Some(patience))?;
+        }
+        self.socket.read()
+    }
+}
+
 impl Transport for Connection {
     fn read(
         &mut self,
         report: &mut [u8; LONGEST_REPORT],
         patience: Duration,
     ) -> Result<usize, TransportError> {
-        // A timeout of nothing would be none at all.
-        let patience = patience.max(Duration::from_micros(50));
-        if patience != self.patience {
-            self.patience = patience;
-            let set = self.socket.get_ref().set_read_timeout(Some(patience));
-            set.map_err(|_| TransportError::Disconnected)?;
-        }
-        let message = match self.socket.read() {
+        let message = match self.message(patience) {
             Ok(Message::Text(message)) => message,
             Ok(_) => return Ok(0),
             Err(Error::Io(error)) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {

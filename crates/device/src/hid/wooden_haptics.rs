@@ -394,6 +394,10 @@ impl Codec for WoodenHapticsCodec {
         Ok(())
     }
 
+    fn is_enabled(&self, sample: &Encoders) -> bool {
+        !sample.lost
+    }
+
     fn encode(&mut self, wrench: &Wrench, sample: &Encoders, say: &mut dyn FnMut(Report)) {
         let mut words = [0; 7];
         if sample.lost {

@@ -40,6 +40,13 @@ pub trait Codec: Send + 'static {
     /// If it is none of the device's; nothing is changed then.
     fn decode(&mut self, report: &[u8], sample: &mut Self::Sample) -> Result<(), Malformed>;
 
+    /// Whether the device takes a wrench, by what is known: not before it is calibrated, say, or its power is switched on. Where it
+    /// does not, it is asked for zero, and [`NOT_ENABLED`](crate::Status::NOT_ENABLED) is told.
+    fn is_enabled(&self, sample: &Self::Sample) -> bool {
+        let _ = sample;
+        true
+    }
+
     /// Says the reports that ask for a wrench on the hand (device axes), by what is known; none where there is nothing to say.
     fn encode(&mut self, wrench: &Wrench, sample: &Self::Sample, say: &mut dyn FnMut(Report));
 

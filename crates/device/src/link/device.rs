@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use palpate_core::{Pose, Twist, Wrench};
 use palpate_realtime::ThreadSetup;
 
+use super::clock::{Clock, Lead};
 use super::codec::Motion;
 use super::pump::{News, Order};
 use crate::clip::clipped;
@@ -26,8 +27,13 @@ pub struct LinkedDevice<M: Motion> {
     /// What was known at the last read.
     seen: News<M::Sample>,
     order: Order,
-    /// When a report was last seen, and the latest time, s.
-    fresh: f64,
+    /// The pump's clock, and how far it is ahead of the reader's where it is another.
+    clock: Clock,
+    lead: Option<Lead>,
+    /// How many withheld wrenches were told.
+    withheld: u64,
+    /// When the last report came, and the latest time, s.
+    arrived: f64,
     now: f64,
     state: DeviceState,
     /// Why the device cannot be read; nothing where it can.
@@ -50,6 +56,10 @@ impl<M: Motion> HapticDevice for LinkedDevice<M> {
         }
         if now.is_finite() && now >= self.now {
             self.now = now;
+            self.clock.set(now);
+            if let Some(lead) = &mut self.lead {
+                lead.update(now, self.clock.now());
+            }
         } else {
             self.events |= Status::CLOCK;
         }
@@ -67,13 +77,14 @@ impl<M: Motion> HapticDevice for LinkedDevice<M> {
         }
         let fresh = more(|news| news.reports);
         if fresh {
-            self.fresh = self.now;
+            self.arrived =
+                self.lead.map_or(news.arrived, |lead| lead.reader_time(news.arrived)).min(self.now);
         }
         // A pump that has ended, by a panic, tells no more.
         let ended = self.pump.as_ref().is_some_and(|(_, thread)| thread.is_finished());
         self.lost = if !news.connected || ended {
             Status::DISCONNECTED
-        } else if self.silence.is_finite() && self.now - self.fresh > self.silence {
+        } else if self.silence.is_finite() && self.now - self.arrived > self.silence {
             Status::SILENT
         } else {
             Status::OK
@@ -83,8 +94,14 @@ impl<M: Motion> HapticDevice for LinkedDevice<M> {
         }
         let (pose, twist, buttons) = self.motion.advance(&news.sample, fresh, self.now);
         let mut status = std::mem::take(&mut self.events);
+        if !news.enabled {
+            status |= Status::NOT_ENABLED;
+        }
+        if news.withheld > std::mem::replace(&mut self.withheld, news.withheld) {
+            status |= Status::WITHHELD;
+        }
         if pose.is_valid() && twist.is_finite() {
-            let time = if self.silence.is_finite() { self.fresh } else { self.now };
+            let time = if self.silence.is_finite() { self.arrived } else { self.now };
             self.state = DeviceState { time, pose, twist, buttons, ..self.state };
         } else {
             (self.state.twist, self.state.buttons) = (Twist::ZERO, buttons);
@@ -102,8 +119,15 @@ impl<M: Motion> HapticDevice for LinkedDevice<M> {
         }
         let (wrench, events) = clipped(wrench, &self.specification);
         self.events |= events;
-        self.ask(if self.lost.is_ok() { wrench } else { Wrench::ZERO });
-        if self.lost.is_ok() { Ok(()) } else { Err(DeviceError::Lost { status: self.lost }) }
+        if self.lost.is_ok() {
+            self.ask(wrench);
+            return Ok(());
+        }
+        if wrench != Wrench::ZERO {
+            self.events |= Status::WITHHELD;
+        }
+        self.ask(Wrench::ZERO);
+        Err(DeviceError::Lost { status: self.lost })
     }
 
     fn close(&mut self) -> Result<(), DeviceError> {
@@ -132,7 +156,10 @@ impl<M: Motion> LinkedDevice<M> {
             asked,
             seen: News::default(),
             order: Order::default(),
-            fresh: f64::NEG_INFINITY,
+            clock: Clock::Rounds(0.0),
+            lead: None,
+            withheld: 0,
+            arrived: f64::NEG_INFINITY,
             now: 0.0,
             state: DeviceState {
                 time: 0.0,
@@ -159,6 +186,11 @@ impl<M: Motion> LinkedDevice<M> {
         Arc::clone(&self.setup)
     }
 
+    /// Its pump's times are those since an instant.
+    pub(super) fn keep_time(&mut self, start: Instant) {
+        (self.clock, self.lead) = (Clock::Since(start), Some(Lead::default()));
+    }
+
     /// It turned out to be this.
     #[cfg(any(feature = "force-dimension", feature = "open-haptics", feature = "haption"))]
     pub(super) fn specify(&mut self, specification: Specification, motion: M) {
@@ -174,7 +206,8 @@ impl<M: Motion> LinkedDevice<M> {
     }
 
     fn ask(&mut self, wrench: Wrench) {
-        self.order = Order { wrench, number: self.order.number + 1 };
+        let (number, made) = (self.order.number + 1, self.clock.now());
+        self.order = Order { wrench, number, made, withheld: self.withheld };
         self.asked.write(self.order);
     }
 

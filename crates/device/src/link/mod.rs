@@ -8,11 +8,14 @@
 //! [`Codec::Sample`] to the haptic thread and takes the newest wrench from it, through triple buffers. The haptic thread
 //! ([`LinkedDevice`]) never waits for it.
 //!
-//! The wrench is zero where the device is not heard of, where the haptic thread does not renew it in time, and, after the
-//! device was gone, until it is asked for anew.
+//! The wrench is zero where the device is not heard of or not enabled, where the haptic thread does not renew it within 8 ms, after
+//! 25 ms without a write, and, after the device was gone, until it is asked for anew. Zero that is sent in place of another wrench is
+//! told ([`Status::WITHHELD`](crate::Status::WITHHELD)), and zero stays until a wrench is asked for by one who has read that: who then
+//! begins from zero never gives the hand a jump.
 
 #[cfg(any(feature = "force-dimension", feature = "open-haptics", feature = "haption"))]
 mod apart;
+mod clock;
 mod codec;
 mod device;
 mod fake;
@@ -100,11 +103,13 @@ impl<C: Codec, M: Motion<Sample = C::Sample>> Link<C, M> {
 /// Runs a pump in a thread until the device ends it: above the haptic thread, so that what that computed in time is written in
 /// time.
 fn run<C: Codec, M: Motion>(mut pump: Pump<C>, device: &mut LinkedDevice<M>) -> std::io::Result<()> {
+    let start = Instant::now();
+    pump.keep_time(start);
+    device.keep_time(start);
     let stop = Arc::new(AtomicBool::new(false));
     let (stopped, setup) = (stop.clone(), device.thread_setup_cell());
     let thread = std::thread::Builder::new().name("palpate-device".into()).spawn(move || {
         setup.get_or_init(|| set_up(Role::Device));
-        let start = Instant::now();
         while !stopped.load(Ordering::Acquire) {
             let begun = start.elapsed();
             let rest = if pump.round(begun.as_secs_f64()) { SHORTEST_ROUND } else { REST };

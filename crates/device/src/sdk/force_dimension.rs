@@ -3,6 +3,9 @@
 //! Units are SI throughout. That numbers of the status, the watchdog's 125 µs and its expert mode are as taken here was read in the
 //! header and in public wrappers of the library; that its calls may be made from any thread, one at a time, is general knowledge.
 //! The library's window for velocities of 20 ms is shortened, so that they lag no more than the specification says.
+//!
+//! Where the host is gone, the device lets go of the hand by its watchdog after 32 ms, if library and device have one. A user who
+//! switches the force off at the device finds it zero, and rising from there, when it is on again.
 
 use std::time::{Duration, Instant};
 
@@ -25,6 +28,8 @@ const WINDOW: i32 = 4;
 const WATCHDOG: u8 = u8::MAX;
 /// A command so much after the last may have come after that.
 const LATE: Duration = Duration::from_millis(25);
+/// How often it is looked whether the force is on.
+const LOOK: Duration = Duration::from_millis(10);
 
 /// Opens the first device, or that of a number.
 pub(crate) fn open(address: Option<&str>) -> Option<Result<Box<dyn HapticDevice>, DeviceError>> {
@@ -75,6 +80,8 @@ fn found(device: Device) -> Found<SdkMotion> {
         senses_wrist: senses,
         pace: Pace::new(PERIOD),
         commanded: Instant::now(),
+        looked: None,
+        force: true,
         reads: Failures::default(),
         writes: Failures::default(),
     };
@@ -87,12 +94,18 @@ struct Calls {
     pace: Pace,
     /// When the last wrench was commanded.
     commanded: Instant,
+    /// When it was last looked whether the force is on, and whether it was.
+    looked: Option<Instant>,
+    force: bool,
     reads: Failures,
     writes: Failures,
 }
 
 impl Calls {
-    fn state(&self) -> Option<SdkState> {
+    fn state(&mut self) -> Option<SdkState> {
+        if self.looked.is_none_or(|looked| looked.elapsed() >= LOOK) {
+            (self.looked, self.force) = (Some(Instant::now()), self.device.is_force_on());
+        }
         let (position, [a, b, c]) = self.device.pose()?;
         let orientation = if self.senses_wrist {
             // The maker's matrix is given by rows.
@@ -106,7 +119,7 @@ impl Calls {
             linear: self.device.linear_velocity(),
             angular: if self.senses_wrist { self.device.angular_velocity() } else { Some([0.0; 3]) },
             buttons: self.device.buttons(),
-            ready: true,
+            ready: self.force,
         })
     }
 }

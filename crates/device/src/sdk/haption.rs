@@ -6,7 +6,8 @@
 //! the library after 2 s without a command), it was read as public wrappers quote it; numbers of models are those of one wrapper.
 //! Where the middle of the workspace is, no source says: it is where the handle is held when the device is opened.
 //!
-//! The user switches the power on: as long as it is off, there is no force.
+//! The user switches the power on: as long as it is off, there is no force. Where the host is gone, the controller goes on with the
+//! last wrench for those 2 s: the library has no call for a shorter time.
 
 use std::ffi::CString;
 use std::time::Duration;

@@ -131,6 +131,10 @@ impl Codec for SdkCodec {
         Ok(())
     }
 
+    fn is_enabled(&self, sample: &SdkState) -> bool {
+        sample.ready
+    }
+
     fn encode(&mut self, wrench: &Wrench, sample: &SdkState, say: &mut dyn FnMut(Report)) {
         // A device that is not ready gets none.
         let wrench = if sample.ready { *wrench } else { Wrench::ZERO };

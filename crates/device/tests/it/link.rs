@@ -17,20 +17,20 @@ fn report(count: i16) -> Vec<u8> {
 }
 
 /// A WoodenHaptics, its pump and the haptic thread, a millisecond at a time.
-struct Bench {
-    wire: FakeWire,
-    pump: Pump<WoodenHapticsCodec>,
-    device: LinkedDevice<EncodedMotion>,
-    now: f64,
-    /// Currents written last, mA, and when the last report was written, s.
-    currents: [i16; 3],
+pub struct Bench {
+    pub wire: FakeWire,
+    pub pump: Pump<WoodenHapticsCodec>,
+    pub device: LinkedDevice<EncodedMotion>,
+    pub now: f64,
+    /// Currents written last, mA.
+    pub currents: [i16; 3],
     /// Whether the device answers.
-    alive: bool,
+    pub alive: bool,
     count: i16,
 }
 
 impl Bench {
-    fn new() -> Self {
+    pub fn new() -> Self {
         let wire = FakeWire::new();
         let link = Link::wooden_haptics("test", MODEL);
         let other = wire.clone();
@@ -44,13 +44,13 @@ impl Bench {
     }
 
     /// What the haptic thread sees, and whether its wrench was taken.
-    fn tick(&mut self) -> (Result<DeviceState, DeviceError>, bool) {
+    pub fn tick(&mut self) -> (Result<DeviceState, DeviceError>, bool) {
         self.device_speaks();
         let state = self.haptic();
         (state, self.device.write(&FORCE).is_ok())
     }
 
-    fn device_speaks(&mut self) {
+    pub fn device_speaks(&mut self) {
         self.now += 1e-3;
         if self.alive {
             self.count += 1;
@@ -63,7 +63,7 @@ impl Bench {
         }
     }
 
-    fn haptic(&mut self) -> Result<DeviceState, DeviceError> {
+    pub fn haptic(&mut self) -> Result<DeviceState, DeviceError> {
         self.device.read(self.now)
     }
 
@@ -79,7 +79,7 @@ impl Bench {
     }
 }
 
-fn status(state: Result<DeviceState, DeviceError>) -> Status {
+pub fn status(state: Result<DeviceState, DeviceError>) -> Status {
     match state {
         Ok(state) => state.status,
         Err(DeviceError::Lost { status }) => status,

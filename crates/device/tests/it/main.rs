@@ -11,3 +11,4 @@ mod link;
 mod no_allocation;
 mod pump_thread;
 mod recording;
+mod withheld;

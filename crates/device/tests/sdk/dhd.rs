@@ -206,6 +206,9 @@ pub extern "system" fn dhdSetWatchdog(time: c_uchar, id: c_char) -> c_int {
 
 #[unsafe(no_mangle)]
 pub unsafe extern "system" fn dhdGetStatus(status: *mut c_int, id: c_char) -> c_int {
-    unsafe { *status.add(14) = fake_get(OFF_CAUSE) as c_int };
+    unsafe {
+        *status.add(5) = fake_get(ENABLED) as c_int;
+        *status.add(14) = fake_get(OFF_CAUSE) as c_int;
+    }
     code(call(id, COUNT - 1))
 }

@@ -30,7 +30,9 @@ functions! {
     optional fn dhdGetStatus(*mut c_int, c_char) -> c_int;
 }
 
-/// Of the status: the cause for which the force is off, where that is the watchdog; and room for more numbers than any version has.
+/// Of the status: whether the force is on; the cause for which it was last off, where that is the watchdog; and room for more numbers
+/// than any version has.
+const FORCE_ON: usize = 5;
 const FORCE_OFF_CAUSE: usize = 14;
 const WATCHDOG: c_int = 3;
 const STATUS: usize = 64;
@@ -99,13 +101,22 @@ impl Device {
         }
     }
 
-    /// Whether the watchdog has disabled the force.
-    pub fn is_off_by_watchdog(&self) -> bool {
-        let Some(get) = self.functions.dhdGetStatus else { return false };
+    fn status(&self) -> Option<[c_int; STATUS]> {
+        let get = self.functions.dhdGetStatus?;
         let mut status = [0; STATUS];
         // SAFETY: there is room for all numbers of the status.
         let told = unsafe { get(status.as_mut_ptr(), self.id) };
-        told >= 0 && status[FORCE_OFF_CAUSE] == WATCHDOG
+        (told >= 0).then_some(status)
+    }
+
+    /// Whether the force is on; where the library does not tell, it is taken to be so.
+    pub fn is_force_on(&self) -> bool {
+        self.status().is_none_or(|status| status[FORCE_ON] != 0)
+    }
+
+    /// Whether the watchdog has disabled the force.
+    pub fn is_off_by_watchdog(&self) -> bool {
+        self.status().is_some_and(|status| status[FORCE_OFF_CAUSE] == WATCHDOG)
     }
 
     /// Enables or disables the force. Whether that was done.

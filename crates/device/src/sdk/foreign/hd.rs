@@ -79,6 +79,8 @@ pub struct Frame {
     pub buttons: u32,
     /// Whether the device or the library has failed.
     pub failed: bool,
+    /// Whether a wrench was taken back, and none of zero has come since: no other is rendered until then.
+    pub let_go: bool,
 }
 
 /// A wrench to render (N, N·m), and its number.
@@ -102,6 +104,7 @@ struct Servo {
     /// The number of the last order, and frames since it came.
     order: u64,
     age: u32,
+    let_go: bool,
 }
 
 /// It is moved to the scheduler's thread.
@@ -182,6 +185,7 @@ impl Device {
             farewell: farewell.clone(),
             order: 0,
             age: u32::MAX,
+            let_go: false,
         });
         // SAFETY: the callback has the servo from here on, and gives it back when it has said farewell.
         let scheduled = unsafe {
@@ -278,8 +282,10 @@ impl Servo {
         let (wrench, number) = *self.orders.read();
         self.age = if number == self.order { self.age.saturating_add(1) } else { 0 };
         self.order = number;
-        let wrench = if self.age < RENEWAL { wrench } else { Wrench::ZERO };
-        let frame = self.render(&wrench);
+        // Whoever asks does not know that it was taken back: it comes up from zero again.
+        self.let_go = wrench != Wrench::ZERO && (self.let_go || self.age >= RENEWAL);
+        let wrench = if self.let_go { Wrench::ZERO } else { wrench };
+        let frame = Frame { let_go: self.let_go, ..self.render(&wrench) };
         self.told.write(frame);
     }
 
@@ -400,22 +406,32 @@ mod tests {
             farewell: farewell.clone(),
             order: 0,
             age: u32::MAX,
+            let_go: false,
         };
         let data = Box::into_raw(Box::new(servo)).cast::<c_void>();
         let mut frames = 0;
         let counted = allocation_counter::measure(|| {
             for number in 1..=100 {
-                asked.write((Wrench::new(DVec3::X * 2.0, DVec3::ZERO), number));
+                asked.write((Wrench::new(DVec3::X * 2.0, DVec3::ZERO), 2 * number));
                 // SAFETY: the servo is this test's, and goes on.
                 while unsafe { frame(data) } == HD_CALLBACK_CONTINUE {
                     frames += 1;
                     // The force of the frame before this one.
-                    let force = heard.read().velocity[0];
-                    let (age, first) = ((frames - 1) % 15, frames == 1);
-                    assert_eq!(force, if (1..=10).contains(&age) && !first { 2.0 } else { 0.0 }, "{frames}");
+                    let Frame { velocity: [force, ..], let_go, .. } = *heard.read();
+                    let age = (frames - 1) % 15;
+                    let renders = (1..=10).contains(&age) && (frames - 1) / 15 % 2 == 0;
+                    assert_eq!(force, if renders { 2.0 } else { 0.0 }, "{frames}");
+                    assert_eq!(let_go, age >= 10 || (frames - 1) / 15 % 2 == 1, "{frames}");
                     if frames % 15 == 0 {
                         break;
                     }
+                }
+                // After every other one zero is asked for, and what is asked for then is rendered.
+                if number % 2 == 0 {
+                    asked.write((Wrench::ZERO, 2 * number + 1));
+                    // SAFETY: as above.
+                    assert_eq!(unsafe { frame(data) }, HD_CALLBACK_CONTINUE);
+                    assert!(!heard.read().let_go);
                 }
             }
         });
