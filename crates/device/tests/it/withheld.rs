@@ -23,7 +23,7 @@ struct Loop {
 
 impl Loop {
     fn step<M: Motion>(&mut self, device: &mut LinkedDevice<M>, now: f64) -> Status {
-        let seen = status(device.read(now).map(|state| state));
+        let seen = status(device.read(now));
         let lost = [Status::SILENT, Status::DISCONNECTED, Status::WITHHELD];
         let anew = self.listens && lost.into_iter().any(|flag| seen.contains(flag));
         self.force = if anew { 0.0 } else { (self.force + RISE).min(FORCE) };
