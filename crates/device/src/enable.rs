@@ -9,8 +9,8 @@ use crate::{DeviceError, DeviceState, HapticDevice, Specification, Status};
 const RISE: f64 = 0.2;
 
 /// A device that renders a wrench only while one of its buttons is held: let go, it is zero at the next write, and
-/// [`Status::NOT_ENABLED`] is set, with [`Status::WITHHELD`] where it would not have been zero; pressed, it comes up smoothly. What drives the device knows of it by the status only: its own
-/// figures of energy are of the wrench that it asked for.
+/// [`Status::NOT_ENABLED`] is set, with [`Status::WITHHELD`] where it would not have been zero; pressed, it comes up smoothly.
+/// What drives the device knows of it by the status only: its own figures of energy are of the wrench that it asked for.
 #[derive(Debug)]
 pub struct HoldToEnable<D> {
     device: D,

@@ -303,7 +303,7 @@ impl HapticLoop {
         }
         let overdue = self.pass(reading, &step, now, dt);
         let share = self.presence.share();
-        let at = Moment { dt, elapsed, share, faulty: failed || overdue, released, stored };
+        let at = Moment { dt, elapsed, share, faulty: failed, overdue, released, stored };
         let wanted = self.workspace.mapping().wrench(&step.coupling.about(-arm));
         let sent = match device {
             // It holds nothing, or must not.
@@ -443,8 +443,8 @@ impl HapticLoop {
         stored
     }
 
-    /// Lets the wrench's share come up, fade or fall to nothing, and counts why. Whether contact models are overdue.
-    fn pass(&mut self, reading: Reading, step: &Step, now: f64, dt: f64) -> bool {
+    /// Lets the wrench's share come up, fade or fall to nothing, and counts why. How long contact models have been overdue, s.
+    fn pass(&mut self, reading: Reading, step: &Step, now: f64, dt: f64) -> f64 {
         let waited = now - if self.found.time.is_nan() { self.started } else { self.found.time };
         // A step that is refused may be so because of its `dt`.
         let dt = if step.status.held.is_none() && reading != Reading::Lost { dt } else { 0.0 };
@@ -454,7 +454,7 @@ impl HapticLoop {
         events.faded += u64::from(self.presence.fading());
         events.engaging += u64::from(self.presence.engaging());
         events.clutched += u64::from(self.workspace.clutched());
-        self.presence.is_overdue(waited)
+        self.presence.overdue(waited)
     }
 
     /// How far any point of the object has gone, at most, from where its contact model was found, m; 0 without contacts.

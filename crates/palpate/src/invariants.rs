@@ -41,8 +41,8 @@ pub enum Invariant {
     Peak,
     /// It grows and turns no faster than the slew allows. It may shrink along itself.
     Slew,
-    /// It is zero [`FAULT_TIME`] after a fault: the device lost or its readings bad, a step without a finite solution, contact
-    /// models overdue.
+    /// It is zero [`FAULT_TIME`] after a fault was found, and while it lasts: the device lost or its readings bad, a step without a
+    /// finite solution, the newest contact model older than the [timeout](crate::Settings::contact_timeout).
     Fault,
     /// After the start, and after the device or the step has failed, it comes up along the engagement.
     Engagement,
@@ -141,8 +141,10 @@ pub(crate) struct Write {
     pub elapsed: f64,
     /// What the handle has moved by since the last write, m and rad.
     pub displacement: Twist,
-    /// Whether something has failed, and whether the wrench has to come up from nothing after it.
+    /// Whether the device or the step has failed, how long contact models have been overdue (s, negative before), and whether the
+    /// wrench has to come up from nothing after a failure.
     pub faulty: bool,
+    pub overdue: f64,
     pub released: bool,
     /// Most that what is rendered may give back, J.
     pub stored: f64,
@@ -153,8 +155,8 @@ pub(crate) struct Write {
 pub struct Invariants {
     bounds: Bounds,
     last: Wrench,
-    /// Time with a fault, and since the wrench was to come up from nothing, s.
-    faulty: f64,
+    /// Time since the first write that knew of a fault, while it lasts, and since the wrench was to come up from nothing, s.
+    faulty: Option<f64>,
     up: f64,
     /// Energy that may come out, J; negative for what came out beyond what went in; and the most that was stored meanwhile.
     reserve: f64,
@@ -168,7 +170,7 @@ impl Invariants {
         Self {
             bounds,
             last: Wrench::ZERO,
-            faulty: 0.0,
+            faulty: None,
             up: 0.0,
             reserve: 0.0,
             most_stored: 0.0,
@@ -211,8 +213,10 @@ impl Invariants {
         let slewed = parts.iter().zip(rates).map(|(&(now, last), rate)| grown(now, last) / (rate * elapsed));
         self.note(Invariant::Slew, slewed.filter(|part| !part.is_nan()).fold(0.0, f64::max));
 
-        self.faulty = if write.faulty { self.faulty + elapsed } else { 0.0 };
-        self.note(Invariant::Fault, if wrench == Wrench::ZERO { 0.0 } else { self.faulty / FAULT_TIME });
+        // What the first write after a fault sends was the first to know of it.
+        self.faulty = write.faulty.then(|| self.faulty.map_or(0.0, |faulty| faulty + elapsed));
+        let faulty = self.faulty.unwrap_or(0.0).max(write.overdue);
+        self.note(Invariant::Fault, if wrench == Wrench::ZERO { 0.0 } else { faulty / FAULT_TIME });
 
         self.up = if write.released { 0.0 } else { self.up } + dt;
         if engagement > 0.0 {
@@ -328,6 +332,7 @@ mod tests {
             elapsed: DT,
             displacement: Twist::ZERO,
             faulty: false,
+            overdue: 0.0,
             released: false,
             stored: 0.0,
         }
@@ -356,8 +361,13 @@ mod tests {
         assert_eq!(then(vec![push(2.1)]), ["slew"], "0.9 N in 1 ms");
         assert_eq!(then(vec![push(0.1)]), [""; 0], "it may shrink");
         let faulty = Write { faulty: true, ..push(1.2) };
-        assert_eq!(then(vec![faulty; 50]), [""; 0]);
-        assert_eq!(then(vec![faulty; 51]), ["fault"]);
+        assert_eq!(then(vec![faulty; 51]), [""; 0]);
+        assert_eq!(then(vec![faulty; 52]), ["fault"]);
+        let late = Write { elapsed: 0.06, ..faulty };
+        assert_eq!(then(vec![late]), [""; 0], "it is the first that knows");
+        assert_eq!(then(vec![late; 2]), ["fault"]);
+        let overdue = |overdue| vec![Write { overdue, ..push(1.2) }];
+        assert_eq!((then(overdue(0.05)), then(overdue(0.051))), (vec![], vec!["fault"]));
         let released = Write { faulty: true, released: true, ..push(0.0) };
         assert_eq!(then(vec![released, push(0.3)]), ["engagement"]);
         assert_eq!(then(vec![released, push(5e-4)]), [""; 0]);

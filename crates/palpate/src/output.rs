@@ -142,8 +142,10 @@ pub(crate) struct Moment {
     pub elapsed: f64,
     /// Share of the wrench that is sent, 0 to 1.
     pub share: f64,
-    /// Whether something has failed, so that nothing is to be sent; and whether the wrench then comes up from nothing.
+    /// Whether something has failed, so that nothing is to be sent; how long contact models have been overdue, s, negative if they
+    /// are not; and whether the wrench comes up from nothing.
     pub faulty: bool,
+    pub overdue: f64,
     pub released: bool,
     /// Most that what is rendered may give back, J at the device.
     pub stored: f64,
@@ -268,6 +270,7 @@ impl Output {
             elapsed: at.elapsed,
             displacement: *tracking.displacement(),
             faulty: at.faulty,
+            overdue: at.overdue,
             released: at.released,
             stored: at.stored,
         });

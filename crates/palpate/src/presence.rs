@@ -56,9 +56,9 @@ impl Presence {
         self.fresh < 1.0
     }
 
-    /// Whether contact models `waited` seconds old are overdue.
-    pub fn is_overdue(&self, waited: f64) -> bool {
-        waited > self.timeout
+    /// How long contact models `waited` seconds old have been overdue, s; negative if they are not.
+    pub fn overdue(&self, waited: f64) -> f64 {
+        waited - self.timeout
     }
 
     /// Whether the wrench is coming up, or down for the clutch.

@@ -4,7 +4,7 @@ use palpate::Settings;
 use serde_json::Value;
 
 /// The unit of each setting by the name of its field; those of textures behind a dot. Empty for numbers without one.
-const UNITS: [(&str, &str); 35] = [
+const UNITS: [(&str, &str); 36] = [
     ("rate", "Hz"),
     ("mass", "kg"),
     ("contact_stiffness", "N/m"),
@@ -30,6 +30,7 @@ const UNITS: [(&str, &str); 35] = [
     ("textures.derivatives", ""),
     ("textures.backend", ""),
     ("grasp", "m, quaternion"),
+    ("handle", ""),
     ("contact_timeout", "s"),
     ("integrator", ""),
     ("engagement", "s"),

@@ -224,7 +224,7 @@ impl ArticulatedLoop {
         }
         let overdue = self.pass(reading, &step, now, dt);
         let share = self.presence.share();
-        let at = Moment { dt, elapsed, share, faulty: failed || overdue, released, stored };
+        let at = Moment { dt, elapsed, share, faulty: failed, overdue, released, stored };
         let sent = if harmful {
             self.gripper.release(elapsed);
             self.output.drop(&self.tracking, &at)
@@ -290,8 +290,9 @@ impl ArticulatedLoop {
         stored
     }
 
-    /// Lets the share of wrench and torque come up, fade or fall to nothing, and counts why. Whether contact models are overdue.
-    fn pass(&mut self, reading: Reading, step: &ArticulatedStep, now: f64, dt: f64) -> bool {
+    /// Lets the share of wrench and torque come up, fade or fall to nothing, and counts why. How long contact models have been
+    /// overdue, s.
+    fn pass(&mut self, reading: Reading, step: &ArticulatedStep, now: f64, dt: f64) -> f64 {
         let since = |found: &Found| now - if found.time.is_nan() { self.started } else { found.time };
         let waited = since(&self.found[0]).max(since(&self.found[1]));
         // A step that is refused may be so because of its `dt`.
@@ -301,7 +302,7 @@ impl ArticulatedLoop {
         events.faded += u64::from(self.presence.fading());
         events.engaging += u64::from(self.presence.engaging());
         events.clutched += u64::from(self.workspace.clutched());
-        self.presence.is_overdue(waited)
+        self.presence.overdue(waited)
     }
 
     /// Sends device and gripper what they get of a step.
