@@ -1,10 +1,13 @@
 //! Faults of a hand, a device, a host or a machine that could hurt: each is shown here by what it would make the wrench do.
 
+use std::f64::consts::TAU;
+
 use palpate::device::{DeviceState, Emulation, Status};
 use palpate::dynamics::{ContactParameters, Friction, LinearContactModel};
 use palpate::glam::{DQuat, DVec3};
 use palpate::{
-    Contact, ContactUpdate, HapticLoop, HapticRenderer, Pose, Record, Scene, Settings, Twist, Wrench,
+    Contact, ContactUpdate, ENERGY_BOUND, HapticLoop, HapticRenderer, Invariant, Pose, Record, Scene,
+    Settings, Twist, Wrench,
 };
 use palpate_tests::model;
 
@@ -277,6 +280,34 @@ fn a_handle_that_is_let_go_does_not_run_away() {
         force = rig.step(state).coupling.force.z;
     }
     assert!(fastest < 1.0, "it flies off at {fastest} m/s");
+}
+
+/// Fault 13: a surface that is there on the hand's way out and not on its way in gives no more than the bound, with the passivity
+/// controller off.
+#[test]
+fn a_surface_that_gives_energy_is_let_go_of() {
+    let specification = Emulation::default().specification;
+    let bound = ENERGY_BOUND.0 * specification.peak_force + ENERGY_BOUND.1 * specification.peak_torque;
+    let mut rig = Rig::new(Settings::default());
+    rig.rest(400, DVec3::ZERO);
+    let surface = Some((rig.haptic.body_state().pose.translation.z + 2e-3, 20.0));
+    let (mut given, mut most_given, mut last) = (0.0, 0.0_f64, DVec3::ZERO);
+    // 8 mm down and up again, twenty times, 0.4 s a way.
+    for step in 0..16_000 {
+        let phase = TAU * f64::from(step) / 800.0;
+        let depth = DVec3::NEG_Z * 4e-3 * (1.0 - phase.cos());
+        let velocity = DVec3::NEG_Z * 4e-3 * phase.sin() * TAU / 0.8;
+        rig.floor = surface.filter(|_| velocity.z > 0.0);
+        let state = rig.moving(depth, velocity, PERIOD);
+        let force = rig.step(state).coupling.force;
+        given += last.dot(velocity) * PERIOD;
+        most_given = most_given.max(given);
+        last = force;
+    }
+    let events = rig.haptic.telemetry().events;
+    assert!(events.energy_created > 0, "{most_given} J were given");
+    let kept = rig.haptic.invariants().kept(Invariant::Energy);
+    assert!(kept.broken == 0 && most_given > bound, "{kept:?} of {bound} J, {most_given} J given in all");
 }
 
 /// Fault 14: an object that no step can move is not held for ever where the hand was.

@@ -21,6 +21,7 @@ mod mesh_figures;
 mod moving_world;
 mod no_allocation;
 mod pressing;
+mod promises;
 mod rates;
 mod realtime;
 mod refinement;
