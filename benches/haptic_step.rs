@@ -1,12 +1,14 @@
 //! Time of one haptic step (§5.2) by the number of contacts that push: 0, 1, 5 (the K of §5.5.1) and 16 (the
 //! most a model is made of), without friction and with it, and with 5 while one model goes over to the next; and of one of a
-//! tool of two bodies with a hinge (`articulated`), with as many contacts in all.
+//! tool of two bodies with a hinge (`articulated`), with as many contacts in all. And of one whole step of a session's haptic
+//! loop (`loop`), from a device's reading to the wrench that is written, with all that guards it.
 //!
 //! `cargo bench -p palpate-benches --bench haptic_step`. A line before each measurement says how many
 //! contacts push and how many 6×6 systems a step solves. With the arguments `histogram STEPS`, as in
 //! `cargo bench -p palpate-benches --bench haptic_step -- histogram 10000000`, it gives percentiles of single steps
 //! with 5 contacts and friction, of a body that is dragged to and fro. `valgrind --tool=callgrind` on the same program
-//! with the arguments `count CONTACTS STEPS` counts instructions, where the clock of a shared machine says little.
+//! with the arguments `count CONTACTS STEPS` (or `count-loop CONTACTS STEPS`) counts instructions, where the clock of a shared machine
+//! says little.
 
 #![allow(missing_docs, clippy::print_stdout, reason = "a program that reports to the console")]
 
@@ -14,13 +16,15 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use criterion::{BenchmarkId, Criterion};
+use palpate::device::{DeviceState, Emulation, Status};
 use palpate::dynamics::{
     ArticulatedBody, ArticulatedFrame, ArticulatedState, ArticulatedStep, Body, BodyState, ContactBlend,
     ContactParameters, DeviceMotion, Friction, GripperCoupling, GripperMotion, Joint, JointLimits,
     LinearContactModel, Step, VirtualCoupling, articulated_step, semi_implicit_step,
 };
 use palpate::glam::{DMat3, DQuat, DVec3};
-use palpate::{Contact, Pose, Times, Twist};
+use palpate::{Contact, ContactUpdate, HapticLoop, HapticRenderer, Pose, Record, Settings, Times, Twist};
+use palpate_tests::model;
 
 const STEP: f64 = 1e-3;
 
@@ -149,6 +153,60 @@ impl Tool {
     }
 }
 
+/// A session's haptic loop, in the loops of a host: 50 g pressed on a floor of 1 kN/m by a device that moves a little.
+struct Loop {
+    haptic: HapticLoop,
+    update: ContactUpdate,
+    steps: u64,
+}
+
+impl Loop {
+    /// After the wrench has come up.
+    fn pressed(contacts: u32) -> Self {
+        let ball = model("ellipsoid@500");
+        let device = Emulation::default().open(Pose::IDENTITY).expect("an emulated device");
+        let settings = Settings { mass: 0.05, ..Settings::default() };
+        let renderer = HapticRenderer::new(ball, palpate::Scene::new(), Box::new(device), settings);
+        let (haptic, _, _) = renderer.expect("a renderer").into_loops();
+        let pose = haptic.body_state().pose;
+        let found = (0..contacts).map(|i| {
+            let angle = f64::from(i) * 2.399_963;
+            let point = pose.translation + DVec3::new(0.03 * angle.cos(), 0.03 * angle.sin(), -0.002);
+            Contact { point, scene_point: point, normal: DVec3::NEG_Z, depth: 0.0 }
+        });
+        let friction = Friction::coulomb(0.3);
+        let parameters = ContactParameters { stiffness: 1000.0, damping: 1.0, tolerance: 0.0005, friction };
+        let found = LinearContactModel::from_contacts(found, &pose, &parameters, 0.0);
+        let update = ContactUpdate { model: found, time: 0.0, depth: 0.0, contacts };
+        let mut made = Self { haptic, update, steps: 0 };
+        for _ in 0..500 {
+            made.step();
+        }
+        made
+    }
+
+    /// Every other step has a new contact model.
+    #[inline(never)]
+    fn step(&mut self) -> Record {
+        self.steps += 1;
+        let now = STEP * self.steps as f64;
+        let phase = 0.01 * self.steps as f64;
+        let (sine, cosine) = phase.sin_cos();
+        let state = DeviceState {
+            time: now,
+            pose: Pose::from_translation(DVec3::new(5e-4 * sine, 0.0, -0.005)),
+            twist: Twist::new(DVec3::X * 0.005 * cosine, DVec3::ZERO),
+            buttons: 0,
+            status: Status::OK,
+        };
+        if self.steps.is_multiple_of(2) {
+            self.update.time = now;
+            self.haptic.update_contacts(&self.update);
+        }
+        self.haptic.step(&state, now, STEP)
+    }
+}
+
 /// Percentiles of single steps, while the device drags the body to and fro and a model arrives every other step.
 fn histogram(steps: u64) {
     let mut scene = Scene::pressed(5, Friction::coulomb(0.3));
@@ -185,6 +243,12 @@ fn main() {
                 black_box(black_box(&mut scene).step());
             }
         }
+        [command, contacts, steps] if command == "count-loop" => {
+            let mut session = Loop::pressed(contacts.parse().expect("a number of contacts"));
+            for _ in 0..steps.parse().expect("a number of steps") {
+                black_box(black_box(&mut session).step());
+            }
+        }
         [command, steps] if command == "histogram" => histogram(steps.parse().expect("a number of steps")),
         _ => measure(),
     }
@@ -212,6 +276,14 @@ fn measure() {
         println!("articulated, {contacts} contacts: {push:?} push, {} solves", step.status.solves);
         group.bench_function(BenchmarkId::new("articulated", contacts), |b| {
             b.iter(|| black_box(&mut tool).step())
+        });
+    }
+    for contacts in [0, 1, 5, 16] {
+        let mut session = Loop::pressed(contacts);
+        let force = session.step().coupling.force.length();
+        println!("loop, {contacts} contacts: {force:.3} N");
+        group.bench_function(BenchmarkId::new("loop", contacts), |b| {
+            b.iter(|| black_box(&mut session).step())
         });
     }
     group.finish();
