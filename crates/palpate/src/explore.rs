@@ -30,8 +30,8 @@ pub fn open_device(
 }
 
 /// [`open_device`] for a session with other settings: wherever they put the handle on the probe, and the device's workspace in the
-/// world, the hand moves so that the probe does its task in the scene all the same. A path from a file is one of
-/// the probe's mesh frame ([`mesh_path`]).
+/// world, the hand moves so that the probe does its task in the scene all the same, but in movements no larger than the workspace. A
+/// path from a file is one of the probe's mesh frame ([`mesh_path`]).
 ///
 /// # Errors
 /// As [`open_device`].
@@ -49,8 +49,10 @@ pub fn open_device_for(
             mesh_path(path, settings, placement)
         }
         None => {
-            let placement = HandlePlacement::new(settings, probe, &hand.emulation.specification);
-            placed_path(hand.task.unwrap_or_default(), probe, scene, &placement)?
+            let specification = &hand.emulation.specification;
+            let placement = HandlePlacement::new(settings, probe, specification);
+            let reach = specification.workspace_radius * settings.workspace_scale;
+            placed_path(hand.task.unwrap_or_default(), probe, scene, (&placement, reach))?
         }
     };
     Ok(Box::new(hand.emulation.open(path)?))
@@ -85,7 +87,7 @@ pub fn open_steered_device(
 /// If an object is so large or so far away that a pose is out of a path's range.
 pub fn path(task: Task, probe: &Object, scene: &Scene) -> Result<IntendedPath, PathError> {
     let handle = probe.clod.source.center_of_mass;
-    placed_path(task, probe, scene, &HandlePlacement::holding(&Settings::default(), handle))
+    placed_path(task, probe, scene, (&HandlePlacement::holding(&Settings::default(), handle), f64::INFINITY))
 }
 
 /// Where the hand means the handle to be for the mesh's frame to follow a path of a device whose handle is at the mesh's origin,
@@ -102,14 +104,18 @@ pub fn mesh_path(path: MotionPath, settings: &Settings, placement: HandlePlaceme
     })
 }
 
-/// [`path`] of a device that is placed otherwise.
+/// [`path`] of a device that is placed otherwise, and whose workspace reaches so far (m) in the scene. No hand moves in sizes of
+/// something larger, nor turns it about a place that is further from the handle.
 fn placed_path(
     task: Task,
     probe: &Object,
     scene: &Scene,
-    placement: &HandlePlacement,
+    (placement, reach): (&HandlePlacement, f64),
 ) -> Result<IntendedPath, PathError> {
-    let site = site(task, probe, scene);
+    let mut site = site(task, probe, scene);
+    if site.size > reach {
+        (site.size, site.pivot) = (reach, placement.handle());
+    }
     IntendedPath::cycle(task.cycle(), |time| placement.device_pose(&task.pose(time, &site)))
 }
 

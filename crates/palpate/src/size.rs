@@ -11,12 +11,13 @@ use crate::object::Object;
 use crate::scene::Placed;
 use crate::settings::Settings;
 
-/// Bounding radii of objects to be felt against each other, m: the largest object of a scene may be a building.
+/// Bounding radii of objects in the hand, and of those to be felt with them, m: the largest object of a scene may be a building.
+const IN_HAND: RangeInclusive<f64> = 1e-3..=2.0;
 const IN_SCENE: RangeInclusive<f64> = 5e-4..=20.0;
 
 /// An object's size suggests that it was read in another unit than its file is in.
 ///
-/// That is a bounding radius below 0.5 mm or above 5 m, or above 20 m for an object of the scene, in the world and, by the
+/// That is a bounding radius below 1 mm or above 2 m in the hand, or below 0.5 mm or above 20 m in the scene, both in the world and, by the
 /// [workspace scale](Settings::workspace_scale), at the device.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
@@ -51,18 +52,15 @@ pub(crate) fn check_sizes<'a>(
     if settings.unusual_size {
         return Ok(());
     }
-    let scale = settings.workspace_scale;
-    let doubt = |object: &Object, radius: f64| {
-        LoadWarning::of_size(object.bounding_radius()).filter(|_| LoadWarning::of_size(radius).is_some())
-    };
-    let probes = probes.into_iter().map(|object| (object, doubt(object, object.bounding_radius() / scale)));
-    let scene = scene.iter().map(|Placed { object, .. }| {
+    let in_hand = probes.into_iter().map(|object| (object, IN_HAND));
+    let in_scene = scene.iter().map(|Placed { object, .. }| (object, IN_SCENE));
+    for (object, usual) in in_hand.chain(in_scene) {
         let radius = object.bounding_radius();
-        let usual = IN_SCENE.contains(&radius) || IN_SCENE.contains(&(radius / scale));
-        (object, doubt(object, radius / scale).filter(|_| !usual))
-    });
-    for (object, doubt) in probes.chain(scene) {
-        if let Some(LoadWarning::Units { radius, suggested }) = doubt {
+        if ![radius, radius / settings.workspace_scale].iter().any(|radius| usual.contains(radius)) {
+            let suggested = match LoadWarning::of_size(radius) {
+                Some(LoadWarning::Units { suggested, .. }) => suggested,
+                _ => None,
+            };
             return Err(UnitsError { name: object.name.clone(), radius, suggested });
         }
     }
@@ -101,7 +99,9 @@ mod tests {
         let insisted = Settings { unusual_size: true, ..Settings::default() };
         assert_eq!(check(77.7, 0.05, insisted), Ok(()));
         assert_eq!(check(0.0777, 0.05, Settings::default()), Ok(()));
-        assert!(check(1e-5, 0.05, Settings::default()).is_err());
+        for (radius, usual) in [(1e-5, false), (9e-4, false), (1.1e-3, true), (1.9, true), (2.1, false)] {
+            assert_eq!(check(radius, 0.05, Settings::default()).is_ok(), usual, "{radius} m");
+        }
     }
 
     #[test]

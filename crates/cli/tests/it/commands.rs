@@ -1228,6 +1228,33 @@ mod streams {
     }
 }
 
+/// Before the limits: 6.4 N of a hand that moved by metres.
+#[test]
+fn a_probe_in_wrong_units_starts_nothing_and_insisted_upon_pushes_from_nowhere() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    for scale in
+        [["--scale", "1000"], ["--probe-scale", "1000"], ["--probe-scale", "100"], ["--probe-scale", "0.001"]]
+    {
+        let session =
+            [&["run", "spoon-low", "ellipsoid@500", "--lockstep", "--seconds", "5"][..], &scale].concat();
+        let refused = palpate(&[&session[..], &["--record", "r.csv"]].concat(), folder);
+        let message = String::from_utf8_lossy(&refused.stderr);
+        assert!(refused.status.code() == Some(1) && message.contains("suggests a wrong unit"), "{message}");
+        assert!(!folder.join("r.csv").exists(), "something was started");
+        succeeds(&[&session[..], &["--unusual-size", "--record", "r.csv"]].concat(), folder);
+        let rows = std::fs::read_to_string(folder.join("r.csv")).expect("a recording");
+        let free = rows.lines().skip(1).filter_map(|row| {
+            let columns: Vec<f64> = row.split(',').map(|column| column.parse().expect("a number")).collect();
+            let force = columns[15..18].iter().map(|part| part * part).sum::<f64>().sqrt();
+            (columns[28] == 0.0).then_some(force)
+        });
+        let most = free.fold(0.0, f64::max);
+        assert!(most < 0.2, "{scale:?}: {most} N without contact");
+        std::fs::remove_file(folder.join("r.csv")).expect("a recording");
+    }
+}
+
 /// What is recommended renders as it is printed, fits where it is said to, and leaves detail out only for want of time.
 #[test]
 fn settings_are_recommended_that_run_takes() {
