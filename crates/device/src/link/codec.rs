@@ -34,6 +34,12 @@ pub trait Codec: Send + 'static {
     /// What its reports tell.
     type Sample: Copy + Default + Send + std::fmt::Debug + 'static;
 
+    /// A round of the pump begins at its time `now` (s), which never runs back: what follows is of this round. For devices that are to
+    /// be told something from time to time.
+    fn begin_round(&mut self, now: f64) {
+        let _ = now;
+    }
+
     /// Adds a report to what is known.
     ///
     /// # Errors
