@@ -80,9 +80,9 @@ pub trait Motion: Send {
     /// What the reports tell.
     type Sample: Copy + Default + Send + 'static;
 
-    /// Pose and twist of the handle (device axes) and the buttons at the driver's time `now` (s); `fresh` where a report came
-    /// since the last call.
-    fn advance(&mut self, sample: &Self::Sample, fresh: bool, now: f64) -> (Pose, Twist, u32);
+    /// Pose and twist of the handle (device axes) and the buttons at the driver's time `now` (s). `came` is the time (s) that the newest
+    /// report came at, at most `now`, where one came since the last call: velocities are by these, not by the times of calls.
+    fn advance(&mut self, sample: &Self::Sample, came: Option<f64>, now: f64) -> (Pose, Twist, u32);
 
     /// The device was gone: what was known of its motion says nothing now.
     fn restart(&mut self) {}

@@ -429,3 +429,28 @@ fn the_duration_is_told_in_the_devices_units() {
 }
 
 const TOO_SHORT: &str = "no force feedback device (its effects last 16.0 ms at most, and 30 ms are needed)";
+
+/// It reports every other millisecond while it is moved, and nothing at rest.
+#[test]
+fn a_stick_that_is_moved_has_a_steady_speed_and_at_rest_none() {
+    let (wire, mut pump, mut device) = linked();
+    let mut speeds = Vec::new();
+    for step in 0..400_i16 {
+        let now = 1e-3 * f64::from(step);
+        if step % 2 == 0 && step < 200 {
+            let [low, high] = (65 * step).to_le_bytes();
+            wire.send(&[1, low, high, 0, 0, 0]);
+        }
+        pump.round(now);
+        let state = device.read(now + 1e-4 * f64::from(step * 7 % 10)).unwrap();
+        assert!(state.status.is_ok() && state.time <= now + 1e-3, "{state:?}");
+        speeds.push(state.twist.linear.x);
+    }
+    // 65 counts of 1.5 µm a millisecond.
+    let speed = 65.0 * 0.1 / 65.534;
+    let (low, high) = speeds[20..200]
+        .iter()
+        .fold((f64::INFINITY, 0.0_f64), |(low, high), speed| (low.min(*speed), high.max(*speed)));
+    assert!(low > 0.98 * speed && high < 1.02 * speed, "{low} to {high} m/s, where it is {speed} m/s");
+    assert_eq!(speeds[220..], [0.0; 180], "at rest");
+}

@@ -17,7 +17,9 @@ use palpate_core::{Pose, Twist, Wrench};
 
 use self::layout::{AXES, EFFECT_DURATION, Form, Layout};
 use super::LONGEST;
-use crate::link::{Codec, LONGEST_REPORT, Link, Malformed, Motion, Report, Transport, TransportError};
+use crate::link::{
+    Codec, LONGEST_REPORT, Link, Malformed, Motion, RESTING, Report, Transport, TransportError,
+};
 use crate::velocity::AdaptiveWindow;
 use crate::{Axes, Specification};
 
@@ -250,15 +252,22 @@ pub struct StickMotion {
     velocity: AdaptiveWindow,
     place: DVec3,
     twist: Twist,
+    /// When the last report came, s.
+    heard: f64,
 }
 
 impl Motion for StickMotion {
     type Sample = Stick;
 
-    fn advance(&mut self, sample: &Stick, _: bool, now: f64) -> (Pose, Twist, u32) {
-        let [x, y] = sample.axes.map(f64::from);
-        self.place = DVec3::new(SIGNS[0] * x, SIGNS[1] * y, 0.0) * TRAVEL;
-        self.twist = Twist::new(self.velocity.push(now, self.place), DVec3::ZERO);
+    fn advance(&mut self, sample: &Stick, came: Option<f64>, now: f64) -> (Pose, Twist, u32) {
+        if let Some(time) = came {
+            let [x, y] = sample.axes.map(f64::from);
+            self.place = DVec3::new(SIGNS[0] * x, SIGNS[1] * y, 0.0) * TRAVEL;
+            self.twist = Twist::new(self.velocity.push(time, self.place), DVec3::ZERO);
+            self.heard = time;
+        } else if now - self.heard > RESTING {
+            self.twist = Twist::ZERO;
+        }
         (Pose::from_translation(self.place), self.twist, sample.buttons)
     }
 
@@ -305,6 +314,7 @@ impl Link<PidCodec, StickMotion> {
                 velocity: AdaptiveWindow::new(step),
                 place: DVec3::ZERO,
                 twist: Twist::ZERO,
+                heard: f64::NEG_INFINITY,
             },
             codec,
             specification,
