@@ -28,6 +28,7 @@ mod representatives;
 mod safety;
 mod scene;
 mod stages;
+mod stale_reports;
 mod textured_backends;
 mod textured_blocks;
 mod textured_plate;
