@@ -7,6 +7,7 @@ mod collision_events;
 mod conservative;
 mod contact_query;
 mod contact_state;
+mod cruel_wire;
 mod delays;
 mod devices;
 mod faults;

@@ -1,0 +1,224 @@
+//! The whole way from the bytes of a device's reports to the force on the hand, over a wire that is cruel to them.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use palpate::device::HapticDevice;
+use palpate::device::link::Pump;
+use palpate::dynamics::{ContactParameters, Friction, LinearContactModel};
+use palpate::glam::DVec3;
+use palpate::{Contact, ContactUpdate, Events, HapticLoop, HapticRenderer, Scene, Settings};
+use palpate_tests::cruel_wire::{CruelWire, Cruelty, Findings, HandCodec, Sabotage, Trouble};
+use palpate_tests::model;
+
+const PERIOD: f64 = 1e-3;
+/// The slew that the loop is asked for, N/s.
+const SLEW: f64 = 400.0;
+/// Stiffness of the coupling, N/m: more than is chosen for so late a device.
+const STIFFNESS: f64 = 400.0;
+/// Depth of a floor of 2 kN/m under where the hand begins, m.
+const FLOOR: f64 = 4e-3;
+/// Most periods that a step makes up for.
+const MOST_PERIODS: f64 = 5.0;
+
+/// A host's loop with a device over a cruel wire, and a contact query that finds a floor.
+struct Rig {
+    wire: CruelWire,
+    haptic: HapticLoop,
+    device: Box<dyn HapticDevice>,
+    /// Height of the floor, m.
+    floor: f64,
+    /// Time of the last step, s.
+    stepped: f64,
+}
+
+impl Rig {
+    fn new(wire: CruelWire, device: Box<dyn HapticDevice>) -> Self {
+        let settings =
+            Settings { coupling_stiffness: Some(STIFFNESS), force_slew: Some(SLEW), ..Settings::default() };
+        let renderer = HapticRenderer::new(model("ellipsoid@500"), Scene::new(), device, settings);
+        let (haptic, _, device) = renderer.expect("a renderer").into_loops();
+        let floor = haptic.body_state().pose.translation.z - FLOOR;
+        Self { wire, haptic, device, floor, stepped: f64::NEG_INFINITY }
+    }
+
+    /// What a contact query finds under the object's centre of mass.
+    fn query(&self, now: f64) -> ContactUpdate {
+        let center = self.haptic.body_state().pose;
+        let point = center.translation;
+        let depth = self.floor - point.z;
+        let contact = Contact { point, scene_point: point + DVec3::Z * depth, normal: DVec3::NEG_Z, depth };
+        let parameters =
+            ContactParameters { stiffness: 2000.0, damping: 20.0, tolerance: 0.0, friction: Friction::NONE };
+        let model = LinearContactModel::from_contacts([contact], &center, &parameters, now);
+        ContactUpdate { model, time: now, depth, contacts: 1 }
+    }
+
+    fn step(&mut self, now: f64) {
+        let dt = (now - self.stepped).min(MOST_PERIODS * PERIOD);
+        self.stepped = now;
+        let update = self.query(now);
+        self.haptic.update_contacts(&update);
+        self.haptic.step_device(&mut *self.device, now, dt);
+        self.wire.note_step();
+    }
+}
+
+/// What a run came to.
+struct Outcome {
+    findings: Findings,
+    events: Events,
+    /// What was broken of the engine's own invariants, and in words.
+    broken: u64,
+    invariants: String,
+}
+
+const SECONDS: f64 = 3.0;
+/// Milliseconds before the loop begins.
+const FIRST: u32 = 20;
+
+/// In simulated time, a millisecond after the other.
+fn lockstep(cruelty: &Cruelty, sabotage: Sabotage, seed: u64) -> Outcome {
+    let wire = CruelWire::new(cruelty.clone(), sabotage, seed, SECONDS, SLEW);
+    let other = wire.clone();
+    let (mut pump, device): (Pump<HandCodec>, _) = wire.link().split(move || other.open());
+    // Before its first report there is no device to make a loop for.
+    for tick in 1..=FIRST {
+        wire.advance(PERIOD * f64::from(tick));
+        pump.round(PERIOD * f64::from(tick));
+    }
+    let mut rig = Rig::new(wire, Box::new(device));
+    for tick in FIRST + 1..=(SECONDS / PERIOD) as u32 {
+        let now = PERIOD * f64::from(tick);
+        rig.wire.advance(now);
+        if !rig.wire.has(Trouble::PumpStalls) {
+            pump.round(now);
+        }
+        if !rig.wire.has(Trouble::LoopStalls) {
+            rig.step(now);
+        }
+    }
+    Outcome {
+        findings: rig.wire.findings(),
+        events: rig.haptic.telemetry().events,
+        broken: rig.haptic.invariants().broken(),
+        invariants: rig.haptic.invariants().to_string(),
+    }
+}
+
+/// A wire with the delays of a good one.
+fn mild() -> Cruelty {
+    Cruelty { latency: (3e-4, 5e-4), ..Cruelty::default() }
+}
+
+fn cruelties() -> Vec<(&'static str, Cruelty)> {
+    let troubled = |trouble| Cruelty { troubles: vec![trouble], ..mild() };
+    vec![
+        ("mild", mild()),
+        ("late", Cruelty { latency: (3e-3, 3e-3), ..mild() }),
+        ("uneven", Cruelty { jitter: 2.5e-3, ..mild() }),
+        ("lossy", Cruelty { lost: 0.3, ..mild() }),
+        ("overtaken", Cruelty { overtaken: 0.1, ..mild() }),
+        ("doubled", Cruelty { doubled: 0.3, ..mild() }),
+        ("cut", Cruelty { cut: 0.2, ..mild() }),
+        ("flipped", Cruelty { flipped: 0.2, ..mild() }),
+        ("flipped, unchecked", Cruelty { flipped: 0.05, unchecked: true, ..mild() }),
+        ("failing writes", Cruelty { failing: 0.2, ..mild() }),
+        ("fast clock", Cruelty { clock_rate: 0.02, ..mild() }),
+        ("slow clock", Cruelty { clock_rate: -0.3, ..mild() }),
+        ("clock that jumps", Cruelty { clock_jumps: 5.0, ..mild() }),
+        ("silent", troubled(Trouble::Silent)),
+        ("deaf", troubled(Trouble::Deaf)),
+        ("wrong units", troubled(Trouble::Millimetres)),
+        ("unplugged", troubled(Trouble::Unplugged)),
+        ("loop stalls", troubled(Trouble::LoopStalls)),
+        ("pump stalls", troubled(Trouble::PumpStalls)),
+        ("all", all()),
+    ]
+}
+
+fn all() -> Cruelty {
+    Cruelty {
+        jitter: 1.5e-3,
+        lost: 0.05,
+        doubled: 0.1,
+        overtaken: 0.02,
+        cut: 0.02,
+        flipped: 0.05,
+        failing: 0.02,
+        clock_rate: 5e-3,
+        clock_jumps: 1.0,
+        troubles: vec![
+            Trouble::Silent,
+            Trouble::Deaf,
+            Trouble::Millimetres,
+            Trouble::Unplugged,
+            Trouble::LoopStalls,
+            Trouble::PumpStalls,
+        ],
+        ..mild()
+    }
+}
+
+/// The hand goes no faster: its path asks for 0.05 m/s.
+const FASTEST: f64 = 1.5;
+
+#[test]
+fn no_cruelty_in_lockstep_hurts_the_hand() {
+    for (name, cruelty) in cruelties() {
+        for seed in 1..=5 {
+            let Outcome { findings, events, broken, invariants } =
+                lockstep(&cruelty, Sabotage::default(), seed);
+            eprintln!(
+                "{name} {seed}: most {:.2} fastest {:.2} force {:.2} taken {} drop {} wh {} ref {} jmp {} stale {} late {} run {} en {} reb {} {:?}",
+                findings.most,
+                findings.fastest,
+                findings.force.z,
+                findings.taken,
+                findings.dropouts,
+                events.withheld,
+                events.device_refused,
+                events.device_jumped,
+                events.device_stale,
+                events.late,
+                events.runaway,
+                events.energy_created,
+                events.rebased,
+                findings.broken
+            );
+            assert_eq!(broken, 0, "{name}, seed {seed}: {invariants}");
+            assert!(findings.broken.is_empty(), "{name}, seed {seed}: {:?}", findings.broken);
+            assert!(findings.fastest < FASTEST, "{name}, seed {seed}: {} m/s", findings.fastest);
+            assert!(findings.force.z > 0.5, "{name}, seed {seed}: {} N from the floor", findings.force);
+        }
+    }
+}
+
+/// Without any cruelty nothing is withheld, and the floor is felt.
+#[test]
+fn a_mild_wire_is_felt_without_a_fault() {
+    let Outcome { findings, events, .. } = lockstep(&mild(), Sabotage::default(), 1);
+    assert_eq!(
+        (findings.dropouts, events.withheld, events.device_refused, events.device_jumped),
+        (0, 0, 0, 0)
+    );
+    assert!(findings.most > 1.0 && findings.force.z > 1.0, "{} N, {} N", findings.most, findings.force);
+}
+
+/// The watch at the hand sees what a host or a device does wrong.
+#[test]
+fn the_watch_sees_what_is_wrong() {
+    let broken = |trouble, sabotage| {
+        let cruelty = Cruelty { troubles: vec![trouble], ..mild() };
+        let runs = (1..=3).map(|seed| lockstep(&cruelty, sabotage, seed).findings.broken);
+        runs.flat_map(BTreeMap::into_keys).collect::<BTreeSet<_>>()
+    };
+    let stubborn = Sabotage { stubborn: true, ..Sabotage::default() };
+    let seen = broken(Trouble::Silent, stubborn);
+    assert!(seen.contains("long after the last report"), "{seen:?}");
+    let seen = broken(Trouble::LoopStalls, stubborn);
+    assert!(seen.contains("long after the last step"), "{seen:?}");
+    let seen = broken(Trouble::Silent, Sabotage { hundredfold: true, ..Sabotage::default() });
+    assert!(seen.contains("grows faster than the slew") && seen.contains("above the peak"), "{seen:?}");
+    let seen = broken(Trouble::PumpStalls, Sabotage { keeps: true, ..Sabotage::default() });
+    assert!(seen.contains("kept by the device"), "{seen:?}");
+}
