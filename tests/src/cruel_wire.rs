@@ -43,8 +43,12 @@ pub enum Trouble {
     Deaf,
     /// It sends its place in mm.
     Millimetres,
+    /// It sends any bits as its place, with a checksum that is right.
+    Nonsense,
     /// It is unplugged.
     Unplugged,
+    /// The hand lets go of the handle.
+    LetsGo,
     /// The host's haptic thread does nothing.
     LoopStalls,
     /// The host's pump does nothing.
@@ -255,9 +259,10 @@ impl Hand {
         DVec3::new(x, 0.0, z)
     }
 
-    fn step(&mut self, wanted: DVec3, force: DVec3) {
-        let grip = self.stiffness * (wanted - self.place) - self.damping * self.velocity;
-        self.velocity += (grip + force) / self.mass * STEP;
+    /// A step with a share of the grip.
+    fn step(&mut self, wanted: DVec3, grip: f64, force: DVec3) {
+        let held = self.stiffness * (wanted - self.place) - self.damping * self.velocity;
+        self.velocity += (grip * held + force) / self.mass * STEP;
         self.place += self.velocity * STEP;
     }
 }
@@ -285,9 +290,11 @@ pub struct Findings {
     pub taken: u64,
     /// How often a force of more than 0.2 N became nothing at once.
     pub dropouts: u64,
-    /// Times from the haptic loop's last step to a write, ns.
+    /// The largest force that the device took first after it had let go by itself, N: of that the host may know nothing.
+    pub regained: f64,
+    /// Times from the haptic loop's last step to the write of a force, ns.
     pub ages: Times,
-    /// Times between forces that reached the device, ns.
+    /// Times from a force that reached the device to the next, ns.
     pub gaps: Times,
 }
 
@@ -306,6 +313,8 @@ struct Taken {
     sent: f64,
     arrived: f64,
     force: DVec3,
+    /// Whether the device has let go of it by itself.
+    let_go: bool,
 }
 
 /// Everything beyond the host's end of the wire.
@@ -386,7 +395,8 @@ impl World {
                 self.take(&flight);
             }
             self.let_go();
-            self.hand.step(Hand::wanted(self.now, self.press), self.force);
+            let grip = if self.has(Trouble::LetsGo) { 0.0 } else { 1.0 };
+            self.hand.step(Hand::wanted(self.now, self.press), grip, self.force);
             self.report();
             self.watch();
         }
@@ -414,7 +424,9 @@ impl World {
             if grown > allowed + ROUNDING {
                 findings.note("grows faster than the slew", grown / allowed);
             }
-            findings.gaps.record(((self.now - last.arrived) * 1e9) as u64);
+            if self.force != DVec3::ZERO {
+                findings.gaps.record(((self.now - last.arrived) * 1e9) as u64);
+            }
         }
         if !force.is_finite() {
             findings.note("not finite", 1.0);
@@ -422,9 +434,12 @@ impl World {
         if force.length() > self.peak * (1.0 + ROUNDING) {
             findings.note("above the peak", force.length());
         }
+        if self.taken.is_some_and(|last| last.let_go) {
+            findings.regained = findings.regained.max(force.length());
+        }
         findings.taken += 1;
         self.feel(force);
-        self.taken = Some(Taken { counter, sent, arrived: self.now, force });
+        self.taken = Some(Taken { counter, sent, arrived: self.now, force, let_go: false });
     }
 
     fn feel(&mut self, force: DVec3) {
@@ -440,7 +455,7 @@ impl World {
         if (waited > DEVICE_TIMEOUT || unplugged) && !self.sabotage.keeps {
             self.feel(DVec3::ZERO);
             if let Some(taken) = &mut self.taken {
-                taken.force = DVec3::ZERO;
+                (taken.force, taken.let_go) = (DVec3::ZERO, true);
             }
         }
     }
@@ -463,7 +478,11 @@ impl World {
         self.counter = self.counter.wrapping_add(1);
         let mut bytes = self.counter.to_le_bytes().to_vec();
         bytes.extend(((self.clock * 1e6) as i64 as u32).to_le_bytes());
-        put(&mut bytes, unit * self.hand.place);
+        if self.has(Trouble::Nonsense) {
+            bytes.extend((0..12).map(|_| self.rng.random_range(0..=u8::MAX)));
+        } else {
+            put(&mut bytes, unit * self.hand.place);
+        }
         let flights = self.carry(sealed(bytes), latency.0);
         let room = WAITING - self.to_host.len().min(WAITING);
         self.to_host.extend(flights.into_iter().take(room));
@@ -650,7 +669,9 @@ impl Transport for CruelWire {
             return Err(TransportError::Failed);
         }
         let age = world.now - world.stepped;
-        world.findings.ages.record((age * 1e9) as u64);
+        if report.len() == COMMAND && vector(report, 2) != DVec3::ZERO {
+            world.findings.ages.record((age * 1e9) as u64);
+        }
         let latency = world.cruelty.latency.1;
         let flights = world.carry(report.to_vec(), latency);
         world.to_device.extend(flights);
