@@ -15,6 +15,12 @@ const BELIEVED: u32 = 5;
 /// comes.
 const LONGEST_HOLD: f64 = 0.01;
 const LONGEST_STALE: f64 = 0.025;
+/// Good readings that it takes to make up for a refused one; how many that are wanting make the device lost, and the most that are held
+/// against it, by which it is believed after ten readings in a row. A device that talks nonsense now and then says something that a hand
+/// could have done: that is not to be trusted.
+const AMENDS: u32 = 4;
+const DOUBTED: u32 = 6 * AMENDS;
+const MOST_DOUBT: u32 = 10 * AMENDS;
 /// The velocity is that of readings at least this part of a period apart: the stamps of two that came at once say nothing of it.
 const CLOSEST: f64 = 0.25;
 /// Velocities below these are none, m/s and rad/s: a lag lets them halve for ever.
@@ -49,6 +55,8 @@ pub(crate) struct Tracking {
     stamped: bool,
     /// Whether it counts as lost.
     lost: bool,
+    /// Good readings that are wanting to make up for refused ones.
+    doubt: u32,
     /// A place that the device jumped to, and how many readings were there.
     suspect: Option<(Pose, u32)>,
     /// Lags of the velocity and the angular velocity, s; 0 takes the device's own.
@@ -67,6 +75,7 @@ impl Tracking {
             started: false,
             stamped: false,
             lost: false,
+            doubt: 0,
             suspect: None,
             lags,
             lagged: Twist::ZERO,
@@ -116,7 +125,7 @@ impl Tracking {
         };
         if !(state.pose.is_valid() && state.twist.is_finite()) {
             events.device_refused += 1;
-            return self.hold();
+            return self.refuse();
         }
         if self.is_stale(state) {
             events.device_stale += 1;
@@ -129,6 +138,10 @@ impl Tracking {
         let jumped = self.started && !reachable(&moved, blind);
         if jumped && !self.believe(&state.pose) {
             events.device_jumped += 1;
+            return self.refuse();
+        }
+        self.doubt = if jumped { 0 } else { self.doubt.saturating_sub(1) };
+        if self.doubt >= DOUBTED {
             return self.hold();
         }
         let between = self.between(state, blind);
@@ -165,6 +178,13 @@ impl Tracking {
         time.max(CLOSEST * self.period)
     }
 
+    /// Takes no reading, and the device is trusted less.
+    fn refuse(&mut self) -> Reading {
+        self.doubt = (self.doubt + AMENDS).min(MOST_DOUBT);
+        self.lost |= self.doubt >= DOUBTED;
+        self.hold()
+    }
+
     fn hold(&mut self) -> Reading {
         self.state.twist = Twist::ZERO;
         self.lagged = Twist::ZERO;
@@ -179,7 +199,7 @@ impl Tracking {
             _ => 1,
         };
         self.suspect = Some((*pose, count));
-        count >= BELIEVED
+        count >= BELIEVED.max(self.doubt / AMENDS)
     }
 }
 
