@@ -272,6 +272,8 @@ impl Hand {
 struct Flight {
     sent: f64,
     arrives: f64,
+    /// Whether it says what is so.
+    right: bool,
     bytes: Vec<u8>,
 }
 
@@ -339,7 +341,7 @@ struct World {
     to_host: Vec<Flight>,
     to_device: Vec<Flight>,
     troubles: Vec<(Trouble, f64, f64)>,
-    /// When the host last had a report that is whole, and when its haptic loop last stepped, s.
+    /// When the host last had a report that is whole and right, and when its haptic loop last stepped, s.
     heard: f64,
     stepped: f64,
     findings: Findings,
@@ -371,13 +373,14 @@ impl World {
         if self.chance(cut) {
             bytes.truncate(bytes.len() / 2);
         }
+        let wrong = self.has(Trouble::Millimetres) || self.has(Trouble::Nonsense);
         let copies = 1 + usize::from(self.chance(doubled));
         (0..copies)
             .map(|_| {
                 let detour = if self.chance(overtaken) { LONGEST_DETOUR } else { 0.0 };
                 let longer = self.rng.random_range(0.0..=1.0);
                 let arrives = self.now + latency + longer * (jitter + detour);
-                Flight { sent: self.now, arrives, bytes: bytes.clone() }
+                Flight { sent: self.now, arrives, right: !wrong, bytes: bytes.clone() }
             })
             .collect()
     }
@@ -644,8 +647,8 @@ impl Transport for CruelWire {
                 return Err(TransportError::Disconnected);
             }
             let now = world.now;
-            if let Some(Flight { bytes, .. }) = World::arrived(&mut world.to_host, now) {
-                if bytes.len() == REPORT && is_sealed(&bytes) {
+            if let Some(Flight { bytes, right, .. }) = World::arrived(&mut world.to_host, now) {
+                if right && bytes.len() == REPORT && is_sealed(&bytes) {
                     world.heard = now;
                 }
                 report[..bytes.len()].copy_from_slice(&bytes);
