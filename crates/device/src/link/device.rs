@@ -15,6 +15,8 @@ use super::pump::{News, Order};
 use crate::clip::clipped;
 use crate::{DeviceError, DeviceState, HapticDevice, Specification, Status};
 
+/// Beyond so many radii of the workspace is no place of a handle: mm are taken for m, or encoders have lost count.
+const FARTHEST: f64 = 4.0;
 /// How long closing waits for the pump to write its last reports.
 const FAREWELL: Duration = Duration::from_millis(200);
 
@@ -104,7 +106,8 @@ impl<M: Motion> HapticDevice for LinkedDevice<M> {
         if news.withheld > std::mem::replace(&mut self.withheld, news.withheld) {
             status |= Status::WITHHELD;
         }
-        if pose.is_valid() && twist.is_finite() {
+        let far = pose.translation.length() > FARTHEST * self.specification.workspace_radius;
+        if pose.is_valid() && twist.is_finite() && !far {
             self.moves_alone |= !fresh && pose != self.state.pose;
             let time = if self.is_of_report() { self.arrived } else { self.now };
             let time = time.max(self.state.time);

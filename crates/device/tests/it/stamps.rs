@@ -1,9 +1,10 @@
 //! Readings are stamped with the time that their report came at, and velocities are by these stamps: a device that reports less often
 //! than it is read, or is read at uneven times, has the velocity that it has.
 
+use palpate_device::haply::inverse3;
 use palpate_device::hid::{EncodedMotion, WoodenHapticsCodec, WoodenHapticsModel};
 use palpate_device::link::{Codec, FakeWire, Link, Motion};
-use palpate_device::{DeviceState, HapticDevice as _};
+use palpate_device::{DeviceState, HapticDevice as _, Status};
 
 /// States of a device that moves steadily and reports every `every` ms, read each ms, late by `late` (s).
 fn states<C: Codec, M: Motion<Sample = C::Sample>>(
@@ -69,4 +70,25 @@ fn uneven_times_of_reading_give_no_ripple() {
     let late = |step: i16| 1e-4 * f64::from(step * 7 % 10);
     assert_steady(&states(wooden(), 1, encoders, late));
     assert_steady(&states(wooden(), 2, encoders, late));
+}
+
+/// A place in mm for m, say, or of encoders that have lost count.
+#[test]
+fn a_place_that_is_far_outside_the_workspace_is_none() {
+    let wire = FakeWire::new();
+    let other = wire.clone();
+    let (mut pump, mut device) = inverse3().split(move || Some(Box::new(other.open()?)));
+    let mut read = |step: u32, x: f32| {
+        let numbers = [x, -0.17, 0.16, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0].map(f32::to_le_bytes);
+        wire.send(&[&numbers.concat()[..], &[0; 4], &[1]].concat());
+        pump.round(1e-3 * f64::from(step));
+        device.read(1e-3 * f64::from(step)).unwrap()
+    };
+    let before = read(1, 0.05);
+    assert!(before.status.is_ok(), "{before:?}");
+    let edge = read(2, 0.35);
+    assert!(edge.status == Status::OUTSIDE_WORKSPACE && edge.pose != before.pose, "{edge:?}");
+    let far = read(3, 50.0);
+    assert!(far.status.contains(Status::HELD) && far.pose == edge.pose && far.time == edge.time, "{far:?}");
+    assert!(read(4, 0.05).status.is_ok());
 }
