@@ -15,12 +15,12 @@ const BELIEVED: u32 = 5;
 /// comes.
 const LONGEST_HOLD: f64 = 0.01;
 const LONGEST_STALE: f64 = 0.025;
-/// Good readings that it takes to make up for a refused one; how many that are wanting make the device lost, and the most that are held
-/// against it, by which it is believed after ten readings in a row. A device that talks nonsense now and then says something that a hand
-/// could have done: that is not to be trusted.
-const AMENDS: u32 = 4;
-const DOUBTED: u32 = 6 * AMENDS;
-const MOST_DOUBT: u32 = 10 * AMENDS;
+/// A device that talks nonsense now and then says something that a hand could have done, which is not to be trusted: the time with refused
+/// readings counts so many times against that with good ones, and these are not taken where as much of it is left as the longest hold
+/// makes, s; no more is kept in mind than the latter, s.
+const AMENDS: f64 = 4.0;
+const DOUBTED: f64 = AMENDS * LONGEST_HOLD;
+const MOST_DOUBT: f64 = 1.5 * DOUBTED;
 /// The velocity is that of readings at least this part of a period apart: the stamps of two that came at once say nothing of it.
 const CLOSEST: f64 = 0.25;
 /// Velocities below these are none, m/s and rad/s: a lag lets them halve for ever.
@@ -55,8 +55,8 @@ pub(crate) struct Tracking {
     stamped: bool,
     /// Whether it counts as lost.
     lost: bool,
-    /// Good readings that are wanting to make up for refused ones.
-    doubt: u32,
+    /// Time with good readings that is wanting to make up for refused ones, s.
+    doubt: f64,
     /// A place that the device jumped to, and how many readings were there.
     suspect: Option<(Pose, u32)>,
     /// Lags of the velocity and the angular velocity, s; 0 takes the device's own.
@@ -75,7 +75,7 @@ impl Tracking {
             started: false,
             stamped: false,
             lost: false,
-            doubt: 0,
+            doubt: 0.0,
             suspect: None,
             lags,
             lagged: Twist::ZERO,
@@ -115,7 +115,8 @@ impl Tracking {
 
     /// Takes a reading that comes `elapsed` seconds after the one before, or counts why it was not taken.
     pub fn take(&mut self, device: Option<&DeviceState>, elapsed: f64, events: &mut Events) -> Reading {
-        self.blind += if elapsed > 0.0 && elapsed.is_finite() { elapsed } else { 0.0 };
+        let elapsed = if elapsed > 0.0 && elapsed.is_finite() { elapsed } else { 0.0 };
+        self.blind += elapsed;
         self.displacement = Twist::ZERO;
         let Some(state) = device else {
             events.device_refused += 1;
@@ -123,24 +124,25 @@ impl Tracking {
             self.lost = true;
             return self.hold();
         };
-        if !(state.pose.is_valid() && state.twist.is_finite()) {
+        // What the driver holds is not what the device says.
+        let held = state.status.contains(Status::HELD);
+        if held || !(state.pose.is_valid() && state.twist.is_finite()) {
             events.device_refused += 1;
-            return self.refuse();
+            return self.refuse(elapsed);
         }
         if self.is_stale(state) {
             events.device_stale += 1;
             return if self.lost || self.blind > LONGEST_STALE { self.hold() } else { Reading::Stale };
         }
-        events.device_refused += u64::from(state.status.contains(Status::HELD));
         events.device_ended += u64::from(state.status.contains(Status::ENDED));
         let blind = self.blind.max(self.period);
         let moved = moved(&self.state.pose, &state.pose);
         let jumped = self.started && !reachable(&moved, blind);
         if jumped && !self.believe(&state.pose) {
             events.device_jumped += 1;
-            return self.refuse();
+            return self.refuse(elapsed);
         }
-        self.doubt = if jumped { 0 } else { self.doubt.saturating_sub(1) };
+        self.doubt = if jumped { 0.0 } else { (self.doubt - elapsed).max(0.0) };
         if self.doubt >= DOUBTED {
             return self.hold();
         }
@@ -179,9 +181,8 @@ impl Tracking {
     }
 
     /// Takes no reading, and the device is trusted less.
-    fn refuse(&mut self) -> Reading {
-        self.doubt = (self.doubt + AMENDS).min(MOST_DOUBT);
-        self.lost |= self.doubt >= DOUBTED;
+    fn refuse(&mut self, elapsed: f64) -> Reading {
+        self.doubt = (self.doubt + AMENDS * elapsed).min(MOST_DOUBT);
         self.hold()
     }
 
@@ -199,7 +200,7 @@ impl Tracking {
             _ => 1,
         };
         self.suspect = Some((*pose, count));
-        count >= BELIEVED.max(self.doubt / AMENDS)
+        count >= BELIEVED.max((self.doubt / (AMENDS * self.period)) as u32)
     }
 }
 

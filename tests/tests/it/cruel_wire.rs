@@ -229,10 +229,10 @@ fn in_real_time(cruelty: &Cruelty, seed: u64) -> Outcome {
     })
 }
 
-const SEEDS: u64 = 40;
+const SEEDS: u64 = 5;
 
 /// The hand goes no faster: its path asks for 0.05 m/s.
-const FASTEST: f64 = 1.5;
+const FASTEST: f64 = 0.8;
 
 #[test]
 fn no_cruelty_in_lockstep_hurts_the_hand() {
@@ -240,24 +240,6 @@ fn no_cruelty_in_lockstep_hurts_the_hand() {
         for seed in 1..=SEEDS {
             let Outcome { findings, events, broken, invariants } =
                 lockstep(&cruelty, Sabotage::default(), seed);
-            eprintln!(
-                "{name} {seed}: most {:.2} fastest {:.2} force {:.2} taken {} drop {} wh {} ref {} jmp {} stale {} late {} run {} en {} reb {} reg {:.2} {:?}",
-                findings.most,
-                findings.fastest,
-                findings.force.z,
-                findings.taken,
-                findings.dropouts,
-                events.withheld,
-                events.device_refused,
-                events.device_jumped,
-                events.device_stale,
-                events.late,
-                events.runaway,
-                events.energy_created,
-                events.rebased,
-                findings.regained,
-                findings.broken
-            );
             assert_eq!(broken, 0, "{name}, seed {seed}: {invariants}");
             assert!(findings.broken.is_empty(), "{name}, seed {seed}: {:?}", findings.broken);
             assert!(findings.fastest < FASTEST, "{name}, seed {seed}: {} m/s", findings.fastest);
