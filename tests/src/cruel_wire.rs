@@ -82,9 +82,16 @@ pub struct Cruelty {
     pub troubles: Vec<Trouble>,
     /// The host does not check what the device sends.
     pub unchecked: bool,
+    /// Steps of the host's haptic loop that are left out after each.
+    pub left_out: u32,
 }
 
 impl Cruelty {
+    /// Milliseconds from one step of the host's haptic loop to the next.
+    pub fn every(&self) -> u32 {
+        1 + self.left_out
+    }
+
     /// The longest that the wire's way to the device takes, s.
     fn longest_way(&self) -> f64 {
         self.latency.1 + self.jitter + if self.overtaken > 0.0 { LONGEST_DETOUR } else { 0.0 }
@@ -421,8 +428,9 @@ impl World {
             if !is_ahead(counter, last.counter) {
                 return;
             }
-            // A force was computed up to a period before it was sent.
-            let allowed = self.slew * (sent - last.sent + REPORT_PERIOD);
+            // A force was computed up to a step before it was sent, and grows by a step's at once.
+            let step = 1e-3 * f64::from(self.cruelty.every());
+            let allowed = self.slew * (sent - last.sent + step);
             let grown = grown(force, last.force);
             if grown > allowed + ROUNDING {
                 findings.note("grows faster than the slew", grown / allowed);

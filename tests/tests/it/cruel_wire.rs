@@ -15,7 +15,7 @@ use palpate_tests::model;
 
 const PERIOD: f64 = 1e-3;
 /// The slew that the loop is asked for, N/s.
-const SLEW: f64 = 400.0;
+const SLEW: f64 = 200.0;
 /// Stiffness of the coupling, N/m: more than is chosen for so late a device.
 const STIFFNESS: f64 = 400.0;
 /// Depth of a floor of 2 kN/m under where the hand begins, m.
@@ -30,18 +30,23 @@ struct Rig {
     device: Box<dyn HapticDevice>,
     /// Height of the floor, m.
     floor: f64,
-    /// Time of the last step, s.
+    /// Of the loop, and the time of the last step, s.
+    period: f64,
     stepped: f64,
 }
 
 impl Rig {
-    fn new(wire: CruelWire, device: Box<dyn HapticDevice>) -> Self {
-        let settings =
-            Settings { coupling_stiffness: Some(STIFFNESS), force_slew: Some(SLEW), ..Settings::default() };
+    fn new(wire: CruelWire, device: Box<dyn HapticDevice>, period: f64) -> Self {
+        let settings = Settings {
+            rate: 1.0 / period,
+            coupling_stiffness: Some(STIFFNESS),
+            force_slew: Some(SLEW),
+            ..Settings::default()
+        };
         let renderer = HapticRenderer::new(model("ellipsoid@500"), Scene::new(), device, settings);
         let (haptic, _, device) = renderer.expect("a renderer").into_loops();
         let floor = haptic.body_state().pose.translation.z - FLOOR;
-        Self { wire, haptic, device, floor, stepped: f64::NEG_INFINITY }
+        Self { wire, haptic, device, floor, period, stepped: f64::NEG_INFINITY }
     }
 
     /// What a contact query finds under the object's centre of mass.
@@ -57,7 +62,7 @@ impl Rig {
     }
 
     fn step(&mut self, now: f64) {
-        let dt = (now - self.stepped).min(MOST_PERIODS * PERIOD);
+        let dt = (now - self.stepped).min(MOST_PERIODS * self.period);
         self.stepped = now;
         let update = self.query(now);
         self.haptic.update_contacts(&update);
@@ -127,14 +132,14 @@ fn lockstep_with(
         wire.advance(PERIOD * f64::from(tick));
         pump.round(PERIOD * f64::from(tick));
     }
-    let mut rig = Rig::new(wire, wrap(device));
+    let mut rig = Rig::new(wire, wrap(device), PERIOD * f64::from(cruelty.every()));
     for tick in FIRST + 1..=(SECONDS / PERIOD) as u32 {
         let now = PERIOD * f64::from(tick);
         rig.wire.advance(now);
         if !rig.wire.has(Trouble::PumpStalls) {
             pump.round(now);
         }
-        if !rig.wire.has(Trouble::LoopStalls) {
+        if tick % cruelty.every() == 0 && !rig.wire.has(Trouble::LoopStalls) {
             rig.step(now);
         }
     }
@@ -171,6 +176,8 @@ fn cruelties() -> Vec<(&'static str, Cruelty)> {
         ("loop stalls", troubled(Trouble::LoopStalls)),
         ("pump stalls", troubled(Trouble::PumpStalls)),
         ("all", all()),
+        ("lossy, slow loop", Cruelty { lost: 0.3, left_out: 2, ..mild() }),
+        ("all, slow loop", Cruelty { left_out: 2, ..all() }),
     ]
 }
 
@@ -205,7 +212,7 @@ fn in_real_time(cruelty: &Cruelty, seed: u64) -> Outcome {
     wire.run();
     let other = wire.clone();
     let device = wire.link().spawn(move || other.open()).expect("a thread");
-    let mut rig = Rig::new(wire, Box::new(device));
+    let mut rig = Rig::new(wire, Box::new(device), PERIOD);
     let ended = AtomicBool::new(false);
     std::thread::scope(|scope| {
         for _ in 0..2 {
