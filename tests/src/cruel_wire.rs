@@ -1,9 +1,10 @@
 //! A device behind a wire that is cruel to what it carries, and a hand with mass behind the device: for tests of the whole way from a
 //! report's bytes to the force on the hand.
 //!
-//! The device samples the hand by a clock of its own and sends its place in bytes with a counter and a checksum; the host answers with a
-//! force in bytes. Both ways a report may be late, lost, doubled, overtaken, cut in half or have bits flipped, by a [`Cruelty`]. The device
-//! lets go where it has heard of no report for [`DEVICE_TIMEOUT`], as real ones do. What reaches the hand is watched ([`Findings`]).
+//! The device samples the hand by a clock of its own and sends its place in bytes with a counter and a checksum; the host answers with
+//! a force in bytes. Both ways a report may be late, lost, doubled, overtaken, cut in half or have bits flipped, by a [`Cruelty`]. The
+//! device lets go where it has heard of no report for [`DEVICE_TIMEOUT`], as real ones do. What reaches the hand is watched
+//! ([`Findings`]).
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -28,8 +29,9 @@ const STEP: f64 = 1e-4;
 const CALM: f64 = 0.6;
 /// Reports that wait for the host, at most: the newest are lost beyond.
 const WAITING: usize = 64;
-/// Bytes of a report to the host: counter, device's time, place, checksum; and to the device: counter, force, checksum.
-const REPORT: usize = 20;
+/// Bytes of a report to the host: counter, device's time, place, whether it has let go, checksum; and to the device: counter, force,
+/// checksum.
+const REPORT: usize = 21;
 const COMMAND: usize = 16;
 /// How far a figure may be above its bound: forces are carried as f32.
 const ROUNDING: f64 = 1e-5;
@@ -82,6 +84,8 @@ pub struct Cruelty {
     pub troubles: Vec<Trouble>,
     /// The host does not check what the device sends.
     pub unchecked: bool,
+    /// The device tells where it has let go by itself, and then takes nothing before it is sent zero.
+    pub latches: bool,
     /// Steps of the host's haptic loop that are left out after each.
     pub left_out: u32,
 }
@@ -175,6 +179,8 @@ pub struct HandSample {
     /// By the device's clock, µs.
     time: u32,
     place: DVec3,
+    /// Whether it has let go by itself.
+    let_go: bool,
 }
 
 /// The device's language.
@@ -198,8 +204,13 @@ impl Codec for HandCodec {
             return Err(Malformed);
         }
         let time = u32::from_le_bytes([report[2], report[3], report[4], report[5]]);
-        *sample = HandSample { known: true, counter, time, place: vector(report, 6) };
+        *sample =
+            HandSample { known: true, counter, time, place: vector(report, 6), let_go: report[18] == 1 };
         Ok(())
+    }
+
+    fn is_enabled(&self, sample: &HandSample) -> bool {
+        !sample.let_go
     }
 
     fn encode(&mut self, wrench: &Wrench, _: &HandSample, say: &mut dyn FnMut(Report)) {
@@ -412,6 +423,11 @@ impl World {
         }
     }
 
+    /// Whether the device has let go, and tells it.
+    fn has_latched(&self) -> bool {
+        self.cruelty.latches && self.taken.is_some_and(|last| last.let_go)
+    }
+
     /// The device takes what the host has sent, if it is whole and newer.
     fn take(&mut self, flight: &Flight) {
         if self.has(Trouble::Deaf) || self.has(Trouble::Unplugged) {
@@ -423,6 +439,9 @@ impl World {
         }
         let counter = u16::from_le_bytes([bytes[0], bytes[1]]);
         let force = vector(bytes, 2);
+        if self.has_latched() && force != DVec3::ZERO {
+            return;
+        }
         let findings = &mut self.findings;
         if let Some(last) = &self.taken {
             if !is_ahead(counter, last.counter) {
@@ -494,6 +513,7 @@ impl World {
         } else {
             put(&mut bytes, unit * self.hand.place);
         }
+        bytes.push(u8::from(self.has_latched()));
         let flights = self.carry(sealed(bytes), latency.0);
         let room = WAITING - self.to_host.len().min(WAITING);
         self.to_host.extend(flights.into_iter().take(room));
@@ -541,8 +561,8 @@ pub struct CruelWire {
 }
 
 impl CruelWire {
-    /// One for `seconds`: in the last the hand presses and there are no troubles, and in the last 0.4 s nothing is lost. `slew` is what
-    /// the host promises, N/s.
+    /// One for `seconds`: in the last the hand presses and there are no troubles, and in the last 0.4 s nothing is lost. A force is to
+    /// grow by no more than the slew, N/s.
     pub fn new(cruelty: Cruelty, sabotage: Sabotage, seed: u64, seconds: f64, slew: f64) -> Self {
         let mut rng = StdRng::seed_from_u64(seed);
         let press = seconds - 1.0;

@@ -15,10 +15,10 @@ const BELIEVED: u32 = 5;
 /// comes.
 const LONGEST_HOLD: f64 = 0.01;
 const LONGEST_STALE: f64 = 0.025;
-/// A device that talks nonsense now and then says something that a hand could have done, which is not to be trusted: the time with refused
-/// readings counts so many times against that with good ones, and these are not taken where as much of it is left as the longest hold
-/// makes, s; no more is kept in mind than the latter, s.
+/// A device that talks nonsense now and then says something that a hand could have done: that is not to be trusted. Time with refused
+/// readings counts so many times as much as time with good ones.
 const AMENDS: f64 = 4.0;
+/// Good readings are not taken while so much is against the device, s: as the longest hold makes. And the most that counts, s.
 const DOUBTED: f64 = AMENDS * LONGEST_HOLD;
 const MOST_DOUBT: f64 = 1.5 * DOUBTED;
 /// The velocity is that of readings at least this part of a period apart: the stamps of two that came at once say nothing of it.

@@ -169,6 +169,7 @@ fn cruelties() -> Vec<(&'static str, Cruelty)> {
         ("clock that jumps", Cruelty { clock_jumps: 5.0, ..mild() }),
         ("silent", troubled(Trouble::Silent)),
         ("deaf", troubled(Trouble::Deaf)),
+        ("deaf, but told", Cruelty { latches: true, ..troubled(Trouble::Deaf) }),
         ("nonsense", troubled(Trouble::Nonsense)),
         ("let go", troubled(Trouble::LetsGo)),
         ("wrong units", troubled(Trouble::Millimetres)),
@@ -288,6 +289,20 @@ fn a_mild_wire_is_felt_without_a_fault() {
         (0, 0, 0, 0)
     );
     assert!(findings.most > 1.0 && findings.force.z > 1.0, "{} N, {} N", findings.most, findings.force);
+}
+
+/// Of a device that lets go by itself the host knows only what it is told.
+#[test]
+fn a_force_that_the_device_let_go_of_comes_up_from_nothing_where_it_tells() {
+    let deaf = Cruelty { troubles: vec![Trouble::Deaf], ..mild() };
+    let regained = |latches| {
+        let cruelty = Cruelty { latches, ..deaf.clone() };
+        let runs = (1..=SEEDS).map(|seed| lockstep(&cruelty, Sabotage::default(), seed).findings.regained);
+        runs.fold(0.0, f64::max)
+    };
+    assert_eq!(regained(true), 0.0);
+    // The test can tell: without being told, the host goes on as before.
+    assert!(regained(false) > 0.5);
 }
 
 /// The watch at the hand sees what a host or a device does wrong.

@@ -44,8 +44,8 @@ impl Motion for Stamped {
     }
 }
 
-/// A loop on a WoodenHaptics that moves steadily at 0.2 m/s in free space and reports every `every` steps: by how much the force changes
-/// in a step at most, N, and how many readings were told as stale.
+/// A loop on a WoodenHaptics that moves steadily at 0.2 m/s in free space and reports every `every` steps: by how much the force
+/// changes in a step at most, N, and how many readings were told as stale.
 fn ripple(every: i16, stamped_when_read: bool) -> (f64, u64) {
     let wire = FakeWire::new();
     let other = wire.clone();

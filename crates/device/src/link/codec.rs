@@ -46,7 +46,8 @@ pub trait Codec: Send + 'static {
     /// If it is none of the device's; nothing is changed then.
     fn decode(&mut self, report: &[u8], sample: &mut Self::Sample) -> Result<(), Malformed>;
 
-    /// Whether the device takes a wrench, by what is known: not before it is calibrated, say, or its power is switched on. Where it
+    /// Whether the device takes a wrench, by what is known: not before it is calibrated, say, or its power is switched on, nor where
+    /// it tells that its own watchdog has let go, or the hand would be given the whole force at once when it takes one again. Where it
     /// does not, it is asked for zero, and [`NOT_ENABLED`](crate::Status::NOT_ENABLED) is told.
     fn is_enabled(&self, sample: &Self::Sample) -> bool {
         let _ = sample;
@@ -80,8 +81,8 @@ pub trait Motion: Send {
     /// What the reports tell.
     type Sample: Copy + Default + Send + 'static;
 
-    /// Pose and twist of the handle (device axes) and the buttons at the driver's time `now` (s). `came` is the time (s) that the newest
-    /// report came at, at most `now`, where one came since the last call: velocities are by these, not by the times of calls.
+    /// Pose and twist of the handle (device axes) and the buttons at the driver's time `now` (s). `came` is the time (s) that the
+    /// newest report came at, at most `now`, where one came since the last call: velocities are by these, not by the times of calls.
     fn advance(&mut self, sample: &Self::Sample, came: Option<f64>, now: f64) -> (Pose, Twist, u32);
 
     /// The device was gone: what was known of its motion says nothing now.

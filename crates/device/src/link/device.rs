@@ -186,8 +186,8 @@ impl<M: Motion> LinkedDevice<M> {
         }
     }
 
-    /// Whether the pose holds for the time of the last report: not of a device that moves without reports, nor of one that says nothing
-    /// because it rests.
+    /// Whether the pose holds for the time of the last report: not of a device that moves without reports, nor of one that says
+    /// nothing because it rests.
     fn is_of_report(&self) -> bool {
         self.silence.is_finite() || !self.moves_alone && self.now - self.arrived <= RESTING
     }

@@ -89,8 +89,8 @@ pub struct Duration {
 }
 
 impl Duration {
-    /// The number that stands for a time (s) or the next longer one, neither 0 nor the largest, which some devices take for no end; and
-    /// the time that it stands for.
+    /// The number that stands for a time (s) or the next longer one, neither 0 nor the largest, which some devices take for no end;
+    /// and the time that it stands for.
     fn nearest(&self, time: f64) -> (i32, f64) {
         let Slot { minimum, maximum, .. } = self.slot;
         // What is left by rounding is no longer time.
