@@ -2,6 +2,7 @@
 
 pub mod brute_force;
 pub mod close_pairs;
+pub mod cruel_wire;
 mod free_body;
 pub mod levels;
 pub mod random_tree;

@@ -43,7 +43,7 @@ impl Status {
     pub const GAP: Self = Self(1 << 5);
     /// The prescribed motion has ended: its last pose is held.
     pub const ENDED: Self = Self(1 << 6);
-    /// A motion that was not finite was met and the last good one is held.
+    /// A motion that was not finite, or a place beyond four radii of the workspace, was met and the last good one is held.
     pub const HELD: Self = Self(1 << 7);
 
     /// The device is not connected.

@@ -104,7 +104,10 @@ impl LowPass {
 
     /// The velocity after a motion by `difference` (m or rad) in a time (s, above zero).
     pub fn push(&mut self, difference: DVec3, time: f64) -> DVec3 {
-        self.velocity += (difference / time - self.velocity) * (time / (self.delay + time));
+        let velocity = self.velocity + (difference / time - self.velocity) * (time / (self.delay + time));
+        // The smallest number of all is no share smaller: it would never become zero, and numbers that small are slow.
+        let none = velocity.abs().cmplt(DVec3::splat(f64::MIN_POSITIVE));
+        self.velocity = DVec3::select(none, DVec3::ZERO, velocity);
         self.velocity
     }
 
@@ -184,6 +187,26 @@ mod tests {
             assert!(i < 2 || (found - expected).abs() < 1e-6, "{i}: {found} {expected}");
         }
         assert!((1e-4..2e-3).contains(&window.delay().x), "{}", window.delay().x);
+    }
+
+    #[test]
+    fn a_low_pass_comes_to_rest() {
+        for (delay, time) in [(3e-3, 1e-3), (1e-4, 1e-3), (5e-2, 1e-4), (0.0, 1e-3)] {
+            let mut pass = LowPass::new(delay);
+            for step in 0..100 {
+                pass.push(DVec3::new(1e-4, -1e-7, 1e-12 * f64::from(step)), time);
+            }
+            let mut rests = 0;
+            while pass.velocity() != DVec3::ZERO && rests < 1_000_000 {
+                pass.push(DVec3::ZERO, time);
+                rests += 1;
+                let slowest = pass.velocity().abs().to_array().into_iter().filter(|speed| *speed > 0.0);
+                assert!(slowest.fold(1.0, f64::min).is_normal(), "{delay} s: {:?}", pass.velocity());
+            }
+            // e^−709 is the smallest normal number.
+            let longest = 10.0 + 720.0 * (1.0 + delay / time);
+            assert!(f64::from(rests) < longest, "{delay} s: {} after {rests} steps", pass.velocity());
+        }
     }
 
     #[test]

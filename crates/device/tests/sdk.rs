@@ -607,7 +607,7 @@ fn any_reports_give_motion_that_is_finite_or_none() {
             continue;
         }
         read += 1;
-        let (pose, twist, _) = motion.advance(&sample, true, 1e-3 * i as f64);
+        let (pose, twist, _) = motion.advance(&sample, Some(1e-3 * i as f64), 1e-3 * i as f64);
         assert!(pose.is_valid() && twist.is_finite(), "{i}: {sample:?}");
         // There and back.
         assert_eq!(SdkState::from_report(&sample.to_report()), Ok(sample), "{i}");
@@ -633,7 +633,7 @@ fn velocities_that_are_not_told_are_estimated() {
             orientation: DQuat::from_scaled_axis(rate * time).to_array(),
             ..SdkState::default()
         };
-        let (pose, twist, _) = motion.advance(&state, true, time);
+        let (pose, twist, _) = motion.advance(&state, Some(time), time);
         assert!(near(pose.translation, speed * time), "{pose:?}");
         last = twist;
     }

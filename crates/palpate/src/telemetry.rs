@@ -63,11 +63,12 @@ pub struct Percentiles {
 /// How often something out of the ordinary happened. Every event is counted, none is logged from the loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Events {
-    /// The device did not answer, reported a motion that is not finite or refused a wrench; its last good pose was held.
-    /// Nothing is sent while it does not answer, nor when no reading has been good for 10 ms.
+    /// The device did not answer, reported a motion that is not finite or a place far outside its workspace, or refused a wrench; its
+    /// last good pose was held. Nothing is sent while it does not answer, nor when no reading has been good for 10 ms. Where more than
+    /// one in five is refused for long, the others are not good either.
     pub device_refused: u64,
     /// The device reported a place that no hand could have moved it to since the last reading; its last good pose was
-    /// held. It is believed after five readings in a row, and the wrench then comes up from zero.
+    /// held. It is believed after five readings in a row, or more where many were refused, and the wrench then comes up from zero.
     pub device_jumped: u64,
     /// The device's reading was the one before, by its time: its velocity was held. After 25 ms the device counts as lost.
     pub device_stale: u64,

@@ -15,6 +15,12 @@ const BELIEVED: u32 = 5;
 /// comes.
 const LONGEST_HOLD: f64 = 0.01;
 const LONGEST_STALE: f64 = 0.025;
+/// A device that talks nonsense now and then says something that a hand could have done: that is not to be trusted. Time with refused
+/// readings counts so many times as much as time with good ones.
+const AMENDS: f64 = 4.0;
+/// Good readings are not taken while so much is against the device, s: as the longest hold makes. And the most that counts, s.
+const DOUBTED: f64 = AMENDS * LONGEST_HOLD;
+const MOST_DOUBT: f64 = 1.5 * DOUBTED;
 /// The velocity is that of readings at least this part of a period apart: the stamps of two that came at once say nothing of it.
 const CLOSEST: f64 = 0.25;
 /// Velocities below these are none, m/s and rad/s: a lag lets them halve for ever.
@@ -49,6 +55,8 @@ pub(crate) struct Tracking {
     stamped: bool,
     /// Whether it counts as lost.
     lost: bool,
+    /// Time with good readings that is wanting to make up for refused ones, s.
+    doubt: f64,
     /// A place that the device jumped to, and how many readings were there.
     suspect: Option<(Pose, u32)>,
     /// Lags of the velocity and the angular velocity, s; 0 takes the device's own.
@@ -67,6 +75,7 @@ impl Tracking {
             started: false,
             stamped: false,
             lost: false,
+            doubt: 0.0,
             suspect: None,
             lags,
             lagged: Twist::ZERO,
@@ -106,7 +115,8 @@ impl Tracking {
 
     /// Takes a reading that comes `elapsed` seconds after the one before, or counts why it was not taken.
     pub fn take(&mut self, device: Option<&DeviceState>, elapsed: f64, events: &mut Events) -> Reading {
-        self.blind += if elapsed > 0.0 && elapsed.is_finite() { elapsed } else { 0.0 };
+        let elapsed = if elapsed > 0.0 && elapsed.is_finite() { elapsed } else { 0.0 };
+        self.blind += elapsed;
         self.displacement = Twist::ZERO;
         let Some(state) = device else {
             events.device_refused += 1;
@@ -114,21 +124,26 @@ impl Tracking {
             self.lost = true;
             return self.hold();
         };
-        if !(state.pose.is_valid() && state.twist.is_finite()) {
+        // What the driver holds is not what the device says.
+        let held = state.status.contains(Status::HELD);
+        if held || !(state.pose.is_valid() && state.twist.is_finite()) {
             events.device_refused += 1;
-            return self.hold();
+            return self.refuse(elapsed);
         }
         if self.is_stale(state) {
             events.device_stale += 1;
             return if self.lost || self.blind > LONGEST_STALE { self.hold() } else { Reading::Stale };
         }
-        events.device_refused += u64::from(state.status.contains(Status::HELD));
         events.device_ended += u64::from(state.status.contains(Status::ENDED));
         let blind = self.blind.max(self.period);
         let moved = moved(&self.state.pose, &state.pose);
         let jumped = self.started && !reachable(&moved, blind);
         if jumped && !self.believe(&state.pose) {
             events.device_jumped += 1;
+            return self.refuse(elapsed);
+        }
+        self.doubt = if jumped { 0.0 } else { (self.doubt - elapsed).max(0.0) };
+        if self.doubt >= DOUBTED {
             return self.hold();
         }
         let between = self.between(state, blind);
@@ -165,6 +180,12 @@ impl Tracking {
         time.max(CLOSEST * self.period)
     }
 
+    /// Takes no reading, and the device is trusted less.
+    fn refuse(&mut self, elapsed: f64) -> Reading {
+        self.doubt = (self.doubt + AMENDS * elapsed).min(MOST_DOUBT);
+        self.hold()
+    }
+
     fn hold(&mut self) -> Reading {
         self.state.twist = Twist::ZERO;
         self.lagged = Twist::ZERO;
@@ -179,7 +200,7 @@ impl Tracking {
             _ => 1,
         };
         self.suspect = Some((*pose, count));
-        count >= BELIEVED
+        count >= BELIEVED.max((self.doubt / (AMENDS * self.period)) as u32)
     }
 }
 

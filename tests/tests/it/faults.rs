@@ -141,6 +141,37 @@ fn readings_that_are_stale_are_not_taken_for_rest() {
     assert!(other < 0.2, "{other} N of ripple at half the rate");
 }
 
+/// A device most of whose readings are nonsense is not to be trusted for those that a hand could have made.
+#[test]
+fn a_device_that_talks_nonsense_gets_no_wrench() {
+    let mut rig = Rig::on_floor(Settings::default(), 5e-3);
+    let before = rig.rest(400, DVec3::ZERO).coupling.force.z;
+    assert!(before > 1.0, "{before} N");
+    let mut last = Wrench::ZERO;
+    let mut held = 0;
+    for step in 0..200 {
+        let nonsense = step % 4 != 0;
+        let far = DVec3::new(f64::from(step % 7) - 3.0, 1.0, f64::from(step % 5));
+        let state = rig.moving(if nonsense { far } else { DVec3::ZERO }, DVec3::ZERO, PERIOD);
+        last = rig.step(state).coupling;
+        held += u32::from(last != Wrench::ZERO);
+    }
+    assert!(
+        last == Wrench::ZERO && held <= 50,
+        "{} N, of three bad readings in four, for {held} ms",
+        last.force
+    );
+    let after = rig.rest(400, DVec3::ZERO).coupling.force.z;
+    assert!((after - before).abs() < 0.01 * before, "{after} N once its readings are good");
+    // One in ten is refused, and no more.
+    let mut least = f64::INFINITY;
+    for step in 0..500 {
+        let state = rig.moving(if step % 10 == 0 { DVec3::ONE } else { DVec3::ZERO }, DVec3::ZERO, PERIOD);
+        least = least.min(rig.step(state).coupling.force.z);
+    }
+    assert!(least > 0.9 * before, "{least} N of {before} N with a bad reading in ten");
+}
+
 /// Fault 6: what the driver took back comes up anew.
 #[test]
 fn a_wrench_that_the_driver_withheld_comes_up_from_nothing() {

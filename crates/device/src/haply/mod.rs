@@ -63,8 +63,8 @@ pub struct Inverse3Motion {
 impl Motion for Inverse3Motion {
     type Sample = Inverse3State;
 
-    fn advance(&mut self, sample: &Inverse3State, fresh: bool, now: f64) -> (Pose, Twist, u32) {
-        if fresh {
+    fn advance(&mut self, sample: &Inverse3State, came: Option<f64>, _: f64) -> (Pose, Twist, u32) {
+        if let Some(now) = came {
             let turned = DQuat::from_array(sample.orientation.map(f64::from)).normalize();
             let place = DVec3::from_array(sample.position.map(f64::from)) - CENTER;
             let before = std::mem::replace(&mut self.pose, Pose::new(place, turned));

@@ -142,10 +142,8 @@ impl RateControl {
 impl Motion for RateControl {
     type Sample = Deflection;
 
-    fn advance(&mut self, sample: &Deflection, fresh: bool, now: f64) -> (Pose, Twist, u32) {
-        if fresh {
-            self.heard = now;
-        }
+    fn advance(&mut self, sample: &Deflection, came: Option<f64>, now: f64) -> (Pose, Twist, u32) {
+        self.heard = came.unwrap_or(self.heard);
         let time = now - std::mem::replace(&mut self.now, now);
         let rate = if now - self.heard > STALE { Twist::ZERO } else { Self::rate(sample) };
         let before = self.pose.translation;

@@ -448,8 +448,8 @@ impl EncodedMotion {
 impl Motion for EncodedMotion {
     type Sample = Encoders;
 
-    fn advance(&mut self, sample: &Encoders, fresh: bool, now: f64) -> (Pose, Twist, u32) {
-        if fresh && !sample.lost {
+    fn advance(&mut self, sample: &Encoders, came: Option<f64>, _: f64) -> (Pose, Twist, u32) {
+        if let Some(now) = came.filter(|_| !sample.lost) {
             let before = std::mem::replace(&mut self.pose, self.model.pose(&sample.counts));
             self.turned += before.rotation_vector_to(&self.pose);
             self.twist =

@@ -34,13 +34,20 @@ pub trait Codec: Send + 'static {
     /// What its reports tell.
     type Sample: Copy + Default + Send + std::fmt::Debug + 'static;
 
+    /// A round of the pump begins at its time `now` (s), which never runs back: what follows is of this round. For devices that are to
+    /// be told something from time to time.
+    fn begin_round(&mut self, now: f64) {
+        let _ = now;
+    }
+
     /// Adds a report to what is known.
     ///
     /// # Errors
     /// If it is none of the device's; nothing is changed then.
     fn decode(&mut self, report: &[u8], sample: &mut Self::Sample) -> Result<(), Malformed>;
 
-    /// Whether the device takes a wrench, by what is known: not before it is calibrated, say, or its power is switched on. Where it
+    /// Whether the device takes a wrench, by what is known: not before it is calibrated, say, or its power is switched on, nor where
+    /// it tells that its own watchdog has let go, or the hand would be given the whole force at once when it takes one again. Where it
     /// does not, it is asked for zero, and [`NOT_ENABLED`](crate::Status::NOT_ENABLED) is told.
     fn is_enabled(&self, sample: &Self::Sample) -> bool {
         let _ = sample;
@@ -74,9 +81,9 @@ pub trait Motion: Send {
     /// What the reports tell.
     type Sample: Copy + Default + Send + 'static;
 
-    /// Pose and twist of the handle (device axes) and the buttons at the driver's time `now` (s); `fresh` where a report came
-    /// since the last call.
-    fn advance(&mut self, sample: &Self::Sample, fresh: bool, now: f64) -> (Pose, Twist, u32);
+    /// Pose and twist of the handle (device axes) and the buttons at the driver's time `now` (s). `came` is the time (s) that the
+    /// newest report came at, at most `now`, where one came since the last call: velocities are by these, not by the times of calls.
+    fn advance(&mut self, sample: &Self::Sample, came: Option<f64>, now: f64) -> (Pose, Twist, u32);
 
     /// The device was gone: what was known of its motion says nothing now.
     fn restart(&mut self) {}

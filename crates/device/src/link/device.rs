@@ -8,12 +8,15 @@ use std::time::{Duration, Instant};
 use palpate_core::{Pose, Twist, Wrench};
 use palpate_realtime::ThreadSetup;
 
+use super::RESTING;
 use super::clock::{Clock, Lead};
 use super::codec::Motion;
 use super::pump::{News, Order};
 use crate::clip::clipped;
 use crate::{DeviceError, DeviceState, HapticDevice, Specification, Status};
 
+/// Beyond so many radii of the workspace is no place of a handle: mm are taken for m, or encoders have lost count.
+const FARTHEST: f64 = 4.0;
 /// How long closing waits for the pump to write its last reports.
 const FAREWELL: Duration = Duration::from_millis(200);
 
@@ -35,6 +38,8 @@ pub struct LinkedDevice<M: Motion> {
     /// When the last report came, and the latest time, s.
     arrived: f64,
     now: f64,
+    /// Whether the pose was seen to change without a report, as that of a device which steers by speeds does.
+    moves_alone: bool,
     state: DeviceState,
     /// Why the device cannot be read; nothing where it can.
     lost: Status,
@@ -92,7 +97,8 @@ impl<M: Motion> HapticDevice for LinkedDevice<M> {
         if !self.lost.is_ok() {
             return Err(DeviceError::Lost { status: self.lost });
         }
-        let (pose, twist, buttons) = self.motion.advance(&news.sample, fresh, self.now);
+        let came = fresh.then_some(self.arrived);
+        let (pose, twist, buttons) = self.motion.advance(&news.sample, came, self.now);
         let mut status = std::mem::take(&mut self.events);
         if !news.enabled {
             status |= Status::NOT_ENABLED;
@@ -100,8 +106,11 @@ impl<M: Motion> HapticDevice for LinkedDevice<M> {
         if news.withheld > std::mem::replace(&mut self.withheld, news.withheld) {
             status |= Status::WITHHELD;
         }
-        if pose.is_valid() && twist.is_finite() {
-            let time = if self.silence.is_finite() { self.arrived } else { self.now };
+        let far = pose.translation.length() > FARTHEST * self.specification.workspace_radius;
+        if pose.is_valid() && twist.is_finite() && !far {
+            self.moves_alone |= !fresh && pose != self.state.pose;
+            let time = if self.is_of_report() { self.arrived } else { self.now };
+            let time = time.max(self.state.time);
             self.state = DeviceState { time, pose, twist, buttons, ..self.state };
         } else {
             (self.state.twist, self.state.buttons) = (Twist::ZERO, buttons);
@@ -161,6 +170,7 @@ impl<M: Motion> LinkedDevice<M> {
             withheld: 0,
             arrived: f64::NEG_INFINITY,
             now: 0.0,
+            moves_alone: false,
             state: DeviceState {
                 time: 0.0,
                 pose: Pose::IDENTITY,
@@ -174,6 +184,12 @@ impl<M: Motion> LinkedDevice<M> {
             pump: None,
             setup: Arc::default(),
         }
+    }
+
+    /// Whether the pose holds for the time of the last report: not of a device that moves without reports, nor of one that says
+    /// nothing because it rests.
+    fn is_of_report(&self) -> bool {
+        self.silence.is_finite() || !self.moves_alone && self.now - self.arrived <= RESTING
     }
 
     /// Its pump is in a thread that ends where `stop` is set.

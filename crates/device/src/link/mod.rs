@@ -44,6 +44,8 @@ pub use transport::{LONGEST_REPORT, Transport, TransportError};
 const REST: Duration = Duration::from_millis(20);
 /// A round takes at least this long: a thread above all others leaves them the processor, whatever its transport does.
 const SHORTEST_ROUND: Duration = Duration::from_micros(100);
+/// A device that speaks only when it is moved is at rest where it has said nothing for so long, s: most speak each 1 to 10 ms.
+pub(crate) const RESTING: f64 = 12e-3;
 /// How long opening waits for the first report.
 const FIRST_WORD: Duration = Duration::from_millis(500);
 

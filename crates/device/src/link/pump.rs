@@ -113,6 +113,7 @@ impl<C: Codec> Pump<C> {
     /// a device.
     pub fn round(&mut self, now: f64) -> bool {
         self.clock.set(now);
+        self.codec.begin_round(now);
         if self.transport.is_none() && now - self.searched >= SEARCH {
             self.searched = now;
             self.open();

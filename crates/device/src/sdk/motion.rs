@@ -43,8 +43,8 @@ impl SdkMotion {
 impl Motion for SdkMotion {
     type Sample = SdkState;
 
-    fn advance(&mut self, sample: &SdkState, fresh: bool, now: f64) -> (Pose, Twist, u32) {
-        if fresh {
+    fn advance(&mut self, sample: &SdkState, came: Option<f64>, _: f64) -> (Pose, Twist, u32) {
+        if let Some(now) = came {
             let place = DVec3::from_array(sample.position);
             let center = *self.center.get_or_insert(place);
             let rotation = DQuat::from_array(sample.orientation).normalize();

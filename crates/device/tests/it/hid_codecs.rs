@@ -51,22 +51,24 @@ fn both_layouts_of_a_cap_tell_the_same() {
 fn a_deflected_cap_moves_the_handle_until_it_is_let_go() {
     let mut motion = RateControl::default();
     let full = Deflection { translation: [350, 0, 0], rotation: [0, 0, -350], ..Deflection::default() };
-    let mut pose = motion.advance(&full, false, 0.0).0;
+    let mut pose = motion.advance(&full, None, 0.0).0;
     for i in 1..=100 {
-        pose = motion.advance(&full, i % 10 == 0, f64::from(i) * 1e-3).0;
+        let now = f64::from(i) * 1e-3;
+        pose = motion.advance(&full, (i % 10 == 0).then_some(now), now).0;
     }
     // From the first report on, 0.1 m/s and 1 rad/s: the cap's z is down.
     assert!((pose.translation - DVec3::X * 0.0091).length() < 2e-4, "{pose:?}");
     assert!((pose.rotation.to_scaled_axis() - DVec3::Z * 0.091).length() < 2e-3, "{pose:?}");
     // The report that says that it was let go may be lost.
-    let twist = motion.advance(&full, false, 0.5).1;
+    let twist = motion.advance(&full, None, 0.5).1;
     assert_eq!(twist, Twist::ZERO);
     // A cap at rest may be a little off.
     let rest = Deflection { translation: [5, -7, 3], ..Deflection::default() };
-    assert_eq!(motion.advance(&rest, true, 0.501).1, Twist::ZERO);
+    assert_eq!(motion.advance(&rest, Some(0.501), 0.501).1, Twist::ZERO);
     // It goes no further than the workspace.
     for i in 0..3000 {
-        pose = motion.advance(&full, true, 0.6 + f64::from(i) * 1e-3).0;
+        let now = 0.6 + f64::from(i) * 1e-3;
+        pose = motion.advance(&full, Some(now), now).0;
     }
     assert!((0.0999..=0.1).contains(&pose.translation.length()), "{pose:?}");
 }
@@ -169,8 +171,8 @@ fn velocities_are_those_of_the_motion() {
     let at = |i: i32| [2000 + 3 * i as i16, 1500, -3000, 0, 0, 2 * i as i16];
     let mut found = Twist::ZERO;
     for i in 0..200 {
-        found =
-            motion.advance(&Encoders { counts: at(i), ..Encoders::default() }, true, f64::from(i) * 1e-3).1;
+        let now = f64::from(i) * 1e-3;
+        found = motion.advance(&Encoders { counts: at(i), ..Encoders::default() }, Some(now), now).1;
     }
     let (before, after) = (model.pose(&at(190)), model.pose(&at(199)));
     let linear = (after.translation - before.translation) / 9e-3;
@@ -227,11 +229,11 @@ fn any_bytes_end_in_a_command_within_the_limits() {
         }
         let now = i as f64 * 1e-3;
         understood += usize::from(mouse.0.decode(&bytes[..length], &mut mouse.1).is_ok());
-        let (pose, twist, _) = mouse.2.advance(&mouse.1, true, now);
+        let (pose, twist, _) = mouse.2.advance(&mouse.1, Some(now), now);
         assert!(pose.is_valid() && twist.is_finite() && pose.translation.length() <= 0.1);
         let (codec, sample, motion) = &mut woods[i % 3];
         let _ = codec.decode(&bytes[..length], sample);
-        let (pose, twist, _) = motion.advance(sample, true, now);
+        let (pose, twist, _) = motion.advance(sample, Some(now), now);
         assert!(pose.is_valid() && twist.is_finite(), "{sample:?}");
         let force = [DVec3::splat(5.0), DVec3::new(1e300, -1e300, 1.0), DVec3::ZERO][i % 3];
         let report = encoded(codec, &Wrench::new(force, DVec3::ZERO), sample);

@@ -61,11 +61,19 @@ const INPUT: u8 = 0x80;
 const OUTPUT: u8 = 0x90;
 const FEATURE: u8 = 0xb0;
 
+/// Usage of the duration of an effect.
+const DURATION: i32 = 0x50;
+
 /// A joystick of two axes and eight buttons with constant forces, laid out as OpenFFBoard is, in short.
 fn joystick() -> Vec<u8> {
+    joystick_with(|d| d.range(0, 32767).field(DURATION, 16, OUTPUT))
+}
+
+/// The same with a duration of its own: a field of 16 bits.
+fn joystick_with(duration: impl Fn(Descriptor) -> Descriptor) -> Vec<u8> {
     let effect = |d: Descriptor| {
         let d = d.number(0x01).range(1, 40).field(0x22, 8, OUTPUT).list(0x25, 0x26..=0x29, OUTPUT);
-        let d = d.range(0, 32767).field(0x50, 16, OUTPUT).range(0, 255).field(0x52, 8, OUTPUT);
+        let d = duration(d).range(0, 255).field(0x52, 8, OUTPUT);
         d.field(0x53, 8, OUTPUT).collection(0x55, |d| {
             let d = d.page(1).range(0, 1).field(0x30, 1, OUTPUT).field(0x31, 1, OUTPUT);
             // And nothing, up to a whole byte.
@@ -128,17 +136,17 @@ fn a_constant_force_is_kept_for_each_axis() {
     let (wire, mut pump, mut device) = linked();
     let constant = [0x11, 1, 0, 0];
     assert_eq!(wire.features_set(), [constant, constant]);
-    let effect = |index: u8, axis: u8| vec![1, index, 1, 0xff, 0x7f, 0xff, 0xff, axis];
+    let effect = |index: u8, axis: u8| vec![1, index, 1, 50, 0, 0xff, 0xff, axis];
     let expected = [
         vec![0x0c, 3],
         vec![0x0c, 1],
         vec![0x0d, 0xff],
         effect(3, 1),
         vec![5, 3, 0, 0],
-        vec![0x0a, 3, 1, 0xff],
+        vec![0x0a, 3, 1, 1],
         effect(4, 2),
         vec![5, 4, 0, 0],
-        vec![0x0a, 4, 1, 0xff],
+        vec![0x0a, 4, 1, 1],
     ];
     assert_eq!(wire.written(), expected);
     let specification = device.specification().clone();
@@ -250,4 +258,199 @@ fn any_descriptor_and_any_bytes_end_well() {
         }
     }
     assert!(reports >= 1_000_000 && said > 100_000, "{reports} {said}");
+}
+
+/// What a stick of [`joystick`] does by what is written to it: forces that end by themselves.
+#[derive(Default)]
+struct Player {
+    /// By effect: its magnitude, its duration (ms) and when it was started, ms.
+    effects: std::collections::HashMap<u8, (i16, u16, Option<u64>)>,
+    /// Reports taken.
+    reports: usize,
+}
+
+impl Player {
+    fn take(&mut self, reports: Vec<Vec<u8>>, now: u64) {
+        self.reports += reports.len();
+        for report in reports {
+            let word = |at: usize| u16::from_le_bytes([report[at], report[at + 1]]);
+            match report[0] {
+                // All stopped.
+                0x0c if report[1] == 3 => self.effects.values_mut().for_each(|effect| effect.2 = None),
+                0x01 => self.effects.entry(report[1]).or_default().1 = word(3),
+                0x05 => self.effects.entry(report[1]).or_default().0 = word(2) as i16,
+                0x0a => {
+                    let effect = self.effects.entry(report[1]).or_default();
+                    // 255 times is for ever.
+                    let loops = if report[3] == 255 { u16::MAX } else { report[3].into() };
+                    effect.1 = effect.1.saturating_mul(loops);
+                    effect.2 = Some(now);
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// The magnitudes along x and y.
+    fn force(&self, now: u64) -> [i16; 2] {
+        [3, 4].map(|index| match self.effects.get(&index) {
+            Some((magnitude, duration, Some(started))) if now - started < (*duration).into() => *magnitude,
+            _ => 0,
+        })
+    }
+}
+
+/// A host at 1 kHz.
+struct Host<D> {
+    wire: FakeWire,
+    pump: Pump<PidCodec>,
+    device: D,
+    player: Player,
+    now: u64,
+}
+
+impl<D: HapticDevice> Host<D> {
+    /// `late` (ms) after the last one, a round that asks for a force.
+    fn round(&mut self, force: DVec3, late: u64) {
+        self.now += late;
+        let now = 1e-3 * self.now as f64;
+        let _ = self.device.read(now);
+        let _ = self.device.write(&Wrench::new(force, DVec3::ZERO));
+        self.pump.round(now);
+        self.player.take(self.wire.written(), self.now);
+    }
+}
+
+fn host() -> Host<impl HapticDevice> {
+    let (wire, pump, device) = linked();
+    let mut host = Host { wire, pump, device, player: Player::default(), now: 0 };
+    host.round(DVec3::ZERO, 1);
+    host
+}
+
+const PUSH: DVec3 = DVec3::new(0.5 * PEAK_FORCE, 0.25 * PEAK_FORCE, 0.0);
+const PUSHED: [i16; 2] = [5000, -2500];
+
+#[test]
+fn the_force_of_a_host_that_was_killed_ends_by_itself() {
+    let mut host = host();
+    for _ in 0..100 {
+        host.round(PUSH, 1);
+    }
+    assert_eq!(host.player.force(host.now), PUSHED);
+    let left = (0..10_000).take_while(|after| host.player.force(host.now + after) != [0; 2]).count();
+    assert!(left <= 50, "the stick still pushes {left} ms after the last report");
+}
+
+#[test]
+fn a_force_that_is_kept_up_does_not_drop_though_rounds_are_late() {
+    let mut host = host();
+    host.round(PUSH, 1);
+    for i in 0..2000_u64 {
+        let late = if i % 50 == 49 { 24 } else { 1 };
+        for passed in 0..late {
+            assert_eq!(host.player.force(host.now + passed), PUSHED, "{i}");
+        }
+        host.round(PUSH, late);
+    }
+    // A force that stays costs a report every 5 ms, and one that changes no more than that on top.
+    host.player.reports = 0;
+    for _ in 0..1000 {
+        host.round(PUSH, 1);
+    }
+    assert!((200..=205).contains(&host.player.reports), "{} reports in a second", host.player.reports);
+    let mut most = 0;
+    for i in 0..1000 {
+        let before = host.player.reports;
+        host.round(PUSH * (0.5 + 4e-4 * f64::from(i)), 1);
+        most = most.max(host.player.reports - before);
+    }
+    assert!(most <= 3, "{most} reports in a round");
+}
+
+#[test]
+fn a_force_whose_end_was_lost_on_the_way_ends_all_the_same() {
+    let mut host = host();
+    for _ in 0..100 {
+        host.round(PUSH, 1);
+    }
+    host.wire.stall(true);
+    host.round(DVec3::ZERO, 1);
+    host.wire.stall(false);
+    let mut left = 0;
+    while host.player.force(host.now) != [0; 2] && left < 1000 {
+        host.round(DVec3::ZERO, 1);
+        left += 1;
+    }
+    assert!(left <= 25, "{left} ms of a force that was taken back");
+}
+
+/// The duration that a codec sets, in the device's numbers, or why there is none.
+fn duration(field: impl Fn(Descriptor) -> Descriptor) -> Result<u16, String> {
+    let mut codec = PidCodec::new(&joystick_with(field)).map_err(|error| error.to_string())?;
+    let wire = FakeWire::new();
+    wire.answer(&[0x12, 3, 1, 0, 0]);
+    wire.answer(&[0x12, 4, 1, 0, 0]);
+    codec.start(&mut wire.open().unwrap()).unwrap();
+    let effects = wire.written().into_iter().filter(|report| report[0] == 1);
+    let told: Vec<u16> = effects.map(|effect| u16::from_le_bytes([effect[3], effect[4]])).collect();
+    assert!(told.len() == 2 && told[0] == told[1], "{told:?}");
+    Ok(told[0])
+}
+
+/// Keys of items: what the ends of a field stand for, the exponent of their unit, and the unit.
+const PHYSICAL: [u8; 2] = [0x34, 0x44];
+const EXPONENT: u8 = 0x54;
+const UNIT: u8 = 0x64;
+
+#[test]
+fn the_duration_is_told_in_the_devices_units() {
+    let plain = |d: Descriptor| d.field(DURATION, 16, OUTPUT);
+    // Seconds as a unit, with or without an exponent; the others are without a unit again.
+    let unit = |d: Descriptor, exponent: i32| d.item(EXPONENT, exponent).item(UNIT, 0x1003);
+    let none = |d: Descriptor| d.item(EXPONENT, 0).item(UNIT, 0);
+    let whole = |d: Descriptor| d.range(0, 32767);
+    assert_eq!(duration(|d| plain(whole(d))), Ok(50));
+    assert_eq!(duration(|d| none(plain(unit(whole(d), -3)))), Ok(50), "0xfd");
+    assert_eq!(duration(|d| none(plain(unit(whole(d), 13)))), Ok(50), "the standard's -3");
+    assert_eq!(duration(|d| none(plain(unit(whole(d), -4)))), Ok(500), "0.1 ms");
+    assert_eq!(duration(|d| none(plain(unit(whole(d), -2)))), Ok(5), "10 ms");
+    assert_eq!(duration(|d| none(plain(unit(whole(d), 0)))), Ok(1), "1 s is the shortest");
+    // Counts of 2 ms, and counts from 20 ms on.
+    let physical = |d: Descriptor, least: i32, most: i32| d.item(PHYSICAL[0], least).item(PHYSICAL[1], most);
+    assert_eq!(duration(|d| physical(plain(physical(d.range(0, 5000), 0, 10_000)), 0, 0)), Ok(25));
+    assert_eq!(duration(|d| physical(plain(physical(d.range(0, 1000), 20, 1020)), 0, 0)), Ok(30));
+    // Neither 0 nor the largest, which may stand for no end.
+    assert_eq!(duration(|d| plain(d.range(0, 50))), Ok(49));
+    assert_eq!(duration(|d| physical(plain(physical(d.range(0, 2), 0, 32)), 0, 0)).unwrap_err(), TOO_SHORT);
+    assert_eq!(duration(|d| none(plain(unit(whole(d), -6)))), Ok(32_766), "33 ms are the longest");
+    let error = duration(|d| d.range(0, 32767).field(0x51, 16, OUTPUT)).unwrap_err();
+    assert!(error.contains("lacks the duration of an effect"), "{error}");
+}
+
+const TOO_SHORT: &str = "no force feedback device (its effects last 16.0 ms at most, and 30 ms are needed)";
+
+/// It reports every other millisecond while it is moved, and nothing at rest.
+#[test]
+fn a_stick_that_is_moved_has_a_steady_speed_and_at_rest_none() {
+    let (wire, mut pump, mut device) = linked();
+    let mut speeds = Vec::new();
+    for step in 0..400_i16 {
+        let now = 1e-3 * f64::from(step);
+        if step % 2 == 0 && step < 200 {
+            let [low, high] = (65 * step).to_le_bytes();
+            wire.send(&[1, low, high, 0, 0, 0]);
+        }
+        pump.round(now);
+        let state = device.read(now + 1e-4 * f64::from(step * 7 % 10)).unwrap();
+        assert!(state.status.is_ok() && state.time <= now + 1e-3, "{state:?}");
+        speeds.push(state.twist.linear.x);
+    }
+    // 65 counts of 1.5 µm a millisecond.
+    let speed = 65.0 * 0.1 / 65.534;
+    let (low, high) = speeds[20..200]
+        .iter()
+        .fold((f64::INFINITY, 0.0_f64), |(low, high), speed| (low.min(*speed), high.max(*speed)));
+    assert!(low > 0.98 * speed && high < 1.02 * speed, "{low} to {high} m/s, where it is {speed} m/s");
+    assert_eq!(speeds[220..], [0.0; 180], "at rest");
 }

@@ -11,4 +11,5 @@ mod link;
 mod no_allocation;
 mod pump_thread;
 mod recording;
+mod stamps;
 mod withheld;

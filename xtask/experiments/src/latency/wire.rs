@@ -213,7 +213,7 @@ struct AsReported;
 impl Motion for AsReported {
     type Sample = [f64; SAMPLE];
 
-    fn advance(&mut self, sample: &Self::Sample, _: bool, _: f64) -> (Pose, Twist, u32) {
+    fn advance(&mut self, sample: &Self::Sample, _: Option<f64>, _: f64) -> (Pose, Twist, u32) {
         let at = |first: usize| DVec3::from_slice(&sample[first..]);
         let pose = Pose::new(at(0), DQuat::from_slice(&sample[3..]));
         (pose, Twist::new(at(7), at(10)), 0)

@@ -2,8 +2,8 @@
 //!
 //! Numbers of reports and widths of fields are each device's own; what they mean is told by usages.
 
-use hidparser::report_data_types::Usage;
-use hidparser::{Report, ReportCollection, ReportField, parse_report_descriptor};
+use hidparser::report_data_types::{PhysicalMaximum, PhysicalMinimum, Unit, UnitExponent, Usage};
+use hidparser::{Report, ReportCollection, ReportField, VariableField, parse_report_descriptor};
 
 use crate::hid::LONGEST;
 
@@ -11,6 +11,11 @@ use crate::hid::LONGEST;
 const DESKTOP: u16 = 0x01;
 const BUTTON: u16 = 0x09;
 const PID: u16 = 0x0f;
+
+/// How long a force stays without a new start, s: of a host that was killed it ends by then.
+pub const EFFECT_DURATION: f64 = 0.05;
+/// One that ends sooner would end between two starts, s.
+const SHORTEST_EFFECT: f64 = 0.03;
 
 /// Axes that are sensed and may be driven.
 pub const AXES: usize = 2;
@@ -74,6 +79,33 @@ impl Choice {
     }
 }
 
+/// A time in a report.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Duration {
+    slot: Slot,
+    /// The time that the minimum stands for, and that of a count, s.
+    least: f64,
+    count: f64,
+}
+
+impl Duration {
+    /// The number that stands for a time (s) or the next longer one, neither 0 nor the largest, which some devices take for no end;
+    /// and the time that it stands for.
+    fn nearest(&self, time: f64) -> (i32, f64) {
+        let Slot { minimum, maximum, .. } = self.slot;
+        // What is left by rounding is no longer time.
+        let counts = ((time - self.least) / self.count - 1e-6).ceil();
+        let value = (f64::from(minimum) + counts) as i32;
+        let value = value.max(minimum.max(1)).min(maximum - 1);
+        (value, self.least + (f64::from(value) - f64::from(minimum)) * self.count)
+    }
+
+    /// Puts a time (s) into a report, or the nearest that it may be.
+    pub fn put(&self, report: &mut [u8], time: f64) {
+        self.slot.put(report, self.nearest(time).0);
+    }
+}
+
 /// A report: its number, and its length in bytes with that.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Form {
@@ -82,7 +114,7 @@ pub struct Form {
 }
 
 /// Where everything is.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Layout {
     /// The report and the place of each axis, and of the buttons.
     pub axes: [Option<(u8, Slot)>; AXES],
@@ -97,7 +129,7 @@ pub struct Layout {
     pub effect: Form,
     pub effect_index: Slot,
     pub effect_constant: Option<Choice>,
-    pub duration: Option<Slot>,
+    pub duration: Duration,
     pub gain: Option<Slot>,
     pub trigger: Option<Slot>,
     /// Which axes it acts along.
@@ -154,15 +186,28 @@ impl<'a> Fields<'a> {
         Self(self.0.iter().filter(|(_, field)| inside(field)).copied().collect())
     }
 
-    /// A number by its usage.
-    fn slot(&self, page: u16, usage: u16) -> Option<(Form, Slot)> {
+    /// What is no list, by its usage.
+    fn variable(&self, page: u16, usage: u16) -> Option<(Form, &'a VariableField)> {
         self.0.iter().find_map(|(form, field)| match field {
-            ReportField::Variable(field) if is(&field.usage, page, usage) => {
-                let range = (i32::from(field.logical_minimum), i32::from(field.logical_maximum));
-                Some((*form, Slot::new(&field.bits, range.0, range.1)?))
-            }
+            ReportField::Variable(field) if is(&field.usage, page, usage) => Some((*form, field)),
             _ => None,
         })
+    }
+
+    /// A number by its usage.
+    fn slot(&self, page: u16, usage: u16) -> Option<(Form, Slot)> {
+        let (form, field) = self.variable(page, usage)?;
+        Some((form, slot_of(field)?))
+    }
+
+    /// A time by its usage, in the units that the descriptor tells.
+    fn duration(&self, usage: u16, descriptor: &[u8]) -> Option<Duration> {
+        let (_, field) = self.variable(PID, usage)?;
+        let slot = slot_of(field)?;
+        let (least, most) = physical_range(field, &slot, descriptor);
+        let second = seconds(field, descriptor);
+        let counts = f64::from(slot.maximum) - f64::from(slot.minimum);
+        Some(Duration { slot, least: least * second, count: (most - least) / counts * second })
     }
 
     /// What stands for something by its usage: its place in a list, or a flag of its own.
@@ -196,25 +241,90 @@ fn is(usage: &Usage, page: u16, id: u16) -> bool {
     (usage.page(), usage.id()) == (page, id)
 }
 
-/// Whether no item asks for more, or larger, fields than a report holds: some would fill the memory.
-fn is_bounded(descriptor: &[u8]) -> bool {
+fn slot_of(field: &VariableField) -> Option<Slot> {
+    Slot::new(&field.bits, i32::from(field.logical_minimum), i32::from(field.logical_maximum))
+}
+
+/// The kinds of a descriptor's items that are looked at: their keys without the size.
+mod kind {
+    pub const PHYSICAL_MINIMUM: u8 = 0x34;
+    pub const PHYSICAL_MAXIMUM: u8 = 0x44;
+    pub const UNIT_EXPONENT: u8 = 0x54;
+    pub const UNIT: u8 = 0x64;
+    pub const REPORT_SIZE: u8 = 0x74;
+    pub const REPORT_COUNT: u8 = 0x94;
+}
+
+/// The whole items of a descriptor: the kind of each, and its value's bytes.
+fn items(descriptor: &[u8]) -> impl Iterator<Item = (u8, &[u8])> {
     let mut rest = descriptor;
-    while let [key, tail @ ..] = rest {
+    std::iter::from_fn(move || {
+        let [key, tail @ ..] = rest else { return None };
         // A long item tells its size, and has a tag.
         let size = match (key, tail.first()) {
             (0xfe, Some(size)) => usize::from(*size) + 2,
             _ => [0, 1, 2, 4][usize::from(key & 3)],
         };
-        let mut value = [0; 4];
-        let Some(bytes) = tail.get(..size) else { return true };
-        value.iter_mut().zip(bytes).for_each(|(to, from)| *to = *from);
-        // Report size and report count.
-        if matches!(key & 0xfc, 0x74 | 0x94) && u32::from_le_bytes(value) as usize > 8 * LONGEST {
-            return false;
-        }
+        let value = tail.get(..size)?;
         rest = &tail[size..];
-    }
-    true
+        Some((key & 0xfc, value))
+    })
+}
+
+/// The value of an item, as one without a sign and as one with it.
+fn unsigned(value: &[u8]) -> u32 {
+    let mut bytes = [0; 4];
+    bytes.iter_mut().zip(value).for_each(|(to, from)| *to = *from);
+    u32::from_le_bytes(bytes)
+}
+
+fn signed(value: &[u8]) -> i32 {
+    let unused = 32 - 8 * value.len().clamp(1, 4) as u32;
+    (unsigned(value) << unused) as i32 >> unused
+}
+
+/// Whether no item asks for more, or larger, fields than a report holds: some would fill the memory.
+fn is_bounded(descriptor: &[u8]) -> bool {
+    items(descriptor).all(|(kind, value)| {
+        !matches!(kind, kind::REPORT_SIZE | kind::REPORT_COUNT) || unsigned(value) as usize <= 8 * LONGEST
+    })
+}
+
+/// The bytes of an item of a kind that was read as `known`: hidparser compares what it has read, but does not give it out.
+fn bytes_of<'a, T: PartialEq + From<&'a [u8]>>(
+    known: Option<T>,
+    kind: u8,
+    descriptor: &'a [u8],
+) -> Option<&'a [u8]> {
+    let known = known?;
+    items(descriptor).find(|(of, value)| *of == kind && T::from(*value) == known).map(|(_, value)| value)
+}
+
+/// What the ends of a field stand for: themselves where the descriptor tells nothing else.
+fn physical_range(field: &VariableField, slot: &Slot, descriptor: &[u8]) -> (f64, f64) {
+    let minimum: Option<PhysicalMinimum> = field.physical_minimum;
+    let maximum: Option<PhysicalMaximum> = field.physical_maximum;
+    let ends = bytes_of(minimum, kind::PHYSICAL_MINIMUM, descriptor)
+        .zip(bytes_of(maximum, kind::PHYSICAL_MAXIMUM, descriptor))
+        .map(|(least, most)| (signed(least), signed(most)))
+        .filter(|(least, most)| least < most);
+    let (least, most) = ends.unwrap_or((slot.minimum, slot.maximum));
+    (f64::from(least), f64::from(most))
+}
+
+/// The unit of a time, s: a power of ten where the descriptor tells it, else the standard's millisecond.
+fn seconds(field: &VariableField, descriptor: &[u8]) -> f64 {
+    let unit: Option<Unit> = field.unit;
+    let exponent: Option<UnitExponent> = field.unit_exponent;
+    let told = bytes_of(exponent, kind::UNIT_EXPONENT, descriptor).map_or(0, |value| match unsigned(value) {
+        // Four bits by the standard; many devices use the whole byte.
+        code @ 0..=15 => (code as i32) << 28 >> 28,
+        _ => signed(value),
+    });
+    // Seconds to the power of one, in any of the systems of units.
+    let is_time =
+        bytes_of(unit, kind::UNIT, descriptor).is_some_and(|value| unsigned(value) & 0xffff_fff0 == 0x1000);
+    if told == 0 && !is_time { 1e-3 } else { 10_f64.powi(told) }
 }
 
 impl Layout {
@@ -224,10 +334,10 @@ impl Layout {
         if !is_bounded(descriptor) {
             return Err(format!("a report of more than {LONGEST} bytes"));
         }
-        let descriptor = parse_report_descriptor(descriptor).map_err(|error| format!("{error:?}"))?;
-        let input = Fields::of(&descriptor.input_reports);
-        let output = Fields::of(&descriptor.output_reports);
-        let feature = Fields::of(&descriptor.features);
+        let parsed = parse_report_descriptor(descriptor).map_err(|error| format!("{error:?}"))?;
+        let input = Fields::of(&parsed.input_reports);
+        let output = Fields::of(&parsed.output_reports);
+        let feature = Fields::of(&parsed.features);
         let lacks = |what: &'static str| move || format!("it lacks {what}");
         let slot_of = |fields: &Fields, usage: u16, what| fields.slot(PID, usage).ok_or_else(lacks(what));
         let choice_of = |fields: &Fields, usage: u16, what| fields.choice(usage).ok_or_else(lacks(what));
@@ -244,6 +354,15 @@ impl Layout {
         let (_, load_success) = choice_of(&loads, 0x8c, "the success of a new effect")?;
         let effects = output.within(0x21);
         let (effect, effect_index) = slot_of(&effects, 0x22, "the index of an effect")?;
+        let duration = effects.duration(0x50, descriptor).ok_or_else(lacks("the duration of an effect"))?;
+        let (_, lasts) = duration.nearest(EFFECT_DURATION);
+        if lasts.is_nan() || lasts < SHORTEST_EFFECT {
+            return Err(format!(
+                "its effects last {:.1} ms at most, and {:.0} ms are needed",
+                1e3 * lasts,
+                1e3 * SHORTEST_EFFECT
+            ));
+        }
         let enabled = effects.within(0x55);
         let forces = output.within(0x73);
         let (force, magnitude) = slot_of(&forces, 0x70, "the magnitude of a constant force")?;
@@ -264,7 +383,7 @@ impl Layout {
             effect,
             effect_index,
             effect_constant: effects.choice(0x26).map(|(_, choice)| choice),
-            duration: field(&effects, 0x50),
+            duration,
             gain: field(&effects, 0x52),
             trigger: field(&effects, 0x53),
             enabled: AXIS_USAGES.map(|usage| enabled.slot(DESKTOP, usage).map(|(_, slot)| slot)),

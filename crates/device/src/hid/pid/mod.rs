@@ -1,6 +1,9 @@
 //! Joysticks and wheels with force feedback: HID's physical interface devices (PID).
 //!
-//! A constant force is kept for each axis that is driven, up to two of them, and its magnitude set as the wrench asks. How many
+//! A constant force is kept for each axis that is driven, up to two of them, and its magnitude set as the wrench asks. It ends by
+//! itself 50 ms after its last start ("Duration" of "Set Effect"), or after the next longer time that the device knows, and is started
+//! anew every 20 ms: of a host that was killed no force stays. A start of an effect that plays starts it anew; where a device's does
+//! not, as in early releases of OpenFFBoard, the force is gone for up to 20 ms whenever it has ended. How many
 //! newtons the largest magnitude is no device says: [`PEAK_FORCE`] is taken for it. x is to the right, y away from the user
 //! (HID's points at the user). Read from the standard and from OpenFFBoard's sources; not tried with a unit here, the sign of the
 //! force included.
@@ -12,9 +15,11 @@ use std::time::Duration;
 use glam::DVec3;
 use palpate_core::{Pose, Twist, Wrench};
 
-use self::layout::{AXES, Form, Layout};
+use self::layout::{AXES, EFFECT_DURATION, Form, Layout};
 use super::LONGEST;
-use crate::link::{Codec, LONGEST_REPORT, Link, Malformed, Motion, Report, Transport, TransportError};
+use crate::link::{
+    Codec, LONGEST_REPORT, Link, Malformed, Motion, RESTING, Report, Transport, TransportError,
+};
 use crate::velocity::AdaptiveWindow;
 use crate::{Axes, Specification};
 
@@ -26,6 +31,9 @@ const TRAVEL: f64 = 0.05;
 const SIGNS: [f64; AXES] = [1.0, -1.0];
 /// No trigger.
 const NEVER: i32 = 0xff;
+/// Within this time each effect's magnitude is said again and the effect started anew, in turns, s: a report that was lost is made
+/// good, and a late round does not let a force end.
+const CYCLE: f64 = 0.02;
 
 /// A device whose report descriptor is none of a force feedback device with constant forces.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -47,6 +55,21 @@ pub struct PidCodec {
     layout: Layout,
     /// The index of each axis' effect, once it is loaded, and the magnitude set last.
     effects: [Option<(i32, i32)>; AXES],
+    /// The pump's time, and when the next turn is due, s.
+    now: f64,
+    due: f64,
+    /// Whose turn it is, among [`TURNS`].
+    turn: usize,
+}
+
+/// What is said again, an axis' magnitude first: an effect is not to start with one that was taken back.
+const TURNS: [(usize, Again); 2 * AXES] =
+    [(0, Again::Magnitude), (0, Again::Start), (1, Again::Magnitude), (1, Again::Start)];
+
+#[derive(Clone, Copy, Debug)]
+enum Again {
+    Magnitude,
+    Start,
 }
 
 impl PidCodec {
@@ -56,7 +79,7 @@ impl PidCodec {
     /// If it is none of a force feedback device with constant forces.
     pub fn new(descriptor: &[u8]) -> Result<Self, NotPid> {
         let layout = Layout::parse(descriptor).map_err(NotPid)?;
-        Ok(Self { layout, effects: [None; AXES] })
+        Ok(Self { layout, effects: [None; AXES], now: 0.0, due: 0.0, turn: 0 })
     }
 
     /// The axes that are sensed, and that are driven.
@@ -81,9 +104,10 @@ impl PidCodec {
         if let Some(constant) = &layout.effect_constant {
             constant.put(&mut effect);
         }
-        // It goes on and on, as strong as may be, by no button.
-        for slot in [layout.duration, layout.gain].iter().flatten() {
-            slot.put(&mut effect, slot.maximum);
+        // As strong as may be, by no button.
+        layout.duration.put(&mut effect, EFFECT_DURATION);
+        if let Some(gain) = &layout.gain {
+            gain.put(&mut effect, gain.maximum);
         }
         if let Some(trigger) = &layout.trigger {
             trigger.put(&mut effect, NEVER);
@@ -93,15 +117,45 @@ impl PidCodec {
         }
         transport.write(&effect[..layout.effect.length])?;
         transport.write(self.magnitude(index, 0).bytes())?;
+        transport.write(self.operation(index).bytes())?;
+        self.effects[axis] = Some((index, 0));
+        Ok(())
+    }
+
+    /// Starts an effect, once.
+    fn operation(&self, index: i32) -> Report {
+        let layout = &self.layout;
         let mut operation = blank(layout.operation);
         layout.operation_index.put(&mut operation, index);
         layout.start.put(&mut operation);
         if let Some(loops) = &layout.loops {
-            loops.put(&mut operation, loops.maximum);
+            loops.put(&mut operation, 1);
         }
-        transport.write(&operation[..layout.operation.length])?;
-        self.effects[axis] = Some((index, 0));
-        Ok(())
+        Report::new(&operation, layout.operation.length)
+    }
+
+    /// Time from one turn to the next, s.
+    fn turn_time(&self) -> f64 {
+        CYCLE / (2 * self.effects.iter().flatten().count()) as f64
+    }
+
+    /// What is to be said again now, if anything.
+    fn again(&mut self) -> Option<Report> {
+        if self.effects == [None; AXES] || self.now < self.due {
+            return None;
+        }
+        // Turns that were missed follow, one a round.
+        self.due = (self.due + self.turn_time()).max(self.now - CYCLE);
+        loop {
+            let (axis, what) = TURNS[self.turn];
+            self.turn = (self.turn + 1) % TURNS.len();
+            if let Some((index, magnitude)) = self.effects[axis] {
+                return Some(match what {
+                    Again::Magnitude => self.magnitude(index, magnitude),
+                    Again::Start => self.operation(index),
+                });
+            }
+        }
     }
 
     fn magnitude(&self, index: i32, magnitude: i32) -> Report {
@@ -121,6 +175,10 @@ fn blank(form: Form) -> [u8; LONGEST] {
 
 impl Codec for PidCodec {
     type Sample = Stick;
+
+    fn begin_round(&mut self, now: f64) {
+        self.now = now;
+    }
 
     fn decode(&mut self, report: &[u8], sample: &mut Stick) -> Result<(), Malformed> {
         let number = *report.first().ok_or(Malformed)?;
@@ -155,6 +213,9 @@ impl Codec for PidCodec {
                 say(self.magnitude(index, magnitude));
             }
         }
+        if let Some(again) = self.again() {
+            say(again);
+        }
     }
 
     fn start(&mut self, transport: &mut dyn Transport) -> Result<(), TransportError> {
@@ -172,7 +233,9 @@ impl Codec for PidCodec {
             transport.write(&report[..form.length])?;
         }
         let driven = self.axes()[1];
-        (0..AXES).filter(|axis| driven[*axis]).try_for_each(|axis| self.load(axis, transport))
+        (0..AXES).filter(|axis| driven[*axis]).try_for_each(|axis| self.load(axis, transport))?;
+        self.due = self.now + self.turn_time();
+        Ok(())
     }
 
     fn stop(&mut self, transport: &mut dyn Transport) -> Result<(), TransportError> {
@@ -189,15 +252,22 @@ pub struct StickMotion {
     velocity: AdaptiveWindow,
     place: DVec3,
     twist: Twist,
+    /// When the last report came, s.
+    heard: f64,
 }
 
 impl Motion for StickMotion {
     type Sample = Stick;
 
-    fn advance(&mut self, sample: &Stick, _: bool, now: f64) -> (Pose, Twist, u32) {
-        let [x, y] = sample.axes.map(f64::from);
-        self.place = DVec3::new(SIGNS[0] * x, SIGNS[1] * y, 0.0) * TRAVEL;
-        self.twist = Twist::new(self.velocity.push(now, self.place), DVec3::ZERO);
+    fn advance(&mut self, sample: &Stick, came: Option<f64>, now: f64) -> (Pose, Twist, u32) {
+        if let Some(time) = came {
+            let [x, y] = sample.axes.map(f64::from);
+            self.place = DVec3::new(SIGNS[0] * x, SIGNS[1] * y, 0.0) * TRAVEL;
+            self.twist = Twist::new(self.velocity.push(time, self.place), DVec3::ZERO);
+            self.heard = time;
+        } else if now - self.heard > RESTING {
+            self.twist = Twist::ZERO;
+        }
         (Pose::from_translation(self.place), self.twist, sample.buttons)
     }
 
@@ -244,6 +314,7 @@ impl Link<PidCodec, StickMotion> {
                 velocity: AdaptiveWindow::new(step),
                 place: DVec3::ZERO,
                 twist: Twist::ZERO,
+                heard: f64::NEG_INFINITY,
             },
             codec,
             specification,
