@@ -207,3 +207,60 @@ impl HapticDevice for OfTheHost {
         Ok(())
     }
 }
+
+#[cfg(all(test, feature = "models"))]
+mod tests {
+    use palpate_clod_build::unwatched;
+    use palpate_core::glam::DVec3;
+    use palpate_core::{Pose, Twist};
+    use palpate_device::{Emulation, Status};
+
+    use super::*;
+    use crate::object::{Object, OpenOptions};
+
+    /// The thread that finds contacts panics while the hand presses: that is counted, and what it found last holds nothing.
+    #[test]
+    fn a_contact_thread_that_panics_is_told_and_its_planes_let_go() {
+        let options = OpenOptions { cache: false, ..OpenOptions::default() };
+        let open = |name| Object::open(name, &options, &mut unwatched).expect("a model");
+        let [probe, plate] = ["ellipsoid@500", "ellipsoid@500"].map(open);
+        let height = plate.bounding_radius();
+        let scene = Scene::new().with(plate, Pose::from_translation(DVec3::NEG_Z * height));
+        let specification = Emulation::default().specification;
+        let at = |z: f64| DeviceState {
+            time: 0.0,
+            pose: Pose::from_translation(DVec3::Z * z),
+            twist: Twist::ZERO,
+            buttons: 0,
+            status: Status::OK,
+        };
+        let above = 2.0 * height;
+        let session = HostedSession::new(probe, scene, specification, at(above), Settings::default());
+        let mut stepper = session.expect("a session").stepper;
+        let mut steps = 0;
+        let mut step = |stepper: &mut HostedStepper, z: f64| {
+            steps += 1;
+            let state = DeviceState { time: 1e-3 * f64::from(steps), ..at(z) };
+            // As a host's clock does, so that contacts are found meanwhile.
+            std::thread::sleep(std::time::Duration::from_micros(200));
+            stepper.step(1e-3, &state).force.length()
+        };
+        let mut z = above;
+        let mut force = 0.0;
+        while force < 1.0 {
+            assert!(z > -above, "nothing is felt");
+            z -= 1e-4;
+            force = step(&mut stepper, z);
+        }
+        stepper.ended.store(true, Ordering::Release);
+        let panicking = std::thread::Builder::new().name("panics".into()).spawn(|| panic!("on purpose"));
+        let found = stepper.contact_thread.replace(panicking.expect("a thread"));
+        found.expect("a thread").join().expect("no panic");
+        while !stepper.contact_thread.as_ref().is_some_and(JoinHandle::is_finished) {
+            std::thread::yield_now();
+        }
+        assert_eq!(stepper.events().contact_thread_lost, 0);
+        let after = (0..101).map(|_| step(&mut stepper, z)).last();
+        assert_eq!((after, stepper.events().contact_thread_lost), (Some(0.0), 1));
+    }
+}
