@@ -1,0 +1,2 @@
+use super::session::run;
+use super::*;
