@@ -30,6 +30,8 @@ struct Sine {
     /// rad/s and rad.
     rate: f64,
     phase: f64,
+    /// Sine of the phase.
+    start: f64,
 }
 
 /// By a way (m) and a turn (rad), from one time to another, s.
@@ -43,17 +45,22 @@ struct Move {
 
 impl Motion {
     pub fn of(g: &mut Genes<'_>, seconds: f64) -> Self {
-        let sines = std::array::from_fn(|_| Sine {
-            way: g.direction() * g.log(1e-4, 0.08),
-            turn: g.direction() * g.log(1e-3, 0.8),
-            rate: TAU * g.log(0.1, 6.0),
-            phase: g.range(0.0, TAU),
+        let sines = std::array::from_fn(|_| {
+            let phase = g.range(0.0, TAU);
+            Sine {
+                way: g.direction() * g.log(1e-4, 0.08),
+                turn: g.direction() * g.log(1e-3, 0.8),
+                rate: TAU * g.log(0.1, 6.0),
+                phase,
+                start: phase.sin(),
+            }
         });
         let tremor = g.maybe(0.3, |g| Sine {
             way: g.direction() * g.log(1e-5, 2e-3),
             turn: g.direction() * g.log(1e-4, 0.05),
             rate: TAU * g.range(6.0, 30.0),
             phase: 0.0,
+            start: 0.0,
         });
         let moves = std::array::from_fn(|_| {
             g.maybe(0.5, |g| {
@@ -69,7 +76,7 @@ impl Motion {
     fn at(&self, time: f64) -> (DVec3, DVec3) {
         let (mut way, mut turn) = (DVec3::ZERO, DVec3::ZERO);
         for sine in self.sines.iter().chain(&self.tremor) {
-            let part = (sine.rate * time + sine.phase).sin() - sine.phase.sin();
+            let part = (sine.rate * time + sine.phase).sin() - sine.start;
             way += sine.way * part;
             turn += sine.turn * part;
         }

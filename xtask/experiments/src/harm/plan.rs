@@ -116,7 +116,7 @@ impl Plan {
         let pair = if by_models { pair } else { Pair::Ellipsoid };
         let mut emulation = emulation(g);
         let settings = settings(g, pair, by_models);
-        emulation.substep = emulation.substep.min(0.5 / settings.rate).max(1e-5);
+        emulation.substep = (0.5 / settings.rate).clamp(2e-5, 2e-4);
         let hand = Motion::of(g, seconds);
         let planes = (0..PLANES).map(|index| g.maybe(0.9 / (1 + index) as f64, |g| plane(g, seconds)));
         let planes: Vec<Plane> = planes.collect::<Vec<_>>().into_iter().flatten().collect();
@@ -212,6 +212,10 @@ fn settings(g: &mut Genes<'_>, pair: Pair, by_models: bool) -> Settings {
         settings.integrator = other;
     }
     let usual = g.pick(&[0.01, 0.02]);
+    if !by_models {
+        // A host's own query has no use for fields, which take seconds to make.
+        settings.search = ContactSearch::Levels;
+    }
     if by_models && settings.search != ContactSearch::Levels {
         // Each tolerance needs fields of its own, which take seconds.
         settings.tolerance = Some(usual * radius);
