@@ -155,8 +155,10 @@ pub(crate) struct Write {
 pub struct Invariants {
     bounds: Bounds,
     last: Wrench,
-    /// Time since the first write that knew of a fault, while it lasts, and since the wrench was to come up from nothing, s.
+    /// Time since the first write that knew of a failure, and of overdue contact models, while it lasts; and since the wrench was to
+    /// come up from nothing, s.
     faulty: Option<f64>,
+    overdue: Option<f64>,
     up: f64,
     /// Energy that may come out, J; negative for what came out beyond what went in; and the most that was stored meanwhile.
     reserve: f64,
@@ -171,6 +173,7 @@ impl Invariants {
             bounds,
             last: Wrench::ZERO,
             faulty: None,
+            overdue: None,
             up: 0.0,
             reserve: 0.0,
             most_stored: 0.0,
@@ -214,8 +217,13 @@ impl Invariants {
         self.note(Invariant::Slew, slewed.filter(|part| !part.is_nan()).fold(0.0, f64::max));
 
         // What the first write after a fault sends was the first to know of it.
-        self.faulty = write.faulty.then(|| self.faulty.map_or(0.0, |faulty| faulty + elapsed));
-        let faulty = self.faulty.unwrap_or(0.0).max(write.overdue);
+        let since =
+            |is_there: bool, known: Option<f64>| is_there.then(|| known.map_or(0.0, |known| known + elapsed));
+        self.faulty = since(write.faulty, self.faulty);
+        // Models may be of long ago when they come.
+        self.overdue = since(write.overdue > 0.0, self.overdue);
+        let overdue = self.overdue.unwrap_or(0.0).min(write.overdue);
+        let faulty = self.faulty.unwrap_or(0.0).max(overdue);
         self.note(Invariant::Fault, if wrench == Wrench::ZERO { 0.0 } else { faulty / FAULT_TIME });
 
         self.up = if write.released { 0.0 } else { self.up } + dt;
@@ -366,8 +374,9 @@ mod tests {
         let late = Write { elapsed: 0.06, ..faulty };
         assert_eq!(then(vec![late]), [""; 0], "it is the first that knows");
         assert_eq!(then(vec![late; 2]), ["fault"]);
-        let overdue = |overdue| vec![Write { overdue, ..push(1.2) }];
-        assert_eq!((then(overdue(0.05)), then(overdue(0.051))), (vec![], vec!["fault"]));
+        let overdue = |overdue, times| then(vec![Write { overdue, ..push(1.2) }; times]);
+        assert_eq!((overdue(0.05, 60), overdue(0.051, 52)), (vec![], vec!["fault"]));
+        assert_eq!((overdue(7.0, 51), overdue(7.0, 52)), (vec![], vec!["fault"]), "of long ago as they come");
         let released = Write { faulty: true, released: true, ..push(0.0) };
         assert_eq!(then(vec![released, push(0.3)]), ["engagement"]);
         assert_eq!(then(vec![released, push(5e-4)]), [""; 0]);
