@@ -45,10 +45,11 @@ pub struct Judge {
     slew: (f64, f64),
     before: (f64, f64),
     held: Wrench,
-    /// Since when the device has not answered, its readings were bad, and they were the same, s.
+    /// Since when the device has not answered, its readings were bad, they were the same, and contact models were overdue, s.
     unread: Option<f64>,
     bad: Option<f64>,
     same: Option<f64>,
+    old: Option<f64>,
     stamped: bool,
     good: Option<DeviceState>,
     pub parts: Parts,
@@ -67,6 +68,7 @@ impl Judge {
             unread: None,
             bad: None,
             same: None,
+            old: None,
             stamped: false,
             good: None,
             parts: Parts::default(),
@@ -131,20 +133,26 @@ impl Judge {
         self.before = self.slew;
         self.held = *wrench;
 
+        self.old = (self.overdue(step) > 0.0).then(|| self.old.unwrap_or(time));
         let silent = wrench.force == DVec3::ZERO && wrench.torque == DVec3::ZERO;
         let faulty = if silent { 0.0 } else { self.faulty(time, step) };
         raise(&mut self.parts.silence, faulty);
     }
 
-    /// For how long there has been a fault, as a part of the time after which nothing may be sent.
+    /// For how long there has been a fault, since it can be known, as a part of the time after which nothing may be sent.
     fn faulty(&self, time: f64, step: &Step) -> f64 {
         if self.unread.is_some() {
             return f64::INFINITY;
         }
         let bad = self.bad.map_or(0.0, |since| time - since);
         let same = self.same.map_or(0.0, |since| time - since - STALE);
-        let old = step.now - step.contacts - self.timeout;
+        let old = self.old.map_or(0.0, |since| time - since).min(self.overdue(step));
         bad.max(same).max(old) / FAULT_TIME
+    }
+
+    /// For how long contact models have been older than they may be, s.
+    fn overdue(&self, step: &Step) -> f64 {
+        step.now - step.contacts - self.timeout
     }
 }
 

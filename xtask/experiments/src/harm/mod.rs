@@ -108,7 +108,7 @@ fn print(found: &Found, took: f64) {
             Outcome::Ended(ended) => {
                 let parts = Measure::ALL.iter().zip(&ended.parts);
                 let above: Vec<String> = parts
-                    .filter(|(measure, part)| measure.is_promised() && **part > 1.0)
+                    .filter(|(measure, part)| measure.is_promised() && **part > session::BROKEN)
                     .map(|(measure, part)| format!("{} {part:.4}", measure.name()))
                     .collect();
                 println!("harm: {}\n    {genome}", above.join(", "));

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::as_asked;
 use super::genome::{Genome, mixed};
-use super::session::{Ended, Measure, Outcome, run};
+use super::session::{BROKEN, Ended, Measure, Outcome, run};
 use crate::progress;
 
 /// The worst sessions of each measure that are kept to be changed.
@@ -85,7 +85,7 @@ impl Found {
                 self.touched += usize::from(*touched);
                 self.read = self.read.max(*read);
                 for (index, part) in parts.iter().enumerate() {
-                    self.above[index] += usize::from(*part > 1.0 + 1e-6);
+                    self.above[index] += usize::from(*part > BROKEN);
                     let worst = &mut self.worst[index];
                     let place = worst.partition_point(|(other, _)| other >= part);
                     if place < KEPT && *part > 0.0 {

@@ -29,6 +29,9 @@ const FREE: f64 = 0.3;
 /// After a fault the wrench is looked at for so long, s, or a step.
 const AFTER: f64 = 1e-3;
 
+/// A part from which a bound is broken: 1, but for rounding.
+pub const BROKEN: f64 = 1.0 + 1e-6;
+
 /// With an engagement of at least this, s: with none the wrench is back at once.
 const ENGAGED: f64 = 0.02;
 
@@ -132,7 +135,7 @@ impl Outcome {
             Self::Refused(_) => false,
             Self::Panicked(_) => true,
             Self::Ended(ended) => {
-                let above = |(measure, part): (&Measure, &f64)| measure.is_promised() && *part > 1.0 + 1e-6;
+                let above = |(measure, part): (&Measure, &f64)| measure.is_promised() && *part > BROKEN;
                 !ended.broken.is_empty() || Measure::ALL.iter().zip(&ended.parts).any(above)
             }
         }
