@@ -29,6 +29,9 @@ pub const RUNAWAY_SPEED: (f64, f64) = (0.8, 20.0);
 /// its time constant, s. Typical of the small brushed motors of haptic devices, by their makers' data sheets; not of one device.
 pub const WARMTH: [(f64, f64); 2] = [(0.2, 15.0), (0.8, 600.0)];
 
+/// How far rounding on three axes reaches, in steps.
+const DIAGONAL: f64 = 1.732_050_807_568_877_2;
+
 /// By how much a figure may be above its bound for rounding.
 const ROUNDING: f64 = 1e-6;
 
@@ -100,6 +103,8 @@ pub(crate) struct Bounds {
     peak: (f64, f64),
     continuous: (f64, f64),
     actuated: Axes,
+    /// Of the encoders, m and rad.
+    steps: (f64, f64),
     /// J: infinite where energy is not checked.
     energy: f64,
     slew: SlewLimit,
@@ -124,6 +129,7 @@ impl Bounds {
             peak: (specification.peak_force, specification.peak_torque),
             continuous: (specification.continuous_force, specification.continuous_torque),
             actuated: specification.actuated,
+            steps: (specification.encoder_step, specification.angular_encoder_step),
             energy: energy_bound(specification),
             slew,
             engagement,
@@ -244,7 +250,8 @@ impl Invariants {
         let Write { wrench, elapsed, displacement, stored, .. } = *write;
         let Bounds { peak, continuous, energy, .. } = self.bounds;
         let last = self.last;
-        let work = last.force.dot(displacement.linear) + last.torque.dot(displacement.angular);
+        let work = charged((last.force, wrench.force), displacement.linear, self.bounds.steps.0)
+            + charged((last.torque, wrench.torque), displacement.angular, self.bounds.steps.1);
         self.reserve = (self.reserve - work).min(stored.max(0.0));
         self.most_stored = self.most_stored.max(stored);
         if last == Wrench::ZERO {
@@ -313,6 +320,13 @@ fn grown(now: DVec3, last: DVec3) -> f64 {
     if grown <= ROUNDING * last.length() { 0.0 } else { grown }
 }
 
+/// The work of what was held before over what the handle moved by, J; over as much as may be one step of its encoders, of the mean of
+/// that and of what now answers it. Half of a step lies before where it is seen, so that a spring K would seem to give K Δ²/2 at each.
+fn charged((before, now): (DVec3, DVec3), moved: DVec3, step: f64) -> f64 {
+    let work = before.dot(moved);
+    if step > 0.0 { work + 0.5 * (now - before).dot(moved.clamp_length_max(DIAGONAL * step)) } else { work }
+}
+
 /// A figure as a part of its bound; nothing of a bound of 0 is nothing.
 fn part_of(figure: f64, bound: f64) -> f64 {
     if figure <= 0.0 { 0.0 } else { figure / bound }
@@ -355,6 +369,34 @@ mod tests {
         let invariants = checked(writes);
         let broken = |invariant: &Invariant| invariants.kept(*invariant).broken > 0;
         Invariant::ALL.into_iter().filter(broken).map(Invariant::name).collect()
+    }
+
+    /// A spring that is felt in the steps of an encoder seems to give K Δ²/2 at each, on the way out and back; it gives nothing. What
+    /// a spring gives that pulls harder on the way back is given for all that.
+    #[test]
+    fn steps_of_an_encoder_create_no_energy() {
+        let (stiffness, encoder_step) = (400.0, 1e-3);
+        let spring = |harder: f64| {
+            let mut specification = Emulation::default().specification;
+            specification.encoder_step = encoder_step;
+            let slew = SlewLimit { force: 850.0, torque: 18.8 };
+            let mut invariants = Invariants::new(Bounds::of(&specification, slew, 0.2));
+            let mut last = 10e-3;
+            for step in 0..40_000 {
+                let phase = f64::from(step) * 5e-3;
+                let place = ((10e-3 + 6.5e-3 * phase.sin()) / encoder_step).round() * encoder_step;
+                let moved = place - last;
+                let back = if phase.cos() < 0.0 { harder } else { 1.0 };
+                let displacement = Twist::new(DVec3::Z * moved, DVec3::ZERO);
+                let stored = 0.5 * stiffness * place * place;
+                invariants.check(&Write { displacement, stored, ..push(-stiffness * back * place) });
+                last = place;
+            }
+            invariants.kept(Invariant::Energy)
+        };
+        let (passive, active) = (spring(1.0), spring(1.2));
+        assert!(passive.broken == 0 && passive.worst < 0.2, "{passive:?}");
+        assert!(active.broken > 0, "{active:?}");
     }
 
     /// Each is broken by what breaks it, and by nothing else.
