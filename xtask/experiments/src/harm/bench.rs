@@ -1,7 +1,7 @@
 //! The device of a session: an emulated one in a hand, with all that can go wrong between it and the engine.
 
 use palpate::device::{DeviceError, DeviceState, EmulatedDevice, Hand, HapticDevice, Specification, Status};
-use palpate::{Pose, Settings, Wrench};
+use palpate::{Pose, Settings, Twist, Wrench};
 use rand::rngs::StdRng;
 
 use super::faults::{Fault, Kind};
@@ -53,9 +53,15 @@ impl Bench {
         &self.device
     }
 
-    /// What is written to the device, and holds.
+    /// What is written to the device, and holds, in the axes of its readings.
     pub fn held(&self) -> &Wrench {
         &self.held
+    }
+
+    /// How the handle truly moves, in the same axes.
+    pub fn twist(&self) -> Twist {
+        let Twist { linear, angular } = self.device.handle().1;
+        Twist::new(self.offset.rotation * linear, self.offset.rotation * angular)
     }
 
     pub fn is_there(&self, kind: Kind) -> Option<&Fault> {
@@ -107,6 +113,8 @@ impl HapticDevice for Bench {
         if self.offset != Pose::IDENTITY {
             state.pose = self.offset * state.pose;
             state.pose.rotation = state.pose.rotation.normalize();
+            let Twist { linear, angular } = state.twist;
+            state.twist = Twist::new(self.offset.rotation * linear, self.offset.rotation * angular);
         }
         if self.is_there(Kind::Unread).or(self.is_there(Kind::Elsewhere)).is_some() {
             self.judge.read(None, self.time);
@@ -134,7 +142,9 @@ impl HapticDevice for Bench {
             return Err(DeviceError::Closed);
         }
         self.held = wrench;
-        self.device.write(&wrench)
+        // Its axes have turned with it.
+        let back = self.offset.rotation.conjugate();
+        self.device.write(&Wrench::new(back * wrench.force, back * wrench.torque))
     }
 
     fn close(&mut self) -> Result<(), DeviceError> {

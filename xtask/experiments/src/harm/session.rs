@@ -26,6 +26,9 @@ const MOST_STEPS: u64 = 150_000;
 /// The hand is in free space when no contact was found for so long, and nothing went wrong, s.
 const FREE: f64 = 0.3;
 
+/// A step this late is one that a device holds a wrench over, s.
+const LATE: f64 = 5e-3;
+
 /// After a fault the wrench is looked at for so long, s, or a step.
 const AFTER: f64 = 1e-3;
 
@@ -178,8 +181,10 @@ struct Running {
     /// Time of the newest contact model, as the host knows it, s.
     newest: f64,
     edits: VecDeque<Edit>,
-    /// Since when the hand has been in free space, with the least work since, s and J.
+    /// Since when the hand has been in free space, s, and the work by then with what else may come out, J.
     free: Option<(f64, f64)>,
+    /// When a step last came late, s.
+    late: f64,
     touches: bool,
     touched: bool,
     /// When something was last wrong that the wrench is to come up from nothing after, s.
@@ -248,6 +253,7 @@ impl Running {
             newest: f64::NAN,
             edits: edits.into(),
             free: None,
+            late: f64::NEG_INFINITY,
             touches: false,
             touched: false,
             fault: None,
@@ -323,14 +329,20 @@ impl Running {
         let time = bench.time;
         let specification = bench.specification();
         let (force_peak, torque_peak) = (specification.peak_force, specification.peak_torque);
-        let twist = bench.device().handle().1;
+        let twist = bench.twist();
         let speed = |held: DVec3, peak: f64, velocity: DVec3, fastest: f64| {
             let size = held.length();
             if size > HARMLESS * peak { velocity.dot(held) / (size * fastest) } else { 0.0 }
         };
-        let linear = speed(held.force, force_peak, twist.linear, RUNAWAY_SPEED.0);
-        let angular = speed(held.torque, torque_peak, twist.angular, RUNAWAY_SPEED.1);
-        self.worst.true_speed = self.worst.true_speed.max(linear).max(angular);
+        if elapsed > LATE {
+            self.late = time;
+        }
+        // While a host sleeps, a device holds what it was last asked for.
+        if time - self.late > FREE {
+            let linear = speed(held.force, force_peak, twist.linear, RUNAWAY_SPEED.0);
+            let angular = speed(held.torque, torque_peak, twist.angular, RUNAWAY_SPEED.1);
+            self.worst.true_speed = self.worst.true_speed.max(linear).max(angular);
+        }
 
         let lost = [Kind::Unread, Kind::Elsewhere, Kind::Unwritten, Kind::Withheld];
         if lost.into_iter().any(|kind| bench.is_there(kind).is_some()) {
@@ -347,15 +359,17 @@ impl Running {
         let work = bench.device().work();
         if self.touches || !bench.faults.is_empty() {
             self.free = None;
-        } else {
-            let (since, least) = self.free.unwrap_or((time, work));
-            let settled = time - since > FREE;
-            let least = if settled { least.min(work) } else { work };
-            self.free = Some((since, least));
-            let bound = ENERGY_BOUND.0 * force_peak + ENERGY_BOUND.1 * torque_peak;
-            if bound > 0.0 {
-                self.worst.free_energy = self.worst.free_energy.max((work - least) / bound);
-            }
+            return;
+        }
+        let (since, given) = self.free.unwrap_or((time, work));
+        let moving = self.haptic.body_state().twist.linear.length_squared() * 0.5 * self.plan.settings.mass;
+        let scale = self.plan.settings.workspace_scale;
+        // What the object has of its motion may come out.
+        let given = if time - since > FREE { given } else { work + moving / (scale * scale) };
+        self.free = Some((since, given));
+        let bound = ENERGY_BOUND.0 * force_peak + ENERGY_BOUND.1 * torque_peak;
+        if bound > 0.0 {
+            self.worst.free_energy = self.worst.free_energy.max((work - given) / bound);
         }
     }
 
