@@ -1,6 +1,6 @@
 //! Project tasks: `cargo xtask test`, `cargo xtask ci`, `cargo xtask dependencies`, `cargo xtask publish-check`, `cargo xtask msrv`,
 //! `cargo xtask semver`; and those that run the engine, which are handed to `palpate-experiments`: `cargo xtask pictures`,
-//! `cargo xtask stability`, `cargo xtask reproduce`, `cargo xtask trade`, `cargo xtask latency`.
+//! `cargo xtask stability`, `cargo xtask reproduce`, `cargo xtask trade`, `cargo xtask latency`, `cargo xtask harm`.
 
 #![allow(clippy::print_stdout, clippy::print_stderr)] // Tasks report to a person at a terminal.
 
@@ -48,6 +48,9 @@ enum Task {
     /// Measures how late a session is while other programs keep the processors busy.
     #[command(disable_help_flag = true)]
     Latency(Passed),
+    /// Searches random sessions for a wrench that could hurt.
+    #[command(disable_help_flag = true)]
+    Harm(Passed),
     /// Writes the page of what a program links that embeds palpate.
     Dependencies(dependencies::Arguments),
     /// Packs every published package and builds it from that alone, without uploading anything.
@@ -77,6 +80,7 @@ fn main() -> ExitCode {
         Task::Reproduce(passed) => experiment("reproduce", &passed),
         Task::Trade(passed) => experiment("trade", &passed),
         Task::Latency(passed) => experiment("latency", &passed),
+        Task::Harm(passed) => experiment("harm", &passed),
         Task::Dependencies(arguments) => dependencies::run(&arguments),
         Task::PublishCheck => release::publish_check(),
         Task::Msrv => release::msrv(),

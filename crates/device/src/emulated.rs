@@ -253,6 +253,17 @@ impl EmulatedDevice {
         self.skipped as f64 * self.emulation.substep
     }
 
+    /// Lets another hand take hold of the handle, or none ([`Hand::NONE`]).
+    ///
+    /// # Errors
+    /// If one of its figures is out of range; the hand that holds it stays.
+    pub fn hold_with(&mut self, hand: Hand) -> Result<(), DeviceError> {
+        let emulation = Emulation { hand, ..self.emulation.clone() };
+        emulation.check()?;
+        self.emulation = emulation;
+        Ok(())
+    }
+
     /// Presses the buttons whose bits are set, and lets go of the others.
     pub fn set_buttons(&mut self, buttons: u32) {
         self.buttons = buttons;

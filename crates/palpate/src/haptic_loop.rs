@@ -131,6 +131,13 @@ const ROAM: (f64, f64) = (0.5, 0.01);
 /// Steps in a row that may be refused before the object is put where the hand is.
 const MOST_STUCK: u32 = 20;
 
+/// The time since the step before, and what a step integrates of it, s: nothing of a `dt` that is no time, and of a long one what makes
+/// up for some of it. By clocks that go on, no more has passed than they tell, whatever a host says.
+pub(crate) fn times_of_step(since: f64, dt: f64, longest: f64) -> (f64, f64) {
+    let integrated = if dt > 0.0 && dt.is_finite() { dt.min(longest) } else { 0.0 };
+    (since.max(integrated), integrated)
+}
+
 impl HapticLoop {
     /// Starts with the object at rest in the device's hand.
     pub(crate) fn new(grasped: Grasped, device: DeviceState, specification: &Specification) -> Self {
@@ -272,9 +279,7 @@ impl HapticLoop {
         if self.found.contacts > 0 {
             self.telemetry.first_touch.get_or_insert(now);
         }
-        // A step may come late, and make up for some of it.
-        let elapsed = (now - std::mem::replace(&mut self.now, now)).max(dt);
-        let dt = if dt.is_finite() && dt > self.longest_step { self.longest_step } else { dt };
+        let (elapsed, dt) = times_of_step(now - std::mem::replace(&mut self.now, now), dt, self.longest_step);
         let reading = self.read(device, elapsed, dt);
         let handle = self.workspace.locate(&self.tracking.damped_state());
         let motion = motion_at(&handle, &(Pose::from_translation(-self.handle) * self.grasp));

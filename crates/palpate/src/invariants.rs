@@ -29,6 +29,9 @@ pub const RUNAWAY_SPEED: (f64, f64) = (0.8, 20.0);
 /// its time constant, s. Typical of the small brushed motors of haptic devices, by their makers' data sheets; not of one device.
 pub const WARMTH: [(f64, f64); 2] = [(0.2, 15.0), (0.8, 600.0)];
 
+/// How far rounding on three axes reaches, in steps.
+const DIAGONAL: f64 = 1.732_050_807_568_877_2;
+
 /// By how much a figure may be above its bound for rounding.
 const ROUNDING: f64 = 1e-6;
 
@@ -100,6 +103,8 @@ pub(crate) struct Bounds {
     peak: (f64, f64),
     continuous: (f64, f64),
     actuated: Axes,
+    /// Of the encoders, m and rad.
+    steps: (f64, f64),
     /// J: infinite where energy is not checked.
     energy: f64,
     slew: SlewLimit,
@@ -124,6 +129,7 @@ impl Bounds {
             peak: (specification.peak_force, specification.peak_torque),
             continuous: (specification.continuous_force, specification.continuous_torque),
             actuated: specification.actuated,
+            steps: (specification.encoder_step, specification.angular_encoder_step),
             energy: energy_bound(specification),
             slew,
             engagement,
@@ -155,8 +161,10 @@ pub(crate) struct Write {
 pub struct Invariants {
     bounds: Bounds,
     last: Wrench,
-    /// Time since the first write that knew of a fault, while it lasts, and since the wrench was to come up from nothing, s.
+    /// Time since the first write that knew of a failure, and of overdue contact models, while it lasts; and since the wrench was to
+    /// come up from nothing, s.
     faulty: Option<f64>,
+    overdue: Option<f64>,
     up: f64,
     /// Energy that may come out, J; negative for what came out beyond what went in; and the most that was stored meanwhile.
     reserve: f64,
@@ -171,6 +179,7 @@ impl Invariants {
             bounds,
             last: Wrench::ZERO,
             faulty: None,
+            overdue: None,
             up: 0.0,
             reserve: 0.0,
             most_stored: 0.0,
@@ -214,8 +223,13 @@ impl Invariants {
         self.note(Invariant::Slew, slewed.filter(|part| !part.is_nan()).fold(0.0, f64::max));
 
         // What the first write after a fault sends was the first to know of it.
-        self.faulty = write.faulty.then(|| self.faulty.map_or(0.0, |faulty| faulty + elapsed));
-        let faulty = self.faulty.unwrap_or(0.0).max(write.overdue);
+        let since =
+            |is_there: bool, known: Option<f64>| is_there.then(|| known.map_or(0.0, |known| known + elapsed));
+        self.faulty = since(write.faulty, self.faulty);
+        // Models may be of long ago when they come.
+        self.overdue = since(write.overdue > 0.0, self.overdue);
+        let overdue = self.overdue.unwrap_or(0.0).min(write.overdue);
+        let faulty = self.faulty.unwrap_or(0.0).max(overdue);
         self.note(Invariant::Fault, if wrench == Wrench::ZERO { 0.0 } else { faulty / FAULT_TIME });
 
         self.up = if write.released { 0.0 } else { self.up } + dt;
@@ -236,7 +250,8 @@ impl Invariants {
         let Write { wrench, elapsed, displacement, stored, .. } = *write;
         let Bounds { peak, continuous, energy, .. } = self.bounds;
         let last = self.last;
-        let work = last.force.dot(displacement.linear) + last.torque.dot(displacement.angular);
+        let work = charged((last.force, wrench.force), displacement.linear, self.bounds.steps.0)
+            + charged((last.torque, wrench.torque), displacement.angular, self.bounds.steps.1);
         self.reserve = (self.reserve - work).min(stored.max(0.0));
         self.most_stored = self.most_stored.max(stored);
         if last == Wrench::ZERO {
@@ -305,6 +320,13 @@ fn grown(now: DVec3, last: DVec3) -> f64 {
     if grown <= ROUNDING * last.length() { 0.0 } else { grown }
 }
 
+/// The work of what was held before over what the handle moved by, J; over as much as may be one step of its encoders, of the mean of
+/// that and of what now answers it. Half of a step lies before where it is seen, so that a spring K would seem to give K Δ²/2 at each.
+fn charged((before, now): (DVec3, DVec3), moved: DVec3, step: f64) -> f64 {
+    let work = before.dot(moved);
+    if step > 0.0 { work + 0.5 * (now - before).dot(moved.clamp_length_max(DIAGONAL * step)) } else { work }
+}
+
 /// A figure as a part of its bound; nothing of a bound of 0 is nothing.
 fn part_of(figure: f64, bound: f64) -> f64 {
     if figure <= 0.0 { 0.0 } else { figure / bound }
@@ -349,6 +371,34 @@ mod tests {
         Invariant::ALL.into_iter().filter(broken).map(Invariant::name).collect()
     }
 
+    /// A spring that is felt in the steps of an encoder seems to give K Δ²/2 at each, on the way out and back; it gives nothing. What
+    /// a spring gives that pulls harder on the way back is given for all that.
+    #[test]
+    fn steps_of_an_encoder_create_no_energy() {
+        let (stiffness, encoder_step) = (400.0, 1e-3);
+        let spring = |harder: f64| {
+            let mut specification = Emulation::default().specification;
+            specification.encoder_step = encoder_step;
+            let slew = SlewLimit { force: 850.0, torque: 18.8 };
+            let mut invariants = Invariants::new(Bounds::of(&specification, slew, 0.2));
+            let mut last = 10e-3;
+            for step in 0..40_000 {
+                let phase = f64::from(step) * 5e-3;
+                let place = ((10e-3 + 6.5e-3 * phase.sin()) / encoder_step).round() * encoder_step;
+                let moved = place - last;
+                let back = if phase.cos() < 0.0 { harder } else { 1.0 };
+                let displacement = Twist::new(DVec3::Z * moved, DVec3::ZERO);
+                let stored = 0.5 * stiffness * place * place;
+                invariants.check(&Write { displacement, stored, ..push(-stiffness * back * place) });
+                last = place;
+            }
+            invariants.kept(Invariant::Energy)
+        };
+        let (passive, active) = (spring(1.0), spring(1.2));
+        assert!(passive.broken == 0 && passive.worst < 0.2, "{passive:?}");
+        assert!(active.broken > 0, "{active:?}");
+    }
+
     /// Each is broken by what breaks it, and by nothing else.
     #[test]
     fn each_is_broken_by_what_breaks_it() {
@@ -366,8 +416,9 @@ mod tests {
         let late = Write { elapsed: 0.06, ..faulty };
         assert_eq!(then(vec![late]), [""; 0], "it is the first that knows");
         assert_eq!(then(vec![late; 2]), ["fault"]);
-        let overdue = |overdue| vec![Write { overdue, ..push(1.2) }];
-        assert_eq!((then(overdue(0.05)), then(overdue(0.051))), (vec![], vec!["fault"]));
+        let overdue = |overdue, times| then(vec![Write { overdue, ..push(1.2) }; times]);
+        assert_eq!((overdue(0.05, 60), overdue(0.051, 52)), (vec![], vec!["fault"]));
+        assert_eq!((overdue(7.0, 51), overdue(7.0, 52)), (vec![], vec!["fault"]), "of long ago as they come");
         let released = Write { faulty: true, released: true, ..push(0.0) };
         assert_eq!(then(vec![released, push(0.3)]), ["engagement"]);
         assert_eq!(then(vec![released, push(5e-4)]), [""; 0]);

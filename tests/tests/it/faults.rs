@@ -376,3 +376,50 @@ fn unloading_is_not_delayed() {
     let after = rig.rest(40, DVec3::ZERO).coupling.force.z;
     assert!(after < 0.05 * before, "{after} N of {before} N, 40 ms after the surface was gone");
 }
+
+/// A host whose `dt` is not what its clock says is believed its clock: no actuator warms up for hours in a millisecond.
+#[test]
+fn a_host_that_tells_of_hours_warms_nothing() {
+    let mut rig = Rig::on_floor(Settings::default(), 0.01);
+    let before = rig.rest(400, DVec3::ZERO).coupling.force.z;
+    let continuous = Emulation::default().specification.continuous_force;
+    assert!(before > 1.5 * continuous, "{before} N");
+    for dt in [3600.0, f64::INFINITY] {
+        let state = rig.moving(DVec3::ZERO, DVec3::ZERO, PERIOD);
+        rig.step_by(state, PERIOD, dt);
+    }
+    let warm = rig.haptic.invariants().kept(Invariant::Heat).worst;
+    assert!(warm < 0.5, "{warm} of what is kept up");
+    let after = rig.rest(400, DVec3::ZERO).coupling.force.z;
+    assert!((after - before).abs() < 1e-3, "{after} N of {before} N");
+}
+
+/// A step of no time, or back in time, is none: the wrench comes up after it as after any step that was refused.
+#[test]
+fn a_step_of_no_time_keeps_the_promises() {
+    for dt in [0.0, -6e-4, -3.0, f64::NAN, f64::NEG_INFINITY] {
+        let mut rig = Rig::on_floor(Settings::default(), 5e-3);
+        let before = rig.rest(400, DVec3::ZERO).coupling.force.z;
+        let state = rig.moving(DVec3::ZERO, DVec3::ZERO, PERIOD);
+        rig.step_by(state, PERIOD, dt);
+        let after = rig.rest(400, DVec3::ZERO).coupling.force.z;
+        assert!((after - before).abs() < 1e-3, "{dt}: {after} N of {before} N");
+        assert_eq!(rig.haptic.invariants().broken(), 0, "{dt}: {}", rig.haptic.invariants());
+    }
+}
+
+/// Contacts of no time, or of long ago, that come after newer ones are let go of, and are known only as they come.
+#[test]
+fn contacts_of_another_time_are_let_go_of() {
+    for time in [f64::NAN, f64::NEG_INFINITY, 0.1] {
+        let mut rig = Rig::on_floor(Settings::default(), 5e-3);
+        let before = rig.rest(600, DVec3::ZERO).coupling.force.z;
+        assert!(before > 1.0, "{before} N");
+        rig.queries = false;
+        let update = ContactUpdate { time, ..rig.query() };
+        rig.haptic.update_contacts(&update);
+        let after = rig.rest(30, DVec3::ZERO).coupling;
+        assert_eq!(after, Wrench::ZERO, "{time}");
+        assert_eq!(rig.haptic.invariants().broken(), 0, "{time}: {}", rig.haptic.invariants());
+    }
+}

@@ -1,8 +1,9 @@
 //! Project tasks that run the engine: `cargo xtask pictures`, `cargo xtask stability`, `cargo xtask reproduce`, `cargo xtask trade`,
-//! `cargo xtask latency`. They stand in a package of their own so that the other tasks start without it.
+//! `cargo xtask latency`, `cargo xtask harm`. They stand in a package of their own so that the other tasks start without it.
 
 #![allow(clippy::print_stdout, clippy::print_stderr)] // Tasks report to a person at a terminal.
 
+mod harm;
 mod latency;
 mod pictures;
 mod progress;
@@ -33,6 +34,8 @@ enum Task {
     Trade(trade::Arguments),
     /// Measures how late a session is while other programs keep the processors busy.
     Latency(latency::Arguments),
+    /// Searches random sessions for a wrench that could hurt.
+    Harm(harm::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -42,6 +45,7 @@ fn main() -> ExitCode {
         Task::Reproduce(arguments) => reproduce::run(&arguments),
         Task::Trade(arguments) => trade::run(&arguments),
         Task::Latency(arguments) => latency::run(&arguments),
+        Task::Harm(arguments) => harm::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -59,6 +59,23 @@ fn the_handle_comes_to_where_the_hand_means_it_to_be() {
 
 /// With friction, the handle stops where the hand's spring no longer overcomes it.
 #[test]
+fn a_hand_lets_go_and_another_takes_hold() {
+    let mut device = ideal(Hand::GRIP).open(Pose::IDENTITY).unwrap();
+    device.write(&Wrench::new(DVec3::X * 0.3, DVec3::ZERO)).unwrap();
+    let held = run(&mut device, 2.0).pose.translation.x;
+    assert!((held - 0.3 / Hand::GRIP.stiffness).abs() < 1e-6, "{held} m");
+    device.hold_with(Hand::NONE).unwrap();
+    let gone = run(&mut device, 1.0).pose.translation.x;
+    assert!(gone > 0.1, "let go, the handle is pushed away: {gone} m");
+    let refused = device.hold_with(Hand { stiffness: -1.0, ..Hand::FIRM });
+    assert!(matches!(refused, Err(DeviceError::Parameter { .. })), "{refused:?}");
+    assert_eq!(device.emulation().hand, Hand::NONE);
+    device.hold_with(Hand::FIRM).unwrap();
+    let firm = run(&mut device, 2.0).pose.translation.x;
+    assert!((firm - 0.3 / Hand::FIRM.stiffness).abs() < 1e-6, "{firm} m");
+}
+
+#[test]
 fn friction_stops_the_handle_short_by_at_most_friction_over_stiffness() {
     let emulation = Emulation::default();
     let goal = DVec3::new(0.01, 0.0, 0.0);

@@ -15,7 +15,7 @@ use super::gripper::{Gripper, GripperSettings};
 use super::record::ArticulatedRecord;
 use super::tool::ToolBody;
 use crate::contact_loop::ContactUpdate;
-use crate::haptic_loop::{Found, LONGEST_STEP, STORED_IN_CONTACTS};
+use crate::haptic_loop::{Found, LONGEST_STEP, STORED_IN_CONTACTS, times_of_step};
 use crate::invariants::Invariants;
 use crate::output::{Moment, Output};
 use crate::placement::HandlePlacement;
@@ -188,9 +188,7 @@ impl ArticulatedLoop {
         if self.started.is_nan() {
             self.started = now;
         }
-        // A step may come late, and make up for some of it.
-        let elapsed = (now - std::mem::replace(&mut self.now, now)).max(dt);
-        let dt = if dt.is_finite() && dt > self.longest_step { self.longest_step } else { dt };
+        let (elapsed, dt) = times_of_step(now - std::mem::replace(&mut self.now, now), dt, self.longest_step);
         let reading = self.read(device, gripper_angle, elapsed);
         let handle = self.workspace.locate(&self.tracking.damped_state());
         let motion = motion_at(&handle, &(Pose::from_translation(-self.handle) * self.grasp));

@@ -12,7 +12,7 @@ pub mod grid;
 mod lever;
 mod levered;
 mod limits;
-mod meshes;
+pub mod meshes;
 mod metered;
 pub mod page;
 mod peg;

@@ -1,0 +1,240 @@
+//! What goes wrong in a session, and when.
+
+use palpate::device::{DeviceState, Status};
+use palpate::dynamics::PlaneConstraint;
+use palpate::glam::{DQuat, DVec3};
+use palpate::{ContactUpdate, Twist};
+use rand::RngExt as _;
+use rand::rngs::StdRng;
+
+use super::genome::Genes;
+
+/// Faults that there may be in a session.
+pub const FAULTS: usize = 10;
+
+/// What goes wrong: of the device, the host's clock, contacts, the hand, and what the user does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// The device does not answer; or takes no wrench; or its driver sends zero instead.
+    Unread,
+    Unwritten,
+    Withheld,
+    /// The device does not answer, and then is elsewhere.
+    Elsewhere,
+    /// A reading is the one before, with its time or with a new one.
+    Repeated,
+    Restamped,
+    /// A pose is off by a way and a turn, the same for as long as that lasts, or another each time.
+    Jumped,
+    Scattered,
+    NotFinite,
+    Huge,
+    Flipped,
+    NotUnit,
+    /// A velocity is that of something else.
+    Velocity,
+    /// A reading's time runs back, stays, or is no number.
+    Stamped,
+    Status,
+    /// Steps come late; or the host says so, or says something that is no time.
+    Late,
+    ClockBack,
+    StepZero,
+    StepHuge,
+    StepNegative,
+    StepNotFinite,
+    /// Contacts are not found, late, of wrong numbers, far away, or of another time.
+    NoContacts,
+    LateContacts,
+    WrongContacts,
+    FarContacts,
+    OldContacts,
+    /// The hand lets go, or grips as if it were another one.
+    LetGo,
+    Gripped,
+    Clutched,
+    Pressed,
+}
+
+impl Kind {
+    pub const ALL: [Self; 30] = [
+        Self::Unread,
+        Self::Unwritten,
+        Self::Withheld,
+        Self::Elsewhere,
+        Self::Repeated,
+        Self::Restamped,
+        Self::Jumped,
+        Self::Scattered,
+        Self::NotFinite,
+        Self::Huge,
+        Self::Flipped,
+        Self::NotUnit,
+        Self::Velocity,
+        Self::Stamped,
+        Self::Status,
+        Self::Late,
+        Self::ClockBack,
+        Self::StepZero,
+        Self::StepHuge,
+        Self::StepNegative,
+        Self::StepNotFinite,
+        Self::NoContacts,
+        Self::LateContacts,
+        Self::WrongContacts,
+        Self::FarContacts,
+        Self::OldContacts,
+        Self::LetGo,
+        Self::Gripped,
+        Self::Clutched,
+        Self::Pressed,
+    ];
+}
+
+/// Something that goes wrong for a time, once or again and again.
+#[derive(Clone, Copy, Debug)]
+pub struct Fault {
+    pub kind: Kind,
+    /// s.
+    begin: f64,
+    lasts: f64,
+    again: Option<f64>,
+    /// In which part of the steps meanwhile.
+    share: f64,
+    /// How bad, 0 to 1.
+    pub size: f64,
+    way: DVec3,
+    turn: DQuat,
+}
+
+impl Fault {
+    pub fn of(g: &mut Genes<'_>, seconds: f64) -> Self {
+        Self {
+            kind: g.pick(&Kind::ALL),
+            begin: g.range(0.0, seconds),
+            lasts: g.log(1e-3, 0.15 * seconds),
+            again: g.maybe(0.3, |g| g.log(2e-3, 1.0)),
+            share: g.maybe(0.3, |g| g.log(0.01, 1.0)).unwrap_or(1.0),
+            size: g.unit(),
+            way: g.direction(),
+            turn: g.turn(3.0),
+        }
+    }
+
+    /// Whether it is there in a step, at a time (s).
+    pub fn is_there(&self, time: f64, rng: &mut StdRng) -> bool {
+        let since = time - self.begin;
+        // Again and again: on for half of the time.
+        let on = self.again.is_none_or(|again| since.rem_euclid(again) < 0.5 * again);
+        (0.0..self.lasts).contains(&since) && on && (self.share >= 1.0 || rng.random_bool(self.share))
+    }
+
+    /// A figure by its size, evenly among the logarithms.
+    pub fn between(&self, low: f64, high: f64) -> f64 {
+        low * (high / low).powf(self.size)
+    }
+
+    /// What is wrong with a pose and a turn, m.
+    pub fn offset(&self) -> (DVec3, DQuat) {
+        (self.way * self.between(1e-3, 0.5), DQuat::IDENTITY.slerp(self.turn, self.size))
+    }
+
+    /// Does to a reading what it does.
+    pub fn spoil(&self, state: &mut DeviceState, last: Option<&DeviceState>, rng: &mut StdRng) {
+        let choice = (self.size * 8.0) as u32;
+        let odd = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY][choice as usize % 3];
+        match self.kind {
+            Kind::Repeated => *state = *last.unwrap_or(state),
+            Kind::Restamped => *state = DeviceState { time: state.time, ..*last.unwrap_or(state) },
+            Kind::Jumped => {
+                let (way, turn) = self.offset();
+                state.pose.translation += way;
+                state.pose.rotation = (turn * state.pose.rotation).normalize();
+            }
+            Kind::Scattered => {
+                let most = self.between(1e-3, 0.5);
+                state.pose.translation +=
+                    DVec3::from_array(std::array::from_fn(|_| rng.random_range(-most..most)));
+            }
+            Kind::NotFinite => match choice {
+                0..3 => state.pose.translation.x = odd,
+                3..6 => state.pose.rotation.w = odd,
+                _ => state.twist.linear.y = odd,
+            },
+            Kind::Huge => match choice {
+                0..3 => state.pose.translation.x = 1e300,
+                3..6 => state.twist.linear = DVec3::splat(1e300),
+                _ => state.twist.angular.z = 1e160,
+            },
+            Kind::Flipped => state.pose.rotation = -state.pose.rotation,
+            Kind::NotUnit => state.pose.rotation = state.pose.rotation * self.between(1e-3, 1e3),
+            Kind::Velocity => {
+                state.twist = match choice {
+                    0..3 => Twist::ZERO,
+                    3..5 => Twist::new(-state.twist.linear, -state.twist.angular),
+                    _ => Twist::new(self.way * self.between(0.1, 100.0), self.way * self.between(1.0, 1e3)),
+                }
+            }
+            Kind::Stamped => {
+                state.time = match choice {
+                    0..3 => state.time - self.between(1e-4, 1.0),
+                    3..5 => last.map_or(state.time, |last| last.time),
+                    5 => f64::NAN,
+                    6 => f64::INFINITY,
+                    _ => state.time + rng.random_range(-0.01..0.01),
+                }
+            }
+            Kind::Status => {
+                let all = [Status::HELD, Status::NOT_ENABLED, Status::GAP, Status::SILENT, Status::ENDED];
+                state.status |= all[choice as usize % all.len()];
+            }
+            _ => {}
+        }
+    }
+
+    /// Does to a contact model what it does.
+    pub fn spoil_contacts(&self, update: &mut ContactUpdate, body: DVec3) {
+        let choice = (self.size * 8.0) as u32;
+        match self.kind {
+            Kind::WrongContacts => {
+                let odd = [f64::NAN, f64::INFINITY, 1e300, -1.0][choice as usize % 4];
+                let mut plane = PlaneConstraint {
+                    scene_point: body,
+                    normal: -self.way,
+                    stiffness: 1e3,
+                    damping: 1.0,
+                    ..PlaneConstraint::default()
+                };
+                match choice / 2 {
+                    0 => plane.stiffness = odd,
+                    1 => plane.damping = odd,
+                    2 => plane.scene_point.z = odd,
+                    _ => plane.normal = self.way * odd,
+                }
+                update.model.push(plane);
+                update.contacts += 1;
+            }
+            Kind::FarContacts => {
+                let depth = self.between(0.1, 1e3);
+                update.model.push(PlaneConstraint {
+                    scene_point: body + self.way * depth,
+                    normal: -self.way,
+                    stiffness: self.between(10.0, 1e5),
+                    damping: 1.0,
+                    ..PlaneConstraint::default()
+                });
+                update.contacts += 1;
+                update.depth = depth;
+            }
+            Kind::OldContacts => {
+                update.time += match choice {
+                    0..3 => -self.between(1e-3, 10.0),
+                    3..6 => self.between(1e-3, 10.0),
+                    6 => f64::NAN,
+                    _ => f64::NEG_INFINITY,
+                }
+            }
+            _ => {}
+        }
+    }
+}

@@ -1,0 +1,569 @@
+//! Runs what a genome stands for, and says how near it came to harm.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::panic::AssertUnwindSafe;
+
+use palpate::device::{HapticDevice as _, IntendedPath};
+use palpate::dynamics::{Carrier, ContactParameters, ContactPatch, Friction, LinearContactModel};
+use palpate::glam::{DMat3, DVec3};
+use palpate::{
+    Contact, ContactLoop, ContactUpdate, ENERGY_BOUND, HapticLoop, HapticRenderer, Invariant, Mobility,
+    Object, Pose, RUNAWAY_SPEED, Scene, SceneEditor, SceneId, Settings, SettingsEditor, Twist,
+};
+use rand::RngExt as _;
+use rand::rngs::StdRng;
+use serde::Serialize;
+
+use super::bench::{Bench, Tamper};
+use super::faults::Kind;
+use super::genome::Genome;
+use super::judge::Step;
+use super::plan::{Change, Edit, Plan, Plane, World};
+
+/// Steps of one session, at most: fast ones end earlier.
+const MOST_STEPS: u64 = 150_000;
+
+/// The hand is in free space when no contact was found for so long, and nothing went wrong, s.
+const FREE: f64 = 0.3;
+
+/// A step this late is one that a device holds a wrench over, s.
+const LATE: f64 = 5e-3;
+
+/// After a fault the wrench is looked at for so long, s, or a step.
+const AFTER: f64 = 1e-3;
+
+/// A part from which a bound is broken: 1, but for rounding.
+pub const BROKEN: f64 = 1.0 + 1e-6;
+
+/// With an engagement of at least this, s: with none the wrench is back at once.
+const ENGAGED: f64 = 0.02;
+
+/// A wrench of less than this part of the peak drives no handle off.
+const HARMLESS: f64 = 0.1;
+
+/// A figure of a session: the largest part of its bound that was reached.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Measure {
+    /// By the engine's own checks.
+    Engine(Invariant),
+    /// By what is seen at the device: not finite, above the peak, faster than the slew, and not zero in a fault.
+    SeenFinite,
+    SeenPeak,
+    SeenSlew,
+    SeenFault,
+    /// The wrench within a millisecond after a fault that it is to come up from nothing after, of the peak.
+    AfterFault,
+    /// Energy that came out of the device in free space, of the bound on energy.
+    FreeEnergy,
+    /// Speed of the handle itself along the wrench, of the speed at which it is let go of.
+    TrueSpeed,
+}
+
+impl Measure {
+    /// All of them: those of which more than 1 is harm first.
+    pub const ALL: [Self; 15] = [
+        Self::Engine(Invariant::Finite),
+        Self::Engine(Invariant::Peak),
+        Self::Engine(Invariant::Slew),
+        Self::Engine(Invariant::Fault),
+        Self::Engine(Invariant::Engagement),
+        Self::Engine(Invariant::Energy),
+        Self::Engine(Invariant::Heat),
+        Self::Engine(Invariant::Runaway),
+        Self::SeenFinite,
+        Self::SeenPeak,
+        Self::SeenSlew,
+        Self::SeenFault,
+        Self::AfterFault,
+        Self::FreeEnergy,
+        Self::TrueSpeed,
+    ];
+
+    pub fn name(self) -> String {
+        match self {
+            Self::Engine(invariant) => invariant.name().to_owned(),
+            Self::SeenFinite => "finite, as seen".to_owned(),
+            Self::SeenPeak => "peak, as seen".to_owned(),
+            Self::SeenSlew => "slew, as seen".to_owned(),
+            Self::SeenFault => "fault, as seen".to_owned(),
+            Self::AfterFault => "wrench after a fault".to_owned(),
+            Self::FreeEnergy => "energy in free space".to_owned(),
+            Self::TrueSpeed => "speed along the wrench".to_owned(),
+        }
+    }
+
+    /// Whether more than 1 is harm: the engine promises that it is not.
+    pub fn is_promised(self) -> bool {
+        !matches!(self, Self::AfterFault | Self::FreeEnergy | Self::TrueSpeed)
+    }
+
+    /// Whether it does not reach 1 by design, as limits do that the engine keeps to.
+    pub fn is_sought(self) -> bool {
+        use Invariant::{Energy, Fault, Heat, Runaway};
+        match self {
+            Self::Engine(invariant) => matches!(invariant, Energy | Fault | Heat | Runaway),
+            Self::SeenFinite | Self::SeenPeak | Self::SeenSlew => false,
+            Self::SeenFault | Self::AfterFault | Self::FreeEnergy | Self::TrueSpeed => true,
+        }
+    }
+}
+
+/// What came of a session.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub enum Outcome {
+    /// Its settings were refused, and why.
+    Refused(String),
+    Ended(Ended),
+    /// The engine panicked.
+    Panicked(String),
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Ended {
+    /// In the order of [`Measure::ALL`].
+    pub parts: Vec<f64>,
+    /// Writes that the engine found to be broken, by the name of the invariant.
+    pub broken: BTreeMap<&'static str, u64>,
+    pub steps: u64,
+    /// Numbers of the genome that were read.
+    pub read: u16,
+    /// What happened, as the engine counts it.
+    pub touched: bool,
+}
+
+impl Outcome {
+    /// Whether something was broken that the engine promises, or it panicked.
+    pub fn is_harm(&self) -> bool {
+        match self {
+            Self::Refused(_) => false,
+            Self::Panicked(_) => true,
+            Self::Ended(ended) => {
+                let above = |(measure, part): (&Measure, &f64)| measure.is_promised() && *part > BROKEN;
+                !ended.broken.is_empty() || Measure::ALL.iter().zip(&ended.parts).any(above)
+            }
+        }
+    }
+}
+
+/// Runs the session of a genome. What panics in it is caught.
+pub fn run(genome: &Genome, seconds: f64, tamper: Tamper) -> Outcome {
+    let made = std::panic::catch_unwind(AssertUnwindSafe(|| {
+        let plan = Plan::of(genome, seconds);
+        let read = plan.read;
+        match Running::start(plan, genome, tamper) {
+            Ok(running) => Outcome::Ended(Ended { read, ..running.run(seconds) }),
+            Err(why) => Outcome::Refused(why),
+        }
+    }));
+    made.unwrap_or_else(|panic| {
+        let text = panic.downcast_ref::<String>().map(String::as_str);
+        Outcome::Panicked(text.or(panic.downcast_ref::<&str>().copied()).unwrap_or("panicked").to_owned())
+    })
+}
+
+/// A session under way.
+struct Running {
+    plan: Plan,
+    rng: StdRng,
+    haptic: HapticLoop,
+    contact: ContactLoop,
+    bench: Bench,
+    settings: SettingsEditor,
+    scene: SceneEditor,
+    object: Option<SceneId>,
+    /// Where the grasped object's centre of mass was at the start, and its radius, m.
+    center: DVec3,
+    radius: f64,
+    pending: VecDeque<(f64, ContactUpdate)>,
+    /// When the next query begins, and when the scene's object is told of next, s.
+    next_query: f64,
+    next_told: f64,
+    /// Time of the newest contact model, as the host knows it, s.
+    newest: f64,
+    edits: VecDeque<Edit>,
+    /// Since when the hand has been in free space, s, and the work by then with what else may come out, J.
+    free: Option<(f64, f64)>,
+    /// When a step last came late, s.
+    late: f64,
+    touches: bool,
+    touched: bool,
+    /// When something was last wrong that the wrench is to come up from nothing after, s.
+    fault: Option<f64>,
+    worst: Worst,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Worst {
+    finite: f64,
+    after_fault: f64,
+    free_energy: f64,
+    true_speed: f64,
+}
+
+impl Running {
+    fn start(plan: Plan, genome: &Genome, tamper: Tamper) -> Result<Self, String> {
+        let (probe, object) = plan.pair().objects();
+        let path: IntendedPath = plan.hand.clone().path();
+        let open = |path| plan.emulation.clone().open(path).map_err(|error| error.to_string());
+        let bench = Bench::new(open(path)?, &plan.settings, tamper, genome.rng());
+        let radius = probe.bounding_radius();
+        let scene = match &plan.world {
+            World::Planes(_) => Scene::new(),
+            World::Models(models) => {
+                let place = placed(&plan.settings, &models.place, probe, object);
+                Scene::new().with(object.clone(), place)
+            }
+        };
+        let stand_in = Box::new(open(Pose::IDENTITY.into())?);
+        let renderer = HapticRenderer::new(probe.clone(), scene, stand_in, plan.settings);
+        let mut renderer = renderer.map_err(|error| error.to_string())?;
+        let (settings, mut scene) = (renderer.settings_editor(), renderer.scene_editor());
+        let object = match &plan.world {
+            World::Planes(_) => None,
+            World::Models(models) => {
+                if let Some(mass) = models.mobility {
+                    let mobility = Mobility {
+                        mass,
+                        inertia: DMat3::from_diagonal(DVec3::splat(0.4 * mass * radius * radius)),
+                        center_of_mass: DVec3::ZERO,
+                        period: 1e-3,
+                    };
+                    scene.set_mobility(SceneId(0), Some(mobility)).map_err(|error| error.to_string())?;
+                }
+                Some(SceneId(0))
+            }
+        };
+        let (haptic, contact, _) = renderer.into_loops();
+        let center = haptic.body_state().pose.translation;
+        let mut edits = plan.edits.clone();
+        edits.sort_by(|a, b| a.time.total_cmp(&b.time));
+        Ok(Self {
+            rng: genome.rng(),
+            haptic,
+            contact,
+            bench,
+            settings,
+            scene,
+            object,
+            center,
+            radius,
+            pending: VecDeque::new(),
+            next_query: 0.0,
+            next_told: 0.0,
+            newest: f64::NAN,
+            edits: edits.into(),
+            free: None,
+            late: f64::NEG_INFINITY,
+            touches: false,
+            touched: false,
+            fault: None,
+            worst: Worst::default(),
+            plan,
+        })
+    }
+
+    fn run(mut self, seconds: f64) -> Ended {
+        let period = 1.0 / self.plan.settings.rate;
+        let (often, varies) = self.plan.host;
+        let (mut time, mut now, mut steps) = (0.0, 0.0, 0);
+        while time < seconds && steps < MOST_STEPS {
+            let mut elapsed = period * often * (1.0 + varies * self.rng.random_range(-1.0..1.0));
+            let (faults, rng) = (&self.plan.faults, &mut self.rng);
+            self.bench.faults.clear();
+            self.bench.faults.extend(faults.iter().filter(|fault| fault.is_there(time, rng)));
+            if let Some(late) = self.bench.is_there(Kind::Late) {
+                elapsed += late.between(1e-3, 0.5) * self.rng.random_range(0.0..1.0);
+            }
+            let seen = now;
+            time += elapsed;
+            now += elapsed;
+            let dt = self.told(period, elapsed);
+            let back = self.bench.is_there(Kind::ClockBack).map_or(0.0, |fault| fault.between(1e-4, 1.0));
+            self.bench.time = time;
+            self.edit(time);
+            self.look(seen, time);
+            if self.newest.is_nan() {
+                self.newest = now;
+            }
+            self.bench.step = Step { now: now - back, dt, contacts: self.newest };
+            self.step(elapsed);
+            steps += 1;
+        }
+        self.end(steps)
+    }
+
+    /// What the host says that a step took, s.
+    fn told(&self, period: f64, elapsed: f64) -> f64 {
+        let is_there = |kind| self.bench.is_there(kind);
+        if is_there(Kind::StepZero).is_some() {
+            return 0.0;
+        }
+        if let Some(fault) = is_there(Kind::StepHuge) {
+            return fault.between(0.01, 1e6);
+        }
+        if let Some(fault) = is_there(Kind::StepNegative) {
+            return -fault.between(1e-6, 10.0);
+        }
+        if let Some(fault) = is_there(Kind::StepNotFinite) {
+            return if fault.size < 0.5 { f64::NAN } else { f64::INFINITY };
+        }
+        if self.plan.tells_elapsed { elapsed } else { period }
+    }
+
+    /// A haptic step, that ends a time (s) after the one before.
+    fn step(&mut self, elapsed: f64) {
+        let bench = &mut self.bench;
+        // Figures of a hand are in range.
+        if bench.take_hold().is_err() {
+            self.worst.finite = f64::INFINITY;
+        }
+        bench.press();
+        self.haptic.set_clutch(bench.is_there(Kind::Clutched).is_some());
+        let held = *bench.held();
+        let Step { now, dt, .. } = bench.step;
+        let record = self.haptic.step_device(bench, now, dt);
+        if !(record.object.is_valid() && record.contact.is_finite() && record.coupling.is_finite()) {
+            self.worst.finite = f64::INFINITY;
+        }
+
+        let time = bench.time;
+        let specification = bench.specification();
+        let (force_peak, torque_peak) = (specification.peak_force, specification.peak_torque);
+        let twist = bench.twist();
+        let speed = |held: DVec3, peak: f64, velocity: DVec3, fastest: f64| {
+            let size = held.length();
+            if size > HARMLESS * peak { velocity.dot(held) / (size * fastest) } else { 0.0 }
+        };
+        if elapsed > LATE {
+            self.late = time;
+        }
+        // While a host sleeps, a device holds what it was last asked for.
+        if time - self.late > FREE {
+            let linear = speed(held.force, force_peak, twist.linear, RUNAWAY_SPEED.0);
+            let angular = speed(held.torque, torque_peak, twist.angular, RUNAWAY_SPEED.1);
+            self.worst.true_speed = self.worst.true_speed.max(linear).max(angular);
+        }
+
+        let lost = [Kind::Unread, Kind::Elsewhere, Kind::Unwritten, Kind::Withheld];
+        if lost.into_iter().any(|kind| bench.is_there(kind).is_some()) {
+            self.fault = Some(time);
+        } else if self.fault.is_some_and(|fault| time - fault <= AFTER.max(1.5 * elapsed))
+            && self.plan.settings.engagement >= ENGAGED
+        {
+            let part = |size: f64, peak: f64| if size > 0.0 { size / peak } else { 0.0 };
+            let sent = bench.held();
+            let part = part(sent.force.length(), force_peak).max(part(sent.torque.length(), torque_peak));
+            self.worst.after_fault = self.worst.after_fault.max(part);
+        }
+
+        let work = bench.device().work();
+        if self.touches || !bench.faults.is_empty() {
+            self.free = None;
+            return;
+        }
+        let (since, given) = self.free.unwrap_or((time, work));
+        let moving = self.haptic.body_state().twist.linear.length_squared() * 0.5 * self.plan.settings.mass;
+        let scale = self.plan.settings.workspace_scale;
+        // What the object has of its motion may come out.
+        let given = if time - since > FREE { given } else { work + moving / (scale * scale) };
+        self.free = Some((since, given));
+        let bound = ENERGY_BOUND.0 * force_peak + ENERGY_BOUND.1 * torque_peak;
+        if bound > 0.0 {
+            self.worst.free_energy = self.worst.free_energy.max((work - given) / bound);
+        }
+    }
+
+    /// Looks for contacts as of the step before, and hands over what was found by now.
+    fn look(&mut self, seen: f64, time: f64) {
+        let period = 1.0 / self.plan.contacts.rate;
+        let missing = self.bench.is_there(Kind::NoContacts).is_some();
+        if time >= self.next_query && !missing {
+            self.move_object(time);
+            let mut update = match &self.plan.world {
+                World::Models(_) => self.contact.step(self.haptic.body_state(), seen),
+                World::Planes(planes) => {
+                    let parameters = self.settings.settings();
+                    found(planes, &self.haptic, (self.center, self.radius), &parameters, seen)
+                }
+            };
+            let body = self.haptic.body_state().pose.translation;
+            for fault in &self.bench.faults {
+                fault.spoil_contacts(&mut update, body);
+            }
+            let late = self.bench.is_there(Kind::LateContacts).map_or(0.0, |fault| fault.between(1e-3, 1.0));
+            self.pending.push_back((time + self.plan.contacts.latency + late, update));
+            self.next_query = time.max(self.next_query + period);
+        }
+        while let Some((_, update)) = self.pending.pop_front_if(|(due, _)| *due <= time) {
+            self.haptic.update_contacts(&update);
+            self.newest = update.time;
+            self.touches = !update.model.is_empty();
+            self.touched |= update.contacts > 0;
+        }
+    }
+
+    fn move_object(&mut self, time: f64) {
+        let World::Models(models) = &self.plan.world else { return };
+        let (Some((way, turn, often, told)), Some(id)) = (models.moves, self.object) else { return };
+        if time < self.next_told {
+            return;
+        }
+        self.next_told = time + self.rng.random_range(0.3..1.7) / told;
+        let (probe, object) = models.pair.objects();
+        let place = placed(&self.plan.settings, &models.place, probe, object);
+        let rate = std::f64::consts::TAU * often;
+        let (sine, cosine) = (rate * time).sin_cos();
+        let axis = place.rotation * DVec3::Z;
+        let pose = Pose::new(
+            place.translation + axis * (way * sine),
+            palpate::glam::DQuat::from_axis_angle(axis, turn * sine) * place.rotation,
+        );
+        let twist = Twist::new(axis * (way * rate * cosine), axis * (turn * rate * cosine));
+        // Where the object is gone there is nothing to move.
+        let _ = self.scene.set_motion(id, pose, twist);
+    }
+
+    /// Makes the changes that are due. What the session does not take is left.
+    fn edit(&mut self, time: f64) {
+        while let Some(Edit { change, .. }) = self.edits.pop_front_if(|edit| edit.time <= time) {
+            let World::Models(models) = &self.plan.world else {
+                self.set(&change);
+                // Takes what waits for it.
+                self.contact.step(self.haptic.body_state(), time);
+                continue;
+            };
+            let (probe, object) = models.pair.objects();
+            let at = |pose: &Pose| placed(&self.plan.settings, pose, probe, object);
+            match (change, self.object) {
+                (Change::Settings { .. }, _) => self.set(&change),
+                (Change::Place(pose), Some(id)) => {
+                    let _ = self.scene.set_pose(id, at(&pose));
+                }
+                (Change::Remove, Some(id)) => {
+                    let _ = self.scene.remove(id);
+                    self.object = None;
+                }
+                (Change::Add(pose), _) => {
+                    self.object = self.scene.add(object, at(&pose)).ok().or(self.object)
+                }
+                // Each size needs a field of its own, which takes seconds.
+                (Change::Replace(scale), Some(id))
+                    if self.plan.settings.search == palpate::ContactSearch::Levels =>
+                {
+                    if let Some(scaled) = object.scaled(scale) {
+                        let _ = self.scene.replace(id, &scaled, at(&models.place));
+                    }
+                }
+                _ => {}
+            }
+        }
+    }
+
+    fn set(&mut self, change: &Change) {
+        let Change::Settings { contact, coupling, friction, slew, passivity } = *change else { return };
+        let before = self.settings.settings();
+        let specification = self.bench.specification();
+        let settings = Settings {
+            contact_stiffness: before.contact_stiffness * contact.0,
+            contact_damping: before.contact_damping.map(|damping| damping * contact.1),
+            coupling_stiffness: before.coupling_stiffness.map(|stiffness| stiffness * coupling.0),
+            coupling_damping: before.coupling_damping.map(|damping| damping * coupling.1),
+            friction,
+            force_slew: slew.map(|slew| slew * specification.peak_force.max(1e-3)).or(before.force_slew),
+            torque_slew: slew.map(|slew| slew * specification.peak_torque.max(1e-3)).or(before.torque_slew),
+            passivity_controller: passivity,
+            ..before
+        };
+        if self.settings.set(settings).is_ok() {
+            self.bench.judge.change(&settings);
+        }
+    }
+
+    fn end(mut self, steps: u64) -> Ended {
+        let closed = self.bench.close();
+        let invariants = self.haptic.invariants();
+        let kept = |invariant| {
+            let worst = invariants.kept(invariant).worst;
+            if worst.is_nan() { f64::INFINITY } else { worst }
+        };
+        let (seen, worst) = (self.bench.judge.parts, self.worst);
+        let part = |measure: &Measure| match *measure {
+            Measure::Engine(invariant) => kept(invariant),
+            Measure::SeenFinite if closed.is_err() => f64::INFINITY,
+            Measure::SeenFinite => seen.finite.max(worst.finite),
+            Measure::SeenPeak => seen.peak,
+            Measure::SeenSlew => seen.slew,
+            Measure::SeenFault => seen.silence,
+            Measure::AfterFault => worst.after_fault,
+            Measure::FreeEnergy => worst.free_energy,
+            Measure::TrueSpeed => worst.true_speed,
+        };
+        let broken = Invariant::ALL.iter().map(|it| (it.name(), invariants.kept(*it).broken));
+        Ended {
+            parts: Measure::ALL.iter().map(part).collect(),
+            broken: broken.filter(|(_, times)| *times > 0).collect(),
+            steps,
+            read: 0,
+            touched: self.touched,
+        }
+    }
+}
+
+/// Where the scene's object is in the world: from where the session begins, in the sum of the objects' radii.
+fn placed(settings: &Settings, place: &Pose, probe: &Object, object: &Object) -> Pose {
+    let radii = probe.bounding_radius() + object.bounding_radius();
+    let Pose { translation, rotation } = settings.device_frame;
+    Pose::new(translation + place.translation * radii, place.rotation * rotation)
+}
+
+/// What a host's own query finds: points of the object in planes.
+fn found(
+    planes: &[Plane],
+    haptic: &HapticLoop,
+    (center, radius): (DVec3, f64),
+    settings: &Settings,
+    time: f64,
+) -> ContactUpdate {
+    const ROUND: [DVec3; 4] = [
+        DVec3::new(1.0, 1.0, 1.0),
+        DVec3::new(-1.0, -1.0, 1.0),
+        DVec3::new(-1.0, 1.0, -1.0),
+        DVec3::new(1.0, -1.0, -1.0),
+    ];
+    let pose = haptic.body_state().pose;
+    let scale = settings.workspace_scale;
+    let mut update =
+        ContactUpdate { model: LinearContactModel::empty(&pose, time), time, ..ContactUpdate::none() };
+    for plane in planes.iter().filter(|plane| (plane.there.0..plane.there.1).contains(&time)) {
+        let (way, often) = plane.swing;
+        let (sine, cosine) = (std::f64::consts::TAU * often * time).sin_cos();
+        let height = scale * (plane.height + way * sine);
+        let velocity = plane.normal * (scale * way * std::f64::consts::TAU * often * cosine);
+        let twist = if plane.tells { Twist::new(velocity, DVec3::ZERO) } else { Twist::ZERO };
+        let carrier = Carrier { twist, object: None };
+        let parameters = ContactParameters {
+            stiffness: plane.stiffness,
+            damping: plane.damping,
+            tolerance: scale * plane.tolerance,
+            friction: Friction {
+                static_coefficient: settings.static_friction.unwrap_or(settings.friction),
+                dynamic_coefficient: settings.friction,
+            },
+        };
+        let count = if plane.spread > 0.0 { ROUND.len() } else { 1 };
+        for corner in &ROUND[..count] {
+            let point = pose.translation + pose.rotation * *corner * (0.577 * radius * plane.spread);
+            let depth = height - plane.normal.dot(point - center);
+            let contact =
+                Contact { point, scene_point: point + plane.normal * depth, normal: -plane.normal, depth };
+            let touches = depth > -parameters.tolerance;
+            if touches || (plane.braking > 0.0 && depth > -0.1 * scale) {
+                let braking = if touches { 0.0 } else { plane.braking };
+                update.model.push_carried(ContactPatch::from(contact), &parameters, braking, &carrier);
+                update.contacts += u32::from(touches);
+                update.depth = update.depth.max(depth);
+            }
+        }
+    }
+    update
+}

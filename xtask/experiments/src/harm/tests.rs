@@ -1,0 +1,99 @@
+use palpate::glam::DVec3;
+
+use super::session::{BROKEN, run};
+use super::*;
+
+fn part(outcome: &Outcome, measure: Measure) -> f64 {
+    let Outcome::Ended(ended) = outcome else { panic!("{outcome:?}") };
+    let at = Measure::ALL.iter().position(|other| *other == measure);
+    ended.parts[at.expect("one of all")]
+}
+
+/// Fixed seeds, so that a failure can be looked at: `cargo xtask harm --seconds 2 --session SEED`.
+#[test]
+fn random_sessions_do_no_harm() {
+    let (mut ended, mut touched) = (0, 0);
+    for seed in 0..40 {
+        let genome = Genome::new(seed);
+        let outcome = run(&genome, 2.0, as_asked);
+        assert!(!outcome.is_harm(), "{genome}: {outcome:?}");
+        if let Outcome::Ended(session) = outcome {
+            ended += 1;
+            touched += usize::from(session.touched);
+        }
+    }
+    assert!(ended > 35 && touched > 15, "{ended} ended, {touched} touched something");
+}
+
+/// What a search found in the engine or in its checks before they were mended.
+#[test]
+fn sessions_that_did_harm_do_none_any_more() {
+    const FOUND: [&str; 9] = [
+        // A host whose `dt` was not what its clock said: heat.
+        "72d288b58175a8e0",
+        "9166d3cb4390ac9d",
+        "fc1f9d47c1a5266c",
+        // Steps of a negative time: engagement.
+        "cd8fc2b647da69d",
+        "14bd0a11af48b4ca",
+        // Contacts without a time: fault.
+        "b8f47a17463108e8",
+        "a56a78496968e01a:020b09002f18d3036152f0497e440544be10698ef50a3881d0c0907c0c9579e0fec64c10b6ab9148ce98187c5fb2126283229a98e27a81ec",
+        // What the steps of an encoder seemed to give: energy.
+        "be5b5aa7b2f72df2",
+        "e84573e148d8bf64",
+    ];
+    for text in FOUND {
+        let genome: Genome = text.parse().expect("a genome");
+        let outcome = run(&genome, 10.0, as_asked);
+        assert!(!outcome.is_harm(), "{genome}: {outcome:?}");
+    }
+}
+
+#[test]
+fn a_session_is_the_same_each_time() {
+    let genome = Genome::new(3);
+    let (one, two) = (run(&genome, 0.5, as_asked), run(&genome, 0.5, as_asked));
+    assert_eq!(one, two);
+}
+
+/// The judge finds what a device does wrong with wrenches that the engine has asked for.
+#[test]
+fn harm_is_found_where_it_is_done() {
+    let worst = |measure: Measure, tamper: bench::Tamper| {
+        (0..30)
+            .map(|seed| run(&Genome::new(seed), 2.0, tamper))
+            .map(|it| part(&it, measure))
+            .fold(0.0, f64::max)
+    };
+    let stronger = |wrench: &Wrench, _: &Wrench| *wrench * 1.3;
+    let kept = |wrench: &Wrench, held: &Wrench| if *wrench == Wrench::ZERO { *held } else { *wrench };
+    let refused = |wrench: &Wrench, held: &Wrench| {
+        let odd = held.force.length() > 0.1;
+        Wrench::new(if odd { DVec3::splat(f64::NAN) } else { wrench.force }, wrench.torque)
+    };
+    for (measure, tamper) in [
+        (Measure::SeenPeak, stronger as bench::Tamper),
+        (Measure::SeenSlew, stronger),
+        (Measure::SeenFault, kept),
+        (Measure::SeenFinite, refused),
+    ] {
+        let (usual, harmful) = (worst(measure, as_asked), worst(measure, tamper));
+        assert!(usual <= BROKEN && harmful > BROKEN, "{}: {usual} and {harmful}", measure.name());
+    }
+}
+
+/// A search finds worse sessions than those at random, and the same ones each time.
+#[test]
+fn a_search_comes_nearer_to_harm() {
+    let search = Search { sessions: 500, seed: 5, seconds: 0.3 };
+    let at_random = Search { sessions: 250, ..search };
+    let speed = |found: &Found| {
+        let at = Measure::ALL.iter().position(|it| *it == Measure::TrueSpeed).expect("one of all");
+        found.worst[at].first().map_or(0.0, |(part, _)| *part)
+    };
+    let found = search.run();
+    assert!(found.harm.is_empty(), "{:?}", found.harm);
+    assert!(speed(&found) >= speed(&at_random.run()));
+    assert_eq!(found.json(), search.run().json());
+}
