@@ -167,7 +167,7 @@ impl Fault {
                 _ => state.twist.angular.z = 1e160,
             },
             Kind::Flipped => state.pose.rotation = -state.pose.rotation,
-            Kind::NotUnit => state.pose.rotation = state.pose.rotation * self.between(1e-3, 1e3),
+            Kind::NotUnit => state.pose.rotation *= self.between(1e-3, 1e3),
             Kind::Velocity => {
                 state.twist = match choice {
                     0..3 => Twist::ZERO,
