@@ -161,8 +161,8 @@ pub(crate) struct Write {
 pub struct Invariants {
     bounds: Bounds,
     last: Wrench,
-    /// Time since the first write that knew of a failure, and of overdue contact models, while it lasts; and since the wrench was to
-    /// come up from nothing, s.
+    /// Time since the first write that knew of a failure, while it lasts; for which contact models have been known to be overdue; and since
+    /// the wrench was to come up from nothing, s.
     faulty: Option<f64>,
     overdue: Option<f64>,
     up: f64,
@@ -226,10 +226,10 @@ impl Invariants {
         let since =
             |is_there: bool, known: Option<f64>| is_there.then(|| known.map_or(0.0, |known| known + elapsed));
         self.faulty = since(write.faulty, self.faulty);
-        // Models may be of long ago when they come.
-        self.overdue = since(write.overdue > 0.0, self.overdue);
-        let overdue = self.overdue.unwrap_or(0.0).min(write.overdue);
-        let faulty = self.faulty.unwrap_or(0.0).max(overdue);
+        // Models may be of long ago when they come: that is known from then on.
+        let overdue = since(write.overdue > 0.0, self.overdue);
+        self.overdue = overdue.map(|known| known.min(write.overdue));
+        let faulty = self.faulty.unwrap_or(0.0).max(self.overdue.unwrap_or(0.0));
         self.note(Invariant::Fault, if wrench == Wrench::ZERO { 0.0 } else { faulty / FAULT_TIME });
 
         self.up = if write.released { 0.0 } else { self.up } + dt;
@@ -419,6 +419,10 @@ mod tests {
         let overdue = |overdue, times| then(vec![Write { overdue, ..push(1.2) }; times]);
         assert_eq!((overdue(0.05, 60), overdue(0.051, 52)), (vec![], vec!["fault"]));
         assert_eq!((overdue(7.0, 51), overdue(7.0, 52)), (vec![], vec!["fault"]), "of long ago as they come");
+        let late = |overdue| Write { overdue, ..push(1.2) };
+        let [late, old] = [0.01, 7.0].map(late);
+        let than = |old_ones| then([vec![late; 200], vec![old; old_ones]].concat());
+        assert_eq!((than(40), than(41)), (vec![], vec!["fault"]), "of long ago, after such as were late");
         let released = Write { faulty: true, released: true, ..push(0.0) };
         assert_eq!(then(vec![released, push(0.3)]), ["engagement"]);
         assert_eq!(then(vec![released, push(5e-4)]), [""; 0]);
