@@ -157,6 +157,11 @@ impl PassivityController {
         self.reserve = self.reserve.max(0.0);
     }
 
+    /// Counts anew: nothing has flowed in that may come out.
+    pub fn restart(&mut self) {
+        self.reserve = 0.0;
+    }
+
     /// Adds nothing for now: no wrench is wanted.
     pub fn rest(&mut self) -> Wrench {
         self.damping = Wrench::ZERO;

@@ -439,8 +439,8 @@ impl HapticLoop {
         let stored = (1.0 + STORED_IN_CONTACTS)
             * (self.coupling.potential_energy(&self.state, motion) + self.body.kinetic_energy(&self.state))
             / (scale * scale);
-        let passivity = &mut self.output.passivity;
-        passivity.observe(self.tracking.displacement(), stored);
+        self.output.observe(&self.tracking, stored);
+        let passivity = &self.output.passivity;
         let telemetry = &mut self.telemetry;
         telemetry.energy = passivity.energy();
         telemetry.energy_min = telemetry.energy_min.min(telemetry.energy);

@@ -123,6 +123,8 @@ pub(crate) struct Output {
     falling: SlewLimit,
     heat: [Heat; 2],
     pub passivity: PassivityController,
+    /// The same account, begun anew where nothing is held: by it the wrench is let go of.
+    account: PassivityController,
     /// Energy that may come out beyond what was stored before the wrench is let go of, and the most that was stored since it was
     /// last zero, J.
     most_created: f64,
@@ -169,6 +171,7 @@ impl Output {
             falling: slew,
             heat: [Heat::new(continuous_force, peak_force), Heat::new(continuous_torque, peak_torque)],
             passivity: PassivityController::new(max_damping, steps),
+            account: PassivityController::new((0.0, 0.0), steps),
             most_created: ENERGY_SHARE * energy_bound(specification),
             most_stored: 0.0,
             period,
@@ -203,13 +206,26 @@ impl Output {
     pub fn forget(&mut self) {
         self.sent = Wrench::ZERO;
         self.passivity.hold(&Wrench::ZERO);
+        self.account.hold(&Wrench::ZERO);
         self.invariants.forget();
+    }
+
+    /// Counts the energy that flowed with the handle's motion since the last write. `stored` is the most (J) that may come back.
+    pub fn observe(&mut self, tracking: &Tracking, stored: f64) {
+        self.passivity.observe(tracking.displacement(), stored);
+        self.account.observe(tracking.displacement(), stored);
+    }
+
+    /// Takes energy (J) that flowed in at another port, before [`Self::observe`].
+    pub fn exchange(&mut self, energy: f64) {
+        self.passivity.exchange(energy);
+        self.account.exchange(energy);
     }
 
     /// Whether what the device has held for the time that has `elapsed` (s) must be let go of at once: the handle runs along it
     /// faster than a hand would let it, or it has given more energy than it may with what is `stored` (J).
     ///
-    /// To be asked after [`PassivityController::observe`].
+    /// To be asked after [`Self::observe`].
     pub fn is_harmful(
         &mut self,
         tracking: &Tracking,
@@ -224,8 +240,12 @@ impl Output {
         };
         let runaway = runs(self.sent.force, peaks.0, displacement.linear, RUNAWAY_SPEED.0)
             || runs(self.sent.torque, peaks.1, displacement.angular, RUNAWAY_SPEED.1);
-        self.most_stored = if self.sent == Wrench::ZERO { stored } else { self.most_stored.max(stored) };
-        let created = self.passivity.created() > self.most_created + self.most_stored;
+        self.most_stored = self.most_stored.max(stored);
+        if self.sent == Wrench::ZERO {
+            self.most_stored = stored;
+            self.account.restart();
+        }
+        let created = self.account.created() > self.most_created + self.most_stored;
         events.runaway += u64::from(runaway);
         events.energy_created += u64::from(created);
         if created {
@@ -279,6 +299,7 @@ impl Output {
         self.heat[1].pass(self.sent.torque.length(), at.elapsed);
         self.sent = sent;
         self.passivity.hold(&sent);
+        self.account.hold(&sent);
         sent
     }
 }

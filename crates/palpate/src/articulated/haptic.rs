@@ -256,7 +256,7 @@ impl ArticulatedLoop {
         let events = &mut self.telemetry.events;
         let of_device = self.tracking.take(Some(device), elapsed, events);
         let (of_gripper, energy) = self.gripper.take(gripper_angle, elapsed, events);
-        self.output.passivity.exchange(energy);
+        self.output.exchange(energy);
         if device.status.contains(Status::WITHHELD) {
             events.withheld += 1;
             self.presence.release();
@@ -279,8 +279,8 @@ impl ArticulatedLoop {
             + self.grip.potential_energy(&self.state, &self.gripper.motion());
         let stored =
             (1.0 + STORED_IN_CONTACTS) * (springs + self.body.kinetic_energy(&self.state)) / (scale * scale);
-        let passivity = &mut self.output.passivity;
-        passivity.observe(self.tracking.displacement(), stored);
+        self.output.observe(&self.tracking, stored);
+        let passivity = &self.output.passivity;
         let telemetry = &mut self.telemetry;
         telemetry.energy = passivity.energy() + self.gripper.energy();
         telemetry.energy_min = telemetry.energy_min.min(telemetry.energy);

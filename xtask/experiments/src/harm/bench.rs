@@ -121,12 +121,13 @@ impl HapticDevice for Bench {
             self.withhold()?;
             return Err(DeviceError::Closed);
         }
+        for fault in &self.faults {
+            fault.spoil(&mut state, self.last.as_ref(), &mut self.rng);
+        }
+        // Not spoilt: a driver knows what it has done itself.
         if self.is_there(Kind::Withheld).is_some() {
             self.withhold()?;
             state.status |= Status::WITHHELD;
-        }
-        for fault in &self.faults {
-            fault.spoil(&mut state, self.last.as_ref(), &mut self.rng);
         }
         self.judge.read(Some(&state), self.time);
         self.last = Some(state);

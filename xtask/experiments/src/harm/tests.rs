@@ -28,7 +28,7 @@ fn random_sessions_do_no_harm() {
 /// What a search found in the engine or in its checks before they were mended.
 #[test]
 fn sessions_that_did_harm_do_none_any_more() {
-    const FOUND: [&str; 9] = [
+    const FOUND: [&str; 13] = [
         // A host whose `dt` was not what its clock said: heat.
         "72d288b58175a8e0",
         "9166d3cb4390ac9d",
@@ -39,6 +39,13 @@ fn sessions_that_did_harm_do_none_any_more() {
         // Contacts without a time: fault.
         "b8f47a17463108e8",
         "a56a78496968e01a:020b09002f18d3036152f0497e440544be10698ef50a3881d0c0907c0c9579e0fec64c10b6ab9148ce98187c5fb2126283229a98e27a81ec",
+        // Contacts of long ago after such as were late: fault.
+        "b63c44dfe8876981",
+        "d098f30f43a84fec",
+        // What was stored before the wrench was last zero: energy.
+        "273d34d5df0a9573",
+        // A driver that did not tell that it withheld the wrench, which was the search's own fault: slew.
+        "80524c8a014d6e7a",
         // What the steps of an encoder seemed to give: energy.
         "be5b5aa7b2f72df2",
         "e84573e148d8bf64",
