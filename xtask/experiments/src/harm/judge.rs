@@ -178,7 +178,7 @@ fn part(figure: f64, bound: f64) -> f64 {
 /// How far a vector is from the nearest that the one before can have shrunk to.
 fn grown(now: DVec3, before: DVec3) -> f64 {
     let length = before.length();
-    if length == 0.0 {
+    if !(length > 0.0 && length.is_finite()) {
         return now.length();
     }
     let along = before / length;

@@ -34,7 +34,15 @@ impl Pair {
     /// In the hand, and in the scene.
     pub fn objects(self) -> &'static (Object, Object) {
         static MADE: [OnceLock<(Object, Object)>; PAIRS.len()] = [const { OnceLock::new() }; PAIRS.len()];
-        MADE[self as usize].get_or_init(|| self.make().unwrap_or_else(|error| panic!("{error}")))
+        MADE[self as usize].get_or_init(|| {
+            // In threads of their own: those that sessions run in may all be waiting here.
+            let make = || {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
+                pool.map_err(|error| error.to_string())?.install(|| self.make())
+            };
+            let made = std::thread::scope(|scope| scope.spawn(make).join());
+            made.expect("no panic").unwrap_or_else(|error| panic!("{error}"))
+        })
     }
 
     fn make(self) -> Result<(Object, Object), String> {
