@@ -415,7 +415,7 @@ mod tests {
     fn a_hand_is_moved_in_the_world() {
         let device_frame = Pose::new(DVec3::X, DQuat::from_rotation_z(0.7));
         let settings = Settings { workspace_scale: 4.0, device_frame, ..Settings::default() };
-        let probe = Object::model("lower-jaw@1000").expect("a model");
+        let probe = Object::model("lower-jaw@3000").expect("a model");
         let specification = Emulation::default().specification;
         let placement = HandlePlacement::new(&settings, &probe, &specification);
         let start = Pose::new(DVec3::new(0.01, 0.02, 0.0), DQuat::from_rotation_x(0.3));

@@ -31,6 +31,8 @@ mod safety;
 mod scene;
 mod stages;
 mod stale_reports;
+#[cfg(unix)]
+mod start_and_end;
 mod textured_backends;
 mod textured_blocks;
 mod textured_plate;
