@@ -8,10 +8,10 @@ use palpate_device::{
     TaskSite,
 };
 
-use crate::object::Object;
-use crate::placement::HandlePlacement;
 use crate::scene::Scene;
+use crate::scene::object::Object;
 use crate::settings::Settings;
+use crate::settings::placement::HandlePlacement;
 
 /// Most steps of the descent to first touch.
 const MAX_DESCENT: usize = 4000;

@@ -14,63 +14,24 @@
 )]
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
-mod articulated;
-mod builder;
-mod cache;
-mod contact_loop;
+mod contact;
 pub mod explore;
-mod gains;
 #[cfg(any(doc, all(doctest, feature = "models")))]
 pub mod guide;
-mod haptic_loop;
-mod hosted;
-mod invariants;
-mod lateness;
-mod lockstep;
-mod machine;
-mod merging;
-mod moving;
-mod object;
-mod output;
-mod placement;
-mod presence;
-mod proxy;
-mod reactions;
-mod realtime;
-mod record;
-mod renderer;
-pub mod representative;
+mod haptic;
+mod run;
 mod scene;
-mod scene_editor;
-#[cfg(feature = "scene-files")]
-mod scene_file;
-mod session;
 mod settings;
-mod settings_editor;
-mod size;
-mod spawn;
 mod telemetry;
-mod textures;
-mod tracking;
-mod walls;
-mod watch;
-mod workspace;
+mod tool;
 
-pub use articulated::{
-    ARTICULATED_COLUMNS, ArticulatedError, ArticulatedLockstep, ArticulatedLoop, ArticulatedRecord,
-    ArticulatedRenderer, ArticulatedSession, ArticulatedTool, GripperSettings, ToolBody,
-};
-pub use builder::RendererBuilder;
-pub use cache::cache_folder;
-pub use contact_loop::{ContactLoop, ContactUpdate};
-pub use haptic_loop::HapticLoop;
-pub use hosted::{HostError, HostedSession, HostedStepper};
-pub use invariants::{ENERGY_BOUND, FAULT_TIME, Invariant, Invariants, Kept, RUNAWAY_SPEED, WARMTH};
-pub use lateness::{WakeLateness, measure_wake_lateness};
-pub use lockstep::ContactTiming;
-pub use machine::{MachineLoad, MachineSample};
-pub use moving::Mobility;
-pub use object::{NamedMesh, Object, OpenError, OpenOptions, open_mesh};
+pub use contact::monitor::{Push, Sight, TouchingPatches, Watch, level_color};
+pub use contact::representative;
+pub use contact::textures::TextureError;
+pub use contact::{ContactLoop, ContactUpdate};
+pub use haptic::HapticLoop;
+pub use haptic::invariants::{ENERGY_BOUND, FAULT_TIME, Invariant, Invariants, Kept, RUNAWAY_SPEED, WARMTH};
+pub use haptic::reactions::{Reaction, Reactions};
 pub use palpate_clod_build as clod_build;
 pub use palpate_collide as collide;
 pub use palpate_core as core;
@@ -84,21 +45,30 @@ pub use palpate_mesh_io::LoadWarning;
 pub use palpate_models as models;
 pub use palpate_realtime as threads;
 pub use palpate_texture_pd as texture_pd;
-pub use placement::{HandlePlace, HandlePlacement};
-pub use reactions::{Reaction, Reactions};
-pub use record::{COLUMNS, Record, RecordWriter};
-pub use renderer::{HapticRenderer, RendererError};
-pub use scene::{Placed, Scene};
-pub use scene_editor::{EditError, SceneEditor, SceneId};
+pub use run::builder::RendererBuilder;
+pub use run::hosted::{HostError, HostedSession, HostedStepper};
+pub use run::lateness::{WakeLateness, measure_wake_lateness};
+pub use run::lockstep::ContactTiming;
+pub use run::machine::{MachineLoad, MachineSample};
+pub use run::renderer::{HapticRenderer, RendererError};
+pub use run::session::{Clock, ContactSummary, HapticSummary, RealtimeSetup, Session, Summary};
+pub use run::spawn::{RunningSession, SessionHandle, SessionPanic};
+pub use scene::cache::cache_folder;
+pub use scene::editor::{EditError, SceneEditor, SceneId};
 #[cfg(feature = "scene-files")]
-pub use scene_file::{ObjectEntry, SceneFile, SceneFileError};
-pub use session::{Clock, ContactSummary, HapticSummary, RealtimeSetup, Session, Summary};
+pub use scene::file::{ObjectEntry, SceneFile, SceneFileError};
+pub use scene::moving::Mobility;
+pub use scene::object::{NamedMesh, Object, OpenError, OpenOptions, open_mesh};
+pub use scene::size::UnitsError;
+pub use scene::{Placed, Scene};
+pub use settings::editor::{SettingsEditError, SettingsEditor};
+pub use settings::placement::{HandlePlace, HandlePlacement};
 pub use settings::{
     ContactSearch, Settings, SettingsError, TextureBackend, TextureDerivatives, TextureSettings,
 };
-pub use settings_editor::{SettingsEditError, SettingsEditor};
-pub use size::UnitsError;
-pub use spawn::{RunningSession, SessionHandle, SessionPanic};
+pub use telemetry::record::{COLUMNS, Record, RecordWriter};
 pub use telemetry::{ContactTelemetry, Events, HapticTelemetry, Percentiles, Times};
-pub use textures::TextureError;
-pub use watch::{Push, Sight, TouchingPatches, Watch, level_color};
+pub use tool::{
+    ARTICULATED_COLUMNS, ArticulatedError, ArticulatedLockstep, ArticulatedLoop, ArticulatedRecord,
+    ArticulatedRenderer, ArticulatedSession, ArticulatedTool, GripperSettings, ToolBody,
+};

@@ -1,0 +1,222 @@
+//! Changes of the scene, between the steps of the contact loop.
+
+use palpate_core::{Pose, Twist};
+
+use super::ContactLoop;
+use super::in_scene::{InScene, objects_of};
+use super::search::unfit;
+use crate::contact::textures::Textures;
+use crate::scene::editor::{Edit, SceneEditor, SceneId};
+use crate::scene::moving::{Mobility, Moving};
+use crate::scene::object::Object;
+use crate::settings::ContactSearch;
+
+impl ContactLoop {
+    /// Puts a scene object elsewhere, its mesh's frame at a pose in the world, from the next step on; `false` if there is none.
+    /// Contacts are rendered as if the object stood still there ([`SceneEditor::set_pose`]).
+    pub fn set_pose(&mut self, object: SceneId, pose: &Pose) -> bool {
+        let Some(place) = self.place_of(object) else { return false };
+        let Some(InScene { handle, moving, .. }) = &mut self.objects[place] else { return false };
+        if let Some(moving) = moving {
+            moving.stop();
+        }
+        let handle = *handle;
+        self.scene_has_changed();
+        self.scene.set_pose(handle, pose)
+    }
+
+    /// What was found may hold no longer.
+    fn scene_has_changed(&mut self) {
+        self.proxy.scene_has_changed();
+        if let Some(fields) = &mut self.by_fields {
+            fields.scene_has_changed();
+        }
+    }
+
+    /// Tells where a scene object that moves is at the time of the next step, and how fast; `false` if there is none
+    /// ([`SceneEditor::set_motion`]).
+    pub fn set_motion(&mut self, object: SceneId, pose: &Pose, twist: &Twist) -> bool {
+        self.moving(object).map(|moving| moving.tell(pose, twist)).is_some()
+    }
+
+    /// Says how a scene object is moved by what touches it, from the next step on; `false` if there is none
+    /// ([`SceneEditor::set_mobility`]).
+    pub fn set_mobility(&mut self, object: SceneId, mobility: Option<Mobility>) -> bool {
+        self.moving(object).map(|moving| moving.set_mobility(mobility)).is_some()
+    }
+
+    /// What makes a scene object move, made if need be.
+    fn moving(&mut self, object: SceneId) -> Option<&mut Moving> {
+        let place = self.place_of(object)?;
+        let InScene { moving, .. } = self.objects[place].as_mut()?;
+        if moving.is_none() {
+            self.moving.push(place);
+        }
+        let radius = self.probe.bounding_radius();
+        Some(moving.get_or_insert_with(|| Box::new(Moving::new(self.all_settings.clusters, radius))))
+    }
+
+    /// Adds an object, its mesh's frame at a pose in the world, from the next step on; `false` if there is one of that number,
+    /// or its texture cannot be rendered. Allocates.
+    pub fn add(&mut self, id: SceneId, object: &Object, pose: &Pose) -> bool {
+        let added = self.insert(id, object, pose);
+        if let Some(editor) = self.editor.as_ref().filter(|_| added) {
+            editor.note(id, true);
+        }
+        added
+    }
+
+    fn insert(&mut self, id: SceneId, object: &Object, pose: &Pose) -> bool {
+        if self.place_of(id).is_some() {
+            return false;
+        }
+        let handle = self.scene.add(object.shape(), pose);
+        let place = handle.place();
+        if self.objects.len() <= place {
+            self.objects.resize_with(place + 1, || None);
+        }
+        self.objects[place] = Some(InScene::new(id, handle, object));
+        if self.insert_field(place, object) && self.retexture(object) {
+            self.scene_has_changed();
+            return true;
+        }
+        self.delete(id);
+        false
+    }
+
+    /// Gives an object at a place its field, where contacts are found in these; `false` if it has none and that was asked for. Where it
+    /// was not, contacts are found by levels from now on.
+    fn insert_field(&mut self, place: usize, object: &Object) -> bool {
+        let Some(fields) = &mut self.by_fields else { return true };
+        if self.all_settings.search == ContactSearch::Automatic
+            && let Some(why) = unfit(&fields.needs, object)
+        {
+            self.by_fields = None;
+            self.by_levels = Some(why);
+            return true;
+        }
+        fields.insert(place, object, false).is_ok()
+    }
+
+    /// Takes an object out, from the next step on; `false` if there is none.
+    pub fn remove(&mut self, id: SceneId) -> bool {
+        if let Some(editor) = &self.editor {
+            editor.note(id, false);
+        }
+        self.delete(id)
+    }
+
+    fn delete(&mut self, id: SceneId) -> bool {
+        let Some(place) = self.place_of(id) else { return false };
+        let Some(InScene { handle, object, .. }) = self.objects[place].take() else { return false };
+        self.scene_has_changed();
+        if let Some(fields) = &mut self.by_fields {
+            fields.remove(place);
+        }
+        self.scene.remove(handle);
+        self.moving.retain(|&moving| moving != place);
+        self.retexture(&object)
+    }
+
+    /// Puts another object in the place of one, which is moved by what touches it as that was.
+    fn replace(&mut self, id: SceneId, object: &Object, pose: &Pose) -> bool {
+        let moving = self.place_of(id).and_then(|place| self.objects[place].as_mut()?.moving.take());
+        if !(self.delete(id) && self.insert(id, object, pose)) {
+            return false;
+        }
+        if let (Some(mut moving), Some(place)) = (moving, self.place_of(id)) {
+            moving.stop();
+            if let Some(object) = &mut self.objects[place] {
+                object.moving = Some(moving);
+                self.moving.push(place);
+            }
+        }
+        true
+    }
+
+    /// Adds an object that follows another session's, as a host is told of its mesh's frame and its origin's velocity.
+    pub(crate) fn add_following(
+        &mut self,
+        object: &Object,
+        pose: &Pose,
+        leader: triple_buffer::Output<(Pose, Twist)>,
+        mobility: Mobility,
+    ) -> Option<SceneId> {
+        let id = self.next_id();
+        if !self.add(id, object, pose) {
+            return None;
+        }
+        let place = self.place_of(id)?;
+        let radius = self.probe.bounding_radius();
+        let moving = Moving::following(leader, mobility, self.all_settings.clusters, radius);
+        self.objects[place].as_mut()?.moving = Some(Box::new(moving));
+        self.moving.push(place);
+        Some(id)
+    }
+
+    fn next_id(&self) -> SceneId {
+        if let Some(editor) = &self.editor {
+            return editor.next_id();
+        }
+        SceneId(self.objects.iter().flatten().map(|object| object.id.0 + 1).max().unwrap_or(0))
+    }
+
+    /// Makes the textures of the scene anew, if an object that came or went has to do with any; `false` if that cannot be.
+    fn retexture(&mut self, object: &Object) -> bool {
+        if self.textures.is_none() && object.texture().is_none() && self.probe.texture().is_none() {
+            return true;
+        }
+        let objects = objects_of(&self.objects);
+        let tolerance = self.parameters.tolerance;
+        let made = Textures::renew(
+            &mut self.textures,
+            &self.probe,
+            &objects,
+            &self.all_settings,
+            tolerance,
+            self.radius,
+        );
+        self.proxy.set_recesses(self.textures.as_ref().map_or_else(Vec::new, Textures::recesses));
+        made.is_ok()
+    }
+
+    /// Where an object is among those of the query.
+    fn place_of(&self, id: SceneId) -> Option<usize> {
+        self.objects.iter().position(|object| object.as_ref().is_some_and(|object| object.id == id))
+    }
+
+    /// An editor that changes the scene from elsewhere, from the next step on. Each call gives another handle to the same
+    /// editor.
+    pub fn editor(&mut self) -> SceneEditor {
+        if let Some(editor) = &self.editor {
+            return editor.clone();
+        }
+        let needs = self.by_fields.as_ref().map(|fields| fields.needs);
+        let (editor, edits) = SceneEditor::new(self.objects.iter().flatten().map(|object| object.id), needs);
+        self.edits = Some(edits);
+        self.editor.insert(editor).clone()
+    }
+
+    /// Lets the editor of another loop, which has the same scene, change it here as well.
+    pub(crate) fn follow_editor(&mut self, editor: &SceneEditor) {
+        if self.editor.is_none() {
+            self.edits = Some(editor.also());
+            self.editor = Some(editor.clone());
+        }
+    }
+
+    /// Makes the changes that wait.
+    pub(super) fn make_edits(&mut self) {
+        while let Some(edit) = self.edits.as_mut().and_then(|edits| edits.pop().ok()) {
+            let made = match edit {
+                Edit::Add(id, object, pose) => self.insert(id, &object, &pose),
+                Edit::Replace(id, object, pose) => self.replace(id, &object, &pose),
+                Edit::Move(id, pose) => self.set_pose(id, &pose),
+                Edit::Motion(id, pose, twist) => self.set_motion(id, &pose, &twist),
+                Edit::Mobility(id, mobility) => self.set_mobility(id, mobility),
+                Edit::Remove(id) => self.delete(id),
+            };
+            self.telemetry.events.edit_refused += u64::from(!made);
+        }
+    }
+}

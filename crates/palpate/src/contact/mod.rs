@@ -1,0 +1,753 @@
+//! The contact loop (§5.1.2): query the scene at the object's pose, cluster the contacts, linearise their response.
+
+mod by_fields;
+mod changes;
+mod in_scene;
+pub(crate) mod merging;
+pub(crate) mod monitor;
+pub(crate) mod proxy;
+pub mod representative;
+mod search;
+pub(crate) mod textures;
+mod touching;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use palpate_collide::{Budget, Cluster, Clustering, PatchContact, QuerySettings, SceneQuery};
+use palpate_core::glam::DVec3;
+use palpate_core::{Contact, Pose, Twist};
+use palpate_dynamics::{
+    Body, BodyState, Carrier, ContactParameters, ContactPatch, LinearContactModel, MAX_APPROACHING,
+};
+use palpate_texture_pd::Backend;
+use rtrb::Consumer;
+
+pub(crate) use self::by_fields::FieldNeeds;
+use self::by_fields::{ByFields, FieldSearch, in_steps};
+use self::in_scene::{InScene, objects_of};
+pub(crate) use self::search::ByLevels;
+use self::search::choose;
+use self::touching::Patches;
+use crate::contact::merging::Plane;
+use crate::contact::monitor::{Push, TouchingPatches, Watch, Watched};
+use crate::contact::proxy::{Found, LevelSearch, Proxy, carried, motion_between};
+use crate::contact::representative::FieldError;
+use crate::contact::textures::{TextureError, Textures};
+use crate::scene::Placed;
+use crate::scene::editor::{Edit, SceneEditor, SceneId};
+use crate::scene::object::Object;
+use crate::settings::Settings;
+use crate::settings::editor::{ContactTuning, Ramp};
+use crate::telemetry::ContactTelemetry;
+
+/// Scene objects that have a full workspace from the start. Those of further ones are made, or grow, when they are first
+/// within reach.
+const RESERVED: usize = 16;
+
+/// Approaching contacts are looked for as far as the body comes in this many intervals between queries: one passes before
+/// a query's answer is in use, another while it goes over to it, and one more before the next.
+const INTERVALS: f64 = 4.0;
+
+/// The longest interval that is reckoned with, s, and the furthest way, in radii of the probe.
+const LONGEST_INTERVAL: f64 = 0.02;
+const FURTHEST: f64 = 0.5;
+
+/// The furthest that contacts are looked for because the proxy lags behind the body, in tolerances, and how many of those further
+/// apart than d there may be before it is less. They hold the body.
+const FURTHEST_LAG: f64 = 16.0;
+const LAG_CONTACTS: usize = 256;
+
+/// Contacts that there is room for from the start.
+const MOST: usize = 512;
+
+/// How far the query looks ahead goes in steps of this, in tolerances.
+const STEP: f64 = 0.25;
+
+/// Contacts further apart than d are to be no more than this, or than those within d, so that looking ahead costs no
+/// more than the contacts themselves. How far the query looks is halved where they are more, and grows by as much where it
+/// is not far enough and they are not.
+const FAR_CONTACTS: usize = 64;
+const GROWTH: f64 = 1.01;
+
+/// Why there can be no contact loop.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum ContactLoopError {
+    #[error(transparent)]
+    Texture(#[from] TextureError),
+    #[error(transparent)]
+    Field(#[from] FieldError),
+}
+
+/// What a contact step hands to the haptic loop.
+#[derive(Clone, Copy, Debug)]
+pub struct ContactUpdate {
+    /// The linearised contacts.
+    pub model: LinearContactModel,
+    /// Time of the body state that the query saw, s; NaN before the first query.
+    pub time: f64,
+    /// Deepest penetration, m, by the contacts' planes; 0 when disjoint.
+    pub depth: f64,
+    /// Contacts found, before clustering.
+    pub contacts: u32,
+}
+
+impl ContactUpdate {
+    /// No contact, before any query.
+    pub fn none() -> Self {
+        Self {
+            model: LinearContactModel::empty(&Pose::IDENTITY, f64::NAN),
+            time: f64::NAN,
+            depth: 0.0,
+            contacts: 0,
+        }
+    }
+}
+
+/// The state of the contact loop, with the workspaces of its queries.
+///
+/// Contacts are clustered as the queries find them, between patches, and not made a
+/// [contact set](palpate_collide::ContactSet) of before. That would leave few of those that are close to one another in
+/// depth: of a face that rests flat on another one, the corner alone that is closest by a trace, as soon as it tilts, so
+/// that the torque jumps; and contacts that fade in and out between levels of detail would not.
+#[derive(Debug)]
+pub struct ContactLoop {
+    /// Centre of mass of the probe in its mesh's frame, m.
+    center_of_mass: DVec3,
+    scene: SceneQuery,
+    proxy: Proxy,
+    probe: Object,
+    /// By their places in the query.
+    objects: Vec<Option<InScene>>,
+    /// Places of those that move, or can be moved, and how fast a point of those that are near moves at most, m/s.
+    moving: Vec<usize>,
+    fastest: f64,
+    /// Changes that wait, where someone may make them, and the editor that makes them.
+    edits: Option<Consumer<Edit>>,
+    editor: Option<SceneEditor>,
+    tunings: Option<Consumer<ContactTuning>>,
+    /// Where gains and s₀ go over to.
+    tuning: Option<Ramp<(ContactParameters, f64)>>,
+    /// What textures are made with.
+    all_settings: Settings,
+    /// s₀, m; 0 for full resolution.
+    error: f64,
+    settings: QuerySettings,
+    parameters: ContactParameters,
+    /// Contacts with all scene objects that are not textured and do not move.
+    contacts: Vec<PatchContact>,
+    clustering: Clustering,
+    /// Where contacts are found in fields, or why they are not.
+    by_fields: Option<Box<ByFields>>,
+    by_levels: Option<ByLevels>,
+    /// Contacts further apart than d that the body comes at, and their clusters.
+    approaching: Vec<PatchContact>,
+    approaching_clusters: Clustering,
+    /// Where an object is textured.
+    textures: Option<Textures>,
+    braking: bool,
+    /// Whether contacts further away than d matter.
+    looks_ahead: bool,
+    /// Of the grasped object, kg.
+    mass: f64,
+    /// Bounding radius of the probe about its centre of mass, m.
+    radius: f64,
+    /// How much further than d the query may look for what the body comes at, m, and for what holds a body that its proxy lags
+    /// behind.
+    outlook: f64,
+    furthest_lag: f64,
+    /// Of the last step, s.
+    time: f64,
+    telemetry: ContactTelemetry,
+    /// Where someone looks on, and what finds the patches that touch.
+    watched: Option<Watched>,
+    patches: Patches,
+}
+
+impl ContactLoop {
+    pub(crate) fn new(
+        probe: &Object,
+        body: Body,
+        center_of_mass: DVec3,
+        scene: &[Placed],
+        parameters: ContactParameters,
+        settings: &Settings,
+    ) -> Result<Self, ContactLoopError> {
+        let Settings { error, interpolation, query_budget, clusters, braking, proxy, .. } = *settings;
+        let radius = probe.bounding_radius() + probe.clod.source.center_of_mass.length();
+        let mut query = SceneQuery::new(probe.shape());
+        let objects: Vec<Option<InScene>> = (0..)
+            .map(SceneId)
+            .zip(scene)
+            .map(|(id, Placed { object, pose })| {
+                let handle = query.add(object.shape(), pose);
+                Some(InScene::new(id, handle, object))
+            })
+            .collect();
+        for (index, placed) in scene.iter().enumerate().take(RESERVED) {
+            let same = |other: &&Placed| Arc::ptr_eq(&other.object.clod, &placed.object.clod);
+            query.reserve(placed.object.shape(), scene[..=index].iter().filter(same).count());
+        }
+        let textures = Textures::new(probe, &objects_of(&objects), settings, parameters.tolerance, radius)?;
+        let with_places = objects.iter().enumerate().filter_map(|(place, object)| {
+            object.as_ref().map(|InScene { object, .. }| (place, object, place < RESERVED))
+        });
+        let (by_fields, by_levels) = match choose(probe, with_places, parameters.tolerance, settings)? {
+            Ok(fields) => (Some(fields), None),
+            Err(why) => (None, Some(why)),
+        };
+        let recesses = textures.as_ref().map_or_else(Vec::new, Textures::recesses);
+        let objects_with_probe = std::iter::once(probe).chain(scene.iter().map(|placed| &placed.object));
+        let error = if any_refined(objects_with_probe) { error } else { 0.0 };
+        Ok(Self {
+            center_of_mass,
+            scene: query,
+            proxy: Proxy::new(body, center_of_mass, radius, parameters.tolerance, recesses, proxy),
+            probe: probe.clone(),
+            objects,
+            moving: Vec::new(),
+            fastest: 0.0,
+            edits: None,
+            editor: None,
+            tunings: None,
+            tuning: None,
+            all_settings: *settings,
+            error,
+            settings: query_settings(parameters.tolerance, error, interpolation, query_budget),
+            parameters,
+            contacts: Vec::with_capacity(MOST),
+            clustering: Clustering::new(clusters),
+            by_fields,
+            by_levels,
+            approaching: Vec::with_capacity(MOST),
+            approaching_clusters: Clustering::new(MAX_APPROACHING),
+            textures,
+            braking,
+            looks_ahead: braking || proxy,
+            mass: body.mass,
+            radius,
+            outlook: FURTHEST * radius,
+            furthest_lag: FURTHEST_LAG * parameters.tolerance,
+            time: f64::NAN,
+            telemetry: ContactTelemetry::default(),
+            watched: None,
+            patches: Patches::new(),
+        })
+    }
+
+    /// The distance tolerance d that contacts are looked for within, m.
+    pub(crate) fn tolerance(&self) -> f64 {
+        self.parameters.tolerance
+    }
+
+    /// Contacts for the grasped object's state at `time` (s). Allocates only while its workspaces grow to the scene's
+    /// need.
+    pub fn step(&mut self, body: &BodyState, time: f64) -> ContactUpdate {
+        self.make_edits();
+        let interval = time - std::mem::replace(&mut self.time, time);
+        self.tune(interval);
+        self.move_objects(body, time);
+        let ahead = self.time_ahead(interval);
+        let tolerance = self.parameters.tolerance;
+        let near = tolerance + self.textures.as_ref().map_or(0.0, Textures::protrusion);
+        let (lag, way) = (self.proxy.lag().min(self.furthest_lag), self.way(body, ahead));
+        let behind = if self.is_by_fields() { in_steps(lag, tolerance) } else { lag };
+        // No further than queries look.
+        let reach = (near + behind + way).min(self.furthest());
+        let followed = match &mut self.by_fields {
+            Some(by_fields) if self.textures.is_none() => {
+                self.proxy.follow(&body.pose, &mut FieldSearch { by_fields, scene: &mut self.scene, reach })
+            }
+            _ => {
+                let settings = QuerySettings { tolerance: reach, ..self.settings };
+                self.proxy.follow(&body.pose, &mut LevelSearch { scene: &mut self.scene, settings })
+            }
+        };
+        let events = &mut self.telemetry.events;
+        events.contact_overflow += u64::from(followed.overflow);
+        events.contact_refused += u64::from(followed.refused);
+        events.not_converged += followed.not_converged as u64;
+        events.held_back += u64::from(*self.proxy.pose() != body.pose);
+        self.adapt_reach(way, lag, near);
+        self.sort(body, ahead);
+        self.show_patches(time);
+        let mut depth = deepest(&self.contacts);
+
+        let probe_pose = body.pose * Pose::from_translation(-self.center_of_mass);
+        let mut model = LinearContactModel::empty(&body.pose, time);
+        let carried = if self.is_by_fields() {
+            self.add_represented(&mut model, body, interval);
+            self.deepen(&mut depth)
+        } else {
+            let clusters = self.clustering.run(&self.contacts, tolerance, &probe_pose);
+            show(&mut self.watched, clusters, &self.parameters);
+            model = LinearContactModel::from_contacts(patches(clusters), &body.pose, &self.parameters, time);
+            self.add_carried(&mut model, &mut depth, &probe_pose, interval)
+        };
+        let braking = self.braking_parameters(ahead);
+        let coarse = self.add_textured(&mut model, &mut depth, body, &braking, interval, ahead);
+        let clusters = self.approaching_clusters.run(&self.approaching, reach, &probe_pose);
+        let representatives = clusters.iter().map(|cluster| cluster.contact);
+        model.push_approaching(representatives, &braking, ahead);
+        self.add_approaching(&mut model, &braking, interval, ahead);
+        self.telemetry.events.contact_refused += u64::from(model.refused());
+        if let Some(watched) = &mut self.watched {
+            watched.show();
+        }
+        ContactUpdate { model, time, depth, contacts: (self.contacts.len() + carried + coarse) as u32 }
+    }
+
+    /// Whether contacts are found in fields.
+    pub(crate) fn is_by_fields(&self) -> bool {
+        self.by_fields.is_some() && self.textures.is_none()
+    }
+
+    /// How contacts are found: off by so much (m) in fields, or by levels, and why.
+    pub(crate) fn search(&self) -> Result<f64, &ByLevels> {
+        match (&self.by_levels, &self.by_fields) {
+            (Some(why), _) => Err(why),
+            _ if self.textures.is_some() => Err(&ByLevels::Texture),
+            (None, Some(fields)) => Ok(fields.needs.error()),
+            (None, None) => Err(&ByLevels::AskedFor),
+        }
+    }
+
+    /// How far contacts can be looked for, m.
+    fn furthest(&self) -> f64 {
+        match &self.by_fields {
+            Some(fields) if self.textures.is_none() => fields.furthest(),
+            _ => self.probe.shape().max_tolerance(),
+        }
+    }
+
+    /// Adds the planes of representative contacts to a model: those that push least are left out where there is no room.
+    fn add_represented(&mut self, model: &mut LinearContactModel, body: &BodyState, interval: f64) {
+        let Some(fields) = &mut self.by_fields else { return };
+        let to_mesh = Pose::from_translation(-self.center_of_mass);
+        let poses = (self.proxy.pose(), &body.pose);
+        let tolerance = self.parameters.tolerance;
+        let objects = (self.objects.as_mut_slice(), self.moving.as_slice());
+        let planes = fields.planes(poses, self.proxy.lag(), &to_mesh, tolerance, &mut self.scene, objects);
+        let count_of = |place: usize| planes.iter().filter(|(of, _)| *of == Some(place)).count();
+        for &(place, Plane { contact, weight, radius }) in planes {
+            let gains = shared(&self.parameters, weight);
+            let patch = ContactPatch { contact, radius };
+            let with = place.and_then(|place| self.objects.get(place)?.as_ref());
+            let moving = with.and_then(|InScene { id, handle, moving, .. }| {
+                Some((*id, moving.as_ref()?, self.scene.pose(*handle)?))
+            });
+            let (gains, carrier) = match (place, moving) {
+                (Some(place), Some((id, moving, pose))) => {
+                    let at = (contact.point, contact.normal);
+                    let gains = moving.limited(&gains, pose, at, count_of(place), interval);
+                    (gains, moving.carrier(id, pose))
+                }
+                _ => (gains, Carrier::STILL),
+            };
+            model.push_carried(patch, &gains, 0.0, &carrier);
+            if let Some(watched) = &mut self.watched {
+                let force = contact.normal * (-gains.stiffness * (contact.depth + tolerance));
+                let Contact { point, normal, depth, .. } = contact;
+                watched.sight().add_push(Push { point, normal, force, depth });
+            }
+        }
+        self.telemetry.events.contact_overflow += u64::from(model.overflow());
+    }
+
+    /// The deepest of contacts with objects that move as well; how many there are of these.
+    fn deepen(&self, depth: &mut f64) -> usize {
+        let carried = self.moving.iter().filter_map(|&place| self.objects[place].as_ref()?.moving.as_ref());
+        carried.fold(0, |count, moving| {
+            *depth = depth.max(deepest(&moving.contacts));
+            count + moving.contacts.len()
+        })
+    }
+
+    /// Goes over to what the loop is tuned to, in the time (s) since the last step.
+    fn tune(&mut self, interval: f64) {
+        while let Some(tuning) = self.tunings.as_mut().and_then(|tunings| tunings.pop().ok()) {
+            let ContactTuning { parameters, error, interpolation, query_budget } = tuning;
+            let objects = self.objects.iter().flatten().map(|object| &object.object);
+            let error = if any_refined(objects.chain([&self.probe])) { error } else { 0.0 };
+            // On the way to full resolution levels still go over into one another.
+            let coarsest = error.max(self.error);
+            self.settings = query_settings(parameters.tolerance, coarsest, interpolation, query_budget);
+            if let Some(fields) = &mut self.by_fields {
+                fields.needs.set_budget(query_budget);
+            }
+            self.tuning = Some(Ramp::new((self.parameters, self.error), (parameters, error)));
+        }
+        if let Some(ramp) = &mut self.tuning {
+            let ((parameters, error), ended) = ramp.advance(interval);
+            (self.parameters, self.error) = (parameters, error);
+            self.settings.error = error.into();
+            if ended {
+                self.settings.interpolate &= error > 0.0 || self.settings.budget.is_some();
+                self.tuning = None;
+            }
+        }
+    }
+
+    pub(crate) fn set_tunings(&mut self, tunings: Consumer<ContactTuning>) {
+        self.tunings = Some(tunings);
+    }
+
+    /// Moves the objects that move on to a time (s).
+    fn move_objects(&mut self, body: &BodyState, time: f64) {
+        self.fastest = 0.0;
+        for &place in &self.moving {
+            let Some(InScene { handle, object, moving: Some(moving), .. }) = &mut self.objects[place] else {
+                continue;
+            };
+            let Some(pose) = moving.advance(time) else { continue };
+            let Some(before) = self.scene.pose(*handle).copied() else { continue };
+            if before == pose {
+                continue;
+            }
+            self.scene.set_pose(*handle, &pose);
+            if let Some(fields) = &mut self.by_fields {
+                fields.scene_has_changed();
+            }
+            let size = object.bounding_radius();
+            if pose.translation.distance(body.pose.translation) < size + self.radius + self.outlook {
+                self.proxy.object_has_moved(place, &before, &pose);
+                let Twist { linear, angular } = moving.twist();
+                self.fastest = self.fastest.max(linear.length() + angular.length() * size);
+            }
+        }
+    }
+
+    /// Adds contacts with objects that move to a model, and their depth; how many there are before clustering.
+    fn add_carried(
+        &mut self,
+        model: &mut LinearContactModel,
+        depth: &mut f64,
+        probe_pose: &Pose,
+        interval: f64,
+    ) -> usize {
+        let mut count = 0;
+        let tolerance = self.parameters.tolerance;
+        for &place in &self.moving {
+            let Some(InScene { id, handle, moving: Some(moving), .. }) = &mut self.objects[place] else {
+                continue;
+            };
+            let Some(pose) = self.scene.pose(*handle) else { continue };
+            if moving.contacts.is_empty() {
+                moving.clustering.reset();
+                continue;
+            }
+            count += moving.contacts.len();
+            *depth = depth.max(deepest(&moving.contacts));
+            moving.clustering.run(&moving.contacts, tolerance, probe_pose);
+            let clusters = moving.clustering.clusters();
+            for cluster in clusters {
+                let at = (cluster.contact.point, cluster.contact.normal);
+                let gains = moving.limited(&self.parameters, pose, at, clusters.len(), interval);
+                let cluster = std::slice::from_ref(cluster);
+                for patch in patches(cluster) {
+                    model.push_carried(patch, &gains, 0.0, &moving.carrier(*id, pose));
+                }
+                show(&mut self.watched, cluster, &gains);
+            }
+        }
+        count
+    }
+
+    /// Adds for each object that moves what comes nearest of it, within a time (s) ahead.
+    fn add_approaching(
+        &mut self,
+        model: &mut LinearContactModel,
+        braking: &ContactParameters,
+        interval: f64,
+        ahead: f64,
+    ) {
+        for &place in &self.moving {
+            let Some(InScene { id, handle, moving: Some(moving), .. }) = &self.objects[place] else {
+                continue;
+            };
+            let (Some(pose), Some(PatchContact { contact, .. })) =
+                (self.scene.pose(*handle), moving.approaching)
+            else {
+                continue;
+            };
+            let gains = moving.limited(braking, pose, (contact.point, contact.normal), 1, interval);
+            model.push_carried(contact, &gains, ahead, &moving.carrier(*id, pose));
+        }
+    }
+
+    /// Adds contacts with textured objects to a model, and their depth; how many coarse ones there are.
+    fn add_textured(
+        &mut self,
+        model: &mut LinearContactModel,
+        depth: &mut f64,
+        body: &BodyState,
+        braking: &ContactParameters,
+        interval: f64,
+        ahead: f64,
+    ) -> usize {
+        let Some(textures) = &mut self.textures else { return 0 };
+        let tolerance = self.parameters.tolerance;
+        textures.clear();
+        let mut coarse = 0;
+        for found in self.proxy.found() {
+            coarse += usize::from(textures.take(found.object, &found.contact, tolerance));
+        }
+        let pose = *self.proxy.pose();
+        let mesh = pose * Pose::from_translation(-self.center_of_mass);
+        let object_at = |place: usize| self.objects.get(place)?.as_ref();
+        let pose_of = |place: usize| self.scene.pose(object_at(place)?.handle).copied();
+        let events = &mut self.telemetry.events;
+        let motion = motion_between(&pose, &body.pose);
+        for found in textures.run(&mesh, pose.translation, pose_of, tolerance, events) {
+            let now = found.depth_after(&motion);
+            let moving = object_at(found.object)
+                .and_then(|InScene { id, moving, .. }| Some((*id, moving.as_ref()?, pose_of(found.object)?)));
+            let carrier = moving.map_or(Carrier::STILL, |(id, moving, at)| moving.carrier(id, &at));
+            let gains = |gains: &ContactParameters| {
+                let gains = shared(gains, found.share);
+                let point = (found.contact.point, found.contact.linear.normalize_or_zero());
+                moving.map_or(gains, |(_, moving, at)| moving.limited(&gains, &at, point, 1, interval))
+            };
+            let twist = beside(&body.twist, pose.translation, &carrier);
+            if now > -tolerance {
+                *depth = depth.max(now);
+                let missed = found.is_undersampled(&twist, pose.translation, interval);
+                events.texture_undersampled += u64::from(missed);
+                if let Some(watched) = &mut self.watched {
+                    let force =
+                        found.contact.linear * (-self.parameters.stiffness * found.share * (now + tolerance));
+                    let normal = found.contact.linear.normalize_or_zero();
+                    let point = found.contact.point;
+                    watched.sight().add_push(Push { point, normal, force, depth: now });
+                }
+                model.push_curved(&found.contact, &pose, &gains(&self.parameters), 0.0, &carrier);
+            } else if self.braking && now + found.rate(&twist) * ahead > -tolerance {
+                model.push_curved(&found.contact, &pose, &gains(braking), ahead, &carrier);
+            }
+        }
+        coarse
+    }
+
+    /// Sorts the proxy's contacts, as they hold the body, into those that are closed, or within d, and those that the body
+    /// comes at; those with objects that move, by object.
+    fn sort(&mut self, body: &BodyState, ahead: f64) {
+        let tolerance = self.parameters.tolerance;
+        self.contacts.clear();
+        self.approaching.clear();
+        for &place in &self.moving {
+            if let Some(InScene { moving: Some(moving), .. }) = &mut self.objects[place] {
+                moving.contacts.clear();
+                moving.approaching = None;
+            }
+        }
+        let textured = |object| self.textures.as_ref().is_some_and(|textures| textures.has(object));
+        for found in self.proxy.contacts().filter(|found| !textured(found.object)) {
+            let contact = carried(&found.contact.contact, self.proxy.pose(), &body.pose);
+            let close = contact.depth > -tolerance;
+            let patch = PatchContact { contact, ..found.contact };
+            match self.objects.get_mut(found.object) {
+                Some(Some(InScene { id, handle, moving: Some(moving), .. })) => {
+                    let carrier =
+                        self.scene.pose(*handle).map_or(Carrier::STILL, |pose| moving.carrier(*id, pose));
+                    if close {
+                        moving.contacts.push(patch);
+                    } else if self.braking && comes_within(&contact, body, &carrier, tolerance, ahead) {
+                        moving.keep_nearer(patch);
+                    }
+                }
+                _ if close => self.contacts.push(patch),
+                _ if self.braking && comes_within(&contact, body, &Carrier::STILL, tolerance, ahead) => {
+                    self.approaching.push(patch);
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// How far ahead contacts are looked for, s, by the time since they last were: none where nothing asks for them.
+    fn time_ahead(&self, interval: f64) -> f64 {
+        if self.looks_ahead && interval > 0.0 { INTERVALS * interval.min(LONGEST_INTERVAL) } else { 0.0 }
+    }
+
+    /// Gains of contacts that brake in `time` (s): damping that takes all of a body's speed in a tenth of it.
+    fn braking_parameters(&self, time: f64) -> ContactParameters {
+        let damping = if time > 0.0 { 10.0 * self.mass / time } else { 0.0 };
+        ContactParameters { damping: damping.max(self.parameters.damping), ..self.parameters }
+    }
+
+    /// At least how far any point of the body comes towards the scene in a time (s), m, as far as the query looks ahead at all, and in whole
+    /// steps, so that its reach seldom changes.
+    fn way(&self, body: &BodyState, time: f64) -> f64 {
+        let speed = body.twist.linear.length() + body.twist.angular.length() * self.radius + self.fastest;
+        let step = STEP * self.parameters.tolerance;
+        let way = (speed * time).min(self.outlook);
+        if way > step { (way / step).ceil() * step } else { 0.0 }
+    }
+
+    /// Looks less far next time if too much was found further apart than what is near (m), within as much more as the body
+    /// comes in the time ahead (m) and its proxy lags behind (m); or further ahead again if that was as far as it looks.
+    fn adapt_reach(&mut self, way: f64, lag: f64, near: f64) {
+        let tolerance = self.parameters.tolerance;
+        let found = self.proxy.contacts().count();
+        let near = self.proxy.contacts().filter(|found| found.contact.contact.depth > -near).count();
+        let far = found - near;
+        if far > near.max(FAR_CONTACTS) {
+            self.outlook = (0.5 * way).max(STEP * tolerance);
+        } else if way >= self.outlook {
+            self.outlook = (GROWTH * self.outlook).min(FURTHEST * self.radius);
+        }
+        if far > LAG_CONTACTS && lag > 0.0 {
+            self.furthest_lag = (0.5 * lag).max(STEP * tolerance);
+        } else if lag == 0.0 {
+            self.furthest_lag = (GROWTH * self.furthest_lag).min(FURTHEST_LAG * tolerance);
+        }
+    }
+
+    /// A watch that shows the contacts elsewhere, from the next step on. There may be several.
+    pub fn watch(&mut self) -> Watch {
+        match &mut self.watched {
+            Some(watched) => watched.also(),
+            None => {
+                let (watched, watch) = Watched::new();
+                self.watched = Some(watched);
+                watch
+            }
+        }
+    }
+
+    /// Whether someone looks on.
+    pub(crate) fn is_watched(&self) -> bool {
+        self.watched.is_some()
+    }
+
+    /// The detail that is left out, m; 0 where there is none, or full resolution is asked for.
+    pub(crate) fn error(&self) -> f64 {
+        self.error
+    }
+
+    /// Begins to show what is seen at a time (s), with the patches that touch, of textured objects the coarse ones; those of
+    /// representatives where the deepest are.
+    fn show_patches(&mut self, time: f64) {
+        let is_by_fields = self.is_by_fields();
+        let Some(watched) = &mut self.watched else { return };
+        let sight = watched.begin(time);
+        let is_near = |found: &&Found| found.contact.contact.depth > -self.parameters.tolerance;
+        if !is_by_fields {
+            for found in self.proxy.contacts().filter(is_near) {
+                let PatchContact { probe_node, scene_node, weight, .. } = found.contact;
+                let object = self.objects.get(found.object).and_then(Option::as_ref);
+                let object = object.map_or(found.object, |object| object.id.0);
+                sight.add_patches(TouchingPatches { object, probe_node, scene_node, weight });
+            }
+            return;
+        }
+        self.patches.choose(self.proxy.contacts().filter(is_near));
+        let probe = (*self.proxy.pose() * Pose::from_translation(-self.center_of_mass)).inverse();
+        for index in 0..self.patches.deepest.len() {
+            let Found { contact: PatchContact { contact, .. }, object } = self.patches.deepest[index];
+            let Some(Some(InScene { id, handle, object, .. })) = self.objects.get(object) else { continue };
+            let Some(scene) = self.scene.pose(*handle) else { continue };
+            let own = self.patches.leaf_at(&self.probe.clod, probe.transform_point(contact.point));
+            let at = scene.inverse().transform_point(contact.scene_point);
+            let other = self.patches.leaf_at(&object.clod, at);
+            if let (Some(probe_node), Some(scene_node)) = (own, other) {
+                sight.add_patches(TouchingPatches { object: id.0, probe_node, scene_node, weight: 1.0 });
+            }
+        }
+    }
+
+    /// What computes textured contacts; `None` without textures.
+    pub(crate) fn texture_backend(&self) -> Option<&str> {
+        self.textures.as_ref().map(Textures::backend)
+    }
+
+    pub(crate) fn set_texture_backend(&mut self, backend: Box<dyn Backend>) {
+        if let Some(textures) = &mut self.textures {
+            textures.set_backend(backend);
+        }
+    }
+
+    /// Contacts of the last step with objects that are not textured, before clustering, world axes. Those found in fields are of no
+    /// nodes ([`NO_NODE`](palpate_core::clod::NO_NODE)): the deepest places of each cell.
+    pub fn contacts(&self) -> impl Iterator<Item = &PatchContact> {
+        let carried = self.moving.iter().filter_map(|&place| self.objects[place].as_ref()?.moving.as_ref());
+        self.contacts.iter().chain(carried.flat_map(|moving| &moving.contacts))
+    }
+
+    /// Memory that the workspaces of its queries hold, besides the objects' hierarchies: with their fields, where contacts are found
+    /// in these.
+    pub fn workspace_bytes(&self) -> usize {
+        self.scene.bytes() + self.by_fields.as_ref().map_or(0, |fields| fields.bytes())
+    }
+
+    /// What was measured so far.
+    pub fn telemetry(&self) -> &ContactTelemetry {
+        &self.telemetry
+    }
+
+    pub(crate) fn telemetry_mut(&mut self) -> &mut ContactTelemetry {
+        &mut self.telemetry
+    }
+}
+
+/// Whether some have detail to leave out: where all are one hull, nothing is to be measured for it.
+fn any_refined<'a>(mut objects: impl Iterator<Item = &'a Object>) -> bool {
+    objects.any(|object| object.clod.levels.len() > 1)
+}
+
+/// What contacts are looked for with, within a tolerance (m).
+fn query_settings(
+    tolerance: f64,
+    error: f64,
+    interpolation: bool,
+    query_budget: Option<f64>,
+) -> QuerySettings {
+    QuerySettings {
+        error: error.into(),
+        interpolate: interpolation && (error > 0.0 || query_budget.is_some()),
+        budget: query_budget.map(|seconds| Budget::Time(Duration::from_secs_f64(seconds))),
+        ..QuerySettings::new(tolerance)
+    }
+}
+
+/// A share of a contact's gains.
+fn shared(parameters: &ContactParameters, share: f64) -> ContactParameters {
+    let ContactParameters { stiffness, damping, .. } = *parameters;
+    ContactParameters { stiffness: stiffness * share, damping: damping * share, ..*parameters }
+}
+
+/// Whether a contact comes within a distance (m) in a time (s) if the body and what it is with move on as they do.
+fn comes_within(contact: &Contact, body: &BodyState, carrier: &Carrier, distance: f64, time: f64) -> bool {
+    let arm = contact.point - body.pose.translation;
+    let velocity = body.twist.velocity_at(arm) - carrier.twist.velocity_at(contact.point);
+    let rate = velocity.dot(contact.normal);
+    contact.depth + rate * time > -distance
+}
+
+/// The motion of a body, whose reference point is at `center` (m), beside an object.
+fn beside(twist: &Twist, center: DVec3, carrier: &Carrier) -> Twist {
+    Twist {
+        linear: twist.linear - carrier.twist.velocity_at(center),
+        angular: twist.angular - carrier.twist.angular,
+    }
+}
+
+/// Deepest penetration, m; 0 where there is none.
+fn deepest(contacts: &[PatchContact]) -> f64 {
+    contacts.iter().fold(0.0, |most: f64, found| most.max(found.contact.depth))
+}
+
+/// What represents clusters.
+fn patches(clusters: &[Cluster]) -> impl Iterator<Item = ContactPatch> {
+    clusters.iter().map(|&Cluster { contact, radius, .. }| ContactPatch { contact, radius })
+}
+
+/// Shows what clusters push with, to whoever looks on.
+fn show(watched: &mut Option<Watched>, clusters: &[Cluster], gains: &ContactParameters) {
+    let Some(watched) = watched else { return };
+    for Cluster { contact, .. } in clusters {
+        let force = contact.normal * (-gains.stiffness * (contact.depth + gains.tolerance));
+        let Contact { point, normal, depth, .. } = *contact;
+        watched.sight().add_push(Push { point, normal, force, depth });
+    }
+}

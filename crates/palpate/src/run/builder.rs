@@ -1,0 +1,89 @@
+//! Makes a session from what differs from the usual.
+
+use palpate_core::Pose;
+use palpate_device::{DeviceState, HapticDevice, Specification};
+
+use crate::run::hosted::{HostError, HostedSession};
+use crate::run::renderer::{HapticRenderer, RendererError};
+use crate::scene::Scene;
+use crate::scene::object::Object;
+use crate::settings::Settings;
+
+/// What a session is to be made of, begun by [`HapticRenderer::builder`] and ended by the device that is to be held.
+///
+/// ```
+/// use palpate::device::{Emulation, Task};
+/// use palpate::{HapticRenderer, Object, Pose, Scene, explore};
+///
+/// let probe = Object::model("ellipsoid@500")?;
+/// let ball = Object::model("golf-ball@2000")?;
+/// let scene = Scene::new().with(ball, Pose::IDENTITY);
+/// let device = Emulation::default().open(explore::path(Task::default(), &probe, &scene)?)?;
+/// let mut session = HapticRenderer::builder(probe)
+///     .scene(scene)
+///     .tune(|settings| settings.friction = 0.3)
+///     .on(Box::new(device))?
+///     .spawn()?;
+/// while session.latest().is_none() {
+///     std::thread::yield_now();
+/// }
+/// println!("{}", session.stop()?.summary().depth_max);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Debug)]
+#[must_use = "a session is made by `on` or `hosted`"]
+pub struct RendererBuilder {
+    probe: Object,
+    scene: Scene,
+    settings: Settings,
+}
+
+impl HapticRenderer {
+    /// Begins a session with `probe` in the hand, an empty scene and the usual settings.
+    pub fn builder(probe: Object) -> RendererBuilder {
+        RendererBuilder { probe, scene: Scene::new(), settings: Settings::default() }
+    }
+}
+
+impl RendererBuilder {
+    /// With another scene.
+    pub fn scene(self, scene: Scene) -> Self {
+        Self { scene, ..self }
+    }
+
+    /// With one more object in the scene, its mesh's frame at `pose`.
+    pub fn touching(self, object: Object, pose: Pose) -> Self {
+        Self { scene: self.scene.with(object, pose), ..self }
+    }
+
+    /// With other settings.
+    pub fn settings(self, settings: Settings) -> Self {
+        Self { settings, ..self }
+    }
+
+    /// With some settings changed.
+    pub fn tune(mut self, change: impl FnOnce(&mut Settings)) -> Self {
+        change(&mut self.settings);
+        self
+    }
+
+    /// In the hand that holds a device, where that now is.
+    ///
+    /// # Errors
+    /// As [`HapticRenderer::new`].
+    pub fn on(self, device: Box<dyn HapticDevice>) -> Result<HapticRenderer, RendererError> {
+        HapticRenderer::new(self.probe, self.scene, device, self.settings)
+    }
+
+    /// For a host that owns its device, of that specification and in a state, and steps the session itself.
+    ///
+    /// # Errors
+    /// As [`HostedSession::new`].
+    pub fn hosted(
+        self,
+        specification: Specification,
+        device: DeviceState,
+    ) -> Result<HostedSession, HostError> {
+        HostedSession::new(self.probe, self.scene, specification, device, self.settings)
+    }
+}

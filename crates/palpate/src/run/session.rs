@@ -1,0 +1,492 @@
+//! What is left of a session when it has ended.
+
+use std::collections::BTreeMap;
+
+use palpate_core::glam::DVec3;
+use palpate_device::Specification;
+use palpate_realtime::{Outcome, State, ThreadSetup};
+use serde::Serialize;
+
+use crate::haptic::invariants::Kept;
+use crate::run::machine::MachineLoad;
+use crate::run::renderer::HapticRenderer;
+use crate::scene::object::Object;
+use crate::settings::Settings;
+use crate::telemetry::{ContactTelemetry, Events, HapticTelemetry, Percentiles};
+
+/// [`HapticSummary::scheduling`] on a simulated clock.
+const LOCKSTEP: &str = "lockstep";
+
+/// Which clock a session ran by.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Clock {
+    /// Real time.
+    Real {
+        /// What was asked of the operating system, and what came of it.
+        setup: Box<RealtimeSetup>,
+    },
+    /// Simulated time.
+    Simulated,
+}
+
+/// What a session in real time asked of the operating system, and what came of it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct RealtimeSetup {
+    /// The thread that exchanges reports with the device; none where the device has no such thread.
+    pub device: Option<ThreadSetup>,
+    /// The haptic thread.
+    pub haptic: ThreadSetup,
+    /// The contact thread.
+    pub contact: ThreadSetup,
+    /// The process's memory.
+    pub memory: Outcome,
+}
+
+impl RealtimeSetup {
+    /// What a privilege is absent for, in whole or in part: which thread or what, and what came of it.
+    pub fn limited(&self) -> Vec<(String, &Outcome)> {
+        let threads = [
+            ("device", self.device.as_ref()),
+            ("haptic", Some(&self.haptic)),
+            ("contact", Some(&self.contact)),
+        ];
+        let threads = threads.into_iter().filter_map(|(name, setup)| Some((name, setup?)));
+        let outcomes = threads.flat_map(|(name, setup)| {
+            setup.outcomes().map(|(what, outcome)| (format!("{what} of the {name} thread"), outcome))
+        });
+        let limited = |outcome: &Outcome| outcome.state == State::Refused || outcome.remedy.is_some();
+        outcomes
+            .chain([("memory".to_owned(), &self.memory)])
+            .filter(|(_, outcome)| limited(outcome))
+            .collect()
+    }
+}
+
+/// An ended session.
+#[derive(Clone, Debug)]
+pub struct Session {
+    /// How long it lasted, s.
+    pub seconds: f64,
+    /// Which clock it ran by.
+    pub clock: Clock,
+    /// What the haptic loop measured.
+    pub haptic: HapticTelemetry,
+    /// What the contact loop measured.
+    pub contact: ContactTelemetry,
+    /// How busy the machine was for the haptic thread; nothing is known of it on a simulated clock.
+    pub machine: MachineLoad,
+    /// The distance tolerance d that contacts were looked for within, m.
+    pub tolerance: f64,
+    /// The first error that the device gave, in the words of its driver; none if it gave none.
+    pub device_error: Option<String>,
+    /// Position of the [grasp](Settings::grasp) in the mesh's frame, m.
+    pub grasp: DVec3,
+    /// Which stages the scene switched on or off, and why.
+    pub stages: BTreeMap<&'static str, String>,
+    /// Whether the wrenches that were sent kept what the engine promises of them, by [`Invariant`](crate::Invariant).
+    pub invariants: BTreeMap<&'static str, Kept>,
+}
+
+/// The machine-readable summary of a session.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Summary {
+    /// Duration, s.
+    pub seconds: f64,
+    /// The haptic loop.
+    pub haptic: HapticSummary,
+    /// The contact loop.
+    pub contact: ContactSummary,
+    /// What was asked of the operating system, and what came of it; none on a simulated clock.
+    pub realtime: Option<RealtimeSetup>,
+    /// Time of the first touch, s: of the first step that a contact was known in; none if nothing was touched.
+    pub first_touch_s: Option<f64>,
+    /// Most contacts at once, before clustering.
+    pub contacts_max: u32,
+    /// Contacts at the end of the session.
+    pub contacts_at_end: u32,
+    /// Distance tolerance d that contacts were looked for within, m: contacts push from there on.
+    pub tolerance: f64,
+    /// Deepest penetration, m.
+    pub depth_max: f64,
+    /// Position of the [grasp](Settings::grasp) in the mesh's frame, m.
+    pub grasp: DVec3,
+    /// Largest [stretch](crate::Record::stretch) of the coupling, m: how far the object's grasp was from where the device holds
+    /// it.
+    pub coupling_stretch_max: f64,
+    /// Largest coupling force, N.
+    pub coupling_force_max: f64,
+    /// Smallest energy absorbed at the device port, J.
+    pub energy_min_j: f64,
+    /// Energy that the passivity controller took out, J.
+    pub dissipated_j: f64,
+    /// The first error that the device gave, in the words of its driver; none if it gave none.
+    pub device_error: Option<String>,
+    /// Which stages ran, and why.
+    pub stages: BTreeMap<&'static str, String>,
+    /// Whether the wrenches that were sent kept what the engine promises of them, by [`Invariant`](crate::Invariant).
+    pub invariants: BTreeMap<&'static str, Kept>,
+    /// Counts of events.
+    pub events: Events,
+}
+
+/// The haptic loop in a [`Summary`].
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct HapticSummary {
+    /// Steps a second, Hz.
+    pub rate_hz: f64,
+    /// Steps.
+    pub steps: u64,
+    /// Periods skipped.
+    pub missed_deadlines: u64,
+    /// Those of them that passed while the step before was still running.
+    pub missed_by_step: u64,
+    /// Those of them for which the machine woke the thread late.
+    pub missed_by_machine: u64,
+    /// Processor time that other virtual machines took during the session, summed over all processors, s; none where the
+    /// operating system does not report it.
+    pub stolen_s: Option<f64>,
+    /// How often the haptic thread was preempted; none where the operating system does not report it.
+    pub preempted: Option<u64>,
+    /// Time for which the haptic thread was ready to run, but waited for a processor, s; none where the operating system does
+    /// not report it.
+    pub run_delay_s: Option<f64>,
+    /// How often the haptic thread found a page of its memory missing; none where the operating system does not report it.
+    pub page_faults: Option<u64>,
+    /// Duration of a step, ns.
+    pub step_ns: Percentiles,
+    /// Lateness of the wake-up, µs.
+    pub wake_us: Percentiles,
+    /// How the thread was scheduled; `lockstep` on a simulated clock.
+    pub scheduling: String,
+}
+
+/// The contact loop in a [`Summary`].
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ContactSummary {
+    /// Queries a second, Hz.
+    pub rate_hz: f64,
+    /// Duration of a query with clustering and linearisation, µs.
+    pub query_us: Percentiles,
+    /// On a simulated clock, how many queries took longer than the time between two of them, and so would not have kept up
+    /// with a contact loop of this rate; none in real time.
+    pub longer_than_slot: Option<u64>,
+}
+
+impl Session {
+    /// Closes the device and keeps what was measured.
+    pub(crate) fn close(
+        mut renderer: HapticRenderer,
+        seconds: f64,
+        clock: Clock,
+        machine: MachineLoad,
+    ) -> Self {
+        let stages = renderer.stages();
+        if let Err(error) = renderer.device.close() {
+            renderer.haptic.telemetry_mut().events.device_refused += 1;
+            renderer.haptic.keep_device_error(error);
+        }
+        let device_error = renderer.haptic.device_error().map(ToString::to_string);
+        let grasp = renderer.grasp().translation;
+        let invariants = renderer.haptic.invariants().summary();
+        let haptic = renderer.haptic.telemetry().clone();
+        let contact = renderer.contact.telemetry().clone();
+        #[cfg(feature = "tracing")]
+        tracing::info!(
+            seconds,
+            steps = haptic.steps,
+            missed_deadlines = haptic.missed_deadlines,
+            contact_steps = contact.query.count(),
+            depth_max = haptic.depth_max,
+            "session ended"
+        );
+        let tolerance = renderer.contact.tolerance();
+        Self { seconds, clock, haptic, contact, machine, tolerance, device_error, grasp, stages, invariants }
+    }
+
+    /// The machine-readable summary.
+    pub fn summary(&self) -> Summary {
+        let (haptic, contact) = (&self.haptic, &self.contact);
+        let rate = |count: u64| if self.seconds > 0.0 { count as f64 / self.seconds } else { 0.0 };
+        let realtime = match &self.clock {
+            Clock::Real { setup } => Some(RealtimeSetup::clone(setup)),
+            Clock::Simulated => None,
+        };
+        let scheduling = realtime.as_ref().map_or(LOCKSTEP.to_owned(), |it| it.haptic.scheduling_line());
+        Summary {
+            seconds: self.seconds,
+            haptic: HapticSummary {
+                rate_hz: rate(haptic.steps),
+                steps: haptic.steps,
+                missed_deadlines: haptic.missed_deadlines,
+                missed_by_step: haptic.missed_by_step,
+                missed_by_machine: haptic.missed_by_machine,
+                stolen_s: self.machine.stolen_s,
+                preempted: self.machine.preempted,
+                run_delay_s: self.machine.run_delay_s,
+                page_faults: self.machine.page_faults,
+                step_ns: haptic.step.percentiles(1.0),
+                wake_us: haptic.wake.percentiles(1000.0),
+                scheduling,
+            },
+            contact: ContactSummary {
+                rate_hz: rate(contact.query.count()),
+                query_us: contact.query.percentiles(1000.0),
+                longer_than_slot: contact.longer_than_slot,
+            },
+            realtime,
+            first_touch_s: haptic.first_touch,
+            contacts_max: haptic.contacts_max,
+            contacts_at_end: haptic.contacts_now,
+            tolerance: self.tolerance,
+            depth_max: haptic.depth_max,
+            grasp: self.grasp,
+            coupling_stretch_max: haptic.stretch_max,
+            coupling_force_max: haptic.coupling_force_max,
+            energy_min_j: haptic.energy_min,
+            dissipated_j: haptic.dissipated,
+            device_error: self.device_error.clone(),
+            stages: self.stages.clone(),
+            invariants: self.invariants.clone(),
+            events: haptic.events.and(&contact.events),
+        }
+    }
+}
+
+impl HapticSummary {
+    /// How many deadlines were missed and why, as a sentence for a person to read.
+    pub fn missed_verdict(&self) -> String {
+        if self.scheduling == LOCKSTEP {
+            return "No deadline could be missed: the clock was simulated.".to_owned();
+        }
+        let deadlines = grouped(self.steps + self.missed_deadlines);
+        let missed = grouped(self.missed_deadlines);
+        let (by_machine, by_step) = (self.missed_by_machine, self.missed_by_step);
+        let mut causes = Vec::new();
+        if by_machine > 0 {
+            let seen = self.machine_signs();
+            let seen = if seen.is_empty() { String::new() } else { format!(" ({})", seen.join(", ")) };
+            causes.push(format!("{} because the machine woke the thread late{seen}", grouped(by_machine)));
+        }
+        if by_step > 0 {
+            causes.push(format!("{} because the step took longer than its period", grouped(by_step)));
+        }
+        match causes.as_slice() {
+            [] => format!("None of {deadlines} deadlines was missed."),
+            causes => format!("{missed} of {deadlines} deadlines missed: {}.", causes.join(", ")),
+        }
+    }
+
+    /// What the operating system reported of why the machine was late.
+    fn machine_signs(&self) -> Vec<String> {
+        let stolen = self.stolen_s.filter(|stolen| *stolen > 0.0);
+        let waited = self.run_delay_s.filter(|waited| *waited >= 1e-3);
+        let preempted = self.preempted.filter(|times| *times > 0);
+        let signs = [
+            stolen.map(|s| format!("other virtual machines took {s:.2} s of processor time")),
+            preempted.map(|times| match times {
+                1 => "the thread was preempted once".to_owned(),
+                times => format!("the thread was preempted {} times", grouped(times)),
+            }),
+            waited.map(|s| format!("it waited {s:.3} s for a processor")),
+        ];
+        signs.into_iter().flatten().collect()
+    }
+}
+
+/// A number with commas between groups of three digits.
+fn grouped(number: u64) -> String {
+    let digits = number.to_string();
+    let mut text = String::with_capacity(digits.len() + digits.len() / 3);
+    for (index, digit) in digits.chars().enumerate() {
+        if index > 0 && (digits.len() - index).is_multiple_of(3) {
+            text.push(',');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+impl HapticRenderer {
+    /// Which stages of the pipeline the scene and the settings need, and why.
+    pub fn stages(&self) -> BTreeMap<&'static str, String> {
+        let settings = self.settings();
+        let query = match self.scene().objects().len() {
+            0 => "off: the scene is empty".to_owned(),
+            1 => "on: one scene object".to_owned(),
+            n => format!("on: {n} scene objects"),
+        };
+        let watched =
+            if self.contact.is_watched() { "on: contacts are shown" } else { "off: nobody looks on" };
+        BTreeMap::from([
+            ("braking", on_or_off(settings.braking)),
+            ("clustering", format!("on beyond {} contacts", settings.clusters)),
+            ("contact query", query),
+            ("device", self.device_stage()),
+            ("friction", self.friction_stage()),
+            ("hierarchy", self.hierarchy_stage()),
+            ("integrator", settings.integrator.to_string()),
+            ("interpolation between levels", self.interpolation_stage()),
+            ("representative contacts", self.search_stage()),
+            ("passivity controller", on_or_off(settings.passivity_controller)),
+            ("proxy", on_or_off(settings.proxy)),
+            ("textures", self.texture_stage()),
+            ("time-critical queries", self.budget_stage()),
+            ("watch", watched.to_owned()),
+        ])
+    }
+
+    /// The objects with their roles, the probe first.
+    fn objects(&self) -> impl Iterator<Item = (&'static str, &Object)> {
+        let scene = self.scene().objects().iter().map(|placed| ("scene", &placed.object));
+        std::iter::once(("probe", self.probe())).chain(scene)
+    }
+
+    fn search_stage(&self) -> String {
+        match (self.contact.search(), self.settings().representative_error) {
+            (Err(why), _) => format!("off: {why}; contacts are found by levels of detail"),
+            (Ok(_), Some(error)) => format!("on: off by about {error} m"),
+            (Ok(error), None) => {
+                let percent = 100.0 * error / self.probe().bounding_radius();
+                format!("on: off by about {percent:.2} % of the radius")
+            }
+        }
+    }
+
+    fn hierarchy_stage(&self) -> String {
+        let objects: Vec<String> = self
+            .objects()
+            .map(|(role, Object { name, clod, .. })| match clod.leaves().len() {
+                1 => format!("{role} {name}: off, one convex hull"),
+                leaves => {
+                    format!("{role} {name}: on, {leaves} convex patches in {} levels", clod.levels.len())
+                }
+            })
+            .collect();
+        objects.join("; ")
+    }
+
+    fn budget_stage(&self) -> String {
+        match self.settings().query_budget {
+            None => "off: no limit is set".to_owned(),
+            Some(seconds) => format!("on: at most {} µs each", 1e6 * seconds),
+        }
+    }
+
+    fn interpolation_stage(&self) -> String {
+        match self.contact.error() {
+            error if error > 0.0 && !self.settings().interpolation => {
+                format!("off, as asked for: detail is left out up to {error} m")
+            }
+            error if error > 0.0 => format!("on: detail is left out up to {error} m"),
+            _ if self.settings().error > 0.0 => "off: every object is one convex hull".to_owned(),
+            _ => "off: full resolution is asked for".to_owned(),
+        }
+    }
+
+    fn friction_stage(&self) -> String {
+        let Settings { friction, static_friction, .. } = *self.settings();
+        match static_friction.filter(|at_rest| *at_rest != friction) {
+            Some(at_rest) => format!("on: coefficient {friction}, at rest {at_rest}"),
+            None if friction == 0.0 => "off: its coefficient is 0".to_owned(),
+            None => format!("on: coefficient {friction}"),
+        }
+    }
+
+    fn texture_stage(&self) -> String {
+        let Some(backend) = self.contact.texture_backend() else {
+            return "off: no object has a haptic texture".to_owned();
+        };
+        let textured = self.objects().filter(|(_, object)| object.texture().is_some());
+        let textured: Vec<String> =
+            textured.map(|(role, object)| format!("{role} {}", object.name)).collect();
+        format!("on, computed by {backend}: {}", textured.join(", "))
+    }
+
+    /// What of a wrench the device makes felt, and which of the handle's motions it senses.
+    fn device_stage(&self) -> String {
+        let Specification { name, actuated, sensed, .. } = self.device.specification();
+        let felt = match (named(actuated.translation), named(actuated.rotation)) {
+            (None, None) => "off: no force, the device only moves".to_owned(),
+            (Some(force), None) => format!("on: force along {force}, no torque"),
+            (None, Some(torque)) => format!("on: torque about {torque}, no force"),
+            (Some(force), Some(torque)) => format!("on: force along {force}, torque about {torque}"),
+        };
+        let unsensed = match (named(sensed.translation.map(|it| !it)), named(sensed.rotation.map(|it| !it))) {
+            (None, None) => String::new(),
+            (Some(shift), None) => format!("; no motion along {shift} is sensed"),
+            (None, Some(turn)) => format!("; no turn about {turn} is sensed"),
+            (Some(shift), Some(turn)) => {
+                format!("; no motion along {shift} and no turn about {turn} is sensed")
+            }
+        };
+        format!("{name}: {felt}{unsensed}")
+    }
+}
+
+/// Of a stage that a setting switches.
+fn on_or_off(on: bool) -> String {
+    if on { "on: by its setting" } else { "off: by its setting" }.to_owned()
+}
+
+/// The names of the axes that are set.
+fn named(axes: [bool; 3]) -> Option<String> {
+    let names: Vec<&str> =
+        ["x", "y", "z"].into_iter().zip(axes).filter(|&(_, set)| set).map(|(name, _)| name).collect();
+    (!names.is_empty()).then(|| names.join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn summary(steps: u64, by_machine: u64, by_step: u64) -> HapticSummary {
+        HapticSummary {
+            rate_hz: 1000.0,
+            steps,
+            missed_deadlines: by_machine + by_step,
+            missed_by_step: by_step,
+            missed_by_machine: by_machine,
+            stolen_s: None,
+            preempted: None,
+            run_delay_s: None,
+            page_faults: None,
+            step_ns: Percentiles::default(),
+            wake_us: Percentiles::default(),
+            scheduling: "normal".to_owned(),
+        }
+    }
+
+    #[test]
+    fn missed_deadlines_are_explained() {
+        let both = HapticSummary { stolen_s: Some(0.4), preempted: Some(35), ..summary(9_988, 11, 1) };
+        assert_eq!(
+            both.missed_verdict(),
+            "12 of 10,000 deadlines missed: 11 because the machine woke the thread late (other virtual machines took \
+             0.40 s of processor time, the thread was preempted 35 times), 1 because the step took longer than its period."
+        );
+        // Nothing is said of what was not measured, or did not happen.
+        assert_eq!(
+            summary(999, 1, 0).missed_verdict(),
+            "1 of 1,000 deadlines missed: 1 because the machine woke the thread late."
+        );
+        let quiet = HapticSummary {
+            stolen_s: Some(0.0),
+            preempted: Some(0),
+            run_delay_s: Some(0.0),
+            ..summary(1, 2_000_000, 0)
+        };
+        assert_eq!(
+            quiet.missed_verdict(),
+            "2,000,000 of 2,000,001 deadlines missed: 2,000,000 because the machine woke the thread late."
+        );
+        // The machine's troubles do not explain a long step.
+        let long = HapticSummary { stolen_s: Some(0.4), preempted: Some(35), ..summary(99, 0, 1) };
+        assert_eq!(
+            long.missed_verdict(),
+            "1 of 100 deadlines missed: 1 because the step took longer than its period."
+        );
+        assert_eq!(summary(10_000, 0, 0).missed_verdict(), "None of 10,000 deadlines was missed.");
+        let simulated = HapticSummary { scheduling: LOCKSTEP.to_owned(), ..summary(100, 0, 0) };
+        assert_eq!(simulated.missed_verdict(), "No deadline could be missed: the clock was simulated.");
+    }
+}

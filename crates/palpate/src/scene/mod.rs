@@ -1,0 +1,48 @@
+//! What the grasped object can touch.
+
+pub(crate) mod cache;
+pub(crate) mod editor;
+#[cfg(feature = "scene-files")]
+pub(crate) mod file;
+pub(crate) mod moving;
+pub(crate) mod object;
+pub(crate) mod size;
+pub(crate) mod walls;
+
+use palpate_core::Pose;
+
+use crate::scene::object::Object;
+
+/// The static objects around the grasped one.
+#[derive(Clone, Debug, Default)]
+pub struct Scene {
+    pub(crate) objects: Vec<Placed>,
+}
+
+/// An object at its place.
+#[derive(Clone, Debug)]
+pub struct Placed {
+    /// The object.
+    pub object: Object,
+    /// Pose of its mesh's frame in the world.
+    pub pose: Pose,
+}
+
+impl Scene {
+    /// An empty scene: the grasped object moves in free space.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// The scene with one more object, its mesh's frame at `pose`.
+    #[must_use]
+    pub fn with(mut self, object: Object, pose: Pose) -> Self {
+        self.objects.push(Placed { object, pose });
+        self
+    }
+
+    /// The objects.
+    pub fn objects(&self) -> &[Placed] {
+        &self.objects
+    }
+}

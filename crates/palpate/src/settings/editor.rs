@@ -1,0 +1,218 @@
+//! Settings that change while a session runs, smoothly.
+//!
+//! What follows from them is reckoned in the caller's thread, and waits in lock-free rings for the two loops. There gains go over
+//! from the old ones to the new in [`RAMP`], so that no force jumps, and a spring that is held stretched is not stiffened at once.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use palpate_device::Specification;
+use palpate_dynamics::{ContactParameters, Friction, SlewLimit, VirtualCoupling};
+use rtrb::{Consumer, Producer, RingBuffer};
+
+use crate::run::renderer::RendererError;
+use crate::scene::object::Object;
+use crate::settings::Settings;
+use crate::settings::gains::Gains;
+
+/// Time in which gains go over to new ones, s.
+const RAMP: f64 = 0.2;
+
+/// Changes that may wait for a loop.
+const WAITING: usize = 64;
+
+/// Why settings were not changed.
+#[derive(Debug, thiserror::Error)]
+pub enum SettingsEditError {
+    /// As when a session is made with them.
+    #[error(transparent)]
+    Refused(#[from] RendererError),
+    /// This one is what the session was made with.
+    #[error("{0} cannot change while a session runs; make a new session with it")]
+    Fixed(&'static str),
+    /// As many changes as may wait for the loops do: they are slower than the host, or the session has ended.
+    #[error("{WAITING} changes wait; make fewer, or see whether the session still runs")]
+    Full,
+}
+
+/// Changes the settings of a session, from any thread. Made by
+/// [`HapticRenderer::settings_editor`](crate::HapticRenderer::settings_editor).
+///
+/// A clone changes the same settings.
+#[derive(Clone, Debug)]
+pub struct SettingsEditor(Arc<Mutex<Edited>>);
+
+/// What all editors of a session's settings share. The loops never wait for it: they have the other ends of the rings.
+#[derive(Debug)]
+struct Edited {
+    settings: Settings,
+    probe: Object,
+    specification: Specification,
+    /// Whether contacts are found in fields, which have no detail to leave out.
+    by_fields: bool,
+    haptic: Producer<HapticTuning>,
+    contact: Producer<ContactTuning>,
+}
+
+/// What the haptic loop is tuned to.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct HapticTuning {
+    pub coupling: VirtualCoupling,
+    pub velocity_lags: (f64, f64),
+    pub slew: SlewLimit,
+    pub max_damping: (f64, f64),
+}
+
+/// What the contact loop is tuned to.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ContactTuning {
+    pub parameters: ContactParameters,
+    pub error: f64,
+    pub interpolation: bool,
+    pub query_budget: Option<f64>,
+}
+
+impl SettingsEditor {
+    pub(crate) fn new(
+        settings: Settings,
+        probe: Object,
+        specification: Specification,
+        by_fields: bool,
+    ) -> (Self, Consumer<HapticTuning>, Consumer<ContactTuning>) {
+        let (haptic, for_haptic) = RingBuffer::new(WAITING);
+        let (contact, for_contact) = RingBuffer::new(WAITING);
+        let edited = Edited { settings, probe, specification, by_fields, haptic, contact };
+        (Self(Arc::new(Mutex::new(edited))), for_haptic, for_contact)
+    }
+
+    /// The settings that the session has, or is going over to.
+    pub fn settings(&self) -> Settings {
+        self.edited().settings
+    }
+
+    fn edited(&self) -> MutexGuard<'_, Edited> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Goes over to other settings, in 0.2 s: stiffness, damping and friction of contacts, those of the coupling, the detail that is
+    /// left out with its interpolation, the time of queries, how fast the wrench may change, and the passivity controller.
+    ///
+    /// # Errors
+    /// If one is out of range, one of the others differs from what the session was made with, or too many changes wait;
+    /// nothing is changed then. The detail that is left out is one of the others where contacts are found as representatives.
+    pub fn set(&mut self, settings: Settings) -> Result<(), SettingsEditError> {
+        let mut edited = self.edited();
+        let edited = &mut *edited;
+        let gains = Gains::new(&settings, &edited.probe, &edited.specification)?;
+        if let Some(name) = fixed_difference(&edited.settings, &settings) {
+            return Err(SettingsEditError::Fixed(name));
+        }
+        if edited.by_fields && settings.error != edited.settings.error {
+            return Err(SettingsEditError::Fixed("error"));
+        }
+        if edited.haptic.slots() == 0 || edited.contact.slots() == 0 {
+            return Err(SettingsEditError::Full);
+        }
+        let Gains { coupling, velocity_lags, slew, max_damping, contacts: parameters, .. } = gains;
+        let Settings { error, interpolation, query_budget, .. } = settings;
+        let for_haptic = edited.haptic.push(HapticTuning { coupling, velocity_lags, slew, max_damping });
+        let for_contact =
+            edited.contact.push(ContactTuning { parameters, error, interpolation, query_budget });
+        // Each has room.
+        for_haptic.map_err(|_| SettingsEditError::Full)?;
+        for_contact.map_err(|_| SettingsEditError::Full)?;
+        edited.settings = settings;
+        Ok(())
+    }
+}
+
+/// The first setting that cannot change, and does.
+fn fixed_difference(before: &Settings, after: &Settings) -> Option<&'static str> {
+    let same = [
+        ("rate", before.rate == after.rate),
+        ("mass", before.mass == after.mass),
+        ("tolerance", before.tolerance == after.tolerance),
+        ("search", before.search == after.search),
+        ("representative_error", before.representative_error == after.representative_error),
+        ("clusters", before.clusters == after.clusters),
+        ("braking", before.braking == after.braking),
+        ("proxy", before.proxy == after.proxy),
+        ("textures", before.textures == after.textures),
+        ("grasp", before.grasp == after.grasp),
+        ("handle", before.handle == after.handle),
+        ("contact_timeout", before.contact_timeout == after.contact_timeout),
+        ("integrator", before.integrator == after.integrator),
+        ("engagement", before.engagement == after.engagement),
+        ("workspace_scale", before.workspace_scale == after.workspace_scale),
+        ("device_frame", before.device_frame == after.device_frame),
+        ("clutch_button", before.clutch_button == after.clutch_button),
+    ];
+    same.into_iter().find(|(_, same)| !same).map(|(name, _)| name)
+}
+
+/// Going over from one to another.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Ramp<T> {
+    from: T,
+    to: T,
+    elapsed: f64,
+}
+
+impl<T: Between> Ramp<T> {
+    pub fn new(from: T, to: T) -> Self {
+        Self { from, to, elapsed: 0.0 }
+    }
+
+    /// Where it is `dt` (s) later, and whether that is the end.
+    pub fn advance(&mut self, dt: f64) -> (T, bool) {
+        self.elapsed += if dt > 0.0 { dt } else { 0.0 };
+        let part = (self.elapsed / RAMP).min(1.0);
+        if part >= 1.0 { (self.to, true) } else { (self.from.between(&self.to, part), false) }
+    }
+}
+
+/// What can be between two.
+pub(crate) trait Between: Copy {
+    /// A part of the way from this to another, 0 to 1.
+    fn between(&self, other: &Self, part: f64) -> Self;
+}
+
+impl Between for f64 {
+    fn between(&self, other: &Self, part: f64) -> Self {
+        self + (other - self) * part
+    }
+}
+
+impl Between for VirtualCoupling {
+    /// Of the gains; the rest is the other's.
+    fn between(&self, other: &Self, part: f64) -> Self {
+        Self {
+            linear_stiffness: self.linear_stiffness.between(&other.linear_stiffness, part),
+            linear_damping: self.linear_damping.between(&other.linear_damping, part),
+            angular_stiffness: self.angular_stiffness.between(&other.angular_stiffness, part),
+            angular_damping: self.angular_damping.between(&other.angular_damping, part),
+            ..*other
+        }
+    }
+}
+
+impl Between for ContactParameters {
+    fn between(&self, other: &Self, part: f64) -> Self {
+        let (rest, sliding) = (
+            self.friction.static_coefficient.between(&other.friction.static_coefficient, part),
+            self.friction.dynamic_coefficient.between(&other.friction.dynamic_coefficient, part),
+        );
+        Self {
+            stiffness: self.stiffness.between(&other.stiffness, part),
+            damping: self.damping.between(&other.damping, part),
+            friction: Friction { static_coefficient: rest, dynamic_coefficient: sliding },
+            ..*other
+        }
+    }
+}
+
+/// Contact parameters and s₀ (m).
+impl Between for (ContactParameters, f64) {
+    fn between(&self, other: &Self, part: f64) -> Self {
+        (self.0.between(&other.0, part), self.1.between(&other.1, part))
+    }
+}

@@ -1,0 +1,180 @@
+//! Gains that the settings ask for, the rest chosen for the grasped object and the device.
+
+use palpate_core::Pose;
+use palpate_device::Specification;
+use palpate_dynamics::{
+    Body, ContactParameters, Friction, PortAxes, PortLimits, Sampling, SlewLimit, VirtualCoupling,
+};
+
+use crate::run::renderer::RendererError;
+use crate::scene::object::Object;
+use crate::settings::placement::HandlePlacement;
+use crate::settings::{Settings, SettingsError};
+
+/// What a session is rendered with.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Gains {
+    /// The grasped object.
+    pub body: Body,
+    /// Where the device holds it, in its mesh's frame.
+    pub grasp: Pose,
+    pub placement: HandlePlacement,
+    pub coupling: VirtualCoupling,
+    /// Lags of velocity and angular velocity for the coupling's dampers, s; 0 for the device's own.
+    pub velocity_lags: (f64, f64),
+    pub contacts: ContactParameters,
+    pub slew: SlewLimit,
+    /// Most damping of the passivity controller, N·s/m and N·m·s/rad at the device; 0 where it is off.
+    pub max_damping: (f64, f64),
+}
+
+impl Gains {
+    /// For an object in the hand that holds a device.
+    ///
+    /// # Errors
+    /// If a setting is out of range, or the object cannot be given the mass.
+    pub fn new(
+        settings: &Settings,
+        probe: &Object,
+        specification: &Specification,
+    ) -> Result<Self, RendererError> {
+        settings.check()?;
+        let source = &probe.clod.source;
+        let body = Body::new(settings.mass, source.unit_inertia * settings.mass)
+            .map_err(|source| RendererError::Body { name: probe.name.clone(), source })?;
+        let grasp = settings.grasp.unwrap_or(Pose::from_translation(source.center_of_mass));
+        let grasp_in_body = Pose::from_translation(-source.center_of_mass) * grasp;
+        let placement = HandlePlacement::at(settings, grasp.translation, specification);
+        let limits = port_limits(specification, 1.0 / settings.rate).with_lever(placement.lever(&grasp));
+        let coupling = coupling(settings, &body, grasp_in_body, &limits);
+        let radius = probe.bounding_radius();
+        if let Some(value) = settings.tolerance.filter(|&tolerance| tolerance > radius) {
+            let expected = "metres, at most the bounding radius of the grasped object";
+            return Err(SettingsError { name: "tolerance", value, expected }.into());
+        }
+        let contacts = ContactParameters {
+            stiffness: settings.contact_stiffness,
+            damping: settings
+                .contact_damping
+                .unwrap_or(2.0 * (settings.contact_stiffness * settings.mass).sqrt()),
+            tolerance: settings.tolerance.unwrap_or_else(|| usual_tolerance(settings, radius)),
+            friction: Friction {
+                static_coefficient: settings.static_friction.unwrap_or(settings.friction),
+                dynamic_coefficient: settings.friction,
+            },
+        };
+        Ok(Self {
+            body,
+            grasp,
+            placement,
+            coupling,
+            velocity_lags: limits.in_world(settings.workspace_scale).velocity_lags(&coupling),
+            contacts,
+            slew: slew(settings, &limits),
+            max_damping: max_damping(settings, &coupling, &limits),
+        })
+    }
+
+    /// The settings with what they leave open filled in as chosen here.
+    pub fn fill_in(&self, settings: &Settings) -> Settings {
+        let Self { grasp, coupling, contacts, slew, .. } = *self;
+        Settings {
+            contact_damping: Some(contacts.damping),
+            static_friction: Some(contacts.friction.static_coefficient),
+            coupling_stiffness: Some(coupling.linear_stiffness),
+            coupling_damping: Some(coupling.linear_damping),
+            angular_stiffness: Some(coupling.angular_stiffness),
+            angular_damping: Some(coupling.angular_damping),
+            tolerance: Some(contacts.tolerance),
+            grasp: Some(grasp),
+            force_slew: Some(slew.force),
+            torque_slew: Some(slew.torque),
+            ..*settings
+        }
+    }
+}
+
+/// What the device's specification says of its port, sampled every `period` seconds.
+pub(crate) fn port_limits(specification: &Specification, period: f64) -> PortLimits {
+    let handle = specification.handle.as_ref();
+    // Nothing reaches the hand along or about axes that are not driven.
+    let driven = |axes: [bool; 3], peak: f64| if axes.contains(&true) { peak } else { 0.0 };
+    PortLimits {
+        translation: PortAxes {
+            stiffness: specification.stiffness,
+            damping: specification.damping,
+            viscous: handle.map(|handle| handle.damping),
+            friction: handle.map(|handle| handle.friction),
+            peak: driven(specification.actuated.translation, specification.peak_force),
+            step: specification.encoder_step,
+        },
+        rotation: PortAxes {
+            stiffness: specification.angular_stiffness,
+            damping: specification.angular_damping,
+            viscous: handle.map(|handle| handle.angular_damping),
+            friction: handle.map(|handle| handle.angular_friction),
+            peak: driven(specification.actuated.rotation, specification.peak_torque),
+            step: specification.angular_encoder_step,
+        },
+        lever: 0.0,
+        sampling: Sampling {
+            period,
+            delay: specification.delay,
+            velocity_delay: specification.velocity_delay,
+        },
+    }
+}
+
+/// The largest distance tolerance that is chosen, m at the device.
+///
+/// It is 1 % of a bounding radius of 0.2 m, about the largest that a hand wields. A surface pushes from so far away, and what
+/// is larger than that, or was read in a wrong unit, is not to be felt as a cushion before it is seen to touch.
+const LARGEST_TOLERANCE: f64 = 2e-3;
+
+/// The distance tolerance d for an object of a bounding radius, m: 1 % of it, and no more than [`LARGEST_TOLERANCE`].
+pub(crate) fn usual_tolerance(settings: &Settings, radius: f64) -> f64 {
+    (0.01 * radius).min(LARGEST_TOLERANCE * settings.workspace_scale)
+}
+
+/// The coupling that the settings ask for, the rest chosen for the body and the device.
+pub(crate) fn coupling(
+    settings: &Settings,
+    body: &Body,
+    grasp: Pose,
+    limits: &PortLimits,
+) -> VirtualCoupling {
+    let limits = limits.in_world(settings.workspace_scale);
+    let chosen = VirtualCoupling::auto(body, grasp, &limits);
+    let linear = settings.coupling_stiffness.unwrap_or(chosen.linear_stiffness);
+    let angular = settings.angular_stiffness.unwrap_or(chosen.angular_stiffness);
+    let mut coupling = VirtualCoupling::critically_damped(body, grasp, linear, angular).limited_to(&limits);
+    coupling.linear_damping = settings.coupling_damping.unwrap_or(coupling.linear_damping);
+    coupling.angular_damping = settings.angular_damping.unwrap_or(coupling.angular_damping);
+    coupling
+}
+
+/// Time in which the wrench may rise from zero to the device's peak, s.
+pub(crate) const SLEW_TIME: f64 = 0.01;
+
+/// How fast the wrench at the device may change.
+pub(crate) fn slew(settings: &Settings, limits: &PortLimits) -> SlewLimit {
+    SlewLimit {
+        force: settings.force_slew.unwrap_or(limits.translation.peak / SLEW_TIME),
+        torque: settings.torque_slew.unwrap_or(limits.rotation.peak / SLEW_TIME),
+    }
+}
+
+/// The most damping (N·s/m, N·m·s/rad) that the passivity controller may put at the device: what is passive there beside
+/// the coupling's springs; none where it is off.
+pub(crate) fn max_damping(
+    settings: &Settings,
+    coupling: &VirtualCoupling,
+    limits: &PortLimits,
+) -> (f64, f64) {
+    if !settings.passivity_controller {
+        return (0.0, 0.0);
+    }
+    let scale = settings.workspace_scale;
+    let (linear, angular) = limits.in_world(scale).largest_dampings(coupling);
+    (linear, angular / (scale * scale))
+}

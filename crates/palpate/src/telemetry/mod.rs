@@ -1,0 +1,277 @@
+//! What a session measures of itself: histograms of times, extremes of forces, counts of events.
+
+pub(crate) mod record;
+
+use hdrhistogram::Histogram;
+use serde::Serialize;
+
+/// Times in nanoseconds, from 1 ns to 100 s with three significant digits. Recording never allocates.
+#[derive(Clone, Debug)]
+pub struct Times(Histogram<u64>);
+
+impl Times {
+    /// An empty histogram; allocates once, and touches what it allocates.
+    pub fn new() -> Self {
+        // The bounds are constants that the histogram accepts.
+        #[allow(clippy::expect_used)]
+        let mut counts = Histogram::new_with_bounds(1, 100_000_000_000, 3).expect("constant bounds");
+        // Memory that is zero as it comes from the system is there only once it is written; the compiler must not know that it
+        // is zero.
+        std::hint::black_box(&mut counts).clear();
+        Self(counts)
+    }
+
+    /// Adds a time, ns; longer ones than 100 s count as 100 s.
+    pub fn record(&mut self, nanoseconds: u64) {
+        self.0.saturating_record(nanoseconds.max(1));
+    }
+
+    /// How many times were recorded.
+    pub fn count(&self) -> u64 {
+        self.0.len()
+    }
+
+    /// How many recorded times lie from `low` to `high`, both in ns and included, at the histogram's resolution.
+    pub fn count_between(&self, low: u64, high: u64) -> u64 {
+        self.0.count_between(low.max(1), high.max(1))
+    }
+
+    /// Percentiles, in nanoseconds divided by `unit`.
+    pub fn percentiles(&self, unit: f64) -> Percentiles {
+        let at = |quantile| self.0.value_at_quantile(quantile) as f64 / unit;
+        Percentiles { p50: at(0.5), p99: at(0.99), p999: at(0.999), max: self.0.max() as f64 / unit }
+    }
+}
+
+impl Default for Times {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Percentiles of a histogram.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Percentiles {
+    /// Median.
+    pub p50: f64,
+    /// 99th percentile.
+    pub p99: f64,
+    /// 99.9th percentile.
+    pub p999: f64,
+    /// Largest.
+    pub max: f64,
+}
+
+/// How often something out of the ordinary happened. Every event is counted, none is logged from the loop.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Events {
+    /// The device did not answer, reported a motion that is not finite or a place far outside its workspace, or refused a wrench; its
+    /// last good pose was held. Nothing is sent while it does not answer, nor when no reading has been good for 10 ms. Where more than
+    /// one in five is refused for long, the others are not good either.
+    pub device_refused: u64,
+    /// The device reported a place that no hand could have moved it to since the last reading; its last good pose was
+    /// held. It is believed after five readings in a row, or more where many were refused, and the wrench then comes up from zero.
+    pub device_jumped: u64,
+    /// The device's reading was the one before, by its time: its velocity was held. After 25 ms the device counts as lost.
+    pub device_stale: u64,
+    /// The device was found more than 5 mm or 0.1 rad from where it was lost, or from where it was when the session was made: the
+    /// object stays, and the hand goes on from there.
+    pub rebased: u64,
+    /// The driver had sent zero in place of the wrench, which then came up from zero.
+    pub withheld: u64,
+    /// A step came so late that not all of the time was integrated, and the hand had moved meanwhile: the wrench came up from zero.
+    pub late: u64,
+    /// The handle ran along the wrench at more than 0.8 m/s or 20 rad/s, as one that is let go of does: the wrench was dropped, and
+    /// came up from zero.
+    pub runaway: u64,
+    /// More energy had come out than can have been stored, by half of the bound: the wrench was dropped, and came up from zero.
+    pub energy_created: u64,
+    /// Actuators had been asked for more than they can keep up, and were given less than the peak.
+    pub hot: u64,
+    /// The device has no more to give: a replayed path came to its end.
+    pub device_ended: u64,
+    /// The step had no finite solution; the object's state was held and no wrench sent.
+    pub step_refused: u64,
+    /// No step could be taken 20 times in a row: the object was put where the hand is, at rest.
+    pub reseated: u64,
+    /// The set of pushing contacts was still changing when the step ended, so that one may have been left out.
+    pub contacts_unsettled: u64,
+    /// An iterative integrator did not converge, and the step was taken as far as it came or semi-implicitly.
+    pub step_unconverged: u64,
+    /// The wrench was reduced towards what the device can render: it was above three quarters of it.
+    pub saturated: u64,
+    /// The wrench was limited in how fast it changes.
+    pub slewed: u64,
+    /// The wrench was faded: contact models were overdue, or had been within the last timeout.
+    pub faded: u64,
+    /// The wrench was coming up, after the start, or after the device or the step had failed; or going down and coming
+    /// up for the clutch.
+    pub engaging: u64,
+    /// The clutch was held: the device moved without the object.
+    pub clutched: u64,
+    /// A contact pushed one object of the scene more than there is room for, whose reaction was lost.
+    pub reaction_dropped: u64,
+    /// The passivity controller added damping, for more energy had come out than can have been in.
+    pub damped: u64,
+    /// A contact step in which the grasped object was deeper in a surface than its proxy may be, or had been carried past
+    /// one, so that contacts push it back.
+    pub held_back: u64,
+    /// A textured contact slid further between two looks at it than a texel of its grid, so that detail is felt at another
+    /// frequency or not at all: let the contact loop run faster, or make the texture coarser.
+    pub texture_undersampled: u64,
+    /// A quarter of a textured contact's grid of which more than a tenth folds over itself as seen along the contact, so that
+    /// its depth is approximated (§4.6.1).
+    pub texture_folded: u64,
+    /// A contact step whose textured contacts the processor computed, as what was to do so failed at them: it was lost, had not
+    /// answered within 20 ms, could not be made, or they were too many for it. What is lost is counted once, and the processor
+    /// has computed them since.
+    pub texture_backend_lost: u64,
+    /// A contact query ran out of room and reported fewer contacts than there are.
+    pub contact_overflow: u64,
+    /// A contact query was refused, its pose not being finite, and found nothing; or a contact was not finite, or the depth of a
+    /// quarter of a textured contact's grid, and was left out.
+    pub contact_refused: u64,
+    /// A pair of convex hulls did not converge in a contact query.
+    pub not_converged: u64,
+    /// A change of the scene could not be made: of an object that is not there, or with a texture that cannot be rendered.
+    pub edit_refused: u64,
+    /// A contact model was lost because the haptic loop had not fetched the earlier ones.
+    pub model_dropped: u64,
+    /// The contact thread of a hosted session has ended, by a panic: no more contacts are found, and the wrench has faded.
+    pub contact_thread_lost: u64,
+    /// Rows of the recording were lost because the recorder could not keep up.
+    pub record_dropped: u64,
+}
+
+impl Events {
+    /// The events of two loops, or of two times.
+    #[must_use]
+    pub fn and(&self, other: &Self) -> Self {
+        let mut sum = *self;
+        let Self {
+            device_refused,
+            device_jumped,
+            device_stale,
+            rebased,
+            withheld,
+            late,
+            runaway,
+            energy_created,
+            hot,
+            device_ended,
+            step_refused,
+            reseated,
+            contacts_unsettled,
+            step_unconverged,
+            saturated,
+            slewed,
+            faded,
+            engaging,
+            clutched,
+            reaction_dropped,
+            damped,
+            held_back,
+            texture_undersampled,
+            texture_folded,
+            texture_backend_lost,
+            contact_overflow,
+            contact_refused,
+            not_converged,
+            edit_refused,
+            model_dropped,
+            contact_thread_lost,
+            record_dropped,
+        } = *other;
+        for (total, more) in [
+            (&mut sum.device_refused, device_refused),
+            (&mut sum.device_jumped, device_jumped),
+            (&mut sum.device_stale, device_stale),
+            (&mut sum.rebased, rebased),
+            (&mut sum.withheld, withheld),
+            (&mut sum.late, late),
+            (&mut sum.runaway, runaway),
+            (&mut sum.energy_created, energy_created),
+            (&mut sum.hot, hot),
+            (&mut sum.device_ended, device_ended),
+            (&mut sum.step_refused, step_refused),
+            (&mut sum.reseated, reseated),
+            (&mut sum.contacts_unsettled, contacts_unsettled),
+            (&mut sum.step_unconverged, step_unconverged),
+            (&mut sum.saturated, saturated),
+            (&mut sum.slewed, slewed),
+            (&mut sum.faded, faded),
+            (&mut sum.engaging, engaging),
+            (&mut sum.clutched, clutched),
+            (&mut sum.reaction_dropped, reaction_dropped),
+            (&mut sum.damped, damped),
+            (&mut sum.held_back, held_back),
+            (&mut sum.texture_undersampled, texture_undersampled),
+            (&mut sum.texture_folded, texture_folded),
+            (&mut sum.texture_backend_lost, texture_backend_lost),
+            (&mut sum.contact_overflow, contact_overflow),
+            (&mut sum.contact_refused, contact_refused),
+            (&mut sum.not_converged, not_converged),
+            (&mut sum.edit_refused, edit_refused),
+            (&mut sum.model_dropped, model_dropped),
+            (&mut sum.contact_thread_lost, contact_thread_lost),
+            (&mut sum.record_dropped, record_dropped),
+        ] {
+            *total += more;
+        }
+        sum
+    }
+}
+
+/// What the haptic loop measured.
+#[derive(Clone, Debug, Default)]
+pub struct HapticTelemetry {
+    /// Haptic steps.
+    pub steps: u64,
+    /// Periods skipped because the loop woke too late for them.
+    pub missed_deadlines: u64,
+    /// Those of them that passed while the step before was still running. A step that lost the processor halfway counts as
+    /// long here.
+    pub missed_by_step: u64,
+    /// The rest: the step before had ended in time, but the machine woke the thread late.
+    pub missed_by_machine: u64,
+    /// Duration of a step, device included.
+    pub step: Times,
+    /// Lateness of the wake-up.
+    pub wake: Times,
+    /// Deepest penetration that a contact query reported, m.
+    pub depth_max: f64,
+    /// Time of the first step that a contact was known in, s: of surfaces closer to each other than the tolerance d.
+    pub first_touch: Option<f64>,
+    /// Most contacts that a contact query found, before clustering.
+    pub contacts_max: u32,
+    /// Contacts of the latest query.
+    pub contacts_now: u32,
+    /// Largest stretch of the coupling, m: how far the grasp was from where the device holds it
+    /// ([`Record::stretch`](crate::Record::stretch)).
+    pub stretch_max: f64,
+    /// Largest coupling force, N.
+    pub coupling_force_max: f64,
+    /// Energy that has flowed from the device into the session, J. A passive session keeps it above zero but for what
+    /// holding the wrench over a period creates.
+    ///
+    /// The work of the wrench that was held over each period, on the displacement that the device reported: exact but
+    /// for the rounding of its encoders (see [`PassivityObserver`](palpate_dynamics::PassivityObserver)).
+    pub energy: f64,
+    /// The smallest value of [`energy`](Self::energy), J.
+    pub energy_min: f64,
+    /// Energy that the passivity controller's damping took out of the hand's motion, J.
+    pub dissipated: f64,
+    /// Events.
+    pub events: Events,
+}
+
+/// What the contact loop measured.
+#[derive(Clone, Debug, Default)]
+pub struct ContactTelemetry {
+    /// Contact query with clustering and linearisation.
+    pub query: Times,
+    /// On a simulated clock, how many queries took longer in real time than the simulated time between two of them.
+    pub longer_than_slot: Option<u64>,
+    /// Events.
+    pub events: Events,
+}
