@@ -10,8 +10,8 @@ use palpate_device::{
 
 use crate::scene::Scene;
 use crate::scene::object::Object;
+use crate::scene::placement::HandlePlacement;
 use crate::settings::Settings;
-use crate::settings::placement::HandlePlacement;
 
 /// Most steps of the descent to first touch.
 const MAX_DESCENT: usize = 4000;

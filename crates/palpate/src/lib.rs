@@ -52,6 +52,7 @@ pub use run::lockstep::ContactTiming;
 pub use run::machine::{MachineLoad, MachineSample};
 pub use run::renderer::{HapticRenderer, RendererError};
 pub use run::session::{Clock, ContactSummary, HapticSummary, RealtimeSetup, Session, Summary};
+pub use run::settings_editor::{SettingsEditError, SettingsEditor};
 pub use run::spawn::{RunningSession, SessionHandle, SessionPanic};
 pub use scene::cache::cache_folder;
 pub use scene::editor::{EditError, SceneEditor, SceneId};
@@ -59,12 +60,11 @@ pub use scene::editor::{EditError, SceneEditor, SceneId};
 pub use scene::file::{ObjectEntry, SceneFile, SceneFileError};
 pub use scene::moving::Mobility;
 pub use scene::object::{NamedMesh, Object, OpenError, OpenOptions, open_mesh};
+pub use scene::placement::HandlePlacement;
 pub use scene::size::UnitsError;
 pub use scene::{Placed, Scene};
-pub use settings::editor::{SettingsEditError, SettingsEditor};
-pub use settings::placement::{HandlePlace, HandlePlacement};
 pub use settings::{
-    ContactSearch, Settings, SettingsError, TextureBackend, TextureDerivatives, TextureSettings,
+    ContactSearch, HandlePlace, Settings, SettingsError, TextureBackend, TextureDerivatives, TextureSettings,
 };
 pub use telemetry::record::{COLUMNS, Record, RecordWriter};
 pub use telemetry::{ContactTelemetry, Events, HapticTelemetry, Percentiles, Times};

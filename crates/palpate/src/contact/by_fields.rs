@@ -17,14 +17,13 @@ use palpate_collide::{ObjectHandle, PatchContact, SceneQuery};
 use palpate_core::clod::NO_NODE;
 use palpate_core::glam::DVec3;
 use palpate_core::{Contact, Pose};
+use palpate_field::{AreaContact, AreaLaw, FieldOptions, FieldQuery, FieldSettings};
 
 use super::in_scene::InScene;
 use crate::contact::merging::{Merging, Plane, Weighed};
 use crate::contact::proxy::{Followed, Found, Search, carried};
-use crate::contact::representative::{
-    AreaContact, AreaLaw, Field, FieldError, FieldOptions, FieldQuery, FieldSettings, USUAL_ERROR,
-    check_error, field_options, find, lattice, law, new_query,
-};
+use crate::contact::representative::{USUAL_ERROR, check_error, lattice, law};
+use crate::scene::field::{Field, FieldError, field_options, find, new_query};
 use crate::scene::object::Object;
 use crate::settings::Settings;
 
@@ -67,6 +66,11 @@ impl FieldNeeds {
     /// d, m.
     pub fn tolerance(&self) -> f64 {
         self.options.tolerance
+    }
+
+    /// What fields are made with.
+    pub fn options(&self) -> FieldOptions {
+        self.options
     }
 
     /// EPS, m.

@@ -191,7 +191,7 @@ impl ContactLoop {
         if let Some(editor) = &self.editor {
             return editor.clone();
         }
-        let needs = self.by_fields.as_ref().map(|fields| fields.needs);
+        let needs = self.by_fields.as_ref().map(|fields| fields.needs.options());
         let (editor, edits) = SceneEditor::new(self.objects.iter().flatten().map(|object| object.id), needs);
         self.edits = Some(edits);
         self.editor.insert(editor).clone()

@@ -23,7 +23,6 @@ use palpate_dynamics::{
 use palpate_texture_pd::Backend;
 use rtrb::Consumer;
 
-pub(crate) use self::by_fields::FieldNeeds;
 use self::by_fields::{ByFields, FieldSearch, in_steps};
 use self::in_scene::{InScene, objects_of};
 pub(crate) use self::search::ByLevels;
@@ -38,7 +37,7 @@ use crate::scene::Placed;
 use crate::scene::editor::{Edit, SceneEditor, SceneId};
 use crate::scene::object::Object;
 use crate::settings::Settings;
-use crate::settings::editor::{ContactTuning, Ramp};
+use crate::settings::live::{ContactTuning, Ramp};
 use crate::telemetry::ContactTelemetry;
 
 /// Scene objects that have a full workspace from the start. Those of further ones are made, or grow, when they are first

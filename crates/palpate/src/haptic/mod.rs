@@ -27,8 +27,8 @@ use crate::haptic::presence::Presence;
 use crate::haptic::reactions::{Reacting, Reactions};
 use crate::haptic::tracking::{Reading, Tracking};
 use crate::haptic::workspace::{Workspace, motion_at};
-use crate::settings::editor::{HapticTuning, Ramp};
-use crate::settings::placement::HandlePlacement;
+use crate::scene::placement::HandlePlacement;
+use crate::settings::live::{HapticTuning, Ramp};
 use crate::telemetry::HapticTelemetry;
 use crate::telemetry::record::Record;
 
@@ -353,7 +353,7 @@ impl HapticLoop {
             self.output.forget();
         }
         // Nothing is to be dragged to where the hand was found.
-        if reading == Reading::Back && self.output.limits().render() {
+        if reading == Reading::Back && self.output.limits().renders {
             let rebased = self.workspace.rebase(&before, &self.tracking.state().pose);
             self.telemetry.events.rebased += u64::from(rebased);
         }

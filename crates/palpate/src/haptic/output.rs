@@ -8,7 +8,8 @@ use palpate_dynamics::{PassivityController, SlewLimit, saturate};
 
 use crate::haptic::invariants::{Bounds, Invariants, RUNAWAY_SPEED, WARMTH, Write, energy_bound};
 use crate::haptic::tracking::Tracking;
-use crate::settings::gains::SLEW_TIME;
+use crate::scene::placement::renders;
+use crate::settings::SLEW_TIME;
 use crate::telemetry::Events;
 
 /// Periods that a wrench may grow over in one write, however late that is.
@@ -34,18 +35,15 @@ pub(crate) struct Limits {
     /// N·m.
     pub torque: f64,
     pub actuated: Axes,
+    /// Whether anything reaches the hand.
+    pub renders: bool,
 }
 
 impl Limits {
     pub fn of(specification: &Specification) -> Self {
         let Specification { peak_force, peak_torque, actuated, .. } = *specification;
-        Self { force: peak_force, torque: peak_torque, actuated }
-    }
-
-    /// Whether anything reaches the hand.
-    pub fn render(&self) -> bool {
-        let driven = |axes: [bool; 3], peak: f64| peak > 0.0 && axes.contains(&true);
-        driven(self.actuated.translation, self.force) || driven(self.actuated.rotation, self.torque)
+        let renders = renders(specification);
+        Self { force: peak_force, torque: peak_torque, actuated, renders }
     }
 
     /// The wrench as far as the device can render it now, and whether its actuators are too weak for it.

@@ -18,11 +18,11 @@ use crate::haptic::HapticLoop;
 use crate::haptic::reactions::Reactions;
 use crate::run::realtime::{MODEL_RING, run_contact};
 use crate::run::renderer::{HapticRenderer, RendererError};
+use crate::run::settings_editor::SettingsEditor;
 use crate::scene::Scene;
 use crate::scene::editor::SceneEditor;
 use crate::scene::object::Object;
 use crate::settings::Settings;
-use crate::settings::editor::SettingsEditor;
 use crate::telemetry::Events;
 use crate::telemetry::record::Record;
 

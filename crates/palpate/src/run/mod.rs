@@ -8,4 +8,5 @@ pub(crate) mod machine;
 pub(crate) mod realtime;
 pub(crate) mod renderer;
 pub(crate) mod session;
+pub(crate) mod settings_editor;
 pub(crate) mod spawn;

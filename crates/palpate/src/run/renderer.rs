@@ -11,14 +11,14 @@ use crate::contact::textures::TextureError;
 use crate::contact::{ContactLoop, ContactLoopError};
 use crate::haptic::reactions::Reactions;
 use crate::haptic::{Grasped, HapticLoop};
+use crate::run::settings_editor::SettingsEditor;
 use crate::scene::Scene;
 use crate::scene::editor::{SceneEditor, SceneId};
 use crate::scene::moving::Mobility;
 use crate::scene::object::Object;
 use crate::scene::size::{UnitsError, check_sizes};
-use crate::settings::editor::SettingsEditor;
-use crate::settings::gains::Gains;
 use crate::settings::{Settings, SettingsError};
+use crate::tool::gains::Gains;
 
 /// A haptic rendering session, to be run by [`run_lockstep`](Self::run_lockstep) or
 /// [`run_realtime`](Self::run_realtime), or taken apart by a host that owns its loops.

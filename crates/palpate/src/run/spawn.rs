@@ -13,8 +13,8 @@ use crate::contact::monitor::Watch;
 use crate::haptic::reactions::Reactions;
 use crate::run::renderer::HapticRenderer;
 use crate::run::session::Session;
+use crate::run::settings_editor::SettingsEditor;
 use crate::scene::editor::SceneEditor;
-use crate::settings::editor::SettingsEditor;
 use crate::telemetry::record::Record;
 
 /// A session that runs, and what a host does with it. It ends when its [`handle`](Self::handle) is stopped or dropped.

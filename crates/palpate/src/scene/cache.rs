@@ -8,8 +8,9 @@ use std::path::{Path, PathBuf};
 
 use palpate_clod_build::{BuildError, BuildOptions, REVISION, Stage};
 use palpate_core::{Clod, TriMesh};
+use palpate_field::FieldOptions;
 
-use crate::contact::representative::{FIELD_REVISION, Field, FieldOptions};
+use crate::scene::field::{FIELD_REVISION, Field};
 
 /// Changes whenever what is kept with a field does.
 const WITH_FIELD: u32 = 1;

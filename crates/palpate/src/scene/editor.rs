@@ -7,9 +7,9 @@ use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use palpate_core::{Pose, Twist};
+use palpate_field::FieldOptions;
 use rtrb::{Consumer, Producer, RingBuffer};
 
-use crate::contact::FieldNeeds;
 use crate::scene::moving::Mobility;
 use crate::scene::object::Object;
 
@@ -73,14 +73,14 @@ struct Edits {
     known: BTreeSet<SceneId>,
     next: usize,
     /// What an object is to have besides its hierarchy.
-    fields: Option<FieldNeeds>,
+    fields: Option<FieldOptions>,
 }
 
 impl SceneEditor {
     /// For a scene that begins with these objects.
     pub(crate) fn new(
         objects: impl IntoIterator<Item = SceneId>,
-        fields: Option<FieldNeeds>,
+        fields: Option<FieldOptions>,
     ) -> (Self, Consumer<Edit>) {
         let known: BTreeSet<SceneId> = objects.into_iter().collect();
         let next = known.last().map_or(0, |last| last.0 + 1);
@@ -191,7 +191,7 @@ impl SceneEditor {
         let fields = self.edits().fields;
         if let Some(fields) = fields {
             // Where there is none, the contact loop refuses the object.
-            drop(fields.of(object));
+            drop(object.field(fields));
         }
     }
 

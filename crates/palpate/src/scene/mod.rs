@@ -2,10 +2,12 @@
 
 pub(crate) mod cache;
 pub(crate) mod editor;
+pub(crate) mod field;
 #[cfg(feature = "scene-files")]
 pub(crate) mod file;
 pub(crate) mod moving;
 pub(crate) mod object;
+pub(crate) mod placement;
 pub(crate) mod size;
 pub(crate) mod walls;
 

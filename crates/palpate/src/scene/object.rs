@@ -15,8 +15,10 @@ use palpate_mesh_io::{LoadError, LoadOptions, LoadWarning};
 use palpate_models::{Model, ModelError};
 use palpate_texture_pd::{BakeError, BakeOptions, BakeReport, HeightImage, SurfaceError, TexturedSurface};
 
-use crate::contact::representative::{Field, FieldError, FieldOptions, welded};
+use palpate_field::FieldOptions;
+
 use crate::scene::cache;
+use crate::scene::field::{Field, FieldError, welded};
 
 /// Fields that an object keeps at most; the oldest goes first.
 const FIELDS: usize = 4;

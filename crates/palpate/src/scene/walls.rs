@@ -58,7 +58,7 @@ fn inside([a, b, c]: &[DVec3; 3], number: usize) -> Option<(DVec3, DVec3)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::contact::representative::welded;
+    use crate::scene::field::welded;
 
     /// A box about the origin.
     fn plate(size: DVec3) -> TriMesh {

@@ -1,14 +1,13 @@
 //! The physical settings of a session, in SI units.
 
-pub(crate) mod editor;
-pub(crate) mod gains;
-pub(crate) mod placement;
+pub(crate) mod live;
 
 use palpate_core::Pose;
 use palpate_dynamics::IntegratorKind;
 use serde::{Deserialize, Serialize};
 
-use crate::settings::placement::HandlePlace;
+/// Time in which the wrench may rise from zero to the device's peak, s.
+pub(crate) const SLEW_TIME: f64 = 0.01;
 
 /// What a session renders with. Values that are left out of a file are the usual ones; those that are `None` are derived from the
 /// grasped object and the device.
@@ -161,6 +160,21 @@ pub enum ContactSearch {
     /// In distance fields: few contacts at true geometry, each with the area that it stands for. Where an object's surface is not
     /// closed, or one has a haptic texture, contacts are found by levels nevertheless.
     Representatives,
+}
+
+/// Where on the grasped object the device's handle is: what turns of the handle leave in place, and what the torque at the device is
+/// about.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum HandlePlace {
+    /// [At the grasp](Self::Grasp); [at the mesh's origin](Self::MeshOrigin) with a device that renders nothing, as one that replays a
+    /// motion of the mesh's frame.
+    #[default]
+    Automatic,
+    /// At the [grasp](Settings::grasp), however far the mesh's origin is from it. The coupling then has no lever at the device.
+    Grasp,
+    /// At the mesh's origin: the device's pose is that of the mesh's frame. The coupling acts at the end of a lever as long as the
+    /// grasp is away from there, and is the softer for it.
+    MeshOrigin,
 }
 
 /// How contacts with textured objects are looked at (§4.4).

@@ -7,8 +7,8 @@ use palpate_dynamics::{GripperMotion, PassivityObserver, PortAxes, SlewLimit, sa
 
 use crate::haptic::output::Moment;
 use crate::haptic::tracking::{Reading, Tracking};
+use crate::settings::SLEW_TIME;
 use crate::settings::SettingsError;
-use crate::settings::gains::SLEW_TIME;
 use crate::telemetry::Events;
 
 /// A gripper and its coupling to the hinge. Angles are those of the hinge that the hand asks for: a gripper that is geared otherwise

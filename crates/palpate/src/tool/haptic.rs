@@ -22,7 +22,7 @@ use crate::haptic::reactions::{Reacting, Reactions};
 use crate::haptic::tracking::{Reading, Tracking};
 use crate::haptic::workspace::{Workspace, motion_at};
 use crate::haptic::{Found, LONGEST_STEP, STORED_IN_CONTACTS, times_of_step};
-use crate::settings::placement::HandlePlacement;
+use crate::scene::placement::HandlePlacement;
 use crate::telemetry::HapticTelemetry;
 
 /// The state of the haptic loop: the tool, its couplings to device and gripper, and the newest contact models of its bodies.
@@ -262,7 +262,7 @@ impl ArticulatedLoop {
             self.presence.release();
             self.output.forget();
         }
-        if of_device == Reading::Back && self.output.limits().render() {
+        if of_device == Reading::Back && self.output.limits().renders {
             events.rebased += u64::from(self.workspace.rebase(&before, &self.tracking.state().pose));
         }
         let either = |reading: Reading| of_device == reading || of_gripper == reading;

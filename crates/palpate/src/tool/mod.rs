@@ -10,6 +10,7 @@
 //! Textures, friction, braking, proxies and levels of detail are those of the contact loops. A proxy follows one body, without
 //! knowing of the hinge.
 
+pub(crate) mod gains;
 mod gripper;
 mod haptic;
 mod record;

@@ -17,10 +17,10 @@ use crate::haptic::reactions::Reactions;
 use crate::scene::Scene;
 use crate::scene::editor::SceneEditor;
 use crate::scene::object::Object;
+use crate::scene::placement::HandlePlacement;
 use crate::scene::size::{UnitsError, check_sizes};
-use crate::settings::gains::{coupling, max_damping, port_limits, slew, usual_tolerance};
-use crate::settings::placement::HandlePlacement;
 use crate::settings::{ContactSearch, Settings, SettingsError};
+use crate::tool::gains::{coupling, max_damping, port_limits, slew, usual_tolerance};
 
 /// Two objects joined by a hinge.
 ///

@@ -8,8 +8,8 @@ use palpate_dynamics::{
 
 use crate::run::renderer::RendererError;
 use crate::scene::object::Object;
-use crate::settings::placement::HandlePlacement;
-use crate::settings::{Settings, SettingsError};
+use crate::scene::placement::HandlePlacement;
+use crate::settings::{SLEW_TIME, Settings, SettingsError};
 
 /// What a session is rendered with.
 #[derive(Clone, Copy, Debug)]
@@ -152,9 +152,6 @@ pub(crate) fn coupling(
     coupling.angular_damping = settings.angular_damping.unwrap_or(coupling.angular_damping);
     coupling
 }
-
-/// Time in which the wrench may rise from zero to the device's peak, s.
-pub(crate) const SLEW_TIME: f64 = 0.01;
 
 /// How fast the wrench at the device may change.
 pub(crate) fn slew(settings: &Settings, limits: &PortLimits) -> SlewLimit {

@@ -4,26 +4,9 @@ use palpate_core::Pose;
 use palpate_core::glam::DVec3;
 use palpate_device::Specification;
 use palpate_dynamics::DeviceMapping;
-use serde::{Deserialize, Serialize};
 
-use crate::haptic::output::Limits;
 use crate::scene::object::Object;
-use crate::settings::Settings;
-
-/// Where on the grasped object the device's handle is: what turns of the handle leave in place, and what the torque at the device is
-/// about.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum HandlePlace {
-    /// [At the grasp](Self::Grasp); [at the mesh's origin](Self::MeshOrigin) with a device that renders nothing, as one that replays a
-    /// motion of the mesh's frame.
-    #[default]
-    Automatic,
-    /// At the [grasp](Settings::grasp), however far the mesh's origin is from it. The coupling then has no lever at the device.
-    Grasp,
-    /// At the mesh's origin: the device's pose is that of the mesh's frame. The coupling acts at the end of a lever as long as the
-    /// grasp is away from there, and is the softer for it.
-    MeshOrigin,
-}
+use crate::settings::{HandlePlace, Settings};
 
 /// The device's workspace in the world, and the handle on the grasped object. With the handle in the middle of its workspace,
 /// unturned, the mesh's frame is at the [device frame](Settings::device_frame), wherever the handle is on the object.
@@ -32,6 +15,13 @@ pub struct HandlePlacement {
     mapping: DeviceMapping,
     /// Where the handle is, in the mesh's frame, m.
     handle: DVec3,
+}
+
+/// Whether a device drives any axis, so that anything reaches the hand.
+pub(crate) fn renders(specification: &Specification) -> bool {
+    let Specification { peak_force, peak_torque, actuated, .. } = specification;
+    let driven = |axes: [bool; 3], peak: f64| peak > 0.0 && axes.contains(&true);
+    driven(actuated.translation, *peak_force) || driven(actuated.rotation, *peak_torque)
 }
 
 impl HandlePlacement {
@@ -44,7 +34,7 @@ impl HandlePlacement {
     /// With the grasp at a place in the mesh's frame (m).
     pub(crate) fn at(settings: &Settings, grasp: DVec3, specification: &Specification) -> Self {
         let handle = match settings.handle {
-            HandlePlace::Automatic if Limits::of(specification).render() => grasp,
+            HandlePlace::Automatic if renders(specification) => grasp,
             HandlePlace::Grasp => grasp,
             HandlePlace::Automatic | HandlePlace::MeshOrigin => DVec3::ZERO,
         };
