@@ -6,16 +6,14 @@
 
 use std::error::Error;
 use std::f64::consts::{FRAC_PI_2, PI};
-use std::fs::File;
-use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use palpate::device::{EmulatedDevice, Emulation, HapticDevice as _};
 use palpate::glam::{DQuat, DVec3};
 use palpate::{
-    ARTICULATED_COLUMNS, ArticulatedLockstep, ArticulatedRecord, ArticulatedRenderer, ArticulatedSession,
-    ArticulatedTool, ContactTiming, GripperSettings, Pose, Scene, Settings,
+    ContactTiming, GripperSettings, HapticRenderer, Hinged, HingedRecord, HingedTool, HostedSession,
+    LockstepSession, Pose, RecordWriter, Scene, Settings,
 };
 use palpate_examples::{CommandLine, open, path, say, smooth};
 
@@ -43,7 +41,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         (line.flag("--real-time"), line.value("--output", PathBuf::from("target/forceps"))?);
     line.finish()?;
     let jaw = open("forceps-jaw")?;
-    let tool = ArticulatedTool {
+    let tool = HingedTool {
         first: jaw.clone(),
         second: jaw,
         // Both jaws have the same shape; the second is turned over.
@@ -64,17 +62,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         grasp: Some(Pose::IDENTITY),
         ..Settings::default()
     };
-    let state = device.read(0.0)?;
-    let specification = device.specification().clone();
-    let renderer = ArticulatedRenderer::new(
-        &tool,
-        &scene,
-        &specification,
-        &state,
-        gripper.angle,
-        &settings,
-        &GripperSettings::default(),
-    )?;
+    let held = Emulation::default().open(path(SECONDS, hand)?)?;
+    let gripping = GripperSettings::default();
+    let renderer = HapticRenderer::hinged(&tool, scene, Box::new(held), gripper.angle, settings, &gripping)?;
     let mut session = if real_time {
         Running::Host(Box::new(renderer.host()?))
     } else {
@@ -151,8 +141,8 @@ impl EmulatedGripper {
 
 /// The session, by whichever clock.
 enum Running {
-    Lockstep(Box<ArticulatedLockstep>),
-    Host(Box<ArticulatedSession>),
+    Lockstep(Box<LockstepSession<Hinged>>),
+    Host(Box<HostedSession<Hinged>>),
 }
 
 impl Running {
@@ -161,7 +151,7 @@ impl Running {
         device: &mut EmulatedDevice,
         gripper: &EmulatedGripper,
         time: f64,
-    ) -> Result<ArticulatedRecord, Box<dyn Error>> {
+    ) -> Result<HingedRecord, Box<dyn Error>> {
         let state = device.read(time)?;
         match self {
             Self::Lockstep(session) => Ok(session.step(&state, gripper.angle)),
@@ -174,7 +164,7 @@ impl Running {
 }
 
 /// Prints what happened.
-fn tell(records: &[ArticulatedRecord]) -> std::io::Result<()> {
+fn tell(records: &[HingedRecord]) -> std::io::Result<()> {
     let at = |time: f64| records.iter().find(|record| record.time >= time);
     let milli = |value: f64| 1e3 * value;
     for (name, time) in
@@ -195,7 +185,7 @@ fn tell(records: &[ArticulatedRecord]) -> std::io::Result<()> {
         let along = held.coupling.force.z - pulled.coupling.force.z;
         say("force against the pull", format_args!("{along:.2} N at {:.0} mm", milli(PULL)))?;
     }
-    let most = |of: fn(&ArticulatedRecord) -> f64| records.iter().map(of).fold(0.0, f64::max);
+    let most = |of: fn(&HingedRecord) -> f64| records.iter().map(of).fold(0.0, f64::max);
     let depth = most(|record| record.depth[0].max(record.depth[1]));
     say("deepest penetration", format_args!("{:.3} mm", milli(depth)))?;
     say("largest gripping torque", format_args!("{:.0} mN·m", milli(most(|record| record.torque))))?;
@@ -203,16 +193,13 @@ fn tell(records: &[ArticulatedRecord]) -> std::io::Result<()> {
 }
 
 /// Writes the recording; where it is.
-fn write(folder: &Path, records: &[ArticulatedRecord]) -> Result<PathBuf, Box<dyn Error>> {
+fn write(folder: &Path, records: &[HingedRecord]) -> Result<PathBuf, Box<dyn Error>> {
     std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     let file = folder.join("recording.csv");
-    let mut out =
-        BufWriter::new(File::create(&file).map_err(|error| format!("{}: {error}", file.display()))?);
-    writeln!(out, "{}", ARTICULATED_COLUMNS.join(","))?;
+    let mut out = RecordWriter::create(&file).map_err(|error| format!("{}: {error}", file.display()))?;
     for record in records {
-        let row = record.row().map(|number| number.to_string());
-        writeln!(out, "{}", row.join(","))?;
+        out.write(record)?;
     }
-    out.flush()?;
+    out.finish()?;
     Ok(file)
 }

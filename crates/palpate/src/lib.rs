@@ -48,7 +48,7 @@ pub use palpate_texture_pd as texture_pd;
 pub use run::builder::RendererBuilder;
 pub use run::hosted::{HostError, HostedSession, HostedStepper};
 pub use run::lateness::{WakeLateness, measure_wake_lateness};
-pub use run::lockstep::ContactTiming;
+pub use run::lockstep::{ContactTiming, LockstepSession};
 pub use run::machine::{MachineLoad, MachineSample};
 pub use run::renderer::{HapticRenderer, RendererError};
 pub use run::session::{Clock, ContactSummary, HapticSummary, RealtimeSetup, Session, Summary};
@@ -63,12 +63,15 @@ pub use scene::object::{NamedMesh, Object, OpenError, OpenOptions, open_mesh};
 pub use scene::placement::HandlePlacement;
 pub use scene::size::UnitsError;
 pub use scene::{Placed, Scene};
+pub use settings::gripper::GripperSettings;
 pub use settings::{
     ContactSearch, HandlePlace, Settings, SettingsError, TextureBackend, TextureDerivatives, TextureSettings,
 };
-pub use telemetry::record::{COLUMNS, Record, RecordWriter};
+pub use telemetry::hinged_record::HingedRecord;
+pub use telemetry::record::Recorded;
+pub use telemetry::record::{Record, RecordWriter};
 pub use telemetry::{ContactTelemetry, Events, HapticTelemetry, Percentiles, Times};
-pub use tool::{
-    ARTICULATED_COLUMNS, ArticulatedError, ArticulatedLockstep, ArticulatedLoop, ArticulatedRecord,
-    ArticulatedRenderer, ArticulatedSession, ArticulatedTool, GripperSettings, ToolBody,
-};
+pub use tool::Tool;
+pub use tool::error::ToolError;
+pub use tool::hinged::{Hinged, HingedTool, ToolBody};
+pub use tool::rigid::Rigid;

@@ -136,7 +136,7 @@ mod tests {
             denormals: granted(),
         };
         let (haptic, contact) = (thread(Role::Haptic), thread(Role::Contact));
-        RealtimeSetup { device: None, haptic, contact, memory: granted() }
+        RealtimeSetup { device: None, haptic, contact: Some(contact), memory: granted() }
     }
 
     #[test]

@@ -1,12 +1,13 @@
 //! Forceps of two jaws with a hinge (§6.2.3): what they close on stops them, is felt at the gripper, and lets go.
 
 use allocation_counter::measure;
-use palpate::device::{DeviceState, Emulation, Specification, Status};
+use palpate::device::{DeviceState, Emulation, Status};
 use palpate::dynamics::JointError;
 use palpate::glam::{DQuat, DVec3};
 use palpate::{
-    ArticulatedError, ArticulatedLockstep, ArticulatedRecord, ArticulatedRenderer, ArticulatedTool,
-    ContactTiming, GripperSettings, IntegratorKind, Pose, Scene, SceneId, Settings, ToolBody, Twist,
+    ContactTiming, GripperSettings, HapticRenderer, Hinged, HingedRecord, HingedTool, IntegratorKind,
+    LockstepSession, Pose, Recorded as _, RendererError, Scene, SceneId, Settings, ToolBody, ToolError,
+    Twist,
 };
 use palpate_tests::{FreeBody, model, smooth};
 
@@ -18,9 +19,9 @@ const AXES: (f64, f64) = (0.016, 0.0075);
 const OPEN: f64 = 0.5;
 
 /// Two jaws of the same shape, 50 g each.
-fn forceps() -> ArticulatedTool {
+fn forceps() -> HingedTool {
     let jaw = model("forceps-jaw@800");
-    ArticulatedTool {
+    HingedTool {
         first: jaw.clone(),
         second: jaw,
         hinge: [Pose::IDENTITY, Pose::new(DVec3::ZERO, DQuat::from_rotation_x(std::f64::consts::PI))],
@@ -46,17 +47,22 @@ fn settings() -> Settings {
     }
 }
 
-fn specification() -> Specification {
-    Emulation::default().specification
-}
-
-fn renderer(scene: Scene) -> ArticulatedRenderer {
+fn renderer(scene: Scene) -> HapticRenderer<Hinged> {
     renderer_with(&scene, &settings(), &GripperSettings::default())
 }
 
-fn renderer_with(scene: &Scene, settings: &Settings, gripper: &GripperSettings) -> ArticulatedRenderer {
-    ArticulatedRenderer::new(&forceps(), scene, &specification(), &device(OPEN), OPEN, settings, gripper)
-        .expect("a session")
+fn renderer_with(scene: &Scene, settings: &Settings, gripper: &GripperSettings) -> HapticRenderer<Hinged> {
+    hold(&forceps(), scene, settings, gripper).expect("a session")
+}
+
+fn hold(
+    tool: &HingedTool,
+    scene: &Scene,
+    settings: &Settings,
+    gripper: &GripperSettings,
+) -> Result<HapticRenderer<Hinged>, RendererError> {
+    let device = Box::new(Emulation::default().open(device(OPEN).pose).expect("a device"));
+    HapticRenderer::hinged(tool, scene.clone(), device, OPEN, *settings, gripper)
 }
 
 /// Its shortest axis is across the jaws.
@@ -65,12 +71,12 @@ fn with_ellipsoid() -> Scene {
     Scene::new().with(model("ellipsoid"), Pose::new(DVec3::X * AWAY, across))
 }
 
-fn lockstep(scene: Scene) -> ArticulatedLockstep {
+fn lockstep(scene: Scene) -> LockstepSession<Hinged> {
     renderer(scene).lockstep(ContactTiming::busy(500.0))
 }
 
 /// Steps with a gripper that closes from one angle to another in so many seconds and stays there as long again.
-fn close(session: &mut ArticulatedLockstep, from: f64, to: f64, seconds: f64) -> Vec<ArticulatedRecord> {
+fn close(session: &mut LockstepSession<Hinged>, from: f64, to: f64, seconds: f64) -> Vec<HingedRecord> {
     let steps = (2.0 * seconds / session.period()) as usize;
     (0..steps)
         .map(|step| {
@@ -80,7 +86,7 @@ fn close(session: &mut ArticulatedLockstep, from: f64, to: f64, seconds: f64) ->
         .collect()
 }
 
-fn last(records: &[ArticulatedRecord]) -> &ArticulatedRecord {
+fn last(records: &[HingedRecord]) -> &HingedRecord {
     records.last().expect("a step")
 }
 
@@ -278,8 +284,8 @@ fn a_host_steps_without_allocating() {
 fn the_simulated_clock_gives_the_same_each_time() {
     let run = || close(&mut lockstep(with_ellipsoid()), OPEN, 0.0, 0.2);
     let (first, second) = (run(), run());
-    let bits = |records: &[ArticulatedRecord]| -> Vec<u64> {
-        records.iter().flat_map(ArticulatedRecord::row).map(f64::to_bits).collect()
+    let bits = |records: &[HingedRecord]| -> Vec<u64> {
+        records.iter().flat_map(HingedRecord::row).map(f64::to_bits).collect()
     };
     assert!(bits(&first) == bits(&second), "the records differ");
 }
@@ -301,28 +307,20 @@ fn a_gripper_is_asked_for_no_more_than_it_can() {
 
 #[test]
 fn tools_and_settings_that_cannot_be_are_refused() {
-    let new = |tool: &ArticulatedTool, settings: &Settings, gripper: &GripperSettings| {
-        ArticulatedRenderer::new(
-            tool,
-            &Scene::new(),
-            &specification(),
-            &device(OPEN),
-            OPEN,
-            settings,
-            gripper,
-        )
+    let new = |tool: &HingedTool, settings: &Settings, gripper: &GripperSettings| {
+        hold(tool, &Scene::new(), settings, gripper).map(drop)
     };
     let usual = GripperSettings::default();
-    let tool = ArticulatedTool { limits: [1.0, 0.0], ..forceps() };
+    let tool = HingedTool { limits: [1.0, 0.0], ..forceps() };
     let refused = new(&tool, &settings(), &usual);
-    assert!(matches!(refused, Err(ArticulatedError::Joint(JointError::Limits { .. }))));
-    let tool = ArticulatedTool { masses: [0.01, 0.0], ..forceps() };
-    assert!(matches!(new(&tool, &settings(), &usual), Err(ArticulatedError::Body { .. })));
+    assert!(matches!(refused, Err(RendererError::Tool(ToolError::Joint(JointError::Limits { .. })))));
+    let tool = HingedTool { masses: [0.01, 0.0], ..forceps() };
+    assert!(matches!(new(&tool, &settings(), &usual), Err(RendererError::Tool(ToolError::Body { .. }))));
     let other = Settings { integrator: IntegratorKind::RungeKutta4, ..settings() };
     let refused = new(&forceps(), &other, &usual).expect_err("an error").to_string();
     assert!(refused.contains("hinge"), "{refused}");
     let wide = Settings { tolerance: Some(1.0), ..settings() };
-    assert!(matches!(new(&forceps(), &wide, &usual), Err(ArticulatedError::Settings(_))));
+    assert!(matches!(new(&forceps(), &wide, &usual), Err(RendererError::Tool(ToolError::Settings(_)))));
     let nan = GripperSettings { stiffness: Some(f64::NAN), ..usual };
-    assert!(matches!(new(&forceps(), &settings(), &nan), Err(ArticulatedError::Settings(_))));
+    assert!(matches!(new(&forceps(), &settings(), &nan), Err(RendererError::Tool(ToolError::Settings(_)))));
 }

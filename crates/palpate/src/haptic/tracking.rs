@@ -42,6 +42,17 @@ pub(crate) enum Reading {
     Lost,
 }
 
+impl Reading {
+    /// The worse of the readings of two ports that are used together: one that goes on is good.
+    pub fn or_worse(self, other: Self) -> Self {
+        let either = |reading: Self| self == reading || other == reading;
+        [Self::Lost, Self::Back, Self::Held]
+            .into_iter()
+            .find(|&reading| either(reading))
+            .unwrap_or(Self::Good)
+    }
+}
+
 /// The device as the loop sees it, in the device's axes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Tracking {

@@ -9,51 +9,50 @@ use std::thread::JoinHandle;
 
 use palpate_core::{Pose, Wrench};
 use palpate_device::{DeviceError, DeviceState, HapticDevice, Specification};
-use palpate_dynamics::BodyState;
-use rtrb::{Consumer, RingBuffer};
 
-use crate::contact::ContactUpdate;
 use crate::contact::monitor::Watch;
 use crate::haptic::HapticLoop;
 use crate::haptic::reactions::Reactions;
-use crate::run::realtime::{MODEL_RING, run_contact};
+use crate::run::realtime::{ToContact, channels, run_contact};
 use crate::run::renderer::{HapticRenderer, RendererError};
 use crate::run::settings_editor::SettingsEditor;
 use crate::scene::Scene;
 use crate::scene::editor::SceneEditor;
 use crate::scene::object::Object;
 use crate::settings::Settings;
+use crate::settings::gripper::GripperSettings;
 use crate::telemetry::Events;
-use crate::telemetry::record::Record;
+use crate::tool::Tool;
+use crate::tool::hinged::{Hinged, HingedTool};
+use crate::tool::rigid::Rigid;
 
 /// A session that a host steps, and what else the host does with it. It comes apart, so that each part can go to a thread of its
 /// own: `let HostedSession { stepper, scene, contacts, .. } = session;`.
 #[derive(Debug)]
-pub struct HostedSession {
+pub struct HostedSession<T: Tool = Rigid> {
     /// Changes its scene.
     pub scene: SceneEditor,
     /// Changes its settings.
     pub settings: SettingsEditor,
-    /// Shows its contacts.
-    pub contacts: Watch,
+    /// Shows the contacts of each body.
+    pub contacts: T::PerBody<Watch>,
     /// Reports what contacts push the scene's objects with.
     pub reactions: Reactions,
     /// Takes its haptic steps.
-    pub stepper: HostedStepper,
+    pub stepper: HostedStepper<T>,
 }
 
-/// Takes the haptic steps of a session, in the thread that owns the device. The session's contact thread ends when this is
+/// Takes the haptic steps of a session, in the thread that owns the device. The session's contact threads end when this is
 /// dropped.
 #[derive(Debug)]
-pub struct HostedStepper {
-    haptic: HapticLoop,
-    models: Consumer<ContactUpdate>,
-    state: triple_buffer::Input<(f64, BodyState)>,
+pub struct HostedStepper<T: Tool = Rigid> {
+    haptic: HapticLoop<T>,
+    contacts: Vec<ToContact>,
     now: f64,
-    latest: Option<Record>,
+    latest: Option<T::Record>,
     ended: Arc<AtomicBool>,
-    /// Finds contacts. It ends before its time by a panic alone.
-    contact_thread: Option<JoinHandle<()>>,
+    /// Find contacts, one for each body. They end before their time only by a panic.
+    contact_threads: Vec<JoinHandle<()>>,
 }
 
 /// Why a hosted session could not be started.
@@ -80,27 +79,7 @@ impl HostedSession {
         settings: Settings,
     ) -> Result<Self, HostError> {
         let theirs = Box::new(OfTheHost { specification, state: device });
-        let mut renderer = HapticRenderer::new(probe, scene, theirs, settings)?;
-        let (scene, contacts) = (renderer.scene_editor(), renderer.watch());
-        let (settings, reactions) = (renderer.settings_editor(), renderer.reactions());
-        let (haptic, mut contact, _) = renderer.into_loops();
-        let (models_in, models) = RingBuffer::new(MODEL_RING);
-        let (state, state_out) = triple_buffer::triple_buffer(&(0.0, *haptic.body_state()));
-        let ended = Arc::new(AtomicBool::new(false));
-        let flag = Arc::clone(&ended);
-        let contact_thread = std::thread::Builder::new()
-            .name("palpate contacts".to_owned())
-            .spawn(move || drop(run_contact(&mut contact, state_out, models_in, &flag)))?;
-        let stepper = HostedStepper {
-            haptic,
-            models,
-            state,
-            now: 0.0,
-            latest: None,
-            ended,
-            contact_thread: Some(contact_thread),
-        };
-        Ok(Self { scene, settings, contacts, reactions, stepper })
+        HapticRenderer::new(probe, scene, theirs, settings)?.host()
     }
 
     /// As [`HostedStepper::step`].
@@ -108,14 +87,77 @@ impl HostedSession {
         self.stepper.step(dt, device)
     }
 
-    /// As [`HostedStepper::latest`].
-    pub fn latest(&self) -> Option<&Record> {
-        self.stepper.latest()
-    }
-
     /// As [`HostedStepper::object_pose`].
     pub fn object_pose(&self) -> Pose {
         self.stepper.object_pose()
+    }
+}
+
+impl HostedSession<Hinged> {
+    /// Puts a tool with a hinge into the hand that holds a device of that specification, where the device and its gripper (rad) now are,
+    /// and `scene` around it.
+    ///
+    /// # Errors
+    /// As [`HapticRenderer::hinged`], or if the system gives no thread.
+    pub fn hinged(
+        tool: &HingedTool,
+        scene: Scene,
+        (specification, device, gripper_angle): (Specification, DeviceState, f64),
+        settings: Settings,
+        gripper: &GripperSettings,
+    ) -> Result<Self, HostError> {
+        let theirs = Box::new(OfTheHost { specification, state: device });
+        HapticRenderer::hinged(tool, scene, theirs, gripper_angle, settings, gripper)?.host()
+    }
+
+    /// As [`HostedStepper::step`].
+    pub fn step(&mut self, dt: f64, device: &DeviceState, gripper_angle: f64) -> (Wrench, f64) {
+        self.stepper.step(dt, device, gripper_angle)
+    }
+
+    /// As [`HostedStepper::object_poses`].
+    pub fn object_poses(&self) -> [Pose; 2] {
+        self.stepper.object_poses()
+    }
+}
+
+impl<T: Tool> HapticRenderer<T> {
+    /// A session for a host that reads and writes the device itself, with contacts found in threads of their own. The renderer's
+    /// device is given up.
+    ///
+    /// # Errors
+    /// If the system gives no thread.
+    pub fn host(mut self) -> Result<HostedSession<T>, HostError> {
+        let (scene, contacts) = (self.scene_editor(), self.watch());
+        let (settings, reactions) = (self.settings_editor(), self.reactions());
+        let Self { haptic, contacts: loops, .. } = self;
+        let ended = Arc::new(AtomicBool::new(false));
+        let mut stepper = HostedStepper {
+            haptic,
+            contacts: Vec::new(),
+            now: 0.0,
+            latest: None,
+            ended,
+            contact_threads: Vec::new(),
+        };
+        for (body, mut contact) in loops.into_iter().enumerate() {
+            let (to_contact, from_haptic) = channels(stepper.haptic.tool.body_state(body));
+            let ended = Arc::clone(&stepper.ended);
+            // Where there is no thread, dropping the stepper ends those before.
+            let thread = std::thread::Builder::new()
+                .name("palpate contacts".to_owned())
+                .spawn(move || drop(run_contact(&mut contact, from_haptic, &ended)))?;
+            stepper.contacts.push(to_contact);
+            stepper.contact_threads.push(thread);
+        }
+        Ok(HostedSession { scene, settings, contacts, reactions, stepper })
+    }
+}
+
+impl<T: Tool> HostedSession<T> {
+    /// As [`HostedStepper::latest`].
+    pub fn latest(&self) -> Option<&T::Record> {
+        self.stepper.latest()
     }
 
     /// As [`HostedStepper::set_clutch`].
@@ -129,37 +171,25 @@ impl HostedSession {
     }
 }
 
-impl HostedStepper {
-    /// A haptic step of `dt` seconds, the device being in a state: the wrench to send to it, in its axes, about its
-    /// handle's origin. A `dt` that is not above 0 changes nothing, and gives the wrench of the last step. Of one above 20 ms and five
-    /// periods no more than that is integrated.
-    ///
-    /// The host sends zero when it ends, before it drops this: nothing else does.
-    pub fn step(&mut self, dt: f64, device: &DeviceState) -> Wrench {
+impl<T: Tool> HostedStepper<T> {
+    /// A haptic step, if `dt` (s) is above 0.
+    fn advance(&mut self, dt: f64, device: &DeviceState, gripper_angle: Option<f64>) {
         if !(dt > 0.0 && dt.is_finite()) {
-            return self.latest.map_or(Wrench::ZERO, |record| record.coupling);
+            return;
         }
-        while let Ok(update) = self.models.pop() {
-            self.haptic.update_contacts(&update);
-        }
+        ToContact::receive(&mut self.contacts, &mut self.haptic);
         self.now += dt;
-        let record = self.haptic.step(device, self.now, dt);
-        if self.contact_thread.as_ref().is_some_and(JoinHandle::is_finished) {
+        let (record, _) = self.haptic.advance(Some(device), gripper_angle, self.now, dt);
+        if self.contact_threads.iter().any(JoinHandle::is_finished) {
             self.haptic.telemetry_mut().events.contact_thread_lost = 1;
         }
-        self.state.write((self.now, *self.haptic.body_state()));
+        ToContact::send(&mut self.contacts, &self.haptic, self.now);
         self.latest = Some(record);
-        record.coupling
     }
 
-    /// What the last step gave; none before the first.
-    pub fn latest(&self) -> Option<&Record> {
+    /// The record of the last step; none before the first.
+    pub fn latest(&self) -> Option<&T::Record> {
         self.latest.as_ref()
-    }
-
-    /// Pose of the grasped object's mesh frame in the world.
-    pub fn object_pose(&self) -> Pose {
-        self.haptic.object_pose()
     }
 
     /// Holds the clutch, or lets it go ([`HapticLoop::set_clutch`]).
@@ -167,16 +197,47 @@ impl HostedStepper {
         self.haptic.set_clutch(held);
     }
 
-    /// What happened out of the ordinary in haptic steps.
+    /// Events in haptic steps.
     pub fn events(&self) -> Events {
         self.haptic.telemetry().events
     }
 }
 
-impl Drop for HostedStepper {
+impl HostedStepper {
+    /// A haptic step of `dt` seconds, the device being in a state: the wrench to send to it, in its axes, about its
+    /// handle's origin. A `dt` that is not above 0 changes nothing, and gives the wrench of the last step. Of one above 20 ms and five
+    /// periods no more than that is integrated.
+    ///
+    /// The host sends zero when it ends, before it drops this: nothing else does.
+    pub fn step(&mut self, dt: f64, device: &DeviceState) -> Wrench {
+        self.advance(dt, device, None);
+        self.latest.map_or(Wrench::ZERO, |record| record.coupling)
+    }
+
+    /// Pose of the grasped object's mesh frame in the world.
+    pub fn object_pose(&self) -> Pose {
+        self.haptic.object_pose()
+    }
+}
+
+impl HostedStepper<Hinged> {
+    /// A haptic step as [`HostedStepper::step`], with the gripper's angle (rad): the wrench to send to the device, and the torque (N·m)
+    /// to send to the gripper, positive where it opens it.
+    pub fn step(&mut self, dt: f64, device: &DeviceState, gripper_angle: f64) -> (Wrench, f64) {
+        self.advance(dt, device, Some(gripper_angle));
+        self.latest.map_or((Wrench::ZERO, 0.0), |record| (record.coupling, record.torque))
+    }
+
+    /// Poses of the two bodies' mesh frames in the world.
+    pub fn object_poses(&self) -> [Pose; 2] {
+        self.haptic.object_poses()
+    }
+}
+
+impl<T: Tool> Drop for HostedStepper<T> {
     fn drop(&mut self) {
         self.ended.store(true, Ordering::Release);
-        if let Some(thread) = self.contact_thread.take() {
+        for thread in self.contact_threads.drain(..) {
             // A panic of it was counted.
             let _ = thread.join();
         }
@@ -254,9 +315,10 @@ mod tests {
         }
         stepper.ended.store(true, Ordering::Release);
         let panicking = std::thread::Builder::new().name("panics".into()).spawn(|| panic!("on purpose"));
-        let found = stepper.contact_thread.replace(panicking.expect("a thread"));
+        let found = stepper.contact_threads.pop();
+        stepper.contact_threads.push(panicking.expect("a thread"));
         found.expect("a thread").join().expect("no panic");
-        while !stepper.contact_thread.as_ref().is_some_and(JoinHandle::is_finished) {
+        while !stepper.contact_threads.iter().any(JoinHandle::is_finished) {
             std::thread::yield_now();
         }
         assert_eq!(stepper.events().contact_thread_lost, 0);

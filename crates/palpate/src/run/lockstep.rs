@@ -1,12 +1,21 @@
-//! The lockstep driver: both loops in one thread on a simulated clock, so that a session is reproducible bit by bit.
+//! The lockstep driver: all loops in one thread on a simulated clock, so that a session is reproducible bit by bit.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
 
+use palpate_device::DeviceState;
+
+use crate::contact::ContactUpdate;
+use crate::haptic::HapticLoop;
 use crate::run::machine::MachineLoad;
 use crate::run::renderer::HapticRenderer;
 use crate::run::session::{Clock, Session};
-use crate::telemetry::record::Record;
+use crate::telemetry::Events;
+use crate::telemetry::hinged_record::HingedRecord;
+use crate::tool::Tool;
+use crate::tool::hinged::Hinged;
+use crate::tool::rigid::Rigid;
 
 /// How fast the contact loop is made out to be, relative to the simulated clock.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,61 +33,138 @@ impl ContactTiming {
     }
 }
 
-impl HapticRenderer {
+/// A session on a simulated clock, stepped one haptic period at a time.
+///
+/// Query k of each body starts at k / rate and sees the newest state of that time; its result is in use from the first haptic
+/// step that is the latency later. The records depend on nothing but the arguments; step and query times in the telemetry are measured
+/// ones. Contact steps allocate while their workspaces grow.
+pub struct LockstepSession<T: Tool = Rigid> {
+    renderer: HapticRenderer<T>,
+    query_period: f64,
+    latency: f64,
+    steps: u64,
+    queries: u64,
+    /// The results of queries, each with the time of its arrival, s.
+    pending: VecDeque<(f64, Vec<ContactUpdate>)>,
+}
+
+impl<T: Tool> HapticRenderer<T> {
+    /// The session on a simulated clock, to be stepped by the caller.
+    pub fn lockstep(mut self, timing: ContactTiming) -> LockstepSession<T> {
+        for contact in &mut self.contacts {
+            contact.telemetry_mut().longer_than_slot = Some(0);
+        }
+        LockstepSession {
+            query_period: (1.0 / timing.rate).max(self.period),
+            latency: timing.latency,
+            steps: 0,
+            queries: 0,
+            pending: VecDeque::new(),
+            renderer: self,
+        }
+    }
+
     /// Renders `seconds` of simulated time, or until `stop` is set. Each step's record goes to `sink`, whose first
-    /// error ends the session.
-    ///
-    /// Query k starts at k / rate and sees the newest body state of that time; its result is in use from the first haptic
-    /// step that is the latency later. The records depend on nothing but the arguments; step and query times in the
-    /// telemetry are measured ones.
+    /// error ends the session. The timing is as [`LockstepSession`] has it.
     ///
     /// # Errors
     /// Only what `sink` returns.
     #[cfg_attr(feature = "tracing", tracing::instrument(skip_all, fields(seconds)))]
     pub fn run_lockstep<E>(
-        mut self,
+        self,
         seconds: f64,
         timing: ContactTiming,
         stop: &AtomicBool,
-        mut sink: impl FnMut(&Record) -> Result<(), E>,
+        mut sink: impl FnMut(&T::Record) -> Result<(), E>,
     ) -> Result<Session, E> {
         let steps = steps_in(seconds, self.period);
-        let query_period = (1.0 / timing.rate).max(self.period);
-        // Absorbs the rounding of products of periods.
-        let slack = 1e-6 * self.period;
-        self.contact.telemetry_mut().longer_than_slot = Some(0);
-        let mut queries = 0u64;
-        let mut pending = VecDeque::new();
+        let mut session = self.lockstep(timing);
         let mut result = Ok(());
-        for step in 1..=steps {
-            let (seen, now) = ((step - 1) as f64 * self.period, step as f64 * self.period);
-            let start = queries as f64 * query_period;
-            if start < now - slack {
-                let begun = std::time::Instant::now();
-                let update = self.contact.step(self.haptic.body_state(), seen);
-                let took = begun.elapsed();
-                let telemetry = self.contact.telemetry_mut();
-                telemetry.query.record(took.as_nanos() as u64);
-                if let Some(longer) = &mut telemetry.longer_than_slot {
-                    *longer += u64::from(took.as_secs_f64() > query_period);
-                }
-                pending.push_back((start + timing.latency, update));
-                queries += 1;
-            }
-            while let Some((_, update)) = pending.pop_front_if(|(arrival, _)| *arrival <= now + slack) {
-                self.haptic.update_contacts(&update);
-            }
-            let begun = std::time::Instant::now();
-            let record = self.haptic.step_device(self.device.as_mut(), now, self.period);
-            self.haptic.telemetry_mut().step.record(begun.elapsed().as_nanos() as u64);
-            result = sink(&record);
+        for _ in 0..steps {
+            result = sink(&session.step_device());
             if result.is_err() || stop.load(Ordering::Acquire) {
                 break;
             }
         }
-        let seconds = self.haptic.telemetry().steps as f64 * self.period;
-        let session = Session::close(self, seconds, Clock::Simulated, MachineLoad::default());
-        result.map(|()| session)
+        result.map(|()| session.finish())
+    }
+}
+
+impl<T: Tool> LockstepSession<T> {
+    /// A haptic step of a period with the session's own device.
+    pub fn step_device(&mut self) -> T::Record {
+        let now = self.find_contacts();
+        let HapticRenderer { haptic, device, period, .. } = &mut self.renderer;
+        let begun = Instant::now();
+        let record = haptic.step_device(device.as_mut(), now, *period);
+        haptic.telemetry_mut().step.record(begun.elapsed().as_nanos() as u64);
+        record
+    }
+
+    /// Begins the query of this step, if there is one, and takes the models that have arrived. The time of the step, s.
+    fn find_contacts(&mut self) -> f64 {
+        let HapticRenderer { haptic, contacts, period, .. } = &mut self.renderer;
+        let (seen, now) = (self.steps as f64 * *period, (self.steps + 1) as f64 * *period);
+        self.steps += 1;
+        // Absorbs the rounding of products of periods.
+        let slack = 1e-6 * *period;
+        let start = self.queries as f64 * self.query_period;
+        if start < now - slack {
+            let updates = contacts.iter_mut().enumerate().map(|(body, contact)| {
+                let begun = Instant::now();
+                let update = contact.step(&haptic.tool.body_state(body), seen);
+                let took = begun.elapsed();
+                let telemetry = contact.telemetry_mut();
+                telemetry.query.record(took.as_nanos() as u64);
+                if let Some(longer) = &mut telemetry.longer_than_slot {
+                    *longer += u64::from(took.as_secs_f64() > self.query_period);
+                }
+                update
+            });
+            self.pending.push_back((start + self.latency, updates.collect()));
+            self.queries += 1;
+        }
+        while let Some((_, updates)) = self.pending.pop_front_if(|(arrival, _)| *arrival <= now + slack) {
+            for (body, update) in updates.iter().enumerate() {
+                haptic.take_model(body, update);
+            }
+        }
+        now
+    }
+
+    /// Period of a step, s.
+    pub fn period(&self) -> f64 {
+        self.renderer.period
+    }
+
+    /// The haptic loop.
+    pub fn haptic(&self) -> &HapticLoop<T> {
+        &self.renderer.haptic
+    }
+
+    /// Holds the clutch, or lets it go ([`HapticLoop::set_clutch`]).
+    pub fn set_clutch(&mut self, held: bool) {
+        self.renderer.haptic.set_clutch(held);
+    }
+
+    /// Events in all loops.
+    pub fn events(&self) -> Events {
+        let contacts = self.renderer.contacts.iter().map(|contact| contact.telemetry().events);
+        contacts.fold(self.renderer.haptic.telemetry().events, |sum, events| sum.and(&events))
+    }
+
+    /// Ends the session.
+    pub fn finish(self) -> Session {
+        let seconds = self.renderer.haptic.telemetry().steps as f64 * self.renderer.period;
+        Session::close(self.renderer, seconds, Clock::Simulated, MachineLoad::default())
+    }
+}
+
+impl LockstepSession<Hinged> {
+    /// A haptic step of a period, device and gripper (rad) being in a state at its end.
+    pub fn step(&mut self, device: &DeviceState, gripper_angle: f64) -> HingedRecord {
+        let now = self.find_contacts();
+        self.renderer.haptic.step(device, gripper_angle, now, self.renderer.period)
     }
 }
 

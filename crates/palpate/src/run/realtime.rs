@@ -1,4 +1,4 @@
-//! The real-time driver: a haptic thread, a contact thread, and the caller's thread as the recorder.
+//! The real-time driver: a haptic thread, a contact thread for each body, and the caller's thread as the recorder.
 //!
 //! The haptic thread wakes at absolute deadlines (sleep, then a short spin), under SCHED_FIFO where that is allowed. It
 //! hands the body's state to the contact thread through a triple buffer (the latest wins), takes contact models from a
@@ -24,10 +24,11 @@ use crate::run::lockstep::steps_in;
 use crate::run::machine::MachineSample;
 use crate::run::renderer::HapticRenderer;
 use crate::run::session::{Clock, RealtimeSetup, Session};
-use crate::telemetry::record::Record;
+use crate::telemetry::record::Recorded;
+use crate::tool::Tool;
 
 /// Contact models that may wait for the haptic thread.
-pub(crate) const MODEL_RING: usize = 8;
+const MODEL_RING: usize = 8;
 /// Records that may wait for the recorder: four seconds at 1 kHz.
 const RECORD_RING: usize = 4096;
 /// How long the recorder sleeps when it has caught up.
@@ -41,7 +42,7 @@ const SPIN_SHARE: f64 = 0.25;
 /// Most periods that one step makes up for after late wake-ups.
 const MAX_PERIODS_A_STEP: u64 = 5;
 
-impl HapticRenderer {
+impl<T: Tool> HapticRenderer<T> {
     /// Renders `seconds` of real time, or until `stop` is set, in threads of its own. Each step's record goes to `sink`,
     /// called in this thread; its first error ends the session. However the session ends, the device is first sent a
     /// wrench of zero.
@@ -56,34 +57,40 @@ impl HapticRenderer {
         mut self,
         seconds: f64,
         stop: &AtomicBool,
-        mut sink: impl FnMut(&Record) -> Result<(), E>,
+        mut sink: impl FnMut(&T::Record) -> Result<(), E>,
     ) -> Result<Session, E> {
         let steps = steps_in(seconds, self.period);
-        let (models_in, models_out) = RingBuffer::new(MODEL_RING);
         let (mut records_in, mut records_out) = RingBuffer::new(RECORD_RING);
         write_through(&mut records_in, &mut records_out);
-        let (state_in, state_out) = triple_buffer::triple_buffer(&(0.0, *self.haptic.body_state()));
+        let channels = (0..self.contacts.len()).map(|body| channels(self.haptic.tool.body_state(body)));
+        let (to_contacts, from_contacts): (Vec<_>, Vec<_>) = channels.unzip();
         // Whatever ends one of the threads, a panic included, must end the others.
         let ended = AtomicBool::new(false);
         let mut result = Ok(());
 
-        let contact = &mut self.contact;
         let mut haptic = HapticThread {
             haptic: &mut self.haptic,
             device: self.device.as_mut(),
             period: self.period,
-            models: models_out,
+            contacts: to_contacts,
             records: records_in,
-            state: state_in,
         };
         // All that the threads need is allocated.
         let memory = lock_memory();
         let (haptic, contact, machine, lasted) = std::thread::scope(|scope| {
             let _ended = SetOnDrop(&ended);
-            let contact_thread = scope.spawn(|| {
-                let _ended = SetOnDrop(&ended);
-                run_contact(contact, state_out, models_in, &ended)
-            });
+            let contact_threads: Vec<_> = self
+                .contacts
+                .iter_mut()
+                .zip(from_contacts)
+                .map(|(contact, channels)| {
+                    let ended = &ended;
+                    scope.spawn(move || {
+                        let _ended = SetOnDrop(ended);
+                        run_contact(contact, channels, ended)
+                    })
+                })
+                .collect();
             let haptic_thread = scope.spawn(|| {
                 let _ended = SetOnDrop(&ended);
                 let setup = set_up(Role::Haptic);
@@ -108,8 +115,10 @@ impl HapticRenderer {
             drain();
             let (setup, machine, lasted) = outcome.unwrap_or_else(|panic| resume_unwind(panic));
             let lasted = lasted.unwrap_or_else(|panic| resume_unwind(panic));
-            let contact = contact_thread.join().unwrap_or_else(|panic| resume_unwind(panic));
-            (setup, contact, machine, lasted)
+            let joined = contact_threads.into_iter().map(|thread| thread.join());
+            let setups: Vec<_> =
+                joined.map(|setup| setup.unwrap_or_else(|panic| resume_unwind(panic))).collect();
+            (setup, setups.into_iter().next(), machine, lasted)
         });
         let setup = RealtimeSetup { device: self.device.thread_setup().cloned(), haptic, contact, memory };
         let clock = Clock::Real { setup: Box::new(setup) };
@@ -119,8 +128,8 @@ impl HapticRenderer {
 }
 
 /// Fills and empties the ring, so that its memory is there before the haptic thread writes to it.
-fn write_through(records_in: &mut Producer<Record>, records_out: &mut Consumer<Record>) {
-    while records_in.push(Record::BLANK).is_ok() {}
+fn write_through<R: Recorded>(records_in: &mut Producer<R>, records_out: &mut Consumer<R>) {
+    while records_in.push(R::BLANK).is_ok() {}
     while records_out.pop().is_ok() {}
 }
 
@@ -133,18 +142,56 @@ impl Drop for SetOnDrop<'_> {
     }
 }
 
-/// What the haptic thread works with.
-struct HapticThread<'a> {
-    haptic: &'a mut HapticLoop,
-    device: &'a mut dyn HapticDevice,
-    /// s.
-    period: f64,
+/// The haptic loop's end of the channels to and from a contact loop.
+#[derive(Debug)]
+pub(crate) struct ToContact {
     models: Consumer<ContactUpdate>,
-    records: Producer<Record>,
     state: triple_buffer::Input<(f64, BodyState)>,
 }
 
-impl HapticThread<'_> {
+/// The contact loop's end.
+#[derive(Debug)]
+pub(crate) struct FromHaptic {
+    models: Producer<ContactUpdate>,
+    state: triple_buffer::Output<(f64, BodyState)>,
+}
+
+/// The channels between the haptic loop and the contact loop of a body that begins in a state.
+pub(crate) fn channels(body: BodyState) -> (ToContact, FromHaptic) {
+    let (models_in, models) = RingBuffer::new(MODEL_RING);
+    let (state, state_out) = triple_buffer::triple_buffer(&(0.0, body));
+    (ToContact { models, state }, FromHaptic { models: models_in, state: state_out })
+}
+
+impl ToContact {
+    /// Takes the models that have arrived for each body.
+    pub fn receive<T: Tool>(all: &mut [Self], haptic: &mut HapticLoop<T>) {
+        for (body, channels) in all.iter_mut().enumerate() {
+            while let Ok(update) = channels.models.pop() {
+                haptic.take_model(body, &update);
+            }
+        }
+    }
+
+    /// Sends the state of each body after the step at `now` (s).
+    pub fn send<T: Tool>(all: &mut [Self], haptic: &HapticLoop<T>, now: f64) {
+        for (body, channels) in all.iter_mut().enumerate() {
+            channels.state.write((now, haptic.tool.body_state(body)));
+        }
+    }
+}
+
+/// State of the haptic thread.
+struct HapticThread<'a, T: Tool> {
+    haptic: &'a mut HapticLoop<T>,
+    device: &'a mut dyn HapticDevice,
+    /// s.
+    period: f64,
+    contacts: Vec<ToContact>,
+    records: Producer<T::Record>,
+}
+
+impl<T: Tool> HapticThread<'_, T> {
     /// Renders, then sends the device a wrench of zero: the hand must not stay under the last one while the other threads
     /// come to their end. How long it rendered; the panic of a device's driver is handed on.
     fn run(&mut self, steps: u64, stop: impl Fn() -> bool) -> Result<Duration, Box<dyn Any + Send>> {
@@ -175,9 +222,7 @@ impl HapticThread<'_> {
             let missed = (lateness.as_secs_f64() / period) as u64;
             let tick = (next + missed).min(steps);
 
-            while let Ok(update) = self.models.pop() {
-                self.haptic.update_contacts(&update);
-            }
+            ToContact::receive(&mut self.contacts, self.haptic);
             if steps - tick <= fading || stop() {
                 self.haptic.leave();
                 steps = steps.min(tick + fading);
@@ -185,7 +230,7 @@ impl HapticThread<'_> {
             let now = tick as f64 * period;
             let dt = (tick - last).min(MAX_PERIODS_A_STEP) as f64 * period;
             let record = self.haptic.step_device(self.device, now, dt);
-            self.state.write((now, *self.haptic.body_state()));
+            ToContact::send(&mut self.contacts, self.haptic, now);
             let dropped = self.records.push(record).is_err();
 
             let telemetry = self.haptic.telemetry_mut();
@@ -220,8 +265,7 @@ pub(crate) fn sleeper(period: f64) -> SpinSleeper {
 /// The contact thread: as fast as it can, but never twice for the same state. What it obtained of the operating system.
 pub(crate) fn run_contact(
     contact: &mut ContactLoop,
-    mut state: triple_buffer::Output<(f64, BodyState)>,
-    mut models: Producer<ContactUpdate>,
+    FromHaptic { mut models, mut state }: FromHaptic,
     ended: &AtomicBool,
 ) -> ThreadSetup {
     let setup = set_up(Role::Contact);

@@ -1,34 +1,44 @@
-//! The renderer: an object in the hand, a scene, a device, and the two loops that join them.
+//! The renderer: a tool in the hand, a scene, a device, and the loops that join them.
 
 use palpate_core::Pose;
-use palpate_device::{DeviceError, HapticDevice};
-use palpate_dynamics::{Body, BodyError};
+use palpate_core::glam::DVec3;
+use palpate_device::{DeviceError, DeviceState, HapticDevice};
+use palpate_dynamics::{ArticulatedState, Body, BodyState, IntegratorKind};
 use palpate_texture_pd::Backend;
 
 use crate::contact::monitor::Watch;
 use crate::contact::representative::FieldError;
 use crate::contact::textures::TextureError;
 use crate::contact::{ContactLoop, ContactLoopError};
+use crate::haptic::gripper::Gripper;
 use crate::haptic::reactions::Reactions;
-use crate::haptic::{Grasped, HapticLoop};
+use crate::haptic::{HapticLoop, LoopSettings};
 use crate::run::settings_editor::SettingsEditor;
 use crate::scene::Scene;
 use crate::scene::editor::{SceneEditor, SceneId};
 use crate::scene::moving::Mobility;
 use crate::scene::object::Object;
 use crate::scene::size::{UnitsError, check_sizes};
-use crate::settings::{Settings, SettingsError};
-use crate::tool::gains::Gains;
+use crate::settings::gripper::GripperSettings;
+use crate::settings::{ContactSearch, Settings, SettingsError};
+use crate::tool::Tool;
+use crate::tool::error::ToolError;
+use crate::tool::gains::{Gains, Grasped};
+use crate::tool::hinged::{Hinged, HingedTool, grip};
+use crate::tool::rigid::Rigid;
 
 /// A haptic rendering session, to be run by [`run_lockstep`](Self::run_lockstep) or
 /// [`run_realtime`](Self::run_realtime), or taken apart by a host that owns its loops.
-pub struct HapticRenderer {
-    pub(crate) haptic: HapticLoop,
-    pub(crate) contact: ContactLoop,
+pub struct HapticRenderer<T: Tool = Rigid> {
+    pub(crate) haptic: HapticLoop<T>,
+    /// One for each body of the tool.
+    pub(crate) contacts: Vec<ContactLoop>,
     pub(crate) device: Box<dyn HapticDevice>,
     /// Period of the haptic loop, s.
     pub(crate) period: f64,
-    probe: Object,
+    /// The bodies of the tool.
+    probes: Vec<Object>,
+    grasped: Grasped,
     scene: Scene,
     settings: Settings,
     /// The same with what they leave open filled in.
@@ -39,17 +49,9 @@ pub struct HapticRenderer {
 /// Why a session could not be started.
 #[derive(Debug, thiserror::Error)]
 pub enum RendererError {
-    /// A setting is out of range.
+    /// The tool cannot be held with the settings.
     #[error(transparent)]
-    Settings(#[from] SettingsError),
-    /// The grasped object has no usable mass or inertia.
-    #[error("{name}: {source}")]
-    Body {
-        /// The object's name.
-        name: String,
-        /// Why.
-        source: BodyError,
-    },
+    Tool(#[from] ToolError),
     /// An object's size suggests a wrong unit.
     #[error(transparent)]
     Units(#[from] UnitsError),
@@ -64,6 +66,12 @@ pub enum RendererError {
     Device(#[from] DeviceError),
 }
 
+impl From<SettingsError> for RendererError {
+    fn from(error: SettingsError) -> Self {
+        Self::Tool(error.into())
+    }
+}
+
 impl From<ContactLoopError> for RendererError {
     fn from(error: ContactLoopError) -> Self {
         match error {
@@ -71,6 +79,18 @@ impl From<ContactLoopError> for RendererError {
             ContactLoopError::Field(error) => error.into(),
         }
     }
+}
+
+/// A tool made ready for a session, and what its loops are made with.
+struct Prepared<T> {
+    tool: T,
+    /// Its bodies, with their masses.
+    bodies: Vec<(Object, Body)>,
+    grasped: Grasped,
+    gains: Gains,
+    gripper: Option<Gripper>,
+    /// How contacts are searched for, where the settings leave that open.
+    search: ContactSearch,
 }
 
 impl HapticRenderer {
@@ -89,45 +109,156 @@ impl HapticRenderer {
         mut device: Box<dyn HapticDevice>,
         settings: Settings,
     ) -> Result<Self, RendererError> {
-        let gains = Gains::new(&settings, &probe, device.specification())?;
+        settings.check()?;
+        let source = &probe.clod.source;
+        let body = Body::new(settings.mass, source.unit_inertia * settings.mass)
+            .map_err(|source| ToolError::Body { name: probe.name.clone(), source })?;
+        let center_of_mass = source.center_of_mass;
+        let grasped = Grasped {
+            whole: body,
+            center: DVec3::ZERO,
+            first_center: center_of_mass,
+            radius: probe.bounding_radius(),
+        };
+        let gains = Gains::new(&settings, &grasped, device.specification())?;
         check_sizes([&probe], scene.objects(), &settings)?;
         let state = device.read(0.0)?;
-        let settings_in_force = gains.fill_in(&settings);
-        let source = &probe.clod.source;
-        let grasped = Grasped {
-            body: gains.body,
+        let pose = gains.placement.mesh_pose(&state.pose) * Pose::from_translation(center_of_mass);
+        let tool = Rigid {
+            body,
             coupling: gains.coupling,
-            center_of_mass: source.center_of_mass,
-            radius: probe.bounding_radius() + source.center_of_mass.distance(source.center),
+            state: BodyState::at_rest(pose),
+            center_of_mass,
+            integrator: settings.integrator,
+        };
+        let prepared = Prepared {
+            tool,
+            bodies: vec![(probe, body)],
+            grasped,
+            gains,
+            gripper: None,
+            search: settings.search,
+        };
+        Self::assemble(prepared, scene, device, state, settings)
+    }
+
+    /// The grasped object.
+    pub fn probe(&self) -> &Object {
+        &self.probes[0]
+    }
+
+    /// Lets the objects in the hands of two sessions touch each other: each becomes an object of the other's scene, that moves
+    /// as the other hand moves it. Both sessions then render the contact, each with its own settings. The numbers that they have
+    /// there, the other's in this one's first; none if one of them is textured and that cannot be rendered.
+    ///
+    /// To be called before either session runs.
+    pub fn join(&mut self, other: &mut Self) -> Option<(SceneId, SceneId)> {
+        let there = follow(self, other)?;
+        let here = follow(other, self)?;
+        Some((there, here))
+    }
+}
+
+impl HapticRenderer<Hinged> {
+    /// Puts a tool with a hinge into the hand that holds `device` and its gripper, where they now are, and `scene` around it.
+    ///
+    /// Of the settings, `mass` does not count, for the tool has masses of its own; the [grasp](Settings::grasp) is in the first
+    /// body's mesh frame, by default at its centre of mass; the tolerance is by default 1 % of the smaller body's bounding radius, and
+    /// the contact damping critical for the tool's mass. Contacts are found by levels of detail unless representatives are asked for.
+    ///
+    /// # Errors
+    /// If a setting is out of range, a body cannot be given its mass, the hinge is invalid, another integrator than the semi-implicit
+    /// one is asked for, an object's size suggests a wrong unit, textures are too large, or the device does not answer.
+    pub fn hinged(
+        tool: &HingedTool,
+        scene: Scene,
+        mut device: Box<dyn HapticDevice>,
+        gripper_angle: f64,
+        settings: Settings,
+        gripper: &GripperSettings,
+    ) -> Result<Self, RendererError> {
+        settings.check()?;
+        gripper.check()?;
+        if settings.integrator != IntegratorKind::SemiImplicit {
+            return Err(ToolError::Integrator { integrator: settings.integrator }.into());
+        }
+        check_sizes([&tool.first, &tool.second], scene.objects(), &settings)?;
+        let body = tool.body()?;
+        let state = device.read(0.0)?;
+        let asked = if gripper_angle.is_finite() { gripper_angle } else { 0.0 };
+        let angle = tool.angle_for(asked);
+        let grasped = tool.grasped(&body, angle);
+        let gains = Gains::new(&settings, &grasped, device.specification())?;
+        let (grip, lag) = grip(&body, gripper, &gains, settings.workspace_scale);
+        let centers = tool.centers_of_mass();
+        let pose = gains.placement.mesh_pose(&state.pose) * Pose::from_translation(centers[0]);
+        let held = Hinged {
+            body,
+            coupling: gains.coupling,
+            grip,
+            state: ArticulatedState::at_rest(pose, angle),
+            centers,
+        };
+        let prepared = Prepared {
+            tool: held,
+            bodies: vec![(tool.first.clone(), body.first), (tool.second.clone(), body.second)],
+            grasped,
+            gains,
+            gripper: Some(Gripper::new(gripper, asked, lag, 1.0 / settings.rate)),
+            // By the area law narrow jaws slide off sideways: what they close on is in contact beyond their edges.
+            search: match settings.search {
+                ContactSearch::Automatic => ContactSearch::Levels,
+                asked => asked,
+            },
+        };
+        Self::assemble(prepared, scene, device, state, settings)
+    }
+
+    /// The objects of the tool, as [`HingedTool`] has them.
+    pub fn probes(&self) -> [&Object; 2] {
+        [&self.probes[0], &self.probes[1]]
+    }
+}
+
+impl<T: Tool> HapticRenderer<T> {
+    fn assemble(
+        prepared: Prepared<T>,
+        scene: Scene,
+        device: Box<dyn HapticDevice>,
+        state: DeviceState,
+        settings: Settings,
+    ) -> Result<Self, RendererError> {
+        let Prepared { tool, bodies, grasped, gains, gripper, search } = prepared;
+        let period = 1.0 / settings.rate;
+        let loop_settings = LoopSettings {
             grasp: gains.grasp,
             placement: gains.placement,
             clutch_button: settings.clutch_button,
             contact_timeout: settings.contact_timeout,
-            integrator: settings.integrator,
             engagement: settings.engagement,
             velocity_lags: gains.velocity_lags,
             slew: gains.slew,
             max_damping: gains.max_damping,
-            period: 1.0 / settings.rate,
+            period,
         };
-        let haptic = HapticLoop::new(grasped, state, device.specification());
-        let contact = ContactLoop::new(
-            &probe,
-            gains.body,
-            source.center_of_mass,
-            scene.objects(),
-            gains.contacts,
-            &settings,
-        )?;
+        let radii: Vec<f64> = bodies.iter().map(|(object, _)| radius_about_center_of_mass(object)).collect();
+        let specification = device.specification();
+        let haptic = HapticLoop::new(tool, loop_settings, state, specification, gripper, &radii);
+        let searching = Settings { search, ..settings };
+        let contacts = bodies.iter().map(|(object, body)| {
+            let center = object.clod.source.center_of_mass;
+            ContactLoop::new(object, *body, center, scene.objects(), gains.contacts, &searching)
+        });
         Ok(Self {
             haptic,
-            contact,
+            contacts: contacts.collect::<Result<_, _>>()?,
             device,
-            period: 1.0 / settings.rate,
-            probe,
+            period,
+            probes: bodies.into_iter().map(|(object, _)| object).collect(),
+            grasped,
+            settings_in_force: gains.fill_in(&settings),
             scene,
             settings,
-            settings_in_force,
             settings_editor: None,
         })
     }
@@ -142,20 +273,20 @@ impl HapticRenderer {
         &self.settings
     }
 
-    /// The settings that the session begins with: those given, and what they leave open as it was chosen for the grasped
-    /// object and the device. How textured contacts are sampled stays open.
+    /// The settings that the session begins with: those given, and what they leave open as it was chosen for the tool
+    /// and the device. How textured contacts are sampled stays open.
     pub fn settings_in_force(&self) -> &Settings {
         &self.settings_in_force
     }
 
-    /// The [grasp](Settings::grasp) that the coupling holds the object at, in the mesh's frame.
+    /// The [grasp](Settings::grasp) that the coupling holds the tool at, in the first mesh's frame.
     pub fn grasp(&self) -> &Pose {
         self.haptic.grasp()
     }
 
-    /// The grasped object.
-    pub fn probe(&self) -> &Object {
-        &self.probe
+    /// Objects of the tool.
+    pub(crate) fn bodies(&self) -> &[Object] {
+        &self.probes
     }
 
     /// The scene.
@@ -163,15 +294,18 @@ impl HapticRenderer {
         &self.scene
     }
 
-    /// A watch that shows the contacts elsewhere while the session runs. There may be several.
-    pub fn watch(&mut self) -> Watch {
-        self.contact.watch()
+    /// A watch that shows the contacts of each body elsewhere while the session runs. There may be several.
+    pub fn watch(&mut self) -> T::PerBody<Watch> {
+        per_body::<T, _>(self.contacts.iter_mut().map(ContactLoop::watch))
     }
 
     /// An editor that changes the scene from elsewhere while the session runs. Each call gives another handle to the same
     /// editor.
     pub fn scene_editor(&mut self) -> SceneEditor {
-        self.contact.editor()
+        let (first, others) = self.contacts.split_at_mut(1);
+        let editor = first[0].editor();
+        others.iter_mut().for_each(|other| other.follow_editor(&editor));
+        editor
     }
 
     /// An editor that changes settings from elsewhere while the session runs. Each call gives another handle to the same
@@ -181,11 +315,10 @@ impl HapticRenderer {
             return editor.clone();
         }
         let specification = self.device.specification().clone();
-        let by_fields = self.contact.is_by_fields();
-        let (editor, haptic, contact) =
-            SettingsEditor::new(self.settings, self.probe.clone(), specification, by_fields);
-        self.haptic.set_tunings(haptic);
-        self.contact.set_tunings(contact);
+        let by_fields = self.contacts.iter().any(ContactLoop::is_by_fields);
+        let editor = SettingsEditor::new(self.settings, self.grasped, specification, by_fields);
+        self.haptic.set_tunings(editor.tunes_haptic());
+        self.contacts.iter_mut().for_each(|contact| contact.set_tunings(editor.tunes_contact()));
         self.settings_editor.insert(editor).clone()
     }
 
@@ -195,42 +328,45 @@ impl HapticRenderer {
         self.haptic.reactions()
     }
 
-    /// Lets the objects in the hands of two sessions touch each other: each becomes an object of the other's scene, that moves
-    /// as the other hand moves it. Both sessions then render the contact, each with its own settings. The numbers that they have
-    /// there, the other's in this one's first; none if one of them is textured and that cannot be rendered.
-    ///
-    /// To be called before either session runs.
-    pub fn join(&mut self, other: &mut Self) -> Option<(SceneId, SceneId)> {
-        let there = follow(self, other)?;
-        let here = follow(other, self)?;
-        Some((there, here))
+    /// The loops and the device, for a host that runs them itself: [`HapticLoop::step_device`] once a period,
+    /// [`ContactLoop::step`] on the state of each body as often as it can, in another thread or the
+    /// same, and `update_contacts` with what that gives. The host closes the device.
+    pub fn into_loops(self) -> (HapticLoop<T>, T::PerBody<ContactLoop>, Box<dyn HapticDevice>) {
+        (self.haptic, per_body::<T, _>(self.contacts.into_iter()), self.device)
     }
+}
 
+impl HapticRenderer {
     /// Lets a backend of the host compute textured contacts, as one on its own GPU device
     /// (`WgpuBackend::with_device` with the feature `gpu`); nothing changes in a scene without
     /// textures. Should it fail, the processor goes on.
     pub fn set_texture_backend(&mut self, backend: Box<dyn Backend>) {
-        self.contact.set_texture_backend(backend);
+        self.contacts[0].set_texture_backend(backend);
     }
+}
 
-    /// The two loops and the device, for a host that runs them itself: [`HapticLoop::step_device`] once a period,
-    /// [`ContactLoop::step`] on its [`body_state`](HapticLoop::body_state) as often as it can, in another thread or the
-    /// same, and [`HapticLoop::update_contacts`] with what that gives. The host closes the device.
-    pub fn into_loops(self) -> (HapticLoop, ContactLoop, Box<dyn HapticDevice>) {
-        (self.haptic, self.contact, self.device)
-    }
+/// A value for each body of a tool.
+#[expect(clippy::expect_used, reason = "a session has a contact loop for each body")]
+pub(crate) fn per_body<T: Tool, X>(values: impl Iterator<Item = X>) -> T::PerBody<X> {
+    T::per_body(values).expect("a value for each body")
+}
+
+/// Bounding radius of an object about its centre of mass, m.
+fn radius_about_center_of_mass(object: &Object) -> f64 {
+    let source = &object.clod.source;
+    object.bounding_radius() + source.center_of_mass.distance(source.center)
 }
 
 /// Puts the object of one session, as it moves, into the scene of another.
 fn follow(session: &mut HapticRenderer, leader: &mut HapticRenderer) -> Option<SceneId> {
-    let HapticRenderer { haptic, probe, period, .. } = leader;
-    let Body { mass, inertia, .. } = haptic.body;
+    let HapticRenderer { haptic, probes, period, .. } = leader;
+    let Body { mass, inertia, .. } = haptic.tool.body;
     let mobility = Mobility {
         mass,
         inertia,
-        center_of_mass: probe.clod.source.center_of_mass,
+        center_of_mass: probes[0].clod.source.center_of_mass,
         period: period.max(session.period),
     };
     let (pose, _) = haptic.motion();
-    session.contact.add_following(probe, &pose, haptic.lead(), mobility)
+    session.contacts[0].add_following(&probes[0], &pose, haptic.lead(), mobility)
 }

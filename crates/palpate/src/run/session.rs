@@ -13,6 +13,7 @@ use crate::run::renderer::HapticRenderer;
 use crate::scene::object::Object;
 use crate::settings::Settings;
 use crate::telemetry::{ContactTelemetry, Events, HapticTelemetry, Percentiles};
+use crate::tool::Tool;
 
 /// [`HapticSummary::scheduling`] on a simulated clock.
 const LOCKSTEP: &str = "lockstep";
@@ -36,8 +37,8 @@ pub struct RealtimeSetup {
     pub device: Option<ThreadSetup>,
     /// The haptic thread.
     pub haptic: ThreadSetup,
-    /// The contact thread.
-    pub contact: ThreadSetup,
+    /// The contact thread; that of the first body of a tool with several.
+    pub contact: Option<ThreadSetup>,
     /// The process's memory.
     pub memory: Outcome,
 }
@@ -48,7 +49,7 @@ impl RealtimeSetup {
         let threads = [
             ("device", self.device.as_ref()),
             ("haptic", Some(&self.haptic)),
-            ("contact", Some(&self.contact)),
+            ("contact", self.contact.as_ref()),
         ];
         let threads = threads.into_iter().filter_map(|(name, setup)| Some((name, setup?)));
         let outcomes = threads.flat_map(|(name, setup)| {
@@ -174,8 +175,8 @@ pub struct ContactSummary {
 
 impl Session {
     /// Closes the device and keeps what was measured.
-    pub(crate) fn close(
-        mut renderer: HapticRenderer,
+    pub(crate) fn close<T: Tool>(
+        mut renderer: HapticRenderer<T>,
         seconds: f64,
         clock: Clock,
         machine: MachineLoad,
@@ -189,7 +190,7 @@ impl Session {
         let grasp = renderer.grasp().translation;
         let invariants = renderer.haptic.invariants().summary();
         let haptic = renderer.haptic.telemetry().clone();
-        let contact = renderer.contact.telemetry().clone();
+        let contact = renderer.contact_telemetry();
         #[cfg(feature = "tracing")]
         tracing::info!(
             seconds,
@@ -199,7 +200,7 @@ impl Session {
             depth_max = haptic.depth_max,
             "session ended"
         );
-        let tolerance = renderer.contact.tolerance();
+        let tolerance = renderer.contacts[0].tolerance();
         Self { seconds, clock, haptic, contact, machine, tolerance, device_error, grasp, stages, invariants }
     }
 
@@ -306,7 +307,14 @@ fn grouped(number: u64) -> String {
     text
 }
 
-impl HapticRenderer {
+impl<T: Tool> HapticRenderer<T> {
+    /// What the contact loops of all bodies measured.
+    fn contact_telemetry(&self) -> ContactTelemetry {
+        let mut all = ContactTelemetry::default();
+        self.contacts.iter().for_each(|contact| all.add(contact.telemetry()));
+        all
+    }
+
     /// Which stages of the pipeline the scene and the settings need, and why.
     pub fn stages(&self) -> BTreeMap<&'static str, String> {
         let settings = self.settings();
@@ -315,8 +323,8 @@ impl HapticRenderer {
             1 => "on: one scene object".to_owned(),
             n => format!("on: {n} scene objects"),
         };
-        let watched =
-            if self.contact.is_watched() { "on: contacts are shown" } else { "off: nobody looks on" };
+        let contact = &self.contacts[0];
+        let watched = if contact.is_watched() { "on: contacts are shown" } else { "off: nobody looks on" };
         BTreeMap::from([
             ("braking", on_or_off(settings.braking)),
             ("clustering", format!("on beyond {} contacts", settings.clusters)),
@@ -335,18 +343,18 @@ impl HapticRenderer {
         ])
     }
 
-    /// The objects with their roles, the probe first.
+    /// The objects with their roles, the tool's first.
     fn objects(&self) -> impl Iterator<Item = (&'static str, &Object)> {
         let scene = self.scene().objects().iter().map(|placed| ("scene", &placed.object));
-        std::iter::once(("probe", self.probe())).chain(scene)
+        self.bodies().iter().map(|body| ("probe", body)).chain(scene)
     }
 
     fn search_stage(&self) -> String {
-        match (self.contact.search(), self.settings().representative_error) {
+        match (self.contacts[0].search(), self.settings().representative_error) {
             (Err(why), _) => format!("off: {why}; contacts are found by levels of detail"),
             (Ok(_), Some(error)) => format!("on: off by about {error} m"),
             (Ok(error), None) => {
-                let percent = 100.0 * error / self.probe().bounding_radius();
+                let percent = 100.0 * error / self.bodies()[0].bounding_radius();
                 format!("on: off by about {percent:.2} % of the radius")
             }
         }
@@ -373,7 +381,7 @@ impl HapticRenderer {
     }
 
     fn interpolation_stage(&self) -> String {
-        match self.contact.error() {
+        match self.contacts[0].error() {
             error if error > 0.0 && !self.settings().interpolation => {
                 format!("off, as asked for: detail is left out up to {error} m")
             }
@@ -393,7 +401,7 @@ impl HapticRenderer {
     }
 
     fn texture_stage(&self) -> String {
-        let Some(backend) = self.contact.texture_backend() else {
+        let Some(backend) = self.contacts[0].texture_backend() else {
             return "off: no object has a haptic texture".to_owned();
         };
         let textured = self.objects().filter(|(_, object)| object.texture().is_some());

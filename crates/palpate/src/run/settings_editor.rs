@@ -7,11 +7,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use palpate_device::Specification;
 use rtrb::{Consumer, Producer, RingBuffer};
 
-use crate::run::renderer::RendererError;
-use crate::scene::object::Object;
-use crate::settings::Settings;
 use crate::settings::live::{ContactTuning, HapticTuning};
-use crate::tool::gains::Gains;
+use crate::settings::{Settings, SettingsError};
+use crate::tool::gains::{Gains, Grasped};
 
 /// Changes that may wait for a loop.
 const WAITING: usize = 64;
@@ -21,7 +19,7 @@ const WAITING: usize = 64;
 pub enum SettingsEditError {
     /// As when a session is made with them.
     #[error(transparent)]
-    Refused(#[from] RendererError),
+    Refused(#[from] SettingsError),
     /// This one is what the session was made with.
     #[error("{0} cannot change while a session runs; make a new session with it")]
     Fixed(&'static str),
@@ -41,25 +39,37 @@ pub struct SettingsEditor(Arc<Mutex<Edited>>);
 #[derive(Debug)]
 struct Edited {
     settings: Settings,
-    probe: Object,
+    grasped: Grasped,
     specification: Specification,
     /// Whether contacts are found in fields, which have no detail to leave out.
     by_fields: bool,
-    haptic: Producer<HapticTuning>,
-    contact: Producer<ContactTuning>,
+    haptic: Vec<Producer<HapticTuning>>,
+    contact: Vec<Producer<ContactTuning>>,
 }
 
 impl SettingsEditor {
     pub(crate) fn new(
         settings: Settings,
-        probe: Object,
+        grasped: Grasped,
         specification: Specification,
         by_fields: bool,
-    ) -> (Self, Consumer<HapticTuning>, Consumer<ContactTuning>) {
-        let (haptic, for_haptic) = RingBuffer::new(WAITING);
-        let (contact, for_contact) = RingBuffer::new(WAITING);
-        let edited = Edited { settings, probe, specification, by_fields, haptic, contact };
-        (Self(Arc::new(Mutex::new(edited))), for_haptic, for_contact)
+    ) -> Self {
+        let (haptic, contact) = (Vec::new(), Vec::new());
+        Self(Arc::new(Mutex::new(Edited { settings, grasped, specification, by_fields, haptic, contact })))
+    }
+
+    /// The changes for a haptic loop.
+    pub(crate) fn tunes_haptic(&self) -> Consumer<HapticTuning> {
+        let (tunings, waiting) = RingBuffer::new(WAITING);
+        self.edited().haptic.push(tunings);
+        waiting
+    }
+
+    /// The changes for a contact loop.
+    pub(crate) fn tunes_contact(&self) -> Consumer<ContactTuning> {
+        let (tunings, waiting) = RingBuffer::new(WAITING);
+        self.edited().contact.push(tunings);
+        waiting
     }
 
     /// The settings that the session has, or is going over to.
@@ -80,24 +90,27 @@ impl SettingsEditor {
     pub fn set(&mut self, settings: Settings) -> Result<(), SettingsEditError> {
         let mut edited = self.edited();
         let edited = &mut *edited;
-        let gains = Gains::new(&settings, &edited.probe, &edited.specification)?;
+        let gains = Gains::new(&settings, &edited.grasped, &edited.specification)?;
         if let Some(name) = fixed_difference(&edited.settings, &settings) {
             return Err(SettingsEditError::Fixed(name));
         }
         if edited.by_fields && settings.error != edited.settings.error {
             return Err(SettingsEditError::Fixed("error"));
         }
-        if edited.haptic.slots() == 0 || edited.contact.slots() == 0 {
+        if edited.haptic.iter().any(Producer::is_full) || edited.contact.iter().any(Producer::is_full) {
             return Err(SettingsEditError::Full);
         }
         let Gains { coupling, velocity_lags, slew, max_damping, contacts: parameters, .. } = gains;
         let Settings { error, interpolation, query_budget, .. } = settings;
-        let for_haptic = edited.haptic.push(HapticTuning { coupling, velocity_lags, slew, max_damping });
-        let for_contact =
-            edited.contact.push(ContactTuning { parameters, error, interpolation, query_budget });
         // Each has room.
-        for_haptic.map_err(|_| SettingsEditError::Full)?;
-        for_contact.map_err(|_| SettingsEditError::Full)?;
+        for haptic in &mut edited.haptic {
+            let tuning = HapticTuning { coupling, velocity_lags, slew, max_damping };
+            haptic.push(tuning).map_err(|_| SettingsEditError::Full)?;
+        }
+        for contact in &mut edited.contact {
+            let tuning = ContactTuning { parameters, error, interpolation, query_budget };
+            contact.push(tuning).map_err(|_| SettingsEditError::Full)?;
+        }
         edited.settings = settings;
         Ok(())
     }

@@ -15,7 +15,8 @@ use crate::run::renderer::HapticRenderer;
 use crate::run::session::Session;
 use crate::run::settings_editor::SettingsEditor;
 use crate::scene::editor::SceneEditor;
-use crate::telemetry::record::Record;
+use crate::tool::Tool;
+use crate::tool::rigid::Rigid;
 
 /// A session that runs, and what a host does with it. It ends when its [`handle`](Self::handle) is stopped or dropped.
 ///
@@ -36,24 +37,24 @@ use crate::telemetry::record::Record;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug)]
-pub struct RunningSession {
+pub struct RunningSession<T: Tool = Rigid> {
     /// Changes its scene.
     pub scene: SceneEditor,
     /// Changes its settings.
     pub settings: SettingsEditor,
-    /// Shows its contacts.
-    pub contacts: Watch,
+    /// Shows the contacts of each body.
+    pub contacts: T::PerBody<Watch>,
     /// Reports what contacts push the scene's objects with.
     pub reactions: Reactions,
     /// Shows its steps, and ends it.
-    pub handle: SessionHandle,
+    pub handle: SessionHandle<T>,
 }
 
 /// Shows the steps of a session that runs in threads of its own. The session ends when this is [stopped](Self::stop) or
 /// dropped; the device is sent a wrench of zero then.
 #[derive(Debug)]
-pub struct SessionHandle {
-    latest: triple_buffer::Output<Option<Record>>,
+pub struct SessionHandle<T: Tool = Rigid> {
+    latest: triple_buffer::Output<Option<T::Record>>,
     stop: Arc<AtomicBool>,
     device_error: Arc<OnceLock<DeviceError>>,
     /// `None` once it has been joined.
@@ -77,13 +78,13 @@ impl SessionPanic {
     }
 }
 
-impl HapticRenderer {
+impl<T: Tool> HapticRenderer<T> {
     /// Renders in real time, in threads of its own, until it is stopped. Editors, watches and reactions that were taken of the
     /// renderer before work on.
     ///
     /// # Errors
     /// If the system gives no thread.
-    pub fn spawn(mut self) -> std::io::Result<RunningSession> {
+    pub fn spawn(mut self) -> std::io::Result<RunningSession<T>> {
         let (scene, contacts, reactions) = (self.scene_editor(), self.watch(), self.reactions());
         let settings = self.settings_editor();
         let device_error = self.haptic.shared_device_error();
@@ -91,7 +92,7 @@ impl HapticRenderer {
         let stop = Arc::new(AtomicBool::new(false));
         let flag = Arc::clone(&stop);
         let run = move || {
-            let sink = |record: &Record| {
+            let sink = |record: &T::Record| {
                 shown.write(Some(*record));
                 Ok::<(), Infallible>(())
             };
@@ -106,21 +107,16 @@ impl HapticRenderer {
     }
 }
 
-impl RunningSession {
+impl<T: Tool> RunningSession<T> {
     /// The handle, the editor of the scene and the watch of contacts, which may each go to another thread. Destructuring gives the
     /// editor of settings and the reactions as well.
-    pub fn split(self) -> (SessionHandle, SceneEditor, Watch) {
+    pub fn split(self) -> (SessionHandle<T>, SceneEditor, T::PerBody<Watch>) {
         (self.handle, self.scene, self.contacts)
     }
 
     /// As [`SessionHandle::latest`].
-    pub fn latest(&mut self) -> Option<&Record> {
+    pub fn latest(&mut self) -> Option<&T::Record> {
         self.handle.latest()
-    }
-
-    /// As [`SessionHandle::object_pose`].
-    pub fn object_pose(&mut self) -> Option<Pose> {
-        self.handle.object_pose()
     }
 
     /// As [`SessionHandle::is_running`].
@@ -142,15 +138,10 @@ impl RunningSession {
     }
 }
 
-impl SessionHandle {
+impl<T: Tool> SessionHandle<T> {
     /// The latest step that is known, without waiting for one: some milliseconds old. None before the first.
-    pub fn latest(&mut self) -> Option<&Record> {
+    pub fn latest(&mut self) -> Option<&T::Record> {
         self.latest.read().as_ref()
-    }
-
-    /// Pose of the grasped object's mesh frame in the world, as of the latest step.
-    pub fn object_pose(&mut self) -> Option<Pose> {
-        self.latest().map(|record| record.object)
     }
 
     /// Whether it still runs: it does until it is stopped, unless the device's driver panics.
@@ -177,12 +168,26 @@ impl SessionHandle {
     }
 }
 
-impl Drop for SessionHandle {
+impl<T: Tool> Drop for SessionHandle<T> {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Release);
         if let Some(thread) = self.thread.take() {
             // A driver's panic ended the session already.
             let _ = thread.join();
         }
+    }
+}
+
+impl RunningSession {
+    /// As [`SessionHandle::object_pose`].
+    pub fn object_pose(&mut self) -> Option<Pose> {
+        self.handle.object_pose()
+    }
+}
+
+impl SessionHandle {
+    /// Pose of the grasped object's mesh frame in the world, as of the latest step.
+    pub fn object_pose(&mut self) -> Option<Pose> {
+        self.latest().map(|record| record.object)
     }
 }

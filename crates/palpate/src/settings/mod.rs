@@ -1,5 +1,6 @@
 //! The physical settings of a session, in SI units.
 
+pub(crate) mod gripper;
 pub(crate) mod live;
 
 use palpate_core::Pose;

@@ -1,5 +1,6 @@
 //! What a session measures of itself: histograms of times, extremes of forces, counts of events.
 
+pub(crate) mod hinged_record;
 pub(crate) mod record;
 
 use hdrhistogram::Histogram;
@@ -24,6 +25,12 @@ impl Times {
     /// Adds a time, ns; longer ones than 100 s count as 100 s.
     pub fn record(&mut self, nanoseconds: u64) {
         self.0.saturating_record(nanoseconds.max(1));
+    }
+
+    /// Adds all times of another histogram.
+    fn add(&mut self, other: &Self) {
+        // Both have the same bounds.
+        let _ = self.0.add(&other.0);
     }
 
     /// How many times were recorded.
@@ -274,4 +281,16 @@ pub struct ContactTelemetry {
     pub longer_than_slot: Option<u64>,
     /// Events.
     pub events: Events,
+}
+
+impl ContactTelemetry {
+    /// Adds what another contact loop measured.
+    pub(crate) fn add(&mut self, other: &Self) {
+        self.query.add(&other.query);
+        self.longer_than_slot = match (self.longer_than_slot, other.longer_than_slot) {
+            (Some(one), Some(two)) => Some(one + two),
+            (one, two) => one.or(two),
+        };
+        self.events = self.events.and(&other.events);
+    }
 }

@@ -8,6 +8,71 @@ use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Wrench};
 use serde::Serialize;
 
+/// One row of a recording: numbers under column names.
+pub trait Recorded: Copy + std::fmt::Debug + Send + 'static {
+    /// Column names, in order.
+    const COLUMNS: &'static [&'static str];
+
+    /// A record of no step.
+    #[doc(hidden)]
+    const BLANK: Self;
+
+    /// The numbers, in the order of [`COLUMNS`](Self::COLUMNS).
+    fn row(&self) -> impl Iterator<Item = f64>;
+}
+
+/// What every record is made of, beside the step of the tool.
+#[doc(hidden)]
+#[derive(Clone, Copy, Debug)]
+pub struct StepData {
+    pub time: f64,
+    /// Pose of the device as it was read, in its axes.
+    pub device: Pose,
+    /// Where that has the first mesh's frame in the world.
+    pub handle: Pose,
+    /// The gripper's angle as it was read, rad.
+    pub gripper: f64,
+    /// Wrench sent to the device, in its axes.
+    pub coupling: Wrench,
+    /// Torque sent to the gripper, N·m.
+    pub torque: f64,
+    /// The contact model in use of each body.
+    pub models: [ModelData; 2],
+}
+
+/// What a contact model was found with.
+#[doc(hidden)]
+#[derive(Clone, Copy, Debug)]
+pub struct ModelData {
+    /// Time of the body state that the query saw, s; NaN before the first.
+    pub time: f64,
+    /// Where the body was; the pose of its centre of mass.
+    pub pose: Pose,
+    /// Deepest penetration, m.
+    pub depth: f64,
+    /// Contacts before clustering.
+    pub contacts: u32,
+}
+
+impl ModelData {
+    /// No contact, before any query, with the body at a pose.
+    pub(crate) const fn none(pose: Pose) -> Self {
+        Self { time: f64::NAN, pose, depth: 0.0, contacts: 0 }
+    }
+}
+
+/// The seven numbers of a pose: position, and quaternion x, y, z, w.
+pub(crate) fn numbers_of_pose(pose: &Pose) -> [f64; 7] {
+    let (x, q) = (pose.translation, pose.rotation);
+    [x.x, x.y, x.z, q.x, q.y, q.z, q.w]
+}
+
+/// The six numbers of a wrench: force and torque.
+pub(crate) fn numbers_of_wrench(wrench: &Wrench) -> [f64; 6] {
+    let (f, t) = (wrench.force, wrench.torque);
+    [f.x, f.y, f.z, t.x, t.y, t.z]
+}
+
 /// The state of one haptic step. SI units; in world axes but for what is the device's.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Record {
@@ -33,19 +98,6 @@ pub struct Record {
 }
 
 impl Record {
-    /// Of no step.
-    pub(crate) const BLANK: Self = Self {
-        time: 0.0,
-        device: Pose::IDENTITY,
-        handle: Pose::IDENTITY,
-        object: Pose::IDENTITY,
-        coupling: Wrench::ZERO,
-        contact: Wrench::ZERO,
-        depth: 0.0,
-        contacts: 0,
-        model_age: f64::NAN,
-    };
-
     /// How far the coupling is stretched, m: the distance, in the world, of the object's grasp from where the device holds it. `grasp` is
     /// the grasp's position in the mesh's frame, as [`Summary::grasp`](crate::Summary::grasp) has it.
     ///
@@ -90,14 +142,40 @@ pub const COLUMNS: [&str; 30] = [
     "model_age",
 ];
 
-/// Writes a recording as CSV: the header [`COLUMNS`], then a row a step, in full precision, so that reading it back gives
-/// the same numbers.
-#[derive(Debug)]
-pub struct RecordWriter<W: Write> {
-    out: csv::Writer<W>,
+impl Recorded for Record {
+    const COLUMNS: &'static [&'static str] = &COLUMNS;
+
+    const BLANK: Self = Self {
+        time: 0.0,
+        device: Pose::IDENTITY,
+        handle: Pose::IDENTITY,
+        object: Pose::IDENTITY,
+        coupling: Wrench::ZERO,
+        contact: Wrench::ZERO,
+        depth: 0.0,
+        contacts: 0,
+        model_age: f64::NAN,
+    };
+
+    fn row(&self) -> impl Iterator<Item = f64> {
+        std::iter::once(self.time)
+            .chain(numbers_of_pose(&self.device))
+            .chain(numbers_of_pose(&self.object))
+            .chain(numbers_of_wrench(&self.coupling))
+            .chain(numbers_of_wrench(&self.contact))
+            .chain([self.depth, self.contacts.into(), self.model_age])
+    }
 }
 
-impl RecordWriter<File> {
+/// Writes a recording as CSV: the header [`COLUMNS`](Recorded::COLUMNS), then a row a step, in full precision, so that reading it back
+/// gives the same numbers.
+#[derive(Debug)]
+pub struct RecordWriter<W: Write, R = Record> {
+    out: csv::Writer<W>,
+    record: std::marker::PhantomData<fn(&R)>,
+}
+
+impl<R: Recorded> RecordWriter<File, R> {
     /// A recording in a new file.
     ///
     /// # Errors
@@ -107,38 +185,25 @@ impl RecordWriter<File> {
     }
 }
 
-impl<W: Write> RecordWriter<W> {
+impl<W: Write, R: Recorded> RecordWriter<W, R> {
     /// A recording to anything that can be written to.
     ///
     /// # Errors
     /// If the header cannot be written.
     pub fn new(out: W) -> io::Result<Self> {
         let mut out = csv::Writer::from_writer(out);
-        out.write_record(COLUMNS)?;
-        Ok(Self { out })
+        out.write_record(R::COLUMNS)?;
+        Ok(Self { out, record: std::marker::PhantomData })
     }
 
     /// Adds a row.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn write(&mut self, row: &Record) -> io::Result<()> {
-        let pose = |p: &Pose| {
-            let (x, q) = (p.translation, p.rotation);
-            [x.x, x.y, x.z, q.x, q.y, q.z, q.w]
-        };
-        let wrench = |w: &Wrench| [w.force.x, w.force.y, w.force.z, w.torque.x, w.torque.y, w.torque.z];
-        let numbers = std::iter::once(row.time)
-            .chain(pose(&row.device))
-            .chain(pose(&row.object))
-            .chain(wrench(&row.coupling))
-            .chain(wrench(&row.contact))
-            .chain([row.depth]);
-        for number in numbers {
+    pub fn write(&mut self, record: &R) -> io::Result<()> {
+        for number in record.row() {
             self.out.write_field(number.to_string())?;
         }
-        self.out.write_field(row.contacts.to_string())?;
-        self.out.write_field(row.model_age.to_string())?;
         Ok(self.out.write_record(None::<&[u8]>)?)
     }
 

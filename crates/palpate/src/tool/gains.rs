@@ -1,73 +1,84 @@
-//! Gains that the settings ask for, the rest chosen for the grasped object and the device.
+//! Gains that the settings ask for, the rest chosen for the tool and the device.
 
 use palpate_core::Pose;
+use palpate_core::glam::DVec3;
 use palpate_device::Specification;
 use palpate_dynamics::{
     Body, ContactParameters, Friction, PortAxes, PortLimits, Sampling, SlewLimit, VirtualCoupling,
 };
 
-use crate::run::renderer::RendererError;
-use crate::scene::object::Object;
 use crate::scene::placement::HandlePlacement;
 use crate::settings::{SLEW_TIME, Settings, SettingsError};
 
-/// What a session is rendered with.
+/// A tool as its gains depend on it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Grasped {
+    /// All of the tool as one body, in the first body's axes.
+    pub whole: Body,
+    /// Its centre of mass, from the first body's, m.
+    pub center: DVec3,
+    /// Centre of mass of the first body in its mesh's frame, m.
+    pub first_center: DVec3,
+    /// The smallest bounding radius of its bodies, m.
+    pub radius: f64,
+}
+
+/// Gains of a session.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Gains {
-    /// The grasped object.
-    pub body: Body,
-    /// Where the device holds it, in its mesh's frame.
+    /// The frame that the coupling holds, in the first mesh's frame.
     pub grasp: Pose,
     pub placement: HandlePlacement,
     pub coupling: VirtualCoupling,
+    /// Limits of the device's port, at the device.
+    pub limits: PortLimits,
     /// Lags of velocity and angular velocity for the coupling's dampers, s; 0 for the device's own.
     pub velocity_lags: (f64, f64),
     pub contacts: ContactParameters,
     pub slew: SlewLimit,
-    /// Most damping of the passivity controller, N·s/m and N·m·s/rad at the device; 0 where it is off.
+    /// Largest damping of the passivity controller, N·s/m and N·m·s/rad at the device; 0 where it is off.
     pub max_damping: (f64, f64),
 }
 
 impl Gains {
-    /// For an object in the hand that holds a device.
+    /// For a tool in the hand that holds a device.
     ///
     /// # Errors
-    /// If a setting is out of range, or the object cannot be given the mass.
+    /// If a setting is out of range.
     pub fn new(
         settings: &Settings,
-        probe: &Object,
+        grasped: &Grasped,
         specification: &Specification,
-    ) -> Result<Self, RendererError> {
+    ) -> Result<Self, SettingsError> {
         settings.check()?;
-        let source = &probe.clod.source;
-        let body = Body::new(settings.mass, source.unit_inertia * settings.mass)
-            .map_err(|source| RendererError::Body { name: probe.name.clone(), source })?;
-        let grasp = settings.grasp.unwrap_or(Pose::from_translation(source.center_of_mass));
-        let grasp_in_body = Pose::from_translation(-source.center_of_mass) * grasp;
+        let Grasped { whole, center, first_center, radius } = grasped;
+        if let Some(value) = settings.tolerance.filter(|tolerance| tolerance > radius) {
+            let expected = "metres, at most the bounding radius of the grasped object";
+            return Err(SettingsError { name: "tolerance", value, expected });
+        }
+        let grasp = settings.grasp.unwrap_or(Pose::from_translation(*first_center));
+        let in_first = Pose::from_translation(-*first_center) * grasp;
+        let about_center = Pose::new(in_first.translation - *center, in_first.rotation);
         let placement = HandlePlacement::at(settings, grasp.translation, specification);
         let limits = port_limits(specification, 1.0 / settings.rate).with_lever(placement.lever(&grasp));
-        let coupling = coupling(settings, &body, grasp_in_body, &limits);
-        let radius = probe.bounding_radius();
-        if let Some(value) = settings.tolerance.filter(|&tolerance| tolerance > radius) {
-            let expected = "metres, at most the bounding radius of the grasped object";
-            return Err(SettingsError { name: "tolerance", value, expected }.into());
-        }
+        let coupling =
+            VirtualCoupling { grasp: in_first, ..coupling(settings, whole, about_center, &limits) };
         let contacts = ContactParameters {
             stiffness: settings.contact_stiffness,
             damping: settings
                 .contact_damping
-                .unwrap_or(2.0 * (settings.contact_stiffness * settings.mass).sqrt()),
-            tolerance: settings.tolerance.unwrap_or_else(|| usual_tolerance(settings, radius)),
+                .unwrap_or(2.0 * (settings.contact_stiffness * whole.mass).sqrt()),
+            tolerance: settings.tolerance.unwrap_or_else(|| usual_tolerance(settings, *radius)),
             friction: Friction {
                 static_coefficient: settings.static_friction.unwrap_or(settings.friction),
                 dynamic_coefficient: settings.friction,
             },
         };
         Ok(Self {
-            body,
             grasp,
             placement,
             coupling,
+            limits,
             velocity_lags: limits.in_world(settings.workspace_scale).velocity_lags(&coupling),
             contacts,
             slew: slew(settings, &limits),
@@ -95,7 +106,7 @@ impl Gains {
 }
 
 /// What the device's specification says of its port, sampled every `period` seconds.
-pub(crate) fn port_limits(specification: &Specification, period: f64) -> PortLimits {
+fn port_limits(specification: &Specification, period: f64) -> PortLimits {
     let handle = specification.handle.as_ref();
     // Nothing reaches the hand along or about axes that are not driven.
     let driven = |axes: [bool; 3], peak: f64| if axes.contains(&true) { peak } else { 0.0 };
@@ -132,17 +143,12 @@ pub(crate) fn port_limits(specification: &Specification, period: f64) -> PortLim
 const LARGEST_TOLERANCE: f64 = 2e-3;
 
 /// The distance tolerance d for an object of a bounding radius, m: 1 % of it, and no more than [`LARGEST_TOLERANCE`].
-pub(crate) fn usual_tolerance(settings: &Settings, radius: f64) -> f64 {
+fn usual_tolerance(settings: &Settings, radius: f64) -> f64 {
     (0.01 * radius).min(LARGEST_TOLERANCE * settings.workspace_scale)
 }
 
 /// The coupling that the settings ask for, the rest chosen for the body and the device.
-pub(crate) fn coupling(
-    settings: &Settings,
-    body: &Body,
-    grasp: Pose,
-    limits: &PortLimits,
-) -> VirtualCoupling {
+fn coupling(settings: &Settings, body: &Body, grasp: Pose, limits: &PortLimits) -> VirtualCoupling {
     let limits = limits.in_world(settings.workspace_scale);
     let chosen = VirtualCoupling::auto(body, grasp, &limits);
     let linear = settings.coupling_stiffness.unwrap_or(chosen.linear_stiffness);
@@ -154,7 +160,7 @@ pub(crate) fn coupling(
 }
 
 /// How fast the wrench at the device may change.
-pub(crate) fn slew(settings: &Settings, limits: &PortLimits) -> SlewLimit {
+fn slew(settings: &Settings, limits: &PortLimits) -> SlewLimit {
     SlewLimit {
         force: settings.force_slew.unwrap_or(limits.translation.peak / SLEW_TIME),
         torque: settings.torque_slew.unwrap_or(limits.rotation.peak / SLEW_TIME),
@@ -163,11 +169,7 @@ pub(crate) fn slew(settings: &Settings, limits: &PortLimits) -> SlewLimit {
 
 /// The most damping (N·s/m, N·m·s/rad) that the passivity controller may put at the device: what is passive there beside
 /// the coupling's springs; none where it is off.
-pub(crate) fn max_damping(
-    settings: &Settings,
-    coupling: &VirtualCoupling,
-    limits: &PortLimits,
-) -> (f64, f64) {
+fn max_damping(settings: &Settings, coupling: &VirtualCoupling, limits: &PortLimits) -> (f64, f64) {
     if !settings.passivity_controller {
         return (0.0, 0.0);
     }

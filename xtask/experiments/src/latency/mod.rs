@@ -82,7 +82,7 @@ fn print(arguments: &Arguments, summary: &Summary, noted: &Noted) {
     let Arguments { seconds, busy, probe, scene, .. } = arguments;
     println!("{probe} against {scene}, {seconds} s, {busy} busy threads");
     if let Some(setup) = &summary.realtime {
-        let threads = [("haptic", Some(&setup.haptic)), ("contact", Some(&setup.contact))];
+        let threads = [("haptic", Some(&setup.haptic)), ("contact", setup.contact.as_ref())];
         let device = if arguments.normal_pump { None } else { setup.device.as_ref() };
         for (name, thread) in [("device", device)].into_iter().chain(threads) {
             println!("{name:8} {}", thread.map_or("normal, as asked".to_owned(), |it| it.scheduling_line()));

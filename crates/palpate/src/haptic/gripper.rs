@@ -3,72 +3,17 @@
 use palpate_core::glam::{DQuat, DVec3};
 use palpate_core::{Pose, Twist, Wrench};
 use palpate_device::{DeviceState, Status};
-use palpate_dynamics::{GripperMotion, PassivityObserver, PortAxes, SlewLimit, saturate};
+use palpate_dynamics::{GripperMotion, PassivityObserver, SlewLimit, saturate};
 
-use crate::haptic::output::Moment;
-use crate::haptic::tracking::{Reading, Tracking};
+use super::output::Moment;
+use super::tracking::{Reading, Tracking};
 use crate::settings::SLEW_TIME;
-use crate::settings::SettingsError;
+use crate::settings::gripper::GripperSettings;
 use crate::telemetry::Events;
-
-/// A gripper and its coupling to the hinge. Angles are those of the hinge that the hand asks for: a gripper that is geared otherwise
-/// is scaled by the host.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GripperSettings {
-    /// What the gripper can do about its axis, N·m and rad. By default nothing limits it; a peak of 0 is for a gripper that is only
-    /// sensed.
-    pub port: PortAxes,
-    /// Stiffness of the coupling, N·m/rad; by default what the port renders passively with a margin
-    /// ([`GripperCoupling::auto`](palpate_dynamics::GripperCoupling::auto)), 0.5 N·m/rad where nothing limits it.
-    pub stiffness: Option<f64>,
-    /// Damping of the coupling, N·m·s/rad; by default critical for the second body about the hinge.
-    pub damping: Option<f64>,
-    /// Largest change of the torque, N·m/s; by default the peak in 10 ms.
-    pub torque_slew: Option<f64>,
-}
-
-/// Stiffness of the coupling where nothing limits it, N·m/rad.
-pub(super) const STIFFNESS: f64 = 0.5;
-
-impl Default for GripperSettings {
-    fn default() -> Self {
-        let port = PortAxes {
-            stiffness: f64::INFINITY,
-            damping: f64::INFINITY,
-            viscous: None,
-            friction: None,
-            peak: f64::INFINITY,
-            step: 0.0,
-        };
-        Self { port, stiffness: None, damping: None, torque_slew: None }
-    }
-}
-
-impl GripperSettings {
-    /// Refuses values that no gripper can have.
-    ///
-    /// # Errors
-    /// Names the first setting out of range.
-    pub fn check(&self) -> Result<(), SettingsError> {
-        let ranges = [
-            ("gripper stiffness", self.stiffness, "N·m/rad from 0 to 1e6", 0.0..=1e6),
-            ("gripper damping", self.damping, "N·m·s/rad from 0 to 1e6", 0.0..=1e6),
-            ("gripper torque slew", self.torque_slew, "N·m/s above 0", f64::MIN_POSITIVE..=f64::INFINITY),
-            ("gripper peak torque", Some(self.port.peak), "N·m, 0 or more", 0.0..=f64::INFINITY),
-            ("gripper encoder step", Some(self.port.step), "rad, 0 or more", 0.0..=f64::MAX),
-        ];
-        for (name, value, expected, range) in ranges {
-            if let Some(value) = value.filter(|value| !range.contains(value)) {
-                return Err(SettingsError { name, value, expected });
-            }
-        }
-        Ok(())
-    }
-}
 
 /// The gripper while a session runs.
 #[derive(Clone, Debug)]
-pub(super) struct Gripper {
+pub(crate) struct Gripper {
     /// It is tracked as a handle that turns about x by its angle.
     tracking: Tracking,
     /// The last good angle, rad.

@@ -2,9 +2,11 @@
 
 use palpate_core::{Pose, Wrench};
 
+use super::record::{Recorded, numbers_of_pose, numbers_of_wrench};
+
 /// The state of one haptic step. SI units; in world axes but for what is the device's.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ArticulatedRecord {
+pub struct HingedRecord {
     /// Time since the start, s.
     pub time: f64,
     /// Pose of the device as it was read, in its own axes and at its own scale; the last good one where it was refused.
@@ -33,8 +35,8 @@ pub struct ArticulatedRecord {
     pub model_age: f64,
 }
 
-/// Names of what [`ArticulatedRecord::row`] gives, in order.
-pub const ARTICULATED_COLUMNS: [&str; 49] = [
+/// Column names, in order.
+const COLUMNS: [&str; 49] = [
     "t",
     "device_px",
     "device_py",
@@ -86,29 +88,40 @@ pub const ARTICULATED_COLUMNS: [&str; 49] = [
     "model_age",
 ];
 
-impl ArticulatedRecord {
-    /// The record as numbers, in the order of [`ARTICULATED_COLUMNS`].
-    pub fn row(&self) -> [f64; ARTICULATED_COLUMNS.len()] {
-        let pose = |p: &Pose| {
-            let (x, q) = (p.translation, p.rotation);
-            [x.x, x.y, x.z, q.x, q.y, q.z, q.w]
-        };
-        let wrench = |w: &Wrench| [w.force.x, w.force.y, w.force.z, w.torque.x, w.torque.y, w.torque.z];
+impl Recorded for HingedRecord {
+    const COLUMNS: &'static [&'static str] = &COLUMNS;
+
+    const BLANK: Self = Self {
+        time: 0.0,
+        device: Pose::IDENTITY,
+        handle: Pose::IDENTITY,
+        gripper: 0.0,
+        objects: [Pose::IDENTITY; 2],
+        angle: 0.0,
+        coupling: Wrench::ZERO,
+        torque: 0.0,
+        stop: 0.0,
+        contact: [Wrench::ZERO; 2],
+        depth: [0.0; 2],
+        contacts: [0; 2],
+        model_age: f64::NAN,
+    };
+
+    fn row(&self) -> impl Iterator<Item = f64> {
         let [first, second] = &self.objects;
-        let mut numbers = std::iter::once(self.time)
-            .chain(pose(&self.device))
+        std::iter::once(self.time)
+            .chain(numbers_of_pose(&self.device))
             .chain([self.gripper])
-            .chain(pose(first))
-            .chain(pose(second))
+            .chain(numbers_of_pose(first))
+            .chain(numbers_of_pose(second))
             .chain([self.angle])
-            .chain(wrench(&self.coupling))
+            .chain(numbers_of_wrench(&self.coupling))
             .chain([self.torque, self.stop])
-            .chain(wrench(&self.contact[0]))
-            .chain(wrench(&self.contact[1]))
+            .chain(numbers_of_wrench(&self.contact[0]))
+            .chain(numbers_of_wrench(&self.contact[1]))
             .chain(self.depth)
             .chain(self.contacts.map(f64::from))
-            .chain([self.model_age]);
-        std::array::from_fn(|_| numbers.next().unwrap_or(f64::NAN))
+            .chain([self.model_age])
     }
 }
 
@@ -118,23 +131,20 @@ mod tests {
 
     #[test]
     fn a_row_has_a_number_for_each_column() {
-        let record = ArticulatedRecord {
+        let record = HingedRecord {
             time: 1.0,
-            device: Pose::IDENTITY,
-            handle: Pose::IDENTITY,
             gripper: 2.0,
-            objects: [Pose::IDENTITY; 2],
             angle: 3.0,
-            coupling: Wrench::ZERO,
             torque: 4.0,
             stop: 5.0,
-            contact: [Wrench::ZERO; 2],
             depth: [6.0, 7.0],
             contacts: [8, 9],
             model_age: 10.0,
+            ..HingedRecord::BLANK
         };
-        let row = record.row();
-        let of = |name: &str| ARTICULATED_COLUMNS.iter().position(|column| *column == name).map(|i| row[i]);
+        let row: Vec<f64> = record.row().collect();
+        assert_eq!(row.len(), COLUMNS.len());
+        let of = |name: &str| COLUMNS.iter().position(|column| *column == name).map(|i| row[i]);
         let named = [
             ("t", 1.0),
             ("gripper", 2.0),
