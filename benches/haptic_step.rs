@@ -23,6 +23,7 @@ use palpate::dynamics::{
     LinearContactModel, Step, VirtualCoupling, articulated_step, semi_implicit_step,
 };
 use palpate::glam::{DMat3, DQuat, DVec3};
+use palpate::settings::ToolSettings;
 use palpate::{Contact, ContactUpdate, HapticLoop, HapticRenderer, Pose, Record, Settings, Times, Twist};
 use palpate_tests::model;
 
@@ -165,7 +166,8 @@ impl Loop {
     fn pressed(contacts: u32) -> Self {
         let ball = model("ellipsoid@500");
         let device = Emulation::default().open(Pose::IDENTITY).expect("an emulated device");
-        let settings = Settings { mass: 0.05, ..Settings::default() };
+        let settings =
+            Settings { tool: ToolSettings { mass: 0.05, ..ToolSettings::default() }, ..Settings::default() };
         let renderer = HapticRenderer::new(ball, palpate::Scene::new(), Box::new(device), settings);
         let (haptic, _, _) = renderer.expect("a renderer").into_loops();
         let pose = haptic.body_state().pose;

@@ -8,7 +8,8 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 use palpate::device::Emulation;
 use palpate::glam::{DQuat, DVec3};
-use palpate::{HapticRenderer, Pose, Scene, Settings, TextureSettings};
+use palpate::settings::{SearchSettings, TextureSettings};
+use palpate::{HapticRenderer, Pose, Scene, Settings};
 use palpate_examples::{Options, detailed, path, say, smooth};
 
 /// Half the block's height, m, and where the rim of the gear is above its middle.
@@ -24,7 +25,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let path = path(options.seconds, |time| dragging(time, options.seconds))?;
     let device = Emulation::default().open(path)?;
     let settings = Settings {
-        tolerance: Some(2e-4),
+        search: SearchSettings { tolerance: Some(2e-4), ..SearchSettings::default() },
         textures: TextureSettings { half_size: Some(0.016), ..TextureSettings::default() },
         ..Settings::default()
     };

@@ -8,7 +8,8 @@ use std::f64::consts::TAU;
 
 use palpate::device::Emulation;
 use palpate::glam::{DQuat, DVec3};
-use palpate::{HapticRenderer, Pose, Scene, Settings, TextureSettings};
+use palpate::settings::{SearchSettings, TextureSettings};
+use palpate::{HapticRenderer, Pose, Scene, Settings};
 use palpate_examples::{Options, detailed, path, say, smooth};
 
 /// A block's height, m.
@@ -22,7 +23,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let path = path(options.seconds, |time| turning(time, options.seconds))?;
     let device = Emulation::default().open(path)?;
     let settings = Settings {
-        tolerance: Some(2e-4),
+        search: SearchSettings { tolerance: Some(2e-4), ..SearchSettings::default() },
         textures: TextureSettings { grid: 100, half_size: Some(0.05), ..TextureSettings::default() },
         ..Settings::default()
     };

@@ -11,9 +11,10 @@ use std::time::{Duration, Instant};
 
 use palpate::device::{EmulatedDevice, Emulation, HapticDevice as _};
 use palpate::glam::{DQuat, DVec3};
+use palpate::settings::{ContactSettings, GripperSettings, SearchSettings, ToolSettings};
 use palpate::{
-    ContactTiming, GripperSettings, HapticRenderer, Hinged, HingedRecord, HingedTool, HostedSession,
-    LockstepSession, Pose, RecordWriter, Scene, Settings,
+    ContactTiming, HapticRenderer, Hinged, HingedRecord, HingedTool, HostedSession, LockstepSession, Pose,
+    RecordWriter, Scene, Settings,
 };
 use palpate_examples::{CommandLine, open, path, say, smooth};
 
@@ -56,10 +57,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut device = Emulation::default().open(path(SECONDS, hand)?)?;
     let mut gripper = EmulatedGripper::new(OPEN);
     let settings = Settings {
-        contact_stiffness: 10_000.0,
-        tolerance: Some(2e-4),
-        friction: 0.5,
-        grasp: Some(Pose::IDENTITY),
+        contact: ContactSettings { stiffness: 10_000.0, friction: 0.5, ..ContactSettings::default() },
+        search: SearchSettings { tolerance: Some(2e-4), ..SearchSettings::default() },
+        tool: ToolSettings { grasp: Some(Pose::IDENTITY), ..ToolSettings::default() },
         ..Settings::default()
     };
     let held = Emulation::default().open(path(SECONDS, hand)?)?;

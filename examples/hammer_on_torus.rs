@@ -5,7 +5,8 @@
 use std::error::Error;
 
 use palpate::device::{Emulation, Task};
-use palpate::{HapticRenderer, Pose, Scene, Settings, TextureSettings, explore};
+use palpate::settings::{SearchSettings, TextureSettings};
+use palpate::{HapticRenderer, Pose, Scene, Settings, explore};
 use palpate_examples::{Options, detailed};
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -14,8 +15,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let scene = Scene::new().with(detailed("torus", 532, 2e-4)?, Pose::IDENTITY);
     let device = Emulation::default().open(explore::path(Task::default(), &probe, &scene)?)?;
     let settings = Settings {
-        tolerance: Some(2e-4),
-        clusters: 7,
+        search: SearchSettings { tolerance: Some(2e-4), clusters: 7, ..SearchSettings::default() },
         textures: TextureSettings { half_size: Some(0.01), ..TextureSettings::default() },
         ..Settings::default()
     };

@@ -7,6 +7,7 @@ use std::f64::consts::TAU;
 
 use palpate::device::Emulation;
 use palpate::glam::DVec3;
+use palpate::settings::SearchSettings;
 use palpate::{HapticRenderer, Pose, Scene, Settings};
 use palpate_examples::{Options, open_all, path, smooth};
 
@@ -17,7 +18,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     let device = Emulation::default().open(path)?;
     let scene = Scene::new().with(lower, Pose::IDENTITY);
     // Contact begins at 0.1 mm: a small part of the teeth's relief.
-    let settings = Settings { tolerance: Some(1e-4), ..Settings::default() };
+    let settings = Settings {
+        search: SearchSettings { tolerance: Some(1e-4), ..SearchSettings::default() },
+        ..Settings::default()
+    };
     let renderer = HapticRenderer::new(upper, scene, Box::new(device), settings)?;
     options.render("jaws", "Upper jaw over lower jaw", renderer)?;
     Ok(())

@@ -10,6 +10,7 @@ use palpate::core::mesh::UvMesh;
 use palpate::device::Emulation;
 use palpate::glam::{DVec2, DVec3};
 use palpate::models::Model;
+use palpate::settings::{ContactSettings, CouplingSettings, SearchSettings, ToolSettings};
 use palpate::texture_pd::{HeightImage, Wrap};
 use palpate::{HapticRenderer, Object, Pose, Scene, Settings};
 use palpate_examples::{CommandLine, Options, open, path, smooth};
@@ -39,11 +40,14 @@ fn main() -> Result<(), Box<dyn Error>> {
     let device = Emulation::default().open(path(options.seconds, |time| strokes(time, options.seconds))?)?;
     let scene = Scene::new().with(plate, Pose::IDENTITY);
     let settings = Settings {
-        mass: 0.01,
-        contact_stiffness: stiffness,
-        coupling_stiffness: Some(200.0),
-        angular_stiffness: Some(3.0),
-        tolerance: Some(2e-4),
+        tool: ToolSettings { mass: 0.01, ..ToolSettings::default() },
+        contact: ContactSettings { stiffness, ..ContactSettings::default() },
+        coupling: CouplingSettings {
+            stiffness: Some(200.0),
+            angular_stiffness: Some(3.0),
+            ..CouplingSettings::default()
+        },
+        search: SearchSettings { tolerance: Some(2e-4), ..SearchSettings::default() },
         ..Settings::default()
     };
     let renderer = HapticRenderer::new(stylus, scene, Box::new(device), settings)?;

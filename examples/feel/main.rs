@@ -16,6 +16,7 @@ use std::time::Duration;
 
 use palpate::device::Steering;
 use palpate::glam::{DQuat, DVec3};
+use palpate::settings::{ContactSettings, DeviceSettings};
 use palpate::{HapticRenderer, Pose, Record, Scene, Session, Settings, explore};
 use palpate_examples::{CommandLine, open, say, write_report};
 use palpate_report::{Live, Rendered};
@@ -74,11 +75,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     let step = STEP * probe.bounding_radius();
     let on_terminal = stdout().is_terminal() && stdin().is_terminal();
     let settings = Settings {
-        workspace_scale: arguments.workspace_scale,
-        friction: arguments.friction,
+        device: DeviceSettings { workspace_scale: arguments.workspace_scale, ..DeviceSettings::default() },
+        contact: ContactSettings { friction: arguments.friction, ..ContactSettings::default() },
         ..Settings::default()
     };
-    let period = 1.0 / settings.rate;
+    let period = 1.0 / settings.timing.rate;
     let (device, steering) = if on_terminal {
         explore::open_steered_device(&arguments.device, &probe, &scene, &settings)?
     } else {

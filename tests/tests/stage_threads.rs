@@ -6,8 +6,9 @@ use std::convert::Infallible;
 use std::io::Write as _;
 use std::sync::atomic::AtomicBool;
 
+use palpate::settings::{TextureBackend, TextureSettings};
 use palpate::texture_pd::WgpuBackend;
-use palpate::{HapticRenderer, Pose, Scene, Settings, TextureBackend, TextureSettings, explore};
+use palpate::{HapticRenderer, Pose, Scene, Settings, explore};
 use palpate_tests::model;
 
 /// Of this process.

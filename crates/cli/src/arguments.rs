@@ -4,7 +4,11 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Parser, Subcommand};
 use palpate::device::Task;
-use palpate::{ContactSearch, IntegratorKind, Object, OpenOptions, Settings, TextureSettings};
+use palpate::settings::{
+    ContactSearch, ContactSettings, CouplingSettings, DetailSettings, DeviceSettings, OutputSettings,
+    SearchSettings, TextureSettings, TimingSettings, ToolSettings,
+};
+use palpate::{IntegratorKind, Object, OpenOptions, Settings};
 
 use crate::failure::Failure;
 use crate::textures::Detail;
@@ -434,17 +438,18 @@ impl Resolution {
     /// These in the settings for a probe.
     pub fn applied_to(&self, settings: Settings, probe: &Object) -> Result<Settings, Failure> {
         let error = self.error.map(|error| detail_error(error, probe)).transpose()?;
-        let (search, representative_error) = match self.representative {
+        let (method, representative_error) = match self.representative {
             Some(error) => (ContactSearch::Representatives, Some(error.metres(probe.bounding_radius()))),
-            None if error.is_some() => (ContactSearch::Levels, settings.representative_error),
-            None => (settings.search, settings.representative_error),
+            None if error.is_some() => (ContactSearch::Levels, settings.search.representative_error),
+            None => (settings.search.method, settings.search.representative_error),
         };
         Ok(Settings {
-            search,
-            representative_error,
-            error: error.unwrap_or(settings.error),
-            interpolation: settings.interpolation && !self.no_interpolation,
-            query_budget: self.budget_us.map(|us| 1e-6 * us).or(settings.query_budget),
+            search: SearchSettings { method, representative_error, ..settings.search },
+            detail: DetailSettings {
+                error: error.unwrap_or(settings.detail.error),
+                interpolation: settings.detail.interpolation && !self.no_interpolation,
+                query_budget: self.budget_us.map(|us| 1e-6 * us).or(settings.detail.query_budget),
+            },
             ..settings
         })
     }
@@ -530,23 +535,42 @@ impl Physics {
     /// These in the settings for a probe of the given bounding radius, m.
     pub fn applied_to(&self, default: Settings, radius: f64) -> Settings {
         Settings {
-            rate: self.rate.unwrap_or(default.rate),
-            workspace_scale: self.workspace_scale.unwrap_or(default.workspace_scale),
-            clutch_button: self.clutch_button.or(default.clutch_button),
-            passivity_controller: self.passivity_controller || default.passivity_controller,
-            unusual_size: self.unusual_size || default.unusual_size,
-            mass: self.mass.unwrap_or(default.mass),
-            contact_stiffness: self.contact_stiffness.unwrap_or(default.contact_stiffness),
-            contact_damping: self.contact_damping.or(default.contact_damping),
-            friction: self.friction.unwrap_or(default.friction),
-            static_friction: self.static_friction.or(default.static_friction),
-            coupling_stiffness: self.coupling_stiffness.or(default.coupling_stiffness),
-            coupling_damping: self.coupling_damping.or(default.coupling_damping),
-            angular_stiffness: self.angular_stiffness.or(default.angular_stiffness),
-            angular_damping: self.angular_damping.or(default.angular_damping),
-            tolerance: self.tolerance.map(|tolerance| tolerance.metres(radius)).or(default.tolerance),
-            clusters: self.clusters.unwrap_or(default.clusters),
-            integrator: self.integrator.unwrap_or(default.integrator),
+            timing: TimingSettings { rate: self.rate.unwrap_or(default.timing.rate), ..default.timing },
+            device: DeviceSettings {
+                workspace_scale: self.workspace_scale.unwrap_or(default.device.workspace_scale),
+                clutch_button: self.clutch_button.or(default.device.clutch_button),
+                ..default.device
+            },
+            output: OutputSettings {
+                passivity_controller: self.passivity_controller || default.output.passivity_controller,
+                ..default.output
+            },
+            tool: ToolSettings {
+                unusual_size: self.unusual_size || default.tool.unusual_size,
+                mass: self.mass.unwrap_or(default.tool.mass),
+                integrator: self.integrator.unwrap_or(default.tool.integrator),
+                ..default.tool
+            },
+            contact: ContactSettings {
+                stiffness: self.contact_stiffness.unwrap_or(default.contact.stiffness),
+                damping: self.contact_damping.or(default.contact.damping),
+                friction: self.friction.unwrap_or(default.contact.friction),
+                static_friction: self.static_friction.or(default.contact.static_friction),
+            },
+            coupling: CouplingSettings {
+                stiffness: self.coupling_stiffness.or(default.coupling.stiffness),
+                damping: self.coupling_damping.or(default.coupling.damping),
+                angular_stiffness: self.angular_stiffness.or(default.coupling.angular_stiffness),
+                angular_damping: self.angular_damping.or(default.coupling.angular_damping),
+            },
+            search: SearchSettings {
+                tolerance: self
+                    .tolerance
+                    .map(|tolerance| tolerance.metres(radius))
+                    .or(default.search.tolerance),
+                clusters: self.clusters.unwrap_or(default.search.clusters),
+                ..default.search
+            },
             ..default
         }
     }

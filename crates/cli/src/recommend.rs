@@ -1,7 +1,8 @@
 //! `palpate recommend`: tries settings on the objects themselves, and picks those that keep contact steps within a time.
 
 use palpate::device::{Interpolation, MotionPath};
-use palpate::{ContactSearch, Pose, RendererError, Scene, Settings};
+use palpate::settings::ContactSearch;
+use palpate::{Pose, RendererError, Scene, Settings};
 use palpate_measure::{Choice, Hand, Measured, Recommendation, Request};
 use serde::Serialize;
 
@@ -42,7 +43,7 @@ pub fn run(arguments: &RecommendArguments) -> Result<(), Failure> {
     let settings = arguments.textures.applied_to(Settings::default());
     let settings = arguments.physics.applied_to(settings, probe.bounding_radius());
     settings.check().map_err(RendererError::from)?;
-    let period = 1.0 / settings.rate;
+    let period = 1.0 / settings.timing.rate;
     let budget = arguments.budget_us.map_or(period, |us| 1e-6 * us);
     if !(1e-6..=1.0).contains(&budget) {
         let given = arguments.budget_us.unwrap_or_default();

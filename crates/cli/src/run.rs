@@ -78,8 +78,8 @@ fn render(arguments: &RunArguments, window: Option<Window>) -> Result<(), Failur
     } else {
         (explore::open_device_for(&arguments.device, &probe, &scene, &settings)?, None)
     };
-    if arguments.report.is_some() && seconds * settings.rate > MOST_REPORTED {
-        let most = MOST_REPORTED / settings.rate;
+    if arguments.report.is_some() && seconds * settings.timing.rate > MOST_REPORTED {
+        let most = MOST_REPORTED / settings.timing.rate;
         return Err(Failure::Message(format!(
             "--report takes at most {most} s; --record takes longer sessions"
         )));
@@ -259,7 +259,7 @@ fn check_rate(given: Option<f64>) -> Result<(), Failure> {
 }
 
 fn timing(arguments: &RunArguments, settings: &Settings) -> Result<ContactTiming, Failure> {
-    let most = settings.rate;
+    let most = settings.timing.rate;
     match arguments.contact_rate {
         Some(rate) if rate > most => Err(Failure::Message(format!(
             "--contact-rate {rate}: the haptic loop takes one contact model a step, so no more than its --rate is reached; give \

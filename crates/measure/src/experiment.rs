@@ -130,16 +130,16 @@ impl Experiment<'_> {
 
     fn run(&self, device: Box<dyn HapticDevice>) -> Result<Trace, MeasureError> {
         let Self { probe, scene, settings, contact_rate, frozen, seconds } = self;
-        let grasp = settings.grasp.unwrap_or(Pose::from_translation(probe.clod.source.center_of_mass));
+        let grasp = settings.tool.grasp.unwrap_or(Pose::from_translation(probe.clod.source.center_of_mass));
         let renderer = HapticRenderer::new((*probe).clone(), (*scene).clone(), device, *settings)?;
         let (mut haptic, mut contact, mut device) = renderer.into_loops();
         let coupling_stiffness = haptic.coupling().linear_stiffness;
-        let floor = 2.0 * settings.workspace_scale * device.specification().encoder_step;
-        let period = 1.0 / settings.rate;
-        let every = (settings.rate / contact_rate).round().max(1.0) as usize;
+        let floor = 2.0 * settings.device.workspace_scale * device.specification().encoder_step;
+        let period = 1.0 / settings.timing.rate;
+        let every = (settings.timing.rate / contact_rate).round().max(1.0) as usize;
         let mut waiting = VecDeque::new();
         let (mut samples, mut queries, mut step_times) = (Vec::new(), Vec::new(), Vec::new());
-        for step in 0..(seconds * settings.rate).round() as usize {
+        for step in 0..(seconds * settings.timing.rate).round() as usize {
             let now = step as f64 * period;
             if step % every == 0 {
                 if let Some(update) = waiting.pop_front() {
@@ -166,7 +166,7 @@ impl Experiment<'_> {
                 deviation: held.translation.distance(handle.translation),
                 turn: held.rotation_vector_to(&handle).length(),
                 // At the object it is larger by the scale.
-                coupling: record.coupling.force.length() * settings.workspace_scale,
+                coupling: record.coupling.force.length() * settings.device.workspace_scale,
                 contact: record.contact.force.length(),
                 depth: record.depth,
             });
@@ -175,8 +175,8 @@ impl Experiment<'_> {
         Ok(Trace {
             samples,
             queries,
-            rate: settings.rate,
-            contact_rate: settings.rate / every as f64,
+            rate: settings.timing.rate,
+            contact_rate: settings.timing.rate / every as f64,
             step_times,
             coupling_stiffness,
             floor,

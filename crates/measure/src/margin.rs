@@ -1,5 +1,6 @@
 //! How much stiffer contacts could be until a held object is not at rest any more.
 
+use palpate::settings::ContactSettings;
 use palpate::{Object, Pose, Scene, Settings};
 
 use crate::error::MeasureError;
@@ -52,8 +53,15 @@ pub fn stability_margin(
     contact_rate: f64,
 ) -> Result<f64, MeasureError> {
     let stable = |exponent: i32| -> Result<bool, MeasureError> {
-        let contact_stiffness = (settings.contact_stiffness * 2.0_f64.powi(exponent)).min(1e8);
-        let settings = Settings { contact_stiffness, friction: settings.friction.max(ROUGH), ..*settings };
+        let contact_stiffness = (settings.contact.stiffness * 2.0_f64.powi(exponent)).min(1e8);
+        let settings = Settings {
+            contact: ContactSettings {
+                stiffness: contact_stiffness,
+                friction: settings.contact.friction.max(ROUGH),
+                ..settings.contact
+            },
+            ..*settings
+        };
         comes_to_rest(probe, scene, settings, held, contact_rate)
     };
     // That is where most end.
@@ -83,7 +91,7 @@ fn comes_to_rest(
     let experiment =
         Experiment { probe, scene, settings, contact_rate, frozen: false, seconds: SETTLING + JUDGED };
     let trace = experiment.emulate(held)?;
-    let judged = (JUDGED * settings.rate) as usize;
+    let judged = (JUDGED * settings.timing.rate) as usize;
     if !trace.is_stable() || trace.samples.len() < judged {
         return Ok(false);
     }

@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use palpate::device::{Interpolation, Keyframe, MotionPath, ReplayDevice};
 use palpate::dynamics::BodyState;
+use palpate::settings::SearchSettings;
 use palpate::{ContactLoop, HapticRenderer, Object, Pose, Scene, Settings, Wrench};
 
 use crate::error::MeasureError;
@@ -118,7 +119,7 @@ pub fn penetration(
 ) -> Result<f64, MeasureError> {
     let path = BodyPath::of(trace).thinned_to(DEPTH_RATE);
     // Where the object was held back, the proxy is not where it was.
-    let exact = Settings { proxy: false, ..*exact };
+    let exact = Settings { search: SearchSettings { proxy: false, ..exact.search }, ..*exact };
     Ok(Profile::along(&path, probe, scene, &exact, 1)?.depths.into_iter().fold(0.0, f64::max))
 }
 

@@ -10,7 +10,8 @@
 
 use palpate::device::{IntendedPath, MotionPath, Task};
 use palpate::representative::FINEST_ERROR;
-use palpate::{ContactSearch, Object, Scene, Settings, explore};
+use palpate::settings::{ContactSearch, DetailSettings, SearchSettings};
+use palpate::{Object, Scene, Settings, explore};
 use serde::Serialize;
 
 use crate::difference::Difference;
@@ -140,10 +141,12 @@ impl Choice {
     /// The settings with this choice.
     pub fn applied_to(&self, settings: &Settings) -> Settings {
         let mut chosen = Settings {
-            search: self.search,
-            error: self.error,
-            interpolation: self.interpolation,
-            query_budget: self.query_budget,
+            search: SearchSettings { method: self.search, ..settings.search },
+            detail: DetailSettings {
+                error: self.error,
+                interpolation: self.interpolation,
+                query_budget: self.query_budget,
+            },
             ..*settings
         };
         chosen.textures.grid = self.grid.unwrap_or(settings.textures.grid);
@@ -212,7 +215,7 @@ pub fn recommend(
             .emulate(hand.intended(probe, scene)?)
     };
     let reference = |exact: &Settings| -> Result<Reference, MeasureError> {
-        let trace = render(*exact, settings.rate)?;
+        let trace = render(*exact, settings.timing.rate)?;
         let path = BodyPath::of(&trace).thinned_to(PATH_RATE);
         let profile = Profile::along(&path, probe, scene, exact, 1)?;
         Ok(Reference { trace, path, profile })
@@ -224,7 +227,10 @@ pub fn recommend(
     }
     let represented = choices.iter().find(|choice| choice.search == ContactSearch::Representatives);
     let finest = represented.map(|choice| Settings {
-        representative_error: Some(FINEST_ERROR * probe.bounding_radius()),
+        search: SearchSettings {
+            representative_error: Some(FINEST_ERROR * probe.bounding_radius()),
+            ..choice.applied_to(settings).search
+        },
         ..choice.applied_to(settings)
     });
     let by_fields = finest.map(|finest| reference(&finest)).transpose()?;
@@ -233,12 +239,12 @@ pub fn recommend(
     let mut tried = Vec::with_capacity(choices.len());
     for choice in choices {
         let chosen = choice.applied_to(settings);
-        let trace = render(chosen, settings.rate)?;
+        let trace = render(chosen, settings.timing.rate)?;
         let own = BodyPath::of(&trace).thinned_to(PATH_RATE);
         let timed = Profile::along(&own, probe, scene, &chosen, ROUNDS)?;
         let p99 = timed.time(0.99);
-        let contact_rate = (1.0 / p99).min(settings.rate);
-        let trace = if contact_rate < settings.rate { render(chosen, contact_rate)? } else { trace };
+        let contact_rate = (1.0 / p99).min(settings.timing.rate);
+        let trace = if contact_rate < settings.timing.rate { render(chosen, contact_rate)? } else { trace };
         let finest = by_fields.as_ref().filter(|_| choice.search == ContactSearch::Representatives);
         let Reference { trace: exact_trace, path, profile: exact } = finest.unwrap_or(&by_levels);
         let same = Profile::along(path, probe, scene, &chosen, 1)?;
@@ -266,7 +272,7 @@ pub fn recommend(
         chosen,
         tried,
         haptic_step,
-        haptic_fits: haptic_step <= 1.0 / settings.rate,
+        haptic_fits: haptic_step <= 1.0 / settings.timing.rate,
         stability_margin,
     })
 }
@@ -290,6 +296,7 @@ mod tests {
     use palpate::Pose;
 
     use super::*;
+    use palpate::settings::TimingSettings;
 
     fn pair() -> (Object, Scene) {
         let probe = Object::model("ellipsoid@500").expect("a model");
@@ -303,7 +310,10 @@ mod tests {
             probe: &probe,
             scene: &scene,
             // Steps that are preempted now and then, by other tests, keep within such a period all the same.
-            settings: Settings { rate: 200.0, ..Settings::default() },
+            settings: Settings {
+                timing: TimingSettings { rate: 200.0, ..TimingSettings::default() },
+                ..Settings::default()
+            },
             budget,
             seconds: 1.5,
             hand: Hand::Task(Task::default()),

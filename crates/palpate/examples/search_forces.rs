@@ -16,9 +16,8 @@ use std::time::Instant;
 use palpate::device::{Emulation, HapticDevice, Interpolation, Keyframe, MotionPath, ReplayDevice, Task};
 use palpate::glam::{DQuat, DVec3};
 use palpate::representative::FINEST_ERROR;
-use palpate::{
-    ContactSearch, HapticRenderer, Object, OpenOptions, Pose, Scene, Settings, clod_build, explore,
-};
+use palpate::settings::{ContactSearch, DetailSettings, SearchSettings, TimingSettings, ToolSettings};
+use palpate::{HapticRenderer, Object, OpenOptions, Pose, Scene, Settings, clod_build, explore};
 
 type Failure = Box<dyn Error>;
 
@@ -64,11 +63,21 @@ fn main() -> Result<(), Failure> {
     };
     let (probe, object) = (open(&probe)?, open(&scene)?);
     let scene = Scene::new().with(object, Pose::IDENTITY);
-    let usual = Settings { rate: RATE, clusters, unusual_size: true, ..Settings::default() };
+    let usual = Settings {
+        timing: TimingSettings { rate: RATE, ..TimingSettings::default() },
+        search: SearchSettings { clusters, ..SearchSettings::default() },
+        tool: ToolSettings { unusual_size: true, ..ToolSettings::default() },
+        ..Settings::default()
+    };
     let radius = probe.bounding_radius();
-    let representatives = Settings { search: ContactSearch::Representatives, ..usual };
-    let by_levels = Settings { search: ContactSearch::Levels, ..usual };
-    let coarse = Settings { error: 0.025 * radius, ..by_levels };
+    let representatives = Settings {
+        search: SearchSettings { method: ContactSearch::Representatives, ..usual.search },
+        ..usual
+    };
+    let by_levels =
+        Settings { search: SearchSettings { method: ContactSearch::Levels, ..usual.search }, ..usual };
+    let coarse =
+        Settings { detail: DetailSettings { error: 0.025 * radius, ..by_levels.detail }, ..by_levels };
     let with_levels = !words.iter().any(|word| word == "--no-levels");
     let recorded_with = if with_levels { coarse } else { representatives };
     let press = number("--press", 0.0)?;
@@ -89,7 +98,13 @@ fn main() -> Result<(), Failure> {
         path
     };
     let given = Given { probe, scene, path, seconds };
-    let finest = Settings { representative_error: Some(FINEST_ERROR * radius), ..representatives };
+    let finest = Settings {
+        search: SearchSettings {
+            representative_error: Some(FINEST_ERROR * radius),
+            ..representatives.search
+        },
+        ..representatives
+    };
     println!("R = {radius:.4} m; {clusters} clusters; planes, µs: medians and 99th percentile");
     println!(
         "| contacts | planes | µs | p99 | deepest, mm | rms force, N | jumps, N | above 20 Hz, N | energy min, mJ | held back | 1 kHz to 4 kHz median, % | p95 | ° | to reference median, % | p95 | ° |"
@@ -98,7 +113,13 @@ fn main() -> Result<(), Failure> {
     let mut rows = vec![("EPS = 0.02 %", finest), ("representatives", representatives)];
     if with_levels {
         rows.extend([
-            ("s₀ = 0.4 %", Settings { error: 0.004 * radius, ..by_levels }),
+            (
+                "s₀ = 0.4 %",
+                Settings {
+                    detail: DetailSettings { error: 0.004 * radius, ..by_levels.detail },
+                    ..by_levels
+                },
+            ),
             ("s₀ = 2.5 %", coarse),
         ]);
     }
@@ -171,7 +192,7 @@ fn record(
     settings: Settings,
     seconds: f64,
 ) -> Result<MotionPath, Failure> {
-    let settings = Settings { rate: 1000.0, ..settings };
+    let settings = Settings { timing: TimingSettings { rate: 1000.0, ..settings.timing }, ..settings };
     let (mut haptic, mut contact, mut device) =
         HapticRenderer::new(probe.clone(), scene.clone(), device, settings)?.into_loops();
     let mut keyframes = Vec::new();

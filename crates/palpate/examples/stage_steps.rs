@@ -21,10 +21,11 @@ use palpate::device::{DeviceState, Emulation, IntendedPath};
 use palpate::dynamics::BodyState;
 use palpate::glam::{DVec2, DVec3};
 use palpate::models::Model;
+use palpate::settings::{SearchSettings, TextureBackend};
 use palpate::texture_pd::{HeightImage, TexturedSurface, Wrap};
 use palpate::{
     ContactLoop, ContactUpdate, HapticLoop, HapticRenderer, Object, OpenOptions, Pose, Record, Scene,
-    Settings, TextureBackend, Times, Twist,
+    Settings, Times, Twist,
 };
 
 type Failure = Box<dyn Error>;
@@ -83,29 +84,31 @@ const STAGES: [Stage; 20] = [
     Stage::bare("bare"),
     Stage { second: Second::Away, ..Stage::bare("second-away") },
     Stage { second: Second::Touching, ..Stage::bare("second-touching") },
-    Stage::bare("friction").with(|it, _| it.friction = 0.3),
-    Stage::bare("no-friction-at-rest").with(|it, _| it.static_friction = Some(0.0)),
-    Stage::bare("braking").with(|it, _| it.braking = true),
-    Stage::bare("proxy").with(|it, _| it.proxy = true),
-    Stage::bare("passivity").with(|it, _| it.passivity_controller = true),
+    Stage::bare("friction").with(|it, _| it.contact.friction = 0.3),
+    Stage::bare("no-friction-at-rest").with(|it, _| it.contact.static_friction = Some(0.0)),
+    Stage::bare("braking").with(|it, _| it.search.braking = true),
+    Stage::bare("proxy").with(|it, _| it.search.proxy = true),
+    Stage::bare("passivity").with(|it, _| it.output.passivity_controller = true),
     Stage { watched: true, ..Stage::bare("watch") },
-    Stage::bare("error-without-levels").with(|it, radius| it.error = 0.025 * radius),
+    Stage::bare("error-without-levels").with(|it, radius| it.detail.error = 0.025 * radius),
     Stage::bare("texture-settings").with(|it, _| {
         it.textures.grid = 256;
         it.textures.backend = TextureBackend::Auto;
     }),
-    Stage::bare("one-cluster").with(|it, _| it.clusters = 1),
-    Stage::bare("16-clusters").with(|it, _| it.clusters = 16),
+    Stage::bare("one-cluster").with(|it, _| it.search.clusters = 1),
+    Stage::bare("16-clusters").with(|it, _| it.search.clusters = 16),
     Stage::bare("hierarchy").on(BALL),
-    Stage::bare("error").on(BALL).with(|it, radius| it.error = 0.025 * radius),
+    Stage::bare("error").on(BALL).with(|it, radius| it.detail.error = 0.025 * radius),
     Stage::bare("plate").on(PLATE),
     Stage { textured: true, ..Stage::bare("texture").on(PLATE) },
     Stage {
         textured: true,
         ..Stage::bare("texture-auto").on(PLATE).with(|it, _| it.textures.backend = TextureBackend::Auto)
     },
-    Stage::bare("defaults").with(|it, _| (it.braking, it.proxy) = (true, true)),
-    Stage::bare("defaults-hierarchy").on(BALL).with(|it, _| (it.braking, it.proxy) = (true, true)),
+    Stage::bare("defaults").with(|it, _| (it.search.braking, it.search.proxy) = (true, true)),
+    Stage::bare("defaults-hierarchy")
+        .on(BALL)
+        .with(|it, _| (it.search.braking, it.search.proxy) = (true, true)),
 ];
 
 fn main() -> Result<(), Failure> {
@@ -185,7 +188,10 @@ fn renderer(stage: &Stage, folder: &str) -> Result<(HapticRenderer, DVec3), Fail
         // The probe and the object are symmetrical.
         Second::Touching => scene.with(object, Pose::from_translation(2.0 * touch)),
     };
-    let mut settings = Settings { braking: false, proxy: false, ..Settings::default() };
+    let mut settings = Settings {
+        search: SearchSettings { braking: false, proxy: false, ..SearchSettings::default() },
+        ..Settings::default()
+    };
     (stage.set)(&mut settings, radius);
     let device = Emulation::default().open(IntendedPath::function(move |time| motion(touch, time)))?;
     Ok((HapticRenderer::new(probe, scene, Box::new(device), settings)?, touch))
@@ -217,7 +223,7 @@ fn counted_clustering(clustering: &mut Clustering, contacts: &[PatchContact], po
 fn steps(stage: &Stage, count: u32, folder: &str) -> Result<(), Failure> {
     let (mut renderer, touch) = renderer(stage, folder)?;
     let mut watch = stage.watched.then(|| renderer.watch());
-    let clusters = renderer.settings().clusters;
+    let clusters = renderer.settings().search.clusters;
     let (mut haptic, mut contact, device) = renderer.into_loops();
     let mut clustering = Clustering::new(clusters);
     let mut state = {

@@ -51,7 +51,7 @@ pub fn open_device_for(
         None => {
             let specification = &hand.emulation.specification;
             let placement = HandlePlacement::new(settings, probe, specification);
-            let reach = specification.workspace_radius * settings.workspace_scale;
+            let reach = specification.workspace_radius * settings.device.workspace_scale;
             placed_path(hand.task.unwrap_or_default(), probe, scene, (&placement, reach))?
         }
     };
@@ -94,7 +94,7 @@ pub fn path(task: Task, probe: &Object, scene: &Scene) -> Result<IntendedPath, P
 /// wherever the handle is placed on the mesh. At the end of the path it stays.
 pub fn mesh_path(path: MotionPath, settings: &Settings, placement: HandlePlacement) -> IntendedPath {
     let at_origin = HandlePlacement::holding(settings, DVec3::ZERO);
-    let arm = placement.handle() / settings.workspace_scale;
+    let arm = placement.handle() / settings.device.workspace_scale;
     let mut segment = 0;
     IntendedPath::function(move |time| {
         let PathPoint { pose, twist, .. } = path.at_near(time, &mut segment);
@@ -170,12 +170,16 @@ mod tests {
     use palpate_device::{Interpolation, Keyframe};
 
     use super::*;
+    use crate::settings::DeviceSettings;
 
     /// Wherever the handle is, the mesh goes where the file has it, and the handle as fast as it gets there.
     #[test]
     fn a_path_of_the_mesh_is_followed_with_any_handle() {
         let frame = Pose::new(DVec3::new(0.2, -0.1, 0.3), DQuat::from_rotation_z(0.4));
-        let settings = Settings { workspace_scale: 2.0, device_frame: frame, ..Settings::default() };
+        let settings = Settings {
+            device: DeviceSettings { workspace_scale: 2.0, frame, ..DeviceSettings::default() },
+            ..Settings::default()
+        };
         let keyframe = |index: u32| {
             let time = 0.1 * f64::from(index);
             let pose =

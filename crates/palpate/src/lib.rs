@@ -21,7 +21,7 @@ pub mod guide;
 mod haptic;
 mod run;
 mod scene;
-mod settings;
+pub mod settings;
 mod telemetry;
 mod tool;
 
@@ -63,10 +63,7 @@ pub use scene::object::{NamedMesh, Object, OpenError, OpenOptions, open_mesh};
 pub use scene::placement::HandlePlacement;
 pub use scene::size::UnitsError;
 pub use scene::{Placed, Scene};
-pub use settings::gripper::GripperSettings;
-pub use settings::{
-    ContactSearch, HandlePlace, Settings, SettingsError, TextureBackend, TextureDerivatives, TextureSettings,
-};
+pub use settings::Settings;
 pub use telemetry::hinged_record::HingedRecord;
 pub use telemetry::record::Recorded;
 pub use telemetry::record::{Record, RecordWriter};

@@ -3,44 +3,44 @@
 use palpate::Settings;
 use serde_json::Value;
 
-/// The unit of each setting by the name of its field; those of textures behind a dot. Empty for numbers without one.
+/// Unit of each setting, by its group and field. Empty for numbers without a unit.
 const UNITS: [(&str, &str); 36] = [
-    ("rate", "Hz"),
-    ("mass", "kg"),
-    ("contact_stiffness", "N/m"),
-    ("contact_damping", "N·s/m"),
-    ("friction", ""),
-    ("static_friction", ""),
-    ("coupling_stiffness", "N/m"),
-    ("coupling_damping", "N·s/m"),
-    ("angular_stiffness", "N·m/rad"),
-    ("angular_damping", "N·m·s/rad"),
-    ("tolerance", "m"),
-    ("search", ""),
-    ("representative_error", "m"),
-    ("error", "m"),
-    ("interpolation", ""),
-    ("query_budget", "s"),
-    ("clusters", ""),
-    ("braking", ""),
-    ("proxy", ""),
+    ("timing.rate", "Hz"),
+    ("tool.mass", "kg"),
+    ("contact.stiffness", "N/m"),
+    ("contact.damping", "N·s/m"),
+    ("contact.friction", ""),
+    ("contact.static_friction", ""),
+    ("coupling.stiffness", "N/m"),
+    ("coupling.damping", "N·s/m"),
+    ("coupling.angular_stiffness", "N·m/rad"),
+    ("coupling.angular_damping", "N·m·s/rad"),
+    ("search.tolerance", "m"),
+    ("search.method", ""),
+    ("search.representative_error", "m"),
+    ("detail.error", "m"),
+    ("detail.interpolation", ""),
+    ("detail.query_budget", "s"),
+    ("search.clusters", ""),
+    ("search.braking", ""),
+    ("search.proxy", ""),
     ("textures.grid", "texels"),
     ("textures.half_size", "m"),
     ("textures.temperature", "m"),
     ("textures.derivatives", ""),
     ("textures.backend", ""),
-    ("grasp", "m, quaternion"),
-    ("handle", ""),
-    ("contact_timeout", "s"),
-    ("integrator", ""),
-    ("engagement", "s"),
-    ("workspace_scale", ""),
-    ("device_frame", "m, quaternion"),
-    ("clutch_button", ""),
-    ("force_slew", "N/s"),
-    ("torque_slew", "N·m/s"),
-    ("passivity_controller", ""),
-    ("unusual_size", ""),
+    ("tool.grasp", "m, quaternion"),
+    ("tool.handle", ""),
+    ("timing.contact_timeout", "s"),
+    ("tool.integrator", ""),
+    ("timing.engagement", "s"),
+    ("device.workspace_scale", ""),
+    ("device.frame", "m, quaternion"),
+    ("device.clutch_button", ""),
+    ("output.force_slew", "N/s"),
+    ("output.torque_slew", "N·m/s"),
+    ("output.passivity_controller", ""),
+    ("tool.unusual_size", ""),
 ];
 
 /// A row a setting.
@@ -85,16 +85,14 @@ fn short(number: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use palpate::settings::CouplingSettings;
 
     #[test]
     fn each_setting_has_a_row() {
         let values = serde_json::to_value(Settings::default()).expect("JSON");
         let mut fields: Vec<String> = Vec::new();
-        for (name, value) in values.as_object().expect("fields") {
-            match value.as_object().filter(|_| name == "textures") {
-                Some(inner) => fields.extend(inner.keys().map(|field| format!("{name}.{field}"))),
-                None => fields.push(name.clone()),
-            }
+        for (group, values) in values.as_object().expect("groups") {
+            fields.extend(values.as_object().expect("fields").keys().map(|field| format!("{group}.{field}")));
         }
         for field in &fields {
             assert!(UNITS.iter().any(|(name, _)| name == field), "{field}: give its unit in UNITS");
@@ -104,13 +102,16 @@ mod tests {
 
     #[test]
     fn values_are_short_and_have_units() {
-        let settings = Settings { coupling_stiffness: Some(1_234.567_89), ..Settings::default() };
+        let settings = Settings {
+            coupling: CouplingSettings { stiffness: Some(1_234.567_89), ..CouplingSettings::default() },
+            ..Settings::default()
+        };
         let rows = rows(&settings);
         let value = |name: &str| &rows.iter().find(|(label, _)| label == name).expect(name).1;
-        assert_eq!(value("rate"), "1000 Hz");
-        assert_eq!(value("coupling stiffness"), "1234.57 N/m");
+        assert_eq!(value("timing: rate"), "1000 Hz");
+        assert_eq!(value("coupling: stiffness"), "1234.57 N/m");
         assert_eq!(value("textures: grid"), "50 texels");
-        assert_eq!(value("clutch button"), "none");
-        assert_eq!(value("proxy"), "on");
+        assert_eq!(value("device: clutch button"), "none");
+        assert_eq!(value("search: proxy"), "on");
     }
 }

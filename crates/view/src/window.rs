@@ -85,7 +85,7 @@ pub fn show<E: Send>(
     let settings = *renderer.settings();
     let placement = HandlePlacement::new(&settings, renderer.probe(), renderer.device().specification());
     let shared = Shared {
-        live: Mutex::new(Live::new(renderer.device().specification(), 1.0 / settings.rate)),
+        live: Mutex::new(Live::new(renderer.device().specification(), 1.0 / settings.timing.rate)),
         screenshot: Arc::default(),
         running: AtomicBool::new(true),
     };
@@ -409,12 +409,16 @@ mod tests {
     use palpate::device::Emulation;
 
     use super::*;
+    use palpate::settings::DeviceSettings;
 
     /// The mouse moves the hand in the world, whatever the mapping to the device.
     #[test]
     fn a_hand_is_moved_in_the_world() {
         let device_frame = Pose::new(DVec3::X, DQuat::from_rotation_z(0.7));
-        let settings = Settings { workspace_scale: 4.0, device_frame, ..Settings::default() };
+        let settings = Settings {
+            device: DeviceSettings { workspace_scale: 4.0, frame: device_frame, ..DeviceSettings::default() },
+            ..Settings::default()
+        };
         let probe = Object::model("lower-jaw@3000").expect("a model");
         let specification = Emulation::default().specification;
         let placement = HandlePlacement::new(&settings, &probe, &specification);

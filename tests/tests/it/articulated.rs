@@ -4,10 +4,10 @@ use allocation_counter::measure;
 use palpate::device::{DeviceState, Emulation, Status};
 use palpate::dynamics::JointError;
 use palpate::glam::{DQuat, DVec3};
+use palpate::settings::{ContactSettings, GripperSettings, SearchSettings, TimingSettings, ToolSettings};
 use palpate::{
-    ContactTiming, GripperSettings, HapticRenderer, Hinged, HingedRecord, HingedTool, IntegratorKind,
-    LockstepSession, Pose, Recorded as _, RendererError, Scene, SceneId, Settings, ToolBody, ToolError,
-    Twist,
+    ContactTiming, HapticRenderer, Hinged, HingedRecord, HingedTool, IntegratorKind, LockstepSession, Pose,
+    Recorded as _, RendererError, Scene, SceneId, Settings, ToolBody, ToolError, Twist,
 };
 use palpate_tests::{FreeBody, model, smooth};
 
@@ -39,10 +39,10 @@ fn device(opening: f64) -> DeviceState {
 
 fn settings() -> Settings {
     Settings {
-        contact_stiffness: 10_000.0,
-        tolerance: Some(TOLERANCE),
-        grasp: Some(Pose::IDENTITY),
-        engagement: 0.05,
+        contact: ContactSettings { stiffness: 10_000.0, ..ContactSettings::default() },
+        search: SearchSettings { tolerance: Some(TOLERANCE), ..SearchSettings::default() },
+        tool: ToolSettings { grasp: Some(Pose::IDENTITY), ..ToolSettings::default() },
+        timing: TimingSettings { engagement: 0.05, ..TimingSettings::default() },
         ..Settings::default()
     }
 }
@@ -161,7 +161,8 @@ fn at_rest_nothing_moves() {
 #[test]
 fn what_is_free_is_held_and_taken_along() {
     let (mass, dt) = (0.05, 1e-3);
-    let settings = Settings { friction: 0.8, ..settings() };
+    let settings =
+        Settings { contact: ContactSettings { friction: 0.8, ..settings().contact }, ..settings() };
     let scene = with_ellipsoid();
     let mut renderer = renderer_with(&scene, &settings, &GripperSettings::default());
     let (mut editor, mut reactions) = (renderer.scene_editor(), renderer.reactions());
@@ -200,7 +201,7 @@ fn what_is_free_is_held_and_taken_along() {
 
 /// What the hand feels when it pulls the closed forceps sideways by 2 mm, N.
 fn pulled(friction: f64) -> f64 {
-    let settings = Settings { friction, ..settings() };
+    let settings = Settings { contact: ContactSettings { friction, ..settings().contact }, ..settings() };
     let renderer = renderer_with(&with_ellipsoid(), &settings, &GripperSettings::default());
     let mut session = renderer.lockstep(ContactTiming::busy(500.0));
     close(&mut session, OPEN, 0.0, 0.6);
@@ -316,10 +317,14 @@ fn tools_and_settings_that_cannot_be_are_refused() {
     assert!(matches!(refused, Err(RendererError::Tool(ToolError::Joint(JointError::Limits { .. })))));
     let tool = HingedTool { masses: [0.01, 0.0], ..forceps() };
     assert!(matches!(new(&tool, &settings(), &usual), Err(RendererError::Tool(ToolError::Body { .. }))));
-    let other = Settings { integrator: IntegratorKind::RungeKutta4, ..settings() };
+    let other = Settings {
+        tool: ToolSettings { integrator: IntegratorKind::RungeKutta4, ..settings().tool },
+        ..settings()
+    };
     let refused = new(&forceps(), &other, &usual).expect_err("an error").to_string();
     assert!(refused.contains("hinge"), "{refused}");
-    let wide = Settings { tolerance: Some(1.0), ..settings() };
+    let wide =
+        Settings { search: SearchSettings { tolerance: Some(1.0), ..settings().search }, ..settings() };
     assert!(matches!(new(&forceps(), &wide, &usual), Err(RendererError::Tool(ToolError::Settings(_)))));
     let nan = GripperSettings { stiffness: Some(f64::NAN), ..usual };
     assert!(matches!(new(&forceps(), &settings(), &nan), Err(RendererError::Tool(ToolError::Settings(_)))));

@@ -7,6 +7,9 @@ use std::collections::VecDeque;
 
 use palpate::device::{Emulation, Interpolation, Keyframe, MotionPath};
 use palpate::glam::{DQuat, DVec3};
+use palpate::settings::{
+    ContactSettings, CouplingSettings, DetailSettings, DeviceSettings, SearchSettings, ToolSettings,
+};
 use palpate::{HapticRenderer, Object, Pose, Scene, Settings};
 use palpate_tests::{first_touch, model, smooth};
 
@@ -62,8 +65,11 @@ fn render(probe: &Object, scene: &Object, settings: Settings, task: &Task, rate:
     let touch = first_touch(probe, scene);
     let placed = Scene::new().with(scene.clone(), Pose::IDENTITY);
     // The touch is where it is in the world, whatever the scale.
-    let scale = settings.workspace_scale;
-    let settings = Settings { device_frame: Pose::from_translation(touch * (1.0 - scale)), ..settings };
+    let scale = settings.device.workspace_scale;
+    let settings = Settings {
+        device: DeviceSettings { frame: Pose::from_translation(touch * (1.0 - scale)), ..settings.device },
+        ..settings
+    };
     let device = Emulation::default().open(intended(touch, task)).expect("an emulation");
     let renderer = HapticRenderer::new(probe.clone(), placed, Box::new(device), settings).expect("a session");
     let (mut haptic, mut contact, mut device) = renderer.into_loops();
@@ -110,11 +116,14 @@ fn spoon_in_cup_is_shallow_and_quiet() {
     for (mass, contact_stiffness, bound) in [(0.01, 2e3, 6e-4), (0.1, 1e4, 2e-4), (0.01, 1e4, 2e-4)] {
         for rate in [1000.0, 500.0, 200.0] {
             let settings = Settings {
-                mass,
-                contact_stiffness,
-                coupling_stiffness: Some(200.0),
-                angular_stiffness: Some(0.6),
-                tolerance: Some(1e-4),
+                tool: ToolSettings { mass, ..ToolSettings::default() },
+                contact: ContactSettings { stiffness: contact_stiffness, ..ContactSettings::default() },
+                coupling: CouplingSettings {
+                    stiffness: Some(200.0),
+                    angular_stiffness: Some(0.6),
+                    ..CouplingSettings::default()
+                },
+                search: SearchSettings { tolerance: Some(1e-4), ..SearchSettings::default() },
                 ..Settings::default()
             };
             let seen = render(&spoon, &cup, settings, &task, rate, false);
@@ -132,12 +141,12 @@ fn spoon_in_cup_is_shallow_and_quiet() {
 fn jaws_stay_in_place_at_slow_contact_rates_by_the_linearised_model_alone() {
     let (upper, lower) = (model("upper-jaw@5000"), model("lower-jaw@5000"));
     let settings = Settings {
-        mass: 0.01,
-        contact_stiffness: 5e3,
-        coupling_stiffness: Some(500.0),
-        workspace_scale: 0.4,
-        error: 0.004 * upper.bounding_radius(),
-        clusters: 16,
+        tool: ToolSettings { mass: 0.01, ..ToolSettings::default() },
+        contact: ContactSettings { stiffness: 5e3, ..ContactSettings::default() },
+        coupling: CouplingSettings { stiffness: Some(500.0), ..CouplingSettings::default() },
+        device: DeviceSettings { workspace_scale: 0.4, ..DeviceSettings::default() },
+        detail: DetailSettings { error: 0.004 * upper.bounding_radius(), ..DetailSettings::default() },
+        search: SearchSettings { clusters: 16, ..SearchSettings::default() },
         ..Settings::default()
     };
     let task = Task { press: 3e-3, rub: 1e-3, twist: 0.0, frequency: 1.0 };
@@ -163,9 +172,9 @@ fn what_has_facets_comes_to_rest() {
         for (mass, tolerance) in [0.01, 0.1, 1.0].into_iter().flat_map(|m| [(m, 2e-4), (m, 5e-4), (m, 1e-3)])
         {
             let settings = Settings {
-                mass,
-                tolerance: Some(tolerance),
-                coupling_stiffness: Some(500.0),
+                tool: ToolSettings { mass, ..ToolSettings::default() },
+                search: SearchSettings { tolerance: Some(tolerance), ..SearchSettings::default() },
+                coupling: CouplingSettings { stiffness: Some(500.0), ..CouplingSettings::default() },
                 ..Settings::default()
             };
             let Seen { force, unrest, .. } = render(&probe, &scene, settings, &task, 500.0, false);

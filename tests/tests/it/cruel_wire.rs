@@ -8,6 +8,7 @@ use palpate::device::link::{LinkedDevice, Pump};
 use palpate::device::{DeviceError, DeviceState, HapticDevice, Specification, Status};
 use palpate::dynamics::{ContactParameters, Friction, LinearContactModel};
 use palpate::glam::DVec3;
+use palpate::settings::{CouplingSettings, OutputSettings, TimingSettings};
 use palpate::threads::{Role, set_up};
 use palpate::{Contact, ContactUpdate, Events, HapticLoop, HapticRenderer, Scene, Settings, Wrench};
 use palpate_tests::cruel_wire::{CruelWire, Cruelty, Findings, HandCodec, HandMotion, Sabotage, Trouble};
@@ -38,9 +39,9 @@ struct Rig {
 impl Rig {
     fn new(wire: CruelWire, device: Box<dyn HapticDevice>, period: f64) -> Self {
         let settings = Settings {
-            rate: 1.0 / period,
-            coupling_stiffness: Some(STIFFNESS),
-            force_slew: Some(SLEW),
+            timing: TimingSettings { rate: 1.0 / period, ..TimingSettings::default() },
+            coupling: CouplingSettings { stiffness: Some(STIFFNESS), ..CouplingSettings::default() },
+            output: OutputSettings { force_slew: Some(SLEW), ..OutputSettings::default() },
             ..Settings::default()
         };
         let renderer = HapticRenderer::new(model("ellipsoid@500"), Scene::new(), device, settings);

@@ -6,6 +6,7 @@ use std::sync::atomic::AtomicBool;
 
 use palpate::device::{EmulatedHand, IntendedPath};
 use palpate::glam::DVec3;
+use palpate::settings::CouplingSettings;
 use palpate::{ContactTiming, HapticRenderer, Pose, Scene, Settings, Twist};
 use palpate_tests::{first_touch, model, smooth};
 
@@ -54,7 +55,10 @@ fn a_late_device_is_quiet_with_the_coupling_that_is_chosen_for_it() {
 
 #[test]
 fn the_coupling_of_a_device_without_delay_swings_on_a_late_one() {
-    let early = Settings { coupling_stiffness: Some(400.0), ..Settings::default() };
+    let early = Settings {
+        coupling: CouplingSettings { stiffness: Some(400.0), ..CouplingSettings::default() },
+        ..Settings::default()
+    };
     let (swing, mean) =
         press("emulated:premium-1.5,delay=5e-3,hand=none,hand.stiffness=100,handle.friction=0", early);
     assert!(swing > 0.5, "{swing} N about {mean} N");

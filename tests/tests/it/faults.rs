@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 use palpate::device::{DeviceState, Emulation, Status};
 use palpate::dynamics::{ContactParameters, Friction, LinearContactModel};
 use palpate::glam::{DQuat, DVec3};
+use palpate::settings::{CouplingSettings, OutputSettings, TimingSettings};
 use palpate::{
     Contact, ContactUpdate, ENERGY_BOUND, HapticLoop, HapticRenderer, Invariant, Pose, Record, Scene,
     Settings, Twist, Wrench,
@@ -275,8 +276,14 @@ fn a_hand_that_moved_before_the_first_step_does_not_drag_the_object() {
 #[test]
 fn a_force_that_is_kept_up_falls_to_what_the_device_stands() {
     let continuous = Emulation::default().specification.continuous_force;
-    let mut rig =
-        Rig::on_floor(Settings { rate: 50.0, coupling_stiffness: Some(400.0), ..Settings::default() }, 0.015);
+    let mut rig = Rig::on_floor(
+        Settings {
+            timing: TimingSettings { rate: 50.0, ..TimingSettings::default() },
+            coupling: CouplingSettings { stiffness: Some(400.0), ..CouplingSettings::default() },
+            ..Settings::default()
+        },
+        0.015,
+    );
     let mut rest = |seconds: f64| {
         (0..(50.0 * seconds) as usize)
             .map(|_| {
@@ -368,7 +375,10 @@ fn an_object_that_is_stuck_comes_back_to_the_hand() {
 /// Fault 15: a small wrench is let go of as fast as the hand comes off, whatever the limit of its change.
 #[test]
 fn unloading_is_not_delayed() {
-    let settings = Settings { force_slew: Some(20.0), ..Settings::default() };
+    let settings = Settings {
+        output: OutputSettings { force_slew: Some(20.0), ..OutputSettings::default() },
+        ..Settings::default()
+    };
     let mut rig = Rig::on_floor(settings, 3e-3);
     let before = rig.rest(1000, DVec3::ZERO).coupling.force.z;
     assert!(before > 0.5 && before < 0.2 * PEAK, "{before} N");

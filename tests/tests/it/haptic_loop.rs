@@ -6,9 +6,8 @@ use std::sync::{Arc, Mutex};
 use palpate::device::{Axes, DeviceError, DeviceState, Emulation, HapticDevice, Specification, Status};
 use palpate::dynamics::{ContactParameters, Friction, LinearContactModel};
 use palpate::glam::{DQuat, DVec3};
-use palpate::{
-    Contact, ContactUpdate, HandlePlace, HapticLoop, HapticRenderer, Pose, Scene, Settings, Twist, Wrench,
-};
+use palpate::settings::{CouplingSettings, HandlePlace, TimingSettings, ToolSettings};
+use palpate::{Contact, ContactUpdate, HapticLoop, HapticRenderer, Pose, Scene, Settings, Twist, Wrench};
 use palpate_tests::{model, smooth};
 
 const PERIOD: f64 = 1e-3;
@@ -94,11 +93,13 @@ fn the_wrench_at_the_device_does_the_work_of_the_coupling() {
     // Held 7 cm from the device's origin by a spring without couple: a pure force at the grasp.
     let grasp = Pose::new(DVec3::new(0.03, -0.06, 0.02), DQuat::from_rotation_z(1.0));
     let settings = Settings {
-        grasp: Some(grasp),
-        handle: HandlePlace::MeshOrigin,
-        angular_stiffness: Some(0.0),
-        angular_damping: Some(0.0),
-        engagement: 0.0,
+        tool: ToolSettings { grasp: Some(grasp), handle: HandlePlace::MeshOrigin, ..ToolSettings::default() },
+        coupling: CouplingSettings {
+            angular_stiffness: Some(0.0),
+            angular_damping: Some(0.0),
+            ..CouplingSettings::default()
+        },
+        timing: TimingSettings { engagement: 0.0, ..TimingSettings::default() },
         ..Settings::default()
     };
     let mut haptic = haptic_loop(specification(), settings);
@@ -131,7 +132,10 @@ fn the_wrench_at_the_device_does_the_work_of_the_coupling() {
 
 #[test]
 fn the_wrench_keeps_to_what_the_device_renders() {
-    let settings = Settings { coupling_stiffness: Some(2000.0), ..Settings::default() };
+    let settings = Settings {
+        coupling: CouplingSettings { stiffness: Some(2000.0), ..CouplingSettings::default() },
+        ..Settings::default()
+    };
     let mut free = haptic_loop(specification(), settings);
     let mut weak = specification();
     weak.peak_force = 0.05;
@@ -158,7 +162,10 @@ fn the_wrench_keeps_to_what_the_device_renders() {
 
 #[test]
 fn an_overdue_contact_model_fades_the_wrench_out_and_in() {
-    let settings = Settings { contact_timeout: 0.1, ..Settings::default() };
+    let settings = Settings {
+        timing: TimingSettings { contact_timeout: 0.1, ..TimingSettings::default() },
+        ..Settings::default()
+    };
     let mut fresh = haptic_loop(specification(), settings);
     let mut late = fresh.clone();
     for step in 1..=600 {
@@ -188,7 +195,13 @@ fn an_overdue_contact_model_fades_the_wrench_out_and_in() {
 
 #[test]
 fn a_session_without_any_contact_model_fades_out() {
-    let mut haptic = haptic_loop(specification(), Settings { contact_timeout: 0.05, ..Settings::default() });
+    let mut haptic = haptic_loop(
+        specification(),
+        Settings {
+            timing: TimingSettings { contact_timeout: 0.05, ..TimingSettings::default() },
+            ..Settings::default()
+        },
+    );
     let mut felt = false;
     for step in 1..=300 {
         // A host's clock need not start at zero.
@@ -205,7 +218,10 @@ fn a_lost_device_gets_no_wrench_and_a_found_one_gets_it_back_slowly() {
     let mut device = Circling::new(specification());
     device.lost = 100..110;
     let written = Arc::clone(&device.written);
-    let settings = Settings { engagement: 0.1, ..Settings::default() };
+    let settings = Settings {
+        timing: TimingSettings { engagement: 0.1, ..TimingSettings::default() },
+        ..Settings::default()
+    };
     let mut haptic = haptic_loop(specification(), settings);
     // The same with a host that holds the last good pose itself.
     let mut holding = haptic.clone();
@@ -285,7 +301,10 @@ fn steps_that_cannot_be_taken_send_nothing() {
 fn pressed_on_a_contact_the_hand_is_pushed_back() {
     // A floor under the held object, 1 mm higher than its lowest point would be: force up, on object and hand alike.
     // Held where the handle is: a lever of a micrometre makes the coupling softer by less than a ten-thousandth.
-    let held = Settings { grasp: Some(Pose::IDENTITY), ..Settings::default() };
+    let held = Settings {
+        tool: ToolSettings { grasp: Some(Pose::IDENTITY), ..ToolSettings::default() },
+        ..Settings::default()
+    };
     let mut haptic = haptic_loop(specification(), held);
     let pose = circling(0.0).0;
     let device = DeviceState { twist: Twist::ZERO, ..state(0.0) };

@@ -6,9 +6,8 @@ use std::sync::atomic::AtomicBool;
 
 use palpate::device::{Emulation, Hand, IntendedPath};
 use palpate::glam::{DQuat, DVec3};
-use palpate::{
-    ContactTiming, HandlePlace, HapticRenderer, Object, Pose, Record, Scene, Settings, TriMesh, Twist,
-};
+use palpate::settings::{HandlePlace, ToolSettings};
+use palpate::{ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Settings, TriMesh, Twist};
 
 const SECONDS: f64 = 4.0;
 /// The hand is disturbed from here on, for so long; what is judged begins a second later.
@@ -70,7 +69,10 @@ fn left_over(records: &[Record]) -> (f64, f64) {
 fn an_object_held_by_a_long_lever_does_not_swing_by_itself() {
     for lever in [0.0, 0.05, 0.1, 0.2] {
         for mass in [0.01, 0.1, 1.0, 3.0] {
-            let settings = Settings { mass, handle: HandlePlace::MeshOrigin, ..Settings::default() };
+            let settings = Settings {
+                tool: ToolSettings { mass, handle: HandlePlace::MeshOrigin, ..ToolSettings::default() },
+                ..Settings::default()
+            };
             let records = hold(cube(0.04, DVec3::X * lever), Scene::new(), settings);
             let (force, torque) = left_over(&records);
             assert!(
@@ -88,7 +90,10 @@ fn a_probe_in_wrong_units_that_is_insisted_upon_pushes_from_nowhere() {
     let below = cube(40.0, DVec3::new(44.0, 0.0, -40.3));
     let scene = Scene::new().with(below, Pose::IDENTITY);
     for handle in [HandlePlace::Grasp, HandlePlace::MeshOrigin] {
-        let settings = Settings { handle, unusual_size: true, ..Settings::default() };
+        let settings = Settings {
+            tool: ToolSettings { handle, unusual_size: true, ..ToolSettings::default() },
+            ..Settings::default()
+        };
         let records = hold(probe.clone(), scene.clone(), settings);
         let largest = records.iter().map(|row| row.coupling.force.length()).fold(0.0, f64::max);
         assert!(largest < 0.2, "{handle:?}: {largest} N without contact");

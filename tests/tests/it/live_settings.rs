@@ -4,8 +4,11 @@ use std::sync::LazyLock;
 
 use palpate::device::{DeviceState, Emulation, IntendedPath, Status};
 use palpate::glam::DVec3;
+use palpate::settings::{
+    ContactSearch, ContactSettings, CouplingSettings, DetailSettings, LiveSettings, SearchSettings,
+};
 use palpate::{
-    ContactLoop, ContactSearch, HapticLoop, HapticRenderer, Object, Pose, Scene, Settings, SettingsEditError,
+    ContactLoop, HapticLoop, HapticRenderer, Object, Pose, Scene, Settings, SettingsEditError,
     SettingsEditor, Twist,
 };
 use palpate_tests::model;
@@ -69,18 +72,19 @@ fn below(probe: &Object, object: &Object) -> Pose {
 #[test]
 fn gains_go_over_smoothly() {
     // Without a proxy, and without friction, what is felt at rest does not depend on the way there.
-    let soft = Settings { proxy: false, ..Settings::default() };
+    let soft = Settings {
+        search: SearchSettings { proxy: false, ..SearchSettings::default() },
+        ..Settings::default()
+    };
     let stiff = Settings {
-        contact_stiffness: 6000.0,
-        contact_damping: Some(40.0),
-        coupling_stiffness: Some(1000.0),
-        angular_stiffness: Some(1.0),
+        contact: ContactSettings { stiffness: 6000.0, damping: Some(40.0), ..soft.contact },
+        coupling: CouplingSettings { stiffness: Some(1000.0), angular_stiffness: Some(1.0), ..soft.coupling },
         ..soft
     };
     for (from, to) in [(soft, stiff), (stiff, soft)] {
         let mut rig = Rig::new(from);
         let before = rig.rest();
-        rig.settings.set(to).expect("settings");
+        rig.settings.set(to.live()).expect("settings");
         assert_eq!(rig.settings.settings(), to);
         let forces = rig.run(1000);
         let after = forces[forces.len() - 1];
@@ -100,12 +104,15 @@ fn gains_go_over_smoothly() {
 /// Detail that is to be left out, or felt again, comes and goes smoothly as well.
 #[test]
 fn detail_goes_over_smoothly() {
-    let fine = Settings { search: ContactSearch::Levels, proxy: false, ..Settings::default() };
-    let coarse = Settings { error: 2e-4, ..fine };
+    let fine = Settings {
+        search: SearchSettings { method: ContactSearch::Levels, proxy: false, ..SearchSettings::default() },
+        ..Settings::default()
+    };
+    let coarse = Settings { detail: DetailSettings { error: 2e-4, ..fine.detail }, ..fine };
     for (from, to) in [(fine, coarse), (coarse, fine)] {
         let mut rig = Rig::new(from);
         let before = rig.rest();
-        rig.settings.set(to).expect("settings");
+        rig.settings.set(to.live()).expect("settings");
         let forces = rig.run(2000);
         let after = forces[forces.len() - 1];
         let wanted = Rig::new(to).rest();
@@ -122,26 +129,22 @@ fn detail_goes_over_smoothly() {
 /// What cannot change says so, and nothing changes then.
 #[test]
 fn what_cannot_change_is_refused() {
-    let mut rig = Rig::new(Settings { search: ContactSearch::Representatives, ..Settings::default() });
+    let mut rig = Rig::new(Settings {
+        search: SearchSettings { method: ContactSearch::Representatives, ..SearchSettings::default() },
+        ..Settings::default()
+    });
     let made = rig.settings.settings();
-    for (name, settings) in [
-        ("rate", Settings { rate: 500.0, ..made }),
-        ("mass", Settings { mass: 0.2, ..made }),
-        ("tolerance", Settings { tolerance: Some(1e-4), ..made }),
-        ("workspace_scale", Settings { workspace_scale: 2.0, ..made }),
-        // Contacts found in fields have no detail to leave out.
-        ("error", Settings { error: 1e-4, ..made }),
-    ] {
-        let refused = rig.settings.set(settings).expect_err(name);
-        assert!(matches!(refused, SettingsEditError::Fixed(which) if which == name), "{refused}");
-        assert!(refused.to_string().contains(name), "{refused}");
-    }
-    let refused =
-        rig.settings.set(Settings { contact_stiffness: f64::NAN, ..made }).expect_err("not a number");
+    // Contacts found in fields have no detail to leave out.
+    let coarse = DetailSettings { error: 1e-4, ..made.detail };
+    let refused = rig.settings.set(LiveSettings { detail: coarse, ..made.live() }).expect_err("no detail");
+    assert!(matches!(refused, SettingsEditError::Detail), "{refused}");
+    assert!(refused.to_string().contains("detail.error"), "{refused}");
+    let contact = ContactSettings { stiffness: f64::NAN, ..made.contact };
+    let refused = rig.settings.set(LiveSettings { contact, ..made.live() }).expect_err("not a number");
     assert!(refused.to_string().contains("contact-stiffness"), "{refused}");
     assert_eq!(rig.settings.settings(), made);
-    let full = (0..1000).find_map(|_| rig.settings.set(made).err());
+    let full = (0..1000).find_map(|_| rig.settings.set(made.live()).err());
     assert!(matches!(full, Some(SettingsEditError::Full)), "{full:?}");
     rig.run(1);
-    rig.settings.set(made).expect("room again");
+    rig.settings.set(made.live()).expect("room again");
 }

@@ -3,6 +3,7 @@
 use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
 
+use palpate::settings::{CouplingSettings, SearchSettings, TimingSettings, ToolSettings};
 use palpate::{ContactTiming, HapticRenderer, Pose, Record, RecordWriter, Scene, Session, Settings, explore};
 use palpate_tests::model;
 
@@ -102,7 +103,10 @@ fn queries_that_take_longer_than_their_slot_are_counted() {
     // Two balls inside each other: a query takes far longer than its slot of 50 µs.
     let device =
         Box::new(palpate::device::Emulation::default().open(Pose::IDENTITY).expect("emulated device"));
-    let settings = Settings { rate: 20_000.0, ..Settings::default() };
+    let settings = Settings {
+        timing: TimingSettings { rate: 20_000.0, ..TimingSettings::default() },
+        ..Settings::default()
+    };
     let renderer = HapticRenderer::new(ball, scene, device, settings).expect("renderer");
     let sink = |_: &Record| Ok::<_, Infallible>(());
     let session = renderer.run_lockstep(1e-3, ContactTiming::busy(20_000.0), &AtomicBool::new(false), sink);
@@ -128,7 +132,8 @@ fn a_replayed_probe_comes_where_its_path_says() {
     std::fs::write(&file, text).expect("temporary file");
     let scene = Scene::new();
     let device = explore::open_device(&format!("replay:{}", file.display()), &probe, &scene).expect("replay");
-    let settings = Settings { mass: 0.01, ..Settings::default() };
+    let settings =
+        Settings { tool: ToolSettings { mass: 0.01, ..ToolSettings::default() }, ..Settings::default() };
     let renderer = HapticRenderer::new(probe, scene, device, settings).expect("renderer");
     let mut worst: f64 = 0.0;
     renderer
@@ -179,7 +184,10 @@ fn a_tolerance_beyond_the_probe_is_refused() {
     let probe = model("ellipsoid@500");
     let scene = Scene::new();
     let device = explore::open_device("emulated", &probe, &scene).expect("emulated device");
-    let settings = Settings { tolerance: Some(1.0), ..Settings::default() };
+    let settings = Settings {
+        search: SearchSettings { tolerance: Some(1.0), ..SearchSettings::default() },
+        ..Settings::default()
+    };
     let error = HapticRenderer::new(probe, scene, device, settings).err().expect("a metre is no tolerance");
     assert!(error.to_string().starts_with("tolerance is 1;"), "{error}");
 }
@@ -187,13 +195,52 @@ fn a_tolerance_beyond_the_probe_is_refused() {
 #[test]
 fn bad_settings_are_refused_by_name() {
     for (settings, name) in [
-        (Settings { mass: 0.0, ..Settings::default() }, "mass"),
-        (Settings { mass: f64::NAN, ..Settings::default() }, "mass"),
-        (Settings { rate: 0.0, ..Settings::default() }, "rate"),
-        (Settings { clusters: 0, ..Settings::default() }, "clusters"),
-        (Settings { clusters: 17, ..Settings::default() }, "clusters"),
-        (Settings { tolerance: Some(0.0), ..Settings::default() }, "tolerance"),
-        (Settings { coupling_stiffness: Some(-1.0), ..Settings::default() }, "coupling-stiffness"),
+        (
+            Settings { tool: ToolSettings { mass: 0.0, ..ToolSettings::default() }, ..Settings::default() },
+            "mass",
+        ),
+        (
+            Settings {
+                tool: ToolSettings { mass: f64::NAN, ..ToolSettings::default() },
+                ..Settings::default()
+            },
+            "mass",
+        ),
+        (
+            Settings {
+                timing: TimingSettings { rate: 0.0, ..TimingSettings::default() },
+                ..Settings::default()
+            },
+            "rate",
+        ),
+        (
+            Settings {
+                search: SearchSettings { clusters: 0, ..SearchSettings::default() },
+                ..Settings::default()
+            },
+            "clusters",
+        ),
+        (
+            Settings {
+                search: SearchSettings { clusters: 17, ..SearchSettings::default() },
+                ..Settings::default()
+            },
+            "clusters",
+        ),
+        (
+            Settings {
+                search: SearchSettings { tolerance: Some(0.0), ..SearchSettings::default() },
+                ..Settings::default()
+            },
+            "tolerance",
+        ),
+        (
+            Settings {
+                coupling: CouplingSettings { stiffness: Some(-1.0), ..CouplingSettings::default() },
+                ..Settings::default()
+            },
+            "coupling-stiffness",
+        ),
     ] {
         let error = settings.check().expect_err(name);
         assert!(error.to_string().starts_with(name), "{error}");

@@ -3,6 +3,7 @@
 use palpate::device::{DeviceState, Emulation, IntendedPath, Status};
 use palpate::dynamics::BodyState;
 use palpate::glam::{DMat3, DVec3};
+use palpate::settings::{ContactSettings, SearchSettings, ToolSettings};
 use palpate::{
     ContactLoop, EditError, HapticLoop, HapticRenderer, Mobility, Object, Pose, Reactions, Record, Scene,
     SceneEditor, SceneId, Settings, Twist,
@@ -98,7 +99,12 @@ fn forces_of_lifting(proxy: bool, block_moves: bool) -> (Vec<f64>, f64) {
         move |time: f64| (Pose::from_translation(-velocity * time), Twist::new(-velocity, DVec3::ZERO));
     let hand: Hand = if block_moves { Box::new(still) } else { Box::new(down) };
     let scene = Scene::new().with(plate, start);
-    let mut rig = Rig::new(probe, scene, Settings { proxy, ..Settings::default() }, hand);
+    let mut rig = Rig::new(
+        probe,
+        scene,
+        Settings { search: SearchSettings { proxy, ..SearchSettings::default() }, ..Settings::default() },
+        hand,
+    );
     let stiffness = rig.haptic.coupling().linear_stiffness;
     let forces = (0..LIFTED_FOR)
         .map(|_| {
@@ -139,7 +145,10 @@ fn a_plate_that_slides_below_drags_the_probe_along() {
     let (probe, plate) = (model("ellipsoid@500"), model("block@300"));
     let start = below(&probe, &plate, -1e-3);
     let speed = 0.02;
-    let settings = Settings { friction: 0.5, ..Settings::default() };
+    let settings = Settings {
+        contact: ContactSettings { friction: 0.5, ..ContactSettings::default() },
+        ..Settings::default()
+    };
     let dragged = |every: u32, moves: bool| {
         let scene = Scene::new().with(plate.clone(), start);
         let mut rig = Rig::new(probe.clone(), scene, settings, still);
@@ -273,7 +282,11 @@ fn two_hands_feel_each_other() {
         })
     };
     // Contact begins at the same distance for both.
-    let settings = Settings { tolerance: Some(2e-4), grasp: Some(Pose::IDENTITY), ..Settings::default() };
+    let settings = Settings {
+        search: SearchSettings { tolerance: Some(2e-4), ..SearchSettings::default() },
+        tool: ToolSettings { grasp: Some(Pose::IDENTITY), ..ToolSettings::default() },
+        ..Settings::default()
+    };
     let mut upper = renderer(one, Scene::new(), settings, &hand(1.0));
     let mut lower = renderer(other, Scene::new(), settings, &hand(-1.0));
     upper.join(&mut lower).expect("not textured");

@@ -3,9 +3,8 @@
 use allocation_counter::measure;
 use palpate::device::Task;
 use palpate::glam::DVec3;
-use palpate::{
-    ContactSearch, HapticRenderer, Mobility, Object, Pose, Scene, SceneId, Settings, Twist, explore,
-};
+use palpate::settings::{ContactSearch, SearchSettings};
+use palpate::{HapticRenderer, Mobility, Object, Pose, Scene, SceneId, Settings, Twist, explore};
 use palpate_tests::{model, ridged_plate};
 
 /// Fewer than there are contacts at times.
@@ -20,15 +19,25 @@ fn allocations_in(work: impl FnOnce()) -> u64 {
 fn the_loops_do_not_allocate() {
     assert!(allocations_in(|| drop(std::hint::black_box(vec![1u8]))) > 0, "the counter counts");
     // More contacts than clusters at times.
-    let by_levels = Settings { search: ContactSearch::Levels, clusters: CLUSTERS, ..Settings::default() };
+    let by_levels = Settings {
+        search: SearchSettings {
+            method: ContactSearch::Levels,
+            clusters: CLUSTERS,
+            ..SearchSettings::default()
+        },
+        ..Settings::default()
+    };
     let contacts = run(&model("spoon@5000"), model("cup@5000"), 100_000, false, by_levels);
     assert!(contacts > CLUSTERS, "{contacts} contacts at most, so that nothing was tested");
     let contacts = run(&model("stylus@2000"), ridged_plate(1e-3, 5e-3), 22_000, false, by_levels);
     assert!(contacts > 0, "the stylus never touched the ridges");
     let (probe, ball) = (model("ellipsoid@500"), model("golf-ball@5000"));
     let by_fields = Settings {
-        search: ContactSearch::Representatives,
-        representative_error: Some(0.002 * probe.bounding_radius()),
+        search: SearchSettings {
+            method: ContactSearch::Representatives,
+            representative_error: Some(0.002 * probe.bounding_radius()),
+            ..by_levels.search
+        },
         ..by_levels
     };
     for settings in [by_levels, by_fields] {

@@ -6,6 +6,7 @@ use std::sync::atomic::AtomicBool;
 
 use palpate::device::{Emulation, Hand, IntendedPath};
 use palpate::glam::DVec3;
+use palpate::settings::{TimingSettings, ToolSettings};
 use palpate::{ContactTiming, HapticRenderer, Object, Pose, Scene, Session, Settings, Twist};
 use palpate_tests::model;
 
@@ -71,7 +72,11 @@ fn a_wall_is_stable_from_one_to_ten_kilohertz() {
         for rate in [1000.0, 2500.0, 5000.0, 10_000.0] {
             for mass in [1e-3, 0.1, 5.0] {
                 let context = format!("{preset} at {rate} Hz with {mass} kg");
-                let settings = Settings { rate, mass, ..Settings::default() };
+                let settings = Settings {
+                    timing: TimingSettings { rate, ..TimingSettings::default() },
+                    tool: ToolSettings { mass, ..ToolSettings::default() },
+                    ..Settings::default()
+                };
                 let (held, session) = press(preset, &probe, &wall, settings);
                 let summary = session.summary();
                 assert_eq!(summary.haptic.steps as f64, SECONDS * rate, "{context}");

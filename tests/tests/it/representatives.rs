@@ -7,9 +7,10 @@ use palpate::device::DeviceState;
 use palpate::dynamics::BodyState;
 use palpate::glam::{DQuat, DVec3};
 use palpate::representative::RepresentativeQuery;
+use palpate::settings::{ContactSearch, ContactSettings, SearchSettings, TimingSettings};
 use palpate::{
-    ContactLoop, ContactSearch, ContactTiming, HapticRenderer, Object, Pose, Record, RendererError, Scene,
-    SceneId, Session, Settings, SettingsEditError, TriMesh, Twist, explore,
+    ContactLoop, ContactTiming, HapticRenderer, Object, Pose, Record, RendererError, Scene, SceneId, Session,
+    Settings, TriMesh, Twist, explore,
 };
 use palpate_tests::{first_touch, model, ridged_plate};
 
@@ -18,8 +19,11 @@ const ERROR: f64 = 0.0015;
 
 fn settings(probe: &Object) -> Settings {
     Settings {
-        search: ContactSearch::Representatives,
-        representative_error: Some(ERROR * probe.bounding_radius()),
+        search: SearchSettings {
+            method: ContactSearch::Representatives,
+            representative_error: Some(ERROR * probe.bounding_radius()),
+            ..SearchSettings::default()
+        },
         ..Settings::default()
     }
 }
@@ -62,7 +66,7 @@ fn a_model_pushes_by_the_law() {
         let mut contacts = contact_loop(&probe, Scene::new().with(object.clone(), Pose::IDENTITY), settings);
         let update = contacts.step(&body, 0.0);
         query.run(&mesh, &Pose::IDENTITY);
-        let stiffness = settings.clusters as f64 * settings.contact_stiffness;
+        let stiffness = settings.search.clusters as f64 * settings.contact.stiffness;
         let wanted = query.wrench(&mesh, stiffness).about(body.pose.translation - mesh.translation);
         let found = update.model.wrench(&body);
         let size = wanted.force.length();
@@ -72,7 +76,7 @@ fn a_model_pushes_by_the_law() {
         pushed += 1;
         assert!(found.force.distance(wanted.force) < 1e-6 * size, "step {step}: {found:?} for {wanted:?}");
         torque_off = torque_off.max(found.torque.distance(wanted.torque) / (size * probe.bounding_radius()));
-        assert!(update.model.constraints().len() <= settings.clusters);
+        assert!(update.model.constraints().len() <= settings.search.clusters);
     }
     assert!(pushed > 20, "{pushed} poses pushed");
     assert!(torque_off < 0.05, "a lever of {torque_off} radii is missing");
@@ -87,7 +91,10 @@ fn a_session_is_the_same_each_time_and_about_that_by_levels() {
     let (_, again) = lockstep(&probe, scene.clone(), settings(&probe), 2.0);
     let same = |(one, other): (&Record, &Record)| format!("{one:?}") == format!("{other:?}");
     assert!(records.len() == again.len() && records.iter().zip(&again).all(same), "it is not the same again");
-    let levels = Settings { search: ContactSearch::Levels, ..Settings::default() };
+    let levels = Settings {
+        search: SearchSettings { method: ContactSearch::Levels, ..SearchSettings::default() },
+        ..Settings::default()
+    };
     let (levels, by_levels) = lockstep(&probe, scene, levels, 2.0);
     let stages = [session.summary().stages, levels.summary().stages]
         .map(|stages| stages["representative contacts"].clone());
@@ -130,7 +137,12 @@ fn a_face_rests_on_a_face() {
     let turn = DQuat::from_rotation_x(0.05) * DQuat::from_rotation_z(0.3);
     let held = Pose::new(DVec3::Z * 0.038, turn);
     for friction in [0.0, 0.5] {
-        let settings = Settings { friction, engagement: 0.0, clusters: 8, ..settings(&probe) };
+        let settings = Settings {
+            contact: ContactSettings { friction, ..settings(&probe).contact },
+            timing: TimingSettings { engagement: 0.0, ..settings(&probe).timing },
+            search: SearchSettings { clusters: 8, ..settings(&probe).search },
+            ..settings(&probe)
+        };
         let start = Pose::new(DVec3::Z * 0.05, turn);
         let device = explore::open_device("emulated", &probe, &scene).expect("a device");
         let renderer =
@@ -211,17 +223,16 @@ fn what_has_no_field_is_refused_or_found_by_levels() {
     let stages = with_sheet.expect("contacts are found by levels").stages();
     let why = &stages["representative contacts"];
     assert!(why.starts_with("off: sheet: its surface is not closed"), "{why}");
-    let wild = Settings { representative_error: Some(1.0), ..settings(&probe) };
+    let wild = Settings {
+        search: SearchSettings { representative_error: Some(1.0), ..settings(&probe).search },
+        ..settings(&probe)
+    };
     let refused = open(Scene::new(), wild).map(drop);
     assert!(matches!(&refused, Err(RendererError::Field(_))), "{refused:?}");
     // Added to a session, it is left out.
     let mut session = open(Scene::new(), settings(&probe)).expect("an empty scene");
     let mut editor = session.scene_editor();
     editor.add(&sheet, Pose::IDENTITY).expect("room");
-    let settings_now = *session.settings();
-    let changed = Settings { search: ContactSearch::Levels, ..settings_now };
-    let fixed = session.settings_editor().set(changed);
-    assert!(matches!(fixed, Err(SettingsEditError::Fixed("search"))), "{fixed:?}");
     let (_, mut contact, _) = session.into_loops();
     contact.step(&BodyState::at_rest(Pose::IDENTITY), 0.0);
     assert_eq!(contact.telemetry().events.edit_refused, 1);

@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex};
 use palpate::device::{DeviceError, DeviceState, Emulation, HapticDevice, Specification, Status};
 use palpate::dynamics::{ContactParameters, Friction, LinearContactModel};
 use palpate::glam::{DQuat, DVec3};
+use palpate::settings::{ContactSettings, DeviceSettings, OutputSettings, TimingSettings, ToolSettings};
 use palpate::{
     Contact, ContactUpdate, HapticLoop, HapticRenderer, Pose, Record, RendererError, Scene, Settings, Twist,
     Wrench,
@@ -142,7 +143,13 @@ fn a_start_deep_inside_comes_up_from_nothing() {
 
 #[test]
 fn the_wrench_changes_no_faster_than_the_slew_limit() {
-    let mut rig = Rig::new(Settings { engagement: 0.0, ..Settings::default() }, -1.0);
+    let mut rig = Rig::new(
+        Settings {
+            timing: TimingSettings { engagement: 0.0, ..TimingSettings::default() },
+            ..Settings::default()
+        },
+        -1.0,
+    );
     rig.rest(10, DVec3::ZERO);
     // A hand that jerks as fast as is believed: the damper alone would push with the device's peak at once.
     for step in 1..=8 {
@@ -151,7 +158,13 @@ fn the_wrench_changes_no_faster_than_the_slew_limit() {
     }
     assert!(rig.events().slewed > 3, "{:?}", rig.events());
     assert!(rig.haptic.telemetry().coupling_force_max > 3.0);
-    let mut free = Rig::new(Settings { force_slew: Some(1.0), ..Settings::default() }, 0.01);
+    let mut free = Rig::new(
+        Settings {
+            output: OutputSettings { force_slew: Some(1.0), ..OutputSettings::default() },
+            ..Settings::default()
+        },
+        0.01,
+    );
     let record = free.rest(100, DVec3::ZERO);
     assert!(record.coupling.force.length() <= 0.1 + 1e-9, "1 N/s for 100 ms: {:?}", record.coupling);
 }
@@ -232,7 +245,10 @@ fn a_lost_device_and_a_refused_write_let_go_at_once_and_come_up_slowly() {
 
 #[test]
 fn a_clutch_moves_the_device_without_the_object_and_gives_it_back_without_a_step() {
-    let settings = Settings { clutch_button: Some(1), ..Settings::default() };
+    let settings = Settings {
+        device: DeviceSettings { clutch_button: Some(1), ..DeviceSettings::default() },
+        ..Settings::default()
+    };
     let mut rig = Rig::new(settings, 5e-3);
     let before = rig.rest(500, DVec3::ZERO);
     let held = before.object;
@@ -290,20 +306,29 @@ fn a_scaled_and_turned_workspace_feels_as_stiff() {
     let turn = DQuat::from_rotation_x(0.5 * std::f64::consts::PI);
     for scale in [0.2, 1.0, 5.0] {
         let settings = Settings {
-            workspace_scale: scale,
-            device_frame: Pose::new(DVec3::new(0.3, -0.1, 0.2), turn),
-            // So stiff that the object stands still.
-            contact_stiffness: 1e7,
-            // Where the handle is: the least lever makes the coupling softer.
-            grasp: Some(Pose::IDENTITY),
+            device: DeviceSettings {
+                workspace_scale: scale,
+                frame: Pose::new(DVec3::new(0.3, -0.1, 0.2), turn),
+                ..DeviceSettings::default()
+            },
+            contact: ContactSettings {
+                // So stiff that the object stands still.
+                stiffness: 1e7,
+                ..ContactSettings::default()
+            },
+            tool: ToolSettings {
+                // Where the handle is: the least lever makes the coupling softer.
+                grasp: Some(Pose::IDENTITY),
+                ..ToolSettings::default()
+            },
             ..Settings::default()
         };
         let mut rig = Rig::new(settings, 0.0);
-        assert!(rig.haptic.object_pose().translation.distance(settings.device_frame.translation) < 1e-12);
+        assert!(rig.haptic.object_pose().translation.distance(settings.device.frame.translation) < 1e-12);
         // World up is the device's −z … y: the floor's normal is world z, which is the device's y axis turned.
         let down = turn.conjugate() * DVec3::NEG_Z * 2e-3;
         let record = rig.rest(1000, down);
-        let pressed = settings.device_frame.transform_point(down * scale);
+        let pressed = settings.device.frame.transform_point(down * scale);
         assert!(record.handle.translation.distance(pressed) < 1e-12);
         // In the world: floor and coupling in series; at the hand, the same stiffness.
         let (k, wall) = (400.0, 2000.0);
@@ -316,13 +341,49 @@ fn a_scaled_and_turned_workspace_feels_as_stiff() {
 #[test]
 fn settings_of_the_workspace_are_checked() {
     let refused = [
-        (Settings { workspace_scale: 0.0, ..Settings::default() }, "workspace-scale"),
-        (Settings { clutch_button: Some(32), ..Settings::default() }, "clutch-button"),
-        (Settings { engagement: -1.0, ..Settings::default() }, "engagement"),
-        (Settings { force_slew: Some(0.0), ..Settings::default() }, "force-slew"),
-        (Settings { torque_slew: Some(f64::NAN), ..Settings::default() }, "torque-slew"),
         (
-            Settings { device_frame: Pose::from_translation(DVec3::NAN), ..Settings::default() },
+            Settings {
+                device: DeviceSettings { workspace_scale: 0.0, ..DeviceSettings::default() },
+                ..Settings::default()
+            },
+            "workspace-scale",
+        ),
+        (
+            Settings {
+                device: DeviceSettings { clutch_button: Some(32), ..DeviceSettings::default() },
+                ..Settings::default()
+            },
+            "clutch-button",
+        ),
+        (
+            Settings {
+                timing: TimingSettings { engagement: -1.0, ..TimingSettings::default() },
+                ..Settings::default()
+            },
+            "engagement",
+        ),
+        (
+            Settings {
+                output: OutputSettings { force_slew: Some(0.0), ..OutputSettings::default() },
+                ..Settings::default()
+            },
+            "force-slew",
+        ),
+        (
+            Settings {
+                output: OutputSettings { torque_slew: Some(f64::NAN), ..OutputSettings::default() },
+                ..Settings::default()
+            },
+            "torque-slew",
+        ),
+        (
+            Settings {
+                device: DeviceSettings {
+                    frame: Pose::from_translation(DVec3::NAN),
+                    ..DeviceSettings::default()
+                },
+                ..Settings::default()
+            },
             "device-frame rotation's length",
         ),
     ];

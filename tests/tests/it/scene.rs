@@ -253,11 +253,13 @@ fn what_is_taken_before_spawn_works_after_it() {
     let late_watch = late.join().expect("pushes");
     early_watch = early.join().expect("pushes");
     // Both kinds of handles change the same settings.
-    let softer = Settings { contact_stiffness: 700.0, ..early_settings.settings() };
+    let mut softer = early_settings.settings().live();
+    softer.contact.stiffness = 700.0;
     early_settings.set(softer).expect("in range");
-    assert_eq!(settings.settings(), softer);
-    settings.set(Settings { friction: 0.2, ..settings.settings() }).expect("in range");
-    assert_eq!(early_settings.settings().contact_stiffness, 700.0);
+    assert_eq!(settings.settings().live(), softer);
+    softer.contact.friction = 0.2;
+    settings.set(softer).expect("in range");
+    assert_eq!(early_settings.settings().contact.stiffness, 700.0);
     // A reaction goes to one of those who take them.
     let mut scene = scene;
     let mobility =

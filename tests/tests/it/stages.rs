@@ -4,10 +4,10 @@
 use std::sync::atomic::AtomicBool;
 
 use allocation_counter::measure;
-use palpate::{
-    ContactSearch, ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Settings, TextureSettings,
-    Wrench, explore,
+use palpate::settings::{
+    ContactSearch, ContactSettings, DetailSettings, OutputSettings, SearchSettings, TextureSettings,
 };
+use palpate::{ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Settings, Wrench, explore};
 use palpate_tests::{model, ridged_plate};
 use xtask::linked::{Linked, compiled_for_examples, linked};
 
@@ -31,7 +31,10 @@ fn records(renderer: HapticRenderer) -> Vec<Record> {
 #[test]
 fn stages_say_whether_they_are_on_and_why() {
     let (hull, ball, ridges) = (model("ellipsoid@500"), model("golf-ball@2000"), ridged_plate(5e-4, 2e-3));
-    let error = |error| Settings { error, ..Settings::default() };
+    let error = |error| Settings {
+        detail: DetailSettings { error, ..DetailSettings::default() },
+        ..Settings::default()
+    };
     let check = |renderer: &HapticRenderer, expected: &[(&str, &str)]| {
         let stages = renderer.stages();
         for (stage, why) in expected {
@@ -54,7 +57,10 @@ fn stages_say_whether_they_are_on_and_why() {
             ("watch", "off: nobody looks on"),
         ],
     );
-    let jumping = Settings { interpolation: false, query_budget: Some(1e-4), ..error(1e-3) };
+    let jumping = Settings {
+        detail: DetailSettings { interpolation: false, query_budget: Some(1e-4), ..error(1e-3).detail },
+        ..error(1e-3)
+    };
     check(
         &renderer(&hull, std::slice::from_ref(&ball), jumping),
         &[
@@ -63,11 +69,9 @@ fn stages_say_whether_they_are_on_and_why() {
         ],
     );
     let switched = Settings {
-        braking: false,
-        proxy: false,
-        passivity_controller: true,
-        friction: 0.2,
-        static_friction: Some(0.3),
+        search: SearchSettings { braking: false, proxy: false, ..error(1e-3).search },
+        output: OutputSettings { passivity_controller: true, ..error(1e-3).output },
+        contact: ContactSettings { friction: 0.2, static_friction: Some(0.3), ..error(1e-3).contact },
         ..error(1e-3)
     };
     let mut all = renderer(&hull, &[ball, ridges], switched);
@@ -97,7 +101,11 @@ fn stages_say_whether_they_are_on_and_why() {
 fn convex_hulls_do_not_mind_what_detail_is_left_out() {
     let hull = model("ellipsoid@500");
     let with = |object: &Object, error| {
-        let settings = Settings { search: ContactSearch::Levels, error, ..Settings::default() };
+        let settings = Settings {
+            search: SearchSettings { method: ContactSearch::Levels, ..SearchSettings::default() },
+            detail: DetailSettings { error, ..DetailSettings::default() },
+            ..Settings::default()
+        };
         records(renderer(&hull, std::slice::from_ref(object), settings))
     };
     let felt = with(&hull, 0.0);

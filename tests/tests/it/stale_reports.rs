@@ -4,6 +4,7 @@ use palpate::device::hid::{EncodedMotion, Encoders, WoodenHapticsModel};
 use palpate::device::link::{FakeWire, Link, Motion};
 use palpate::device::{DeviceError, DeviceState, HapticDevice, Specification};
 use palpate::glam::DVec3;
+use palpate::settings::ToolSettings;
 use palpate::{HapticRenderer, Pose, Scene, Settings, Twist, Wrench};
 use palpate_tests::model;
 
@@ -56,7 +57,8 @@ fn ripple(every: i16, stamped_when_read: bool) -> (f64, u64) {
     let (mut pump, device) = link.split(move || Some(Box::new(other.open()?)));
     let device: Box<dyn HapticDevice> =
         if stamped_when_read { Box::new(StampedWhenRead(device)) } else { Box::new(device) };
-    let settings = Settings { mass: 0.5, ..Settings::default() };
+    let settings =
+        Settings { tool: ToolSettings { mass: 0.5, ..ToolSettings::default() }, ..Settings::default() };
     // Before the first report there is no device to begin with.
     let encoders = |step: i16| [5 * step, 1333, 2547, 0, 0, 0, 0].map(i16::to_le_bytes).concat();
     wire.send(&encoders(0));

@@ -10,14 +10,13 @@ use palpate::device::{Emulation, IntendedPath};
 use palpate::dynamics::BodyState;
 use palpate::glam::{DQuat, DVec3};
 use palpate::models::Model;
+use palpate::settings::{TextureBackend, TextureSettings};
 use palpate::texture_pd::wgpu::{self, Device, Queue};
 use palpate::texture_pd::{
     Answer, AutoBackend, Backend, BackendError, Batch, CpuBackend, DepthSettings, Domain, SurfaceSet,
     TextureContact, TexturedSurface, WgpuBackend,
 };
-use palpate::{
-    ContactLoop, HapticRenderer, Object, Pose, Scene, SceneId, Settings, TextureBackend, TextureSettings,
-};
+use palpate::{ContactLoop, HapticRenderer, Object, Pose, Scene, SceneId, Settings};
 use palpate_tests::{model, ridged_plate};
 
 /// Below the probe at the origin, so that they touch.

@@ -10,10 +10,9 @@ use std::sync::atomic::AtomicBool;
 use palpate::device::{Emulation, Interpolation, Keyframe, MotionPath};
 use palpate::glam::{DQuat, DVec3};
 use palpate::models::Model;
+use palpate::settings::{SearchSettings, TextureSettings};
 use palpate::texture_pd::BakeOptions;
-use palpate::{
-    ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Settings, Summary, TextureSettings,
-};
+use palpate::{ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Settings, Summary};
 use palpate_tests::{correlation, smooth};
 
 /// Distance of ridges and of teeth, height of the block, and where the gear's rim is, m.
@@ -43,7 +42,11 @@ fn render(
     });
     let path = MotionPath::new(samples.collect(), Interpolation::Smooth).unwrap();
     let device = Box::new(Emulation::default().open(path).unwrap());
-    let settings = Settings { tolerance: Some(2e-4), textures, ..Settings::default() };
+    let settings = Settings {
+        search: SearchSettings { tolerance: Some(2e-4), ..SearchSettings::default() },
+        textures,
+        ..Settings::default()
+    };
     let renderer = HapticRenderer::new(probe, scene, device, settings).unwrap();
     let mut records = Vec::new();
     let session = renderer

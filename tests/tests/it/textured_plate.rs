@@ -7,9 +7,11 @@
 
 use palpate::device::{Emulation, Interpolation, Keyframe, MotionPath};
 use palpate::glam::DVec3;
-use palpate::{
-    HandlePlace, HapticRenderer, Object, Pose, Record, Scene, Settings, TextureDerivatives, TextureSettings,
+use palpate::settings::{
+    ContactSettings, CouplingSettings, HandlePlace, SearchSettings, TextureDerivatives, TextureSettings,
+    ToolSettings,
 };
+use palpate::{HapticRenderer, Object, Pose, Record, Scene, Settings};
 use palpate_tests::{model, ridged_plate, smooth};
 use rayon::prelude::*;
 
@@ -55,13 +57,18 @@ fn explore(experiment: &Experiment) -> Vec<Record> {
     emulation.specification.encoder_step = 0.0;
     emulation.specification.angular_encoder_step = 0.0;
     let settings = Settings {
-        mass: 0.01,
-        // The path is that of the tip.
-        handle: HandlePlace::MeshOrigin,
-        contact_stiffness: experiment.stiffness,
-        coupling_stiffness: Some(200.0),
-        angular_stiffness: Some(3.0),
-        tolerance: Some(2e-4),
+        tool: ToolSettings {
+            mass: 0.01, // The path is that of the tip.
+            handle: HandlePlace::MeshOrigin,
+            ..ToolSettings::default()
+        },
+        contact: ContactSettings { stiffness: experiment.stiffness, ..ContactSettings::default() },
+        coupling: CouplingSettings {
+            stiffness: Some(200.0),
+            angular_stiffness: Some(3.0),
+            ..CouplingSettings::default()
+        },
+        search: SearchSettings { tolerance: Some(2e-4), ..SearchSettings::default() },
         textures: experiment.textures,
         ..Settings::default()
     };
@@ -142,7 +149,7 @@ const TEXTURED: Experiment = Experiment {
         half_size: None,
         temperature: None,
         derivatives: TextureDerivatives::Maximum,
-        backend: palpate::TextureBackend::Processor,
+        backend: palpate::settings::TextureBackend::Processor,
     },
 };
 

@@ -5,11 +5,9 @@ use std::sync::atomic::AtomicBool;
 use palpate::device::{Emulation, Interpolation, Keyframe, MotionPath};
 use palpate::glam::DVec3;
 use palpate::models::Model;
+use palpate::settings::{TextureBackend, TextureSettings};
 use palpate::texture_pd::{Answer, Backend, BackendError, Batch, CpuBackend, SurfaceSet};
-use palpate::{
-    ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Settings, Summary, TextureBackend,
-    TextureSettings,
-};
+use palpate::{ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Settings, Summary};
 use palpate_tests::ridged_plate;
 
 /// Ridges half a millimetre high and 2 mm apart.

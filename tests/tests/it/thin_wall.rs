@@ -7,6 +7,7 @@ use palpate::device::{Emulation, IntendedPath, Interpolation, Keyframe, MotionPa
 use palpate::dynamics::BodyState;
 use palpate::glam::{DQuat, DVec3};
 use palpate::models::Model;
+use palpate::settings::{ContactSettings, SearchSettings};
 use palpate::{
     ContactTiming, HapticRenderer, Object, Pose, Record, Scene, SceneId, Session, Settings, TriMesh, Twist,
 };
@@ -78,7 +79,10 @@ fn hits_through(thickness: f64, speed: f64, braking: bool, proxy: bool) -> usize
                 Twist::new(DVec3::Z * velocity, DVec3::ZERO),
             )
         });
-        let settings = Settings { braking, proxy, ..Settings::default() };
+        let settings = Settings {
+            search: SearchSettings { braking, proxy, ..SearchSettings::default() },
+            ..Settings::default()
+        };
         let (_, records) = render(&probe, &plate, path, settings, (0.6, rate));
         let behind = |record: &Record| record.object.translation.z < 0.0;
         if proxy { records.last().is_some_and(behind) } else { records.iter().any(behind) }
@@ -168,7 +172,8 @@ fn blade_below(proxy: bool, rocking: f64) -> f64 {
         let pose = Pose::new(DVec3::Z * (0.005 - 0.04 * pressed), rotation);
         (pose, Twist::new(DVec3::Z * lowering, DVec3::Y * turning))
     });
-    let settings = Settings { proxy, ..Settings::default() };
+    let settings =
+        Settings { search: SearchSettings { proxy, ..SearchSettings::default() }, ..Settings::default() };
     let (_, records) = render(&blade, &plate(2e-4), path, settings, (4.0, 200.0));
     let lowest = |record: &Record| {
         let down = |x: f64| -record.object.transform_point(DVec3::X * x).z;
@@ -193,7 +198,10 @@ fn proxy_comes_back_after_nonsense_and_after_a_moving_scene() {
     let (probe, low) = ellipsoid();
     let device = Emulation::default().open(IntendedPath::Still(Pose::IDENTITY)).expect("an emulation");
     let scene = Scene::new().with(plate(2e-4), Pose::IDENTITY);
-    let settings = Settings { contact_stiffness: 2000.0, ..Settings::default() };
+    let settings = Settings {
+        contact: ContactSettings { stiffness: 2000.0, ..ContactSettings::default() },
+        ..Settings::default()
+    };
     let renderer = HapticRenderer::new(probe, scene, Box::new(device), settings).expect("a session");
     let (_, mut contact, _) = renderer.into_loops();
     let mut time = 0.0;

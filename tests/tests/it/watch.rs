@@ -4,7 +4,8 @@ use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
 
 use palpate::glam::DVec3;
-use palpate::{ContactSearch, ContactTiming, HapticRenderer, Pose, Scene, Settings, explore};
+use palpate::settings::{ContactSearch, SearchSettings};
+use palpate::{ContactTiming, HapticRenderer, Pose, Scene, Settings, explore};
 use palpate_tests::model;
 
 /// A hand is steered down onto a golf ball, rests there, and is steered up again: seen are the patches that touch, pushes that
@@ -23,7 +24,10 @@ fn watch_a_push(search: ContactSearch, down: f64) {
         explore::open_steered_device("emulated:hand=firm", &probe, &scene, &Settings::default())
             .expect("emulated device");
     let mut steering = steering.expect("a hand without a task is steered");
-    let settings = Settings { search, ..Settings::default() };
+    let settings = Settings {
+        search: SearchSettings { method: search, ..SearchSettings::default() },
+        ..Settings::default()
+    };
     let mut renderer = HapticRenderer::new(probe.clone(), scene.clone(), device, settings).expect("renderer");
     let mut watch = renderer.watch();
     assert!(watch.latest().time.is_nan() && watch.latest().pushes.is_empty());
@@ -45,13 +49,13 @@ fn watch_a_push(search: ContactSearch, down: f64) {
             let tolerance = 0.01 * probe.bounding_radius();
             for push in &sight.pushes {
                 assert!((push.normal.length() - 1.0).abs() < 1e-9 && push.normal.z < 0.0, "{push:?}");
-                let penalty = settings.contact_stiffness * (push.depth + tolerance);
+                let penalty = settings.contact.stiffness * (push.depth + tolerance);
                 if search == ContactSearch::Levels {
                     let difference = push.force.distance(-penalty * push.normal);
                     assert!(difference < 1e-9 * push.force.length(), "{push:?}");
                 } else {
                     // Planes share the stiffness, of all clusters.
-                    let share = push.force.dot(-push.normal) / (settings.clusters as f64 * penalty);
+                    let share = push.force.dot(-push.normal) / (settings.search.clusters as f64 * penalty);
                     assert!(share > 0.0 && share < 1.0 + 1e-9, "{push:?}");
                 }
             }

@@ -12,6 +12,7 @@ use std::time::{Duration, Instant};
 
 use palpate::device::{Emulation, Hand, HapticDevice, IntendedPath};
 use palpate::glam::{DMat3, DQuat, DVec3};
+use palpate::settings::ContactSettings;
 use palpate::{
     HapticRenderer, Object, Pose, Reactions, Record, Scene, SceneEditor, Settings, TriMesh, Twist,
 };
@@ -52,7 +53,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     let spoon = Object::model("spoon@4000")?;
     let emulation = Emulation { hand: Hand::FIRM, ..Emulation::default() };
     let device = emulation.open(IntendedPath::Function(Box::new(intended)))?;
-    let settings = Settings { friction: 0.4, ..Settings::default() };
+    let settings = Settings {
+        contact: ContactSettings { friction: 0.4, ..ContactSettings::default() },
+        ..Settings::default()
+    };
     let renderer = HapticRenderer::new(spoon.clone(), Scene::new(), Box::new(device), settings)?;
     let table = Table::new(mesh)?;
     if realtime { in_real_time(renderer, table) } else { in_lockstep(renderer, table, &spoon) }
@@ -61,7 +65,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 /// Both loops, the device and the world in this thread: the same each time.
 fn in_lockstep(mut renderer: HapticRenderer, mut table: Table, spoon: &Object) -> Result<(), Box<dyn Error>> {
     let (mut scene, mut reactions) = (renderer.scene_editor(), renderer.reactions());
-    let mass = renderer.settings().mass;
+    let mass = renderer.settings().tool.mass;
     let (mut haptic, mut contact, mut device) = renderer.into_loops();
     let mut touched = table.touch(&mut scene)?;
     let mut account = Account::new(&table);

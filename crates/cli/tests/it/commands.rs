@@ -774,8 +774,8 @@ fn sessions_render_representative_contacts() {
     run("golf-ball@1000", "second.csv", &["--representative", "0.5%"]);
     let read = |file: &str| std::fs::read_to_string(folder.join(file)).expect(file);
     assert!(read("first.csv") == read("second.csv"), "a session is not the same again");
-    let scene = "[[object]]\nmodel = \"golf-ball@1000\"\n[settings]\nsearch = \"Representatives\"\n\
-                 representative_error = 8e-5\n";
+    let scene = "[[object]]\nmodel = \"golf-ball@1000\"\n[settings]\nsearch.method = \"Representatives\"\n\
+                 search.representative_error = 8e-5\n";
     std::fs::write(folder.join("scene.toml"), scene).unwrap();
     run("scene.toml", "third.csv", &[]);
     assert!(read("first.csv") == read("third.csv"), "the scene file says the same");
@@ -1299,7 +1299,7 @@ fn scene_files_are_rendered() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let folder = folder.path();
     let scene = "[[object]]\nmodel = \"golf-ball@2000\"\n[[object]]\nmodel = \"ellipsoid@500\"\n\
-                 position = [0.0, 0.0, -0.5]\n[settings]\nfriction = 0.5\nclusters = 3\n";
+                 position = [0.0, 0.0, -0.5]\n[settings]\ncontact.friction = 0.5\nsearch.clusters = 3\n";
     std::fs::write(folder.join("scene.toml"), scene).expect("written");
     let run = |more: &[&str]| {
         let run = ["run", "ellipsoid@500", "scene.toml", "--lockstep", "--seconds", "0.2", "--json"];

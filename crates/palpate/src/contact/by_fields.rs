@@ -51,15 +51,15 @@ pub(crate) struct FieldNeeds {
 impl FieldNeeds {
     /// For contacts within a tolerance (m).
     pub fn new(tolerance: f64, settings: &Settings, probe: &Object) -> Result<Self, FieldError> {
-        if let Some(error) = settings.representative_error {
+        if let Some(error) = settings.search.representative_error {
             check_error(error, probe)?;
         }
         let usual = (USUAL_ERROR * probe.bounding_radius()).min(USUAL_PART * tolerance);
-        let error = settings.representative_error.unwrap_or(usual);
+        let error = settings.search.representative_error.unwrap_or(usual);
         Ok(Self {
             options: field_options(tolerance),
             error,
-            budget: settings.query_budget.map(Duration::from_secs_f64),
+            budget: settings.detail.query_budget.map(Duration::from_secs_f64),
         })
     }
 

@@ -53,7 +53,7 @@ impl ContactLoop {
             self.moving.push(place);
         }
         let radius = self.probe.bounding_radius();
-        Some(moving.get_or_insert_with(|| Box::new(Moving::new(self.all_settings.clusters, radius))))
+        Some(moving.get_or_insert_with(|| Box::new(Moving::new(self.all_settings.search.clusters, radius))))
     }
 
     /// Adds an object, its mesh's frame at a pose in the world, from the next step on; `false` if there is one of that number,
@@ -88,7 +88,7 @@ impl ContactLoop {
     /// was not, contacts are found by levels from now on.
     fn insert_field(&mut self, place: usize, object: &Object) -> bool {
         let Some(fields) = &mut self.by_fields else { return true };
-        if self.all_settings.search == ContactSearch::Automatic
+        if self.all_settings.search.method == ContactSearch::Automatic
             && let Some(why) = unfit(&fields.needs, object)
         {
             self.by_fields = None;
@@ -148,7 +148,7 @@ impl ContactLoop {
         }
         let place = self.place_of(id)?;
         let radius = self.probe.bounding_radius();
-        let moving = Moving::following(leader, mobility, self.all_settings.clusters, radius);
+        let moving = Moving::following(leader, mobility, self.all_settings.search.clusters, radius);
         self.objects[place].as_mut()?.moving = Some(Box::new(moving));
         self.moving.push(place);
         Some(id)

@@ -36,8 +36,8 @@ use crate::contact::textures::{TextureError, Textures};
 use crate::scene::Placed;
 use crate::scene::editor::{Edit, SceneEditor, SceneId};
 use crate::scene::object::Object;
-use crate::settings::Settings;
 use crate::settings::live::{ContactTuning, Ramp};
+use crate::settings::{DetailSettings, SearchSettings, Settings};
 use crate::telemetry::ContactTelemetry;
 
 /// Scene objects that have a full workspace from the start. Those of further ones are made, or grow, when they are first
@@ -172,7 +172,8 @@ impl ContactLoop {
         parameters: ContactParameters,
         settings: &Settings,
     ) -> Result<Self, ContactLoopError> {
-        let Settings { error, interpolation, query_budget, clusters, braking, proxy, .. } = *settings;
+        let DetailSettings { error, interpolation, query_budget } = settings.detail;
+        let SearchSettings { clusters, braking, proxy, .. } = settings.search;
         let radius = probe.bounding_radius() + probe.clod.source.center_of_mass.length();
         let mut query = SceneQuery::new(probe.shape());
         let objects: Vec<Option<InScene>> = (0..)

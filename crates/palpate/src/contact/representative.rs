@@ -118,7 +118,7 @@ impl RepresentativeQuery {
 
     /// The wrench (N, N·m about the probe frame's origin, world axes) that the contacts of the last run, which was at this pose of
     /// the probe, push it with at a stiffness (N/m), by [`AreaLaw`]. That of sessions is K k
-    /// ([`Settings::clusters`](crate::Settings::clusters)).
+    /// ([`SearchSettings::clusters`](crate::settings::SearchSettings::clusters)).
     pub fn wrench(&mut self, probe_pose: &Pose, stiffness: f64) -> Wrench {
         let Self { law, found, settings, .. } = self;
         let unit = law.wrench(found, settings.tolerance, probe_pose, probe_pose.translation);

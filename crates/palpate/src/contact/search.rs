@@ -83,23 +83,23 @@ pub(super) fn choose<'a>(
     settings: &Settings,
 ) -> Result<Result<Box<ByFields>, ByLevels>, FieldError> {
     let all = || std::iter::once(probe).chain(objects.clone().map(|(_, object, _)| object));
-    let why = match settings.search {
+    let why = match settings.search.method {
         ContactSearch::Levels => Some(ByLevels::AskedFor),
         _ if all().any(|object| object.texture().is_some()) => Some(ByLevels::Texture),
-        ContactSearch::Automatic if settings.error > 0.0 => Some(ByLevels::Detail),
-        ContactSearch::Automatic if settings.query_budget.is_some() => Some(ByLevels::Budget),
+        ContactSearch::Automatic if settings.detail.error > 0.0 => Some(ByLevels::Detail),
+        ContactSearch::Automatic if settings.detail.query_budget.is_some() => Some(ByLevels::Budget),
         _ => None,
     };
     if let Some(why) = why {
         return Ok(Err(why));
     }
     let needs = FieldNeeds::new(tolerance, settings, probe)?;
-    if settings.search == ContactSearch::Automatic
+    if settings.search.method == ContactSearch::Automatic
         && let Some(why) = all().find_map(|object| unfit(&needs, object))
     {
         return Ok(Err(why));
     }
-    let mut fields = match ByFields::new(needs, probe, settings.clusters) {
+    let mut fields = match ByFields::new(needs, probe, settings.search.clusters) {
         // As good as is possible with it.
         Err(open) => return Ok(Err(ByLevels::NoField(open))),
         Ok(fields) => fields,

@@ -201,7 +201,7 @@ impl Textures {
             let resolved = 0.5 * f64::from(grid) * own.texel().min(other.texel());
             Ok(Some(Pair {
                 surface: surfaces.add(&other)?,
-                clustering: Clustering::new(settings.clusters),
+                clustering: Clustering::new(settings.search.clusters),
                 contacts: Vec::new(),
                 half_size: half_size.unwrap_or(resolved.min(lever)),
                 protrusion: out + other_out,
@@ -251,7 +251,7 @@ impl Textures {
         if chosen == TextureBackend::Processor {
             return None;
         }
-        let contacts = self.typical_contacts(settings.clusters);
+        let contacts = self.typical_contacts(settings.search.clusters);
         let (surfaces, depth) = (self.surfaces.clone(), self.settings);
         Some(move || -> Result<Box<dyn Backend>, TextureError> {
             if chosen == TextureBackend::Auto {

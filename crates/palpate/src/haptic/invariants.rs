@@ -45,7 +45,7 @@ pub enum Invariant {
     /// It grows and turns no faster than the slew allows. It may shrink along itself.
     Slew,
     /// It is zero [`FAULT_TIME`] after a fault was found, and while it lasts: the device lost or its readings bad, a step without a
-    /// finite solution, the newest contact model older than the [timeout](crate::Settings::contact_timeout).
+    /// finite solution, the newest contact model older than the [timeout](crate::settings::TimingSettings::contact_timeout).
     Fault,
     /// After the start, and after the device or the step has failed, it comes up along the engagement.
     Engagement,

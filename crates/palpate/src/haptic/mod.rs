@@ -47,7 +47,7 @@ use crate::tool::{Hand, Tool, ToolStep};
 #[derive(Clone, Debug)]
 pub struct HapticLoop<T: Tool = Rigid> {
     pub(crate) tool: T,
-    /// The [grasp](crate::Settings::grasp), in the first mesh's frame.
+    /// The [grasp](crate::settings::ToolSettings::grasp), in the first mesh's frame.
     grasp: Pose,
     /// Position of the device's handle in the first mesh's frame, m.
     handle: DVec3,
@@ -200,7 +200,7 @@ impl<T: Tool> HapticLoop<T> {
         self.tool.coupling()
     }
 
-    /// The [grasp](crate::Settings::grasp) that the coupling holds the tool at, in the first mesh's frame.
+    /// The [grasp](crate::settings::ToolSettings::grasp) that the coupling holds the tool at, in the first mesh's frame.
     pub fn grasp(&self) -> &Pose {
         &self.grasp
     }

@@ -21,7 +21,7 @@ use crate::settings::Settings;
 /// let device = Emulation::default().open(explore::path(Task::default(), &probe, &scene)?)?;
 /// let mut session = HapticRenderer::builder(probe)
 ///     .scene(scene)
-///     .tune(|settings| settings.friction = 0.3)
+///     .tune(|settings| settings.contact.friction = 0.3)
 ///     .on(Box::new(device))?
 ///     .spawn()?;
 /// while session.latest().is_none() {

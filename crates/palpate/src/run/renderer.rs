@@ -20,7 +20,7 @@ use crate::scene::moving::Mobility;
 use crate::scene::object::Object;
 use crate::scene::size::{UnitsError, check_sizes};
 use crate::settings::gripper::GripperSettings;
-use crate::settings::{ContactSearch, Settings, SettingsError};
+use crate::settings::{ContactSearch, SearchSettings, Settings, SettingsError};
 use crate::tool::Tool;
 use crate::tool::error::ToolError;
 use crate::tool::gains::{Gains, Grasped};
@@ -111,7 +111,7 @@ impl HapticRenderer {
     ) -> Result<Self, RendererError> {
         settings.check()?;
         let source = &probe.clod.source;
-        let body = Body::new(settings.mass, source.unit_inertia * settings.mass)
+        let body = Body::new(settings.tool.mass, source.unit_inertia * settings.tool.mass)
             .map_err(|source| ToolError::Body { name: probe.name.clone(), source })?;
         let center_of_mass = source.center_of_mass;
         let grasped = Grasped {
@@ -129,7 +129,7 @@ impl HapticRenderer {
             coupling: gains.coupling,
             state: BodyState::at_rest(pose),
             center_of_mass,
-            integrator: settings.integrator,
+            integrator: settings.tool.integrator,
         };
         let prepared = Prepared {
             tool,
@@ -137,7 +137,7 @@ impl HapticRenderer {
             grasped,
             gains,
             gripper: None,
-            search: settings.search,
+            search: settings.search.method,
         };
         Self::assemble(prepared, scene, device, state, settings)
     }
@@ -162,7 +162,7 @@ impl HapticRenderer {
 impl HapticRenderer<Hinged> {
     /// Puts a tool with a hinge into the hand that holds `device` and its gripper, where they now are, and `scene` around it.
     ///
-    /// Of the settings, `mass` does not count, for the tool has masses of its own; the [grasp](Settings::grasp) is in the first
+    /// Of the settings, `mass` does not count, for the tool has masses of its own; the [grasp](crate::settings::ToolSettings::grasp) is in the first
     /// body's mesh frame, by default at its centre of mass; the tolerance is by default 1 % of the smaller body's bounding radius, and
     /// the contact damping critical for the tool's mass. Contacts are found by levels of detail unless representatives are asked for.
     ///
@@ -179,8 +179,8 @@ impl HapticRenderer<Hinged> {
     ) -> Result<Self, RendererError> {
         settings.check()?;
         gripper.check()?;
-        if settings.integrator != IntegratorKind::SemiImplicit {
-            return Err(ToolError::Integrator { integrator: settings.integrator }.into());
+        if settings.tool.integrator != IntegratorKind::SemiImplicit {
+            return Err(ToolError::Integrator { integrator: settings.tool.integrator }.into());
         }
         check_sizes([&tool.first, &tool.second], scene.objects(), &settings)?;
         let body = tool.body()?;
@@ -189,7 +189,7 @@ impl HapticRenderer<Hinged> {
         let angle = tool.angle_for(asked);
         let grasped = tool.grasped(&body, angle);
         let gains = Gains::new(&settings, &grasped, device.specification())?;
-        let (grip, lag) = grip(&body, gripper, &gains, settings.workspace_scale);
+        let (grip, lag) = grip(&body, gripper, &gains, settings.device.workspace_scale);
         let centers = tool.centers_of_mass();
         let pose = gains.placement.mesh_pose(&state.pose) * Pose::from_translation(centers[0]);
         let held = Hinged {
@@ -204,9 +204,9 @@ impl HapticRenderer<Hinged> {
             bodies: vec![(tool.first.clone(), body.first), (tool.second.clone(), body.second)],
             grasped,
             gains,
-            gripper: Some(Gripper::new(gripper, asked, lag, 1.0 / settings.rate)),
+            gripper: Some(Gripper::new(gripper, asked, lag, 1.0 / settings.timing.rate)),
             // By the area law narrow jaws slide off sideways: what they close on is in contact beyond their edges.
-            search: match settings.search {
+            search: match settings.search.method {
                 ContactSearch::Automatic => ContactSearch::Levels,
                 asked => asked,
             },
@@ -229,13 +229,13 @@ impl<T: Tool> HapticRenderer<T> {
         settings: Settings,
     ) -> Result<Self, RendererError> {
         let Prepared { tool, bodies, grasped, gains, gripper, search } = prepared;
-        let period = 1.0 / settings.rate;
+        let period = 1.0 / settings.timing.rate;
         let loop_settings = LoopSettings {
             grasp: gains.grasp,
             placement: gains.placement,
-            clutch_button: settings.clutch_button,
-            contact_timeout: settings.contact_timeout,
-            engagement: settings.engagement,
+            clutch_button: settings.device.clutch_button,
+            contact_timeout: settings.timing.contact_timeout,
+            engagement: settings.timing.engagement,
             velocity_lags: gains.velocity_lags,
             slew: gains.slew,
             max_damping: gains.max_damping,
@@ -244,7 +244,7 @@ impl<T: Tool> HapticRenderer<T> {
         let radii: Vec<f64> = bodies.iter().map(|(object, _)| radius_about_center_of_mass(object)).collect();
         let specification = device.specification();
         let haptic = HapticLoop::new(tool, loop_settings, state, specification, gripper, &radii);
-        let searching = Settings { search, ..settings };
+        let searching = Settings { search: SearchSettings { method: search, ..settings.search }, ..settings };
         let contacts = bodies.iter().map(|(object, body)| {
             let center = object.clod.source.center_of_mass;
             ContactLoop::new(object, *body, center, scene.objects(), gains.contacts, &searching)
@@ -279,7 +279,7 @@ impl<T: Tool> HapticRenderer<T> {
         &self.settings_in_force
     }
 
-    /// The [grasp](Settings::grasp) that the coupling holds the tool at, in the first mesh's frame.
+    /// The [grasp](crate::settings::ToolSettings::grasp) that the coupling holds the tool at, in the first mesh's frame.
     pub fn grasp(&self) -> &Pose {
         self.haptic.grasp()
     }

@@ -11,7 +11,7 @@ use crate::haptic::invariants::Kept;
 use crate::run::machine::MachineLoad;
 use crate::run::renderer::HapticRenderer;
 use crate::scene::object::Object;
-use crate::settings::Settings;
+use crate::settings::ContactSettings;
 use crate::telemetry::{ContactTelemetry, Events, HapticTelemetry, Percentiles};
 use crate::tool::Tool;
 
@@ -80,7 +80,7 @@ pub struct Session {
     pub tolerance: f64,
     /// The first error that the device gave, in the words of its driver; none if it gave none.
     pub device_error: Option<String>,
-    /// Position of the [grasp](Settings::grasp) in the mesh's frame, m.
+    /// Position of the [grasp](crate::settings::ToolSettings::grasp) in the mesh's frame, m.
     pub grasp: DVec3,
     /// Which stages the scene switched on or off, and why.
     pub stages: BTreeMap<&'static str, String>,
@@ -109,7 +109,7 @@ pub struct Summary {
     pub tolerance: f64,
     /// Deepest penetration, m.
     pub depth_max: f64,
-    /// Position of the [grasp](Settings::grasp) in the mesh's frame, m.
+    /// Position of the [grasp](crate::settings::ToolSettings::grasp) in the mesh's frame, m.
     pub grasp: DVec3,
     /// Largest [stretch](crate::Record::stretch) of the coupling, m: how far the object's grasp was from where the device holds
     /// it.
@@ -326,17 +326,17 @@ impl<T: Tool> HapticRenderer<T> {
         let contact = &self.contacts[0];
         let watched = if contact.is_watched() { "on: contacts are shown" } else { "off: nobody looks on" };
         BTreeMap::from([
-            ("braking", on_or_off(settings.braking)),
-            ("clustering", format!("on beyond {} contacts", settings.clusters)),
+            ("braking", on_or_off(settings.search.braking)),
+            ("clustering", format!("on beyond {} contacts", settings.search.clusters)),
             ("contact query", query),
             ("device", self.device_stage()),
             ("friction", self.friction_stage()),
             ("hierarchy", self.hierarchy_stage()),
-            ("integrator", settings.integrator.to_string()),
+            ("integrator", settings.tool.integrator.to_string()),
             ("interpolation between levels", self.interpolation_stage()),
             ("representative contacts", self.search_stage()),
-            ("passivity controller", on_or_off(settings.passivity_controller)),
-            ("proxy", on_or_off(settings.proxy)),
+            ("passivity controller", on_or_off(settings.output.passivity_controller)),
+            ("proxy", on_or_off(settings.search.proxy)),
             ("textures", self.texture_stage()),
             ("time-critical queries", self.budget_stage()),
             ("watch", watched.to_owned()),
@@ -350,7 +350,7 @@ impl<T: Tool> HapticRenderer<T> {
     }
 
     fn search_stage(&self) -> String {
-        match (self.contacts[0].search(), self.settings().representative_error) {
+        match (self.contacts[0].search(), self.settings().search.representative_error) {
             (Err(why), _) => format!("off: {why}; contacts are found by levels of detail"),
             (Ok(_), Some(error)) => format!("on: off by about {error} m"),
             (Ok(error), None) => {
@@ -374,7 +374,7 @@ impl<T: Tool> HapticRenderer<T> {
     }
 
     fn budget_stage(&self) -> String {
-        match self.settings().query_budget {
+        match self.settings().detail.query_budget {
             None => "off: no limit is set".to_owned(),
             Some(seconds) => format!("on: at most {} µs each", 1e6 * seconds),
         }
@@ -382,17 +382,17 @@ impl<T: Tool> HapticRenderer<T> {
 
     fn interpolation_stage(&self) -> String {
         match self.contacts[0].error() {
-            error if error > 0.0 && !self.settings().interpolation => {
+            error if error > 0.0 && !self.settings().detail.interpolation => {
                 format!("off, as asked for: detail is left out up to {error} m")
             }
             error if error > 0.0 => format!("on: detail is left out up to {error} m"),
-            _ if self.settings().error > 0.0 => "off: every object is one convex hull".to_owned(),
+            _ if self.settings().detail.error > 0.0 => "off: every object is one convex hull".to_owned(),
             _ => "off: full resolution is asked for".to_owned(),
         }
     }
 
     fn friction_stage(&self) -> String {
-        let Settings { friction, static_friction, .. } = *self.settings();
+        let ContactSettings { friction, static_friction, .. } = self.settings().contact;
         match static_friction.filter(|at_rest| *at_rest != friction) {
             Some(at_rest) => format!("on: coefficient {friction}, at rest {at_rest}"),
             None if friction == 0.0 => "off: its coefficient is 0".to_owned(),

@@ -8,7 +8,7 @@ use palpate_device::Specification;
 use rtrb::{Consumer, Producer, RingBuffer};
 
 use crate::settings::live::{ContactTuning, HapticTuning};
-use crate::settings::{Settings, SettingsError};
+use crate::settings::{DetailSettings, LiveSettings, Settings, SettingsError};
 use crate::tool::gains::{Gains, Grasped};
 
 /// Changes that may wait for a loop.
@@ -20,9 +20,11 @@ pub enum SettingsEditError {
     /// As when a session is made with them.
     #[error(transparent)]
     Refused(#[from] SettingsError),
-    /// This one is what the session was made with.
-    #[error("{0} cannot change while a session runs; make a new session with it")]
-    Fixed(&'static str),
+    /// Contacts are found as representatives, which have no detail to leave out.
+    #[error(
+        "detail.error cannot change while contacts are found as representatives; make a new session with it"
+    )]
+    Detail,
     /// As many changes as may wait for the loops do: they are slower than the host, or the session has ended.
     #[error("{WAITING} changes wait; make fewer, or see whether the session still runs")]
     Full,
@@ -81,27 +83,24 @@ impl SettingsEditor {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Goes over to other settings, in 0.2 s: stiffness, damping and friction of contacts, those of the coupling, the detail that is
-    /// left out with its interpolation, the time of queries, how fast the wrench may change, and the passivity controller.
+    /// Goes over to other settings, in 0.2 s.
     ///
     /// # Errors
-    /// If one is out of range, one of the others differs from what the session was made with, or too many changes wait;
-    /// nothing is changed then. The detail that is left out is one of the others where contacts are found as representatives.
-    pub fn set(&mut self, settings: Settings) -> Result<(), SettingsEditError> {
+    /// If one is out of range, detail is to be left out where contacts are found as representatives, which have none to leave out, or too
+    /// many changes wait; nothing is changed then.
+    pub fn set(&mut self, live: LiveSettings) -> Result<(), SettingsEditError> {
         let mut edited = self.edited();
         let edited = &mut *edited;
+        let settings = edited.settings.with_live(&live);
         let gains = Gains::new(&settings, &edited.grasped, &edited.specification)?;
-        if let Some(name) = fixed_difference(&edited.settings, &settings) {
-            return Err(SettingsEditError::Fixed(name));
-        }
-        if edited.by_fields && settings.error != edited.settings.error {
-            return Err(SettingsEditError::Fixed("error"));
+        if edited.by_fields && settings.detail.error != edited.settings.detail.error {
+            return Err(SettingsEditError::Detail);
         }
         if edited.haptic.iter().any(Producer::is_full) || edited.contact.iter().any(Producer::is_full) {
             return Err(SettingsEditError::Full);
         }
         let Gains { coupling, velocity_lags, slew, max_damping, contacts: parameters, .. } = gains;
-        let Settings { error, interpolation, query_budget, .. } = settings;
+        let DetailSettings { error, interpolation, query_budget } = settings.detail;
         // Each has room.
         for haptic in &mut edited.haptic {
             let tuning = HapticTuning { coupling, velocity_lags, slew, max_damping };
@@ -114,28 +113,4 @@ impl SettingsEditor {
         edited.settings = settings;
         Ok(())
     }
-}
-
-/// The first setting that cannot change, and does.
-fn fixed_difference(before: &Settings, after: &Settings) -> Option<&'static str> {
-    let same = [
-        ("rate", before.rate == after.rate),
-        ("mass", before.mass == after.mass),
-        ("tolerance", before.tolerance == after.tolerance),
-        ("search", before.search == after.search),
-        ("representative_error", before.representative_error == after.representative_error),
-        ("clusters", before.clusters == after.clusters),
-        ("braking", before.braking == after.braking),
-        ("proxy", before.proxy == after.proxy),
-        ("textures", before.textures == after.textures),
-        ("grasp", before.grasp == after.grasp),
-        ("handle", before.handle == after.handle),
-        ("contact_timeout", before.contact_timeout == after.contact_timeout),
-        ("integrator", before.integrator == after.integrator),
-        ("engagement", before.engagement == after.engagement),
-        ("workspace_scale", before.workspace_scale == after.workspace_scale),
-        ("device_frame", before.device_frame == after.device_frame),
-        ("clutch_button", before.clutch_button == after.clutch_button),
-    ];
-    same.into_iter().find(|(_, same)| !same).map(|(name, _)| name)
 }

@@ -55,8 +55,7 @@ pub enum EditError {
 }
 
 /// Changes the scene of a session, from any thread. Made by
-/// [`HapticRenderer::scene_editor`](crate::HapticRenderer::scene_editor), and by
-/// [`ArticulatedRenderer::scene_editor`](crate::ArticulatedRenderer::scene_editor) for both bodies of a tool.
+/// [`HapticRenderer::scene_editor`](crate::HapticRenderer::scene_editor), for all bodies of a tool.
 ///
 /// A clone edits the same scene: an object that one adds is known to the others.
 ///
@@ -115,7 +114,7 @@ impl SceneEditor {
     /// Adds an object, its mesh's frame at a pose in the world.
     ///
     /// The caller's thread prepares the object's hierarchy for queries, and where contacts are [found in
-    /// fields](crate::ContactSearch::Representatives) makes its field. An object whose surface is not closed is not added there.
+    /// fields](crate::settings::ContactSearch::Representatives) makes its field. An object whose surface is not closed is not added there.
     ///
     /// # Errors
     /// If the pose is invalid, or too many changes wait.

@@ -13,9 +13,9 @@
 //! repair = true                      # make an oriented 2-manifold without self-intersection of it
 //!
 //! # What differs from the usual settings; see Settings.
-//! [settings]
+//! [settings.contact]
 //! friction = 0.3
-//! contact_stiffness = 1000.0
+//! stiffness = 1000.0
 //! ```
 
 use std::path::{Path, PathBuf};
@@ -175,6 +175,7 @@ mod tests {
     use palpate_clod_build::Stage;
 
     use super::*;
+    use crate::settings::ContactSettings;
 
     fn written(text: &str) -> (tempfile::TempDir, PathBuf) {
         let folder = tempfile::tempdir().expect("a folder");
@@ -192,12 +193,18 @@ mod tests {
         let (folder, path) = written(
             "[[object]]\nmodel = \"ellipsoid@200\"\n\
              [[object]]\nmodel = \"part.obj\"\nposition = [0.0, 0.1, 0]\nrotation = [0, 0, 2.0, 0]\nscale = 0.5\n\
-             [settings]\nfriction = 0.25\n",
+             [settings]\ncontact.friction = 0.25\n",
         );
         let obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n";
         std::fs::write(folder.path().join("part.obj"), obj).expect("written");
         let file = SceneFile::load(&path).expect("a scene");
-        assert_eq!(file.settings, Settings { friction: 0.25, ..Settings::default() });
+        assert_eq!(
+            file.settings,
+            Settings {
+                contact: ContactSettings { friction: 0.25, ..ContactSettings::default() },
+                ..Settings::default()
+            }
+        );
         let scene = file.open(&path, &mut ignored).expect("objects");
         assert!(scene.objects().iter().all(|placed| placed.object.warnings().is_empty()));
         let [first, second] = scene.objects() else { panic!("{} objects", scene.objects().len()) };
@@ -215,7 +222,7 @@ mod tests {
         for (text, said) in [
             ("[[object]]\nmodle = \"x\"\n", "line 2: unknown field `modle`"),
             ("[[object]]\nmodel = \"x\"\nposition = [1.0]\n", "line 3"),
-            ("\n[settings]\nfriktion = 1.0\n", "line 3: unknown field `friktion`"),
+            ("\n[settings.contact]\nfriktion = 1.0\n", "line 3: unknown field `friktion`"),
             ("[[object]]\nmodel = \"no-such\"\n", "no-such"),
             ("[[object]]\nmodel = \"no.obj\"\n", "no.obj"),
             (

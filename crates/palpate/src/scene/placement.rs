@@ -9,7 +9,7 @@ use crate::scene::object::Object;
 use crate::settings::{HandlePlace, Settings};
 
 /// The device's workspace in the world, and the handle on the grasped object. With the handle in the middle of its workspace,
-/// unturned, the mesh's frame is at the [device frame](Settings::device_frame), wherever the handle is on the object.
+/// unturned, the mesh's frame is at the [device frame](crate::settings::DeviceSettings::frame), wherever the handle is on the object.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HandlePlacement {
     mapping: DeviceMapping,
@@ -27,13 +27,13 @@ pub(crate) fn renders(specification: &Specification) -> bool {
 impl HandlePlacement {
     /// For an object in the hand that holds a device.
     pub fn new(settings: &Settings, probe: &Object, specification: &Specification) -> Self {
-        let grasp = settings.grasp.map_or(probe.clod.source.center_of_mass, |grasp| grasp.translation);
+        let grasp = settings.tool.grasp.map_or(probe.clod.source.center_of_mass, |grasp| grasp.translation);
         Self::at(settings, grasp, specification)
     }
 
     /// With the grasp at a place in the mesh's frame (m).
     pub(crate) fn at(settings: &Settings, grasp: DVec3, specification: &Specification) -> Self {
-        let handle = match settings.handle {
+        let handle = match settings.tool.handle {
             HandlePlace::Automatic if renders(specification) => grasp,
             HandlePlace::Grasp => grasp,
             HandlePlace::Automatic | HandlePlace::MeshOrigin => DVec3::ZERO,
@@ -43,8 +43,8 @@ impl HandlePlacement {
 
     /// With the handle at a place in the mesh's frame (m).
     pub(crate) fn holding(settings: &Settings, handle: DVec3) -> Self {
-        let base = settings.device_frame * Pose::from_translation(handle);
-        Self { mapping: DeviceMapping::new(settings.workspace_scale, base), handle }
+        let base = settings.device.frame * Pose::from_translation(handle);
+        Self { mapping: DeviceMapping::new(settings.device.workspace_scale, base), handle }
     }
 
     /// Takes the handle's motion to the world.
@@ -79,6 +79,7 @@ mod tests {
     use palpate_device::Emulation;
 
     use super::*;
+    use crate::settings::{DeviceSettings, ToolSettings};
 
     #[test]
     fn the_handle_is_where_it_is_put_and_the_mesh_where_it_was() {
@@ -87,8 +88,11 @@ mod tests {
         let frame = Pose::new(DVec3::new(0.3, 0.1, -0.2), DQuat::from_rotation_y(0.7));
         let grasp = DVec3::new(0.1, -0.05, 0.02);
         let placed = |handle, specification: &Specification| {
-            let settings =
-                Settings { handle, device_frame: frame, workspace_scale: 2.0, ..Settings::default() };
+            let settings = Settings {
+                tool: ToolSettings { handle, ..ToolSettings::default() },
+                device: DeviceSettings { frame, workspace_scale: 2.0, ..DeviceSettings::default() },
+                ..Settings::default()
+            };
             HandlePlacement::at(&settings, grasp, specification)
         };
         let turned = Pose::new(DVec3::new(0.01, 0.02, 0.03), DQuat::from_rotation_z(0.5));

@@ -18,7 +18,7 @@ const IN_SCENE: RangeInclusive<f64> = 5e-4..=20.0;
 /// An object's size suggests that it was read in another unit than its file is in.
 ///
 /// That is a bounding radius below 1 mm or above 2 m in the hand, or below 0.5 mm or above 20 m in the scene, both in the world and, by the
-/// [workspace scale](Settings::workspace_scale), at the device.
+/// [workspace scale](crate::settings::DeviceSettings::workspace_scale), at the device.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
     "{name}: the bounding radius of {radius:.3e} m suggests a wrong unit; {}, or set Settings::unusual_size to feel it as it is",
@@ -49,14 +49,14 @@ pub(crate) fn check_sizes<'a>(
     scene: &[Placed],
     settings: &Settings,
 ) -> Result<(), UnitsError> {
-    if settings.unusual_size {
+    if settings.tool.unusual_size {
         return Ok(());
     }
     let in_hand = probes.into_iter().map(|object| (object, IN_HAND));
     let in_scene = scene.iter().map(|Placed { object, .. }| (object, IN_SCENE));
     for (object, usual) in in_hand.chain(in_scene) {
         let radius = object.bounding_radius();
-        if ![radius, radius / settings.workspace_scale].iter().any(|radius| usual.contains(radius)) {
+        if ![radius, radius / settings.device.workspace_scale].iter().any(|radius| usual.contains(radius)) {
             let suggested = match LoadWarning::of_size(radius) {
                 Some(LoadWarning::Units { suggested, .. }) => suggested,
                 _ => None,
@@ -73,6 +73,7 @@ mod tests {
     use palpate_core::{Pose, TriMesh};
 
     use super::*;
+    use crate::settings::{DeviceSettings, ToolSettings};
 
     /// A tetrahedron of a bounding radius, m.
     fn object(radius: f64) -> Object {
@@ -96,7 +97,10 @@ mod tests {
         for said in ["7.770e1 m", "OpenOptions::scale by 0.001", "Settings::unusual_size"] {
             assert!(text.contains(said), "{text}");
         }
-        let insisted = Settings { unusual_size: true, ..Settings::default() };
+        let insisted = Settings {
+            tool: ToolSettings { unusual_size: true, ..ToolSettings::default() },
+            ..Settings::default()
+        };
         assert_eq!(check(77.7, 0.05, insisted), Ok(()));
         assert_eq!(check(0.0777, 0.05, Settings::default()), Ok(()));
         for (radius, usual) in [(1e-5, false), (9e-4, false), (1.1e-3, true), (1.9, true), (2.1, false)] {
@@ -115,7 +119,10 @@ mod tests {
     /// What is of a usual size at the device is meant so, and what is of a usual size in the world is not scaled away.
     #[test]
     fn the_workspace_scale_counts() {
-        let scaled = |workspace_scale| Settings { workspace_scale, ..Settings::default() };
+        let scaled = |workspace_scale| Settings {
+            device: DeviceSettings { workspace_scale, ..DeviceSettings::default() },
+            ..Settings::default()
+        };
         assert_eq!(check(77.7, 77.7, scaled(1000.0)), Ok(()));
         assert_eq!(check(1e-5, 1e-5, scaled(1e-3)), Ok(()));
         assert_eq!(check(0.05, 0.05, scaled(1e-3)), Ok(()));

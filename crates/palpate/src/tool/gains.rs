@@ -8,7 +8,10 @@ use palpate_dynamics::{
 };
 
 use crate::scene::placement::HandlePlacement;
-use crate::settings::{SLEW_TIME, Settings, SettingsError};
+use crate::settings::{
+    ContactSettings, CouplingSettings, OutputSettings, SLEW_TIME, SearchSettings, Settings, SettingsError,
+    ToolSettings,
+};
 
 /// A tool as its gains depend on it.
 #[derive(Clone, Copy, Debug)]
@@ -52,26 +55,28 @@ impl Gains {
     ) -> Result<Self, SettingsError> {
         settings.check()?;
         let Grasped { whole, center, first_center, radius } = grasped;
-        if let Some(value) = settings.tolerance.filter(|tolerance| tolerance > radius) {
+        if let Some(value) = settings.search.tolerance.filter(|tolerance| tolerance > radius) {
             let expected = "metres, at most the bounding radius of the grasped object";
             return Err(SettingsError { name: "tolerance", value, expected });
         }
-        let grasp = settings.grasp.unwrap_or(Pose::from_translation(*first_center));
+        let grasp = settings.tool.grasp.unwrap_or(Pose::from_translation(*first_center));
         let in_first = Pose::from_translation(-*first_center) * grasp;
         let about_center = Pose::new(in_first.translation - *center, in_first.rotation);
         let placement = HandlePlacement::at(settings, grasp.translation, specification);
-        let limits = port_limits(specification, 1.0 / settings.rate).with_lever(placement.lever(&grasp));
+        let limits =
+            port_limits(specification, 1.0 / settings.timing.rate).with_lever(placement.lever(&grasp));
         let coupling =
             VirtualCoupling { grasp: in_first, ..coupling(settings, whole, about_center, &limits) };
         let contacts = ContactParameters {
-            stiffness: settings.contact_stiffness,
+            stiffness: settings.contact.stiffness,
             damping: settings
-                .contact_damping
-                .unwrap_or(2.0 * (settings.contact_stiffness * whole.mass).sqrt()),
-            tolerance: settings.tolerance.unwrap_or_else(|| usual_tolerance(settings, *radius)),
+                .contact
+                .damping
+                .unwrap_or(2.0 * (settings.contact.stiffness * whole.mass).sqrt()),
+            tolerance: settings.search.tolerance.unwrap_or_else(|| usual_tolerance(settings, *radius)),
             friction: Friction {
-                static_coefficient: settings.static_friction.unwrap_or(settings.friction),
-                dynamic_coefficient: settings.friction,
+                static_coefficient: settings.contact.static_friction.unwrap_or(settings.contact.friction),
+                dynamic_coefficient: settings.contact.friction,
             },
         };
         Ok(Self {
@@ -79,7 +84,7 @@ impl Gains {
             placement,
             coupling,
             limits,
-            velocity_lags: limits.in_world(settings.workspace_scale).velocity_lags(&coupling),
+            velocity_lags: limits.in_world(settings.device.workspace_scale).velocity_lags(&coupling),
             contacts,
             slew: slew(settings, &limits),
             max_damping: max_damping(settings, &coupling, &limits),
@@ -90,16 +95,24 @@ impl Gains {
     pub fn fill_in(&self, settings: &Settings) -> Settings {
         let Self { grasp, coupling, contacts, slew, .. } = *self;
         Settings {
-            contact_damping: Some(contacts.damping),
-            static_friction: Some(contacts.friction.static_coefficient),
-            coupling_stiffness: Some(coupling.linear_stiffness),
-            coupling_damping: Some(coupling.linear_damping),
-            angular_stiffness: Some(coupling.angular_stiffness),
-            angular_damping: Some(coupling.angular_damping),
-            tolerance: Some(contacts.tolerance),
-            grasp: Some(grasp),
-            force_slew: Some(slew.force),
-            torque_slew: Some(slew.torque),
+            contact: ContactSettings {
+                damping: Some(contacts.damping),
+                static_friction: Some(contacts.friction.static_coefficient),
+                ..settings.contact
+            },
+            coupling: CouplingSettings {
+                stiffness: Some(coupling.linear_stiffness),
+                damping: Some(coupling.linear_damping),
+                angular_stiffness: Some(coupling.angular_stiffness),
+                angular_damping: Some(coupling.angular_damping),
+            },
+            search: SearchSettings { tolerance: Some(contacts.tolerance), ..settings.search },
+            tool: ToolSettings { grasp: Some(grasp), ..settings.tool },
+            output: OutputSettings {
+                force_slew: Some(slew.force),
+                torque_slew: Some(slew.torque),
+                ..settings.output
+            },
             ..*settings
         }
     }
@@ -144,36 +157,36 @@ const LARGEST_TOLERANCE: f64 = 2e-3;
 
 /// The distance tolerance d for an object of a bounding radius, m: 1 % of it, and no more than [`LARGEST_TOLERANCE`].
 fn usual_tolerance(settings: &Settings, radius: f64) -> f64 {
-    (0.01 * radius).min(LARGEST_TOLERANCE * settings.workspace_scale)
+    (0.01 * radius).min(LARGEST_TOLERANCE * settings.device.workspace_scale)
 }
 
 /// The coupling that the settings ask for, the rest chosen for the body and the device.
 fn coupling(settings: &Settings, body: &Body, grasp: Pose, limits: &PortLimits) -> VirtualCoupling {
-    let limits = limits.in_world(settings.workspace_scale);
+    let limits = limits.in_world(settings.device.workspace_scale);
     let chosen = VirtualCoupling::auto(body, grasp, &limits);
-    let linear = settings.coupling_stiffness.unwrap_or(chosen.linear_stiffness);
-    let angular = settings.angular_stiffness.unwrap_or(chosen.angular_stiffness);
+    let linear = settings.coupling.stiffness.unwrap_or(chosen.linear_stiffness);
+    let angular = settings.coupling.angular_stiffness.unwrap_or(chosen.angular_stiffness);
     let mut coupling = VirtualCoupling::critically_damped(body, grasp, linear, angular).limited_to(&limits);
-    coupling.linear_damping = settings.coupling_damping.unwrap_or(coupling.linear_damping);
-    coupling.angular_damping = settings.angular_damping.unwrap_or(coupling.angular_damping);
+    coupling.linear_damping = settings.coupling.damping.unwrap_or(coupling.linear_damping);
+    coupling.angular_damping = settings.coupling.angular_damping.unwrap_or(coupling.angular_damping);
     coupling
 }
 
 /// How fast the wrench at the device may change.
 fn slew(settings: &Settings, limits: &PortLimits) -> SlewLimit {
     SlewLimit {
-        force: settings.force_slew.unwrap_or(limits.translation.peak / SLEW_TIME),
-        torque: settings.torque_slew.unwrap_or(limits.rotation.peak / SLEW_TIME),
+        force: settings.output.force_slew.unwrap_or(limits.translation.peak / SLEW_TIME),
+        torque: settings.output.torque_slew.unwrap_or(limits.rotation.peak / SLEW_TIME),
     }
 }
 
 /// The most damping (N·s/m, N·m·s/rad) that the passivity controller may put at the device: what is passive there beside
 /// the coupling's springs; none where it is off.
 fn max_damping(settings: &Settings, coupling: &VirtualCoupling, limits: &PortLimits) -> (f64, f64) {
-    if !settings.passivity_controller {
+    if !settings.output.passivity_controller {
         return (0.0, 0.0);
     }
-    let scale = settings.workspace_scale;
+    let scale = settings.device.workspace_scale;
     let (linear, angular) = limits.in_world(scale).largest_dampings(coupling);
     (linear, angular / (scale * scale))
 }

@@ -60,8 +60,8 @@ impl Judge {
         let slew = slew(specification, settings);
         Self {
             specification: specification.clone(),
-            period: 1.0 / settings.rate,
-            timeout: settings.contact_timeout,
+            period: 1.0 / settings.timing.rate,
+            timeout: settings.timing.contact_timeout,
             slew,
             before: slew,
             held: Wrench::ZERO,
@@ -160,8 +160,8 @@ fn slew(specification: &Specification, settings: &Settings) -> (f64, f64) {
     let Specification { actuated, peak_force, peak_torque, .. } = specification;
     let usual = |axes: [bool; 3], peak: f64| if axes.contains(&true) { peak / SLEW_TIME } else { 0.0 };
     (
-        settings.force_slew.unwrap_or(usual(actuated.translation, *peak_force)),
-        settings.torque_slew.unwrap_or(usual(actuated.rotation, *peak_torque)),
+        settings.output.force_slew.unwrap_or(usual(actuated.translation, *peak_force)),
+        settings.output.torque_slew.unwrap_or(usual(actuated.rotation, *peak_torque)),
     )
 }
 

@@ -2,7 +2,8 @@
 
 use palpate::device::{Axes, Emulation, Hand, Handle, Specification};
 use palpate::glam::DVec3;
-use palpate::{ContactSearch, HandlePlace, IntegratorKind, Pose, Settings, TextureSettings};
+use palpate::settings::{ContactSearch, HandlePlace, TextureSettings};
+use palpate::{IntegratorKind, Pose, Settings};
 
 use super::faults::{FAULTS, Fault};
 use super::genome::{Genes, Genome};
@@ -116,7 +117,7 @@ impl Plan {
         let pair = if by_models { pair } else { Pair::Ellipsoid };
         let mut emulation = emulation(g);
         let settings = settings(g, pair, by_models);
-        emulation.substep = (0.5 / settings.rate).clamp(2e-5, 2e-4);
+        emulation.substep = (0.5 / settings.timing.rate).clamp(2e-5, 2e-4);
         let hand = Motion::of(g, seconds);
         let planes = (0..PLANES).map(|index| g.maybe(0.9 / (1 + index) as f64, |g| plane(g, seconds)));
         let planes: Vec<Plane> = planes.collect::<Vec<_>>().into_iter().flatten().collect();
@@ -161,64 +162,65 @@ fn settings(g: &mut Genes<'_>, pair: Pair, by_models: bool) -> Settings {
     let radius = pair.radius();
     let usual_rate = g.chance(0.6);
     let rate = g.log_or((100.0, 4000.0), 0.2, (10.0, 20_000.0));
-    let mut settings = Settings {
-        rate: if usual_rate { 1000.0 } else { rate },
-        mass: g.log_or((1e-3, 10.0), 0.15, (1e-5, 1e4)),
-        contact_stiffness: g.log_or((10.0, 1e5), 0.15, (1e-3, 1e8)),
-        contact_damping: g.maybe(0.4, |g| g.log_or((1e-3, 1e3), 0.1, (1e-6, 1e6))),
-        friction: g.maybe(0.5, |g| g.log_or((0.02, 1.5), 0.1, (1e-3, 100.0))).unwrap_or(0.0),
-        static_friction: g.maybe(0.3, |g| g.log_or((0.02, 1.5), 0.1, (1e-3, 100.0))),
-        coupling_stiffness: g.maybe(0.5, |g| g.log_or((1.0, 1e4), 0.2, (1e-3, 1e7))),
-        coupling_damping: g.maybe(0.3, |g| g.log_or((1e-2, 1e2), 0.2, (1e-5, 1e6))),
-        angular_stiffness: g.maybe(0.4, |g| g.log_or((1e-3, 10.0), 0.2, (1e-6, 1e6))),
-        angular_damping: g.maybe(0.3, |g| g.log_or((1e-5, 1.0), 0.2, (1e-8, 1e6))),
-        // Some are larger than the object, and refused.
-        tolerance: g.maybe(0.4, |g| radius * g.log(1e-4, 1.2)),
-        search: g.pick(&[
-            ContactSearch::Automatic,
-            ContactSearch::Levels,
-            ContactSearch::Levels,
-            ContactSearch::Representatives,
-        ]),
-        representative_error: g.maybe(0.2, |g| radius * g.pick(&[0.0003, 0.001, 0.003])),
-        error: g.maybe(0.3, |g| g.log(1e-5, 1e-2)).unwrap_or(0.0),
-        interpolation: g.chance(0.7),
-        // A session with it would not be the same each time.
-        query_budget: None,
-        clusters: g.range(1.0, 17.0) as usize,
-        braking: g.chance(0.75),
-        proxy: g.chance(0.75),
-        textures: TextureSettings {
-            grid: g.range(2.0, 16.0) as u32,
-            half_size: None,
-            temperature: g.maybe(0.3, |g| g.log(1e-6, 1e-2)),
-            ..TextureSettings::default()
-        },
-        grasp: g.maybe(0.3, |g| Pose::new(g.vector(2.0 * radius), g.turn(3.0))),
-        handle: g.pick(&[HandlePlace::Automatic, HandlePlace::Grasp, HandlePlace::MeshOrigin]),
-        contact_timeout: g.log(1e-3, 1.0),
-        integrator: IntegratorKind::SemiImplicit,
-        engagement: g.maybe(0.9, |g| g.log(1e-3, 2.0)).unwrap_or(0.0),
-        workspace_scale: g.maybe(0.4, |g| g.log_or((0.1, 10.0), 0.2, (1e-4, 1e4))).unwrap_or(1.0),
-        device_frame: Pose::new(g.vector(0.5), g.turn(3.0)),
-        clutch_button: g.maybe(0.4, |_| 0),
-        force_slew: g.maybe(0.3, |g| g.log(1.0, 1e5)),
-        torque_slew: g.maybe(0.3, |g| g.log(1e-2, 1e4)),
-        passivity_controller: g.chance(0.5),
-        unusual_size: true,
+    // In the order of the genes.
+    let mut settings = Settings::default();
+    settings.timing.rate = if usual_rate { 1000.0 } else { rate };
+    settings.tool.mass = g.log_or((1e-3, 10.0), 0.15, (1e-5, 1e4));
+    settings.contact.stiffness = g.log_or((10.0, 1e5), 0.15, (1e-3, 1e8));
+    settings.contact.damping = g.maybe(0.4, |g| g.log_or((1e-3, 1e3), 0.1, (1e-6, 1e6)));
+    settings.contact.friction = g.maybe(0.5, |g| g.log_or((0.02, 1.5), 0.1, (1e-3, 100.0))).unwrap_or(0.0);
+    settings.contact.static_friction = g.maybe(0.3, |g| g.log_or((0.02, 1.5), 0.1, (1e-3, 100.0)));
+    settings.coupling.stiffness = g.maybe(0.5, |g| g.log_or((1.0, 1e4), 0.2, (1e-3, 1e7)));
+    settings.coupling.damping = g.maybe(0.3, |g| g.log_or((1e-2, 1e2), 0.2, (1e-5, 1e6)));
+    settings.coupling.angular_stiffness = g.maybe(0.4, |g| g.log_or((1e-3, 10.0), 0.2, (1e-6, 1e6)));
+    settings.coupling.angular_damping = g.maybe(0.3, |g| g.log_or((1e-5, 1.0), 0.2, (1e-8, 1e6)));
+    // Some are larger than the object, and refused.
+    settings.search.tolerance = g.maybe(0.4, |g| radius * g.log(1e-4, 1.2));
+    settings.search.method = g.pick(&[
+        ContactSearch::Automatic,
+        ContactSearch::Levels,
+        ContactSearch::Levels,
+        ContactSearch::Representatives,
+    ]);
+    settings.search.representative_error = g.maybe(0.2, |g| radius * g.pick(&[0.0003, 0.001, 0.003]));
+    settings.detail.error = g.maybe(0.3, |g| g.log(1e-5, 1e-2)).unwrap_or(0.0);
+    settings.detail.interpolation = g.chance(0.7);
+    // A session with it would not be the same each time.
+    settings.detail.query_budget = None;
+    settings.search.clusters = g.range(1.0, 17.0) as usize;
+    settings.search.braking = g.chance(0.75);
+    settings.search.proxy = g.chance(0.75);
+    settings.textures = TextureSettings {
+        grid: g.range(2.0, 16.0) as u32,
+        half_size: None,
+        temperature: g.maybe(0.3, |g| g.log(1e-6, 1e-2)),
+        ..TextureSettings::default()
     };
+    settings.tool.grasp = g.maybe(0.3, |g| Pose::new(g.vector(2.0 * radius), g.turn(3.0)));
+    settings.tool.handle = g.pick(&[HandlePlace::Automatic, HandlePlace::Grasp, HandlePlace::MeshOrigin]);
+    settings.timing.contact_timeout = g.log(1e-3, 1.0);
+    settings.tool.integrator = IntegratorKind::SemiImplicit;
+    settings.timing.engagement = g.maybe(0.9, |g| g.log(1e-3, 2.0)).unwrap_or(0.0);
+    settings.device.workspace_scale =
+        g.maybe(0.4, |g| g.log_or((0.1, 10.0), 0.2, (1e-4, 1e4))).unwrap_or(1.0);
+    settings.device.frame = Pose::new(g.vector(0.5), g.turn(3.0));
+    settings.device.clutch_button = g.maybe(0.4, |_| 0);
+    settings.output.force_slew = g.maybe(0.3, |g| g.log(1.0, 1e5));
+    settings.output.torque_slew = g.maybe(0.3, |g| g.log(1e-2, 1e4));
+    settings.output.passivity_controller = g.chance(0.5);
+    settings.tool.unusual_size = true;
     let other = g.pick(&IntegratorKind::ALL);
     if g.chance(0.4) {
-        settings.integrator = other;
+        settings.tool.integrator = other;
     }
     let usual = g.pick(&[0.01, 0.02]);
     if !by_models {
         // A host's own query has no use for fields, which take seconds to make.
-        settings.search = ContactSearch::Levels;
+        settings.search.method = ContactSearch::Levels;
     }
-    if by_models && settings.search != ContactSearch::Levels {
+    if by_models && settings.search.method != ContactSearch::Levels {
         // Each tolerance needs fields of its own, which take seconds.
-        settings.tolerance = Some(usual * radius);
+        settings.search.tolerance = Some(usual * radius);
     }
     settings
 }

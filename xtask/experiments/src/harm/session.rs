@@ -6,6 +6,7 @@ use std::panic::AssertUnwindSafe;
 use palpate::device::{HapticDevice as _, IntendedPath};
 use palpate::dynamics::{Carrier, ContactParameters, ContactPatch, Friction, LinearContactModel};
 use palpate::glam::{DMat3, DVec3};
+use palpate::settings::{ContactSettings, CouplingSettings, OutputSettings};
 use palpate::{
     Contact, ContactLoop, ContactUpdate, ENERGY_BOUND, HapticLoop, HapticRenderer, Invariant, Mobility,
     Object, Pose, RUNAWAY_SPEED, Scene, SceneEditor, SceneId, Settings, SettingsEditor, Twist,
@@ -263,7 +264,7 @@ impl Running {
     }
 
     fn run(mut self, seconds: f64) -> Ended {
-        let period = 1.0 / self.plan.settings.rate;
+        let period = 1.0 / self.plan.settings.timing.rate;
         let (often, varies) = self.plan.host;
         let (mut time, mut now, mut steps) = (0.0, 0.0, 0);
         while time < seconds && steps < MOST_STEPS {
@@ -348,7 +349,7 @@ impl Running {
         if lost.into_iter().any(|kind| bench.is_there(kind).is_some()) {
             self.fault = Some(time);
         } else if self.fault.is_some_and(|fault| time - fault <= AFTER.max(1.5 * elapsed))
-            && self.plan.settings.engagement >= ENGAGED
+            && self.plan.settings.timing.engagement >= ENGAGED
         {
             let part = |size: f64, peak: f64| if size > 0.0 { size / peak } else { 0.0 };
             let sent = bench.held();
@@ -362,8 +363,9 @@ impl Running {
             return;
         }
         let (since, given) = self.free.unwrap_or((time, work));
-        let moving = self.haptic.body_state().twist.linear.length_squared() * 0.5 * self.plan.settings.mass;
-        let scale = self.plan.settings.workspace_scale;
+        let moving =
+            self.haptic.body_state().twist.linear.length_squared() * 0.5 * self.plan.settings.tool.mass;
+        let scale = self.plan.settings.device.workspace_scale;
         // What the object has of its motion may come out.
         let given = if time - since > FREE { given } else { work + moving / (scale * scale) };
         self.free = Some((since, given));
@@ -448,7 +450,7 @@ impl Running {
                 }
                 // Each size needs a field of its own, which takes seconds.
                 (Change::Replace(scale), Some(id))
-                    if self.plan.settings.search == palpate::ContactSearch::Levels =>
+                    if self.plan.settings.search.method == palpate::settings::ContactSearch::Levels =>
                 {
                     if let Some(scaled) = object.scaled(scale) {
                         let _ = self.scene.replace(id, &scaled, at(&models.place));
@@ -464,17 +466,29 @@ impl Running {
         let before = self.settings.settings();
         let specification = self.bench.specification();
         let settings = Settings {
-            contact_stiffness: before.contact_stiffness * contact.0,
-            contact_damping: before.contact_damping.map(|damping| damping * contact.1),
-            coupling_stiffness: before.coupling_stiffness.map(|stiffness| stiffness * coupling.0),
-            coupling_damping: before.coupling_damping.map(|damping| damping * coupling.1),
-            friction,
-            force_slew: slew.map(|slew| slew * specification.peak_force.max(1e-3)).or(before.force_slew),
-            torque_slew: slew.map(|slew| slew * specification.peak_torque.max(1e-3)).or(before.torque_slew),
-            passivity_controller: passivity,
+            contact: ContactSettings {
+                stiffness: before.contact.stiffness * contact.0,
+                damping: before.contact.damping.map(|damping| damping * contact.1),
+                friction,
+                ..before.contact
+            },
+            coupling: CouplingSettings {
+                stiffness: before.coupling.stiffness.map(|stiffness| stiffness * coupling.0),
+                damping: before.coupling.damping.map(|damping| damping * coupling.1),
+                ..before.coupling
+            },
+            output: OutputSettings {
+                force_slew: slew
+                    .map(|slew| slew * specification.peak_force.max(1e-3))
+                    .or(before.output.force_slew),
+                torque_slew: slew
+                    .map(|slew| slew * specification.peak_torque.max(1e-3))
+                    .or(before.output.torque_slew),
+                passivity_controller: passivity,
+            },
             ..before
         };
-        if self.settings.set(settings).is_ok() {
+        if self.settings.set(settings.live()).is_ok() {
             self.bench.judge.change(&settings);
         }
     }
@@ -512,7 +526,7 @@ impl Running {
 /// Where the scene's object is in the world: from where the session begins, in the sum of the objects' radii.
 fn placed(settings: &Settings, place: &Pose, probe: &Object, object: &Object) -> Pose {
     let radii = probe.bounding_radius() + object.bounding_radius();
-    let Pose { translation, rotation } = settings.device_frame;
+    let Pose { translation, rotation } = settings.device.frame;
     Pose::new(translation + place.translation * radii, place.rotation * rotation)
 }
 
@@ -531,7 +545,7 @@ fn found(
         DVec3::new(1.0, -1.0, -1.0),
     ];
     let pose = haptic.body_state().pose;
-    let scale = settings.workspace_scale;
+    let scale = settings.device.workspace_scale;
     let mut update =
         ContactUpdate { model: LinearContactModel::empty(&pose, time), time, ..ContactUpdate::none() };
     for plane in planes.iter().filter(|plane| (plane.there.0..plane.there.1).contains(&time)) {
@@ -546,8 +560,8 @@ fn found(
             damping: plane.damping,
             tolerance: scale * plane.tolerance,
             friction: Friction {
-                static_coefficient: settings.static_friction.unwrap_or(settings.friction),
-                dynamic_coefficient: settings.friction,
+                static_coefficient: settings.contact.static_friction.unwrap_or(settings.contact.friction),
+                dynamic_coefficient: settings.contact.friction,
             },
         };
         let count = if plane.spread > 0.0 { ROUND.len() } else { 1 };

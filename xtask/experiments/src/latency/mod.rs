@@ -106,7 +106,7 @@ fn print(arguments: &Arguments, summary: &Summary, noted: &Noted) {
     let haptic = &summary.haptic;
     println!("\n{} steps, {}", haptic.steps, haptic.missed_verdict());
     println!("{} writes, {} dropouts of force", noted.written.count(), noted.dropouts);
-    let period = 1e3 / Settings::default().rate;
+    let period = 1e3 / Settings::default().timing.rate;
     let [written, in_force] = [&noted.written, &noted.replaced].map(|ages| ages.percentiles(1e6).p999);
     let good = written < WRITTEN * period && in_force < IN_FORCE * period && noted.dropouts == 0;
     println!(

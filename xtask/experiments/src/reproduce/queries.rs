@@ -9,6 +9,7 @@ use std::time::Instant;
 use palpate::collide::{Clustering, ContactQuery, QuerySettings};
 use palpate::device::{Interpolation, MotionPath, Task};
 use palpate::glam::DVec3;
+use palpate::settings::DetailSettings;
 use palpate::{Object, Pose, Scene, Settings, explore};
 use palpate_report::{Curve, Figure, draw};
 use palpate_tests::correlation;
@@ -194,8 +195,13 @@ pub fn golf(name: &str) -> Result<Reproduction, String> {
 fn tapping(probe: &Object, object: &Object, benchmark: &Benchmark) -> Result<Vec<Pose>, String> {
     let scene = Scene::new().with(object.clone(), Pose::IDENTITY);
     let intended = explore::path(Task::Tap, probe, &scene).map_err(|error| error.to_string())?;
-    let settings =
-        Settings { error: benchmark.errors[3] * benchmark.radius(probe, object), ..Settings::default() };
+    let settings = Settings {
+        detail: DetailSettings {
+            error: benchmark.errors[3] * benchmark.radius(probe, object),
+            ..DetailSettings::default()
+        },
+        ..Settings::default()
+    };
     let session =
         Experiment { probe, scene: &scene, settings, contact_rate: 500.0, frozen: false, seconds: 3.0 };
     let trace = session.emulate(intended).map_err(|error| error.to_string())?;

@@ -7,8 +7,9 @@ use std::ops::ControlFlow;
 use palpate::device::Task;
 use palpate::glam::{DQuat, DVec3};
 use palpate::models::Model;
+use palpate::settings::{ContactSearch, SearchSettings, TextureSettings};
 use palpate::texture_pd::BakeOptions;
-use palpate::{ContactSearch, Object, Pose, Scene, Settings, TextureSettings, explore};
+use palpate::{Object, Pose, Scene, Settings, explore};
 use palpate_report::{Curve, Figure, draw};
 use palpate_tests::{correlation, smooth};
 
@@ -49,7 +50,11 @@ fn rendered(
     pose: impl Fn(f64) -> Pose,
 ) -> Result<Trace, String> {
     let textures = TextureSettings { half_size: Some(half_size), ..TextureSettings::default() };
-    let settings = Settings { tolerance: Some(2e-4), textures, ..Settings::default() };
+    let settings = Settings {
+        search: SearchSettings { tolerance: Some(2e-4), ..SearchSettings::default() },
+        textures,
+        ..Settings::default()
+    };
     let session =
         Experiment { probe, scene: &scene, settings, contact_rate: CONTACT_RATE, frozen: false, seconds };
     session.emulate(path(seconds + 0.2, pose)?).map_err(|error| error.to_string())
@@ -232,9 +237,12 @@ const TIMES: usize = 3;
 /// What a file is felt with on a CAD part.
 pub(crate) fn scraping() -> Settings {
     Settings {
-        search: ContactSearch::Levels,
-        tolerance: Some(2e-4),
-        clusters: CONTACTS,
+        search: SearchSettings {
+            method: ContactSearch::Levels,
+            tolerance: Some(2e-4),
+            clusters: CONTACTS,
+            ..SearchSettings::default()
+        },
         textures: TextureSettings {
             half_size: Some(0.004),
             temperature: Some(2e-5),

@@ -8,6 +8,7 @@ use palpate::device::{
     DeviceError, DeviceState, EmulatedDevice, Emulation, HapticDevice, IntendedPath, Specification,
 };
 use palpate::glam::{DQuat, DVec3};
+use palpate::settings::TimingSettings;
 use palpate::{
     ContactLoop, ContactUpdate, HapticLoop, HapticRenderer, Object, Pose, Scene, Settings, Twist, Wrench,
 };
@@ -299,7 +300,10 @@ impl Part {
         let control = Control::default();
         let device = Faulty { device, control: control.clone() };
         let scene = Scene::new().with(table.clone(), Pose::from_translation(DVec3::NEG_Z * TABLE.z));
-        let settings = Settings { contact_timeout: TIMEOUT, ..Settings::default() };
+        let settings = Settings {
+            timing: TimingSettings { contact_timeout: TIMEOUT, ..TimingSettings::default() },
+            ..Settings::default()
+        };
         let renderer = HapticRenderer::new(held.clone(), scene, Box::new(device), settings)
             .map_err(|error| error.to_string())?;
         let (haptic, contact, device) = renderer.into_loops();

@@ -6,6 +6,7 @@ use std::sync::atomic::AtomicBool;
 use palpate::device::{Emulation, Hand, IntendedPath};
 use palpate::glam::DVec3;
 use palpate::models::Model;
+use palpate::settings::SearchSettings;
 use palpate::{ContactTiming, HapticRenderer, Object, Pose, Scene, Settings, Twist};
 use palpate_report::{CellAxis, HeatMap};
 
@@ -224,7 +225,10 @@ fn hit(case: &Case, probe: &Object, plate: &Object, touch: f64) -> Result<Hit, S
     let emulation = Emulation { hand: Hand::GRIP, ..Emulation::default() };
     let (device, meter) = Metered::new(emulation.open(path).map_err(|error| error.to_string())?);
     let scene = Scene::new().with(plate.clone(), Pose::IDENTITY);
-    let settings = Settings { braking: method.braking, proxy: method.proxy, ..Settings::default() };
+    let settings = Settings {
+        search: SearchSettings { braking: method.braking, proxy: method.proxy, ..SearchSettings::default() },
+        ..Settings::default()
+    };
     let renderer = HapticRenderer::new(probe.clone(), scene, Box::new(device), settings)
         .map_err(|error| error.to_string())?;
     // The middle of the probe is beyond the middle of the plate.

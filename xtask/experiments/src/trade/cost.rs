@@ -145,7 +145,7 @@ impl Job {
             });
             haptic.update_contacts(&update);
             let state = device.read(0.0).map_err(|error| error.to_string())?;
-            let period = 1.0 / settings.rate;
+            let period = 1.0 / settings.timing.rate;
             counted(&mut || {
                 for step in 1..=HAPTIC_STEPS {
                     haptic.step(&state, f64::from(step) * period, period);

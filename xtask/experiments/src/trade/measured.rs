@@ -57,7 +57,7 @@ impl Reference {
     /// # Errors
     /// If it cannot be rendered, or the objects never touch.
     pub fn of(scenario: &Scenario, full: &Variation) -> Result<Self, String> {
-        let experiment = session(scenario, full, full.settings.rate);
+        let experiment = session(scenario, full, full.settings.timing.rate);
         let trace = experiment.emulate(scenario.hand()?).map_err(|error| error.to_string())?;
         let path = BodyPath::of(&trace).thinned_to(CONTACT_RATE);
         let profile = Profile::along(&path, &scenario.probe, &scenario.scene, &full.settings, 1)
@@ -120,7 +120,7 @@ mod tests {
         let scenario = small();
         let variations = variations(&scenario);
         let full = &variations[0];
-        assert_eq!((full.axis, full.settings.error), (Axis::Error, 0.0));
+        assert_eq!((full.axis, full.settings.detail.error), (Axis::Error, 0.0));
         let reference = Reference::of(&scenario, full).unwrap();
         let measure = |variation| Measured::of(&scenario, variation, full, &reference).unwrap();
         let coarse = variations.iter().rfind(|variation| variation.axis == Axis::Error).unwrap();

@@ -2,7 +2,8 @@
 
 use palpate::device::{Emulation, IntendedPath, Interpolation, Keyframe, MotionPath, Task};
 use palpate::models::Model;
-use palpate::{ContactSearch, HandlePlacement, Object, Pose, Scene, Settings, explore};
+use palpate::settings::{ContactSearch, SearchSettings};
+use palpate::{HandlePlacement, Object, Pose, Scene, Settings, explore};
 use palpate_benches::scenarios;
 
 use crate::reproduce::relief;
@@ -91,8 +92,11 @@ fn rigid(name: &'static str, opened: scenarios::Scenario, slower: f64) -> Result
         probe: probe.object,
         scene: Scene::new().with(scene.object, Pose::IDENTITY),
         settings: Settings {
-            search: ContactSearch::Levels,
-            tolerance: Some(tolerance),
+            search: SearchSettings {
+                method: ContactSearch::Levels,
+                tolerance: Some(tolerance),
+                ..SearchSettings::default()
+            },
             ..Settings::default()
         },
         textured: false,
@@ -125,7 +129,10 @@ pub mod tests {
             name: "small",
             probe: open("ellipsoid@500"),
             scene: Scene::new().with(open("golf-ball@5000"), Pose::IDENTITY),
-            settings: Settings { search: ContactSearch::Levels, ..Settings::default() },
+            settings: Settings {
+                search: SearchSettings { method: ContactSearch::Levels, ..SearchSettings::default() },
+                ..Settings::default()
+            },
             textured: false,
             seconds: 1.5,
             hand: None,

@@ -1,7 +1,11 @@
 //! The settings that are varied, one at a time.
 
 use palpate::dynamics::MAX_CLUSTERS;
-use palpate::{ContactSearch, IntegratorKind, Settings, TextureBackend, TextureDerivatives};
+use palpate::settings::{
+    ContactSearch, DetailSettings, SearchSettings, TextureBackend, TextureDerivatives, TimingSettings,
+    ToolSettings,
+};
+use palpate::{IntegratorKind, Settings};
 
 use super::scenario::Scenario;
 
@@ -100,8 +104,15 @@ const INTEGRATORS: [IntegratorKind; 6] = [
 /// What a scenario is measured with. The first is full resolution.
 pub fn variations(scenario: &Scenario) -> Vec<Variation> {
     let radius = scenario.probe.bounding_radius();
-    let full = Settings { search: ContactSearch::Levels, ..scenario.settings };
-    let usual = if scenario.textured { full } else { Settings { error: USUAL * radius, ..full } };
+    let full = Settings {
+        search: SearchSettings { method: ContactSearch::Levels, ..scenario.settings.search },
+        ..scenario.settings
+    };
+    let usual = if scenario.textured {
+        full
+    } else {
+        Settings { detail: DetailSettings { error: USUAL * radius, ..full.detail }, ..full }
+    };
     let mut all = Vec::new();
     let mut add = |axis, value: String, settings| all.push(Variation { axis, value, settings });
     if scenario.textured {
@@ -121,32 +132,65 @@ pub fn variations(scenario: &Scenario) -> Vec<Variation> {
     } else {
         let percent = |error: f64| format!("{} %", 100.0 * error);
         for error in ERRORS {
-            add(Axis::Error, percent(error), Settings { error: error * radius, ..full });
+            add(
+                Axis::Error,
+                percent(error),
+                Settings { detail: DetailSettings { error: error * radius, ..full.detail }, ..full },
+            );
         }
         for error in ERRORS.into_iter().skip(1) {
-            let settings = Settings { error: error * radius, interpolation: false, ..full };
+            let settings = Settings {
+                detail: DetailSettings { error: error * radius, interpolation: false, ..full.detail },
+                ..full
+            };
             add(Axis::ErrorWithoutInterpolation, percent(error), settings);
         }
         if scenario.is_closed() {
             for error in REPRESENTATIVE_ERRORS {
                 let representative_error = Some(error * radius);
                 let search = ContactSearch::Representatives;
-                add(Axis::Representatives, percent(error), Settings { search, representative_error, ..full });
+                add(
+                    Axis::Representatives,
+                    percent(error),
+                    Settings {
+                        search: SearchSettings { method: search, representative_error, ..full.search },
+                        ..full
+                    },
+                );
             }
         }
         for budget in BUDGETS {
-            let settings = Settings { error: ERRORS[1] * radius, query_budget: Some(budget), ..full };
+            let settings = Settings {
+                detail: DetailSettings {
+                    error: ERRORS[1] * radius,
+                    query_budget: Some(budget),
+                    ..full.detail
+                },
+                ..full
+            };
             add(Axis::QueryBudget, format!("{:.0} us", 1e6 * budget), settings);
         }
     }
     for clusters in CLUSTERS {
-        add(Axis::Clusters, clusters.to_string(), Settings { clusters, ..usual });
+        add(
+            Axis::Clusters,
+            clusters.to_string(),
+            Settings { search: SearchSettings { clusters, ..usual.search }, ..usual },
+        );
     }
     for integrator in INTEGRATORS {
-        add(Axis::Integrator, integrator.to_string(), Settings { integrator, ..usual });
+        add(
+            Axis::Integrator,
+            integrator.to_string(),
+            Settings { tool: ToolSettings { integrator, ..usual.tool }, ..usual },
+        );
     }
     for rate in RATES {
-        add(Axis::HapticRate, format!("{rate} Hz"), Settings { rate, ..usual });
+        add(
+            Axis::HapticRate,
+            format!("{rate} Hz"),
+            Settings { timing: TimingSettings { rate, ..usual.timing }, ..usual },
+        );
     }
     all
 }

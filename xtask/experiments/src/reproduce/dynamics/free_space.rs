@@ -2,7 +2,8 @@
 
 use palpate::device::MotionPath;
 use palpate::glam::{DQuat, DVec3};
-use palpate::{ContactSearch, HandlePlace, IntegratorKind, Object, Pose, Scene, Settings};
+use palpate::settings::{ContactSearch, CouplingSettings, HandlePlace, SearchSettings, ToolSettings};
+use palpate::{IntegratorKind, Object, Pose, Scene, Settings};
 
 use palpate_tests::smooth;
 
@@ -60,15 +61,20 @@ fn session<'a>(
     integrator: IntegratorKind,
 ) -> Experiment<'a> {
     let settings = Settings {
-        // The hand's path is that of the mesh's frame.
-        handle: HandlePlace::MeshOrigin,
-        mass,
-        integrator,
-        coupling_stiffness: Some(COUPLING_STIFFNESS),
-        coupling_damping: Some(COUPLING_DAMPING),
-        angular_stiffness: Some(ANGULAR_STIFFNESS),
-        angular_damping: Some(damping),
-        search: ContactSearch::Levels,
+        tool: ToolSettings {
+            // The hand's path is that of the mesh's frame.
+            handle: HandlePlace::MeshOrigin,
+            mass,
+            integrator,
+            ..ToolSettings::default()
+        },
+        coupling: CouplingSettings {
+            stiffness: Some(COUPLING_STIFFNESS),
+            damping: Some(COUPLING_DAMPING),
+            angular_stiffness: Some(ANGULAR_STIFFNESS),
+            angular_damping: Some(damping),
+        },
+        search: SearchSettings { method: ContactSearch::Levels, ..SearchSettings::default() },
         ..Settings::default()
     };
     Experiment { probe: spoon, scene, settings, contact_rate: 1000.0, frozen: false, seconds: SECONDS }

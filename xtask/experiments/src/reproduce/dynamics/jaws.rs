@@ -2,7 +2,11 @@
 //! Fig. 5.10).
 
 use palpate::glam::DVec3;
-use palpate::{ContactSearch, HandlePlace, Object, Pose, Scene, Settings};
+use palpate::settings::{
+    ContactSearch, ContactSettings, CouplingSettings, DetailSettings, DeviceSettings, HandlePlace,
+    SearchSettings, ToolSettings,
+};
+use palpate::{Object, Pose, Scene, Settings};
 use palpate_tests::{first_touch, smooth};
 
 use super::{COUPLING, DEPTH, DEVIATION, most, plot, root_mean_square, table};
@@ -89,17 +93,25 @@ fn find(name: &str, setups: &[Setup], triangles: Option<usize>) -> Result<(Found
         probe: &upper,
         scene: &scene,
         settings: Settings {
-            // The hand's path is that of the mesh's frame.
-            handle: HandlePlace::MeshOrigin,
-            mass: 0.01,
-            contact_stiffness: 5e3,
-            coupling_stiffness: Some(500.0),
-            workspace_scale: scale,
-            // The touch is where it is in the world, whatever the scale.
-            device_frame: Pose::from_translation(touch * (1.0 - scale)),
-            error: error * upper.bounding_radius(),
-            clusters: 16,
-            search: ContactSearch::Levels,
+            tool: ToolSettings {
+                // The hand's path is that of the mesh's frame.
+                handle: HandlePlace::MeshOrigin,
+                mass: 0.01,
+                ..ToolSettings::default()
+            },
+            contact: ContactSettings { stiffness: 5e3, ..ContactSettings::default() },
+            coupling: CouplingSettings { stiffness: Some(500.0), ..CouplingSettings::default() },
+            device: DeviceSettings {
+                workspace_scale: scale, // The touch is where it is in the world, whatever the scale.
+                frame: Pose::from_translation(touch * (1.0 - scale)),
+                ..DeviceSettings::default()
+            },
+            detail: DetailSettings { error: error * upper.bounding_radius(), ..DetailSettings::default() },
+            search: SearchSettings {
+                clusters: 16,
+                method: ContactSearch::Levels,
+                ..SearchSettings::default()
+            },
             ..Settings::default()
         },
         contact_rate,

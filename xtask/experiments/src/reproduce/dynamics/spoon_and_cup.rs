@@ -1,7 +1,10 @@
 //! A spoon pressed onto a cup, by integrator, mass and contact stiffness (§5.5.3, Fig. 5.8).
 
 use palpate::glam::{DQuat, DVec3};
-use palpate::{ContactSearch, HandlePlace, IntegratorKind, Pose, Scene, Settings};
+use palpate::settings::{
+    ContactSearch, ContactSettings, CouplingSettings, HandlePlace, SearchSettings, ToolSettings,
+};
+use palpate::{IntegratorKind, Pose, Scene, Settings};
 use palpate_tests::first_touch;
 
 use super::{
@@ -92,16 +95,25 @@ fn find(setups: &[Setup; 3]) -> Result<(Found, [Trace; 3]), String> {
         probe: &spoon,
         scene: &scene,
         settings: Settings {
-            // The hand's path is that of the mesh's frame.
-            handle: HandlePlace::MeshOrigin,
-            integrator,
-            mass,
-            contact_stiffness,
-            coupling_stiffness: Some(COUPLING_STIFFNESS),
-            angular_stiffness: Some(ANGULAR_STIFFNESS),
-            angular_damping: Some(damping),
-            tolerance: Some(1e-4),
-            search: ContactSearch::Levels,
+            tool: ToolSettings {
+                // The hand's path is that of the mesh's frame.
+                handle: HandlePlace::MeshOrigin,
+                integrator,
+                mass,
+                ..ToolSettings::default()
+            },
+            contact: ContactSettings { stiffness: contact_stiffness, ..ContactSettings::default() },
+            coupling: CouplingSettings {
+                stiffness: Some(COUPLING_STIFFNESS),
+                angular_stiffness: Some(ANGULAR_STIFFNESS),
+                angular_damping: Some(damping),
+                ..CouplingSettings::default()
+            },
+            search: SearchSettings {
+                tolerance: Some(1e-4),
+                method: ContactSearch::Levels,
+                ..SearchSettings::default()
+            },
             ..Settings::default()
         },
         contact_rate: 1000.0,

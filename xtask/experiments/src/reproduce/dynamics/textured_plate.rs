@@ -1,7 +1,11 @@
 //! A probe with a round tip on a plate with ridges 8 mm high, to the right and faster back (§5.5.4, Fig. 5.12).
 
 use palpate::glam::DVec3;
-use palpate::{ContactSearch, HandlePlace, Pose, Scene, Settings, TextureDerivatives, TextureSettings};
+use palpate::settings::{
+    ContactSearch, ContactSettings, CouplingSettings, HandlePlace, SearchSettings, TextureDerivatives,
+    TextureSettings, ToolSettings,
+};
+use palpate::{Pose, Scene, Settings};
 use palpate_tests::{ridged_plate, smooth};
 
 use super::{COUPLING, DEPTH, plot, table};
@@ -106,18 +110,27 @@ fn find(height: f64) -> Result<(Found, [Trace; 2]), String> {
         probe: &stylus,
         scene,
         settings: Settings {
-            // The hand's path is that of the mesh's frame.
-            handle: HandlePlace::MeshOrigin,
-            mass: 0.01,
-            contact_stiffness: 2000.0,
-            coupling_stiffness: Some(200.0),
-            angular_stiffness: Some(3.0),
-            tolerance: Some(2e-4),
+            tool: ToolSettings {
+                // The hand's path is that of the mesh's frame.
+                handle: HandlePlace::MeshOrigin,
+                mass: 0.01,
+                ..ToolSettings::default()
+            },
+            contact: ContactSettings { stiffness: 2000.0, ..ContactSettings::default() },
+            coupling: CouplingSettings {
+                stiffness: Some(200.0),
+                angular_stiffness: Some(3.0),
+                ..CouplingSettings::default()
+            },
+            search: SearchSettings {
+                tolerance: Some(2e-4),
+                method: ContactSearch::Levels,
+                ..SearchSettings::default()
+            },
             textures: TextureSettings {
                 derivatives: TextureDerivatives::Maximum,
                 ..TextureSettings::default()
             },
-            search: ContactSearch::Levels,
             ..Settings::default()
         },
         contact_rate: CONTACT_RATE,

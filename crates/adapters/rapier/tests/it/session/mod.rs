@@ -56,7 +56,7 @@ impl Session {
         let mut renderer = renderer.expect("a session");
         let (scene, reactions) = (renderer.scene_editor(), renderer.reactions());
         let (haptic, contact, _) = renderer.into_loops();
-        let (probe, mass, hand) = (probe.clone(), settings.mass, Box::new(hand));
+        let (probe, mass, hand) = (probe.clone(), settings.tool.mass, Box::new(hand));
         let touched = TouchedBodies::new(dt);
         Self { world, touched, scene, reactions, haptic, contact, probe, mass, hand, every, steps: 0 }
     }
