@@ -69,164 +69,102 @@ pub struct Percentiles {
     pub max: f64,
 }
 
-/// How often something out of the ordinary happened. Every event is counted, none is logged from the loop.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct Events {
+/// Declares the counts of [`Events`], so that each is in their sum.
+macro_rules! events {
+    ($($(#[$doc:meta])* $event:ident,)*) => {
+        /// Number of times that something out of the ordinary happened. Every event is counted, none is logged from the loop.
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+        pub struct Events {
+            $($(#[$doc])* pub $event: u64,)*
+        }
+
+        impl Events {
+            /// The events of two loops, or of two times.
+            #[must_use]
+            pub fn and(&self, other: &Self) -> Self {
+                Self { $($event: self.$event + other.$event,)* }
+            }
+        }
+    };
+}
+
+events! {
     /// The device did not answer, reported a motion that is not finite or a place far outside its workspace, or refused a wrench; its
     /// last good pose was held. Nothing is sent while it does not answer, nor when no reading has been good for 10 ms. Where more than
     /// one in five is refused for long, the others are not good either.
-    pub device_refused: u64,
+    device_refused,
     /// The device reported a place that no hand could have moved it to since the last reading; its last good pose was
     /// held. It is believed after five readings in a row, or more where many were refused, and the wrench then comes up from zero.
-    pub device_jumped: u64,
+    device_jumped,
     /// The device's reading was the one before, by its time: its velocity was held. After 25 ms the device counts as lost.
-    pub device_stale: u64,
+    device_stale,
     /// The device was found more than 5 mm or 0.1 rad from where it was lost, or from where it was when the session was made: the
     /// object stays, and the hand goes on from there.
-    pub rebased: u64,
+    rebased,
     /// The driver had sent zero in place of the wrench, which then came up from zero.
-    pub withheld: u64,
+    withheld,
     /// A step came so late that not all of the time was integrated, and the hand had moved meanwhile: the wrench came up from zero.
-    pub late: u64,
+    late,
     /// The handle ran along the wrench at more than 0.8 m/s or 20 rad/s, as one that is let go of does: the wrench was dropped, and
     /// came up from zero.
-    pub runaway: u64,
+    runaway,
     /// More energy had come out than can have been stored, by half of the bound: the wrench was dropped, and came up from zero.
-    pub energy_created: u64,
+    energy_created,
     /// Actuators had been asked for more than they can keep up, and were given less than the peak.
-    pub hot: u64,
+    hot,
     /// The device has no more to give: a replayed path came to its end.
-    pub device_ended: u64,
+    device_ended,
     /// The step had no finite solution; the object's state was held and no wrench sent.
-    pub step_refused: u64,
+    step_refused,
     /// No step could be taken 20 times in a row: the object was put where the hand is, at rest.
-    pub reseated: u64,
+    reseated,
     /// The set of pushing contacts was still changing when the step ended, so that one may have been left out.
-    pub contacts_unsettled: u64,
+    contacts_unsettled,
     /// An iterative integrator did not converge, and the step was taken as far as it came or semi-implicitly.
-    pub step_unconverged: u64,
+    step_unconverged,
     /// The wrench was reduced towards what the device can render: it was above three quarters of it.
-    pub saturated: u64,
+    saturated,
     /// The wrench was limited in how fast it changes.
-    pub slewed: u64,
+    slewed,
     /// The wrench was faded: contact models were overdue, or had been within the last timeout.
-    pub faded: u64,
+    faded,
     /// The wrench was coming up, after the start, or after the device or the step had failed; or going down and coming
     /// up for the clutch.
-    pub engaging: u64,
+    engaging,
     /// The clutch was held: the device moved without the object.
-    pub clutched: u64,
+    clutched,
     /// A contact pushed one object of the scene more than there is room for, whose reaction was lost.
-    pub reaction_dropped: u64,
+    reaction_dropped,
     /// The passivity controller added damping, for more energy had come out than can have been in.
-    pub damped: u64,
+    damped,
     /// A contact step in which the grasped object was deeper in a surface than its proxy may be, or had been carried past
     /// one, so that contacts push it back.
-    pub held_back: u64,
+    held_back,
     /// A textured contact slid further between two looks at it than a texel of its grid, so that detail is felt at another
     /// frequency or not at all: let the contact loop run faster, or make the texture coarser.
-    pub texture_undersampled: u64,
+    texture_undersampled,
     /// A quarter of a textured contact's grid of which more than a tenth folds over itself as seen along the contact, so that
     /// its depth is approximated (§4.6.1).
-    pub texture_folded: u64,
+    texture_folded,
     /// A contact step whose textured contacts the processor computed, as what was to do so failed at them: it was lost, had not
     /// answered within 20 ms, could not be made, or they were too many for it. What is lost is counted once, and the processor
     /// has computed them since.
-    pub texture_backend_lost: u64,
+    texture_backend_lost,
     /// A contact query ran out of room and reported fewer contacts than there are.
-    pub contact_overflow: u64,
+    contact_overflow,
     /// A contact query was refused, its pose not being finite, and found nothing; or a contact was not finite, or the depth of a
     /// quarter of a textured contact's grid, and was left out.
-    pub contact_refused: u64,
+    contact_refused,
     /// A pair of convex hulls did not converge in a contact query.
-    pub not_converged: u64,
+    not_converged,
     /// A change of the scene could not be made: of an object that is not there, or with a texture that cannot be rendered.
-    pub edit_refused: u64,
+    edit_refused,
     /// A contact model was lost because the haptic loop had not fetched the earlier ones.
-    pub model_dropped: u64,
+    model_dropped,
     /// The contact thread of a hosted session has ended, by a panic: no more contacts are found, and the wrench has faded.
-    pub contact_thread_lost: u64,
+    contact_thread_lost,
     /// Rows of the recording were lost because the recorder could not keep up.
-    pub record_dropped: u64,
-}
-
-impl Events {
-    /// The events of two loops, or of two times.
-    #[must_use]
-    pub fn and(&self, other: &Self) -> Self {
-        let mut sum = *self;
-        let Self {
-            device_refused,
-            device_jumped,
-            device_stale,
-            rebased,
-            withheld,
-            late,
-            runaway,
-            energy_created,
-            hot,
-            device_ended,
-            step_refused,
-            reseated,
-            contacts_unsettled,
-            step_unconverged,
-            saturated,
-            slewed,
-            faded,
-            engaging,
-            clutched,
-            reaction_dropped,
-            damped,
-            held_back,
-            texture_undersampled,
-            texture_folded,
-            texture_backend_lost,
-            contact_overflow,
-            contact_refused,
-            not_converged,
-            edit_refused,
-            model_dropped,
-            contact_thread_lost,
-            record_dropped,
-        } = *other;
-        for (total, more) in [
-            (&mut sum.device_refused, device_refused),
-            (&mut sum.device_jumped, device_jumped),
-            (&mut sum.device_stale, device_stale),
-            (&mut sum.rebased, rebased),
-            (&mut sum.withheld, withheld),
-            (&mut sum.late, late),
-            (&mut sum.runaway, runaway),
-            (&mut sum.energy_created, energy_created),
-            (&mut sum.hot, hot),
-            (&mut sum.device_ended, device_ended),
-            (&mut sum.step_refused, step_refused),
-            (&mut sum.reseated, reseated),
-            (&mut sum.contacts_unsettled, contacts_unsettled),
-            (&mut sum.step_unconverged, step_unconverged),
-            (&mut sum.saturated, saturated),
-            (&mut sum.slewed, slewed),
-            (&mut sum.faded, faded),
-            (&mut sum.engaging, engaging),
-            (&mut sum.clutched, clutched),
-            (&mut sum.reaction_dropped, reaction_dropped),
-            (&mut sum.damped, damped),
-            (&mut sum.held_back, held_back),
-            (&mut sum.texture_undersampled, texture_undersampled),
-            (&mut sum.texture_folded, texture_folded),
-            (&mut sum.texture_backend_lost, texture_backend_lost),
-            (&mut sum.contact_overflow, contact_overflow),
-            (&mut sum.contact_refused, contact_refused),
-            (&mut sum.not_converged, not_converged),
-            (&mut sum.edit_refused, edit_refused),
-            (&mut sum.model_dropped, model_dropped),
-            (&mut sum.contact_thread_lost, contact_thread_lost),
-            (&mut sum.record_dropped, record_dropped),
-        ] {
-            *total += more;
-        }
-        sum
-    }
+    record_dropped,
 }
 
 /// What the haptic loop measured.
