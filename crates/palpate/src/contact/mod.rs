@@ -3,6 +3,7 @@
 mod by_fields;
 mod changes;
 mod in_scene;
+mod lookahead;
 pub(crate) mod merging;
 pub(crate) mod monitor;
 pub(crate) mod proxy;
@@ -25,6 +26,7 @@ use rtrb::Consumer;
 
 use self::by_fields::{ByFields, FieldSearch, in_steps};
 use self::in_scene::{InScene, objects_of};
+use self::lookahead::Lookahead;
 pub(crate) use self::search::ByLevels;
 use self::search::choose;
 use self::touching::Patches;
@@ -44,30 +46,8 @@ use crate::telemetry::ContactTelemetry;
 /// within reach.
 const RESERVED: usize = 16;
 
-/// Approaching contacts are looked for as far as the body comes in this many intervals between queries: one passes before
-/// a query's answer is in use, another while it goes over to it, and one more before the next.
-const INTERVALS: f64 = 4.0;
-
-/// The longest interval that is reckoned with, s, and the furthest way, in radii of the probe.
-const LONGEST_INTERVAL: f64 = 0.02;
-const FURTHEST: f64 = 0.5;
-
-/// The furthest that contacts are looked for because the proxy lags behind the body, in tolerances, and how many of those further
-/// apart than d there may be before it is less. They hold the body.
-const FURTHEST_LAG: f64 = 16.0;
-const LAG_CONTACTS: usize = 256;
-
 /// Contacts that there is room for from the start.
 const MOST: usize = 512;
-
-/// How far the query looks ahead goes in steps of this, in tolerances.
-const STEP: f64 = 0.25;
-
-/// Contacts further apart than d are to be no more than this, or than those within d, so that looking ahead costs no
-/// more than the contacts themselves. How far the query looks is halved where they are more, and grows by as much where it
-/// is not far enough and they are not.
-const FAR_CONTACTS: usize = 64;
-const GROWTH: f64 = 1.01;
 
 /// Why there can be no contact loop.
 #[derive(Debug, thiserror::Error)]
@@ -145,16 +125,11 @@ pub struct ContactLoop {
     /// Where an object is textured.
     textures: Option<Textures>,
     braking: bool,
-    /// Whether contacts further away than d matter.
-    looks_ahead: bool,
     /// Of the grasped object, kg.
     mass: f64,
     /// Bounding radius of the probe about its centre of mass, m.
     radius: f64,
-    /// How much further than d the query may look for what the body comes at, m, and for what holds a body that its proxy lags
-    /// behind.
-    outlook: f64,
-    furthest_lag: f64,
+    lookahead: Lookahead,
     /// Of the last step, s.
     time: f64,
     telemetry: ContactTelemetry,
@@ -223,11 +198,9 @@ impl ContactLoop {
             approaching_clusters: Clustering::new(MAX_APPROACHING),
             textures,
             braking,
-            looks_ahead: braking || proxy,
             mass: body.mass,
             radius,
-            outlook: FURTHEST * radius,
-            furthest_lag: FURTHEST_LAG * parameters.tolerance,
+            lookahead: Lookahead::new(braking || proxy, parameters.tolerance, radius),
             time: f64::NAN,
             telemetry: ContactTelemetry::default(),
             watched: None,
@@ -247,13 +220,14 @@ impl ContactLoop {
         let interval = time - std::mem::replace(&mut self.time, time);
         self.tune(interval);
         self.move_objects(body, time);
-        let ahead = self.time_ahead(interval);
+        let ahead = self.lookahead.horizon(interval);
         let tolerance = self.parameters.tolerance;
         let near = tolerance + self.textures.as_ref().map_or(0.0, Textures::protrusion);
-        let (lag, way) = (self.proxy.lag().min(self.furthest_lag), self.way(body, ahead));
+        let lag = self.lookahead.limited_lag(self.proxy.lag());
+        let motion = self.lookahead.motion_bound(&body.twist, self.fastest, ahead);
         let behind = if self.is_by_fields() { in_steps(lag, tolerance) } else { lag };
         // No further than queries look.
-        let reach = (near + behind + way).min(self.furthest());
+        let reach = (near + behind + motion).min(self.furthest());
         let followed = match &mut self.by_fields {
             Some(by_fields) if self.textures.is_none() => {
                 self.proxy.follow(&body.pose, &mut FieldSearch { by_fields, scene: &mut self.scene, reach })
@@ -268,7 +242,8 @@ impl ContactLoop {
         events.contact_refused += u64::from(followed.refused);
         events.not_converged += followed.not_converged as u64;
         events.held_back += u64::from(*self.proxy.pose() != body.pose);
-        self.adapt_reach(way, lag, near);
+        let depths = self.proxy.contacts().map(|found| found.contact.contact.depth);
+        self.lookahead.adapt((motion, lag), near, depths);
         self.sort(body, ahead);
         self.show_patches(time);
         let mut depth = deepest(&self.contacts);
@@ -409,7 +384,9 @@ impl ContactLoop {
                 fields.scene_has_changed();
             }
             let size = object.bounding_radius();
-            if pose.translation.distance(body.pose.translation) < size + self.radius + self.outlook {
+            if pose.translation.distance(body.pose.translation)
+                < size + self.radius + self.lookahead.outlook()
+            {
                 self.proxy.object_has_moved(place, &before, &pose);
                 let Twist { linear, angular } = moving.twist();
                 self.fastest = self.fastest.max(linear.length() + angular.length() * size);
@@ -564,43 +541,10 @@ impl ContactLoop {
         }
     }
 
-    /// How far ahead contacts are looked for, s, by the time since they last were: none where nothing asks for them.
-    fn time_ahead(&self, interval: f64) -> f64 {
-        if self.looks_ahead && interval > 0.0 { INTERVALS * interval.min(LONGEST_INTERVAL) } else { 0.0 }
-    }
-
     /// Gains of contacts that brake in `time` (s): damping that takes all of a body's speed in a tenth of it.
     fn braking_parameters(&self, time: f64) -> ContactParameters {
         let damping = if time > 0.0 { 10.0 * self.mass / time } else { 0.0 };
         ContactParameters { damping: damping.max(self.parameters.damping), ..self.parameters }
-    }
-
-    /// At least how far any point of the body comes towards the scene in a time (s), m, as far as the query looks ahead at all, and in whole
-    /// steps, so that its reach seldom changes.
-    fn way(&self, body: &BodyState, time: f64) -> f64 {
-        let speed = body.twist.linear.length() + body.twist.angular.length() * self.radius + self.fastest;
-        let step = STEP * self.parameters.tolerance;
-        let way = (speed * time).min(self.outlook);
-        if way > step { (way / step).ceil() * step } else { 0.0 }
-    }
-
-    /// Looks less far next time if too much was found further apart than what is near (m), within as much more as the body
-    /// comes in the time ahead (m) and its proxy lags behind (m); or further ahead again if that was as far as it looks.
-    fn adapt_reach(&mut self, way: f64, lag: f64, near: f64) {
-        let tolerance = self.parameters.tolerance;
-        let found = self.proxy.contacts().count();
-        let near = self.proxy.contacts().filter(|found| found.contact.contact.depth > -near).count();
-        let far = found - near;
-        if far > near.max(FAR_CONTACTS) {
-            self.outlook = (0.5 * way).max(STEP * tolerance);
-        } else if way >= self.outlook {
-            self.outlook = (GROWTH * self.outlook).min(FURTHEST * self.radius);
-        }
-        if far > LAG_CONTACTS && lag > 0.0 {
-            self.furthest_lag = (0.5 * lag).max(STEP * tolerance);
-        } else if lag == 0.0 {
-            self.furthest_lag = (GROWTH * self.furthest_lag).min(FURTHEST_LAG * tolerance);
-        }
     }
 
     /// A watch that shows the contacts elsewhere, from the next step on. There may be several.
