@@ -106,14 +106,16 @@ pub(crate) struct Front {
     used: usize,
     split: usize,
     high_water: usize,
+    /// Most pairs that it may hold.
+    most: usize,
 }
 
 impl Front {
     /// The slot of the pair of roots.
     pub const ROOT: u32 = 0;
 
-    /// A tree of nothing, with room for a number of pairs.
-    pub fn with_capacity(pairs: usize) -> Self {
+    /// An empty tree of at most `most` pairs, with room for a number of them.
+    pub fn with_capacity(pairs: usize, most: usize) -> Self {
         Self {
             pairs: Vec::with_capacity(pairs),
             links: Vec::with_capacity(pairs),
@@ -121,6 +123,7 @@ impl Front {
             used: 0,
             split: 0,
             high_water: 0,
+            most,
         }
     }
 
@@ -206,11 +209,9 @@ impl Front {
         })
     }
 
-    /// Splits a pair into others; `false`, and nothing done, if there is no room for them. `grow`: make room.
-    pub fn split(&mut self, slot: u32, into: impl ExactSizeIterator<Item = Pair>, grow: bool) -> bool {
-        let spare = self.pairs.len() - self.used;
-        let room = self.capacity() - self.pairs.len();
-        if !grow && into.len() > spare + room {
+    /// Splits a pair into others; `false`, and nothing done, if there would be too many.
+    pub fn split(&mut self, slot: u32, into: impl ExactSizeIterator<Item = Pair>) -> bool {
+        if self.used + into.len() > self.most {
             return false;
         }
         let mut first = NO_PAIR;

@@ -35,7 +35,6 @@ mod overlap;
 mod parallel;
 mod parting;
 pub(crate) mod refinement;
-mod thinning;
 mod triangles;
 
 use std::collections::BinaryHeap;
@@ -48,7 +47,6 @@ use self::budget::{Pace, Urgent};
 use self::front::{Front, Pair};
 use self::leaf::{Counts, LeafQuery};
 use self::parallel::Deferred;
-use self::thinning::{LEAST_ROOM, thin};
 use crate::convex::Placement;
 use crate::error::{QueryError, QueryObject};
 use crate::motion::Motion;
@@ -63,12 +61,12 @@ const PRECISION: f64 = 1e-12;
 /// Contacts that a new workspace has room for.
 const CONTACTS: usize = 1 << 14;
 
-/// A workspace holds up to this many contacts, unless [`ContactQuery::with_capacity`] makes more room: further ones are
-/// merged with near ones ([`QueryOutcome::overflow`]). They take some 100 MB.
+/// Most contacts that a query reports, some 100 MB. Beyond them the shallowest are dropped and counted
+/// ([`QueryOutcome::dropped`]).
 pub const MAX_CONTACTS: usize = 1 << 20;
 
-/// A workspace holds up to this many pairs of nodes on and above the front, unless [`ContactQuery::with_capacity`] makes
-/// more room: further ones are gone through in every query ([`QueryOutcome::front_overflow`]). They take some 0.6 GB.
+/// Most pairs of nodes, on and above the front, that a workspace keeps, some 0.6 GB. Those beyond are tested anew in
+/// every query ([`QueryOutcome::front_overflow`]): the answer is the same, but takes longer.
 pub const MAX_PAIRS: usize = 1 << 22;
 
 /// Hulls of more points than this are not tested above the leaves, but split at once: they belong to the upper free
@@ -97,11 +95,6 @@ const RAISE: f64 = 0.05;
 pub struct QuerySettings {
     /// d: surfaces closer than this are in contact, m; 0 to the probe's [`max_tolerance`](Shape::max_tolerance).
     pub tolerance: f64,
-    /// Never allocate for contacts or pairs of nodes: when the reserved room is full, near contacts are merged, the
-    /// deepest of them standing for the others ([`QueryOutcome::overflow`]), and pairs that there is no room for are gone
-    /// through without being kept ([`QueryOutcome::front_overflow`]). Otherwise (the default) buffers grow, and
-    /// [`QueryOutcome::reallocated`] says so; from [`MAX_CONTACTS`] contacts and [`MAX_PAIRS`] pairs on they are as fixed.
-    pub fixed_capacity: bool,
     /// How far hulls may stand off the surface that they were built for, as a fraction of an object's bounding radius:
     /// the builder's tolerance. Where this much could decide about a contact, the triangles do.
     pub patch_tolerance: f64,
@@ -123,7 +116,6 @@ impl QuerySettings {
     pub fn new(tolerance: f64) -> Self {
         Self {
             tolerance,
-            fixed_capacity: false,
             patch_tolerance: 1e-6,
             error: ErrorMetrics::EXACT,
             interpolate: false,
@@ -163,7 +155,7 @@ pub struct PatchContact {
 /// What a query found and what it cost.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct QueryOutcome {
-    /// Contacts found, whether or not there was room for them.
+    /// Number of contacts found, those that were [dropped](Self::dropped) included.
     pub contacts: usize,
     /// Smallest separation distance within the tolerance, m; 0 when something penetrates, `None` without contacts.
     pub smallest_distance: Option<f64>,
@@ -188,18 +180,16 @@ pub struct QueryOutcome {
     pub stack_high_water: usize,
     /// Most pairs, on and above the front, that were kept at once, by this query or any before.
     pub front_high_water: usize,
-    /// Whether there was no room to keep the whole front. The answer is the same, but the next query starts higher up.
+    /// Whether there were more pairs than [`MAX_PAIRS`], so that the front is not kept as a whole. The answer is the
+    /// same, but the next query starts higher up.
     pub front_overflow: bool,
     /// Whether a time-critical query had to stop before all was fine enough.
     pub out_of_budget: bool,
     /// Largest s*/s₀ that a time-critical query stopped at; where s₀ is 0, it only tells that it did.
     pub worst_deviation: f64,
-    /// Whether contacts were merged for want of room: [`ContactQuery::reserve`] more, or, from [`MAX_CONTACTS`] on, ask
-    /// for a smaller tolerance.
-    pub overflow: bool,
-    /// Side of the cubes, m, of which each holds one contact for every octant that normals point to, if contacts were
-    /// merged.
-    pub merged_within: f64,
+    /// Number of contacts that were dropped because there were more than [`MAX_CONTACTS`]. Each is shallower than half
+    /// of that many that are reported, which are then in no particular order. Ask for a smaller tolerance.
+    pub dropped: usize,
     /// Whether a buffer grew during this query: it was larger than any before.
     pub reallocated: bool,
 }
@@ -299,12 +289,12 @@ impl ContactQuery {
         Self::with_capacity(probe, scene, CONTACTS, PAIRS)
     }
 
-    /// A workspace with room for a number of contacts, and of pairs of nodes on and above the front.
+    /// A workspace that has room for a number of contacts, and of pairs of nodes on and above the front, at first.
     pub fn with_capacity(probe: &Shape, scene: &Shape, contacts: usize, pairs: usize) -> Self {
         let (probe, scene) = (probe.clone(), scene.clone());
         let width = probe.path_width() + scene.path_width() + 1;
         Self {
-            front: Front::with_capacity(pairs.clamp(1, LEAVE as usize)),
+            front: Front::with_capacity(pairs.clamp(1, MAX_PAIRS), MAX_PAIRS),
             motion: Motion::default(),
             last: None,
             stack: Vec::with_capacity(2 * width),
@@ -314,15 +304,10 @@ impl ContactQuery {
             pace: Pace::default(),
             leaf: LeafQuery::default(),
             deferred: Deferred::default(),
-            contacts: Vec::with_capacity(contacts.max(LEAST_ROOM)),
+            contacts: Vec::with_capacity(contacts),
             outcome: QueryOutcome::default(),
             bodies: Bodies { probe, scene },
         }
-    }
-
-    /// Makes room for a number of contacts, so that queries with up to as many do not allocate for them.
-    pub fn reserve(&mut self, contacts: usize) {
-        self.contacts.reserve(contacts.saturating_sub(self.contacts.len()));
     }
 
     /// Bytes of memory held by the workspace.
@@ -523,8 +508,7 @@ impl ContactQuery {
         self.front.set(slot, pair);
         if !pair.split {
             let into = self.bodies.below(pair, now.exact).rev();
-            let grow = !now.settings.fixed_capacity && self.front.capacity() < MAX_PAIRS;
-            if !self.front.split(slot, into, grow) {
+            if !self.front.split(slot, into) {
                 self.outcome.front_overflow = true;
                 self.front.set_wake(slot, f64::NEG_INFINITY);
                 self.descend(&pair, weight * pair.share, now);
@@ -649,14 +633,20 @@ fn report(
     now: &Circumstances,
 ) {
     outcome.count(contact);
-    let fixed = now.settings.fixed_capacity || contacts.capacity() >= MAX_CONTACTS;
-    if fixed && contacts.len() == contacts.capacity() {
-        let finest = now.settings.tolerance.max(outcome.merged_within);
-        outcome.merged_within = thin(contacts, finest);
-        outcome.overflow = true;
+    if contacts.len() == MAX_CONTACTS {
+        outcome.dropped += drop_shallower_half(contacts);
     }
     let contact = placed(contact, &now.probe_pose);
     contacts.push(PatchContact { contact, probe_node: pair.a, scene_node: pair.b, weight });
+}
+
+/// Keeps the deeper half of some contacts, in no particular order. Returns how many are dropped. Does not allocate.
+fn drop_shallower_half(contacts: &mut Vec<PatchContact>) -> usize {
+    let kept = contacts.len() / 2;
+    contacts.select_nth_unstable_by(kept, |x, y| y.contact.depth.total_cmp(&x.contact.depth));
+    let dropped = contacts.len() - kept;
+    contacts.truncate(kept);
+    dropped
 }
 
 /// A contact in a body's frame, in world axes.

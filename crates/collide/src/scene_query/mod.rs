@@ -77,9 +77,6 @@ pub struct SceneOutcome {
     pub tested: usize,
     /// Objects within reach, each of which got a query.
     pub queried: usize,
-    /// Objects within reach that got none, for want of a workspace: [`SceneQuery::reserve`] more. Only with
-    /// [`QuerySettings::fixed_capacity`].
-    pub left_out: usize,
     /// Objects that got none because their pose is not [valid](Pose::is_valid) or their shape has no nodes. They are
     /// looked at again in every run.
     pub invalid: usize,
@@ -375,7 +372,7 @@ impl SceneQuery {
         check_placed(probe_pose, QueryObject::Probe)?;
         settings.check(&self.probe)?;
         self.find_in_reach(probe_pose, settings.tolerance, &mut outcome);
-        self.hand_out(settings.fixed_capacity, &mut outcome);
+        self.hand_out(&mut outcome);
         let begun = Instant::now();
         for (index, slot) in self.in_reach.iter().enumerate() {
             let Object { pose, workspace: Some(workspace), .. } = &mut self.objects[*slot as usize] else {
@@ -470,15 +467,15 @@ impl SceneQuery {
     }
 
     /// Sees to it that all objects within reach have a workspace.
-    fn hand_out(&mut self, fixed_capacity: bool, outcome: &mut SceneOutcome) {
+    fn hand_out(&mut self, outcome: &mut SceneOutcome) {
         let Self { objects, kinds, probe, in_reach, .. } = self;
-        in_reach.retain(|slot| {
+        for slot in in_reach {
             let object = &mut objects[*slot as usize];
             if object.workspace.is_some() {
-                return true;
+                continue;
             }
             let kind = &mut kinds[object.kind as usize];
-            if kind.spare.is_empty() && !fixed_capacity {
+            if kind.spare.is_empty() {
                 outcome.query.reallocated = true;
                 kind.add_workspace(ContactQuery::with_capacity(probe, &kind.shape, CONTACTS, PAIRS));
             }
@@ -486,9 +483,7 @@ impl SceneQuery {
             if let Some(workspace) = &mut object.workspace {
                 workspace.query.reset();
             }
-            outcome.left_out += usize::from(object.workspace.is_none());
-            object.workspace.is_some()
-        });
+        }
     }
 
     /// Takes an object's workspace back.
@@ -553,7 +548,6 @@ fn add(sum: &mut QueryOutcome, one: &QueryOutcome) {
     sum.front_overflow |= one.front_overflow;
     sum.out_of_budget |= one.out_of_budget;
     sum.worst_deviation = sum.worst_deviation.max(one.worst_deviation);
-    sum.overflow |= one.overflow;
-    sum.merged_within = sum.merged_within.max(one.merged_within);
+    sum.dropped += one.dropped;
     sum.reallocated |= one.reallocated;
 }
