@@ -95,9 +95,6 @@ const RAISE: f64 = 0.05;
 pub struct QuerySettings {
     /// d: surfaces closer than this are in contact, m; 0 to the probe's [`max_tolerance`](Shape::max_tolerance).
     pub tolerance: f64,
-    /// How far hulls may stand off the surface that they were built for, as a fraction of an object's bounding radius:
-    /// the builder's tolerance. Where this much could decide about a contact, the triangles do.
-    pub patch_tolerance: f64,
     /// s₀: detail is left out where its deviation, averaged over the area of contact (s*, Eq. 3.7), is no more than
     /// this. [Exact](ErrorMetrics::EXACT) for full resolution.
     pub error: ErrorMetrics,
@@ -114,14 +111,7 @@ pub struct QuerySettings {
 impl QuerySettings {
     /// Settings with a tolerance (d, m) and defaults for the rest.
     pub fn new(tolerance: f64) -> Self {
-        Self {
-            tolerance,
-            patch_tolerance: 1e-6,
-            error: ErrorMetrics::EXACT,
-            interpolate: false,
-            budget: None,
-            parallel: false,
-        }
+        Self { tolerance, error: ErrorMetrics::EXACT, interpolate: false, budget: None, parallel: false }
     }
 
     /// Whether queries of a probe can be made with these settings.
@@ -393,8 +383,9 @@ impl ContactQuery {
             probe.coordinates() + scene.coordinates() + placement.translation.abs().max_element();
         let rounding = 4.0 * f64::EPSILON * coordinates;
         let radii = probe.clod().bounding_radius() + scene.clod().bounding_radius();
+        let built_to = probe.clod().source.tolerance.max(scene.clod().source.tolerance);
         let mut threshold_changed = false;
-        match self.last.filter(|last| last.patch_tolerance == settings.patch_tolerance) {
+        match self.last {
             Some(last) => {
                 self.motion.step(&balls[0], &balls[1], &placement, rounding);
                 self.motion.add((settings.tolerance - last.tolerance).abs());
@@ -428,7 +419,7 @@ impl ContactQuery {
             probe_pose: *probe_pose,
             settings: *settings,
             rounding,
-            looseness: 2.0 * settings.patch_tolerance.max(0.0) * radii,
+            looseness: 2.0 * built_to * radii,
             way: self.motion.way(),
             turn: self.motion.turn(),
             exact: settings.error.is_exact(),

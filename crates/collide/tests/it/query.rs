@@ -3,14 +3,14 @@
 use std::collections::{HashMap, HashSet};
 
 use crate::oracle::{Triangle, normal};
-use crate::solids::{Body, Kind, clusters, pose, singles, star, torus, vector};
+use crate::solids::{Body, Kind, clusters, hierarchy, pose, singles, star, torus, vector};
 use palpate_clod_build::{BuildOptions, build, unwatched};
 use palpate_collide::{
     ContactQuery, ErrorMetrics, MAX_CONTACTS, MAX_PAIRS, PatchContact, QueryError, QueryObject, QueryOutcome,
     QuerySettings, Shape,
 };
 use palpate_core::glam::{DQuat, DVec3};
-use palpate_core::{Pose, TriMesh};
+use palpate_core::{Clod, Pose, TriMesh};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 const SEED: u64 = 0x0B5E_55ED;
@@ -448,6 +448,28 @@ fn the_unit_of_length_does_not_matter() {
             }
         }
     }
+}
+
+/// Queries know the tolerance that patches were built with: where it is larger, more pairs are decided triangle by triangle,
+/// whichever of the two shapes has it.
+#[test]
+fn the_larger_tolerance_of_both_shapes_counts() {
+    let mesh = bumpy();
+    let (clod, _) = hierarchy(&mesh, &clusters(&mesh, 4), Kind::Contained);
+    let mut parts = clod.parts();
+    parts.source.tolerance = 1e-2;
+    let [tight, loose] = [clod, Clod::pack(&parts).unwrap()].map(Shape::new);
+    let by_triangles = |probe: &Shape, scene: &Shape| {
+        let pose = Pose::from_translation(1.95 * DVec3::X);
+        let outcome = ContactQuery::new(probe, scene).run(&pose, &Pose::IDENTITY, &QuerySettings::new(0.1));
+        outcome.unwrap().by_triangles
+    };
+    let least = by_triangles(&tight, &tight);
+    let both = [by_triangles(&tight, &loose), by_triangles(&loose, &tight)];
+    assert!(
+        both[0] > least && both[0] == both[1] && both[0] == by_triangles(&loose, &loose),
+        "{least}, {both:?}"
+    );
 }
 
 #[test]
