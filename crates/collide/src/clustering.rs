@@ -30,6 +30,7 @@ use palpate_core::glam::DVec3;
 use palpate_core::{Contact, Pose};
 
 use crate::PatchContact;
+use crate::tolerances::CANCELLED_NORMALS;
 
 /// A seed has a share of a contact if the squared distance to the nearest seed over that to this one, both
 /// [blurred](BLUR), is above this.
@@ -50,9 +51,6 @@ const GROWTH: f64 = 1.0 / 64.0;
 
 /// Steps of Lloyd's method from nothing.
 const FIRST_STEPS: u32 = 16;
-
-/// A cluster is left out if no more than this part of its contacts' pushes remains in their sum.
-const CANCELLED: f64 = 1e-12;
 
 /// A cluster of contacts: the representative contact, and what it stands for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -163,7 +161,7 @@ impl Sums {
     /// Eqs 5.33–5.36, with a part of the penalty.
     fn cluster(&self, part: f64, tolerance: f64) -> Option<Cluster> {
         let push = self.push.length();
-        if part == 0.0 || push <= CANCELLED * self.weight {
+        if part == 0.0 || push <= CANCELLED_NORMALS * self.weight {
             return None;
         }
         let normal = self.push / push;

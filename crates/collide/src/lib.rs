@@ -82,6 +82,7 @@ mod query;
 mod scene_query;
 mod sets;
 mod shape;
+mod tolerances;
 
 pub use clustering::{Cluster, Clustering};
 pub use contact_set::{ContactSet, ContactSetOutcome, ContactSetSettings};

@@ -5,9 +5,7 @@ use palpate_core::glam::DVec3;
 
 use crate::ball::Ball;
 use crate::convex::Placement;
-
-/// Slack for rounding, as a fraction of a step.
-const ROUNDING: f64 = 1e-9;
+use crate::tolerances::ROUNDING_SLACK;
 
 /// The way that the bodies have come, as the sum over all steps of a bound on the distance that any two of their points
 /// may have come closer.
@@ -59,8 +57,8 @@ impl Motion {
             let of_b = placement.point(center).distance(last.point(center)) + turn * b.radius;
             let center = |placement: &Placement| placement.direction_to_b(a.center - placement.translation);
             let of_a = center(placement).distance(center(&last)) + turn * a.radius;
-            self.turn += turn + ROUNDING * turn + f64::EPSILON;
-            self.way += of_a.min(of_b) * (1.0 + ROUNDING) + rounding;
+            self.turn += turn + ROUNDING_SLACK * turn + f64::EPSILON;
+            self.way += of_a.min(of_b) * (1.0 + ROUNDING_SLACK) + rounding;
         }
         self.last = Some(*placement);
     }

@@ -11,14 +11,7 @@ use palpate_core::{Clod, Contact};
 
 use crate::ball::Ball;
 use crate::convex::{Hull, SupportMap, nearest_on_triangle};
-
-/// A witness within this fraction of a patch's radius of a triangle lies on it. Patches are convex, and contained, only
-/// up to the tolerance that they were built with; a witness that misses the triangles by no more than that is
-/// [`Surface::Near`] them.
-const ON_TRIANGLE: f64 = 1e-9;
-
-/// Sine of the angle by which a triangle may be turned away and still count as facing.
-pub(crate) const FACING: f64 = 1e-9;
+use crate::tolerances::{FACING, NORMAL_ROUNDING, ON_TRIANGLE, PRECISION};
 
 /// A convex surface patch with its hull, in its body's frame.
 #[derive(Clone, Copy, Debug)]
@@ -276,7 +269,7 @@ impl<'a> Patch<'a> {
         };
         // A triangle that is near has a corner that reaches as far along the direction as the point, but for that much.
         // Heights are known to rounding only.
-        let low = direction.dot(point) - near - 1e-12 * self.radius - precision;
+        let low = direction.dot(point) - near - PRECISION * self.radius - precision;
         match self.incidence {
             Some(incidence) => {
                 let is_high = |vertex: u32| self.vertices.point(vertex).dot(direction) >= low;
@@ -354,5 +347,5 @@ pub(crate) fn distance_to_triangle(corners: [DVec3; 3], point: DVec3) -> f64 {
 pub(crate) fn separated(on_a: DVec3, on_b: DVec3, axis: DVec3, precision: f64) -> (Contact, f64) {
     let distance = on_a.distance(on_b);
     let contact = Contact { point: on_a, scene_point: on_b, normal: -axis.normalize(), depth: -distance };
-    (contact, FACING + 1e-3 * precision / distance)
+    (contact, FACING + NORMAL_ROUNDING * precision / distance)
 }

@@ -11,11 +11,9 @@ use crate::contact_set::patchwork::Patchwork;
 use crate::convex::{Hull, SupportMap};
 use crate::patch::{Incidence, Patch};
 use crate::query::refinement::{Detail, SupportAreas};
+use crate::tolerances::CONVEX_PATCH;
 
 const NONE: u32 = u32::MAX;
-
-/// A closed patch whose vertices are this fraction of its radius below its triangles' planes is its own hull.
-const CONVEX: f64 = 1e-10;
 
 /// A hierarchy prepared for queries. Cheap to clone: all queries with an object, and all its instances, share it.
 #[derive(Clone, Debug)]
@@ -291,6 +289,6 @@ fn is_convex(clod: &Clod, node: &Node, map: Option<&SupportMap>) -> bool {
         let [p, q, r] = corners.map(|v| points[v as usize]);
         let normal = (q - p).cross(r - p).normalize_or_zero();
         let top = hull.point(hull.support(normal));
-        normal.dot(top - p) <= CONVEX * node.radius
+        normal.dot(top - p) <= CONVEX_PATCH * node.radius
     })
 }

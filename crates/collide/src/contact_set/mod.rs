@@ -40,13 +40,7 @@ use crate::convex::{Hull, Limits, Placement, Separation, Start, gjk, nearest_on_
 use crate::error::{ContactSetError, QueryObject};
 use crate::query::placed;
 use crate::shape::Shape;
-
-/// Lengths are told from zero to this fraction of the sizes involved.
-const PRECISION: f64 = 1e-12;
-
-/// Triangles that a point is this near to have it, as a fraction of the patches' sizes; and distances that differ by no
-/// more are equal.
-const SAME: f64 = 1e-9;
+use crate::tolerances::{COORDINATE_ROUNDING, PRECISION, SAME_CONTACT, SAME_POINT};
 
 /// Vertices whose distance from the other surface a run may measure, by default.
 const MOST_VERTICES: usize = 1 << 16;
@@ -217,12 +211,12 @@ impl ContactSet {
         let coordinates =
             probe.coordinates() + scene.coordinates() + placement.translation.abs().max_element();
         let world = [probe_pose, scene_pose].map(|pose| pose.translation.abs().max_element());
-        let precision = PRECISION * coordinates + 4.0 * f64::EPSILON * world[0].max(world[1]);
+        let precision = PRECISION * coordinates + COORDINATE_ROUNDING * world[0].max(world[1]);
 
         self.find_regions(contacts, probe_pose, &sides, settings, precision);
         self.outcome.penetrating = self.contacts.len();
         self.find_minima(contacts, probe_pose, &sides, precision);
-        self.merge(contacts, settings.merge.max(16.0 * precision));
+        self.merge(contacts, settings.merge.max(SAME_CONTACT * precision));
         self.outcome.separated = self.contacts.len() - self.outcome.penetrating;
         self.outcome.reallocated = self.buffers() != buffers;
         Ok(&self.contacts)
@@ -300,7 +294,7 @@ impl ContactSet {
     ) {
         let maxima = settings.spacing < f64::INFINITY;
         let radii = sides.iter().map(|side| side.own.clod().bounding_radius()).sum::<f64>();
-        let same = SAME * radii + precision;
+        let same = SAME_POINT * radii + precision;
         let measures = Measures { precision, same, most_vertices: settings.most_vertices, maxima };
         self.deep.clear();
         self.deep.extend_from_slice(self.regions.run(contacts, sides, &measures));
@@ -312,7 +306,7 @@ impl ContactSet {
         self.deep.sort_unstable_by(|x, y| {
             y.depth.total_cmp(&x.depth).then(y.deepest.cmp(&x.deepest)).then(x.at.cmp(&y.at))
         });
-        self.maxima.clear(settings.spacing.clamp(16.0 * precision, f64::MAX), self.deep.len());
+        self.maxima.clear(settings.spacing.clamp(SAME_CONTACT * precision, f64::MAX), self.deep.len());
         for &Deep { region, deepest, at, .. } in &self.deep {
             let found = match at {
                 Place::Patches(index) => PatchContact { weight: 1.0, ..contacts[index as usize] },
@@ -363,7 +357,7 @@ impl ContactSet {
     ) -> bool {
         let PatchContact { contact, probe_node, scene_node, .. } = found;
         let radii = probe.own.node(*probe_node).radius + scene.own.node(*scene_node).radius;
-        let same = SAME * radii + precision;
+        let same = SAME_POINT * radii + precision;
         let limits = Undercut { same, slide: precision, closer: contact.distance() - same };
         let points = [contact.point, contact.scene_point].map(|point| to_probe.transform_point(point));
         let in_scene = points.map(|point| probe.to_other.point(point));

@@ -11,6 +11,7 @@ use palpate_core::glam::DVec3;
 use crate::contact_set::neighbours::Neighbours;
 use crate::convex::nearest_on_triangle;
 use crate::shape::Shape;
+use crate::tolerances::ROUNDING_SLACK;
 
 /// Triangles of a patch that are looked at one by one.
 const BUNCH: usize = 6;
@@ -121,7 +122,7 @@ impl Patchwork {
     pub fn in_reach(&self, node: u32, center: DVec3, radius: f64, each: &mut impl FnMut(u32)) {
         let root = self.of_node[node as usize];
         if root != NO_TREE {
-            self.bunch_in_reach(root, (center, radius * radius * (1.0 + ROUNDING)), each);
+            self.bunch_in_reach(root, (center, radius * radius * (1.0 + ROUNDING_SLACK)), each);
         }
     }
 
@@ -166,9 +167,6 @@ impl Patchwork {
     }
 }
 
-/// Slack for rounding.
-const ROUNDING: f64 = 1e-9;
-
 fn longest_axis(points: impl Iterator<Item = DVec3>) -> usize {
     let start = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     let (low, high) = points.fold(start, |(low, high), p| (low.min(p), high.max(p)));
@@ -208,7 +206,7 @@ impl Best {
     fn offer(&mut self, neighbours: &Neighbours, triangle: u32) {
         let [p, q, r] = neighbours.corners(triangle);
         let (low, high) = (p.min(q).min(r), p.max(q).max(r));
-        if self.point.distance_squared(self.point.clamp(low, high)) * (1.0 - ROUNDING) >= self.squared {
+        if self.point.distance_squared(self.point.clamp(low, high)) * (1.0 - ROUNDING_SLACK) >= self.squared {
             return;
         }
         let (p, q, r) = (p - self.point, q - self.point, r - self.point);
@@ -257,8 +255,9 @@ impl NearestSearch {
                 continue;
             }
             // A little less than it is, for rounding.
-            let bound =
-                |half: u32| surface.trees[half as usize].distance_squared(best.point) * (1.0 - ROUNDING);
+            let bound = |half: u32| {
+                surface.trees[half as usize].distance_squared(best.point) * (1.0 - ROUNDING_SLACK)
+            };
             let (x, y) = ((bound(index + 1), index + 1), (bound(second), second));
             // The nearer one is looked at first.
             for half in if x.0 < y.0 { [y, x] } else { [x, y] } {

@@ -9,16 +9,10 @@
 use palpate_core::glam::DVec3;
 
 use super::{Hull, Placement, Simplex, Vertex};
+use crate::tolerances::{AXIS_ROUNDING, CONVERGED_GAP};
 
 /// Bound on the iterations. Polyhedra need a few; round hulls of thousands of vertices some thirty.
 const MAX_ITERATIONS: u32 = 128;
-
-/// A final gap between the bounds of this many times the precision is still a converged distance: it is where rounding
-/// keeps needle-like simplices.
-const GAP: f64 = 100.0;
-
-/// Size of the hulls times rounding error, over the square of the precision.
-const ROUNDING: f64 = 1e9;
 
 /// What a distance query has to find out.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -182,8 +176,8 @@ pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits:
     }
     // The axis between hulls that almost touch at a vertex or an edge is known to rounding / distance only, and so is the
     // lower bound, but not the distance itself.
-    let rounding = ROUNDING * limits.precision * limits.precision / found.distance;
-    found.separation = if found.distance - found.lower > GAP * limits.precision + rounding {
+    let rounding = AXIS_ROUNDING * limits.precision * limits.precision / found.distance;
+    found.separation = if found.distance - found.lower > CONVERGED_GAP * limits.precision + rounding {
         Separation::NotConverged
     } else if found.distance > beyond {
         Separation::Beyond

@@ -15,15 +15,13 @@ use palpate_core::glam::DVec3;
 
 use super::gjk::{difference, support};
 use super::{Hull, Placement, Vertex, nearest_on_triangle};
+use crate::tolerances::{COPLANAR_HEIGHT, SLIVER_FACE, THIN_TETRAHEDRON, VISIBLE_HEIGHT};
 
 /// Vertices that the polytope can hold.
 const MAX_VERTICES: usize = 256;
 /// A closed triangulated surface over that many vertices has fewer faces than this.
 const MAX_FACES: usize = 2 * MAX_VERTICES;
 const NONE: u16 = u16::MAX;
-
-/// A tetrahedron is thin when its height is less than this fraction of its longest edge.
-const THIN: f64 = 1e-6;
 
 /// The answer of a penetration query. Points and directions are in a's frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -169,7 +167,7 @@ impl Polytope {
             face.alive
                 && face.vertices.iter().all(|v| {
                     let height = self.vertices[*v as usize].difference.dot(best.normal);
-                    best.extent - height <= 64.0 * precision
+                    best.extent - height <= COPLANAR_HEIGHT * precision
                 })
         };
         let faces = self.faces.iter().filter(on_plane).map(|face| near(face.vertices));
@@ -233,7 +231,7 @@ impl Polytope {
         let normal = edges[0].cross(edges[1]);
         let volume = normal.dot(edges[2]);
         let longest = edges.iter().map(|edge| edge.length_squared()).fold(0.0, f64::max).sqrt();
-        let thin = volume.abs() <= THIN * longest * longest * longest;
+        let thin = volume.abs() <= THIN_TETRAHEDRON * longest * longest * longest;
         if thin || volume.is_nan() {
             return false;
         }
@@ -318,7 +316,7 @@ impl Polytope {
         let [p, q, r] = vertices.map(|v| self.vertices[v as usize].difference);
         let normal = (q - p).cross(r - p);
         let longest = (q - p).length_squared().max((r - p).length_squared()).max((r - q).length_squared());
-        let (normal, distance) = if normal.length_squared() > 1e-28 * longest * longest {
+        let (normal, distance) = if normal.length_squared() > SLIVER_FACE * longest * longest {
             let normal = normal.normalize();
             (normal, normal.dot(p).max(normal.dot(q)).max(normal.dot(r)))
         } else {
@@ -348,7 +346,7 @@ impl Polytope {
                     continue;
                 }
                 // A sliver goes with its visible neighbour.
-                if across.normal.dot(vertex.difference) > across.distance + 0.01 * precision
+                if across.normal.dot(vertex.difference) > across.distance + VISIBLE_HEIGHT * precision
                     || across.distance == f64::INFINITY
                 {
                     across.visible = true;

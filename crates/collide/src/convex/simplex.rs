@@ -6,8 +6,7 @@
 
 use palpate_core::glam::DVec3;
 
-/// Heights below this fraction of a simplex's longest edge count as zero.
-const FLAT: f64 = 1e-12;
+use crate::tolerances::{FLAT_SIMPLEX, OUTSIDE_FACE};
 
 /// A point of the Minkowski difference, and the hull vertices it comes from.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -136,7 +135,7 @@ pub fn nearest_on_triangle(a: DVec3, b: DVec3, c: DVec3) -> [f64; 3] {
     let normal = ab.cross(ac);
     let area = normal.length_squared();
     let longest = ab.length_squared().max(ac.length_squared()).max((c - b).length_squared());
-    if area > FLAT * FLAT * longest * longest {
+    if area > FLAT_SIMPLEX * FLAT_SIMPLEX * longest * longest {
         let (v, w) = (ac.cross(a).dot(normal) / area, a.cross(ab).dot(normal) / area);
         let u = 1.0 - v - w;
         if u >= 0.0 && v >= 0.0 && w >= 0.0 {
@@ -177,7 +176,7 @@ fn on_tetrahedron(p: &[DVec3; 4]) -> Nearest {
         .max(cross_d.length_squared())
         .max((p[2] - p[1]).cross(p[3] - p[1]).length_squared());
     // Smallest height = |volume| / largest face.
-    let solid = volume * volume > FLAT * FLAT * longest * widest;
+    let solid = volume * volume > FLAT_SIMPLEX * FLAT_SIMPLEX * longest * widest;
     let mut candidate = [true; 4];
     if solid {
         let origin = -p[0];
@@ -188,7 +187,7 @@ fn on_tetrahedron(p: &[DVec3; 4]) -> Nearest {
             return Nearest::Inside(coordinates);
         }
         // The nearest face is one that the origin is outside of; keep those too close to tell.
-        candidate = coordinates.map(|x| x < 1e-6);
+        candidate = coordinates.map(|x| x < OUTSIDE_FACE);
     }
     let mut best = (f64::INFINITY, [0.0; 4]);
     for (face, [i, j, k]) in FACES.into_iter().enumerate() {

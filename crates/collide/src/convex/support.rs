@@ -11,6 +11,8 @@ use std::collections::BinaryHeap;
 use palpate_core::clod::Points;
 use palpate_core::glam::DVec3;
 
+use crate::tolerances::SUPPORT_SLACK;
+
 /// Cells with no more points than this are not quartered.
 const FEW: usize = 6;
 
@@ -22,10 +24,6 @@ const CELLS: usize = 2;
 
 /// Of cells with at most this many points, each is compared with all others.
 const COMPARED: usize = 24;
-
-/// Points that are behind others by less than this fraction of the distance are kept: rounding may find a direction in the
-/// cell beside its own.
-const SLACK: f64 = 1e-9;
 
 /// A convex hull as the set of its extreme points, in its own frame.
 #[derive(Clone, Copy, Debug)]
@@ -385,7 +383,7 @@ impl Square {
                 let lead = |corner: usize| reaches[rival][corner] - reaches[own][corner];
                 let lead = lead(0).min(lead(1)).min(lead(2)).min(lead(3));
                 let apart = || points[among[own] as usize].distance(points[among[rival] as usize]);
-                lead > 0.0 && lead > SLACK * apart()
+                lead > 0.0 && lead > SUPPORT_SLACK * apart()
             })
         };
         (0..among.len()).filter(|&own| !behind(own)).map(|own| among[own]).collect()

@@ -7,9 +7,10 @@ use super::front::{Nearest, Pair};
 use super::leaf::{LeafQuery, Reach};
 use super::parting::Parting;
 use super::refinement::{Refine, refine, refined_for, refined_share, weighted_deviation};
-use super::{Circumstances, HULL_TEST_POINTS, PRECISION, SHARE};
+use super::{Circumstances, HULL_TEST_POINTS, SHARE};
 use crate::convex::{Distance, Hull, Limits, Separation, Start, gjk};
 use crate::shape::{Packed, Shape};
+use crate::tolerances::{PRECISION, ROUNDING_SLACK};
 
 /// What becomes of a pair.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -232,7 +233,8 @@ fn reach([a, b]: &[Packed; 2], now: &Circumstances) -> f64 {
 fn spheres_are_apart([a, b]: &[Packed; 2], pair: &mut Pair, now: &Circumstances) -> bool {
     let distance = a.center.distance(now.placement.point(b.center));
     // A little slack for rounding in the spheres.
-    let gap = distance * (1.0 - 1e-9) - (a.radius + b.radius) - now.settings.tolerance - now.rounding;
+    let gap =
+        distance * (1.0 - ROUNDING_SLACK) - (a.radius + b.radius) - now.settings.tolerance - now.rounding;
     if gap > 0.0 {
         pair.wake = now.way + gap;
         pair.apart = true;

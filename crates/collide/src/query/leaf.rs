@@ -24,6 +24,7 @@ use crate::convex::{Distance, Hull, Limits, Placement, Separation, Start, gjk};
 use crate::patch::{Patch, Plane, Surface, separated};
 use crate::query::overlap::{Workspace, contact_at, overlap};
 use crate::query::triangles::InReach;
+use crate::tolerances::{FEATURE_HEIGHT, PARALLEL_EDGES, SAME_CONTACT, SAME_POINT};
 
 /// Contacts of a pair of patches that there is room for at first.
 const CONTACTS: usize = 512;
@@ -201,7 +202,7 @@ impl LeafQuery {
         if a.contained != b.contained && self.sunk(a, b, reach) {
             return true;
         }
-        let same = 1e-9 * (a.radius + b.radius) + reach.precision;
+        let same = SAME_POINT * (a.radius + b.radius) + reach.precision;
         for index in 0..self.near.len() {
             let (contact, i, j) = self.near[index];
             if !self.in_reach.undercut(&contact, [i, j], same) && !self.repeated(&contact, reach) {
@@ -258,7 +259,7 @@ impl LeafQuery {
 
     /// Whether an equal contact was reported for this pair already: triangles that share the nearest vertex or edge.
     fn repeated(&self, contact: &Contact, reach: &Reach) -> bool {
-        let same = 16.0 * reach.precision;
+        let same = SAME_CONTACT * reach.precision;
         self.contacts.iter().any(|other| {
             other.point.distance(contact.point) <= same
                 && other.scene_point.distance(contact.scene_point) <= same
@@ -274,8 +275,10 @@ fn witnesses(a: &Patch, b: &Patch, found: &Distance) -> (DVec3, DVec3) {
 /// Whether the hulls' features along a normal (a's frame) are parallel, so that their nearest points are not unique.
 fn ambiguous(a: &Patch, b: &Patch, normal: DVec3, reach: &Reach) -> bool {
     let placement = reach.placement;
-    let on_a = || Feature::of(&a.hull, normal, 1e-7 * a.radius + reach.looseness);
-    let on_b = || Feature::of(&b.hull, -placement.direction_to_b(normal), 1e-7 * b.radius + reach.looseness);
+    let on_a = || Feature::of(&a.hull, normal, FEATURE_HEIGHT * a.radius + reach.looseness);
+    let on_b = || {
+        Feature::of(&b.hull, -placement.direction_to_b(normal), FEATURE_HEIGHT * b.radius + reach.looseness)
+    };
     // That of the smaller hull may do.
     let (on_a, on_b) = if a.hull.len() <= b.hull.len() {
         let on_a = on_a();
@@ -292,7 +295,7 @@ fn ambiguous(a: &Patch, b: &Patch, normal: DVec3, reach: &Reach) -> bool {
     };
     match (on_a, on_b) {
         (Feature::Vertex, _) | (_, Feature::Vertex) => false,
-        (Feature::Edge(u), Feature::Edge(v)) => u.cross(placement.direction(v)).length() < 1e-6,
+        (Feature::Edge(u), Feature::Edge(v)) => u.cross(placement.direction(v)).length() < PARALLEL_EDGES,
         _ => true,
     }
 }

@@ -51,12 +51,10 @@ use crate::convex::Placement;
 use crate::error::{QueryError, QueryObject};
 use crate::motion::Motion;
 use crate::shape::Shape;
+use crate::tolerances::{COORDINATE_ROUNDING, PAIR_MOTION_LIMIT};
 
 pub use self::budget::Budget;
 pub use self::metrics::{Combination, ErrorMetrics, VelocityMetric, ViewMetric};
-
-/// Separations and depths are found to this fraction of the size of the hulls involved.
-const PRECISION: f64 = 1e-12;
 
 /// Contacts that a new workspace has room for.
 const CONTACTS: usize = 1 << 14;
@@ -76,9 +74,6 @@ const HULL_TEST_POINTS: usize = 256;
 
 /// Pairs of nodes that a new workspace has room for.
 const PAIRS: usize = 1 << 15;
-
-/// The way after which it is counted anew, in radii of the bodies.
-const LONG_WAY: f64 = 1e3;
 
 /// Part of s₀ over which interpolated contacts go over from one resolution to the next.
 const BAND: f64 = 0.5;
@@ -381,7 +376,7 @@ impl ContactQuery {
         let balls = [probe.ball(), scene.ball()];
         let coordinates =
             probe.coordinates() + scene.coordinates() + placement.translation.abs().max_element();
-        let rounding = 4.0 * f64::EPSILON * coordinates;
+        let rounding = COORDINATE_ROUNDING * coordinates;
         let radii = probe.clod().bounding_radius() + scene.clod().bounding_radius();
         let built_to = probe.clod().source.tolerance.max(scene.clod().source.tolerance);
         let mut threshold_changed = false;
@@ -406,7 +401,7 @@ impl ContactQuery {
         self.last = Some(*settings);
         // Before rounding tells.
         let way = self.motion.way();
-        if way > LONG_WAY * radii || way.is_nan() {
+        if way > PAIR_MOTION_LIMIT * radii || way.is_nan() {
             self.motion.restart();
             if way.is_finite() {
                 self.front.rebase(way);

@@ -20,8 +20,9 @@ use palpate_core::Contact;
 use palpate_core::glam::DVec3;
 
 use crate::convex::{Distance, Placement, Polytope};
-use crate::patch::{FACING, Patch, Plane, Surface};
+use crate::patch::{Patch, Plane, Surface};
 use crate::query::leaf::Reach;
+use crate::tolerances::{ACCEPTED_DEPTH_GAP, COMMON_NORMAL, FACING, SAME_CONTACT};
 
 /// Patches with at most this product of triangle counts have the normals of their edges tried.
 const FEW_TRIANGLE_PAIRS: usize = 16;
@@ -101,7 +102,7 @@ pub(crate) fn overlap(
 ) -> Overlap {
     let Reach { placement, precision, looseness, .. } = *reach;
     let (touch, _) = found.witnesses(&a.hull, &b.hull, &Placement::IDENTITY);
-    let mut best = Best { direction: None, facing: false, precision: 16.0 * precision };
+    let mut best = Best { direction: None, facing: false, precision: SAME_CONTACT * precision };
     let mut start = [(0, 0); 4];
     for (pair, vertex) in start.iter_mut().zip(found.simplex.vertices()) {
         *pair = (vertex.a, vertex.b);
@@ -136,7 +137,7 @@ pub(crate) fn overlap(
     let depth = depth.min(least.depth).max(0.0);
     // The points of the least depth lie where the hulls overlap; a face's deepest point may be anywhere on its plane.
     let point = if least.flat || depth <= looseness { touch } else { least.on_a };
-    let sure = least.converged || least.gap <= 1e-6 * (a.radius + b.radius);
+    let sure = least.converged || least.gap <= ACCEPTED_DEPTH_GAP * (a.radius + b.radius);
     Overlap { contact: contact_at(point, normal, depth), sure, tetrahedron: least.tetrahedron }
 }
 
@@ -231,7 +232,7 @@ fn edges(a: &Patch, b: &Patch, placement: &Placement, best: &mut Best) {
                     let (r, s) = (placed[on_b[k] as usize], placed[on_b[l] as usize]);
                     let across = (q - p).cross(s - r);
                     let length = across.length();
-                    if length <= 1e-9 * p.distance(q) * r.distance(s) {
+                    if length <= COMMON_NORMAL * p.distance(q) * r.distance(s) {
                         continue;
                     }
                     // Hulls that overlap are not apart along any direction.

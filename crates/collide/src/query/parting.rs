@@ -9,6 +9,7 @@ use palpate_core::glam::DVec3;
 
 use crate::convex::{Distance, Placement};
 use crate::shape::Packed;
+use crate::tolerances::TURN_SLACK;
 
 /// A direction along which two hulls were apart, and how far.
 #[derive(Clone, Copy, Debug)]
@@ -40,7 +41,7 @@ impl Parting {
 
     /// How far the hulls are apart along the direction by now, m. `rounding`: that of coordinates, m.
     pub fn lower(&self, [a, b]: &[Packed; 2], placement: &Placement, turn: f64, rounding: f64) -> f64 {
-        let turned = (turn - self.turn) * a.radius.min(b.radius) * (1.0 + 1e-6);
+        let turned = (turn - self.turn) * a.radius.min(b.radius) * (1.0 + TURN_SLACK);
         self.offset - self.direction.dot(center(a, b, placement)) - turned - rounding
     }
 }

@@ -16,6 +16,7 @@ use palpate_core::clod::Node;
 use palpate_core::glam::DVec3;
 
 use crate::convex::{Distance, Hull, Placement};
+use crate::tolerances::NOMINAL_ERROR;
 
 /// D goes over from that of the nearest points to the patches' mean over this part of d, at either end.
 const GOING_OVER: f64 = 0.25;
@@ -168,7 +169,7 @@ pub(crate) fn refined_for(
 pub(crate) fn urgency(a: &Detail, b: &Detail, error: f64) -> f64 {
     let missing = a.missing.max(b.missing);
     let area = a.mean_area.max(b.mean_area);
-    over(missing, area * if error > 0.0 { error } else { 1e-12 })
+    over(missing, area * if error > 0.0 { error } else { NOMINAL_ERROR })
 }
 
 /// A quotient where 0/0 is 0.

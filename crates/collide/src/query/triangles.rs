@@ -11,6 +11,7 @@ use palpate_core::glam::DVec3;
 use crate::ball::Ball;
 use crate::patch::{Patch, Prism, distance_to_triangle};
 use crate::query::leaf::Reach;
+use crate::tolerances::TRIANGLE_SPHERE_SLACK;
 
 /// Triangles of either patch that there is room for at first: patches have at most a few hundred.
 const TRIANGLES: usize = 256;
@@ -123,5 +124,5 @@ fn end(points: &[DVec3; 3], direction: DVec3) -> f64 {
 /// Whether two spheres are within a length of one another, m.
 fn reaches(a: &Ball, b: &Ball, length: f64) -> bool {
     let reach = a.radius + b.radius + length;
-    a.center.distance_squared(b.center) <= reach * reach * (1.0 + 1e-12)
+    a.center.distance_squared(b.center) <= reach * reach * (1.0 + TRIANGLE_SPHERE_SLACK)
 }

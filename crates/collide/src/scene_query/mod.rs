@@ -28,19 +28,11 @@ use crate::ball::Ball;
 use crate::error::{QueryError, QueryObject};
 use crate::query::{Budget, ContactQuery, PatchContact, QueryOutcome, QuerySettings, check_placed};
 use crate::shape::Shape;
+use crate::tolerances::{COORDINATE_ROUNDING, ROUNDING_SLACK, SCENE_MOTION_LIMIT, UNIT_QUATERNION_SLACK};
 
 /// Contacts and pairs of nodes that a workspace has room for when it is made in passing.
 const CONTACTS: usize = 64;
 const PAIRS: usize = 256;
-
-/// Slack as a fraction of lengths: quaternions need to be of unit length to within 1e-6 only, which scales as much.
-const SLACK: f64 = 1e-5;
-
-/// Slack for rounding, as a fraction of a step.
-const ROUNDING: f64 = 1e-9;
-
-/// The way after which it is counted anew, in radii of the probe.
-const LONG_WAY: f64 = 1e6;
 
 /// An object of a [`SceneQuery`]. Handles are ordered as the objects' contacts are, and none is used again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -276,7 +268,7 @@ impl SceneQuery {
         // No point of the sphere or the box has come further.
         let way = center.distance(moved.center) + turn(moved.pose.rotation, pose.rotation) * kind.corner;
         let rounding = rounding(center) + rounding(moved.center);
-        let wake = self.queue.wake(object.slot) - way * (1.0 + ROUNDING) - rounding;
+        let wake = self.queue.wake(object.slot) - way * (1.0 + ROUNDING_SLACK) - rounding;
         let known = moved.pose.is_valid() && pose.is_valid() && wake.is_finite();
         (moved.pose, moved.center) = (*pose, center);
         if moved.enabled {
@@ -434,12 +426,12 @@ impl SceneQuery {
             Some((last, before)) if last == center && before == tolerance => 0.0,
             Some((last, before)) => {
                 let way = center.distance(last) + (tolerance - before).abs();
-                way * (1.0 + ROUNDING) + rounding(center) + rounding(last)
+                way * (1.0 + ROUNDING_SLACK) + rounding(center) + rounding(last)
             }
             None => f64::INFINITY,
         };
         // Before rounding tells.
-        if self.way.is_nan() || self.way > LONG_WAY * radius {
+        if self.way.is_nan() || self.way > SCENE_MOTION_LIMIT * radius {
             self.way = 0.0;
             self.queue.wake_all();
         }
@@ -451,7 +443,12 @@ impl SceneQuery {
             let object = &self.objects[slot as usize];
             let kind = &self.kinds[object.kind as usize];
             let invalid = check_placed(&object.pose, QueryObject::Scene).is_err();
-            let gap = gap(object, kind, center, radius + tolerance + SLACK * self.probe.coordinates());
+            let gap = gap(
+                object,
+                kind,
+                center,
+                radius + tolerance + UNIT_QUATERNION_SLACK * self.probe.coordinates(),
+            );
             let wake = if gap > 0.0 && !invalid { self.way + gap } else { f64::NEG_INFINITY };
             if wake != self.queue.wake(slot) {
                 self.queue.set(slot, wake);
@@ -513,7 +510,7 @@ fn gap(object: &Object, kind: &Kind, center: DVec3, reach: f64) -> f64 {
     let spheres = distance - kind.ball.radius;
     let local = object.pose.inverse().transform_point(center);
     let boxes = local.distance(local.clamp(kind.low, kind.high));
-    let slack = SLACK * (distance + reach + kind.ball.radius + kind.shape.coordinates());
+    let slack = UNIT_QUATERNION_SLACK * (distance + reach + kind.ball.radius + kind.shape.coordinates());
     spheres.max(boxes) - reach - slack - rounding(center) - rounding(object.center)
 }
 
@@ -525,7 +522,7 @@ fn turn(from: DQuat, to: DQuat) -> f64 {
 
 /// Of a point's coordinates, m.
 fn rounding(point: DVec3) -> f64 {
-    4.0 * f64::EPSILON * point.abs().max_element()
+    COORDINATE_ROUNDING * point.abs().max_element()
 }
 
 /// Adds what one query found and what it cost to what others did.
