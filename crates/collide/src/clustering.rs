@@ -29,7 +29,7 @@
 use palpate_core::glam::DVec3;
 use palpate_core::{Contact, Pose};
 
-use crate::PatchContact;
+use crate::contact::PatchContact;
 use crate::tolerances::CANCELLED_NORMALS;
 
 /// A seed has a share of a contact if the squared distance to the nearest seed over that to this one, both

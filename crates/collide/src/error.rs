@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use palpate_core::Pose;
+
 /// One of the two objects of a query.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum QueryObject {
@@ -67,6 +69,13 @@ pub enum QueryError {
         "the objects are too far apart for their distance to be computed: place them nearer to each other"
     )]
     TooFarApart,
+}
+
+impl QueryError {
+    /// Checks that an object can be placed at a pose.
+    pub(crate) fn check_pose(pose: &Pose, object: QueryObject) -> Result<(), Self> {
+        if pose.is_valid() { Ok(()) } else { Err(Self::Pose { object }) }
+    }
 }
 
 /// Why a contact set was not made. It is empty then.

@@ -15,7 +15,7 @@ use palpate_core::clod::NO_NODE;
 use palpate_core::glam::DVec3;
 use palpate_core::{Clod, Contact};
 
-use crate::PatchContact;
+use crate::contact::PatchContact;
 use crate::shape::Shape;
 
 /// An instant at which surfaces that were apart meet.

@@ -72,25 +72,29 @@
 
 mod ball;
 mod clustering;
+mod contact;
 mod contact_set;
 pub mod convex;
+mod detail;
+mod disjoint_sets;
 mod error;
 mod events;
 mod motion;
 mod patch;
+mod patchwork;
 mod query;
 mod scene_query;
-mod sets;
 mod shape;
 mod tolerances;
 
 pub use clustering::{Cluster, Clustering};
+pub use contact::PatchContact;
 pub use contact_set::{ContactSet, ContactSetOutcome, ContactSetSettings};
 pub use error::{ContactSetError, QueryError, QueryObject};
 pub use events::{CollisionEvent, CollisionEvents};
 pub use query::{
-    Budget, Combination, ContactQuery, ErrorMetrics, MAX_CONTACTS, MAX_PAIRS, PatchContact, QueryOutcome,
-    QuerySettings, VelocityMetric, ViewMetric,
+    Budget, Combination, ContactQuery, ErrorMetrics, MAX_CONTACTS, MAX_PAIRS, QueryOutcome, QuerySettings,
+    VelocityMetric, ViewMetric,
 };
 pub use scene_query::{ObjectContacts, ObjectHandle, SceneOutcome, SceneQuery};
 pub use shape::Shape;

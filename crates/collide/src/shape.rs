@@ -7,10 +7,10 @@ use palpate_core::clod::{Node, Points};
 use palpate_core::glam::DVec3;
 
 use crate::ball::Ball;
-use crate::contact_set::patchwork::Patchwork;
 use crate::convex::{Hull, SupportMap};
+use crate::detail::{Detail, SupportAreas};
 use crate::patch::{Incidence, Patch};
-use crate::query::refinement::{Detail, SupportAreas};
+use crate::patchwork::Patchwork;
 use crate::tolerances::CONVEX_PATCH;
 
 const NONE: u32 = u32::MAX;

@@ -23,22 +23,19 @@
 //! Where an object bounds no solid, nothing is inside it; where neither does, a region is as deep as its deepest pair of
 //! patches.
 
-mod neighbours;
 mod pairs;
-pub(crate) mod patchwork;
 mod regions;
 mod spacing;
 
 use palpate_core::glam::DVec3;
 use palpate_core::{Contact, Pose};
 
-use self::patchwork::NearestSearch;
 use self::regions::{Deep, Measures, Place, Regions, Side};
 use self::spacing::Spaced;
-use crate::PatchContact;
+use crate::contact::{PatchContact, to_world};
 use crate::convex::{Hull, Limits, Placement, Separation, Start, gjk, nearest_on_triangle};
 use crate::error::{ContactSetError, QueryObject};
-use crate::query::placed;
+use crate::patchwork::NearestSearch;
 use crate::shape::Shape;
 use crate::tolerances::{COORDINATE_ROUNDING, PRECISION, SAME_CONTACT, SAME_POINT};
 
@@ -312,7 +309,7 @@ impl ContactSet {
                 Place::Patches(index) => PatchContact { weight: 1.0, ..contacts[index as usize] },
                 Place::Vertex(index) => {
                     let deepest = self.regions.contact(index, sides);
-                    PatchContact { contact: placed(&deepest.contact, probe_pose), ..deepest }
+                    PatchContact { contact: to_world(&deepest.contact, probe_pose), ..deepest }
                 }
             };
             // One object's deepest vertex and the other's are the same place.
@@ -433,9 +430,11 @@ impl Undercut {
     ) -> bool {
         at.clear();
         let neighbours = &shape.patchwork().neighbours;
-        let Some(found) = search.on_patch(shape, node, own, 2.0 * self.same) else { return false };
+        let Some(found) = search.on_patch(shape.patchwork(), node, own, 2.0 * self.same) else {
+            return false;
+        };
         let towards = other - own;
-        for &triangle in neighbours.around(found.nearest_vertex(shape)) {
+        for &triangle in neighbours.around(found.nearest_vertex(shape.patchwork())) {
             let corners = neighbours.corners(triangle);
             // A triangle with the point has closer ones only if one of its corners lies on that side.
             let slides = corners.iter().any(|corner| (corner - own).dot(towards) > 0.0);

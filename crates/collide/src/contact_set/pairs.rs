@@ -1,6 +1,6 @@
 //! Penetrating pairs of patches, and which of them a node is in.
 
-use crate::sets::Sets;
+use crate::disjoint_sets::DisjointSets;
 
 /// A penetrating pair of patches.
 #[derive(Clone, Copy, Debug)]
@@ -59,7 +59,7 @@ impl Groups {
     }
 
     /// Notes for which nodes all pairs are in one set.
-    pub fn mark_uniform(&mut self, pairs: &[Pair], side: usize, sets: &mut Sets) {
+    pub fn mark_uniform(&mut self, pairs: &[Pair], side: usize, sets: &mut DisjointSets) {
         for (at, &pair) in self.order.iter().enumerate() {
             let first = self.of_node[pairs[pair as usize].nodes[side] as usize].0 as usize;
             let same = sets.root(pair) == sets.root(self.order[first]);

@@ -15,11 +15,11 @@ use palpate_core::Contact;
 use palpate_core::clod::Node;
 use palpate_core::glam::DVec3;
 
-use crate::PatchContact;
-use crate::contact_set::pairs::{Groups, Pair};
-use crate::contact_set::patchwork::{NearestPoint, NearestSearch};
+use super::pairs::{Groups, Pair};
+use crate::contact::PatchContact;
 use crate::convex::Placement;
-use crate::sets::Sets;
+use crate::disjoint_sets::DisjointSets;
+use crate::patchwork::{NearestPoint, NearestSearch};
 use crate::shape::Shape;
 
 /// A vertex that was not looked at yet.
@@ -107,7 +107,7 @@ pub(crate) struct Regions {
     pairs: Vec<Pair>,
     groups: [Groups; 2],
     /// Of the pairs, followed by the vertices inside.
-    sets: Sets,
+    sets: DisjointSets,
     inside: Vec<Inside>,
     /// Per side and mesh vertex: index into `inside`, [`OUTSIDE`] or [`UNSEEN`].
     state: [Vec<u32>; 2],
@@ -131,7 +131,7 @@ impl Regions {
         Self {
             pairs: Vec::new(),
             groups: shapes.map(|shape| Groups::new(shape.clod().nodes().len())),
-            sets: Sets::default(),
+            sets: DisjointSets::default(),
             inside: Vec::new(),
             state: shapes.map(|shape| vec![UNSEEN; shape.patchwork().neighbours.vertices()]),
             touched: [Vec::new(), Vec::new()],
@@ -337,8 +337,8 @@ impl Regions {
                 return None;
             }
             self.measured += 1;
-            found = self.search.on_level(side.other, level, in_other, hint).filter(|nearest| {
-                let outward = nearest.normal(side.other);
+            found = self.search.on_level(side.other.patchwork(), level, in_other, hint).filter(|nearest| {
+                let outward = nearest.normal(side.other.patchwork());
                 nearest.distance > measures.precision && outward.dot(in_other - nearest.point) < 0.0
             });
         }
@@ -394,7 +394,7 @@ impl Regions {
                 if sphere.center.distance(in_other) - sphere.radius >= limit {
                     continue;
                 }
-                if let Some(found) = self.search.on_patch(side.other, other, in_other, limit) {
+                if let Some(found) = self.search.on_patch(side.other.patchwork(), other, in_other, limit) {
                     (best, limit) = (Some(pair), found.distance);
                 }
             }
@@ -485,7 +485,7 @@ impl Regions {
     pub fn contact(&self, vertex: u32, sides: &[Side; 2]) -> PatchContact {
         let Inside { side, node, own, in_other, nearest, .. } = self.inside[vertex as usize];
         let from_other = |point: DVec3| sides[1 - side].to_other.point(point);
-        let outward = nearest.face_normal(sides[side].other);
+        let outward = nearest.face_normal(sides[side].other.patchwork());
         let depth = nearest.distance;
         if side == 0 {
             let scene_point = from_other(nearest.point);

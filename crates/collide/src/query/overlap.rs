@@ -19,9 +19,9 @@ use std::iter;
 use palpate_core::Contact;
 use palpate_core::glam::DVec3;
 
+use super::context::PairContext;
 use crate::convex::{Distance, Placement, Polytope};
 use crate::patch::{Patch, Plane, Surface};
-use crate::query::leaf::Reach;
 use crate::tolerances::{ACCEPTED_DEPTH_GAP, COMMON_NORMAL, FACING, SAME_CONTACT};
 
 /// Patches with at most this product of triangle counts have the normals of their edges tried.
@@ -96,11 +96,11 @@ pub(crate) struct Overlap {
 pub(crate) fn overlap(
     a: &Patch,
     b: &Patch,
-    reach: &Reach,
+    pair: &PairContext,
     found: &Distance,
     Workspace { polytope, planes }: &mut Workspace,
 ) -> Overlap {
-    let Reach { placement, precision, looseness, .. } = *reach;
+    let PairContext { placement, precision, looseness, .. } = *pair;
     let (touch, _) = found.witnesses(&a.hull, &b.hull, &Placement::IDENTITY);
     let mut best = Best { direction: None, facing: false, precision: SAME_CONTACT * precision };
     let mut start = [(0, 0); 4];

@@ -8,9 +8,9 @@
 use palpate_core::Contact;
 use palpate_core::glam::DVec3;
 
+use super::context::PairContext;
 use crate::ball::Ball;
 use crate::patch::{Patch, Prism, distance_to_triangle};
-use crate::query::leaf::Reach;
 use crate::tolerances::TRIANGLE_SPHERE_SLACK;
 
 /// Triangles of either patch that there is room for at first: patches have at most a few hundred.
@@ -70,9 +70,9 @@ impl InReach {
     }
 
     /// Looks them up. `towards_b`: a vector from a to b; the closer it is to the normal of their contact, the fewer they are.
-    pub fn gather(&mut self, a: &Patch, b: &Patch, towards_b: DVec3, reach: &Reach) {
-        let placement = reach.placement;
-        let tolerance = reach.tolerance + reach.precision;
+    pub fn gather(&mut self, a: &Patch, b: &Patch, towards_b: DVec3, pair: &PairContext) {
+        let placement = pair.placement;
+        let tolerance = pair.tolerance + pair.precision;
         let direction = towards_b.normalize_or_zero();
         let end_of_a = a.vertices.end(direction);
         let back = -placement.direction_to_b(direction);

@@ -25,8 +25,9 @@ use palpate_core::glam::{DQuat, DVec3};
 
 use self::wake_queue::WakeQueue;
 use crate::ball::Ball;
+use crate::contact::PatchContact;
 use crate::error::{QueryError, QueryObject};
-use crate::query::{Budget, ContactQuery, PatchContact, QueryOutcome, QuerySettings, check_placed};
+use crate::query::{Budget, ContactQuery, QueryOutcome, QuerySettings};
 use crate::shape::Shape;
 use crate::tolerances::{COORDINATE_ROUNDING, ROUNDING_SLACK, SCENE_MOTION_LIMIT, UNIT_QUATERNION_SLACK};
 
@@ -361,7 +362,7 @@ impl SceneQuery {
     pub fn run(&mut self, probe_pose: &Pose, settings: &QuerySettings) -> Result<SceneOutcome, QueryError> {
         let mut outcome = SceneOutcome::default();
         self.in_reach.clear();
-        check_placed(probe_pose, QueryObject::Probe)?;
+        QueryError::check_pose(probe_pose, QueryObject::Probe)?;
         settings.check(&self.probe)?;
         self.find_in_reach(probe_pose, settings.tolerance, &mut outcome);
         self.hand_out(&mut outcome);
@@ -379,7 +380,7 @@ impl SceneQuery {
             });
             workspace.outcome =
                 workspace.query.run(probe_pose, pose, &QuerySettings { budget, ..*settings })?;
-            add(&mut outcome.query, &workspace.outcome);
+            outcome.query.add(&workspace.outcome);
         }
         outcome.queried = self.in_reach.len();
         Ok(outcome)
@@ -393,7 +394,7 @@ impl SceneQuery {
     pub fn find_near(&mut self, probe_pose: &Pose, tolerance: f64) -> Result<usize, QueryError> {
         self.in_reach.clear();
         self.near.clear();
-        check_placed(probe_pose, QueryObject::Probe)?;
+        QueryError::check_pose(probe_pose, QueryObject::Probe)?;
         QuerySettings::new(tolerance).check(&self.probe)?;
         let mut outcome = SceneOutcome::default();
         self.find_in_reach(probe_pose, tolerance, &mut outcome);
@@ -442,7 +443,7 @@ impl SceneQuery {
             let slot = self.awake[index];
             let object = &self.objects[slot as usize];
             let kind = &self.kinds[object.kind as usize];
-            let invalid = check_placed(&object.pose, QueryObject::Scene).is_err();
+            let invalid = QueryError::check_pose(&object.pose, QueryObject::Scene).is_err();
             let gap = gap(
                 object,
                 kind,
@@ -523,28 +524,4 @@ fn turn(from: DQuat, to: DQuat) -> f64 {
 /// Of a point's coordinates, m.
 fn rounding(point: DVec3) -> f64 {
     COORDINATE_ROUNDING * point.abs().max_element()
-}
-
-/// Adds what one query found and what it cost to what others did.
-fn add(sum: &mut QueryOutcome, one: &QueryOutcome) {
-    let either = |x: Option<f64>, y: Option<f64>, of: fn(f64, f64) -> f64| match (x, y) {
-        (Some(x), Some(y)) => Some(of(x, y)),
-        (x, y) => x.or(y),
-    };
-    sum.contacts += one.contacts;
-    sum.smallest_distance = either(sum.smallest_distance, one.smallest_distance, f64::min);
-    sum.deepest = either(sum.deepest, one.deepest, f64::max);
-    sum.visited += one.visited;
-    sum.front += one.front;
-    sum.leaf_pairs += one.leaf_pairs;
-    sum.convex_queries += one.convex_queries;
-    sum.not_converged += one.not_converged;
-    sum.by_triangles += one.by_triangles;
-    sum.stack_high_water = sum.stack_high_water.max(one.stack_high_water);
-    sum.front_high_water = sum.front_high_water.max(one.front_high_water);
-    sum.front_overflow |= one.front_overflow;
-    sum.out_of_budget |= one.out_of_budget;
-    sum.worst_deviation = sum.worst_deviation.max(one.worst_deviation);
-    sum.dropped += one.dropped;
-    sum.reallocated |= one.reallocated;
 }
