@@ -1,17 +1,25 @@
 //! Distance between two convex hulls: the algorithm of Gilbert, Johnson and Keerthi (1988), as the dissertation's §3.4.1
 //! cites it, with van den Bergen's bounds (1999).
 //!
-//! Every iteration gives a lower bound on the distance (the separation along the current axis) and an upper one (the
-//! current point's length), so a caller that only asks "further than d?" is answered as soon as either bound
-//! settles it. The search ends when the bounds meet to within [`Limits::precision`], or when no vertex brings the
-//! origin closer; the iterations are bounded, and a gap left then is reported as [`Separation::NotConverged`].
+//! The hulls are apart by the distance of the origin from the Minkowski difference a − b. A simplex of its vertices moves
+//! towards the origin. In each iteration **v** is the simplex's point nearest to the origin, and **w** the vertex of a − b
+//! furthest along −**v**:
+//!
+//! - |**v**| is an upper bound on the distance, since **v** is a point of a − b;
+//! - **v** · **w** / |**v**| is a lower bound, since all of a − b lies beyond the plane through **w** across **v**.
+//!
+//! So a caller that only asks "further than d?" is answered as soon as either bound decides it. The search ends when the
+//! bounds meet to within [`Limits::precision`], or when no vertex brings the origin closer; the iterations are bounded,
+//! and a gap left then is reported as [`Separation::NotConverged`].
 
 use palpate_core::glam::DVec3;
 
-use super::{Hull, Placement, Simplex, Vertex};
+use super::placement::Placement;
+use super::simplex::{Simplex, Vertex};
+use super::support::Hull;
 use crate::tolerances::{AXIS_ROUNDING, CONVERGED_GAP};
 
-/// Bound on the iterations. Polyhedra need a few; round hulls of thousands of vertices some thirty.
+/// Most iterations. Polyhedra need a few; round hulls of thousands of vertices some thirty.
 const MAX_ITERATIONS: u32 = 128;
 
 /// What a distance query has to find out.
@@ -20,9 +28,11 @@ pub struct Limits {
     /// Stop as soon as the hulls are known to be further apart than this, m. Hulls that touch to within the precision
     /// never are.
     pub beyond: f64,
-    /// How much of the distance beyond has to be proven before the search stops: 0 for none, near 1 for all of it.
+    /// Part of the distance in excess of `beyond` that has to be proven before the search stops there: 0 for none, near 1
+    /// for all of it.
     pub share: f64,
-    /// Stop as soon as the hulls are known to be at most this far apart, m; negative: find the distance itself.
+    /// Stop as soon as the hulls are known to be at most this far apart, m. A negative number asks for the distance
+    /// itself.
     pub enough: f64,
     /// Bounds that differ by less are equal, and hulls closer than this touch, m.
     pub precision: f64,
@@ -65,9 +75,9 @@ pub struct Distance {
     pub direction: DVec3,
     /// The vector from b to a between the nearest points found, in a's frame, m.
     pub axis: DVec3,
-    /// Vertices and weights of the nearest points; the origin's surroundings when overlapping.
+    /// Vertices and weights of the nearest points; a simplex around the origin when overlapping.
     pub simplex: Simplex,
-    /// Iterations made.
+    /// Number of iterations made.
     pub iterations: u32,
 }
 
@@ -90,6 +100,7 @@ pub(super) fn support(a: &Hull, b: &Hull, placement: &Placement, direction: DVec
     Vertex { difference: point_a - placement.point(point_b), a: on_a, b: on_b }
 }
 
+/// The vertex of a − b that two vertices of the hulls make.
 pub(super) fn difference(a: &Hull, b: &Hull, placement: &Placement, on_a: u32, on_b: u32) -> Vertex {
     Vertex { difference: a.point(on_a) - placement.point(b.point(on_b)), a: on_a, b: on_b }
 }
@@ -105,31 +116,8 @@ pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits:
         simplex: Simplex::default(),
         iterations: 0,
     };
-    match start {
-        Start::Axis(axis) => found.axis = axis,
-        Start::Vertices(cached, axis) => {
-            found.axis = axis;
-            let (last_a, last_b) = (a.len() as u32 - 1, b.len() as u32 - 1);
-            for &(on_a, on_b) in cached.iter().take(4) {
-                let vertex = difference(a, b, placement, on_a.min(last_a), on_b.min(last_b));
-                if !found.simplex.contains(&vertex) {
-                    found.simplex.push(vertex);
-                }
-            }
-            if found.simplex.len > 0 {
-                let Some(nearest) = found.simplex.reduce() else {
-                    return overlapping(found);
-                };
-                found.axis = found.simplex.axis(nearest);
-                found.distance = nearest.length();
-                if found.distance <= limits.precision {
-                    return overlapping(found);
-                }
-            }
-        }
-    }
-    if found.axis.length_squared() < f64::MIN_POSITIVE {
-        found.axis = DVec3::X;
+    if start_overlaps(&mut found, a, b, placement, start, limits.precision) {
+        return overlapping(found);
     }
     // A lower bound of a rounding error above 0 does not separate hulls.
     let beyond = limits.beyond.max(limits.precision);
@@ -153,6 +141,7 @@ pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits:
                 return found;
             }
         }
+        // The bounds meet, or the vertex is known: no other one is closer.
         if found.distance - lower <= limits.precision || found.simplex.contains(&vertex) {
             break;
         }
@@ -167,6 +156,7 @@ pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits:
             found.simplex = simplex;
             return overlapping(found);
         }
+        // In exact arithmetic each vertex brings the simplex closer. Where rounding does not, the simplex before stays.
         if length >= found.distance {
             break;
         }
@@ -174,17 +164,59 @@ pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits:
         found.axis = simplex.axis(nearest);
         found.distance = length;
     }
-    // The axis between hulls that almost touch at a vertex or an edge is known to rounding / distance only, and so is the
-    // lower bound, but not the distance itself.
-    let rounding = AXIS_ROUNDING * limits.precision * limits.precision / found.distance;
-    found.separation = if found.distance - found.lower > CONVERGED_GAP * limits.precision + rounding {
+    found.separation = separation_at_end(&found, beyond, limits.precision);
+    found
+}
+
+/// Takes up the start of a search. Whether the simplex that it gives has the origin in it.
+#[inline]
+fn start_overlaps(
+    found: &mut Distance,
+    a: &Hull,
+    b: &Hull,
+    placement: &Placement,
+    start: Start,
+    precision: f64,
+) -> bool {
+    let (cached, axis) = match start {
+        Start::Axis(axis) => (&[][..], axis),
+        Start::Vertices(cached, axis) => (cached, axis),
+    };
+    found.axis = axis;
+    let (last_a, last_b) = (a.len() as u32 - 1, b.len() as u32 - 1);
+    for &(on_a, on_b) in cached.iter().take(4) {
+        let vertex = difference(a, b, placement, on_a.min(last_a), on_b.min(last_b));
+        if !found.simplex.contains(&vertex) {
+            found.simplex.push(vertex);
+        }
+    }
+    if found.simplex.len > 0 {
+        let Some(nearest) = found.simplex.reduce() else { return true };
+        found.axis = found.simplex.axis(nearest);
+        found.distance = nearest.length();
+        if found.distance <= precision {
+            return true;
+        }
+    }
+    if found.axis.length_squared() < f64::MIN_POSITIVE {
+        found.axis = DVec3::X;
+    }
+    false
+}
+
+/// How hulls lie to each other when no vertex brings the simplex closer, or the iterations have run out.
+///
+/// The axis between hulls that almost touch at a vertex or an edge is known to rounding / distance only, and so is the lower
+/// bound, but not the distance itself: the gap between the bounds may be as large as that.
+fn separation_at_end(found: &Distance, beyond: f64, precision: f64) -> Separation {
+    let rounding = AXIS_ROUNDING * precision * precision / found.distance;
+    if found.distance - found.lower > CONVERGED_GAP * precision + rounding {
         Separation::NotConverged
     } else if found.distance > beyond {
         Separation::Beyond
     } else {
         Separation::Within
-    };
-    found
+    }
 }
 
 fn overlapping(mut found: Distance) -> Distance {

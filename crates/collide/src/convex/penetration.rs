@@ -1,9 +1,17 @@
 //! Penetration depth of two overlapping convex hulls: the shortest translation that separates them.
 //!
 //! The expanding polytope algorithm (van den Bergen 2001): a polytope inside the Minkowski difference a − b grows towards
-//! the boundary point that is nearest to the origin. It starts from a tetrahedron that the caller has: the last GJK
-//! simplex or, between bodies that move a little, that of the last answer, with the face that was nearest then. Where it
-//! still is, and the origin lies deep below the other three, a single support point confirms it.
+//! the boundary point that is nearest to the origin. With **n** the outward unit normal of the polytope's nearest face and
+//! **w** the vertex of a − b furthest along **n**:
+//!
+//! - the face's distance from the origin is a lower bound on the depth;
+//! - **n** · **w**, the extent of a − b along **n**, is an upper bound, as b moved that far along **n** touches a only.
+//!
+//! If they differ, **w** becomes a vertex of the polytope: the faces that see it are replaced by a fan around it.
+//!
+//! It starts from a tetrahedron that the caller has: the last GJK simplex or, between bodies that move a little, that of
+//! the last answer, with the face that was nearest then. Where that face still is, and the origin lies deep below the
+//! other three, a single support point confirms it.
 //!
 //! Departures: without such a tetrahedron, or if it is thin, the first one is built from support points spread in all
 //! directions, so that touching and flat hulls need no care (the origin may start outside it; faces that see it have
@@ -14,12 +22,14 @@
 use palpate_core::glam::DVec3;
 
 use super::gjk::{difference, support};
-use super::{Hull, Placement, Vertex, nearest_on_triangle};
+use super::placement::Placement;
+use super::simplex::{Vertex, nearest_on_triangle};
+use super::support::Hull;
 use crate::tolerances::{COPLANAR_HEIGHT, SLIVER_FACE, THIN_TETRAHEDRON, VISIBLE_HEIGHT};
 
-/// Vertices that the polytope can hold.
+/// Most vertices of the polytope.
 const MAX_VERTICES: usize = 256;
-/// A closed triangulated surface over that many vertices has fewer faces than this.
+/// Most faces of the polytope: a closed triangulated surface with v vertices has 2v − 4 (Euler).
 const MAX_FACES: usize = 2 * MAX_VERTICES;
 const NONE: u16 = u16::MAX;
 
@@ -46,16 +56,31 @@ pub struct Penetration {
     pub tetrahedron: [(u32, u32); 4],
 }
 
+/// A triangle of the polytope.
 #[derive(Clone, Copy, Debug)]
 struct Face {
+    /// Counter-clockwise seen from outside.
     vertices: [u16; 3],
     /// Neighbour across the edge from vertex i to vertex i + 1.
     neighbours: [u16; 3],
+    /// Unit outward normal.
     normal: DVec3,
-    /// Distance of the plane from the origin; infinite for a sliver without a plane.
+    /// Signed distance of the plane from the origin, m; infinite for a sliver without a plane.
     distance: f64,
+    /// Whether it is part of the polytope, rather than replaced.
     alive: bool,
+    /// Whether it sees the vertex that is being added.
     visible: bool,
+}
+
+/// An edge of the horizon, in the direction of the visible face.
+#[derive(Clone, Copy, Debug)]
+struct HorizonEdge {
+    from: u16,
+    to: u16,
+    /// The face beyond, and which of its edges this is.
+    beyond: u16,
+    back: u8,
 }
 
 /// The workspace of [`penetration`](Polytope::penetration): the growing polytope. Allocates once.
@@ -63,12 +88,13 @@ struct Face {
 pub struct Polytope {
     vertices: Vec<Vertex>,
     faces: Vec<Face>,
+    /// Places of faces that were replaced.
     free: Vec<u16>,
     /// Visible faces of the current expansion.
     visible: Vec<u16>,
-    /// Edges of its horizon: first and second vertex, and the face beyond with its edge.
-    horizon: Vec<(u16, u16, u16, u8)>,
-    /// New face that starts at a vertex.
+    /// Edges between these and the other faces.
+    horizon: Vec<HorizonEdge>,
+    /// Per vertex: the new face whose edge on the horizon starts there, or [`NONE`].
     starts: Vec<u16>,
 }
 
@@ -192,7 +218,7 @@ impl Polytope {
     }
 
     /// The vertex that best makes a tetrahedron around the origin with a face: that furthest inside the cone of the rays
-    /// from the face's corners through the origin.
+    /// from the face's corners through the origin, whose sides are the planes through the origin and two corners.
     fn apex(&self, [p, q, r]: [DVec3; 3]) -> Vertex {
         let sides = [q.cross(r), r.cross(p), p.cross(q)].map(DVec3::normalize_or_zero);
         let inside =
@@ -227,6 +253,7 @@ impl Polytope {
         }
         let [first, second, third, apex] =
             [first, second, third, apex].map(|(on_a, on_b)| difference(a, b, placement, on_a, on_b));
+        // The height is volume / area; a thin tetrahedron has little volume for its longest edge.
         let edges = [second, third, apex].map(|v| v.difference - first.difference);
         let normal = edges[0].cross(edges[1]);
         let volume = normal.dot(edges[2]);
@@ -235,6 +262,7 @@ impl Polytope {
         if thin || volume.is_nan() {
             return false;
         }
+        // The apex has to be below the base, whose corners are then counter-clockwise seen from outside.
         if volume < 0.0 {
             self.vertices.extend([first, second, third, apex]);
         } else {
@@ -253,17 +281,7 @@ impl Polytope {
         placement: &Placement,
         precision: f64,
     ) -> Result<(), DVec3> {
-        let mut ends = [Vertex::default(); 2];
-        let mut extent = -1.0;
-        for axis in DVec3::AXES {
-            let (high, low) = (support(a, b, placement, axis), support(a, b, placement, -axis));
-            let length = high.difference.distance_squared(low.difference);
-            if length > extent {
-                extent = length;
-                ends = [high, low];
-            }
-        }
-        let [first, second] = ends;
+        let [first, second] = longest_extent(a, b, placement);
         let along = second.difference - first.difference;
         if along.length() <= precision {
             return Err(DVec3::X);
@@ -325,28 +343,34 @@ impl Polytope {
         Face { vertices, neighbours, normal, distance, alive: true, visible: false }
     }
 
-    /// Replaces the faces that see the new vertex by a fan around it. `false`, with the polytope unusable, if these
-    /// faces do not form a disc.
+    /// Replaces the faces that see the new vertex, of which one is given, by a fan around it. `false`, with the polytope
+    /// unusable, if these faces do not form a disc.
     fn expand(&mut self, start: u16, vertex: Vertex, precision: f64) -> bool {
         let apex = self.vertices.len() as u16;
         self.vertices.push(vertex);
+        self.find_visible(start, vertex.difference, precision);
+        self.find_horizon() && {
+            self.remove_visible();
+            self.add_fan(apex)
+        }
+    }
+
+    /// Lists the faces that see a point, from one that does over edges to its neighbours.
+    fn find_visible(&mut self, start: u16, point: DVec3, precision: f64) {
         self.visible.clear();
-        self.horizon.clear();
         self.visible.push(start);
         self.faces[start as usize].visible = true;
         let mut next = 0;
         while next < self.visible.len() {
             let index = self.visible[next];
             next += 1;
-            let face = self.faces[index as usize];
-            for edge in 0..3 {
-                let beyond = face.neighbours[edge];
+            for beyond in self.faces[index as usize].neighbours {
                 let across = &mut self.faces[beyond as usize];
                 if across.visible {
                     continue;
                 }
                 // A sliver goes with its visible neighbour.
-                if across.normal.dot(vertex.difference) > across.distance + VISIBLE_HEIGHT * precision
+                if across.normal.dot(point) > across.distance + VISIBLE_HEIGHT * precision
                     || across.distance == f64::INFINITY
                 {
                     across.visible = true;
@@ -354,6 +378,11 @@ impl Polytope {
                 }
             }
         }
+    }
+
+    /// Lists the edges between the visible faces and the others. `false` if links between faces are torn.
+    fn find_horizon(&mut self) -> bool {
+        self.horizon.clear();
         for &index in &self.visible {
             let face = self.faces[index as usize];
             for edge in 0..3 {
@@ -367,24 +396,29 @@ impl Polytope {
                 else {
                     return false;
                 };
-                self.horizon.push((from, to, beyond, back as u8));
+                self.horizon.push(HorizonEdge { from, to, beyond, back: back as u8 });
             }
         }
-        if self.horizon.len() < 3 {
-            return false;
-        }
+        self.horizon.len() >= 3
+    }
+
+    fn remove_visible(&mut self) {
         for &index in &self.visible {
             let face = &mut self.faces[index as usize];
             face.alive = false;
             face.visible = false;
             self.free.push(index);
         }
-        for &(from, to, ..) in &self.horizon {
+    }
+
+    /// Adds a face from each edge of the horizon to the apex, and links them. `false` if the horizon is no single loop.
+    fn add_fan(&mut self, apex: u16) -> bool {
+        for &HorizonEdge { from, to, .. } in &self.horizon {
             self.starts[from as usize] = NONE;
             self.starts[to as usize] = NONE;
         }
         for step in 0..self.horizon.len() {
-            let (from, to, beyond, back) = self.horizon[step];
+            let HorizonEdge { from, to, beyond, back } = self.horizon[step];
             let face = self.face([from, to, apex], [beyond, NONE, NONE]);
             let index = match self.free.pop() {
                 Some(index) => {
@@ -403,8 +437,9 @@ impl Polytope {
             }
             self.starts[from as usize] = index;
         }
+        // A face [from, to, apex] meets the one that starts at `to` across its edge 1, and is met across that one's edge 2.
         for step in 0..self.horizon.len() {
-            let (from, to, ..) = self.horizon[step];
+            let HorizonEdge { from, to, .. } = self.horizon[step];
             let (index, next) = (self.starts[from as usize], self.starts[to as usize]);
             if next == NONE || self.faces[next as usize].vertices[0] != to {
                 return false;
@@ -422,4 +457,19 @@ struct Candidate {
     normal: DVec3,
     /// Vertices of the face whose normal it is.
     face: [u16; 3],
+}
+
+/// The two support points along one of the axes that are furthest apart.
+fn longest_extent(a: &Hull, b: &Hull, placement: &Placement) -> [Vertex; 2] {
+    let mut ends = [Vertex::default(); 2];
+    let mut extent = -1.0;
+    for axis in DVec3::AXES {
+        let (high, low) = (support(a, b, placement, axis), support(a, b, placement, -axis));
+        let length = high.difference.distance_squared(low.difference);
+        if length > extent {
+            extent = length;
+            ends = [high, low];
+        }
+    }
+    ends
 }

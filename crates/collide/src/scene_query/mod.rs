@@ -2,37 +2,44 @@
 //! its [contact query](crate::ContactQuery).
 //!
 //! An object is within reach when its bounding sphere, and its box in its own axes, come within the tolerance of the
-//! probe's bounding sphere. How far it is from that is a way that the probe and the object have to go together, so that
-//! the object sleeps until they may have: the probe's way is added up once for all, and an object that is moved wakes
-//! earlier by as much. A run looks at the objects that are awake only. They come first in a heap, so that the cost for the
-//! others is nothing while nothing moves, and grows with the logarithm of their number for each one that is moved.
+//! probe's bounding sphere. How far it is from that is a distance that the probe and the object have to move together
+//! before it has to be looked at again. The probe's motion is added up once for all objects, and an object that is moved
+//! is due for a recheck earlier by as much. A run looks at the objects that are due only. They come first in a
+//! [heap](recheck_queue), so that the cost for the others is nothing while nothing moves, and grows with the logarithm of
+//! their number for each one that is moved.
 //!
 //! Why no tree of boxes: it has to be descended in every run, to find what was there before, and refitted for every object
 //! that moves, where a heap gives the objects that may matter. Of 10,000 instances, with every tenth moving, a run takes
 //! less time in all than refitting and asking parry's tree (f64), and nothing measurable while nothing moves; only a probe
-//! that leaps across the scene wakes all at once, for 0.7 ms (`cargo bench -p palpate-benches --bench broad_phase`).
+//! that leaps across the scene makes all due at once, for 0.7 ms (`cargo bench -p palpate-benches --bench broad_phase`).
 //! `obvhs`, the broad phase of other crates here, holds its boxes in f32, which would have to be widened.
 //!
 //! Only objects within reach hold a workspace. Those that an object has left go to others of the same shape, of which
 //! there may be thousands.
 
-mod wake_queue;
+mod bounds;
+mod kinds;
+mod recheck_queue;
 
 use std::time::Instant;
 
 use palpate_core::Pose;
-use palpate_core::glam::{DQuat, DVec3};
+use palpate_core::glam::DVec3;
 
-use self::wake_queue::WakeQueue;
+use self::bounds::{Placed, probe_motion};
+use self::kinds::{Kind, Workspace};
+use self::recheck_queue::RecheckQueue;
 use crate::ball::Ball;
 use crate::contact::PatchContact;
 use crate::error::{QueryError, QueryObject};
 use crate::query::{Budget, ContactQuery, QueryOutcome, QuerySettings};
 use crate::shape::Shape;
-use crate::tolerances::{COORDINATE_ROUNDING, ROUNDING_SLACK, SCENE_MOTION_LIMIT, UNIT_QUATERNION_SLACK};
+use crate::tolerances::{SCENE_MOTION_LIMIT, UNIT_QUATERNION_SLACK};
 
-/// Contacts and pairs of nodes that a workspace has room for when it is made in passing.
+/// Number of contacts that a workspace has room for when it is made during a run.
 const CONTACTS: usize = 64;
+
+/// Number of pairs of nodes that a workspace has room for when it is made during a run.
 const PAIRS: usize = 256;
 
 /// An object of a [`SceneQuery`]. Handles are ordered as the objects' contacts are, and none is used again.
@@ -43,8 +50,8 @@ pub struct ObjectHandle {
 }
 
 impl ObjectHandle {
-    /// The object's place among those of its query, in the order in which they were added; that of an object that was removed
-    /// is taken by the next.
+    /// The object's place among those of its query, in the order in which they were added. The next object takes the place
+    /// of one that was removed.
     pub fn place(&self) -> usize {
         self.slot as usize
     }
@@ -66,12 +73,12 @@ pub struct ObjectContacts<'a> {
 pub struct SceneOutcome {
     /// All queries together: sums, largest values (of the smallest distance the smallest), and flags that were set in any.
     pub query: QueryOutcome,
-    /// Objects that the broad phase looked at: those that were awake.
+    /// Number of objects that the broad phase looked at: those that were due for a recheck.
     pub tested: usize,
-    /// Objects within reach, each of which got a query.
+    /// Number of objects within reach, each of which got a query.
     pub queried: usize,
-    /// Objects that got none because their pose is not [valid](Pose::is_valid) or their shape has no nodes. They are
-    /// looked at again in every run.
+    /// Number of objects that got none because their pose is not [valid](Pose::is_valid). They are looked at again in
+    /// every run.
     pub invalid: usize,
 }
 
@@ -117,72 +124,32 @@ pub struct SceneQuery {
     kinds: Vec<Kind>,
     /// By slot.
     objects: Vec<Object>,
+    /// Slots of objects that were removed.
     vacant: Vec<u32>,
-    queue: WakeQueue,
-    awake: Vec<u32>,
+    queue: RecheckQueue,
+    /// Slots of the objects that are due for a recheck.
+    due: Vec<u32>,
     /// Slots of the objects that got a query in the last run.
     in_reach: Vec<u32>,
-    /// Of those that were within reach when they were last looked for without queries.
+    /// Slots of the objects that were within reach when they were last looked for without queries.
     near: Vec<u32>,
     /// Where the centre of the probe's sphere was, m, and the tolerance, m.
     last: Option<(DVec3, f64)>,
-    /// The way that the probe has come, m.
-    way: f64,
-}
-
-/// Objects of one shape.
-#[derive(Clone, Debug)]
-struct Kind {
-    shape: Shape,
-    ball: Ball,
-    /// Corners of the box, m.
-    low: DVec3,
-    high: DVec3,
-    /// Furthest corner from the sphere's centre, m.
-    corner: f64,
-    /// Workspaces that no object holds; room for all that there are.
-    #[expect(clippy::vec_box, reason = "as objects hold them, to be handed on without being copied")]
-    spare: Vec<Box<Workspace>>,
-    workspaces: usize,
-    /// Objects of the shape.
-    count: usize,
-}
-
-#[derive(Clone, Debug)]
-struct Workspace {
-    query: ContactQuery,
-    outcome: QueryOutcome,
+    /// Bound on how much closer an object at rest may have come, by the probe's motion, m.
+    motion_bound: f64,
 }
 
 #[derive(Clone, Debug)]
 struct Object {
-    pose: Pose,
-    /// Of its bounding sphere, in the world, m.
-    center: DVec3,
+    placed: Placed,
+    /// Index into [`SceneQuery::kinds`].
     kind: u32,
     workspace: Option<Box<Workspace>>,
     generation: u32,
-    /// Whether it is in the scene, and not disabled.
+    /// Whether it is in the scene.
     present: bool,
+    /// Whether it can be touched.
     enabled: bool,
-}
-
-impl Kind {
-    fn new(shape: &Shape) -> Self {
-        let points = || shape.clod().vertices.iter().copied();
-        let (low, high) =
-            (points().fold(DVec3::INFINITY, DVec3::min), points().fold(DVec3::NEG_INFINITY, DVec3::max));
-        let ball = shape.ball();
-        let corner = (high - ball.center).abs().max((low - ball.center).abs()).length();
-        Self { shape: shape.clone(), ball, low, high, corner, spare: Vec::new(), workspaces: 0, count: 0 }
-    }
-
-    /// Adds a workspace to the spare ones.
-    fn add_workspace(&mut self, query: ContactQuery) {
-        self.workspaces += 1;
-        self.spare.reserve(self.workspaces - self.spare.len());
-        self.spare.push(Box::new(Workspace { query, outcome: QueryOutcome::default() }));
-    }
 }
 
 impl SceneQuery {
@@ -193,46 +160,45 @@ impl SceneQuery {
             kinds: Vec::new(),
             objects: Vec::new(),
             vacant: Vec::new(),
-            queue: WakeQueue::default(),
-            awake: Vec::new(),
+            queue: RecheckQueue::default(),
+            due: Vec::new(),
             in_reach: Vec::new(),
             near: Vec::new(),
             last: None,
-            way: 0.0,
+            motion_bound: 0.0,
         }
     }
 
     /// Adds an object at a pose (object frame to world). Objects of one shape, which may be at any number of places, share
     /// it and their workspaces.
     pub fn add(&mut self, shape: &Shape, pose: &Pose) -> ObjectHandle {
-        let kind = self.kind(shape) as u32;
-        let slot = self.vacant.pop().unwrap_or(self.objects.len() as u32);
-        let center = pose.transform_point(self.kinds[kind as usize].ball.center);
+        let index = self.kind(shape);
+        let kind = &mut self.kinds[index];
+        kind.objects += 1;
         let object = Object {
-            pose: *pose,
-            center,
-            kind,
+            placed: Placed::new(pose, kind),
+            kind: index as u32,
             workspace: None,
             generation: 0,
             present: true,
             enabled: true,
         };
-        self.kinds[kind as usize].count += 1;
+        let slot = self.vacant.pop().unwrap_or(self.objects.len() as u32);
         match self.objects.get_mut(slot as usize) {
             Some(old) => *old = Object { generation: old.generation.wrapping_add(1), ..object },
             None => self.objects.push(object),
         }
         let count = self.objects.len();
         self.queue.reserve(count);
-        self.awake.reserve(count.saturating_sub(self.awake.len()));
-        self.in_reach.reserve(count.saturating_sub(self.in_reach.len()));
-        self.near.reserve(count.saturating_sub(self.near.len()));
+        for list in [&mut self.due, &mut self.in_reach, &mut self.near] {
+            list.reserve(count.saturating_sub(list.len()));
+        }
         self.queue.set(slot, f64::NEG_INFINITY);
         ObjectHandle { slot, generation: self.objects[slot as usize].generation }
     }
 
-    /// Takes an object out; `false` if it is not there. Its workspace is kept for others of its shape; with the last of these, the
-    /// shape goes as well.
+    /// Takes an object out; `false` if it is not there. Its workspace is kept for others of its shape; with the last of
+    /// these, the shape goes as well.
     pub fn remove(&mut self, object: ObjectHandle) -> bool {
         let removed = self.set_enabled(object, false);
         if removed {
@@ -240,8 +206,8 @@ impl SceneQuery {
             *present = false;
             let kind = *kind;
             self.vacant.push(object.slot);
-            self.kinds[kind as usize].count -= 1;
-            if self.kinds[kind as usize].count == 0 {
+            self.kinds[kind as usize].objects -= 1;
+            if self.kinds[kind as usize].objects == 0 {
                 self.drop_kind(kind);
             }
         }
@@ -263,28 +229,24 @@ impl SceneQuery {
         if self.find(object).is_none() {
             return false;
         }
-        let moved = &mut self.objects[object.slot as usize];
-        let kind = &self.kinds[moved.kind as usize];
-        let center = pose.transform_point(kind.ball.center);
-        // No point of the sphere or the box has come further.
-        let way = center.distance(moved.center) + turn(moved.pose.rotation, pose.rotation) * kind.corner;
-        let rounding = rounding(center) + rounding(moved.center);
-        let wake = self.queue.wake(object.slot) - way * (1.0 + ROUNDING_SLACK) - rounding;
-        let known = moved.pose.is_valid() && pose.is_valid() && wake.is_finite();
-        (moved.pose, moved.center) = (*pose, center);
-        if moved.enabled {
-            self.queue.set(object.slot, if known { wake } else { f64::NEG_INFINITY });
+        let Object { placed, kind, enabled, .. } = &mut self.objects[object.slot as usize];
+        let kind = &self.kinds[*kind as usize];
+        let moved = Placed::new(pose, kind);
+        let recheck_at = placed.recheck_after_move(self.queue.recheck_at(object.slot), &moved, kind);
+        let known = placed.pose.is_valid() && pose.is_valid() && recheck_at.is_finite();
+        *placed = moved;
+        if *enabled {
+            self.queue.set(object.slot, if known { recheck_at } else { f64::NEG_INFINITY });
         }
         true
     }
 
-    /// Whether an object can be touched; `false` if it is not there.
+    /// Sets whether an object can be touched; `false` if it is not there.
     pub fn set_enabled(&mut self, object: ObjectHandle, enabled: bool) -> bool {
         if self.find(object).is_none() {
             return false;
         }
-        let changed = &mut self.objects[object.slot as usize];
-        changed.enabled = enabled;
+        self.objects[object.slot as usize].enabled = enabled;
         if enabled {
             self.queue.set(object.slot, f64::NEG_INFINITY);
         } else {
@@ -296,7 +258,7 @@ impl SceneQuery {
 
     /// Where an object is (object frame to world), if it is there.
     pub fn pose(&self, object: ObjectHandle) -> Option<&Pose> {
-        self.find(object).map(|found| &found.pose)
+        self.find(object).map(|found| &found.placed.pose)
     }
 
     /// The shape of an object, if it is there.
@@ -325,10 +287,7 @@ impl SceneQuery {
 
     /// Drops the workspaces that no object holds.
     pub fn shrink(&mut self) {
-        for kind in &mut self.kinds {
-            kind.workspaces -= kind.spare.len();
-            kind.spare = Vec::with_capacity(kind.workspaces);
-        }
+        self.kinds.iter_mut().for_each(Kind::shrink);
     }
 
     /// Forgets all that was found out: the next run looks at all objects, and starts every query from the roots.
@@ -341,15 +300,13 @@ impl SceneQuery {
 
     /// Bytes of memory held, besides the shapes.
     pub fn bytes(&self) -> usize {
-        let spare = self.kinds.iter().flat_map(|kind| &kind.spare);
         let held = self.objects.iter().filter_map(|object| object.workspace.as_ref());
-        let lists =
-            self.awake.capacity() + self.in_reach.capacity() + self.near.capacity() + self.vacant.capacity();
-        spare.chain(held).map(|workspace| size_of::<Workspace>() + workspace.query.bytes()).sum::<usize>()
-            + self.kinds.iter().map(|kind| size_of::<Kind>() + 8 * kind.spare.capacity()).sum::<usize>()
+        let lists = [&self.due, &self.in_reach, &self.near, &self.vacant].map(Vec::capacity);
+        held.map(|workspace| workspace.bytes()).sum::<usize>()
+            + self.kinds.iter().map(Kind::bytes).sum::<usize>()
             + self.objects.capacity() * size_of::<Object>()
             + self.queue.bytes()
-            + lists * size_of::<u32>()
+            + lists.iter().sum::<usize>() * size_of::<u32>()
     }
 
     /// Finds the contacts of the probe at a pose (object frame to world) with all objects.
@@ -368,7 +325,7 @@ impl SceneQuery {
         self.hand_out(&mut outcome);
         let begun = Instant::now();
         for (index, slot) in self.in_reach.iter().enumerate() {
-            let Object { pose, workspace: Some(workspace), .. } = &mut self.objects[*slot as usize] else {
+            let Object { placed, workspace: Some(workspace), .. } = &mut self.objects[*slot as usize] else {
                 continue;
             };
             let left = self.in_reach.len() - index;
@@ -378,16 +335,17 @@ impl SceneQuery {
                     Budget::Queries(queries.saturating_sub(outcome.query.convex_queries) / left)
                 }
             });
-            workspace.outcome =
-                workspace.query.run(probe_pose, pose, &QuerySettings { budget, ..*settings })?;
+            let settings = QuerySettings { budget, ..*settings };
+            workspace.outcome = workspace.query.run(probe_pose, &placed.pose, &settings)?;
             outcome.query.add(&workspace.outcome);
         }
         outcome.queried = self.in_reach.len();
         Ok(outcome)
     }
 
-    /// Finds the objects within reach of the probe at a pose (object frame to world), without any query: for those who look for contacts
-    /// otherwise. There are [no contacts](Self::contacts) then. How many are left out because their pose is not valid.
+    /// Finds the objects within reach of the probe at a pose (object frame to world), without any query: for callers that
+    /// find contacts by other means. There are [no contacts](Self::contacts) then. Returns how many objects are left out
+    /// because their pose is not valid.
     ///
     /// # Errors
     /// As [`run`](Self::run).
@@ -404,58 +362,44 @@ impl SceneQuery {
 
     /// The objects that were within reach when [they were last looked for](Self::find_near), by handle.
     pub fn near(&self) -> impl Iterator<Item = ObjectHandle> {
-        self.near
-            .iter()
-            .map(|slot| ObjectHandle { slot: *slot, generation: self.objects[*slot as usize].generation })
+        self.near.iter().map(|slot| self.handle(*slot))
     }
 
     /// The objects that got a query in the last run, those without contacts included, with their contacts, by handle.
     pub fn contacts(&self) -> impl Iterator<Item = ObjectContacts<'_>> {
         self.in_reach.iter().filter_map(|slot| {
-            let Object { generation, workspace, .. } = &self.objects[*slot as usize];
-            let Workspace { query, outcome } = workspace.as_deref()?;
-            let object = ObjectHandle { slot: *slot, generation: *generation };
-            Some(ObjectContacts { object, contacts: query.contacts(), outcome })
+            let Workspace { query, outcome } = self.objects[*slot as usize].workspace.as_deref()?;
+            Some(ObjectContacts { object: self.handle(*slot), contacts: query.contacts(), outcome })
         })
     }
 
-    /// Lists the objects within reach, and puts the others to sleep that were awake.
+    /// Lists the objects within reach, and notes when those that are not are due again.
     fn find_in_reach(&mut self, probe_pose: &Pose, tolerance: f64, outcome: &mut SceneOutcome) {
         let Ball { center, radius } = self.probe.ball();
         let center = probe_pose.transform_point(center);
-        self.way += match self.last.replace((center, tolerance)) {
-            Some((last, before)) if last == center && before == tolerance => 0.0,
-            Some((last, before)) => {
-                let way = center.distance(last) + (tolerance - before).abs();
-                way * (1.0 + ROUNDING_SLACK) + rounding(center) + rounding(last)
-            }
-            None => f64::INFINITY,
-        };
-        // Before rounding tells.
-        if self.way.is_nan() || self.way > SCENE_MOTION_LIMIT * radius {
-            self.way = 0.0;
-            self.queue.wake_all();
+        let last = self.last.replace((center, tolerance));
+        self.motion_bound += last.map_or(f64::INFINITY, |last| probe_motion(last, (center, tolerance)));
+        // Before the rounding of the sum matters.
+        if self.motion_bound.is_nan() || self.motion_bound > SCENE_MOTION_LIMIT * radius {
+            self.motion_bound = 0.0;
+            self.queue.recheck_all();
         }
-        self.awake.clear();
-        self.queue.awake(self.way, &mut self.awake);
-        outcome.tested = self.awake.len();
-        for index in 0..self.awake.len() {
-            let slot = self.awake[index];
+        self.due.clear();
+        self.queue.due(self.motion_bound, &mut self.due);
+        outcome.tested = self.due.len();
+        let reach = radius + tolerance + UNIT_QUATERNION_SLACK * self.probe.coordinates();
+        for index in 0..self.due.len() {
+            let slot = self.due[index];
             let object = &self.objects[slot as usize];
-            let kind = &self.kinds[object.kind as usize];
-            let invalid = QueryError::check_pose(&object.pose, QueryObject::Scene).is_err();
-            let gap = gap(
-                object,
-                kind,
-                center,
-                radius + tolerance + UNIT_QUATERNION_SLACK * self.probe.coordinates(),
-            );
-            let wake = if gap > 0.0 && !invalid { self.way + gap } else { f64::NEG_INFINITY };
-            if wake != self.queue.wake(slot) {
-                self.queue.set(slot, wake);
+            let invalid = !object.placed.pose.is_valid();
+            let gap = object.placed.gap(&self.kinds[object.kind as usize], center, reach);
+            let out_of_reach = gap > 0.0 && !invalid;
+            let recheck_at = if out_of_reach { self.motion_bound + gap } else { f64::NEG_INFINITY };
+            if recheck_at != self.queue.recheck_at(slot) {
+                self.queue.set(slot, recheck_at);
             }
             outcome.invalid += usize::from(invalid);
-            if gap > 0.0 || invalid {
+            if out_of_reach || invalid {
                 self.give_back(slot);
             } else {
                 self.in_reach.push(slot);
@@ -490,6 +434,10 @@ impl SceneQuery {
         self.kinds[*kind as usize].spare.extend(workspace.take());
     }
 
+    fn handle(&self, slot: u32) -> ObjectHandle {
+        ObjectHandle { slot, generation: self.objects[slot as usize].generation }
+    }
+
     fn find(&self, object: ObjectHandle) -> Option<&Object> {
         let found = self.objects.get(object.slot as usize)?;
         (found.present && found.generation == object.generation).then_some(found)
@@ -503,25 +451,4 @@ impl SceneQuery {
             self.kinds.len() - 1
         })
     }
-}
-
-/// How far an object is from being within `reach` (m) of a point in the world, at least.
-fn gap(object: &Object, kind: &Kind, center: DVec3, reach: f64) -> f64 {
-    let distance = center.distance(object.center);
-    let spheres = distance - kind.ball.radius;
-    let local = object.pose.inverse().transform_point(center);
-    let boxes = local.distance(local.clamp(kind.low, kind.high));
-    let slack = UNIT_QUATERNION_SLACK * (distance + reach + kind.ball.radius + kind.shape.coordinates());
-    spheres.max(boxes) - reach - slack - rounding(center) - rounding(object.center)
-}
-
-/// Bound on how far a point of the unit sphere goes from one orientation to another.
-fn turn(from: DQuat, to: DQuat) -> f64 {
-    // Half the angle between the quaternions is a quarter of that of the rotation.
-    2.0 * (from - to).length().min((from + to).length())
-}
-
-/// Of a point's coordinates, m.
-fn rounding(point: DVec3) -> f64 {
-    COORDINATE_ROUNDING * point.abs().max_element()
 }
