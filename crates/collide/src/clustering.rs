@@ -1,30 +1,32 @@
-//! Contact clustering (§5.4.2, Eqs 5.32–5.36): K-means over the contact points **p** with weights δ + d, seeded by the
-//! clusters of the previous call, such that force and torque are continuous in the contacts.
+//! Contact clustering (§5.4.2, Eqs 5.32–5.36): K-means over the contact points **p** with weights δ + d,
+//! seeded by the clusters of the previous call, such that force and torque are continuous in the contacts.
 //!
-//! Algorithms 5.4.1–5.4.4 give each contact to one cluster, as often as it takes to settle. Where a contact is about as
-//! near to two, rounding decides; the representatives jump, and the force with them. Departures:
+//! Algorithms 5.4.1–5.4.4 give each contact to one cluster, as often as it takes to settle. Where a contact
+//! is about as near to two, rounding decides; the representatives jump, and the force with them. Departures:
 //!
-//! - A contact is shared: the nearest seed has all of it where every other is more than about twice as far ([`REACH`]),
-//!   and shares pass smoothly from one to the other in between. Shares depend on the seeds and the contact's own point
-//!   alone, so that a contact that comes in with no weight alters nothing.
-//! - A cluster pushes no more than its contacts together: its δ + d is Eq. 5.34's, but at most |Σ (δ + d) **n**|. The
-//!   two differ only if a cluster has less than a whole contact, or contacts whose normals are more than a right angle
-//!   apart. Otherwise next to nothing of a deep contact would push like all of it, and normals that cancel leave no
-//!   direction.
-//! - The seeds are kept in the probe's frame and make one step of Lloyd's method per call, once the representatives are
-//!   known: a part ([`STEP`]) of the way to the mean of their contacts, less if these weigh little ([`INERTIA`]). The
-//!   iteration so goes on from call to call.
-//! - A seed whose contacts weigh nothing is dropped, which alters nothing. With fewer seeds than min(K, n) some are
-//!   added at contacts that cost most in Eq. 5.32, and gain influence in the course of many calls ([`GROWTH`]).
-//! - Without seeds, at the first call or when nothing pushed in the last, the first is at the contact that weighs most,
-//!   and a bounded number of steps is made at once.
+//! - A contact is shared: the nearest seed has all of it where every other is more than about twice as far
+//!   ([`SHARING_RATIO`]), and shares pass smoothly from one to the other in between. Shares depend on the
+//!   seeds and the contact's own point alone, so that a contact that comes in with no weight alters nothing.
+//! - A cluster pushes no more than its contacts together: its δ + d is Eq. 5.34's, but at most |Σ (δ + d)
+//!   **n**|. The two differ only if a cluster has less than a whole contact, or contacts whose normals are
+//!   more than a right angle apart. Otherwise next to nothing of a deep contact would push like all of it,
+//!   and normals that cancel leave no direction.
+//! - The seeds are kept in the probe's frame and make one step of Lloyd's method per call, once the
+//!   representatives are known: a part ([`STEP`]) of the displacement to the mean of their contacts, less if
+//!   these weigh little ([`INERTIA`]). So the iteration goes on from call to call.
+//! - A seed whose contacts weigh nothing is dropped, which alters nothing. With fewer seeds than min(K, n)
+//!   some are added at contacts that cost most in Eq. 5.32, and gain influence in the course of many calls
+//!   ([`GROWTH`]).
+//! - Without seeds, at the first call or when nothing pushed in the last, the first is at the contact that
+//!   weighs most, and a bounded number of steps is made at once.
 //!
-//! For given seeds force and torque are continuous functions of the contacts' points, normals, depths and weights, and
-//! so are the seeds carried on; which seeds there are changes only where they have no influence. While contacts rest,
-//! seeds that settle and gain influence still change the force, by a small part per call.
+//! For given seeds force and torque are continuous functions of the contacts' points, normals, depths and
+//! weights, and so are the seeds carried on; which seeds there are changes only where they have no influence.
+//! While contacts rest, seeds that settle and gain influence still change the force, by a small part per
+//! call.
 //!
-//! Contacts of which only a part counts ([`PatchContact::weight`]) weigh that much less. Clusters without weight, or
-//! whose contacts cancel one another, are left out. Clusters come out by decreasing δ.
+//! Contacts of which only a part counts ([`PatchContact::weight`]) weigh that much less. Clusters without
+//! weight, or whose contacts cancel one another, are left out. Clusters come out by decreasing δ.
 
 #[cfg(test)]
 mod tests;
@@ -35,24 +37,27 @@ use palpate_core::{Contact, Pose};
 use crate::contact::PatchContact;
 use crate::tolerances::CANCELLED_NORMALS;
 
-/// A seed has a share of a contact if the squared distance to the nearest seed over that to this one, both
-/// [blurred](BLUR), is above this.
-const REACH: f64 = 0.25;
+/// Ratio of squared distances, to the nearest seed over to this one and both [blurred](BLUR), above which a
+/// seed has a share of a contact. Smaller: more contacts are shared, and clusters pull together. At 1 the
+/// nearest seed has all, and the force jumps.
+const SHARING_RATIO: f64 = 0.25;
 
-/// Distances from seeds are blurred by this many tolerances d: contacts that move by less hardly change their shares.
+/// Length by which distances from seeds are blurred, in tolerances d: contacts that move by less hardly
+/// change their shares.
 const BLUR: f64 = 2.0;
 
-/// The most of the way to the mean of its contacts that a seed goes in one call.
+/// Largest part of the displacement to the mean of its contacts that a seed makes in one call. Larger: seeds
+/// settle sooner, and the force changes faster while contacts rest.
 const STEP: f64 = 0.125;
 
-/// A seed goes half as far if its contacts weigh this many tolerances d.
+/// Weight of its contacts at which a seed moves by half of that, in tolerances d.
 const INERTIA: f64 = 1.0;
 
-/// The part of its influence that an added seed gains per call; more where its penalty is small beside those felt, to
-/// which it may add this part.
+/// Part of its influence that an added seed gains per call; more where its penalty is small beside those
+/// felt, to which it may add this part.
 const GROWTH: f64 = 1.0 / 64.0;
 
-/// Steps of Lloyd's method from nothing.
+/// Number of steps of Lloyd's method in a call without seeds.
 const FIRST_STEPS: u32 = 16;
 
 /// A cluster of contacts: the representative contact, and what it stands for.
@@ -62,7 +67,7 @@ pub struct Cluster {
     pub contact: Contact,
     /// w: accumulated weight Σ (δ + d), m.
     pub weight: f64,
-    /// Root mean square distance of its contacts from the representative's point, by their weight, m.
+    /// Root mean square distance of its contacts from the representative's point, weighted, m.
     pub radius: f64,
 }
 
@@ -107,13 +112,12 @@ pub struct Clustering {
     capacity: usize,
     /// Points around which clusters form, in the probe's frame, the oldest first.
     seeds: Vec<DVec3>,
-    /// How many of the seeds have all their influence.
+    /// Number of seeds that have all their influence.
     grown: usize,
-    /// How much the others have, 0 to 1.
+    /// Influence of the others, 0 to 1.
     growth: f64,
     sums: Vec<Sums>,
     clusters: Vec<Cluster>,
-    iterations: u32,
 }
 
 /// A seed with the sums over its contacts' shares.
@@ -151,17 +155,17 @@ impl Sums {
         }
     }
 
-    /// Eq. 5.33; the seed without contacts.
+    /// The weighted mean of the contacts' points, m (Eq. 5.33); the seed if there are none.
     fn mean(&self) -> DVec3 {
         if self.weight > 0.0 { self.seed + self.point / self.weight } else { self.seed }
     }
 
-    /// δ + d by Eq. 5.34, m, at most the contacts' in all.
+    /// δ + d by Eq. 5.34, m, but at most the sum of the contacts'.
     fn penalty(&self) -> f64 {
         self.weight.min(self.depth / self.weight)
     }
 
-    /// Eqs 5.33–5.36, with a part of the penalty.
+    /// The representative (Eqs 5.33–5.36), with a part of the penalty.
     fn cluster(&self, part: f64, tolerance: f64) -> Option<Cluster> {
         let push = self.push.length();
         if part == 0.0 || push <= CANCELLED_NORMALS * self.weight {
@@ -187,22 +191,19 @@ impl Clustering {
             growth: 0.0,
             sums: Vec::with_capacity(capacity),
             clusters: Vec::with_capacity(capacity),
-            iterations: 0,
         }
     }
 
-    /// Clusters the contacts of one query, found with tolerance d (m), at the probe's pose. Deterministic: equal input
-    /// gives equal output after equal history. Allocates nothing.
+    /// Clusters the contacts of one query, found with tolerance d (m), at the probe's pose. Deterministic:
+    /// equal input gives equal output after equal history. Allocates nothing.
     pub fn run(&mut self, contacts: &[PatchContact], tolerance: f64, probe_pose: &Pose) -> &[Cluster] {
         self.clusters.clear();
         self.sums.clear();
         self.sums.extend(self.seeds.iter().map(|seed| Sums::at(probe_pose.transform_point(*seed))));
-        self.iterations = 1;
         if self.sums.is_empty() {
             self.add_seeds(contacts, tolerance);
             self.grown = self.sums.len();
             for _ in 0..FIRST_STEPS {
-                self.iterations += 1;
                 self.share(contacts, tolerance);
                 for sums in &mut self.sums {
                     *sums = Sums::at(sums.mean());
@@ -229,11 +230,6 @@ impl Clustering {
     /// The clusters of the last call, by decreasing δ.
     pub fn clusters(&self) -> &[Cluster] {
         &self.clusters
-    }
-
-    /// Steps of Lloyd's method in the last call.
-    pub fn iterations(&self) -> u32 {
-        self.iterations
     }
 
     /// Forgets the seeds.
@@ -303,8 +299,8 @@ impl Clustering {
         self.seeds.extend(self.sums.iter().map(|sums| to_probe.transform_point(sums.seed)));
     }
 
-    /// Adds seeds, in all at most as many as contacts with weight: the first at the heaviest contact, each other at the
-    /// one that costs most in Eq. 5.32.
+    /// Adds seeds, in all at most as many as contacts with weight: the first at the heaviest contact, each
+    /// other at the one that costs most in Eq. 5.32.
     fn add_seeds(&mut self, contacts: &[PatchContact], tolerance: f64) {
         let most =
             self.capacity.min(contacts.iter().filter(|contact| weight(contact, tolerance) > 0.0).count());
@@ -326,14 +322,14 @@ impl Clustering {
 /// Adds the seeds' shares of a part of a contact, by their distances from it.
 fn divide(seeds: &mut [Sums], part: f64) {
     let nearest = seeds.iter().map(|sums| sums.distance).fold(f64::INFINITY, f64::min);
-    let claim = |sums: &Sums| (nearest / sums.distance - REACH).max(0.0);
+    let claim = |sums: &Sums| (nearest / sums.distance - SHARING_RATIO).max(0.0);
     let claims: f64 = seeds.iter().map(claim).sum();
     for sums in seeds {
         sums.share += part * claim(sums) / claims;
     }
 }
 
-/// δ + d, m, as far as the contact counts.
+/// Weight of a contact, m: δ + d, times the part of the contact that counts.
 fn weight(contact: &PatchContact, tolerance: f64) -> f64 {
     contact.weight * (contact.contact.depth + tolerance).max(0.0)
 }

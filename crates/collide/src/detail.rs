@@ -3,8 +3,8 @@
 use palpate_core::Clod;
 use palpate_core::clod::Node;
 
-/// Least, largest and mean support area D of the extreme points of a patch, in a unit of the hierarchy: the first two are
-/// rounded outwards, so that they stay bounds, and the mean to 2⁻²⁴.
+/// Least, largest and mean support area D of the extreme points of a patch, in a unit of the hierarchy: the
+/// first two are rounded outwards, so that they stay bounds, and the mean to 2⁻²⁴.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SupportAreas([f32; 3]);
 

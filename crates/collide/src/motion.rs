@@ -1,8 +1,8 @@
-//! How far two bodies have moved relative to one another: a bound on any change of distance between their parts, and a
-//! bound on how far they have turned.
+//! How far two bodies have moved relative to one another: a bound on any change of distance between their
+//! parts, and a bound on how far they have turned.
 //!
-//! An answer such as "these hulls are 3 mm out of reach" stays true until the motion bound has grown by 3 mm. So an
-//! answer is stored with the value of the motion bound up to which it holds.
+//! An answer such as "these hulls are 3 mm out of reach" stays true until the motion bound has grown by 3 mm.
+//! So an answer is stored with the value of the motion bound up to which it holds.
 
 use palpate_core::glam::DVec3;
 
@@ -29,13 +29,14 @@ impl Motion {
         self.bound = 0.0;
     }
 
-    /// The motion bound, m: any two points of the bodies have come closer, or gone apart, by no more than it has grown.
+    /// The motion bound, m: any two points of the bodies have come closer, or gone apart, by no more than it
+    /// has grown.
     pub fn bound(&self) -> f64 {
         self.bound
     }
 
-    /// Bound on the angle by which the bodies have turned, rad: the sum over all steps of twice the sine of half the
-    /// angle.
+    /// Bound on the angle by which the bodies have turned, rad: the sum over all steps of twice the sine of
+    /// half the angle.
     pub fn turn(&self) -> f64 {
         self.turn
     }
@@ -47,9 +48,9 @@ impl Motion {
 
     /// Adds a step of the bodies a and b, which are within these spheres. `rounding`: that of coordinates, m.
     ///
-    /// No point of b moves further in a's frame than b's centre does, |c' − c|, and a point of its sphere may turn about
-    /// that centre, r · turn; and the other way round. Either bounds how much closer two points have come, so the smaller
-    /// one counts.
+    /// No point of b moves further in a's frame than b's centre does, |c' − c|, and a point of its sphere may
+    /// turn about that centre, r · turn; and the other way round. Either bounds how much closer two points
+    /// have come, so the smaller one counts.
     pub fn step(&mut self, a: &Ball, b: &Ball, placement: &Placement, rounding: f64) {
         if let Some(last) = self.last.filter(|last| last != placement) {
             let turned = placement.rotation - last.rotation;

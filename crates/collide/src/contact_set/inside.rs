@@ -91,8 +91,8 @@ impl InsideVertices {
         self.found[index as usize].nearest.distance
     }
 
-    /// Measures the distance of a vertex of a node's patch, if that was not done yet. Returns its index if it is inside.
-    /// `level` and `hint`: level of the other surface, and a triangle of it that may be near.
+    /// Measures the distance of a vertex of a node's patch, if that was not done yet. Returns its index if it
+    /// is inside. `level` and `hint`: level of the other surface, and a triangle of it that may be near.
     pub fn measure(
         &mut self,
         side: &Side,
@@ -129,8 +129,8 @@ impl InsideVertices {
         Some(index)
     }
 
-    /// Whether no neighbour of a vertex is deeper by more than `same`, m: vertices of a face that was pressed in flat are
-    /// equally deep, but for rounding.
+    /// Whether no neighbour of a vertex is deeper by more than `same`, m: vertices of a face that was pressed
+    /// in flat are equally deep, but for rounding.
     pub fn is_maximum(&self, index: u32, sides: &[Side; 2], same: f64) -> bool {
         let Inside { side, vertex, nearest, .. } = self.found[index as usize];
         let neighbours = &sides[side].own.patchwork().neighbours;

@@ -1,7 +1,8 @@
 //! Whether a separated contact is a local minimum of the distance between two surfaces.
 //!
-//! The surfaces at a contact's points are the triangles that meet there, of whichever patches. The contact is no minimum
-//! if a triangle at one point is closer to the other point, or a triangle at one closer to a triangle at the other.
+//! The surfaces at a contact's points are the triangles that meet there, of whichever patches. The contact is
+//! no minimum if a triangle at one point is closer to the other point, or a triangle at one closer to a
+//! triangle at the other.
 
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
@@ -41,8 +42,8 @@ impl MinimumTest {
         self.at_points.iter().map(|list| list.capacity() * size_of::<AtPoint>()).sum()
     }
 
-    /// Whether no triangle at a contact's point on one surface is closer to those at its point on the other. `precision`:
-    /// smallest length that counts as more than zero, m.
+    /// Whether no triangle at a contact's point on one surface is closer to those at its point on the other.
+    /// `precision`: smallest length that counts as more than zero, m.
     pub fn is_minimum(
         &mut self,
         found: &PatchContact,
@@ -87,8 +88,8 @@ struct Undercut {
 }
 
 impl Undercut {
-    /// Whether a triangle at a contact's point on a surface is closer to the other point (both in its frame). Lists the
-    /// triangles that may have the point, of whichever patch, unless one is.
+    /// Whether a triangle at a contact's point on a surface is closer to the other point (both in its frame).
+    /// Lists the triangles that may have the point, of whichever patch, unless one is.
     fn one_sided(
         &self,
         search: &mut NearestSearch,

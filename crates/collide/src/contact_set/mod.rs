@@ -1,27 +1,31 @@
-//! The contact set of two objects: what is left of a query's contacts between patches when the pieces are put together.
+//! The contact set of two objects: what is left of a query's contacts between patches when the pieces are put
+//! together.
 //!
-//! It is for inspection, of a single pose or of a recorded path: where two objects touch, how often, and how deep. The command
-//! `palpate query` prints it at full resolution. Sessions do not use it. A force needs contacts that do not jump from pose to
-//! pose, and a set does where a region divides or two join; [clusters](crate::Clustering) go over smoothly. The first run
-//! prepares a surface of each shape, which takes more memory than the shape does.
+//! It is for inspection, of a single pose or of a recorded path: where two objects touch, how often, and how
+//! deep. The command `palpate query` prints it at full resolution. Sessions do not use it. A force needs
+//! contacts that do not jump from pose to pose, and a set does where a region divides or two join;
+//! [clusters](crate::Clustering) go over smoothly. The first run prepares a surface of each shape, which
+//! takes more memory than the shape does.
 //!
-//! A [query](crate::ContactQuery) takes surfaces patch by patch. A contact of two patches may be no local minimum of the
-//! objects' distance, since a neighbouring patch comes closer; and one region of intersection is cut into as many
-//! contacts as pairs of patches meet in it, each with the depth of the two pieces only. Here:
+//! A [query](crate::ContactQuery) takes surfaces patch by patch. A contact of two patches may be no local
+//! minimum of the objects' distance, since a neighbouring patch comes closer; and one region of intersection
+//! is cut into as many contacts as pairs of patches meet in it, each with the depth of the two pieces only.
+//! Here:
 //!
-//! - A separated contact stays if it is a local minimum of the distance between the surfaces: no triangle at its point
-//!   on one surface, of whichever patch, is closer to a triangle at its point on the other.
-//! - Penetrating contacts become one for each connected [region](crate::contact_set::regions) of intersection, at the place where it
-//!   is deepest: the vertex of either surface that is furthest from the other surface, or the deepest pair of patches
-//!   where that is deeper. Crossing edges may be so: no vertex needs to be inside, and while one enters, the depth does
-//!   not jump. With a [spacing](ContactSetSettings::spacing), further local maxima of the depth are kept as well.
+//! - A separated contact stays if it is a local minimum of the distance between the surfaces: no triangle at
+//!   its point on one surface, of whichever patch, is closer to a triangle at its point on the other.
+//! - Penetrating contacts become one for each connected [region](crate::contact_set::regions) of
+//!   intersection, at the place where it is deepest: the vertex of either surface that is furthest from the
+//!   other surface, or the deepest pair of patches where that is deeper. Crossing edges may be so: no vertex
+//!   needs to be inside, and while one enters, the depth does not jump. With a
+//!   [spacing](ContactSetSettings::spacing), further local maxima of the depth are kept as well.
 //! - Of minima that are near one another, or near where a region is deep, the closest (deepest) stays.
 //!
-//! Contacts between coarser nodes are treated likewise, on the surfaces of their levels, each of which is closed; nodes of
-//! different levels are neighbours where the finer one's ancestor is.
+//! Contacts between coarser nodes are treated likewise, on the surfaces of their levels, each of which is
+//! closed; nodes of different levels are neighbours where the finer one's ancestor is.
 //!
-//! Where an object bounds no solid, nothing is inside it; where neither does, a region is as deep as its deepest pair of
-//! patches.
+//! Where an object bounds no solid, nothing is inside it; where neither does, a region is as deep as its
+//! deepest pair of patches.
 
 mod inside;
 mod minima;
@@ -46,7 +50,8 @@ use crate::tolerances::{COORDINATE_ROUNDING, PRECISION, SAME_CONTACT, SAME_POINT
 
 pub use self::settings::{ContactSetOutcome, ContactSetSettings};
 
-/// Largest distance that is not noticed, as a fraction of the objects' radii: §3.5.2 finds detail of 2.5 to 5 % unnoticed.
+/// Largest distance that is not noticed, as a fraction of the objects' radii: §3.5.2 finds detail of 2.5 to 5
+/// % unnoticed.
 const UNNOTICED: f64 = 0.05;
 
 /// Label of the contacts that separated ones are compared with: all of them.
@@ -119,8 +124,8 @@ impl ContactSet {
         }
     }
 
-    /// A spacing of maxima in a region, m: 5 % of the smaller object's radius. Contacts that are closer act at places
-    /// that cannot be felt apart (§3.5.2).
+    /// A spacing of maxima in a region, m: 5 % of the smaller object's radius. Contacts that are closer act
+    /// at places that cannot be felt apart (§3.5.2).
     pub fn noticeable_spacing(&self) -> f64 {
         UNNOTICED * self.probe.clod().bounding_radius().min(self.scene.clod().bounding_radius())
     }
@@ -136,15 +141,15 @@ impl ContactSet {
             + self.contacts.capacity() * size_of::<PatchContact>()
     }
 
-    /// The contact set of a query's contacts, at the same poses (object frame to world), in world axes and by decreasing
-    /// depth. Each comes with the nodes whose patches its points are on. The weight of a region's contact is 1, and that
-    /// of a merged one the sum, up to 1.
+    /// The contact set of a query's contacts, at the same poses (object frame to world), in world axes and by
+    /// decreasing depth. Each comes with the nodes whose patches its points are on. The weight of a region's
+    /// contact is 1, and that of a merged one the sum, up to 1.
     ///
     /// The cost grows with the number of contacts, and of vertices in and next to the regions.
     ///
     /// # Errors
-    /// If a pose or a setting is not valid, or a contact is not finite or has nodes that are not patches of these objects.
-    /// The set is empty then.
+    /// If a pose or a setting is not valid, or a contact is not finite or has nodes that are not patches of
+    /// these objects. The set is empty then.
     pub fn run(
         &mut self,
         contacts: &[PatchContact],

@@ -5,7 +5,7 @@ use crate::disjoint_sets::DisjointSets;
 /// A penetrating pair of patches.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pair {
-    /// Of the probe and of the scene object.
+    /// Nodes of the probe and of the scene object.
     pub nodes: [u32; 2],
     /// Index of its deepest contact.
     pub contact: u32,
@@ -24,7 +24,7 @@ pub(crate) struct Groups {
     of_node: Vec<(u32, u32)>,
     /// Pairs, by node.
     order: Vec<u32>,
-    /// Where a group starts in the order: whether its pairs are all in one region.
+    /// At the place in the order where a group starts: whether its pairs are all in one region.
     uniform: Vec<bool>,
 }
 

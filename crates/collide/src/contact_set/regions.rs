@@ -1,12 +1,13 @@
 //! Connected regions of intersection, and how deep they are.
 //!
-//! Pairs of penetrating patches belong to one region when their patches are equal or neighbours on both sides. The depth
-//! of one pair is only a lower bound on how deep the objects are in one another, so it is measured over again: by the
-//! signed distance of either surface's vertices from the other surface. Vertices are looked at from the crossing
-//! triangles on, along the mesh as long as they are inside. They join regions that the surface inside connects:
+//! Pairs of penetrating patches belong to one region when their patches are equal or neighbours on both
+//! sides. The depth of one pair is only a lower bound on how deep the objects are in one another, so it is
+//! measured over again: by the signed distance of either surface's vertices from the other surface. Vertices
+//! are looked at from the crossing triangles on, along the mesh as long as they are inside. They join regions
+//! that the surface inside connects:
 //!
-//! - along an edge that lies inside as a whole: its triangle's patch penetrates nothing, or the balls around its ends that
-//!   fit into the other solid cover it;
+//! - along an edge that lies inside as a whole: its triangle's patch penetrates nothing, or the balls around
+//!   its ends that fit into the other solid cover it;
 //! - to the pair of patches at the vertex whose other patch is nearest to it.
 //!
 //! The deepest pair of patches counts as well where both hulls are inside their solids, or no vertex is inside.
@@ -36,7 +37,7 @@ pub(crate) struct Deep {
     pub at: Place,
 }
 
-/// Where a depth was found.
+/// The place at which a depth was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Place {
     /// Index of a contact between patches.
@@ -259,7 +260,7 @@ impl Regions {
         }
     }
 
-    /// Of the pairs of patches at a vertex, the one whose other patch is nearest to it.
+    /// The pair of patches at a vertex whose other patch is nearest to it.
     fn pair_of(&mut self, side: &Side, index: usize) -> Option<u32> {
         let Inside { vertex, in_other, nearest, .. } = self.inside.found[index];
         let neighbours = &side.own.patchwork().neighbours;
@@ -355,7 +356,8 @@ impl Regions {
         }
     }
 
-    /// Lists the vertices that no neighbour inside is deeper than, and, in regions without any, such pairs of patches.
+    /// Lists the vertices that no neighbour inside is deeper than, and, in regions without any, such pairs of
+    /// patches.
     fn list_maxima(&mut self, sides: &[Side; 2], same: f64) {
         for index in 0..self.inside.found.len() as u32 {
             if self.inside.is_maximum(index, sides, same) {

@@ -6,14 +6,15 @@ const MOST_VERTICES: usize = 1 << 16;
 /// What makes a contact set.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactSetSettings {
-    /// Separated contacts whose points on both surfaces are no further than this from those of a closer contact that
-    /// stays are dropped, m. Not negative; 0 drops equal ones only.
+    /// Separated contacts whose points on both surfaces are no further than this from those of a closer
+    /// contact that stays are dropped, m. Not negative; 0 drops equal ones only.
     pub merge: f64,
-    /// Local maxima of the depth in one region stay if they are further apart than this, m. Infinite (the default): one
-    /// contact for each region. Not negative.
+    /// Local maxima of the depth in one region stay if they are further apart than this, m. Infinite (the
+    /// default): one contact for each region. Not negative.
     ///
-    /// A region that goes around something, as that of a peg in a tight hole does, needs several to be pushed back
-    /// right. [`ContactSet::noticeable_spacing`] is a value for that.
+    /// A region that goes around something, as that of a peg in a tight hole does, needs several to be pushed
+    /// back right. [`ContactSet::noticeable_spacing`](crate::ContactSet::noticeable_spacing) is a value for
+    /// that.
     pub spacing: f64,
     /// Vertices whose distance from the other surface may be measured. Beyond, depths are lower bounds, and
     /// [`ContactSetOutcome::truncated`] says so.

@@ -1,16 +1,17 @@
-//! Distance between two convex hulls: the algorithm of Gilbert, Johnson and Keerthi (1988), as the dissertation's §3.4.1
-//! cites it, with van den Bergen's bounds (1999).
+//! Distance between two convex hulls: the algorithm of Gilbert, Johnson and Keerthi (1988), as the
+//! dissertation's §3.4.1 cites it, with van den Bergen's bounds (1999).
 //!
-//! The hulls are apart by the distance of the origin from the Minkowski difference a − b. A simplex of its vertices moves
-//! towards the origin. In each iteration **v** is the simplex's point nearest to the origin, and **w** the vertex of a − b
-//! furthest along −**v**:
+//! The hulls are apart by the distance of the origin from the Minkowski difference a − b. A simplex of its
+//! vertices moves towards the origin. In each iteration **v** is the simplex's point nearest to the origin,
+//! and **w** the vertex of a − b furthest along −**v**:
 //!
 //! - |**v**| is an upper bound on the distance, since **v** is a point of a − b;
-//! - **v** · **w** / |**v**| is a lower bound, since all of a − b lies beyond the plane through **w** across **v**.
+//! - **v** · **w** / |**v**| is a lower bound, since all of a − b lies beyond the plane through **w** across
+//!   **v**.
 //!
-//! So a caller that only asks "further than d?" is answered as soon as either bound decides it. The search ends when the
-//! bounds meet to within [`Limits::precision`], or when no vertex brings the origin closer; the iterations are bounded,
-//! and a gap left then is reported as [`Separation::NotConverged`].
+//! So a caller that only asks "further than d?" is answered as soon as either bound decides it. The search
+//! ends when the bounds meet to within [`Limits::precision`], or when no vertex brings the origin closer; the
+//! iterations are bounded, and a gap left then is reported as [`Separation::NotConverged`].
 
 use palpate_core::glam::DVec3;
 
@@ -22,33 +23,33 @@ use crate::tolerances::{AXIS_ROUNDING, CONVERGED_GAP};
 /// Most iterations. Polyhedra need a few; round hulls of thousands of vertices some thirty.
 const MAX_ITERATIONS: u32 = 128;
 
-/// What a distance query has to find out.
+/// Limits at which a distance query stops.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// Stop as soon as the hulls are known to be further apart than this, m. Hulls that touch to within the precision
-    /// never are.
+    /// Stop as soon as the hulls are known to be further apart than this, m. Hulls that touch to within the
+    /// precision never are.
     pub beyond: f64,
-    /// Part of the distance in excess of `beyond` that has to be proven before the search stops there: 0 for none, near 1
-    /// for all of it.
+    /// Part of the distance in excess of `beyond` that has to be proven before the search stops there: 0 for
+    /// none, near 1 for all of it.
     pub share: f64,
-    /// Stop as soon as the hulls are known to be at most this far apart, m. A negative number asks for the distance
-    /// itself.
+    /// Stop as soon as the hulls are known to be at most this far apart, m. A negative number asks for the
+    /// distance itself.
     pub enough: f64,
     /// Bounds that differ by less are equal, and hulls closer than this touch, m.
     pub precision: f64,
 }
 
-/// Where the search starts.
+/// The start of a search.
 #[derive(Clone, Copy, Debug)]
 pub enum Start<'a> {
     /// A guess of the vector from b to a, in a's frame.
     Axis(DVec3),
-    /// Vertices of a and b between which the nearest points were in an earlier query, at another placement: at most four
-    /// pairs. Without any, the search starts along the axis.
+    /// Vertices of a and b between which the nearest points were in an earlier query, at another placement:
+    /// at most four pairs. Without any, the search starts along the axis.
     Vertices(&'a [(u32, u32)], DVec3),
 }
 
-/// How two hulls lie to each other.
+/// Relation of two hulls.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Separation {
     /// Further apart than [`Limits::beyond`].
@@ -64,14 +65,15 @@ pub enum Separation {
 /// The answer of a distance query.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Distance {
-    /// How the hulls lie to each other.
+    /// Relation of the hulls.
     pub separation: Separation,
-    /// Distance (an upper bound, exact unless the search was stopped early), m. For hulls beyond the limit it is infinite
-    /// when the first axis already separates them.
+    /// Distance (an upper bound, exact unless the search was stopped early), m. For hulls beyond the limit it
+    /// is infinite when the first axis already separates them.
     pub distance: f64,
     /// Lower bound on the distance, m; 0 when overlapping.
     pub lower: f64,
-    /// Unit direction from b to a along which the lower bound separates the hulls, in a's frame; zero without one.
+    /// Unit direction from b to a along which the lower bound separates the hulls, in a's frame; zero without
+    /// one.
     pub direction: DVec3,
     /// The vector from b to a between the nearest points found, in a's frame, m.
     pub axis: DVec3,
@@ -82,6 +84,33 @@ pub struct Distance {
 }
 
 impl Distance {
+    /// The distance of two hulls of which nothing is known.
+    const UNKNOWN: Self = Self {
+        separation: Separation::NotConverged,
+        distance: f64::INFINITY,
+        lower: 0.0,
+        direction: DVec3::ZERO,
+        axis: DVec3::ZERO,
+        simplex: Simplex {
+            vertices: [Vertex { difference: DVec3::ZERO, a: 0, b: 0 }; 4],
+            weights: [0.0; 4],
+            len: 0,
+        },
+        iterations: 0,
+    };
+
+    /// Takes the lower bound that the vertex furthest against the axis gives, if it is larger than that before:
+    /// **v** · **w** / |**v**|. Returns it, m.
+    #[inline]
+    fn bound_below(&mut self, vertex: &Vertex) -> f64 {
+        let length = self.axis.length();
+        let lower = self.axis.dot(vertex.difference) / length;
+        if lower > self.lower {
+            (self.lower, self.direction) = (lower, self.axis / length);
+        }
+        lower
+    }
+
     /// The nearest points on a and on b, both in a's frame, m.
     pub fn witnesses(&self, a: &Hull, b: &Hull, placement: &Placement) -> (DVec3, DVec3) {
         let (mut on_a, mut on_b) = (DVec3::ZERO, DVec3::ZERO);
@@ -107,15 +136,7 @@ pub(super) fn difference(a: &Hull, b: &Hull, placement: &Placement, on_a: u32, o
 
 /// Finds the distance between hull a and hull b as placed, as far as `limits` asks for it.
 pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits: &Limits) -> Distance {
-    let mut found = Distance {
-        separation: Separation::NotConverged,
-        distance: f64::INFINITY,
-        lower: 0.0,
-        direction: DVec3::ZERO,
-        axis: DVec3::ZERO,
-        simplex: Simplex::default(),
-        iterations: 0,
-    };
+    let mut found = Distance::UNKNOWN;
     if start_overlaps(&mut found, a, b, placement, start, limits.precision) {
         return overlapping(found);
     }
@@ -128,11 +149,7 @@ pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits:
         }
         found.iterations += 1;
         let vertex = support(a, b, placement, -found.axis);
-        let length = found.axis.length();
-        let lower = found.axis.dot(vertex.difference) / length;
-        if lower > found.lower {
-            (found.lower, found.direction) = (lower, found.axis / length);
-        }
+        let lower = found.bound_below(&vertex);
         if lower > beyond {
             // Until the simplex is a point, its distance is that of the vertex.
             let upper = found.distance.min(vertex.difference.length());
@@ -156,7 +173,8 @@ pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits:
             found.simplex = simplex;
             return overlapping(found);
         }
-        // In exact arithmetic each vertex brings the simplex closer. Where rounding does not, the simplex before stays.
+        // In exact arithmetic each vertex brings the simplex closer. Where rounding does not, the simplex
+        // before stays.
         if length >= found.distance {
             break;
         }
@@ -204,10 +222,10 @@ fn start_overlaps(
     false
 }
 
-/// How hulls lie to each other when no vertex brings the simplex closer, or the iterations have run out.
+/// The relation of two hulls when no vertex brings the simplex closer, or the iterations have run out.
 ///
-/// The axis between hulls that almost touch at a vertex or an edge is known to rounding / distance only, and so is the lower
-/// bound, but not the distance itself: the gap between the bounds may be as large as that.
+/// The axis between hulls that almost touch at a vertex or an edge is known to rounding / distance only, and
+/// so is the lower bound, but not the distance itself: the gap between the bounds may be as large as that.
 fn separation_at_end(found: &Distance, beyond: f64, precision: f64) -> Separation {
     let rounding = AXIS_ROUNDING * precision * precision / found.distance;
     if found.distance - found.lower > CONVERGED_GAP * precision + rounding {

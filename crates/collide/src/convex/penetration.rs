@@ -1,23 +1,25 @@
 //! Penetration depth of two overlapping convex hulls: the shortest translation that separates them.
 //!
-//! The expanding polytope algorithm (van den Bergen 2001): a polytope inside the Minkowski difference a − b grows towards
-//! the boundary point that is nearest to the origin. With **n** the outward unit normal of the polytope's nearest face and
-//! **w** the vertex of a − b furthest along **n**:
+//! The expanding polytope algorithm (van den Bergen 2001): a polytope inside the Minkowski difference a − b
+//! grows towards the boundary point that is nearest to the origin. With **n** the outward unit normal of the
+//! polytope's nearest face and **w** the vertex of a − b furthest along **n**:
 //!
 //! - the face's distance from the origin is a lower bound on the depth;
-//! - **n** · **w**, the extent of a − b along **n**, is an upper bound, as b moved that far along **n** touches a only.
+//! - **n** · **w**, the extent of a − b along **n**, is an upper bound, as b moved that far along **n**
+//!   touches a only.
 //!
-//! If they differ, **w** becomes a vertex of the polytope: the faces that see it are replaced by a fan around it.
+//! If they differ, **w** becomes a vertex of the polytope: the faces that see it are replaced by a fan around
+//! it.
 //!
-//! It starts from a tetrahedron that the caller has: the last GJK simplex or, between bodies that move a little, that of
-//! the last answer, with the face that was nearest then. Where that face still is, and the origin lies deep below the
-//! other three, a single support point confirms it.
+//! It starts from a tetrahedron that the caller has: the last GJK simplex or, between bodies that move a
+//! little, that of the last answer, with the face that was nearest then. Where that face still is, and the
+//! origin lies deep below the other three, a single support point confirms it.
 //!
-//! Departures: without such a tetrahedron, or if it is thin, the first one is built from support points spread in all
-//! directions, so that touching and flat hulls need no care (the origin may start outside it; faces that see it have
-//! negative distances and grow first); a Minkowski difference that is itself flat has depth 0 across its plane; and
-//! since the extent of a − b along *any* direction is an upper bound on the depth, the smallest one seen is kept as the
-//! answer, whatever becomes of the polytope numerically.
+//! Departures: without such a tetrahedron, or if it is thin, the first one is built from support points
+//! spread in all directions, so that touching and flat hulls need no care (the origin may start outside it;
+//! faces that see it have negative distances and grow first); a Minkowski difference that is itself flat has
+//! depth 0 across its plane; and since the extent of a − b along *any* direction is an upper bound on the
+//! depth, the smallest one seen is kept as the answer, whatever becomes of the polytope numerically.
 
 use palpate_core::glam::DVec3;
 
@@ -36,8 +38,9 @@ const NONE: u16 = u16::MAX;
 /// The answer of a penetration query. Points and directions are in a's frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Penetration {
-    /// Depth along [`normal`](Self::normal), m: how far b has to move along it for the hulls to touch only. 0 when they
-    /// touch or the Minkowski difference is flat; negative when the hulls are in fact apart along the normal.
+    /// Depth along [`normal`](Self::normal), m: how far b has to move along it for the hulls to touch only. 0
+    /// when they touch or the Minkowski difference is flat; negative when the hulls are in fact apart along
+    /// the normal.
     pub depth: f64,
     /// Unit normal, pointing out of a.
     pub normal: DVec3,
@@ -45,14 +48,14 @@ pub struct Penetration {
     pub on_a: DVec3,
     /// The point of b that lies deepest in a, m.
     pub on_b: DVec3,
-    /// How far the depth may lie above the least one, m.
+    /// Bound on how much larger the depth is than the least one, m.
     pub gap: f64,
     /// Whether the gap closed to within the precision asked for.
     pub converged: bool,
     /// Whether the Minkowski difference is flat (or less): then the opposite normal would do as well.
     pub flat: bool,
-    /// Vertices of a and b whose differences are a tetrahedron to start from the next time; the first three are the
-    /// nearest face. Of no use if flat.
+    /// Vertices of a and b whose differences are a tetrahedron to start from the next time; the first three
+    /// are the nearest face. Of no use if flat.
     pub tetrahedron: [(u32, u32); 4],
 }
 
@@ -117,9 +120,9 @@ impl Polytope {
         }
     }
 
-    /// Depth and direction of the penetration of hull a and hull b as placed, to within `precision` (m). Hulls that do
-    /// not overlap give a depth that is not positive. `start`: vertices of a and b whose differences are a tetrahedron
-    /// around the origin, or nearly so; anything else is passed over.
+    /// Depth and direction of the penetration of hull a and hull b as placed, to within `precision` (m).
+    /// Hulls that do not overlap give a depth that is not positive. `start`: vertices of a and b whose
+    /// differences are a tetrahedron around the origin, or nearly so; anything else is passed over.
     pub fn penetration(
         &mut self,
         a: &Hull,
@@ -163,7 +166,8 @@ impl Polytope {
             }
             let known = self.vertices.iter().any(|v| v.a == vertex.a && v.b == vertex.b);
             if known || self.vertices.len() == MAX_VERTICES || !self.expand(index, vertex, precision) {
-                // A known vertex beyond its own face, or a torn horizon: rounding. The gap tells how much it matters.
+                // A known vertex beyond its own face, or a torn horizon: rounding. The gap says how much it
+                // matters.
                 break;
             }
         }
@@ -217,8 +221,9 @@ impl Polytope {
         }
     }
 
-    /// The vertex that best makes a tetrahedron around the origin with a face: that furthest inside the cone of the rays
-    /// from the face's corners through the origin, whose sides are the planes through the origin and two corners.
+    /// The vertex that best makes a tetrahedron around the origin with a face: that furthest inside the cone
+    /// of the rays from the face's corners through the origin, whose sides are the planes through the origin
+    /// and two corners.
     fn apex(&self, [p, q, r]: [DVec3; 3]) -> Vertex {
         let sides = [q.cross(r), r.cross(p), p.cross(q)].map(DVec3::normalize_or_zero);
         let inside =
@@ -272,8 +277,8 @@ impl Polytope {
         true
     }
 
-    /// Builds a tetrahedron of support points, or gives the normal of the plane (or of one of the planes) that the whole
-    /// Minkowski difference lies in.
+    /// Builds a tetrahedron of support points, or gives the normal of the plane (or of one of the planes)
+    /// that the whole Minkowski difference lies in.
     fn first_tetrahedron(
         &mut self,
         a: &Hull,
@@ -307,7 +312,8 @@ impl Polytope {
         if high.max(low) <= precision {
             return Err(normal);
         }
-        // `first, second, third` is counter-clockwise seen from `normal`; the apex goes to the other side of the base.
+        // `first, second, third` is counter-clockwise seen from `normal`; the apex goes to the other side of
+        // the base.
         if low >= high {
             self.vertices.extend([first, second, third, below]);
         } else {
@@ -343,8 +349,8 @@ impl Polytope {
         Face { vertices, neighbours, normal, distance, alive: true, visible: false }
     }
 
-    /// Replaces the faces that see the new vertex, of which one is given, by a fan around it. `false`, with the polytope
-    /// unusable, if these faces do not form a disc.
+    /// Replaces the faces that see the new vertex, of which one is given, by a fan around it. `false`, with
+    /// the polytope unusable, if these faces do not form a disc.
     fn expand(&mut self, start: u16, vertex: Vertex, precision: f64) -> bool {
         let apex = self.vertices.len() as u16;
         self.vertices.push(vertex);
@@ -411,7 +417,8 @@ impl Polytope {
         }
     }
 
-    /// Adds a face from each edge of the horizon to the apex, and links them. `false` if the horizon is no single loop.
+    /// Adds a face from each edge of the horizon to the apex, and links them. `false` if the horizon is no
+    /// single loop.
     fn add_fan(&mut self, apex: u16) -> bool {
         for &HorizonEdge { from, to, .. } in &self.horizon {
             self.starts[from as usize] = NONE;
@@ -437,7 +444,8 @@ impl Polytope {
             }
             self.starts[from as usize] = index;
         }
-        // A face [from, to, apex] meets the one that starts at `to` across its edge 1, and is met across that one's edge 2.
+        // A face [from, to, apex] meets the one that starts at `to` across its edge 1, and is met across that
+        // one's edge 2.
         for step in 0..self.horizon.len() {
             let HorizonEdge { from, to, .. } = self.horizon[step];
             let (index, next) = (self.starts[from as usize], self.starts[to as usize]);

@@ -1,9 +1,10 @@
-//! Simplices of points of the Minkowski difference a − b, and the point of a simplex that is nearest to the origin.
+//! Simplices of points of the Minkowski difference a − b, and the point of a simplex that is nearest to the
+//! origin.
 //!
-//! The nearest point is found by going through the faces, with barycentric coordinates as in Ericson (2005, §5.1 and §9.5):
-//! a face whose plane is well defined and whose barycentric coordinates are all non-negative holds it, otherwise the best
-//! of the face's edges does. A simplex whose height is lost in rounding is treated as the union of its faces, so that flat
-//! and needle-like hulls need no special case.
+//! The nearest point is found by going through the faces, with barycentric coordinates as in Ericson (2005,
+//! §5.1 and §9.5): a face whose plane is well defined and whose barycentric coordinates are all non-negative
+//! holds it, otherwise the best of the face's edges does. A simplex whose height is lost in rounding is
+//! treated as the union of its faces, so that flat and needle-like hulls need no special case.
 
 use palpate_core::glam::DVec3;
 
@@ -20,8 +21,8 @@ pub struct Vertex {
     pub b: u32,
 }
 
-/// Up to four points of the Minkowski difference, with barycentric weights of the point of their hull that is nearest to
-/// the origin.
+/// Up to four points of the Minkowski difference, with barycentric weights of the point of their hull that is
+/// nearest to the origin.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Simplex {
     pub(super) vertices: [Vertex; 4],
@@ -49,9 +50,9 @@ impl Simplex {
         self.len += 1;
     }
 
-    /// Reduces the simplex to the vertices that its point nearest to the origin, Σ λᵢ **p**ᵢ with all λᵢ > 0, is made of, and
-    /// returns that point. `None` when the origin is inside the tetrahedron, which is then kept whole, with the origin's
-    /// own weights.
+    /// Reduces the simplex to the vertices that its point nearest to the origin, Σ λᵢ **p**ᵢ with all λᵢ > 0,
+    /// is made of, and returns that point. `None` when the origin is inside the tetrahedron, which is then
+    /// kept whole, with the origin's own weights.
     pub(super) fn reduce(&mut self) -> Option<DVec3> {
         let p = self.vertices.map(|v| v.difference);
         let weights = match self.len {
@@ -88,8 +89,8 @@ impl Simplex {
 }
 
 impl Simplex {
-    /// Distance of the origin from the nearest face of the tetrahedron around it, m; 0 if the simplex is no tetrahedron.
-    /// Hulls that overlap go on to do so until they have moved by that.
+    /// Distance of the origin from the nearest face of the tetrahedron around it, m; 0 if the simplex is no
+    /// tetrahedron. Hulls that overlap go on to do so until they have moved by that.
     pub(crate) fn depth(&self) -> f64 {
         if self.len < 4 {
             return 0.0;
@@ -101,8 +102,9 @@ impl Simplex {
             .fold(f64::INFINITY, f64::min)
     }
 
-    /// The direction of the nearest point **v**, with its length. For a triangle it is the normal **n**, scaled to |**v**|,
-    /// which keeps its accuracy when **v** is so close to the origin that its own direction is lost in rounding.
+    /// The direction of the nearest point **v**, with its length. For a triangle it is the normal **n**,
+    /// scaled to |**v**|, which keeps its accuracy when **v** is so close to the origin that its own
+    /// direction is lost in rounding.
     pub(super) fn axis(&self, nearest: DVec3) -> DVec3 {
         if self.len != 3 {
             return nearest;
@@ -136,13 +138,13 @@ fn on_segment(a: DVec3, b: DVec3) -> [f64; 2] {
 }
 
 /// Barycentric weights of the point of triangle abc that is nearest to the origin.
-pub fn nearest_on_triangle(a: DVec3, b: DVec3, c: DVec3) -> [f64; 3] {
+pub(crate) fn nearest_on_triangle(a: DVec3, b: DVec3, c: DVec3) -> [f64; 3] {
     let (ab, ac) = (b - a, c - a);
     let normal = ab.cross(ac);
     let area = normal.length_squared();
     let longest = ab.length_squared().max(ac.length_squared()).max((c - b).length_squared());
-    // The origin's projection on the plane, in barycentric coordinates: with n = ab × ac,
-    // v = (ac × a) · n / |n|² and w = (a × ab) · n / |n|² are the areas of the triangles opposite b and c over all of it.
+    // The origin's projection on the plane, in barycentric coordinates: with n = ab × ac, v = (ac × a) · n /
+    // |n|² and w = (a × ab) · n / |n|² are the areas of the triangles opposite b and c over all of it.
     if area > FLAT_SIMPLEX * FLAT_SIMPLEX * longest * longest {
         let (v, w) = (ac.cross(a).dot(normal) / area, a.cross(ab).dot(normal) / area);
         let u = 1.0 - v - w;
@@ -185,11 +187,13 @@ fn on_tetrahedron(p: &[DVec3; 4]) -> Nearest {
         .max(cross_c.length_squared())
         .max(cross_d.length_squared())
         .max((p[2] - p[1]).cross(p[3] - p[1]).length_squared());
-    // Smallest height = |volume| / largest face (volume and areas as products of edges, six and two times as large).
+    // Smallest height = |volume| / largest face (volume and areas as products of edges, six and two times as
+    // large).
     let solid = volume * volume > FLAT_SIMPLEX * FLAT_SIMPLEX * longest * widest;
     let mut candidate = [true; 4];
     if solid {
-        // The origin's barycentric coordinates by Cramer's rule: the volume with one edge replaced, over the volume.
+        // The origin's barycentric coordinates by Cramer's rule: the volume with one edge replaced, over the
+        // volume.
         let origin = -p[0];
         let (b, c, d) =
             (origin.dot(cross_b) / volume, origin.dot(cross_c) / volume, origin.dot(cross_d) / volume);
@@ -197,8 +201,8 @@ fn on_tetrahedron(p: &[DVec3; 4]) -> Nearest {
         if coordinates.iter().all(|&x| x >= 0.0) {
             return Nearest::Inside(coordinates);
         }
-        // The nearest face is one that the origin is outside of: the coordinate of the vertex opposite is negative. Those
-        // too close to tell are kept.
+        // The nearest face is one that the origin is outside of: the coordinate of the vertex opposite is
+        // negative. Those too close to tell are kept.
         candidate = coordinates.map(|x| x < OUTSIDE_FACE);
     }
     let mut best = (f64::INFINITY, [0.0; 4]);

@@ -1,4 +1,5 @@
-//! The surface of each level of a hierarchy: which patches and triangles meet, and which point of it is nearest to another.
+//! The surface of each level of a hierarchy: which patches and triangles meet, and which point of it is
+//! nearest to another.
 
 mod nearest;
 mod neighbours;

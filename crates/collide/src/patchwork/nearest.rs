@@ -1,7 +1,8 @@
 //! The nearest point of a surface to a point, and its outward normal, by branch and bound over the trees.
 //!
-//! The side that a point is on follows from the angle-weighted normal at the nearest point (Bærentzen and Aanæs 2005),
-//! which is right on vertices and edges too, for a closed surface that does not intersect itself.
+//! The side that a point is on follows from the angle-weighted normal at the nearest point (Bærentzen and
+//! Aanæs 2005), which is right on vertices and edges too, for a closed surface that does not intersect
+//! itself.
 
 use palpate_core::glam::DVec3;
 
@@ -13,15 +14,15 @@ use crate::tolerances::ROUNDING_SLACK;
 /// The point of a surface that is nearest to another.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct NearestPoint {
-    /// m.
+    /// Distance between the two, m.
     pub distance: f64,
-    /// In the surface's frame, m.
+    /// The point, in the surface's frame, m.
     pub point: DVec3,
     /// Weights of the triangle's corners; some are 0 on its border.
     weights: [f64; 3],
-    /// Index among all triangles of the hierarchy.
+    /// Index of the triangle among all of the hierarchy.
     pub triangle: u32,
-    /// Node whose patch that belongs to.
+    /// Node whose patch the triangle belongs to.
     pub node: u32,
 }
 
@@ -61,8 +62,8 @@ impl NearestSearch {
         self.stack.capacity()
     }
 
-    /// The nearest point, on the surface of a level, to a point in the shape's frame. `hint`: a triangle of that level
-    /// that may be near.
+    /// The nearest point, on the surface of a level, to a point in the shape's frame. `hint`: a triangle of
+    /// that level that may be near.
     pub fn on_level(
         &mut self,
         surface: &Patchwork,
@@ -130,7 +131,8 @@ impl NearestPoint {
         self.weights.iter().all(|weight| *weight > 0.0).then(|| (q - p).cross(r - p).normalize())
     }
 
-    /// The mesh vertex at the corner of the triangle that counts most: one that all triangles at the point have.
+    /// The mesh vertex at the corner of the triangle that counts most: one that all triangles at the point
+    /// have.
     pub fn nearest_vertex(&self, surface: &Patchwork) -> u32 {
         let ends = surface.neighbours.ends(self.triangle);
         let [u, v, w] = self.weights;
@@ -143,8 +145,8 @@ impl NearestPoint {
         }
     }
 
-    /// Outward normal of the surface at the point, not of unit length: the sum over the triangles that meet there,
-    /// weighted by their angles.
+    /// Outward normal of the surface at the point, not of unit length: the sum over the triangles that meet
+    /// there, weighted by their angles.
     pub fn normal(&self, surface: &Patchwork) -> DVec3 {
         let neighbours = &surface.neighbours;
         let ends = neighbours.ends(self.triangle);

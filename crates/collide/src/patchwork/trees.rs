@@ -1,6 +1,7 @@
 //! Trees of boxes over the patches of each level, and below each patch over its triangles.
 //!
-//! (The hierarchy's own spheres are loose around long patches: going through them takes two to three times as long.)
+//! (The hierarchy's own spheres are loose around long patches: going through them takes two to three times as
+//! long.)
 
 use palpate_core::Clod;
 use palpate_core::glam::DVec3;
@@ -13,10 +14,10 @@ const BUNCH: usize = 6;
 /// Root of a level or node that has no tree, because it is free.
 pub(super) const NO_TREE: u32 = u32::MAX;
 
-/// How the patches of a hierarchy make a surface, on every level that is not free.
+/// The surface that the patches of a hierarchy make, on every level that is not free.
 ///
-/// Memory, besides that of the neighbours: 64 bytes for each bunch of some 5 triangles and for each inner box above them;
-/// 4 a triangle and a node.
+/// Memory, besides that of the neighbours: 64 bytes for each bunch of some 5 triangles and for each inner box
+/// above them; 4 a triangle and a node.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Patchwork {
     pub neighbours: Neighbours,

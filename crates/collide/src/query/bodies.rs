@@ -1,5 +1,6 @@
-//! The tests of a pair of nodes: whether it is out of reach, whether it has to be split, and which contacts it has.
-//! They read nothing but the bodies and the query's context, so that several pairs may be tested at once.
+//! The tests of a pair of nodes: whether it is out of reach, whether it has to be split, and which contacts
+//! it has. They read nothing but the bodies and the query's context, so that several pairs may be tested at
+//! once.
 
 use std::ops::Range;
 
@@ -14,13 +15,13 @@ use crate::convex::{Distance, Hull, Limits, Separation, Start, gjk};
 use crate::shape::{Packed, Shape};
 use crate::tolerances::{PRECISION, ROUNDING_SLACK};
 
-/// Hulls of more points than this are not tested above the leaves, but split at once: they belong to the upper free
-/// levels, where they overlap nearly always, and a support point of theirs costs more than the spheres of their
-/// children.
+/// Hulls of more points than this are not tested above the leaves, but split at once: they belong to the
+/// upper free levels, where they overlap nearly always, and a support point of theirs costs more than the
+/// spheres of their children.
 const HULL_TEST_POINTS: usize = 256;
 
-/// Part of what separates two hulls, beyond their reach, that a search has to prove before it stops, 0 to 1. The larger,
-/// the longer a search takes and the longer its answer holds.
+/// Part of what separates two hulls, beyond their reach, that a search has to prove before it stops, 0 to 1.
+/// The larger, the longer a search takes and the longer its answer holds.
 const PROVEN_SHARE: f64 = 0.5;
 
 /// What becomes of a pair.
@@ -78,8 +79,8 @@ impl Bodies {
     fn split_node(&self, a: u32, b: u32, exact: bool) -> (bool, Range<u32>) {
         let (node_a, node_b) = (self.probe.node(a), self.scene.node(b));
         let [below_a, below_b] = [self.probe.detail(a), self.scene.detail(b)].map(|d| d.child_resolution);
-        // With a threshold, the node with the coarser children (§3.4.2). Among free levels, whose resolution is 0, and at
-        // full resolution, the larger node.
+        // With a threshold, the node with the coarser children (§3.4.2). Among free levels, whose resolution
+        // is 0, and at full resolution, the larger node.
         let by_size = exact || below_a == below_b;
         let split_a = if by_size { node_a.radius >= node_b.radius } else { below_a < below_b };
         if node_b.is_leaf() || (!node_a.is_leaf() && split_a) {
@@ -89,16 +90,17 @@ impl Bodies {
         }
     }
 
-    /// Decides about a pair that is due for a test. The cheaper tests come first: the bounding spheres, the axis that
-    /// separated the hulls before, the missing detail, the bounding hulls.
-    pub fn decide(&self, pair: &mut Pair, context: &Context, leaf: &mut PatchQuery) -> Decision {
+    /// Decides about a pair that is due for a test. The cheaper tests come first: the bounding spheres, the
+    /// axis that separated the hulls before, the missing detail, the bounding hulls.
+    pub fn decide(&self, pair: &mut Pair, context: &Context, patch_query: &mut PatchQuery) -> Decision {
         let nodes = self.nodes(pair);
         pair.out_of_reach = false;
-        // A split pair whose spheres have come apart is joined when it is left, if its hulls are out of reach for long.
+        // A split pair whose spheres have come apart is joined when it is left, if its hulls are out of reach
+        // for long.
         if !pair.split && spheres_are_apart(&nodes, pair, context) {
             return Decision::Stop;
         }
-        leaf.counts.visited += 1;
+        patch_query.counts.visited += 1;
         if are_still_apart(&nodes, pair, context) {
             return Decision::Stop;
         }
@@ -113,16 +115,17 @@ impl Bodies {
         };
         match refinement {
             Refine::No => Decision::Examine,
-            Refine::Yes if !pair.split && self.is_apart(pair, context, leaf) => Decision::Stop,
+            Refine::Yes if !pair.split && self.is_apart(pair, context, patch_query) => Decision::Stop,
             Refine::Yes => {
                 pair.split_valid_until = f64::INFINITY;
                 pair.refined_share = 1.0;
                 Decision::Split
             }
             Refine::Depends => {
-                // With a warm start the patches are searched at once, which also answers whether they are in reach.
+                // With a warm start the patches are searched at once, which also answers whether they are in
+                // reach.
                 let warm = !pair.warm_start.vertices(true).is_empty();
-                if !warm && self.is_apart(pair, context, leaf) {
+                if !warm && self.is_apart(pair, context, patch_query) {
                     Decision::Stop
                 } else {
                     Decision::ExamineToDecide
@@ -131,33 +134,32 @@ impl Bodies {
         }
     }
 
-    /// Finds the contacts of a pair. They are left in `leaf`. If it `decides` whether the pair is split, and all of it is
-    /// left to finer pairs, there are none.
+    /// Finds the contacts of a pair. They are left in `patch_query`. If it `decides` whether the pair is
+    /// split, and all of it is left to finer pairs, there are none.
     pub fn examine(
         &self,
         pair: &mut Pair,
         decides: bool,
         context: &Context,
-        leaf: &mut PatchQuery,
+        patch_query: &mut PatchQuery,
     ) -> Decision {
-        leaf.contacts.clear();
+        patch_query.contacts.clear();
         let tolerance = context.settings.tolerance;
         let nodes = self.nodes(pair);
         let precision = precision(&nodes, context);
         let hulls = [self.probe.patch_hull(pair.a), self.scene.patch_hull(pair.b)];
-        let found = patch_distance(pair, &nodes, &hulls, context, leaf);
+        let found = patch_distance(pair, &nodes, &hulls, context, patch_query);
         let beyond = found.separation == Separation::Beyond || found.distance > tolerance.max(precision);
         pair.refined_share = if decides { self.refined_share(pair, &found, context) } else { 0.0 };
         let decision = if pair.refined_share > 0.0 { Decision::Split } else { Decision::Stop };
         let all_refined = pair.refined_share == 1.0;
-        // How far the bodies may move until the answer could be another one. Nearest points count where there are any
-        // within the tolerance only, and hulls that overlap go on to do so until they have moved by their depth.
-        let mut holds_for = if beyond {
-            found.lower - tolerance
-        } else if all_refined {
-            found.simplex.depth()
-        } else {
-            f64::NEG_INFINITY
+        // How far the bodies may move until the answer could be another one. Nearest points count where there
+        // are any within the tolerance only, and hulls that overlap go on to do so until they have moved by
+        // their depth.
+        let mut holds_for = match (beyond, all_refined) {
+            (true, _) => found.lower - tolerance,
+            (false, true) => found.simplex.depth(),
+            (false, false) => f64::NEG_INFINITY,
         };
         if all_refined {
             holds_for = holds_for.max(self.refined_for(pair, &found, &hulls, context));
@@ -167,20 +169,20 @@ impl Bodies {
         if all_refined {
             return decision;
         }
-        leaf.counts.leaf_pairs += 1;
+        patch_query.counts.leaf_pairs += 1;
         if beyond {
             if decision == Decision::Stop {
                 pair.separating_axis =
                     SeparatingAxis::from_distance(&found, &nodes, &context.placement, context.now.turn, true);
-                pair.recheck_at = context.now.motion_bound + holds_for;
+                pair.recheck_at = pair.split_valid_until;
                 pair.out_of_reach = nodes.iter().all(Packed::is_leaf);
             }
             return decision;
         }
         let placement = &context.placement;
         let near = PairContext { placement, tolerance, precision, looseness: context.looseness };
-        leaf.run(&self.probe.patch(pair.a), &self.scene.patch(pair.b), &found, &near);
-        if let Some(tetrahedron) = leaf.tetrahedron {
+        patch_query.run(&self.probe.patch(pair.a), &self.scene.patch(pair.b), &found, &near);
+        if let Some(tetrahedron) = patch_query.tetrahedron {
             pair.warm_start = WarmStart::from_tetrahedron(tetrahedron);
         }
         decision
@@ -215,9 +217,9 @@ impl Bodies {
         })
     }
 
-    /// Whether the bounding hulls are out of reach. If so, until when is noted in the pair; if not, until when they are
-    /// in reach.
-    pub fn is_apart(&self, pair: &mut Pair, context: &Context, leaf: &mut PatchQuery) -> bool {
+    /// Whether the bounding hulls are out of reach. If so, until when is noted in the pair; if not, until
+    /// when they are in reach.
+    pub fn is_apart(&self, pair: &mut Pair, context: &Context, patch_query: &mut PatchQuery) -> bool {
         let (hull_a, hull_b) = (self.probe.hull(pair.a), self.scene.hull(pair.b));
         let nodes = self.nodes(pair);
         let [a, b] = &nodes;
@@ -225,7 +227,7 @@ impl Bodies {
         if untested(a, &hull_a) || untested(b, &hull_b) {
             return false;
         }
-        leaf.counts.convex_queries += 1;
+        patch_query.counts.convex_queries += 1;
         let reach = reach(&nodes, context);
         let precision = precision(&nodes, context);
         let limits = Limits { beyond: reach, share: PROVEN_SHARE, enough: reach, precision };
@@ -252,14 +254,14 @@ fn patch_distance(
     nodes: &[Packed; 2],
     hulls: &[Hull; 2],
     context: &Context,
-    leaf: &mut PatchQuery,
+    patch_query: &mut PatchQuery,
 ) -> Distance {
     let (beyond, precision) = (context.settings.tolerance, precision(nodes, context));
     let limits = Limits { beyond, share: PROVEN_SHARE, enough: -1.0, precision };
     let start = Start::Vertices(pair.warm_start.vertices(true), between_centers(nodes, context));
     let found = gjk::distance(&hulls[0], &hulls[1], &context.placement, start, &limits);
-    leaf.counts.convex_queries += 1;
-    leaf.counts.not_converged += usize::from(found.separation == Separation::NotConverged);
+    patch_query.counts.convex_queries += 1;
+    patch_query.counts.not_converged += usize::from(found.separation == Separation::NotConverged);
     pair.warm_start = WarmStart::from_distance(&found, true);
     found
 }
@@ -293,7 +295,8 @@ fn spheres_are_apart([a, b]: &[Packed; 2], pair: &mut Pair, context: &Context) -
     gap > 0.0
 }
 
-/// Whether hulls that were out of reach are so still, along the same axis. If so, until when is noted in the pair.
+/// Whether hulls that were out of reach are so still, along the same axis. If so, until when is noted in the
+/// pair.
 fn are_still_apart(nodes: &[Packed; 2], pair: &mut Pair, context: &Context) -> bool {
     let Some(axis) = pair.separating_axis.filter(|_| !pair.split) else { return false };
     // With another threshold, a pair whose patches are apart may have to be split.

@@ -1,5 +1,5 @@
-//! Time-critical queries (§3.4.3): pairs are tested in the order of s*/s₀, and where the budget ends they are examined as
-//! they are.
+//! Time-critical queries (§3.4.3): pairs are tested in the order of s*/s₀, and where the budget ends they are
+//! examined as they are.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -91,8 +91,8 @@ impl Budgeted {
         self.waiting.capacity() * size_of::<Urgent>()
     }
 
-    /// Makes a query: tests pairs that are due in the order of s*/s₀, as far as the budget goes. Those that wait then are
-    /// examined as they are.
+    /// Makes a query: tests pairs that are due in the order of s*/s₀, as far as the budget goes. Those that
+    /// wait then are examined as they are.
     pub fn run(&mut self, budget: Budget, descent: &mut Descent, report: &mut Report, context: &Context) {
         let begun = Instant::now();
         self.waiting.clear();

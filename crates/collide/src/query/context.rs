@@ -90,35 +90,12 @@ impl Tracking {
             probe.coordinates() + scene.coordinates() + placement.translation.abs().max_element();
         let rounding = COORDINATE_ROUNDING * coordinates;
         let radii = probe.clod().bounding_radius() + scene.clod().bounding_radius();
-        let exact = settings.error.is_exact();
         let last = self.last.replace(*settings);
         if last.is_none() {
             self.motion.reset();
         }
         self.motion.step(&probe.ball(), &scene.ball(), &placement, rounding);
-        let mut update = FrontUpdate::Restart;
-        if let Some(last) = last {
-            // A pair that is out of reach by more than the tolerance has changed stays so: as if it came closer by that.
-            self.motion.add((settings.tolerance - last.tolerance).abs());
-            // At full resolution other bodies are split than with a threshold.
-            if last.error.is_exact() == exact {
-                update = FrontUpdate::Keep;
-            }
-        }
-        let threshold_changed = last.is_some_and(|last| {
-            last.error != settings.error
-                || !settings.error.is_constant()
-                || last.interpolate != settings.interpolate
-        });
-        let bound = self.motion.bound();
-        if bound > PAIR_MOTION_LIMIT * radii || bound.is_nan() {
-            self.motion.restart();
-            if !bound.is_finite() {
-                update = FrontUpdate::Restart;
-            } else if update == FrontUpdate::Keep {
-                update = FrontUpdate::Rebase(bound);
-            }
-        }
+        let (update, threshold_changed) = self.compare(last, settings, PAIR_MOTION_LIMIT * radii);
         let built_to = probe.clod().source.tolerance.max(scene.clod().source.tolerance);
         let constant_error =
             settings.error.is_constant().then(|| settings.error.threshold(DVec3::ZERO, probe_pose));
@@ -129,11 +106,44 @@ impl Tracking {
             rounding,
             looseness: 2.0 * built_to * radii,
             now: Progress { motion_bound: self.motion.bound(), turn: self.motion.turn(), threshold_changed },
-            exact,
+            exact: settings.error.is_exact(),
             constant_error,
             band: if settings.interpolate { INTERPOLATION_BAND } else { 0.0 },
         };
         (context, update)
+    }
+
+    /// Compares the settings with those of the last query, and restarts the motion bound if it exceeds a
+    /// limit, m. Returns what becomes of the front, and whether the threshold s₀ may have changed.
+    fn compare(
+        &mut self,
+        last: Option<QuerySettings>,
+        settings: &QuerySettings,
+        limit: f64,
+    ) -> (FrontUpdate, bool) {
+        let (mut update, mut threshold_changed) = (FrontUpdate::Restart, false);
+        if let Some(last) = last {
+            // A pair that is out of reach by more than the tolerance has grown stays so: as if it came closer
+            // by that.
+            self.motion.add((settings.tolerance - last.tolerance).abs());
+            threshold_changed = last.error != settings.error
+                || !settings.error.is_constant()
+                || last.interpolate != settings.interpolate;
+            // At full resolution other nodes are split than with a threshold.
+            if last.error.is_exact() == settings.error.is_exact() {
+                update = FrontUpdate::Keep;
+            }
+        }
+        let bound = self.motion.bound();
+        if bound > limit || bound.is_nan() {
+            self.motion.restart();
+            if !bound.is_finite() {
+                update = FrontUpdate::Restart;
+            } else if update == FrontUpdate::Keep {
+                update = FrontUpdate::Rebase(bound);
+            }
+        }
+        (update, threshold_changed)
     }
 }
 

@@ -1,7 +1,8 @@
-//! Pairs that are examined together, on the threads of the current rayon pool, after the descent has come to all of them.
+//! Pairs that are examined together, on the threads of the current rayon pool, after the descent has come to
+//! all of them.
 //!
-//! What a pair's examination finds depends on that pair alone, and is reported in the order of the descent: the answer is
-//! the same to the last bit, however many threads there are.
+//! What a pair's examination finds depends on that pair alone, and is reported in the order of the descent:
+//! the answer is the same to the last bit, however many threads there are.
 
 use std::ops::Range;
 

@@ -1,8 +1,8 @@
-//! The traversal of the front (§3.4.2): from the roots down to the pairs that are due for a test, splitting and joining
-//! pairs on the way.
+//! The traversal of the front (§3.4.2): from the roots down to the pairs that are due for a test, splitting
+//! and joining pairs on the way.
 //!
-//! What is due is looked up by the motion bound alone, so that parts of the tree that are far apart cost nothing. Pairs
-//! that may have contacts go to a [`Sink`], which examines them at once or later.
+//! What is due is looked up by the motion bound alone, so that parts of the tree that are far apart cost
+//! nothing. Pairs that may have contacts go to a [`Sink`], which examines them at once or later.
 
 use palpate_core::Clod;
 
@@ -12,8 +12,9 @@ use super::front::{Front, Pair};
 use super::outcome::{Counts, QueryOutcome};
 use super::patch_query::PatchQuery;
 
-/// Pairs are joined again when their answer holds for this part of the radii of the nodes that they were split from. The
-/// larger, the more pairs are kept; the smaller, the more often pairs are joined and split again.
+/// Pairs are joined again when their answer holds for this part of the radii of the nodes that they were
+/// split from. The larger, the more pairs are kept; the smaller, the more often pairs are joined and split
+/// again.
 const JOIN_MARGIN: f64 = 0.05;
 
 /// Marks a pair on the stack below which all has been tested.
@@ -21,13 +22,13 @@ const LEAVE: u32 = 1 << 31;
 
 /// Takes the pairs that may have contacts.
 pub(crate) trait Sink {
-    /// Whether pairs are examined after the descent. It then does not leave the pairs that it has split: those below may
-    /// still be due. [`Descent::leave_all`] does so.
+    /// Whether pairs are examined after the descent. It then does not leave the pairs that it has split:
+    /// those below may still be due. [`Descent::leave_all`] does so.
     const DEFERS: bool;
 
     /// Examines a pair, now or later, and reports its contacts with a weight. `decision` is
-    /// [`Examine`](Decision::Examine), or [`ExamineToDecide`](Decision::ExamineToDecide), which is answered now. `slot`
-    /// is the pair's place in the front, unless it is not kept, and is then examined now.
+    /// [`Examine`](Decision::Examine), or [`ExamineToDecide`](Decision::ExamineToDecide), which is answered
+    /// now. `slot` is the pair's place in the front, unless it is not kept, and is then examined now.
     fn examine(
         &mut self,
         decision: Decision,
@@ -145,8 +146,8 @@ impl Descent {
         }
     }
 
-    /// Tests a pair if it is due, and splits it if it has to be refined. Returns the part of its contact that is left to
-    /// the pairs that it is split into, if it is.
+    /// Tests a pair if it is due, and splits it if it has to be refined. Returns the part of its contact that
+    /// is left to the pairs that it is split into, if it is.
     pub fn enter<S: Sink>(&mut self, slot: u32, weight: f64, sink: &mut S, context: &Context) -> Option<f64> {
         if self.front.is_valid(slot, &context.now) {
             return None;
@@ -190,8 +191,9 @@ impl Descent {
         }
     }
 
-    /// Leaves a pair that is split, after all below it have been tested: it is due again with the first of them, or when it
-    /// may no longer be split. If none of them is split, and it has come out of reach itself, they are joined.
+    /// Leaves a pair that is split, after all below it have been tested: it is due again with the first of
+    /// them, or when it may no longer be split. If none of them is split, and it has come out of reach
+    /// itself, they are joined.
     fn leave(&mut self, slot: u32, context: &Context) {
         let (mut recheck_at, mut all_on_front) = (f64::INFINITY, true);
         for child in self.front.below(slot) {
@@ -209,8 +211,8 @@ impl Descent {
         self.front.set_recheck_at(slot, recheck_at);
     }
 
-    /// Joins the pairs below one that is not due until `recheck_at`, if that is far off and its bounding hulls are out of
-    /// reach.
+    /// Joins the pairs below one that is not due until `recheck_at`, if that is far off and its bounding
+    /// hulls are out of reach.
     fn join(&mut self, slot: u32, recheck_at: f64, context: &Context) -> bool {
         let pair = self.front.get(slot);
         if recheck_at <= context.now.motion_bound + JOIN_MARGIN * self.bodies.radii(&pair) {
@@ -228,8 +230,8 @@ impl Descent {
         apart
     }
 
-    /// Tests all pairs below one that the front has no room for. Nothing is kept of them, so all are due again in the next
-    /// query.
+    /// Tests all pairs below one that the front has no room for. Nothing is kept of them, so all are due
+    /// again in the next query.
     fn run_untracked<S: Sink>(&mut self, pair: &Pair, weight: f64, sink: &mut S, context: &Context) {
         let exact = context.exact;
         self.untracked.clear();

@@ -1,9 +1,10 @@
 //! The bounding volume test tree (§3.4.2) down to its front, kept between queries.
 //!
-//! A pair of nodes is either on the front, or has been split into pairs with the children of one of its nodes. The
-//! answer of each is stored with the value of the [motion bound](crate::motion::Motion::bound) up to which it holds: what
-//! separates two hulls, beyond what would matter, is used up by motion alone. A pair that was split is due for a recheck
-//! as soon as one below it is, so that a query goes down to those that are due only.
+//! A pair of nodes is either on the front, or has been split into pairs with the children of one of its
+//! nodes. The answer of each is stored with the value of the [motion bound](crate::motion::Motion::bound) up
+//! to which it holds: what separates two hulls, beyond what would matter, is used up by motion alone. A pair
+//! that was split is due for a recheck as soon as one below it is, so that a query goes down to those that
+//! are due only.
 
 use super::context::Progress;
 use super::separating_axis::SeparatingAxis;
@@ -12,8 +13,8 @@ use crate::convex::Distance;
 /// Index of a pair that is not there.
 const NO_PAIR: u32 = u32::MAX;
 
-/// A pair of nodes, with what the last query found out about it. Each `_at` and `_until` is a value of the motion bound,
-/// m.
+/// A pair of nodes, with what the last query found out about it. Each `_at` and `_until` is a value of the
+/// motion bound, m.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pair {
     /// Node of the probe.
@@ -38,7 +39,8 @@ pub(crate) struct Pair {
     pub separating_axis: Option<SeparatingAxis>,
 }
 
-/// Vertices of two hulls from which a search for their nearest points starts: those between which they were last.
+/// Vertices of two hulls from which a search for their nearest points starts: those between which they were
+/// last.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct WarmStart {
     vertices: [(u32, u32); 4],
@@ -195,7 +197,8 @@ impl Front {
         valid.then_some(pair.refined_share)
     }
 
-    /// The motion bounds until which a pair would be split again, and until which its bounding hulls are in reach, m.
+    /// The motion bounds until which a pair would be split again, and until which its bounding hulls are in
+    /// reach, m.
     pub fn split_and_overlap_valid_until(&self, slot: u32) -> (f64, f64) {
         let pair = &self.pairs[slot as usize];
         (pair.split_valid_until, pair.overlap_valid_until)

@@ -13,25 +13,28 @@ pub const MAX_CONTACTS: usize = 1 << 20;
 pub struct QueryOutcome {
     /// Number of contacts found, those that were [dropped](Self::dropped) included.
     pub contacts: usize,
-    /// Smallest separation distance within the tolerance, m; 0 when something penetrates, `None` without contacts.
+    /// Smallest separation distance within the tolerance, m; 0 when something penetrates, `None` without
+    /// contacts.
     pub smallest_distance: Option<f64>,
     /// Largest depth δ, m: negative when all contacts are separated; `None` without contacts.
     pub deepest: Option<f64>,
-    /// Number of contacts that were dropped because there were more than [`MAX_CONTACTS`]. Each is shallower than half
-    /// of that many that are reported, which are then in no particular order. Ask for a smaller tolerance.
+    /// Number of contacts that were dropped because there were more than [`MAX_CONTACTS`]. Each is shallower
+    /// than half of that many that are reported, which are then in no particular order. Ask for a smaller
+    /// tolerance.
     pub dropped: usize,
-    /// Number of pairs of nodes tested: those that the bodies' motion had made due, and those that they were split into,
-    /// with their bounding spheres within reach.
+    /// Number of pairs of nodes tested: those that the bodies' motion had made due, and those that they were
+    /// split into, with their bounding spheres within reach.
     pub visited: usize,
-    /// Size of the front of the bounding volume test tree (§3.4.2): pairs at which the descent ended, being out of
-    /// reach, or examined for contacts.
+    /// Size of the front of the bounding volume test tree (§3.4.2): pairs at which the descent ended, being
+    /// out of reach, or examined for contacts.
     pub front: usize,
-    /// Number of pairs among them that were examined for contacts: of leaves, or of nodes whose missing detail is below
-    /// the threshold.
+    /// Number of pairs among them that were examined for contacts: of leaves, or of nodes whose missing
+    /// detail is below the threshold.
     pub leaf_pairs: usize,
     /// Number of convex queries made, pairs of triangles included.
     pub convex_queries: usize,
-    /// Number of convex queries whose answer may be off by more than the precision. Such pairs are never dropped.
+    /// Number of convex queries whose answer may be off by more than the precision. Such pairs are never
+    /// dropped.
     pub not_converged: usize,
     /// Number of pairs of patches that had to be decided triangle by triangle.
     pub by_triangles: usize,
@@ -39,8 +42,8 @@ pub struct QueryOutcome {
     pub stack_high_water: usize,
     /// Most pairs, on and above the front, that were kept at once, by this query or any before.
     pub front_high_water: usize,
-    /// Whether there were more pairs than [`MAX_PAIRS`](crate::MAX_PAIRS), so that the front is not kept as a whole. The
-    /// answer is the same, but the next query starts higher up.
+    /// Whether there were more pairs than [`MAX_PAIRS`](crate::MAX_PAIRS), so that the front is not kept as a
+    /// whole. The answer is the same, but the next query starts higher up.
     pub front_overflow: bool,
     /// Whether a time-critical query had to stop before all was fine enough.
     pub out_of_budget: bool,
@@ -79,7 +82,8 @@ impl QueryOutcome {
         *self = Self { visited, leaf_pairs, convex_queries, not_converged, by_triangles, ..*self };
     }
 
-    /// Adds what another query found and what it cost: sums, and the largest (of the distance the smallest) values.
+    /// Adds what another query found and what it cost: sums, and the largest (of the distance the smallest)
+    /// values.
     pub(crate) fn add(&mut self, other: &Self) {
         let either = |x: Option<f64>, y: Option<f64>, of: fn(f64, f64) -> f64| match (x, y) {
             (Some(x), Some(y)) => Some(of(x, y)),
@@ -144,7 +148,8 @@ impl Report {
     }
 }
 
-/// Keeps the deeper half of some contacts, in no particular order. Returns how many are dropped. Does not allocate.
+/// Keeps the deeper half of some contacts, in no particular order. Returns how many are dropped. Does not
+/// allocate.
 ///
 /// Halves, rather than one at a time, so that each contact costs a constant time on average.
 fn drop_shallower_half(contacts: &mut Vec<PatchContact>) -> usize {

@@ -1,21 +1,23 @@
-//! Contacts between two patches (§3.4.1, §5.4.1): of leaves, or of coarser nodes whose missing detail is not felt.
+//! Contacts between two patches (§3.4.1, §5.4.1): of leaves, or of coarser nodes whose missing detail is not
+//! felt.
 //!
-//! Separated hulls: the nearest points are a contact when both lie on real surface facing the other object. If one lies
-//! on a virtual face and both hulls are contained in their solids, the segment between the points leaves a solid
-//! through a neighbouring patch that is closer, and the pair is dropped. Otherwise, or when parallel features leave the
-//! nearest points undetermined, the triangles themselves decide.
+//! Separated hulls: the nearest points are a contact when both lie on real surface facing the other object.
+//! If one lies on a virtual face and both hulls are contained in their solids, the segment between the points
+//! leaves a solid through a neighbouring patch that is closer, and the pair is dropped. Otherwise, or when
+//! parallel features leave the nearest points undetermined, the triangles themselves decide.
 //!
-//! Patches are convex, and contained, only up to the tolerance they were built with. Wherever that could decide (a
-//! nearest point that misses the triangles by no more, features that are parallel to within it, hulls that overlap by
-//! no more) the triangles decide as well.
+//! Patches are convex, and contained, only up to the tolerance they were built with. Wherever that could
+//! decide (a nearest point that misses the triangles by no more, features that are parallel to within it,
+//! hulls that overlap by no more) the triangles decide as well.
 //!
-//! Overlapping hulls: when both are contained, so do the solids, and [`overlap`](super::overlap) finds the contact; if
-//! they only touch, they may do so in virtual faces, far from any triangle, and the triangles decide. When one is not
-//! contained the patches must truly touch first: a triangle of one must intersect a triangle of the other, or the
-//! other's hull if that is contained. If not, pairs of triangles within the tolerance are separated contacts.
+//! Overlapping hulls: when both are contained, so do the solids, and [`overlap`](super::overlap) finds the
+//! contact; if they only touch, they may do so in virtual faces, far from any triangle, and the triangles
+//! decide. When one is not contained the patches must truly touch first: a triangle of one must intersect a
+//! triangle of the other, or the other's hull if that is contained. If not, pairs of triangles within the
+//! tolerance are separated contacts.
 //!
-//! Of the pairs of triangles only local minima are reported: those whose nearest points are not closer to another
-//! triangle of the same patch.
+//! Of the pairs of triangles only local minima are reported: those whose nearest points are not closer to
+//! another triangle of the same patch.
 
 use palpate_core::Contact;
 use palpate_core::glam::DVec3;
@@ -42,8 +44,8 @@ pub(crate) struct PatchQuery {
     /// Pairs of triangles within the tolerance: contact, and the triangle of each patch.
     near: Vec<(Contact, u32, u32)>,
     in_reach: InReach,
-    /// The pair of triangles that is closest of those examined last, whichever way they face: its distance, m, and its
-    /// point on a. The distance is infinite if none is within the tolerance.
+    /// The pair of triangles that is closest of those examined last, whichever way they face: its distance,
+    /// m, and its point on a. The distance is infinite if none is within the tolerance.
     nearest: (f64, DVec3),
     pub counts: Counts,
 }
@@ -76,7 +78,8 @@ impl PatchQuery {
     pub fn run(&mut self, a: &Patch, b: &Patch, found: &Distance, pair: &PairContext) {
         self.contacts.clear();
         self.tetrahedron = None;
-        // The hull of an open patch that is not flat holds space that is inside of nothing: only its triangles count.
+        // The hull of an open patch that is not flat holds space that is inside of nothing: only its
+        // triangles count.
         let open = (a.two_sided && !a.is_single_triangle()) || (b.two_sided && !b.is_single_triangle());
         match found.separation {
             Separation::Beyond => {}
@@ -102,8 +105,8 @@ impl PatchQuery {
         if !shallow || (a.is_single_triangle() && b.is_single_triangle()) {
             return;
         }
-        // If the triangles are apart, their distances replace the contact. Hulls may touch where they are virtual; the
-        // contact is where the triangles do.
+        // If the triangles are apart, their distances replace the contact. Hulls may touch where they are
+        // virtual; the contact is where the triangles do.
         let touching = self.contacts.pop();
         let towards_b = touching.map_or(DVec3::ZERO, |contact| contact.normal);
         let penetrating = self.triangles(a, b, towards_b, pair);
@@ -117,8 +120,8 @@ impl PatchQuery {
     fn nearest_points(&mut self, a: &Patch, b: &Patch, found: &Distance, pair: &PairContext) {
         let (on_a, on_b) = witnesses(a, b, found);
         let (contact, slack) = separated(on_a, pair.placement.point(on_b), found.axis, pair.precision);
-        // A patch point that is further than the hull (distance d) by the looseness l lies on a circle about the other
-        // point of radius d + l, and so up to √((d + l)² − d²) = √(l (2d + l)) to the side.
+        // A patch point that is further than the hull (distance d) by the looseness l lies on a circle about
+        // the other point of radius d + l, and so up to √((d + l)² − d²) = √(l (2d + l)) to the side.
         let aside = (pair.looseness * (2.0 * contact.distance() + pair.looseness)).sqrt();
         let near = [pair.precision, pair.looseness + aside];
         let carriers = found.simplex.vertices();
@@ -151,13 +154,13 @@ impl PatchQuery {
     fn penetrating(&mut self, a: &Patch, b: &Patch, found: &Distance, pair: &PairContext) {
         self.counts.convex_queries += 1;
         let overlap = overlap(a, b, pair, found, &mut self.overlap);
-        self.counts.not_converged += usize::from(!overlap.sure);
+        self.counts.not_converged += usize::from(!overlap.converged);
         self.contacts.push(overlap.contact);
         self.tetrahedron = Some(overlap.tetrahedron);
     }
 
-    /// Decides the pair by its triangles, given a vector from a to b, which is that of the contact if it is known. `true` if
-    /// the patches penetrate; otherwise the separated contacts are reported.
+    /// Decides the pair by its triangles, given a vector from a to b, which is that of the contact if it is
+    /// known. `true` if the patches penetrate; otherwise the separated contacts are reported.
     fn triangles(&mut self, a: &Patch, b: &Patch, towards_b: DVec3, pair: &PairContext) -> bool {
         self.counts.by_triangles += 1;
         self.near.clear();
@@ -231,7 +234,8 @@ impl PatchQuery {
         })
     }
 
-    /// Whether an equal contact was reported for this pair already: triangles that share the nearest vertex or edge.
+    /// Whether an equal contact was reported for this pair already, by a triangle that shares the nearest
+    /// vertex or edge.
     fn repeated(&self, contact: &Contact, pair: &PairContext) -> bool {
         let same = SAME_CONTACT * pair.precision;
         self.contacts.iter().any(|other| {
@@ -246,14 +250,15 @@ fn witnesses(a: &Patch, b: &Patch, found: &Distance) -> (DVec3, DVec3) {
     found.witnesses(&a.hull, &b.hull, &Placement::IDENTITY)
 }
 
-/// Whether the hulls' features along a normal (a's frame) are parallel, so that their nearest points are not unique.
+/// Whether the hulls' features along a normal (a's frame) are parallel, so that their nearest points are not
+/// unique.
 fn ambiguous(a: &Patch, b: &Patch, normal: DVec3, pair: &PairContext) -> bool {
     let placement = pair.placement;
     let on_a = || Feature::of(&a.hull, normal, FEATURE_HEIGHT * a.radius + pair.looseness);
     let on_b = || {
         Feature::of(&b.hull, -placement.direction_to_b(normal), FEATURE_HEIGHT * b.radius + pair.looseness)
     };
-    // That of the smaller hull may do.
+    // The feature of the smaller hull is found sooner, and may decide.
     let (on_a, on_b) = if a.hull.len() <= b.hull.len() {
         let on_a = on_a();
         if matches!(on_a, Feature::Vertex) {

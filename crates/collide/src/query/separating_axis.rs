@@ -1,9 +1,9 @@
 //! The separating axis of two hulls, cached while the bodies move.
 //!
-//! The motion bound counts alike in all directions, and between bodies that slide along one another it is used up
-//! quickly. Along an axis that separated two hulls, only the motion in that direction counts: that of the smaller hull's
-//! centre, which is known, and of its points about the centre, which is at most its radius times the angle that the
-//! bodies have turned.
+//! The motion bound counts alike in all directions, and between bodies that slide along one another it is
+//! used up quickly. Along an axis that separated two hulls, only the motion in that direction counts: that of
+//! the smaller hull's centre, which is known, and of its points about the centre, which is at most its radius
+//! times the angle that the bodies have turned.
 
 use palpate_core::glam::DVec3;
 
@@ -39,8 +39,8 @@ impl SeparatingAxis {
         (found.lower > 0.0).then_some(Self { direction, offset, turn, of_patches })
     }
 
-    /// Lower bound on the separation of the hulls by now, m. `turn`: bound on how far the bodies have turned by now, rad;
-    /// `rounding`: that of coordinates, m.
+    /// Lower bound on the separation of the hulls by now, m. `turn`: bound on how far the bodies have turned
+    /// by now, rad; `rounding`: that of coordinates, m.
     ///
     /// With **u** the direction, **c** the smaller node's centre and r its radius, it is
     /// separation then + **u** · (**c** then − **c** now) − r (turn now − turn then).

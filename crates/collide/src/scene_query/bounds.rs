@@ -1,4 +1,5 @@
-//! Bounds of the broad phase: how far an object is from being in reach, at least, and how far it has moved, at most.
+//! Bounds of the broad phase: how far an object is from being in reach, at least, and how far it has moved,
+//! at most.
 //!
 //! All are rounded to the safe side: an object may be looked at in vain, but none in reach is passed over.
 
@@ -21,7 +22,8 @@ impl Placed {
         Self { pose: *pose, center: pose.transform_point(kind.ball.center) }
     }
 
-    /// Lower bound on how much further than `reach` (m) the object's sphere and box are from a point in the world, m.
+    /// Lower bound on how much further than `reach` (m) the object's sphere and box are from a point in the
+    /// world, m.
     pub fn gap(&self, kind: &Kind, point: DVec3, reach: f64) -> f64 {
         let distance = point.distance(self.center);
         let to_sphere = distance - kind.ball.radius;
@@ -31,9 +33,9 @@ impl Placed {
         to_sphere.max(to_box) - reach - slack - rounding(point) - rounding(self.center)
     }
 
-    /// When an object that is due for a recheck at a motion bound is due after it has been moved, m: earlier by a bound on
-    /// how far any point of its sphere or box has gone, which is as far as the sphere's centre, and as the furthest corner
-    /// turns about that.
+    /// When an object that is due for a recheck at a motion bound is due after it has been moved, m: earlier
+    /// by a bound on how far any point of its sphere or box has gone, which is as far as the sphere's centre,
+    /// and as the furthest corner turns about that.
     pub fn recheck_after_move(&self, recheck_at: f64, moved: &Self, kind: &Kind) -> f64 {
         let length =
             moved.center.distance(self.center) + turn(self.pose.rotation, moved.pose.rotation) * kind.corner;
@@ -42,8 +44,8 @@ impl Placed {
     }
 }
 
-/// Bound on how much closer an object at rest may have come to the reach of the probe, m: by the motion of the probe's
-/// centre, and by a change of tolerance.
+/// Bound on how much closer an object at rest may have come to the reach of the probe, m: by the motion of
+/// the probe's centre, and by a change of tolerance.
 pub(crate) fn probe_motion((last, before): (DVec3, f64), (center, tolerance): (DVec3, f64)) -> f64 {
     if last == center && before == tolerance {
         return 0.0;
@@ -52,8 +54,8 @@ pub(crate) fn probe_motion((last, before): (DVec3, f64), (center, tolerance): (D
     length * (1.0 + ROUNDING_SLACK) + rounding(center) + rounding(last)
 }
 
-/// Bound on how far a point of the unit sphere moves from one orientation to another: 2 sin(θ/2) ≤ 4 sin(θ/4), and the
-/// chord between the quaternions, which are θ/2 apart, is 2 sin(θ/4).
+/// Bound on how far a point of the unit sphere moves from one orientation to another: 2 sin(θ/2) ≤ 4
+/// sin(θ/4), and the chord between the quaternions, which are θ/2 apart, is 2 sin(θ/4).
 fn turn(from: DQuat, to: DQuat) -> f64 {
     2.0 * (from - to).length().min((from + to).length())
 }

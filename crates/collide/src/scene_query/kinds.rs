@@ -49,16 +49,10 @@ impl Kind {
         self.spare.push(Box::new(Workspace { query, outcome: QueryOutcome::default() }));
     }
 
-    /// Drops the workspaces that no object holds.
-    pub fn shrink(&mut self) {
-        self.workspaces -= self.spare.len();
-        self.spare = Vec::with_capacity(self.workspaces);
-    }
-
     /// Bytes of memory held by the spare workspaces and their list.
     pub fn bytes(&self) -> usize {
-        let of_workspace = |workspace: &Box<Workspace>| workspace.bytes();
-        size_of::<Self>() + 8 * self.spare.capacity() + self.spare.iter().map(of_workspace).sum::<usize>()
+        let of_workspaces = self.spare.iter().map(|workspace| workspace.bytes());
+        size_of::<Self>() + 8 * self.spare.capacity() + of_workspaces.sum::<usize>()
     }
 }
 

@@ -1,21 +1,22 @@
-//! One probe against many placed objects: a broad phase finds the objects that may be within reach, and each of those gets
-//! its [contact query](crate::ContactQuery).
+//! One probe against many placed objects: a broad phase finds the objects that may be within reach, and each
+//! of those gets its [contact query](crate::ContactQuery).
 //!
-//! An object is within reach when its bounding sphere, and its box in its own axes, come within the tolerance of the
-//! probe's bounding sphere. How far it is from that is a distance that the probe and the object have to move together
-//! before it has to be looked at again. The probe's motion is added up once for all objects, and an object that is moved
-//! is due for a recheck earlier by as much. A run looks at the objects that are due only. They come first in a
-//! [heap](recheck_queue), so that the cost for the others is nothing while nothing moves, and grows with the logarithm of
-//! their number for each one that is moved.
+//! An object is within reach when its bounding sphere, and its box in its own axes, come within the tolerance
+//! of the probe's bounding sphere. How far it is from that is a distance that the probe and the object have
+//! to move together before it has to be looked at again. The probe's motion is added up once for all objects,
+//! and an object that is moved is due for a recheck earlier by as much. A run looks at the objects that are
+//! due only. They come first in a [heap](recheck_queue), so that the cost for the others is nothing while
+//! nothing moves, and grows with the logarithm of their number for each one that is moved.
 //!
-//! Why no tree of boxes: it has to be descended in every run, to find what was there before, and refitted for every object
-//! that moves, where a heap gives the objects that may matter. Of 10,000 instances, with every tenth moving, a run takes
-//! less time in all than refitting and asking parry's tree (f64), and nothing measurable while nothing moves; only a probe
-//! that leaps across the scene makes all due at once, for 0.7 ms (`cargo bench -p palpate-benches --bench broad_phase`).
-//! `obvhs`, the broad phase of other crates here, holds its boxes in f32, which would have to be widened.
+//! Why no tree of boxes: it has to be descended in every run, to find what was there before, and refitted for
+//! every object that moves, where a heap gives the objects that may matter. Of 10,000 instances, with every
+//! tenth moving, a run takes less time in all than refitting and asking parry's tree (f64), and nothing
+//! measurable while nothing moves; only a probe that leaps across the scene makes all due at once, for 0.7 ms
+//! (`cargo bench -p palpate-benches --bench broad_phase`). `obvhs`, the broad phase of other crates here,
+//! holds its boxes in f32, which would have to be widened.
 //!
-//! Only objects within reach hold a workspace. Those that an object has left go to others of the same shape, of which
-//! there may be thousands.
+//! Only objects within reach hold a workspace. Those that an object has left go to others of the same shape,
+//! of which there may be thousands.
 
 mod bounds;
 mod kinds;
@@ -50,8 +51,8 @@ pub struct ObjectHandle {
 }
 
 impl ObjectHandle {
-    /// The object's place among those of its query, in the order in which they were added. The next object takes the place
-    /// of one that was removed.
+    /// The object's place among those of its query, in the order in which they were added. The next object
+    /// takes the place of one that was removed.
     pub fn place(&self) -> usize {
         self.slot as usize
     }
@@ -71,21 +72,23 @@ pub struct ObjectContacts<'a> {
 /// What a run found and what it cost.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SceneOutcome {
-    /// All queries together: sums, largest values (of the smallest distance the smallest), and flags that were set in any.
+    /// All queries together: sums, largest values (of the smallest distance the smallest), and flags that
+    /// were set in any.
     pub query: QueryOutcome,
     /// Number of objects that the broad phase looked at: those that were due for a recheck.
     pub tested: usize,
     /// Number of objects within reach, each of which got a query.
     pub queried: usize,
-    /// Number of objects that got none because their pose is not [valid](Pose::is_valid). They are looked at again in
-    /// every run.
+    /// Number of objects that got none because their pose is not [valid](Pose::is_valid). They are looked at
+    /// again in every run.
     pub invalid: usize,
 }
 
 /// Contact queries of one probe with many objects.
 ///
-/// Adding objects and reserving workspaces allocates. A run allocates only while it exceeds what was there before: when
-/// more objects of a shape are within reach at once than ever, or a workspace has more to do than ever.
+/// Adding objects and reserving workspaces allocates. A run allocates only while it exceeds what was there
+/// before: when more objects of a shape are within reach at once than ever, or a workspace has more to do
+/// than ever.
 ///
 /// ```
 /// use palpate_collide::{QuerySettings, SceneQuery, Shape};
@@ -148,8 +151,6 @@ struct Object {
     generation: u32,
     /// Whether it is in the scene.
     present: bool,
-    /// Whether it can be touched.
-    enabled: bool,
 }
 
 impl SceneQuery {
@@ -169,8 +170,8 @@ impl SceneQuery {
         }
     }
 
-    /// Adds an object at a pose (object frame to world). Objects of one shape, which may be at any number of places, share
-    /// it and their workspaces.
+    /// Adds an object at a pose (object frame to world). Objects of one shape, which may be at any number of
+    /// places, share it and their workspaces.
     pub fn add(&mut self, shape: &Shape, pose: &Pose) -> ObjectHandle {
         let index = self.kind(shape);
         let kind = &mut self.kinds[index];
@@ -181,7 +182,6 @@ impl SceneQuery {
             workspace: None,
             generation: 0,
             present: true,
-            enabled: true,
         };
         let slot = self.vacant.pop().unwrap_or(self.objects.len() as u32);
         match self.objects.get_mut(slot as usize) {
@@ -197,21 +197,23 @@ impl SceneQuery {
         ObjectHandle { slot, generation: self.objects[slot as usize].generation }
     }
 
-    /// Takes an object out; `false` if it is not there. Its workspace is kept for others of its shape; with the last of
-    /// these, the shape goes as well.
+    /// Takes an object out; `false` if it is not there. Its workspace is kept for others of its shape; with
+    /// the last of these, the shape goes as well.
     pub fn remove(&mut self, object: ObjectHandle) -> bool {
-        let removed = self.set_enabled(object, false);
-        if removed {
-            let Object { present, kind, .. } = &mut self.objects[object.slot as usize];
-            *present = false;
-            let kind = *kind;
-            self.vacant.push(object.slot);
-            self.kinds[kind as usize].objects -= 1;
-            if self.kinds[kind as usize].objects == 0 {
-                self.drop_kind(kind);
-            }
+        if self.find(object).is_none() {
+            return false;
         }
-        removed
+        self.queue.remove(object.slot);
+        self.give_back(object.slot);
+        let Object { present, kind, .. } = &mut self.objects[object.slot as usize];
+        *present = false;
+        let kind = *kind;
+        self.vacant.push(object.slot);
+        self.kinds[kind as usize].objects -= 1;
+        if self.kinds[kind as usize].objects == 0 {
+            self.drop_kind(kind);
+        }
+        true
     }
 
     /// Forgets a shape that no object has; the last one takes its place.
@@ -229,30 +231,13 @@ impl SceneQuery {
         if self.find(object).is_none() {
             return false;
         }
-        let Object { placed, kind, enabled, .. } = &mut self.objects[object.slot as usize];
+        let Object { placed, kind, .. } = &mut self.objects[object.slot as usize];
         let kind = &self.kinds[*kind as usize];
         let moved = Placed::new(pose, kind);
         let recheck_at = placed.recheck_after_move(self.queue.recheck_at(object.slot), &moved, kind);
         let known = placed.pose.is_valid() && pose.is_valid() && recheck_at.is_finite();
         *placed = moved;
-        if *enabled {
-            self.queue.set(object.slot, if known { recheck_at } else { f64::NEG_INFINITY });
-        }
-        true
-    }
-
-    /// Sets whether an object can be touched; `false` if it is not there.
-    pub fn set_enabled(&mut self, object: ObjectHandle, enabled: bool) -> bool {
-        if self.find(object).is_none() {
-            return false;
-        }
-        self.objects[object.slot as usize].enabled = enabled;
-        if enabled {
-            self.queue.set(object.slot, f64::NEG_INFINITY);
-        } else {
-            self.queue.remove(object.slot);
-            self.give_back(object.slot);
-        }
+        self.queue.set(object.slot, if known { recheck_at } else { f64::NEG_INFINITY });
         true
     }
 
@@ -266,7 +251,7 @@ impl SceneQuery {
         self.find(object).map(|found| &self.kinds[found.kind as usize].shape)
     }
 
-    /// Number of objects, disabled ones included.
+    /// Number of objects.
     pub fn len(&self) -> usize {
         self.objects.len() - self.vacant.len()
     }
@@ -276,7 +261,8 @@ impl SceneQuery {
         self.len() == 0
     }
 
-    /// Makes workspaces, as large as those of [`ContactQuery::new`], for as many objects of a shape within reach at once.
+    /// Makes workspaces, as large as those of [`ContactQuery::new`], for as many objects of a shape within
+    /// reach at once.
     pub fn reserve(&mut self, shape: &Shape, objects: usize) {
         let kind = self.kind(shape);
         let kind = &mut self.kinds[kind];
@@ -285,12 +271,8 @@ impl SceneQuery {
         }
     }
 
-    /// Drops the workspaces that no object holds.
-    pub fn shrink(&mut self) {
-        self.kinds.iter_mut().for_each(Kind::shrink);
-    }
-
-    /// Forgets all that was found out: the next run looks at all objects, and starts every query from the roots.
+    /// Forgets all that was found out: the next run looks at all objects, and starts every query from the
+    /// roots.
     pub fn reset(&mut self) {
         self.last = None;
         for workspace in self.objects.iter_mut().filter_map(|object| object.workspace.as_mut()) {
@@ -314,8 +296,8 @@ impl SceneQuery {
     /// A budget is for all queries together: each gets an equal part of what those before it have left.
     ///
     /// # Errors
-    /// If the probe's pose is not valid, or the tolerance or an error metric is out of bounds. There are
-    /// no contacts then. An object whose own pose is not valid is left out and [counted](SceneOutcome::invalid).
+    /// If the probe's pose is not valid, or the tolerance or an error metric is out of bounds. There are no
+    /// contacts then. An object whose own pose is not valid is left out and [counted](SceneOutcome::invalid).
     pub fn run(&mut self, probe_pose: &Pose, settings: &QuerySettings) -> Result<SceneOutcome, QueryError> {
         let mut outcome = SceneOutcome::default();
         self.in_reach.clear();
@@ -343,9 +325,9 @@ impl SceneQuery {
         Ok(outcome)
     }
 
-    /// Finds the objects within reach of the probe at a pose (object frame to world), without any query: for callers that
-    /// find contacts by other means. There are [no contacts](Self::contacts) then. Returns how many objects are left out
-    /// because their pose is not valid.
+    /// Finds the objects within reach of the probe at a pose (object frame to world), without any query: for
+    /// callers that find contacts by other means. There are [no contacts](Self::contacts) then. Returns how
+    /// many objects are left out because their pose is not valid.
     ///
     /// # Errors
     /// As [`run`](Self::run).
@@ -365,7 +347,8 @@ impl SceneQuery {
         self.near.iter().map(|slot| self.handle(*slot))
     }
 
-    /// The objects that got a query in the last run, those without contacts included, with their contacts, by handle.
+    /// The objects that got a query in the last run, those without contacts included, with their contacts, by
+    /// handle.
     pub fn contacts(&self) -> impl Iterator<Item = ObjectContacts<'_>> {
         self.in_reach.iter().filter_map(|slot| {
             let Workspace { query, outcome } = self.objects[*slot as usize].workspace.as_deref()?;
