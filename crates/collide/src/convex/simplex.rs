@@ -113,7 +113,8 @@ impl Simplex {
         let (ab, ac) = (b - a, c - a);
         let normal = ab.cross(ac);
         let (area, distance) = (normal.length_squared(), nearest.length_squared());
-        // |n| ≤ |v| · longest edge: the triangle is a needle, or small beside its distance, and v is the more accurate one.
+        // |n| ≤ |v| · longest edge: the triangle is a needle, or small beside its distance, and v is the more
+        // accurate one.
         if area <= distance * ab.length_squared().max(ac.length_squared()) {
             return nearest;
         }
