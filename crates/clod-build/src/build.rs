@@ -27,7 +27,7 @@ const LARGEST_LENGTH: f64 = 1e50;
 
 /// Counts the changes after which the same mesh and options give another hierarchy: whoever keeps built hierarchies can
 /// tell by it that one is out of date.
-pub const REVISION: u32 = 6;
+pub const REVISION: u32 = 7;
 
 /// What can be chosen about a build.
 #[derive(Clone, Debug, PartialEq)]
@@ -156,7 +156,7 @@ pub fn build(
     if hull_vertices + corners >= u32::MAX as usize {
         return Err(BuildError::TooLarge { hull_vertices });
     }
-    let source = source_of(mesh, solid, center, radius);
+    let source = source_of(mesh, solid, options.tolerance, (center, radius));
     let mut parts = assemble(&regular, &free, source, tolerance);
     if !simplified.is_empty() {
         bound_descendants(&mut parts, options.bounding_points, surface.scale)
@@ -214,7 +214,7 @@ fn check_extent(mesh: &TriMesh) -> Result<(DVec3, f64), BuildError> {
     Ok((sphere.center, sphere.radius))
 }
 
-fn source_of(mesh: &TriMesh, solid: bool, center: DVec3, radius: f64) -> Source {
+fn source_of(mesh: &TriMesh, solid: bool, tolerance: f64, (center, radius): (DVec3, f64)) -> Source {
     let mass = if solid { mesh.mass_properties(1.0).ok() } else { None };
     let (volume, center_of_mass, unit_inertia) = match mass {
         Some(m) => (m.volume, m.center_of_mass, m.inertia * (1.0 / m.mass)),
@@ -223,6 +223,7 @@ fn source_of(mesh: &TriMesh, solid: bool, center: DVec3, radius: f64) -> Source 
     Source {
         vertices: mesh.vertices().len() as u32,
         triangles: mesh.triangles().len() as u32,
+        tolerance,
         solid: mass.is_some(),
         bounding_radius: radius,
         center,

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use palpate_core::Pose;
+
 /// One of the two objects of a query.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum QueryObject {
@@ -22,7 +24,8 @@ impl fmt::Display for QueryObject {
 
 /// Why a query was not made. It has no contacts then; the next query may succeed.
 ///
-/// The error is `Copy` and holds no text, so that a real-time loop can return it: the message is made when it is shown.
+/// The error is `Copy` and holds no text, so that a real-time loop can return it: the message is made when it
+/// is shown.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum QueryError {
@@ -32,8 +35,8 @@ pub enum QueryError {
         /// The object that was placed.
         object: QueryObject,
     },
-    /// The tolerance d is negative, not a number, or larger than [`Shape::max_tolerance`](crate::Shape::max_tolerance)
-    /// of the probe.
+    /// The tolerance d is negative, not a number, or larger than
+    /// [`Shape::max_tolerance`](crate::Shape::max_tolerance) of the probe.
     #[error("the tolerance is {given} m: give 0 to {most} m, the probe's bounding radius")]
     Tolerance {
         /// The tolerance asked for, m.
@@ -56,17 +59,13 @@ pub enum QueryError {
          image sizes above 0"
     )]
     ViewMetric,
-    /// The upper bound of a distance query is negative or not a number.
-    #[error("distances up to {given} m were asked for: give 0 m or more; infinity asks for any distance")]
-    UpperBound {
-        /// The bound asked for, m.
-        given: f64,
-    },
-    /// The objects are so far apart that the square of their distance overflows.
-    #[error(
-        "the objects are too far apart for their distance to be computed: place them nearer to each other"
-    )]
-    TooFarApart,
+}
+
+impl QueryError {
+    /// Checks that an object can be placed at a pose.
+    pub(crate) fn check_pose(pose: &Pose, object: QueryObject) -> Result<(), Self> {
+        if pose.is_valid() { Ok(()) } else { Err(Self::Pose { object }) }
+    }
 }
 
 /// Why a contact set was not made. It is empty then.

@@ -1,45 +1,47 @@
 //! Collision events of hosts that step through time, interpolated between levels of detail (§3.4.4).
 //!
-//! Such a host looks for the instant in a step at which surfaces meet that were apart at its beginning and penetrate at
-//! its end. Where the resolution changes within the step there may be none: a pair of coarse patches is apart at both
-//! ends, the finer one that it is refined to penetrates at both, and a search for the instant finds nothing or does not
-//! end. The dissertation's way out is to estimate it, from the separation distance of the one at the beginning and the
-//! penetration depth of the other at the end, both taken to change evenly; the response is applied then, as if the
-//! patches that were active at the beginning still were.
+//! Such a host looks for the instant in a step at which surfaces meet that were apart at its beginning and
+//! penetrate at its end. Where the resolution changes within the step there may be none: a pair of coarse
+//! patches is apart at both ends, the finer one that it is refined to penetrates at both, and a search for
+//! the instant finds nothing or does not end. The dissertation estimates it instead, from the separation
+//! distance s of the one at the beginning and the penetration depth δ of the other at the end, both taken to
+//! change evenly: at s / (s + δ) of the step. The response is applied then, as if the patches that were
+//! active at the beginning still were.
 //!
-//! Here all events are estimated so, whether or not the resolution has changed: none takes further queries. For surfaces
-//! that approach evenly along the normal the instant is exact, and otherwise off by the square of the step.
-//! Patches belong together when one is the other or was refined to it, on both bodies.
+//! Here all events are estimated so, whether or not the resolution has changed: none takes further queries.
+//! For surfaces that approach evenly along the normal the instant is exact, and otherwise off by the square
+//! of the step. Patches belong together when one is the other or was refined to it, on both bodies.
 
 use palpate_core::clod::NO_NODE;
 use palpate_core::glam::DVec3;
 use palpate_core::{Clod, Contact};
 
-use crate::PatchContact;
+use crate::contact::PatchContact;
 use crate::shape::Shape;
 
 /// An instant at which surfaces that were apart meet.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CollisionEvent {
-    /// When, as a part of the step: 0 at its beginning, 1 at its end.
+    /// Instant, as a part of the step: 0 at its beginning, 1 at its end.
     pub fraction: f64,
-    /// Where: the contact's points at the beginning and at the end, interpolated; world axes, m.
+    /// Point of contact, interpolated between the beginning and the end; world axes, m.
     pub point: DVec3,
     /// Unit normal that points out of the probe, at the end; world axes.
     pub normal: DVec3,
     /// The probe's node that was active at the beginning, where there was one, otherwise at the end.
     pub probe_node: u32,
-    /// Likewise, the scene object's node.
+    /// The scene object's node that was active at the beginning, where there was one, otherwise at the end.
     pub scene_node: u32,
     /// Whether other nodes were active at the end: the resolution has changed within the step.
     pub switched: bool,
 }
 
-/// What is remembered of a contact.
+/// A contact at one end of a step.
 #[derive(Clone, Copy, Debug)]
-struct Remembered {
+struct StepContact {
     /// The coarsest patches that its own belong to, on either body.
     tops: [u32; 2],
+    /// Its own patches.
     nodes: [u32; 2],
     depth: f64,
     point: DVec3,
@@ -51,9 +53,9 @@ struct Remembered {
 pub struct CollisionEvents {
     shapes: [Shape; 2],
     /// Contacts at the beginning of a step, if it is known, and at its end, by their coarsest patches.
-    before: Vec<Remembered>,
+    before: Vec<StepContact>,
     known: bool,
-    after: Vec<Remembered>,
+    after: Vec<StepContact>,
     events: Vec<CollisionEvent>,
 }
 
@@ -74,19 +76,19 @@ impl CollisionEvents {
         self.known = false;
     }
 
-    /// The events of a step, the earliest first, given the contacts of a query at its end, with tolerance d (m): one for
-    /// each of those that penetrate and did not at the beginning, which is the end of the step before. Surfaces that
-    /// were further apart than d then count as d apart. Contacts with nodes that are not the objects' are passed over, and
-    /// so are those that are not finite.
+    /// The events of a step, the earliest first, given the contacts of a query at its end, with tolerance d
+    /// (m): one for each of those that penetrate and did not at the beginning, which is the end of the step
+    /// before. Surfaces that were further apart than d then count as d apart. Contacts with nodes that are
+    /// not the objects' are passed over, and so are those that are not finite.
     ///
     /// Without a beginning there are no events. Allocates only while there are more contacts than ever before.
     pub fn step(&mut self, contacts: &[PatchContact], tolerance: f64) -> &[CollisionEvent] {
         self.events.clear();
         self.after.clear();
         let [probe, scene] = &self.shapes;
-        self.after.extend(contacts.iter().filter_map(|found| Remembered::of(found, probe, scene)));
+        self.after.extend(contacts.iter().filter_map(|found| StepContact::of(found, probe, scene)));
         self.after.sort_unstable_by(|x, y| {
-            let key = |one: &Remembered| (one.tops, one.nodes);
+            let key = |one: &StepContact| (one.tops, one.nodes);
             key(x).cmp(&key(y)).then(y.depth.total_cmp(&x.depth))
         });
         for end in self.after.iter().filter(|end| self.known && end.depth > 0.0) {
@@ -121,7 +123,7 @@ impl CollisionEvents {
     }
 }
 
-impl Remembered {
+impl StepContact {
     fn of(found: &PatchContact, probe: &Shape, scene: &Shape) -> Option<Self> {
         let Contact { point, depth, normal, .. } = found.contact;
         let tops = [top(probe, found.probe_node)?, top(scene, found.scene_node)?];
@@ -144,11 +146,15 @@ fn top(shape: &Shape, node: u32) -> Option<u32> {
     }
 }
 
-/// Of the contacts at the beginning whose patches belong together with another's, the deepest.
-fn beginning_of<'r>(end: &Remembered, before: &'r [Remembered], clods: [&Clod; 2]) -> Option<&'r Remembered> {
+/// The deepest of the contacts at the beginning whose patches belong together with those of one at the end.
+fn beginning_of<'r>(
+    end: &StepContact,
+    before: &'r [StepContact],
+    clods: [&Clod; 2],
+) -> Option<&'r StepContact> {
     let first = before.partition_point(|one| one.tops < end.tops);
     let near = before[first..].iter().take_while(|one| one.tops == end.tops);
-    let related = |one: &&Remembered| {
+    let related = |one: &&StepContact| {
         (0..2).all(|body| {
             let (own, other) = (end.nodes[body], one.nodes[body]);
             descends(clods[body], own, other) || descends(clods[body], other, own)

@@ -1,4 +1,5 @@
-//! Contact queries between two objects given as hierarchies of convex hulls (§3.4), and contact clustering (§5.4.2).
+//! Contact queries between two objects given as hierarchies of convex hulls (§3.4), and contact clustering
+//! (§5.4.2).
 //!
 //! | type | what it does |
 //! |---|---|
@@ -10,15 +11,29 @@
 //! | [`CollisionEvents`] | when and where surfaces met, for hosts that step through time |
 //! | [`convex`] | queries between two convex hulls, on which all others rest |
 //!
-//! All numbers are f64, and the caller owns the workspaces. A query takes no lock, does not panic, and allocates only when
-//! it needs more room than any query before it. Invalid input returns a [`QueryError`], which does not allocate.
+//! All numbers are f64, and the caller owns the workspaces. A query takes no lock, does not panic, and
+//! allocates only when it needs more room than any query before it. Invalid input returns a [`QueryError`],
+//! which does not allocate.
+//!
+//! # Layers
+//!
+//! Each module imports from floors below its own only, and the modules of one floor do not know each other:
+//!
+//! 1. `tolerances`, `error`, `ball`, `disjoint_sets`, `contact`, `detail`: numbers and plain data
+//! 2. `convex`: distance and penetration of two hulls
+//! 3. `motion`, `patch`, `patchwork`: how far bodies have moved; what of a hull is real surface; whole surfaces
+//! 4. `shape`: a hierarchy prepared for queries
+//! 5. `query`, `contact_set`, `clustering`, `events`: what is done with pairs of shapes, and with their
+//!    contacts
+//! 6. `scene_query`: many objects
 //!
 //! # Frames and signs
 //!
-//! A [`Pose`](palpate_core::Pose) takes points of an object's frame to the world. Contacts are in world axes, m. The
-//! normal **n** points out of the probe, the first of the two objects. The depth δ is positive where the surfaces
-//! penetrate and minus their distance where they are apart. So the point on the scene object is **p** − δ **n**, moving
-//! the probe by −δ **n** brings a penetrating contact to touch, and a penalty force on the probe is along −**n**.
+//! A [`Pose`](palpate_core::Pose) takes points of an object's frame to the world. Contacts are in world axes,
+//! m. The normal **n** points out of the probe, the first of the two objects. The depth δ is positive where
+//! the surfaces penetrate and minus their distance where they are apart. So the point on the scene object is
+//! **p** − δ **n**, moving the probe by −δ **n** brings a penetrating contact to touch, and a penalty force
+//! on the probe is along −**n**.
 //!
 //! # Example
 //!
@@ -67,29 +82,34 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! With the facade, `palpate`, objects are opened from mesh files and built-in models, and are kept in a cache; its guide
-//! has a chapter on contact queries.
+//! With the facade, `palpate`, objects are opened from mesh files and built-in models, and are kept in a
+//! cache; its guide has a chapter on contact queries.
 
 mod ball;
 mod clustering;
+mod contact;
 mod contact_set;
 pub mod convex;
+mod detail;
+mod disjoint_sets;
 mod error;
 mod events;
 mod motion;
 mod patch;
+mod patchwork;
 mod query;
 mod scene_query;
-mod sets;
 mod shape;
+mod tolerances;
 
 pub use clustering::{Cluster, Clustering};
+pub use contact::PatchContact;
 pub use contact_set::{ContactSet, ContactSetOutcome, ContactSetSettings};
 pub use error::{ContactSetError, QueryError, QueryObject};
 pub use events::{CollisionEvent, CollisionEvents};
 pub use query::{
-    Budget, Combination, ContactQuery, ErrorMetrics, MAX_CONTACTS, MAX_PAIRS, PatchContact, QueryOutcome,
-    QuerySettings, VelocityMetric, ViewMetric,
+    Budget, Combination, ContactQuery, ErrorMetrics, MAX_CONTACTS, MAX_PAIRS, QueryOutcome, QuerySettings,
+    VelocityMetric, ViewMetric,
 };
 pub use scene_query::{ObjectContacts, ObjectHandle, SceneOutcome, SceneQuery};
 pub use shape::Shape;

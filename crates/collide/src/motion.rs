@@ -1,20 +1,20 @@
-//! How far two bodies have moved relative to one another, as a bound on any change of distance between their parts, and
-//! how far they have turned.
+//! How far two bodies have moved relative to one another: a bound on any change of distance between their
+//! parts, and a bound on how far they have turned.
+//!
+//! An answer such as "these hulls are 3 mm out of reach" stays true until the motion bound has grown by 3 mm.
+//! So an answer is stored with the value of the motion bound up to which it holds.
 
 use palpate_core::glam::DVec3;
 
 use crate::ball::Ball;
 use crate::convex::Placement;
+use crate::tolerances::ROUNDING_SLACK;
 
-/// Slack for rounding, as a fraction of a step.
-const ROUNDING: f64 = 1e-9;
-
-/// The way that the bodies have come, as the sum over all steps of a bound on the distance that any two of their points
-/// may have come closer.
+/// The motion of two bodies, added up over all steps.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Motion {
     last: Option<Placement>,
-    way: f64,
+    bound: f64,
     turn: f64,
 }
 
@@ -24,43 +24,45 @@ impl Motion {
         *self = Self::default();
     }
 
-    /// Counts the way from where the bodies are.
+    /// Starts the bound from zero, from where the bodies are.
     pub fn restart(&mut self) {
-        self.way = 0.0;
+        self.bound = 0.0;
     }
 
-    /// The way so far, m.
-    pub fn way(&self) -> f64 {
-        self.way
+    /// The motion bound, m: any two points of the bodies have come closer, or gone apart, by no more than it
+    /// has grown.
+    pub fn bound(&self) -> f64 {
+        self.bound
     }
 
-    /// A bound on the angle by which the bodies have turned so far, rad: that of each step, added up, or twice the sine of
-    /// its half.
+    /// Bound on the angle by which the bodies have turned, rad: the sum over all steps of twice the sine of
+    /// half the angle.
     pub fn turn(&self) -> f64 {
         self.turn
     }
 
-    /// Adds to the way: as if all distances had shrunk by this much, m.
-    pub fn add(&mut self, way: f64) {
-        self.way += way;
+    /// Adds to the bound, as if all distances had shrunk by a length, m.
+    pub fn add(&mut self, length: f64) {
+        self.bound += length;
     }
 
-    /// The bodies a and b, within these spheres, have moved. `rounding`: that of coordinates, m.
+    /// Adds a step of the bodies a and b, which are within these spheres. `rounding`: that of coordinates, m.
     ///
-    /// No point of b moves further in a's frame than its sphere's centre does and a point of that sphere may turn about
-    /// the centre; and the other way round. Either bounds how much closer two points have come.
+    /// No point of b moves further in a's frame than b's centre does, |c' − c|, and a point of its sphere may
+    /// turn about that centre, r · turn; and the other way round. Either bounds how much closer two points
+    /// have come, so the smaller one counts.
     pub fn step(&mut self, a: &Ball, b: &Ball, placement: &Placement, rounding: f64) {
         if let Some(last) = self.last.filter(|last| last != placement) {
             let turned = placement.rotation - last.rotation;
-            // The Frobenius norm of the difference of two rotations is √2 times the largest way on the unit sphere.
+            // ‖R' − R‖_F = 2√2 sin(θ/2): √2 times the largest displacement on the unit sphere, 2 sin(θ/2).
             let [x, y, z] = [turned.x_axis, turned.y_axis, turned.z_axis].map(DVec3::length_squared);
             let turn = (0.5 * (x + y + z)).sqrt();
             let center = b.center;
             let of_b = placement.point(center).distance(last.point(center)) + turn * b.radius;
             let center = |placement: &Placement| placement.direction_to_b(a.center - placement.translation);
             let of_a = center(placement).distance(center(&last)) + turn * a.radius;
-            self.turn += turn + ROUNDING * turn + f64::EPSILON;
-            self.way += of_a.min(of_b) * (1.0 + ROUNDING) + rounding;
+            self.turn += turn + ROUNDING_SLACK * turn + f64::EPSILON;
+            self.bound += of_a.min(of_b) * (1.0 + ROUNDING_SLACK) + rounding;
         }
         self.last = Some(*placement);
     }
@@ -73,11 +75,14 @@ mod tests {
     use palpate_core::glam::DQuat;
     use rand::{RngExt, SeedableRng, rngs::StdRng};
 
+    fn vector(rng: &mut StdRng, size: f64) -> DVec3 {
+        DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0))) * size
+    }
+
     #[test]
-    fn no_two_points_come_closer_than_the_way() {
+    fn no_two_points_come_closer_than_the_bound() {
         let mut rng = StdRng::seed_from_u64(0x0030_1107);
-        let mut vector =
-            |size: f64| DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0))) * size;
+        let mut vector = |size: f64| vector(&mut rng, size);
         for round in 0..2000 {
             let size = [1e-4, 0.1, 3.0][round % 3];
             let a = Ball { center: vector(2.0), radius: 1.5 };
@@ -91,17 +96,55 @@ mod tests {
                 (Placement::between(&pose, &Pose::IDENTITY), Placement::between(&moved, &Pose::IDENTITY));
             let mut motion = Motion::default();
             motion.step(&a, &b, &before, 0.0);
-            assert_eq!(motion.way(), 0.0);
+            assert_eq!(motion.bound(), 0.0);
             motion.step(&a, &b, &after, 0.0);
-            let (mut closest, mut apart) = (0.0_f64, 0.0_f64);
             for _ in 0..50 {
                 let p = a.center + vector(1.0).normalize() * a.radius;
                 let q = b.center + vector(1.0).normalize() * b.radius;
                 let [from, to] = [before, after].map(|placement| p.distance(placement.point(q)));
-                closest = closest.max((from - to).abs());
-                apart = apart.max(closest);
+                let change = (from - to).abs();
+                assert!(change <= motion.bound(), "round {round}: {change} m, bound {}", motion.bound());
             }
-            assert!(closest <= motion.way(), "round {round}: {closest} m on a way of {}", motion.way());
+        }
+    }
+
+    #[test]
+    fn bodies_that_rest_do_not_move_and_those_that_move_never_go_back() {
+        let mut rng = StdRng::seed_from_u64(0x0030_1108);
+        let ball = Ball { center: DVec3::X, radius: 1.0 };
+        let placement = |at: DVec3| Placement::between(&Pose::from_translation(at), &Pose::IDENTITY);
+        let mut motion = Motion::default();
+        let mut at = DVec3::ZERO;
+        motion.step(&ball, &ball, &placement(at), 1e-15);
+        for step in 0..100 {
+            let before = (motion.bound(), motion.turn());
+            motion.step(&ball, &ball, &placement(at), 1e-15);
+            assert_eq!((motion.bound(), motion.turn()), before, "step {step}: at rest");
+            // Forth and back.
+            at = if step % 2 == 0 { vector(&mut rng, 0.1) } else { DVec3::ZERO };
+            motion.step(&ball, &ball, &placement(at), 1e-15);
+            assert!(motion.bound() > before.0, "step {step}");
+        }
+        let turn = motion.turn();
+        motion.restart();
+        assert_eq!((motion.bound(), motion.turn()), (0.0, turn), "angles are counted on");
+        motion.add(0.25);
+        assert_eq!(motion.bound(), 0.25);
+    }
+
+    #[test]
+    fn turns_are_bounded() {
+        let mut rng = StdRng::seed_from_u64(0x0030_1109);
+        let ball = Ball { center: DVec3::ZERO, radius: 1.0 };
+        let mut motion = Motion::default();
+        let (mut rotation, mut turned) = (DQuat::IDENTITY, 0.0);
+        for _ in 0..200 {
+            let pose = Pose::new(DVec3::ZERO, rotation);
+            motion.step(&ball, &ball, &Placement::between(&pose, &Pose::IDENTITY), 0.0);
+            assert!(motion.turn() >= turned - 1e-12, "{} of {turned} rad", motion.turn());
+            let turn = vector(&mut rng, 0.5);
+            turned += 2.0 * (0.5 * turn.length()).sin();
+            rotation = DQuat::from_scaled_axis(turn) * rotation;
         }
     }
 }

@@ -1,9 +1,10 @@
 //! Which part of a hull is real surface.
 //!
-//! The hull of a convex surface patch has real faces, the patch's triangles, and virtual ones, as in SWIFT++ (Ehmann and
-//! Lin 2001). The dissertation does not say what to do with a witness point on a virtual face; here a witness counts
-//! when it lies on a triangle that faces the other object. A solid's triangle seen from behind is no place of
-//! contact: the solid itself is in between. An open mesh has no inside, and both sides of its triangles count.
+//! The hull of a convex surface patch has real faces, the patch's triangles, and virtual ones, as in SWIFT++
+//! (Ehmann and Lin 2001). The dissertation does not say what to do with a witness point on a virtual face;
+//! here a witness counts when it lies on a triangle that faces the other object. A solid's triangle seen from
+//! behind is no place of contact: the solid itself is in between. An open mesh has no inside, and both sides
+//! of its triangles count.
 
 use palpate_core::clod::{Node, Triangles};
 use palpate_core::glam::DVec3;
@@ -11,14 +12,7 @@ use palpate_core::{Clod, Contact};
 
 use crate::ball::Ball;
 use crate::convex::{Hull, SupportMap, nearest_on_triangle};
-
-/// A witness within this fraction of a patch's radius of a triangle lies on it. Patches are convex, and contained, only
-/// up to the tolerance that they were built with; a witness that misses the triangles by no more than that is
-/// [`Surface::Near`] them.
-const ON_TRIANGLE: f64 = 1e-9;
-
-/// Sine of the angle by which a triangle may be turned away and still count as facing.
-pub(crate) const FACING: f64 = 1e-9;
+use crate::tolerances::{FACING, NORMAL_ROUNDING, ON_TRIANGLE, PRECISION};
 
 /// A convex surface patch with its hull, in its body's frame.
 #[derive(Clone, Copy, Debug)]
@@ -29,11 +23,11 @@ pub(crate) struct Patch<'a> {
     pub triangles: Triangles<'a>,
     pub center: DVec3,
     pub radius: f64,
-    /// The triangles cover the hull, to the last bit.
+    /// Whether the triangles cover the hull, to the last bit.
     pub all_real: bool,
-    /// The hull lies in the solid that the patch bounds.
+    /// Whether the hull lies in the solid that the patch bounds.
     pub contained: bool,
-    /// The mesh bounds no solid.
+    /// Whether the mesh bounds no solid, so that both sides of a triangle count.
     pub two_sided: bool,
     /// Triangles at each hull vertex, for a patch that has many.
     pub incidence: Option<&'a Incidence>,
@@ -44,18 +38,19 @@ pub(crate) struct Patch<'a> {
 pub(crate) struct Plane {
     /// Unit outward normal; zero for a triangle without area.
     pub normal: DVec3,
-    /// How far the plane lies from the origin along the normal, m.
+    /// Signed distance of the plane from the origin along the normal, m.
     pub offset: f64,
 }
 
 impl Plane {
+    /// The plane through three corners, counter-clockwise seen from outside.
     pub fn of([p, q, r]: [DVec3; 3]) -> Self {
         let normal = (q - p).cross(r - p).normalize_or_zero();
         let offset = normal.dot(p);
         Self { normal, offset }
     }
 
-    /// How far a point lies above the plane, m.
+    /// Height of a point above the plane, m.
     pub fn height(&self, point: DVec3) -> f64 {
         self.normal.dot(point) - self.offset
     }
@@ -92,11 +87,11 @@ impl Prism {
     }
 }
 
-/// What a patch of a single triangle is made of.
+/// The triangle of a patch of a single one.
 const ONE: &[[u32; 3]] = &[[0, 1, 2]];
 
-/// The triangles at each vertex of a patch: per vertex, where its triangles start, with one more at the end; and those. In as
-/// few bytes as there are triangles for.
+/// The triangles at each vertex of a patch: per vertex, where its triangles start, with one more at the end;
+/// and those. In as few bytes as there are triangles for.
 #[derive(Clone, Debug)]
 pub(crate) enum Incidence {
     Shorts { starts: Box<[u16]>, triangles: Box<[u16]> },
@@ -104,7 +99,7 @@ pub(crate) enum Incidence {
 }
 
 impl Incidence {
-    /// From this many triangles on, looking them up by vertex is faster than going through them.
+    /// Number of triangles from which on looking them up by vertex is faster than going through them.
     pub const WORTHWHILE: usize = 24;
 
     pub fn new(vertices: usize, triangles: Triangles) -> Self {
@@ -163,7 +158,7 @@ impl Incidence {
     }
 }
 
-/// What lies at a point of a hull.
+/// Kind of surface at a point of a hull.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Surface {
     /// A triangle that faces the direction asked about.
@@ -235,15 +230,15 @@ impl<'a> Patch<'a> {
         self.triangles.len() == 1 && self.vertices.len() == 3
     }
 
-    /// Whether a triangle with this normal can be touched from the side that `direction` (unit, known to within the angle
-    /// `slack`) points to.
+    /// Whether a triangle with this normal can be touched from the side that `direction` (unit, known to
+    /// within the angle `slack`) points to.
     pub fn faces(&self, normal: DVec3, direction: DVec3, slack: f64) -> bool {
         self.two_sided || normal.dot(direction) >= -slack
     }
 
-    /// What lies at a point of the hull (body frame, m), seen from a direction (unit, body axes, known to within the
-    /// angle `slack`). `carriers`: hull vertices that the point is a combination of, if known. `near`: how far a
-    /// triangle may be to be near.
+    /// The kind of surface at a point of the hull (body frame, m), seen from a direction (unit, body axes,
+    /// known to within the angle `slack`). `carriers`: hull vertices that the point is a combination of, if
+    /// known. `near`: distance up to which a triangle is near, m.
     pub fn surface_at(
         &self,
         point: DVec3,
@@ -252,16 +247,16 @@ impl<'a> Patch<'a> {
         carriers: impl Iterator<Item = u32> + Clone,
         [precision, near]: [f64; 2],
     ) -> Surface {
-        if self.all_real {
-            return Surface::Front;
-        }
-        if self.carried(direction, slack, carriers) {
+        if self.all_real || self.carried(direction, slack, carriers) {
             return Surface::Front;
         }
         let on = ON_TRIANGLE * self.radius + precision;
         let near = near.max(on);
         let mut surface = Surface::Virtual;
-        let mut look_at = |triangle: [u32; 3]| {
+        // A triangle that is near has a corner that reaches as far along the direction as the point, but for
+        // that much. Heights are known to rounding only.
+        let low = direction.dot(point) - near - PRECISION * self.radius - precision;
+        self.each_high(direction, low, |triangle| {
             let corners = self.corners(triangle);
             if surface == Surface::Front || !in_box(point, corners, near) {
                 return;
@@ -273,10 +268,13 @@ impl<'a> Patch<'a> {
             } else if distance <= near && surface == Surface::Virtual {
                 surface = Surface::Near;
             }
-        };
-        // A triangle that is near has a corner that reaches as far along the direction as the point, but for that much.
-        // Heights are known to rounding only.
-        let low = direction.dot(point) - near - 1e-12 * self.radius - precision;
+        });
+        surface
+    }
+
+    /// Calls `each` once with every triangle that has a corner at least as high along a direction as `low`, m.
+    #[inline]
+    fn each_high(&self, direction: DVec3, low: f64, mut each: impl FnMut([u32; 3])) {
         match self.incidence {
             Some(incidence) => {
                 let is_high = |vertex: u32| self.vertices.point(vertex).dot(direction) >= low;
@@ -286,7 +284,7 @@ impl<'a> Patch<'a> {
                         let triangle = self.triangles.at(index);
                         let mut earlier = triangle.into_iter().take_while(|corner| *corner != vertex);
                         if !earlier.any(is_high) {
-                            look_at(triangle);
+                            each(triangle);
                         }
                     });
                 });
@@ -300,16 +298,16 @@ impl<'a> Patch<'a> {
                 self.triangles.any(|triangle| {
                     let [i, j, k] = triangle;
                     if is_high(i) || is_high(j) || is_high(k) {
-                        look_at(triangle);
+                        each(triangle);
                     }
                     false
                 });
             }
         }
-        surface
     }
 
-    /// Whether some triangle that faces a direction has all of these vertices, and so whatever point they combine to.
+    /// Whether some triangle that faces a direction has all of these vertices, and so whatever point they
+    /// combine to.
     fn carried(&self, direction: DVec3, slack: f64, mut carriers: impl Iterator<Item = u32> + Clone) -> bool {
         let Some(first) = carriers.next() else { return false };
         let carries = |triangle: [u32; 3]| {
@@ -342,17 +340,18 @@ fn in_box(point: DVec3, [p, q, r]: [DVec3; 3], reach: f64) -> bool {
     !(point.cmplt(low).any() || point.cmpgt(high).any())
 }
 
-/// Distance from a point to a triangle.
+/// Distance from a point to a triangle, m.
 pub(crate) fn distance_to_triangle(corners: [DVec3; 3], point: DVec3) -> f64 {
     let [p, q, r] = corners.map(|c| c - point);
     let [u, v, w] = nearest_on_triangle(p, q, r);
     (u * p + v * q + w * r).length()
 }
 
-/// A contact in the probe's frame from the two nearest points of separated surfaces, and the vector from b to a between
-/// them, whose direction may be known better than from the points; with the angle to which it is known.
+/// A contact in the probe's frame from the two nearest points of separated surfaces, and the vector from b to
+/// a between them, whose direction may be known better than from the points. Returns it with the angle to
+/// which its normal is known, rad.
 pub(crate) fn separated(on_a: DVec3, on_b: DVec3, axis: DVec3, precision: f64) -> (Contact, f64) {
     let distance = on_a.distance(on_b);
     let contact = Contact { point: on_a, scene_point: on_b, normal: -axis.normalize(), depth: -distance };
-    (contact, FACING + 1e-3 * precision / distance)
+    (contact, FACING + NORMAL_ROUNDING * precision / distance)
 }

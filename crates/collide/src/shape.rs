@@ -1,4 +1,5 @@
-//! A hierarchy prepared for queries: what the descent reads of its nodes, packed, and search structures over their hulls.
+//! A hierarchy prepared for queries: what the descent reads of its nodes, packed, and search structures over
+//! their hulls.
 
 use std::sync::{Arc, OnceLock};
 
@@ -7,61 +8,61 @@ use palpate_core::clod::{Node, Points};
 use palpate_core::glam::DVec3;
 
 use crate::ball::Ball;
-use crate::contact_set::patchwork::Patchwork;
 use crate::convex::{Hull, SupportMap};
+use crate::detail::{Detail, SupportAreas};
 use crate::patch::{Incidence, Patch};
-use crate::query::refinement::{Detail, SupportAreas};
+use crate::patchwork::Patchwork;
+use crate::tolerances::CONVEX_PATCH;
 
+/// Index of what is not there.
 const NONE: u32 = u32::MAX;
 
-/// A closed patch whose vertices are this fraction of its radius below its triangles' planes is its own hull.
-const CONVEX: f64 = 1e-10;
-
-/// A hierarchy prepared for queries. Cheap to clone: all queries with an object, and all its instances, share it.
+/// A hierarchy prepared for queries. Cheap to clone: all queries with an object, and all its instances, share
+/// it.
 #[derive(Clone, Debug)]
 pub struct Shape(Arc<Prepared>);
 
 #[derive(Debug)]
 struct Prepared {
     clod: Arc<Clod>,
-    /// Of each node.
+    /// One for each node.
     extras: Vec<Extra>,
-    /// Of nodes that have some.
+    /// One for each node with a large hull or patch.
     searches: Vec<Search>,
     supports: Vec<SupportMap>,
     incidences: Vec<Incidence>,
     /// Bound on any coordinate, m.
     coordinates: f64,
-    /// How the patches hang together, once that was asked for.
+    /// The surface of each level, once it was asked for.
     patchwork: OnceLock<Patchwork>,
 }
 
-/// What queries read of a node besides what the hierarchy says.
+/// Data of a node that queries read besides the hierarchy.
 #[derive(Clone, Copy, Debug)]
 struct Extra {
     areas: SupportAreas,
-    /// Index into [`Prepared::searches`], with [`EXACT`]; or, without that, [`NONE`].
+    /// Index into [`Prepared::searches`], or [`NONE`] without the bit [`EXACT`]; and that bit, if it is set.
     search: u32,
 }
 
-/// Marks a closed patch whose vertices are all below its triangles' planes, to rounding.
+/// Bit that marks a closed patch whose vertices are all below its triangles' planes, to rounding.
 const EXACT: u32 = 1 << 31;
 
 /// Search structures of a node with a large hull or patch: indices, or [`NONE`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Search {
-    /// Into [`Prepared::supports`].
+    /// Map of the bounding hull, in [`Prepared::supports`].
     support: u32,
-    /// Likewise for the patch alone: the same unless points were added to bound descendants.
+    /// Map of the patch's hull, in the same list: the same unless points were added to bound descendants.
     patch_support: u32,
-    /// Into [`Prepared::incidences`].
+    /// Triangles at the patch's vertices, in [`Prepared::incidences`].
     incidence: u32,
 }
 
-/// Of a node that has no search structures.
+/// The search structures of a node that has none.
 const NO_SEARCH: Search = Search { support: NONE, patch_support: NONE, incidence: NONE };
 
-/// What the descent reads of a node.
+/// The part of a node that the descent reads.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Packed {
     pub center: DVec3,
@@ -127,14 +128,15 @@ impl Shape {
 
     /// The largest tolerance d of contact queries that have this shape as their probe, m: its bounding radius.
     ///
-    /// Contacts stand for places where surfaces touch or are about to. With a larger d nearly every pair of patches would
-    /// be one, and their number, with the memory for them, would grow with the product of both objects' patches.
+    /// Contacts stand for places where surfaces touch or are about to. With a larger d nearly every pair of
+    /// patches would be one, and their number, with the memory for them, would grow with the product of both
+    /// objects' patches.
     pub fn max_tolerance(&self) -> f64 {
         self.clod().bounding_radius()
     }
 
-    /// Axis-aligned bounds of the surface at full resolution, mesh frame, m: the smallest and the largest x, y and z;
-    /// `None` without triangles. Computed anew by each call.
+    /// Axis-aligned bounds of the surface at full resolution, mesh frame, m: the smallest and the largest x,
+    /// y and z; `None` without triangles. Computed anew by each call.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
         self.clod().bounds()
     }
@@ -152,7 +154,7 @@ impl Shape {
             + patchwork.get().map_or(0, Patchwork::bytes)
     }
 
-    /// How the patches hang together; found out when first asked.
+    /// The surface of each level; prepared when it is first asked for.
     pub(crate) fn patchwork(&self) -> &Patchwork {
         self.0.patchwork.get_or_init(|| Patchwork::new(self.clod()))
     }
@@ -168,7 +170,7 @@ impl Shape {
         Packed { center, radius, hausdorff, first_child: children.start, last_child: children.end }
     }
 
-    /// Of a node's bounding sphere, m.
+    /// Radius of a node's bounding sphere, m.
     #[inline]
     pub(crate) fn radius(&self, node: u32) -> f64 {
         self.clod().node(node).radius
@@ -231,7 +233,8 @@ impl Shape {
         Patch::of_node(self.clod(), &self.clod().node(node), support, incidence, exact)
     }
 
-    /// The first descendant that is a leaf, has several children, or, unless the query is exact, may be fine enough.
+    /// The first descendant that is a leaf, has several children, or, unless the query is exact, may be fine
+    /// enough.
     pub(crate) fn pass_through(&self, mut node: u32, exact: bool) -> u32 {
         loop {
             let Packed { first_child, last_child, .. } = self.node(node);
@@ -243,7 +246,7 @@ impl Shape {
         }
     }
 
-    /// Most nodes that can wait on the stack below any node: siblings along one path from root to leaf.
+    /// Most nodes that can wait on the stack below any node: the siblings along one path from root to leaf.
     pub(crate) fn path_width(&self) -> usize {
         let mut width = vec![0usize; self.0.extras.len()];
         for index in (0..width.len()).rev() {
@@ -255,13 +258,13 @@ impl Shape {
     }
 }
 
-/// What support areas of a hierarchy are measured by, m².
+/// The unit of a hierarchy's support areas, m²: R².
 fn area_unit(clod: &Clod) -> f64 {
     clod.bounding_radius() * clod.bounding_radius()
 }
 
 impl Search {
-    /// Of a node. Hulls and patches too small to gain from them have none.
+    /// The search structures of a node. Hulls and patches too small to gain from them have none.
     fn of(clod: &Clod, node: &Node, supports: &mut Vec<SupportMap>, incidences: &mut Vec<Incidence>) -> Self {
         let mut support_of = |points: Points| {
             if points.len() < SupportMap::WORTHWHILE {
@@ -291,6 +294,6 @@ fn is_convex(clod: &Clod, node: &Node, map: Option<&SupportMap>) -> bool {
         let [p, q, r] = corners.map(|v| points[v as usize]);
         let normal = (q - p).cross(r - p).normalize_or_zero();
         let top = hull.point(hull.support(normal));
-        normal.dot(top - p) <= CONVEX * node.radius
+        normal.dot(top - p) <= CONVEX_PATCH * node.radius
     })
 }

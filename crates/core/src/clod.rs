@@ -52,6 +52,9 @@ pub struct Source {
     pub vertices: u32,
     /// Triangles of the mesh.
     pub triangles: u32,
+    /// How far a patch's surface may lie inside its own hull, and how deep other surface may reach into it, as a fraction
+    /// of the bounding radius: the tolerance that the patches were built with, 0 to 1.
+    pub tolerance: f64,
     /// Whether the mesh is closed, 2-manifold and consistently oriented, so that inside and outside are defined.
     pub solid: bool,
     /// Radius of the mesh's bounding sphere about its [`center`](Self::center), m.

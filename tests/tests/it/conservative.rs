@@ -162,7 +162,7 @@ fn compare(
     let outcome = query
         .run(pose, &Pose::IDENTITY, &QuerySettings::new(TOLERANCE * probe.radius))
         .map_err(|error| error.to_string())?;
-    if outcome.overflow {
+    if outcome.dropped > 0 {
         return Err(format!("{outcome:?}"));
     }
     tally.not_converged += outcome.not_converged;

@@ -58,7 +58,7 @@ fn check_bodies(probe: &Body, scene: &Body, tolerance: f64, poses: &[Pose]) {
     let (mut disjoint, mut intersecting) = (0, 0);
     for (index, pose) in poses.iter().enumerate() {
         let outcome = query.run(pose, &Pose::IDENTITY, &settings).unwrap();
-        assert!(!outcome.overflow && outcome.not_converged == 0, "pose {index}: {outcome:?}");
+        assert!(outcome.dropped == 0 && outcome.not_converged == 0, "pose {index}: {outcome:?}");
         for found in query.contacts() {
             let contact = &found.contact;
             assert!((contact.normal.length() - 1.0).abs() < 1e-9, "pose {index}: {contact:?}");
@@ -209,7 +209,7 @@ fn depths_by_patches(
     let [probe, scene] = bodies;
     let settings = QuerySettings::new(tolerance);
     let outcome = query.run(pose, &Pose::IDENTITY, &settings).unwrap();
-    assert!(!outcome.overflow && outcome.not_converged == 0, "{outcome:?}");
+    assert!(outcome.dropped == 0 && outcome.not_converged == 0, "{outcome:?}");
     // The patches of the full mesh are the same ones, in another order: the first of their triangles tells them apart.
     let name = |body: &Body, node: u32| {
         let triangles = body.patch(node, &Pose::IDENTITY).into_iter();

@@ -69,9 +69,7 @@ fn a_tracked_front_finds_what_a_cold_query_does() {
         let mut tracked = ContactQuery::new(probe, scene);
         let mut cold = ContactQuery::new(probe, scene);
         let mut shared = ContactQuery::new(probe, scene);
-        // Room for contacts, but hardly any for pairs.
-        let mut cramped = ContactQuery::with_capacity(probe, scene, 1 << 14, 200);
-        let (mut contacts, mut looked_at, mut overflows) = (0, [0, 0], 0);
+        let (mut contacts, mut looked_at) = (0, [0, 0]);
         for error in [0.0, 0.004, 0.025] {
             for (index, pose) in wander(&mut rng, at, radius, 400).iter().enumerate() {
                 // The tolerance changes now and then, and the threshold too.
@@ -85,7 +83,7 @@ fn a_tracked_front_finds_what_a_cold_query_does() {
                 let context =
                     format!("seed {SEED:#x}, {name}, s₀ {error}, pose {index}: {kept:?}, {fresh:?}");
                 assert!(agree(tracked.contacts(), cold.contacts(), 1e-8 * radius), "{context}");
-                assert!(!kept.overflow && !kept.front_overflow, "{context}");
+                assert!(kept.dropped == 0 && !kept.front_overflow, "{context}");
                 let at_once =
                     shared.run(pose, &scene_pose, &QuerySettings { parallel: true, ..settings }).unwrap();
                 assert_eq!(
@@ -93,17 +91,12 @@ fn a_tracked_front_finds_what_a_cold_query_does() {
                     tracked.contacts(),
                     "{context}: on several threads, {at_once:?}"
                 );
-                let fixed = QuerySettings { fixed_capacity: true, ..settings };
-                let little = cramped.run(pose, &scene_pose, &fixed).unwrap();
-                assert!(agree(cramped.contacts(), cold.contacts(), 1e-8 * radius), "{context}: {little:?}");
-                assert!(little.front_high_water <= 200, "{context}: {little:?}");
                 contacts += kept.contacts;
                 looked_at[0] += kept.visited;
                 looked_at[1] += fresh.visited;
-                overflows += usize::from(little.front_overflow);
             }
         }
-        assert!(contacts > 1000 && overflows > 100, "{name}: {contacts} contacts, {overflows} overflows");
+        assert!(contacts > 1000, "{name}: {contacts} contacts");
         assert!(3 * looked_at[0] < 2 * looked_at[1], "{name}: {looked_at:?} pairs looked at");
     }
 }

@@ -1,108 +1,61 @@
-//! The contact set of two objects: what is left of a query's contacts between patches when the pieces are put together.
+//! The contact set of two objects: what is left of a query's contacts between patches when the pieces are put
+//! together.
 //!
-//! It is for inspection, of a single pose or of a recorded path: where two objects touch, how often, and how deep. The command
-//! `palpate query` prints it at full resolution. Sessions do not use it. A force needs contacts that do not jump from pose to
-//! pose, and a set does where a region divides or two join; [clusters](crate::Clustering) go over smoothly. The first run
-//! prepares a surface of each shape, which takes more memory than the shape does.
+//! It is for inspection, of a single pose or of a recorded path: where two objects touch, how often, and how
+//! deep. The command `palpate query` prints it at full resolution. Sessions do not use it. A force needs
+//! contacts that do not jump from pose to pose, and a set does where a region divides or two join;
+//! [clusters](crate::Clustering) go over smoothly. The first run prepares a surface of each shape, which
+//! takes more memory than the shape does.
 //!
-//! A [query](crate::ContactQuery) takes surfaces patch by patch. A contact of two patches may be no local minimum of the
-//! objects' distance, since a neighbouring patch comes closer; and one region of intersection is cut into as many
-//! contacts as pairs of patches meet in it, each with the depth of the two pieces only. Here:
+//! A [query](crate::ContactQuery) takes surfaces patch by patch. A contact of two patches may be no local
+//! minimum of the objects' distance, since a neighbouring patch comes closer; and one region of intersection
+//! is cut into as many contacts as pairs of patches meet in it, each with the depth of the two pieces only.
+//! Here:
 //!
-//! - A separated contact stays if it is a local minimum of the distance between the surfaces: no triangle at its point
-//!   on one surface, of whichever patch, is closer to a triangle at its point on the other.
-//! - Penetrating contacts become one for each connected [region](crate::contact_set::regions) of intersection, at the place where it
-//!   is deepest: the vertex of either surface that is furthest from the other surface, or the deepest pair of patches
-//!   where that is deeper. Crossing edges may be so: no vertex needs to be inside, and while one enters, the depth does
-//!   not jump. With a [spacing](ContactSetSettings::spacing), further local maxima of the depth are kept as well.
+//! - A separated contact stays if it is a local minimum of the distance between the surfaces: no triangle at
+//!   its point on one surface, of whichever patch, is closer to a triangle at its point on the other.
+//! - Penetrating contacts become one for each connected [region](crate::contact_set::regions) of
+//!   intersection, at the place where it is deepest: the vertex of either surface that is furthest from the
+//!   other surface, or the deepest pair of patches where that is deeper. Crossing edges may be so: no vertex
+//!   needs to be inside, and while one enters, the depth does not jump. With a
+//!   [spacing](ContactSetSettings::spacing), further local maxima of the depth are kept as well.
 //! - Of minima that are near one another, or near where a region is deep, the closest (deepest) stays.
 //!
-//! Contacts between coarser nodes are treated likewise, on the surfaces of their levels, each of which is closed; nodes of
-//! different levels are neighbours where the finer one's ancestor is.
+//! Contacts between coarser nodes are treated likewise, on the surfaces of their levels, each of which is
+//! closed; nodes of different levels are neighbours where the finer one's ancestor is.
 //!
-//! Where an object bounds no solid, nothing is inside it; where neither does, a region is as deep as its deepest pair of
-//! patches.
+//! Where an object bounds no solid, nothing is inside it; where neither does, a region is as deep as its
+//! deepest pair of patches.
 
-mod neighbours;
+mod inside;
+mod minima;
 mod pairs;
-pub(crate) mod patchwork;
 mod regions;
+mod settings;
+mod sides;
 mod spacing;
 
-use palpate_core::glam::DVec3;
 use palpate_core::{Contact, Pose};
 
-use self::patchwork::NearestSearch;
-use self::regions::{Deep, Measures, Place, Regions, Side};
+use self::inside::Measures;
+use self::minima::MinimumTest;
+use self::regions::{Deep, Place, Regions};
+use self::sides::Side;
 use self::spacing::Spaced;
-use crate::PatchContact;
-use crate::convex::{Hull, Limits, Placement, Separation, Start, gjk, nearest_on_triangle};
+use crate::contact::{PatchContact, to_world};
+use crate::convex::Placement;
 use crate::error::{ContactSetError, QueryObject};
-use crate::query::placed;
 use crate::shape::Shape;
+use crate::tolerances::{COORDINATE_ROUNDING, PRECISION, SAME_CONTACT, SAME_POINT};
 
-/// Lengths are told from zero to this fraction of the sizes involved.
-const PRECISION: f64 = 1e-12;
+pub use self::settings::{ContactSetOutcome, ContactSetSettings};
 
-/// Triangles that a point is this near to have it, as a fraction of the patches' sizes; and distances that differ by no
-/// more are equal.
-const SAME: f64 = 1e-9;
+/// Largest distance that is not noticed, as a fraction of the objects' radii: §3.5.2 finds detail of 2.5 to 5
+/// % unnoticed.
+const UNNOTICED: f64 = 0.05;
 
-/// Vertices whose distance from the other surface a run may measure, by default.
-const MOST_VERTICES: usize = 1 << 16;
-
-/// What is noticed at all, as a fraction of the objects' radii: §3.5.2 finds detail of 2.5 to 5 % unnoticed.
-const NOTICED: f64 = 0.05;
-
-/// Label of what separated contacts are compared with.
+/// Label of the contacts that separated ones are compared with: all of them.
 const ANY: u32 = 0;
-
-/// What makes a contact set.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ContactSetSettings {
-    /// Separated contacts whose points on both surfaces are no further than this from those of a closer contact that
-    /// stays are dropped, m. Not negative; 0 drops equal ones only.
-    pub merge: f64,
-    /// Local maxima of the depth in one region stay if they are further apart than this, m. Infinite (the default): one
-    /// contact for each region. Not negative.
-    ///
-    /// A region that goes around something, as that of a peg in a tight hole does, needs several to be pushed back
-    /// right. [`ContactSet::noticeable_spacing`] is a value for that.
-    pub spacing: f64,
-    /// Vertices whose distance from the other surface may be measured. Beyond, depths are lower bounds, and
-    /// [`ContactSetOutcome::truncated`] says so.
-    pub most_vertices: usize,
-}
-
-impl ContactSetSettings {
-    /// Settings with a distance (m) within which separated contacts are merged, and defaults for the rest.
-    pub fn new(merge: f64) -> Self {
-        Self { merge, spacing: f64::INFINITY, most_vertices: MOST_VERTICES }
-    }
-}
-
-/// What a run found and what it cost.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ContactSetOutcome {
-    /// Connected regions of intersection.
-    pub regions: usize,
-    /// Contacts of the regions: one each, and the further maxima.
-    pub penetrating: usize,
-    /// Separated contacts that are local minima, before they are merged.
-    pub minima: usize,
-    /// Separated contacts that stay.
-    pub separated: usize,
-    /// Regions whose depth is that of a vertex, rather than of two patches.
-    pub by_vertices: usize,
-    /// Vertices whose distance was measured.
-    pub measured: usize,
-    /// Vertices found inside the other object.
-    pub inside: usize,
-    /// Whether there were more vertices to measure than [`ContactSetSettings::most_vertices`].
-    pub truncated: bool,
-    /// Whether a buffer grew: there was more to do than ever before.
-    pub reallocated: bool,
-}
 
 /// The workspace: makes contact sets of two objects.
 ///
@@ -145,9 +98,7 @@ pub struct ContactSet {
     regions: Regions,
     /// Separated minima: indices of contacts.
     minima: Vec<u32>,
-    /// Triangles at a contact's points on either surface.
-    at_points: [Vec<AtPoint>; 2],
-    search: NearestSearch,
+    minimum_test: MinimumTest,
     /// Places where regions are deep.
     deep: Vec<Deep>,
     maxima: Spaced,
@@ -164,8 +115,7 @@ impl ContactSet {
             probe: probe.clone(),
             scene: scene.clone(),
             minima: Vec::new(),
-            at_points: [Vec::new(), Vec::new()],
-            search: NearestSearch::default(),
+            minimum_test: MinimumTest::default(),
             deep: Vec::new(),
             maxima: Spaced::default(),
             kept: Spaced::default(),
@@ -174,10 +124,10 @@ impl ContactSet {
         }
     }
 
-    /// A spacing of maxima in a region, m: 5 % of the smaller object's radius. Contacts that are closer act at places
-    /// that cannot be felt apart (§3.5.2).
+    /// A spacing of maxima in a region, m: 5 % of the smaller object's radius. Contacts that are closer act
+    /// at places that cannot be felt apart (§3.5.2).
     pub fn noticeable_spacing(&self) -> f64 {
-        NOTICED * self.probe.clod().bounding_radius().min(self.scene.clod().bounding_radius())
+        UNNOTICED * self.probe.clod().bounding_radius().min(self.scene.clod().bounding_radius())
     }
 
     /// Bytes of memory held by the workspace.
@@ -186,20 +136,20 @@ impl ContactSet {
             + self.maxima.capacity()
             + self.kept.capacity()
             + self.minima.capacity() * size_of::<u32>()
-            + self.at_points.iter().map(|list| list.capacity() * size_of::<AtPoint>()).sum::<usize>()
+            + self.minimum_test.bytes()
             + self.deep.capacity() * size_of::<Deep>()
             + self.contacts.capacity() * size_of::<PatchContact>()
     }
 
-    /// The contact set of a query's contacts, at the same poses (object frame to world), in world axes and by decreasing
-    /// depth. Each comes with the nodes whose patches its points are on. The weight of a region's contact is 1, and that
-    /// of a merged one the sum, up to 1.
+    /// The contact set of a query's contacts, at the same poses (object frame to world), in world axes and by
+    /// decreasing depth. Each comes with the nodes whose patches its points are on. The weight of a region's
+    /// contact is 1, and that of a merged one the sum, up to 1.
     ///
     /// The cost grows with the number of contacts, and of vertices in and next to the regions.
     ///
     /// # Errors
-    /// If a pose or a setting is not valid, or a contact is not finite or has nodes that are not patches of these objects.
-    /// The set is empty then.
+    /// If a pose or a setting is not valid, or a contact is not finite or has nodes that are not patches of
+    /// these objects. The set is empty then.
     pub fn run(
         &mut self,
         contacts: &[PatchContact],
@@ -207,7 +157,7 @@ impl ContactSet {
         scene_pose: &Pose,
         settings: &ContactSetSettings,
     ) -> Result<&[PatchContact], ContactSetError> {
-        let buffers = self.buffers();
+        let capacities = self.capacities();
         self.contacts.clear();
         self.outcome = ContactSetOutcome::default();
         self.check(contacts, [probe_pose, scene_pose], settings)?;
@@ -217,14 +167,14 @@ impl ContactSet {
         let coordinates =
             probe.coordinates() + scene.coordinates() + placement.translation.abs().max_element();
         let world = [probe_pose, scene_pose].map(|pose| pose.translation.abs().max_element());
-        let precision = PRECISION * coordinates + 4.0 * f64::EPSILON * world[0].max(world[1]);
+        let precision = PRECISION * coordinates + COORDINATE_ROUNDING * world[0].max(world[1]);
 
         self.find_regions(contacts, probe_pose, &sides, settings, precision);
         self.outcome.penetrating = self.contacts.len();
         self.find_minima(contacts, probe_pose, &sides, precision);
-        self.merge(contacts, settings.merge.max(16.0 * precision));
+        self.merge(contacts, settings.merge.max(SAME_CONTACT * precision));
         self.outcome.separated = self.contacts.len() - self.outcome.penetrating;
-        self.outcome.reallocated = self.buffers() != buffers;
+        self.outcome.reallocated = self.capacities() != capacities;
         Ok(&self.contacts)
     }
 
@@ -238,19 +188,18 @@ impl ContactSet {
         &self.outcome
     }
 
-    fn buffers(&self) -> [usize; 9] {
-        let Self { regions, minima, at_points, search, deep, maxima, kept, contacts, .. } = self;
-        [
+    /// Sizes of all buffers, which show whether one has grown.
+    fn capacities(&self) -> ([usize; 6], [usize; 3]) {
+        let Self { regions, minima, minimum_test, deep, maxima, kept, contacts, .. } = self;
+        let own = [
             regions.capacity(),
             minima.capacity(),
-            at_points[0].capacity(),
-            at_points[1].capacity(),
-            search.capacity(),
             deep.capacity(),
             maxima.capacity(),
             kept.capacity(),
             contacts.capacity(),
-        ]
+        ];
+        (own, minimum_test.capacities())
     }
 
     fn check(
@@ -300,25 +249,25 @@ impl ContactSet {
     ) {
         let maxima = settings.spacing < f64::INFINITY;
         let radii = sides.iter().map(|side| side.own.clod().bounding_radius()).sum::<f64>();
-        let same = SAME * radii + precision;
+        let same = SAME_POINT * radii + precision;
         let measures = Measures { precision, same, most_vertices: settings.most_vertices, maxima };
         self.deep.clear();
         self.deep.extend_from_slice(self.regions.run(contacts, sides, &measures));
         self.outcome.regions = self.regions.len();
-        self.outcome.measured = self.regions.measured;
-        self.outcome.inside = self.regions.inside();
-        self.outcome.truncated = self.regions.truncated;
+        self.outcome.measured = self.regions.inside.measured;
+        self.outcome.inside = self.regions.inside.found.len();
+        self.outcome.truncated = self.regions.inside.truncated;
         // The deepest of a region goes before the others, which may be equally deep.
         self.deep.sort_unstable_by(|x, y| {
             y.depth.total_cmp(&x.depth).then(y.deepest.cmp(&x.deepest)).then(x.at.cmp(&y.at))
         });
-        self.maxima.clear(settings.spacing.clamp(16.0 * precision, f64::MAX), self.deep.len());
+        self.maxima.clear(settings.spacing.clamp(SAME_CONTACT * precision, f64::MAX), self.deep.len());
         for &Deep { region, deepest, at, .. } in &self.deep {
             let found = match at {
                 Place::Patches(index) => PatchContact { weight: 1.0, ..contacts[index as usize] },
                 Place::Vertex(index) => {
-                    let deepest = self.regions.contact(index, sides);
-                    PatchContact { contact: placed(&deepest.contact, probe_pose), ..deepest }
+                    let deepest = self.regions.inside.contact(index, sides);
+                    PatchContact { contact: to_world(&deepest.contact, probe_pose), ..deepest }
                 }
             };
             // One object's deepest vertex and the other's are the same place.
@@ -342,7 +291,7 @@ impl ContactSet {
         let to_probe = probe_pose.inverse();
         self.minima.clear();
         for (index, found) in (0u32..).zip(contacts) {
-            if found.contact.depth < 0.0 && self.is_minimum(found, &to_probe, sides, precision) {
+            if found.contact.depth < 0.0 && self.minimum_test.is_minimum(found, &to_probe, sides, precision) {
                 self.minima.push(index);
             }
         }
@@ -351,37 +300,6 @@ impl ContactSet {
             depth(j).total_cmp(&depth(i)).then(i.cmp(j))
         });
         self.outcome.minima = self.minima.len();
-    }
-
-    /// Whether no triangle at a contact's point on one surface is closer to those at its point on the other.
-    fn is_minimum(
-        &mut self,
-        found: &PatchContact,
-        to_probe: &Pose,
-        [probe, scene]: &[Side; 2],
-        precision: f64,
-    ) -> bool {
-        let PatchContact { contact, probe_node, scene_node, .. } = found;
-        let radii = probe.own.node(*probe_node).radius + scene.own.node(*scene_node).radius;
-        let same = SAME * radii + precision;
-        let limits = Undercut { same, slide: precision, closer: contact.distance() - same };
-        let points = [contact.point, contact.scene_point].map(|point| to_probe.transform_point(point));
-        let in_scene = points.map(|point| probe.to_other.point(point));
-        let Self { at_points: [at_probe, at_scene], search, .. } = self;
-        if limits.one_sided(search, probe.own, *probe_node, points, at_probe)
-            || limits.one_sided(search, scene.own, *scene_node, [in_scene[1], in_scene[0]], at_scene)
-        {
-            return false;
-        }
-        // Where one surface slopes a little, both points together may slide further than either one.
-        at_probe.iter().all(|a| {
-            at_scene.iter().all(|b| {
-                !(a.slides || b.slides)
-                    || !limits.has(&a.corners, points[0])
-                    || !limits.has(&b.corners, in_scene[1])
-                    || !limits.joint(&a.corners, &b.corners, &scene.to_other, precision)
-            })
-        })
     }
 
     /// Adds those minima that are not within `reach` of a contact that is there already.
@@ -404,78 +322,4 @@ impl ContactSet {
             }
         }
     }
-}
-
-/// A triangle at a contact's point.
-#[derive(Clone, Copy, Debug)]
-struct AtPoint {
-    /// In its body's frame, m.
-    corners: [DVec3; 3],
-    /// Whether its nearest point to the contact's other point is another one.
-    slides: bool,
-}
-
-/// What counts as closer than a contact.
-#[derive(Clone, Copy, Debug)]
-struct Undercut {
-    /// Points that are this near are the same, m.
-    same: f64,
-    /// Nearest points that are further away than this are others, m.
-    slide: f64,
-    /// m.
-    closer: f64,
-}
-
-impl Undercut {
-    /// Whether a triangle at a contact's point on a surface is closer to the other point (both in its frame). Lists the
-    /// triangles that may have the point, of whichever patch, unless one is.
-    fn one_sided(
-        &self,
-        search: &mut NearestSearch,
-        shape: &Shape,
-        node: u32,
-        [own, other]: [DVec3; 2],
-        at: &mut Vec<AtPoint>,
-    ) -> bool {
-        at.clear();
-        let neighbours = &shape.patchwork().neighbours;
-        let Some(found) = search.on_patch(shape, node, own, 2.0 * self.same) else { return false };
-        let towards = other - own;
-        for &triangle in neighbours.around(found.nearest_vertex(shape)) {
-            let corners = neighbours.corners(triangle);
-            // A triangle with the point has closer ones only if one of its corners lies on that side.
-            let slides = corners.iter().any(|corner| (corner - own).dot(towards) > 0.0);
-            if slides && !self.has(&corners, own) {
-                continue;
-            }
-            let nearest = if slides { nearest_on(&corners, other) } else { own };
-            if nearest.distance(other) < self.closer {
-                return true;
-            }
-            at.push(AtPoint { corners, slides: nearest.distance(own) > self.slide });
-        }
-        false
-    }
-
-    /// Whether a triangle has a point.
-    fn has(&self, corners: &[DVec3; 3], point: DVec3) -> bool {
-        let [p, q, r] = *corners;
-        let in_box = point.clamp(p.min(q).min(r) - self.same, p.max(q).max(r) + self.same) == point;
-        in_box && nearest_on(corners, point).distance(point) <= self.same
-    }
-
-    /// Whether two triangles, each in its body's frame, are closer to one another.
-    fn joint(&self, a: &[DVec3; 3], b: &[DVec3; 3], to_probe: &Placement, precision: f64) -> bool {
-        let limits = Limits { beyond: self.closer.max(0.0), share: 0.0, enough: -1.0, precision };
-        let start = Start::Axis(a[0] - to_probe.point(b[0]));
-        let found = gjk::distance(&Hull::new(a), &Hull::new(b), to_probe, start, &limits);
-        found.separation != Separation::Beyond && found.distance < self.closer
-    }
-}
-
-/// The point of a triangle nearest to another.
-fn nearest_on(corners: &[DVec3; 3], point: DVec3) -> DVec3 {
-    let (p, q, r) = (corners[0] - point, corners[1] - point, corners[2] - point);
-    let [u, v, w] = nearest_on_triangle(p, q, r);
-    point + u * p + v * q + w * r
 }

@@ -1,11 +1,11 @@
 //! Penetrating pairs of patches, and which of them a node is in.
 
-use crate::sets::Sets;
+use crate::disjoint_sets::DisjointSets;
 
 /// A penetrating pair of patches.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pair {
-    /// Of the probe and of the scene object.
+    /// Nodes of the probe and of the scene object.
     pub nodes: [u32; 2],
     /// Index of its deepest contact.
     pub contact: u32,
@@ -24,7 +24,7 @@ pub(crate) struct Groups {
     of_node: Vec<(u32, u32)>,
     /// Pairs, by node.
     order: Vec<u32>,
-    /// Where a group starts in the order: whether its pairs are all in one region.
+    /// At the place in the order where a group starts: whether its pairs are all in one region.
     uniform: Vec<bool>,
 }
 
@@ -59,7 +59,7 @@ impl Groups {
     }
 
     /// Notes for which nodes all pairs are in one set.
-    pub fn mark_uniform(&mut self, pairs: &[Pair], side: usize, sets: &mut Sets) {
+    pub fn mark_uniform(&mut self, pairs: &[Pair], side: usize, sets: &mut DisjointSets) {
         for (at, &pair) in self.order.iter().enumerate() {
             let first = self.of_node[pairs[pair as usize].nodes[side] as usize].0 as usize;
             let same = sets.root(pair) == sets.root(self.order[first]);

@@ -1,104 +1,49 @@
 //! Connected regions of intersection, and how deep they are.
 //!
-//! Pairs of penetrating patches belong to one region when their patches are equal or neighbours on both sides. The depth
-//! of one pair is only a lower bound on how deep the objects are in one another, so it is measured over again: by the
-//! signed distance of either surface's vertices from the other surface. Vertices are looked at from the crossing
-//! triangles on, along the mesh as long as they are inside. They join regions that the surface inside connects:
+//! Pairs of penetrating patches belong to one region when their patches are equal or neighbours on both
+//! sides. The depth of one pair is only a lower bound on how deep the objects are in one another, so it is
+//! measured over again: by the signed distance of either surface's vertices from the other surface. Vertices
+//! are looked at from the crossing triangles on, along the mesh as long as they are inside. They join regions
+//! that the surface inside connects:
 //!
-//! - along an edge that lies inside as a whole: its triangle's patch penetrates nothing, or the balls around its ends that
-//!   fit into the other solid cover it;
+//! - along an edge that lies inside as a whole: its triangle's patch penetrates nothing, or the balls around
+//!   its ends that fit into the other solid cover it;
 //! - to the pair of patches at the vertex whose other patch is nearest to it.
 //!
 //! The deepest pair of patches counts as well where both hulls are inside their solids, or no vertex is inside.
 
-use palpate_core::Contact;
 use palpate_core::clod::Node;
 use palpate_core::glam::DVec3;
 
-use crate::PatchContact;
-use crate::contact_set::pairs::{Groups, Pair};
-use crate::contact_set::patchwork::{NearestPoint, NearestSearch};
-use crate::convex::Placement;
-use crate::sets::Sets;
+use super::inside::{Inside, InsideVertices, Measures};
+use super::pairs::{Groups, Pair};
+use super::sides::Side;
+use crate::contact::PatchContact;
+use crate::disjoint_sets::DisjointSets;
 use crate::shape::Shape;
 
-/// A vertex that was not looked at yet.
-const UNSEEN: u32 = u32::MAX;
-/// A vertex that is outside the other object.
-const OUTSIDE: u32 = u32::MAX - 1;
-
-/// One of the two bodies, and the way from its frame to the other's.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Side<'a> {
-    /// 0 for the probe, 1 for the scene object.
-    pub index: usize,
-    pub own: &'a Shape,
-    pub other: &'a Shape,
-    pub to_other: Placement,
-}
-
-impl<'a> Side<'a> {
-    /// Both sides; `placement` maps the scene object's frame into the probe's.
-    pub fn both(probe: &'a Shape, scene: &'a Shape, placement: Placement) -> [Self; 2] {
-        let rotation = placement.rotation.transpose();
-        let back = Placement { rotation, translation: -(rotation * placement.translation) };
-        [
-            Self { index: 0, own: probe, other: scene, to_other: back },
-            Self { index: 1, own: scene, other: probe, to_other: placement },
-        ]
-    }
-}
-
-/// A vertex inside the other object.
-#[derive(Clone, Copy, Debug)]
-struct Inside {
-    /// Index of the side that it is on.
-    side: usize,
-    /// Mesh vertex.
-    vertex: u32,
-    /// A node whose patch has it.
-    node: u32,
-    /// Level of the other object's surface from which the distance is measured.
-    level: u32,
-    /// In its own frame, and in the other body's, m.
-    own: DVec3,
-    in_other: DVec3,
-    /// On the other surface, in its frame.
-    nearest: NearestPoint,
-}
+/// Number of a node or region that is not there.
+const NONE: u32 = u32::MAX;
 
 /// A place of a region where it is deep.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Deep {
     /// Number of the region.
     pub region: u32,
-    /// m.
+    /// Depth, m.
     pub depth: f64,
     /// Whether it is the deepest of the region.
     pub deepest: bool,
     pub at: Place,
 }
 
-/// Where a depth was found.
+/// The place at which a depth was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Place {
     /// Index of a contact between patches.
     Patches(u32),
-    /// Index of a vertex, to be given to [`Regions::contact`].
+    /// Index of a vertex inside.
     Vertex(u32),
-}
-
-/// Circumstances of a run.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Measures {
-    /// Vertices nearer than this to a surface are on it, m.
-    pub precision: f64,
-    /// Depths that differ by less are equal, m.
-    pub same: f64,
-    /// Distances of vertices that may be measured.
-    pub most_vertices: usize,
-    /// Whether local maxima besides the deepest are wanted.
-    pub maxima: bool,
 }
 
 /// The workspace.
@@ -106,23 +51,14 @@ pub(crate) struct Measures {
 pub(crate) struct Regions {
     pairs: Vec<Pair>,
     groups: [Groups; 2],
-    /// Of the pairs, followed by the vertices inside.
-    sets: Sets,
-    inside: Vec<Inside>,
-    /// Per side and mesh vertex: index into `inside`, [`OUTSIDE`] or [`UNSEEN`].
-    state: [Vec<u32>; 2],
-    /// Vertices whose state was set.
-    touched: [Vec<u32>; 2],
-    search: NearestSearch,
+    /// Elements: the pairs, followed by the vertices inside.
+    sets: DisjointSets,
+    pub inside: InsideVertices,
     /// Per element that is a root: its region.
     numbers: Vec<u32>,
     /// Per region: deepest vertex, and deepest pair.
     deepest: Vec<[Option<u32>; 2]>,
     deep: Vec<Deep>,
-    /// Vertices whose distance was measured.
-    pub measured: usize,
-    /// Whether there were more vertices to measure than allowed.
-    pub truncated: bool,
 }
 
 impl Regions {
@@ -131,45 +67,33 @@ impl Regions {
         Self {
             pairs: Vec::new(),
             groups: shapes.map(|shape| Groups::new(shape.clod().nodes().len())),
-            sets: Sets::default(),
-            inside: Vec::new(),
-            state: shapes.map(|shape| vec![UNSEEN; shape.patchwork().neighbours.vertices()]),
-            touched: [Vec::new(), Vec::new()],
-            search: NearestSearch::default(),
+            sets: DisjointSets::default(),
+            inside: InsideVertices::new(shapes),
             numbers: Vec::new(),
             deepest: Vec::new(),
             deep: Vec::new(),
-            measured: 0,
-            truncated: false,
         }
     }
 
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
         let groups = self.groups.iter().map(Groups::bytes);
-        let vertices = self.state.iter().chain(&self.touched).map(|list| 4 * list.capacity());
         groups.sum::<usize>()
-            + vertices.sum::<usize>()
+            + self.inside.bytes()
             + 4 * (self.sets.capacity() + self.numbers.capacity())
             + self.pairs.capacity() * size_of::<Pair>()
-            + self.inside.capacity() * size_of::<Inside>()
             + self.deep.capacity() * size_of::<Deep>()
             + self.deepest.capacity() * size_of::<[Option<u32>; 2]>()
     }
 
-    /// Capacities, for telling whether a run allocated.
+    /// Size of all buffers, which shows whether one has grown.
     pub fn capacity(&self) -> usize {
-        self.bytes() + self.search.capacity()
+        self.bytes() + self.inside.search.capacity()
     }
 
     /// Number of regions found.
     pub fn len(&self) -> usize {
         self.deepest.len()
-    }
-
-    /// Number of vertices found inside.
-    pub fn inside(&self) -> usize {
-        self.inside.len()
     }
 
     /// Finds the regions among contacts, of which the penetrating ones count, and where each is deep.
@@ -191,16 +115,12 @@ impl Regions {
     fn clear(&mut self) {
         for side in 0..2 {
             self.groups[side].clear(&self.pairs, side);
-            for vertex in self.touched[side].drain(..) {
-                self.state[side][vertex as usize] = UNSEEN;
-            }
         }
         self.pairs.clear();
         self.inside.clear();
         self.numbers.clear();
         self.deepest.clear();
         self.deep.clear();
-        (self.measured, self.truncated) = (0, false);
     }
 
     /// Collects the penetrating pairs of patches. Contacts of a pair follow one another.
@@ -268,7 +188,7 @@ impl Regions {
     fn look_around(&mut self, side: &Side, measures: &Measures) {
         let (own, other, index) = (side.own, side.other, side.index);
         let neighbours = &own.patchwork().neighbours;
-        let from = self.inside.len();
+        let from = self.inside.found.len();
         for at in 0..self.pairs.len() {
             let nodes = self.pairs[at].nodes;
             let node = nodes[index];
@@ -286,13 +206,13 @@ impl Regions {
                 }
                 for (vertex, point) in neighbours.ends(triangle).into_iter().zip(neighbours.corners(triangle))
                 {
-                    self.look_at(side, measures, (vertex, node, point), (level, hint));
+                    self.measure(side, measures, (vertex, node, point), (level, hint));
                 }
             });
         }
         let mut next = from;
-        while next < self.inside.len() {
-            let Inside { vertex, level, own: at, nearest, .. } = self.inside[next];
+        while next < self.inside.found.len() {
+            let Inside { vertex, level, own: at, nearest, .. } = self.inside.found[next];
             let element = (self.pairs.len() + next) as u32;
             next += 1;
             for &triangle in neighbours.around(vertex) {
@@ -303,68 +223,46 @@ impl Regions {
                         continue;
                     }
                     let Some(found) =
-                        self.look_at(side, measures, (end, node, point), (level, nearest.triangle))
+                        self.measure(side, measures, (end, node, point), (level, nearest.triangle))
                     else {
                         continue;
                     };
-                    let covered = nearest.distance + self.inside[found].nearest.distance;
+                    let covered = nearest.distance + self.inside.depth(found);
                     if !crossing || covered >= at.distance(point) {
-                        self.sets.join(element, (self.pairs.len() + found) as u32);
+                        self.sets.join(element, self.pairs.len() as u32 + found);
                     }
                 }
             }
         }
     }
 
-    /// Measures a vertex's distance, if that was not done yet; its index if it is inside.
-    fn look_at(
+    /// Measures a vertex's distance, if that was not done yet. Returns its index if it is inside.
+    fn measure(
         &mut self,
         side: &Side,
         measures: &Measures,
-        (vertex, node, own): (u32, u32, DVec3),
-        (level, hint): (u32, u32),
-    ) -> Option<usize> {
-        let state = self.state[side.index][vertex as usize];
-        if state != UNSEEN {
-            return (state != OUTSIDE).then_some(state as usize);
+        vertex: (u32, u32, DVec3),
+        near: (u32, u32),
+    ) -> Option<u32> {
+        let found = self.inside.measure(side, measures, vertex, near)?;
+        if self.sets.len() == self.pairs.len() as u32 + found {
+            self.sets.add();
         }
-        let in_other = side.to_other.point(own);
-        let ball = side.other.ball();
-        let mut found = None;
-        if in_other.distance(ball.center) <= ball.radius {
-            if self.measured == measures.most_vertices {
-                self.truncated = true;
-                return None;
-            }
-            self.measured += 1;
-            found = self.search.on_level(side.other, level, in_other, hint).filter(|nearest| {
-                let outward = nearest.normal(side.other);
-                nearest.distance > measures.precision && outward.dot(in_other - nearest.point) < 0.0
-            });
-        }
-        self.touched[side.index].push(vertex);
-        let Some(nearest) = found else {
-            self.state[side.index][vertex as usize] = OUTSIDE;
-            return None;
-        };
-        self.state[side.index][vertex as usize] = self.inside.len() as u32;
-        self.inside.push(Inside { side: side.index, vertex, node, level, own, in_other, nearest });
-        self.sets.add();
-        Some(self.inside.len() - 1)
+        Some(found)
     }
 
     /// Joins the vertices inside to the pairs of patches at them.
     fn connect_vertices(&mut self, sides: &[Side; 2]) {
-        for index in 0..self.inside.len() {
-            if let Some(pair) = self.pair_of(&sides[self.inside[index].side], index) {
+        for index in 0..self.inside.found.len() {
+            if let Some(pair) = self.pair_of(&sides[self.inside.found[index].side], index) {
                 self.sets.join((self.pairs.len() + index) as u32, pair);
             }
         }
     }
 
-    /// Of the pairs of patches at a vertex, the one whose other patch is nearest to it.
+    /// The pair of patches at a vertex whose other patch is nearest to it.
     fn pair_of(&mut self, side: &Side, index: usize) -> Option<u32> {
-        let Inside { vertex, in_other, nearest, .. } = self.inside[index];
+        let Inside { vertex, in_other, nearest, .. } = self.inside.found[index];
         let neighbours = &side.own.patchwork().neighbours;
         let groups = &self.groups[side.index];
         let around = neighbours.around(vertex).iter().map(|t| neighbours.owner(*t));
@@ -380,7 +278,7 @@ impl Regions {
         }
         let mut best = None;
         let mut limit = f64::INFINITY;
-        let mut last = UNSEEN;
+        let mut last = NONE;
         for node in around {
             if std::mem::replace(&mut last, node) == node {
                 continue;
@@ -394,7 +292,9 @@ impl Regions {
                 if sphere.center.distance(in_other) - sphere.radius >= limit {
                     continue;
                 }
-                if let Some(found) = self.search.on_patch(side.other, other, in_other, limit) {
+                if let Some(found) =
+                    self.inside.search.on_patch(side.other.patchwork(), other, in_other, limit)
+                {
                     (best, limit) = (Some(pair), found.distance);
                 }
             }
@@ -411,17 +311,17 @@ impl Regions {
     /// Numbers the regions, and finds the deepest place of each.
     fn list_deepest(&mut self, same: f64) {
         let elements = self.sets.len();
-        self.numbers.resize(elements as usize, UNSEEN);
+        self.numbers.resize(elements as usize, NONE);
         for element in 0..elements {
             let root = self.sets.root(element) as usize;
-            if self.numbers[root] == UNSEEN {
+            if self.numbers[root] == NONE {
                 self.numbers[root] = self.deepest.len() as u32;
                 self.deepest.push([None, None]);
             }
         }
-        for index in 0..self.inside.len() as u32 {
+        for index in 0..self.inside.found.len() as u32 {
             let region = self.region(self.pairs.len() as u32 + index) as usize;
-            let depth = |i: u32| self.inside[i as usize].nearest.distance;
+            let depth = |i: u32| self.inside.depth(i);
             let best = &mut self.deepest[region][0];
             if best.is_none_or(|best| depth(index) > depth(best)) {
                 *best = Some(index);
@@ -441,7 +341,7 @@ impl Regions {
             }
         }
         for (region, [vertex, pair]) in (0u32..).zip(&self.deepest) {
-            let of_vertex = vertex.map(|v| (self.inside[v as usize].nearest.distance, Place::Vertex(v)));
+            let of_vertex = vertex.map(|v| (self.inside.depth(v), Place::Vertex(v)));
             let of_pair = pair.map(|p| {
                 let pair = &self.pairs[p as usize];
                 (pair.depth, Place::Patches(pair.contact))
@@ -456,20 +356,14 @@ impl Regions {
         }
     }
 
-    /// Lists the vertices that no neighbour inside is deeper than; in regions without any, such pairs of patches.
+    /// Lists the vertices that no neighbour inside is deeper than, and, in regions without any, such pairs of
+    /// patches.
     fn list_maxima(&mut self, sides: &[Side; 2], same: f64) {
-        for index in 0..self.inside.len() {
-            let Inside { side, vertex, nearest, .. } = self.inside[index];
-            let neighbours = &sides[side].own.patchwork().neighbours;
-            let around = neighbours.around(vertex).iter().flat_map(|t| neighbours.ends(*t));
-            // Vertices of a face that was pressed in flat are equally deep, but for rounding.
-            let deepest = nearest.distance + same;
-            let states = around.map(|end| self.state[side][end as usize]).filter(|state| *state < OUTSIDE);
-            let surpassed = states.map(|i| self.inside[i as usize].nearest.distance).any(|d| d > deepest);
-            if !surpassed {
-                let region = self.region((self.pairs.len() + index) as u32);
-                let at = Place::Vertex(index as u32);
-                self.deep.push(Deep { region, depth: nearest.distance, deepest: false, at });
+        for index in 0..self.inside.found.len() as u32 {
+            if self.inside.is_maximum(index, sides, same) {
+                let region = self.region(self.pairs.len() as u32 + index);
+                let depth = self.inside.depth(index);
+                self.deep.push(Deep { region, depth, deepest: false, at: Place::Vertex(index) });
             }
         }
         for index in 0..self.pairs.len() {
@@ -478,27 +372,6 @@ impl Regions {
             if !surpassed && self.deepest[region as usize][0].is_none() {
                 self.deep.push(Deep { region, depth, deepest: false, at: Place::Patches(contact) });
             }
-        }
-    }
-
-    /// The contact of a vertex inside, in the probe's frame.
-    pub fn contact(&self, vertex: u32, sides: &[Side; 2]) -> PatchContact {
-        let Inside { side, node, own, in_other, nearest, .. } = self.inside[vertex as usize];
-        let from_other = |point: DVec3| sides[1 - side].to_other.point(point);
-        let outward = nearest.face_normal(sides[side].other);
-        let depth = nearest.distance;
-        if side == 0 {
-            let scene_point = from_other(nearest.point);
-            let normal = match outward {
-                Some(outward) => -sides[1].to_other.direction(outward),
-                None => (own - scene_point).normalize(),
-            };
-            let contact = Contact { point: own, scene_point, normal, depth };
-            PatchContact { contact, probe_node: node, scene_node: nearest.node, weight: 1.0 }
-        } else {
-            let normal = outward.unwrap_or_else(|| (nearest.point - in_other).normalize());
-            let contact = Contact { point: nearest.point, scene_point: in_other, normal, depth };
-            PatchContact { contact, probe_node: nearest.node, scene_node: node, weight: 1.0 }
         }
     }
 }

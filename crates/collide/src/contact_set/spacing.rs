@@ -1,10 +1,11 @@
-//! Points that are chosen one after the other, each some way from those before: kept in cells of that size.
+//! Points that are chosen one after the other, each at a distance from those before: kept in cells of that
+//! size.
 
 use palpate_core::glam::DVec3;
 
 const NONE: u32 = u32::MAX;
 
-/// What was chosen: pairs of points, with a label that tells kinds apart.
+/// The points that were chosen: in pairs, with a label. Only pairs of the same label are compared.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Spaced {
     /// m.
@@ -23,7 +24,8 @@ struct Chosen {
 }
 
 impl Spaced {
-    /// Forgets all, and prepares for some `count` points that are to be further apart than `reach` (m, above 0).
+    /// Forgets all, and prepares for some `count` points that are to be further apart than `reach` (m, above
+    /// 0).
     pub fn clear(&mut self, reach: f64, count: usize) {
         self.reach = reach;
         self.chosen.clear();
@@ -35,7 +37,8 @@ impl Spaced {
         self.heads.capacity() * size_of::<u32>() + self.chosen.capacity() * size_of::<Chosen>()
     }
 
-    /// One with this label that was chosen, of which both points are within reach: which in the order of choice.
+    /// One with this label that was chosen, of which both points are within reach: which in the order of
+    /// choice.
     pub fn near(&self, points: [DVec3; 2], label: u32) -> Option<usize> {
         let cell = self.cell(points[0]);
         let offsets = (0..27).map(|i| [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1]);

@@ -1,50 +1,55 @@
-//! Distance between two convex hulls: the algorithm of Gilbert, Johnson and Keerthi (1988), as the dissertation's §3.4.1
-//! cites it, with van den Bergen's bounds (1999).
+//! Distance between two convex hulls: the algorithm of Gilbert, Johnson and Keerthi (1988), as the
+//! dissertation's §3.4.1 cites it, with van den Bergen's bounds (1999).
 //!
-//! Every iteration gives a lower bound on the distance (the separation along the current axis) and an upper one (the
-//! current point's length), so a caller that only asks "further than d?" is answered as soon as either bound
-//! settles it. The search ends when the bounds meet to within [`Limits::precision`], or when no vertex brings the
-//! origin closer; the iterations are bounded, and a gap left then is reported as [`Separation::NotConverged`].
+//! The hulls are apart by the distance of the origin from the Minkowski difference a − b. A simplex of its
+//! vertices moves towards the origin. In each iteration **v** is the simplex's point nearest to the origin,
+//! and **w** the vertex of a − b furthest along −**v**:
+//!
+//! - |**v**| is an upper bound on the distance, since **v** is a point of a − b;
+//! - **v** · **w** / |**v**| is a lower bound, since all of a − b lies beyond the plane through **w** across
+//!   **v**.
+//!
+//! So a caller that only asks "further than d?" is answered as soon as either bound decides it. The search
+//! ends when the bounds meet to within [`Limits::precision`], or when no vertex brings the origin closer; the
+//! iterations are bounded, and a gap left then is reported as [`Separation::NotConverged`].
 
 use palpate_core::glam::DVec3;
 
-use super::{Hull, Placement, Simplex, Vertex};
+use super::placement::Placement;
+use super::simplex::{Simplex, Vertex};
+use super::support::Hull;
+use crate::tolerances::{AXIS_ROUNDING, CONVERGED_GAP};
 
-/// Bound on the iterations. Polyhedra need a few; round hulls of thousands of vertices some thirty.
+/// Most iterations. Polyhedra need a few; round hulls of thousands of vertices some thirty.
 const MAX_ITERATIONS: u32 = 128;
 
-/// A final gap between the bounds of this many times the precision is still a converged distance: it is where rounding
-/// keeps needle-like simplices.
-const GAP: f64 = 100.0;
-
-/// Size of the hulls times rounding error, over the square of the precision.
-const ROUNDING: f64 = 1e9;
-
-/// What a distance query has to find out.
+/// Limits at which a distance query stops.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// Stop as soon as the hulls are known to be further apart than this, m. Hulls that touch to within the precision
-    /// never are.
+    /// Stop as soon as the hulls are known to be further apart than this, m. Hulls that touch to within the
+    /// precision never are.
     pub beyond: f64,
-    /// How much of the distance beyond has to be proven before the search stops: 0 for none, near 1 for all of it.
+    /// Part of the distance in excess of `beyond` that has to be proven before the search stops there: 0 for
+    /// none, near 1 for all of it.
     pub share: f64,
-    /// Stop as soon as the hulls are known to be at most this far apart, m; negative: find the distance itself.
+    /// Stop as soon as the hulls are known to be at most this far apart, m. A negative number asks for the
+    /// distance itself.
     pub enough: f64,
     /// Bounds that differ by less are equal, and hulls closer than this touch, m.
     pub precision: f64,
 }
 
-/// Where the search starts.
+/// The start of a search.
 #[derive(Clone, Copy, Debug)]
 pub enum Start<'a> {
     /// A guess of the vector from b to a, in a's frame.
     Axis(DVec3),
-    /// Vertices of a and b between which the nearest points were in an earlier query, at another placement: at most four
-    /// pairs. Without any, the search starts along the axis.
+    /// Vertices of a and b between which the nearest points were in an earlier query, at another placement:
+    /// at most four pairs. Without any, the search starts along the axis.
     Vertices(&'a [(u32, u32)], DVec3),
 }
 
-/// How two hulls lie to each other.
+/// Relation of two hulls.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Separation {
     /// Further apart than [`Limits::beyond`].
@@ -60,24 +65,52 @@ pub enum Separation {
 /// The answer of a distance query.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Distance {
-    /// How the hulls lie to each other.
+    /// Relation of the hulls.
     pub separation: Separation,
-    /// Distance (an upper bound, exact unless the search was stopped early), m. For hulls beyond the limit it is infinite
-    /// when the first axis already separates them.
+    /// Distance (an upper bound, exact unless the search was stopped early), m. For hulls beyond the limit it
+    /// is infinite when the first axis already separates them.
     pub distance: f64,
     /// Lower bound on the distance, m; 0 when overlapping.
     pub lower: f64,
-    /// Unit direction from b to a along which the lower bound separates the hulls, in a's frame; zero without one.
+    /// Unit direction from b to a along which the lower bound separates the hulls, in a's frame; zero without
+    /// one.
     pub direction: DVec3,
     /// The vector from b to a between the nearest points found, in a's frame, m.
     pub axis: DVec3,
-    /// Vertices and weights of the nearest points; the origin's surroundings when overlapping.
+    /// Vertices and weights of the nearest points; a simplex around the origin when overlapping.
     pub simplex: Simplex,
-    /// Iterations made.
+    /// Number of iterations made.
     pub iterations: u32,
 }
 
 impl Distance {
+    /// The distance of two hulls of which nothing is known.
+    const UNKNOWN: Self = Self {
+        separation: Separation::NotConverged,
+        distance: f64::INFINITY,
+        lower: 0.0,
+        direction: DVec3::ZERO,
+        axis: DVec3::ZERO,
+        simplex: Simplex {
+            vertices: [Vertex { difference: DVec3::ZERO, a: 0, b: 0 }; 4],
+            weights: [0.0; 4],
+            len: 0,
+        },
+        iterations: 0,
+    };
+
+    /// Takes the lower bound that the vertex furthest against the axis gives, if it is larger than that before:
+    /// **v** · **w** / |**v**|. Returns it, m.
+    #[inline]
+    fn bound_below(&mut self, vertex: &Vertex) -> f64 {
+        let length = self.axis.length();
+        let lower = self.axis.dot(vertex.difference) / length;
+        if lower > self.lower {
+            (self.lower, self.direction) = (lower, self.axis / length);
+        }
+        lower
+    }
+
     /// The nearest points on a and on b, both in a's frame, m.
     pub fn witnesses(&self, a: &Hull, b: &Hull, placement: &Placement) -> (DVec3, DVec3) {
         let (mut on_a, mut on_b) = (DVec3::ZERO, DVec3::ZERO);
@@ -96,46 +129,16 @@ pub(super) fn support(a: &Hull, b: &Hull, placement: &Placement, direction: DVec
     Vertex { difference: point_a - placement.point(point_b), a: on_a, b: on_b }
 }
 
+/// The vertex of a − b that two vertices of the hulls make.
 pub(super) fn difference(a: &Hull, b: &Hull, placement: &Placement, on_a: u32, on_b: u32) -> Vertex {
     Vertex { difference: a.point(on_a) - placement.point(b.point(on_b)), a: on_a, b: on_b }
 }
 
 /// Finds the distance between hull a and hull b as placed, as far as `limits` asks for it.
 pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits: &Limits) -> Distance {
-    let mut found = Distance {
-        separation: Separation::NotConverged,
-        distance: f64::INFINITY,
-        lower: 0.0,
-        direction: DVec3::ZERO,
-        axis: DVec3::ZERO,
-        simplex: Simplex::default(),
-        iterations: 0,
-    };
-    match start {
-        Start::Axis(axis) => found.axis = axis,
-        Start::Vertices(cached, axis) => {
-            found.axis = axis;
-            let (last_a, last_b) = (a.len() as u32 - 1, b.len() as u32 - 1);
-            for &(on_a, on_b) in cached.iter().take(4) {
-                let vertex = difference(a, b, placement, on_a.min(last_a), on_b.min(last_b));
-                if !found.simplex.contains(&vertex) {
-                    found.simplex.push(vertex);
-                }
-            }
-            if found.simplex.len > 0 {
-                let Some(nearest) = found.simplex.reduce() else {
-                    return overlapping(found);
-                };
-                found.axis = found.simplex.axis(nearest);
-                found.distance = nearest.length();
-                if found.distance <= limits.precision {
-                    return overlapping(found);
-                }
-            }
-        }
-    }
-    if found.axis.length_squared() < f64::MIN_POSITIVE {
-        found.axis = DVec3::X;
+    let mut found = Distance::UNKNOWN;
+    if start_overlaps(&mut found, a, b, placement, start, limits.precision) {
+        return overlapping(found);
     }
     // A lower bound of a rounding error above 0 does not separate hulls.
     let beyond = limits.beyond.max(limits.precision);
@@ -146,11 +149,7 @@ pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits:
         }
         found.iterations += 1;
         let vertex = support(a, b, placement, -found.axis);
-        let length = found.axis.length();
-        let lower = found.axis.dot(vertex.difference) / length;
-        if lower > found.lower {
-            (found.lower, found.direction) = (lower, found.axis / length);
-        }
+        let lower = found.bound_below(&vertex);
         if lower > beyond {
             // Until the simplex is a point, its distance is that of the vertex.
             let upper = found.distance.min(vertex.difference.length());
@@ -159,6 +158,7 @@ pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits:
                 return found;
             }
         }
+        // The bounds meet, or the vertex is known: no other one is closer.
         if found.distance - lower <= limits.precision || found.simplex.contains(&vertex) {
             break;
         }
@@ -173,6 +173,8 @@ pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits:
             found.simplex = simplex;
             return overlapping(found);
         }
+        // In exact arithmetic each vertex brings the simplex closer. Where rounding does not, the simplex
+        // before stays.
         if length >= found.distance {
             break;
         }
@@ -180,17 +182,59 @@ pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits:
         found.axis = simplex.axis(nearest);
         found.distance = length;
     }
-    // The axis between hulls that almost touch at a vertex or an edge is known to rounding / distance only, and so is the
-    // lower bound, but not the distance itself.
-    let rounding = ROUNDING * limits.precision * limits.precision / found.distance;
-    found.separation = if found.distance - found.lower > GAP * limits.precision + rounding {
+    found.separation = separation_at_end(&found, beyond, limits.precision);
+    found
+}
+
+/// Takes up the start of a search. Whether the simplex that it gives has the origin in it.
+#[inline]
+fn start_overlaps(
+    found: &mut Distance,
+    a: &Hull,
+    b: &Hull,
+    placement: &Placement,
+    start: Start,
+    precision: f64,
+) -> bool {
+    let (cached, axis) = match start {
+        Start::Axis(axis) => (&[][..], axis),
+        Start::Vertices(cached, axis) => (cached, axis),
+    };
+    found.axis = axis;
+    let (last_a, last_b) = (a.len() as u32 - 1, b.len() as u32 - 1);
+    for &(on_a, on_b) in cached.iter().take(4) {
+        let vertex = difference(a, b, placement, on_a.min(last_a), on_b.min(last_b));
+        if !found.simplex.contains(&vertex) {
+            found.simplex.push(vertex);
+        }
+    }
+    if found.simplex.len > 0 {
+        let Some(nearest) = found.simplex.reduce() else { return true };
+        found.axis = found.simplex.axis(nearest);
+        found.distance = nearest.length();
+        if found.distance <= precision {
+            return true;
+        }
+    }
+    if found.axis.length_squared() < f64::MIN_POSITIVE {
+        found.axis = DVec3::X;
+    }
+    false
+}
+
+/// The relation of two hulls when no vertex brings the simplex closer, or the iterations have run out.
+///
+/// The axis between hulls that almost touch at a vertex or an edge is known to rounding / distance only, and
+/// so is the lower bound, but not the distance itself: the gap between the bounds may be as large as that.
+fn separation_at_end(found: &Distance, beyond: f64, precision: f64) -> Separation {
+    let rounding = AXIS_ROUNDING * precision * precision / found.distance;
+    if found.distance - found.lower > CONVERGED_GAP * precision + rounding {
         Separation::NotConverged
     } else if found.distance > beyond {
         Separation::Beyond
     } else {
         Separation::Within
-    };
-    found
+    }
 }
 
 fn overlapping(mut found: Distance) -> Distance {

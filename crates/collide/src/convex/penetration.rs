@@ -1,35 +1,46 @@
 //! Penetration depth of two overlapping convex hulls: the shortest translation that separates them.
 //!
-//! The expanding polytope algorithm (van den Bergen 2001): a polytope inside the Minkowski difference a − b grows towards
-//! the boundary point that is nearest to the origin. It starts from a tetrahedron that the caller has: the last GJK
-//! simplex or, between bodies that move a little, that of the last answer, with the face that was nearest then. Where it
-//! still is, and the origin lies deep below the other three, a single support point confirms it.
+//! The expanding polytope algorithm (van den Bergen 2001): a polytope inside the Minkowski difference a − b
+//! grows towards the boundary point that is nearest to the origin. With **n** the outward unit normal of the
+//! polytope's nearest face and **w** the vertex of a − b furthest along **n**:
 //!
-//! Departures: without such a tetrahedron, or if it is thin, the first one is built from support points spread in all
-//! directions, so that touching and flat hulls need no care (the origin may start outside it; faces that see it have
-//! negative distances and grow first); a Minkowski difference that is itself flat has depth 0 across its plane; and
-//! since the extent of a − b along *any* direction is an upper bound on the depth, the smallest one seen is kept as the
-//! answer, whatever becomes of the polytope numerically.
+//! - the face's distance from the origin is a lower bound on the depth;
+//! - **n** · **w**, the extent of a − b along **n**, is an upper bound, as b moved that far along **n**
+//!   touches a only.
+//!
+//! If they differ, **w** becomes a vertex of the polytope: the faces that see it are replaced by a fan around
+//! it.
+//!
+//! It starts from a tetrahedron that the caller has: the last GJK simplex or, between bodies that move a
+//! little, that of the last answer, with the face that was nearest then. Where that face still is, and the
+//! origin lies deep below the other three, a single support point confirms it.
+//!
+//! Departures: without such a tetrahedron, or if it is thin, the first one is built from support points
+//! spread in all directions, so that touching and flat hulls need no care (the origin may start outside it;
+//! faces that see it have negative distances and grow first); a Minkowski difference that is itself flat has
+//! depth 0 across its plane; and since the extent of a − b along *any* direction is an upper bound on the
+//! depth, the smallest one seen is kept as the answer, whatever becomes of the polytope numerically.
 
 use palpate_core::glam::DVec3;
 
 use super::gjk::{difference, support};
-use super::{Hull, Placement, Vertex, nearest_on_triangle};
+use super::placement::Placement;
+use super::simplex::{Vertex, nearest_on_triangle};
+use super::support::Hull;
+use crate::tolerances::{COPLANAR_HEIGHT, SLIVER_FACE, THIN_TETRAHEDRON, VISIBLE_HEIGHT};
 
-/// Vertices that the polytope can hold.
+/// Most vertices of the polytope.
 const MAX_VERTICES: usize = 256;
-/// A closed triangulated surface over that many vertices has fewer faces than this.
+/// Most faces of the polytope: a closed triangulated surface with v vertices has 2v − 4 (Euler).
 const MAX_FACES: usize = 2 * MAX_VERTICES;
 const NONE: u16 = u16::MAX;
-
-/// A tetrahedron is thin when its height is less than this fraction of its longest edge.
-const THIN: f64 = 1e-6;
 
 /// The answer of a penetration query. Points and directions are in a's frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Penetration {
-    /// Depth along [`normal`](Self::normal), m: how far b has to move along it for the hulls to touch only. 0 when they
-    /// touch or the Minkowski difference is flat; negative when the hulls are in fact apart along the normal.
+    /// Depth along [`normal`](Self::normal), m: how far b has to move along it for the hulls to touch only. 0
+    /// when they touch or the Minkowski difference is flat; negative when the hulls are in fact apart along
+    /// the normal.
     pub depth: f64,
     /// Unit normal, pointing out of a.
     pub normal: DVec3,
@@ -37,27 +48,42 @@ pub struct Penetration {
     pub on_a: DVec3,
     /// The point of b that lies deepest in a, m.
     pub on_b: DVec3,
-    /// How far the depth may lie above the least one, m.
+    /// Bound on how much larger the depth is than the least one, m.
     pub gap: f64,
     /// Whether the gap closed to within the precision asked for.
     pub converged: bool,
     /// Whether the Minkowski difference is flat (or less): then the opposite normal would do as well.
     pub flat: bool,
-    /// Vertices of a and b whose differences are a tetrahedron to start from the next time; the first three are the
-    /// nearest face. Of no use if flat.
+    /// Vertices of a and b whose differences are a tetrahedron to start from the next time; the first three
+    /// are the nearest face. Of no use if flat.
     pub tetrahedron: [(u32, u32); 4],
 }
 
+/// A triangle of the polytope.
 #[derive(Clone, Copy, Debug)]
 struct Face {
+    /// Counter-clockwise seen from outside.
     vertices: [u16; 3],
     /// Neighbour across the edge from vertex i to vertex i + 1.
     neighbours: [u16; 3],
+    /// Unit outward normal.
     normal: DVec3,
-    /// Distance of the plane from the origin; infinite for a sliver without a plane.
+    /// Signed distance of the plane from the origin, m; infinite for a sliver without a plane.
     distance: f64,
+    /// Whether it is part of the polytope, rather than replaced.
     alive: bool,
+    /// Whether it sees the vertex that is being added.
     visible: bool,
+}
+
+/// An edge of the horizon, in the direction of the visible face.
+#[derive(Clone, Copy, Debug)]
+struct HorizonEdge {
+    from: u16,
+    to: u16,
+    /// The face beyond, and which of its edges this is.
+    beyond: u16,
+    back: u8,
 }
 
 /// The workspace of [`penetration`](Polytope::penetration): the growing polytope. Allocates once.
@@ -65,12 +91,13 @@ struct Face {
 pub struct Polytope {
     vertices: Vec<Vertex>,
     faces: Vec<Face>,
+    /// Places of faces that were replaced.
     free: Vec<u16>,
     /// Visible faces of the current expansion.
     visible: Vec<u16>,
-    /// Edges of its horizon: first and second vertex, and the face beyond with its edge.
-    horizon: Vec<(u16, u16, u16, u8)>,
-    /// New face that starts at a vertex.
+    /// Edges between these and the other faces.
+    horizon: Vec<HorizonEdge>,
+    /// Per vertex: the new face whose edge on the horizon starts there, or [`NONE`].
     starts: Vec<u16>,
 }
 
@@ -93,9 +120,9 @@ impl Polytope {
         }
     }
 
-    /// Depth and direction of the penetration of hull a and hull b as placed, to within `precision` (m). Hulls that do
-    /// not overlap give a depth that is not positive. `start`: vertices of a and b whose differences are a tetrahedron
-    /// around the origin, or nearly so; anything else is passed over.
+    /// Depth and direction of the penetration of hull a and hull b as placed, to within `precision` (m).
+    /// Hulls that do not overlap give a depth that is not positive. `start`: vertices of a and b whose
+    /// differences are a tetrahedron around the origin, or nearly so; anything else is passed over.
     pub fn penetration(
         &mut self,
         a: &Hull,
@@ -139,7 +166,8 @@ impl Polytope {
             }
             let known = self.vertices.iter().any(|v| v.a == vertex.a && v.b == vertex.b);
             if known || self.vertices.len() == MAX_VERTICES || !self.expand(index, vertex, precision) {
-                // A known vertex beyond its own face, or a torn horizon: rounding. The gap tells how much it matters.
+                // A known vertex beyond its own face, or a torn horizon: rounding. The gap says how much it
+                // matters.
                 break;
             }
         }
@@ -169,7 +197,7 @@ impl Polytope {
             face.alive
                 && face.vertices.iter().all(|v| {
                     let height = self.vertices[*v as usize].difference.dot(best.normal);
-                    best.extent - height <= 64.0 * precision
+                    best.extent - height <= COPLANAR_HEIGHT * precision
                 })
         };
         let faces = self.faces.iter().filter(on_plane).map(|face| near(face.vertices));
@@ -193,8 +221,9 @@ impl Polytope {
         }
     }
 
-    /// The vertex that best makes a tetrahedron around the origin with a face: that furthest inside the cone of the rays
-    /// from the face's corners through the origin.
+    /// The vertex that best makes a tetrahedron around the origin with a face: that furthest inside the cone
+    /// of the rays from the face's corners through the origin, whose sides are the planes through the origin
+    /// and two corners.
     fn apex(&self, [p, q, r]: [DVec3; 3]) -> Vertex {
         let sides = [q.cross(r), r.cross(p), p.cross(q)].map(DVec3::normalize_or_zero);
         let inside =
@@ -229,14 +258,16 @@ impl Polytope {
         }
         let [first, second, third, apex] =
             [first, second, third, apex].map(|(on_a, on_b)| difference(a, b, placement, on_a, on_b));
+        // The height is volume / area; a thin tetrahedron has little volume for its longest edge.
         let edges = [second, third, apex].map(|v| v.difference - first.difference);
         let normal = edges[0].cross(edges[1]);
         let volume = normal.dot(edges[2]);
         let longest = edges.iter().map(|edge| edge.length_squared()).fold(0.0, f64::max).sqrt();
-        let thin = volume.abs() <= THIN * longest * longest * longest;
+        let thin = volume.abs() <= THIN_TETRAHEDRON * longest * longest * longest;
         if thin || volume.is_nan() {
             return false;
         }
+        // The apex has to be below the base, whose corners are then counter-clockwise seen from outside.
         if volume < 0.0 {
             self.vertices.extend([first, second, third, apex]);
         } else {
@@ -246,8 +277,8 @@ impl Polytope {
         true
     }
 
-    /// Builds a tetrahedron of support points, or gives the normal of the plane (or of one of the planes) that the whole
-    /// Minkowski difference lies in.
+    /// Builds a tetrahedron of support points, or gives the normal of the plane (or of one of the planes)
+    /// that the whole Minkowski difference lies in.
     fn first_tetrahedron(
         &mut self,
         a: &Hull,
@@ -255,17 +286,7 @@ impl Polytope {
         placement: &Placement,
         precision: f64,
     ) -> Result<(), DVec3> {
-        let mut ends = [Vertex::default(); 2];
-        let mut extent = -1.0;
-        for axis in DVec3::AXES {
-            let (high, low) = (support(a, b, placement, axis), support(a, b, placement, -axis));
-            let length = high.difference.distance_squared(low.difference);
-            if length > extent {
-                extent = length;
-                ends = [high, low];
-            }
-        }
-        let [first, second] = ends;
+        let [first, second] = longest_extent(a, b, placement);
         let along = second.difference - first.difference;
         if along.length() <= precision {
             return Err(DVec3::X);
@@ -291,7 +312,8 @@ impl Polytope {
         if high.max(low) <= precision {
             return Err(normal);
         }
-        // `first, second, third` is counter-clockwise seen from `normal`; the apex goes to the other side of the base.
+        // `first, second, third` is counter-clockwise seen from `normal`; the apex goes to the other side of
+        // the base.
         if low >= high {
             self.vertices.extend([first, second, third, below]);
         } else {
@@ -318,7 +340,7 @@ impl Polytope {
         let [p, q, r] = vertices.map(|v| self.vertices[v as usize].difference);
         let normal = (q - p).cross(r - p);
         let longest = (q - p).length_squared().max((r - p).length_squared()).max((r - q).length_squared());
-        let (normal, distance) = if normal.length_squared() > 1e-28 * longest * longest {
+        let (normal, distance) = if normal.length_squared() > SLIVER_FACE * longest * longest {
             let normal = normal.normalize();
             (normal, normal.dot(p).max(normal.dot(q)).max(normal.dot(r)))
         } else {
@@ -327,28 +349,34 @@ impl Polytope {
         Face { vertices, neighbours, normal, distance, alive: true, visible: false }
     }
 
-    /// Replaces the faces that see the new vertex by a fan around it. `false`, with the polytope unusable, if these
-    /// faces do not form a disc.
+    /// Replaces the faces that see the new vertex, of which one is given, by a fan around it. `false`, with
+    /// the polytope unusable, if these faces do not form a disc.
     fn expand(&mut self, start: u16, vertex: Vertex, precision: f64) -> bool {
         let apex = self.vertices.len() as u16;
         self.vertices.push(vertex);
+        self.find_visible(start, vertex.difference, precision);
+        self.find_horizon() && {
+            self.remove_visible();
+            self.add_fan(apex)
+        }
+    }
+
+    /// Lists the faces that see a point, from one that does over edges to its neighbours.
+    fn find_visible(&mut self, start: u16, point: DVec3, precision: f64) {
         self.visible.clear();
-        self.horizon.clear();
         self.visible.push(start);
         self.faces[start as usize].visible = true;
         let mut next = 0;
         while next < self.visible.len() {
             let index = self.visible[next];
             next += 1;
-            let face = self.faces[index as usize];
-            for edge in 0..3 {
-                let beyond = face.neighbours[edge];
+            for beyond in self.faces[index as usize].neighbours {
                 let across = &mut self.faces[beyond as usize];
                 if across.visible {
                     continue;
                 }
                 // A sliver goes with its visible neighbour.
-                if across.normal.dot(vertex.difference) > across.distance + 0.01 * precision
+                if across.normal.dot(point) > across.distance + VISIBLE_HEIGHT * precision
                     || across.distance == f64::INFINITY
                 {
                     across.visible = true;
@@ -356,6 +384,11 @@ impl Polytope {
                 }
             }
         }
+    }
+
+    /// Lists the edges between the visible faces and the others. `false` if links between faces are torn.
+    fn find_horizon(&mut self) -> bool {
+        self.horizon.clear();
         for &index in &self.visible {
             let face = self.faces[index as usize];
             for edge in 0..3 {
@@ -369,24 +402,30 @@ impl Polytope {
                 else {
                     return false;
                 };
-                self.horizon.push((from, to, beyond, back as u8));
+                self.horizon.push(HorizonEdge { from, to, beyond, back: back as u8 });
             }
         }
-        if self.horizon.len() < 3 {
-            return false;
-        }
+        self.horizon.len() >= 3
+    }
+
+    fn remove_visible(&mut self) {
         for &index in &self.visible {
             let face = &mut self.faces[index as usize];
             face.alive = false;
             face.visible = false;
             self.free.push(index);
         }
-        for &(from, to, ..) in &self.horizon {
+    }
+
+    /// Adds a face from each edge of the horizon to the apex, and links them. `false` if the horizon is no
+    /// single loop.
+    fn add_fan(&mut self, apex: u16) -> bool {
+        for &HorizonEdge { from, to, .. } in &self.horizon {
             self.starts[from as usize] = NONE;
             self.starts[to as usize] = NONE;
         }
         for step in 0..self.horizon.len() {
-            let (from, to, beyond, back) = self.horizon[step];
+            let HorizonEdge { from, to, beyond, back } = self.horizon[step];
             let face = self.face([from, to, apex], [beyond, NONE, NONE]);
             let index = match self.free.pop() {
                 Some(index) => {
@@ -405,8 +444,10 @@ impl Polytope {
             }
             self.starts[from as usize] = index;
         }
+        // A face [from, to, apex] meets the one that starts at `to` across its edge 1, and is met across that
+        // one's edge 2.
         for step in 0..self.horizon.len() {
-            let (from, to, ..) = self.horizon[step];
+            let HorizonEdge { from, to, .. } = self.horizon[step];
             let (index, next) = (self.starts[from as usize], self.starts[to as usize]);
             if next == NONE || self.faces[next as usize].vertices[0] != to {
                 return false;
@@ -424,4 +465,19 @@ struct Candidate {
     normal: DVec3,
     /// Vertices of the face whose normal it is.
     face: [u16; 3],
+}
+
+/// The two support points along one of the axes that are furthest apart.
+fn longest_extent(a: &Hull, b: &Hull, placement: &Placement) -> [Vertex; 2] {
+    let mut ends = [Vertex::default(); 2];
+    let mut extent = -1.0;
+    for axis in DVec3::AXES {
+        let (high, low) = (support(a, b, placement, axis), support(a, b, placement, -axis));
+        let length = high.difference.distance_squared(low.difference);
+        if length > extent {
+            extent = length;
+            ends = [high, low];
+        }
+    }
+    ends
 }

@@ -1,13 +1,14 @@
-//! Simplices of points of the Minkowski difference a − b, and the point of a simplex that is nearest to the origin.
+//! Simplices of points of the Minkowski difference a − b, and the point of a simplex that is nearest to the
+//! origin.
 //!
-//! The nearest point is found by going through the faces: a face whose plane is well defined and whose barycentric
-//! coordinates are all non-negative holds it, otherwise the best of the face's edges does. A simplex whose height is
-//! lost in rounding is treated as the union of its faces, so that flat and needle-like hulls need no special case.
+//! The nearest point is found by going through the faces, with barycentric coordinates as in Ericson (2005,
+//! §5.1 and §9.5): a face whose plane is well defined and whose barycentric coordinates are all non-negative
+//! holds it, otherwise the best of the face's edges does. A simplex whose height is lost in rounding is
+//! treated as the union of its faces, so that flat and needle-like hulls need no special case.
 
 use palpate_core::glam::DVec3;
 
-/// Heights below this fraction of a simplex's longest edge count as zero.
-const FLAT: f64 = 1e-12;
+use crate::tolerances::{FLAT_SIMPLEX, OUTSIDE_FACE};
 
 /// A point of the Minkowski difference, and the hull vertices it comes from.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -20,8 +21,8 @@ pub struct Vertex {
     pub b: u32,
 }
 
-/// Up to four points of the Minkowski difference, with barycentric weights of the point of their hull that is nearest to
-/// the origin.
+/// Up to four points of the Minkowski difference, with barycentric weights of the point of their hull that is
+/// nearest to the origin.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Simplex {
     pub(super) vertices: [Vertex; 4],
@@ -49,8 +50,9 @@ impl Simplex {
         self.len += 1;
     }
 
-    /// Drops the vertices that the nearest point to the origin does not need, and returns that point; `None` when the
-    /// origin is inside the tetrahedron, which is then kept whole, with the origin's own weights.
+    /// Reduces the simplex to the vertices that its point nearest to the origin, Σ λᵢ **p**ᵢ with all λᵢ > 0,
+    /// is made of, and returns that point. `None` when the origin is inside the tetrahedron, which is then
+    /// kept whole, with the origin's own weights.
     pub(super) fn reduce(&mut self) -> Option<DVec3> {
         let p = self.vertices.map(|v| v.difference);
         let weights = match self.len {
@@ -87,7 +89,8 @@ impl Simplex {
 }
 
 impl Simplex {
-    /// Of a tetrahedron around the origin: the distance from the origin to its nearest face, m; 0 of any other simplex.
+    /// Distance of the origin from the nearest face of the tetrahedron around it, m; 0 if the simplex is no
+    /// tetrahedron. Hulls that overlap go on to do so until they have moved by that.
     pub(crate) fn depth(&self) -> f64 {
         if self.len < 4 {
             return 0.0;
@@ -99,8 +102,9 @@ impl Simplex {
             .fold(f64::INFINITY, f64::min)
     }
 
-    /// The direction of the nearest point, with its length. For a triangle that is its normal, which keeps its accuracy
-    /// when the nearest point is so close to the origin that its own direction is lost in rounding.
+    /// The direction of the nearest point **v**, with its length. For a triangle it is the normal **n**,
+    /// scaled to |**v**|, which keeps its accuracy when **v** is so close to the origin that its own
+    /// direction is lost in rounding.
     pub(super) fn axis(&self, nearest: DVec3) -> DVec3 {
         if self.len != 3 {
             return nearest;
@@ -109,6 +113,8 @@ impl Simplex {
         let (ab, ac) = (b - a, c - a);
         let normal = ab.cross(ac);
         let (area, distance) = (normal.length_squared(), nearest.length_squared());
+        // |n| ≤ |v| · longest edge: the triangle is a needle, or small beside its distance, and v is the more
+        // accurate one.
         if area <= distance * ab.length_squared().max(ac.length_squared()) {
             return nearest;
         }
@@ -116,6 +122,8 @@ impl Simplex {
     }
 }
 
+/// Barycentric weights of the point of segment ab that is nearest to the origin: a + t (b − a) with
+/// t = −a · (b − a) / |b − a|², clamped to 0 to 1.
 fn on_segment(a: DVec3, b: DVec3) -> [f64; 2] {
     let edge = b - a;
     let along = -a.dot(edge);
@@ -131,12 +139,14 @@ fn on_segment(a: DVec3, b: DVec3) -> [f64; 2] {
 }
 
 /// Barycentric weights of the point of triangle abc that is nearest to the origin.
-pub fn nearest_on_triangle(a: DVec3, b: DVec3, c: DVec3) -> [f64; 3] {
+pub(crate) fn nearest_on_triangle(a: DVec3, b: DVec3, c: DVec3) -> [f64; 3] {
     let (ab, ac) = (b - a, c - a);
     let normal = ab.cross(ac);
     let area = normal.length_squared();
     let longest = ab.length_squared().max(ac.length_squared()).max((c - b).length_squared());
-    if area > FLAT * FLAT * longest * longest {
+    // The origin's projection on the plane, in barycentric coordinates: with n = ab × ac, v = (ac × a) · n /
+    // |n|² and w = (a × ab) · n / |n|² are the areas of the triangles opposite b and c over all of it.
+    if area > FLAT_SIMPLEX * FLAT_SIMPLEX * longest * longest {
         let (v, w) = (ac.cross(a).dot(normal) / area, a.cross(ab).dot(normal) / area);
         let u = 1.0 - v - w;
         if u >= 0.0 && v >= 0.0 && w >= 0.0 {
@@ -160,11 +170,13 @@ pub fn nearest_on_triangle(a: DVec3, b: DVec3, c: DVec3) -> [f64; 3] {
 
 /// Weights of the point of a tetrahedron that is nearest to the origin.
 enum Nearest {
+    /// A point of a face.
     OnFace([f64; 4]),
     /// The origin itself.
     Inside([f64; 4]),
 }
 
+/// The point of a tetrahedron that is nearest to the origin. Faces are numbered by the vertex opposite.
 fn on_tetrahedron(p: &[DVec3; 4]) -> Nearest {
     const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]];
     let [ab, ac, ad] = [p[1] - p[0], p[2] - p[0], p[3] - p[0]];
@@ -176,10 +188,13 @@ fn on_tetrahedron(p: &[DVec3; 4]) -> Nearest {
         .max(cross_c.length_squared())
         .max(cross_d.length_squared())
         .max((p[2] - p[1]).cross(p[3] - p[1]).length_squared());
-    // Smallest height = |volume| / largest face.
-    let solid = volume * volume > FLAT * FLAT * longest * widest;
+    // Smallest height = |volume| / largest face (volume and areas as products of edges, six and two times as
+    // large).
+    let solid = volume * volume > FLAT_SIMPLEX * FLAT_SIMPLEX * longest * widest;
     let mut candidate = [true; 4];
     if solid {
+        // The origin's barycentric coordinates by Cramer's rule: the volume with one edge replaced, over the
+        // volume.
         let origin = -p[0];
         let (b, c, d) =
             (origin.dot(cross_b) / volume, origin.dot(cross_c) / volume, origin.dot(cross_d) / volume);
@@ -187,8 +202,9 @@ fn on_tetrahedron(p: &[DVec3; 4]) -> Nearest {
         if coordinates.iter().all(|&x| x >= 0.0) {
             return Nearest::Inside(coordinates);
         }
-        // The nearest face is one that the origin is outside of; keep those too close to tell.
-        candidate = coordinates.map(|x| x < 1e-6);
+        // The nearest face is one that the origin is outside of: the coordinate of the vertex opposite is
+        // negative. Those too close to tell are kept.
+        candidate = coordinates.map(|x| x < OUTSIDE_FACE);
     }
     let mut best = (f64::INFINITY, [0.0; 4]);
     for (face, [i, j, k]) in FACES.into_iter().enumerate() {

@@ -1,9 +1,9 @@
 //! Support mapping: the extreme point of a hull in a direction.
 //!
-//! Small hulls are scanned. Larger ones carry a [`SupportMap`]: the sphere of directions as a cube, whose faces are cut
-//! into square cells, quartered where the hull is round, each with the few points that can be extreme in it. Unlike hill
-//! climbing that needs no hull faces, which a hierarchy does not store, cannot get stuck on coplanar points, and takes no
-//! longer when the direction has changed much.
+//! Small hulls are scanned. Larger ones carry a [`SupportMap`]: the sphere of directions as a cube, whose
+//! faces are cut into square cells, quartered where the hull is round, each with the few points that can be
+//! extreme in it. Unlike hill climbing that needs no hull faces, which a hierarchy does not store, cannot get
+//! stuck on coplanar points, and takes no longer when the direction has changed much.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -11,21 +11,19 @@ use std::collections::BinaryHeap;
 use palpate_core::clod::Points;
 use palpate_core::glam::DVec3;
 
-/// Cells with no more points than this are not quartered.
-const FEW: usize = 6;
+use crate::tolerances::SUPPORT_SLACK;
+
+/// Most points of a cell that is not quartered.
+const CELL_POINTS: usize = 6;
 
 /// Most times that a face of the cube is quartered.
-const DEEPEST: u32 = 12;
+const MAX_DEPTH: u32 = 12;
 
-/// Most cells for each point of a hull.
-const CELLS: usize = 2;
+/// Most cells of a map for each point of the hull.
+const CELLS_PER_POINT: usize = 2;
 
-/// Of cells with at most this many points, each is compared with all others.
-const COMPARED: usize = 24;
-
-/// Points that are behind others by less than this fraction of the distance are kept: rounding may find a direction in the
-/// cell beside its own.
-const SLACK: f64 = 1e-9;
+/// Most points of a cell in which each is compared with all others, rather than with a few.
+const ALL_COMPARED: usize = 24;
 
 /// A convex hull as the set of its extreme points, in its own frame.
 #[derive(Clone, Copy, Debug)]
@@ -34,12 +32,12 @@ pub struct Hull<'a> {
     map: Option<&'a SupportMap>,
 }
 
-/// Points of a hull: in a row, or of a hierarchy.
+/// Points of a hull.
 #[derive(Clone, Copy, Debug)]
 pub enum HullPoints<'a> {
-    /// In a row.
+    /// A row of points.
     Row(&'a [DVec3]),
-    /// Of a hierarchy.
+    /// Points of a hierarchy's node.
     Node(Points<'a>),
 }
 
@@ -80,7 +78,7 @@ impl<'a> Hull<'a> {
         hull
     }
 
-    /// How many points there are.
+    /// Number of points.
     #[expect(clippy::len_without_is_empty, reason = "there is at least one")]
     #[inline]
     pub fn len(&self) -> usize {
@@ -117,7 +115,8 @@ impl<'a> Hull<'a> {
         }
     }
 
-    /// Calls `each` with the index and the place (m) of every point that reaches at least so far along a direction.
+    /// Calls `each` with the index and the place (m) of every point that reaches at least so far along a
+    /// direction.
     #[inline]
     pub fn each_beyond(&self, direction: DVec3, reach: f64, mut each: impl FnMut(u32, DVec3)) {
         // Loops, which compile to fewer instructions than adapters.
@@ -139,7 +138,7 @@ impl<'a> Hull<'a> {
         }
     }
 
-    /// How far the points reach along a direction, in its lengths.
+    /// Extent of the points along a direction: the largest dot product with it.
     pub fn end(&self, direction: DVec3) -> f64 {
         self.furthest(direction).1.dot(direction)
     }
@@ -161,7 +160,7 @@ impl<'a> Hull<'a> {
     }
 }
 
-/// Of points with their indices, the first one that lies furthest in a direction, if one does.
+/// The first of some points, with their indices, that lies furthest in a direction; `None` if none does.
 #[inline]
 fn first_furthest<'p>(
     points: impl Iterator<Item = (u32, &'p DVec3)>,
@@ -185,9 +184,9 @@ pub struct SupportMap {
     count: u32,
 }
 
-/// The cells: the six faces of the cube, then the quarters of each cell that has some. Each is where its quarters begin, or,
-/// with the highest bit, where its candidates do: how many points can be extreme there, and which. In as few bytes as the
-/// hull allows.
+/// The cells: the six faces of the cube, then the quarters of each cell that has some. Each is where its
+/// quarters begin, or, with the highest bit, where its candidates do: how many points can be extreme there,
+/// and which. In as few bytes as the hull allows.
 #[derive(Clone, Debug)]
 enum Lists {
     Small { cells: Box<[u16]>, candidates: Box<[u8]> },
@@ -232,7 +231,7 @@ impl Eq for Unfilled {}
 const DIGITS: u32 = 30;
 
 impl SupportMap {
-    /// From this many points on, a map is faster than a scan.
+    /// Number of points from which on a map is faster than a scan.
     pub const WORTHWHILE: usize = 28;
 
     /// A map of a hull's points, at least one.
@@ -246,8 +245,8 @@ impl SupportMap {
         let mut unfilled: BinaryHeap<Unfilled> = (0..6).map(face).collect();
         while let Some(next) = unfilled.pop() {
             let Unfilled { candidates, cell, square, depth } = &next;
-            let room = cells.len() + 4 <= CELLS * points.len();
-            if candidates.len() > FEW && *depth < DEEPEST && room {
+            let room = cells.len() + 4 <= CELLS_PER_POINT * points.len();
+            if candidates.len() > CELL_POINTS && *depth < MAX_DEPTH && room {
                 let first = cells.len();
                 let quarters: [Unfilled; 4] = std::array::from_fn(|quarter| {
                     let square = square.quarter(quarter);
@@ -325,7 +324,7 @@ impl SupportMap {
     }
 }
 
-/// Where the candidates of the cell are that is found below a face, going from quarter to quarter.
+/// The place of the candidates of the cell that is found below a face, going from quarter to quarter.
 fn descend(cells: &[u32], face: usize, mut quarter: impl FnMut() -> usize) -> usize {
     let mut cell = cells[face];
     while cell & FILLED == 0 {
@@ -368,7 +367,7 @@ impl Square {
         Self(self.0.map(|corner| (corner + self.0[quarter]) / 2.0))
     }
 
-    /// Those of some points that can be extreme in the cell: which no other is beyond at all four corners.
+    /// Those of some points that can be extreme in the cell: no other one is beyond them at all four corners.
     fn candidates(&self, points: &[DVec3], among: &[u32]) -> Vec<u32> {
         let reaches: Vec<[f64; 4]> =
             among.iter().map(|&index| self.0.map(|corner| points[index as usize].dot(corner))).collect();
@@ -379,13 +378,13 @@ impl Square {
             4 => furthest(&|reach| reach.iter().sum()),
             corner => furthest(&|reach| reach[corner]),
         });
-        let all = if among.len() <= COMPARED { 0..among.len() } else { 0..0 };
+        let all = if among.len() <= ALL_COMPARED { 0..among.len() } else { 0..0 };
         let behind = |own: usize| {
             few.into_iter().chain(all.clone()).any(|rival| {
                 let lead = |corner: usize| reaches[rival][corner] - reaches[own][corner];
                 let lead = lead(0).min(lead(1)).min(lead(2)).min(lead(3));
                 let apart = || points[among[own] as usize].distance(points[among[rival] as usize]);
-                lead > 0.0 && lead > SLACK * apart()
+                lead > 0.0 && lead > SUPPORT_SLACK * apart()
             })
         };
         (0..among.len()).filter(|&own| !behind(own)).map(|own| among[own]).collect()

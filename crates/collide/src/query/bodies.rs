@@ -1,27 +1,40 @@
-//! What is asked of a pair of nodes: whether it is out of reach, and which contacts it has. Reads nothing but the bodies and
-//! the circumstances, so that several pairs may be asked at once.
+//! The tests of a pair of nodes: whether it is out of reach, whether it has to be split, and which contacts
+//! it has. They read nothing but the bodies and the query's context, so that several pairs may be tested at
+//! once.
 
 use std::ops::Range;
 
-use super::front::{Nearest, Pair};
-use super::leaf::{LeafQuery, Reach};
-use super::parting::Parting;
+use palpate_core::glam::DVec3;
+
+use super::context::{Context, PairContext};
+use super::front::{Pair, WarmStart};
+use super::patch_query::PatchQuery;
 use super::refinement::{Refine, refine, refined_for, refined_share, weighted_deviation};
-use super::{Circumstances, HULL_TEST_POINTS, PRECISION, SHARE};
+use super::separating_axis::SeparatingAxis;
 use crate::convex::{Distance, Hull, Limits, Separation, Start, gjk};
 use crate::shape::{Packed, Shape};
+use crate::tolerances::{PRECISION, ROUNDING_SLACK};
+
+/// Hulls of more points than this are not tested above the leaves, but split at once: they belong to the
+/// upper free levels, where they overlap nearly always, and a support point of theirs costs more than the
+/// spheres of their children.
+const HULL_TEST_POINTS: usize = 256;
+
+/// Part of what separates two hulls, beyond their reach, that a search has to prove before it stops, 0 to 1.
+/// The larger, the longer a search takes and the longer its answer holds.
+const PROVEN_SHARE: f64 = 0.5;
 
 /// What becomes of a pair.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Verdict {
+pub(crate) enum Decision {
     /// It stays on the front, or comes back to it.
     Stop,
     /// It is split.
-    Refine,
-    /// It stays on the front, or comes back to it, and is to be examined for contacts.
+    Split,
+    /// It stays on the front, or comes back to it, and is examined for contacts.
     Examine,
-    /// It is to be examined, which will tell whether it is split.
-    Ask,
+    /// It is examined, which decides whether it is split.
+    ExamineToDecide,
 }
 
 /// The two bodies of a query.
@@ -47,12 +60,12 @@ impl Bodies {
     }
 
     /// The pairs that a pair is split into.
-    pub fn below(
+    pub fn children(
         &self,
         Pair { a, b, .. }: Pair,
         exact: bool,
     ) -> impl ExactSizeIterator<Item = Pair> + DoubleEndedIterator {
-        let (of_probe, children) = self.children(a, b, exact);
+        let (of_probe, children) = self.split_node(a, b, exact);
         children.map(move |child| {
             if of_probe {
                 Pair::new(self.probe.pass_through(child, exact), b)
@@ -62,11 +75,12 @@ impl Bodies {
         })
     }
 
-    /// The children that a pair is split into: whether they are the probe's, and which.
-    fn children(&self, a: u32, b: u32, exact: bool) -> (bool, Range<u32>) {
+    /// The node of a pair that is split: whether it is the probe's, and its children.
+    fn split_node(&self, a: u32, b: u32, exact: bool) -> (bool, Range<u32>) {
         let (node_a, node_b) = (self.probe.node(a), self.scene.node(b));
-        let (below_a, below_b) = (self.probe.detail(a).below, self.scene.detail(b).below);
-        // Among free levels, and at full resolution, the larger one.
+        let [below_a, below_b] = [self.probe.detail(a), self.scene.detail(b)].map(|d| d.child_resolution);
+        // With a threshold, the node with the coarser children (§3.4.2). Among free levels, whose resolution
+        // is 0, and at full resolution, the larger node.
         let by_size = exact || below_a == below_b;
         let split_a = if by_size { node_a.radius >= node_b.radius } else { below_a < below_b };
         if node_b.is_leaf() || (!node_a.is_leaf() && split_a) {
@@ -76,123 +90,136 @@ impl Bodies {
         }
     }
 
-    /// Decides about a pair that is awake.
-    pub fn look_at(&self, pair: &mut Pair, now: &Circumstances, leaf: &mut LeafQuery) -> Verdict {
+    /// Decides about a pair that is due for a test. The cheaper tests come first: the bounding spheres, the
+    /// axis that separated the hulls before, the missing detail, the bounding hulls.
+    pub fn decide(&self, pair: &mut Pair, context: &Context, patch_query: &mut PatchQuery) -> Decision {
         let nodes = self.nodes(pair);
-        pair.apart = false;
-        if !pair.split && spheres_are_apart(&nodes, pair, now) {
-            return Verdict::Stop;
+        pair.out_of_reach = false;
+        // A split pair whose spheres have come apart is joined when it is left, if its hulls are out of reach
+        // for long.
+        if !pair.split && spheres_are_apart(&nodes, pair, context) {
+            return Decision::Stop;
         }
-        leaf.counts.visited += 1;
-        if are_still_apart(&nodes, pair, now) {
-            return Verdict::Stop;
+        patch_query.counts.visited += 1;
+        if are_still_apart(&nodes, pair, context) {
+            return Decision::Stop;
         }
-        pair.parting = None;
+        pair.separating_axis = None;
         let refinement = if nodes.iter().all(Packed::is_leaf) {
             Refine::No
-        } else if now.exact {
+        } else if context.exact {
             Refine::Yes
         } else {
             let [detail_a, detail_b] = [self.probe.detail(pair.a), self.scene.detail(pair.b)];
-            refine(&detail_a, &detail_b, self.threshold(pair, now), now.band)
+            refine(&detail_a, &detail_b, self.threshold(pair, context), context.band)
         };
         match refinement {
-            Refine::No => Verdict::Examine,
-            Refine::Yes if !pair.split && self.is_apart(pair, now, leaf) => Verdict::Stop,
+            Refine::No => Decision::Examine,
+            Refine::Yes if !pair.split && self.is_apart(pair, context, patch_query) => Decision::Stop,
             Refine::Yes => {
-                pair.settled = f64::INFINITY;
-                pair.share = 1.0;
-                Verdict::Refine
+                pair.split_valid_until = f64::INFINITY;
+                pair.refined_share = 1.0;
+                Decision::Split
             }
             Refine::Depends => {
-                let warm = !pair.nearest.vertices(true).is_empty();
-                if !warm && self.is_apart(pair, now, leaf) { Verdict::Stop } else { Verdict::Ask }
+                // With a warm start the patches are searched at once, which also answers whether they are in
+                // reach.
+                let warm = !pair.warm_start.vertices(true).is_empty();
+                if !warm && self.is_apart(pair, context, patch_query) {
+                    Decision::Stop
+                } else {
+                    Decision::ExamineToDecide
+                }
             }
         }
     }
 
-    /// Finds the contacts of a pair, unless it is to be refined, which `asks` whether it is. They are left in `leaf`.
-    pub fn examine(&self, pair: &mut Pair, asks: bool, now: &Circumstances, leaf: &mut LeafQuery) -> Verdict {
-        leaf.contacts.clear();
-        let tolerance = now.settings.tolerance;
+    /// Finds the contacts of a pair. They are left in `patch_query`. If it `decides` whether the pair is
+    /// split, and all of it is left to finer pairs, there are none.
+    pub fn examine(
+        &self,
+        pair: &mut Pair,
+        decides: bool,
+        context: &Context,
+        patch_query: &mut PatchQuery,
+    ) -> Decision {
+        patch_query.contacts.clear();
+        let tolerance = context.settings.tolerance;
         let nodes = self.nodes(pair);
-        let precision = precision(&nodes, now);
+        let precision = precision(&nodes, context);
         let hulls = [self.probe.patch_hull(pair.a), self.scene.patch_hull(pair.b)];
-        let limits = Limits { beyond: tolerance, share: SHARE, enough: -1.0, precision };
-        let [a, b] = &nodes;
-        let start = Start::Vertices(pair.nearest.vertices(true), a.center - now.placement.point(b.center));
-        let found = gjk::distance(&hulls[0], &hulls[1], &now.placement, start, &limits);
-        leaf.counts.convex_queries += 1;
-        leaf.counts.not_converged += usize::from(found.separation == Separation::NotConverged);
-        pair.nearest = Nearest::of(&found, true);
+        let found = patch_distance(pair, &nodes, &hulls, context, patch_query);
         let beyond = found.separation == Separation::Beyond || found.distance > tolerance.max(precision);
-        pair.share = if asks { self.share(pair, &found, now) } else { 0.0 };
-        let verdict = if pair.share > 0.0 { Verdict::Refine } else { Verdict::Stop };
-        let all_refined = pair.share == 1.0;
-        // Nearest points count where there are any within the tolerance only, and hulls that overlap go on to do so until
-        // they have moved by their depth.
-        let mut settled = if beyond {
-            found.lower - tolerance
-        } else if all_refined {
-            found.simplex.depth()
-        } else {
-            f64::NEG_INFINITY
+        pair.refined_share = if decides { self.refined_share(pair, &found, context) } else { 0.0 };
+        let decision = if pair.refined_share > 0.0 { Decision::Split } else { Decision::Stop };
+        let all_refined = pair.refined_share == 1.0;
+        // How far the bodies may move until the answer could be another one. Nearest points count where there
+        // are any within the tolerance only, and hulls that overlap go on to do so until they have moved by
+        // their depth.
+        let mut holds_for = match (beyond, all_refined) {
+            (true, _) => found.lower - tolerance,
+            (false, true) => found.simplex.depth(),
+            (false, false) => f64::NEG_INFINITY,
         };
         if all_refined {
-            settled = settled.max(self.refined_for(pair, &found, &hulls, now));
+            holds_for = holds_for.max(self.refined_for(pair, &found, &hulls, context));
         }
-        pair.settled = now.way + settled;
-        pair.wake = f64::NEG_INFINITY;
+        pair.split_valid_until = context.now.motion_bound + holds_for;
+        pair.recheck_at = f64::NEG_INFINITY;
         if all_refined {
-            return verdict;
+            return decision;
         }
-        leaf.counts.leaf_pairs += 1;
+        patch_query.counts.leaf_pairs += 1;
         if beyond {
-            if verdict == Verdict::Stop {
-                pair.parting = Parting::of(&found, &nodes, &now.placement, now.turn, true);
-                pair.wake = now.way + settled;
-                pair.apart = nodes.iter().all(Packed::is_leaf);
+            if decision == Decision::Stop {
+                pair.separating_axis =
+                    SeparatingAxis::from_distance(&found, &nodes, &context.placement, context.now.turn, true);
+                pair.recheck_at = pair.split_valid_until;
+                pair.out_of_reach = nodes.iter().all(Packed::is_leaf);
             }
-            return verdict;
+            return decision;
         }
-        let reach = Reach { placement: &now.placement, tolerance, precision, looseness: now.looseness };
-        let (patch_a, patch_b) = (self.probe.patch(pair.a), self.scene.patch(pair.b));
-        leaf.run(&patch_a, &patch_b, &found, &reach);
-        if let Some(tetrahedron) = leaf.tetrahedron {
-            pair.nearest = Nearest::around(tetrahedron);
+        let placement = &context.placement;
+        let near = PairContext { placement, tolerance, precision, looseness: context.looseness };
+        patch_query.run(&self.probe.patch(pair.a), &self.scene.patch(pair.b), &found, &near);
+        if let Some(tetrahedron) = patch_query.tetrahedron {
+            pair.warm_start = WarmStart::from_tetrahedron(tetrahedron);
         }
-        verdict
+        decision
     }
 
-    /// How much of a pair's contact, found at these nearest points, is left to finer ones.
-    fn share(&self, pair: &Pair, found: &Distance, now: &Circumstances) -> f64 {
+    /// The part of a pair's contact, found at these nearest points, that is left to finer pairs.
+    fn refined_share(&self, pair: &Pair, found: &Distance, context: &Context) -> f64 {
         let [detail_a, detail_b] = [self.probe.detail(pair.a), self.scene.detail(pair.b)];
         let side_a = (&detail_a, self.probe.support_area(pair.a));
         let side_b = (&detail_b, self.scene.support_area(pair.b));
-        let error = self.threshold(pair, now);
-        refined_share(weighted_deviation(found, side_a, side_b, now.settings.tolerance, error), now.band)
+        let error = self.threshold(pair, context);
+        let deviation = weighted_deviation(found, side_a, side_b, context.settings.tolerance, error);
+        refined_share(deviation, context.band)
     }
 
-    /// How far the bodies may move with all of a pair's contact left to finer ones still, m.
-    fn refined_for(&self, pair: &Pair, found: &Distance, hulls: &[Hull; 2], now: &Circumstances) -> f64 {
+    /// How far the bodies may move with all of a pair's contact still left to finer pairs, m.
+    fn refined_for(&self, pair: &Pair, found: &Distance, hulls: &[Hull; 2], context: &Context) -> f64 {
         let [hull_a, hull_b] = hulls;
         let [detail_a, detail_b] = [self.probe.detail(pair.a), self.scene.detail(pair.b)];
         let side_a = (&detail_a, hull_a, self.probe.support_area(pair.a));
         let side_b = (&detail_b, hull_b, self.scene.support_area(pair.b));
-        refined_for(found, side_a, side_b, &now.placement, self.threshold(pair, now), now.rounding)
+        let error = self.threshold(pair, context);
+        refined_for(found, side_a, side_b, &context.placement, error, context.rounding)
     }
 
-    /// s₀ at a pair, m.
-    pub fn threshold(&self, pair: &Pair, now: &Circumstances) -> f64 {
-        now.constant.unwrap_or_else(|| {
+    /// s₀ at a pair, m: at the centre of its smaller node.
+    pub fn threshold(&self, pair: &Pair, context: &Context) -> f64 {
+        context.constant_error.unwrap_or_else(|| {
             let [a, b] = self.nodes(pair);
-            let at = if a.radius <= b.radius { a.center } else { now.placement.point(b.center) };
-            now.settings.error.threshold(now.probe_pose.transform_point(at), &now.probe_pose)
+            let at = if a.radius <= b.radius { a.center } else { context.placement.point(b.center) };
+            context.settings.error.threshold(context.probe_pose.transform_point(at), &context.probe_pose)
         })
     }
 
-    /// Whether the bounding hulls are out of reach; if so, until when.
-    pub fn is_apart(&self, pair: &mut Pair, now: &Circumstances, leaf: &mut LeafQuery) -> bool {
+    /// Whether the bounding hulls are out of reach. If so, until when is noted in the pair; if not, until
+    /// when they are in reach.
+    pub fn is_apart(&self, pair: &mut Pair, context: &Context, patch_query: &mut PatchQuery) -> bool {
         let (hull_a, hull_b) = (self.probe.hull(pair.a), self.scene.hull(pair.b));
         let nodes = self.nodes(pair);
         let [a, b] = &nodes;
@@ -200,59 +227,88 @@ impl Bodies {
         if untested(a, &hull_a) || untested(b, &hull_b) {
             return false;
         }
-        leaf.counts.convex_queries += 1;
-        let reach = reach(&nodes, now);
-        let limits = Limits { beyond: reach, share: SHARE, enough: reach, precision: precision(&nodes, now) };
-        let start = Start::Vertices(pair.nearest.vertices(false), a.center - now.placement.point(b.center));
-        let found = gjk::distance(&hull_a, &hull_b, &now.placement, start, &limits);
+        patch_query.counts.convex_queries += 1;
+        let reach = reach(&nodes, context);
+        let precision = precision(&nodes, context);
+        let limits = Limits { beyond: reach, share: PROVEN_SHARE, enough: reach, precision };
+        let start = Start::Vertices(pair.warm_start.vertices(false), between_centers(&nodes, context));
+        let found = gjk::distance(&hull_a, &hull_b, &context.placement, start, &limits);
         let apart = found.separation == Separation::Beyond;
+        let now = context.now.motion_bound;
         if apart {
-            pair.nearest = Nearest::of(&found, false);
-            pair.parting = Parting::of(&found, &nodes, &now.placement, now.turn, false);
-            pair.wake = now.way + (found.lower - reach);
-            pair.apart = true;
+            pair.warm_start = WarmStart::from_distance(&found, false);
+            pair.separating_axis =
+                SeparatingAxis::from_distance(&found, &nodes, &context.placement, context.now.turn, false);
+            pair.recheck_at = now + (found.lower - reach);
+            pair.out_of_reach = true;
         } else {
-            pair.within = now.way + (reach - found.distance).max(0.0) + found.simplex.depth();
+            pair.overlap_valid_until = now + (reach - found.distance).max(0.0) + found.simplex.depth();
         }
         apart
     }
 }
 
-/// Smallest length that is told from zero, m.
-fn precision([a, b]: &[Packed; 2], now: &Circumstances) -> f64 {
-    PRECISION * (a.radius + b.radius) + now.rounding
+/// The distance between the hulls of a pair's patches.
+fn patch_distance(
+    pair: &mut Pair,
+    nodes: &[Packed; 2],
+    hulls: &[Hull; 2],
+    context: &Context,
+    patch_query: &mut PatchQuery,
+) -> Distance {
+    let (beyond, precision) = (context.settings.tolerance, precision(nodes, context));
+    let limits = Limits { beyond, share: PROVEN_SHARE, enough: -1.0, precision };
+    let start = Start::Vertices(pair.warm_start.vertices(true), between_centers(nodes, context));
+    let found = gjk::distance(&hulls[0], &hulls[1], &context.placement, start, &limits);
+    patch_query.counts.convex_queries += 1;
+    patch_query.counts.not_converged += usize::from(found.separation == Separation::NotConverged);
+    pair.warm_start = WarmStart::from_distance(&found, true);
+    found
 }
 
-/// d_ab, m (Eq. 3.5).
-fn reach([a, b]: &[Packed; 2], now: &Circumstances) -> f64 {
-    now.settings.tolerance + a.hausdorff + b.hausdorff
+/// The vector from the centre of b's node to that of a's, in a's frame, m.
+fn between_centers([a, b]: &[Packed; 2], context: &Context) -> DVec3 {
+    a.center - context.placement.point(b.center)
 }
 
-/// Whether the bounding spheres of a pair's nodes are out of reach; if so, until when.
-fn spheres_are_apart([a, b]: &[Packed; 2], pair: &mut Pair, now: &Circumstances) -> bool {
-    let distance = a.center.distance(now.placement.point(b.center));
-    // A little slack for rounding in the spheres.
-    let gap = distance * (1.0 - 1e-9) - (a.radius + b.radius) - now.settings.tolerance - now.rounding;
+/// Smallest length that counts as more than zero, m.
+fn precision([a, b]: &[Packed; 2], context: &Context) -> f64 {
+    PRECISION * (a.radius + b.radius) + context.rounding
+}
+
+/// Distance up to which the bounding hulls of two nodes are in reach, d_ab = d + h_a + h_b, m (Eq. 3.5).
+fn reach([a, b]: &[Packed; 2], context: &Context) -> f64 {
+    context.settings.tolerance + a.hausdorff + b.hausdorff
+}
+
+/// Whether the bounding spheres of a pair's nodes are out of reach. If so, until when is noted in the pair.
+fn spheres_are_apart([a, b]: &[Packed; 2], pair: &mut Pair, context: &Context) -> bool {
+    let distance = a.center.distance(context.placement.point(b.center));
+    let gap = distance * (1.0 - ROUNDING_SLACK)
+        - (a.radius + b.radius)
+        - context.settings.tolerance
+        - context.rounding;
     if gap > 0.0 {
-        pair.wake = now.way + gap;
-        pair.apart = true;
+        pair.recheck_at = context.now.motion_bound + gap;
+        pair.out_of_reach = true;
     }
     gap > 0.0
 }
 
-/// Whether hulls that were out of reach are so still, along the same direction; if so, until when.
-fn are_still_apart(nodes: &[Packed; 2], pair: &mut Pair, now: &Circumstances) -> bool {
-    let Some(parting) = pair.parting.filter(|_| !pair.split) else { return false };
-    // With another threshold, the pair may have to be split.
-    if parting.of_patches && now.threshold_changed {
+/// Whether hulls that were out of reach are so still, along the same axis. If so, until when is noted in the
+/// pair.
+fn are_still_apart(nodes: &[Packed; 2], pair: &mut Pair, context: &Context) -> bool {
+    let Some(axis) = pair.separating_axis.filter(|_| !pair.split) else { return false };
+    // With another threshold, a pair whose patches are apart may have to be split.
+    if axis.of_patches && context.now.threshold_changed {
         return false;
     }
-    let reach = if parting.of_patches { now.settings.tolerance } else { reach(nodes, now) };
-    let lower = parting.lower(nodes, &now.placement, now.turn, now.rounding);
-    let apart = lower > reach.max(precision(nodes, now));
+    let reach = if axis.of_patches { context.settings.tolerance } else { reach(nodes, context) };
+    let lower = axis.separation(nodes, &context.placement, context.now.turn, context.rounding);
+    let apart = lower > reach.max(precision(nodes, context));
     if apart {
-        pair.wake = now.way + (lower - reach);
-        pair.apart = !parting.of_patches || nodes.iter().all(Packed::is_leaf);
+        pair.recheck_at = context.now.motion_bound + (lower - reach);
+        pair.out_of_reach = !axis.of_patches || nodes.iter().all(Packed::is_leaf);
     }
     apart
 }

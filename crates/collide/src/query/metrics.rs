@@ -18,7 +18,7 @@ pub struct ErrorMetrics {
     pub combination: Combination,
 }
 
-/// How several metrics are combined.
+/// The rule by which several metrics are combined.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Combination {
     /// The smallest s₀: detail is left out where no metric would show it.
@@ -28,7 +28,8 @@ pub enum Combination {
     Loosest,
 }
 
-/// s₀ is the way that the surfaces pass one another by in a time: a gap is less noticeable the faster they move.
+/// s₀ is the distance by which the surfaces slide past one another in a time: a gap is less noticeable the
+/// faster they move.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VelocityMetric {
     /// s₀ over the relative speed at the contact, s.
@@ -42,7 +43,7 @@ pub struct VelocityMetric {
 pub struct ViewMetric {
     /// N: admissible error on the screen, pixels.
     pub pixels: f64,
-    /// Where the camera is, world axes, m; its distance from the contact is l.
+    /// Position of the camera, world axes, m; its distance from the contact is l.
     pub camera: DVec3,
     /// n: distance of the near plane from the camera, m.
     pub near: f64,
@@ -75,7 +76,7 @@ impl ErrorMetrics {
         self.is_exact() || (self.velocity.is_none() && self.view.is_none())
     }
 
-    /// Which metric has a number that is not finite, or that is negative or zero where it must not be.
+    /// Checks that all numbers are finite, and none is negative, or zero, where it must not be.
     pub(crate) fn check(&self) -> Result<(), QueryError> {
         let length = |x: f64| x.is_finite() && x >= 0.0;
         let velocity = |v: VelocityMetric| length(v.time) && v.twist.is_finite();

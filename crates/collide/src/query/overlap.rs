@@ -1,34 +1,37 @@
-//! The contact between two patches whose hulls overlap: a direction that real surface can be pushed out along, and the
-//! penetration depth along it.
+//! The contact between two patches whose hulls overlap: a direction that real surface can be pushed out
+//! along, and the penetration depth along it.
 //!
-//! §3.4.1 takes the localized penetration depth of the two convex pieces. Of the directions that could separate two
-//! hulls, only those count whose features are real surface facing the other object; a hull's virtual faces would often
-//! offer a shorter but meaningless way out, sideways or backwards through a thin patch. The expanding polytope gives the
-//! least depth of all. If its features are not real, the normals of real faces are tried and, of patches of a few
-//! triangles, the common normals of two real edges that support their hulls there.
+//! §3.4.1 takes the localized penetration depth of the two convex pieces. Of the directions that could
+//! separate two hulls, only those count whose features are real surface facing the other object; a hull's
+//! virtual faces would often offer a shorter but meaningless depth, sideways or backwards through a thin
+//! patch. The expanding polytope gives the least depth of all. If its features are not real, the normals of
+//! real faces are tried and, of patches of a few triangles, the common normals of two real edges that support
+//! their hulls there (the separating axis theorem).
 //!
-//! The way out through real faces only may be much longer than the shortest one: a peg that touches a plate from above
-//! touches the hull of the plate's rim too, whose real faces are at its far sides. So the depth reported is never more
-//! than the shortest way out. It is then never more than what separates the two solids either, and grows from 0.
+//! The depth through real faces only may be much larger than the least one: a peg that touches a plate from
+//! above touches the hull of the plate's rim too, whose real faces are at its far sides. So the depth
+//! reported is never more than the least one. It is then never more than what separates the two solids
+//! either, and grows from 0.
 //!
-//! The depth is that of the two patches only. Where an object has sunk in by more than a patch is thick, it is a lower
-//! bound on the distance to the surface.
+//! The depth is that of the two patches only. Where an object has sunk in by more than a patch is thick, it
+//! is a lower bound on the distance to the surface.
 
 use std::iter;
 
 use palpate_core::Contact;
 use palpate_core::glam::DVec3;
 
+use super::context::PairContext;
 use crate::convex::{Distance, Placement, Polytope};
-use crate::patch::{FACING, Patch, Plane, Surface};
-use crate::query::leaf::Reach;
+use crate::patch::{Patch, Plane, Surface};
+use crate::tolerances::{ACCEPTED_DEPTH_GAP, COMMON_NORMAL, FACING, SAME_CONTACT};
 
-/// Patches with at most this product of triangle counts have the normals of their edges tried.
-const FEW_TRIANGLE_PAIRS: usize = 16;
-/// Upper bound on the vertices of either patch for that.
-const FEW_VERTICES: usize = 24;
+/// Largest product of triangle counts of two patches whose edges' common normals are tried.
+const EDGE_TEST_TRIANGLE_PAIRS: usize = 16;
+/// Most vertices of either patch for that.
+const EDGE_TEST_VERTICES: usize = 24;
 
-/// Planes of a patch that there is room for at first: patches have at most a few hundred.
+/// Number of planes of a patch that there is room for at first: patches have at most a few hundred.
 const PLANES: usize = 256;
 
 /// The best direction so far: first by whether both sides face each other, then by depth.
@@ -36,16 +39,17 @@ struct Best {
     /// Unit normal out of a, and depth, m.
     direction: Option<(DVec3, f64)>,
     facing: bool,
-    /// Depths that differ by less are equal, and the earlier one stays, m.
+    /// Difference up to which depths are equal, and the earlier one stays, m.
     precision: f64,
 }
 
 impl Best {
     /// Whether a direction with at least this depth, m, could be better.
-    fn has_a_chance(&self, depth: f64) -> bool {
+    fn may_improve(&self, depth: f64) -> bool {
         !self.facing || self.direction.is_none_or(|(_, best)| depth < best)
     }
 
+    /// Takes a direction if it is better.
     fn offer(&mut self, facing: bool, depth: f64, normal: DVec3) {
         // Hulls that only touch are apart by rounding.
         let depth = depth.max(0.0);
@@ -59,11 +63,11 @@ impl Best {
     }
 }
 
-/// Buffers.
+/// The workspace.
 #[derive(Clone, Debug)]
 pub(crate) struct Workspace {
     polytope: Polytope,
-    /// Of a patch.
+    /// Planes of a patch's triangles.
     planes: Vec<Plane>,
 }
 
@@ -82,26 +86,26 @@ impl Workspace {
 
 /// What was found between two patches whose hulls overlap or touch.
 pub(crate) struct Overlap {
-    /// In a's frame.
+    /// The contact, in a's frame.
     pub contact: Contact,
-    /// Whether it is exact as far as it goes.
-    pub sure: bool,
+    /// Whether the least depth is exact, to the precision or nearly.
+    pub converged: bool,
     /// Vertices to start from the next time.
     pub tetrahedron: [(u32, u32); 4],
 }
 
-/// The contact between patches whose hulls overlap or touch, as `found`, in a's frame. A contact no deeper than the
-/// looseness is put where they do.
+/// The contact between patches whose hulls overlap or touch, as `found`, in a's frame. A contact no deeper
+/// than the looseness is put where they do.
 pub(crate) fn overlap(
     a: &Patch,
     b: &Patch,
-    reach: &Reach,
+    pair: &PairContext,
     found: &Distance,
     Workspace { polytope, planes }: &mut Workspace,
 ) -> Overlap {
-    let Reach { placement, precision, looseness, .. } = *reach;
+    let PairContext { placement, precision, looseness, .. } = *pair;
     let (touch, _) = found.witnesses(&a.hull, &b.hull, &Placement::IDENTITY);
-    let mut best = Best { direction: None, facing: false, precision: 16.0 * precision };
+    let mut best = Best { direction: None, facing: false, precision: SAME_CONTACT * precision };
     let mut start = [(0, 0); 4];
     for (pair, vertex) in start.iter_mut().zip(found.simplex.vertices()) {
         *pair = (vertex.a, vertex.b);
@@ -126,18 +130,19 @@ pub(crate) fn overlap(
     }
     if !best.facing {
         faces(a, b, placement, [touch, least.on_a, least.on_b], planes, &mut best);
-        let few = a.triangles.len() * b.triangles.len() <= FEW_TRIANGLE_PAIRS;
-        if few && a.vertices.len() <= FEW_VERTICES && b.vertices.len() <= FEW_VERTICES {
+        let few = a.triangles.len() * b.triangles.len() <= EDGE_TEST_TRIANGLE_PAIRS;
+        if few && a.vertices.len() <= EDGE_TEST_VERTICES && b.vertices.len() <= EDGE_TEST_VERTICES {
             edges(a, b, placement, &mut best);
         }
     }
     // Only triangles without area leave no real direction at all.
     let (normal, depth) = best.direction.unwrap_or((least.normal, least.depth));
     let depth = depth.min(least.depth).max(0.0);
-    // The points of the least depth lie where the hulls overlap; a face's deepest point may be anywhere on its plane.
+    // The points of the least depth lie where the hulls overlap; a face's deepest point may be anywhere on
+    // its plane.
     let point = if least.flat || depth <= looseness { touch } else { least.on_a };
-    let sure = least.converged || least.gap <= 1e-6 * (a.radius + b.radius);
-    Overlap { contact: contact_at(point, normal, depth), sure, tetrahedron: least.tetrahedron }
+    let converged = least.converged || least.gap <= ACCEPTED_DEPTH_GAP * (a.radius + b.radius);
+    Overlap { contact: contact_at(point, normal, depth), converged, tetrahedron: least.tetrahedron }
 }
 
 /// A contact at a point of a.
@@ -145,9 +150,10 @@ pub(crate) fn contact_at(point: DVec3, normal: DVec3, depth: f64) -> Contact {
     Contact { point, scene_point: point - depth * normal, normal, depth }
 }
 
-/// Tries the normals of both patches' triangles: how far the other hull reaches below their planes. At least as far as
-/// the points of it that are known: one that both hulls share, one of its own, and those found on the way. So most planes
-/// need not be tried; that nearest to them is tried first.
+/// Tries the normals of both patches' triangles. The depth along one is how far the other hull reaches below
+/// the triangle's plane, which is at least as far as the points of that hull that are known: one that both
+/// hulls share, one of its own, and those found for planes before. So most planes need not be tried; the one
+/// nearest to the points comes first.
 fn faces(
     a: &Patch,
     b: &Patch,
@@ -172,9 +178,9 @@ fn faces(
     });
 }
 
-/// Calls `attempt` with the normals of a patch's triangles, both of them where it has two sides, and how far its hull
-/// reaches along each, as long as that leaves it a chance, given some points of the other hull. It returns another one. All
-/// in the patch's frame.
+/// Calls `attempt` with the normals of a patch's triangles, both of them where it has two sides, and how far
+/// its hull reaches along each, as long as that leaves it a chance, given some points of the other hull. It
+/// returns another one. All in the patch's frame.
 fn each_plane(
     patch: &Patch,
     planes: &mut Vec<Plane>,
@@ -193,7 +199,8 @@ fn each_plane(
     });
     for side in sides {
         let planes = || planes.iter().map(|plane| (side * plane.normal, side * plane.offset));
-        // As far as the plane, and a little further where the patch is convex up to a tolerance; on its other side, much.
+        // As far as the plane, and a little further where the patch is convex up to a tolerance; on its other
+        // side, much.
         let top = |normal: DVec3, offset: f64| patch.hull.end(normal).max(offset);
         let deep =
             |(normal, offset): (DVec3, f64)| (offset - normal.dot(p).min(normal.dot(q)), normal, offset);
@@ -204,9 +211,9 @@ fn each_plane(
             let lowest = known.iter().map(|point| normal.dot(*point)).fold(f64::INFINITY, f64::min);
             // The depth is known to rounding only.
             let least = lowest + best.precision;
-            if best.has_a_chance(offset - least) {
+            if best.may_improve(offset - least) {
                 let top = top(normal, offset);
-                if best.has_a_chance(top - least) {
+                if best.may_improve(top - least) {
                     known[3] = attempt(best, normal, top);
                 }
             }
@@ -216,7 +223,7 @@ fn each_plane(
 
 /// Tries the common normals of two triangle edges, one of each patch, that support their hulls along it.
 fn edges(a: &Patch, b: &Patch, placement: &Placement, best: &mut Best) {
-    let mut placed = [DVec3::ZERO; FEW_VERTICES];
+    let mut placed = [DVec3::ZERO; EDGE_TEST_VERTICES];
     let placed = &mut placed[..b.vertices.len()];
     for (target, vertex) in placed.iter_mut().zip(0..) {
         *target = placement.point(b.vertices.point(vertex));
@@ -231,13 +238,15 @@ fn edges(a: &Patch, b: &Patch, placement: &Placement, best: &mut Best) {
                     let (r, s) = (placed[on_b[k] as usize], placed[on_b[l] as usize]);
                     let across = (q - p).cross(s - r);
                     let length = across.length();
-                    if length <= 1e-9 * p.distance(q) * r.distance(s) {
+                    if length <= COMMON_NORMAL * p.distance(q) * r.distance(s) {
                         continue;
                     }
-                    // Hulls that overlap are not apart along any direction.
+                    // (p − r) · n: the edges' distance along their common normal. Hulls that overlap are not
+                    // apart along any direction, so a negative depth means that the normal does not support
+                    // both hulls.
                     let depth = (p - r).dot(across) / length;
                     for (side, depth) in [(1.0, depth), (-1.0, -depth)] {
-                        if depth < -best.precision || !best.has_a_chance(depth) {
+                        if depth < -best.precision || !best.may_improve(depth) {
                             continue;
                         }
                         let normal = side * across / length;
@@ -245,6 +254,7 @@ fn edges(a: &Patch, b: &Patch, placement: &Placement, best: &mut Best) {
                             continue;
                         }
                         let (edge_a, edge_b) = (normal.dot(p), normal.dot(r));
+                        // No vertex of a lies beyond its edge along the normal, and none of b before its own.
                         let supports = a.hull.all_points(|v| normal.dot(v) <= edge_a + best.precision)
                             && placed.iter().all(|v| normal.dot(*v) >= edge_b - best.precision);
                         if supports {

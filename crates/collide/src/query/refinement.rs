@@ -1,125 +1,50 @@
 //! Whether the detail that a pair of nodes leaves out would be felt (§3.4.3).
 //!
-//! What is left out of a node is as large as φ = s/r² (Eq. 3.6), a volume: its deviation from the mesh, times the area
-//! that one of its samples stands for. It is averaged over the area of contact, for which the support area D of the
-//! nearest points stands: s* = max(φ_a, φ_b) / max(D_a, D_b) (Eq. 3.7). Where s* is above the threshold s₀ the pair has
-//! to be refined.
+//! What is left out of a node is as large as φ = s/r² (Eq. 3.6), a volume: its deviation from the mesh, times
+//! the area that one of its samples stands for. It is averaged over the area of contact, for which the
+//! support area D of the nearest points stands: s* = max(φ_a, φ_b) / max(D_a, D_b) (Eq. 3.7). Where s* is
+//! above the threshold s₀ the pair has to be refined.
 //!
-//! D is interpolated at the nearest points (§3.4.3), which are only searched for where the least and the largest D of
-//! the nodes' vertices do not decide already. Patches that overlap have no nearest points, and where they are further apart
-//! than d these are no contact: there it is the mean D of each patch, and it goes over to that before either happens. (With the
-//! mean everywhere, jaws took three quarters of the time at s₀ = 2.5 %, and forces between cusps, where D is small, came
-//! out twice as far off: the same error takes the same time.)
+//! D is interpolated at the nearest points (§3.4.3), which are only searched for where the least and the
+//! largest D of the nodes' vertices do not decide already. Patches that overlap have no nearest points, and
+//! where they are further apart than d these are no contact: there it is the mean D of each patch, and it
+//! goes over to that before either happens. (With the mean everywhere, jaws took three quarters of the time
+//! at s₀ = 2.5 %, and forces between cusps, where D is small, came out twice as far off: the same error takes
+//! the same time.)
 
-use palpate_core::Clod;
-use palpate_core::clod::Node;
 use palpate_core::glam::DVec3;
 
 use crate::convex::{Distance, Hull, Placement};
+use crate::detail::Detail;
+use crate::tolerances::NOMINAL_ERROR;
 
-/// D goes over from that of the nearest points to the patches' mean over this part of d, at either end.
-const GOING_OVER: f64 = 0.25;
+/// Part of d, at either end, over which D goes over from that of the nearest points to the patches' mean.
+const AREA_BLEND: f64 = 0.25;
 
-/// What the test reads of a node.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Detail {
-    /// φ, m³: 0 at full resolution, infinite on free levels, which always have to be refined.
-    pub missing: f64,
-    /// Resolution of the children's level, 1/m: 0 if that is free, infinite without children.
-    pub below: f64,
-    /// Least and largest D of the extreme points of the patch, m².
-    areas: (f64, f64),
-    /// Their mean, m².
-    mean_area: f64,
-}
-
-/// Least, largest and mean D of the extreme points of a patch, in units: bounds, and the mean to 2⁻²⁴.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct SupportAreas([f32; 3]);
-
-impl SupportAreas {
-    /// Of a node; `unit`, m².
-    pub fn of(clod: &Clod, node: &Node, unit: f64) -> Self {
-        let areas = || clod.support_areas(node).iter().take(node.extreme as usize);
-        let least = areas().fold(f64::INFINITY, f64::min) / unit;
-        let largest = areas().fold(0.0, f64::max) / unit;
-        let mean = areas().sum::<f64>() / f64::from(node.extreme.max(1)) / unit;
-        let (low, high) = (least as f32, largest as f32);
-        let low = if f64::from(low) > least { low.next_down() } else { low };
-        let high = if f64::from(high) < largest { high.next_up() } else { high };
-        Self([low, high, mean as f32].map(|area| area.min(f32::MAX)))
-    }
-}
-
-impl Detail {
-    /// Of a node; `unit` is that of its areas, m².
-    pub fn of(clod: &Clod, node: &Node, areas: &SupportAreas, unit: f64) -> Self {
-        let level = &clod.levels[node.level as usize];
-        let missing = if level.free {
-            f64::INFINITY
-        } else if node.children.is_empty() || node.deviation == 0.0 {
-            0.0
-        } else {
-            node.deviation / (level.resolution * level.resolution)
-        };
-        let below = if node.children.is_empty() {
-            f64::INFINITY
-        } else {
-            let level = &clod.levels[node.level as usize - 1];
-            if level.free { 0.0 } else { level.resolution }
-        };
-        let [least, largest, mean_area] = areas.0.map(|area| unit * f64::from(area));
-        Self { missing, below, areas: (least, largest), mean_area }
-    }
-
-    /// How far above the plane that supports the patch's hull across a direction a point of the hull lies at least, m, where
-    /// D, or anything between it and the mean, is `allowed` (m²) or more. 0 if that is not known.
-    ///
-    /// A point is a mean of vertices: where none at a height h has a D above c + kh, nor has the point.
-    fn rise(&self, hull: &Hull, area: impl Fn(u32) -> f64, direction: DVec3, allowed: f64) -> f64 {
-        if self.mean_area >= allowed || direction == DVec3::ZERO {
-            return 0.0;
-        }
-        if self.areas.1 < allowed {
-            return f64::INFINITY;
-        }
-        let bottom = -hull.end(-direction);
-        let level = 0.5 * allowed;
-        let (mut rise, mut vertex) = (f64::INFINITY, 0);
-        hull.each_point(|point| {
-            let area = area(vertex);
-            vertex += 1;
-            if area > level {
-                rise = rise.min((point.dot(direction) - bottom) * (allowed - level) / (area - level));
-            }
-        });
-        rise
-    }
-}
-
-/// What is known of whether a pair has to be refined.
+/// What the refinement test says without the nearest points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Refine {
     Yes,
     No,
-    /// That depends on where the nearest points are.
+    /// The nearest points decide.
     Depends,
 }
 
-/// The test without the nearest points; `error` is s₀, m. With a `band`, pairs are refined in part from (1 − band) s₀ on.
+/// The test without the nearest points, by Eq. 3.7 with the least and the largest D. `error` is s₀, m. With a
+/// `band`, pairs are refined in part from (1 − band) s₀ on.
 pub(crate) fn refine(a: &Detail, b: &Detail, error: f64, band: f64) -> Refine {
     let missing = a.missing.max(b.missing);
-    if missing > error * a.areas.1.max(b.areas.1) {
+    if missing > error * a.largest_area.max(b.largest_area) {
         Refine::Yes
-    } else if missing <= (1.0 - band) * error * a.areas.0.max(b.areas.0) {
+    } else if missing <= (1.0 - band) * error * a.least_area.max(b.least_area) {
         Refine::No
     } else {
         Refine::Depends
     }
 }
 
-/// s*/s₀ at the contact between two patches, given the distance between their hulls, and D at the points of each; infinite
-/// where s₀ is 0. `tolerance` is d, `error` is s₀, m.
+/// s*/s₀ at the contact between two patches, given the distance between their hulls, and D at the points of
+/// each; infinite where s₀ is 0. `tolerance` is d, `error` is s₀, m.
 pub(crate) fn weighted_deviation(
     found: &Distance,
     (detail_a, area_a): (&Detail, impl Fn(u32) -> f64),
@@ -127,24 +52,35 @@ pub(crate) fn weighted_deviation(
     tolerance: f64,
     error: f64,
 ) -> f64 {
+    // D of the nearest points, by their barycentric weights.
     let (mut on_a, mut on_b) = (0.0, 0.0);
     for (vertex, weight) in found.simplex.vertices().iter().zip(found.simplex.weights()) {
         on_a += weight * area_a(vertex.a);
         on_b += weight * area_b(vertex.b);
     }
+    // 0 where the patches touch and where they are d apart, 1 well between.
     let part = if tolerance > 0.0 { (found.distance / tolerance).min(1.0) } else { 1.0 };
-    let share = (part.min(1.0 - part) / GOING_OVER).min(1.0);
+    let nearest_share = (part.min(1.0 - part) / AREA_BLEND).min(1.0);
     let area = |detail: &Detail, nearest: f64| {
-        if share > 0.0 { detail.mean_area + share * (nearest - detail.mean_area) } else { detail.mean_area }
+        if nearest_share > 0.0 {
+            detail.mean_area + nearest_share * (nearest - detail.mean_area)
+        } else {
+            detail.mean_area
+        }
     };
-    over(detail_a.missing.max(detail_b.missing), error * f64::max(area(detail_a, on_a), area(detail_b, on_b)))
+    ratio(
+        detail_a.missing.max(detail_b.missing),
+        error * f64::max(area(detail_a, on_a), area(detail_b, on_b)),
+    )
 }
 
-/// How far two bodies may move with s* above s₀ still at the contact between two patches, where it is, m; 0 if that is not
-/// known. Of each patch: its hull, and D at the hull's points. `error` is s₀, `rounding` that of coordinates, m.
+/// How far two bodies may move with s* still above s₀ at the contact between two patches, where it is now, m;
+/// 0 if that is not known. For each patch: its detail, its hull, and D at the hull's points. `error` is s₀,
+/// `rounding` that of coordinates, m.
 ///
-/// When the bodies have moved by m, the new nearest points were at most 2m further apart before than the nearest points
-/// then. So along the direction that the hulls were apart in, they lay that far above the supporting planes at most.
+/// When the bodies have moved by m, the new nearest points were at most 2m further apart before than the
+/// nearest points then. So along the direction that the hulls were apart in, they lay that far above the
+/// supporting planes at most: m = (rise − slack) / 2.
 pub(crate) fn refined_for(
     found: &Distance,
     (detail_a, hull_a, area_a): (&Detail, &Hull, impl Fn(u32) -> f64),
@@ -153,31 +89,59 @@ pub(crate) fn refined_for(
     error: f64,
     rounding: f64,
 ) -> f64 {
+    // s* > s₀ where both D are below this.
     let allowed = detail_a.missing.max(detail_b.missing) / error;
     let slack = found.distance - found.lower + rounding;
-    let rise_a = detail_a.rise(hull_a, area_a, found.direction, allowed);
+    let rise_a = rise(detail_a, hull_a, area_a, found.direction, allowed);
     if rise_a <= slack {
         return 0.0;
     }
     let in_b = -placement.direction_to_b(found.direction);
-    let rise_b = detail_b.rise(hull_b, area_b, in_b, allowed);
+    let rise_b = rise(detail_b, hull_b, area_b, in_b, allowed);
     (0.5 * (rise_a.min(rise_b) - slack)).max(0.0)
 }
 
-/// s*/s₀ of a pair, with the mean D of its patches; infinite on free levels. Where s₀ is 0 it orders pairs by s* alone.
+/// Least height, m, at which a point of a patch's hull can have a D, or anything between it and the mean, of
+/// `allowed` (m²) or more: above the plane that supports the hull across `direction`. 0 if that is not known.
+///
+/// A point is a weighted mean of vertices, and so are its height and its D. If every vertex at height h has D
+/// ≤ c + k h, so has every point, and D = `allowed` is reached at h = (allowed − c) / k at the earliest. Here
+/// c is half of `allowed`, and k the steepest that a vertex asks for.
+fn rise(detail: &Detail, hull: &Hull, area: impl Fn(u32) -> f64, direction: DVec3, allowed: f64) -> f64 {
+    if detail.mean_area >= allowed || direction == DVec3::ZERO {
+        return 0.0;
+    }
+    if detail.largest_area < allowed {
+        return f64::INFINITY;
+    }
+    let bottom = -hull.end(-direction);
+    let level = 0.5 * allowed;
+    let (mut rise, mut vertex) = (f64::INFINITY, 0);
+    hull.each_point(|point| {
+        let area = area(vertex);
+        vertex += 1;
+        if area > level {
+            rise = rise.min((point.dot(direction) - bottom) * (allowed - level) / (area - level));
+        }
+    });
+    rise
+}
+
+/// s*/s₀ of a pair, with the mean D of its patches; infinite on free levels. Where s₀ is 0 it orders pairs by
+/// s* alone.
 pub(crate) fn urgency(a: &Detail, b: &Detail, error: f64) -> f64 {
     let missing = a.missing.max(b.missing);
     let area = a.mean_area.max(b.mean_area);
-    over(missing, area * if error > 0.0 { error } else { 1e-12 })
+    ratio(missing, area * if error > 0.0 { error } else { NOMINAL_ERROR })
 }
 
 /// A quotient where 0/0 is 0.
-fn over(missing: f64, allowed: f64) -> f64 {
+fn ratio(missing: f64, allowed: f64) -> f64 {
     if missing > 0.0 { missing / allowed } else { 0.0 }
 }
 
-/// How much of a contact is left to the children of its pair: all of it where s* is above s₀, and with a `band`, from
-/// (1 − band) s₀ on, a part that grows smoothly.
+/// The part of a contact that is left to the children of its pair: all of it where s* is above s₀, and with a
+/// `band`, from (1 − band) s₀ on, a part that grows smoothly (3x² − 2x³).
 pub(crate) fn refined_share(deviation: f64, band: f64) -> f64 {
     if deviation > 1.0 {
         return 1.0;
@@ -197,7 +161,7 @@ mod tests {
     use rand::{RngExt, SeedableRng, rngs::StdRng};
 
     #[test]
-    fn what_is_refined_stays_so_for_as_long_as_it_tells() {
+    fn pairs_stay_refined_for_as_long_as_predicted() {
         const ERROR: f64 = 0.1;
         let mut rng = StdRng::seed_from_u64(0x0D1A);
         let mut kept = 0;
@@ -212,8 +176,9 @@ mod tests {
                 [0, 1].map(|_| (0..12).map(|_| 0.01 + random(1.0).max(0.0).powi(3)).collect::<Vec<_>>());
             let details = areas.each_ref().map(|areas| Detail {
                 missing: ERROR * 0.5,
-                below: f64::INFINITY,
-                areas: (0.01, areas.iter().copied().fold(0.0, f64::max)),
+                child_resolution: f64::INFINITY,
+                least_area: 0.01,
+                largest_area: areas.iter().copied().fold(0.0, f64::max),
                 mean_area: areas.iter().sum::<f64>() / 12.0,
             });
             let hulls = points.each_ref().map(Hull::new);
@@ -243,13 +208,13 @@ mod tests {
                 pose = Pose::new(pose.translation + shift, DQuat::from_scaled_axis(turn) * pose.rotation);
                 placement = Placement::between(&pose, &Pose::IDENTITY);
                 motion.step(&ball, &ball, &placement, 0.0);
-                if motion.way() > lasts {
+                if motion.bound() > lasts {
                     break;
                 }
                 assert!(
                     is_refined(&find(&placement)),
                     "seed 0x0D1A, round {round}: {} of {lasts} m",
-                    motion.way()
+                    motion.bound()
                 );
                 kept += 1;
             }

@@ -1,27 +1,28 @@
-//! The triangles of two patches that may be within the tolerance of one another, for deciding about the patches triangle by
-//! triangle.
+//! The triangles of two patches that may be within the tolerance of one another, for deciding about the
+//! patches triangle by triangle.
 //!
-//! Most triangles of large patches are passed over by how far they reach along one direction, which is the normal of the
-//! patches' contact where that is known: the planes across it, at the last end of either patch, bound the other one's
-//! triangles.
+//! Most triangles of large patches are passed over by their extent along one direction, which is the normal
+//! of the patches' contact where that is known: a triangle of b counts if it begins before a ends, and one of
+//! a if it ends after b begins, but for the tolerance.
 
 use palpate_core::Contact;
 use palpate_core::glam::DVec3;
 
+use super::context::PairContext;
 use crate::ball::Ball;
 use crate::patch::{Patch, Prism, distance_to_triangle};
-use crate::query::leaf::Reach;
+use crate::tolerances::TRIANGLE_SPHERE_SLACK;
 
-/// Triangles of either patch that there is room for at first: patches have at most a few hundred.
+/// Number of triangles of either patch that there is room for at first: patches have at most a few hundred.
 const TRIANGLES: usize = 256;
 
 /// A triangle in a's frame.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Placed {
-    /// In its patch.
+    /// Its index in its patch.
     pub index: u32,
     pub corners: [DVec3; 3],
-    /// Where it begins and ends along the direction, m.
+    /// Its beginning and end along the direction, m.
     extent: [f64; 2],
     pub ball: Ball,
     prism: Prism,
@@ -32,7 +33,8 @@ impl Placed {
         Self { index, corners, extent, ball: Ball::around(&corners), prism: Prism::of(corners) }
     }
 
-    /// Whether a triangle of b is further than a length (m) from this one of a; `false` if that is not found at once.
+    /// Whether a triangle of b is further than a length (m) from this one of a; `false` if that is not found
+    /// at once.
     pub fn clears(&self, other: &Self, length: f64) -> bool {
         other.extent[0] - self.extent[1] > length
             || !reaches(&self.ball, &other.ball, length)
@@ -68,10 +70,11 @@ impl InReach {
         (self.of_a.capacity() + self.of_b.capacity()) * size_of::<Placed>()
     }
 
-    /// Looks them up. `towards_b`: a vector from a to b; the closer it is to the normal of their contact, the fewer they are.
-    pub fn gather(&mut self, a: &Patch, b: &Patch, towards_b: DVec3, reach: &Reach) {
-        let placement = reach.placement;
-        let tolerance = reach.tolerance + reach.precision;
+    /// Finds them. `towards_b`: a vector from a to b; the closer it is to the normal of their contact, the
+    /// fewer they are.
+    pub fn gather(&mut self, a: &Patch, b: &Patch, towards_b: DVec3, pair: &PairContext) {
+        let placement = pair.placement;
+        let tolerance = pair.tolerance + pair.precision;
         let direction = towards_b.normalize_or_zero();
         let end_of_a = a.vertices.end(direction);
         let back = -placement.direction_to_b(direction);
@@ -115,7 +118,7 @@ impl InReach {
     }
 }
 
-/// How far points reach along a direction.
+/// The furthest extent of three points along a direction.
 fn end(points: &[DVec3; 3], direction: DVec3) -> f64 {
     points.iter().map(|point| point.dot(direction)).fold(f64::NEG_INFINITY, f64::max)
 }
@@ -123,5 +126,5 @@ fn end(points: &[DVec3; 3], direction: DVec3) -> f64 {
 /// Whether two spheres are within a length of one another, m.
 fn reaches(a: &Ball, b: &Ball, length: f64) -> bool {
     let reach = a.radius + b.radius + length;
-    a.center.distance_squared(b.center) <= reach * reach * (1.0 + 1e-12)
+    a.center.distance_squared(b.center) <= reach * reach * (1.0 + TRIANGLE_SPHERE_SLACK)
 }

@@ -1,46 +1,47 @@
-//! One probe against many placed objects: a broad phase finds the objects that may be within reach, and each of those gets
-//! its [contact query](crate::ContactQuery).
+//! One probe against many placed objects: a broad phase finds the objects that may be within reach, and each
+//! of those gets its [contact query](crate::ContactQuery).
 //!
-//! An object is within reach when its bounding sphere, and its box in its own axes, come within the tolerance of the
-//! probe's bounding sphere. How far it is from that is a way that the probe and the object have to go together, so that
-//! the object sleeps until they may have: the probe's way is added up once for all, and an object that is moved wakes
-//! earlier by as much. A run looks at the objects that are awake only. They come first in a heap, so that the cost for the
-//! others is nothing while nothing moves, and grows with the logarithm of their number for each one that is moved.
+//! An object is within reach when its bounding sphere, and its box in its own axes, come within the tolerance
+//! of the probe's bounding sphere. How far it is from that is a distance that the probe and the object have
+//! to move together before it has to be looked at again. The probe's motion is added up once for all objects,
+//! and an object that is moved is due for a recheck earlier by as much. A run looks at the objects that are
+//! due only. They come first in a [heap](recheck_queue), so that the cost for the others is nothing while
+//! nothing moves, and grows with the logarithm of their number for each one that is moved.
 //!
-//! Why no tree of boxes: it has to be descended in every run, to find what was there before, and refitted for every object
-//! that moves, where a heap gives the objects that may matter. Of 10,000 instances, with every tenth moving, a run takes
-//! less time in all than refitting and asking parry's tree (f64), and nothing measurable while nothing moves; only a probe
-//! that leaps across the scene wakes all at once, for 0.7 ms (`cargo bench -p palpate-benches --bench broad_phase`).
-//! `obvhs`, the broad phase of other crates here, holds its boxes in f32, which would have to be widened.
+//! Why no tree of boxes: it has to be descended in every run, to find what was there before, and refitted for
+//! every object that moves, where a heap gives the objects that may matter. Of 10,000 instances, with every
+//! tenth moving, a run takes less time in all than refitting and asking parry's tree (f64), and nothing
+//! measurable while nothing moves; only a probe that leaps across the scene makes all due at once, for 0.7 ms
+//! (`cargo bench -p palpate-benches --bench broad_phase`). `obvhs`, the broad phase of other crates here,
+//! holds its boxes in f32, which would have to be widened.
 //!
-//! Only objects within reach hold a workspace. Those that an object has left go to others of the same shape, of which
-//! there may be thousands.
+//! Only objects within reach hold a workspace. Those that an object has left go to others of the same shape,
+//! of which there may be thousands.
 
-mod wake_queue;
+mod bounds;
+mod kinds;
+mod recheck_queue;
 
 use std::time::Instant;
 
 use palpate_core::Pose;
-use palpate_core::glam::{DQuat, DVec3};
+use palpate_core::glam::DVec3;
 
-use self::wake_queue::WakeQueue;
+use self::bounds::{Placed, probe_motion};
+use self::kinds::{Kind, Workspace};
+use self::recheck_queue::RecheckQueue;
 use crate::ball::Ball;
+use crate::contact::PatchContact;
 use crate::error::{QueryError, QueryObject};
-use crate::query::{Budget, ContactQuery, PatchContact, QueryOutcome, QuerySettings, check_placed};
+use crate::query::{Budget, ContactQuery, QueryOutcome, QuerySettings};
 use crate::shape::Shape;
+use crate::tolerances::{SCENE_MOTION_LIMIT, UNIT_QUATERNION_SLACK};
 
-/// Contacts and pairs of nodes that a workspace has room for when it is made in passing.
+/// Number of contacts that a workspace has room for when it is made during a run.
 const CONTACTS: usize = 64;
+
+/// Number of pairs of nodes that a workspace has room for when it is made during a run.
 const PAIRS: usize = 256;
-
-/// Slack as a fraction of lengths: quaternions need to be of unit length to within 1e-6 only, which scales as much.
-const SLACK: f64 = 1e-5;
-
-/// Slack for rounding, as a fraction of a step.
-const ROUNDING: f64 = 1e-9;
-
-/// The way after which it is counted anew, in radii of the probe.
-const LONG_WAY: f64 = 1e6;
 
 /// An object of a [`SceneQuery`]. Handles are ordered as the objects' contacts are, and none is used again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -50,8 +51,8 @@ pub struct ObjectHandle {
 }
 
 impl ObjectHandle {
-    /// The object's place among those of its query, in the order in which they were added; that of an object that was removed
-    /// is taken by the next.
+    /// The object's place among those of its query, in the order in which they were added. The next object
+    /// takes the place of one that was removed.
     pub fn place(&self) -> usize {
         self.slot as usize
     }
@@ -71,24 +72,23 @@ pub struct ObjectContacts<'a> {
 /// What a run found and what it cost.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SceneOutcome {
-    /// All queries together: sums, largest values (of the smallest distance the smallest), and flags that were set in any.
+    /// All queries together: sums, largest values (of the smallest distance the smallest), and flags that
+    /// were set in any.
     pub query: QueryOutcome,
-    /// Objects that the broad phase looked at: those that were awake.
+    /// Number of objects that the broad phase looked at: those that were due for a recheck.
     pub tested: usize,
-    /// Objects within reach, each of which got a query.
+    /// Number of objects within reach, each of which got a query.
     pub queried: usize,
-    /// Objects within reach that got none, for want of a workspace: [`SceneQuery::reserve`] more. Only with
-    /// [`QuerySettings::fixed_capacity`].
-    pub left_out: usize,
-    /// Objects that got none because their pose is not [valid](Pose::is_valid) or their shape has no nodes. They are
-    /// looked at again in every run.
+    /// Number of objects that got none because their pose is not [valid](Pose::is_valid). They are looked at
+    /// again in every run.
     pub invalid: usize,
 }
 
 /// Contact queries of one probe with many objects.
 ///
-/// Adding objects and reserving workspaces allocates. A run allocates only while it exceeds what was there before: when
-/// more objects of a shape are within reach at once than ever, or a workspace has more to do than ever.
+/// Adding objects and reserving workspaces allocates. A run allocates only while it exceeds what was there
+/// before: when more objects of a shape are within reach at once than ever, or a workspace has more to do
+/// than ever.
 ///
 /// ```
 /// use palpate_collide::{QuerySettings, SceneQuery, Shape};
@@ -127,72 +127,30 @@ pub struct SceneQuery {
     kinds: Vec<Kind>,
     /// By slot.
     objects: Vec<Object>,
+    /// Slots of objects that were removed.
     vacant: Vec<u32>,
-    queue: WakeQueue,
-    awake: Vec<u32>,
+    queue: RecheckQueue,
+    /// Slots of the objects that are due for a recheck.
+    due: Vec<u32>,
     /// Slots of the objects that got a query in the last run.
     in_reach: Vec<u32>,
-    /// Of those that were within reach when they were last looked for without queries.
+    /// Slots of the objects that were within reach when they were last looked for without queries.
     near: Vec<u32>,
     /// Where the centre of the probe's sphere was, m, and the tolerance, m.
     last: Option<(DVec3, f64)>,
-    /// The way that the probe has come, m.
-    way: f64,
-}
-
-/// Objects of one shape.
-#[derive(Clone, Debug)]
-struct Kind {
-    shape: Shape,
-    ball: Ball,
-    /// Corners of the box, m.
-    low: DVec3,
-    high: DVec3,
-    /// Furthest corner from the sphere's centre, m.
-    corner: f64,
-    /// Workspaces that no object holds; room for all that there are.
-    #[expect(clippy::vec_box, reason = "as objects hold them, to be handed on without being copied")]
-    spare: Vec<Box<Workspace>>,
-    workspaces: usize,
-    /// Objects of the shape.
-    count: usize,
-}
-
-#[derive(Clone, Debug)]
-struct Workspace {
-    query: ContactQuery,
-    outcome: QueryOutcome,
+    /// Bound on how much closer an object at rest may have come, by the probe's motion, m.
+    motion_bound: f64,
 }
 
 #[derive(Clone, Debug)]
 struct Object {
-    pose: Pose,
-    /// Of its bounding sphere, in the world, m.
-    center: DVec3,
+    placed: Placed,
+    /// Index into [`SceneQuery::kinds`].
     kind: u32,
     workspace: Option<Box<Workspace>>,
     generation: u32,
-    /// Whether it is in the scene, and not disabled.
+    /// Whether it is in the scene.
     present: bool,
-    enabled: bool,
-}
-
-impl Kind {
-    fn new(shape: &Shape) -> Self {
-        let points = || shape.clod().vertices.iter().copied();
-        let (low, high) =
-            (points().fold(DVec3::INFINITY, DVec3::min), points().fold(DVec3::NEG_INFINITY, DVec3::max));
-        let ball = shape.ball();
-        let corner = (high - ball.center).abs().max((low - ball.center).abs()).length();
-        Self { shape: shape.clone(), ball, low, high, corner, spare: Vec::new(), workspaces: 0, count: 0 }
-    }
-
-    /// Adds a workspace to the spare ones.
-    fn add_workspace(&mut self, query: ContactQuery) {
-        self.workspaces += 1;
-        self.spare.reserve(self.workspaces - self.spare.len());
-        self.spare.push(Box::new(Workspace { query, outcome: QueryOutcome::default() }));
-    }
 }
 
 impl SceneQuery {
@@ -203,59 +161,59 @@ impl SceneQuery {
             kinds: Vec::new(),
             objects: Vec::new(),
             vacant: Vec::new(),
-            queue: WakeQueue::default(),
-            awake: Vec::new(),
+            queue: RecheckQueue::default(),
+            due: Vec::new(),
             in_reach: Vec::new(),
             near: Vec::new(),
             last: None,
-            way: 0.0,
+            motion_bound: 0.0,
         }
     }
 
-    /// Adds an object at a pose (object frame to world). Objects of one shape, which may be at any number of places, share
-    /// it and their workspaces.
+    /// Adds an object at a pose (object frame to world). Objects of one shape, which may be at any number of
+    /// places, share it and their workspaces.
     pub fn add(&mut self, shape: &Shape, pose: &Pose) -> ObjectHandle {
-        let kind = self.kind(shape) as u32;
-        let slot = self.vacant.pop().unwrap_or(self.objects.len() as u32);
-        let center = pose.transform_point(self.kinds[kind as usize].ball.center);
+        let index = self.kind(shape);
+        let kind = &mut self.kinds[index];
+        kind.objects += 1;
         let object = Object {
-            pose: *pose,
-            center,
-            kind,
+            placed: Placed::new(pose, kind),
+            kind: index as u32,
             workspace: None,
             generation: 0,
             present: true,
-            enabled: true,
         };
-        self.kinds[kind as usize].count += 1;
+        let slot = self.vacant.pop().unwrap_or(self.objects.len() as u32);
         match self.objects.get_mut(slot as usize) {
             Some(old) => *old = Object { generation: old.generation.wrapping_add(1), ..object },
             None => self.objects.push(object),
         }
         let count = self.objects.len();
         self.queue.reserve(count);
-        self.awake.reserve(count.saturating_sub(self.awake.len()));
-        self.in_reach.reserve(count.saturating_sub(self.in_reach.len()));
-        self.near.reserve(count.saturating_sub(self.near.len()));
+        for list in [&mut self.due, &mut self.in_reach, &mut self.near] {
+            list.reserve(count.saturating_sub(list.len()));
+        }
         self.queue.set(slot, f64::NEG_INFINITY);
         ObjectHandle { slot, generation: self.objects[slot as usize].generation }
     }
 
-    /// Takes an object out; `false` if it is not there. Its workspace is kept for others of its shape; with the last of these, the
-    /// shape goes as well.
+    /// Takes an object out; `false` if it is not there. Its workspace is kept for others of its shape; with
+    /// the last of these, the shape goes as well.
     pub fn remove(&mut self, object: ObjectHandle) -> bool {
-        let removed = self.set_enabled(object, false);
-        if removed {
-            let Object { present, kind, .. } = &mut self.objects[object.slot as usize];
-            *present = false;
-            let kind = *kind;
-            self.vacant.push(object.slot);
-            self.kinds[kind as usize].count -= 1;
-            if self.kinds[kind as usize].count == 0 {
-                self.drop_kind(kind);
-            }
+        if self.find(object).is_none() {
+            return false;
         }
-        removed
+        self.queue.remove(object.slot);
+        self.give_back(object.slot);
+        let Object { present, kind, .. } = &mut self.objects[object.slot as usize];
+        *present = false;
+        let kind = *kind;
+        self.vacant.push(object.slot);
+        self.kinds[kind as usize].objects -= 1;
+        if self.kinds[kind as usize].objects == 0 {
+            self.drop_kind(kind);
+        }
+        true
     }
 
     /// Forgets a shape that no object has; the last one takes its place.
@@ -273,40 +231,19 @@ impl SceneQuery {
         if self.find(object).is_none() {
             return false;
         }
-        let moved = &mut self.objects[object.slot as usize];
-        let kind = &self.kinds[moved.kind as usize];
-        let center = pose.transform_point(kind.ball.center);
-        // No point of the sphere or the box has come further.
-        let way = center.distance(moved.center) + turn(moved.pose.rotation, pose.rotation) * kind.corner;
-        let rounding = rounding(center) + rounding(moved.center);
-        let wake = self.queue.wake(object.slot) - way * (1.0 + ROUNDING) - rounding;
-        let known = moved.pose.is_valid() && pose.is_valid() && wake.is_finite();
-        (moved.pose, moved.center) = (*pose, center);
-        if moved.enabled {
-            self.queue.set(object.slot, if known { wake } else { f64::NEG_INFINITY });
-        }
-        true
-    }
-
-    /// Whether an object can be touched; `false` if it is not there.
-    pub fn set_enabled(&mut self, object: ObjectHandle, enabled: bool) -> bool {
-        if self.find(object).is_none() {
-            return false;
-        }
-        let changed = &mut self.objects[object.slot as usize];
-        changed.enabled = enabled;
-        if enabled {
-            self.queue.set(object.slot, f64::NEG_INFINITY);
-        } else {
-            self.queue.remove(object.slot);
-            self.give_back(object.slot);
-        }
+        let Object { placed, kind, .. } = &mut self.objects[object.slot as usize];
+        let kind = &self.kinds[*kind as usize];
+        let moved = Placed::new(pose, kind);
+        let recheck_at = placed.recheck_after_move(self.queue.recheck_at(object.slot), &moved, kind);
+        let known = placed.pose.is_valid() && pose.is_valid() && recheck_at.is_finite();
+        *placed = moved;
+        self.queue.set(object.slot, if known { recheck_at } else { f64::NEG_INFINITY });
         true
     }
 
     /// Where an object is (object frame to world), if it is there.
     pub fn pose(&self, object: ObjectHandle) -> Option<&Pose> {
-        self.find(object).map(|found| &found.pose)
+        self.find(object).map(|found| &found.placed.pose)
     }
 
     /// The shape of an object, if it is there.
@@ -314,7 +251,7 @@ impl SceneQuery {
         self.find(object).map(|found| &self.kinds[found.kind as usize].shape)
     }
 
-    /// Number of objects, disabled ones included.
+    /// Number of objects.
     pub fn len(&self) -> usize {
         self.objects.len() - self.vacant.len()
     }
@@ -324,7 +261,8 @@ impl SceneQuery {
         self.len() == 0
     }
 
-    /// Makes workspaces, as large as those of [`ContactQuery::new`], for as many objects of a shape within reach at once.
+    /// Makes workspaces, as large as those of [`ContactQuery::new`], for as many objects of a shape within
+    /// reach at once.
     pub fn reserve(&mut self, shape: &Shape, objects: usize) {
         let kind = self.kind(shape);
         let kind = &mut self.kinds[kind];
@@ -333,15 +271,8 @@ impl SceneQuery {
         }
     }
 
-    /// Drops the workspaces that no object holds.
-    pub fn shrink(&mut self) {
-        for kind in &mut self.kinds {
-            kind.workspaces -= kind.spare.len();
-            kind.spare = Vec::with_capacity(kind.workspaces);
-        }
-    }
-
-    /// Forgets all that was found out: the next run looks at all objects, and starts every query from the roots.
+    /// Forgets all that was found out: the next run looks at all objects, and starts every query from the
+    /// roots.
     pub fn reset(&mut self) {
         self.last = None;
         for workspace in self.objects.iter_mut().filter_map(|object| object.workspace.as_mut()) {
@@ -351,15 +282,13 @@ impl SceneQuery {
 
     /// Bytes of memory held, besides the shapes.
     pub fn bytes(&self) -> usize {
-        let spare = self.kinds.iter().flat_map(|kind| &kind.spare);
         let held = self.objects.iter().filter_map(|object| object.workspace.as_ref());
-        let lists =
-            self.awake.capacity() + self.in_reach.capacity() + self.near.capacity() + self.vacant.capacity();
-        spare.chain(held).map(|workspace| size_of::<Workspace>() + workspace.query.bytes()).sum::<usize>()
-            + self.kinds.iter().map(|kind| size_of::<Kind>() + 8 * kind.spare.capacity()).sum::<usize>()
+        let lists = [&self.due, &self.in_reach, &self.near, &self.vacant].map(Vec::capacity);
+        held.map(|workspace| workspace.bytes()).sum::<usize>()
+            + self.kinds.iter().map(Kind::bytes).sum::<usize>()
             + self.objects.capacity() * size_of::<Object>()
             + self.queue.bytes()
-            + lists * size_of::<u32>()
+            + lists.iter().sum::<usize>() * size_of::<u32>()
     }
 
     /// Finds the contacts of the probe at a pose (object frame to world) with all objects.
@@ -367,18 +296,18 @@ impl SceneQuery {
     /// A budget is for all queries together: each gets an equal part of what those before it have left.
     ///
     /// # Errors
-    /// If the probe's pose is not valid, or the tolerance or an error metric is out of bounds. There are
-    /// no contacts then. An object whose own pose is not valid is left out and [counted](SceneOutcome::invalid).
+    /// If the probe's pose is not valid, or the tolerance or an error metric is out of bounds. There are no
+    /// contacts then. An object whose own pose is not valid is left out and [counted](SceneOutcome::invalid).
     pub fn run(&mut self, probe_pose: &Pose, settings: &QuerySettings) -> Result<SceneOutcome, QueryError> {
         let mut outcome = SceneOutcome::default();
         self.in_reach.clear();
-        check_placed(probe_pose, QueryObject::Probe)?;
+        QueryError::check_pose(probe_pose, QueryObject::Probe)?;
         settings.check(&self.probe)?;
         self.find_in_reach(probe_pose, settings.tolerance, &mut outcome);
-        self.hand_out(settings.fixed_capacity, &mut outcome);
+        self.hand_out(&mut outcome);
         let begun = Instant::now();
         for (index, slot) in self.in_reach.iter().enumerate() {
-            let Object { pose, workspace: Some(workspace), .. } = &mut self.objects[*slot as usize] else {
+            let Object { placed, workspace: Some(workspace), .. } = &mut self.objects[*slot as usize] else {
                 continue;
             };
             let left = self.in_reach.len() - index;
@@ -388,23 +317,24 @@ impl SceneQuery {
                     Budget::Queries(queries.saturating_sub(outcome.query.convex_queries) / left)
                 }
             });
-            workspace.outcome =
-                workspace.query.run(probe_pose, pose, &QuerySettings { budget, ..*settings })?;
-            add(&mut outcome.query, &workspace.outcome);
+            let settings = QuerySettings { budget, ..*settings };
+            workspace.outcome = workspace.query.run(probe_pose, &placed.pose, &settings)?;
+            outcome.query.add(&workspace.outcome);
         }
         outcome.queried = self.in_reach.len();
         Ok(outcome)
     }
 
-    /// Finds the objects within reach of the probe at a pose (object frame to world), without any query: for those who look for contacts
-    /// otherwise. There are [no contacts](Self::contacts) then. How many are left out because their pose is not valid.
+    /// Finds the objects within reach of the probe at a pose (object frame to world), without any query: for
+    /// callers that find contacts by other means. There are [no contacts](Self::contacts) then. Returns how
+    /// many objects are left out because their pose is not valid.
     ///
     /// # Errors
     /// As [`run`](Self::run).
     pub fn find_near(&mut self, probe_pose: &Pose, tolerance: f64) -> Result<usize, QueryError> {
         self.in_reach.clear();
         self.near.clear();
-        check_placed(probe_pose, QueryObject::Probe)?;
+        QueryError::check_pose(probe_pose, QueryObject::Probe)?;
         QuerySettings::new(tolerance).check(&self.probe)?;
         let mut outcome = SceneOutcome::default();
         self.find_in_reach(probe_pose, tolerance, &mut outcome);
@@ -414,53 +344,45 @@ impl SceneQuery {
 
     /// The objects that were within reach when [they were last looked for](Self::find_near), by handle.
     pub fn near(&self) -> impl Iterator<Item = ObjectHandle> {
-        self.near
-            .iter()
-            .map(|slot| ObjectHandle { slot: *slot, generation: self.objects[*slot as usize].generation })
+        self.near.iter().map(|slot| self.handle(*slot))
     }
 
-    /// The objects that got a query in the last run, those without contacts included, with their contacts, by handle.
+    /// The objects that got a query in the last run, those without contacts included, with their contacts, by
+    /// handle.
     pub fn contacts(&self) -> impl Iterator<Item = ObjectContacts<'_>> {
         self.in_reach.iter().filter_map(|slot| {
-            let Object { generation, workspace, .. } = &self.objects[*slot as usize];
-            let Workspace { query, outcome } = workspace.as_deref()?;
-            let object = ObjectHandle { slot: *slot, generation: *generation };
-            Some(ObjectContacts { object, contacts: query.contacts(), outcome })
+            let Workspace { query, outcome } = self.objects[*slot as usize].workspace.as_deref()?;
+            Some(ObjectContacts { object: self.handle(*slot), contacts: query.contacts(), outcome })
         })
     }
 
-    /// Lists the objects within reach, and puts the others to sleep that were awake.
+    /// Lists the objects within reach, and notes when those that are not are due again.
     fn find_in_reach(&mut self, probe_pose: &Pose, tolerance: f64, outcome: &mut SceneOutcome) {
         let Ball { center, radius } = self.probe.ball();
         let center = probe_pose.transform_point(center);
-        self.way += match self.last.replace((center, tolerance)) {
-            Some((last, before)) if last == center && before == tolerance => 0.0,
-            Some((last, before)) => {
-                let way = center.distance(last) + (tolerance - before).abs();
-                way * (1.0 + ROUNDING) + rounding(center) + rounding(last)
-            }
-            None => f64::INFINITY,
-        };
-        // Before rounding tells.
-        if self.way.is_nan() || self.way > LONG_WAY * radius {
-            self.way = 0.0;
-            self.queue.wake_all();
+        let last = self.last.replace((center, tolerance));
+        self.motion_bound += last.map_or(f64::INFINITY, |last| probe_motion(last, (center, tolerance)));
+        // Before the rounding of the sum matters.
+        if self.motion_bound.is_nan() || self.motion_bound > SCENE_MOTION_LIMIT * radius {
+            self.motion_bound = 0.0;
+            self.queue.recheck_all();
         }
-        self.awake.clear();
-        self.queue.awake(self.way, &mut self.awake);
-        outcome.tested = self.awake.len();
-        for index in 0..self.awake.len() {
-            let slot = self.awake[index];
+        self.due.clear();
+        self.queue.due(self.motion_bound, &mut self.due);
+        outcome.tested = self.due.len();
+        let reach = radius + tolerance + UNIT_QUATERNION_SLACK * self.probe.coordinates();
+        for index in 0..self.due.len() {
+            let slot = self.due[index];
             let object = &self.objects[slot as usize];
-            let kind = &self.kinds[object.kind as usize];
-            let invalid = check_placed(&object.pose, QueryObject::Scene).is_err();
-            let gap = gap(object, kind, center, radius + tolerance + SLACK * self.probe.coordinates());
-            let wake = if gap > 0.0 && !invalid { self.way + gap } else { f64::NEG_INFINITY };
-            if wake != self.queue.wake(slot) {
-                self.queue.set(slot, wake);
+            let invalid = !object.placed.pose.is_valid();
+            let gap = object.placed.gap(&self.kinds[object.kind as usize], center, reach);
+            let out_of_reach = gap > 0.0 && !invalid;
+            let recheck_at = if out_of_reach { self.motion_bound + gap } else { f64::NEG_INFINITY };
+            if recheck_at != self.queue.recheck_at(slot) {
+                self.queue.set(slot, recheck_at);
             }
             outcome.invalid += usize::from(invalid);
-            if gap > 0.0 || invalid {
+            if out_of_reach || invalid {
                 self.give_back(slot);
             } else {
                 self.in_reach.push(slot);
@@ -470,15 +392,15 @@ impl SceneQuery {
     }
 
     /// Sees to it that all objects within reach have a workspace.
-    fn hand_out(&mut self, fixed_capacity: bool, outcome: &mut SceneOutcome) {
+    fn hand_out(&mut self, outcome: &mut SceneOutcome) {
         let Self { objects, kinds, probe, in_reach, .. } = self;
-        in_reach.retain(|slot| {
+        for slot in in_reach {
             let object = &mut objects[*slot as usize];
             if object.workspace.is_some() {
-                return true;
+                continue;
             }
             let kind = &mut kinds[object.kind as usize];
-            if kind.spare.is_empty() && !fixed_capacity {
+            if kind.spare.is_empty() {
                 outcome.query.reallocated = true;
                 kind.add_workspace(ContactQuery::with_capacity(probe, &kind.shape, CONTACTS, PAIRS));
             }
@@ -486,15 +408,17 @@ impl SceneQuery {
             if let Some(workspace) = &mut object.workspace {
                 workspace.query.reset();
             }
-            outcome.left_out += usize::from(object.workspace.is_none());
-            object.workspace.is_some()
-        });
+        }
     }
 
     /// Takes an object's workspace back.
     fn give_back(&mut self, slot: u32) {
         let Object { kind, workspace, .. } = &mut self.objects[slot as usize];
         self.kinds[*kind as usize].spare.extend(workspace.take());
+    }
+
+    fn handle(&self, slot: u32) -> ObjectHandle {
+        ObjectHandle { slot, generation: self.objects[slot as usize].generation }
     }
 
     fn find(&self, object: ObjectHandle) -> Option<&Object> {
@@ -510,50 +434,4 @@ impl SceneQuery {
             self.kinds.len() - 1
         })
     }
-}
-
-/// How far an object is from being within `reach` (m) of a point in the world, at least.
-fn gap(object: &Object, kind: &Kind, center: DVec3, reach: f64) -> f64 {
-    let distance = center.distance(object.center);
-    let spheres = distance - kind.ball.radius;
-    let local = object.pose.inverse().transform_point(center);
-    let boxes = local.distance(local.clamp(kind.low, kind.high));
-    let slack = SLACK * (distance + reach + kind.ball.radius + kind.shape.coordinates());
-    spheres.max(boxes) - reach - slack - rounding(center) - rounding(object.center)
-}
-
-/// Bound on how far a point of the unit sphere goes from one orientation to another.
-fn turn(from: DQuat, to: DQuat) -> f64 {
-    // Half the angle between the quaternions is a quarter of that of the rotation.
-    2.0 * (from - to).length().min((from + to).length())
-}
-
-/// Of a point's coordinates, m.
-fn rounding(point: DVec3) -> f64 {
-    4.0 * f64::EPSILON * point.abs().max_element()
-}
-
-/// Adds what one query found and what it cost to what others did.
-fn add(sum: &mut QueryOutcome, one: &QueryOutcome) {
-    let either = |x: Option<f64>, y: Option<f64>, of: fn(f64, f64) -> f64| match (x, y) {
-        (Some(x), Some(y)) => Some(of(x, y)),
-        (x, y) => x.or(y),
-    };
-    sum.contacts += one.contacts;
-    sum.smallest_distance = either(sum.smallest_distance, one.smallest_distance, f64::min);
-    sum.deepest = either(sum.deepest, one.deepest, f64::max);
-    sum.visited += one.visited;
-    sum.front += one.front;
-    sum.leaf_pairs += one.leaf_pairs;
-    sum.convex_queries += one.convex_queries;
-    sum.not_converged += one.not_converged;
-    sum.by_triangles += one.by_triangles;
-    sum.stack_high_water = sum.stack_high_water.max(one.stack_high_water);
-    sum.front_high_water = sum.front_high_water.max(one.front_high_water);
-    sum.front_overflow |= one.front_overflow;
-    sum.out_of_budget |= one.out_of_budget;
-    sum.worst_deviation = sum.worst_deviation.max(one.worst_deviation);
-    sum.overflow |= one.overflow;
-    sum.merged_within = sum.merged_within.max(one.merged_within);
-    sum.reallocated |= one.reallocated;
 }

@@ -87,7 +87,7 @@ fn run([probe, scene]: &[Body; 2], poses: &[Pose]) {
     let scene_triangles = crate::oracle::placed(&scene.mesh, &Pose::IDENTITY);
     for pose in chosen {
         let outcome = query.run(pose, &Pose::IDENTITY, &settings).unwrap();
-        assert!(!outcome.overflow && outcome.not_converged == 0, "{outcome:?}");
+        assert!(outcome.dropped == 0 && outcome.not_converged == 0, "{outcome:?}");
         let pairs = crate::oracle::pairs_within(
             &crate::oracle::placed(&probe.mesh, pose),
             &scene_triangles,

@@ -3,14 +3,14 @@
 use std::collections::{HashMap, HashSet};
 
 use crate::oracle::{Triangle, normal};
-use crate::solids::{Body, Kind, clusters, pose, singles, star, torus, vector};
+use crate::solids::{Body, Kind, clusters, hierarchy, pose, singles, star, torus, vector};
 use palpate_clod_build::{BuildOptions, build, unwatched};
 use palpate_collide::{
     ContactQuery, ErrorMetrics, MAX_CONTACTS, MAX_PAIRS, PatchContact, QueryError, QueryObject, QueryOutcome,
     QuerySettings, Shape,
 };
 use palpate_core::glam::{DQuat, DVec3};
-use palpate_core::{Pose, TriMesh};
+use palpate_core::{Clod, Pose, TriMesh};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 const SEED: u64 = 0x0B5E_55ED;
@@ -122,7 +122,7 @@ fn check(
 }
 
 fn sane(contacts: &[PatchContact], outcome: &QueryOutcome, tolerance: f64, scale: f64, context: &str) {
-    assert!(!outcome.overflow && outcome.not_converged == 0, "{context}: {outcome:?}");
+    assert!(outcome.dropped == 0 && outcome.not_converged == 0, "{context}: {outcome:?}");
     assert_eq!(outcome.contacts, contacts.len());
     for PatchContact { contact, .. } in contacts {
         assert!((contact.normal.length() - 1.0).abs() < 1e-9, "{context}: {contact:?}");
@@ -450,29 +450,39 @@ fn the_unit_of_length_does_not_matter() {
     }
 }
 
+/// Queries know the tolerance that patches were built with: where it is larger, more pairs are decided triangle by triangle,
+/// whichever of the two shapes has it.
 #[test]
-fn a_full_buffer_says_so_and_bad_input_is_refused() {
+fn the_larger_tolerance_of_both_shapes_counts() {
+    let mesh = bumpy();
+    let (clod, _) = hierarchy(&mesh, &clusters(&mesh, 4), Kind::Contained);
+    let mut parts = clod.parts();
+    parts.source.tolerance = 1e-2;
+    let [tight, loose] = [clod, Clod::pack(&parts).unwrap()].map(Shape::new);
+    let by_triangles = |probe: &Shape, scene: &Shape| {
+        let pose = Pose::from_translation(1.95 * DVec3::X);
+        let outcome = ContactQuery::new(probe, scene).run(&pose, &Pose::IDENTITY, &QuerySettings::new(0.1));
+        outcome.unwrap().by_triangles
+    };
+    let least = by_triangles(&tight, &tight);
+    let both = [by_triangles(&tight, &loose), by_triangles(&loose, &tight)];
+    assert!(
+        both[0] > least && both[0] == both[1] && both[0] == by_triangles(&loose, &loose),
+        "{least}, {both:?}"
+    );
+}
+
+#[test]
+fn buffers_grow_and_bad_input_is_refused() {
     let mesh = bumpy();
     let body = Body::new(mesh.clone(), &singles(&mesh), Kind::Contained);
     let mut query = ContactQuery::with_capacity(&body.shape, &body.shape, 100, 1 << 12);
     let near = Pose::from_translation(DVec3::X * 0.01);
     let open = QuerySettings::new(0.3);
-    let fixed = QuerySettings { fixed_capacity: true, ..open };
-    let full = query.run(&near, &Pose::IDENTITY, &fixed).unwrap();
-    assert!(full.overflow && full.contacts > query.contacts().len());
-    let merged = query.contacts().to_vec();
     let grown = query.run(&near, &Pose::IDENTITY, &open).unwrap();
-    assert!(!grown.overflow && grown.reallocated && grown.contacts == query.contacts().len());
-    assert_eq!(full.contacts, grown.contacts);
-    for lost in query.contacts() {
-        let near = |kept: &PatchContact| {
-            kept.contact.point.distance(lost.contact.point) <= 3f64.sqrt() * full.merged_within
-                && kept.contact.depth >= lost.contact.depth
-        };
-        assert!(merged.iter().any(near), "nothing stands for {lost:?} within {}", full.merged_within);
-    }
-    let again = query.run(&near, &Pose::IDENTITY, &fixed).unwrap();
-    assert!(!again.overflow && !again.reallocated);
+    assert!(grown.dropped == 0 && grown.reallocated && grown.contacts == query.contacts().len());
+    let again = query.run(&near, &Pose::IDENTITY, &open).unwrap();
+    assert!(!again.reallocated);
 
     let lost = Pose::from_translation(DVec3::new(f64::NAN, 0.0, 0.0));
     let mut refused = |probe: &Pose, scene: &Pose, settings: QuerySettings| {
@@ -498,8 +508,8 @@ fn a_full_buffer_says_so_and_bad_input_is_refused() {
     assert_eq!(query.run(&near, &origin, &open).unwrap().contacts, grown.contacts);
 }
 
-/// Two hollow balls of which a quarter of all pairs of triangles are within a radius: near contacts are merged, and memory is
-/// bounded. Within half of that all contacts are kept.
+/// Two hollow balls of which a quarter of all pairs of triangles are within a radius: the shallowest contacts are dropped, and
+/// memory is bounded. Within half of that all contacts are kept.
 #[test]
 fn a_growing_workspace_stops_at_its_bounds() {
     let mesh = star(4, |_| 1.0);
@@ -508,10 +518,13 @@ fn a_growing_workspace_stops_at_its_bounds() {
     let near = Pose::from_translation(DVec3::X * 0.01);
     let most = body.shape.max_tolerance();
     let half = query.run(&near, &Pose::IDENTITY, &QuerySettings::new(0.5 * most)).unwrap();
-    assert!(!half.overflow && half.contacts == query.contacts().len(), "{half:?}");
+    assert!(half.dropped == 0 && half.contacts == query.contacts().len(), "{half:?}");
     assert!(half.contacts > 100_000, "{half:?}");
     let whole = query.run(&near, &Pose::IDENTITY, &QuerySettings::new(most)).unwrap();
-    assert!(whole.contacts > MAX_CONTACTS && whole.overflow && !whole.front_overflow, "{whole:?}");
+    assert!(whole.contacts > MAX_CONTACTS && !whole.front_overflow, "{whole:?}");
     assert!(query.contacts().len() <= MAX_CONTACTS && whole.front_high_water <= MAX_PAIRS);
+    assert_eq!(query.contacts().len() + whole.dropped, whole.contacts);
+    let depths = query.contacts().iter().map(|found| found.contact.depth);
+    assert_eq!(depths.reduce(f64::max), whole.deepest, "the deepest is never dropped");
     assert!(query.bytes() < 800_000_000, "{} bytes", query.bytes());
 }

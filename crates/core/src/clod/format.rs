@@ -4,7 +4,7 @@
 //! |---|---|
 //! | header, 24 bytes | magic `palpclod`, version u32, length of the body u64, CRC-32 (IEEE) of the body u32 |
 //! | counts | u32 each: levels, nodes, hull vertices, patch triangles |
-//! | source | vertices, triangles, flags u32 (bit 0: solid), bounding radius, centre, volume, centre of mass, inertia by columns |
+//! | source | vertices, triangles, flags u32 (bit 0: solid), tolerance, bounding radius, centre, volume, centre of mass, inertia by columns |
 //! | levels | nodes start and end, triangles, flags u32 (bit 0: free), resolution |
 //! | nodes | parent, children start and end, level, vertices start and end, extreme, added, triangles start and end, flags u32 (bit 0: contained, bit 1: all real), centre, radius, deviation, Hausdorff distance |
 //! | arrays | hull vertices (3 f64 each), their support areas (f64), patch triangles (3 u32 each) |
@@ -23,10 +23,10 @@ use glam::{DMat3, DVec3};
 use super::{Clod, Level, Node, Parts, Source};
 
 const MAGIC: [u8; 8] = *b"palpclod";
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 const HEADER_BYTES: usize = 24;
 const COUNTS_BYTES: usize = 16;
-const SOURCE_BYTES: usize = 3 * 4 + 17 * 8;
+const SOURCE_BYTES: usize = 3 * 4 + 18 * 8;
 const LEVEL_BYTES: usize = 4 * 4 + 8;
 const NODE_BYTES: usize = 11 * 4 + 6 * 8;
 const VERTEX_BYTES: usize = 3 * 8;
@@ -246,7 +246,7 @@ impl Parts {
         }
         let source = &self.source;
         write_u32s(out, [source.vertices, source.triangles, u32::from(source.solid)])?;
-        write_f64s(out, [source.bounding_radius])?;
+        write_f64s(out, [source.tolerance, source.bounding_radius])?;
         write_f64s(out, source.center.to_array())?;
         write_f64s(out, [source.volume])?;
         write_f64s(out, source.center_of_mass.to_array())?;
@@ -408,6 +408,7 @@ impl<R: Read> Body<R> {
             vertices: fields.u32(),
             triangles: fields.u32(),
             solid: fields.flags(1, &mut unknown) & 1 != 0,
+            tolerance: fields.f64(),
             bounding_radius: fields.f64(),
             center: fields.vector(),
             volume: fields.f64(),

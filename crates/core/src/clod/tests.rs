@@ -39,6 +39,7 @@ fn random_hierarchy(seed: u64, leaves: u32) -> Parts {
             vertices: 3 * leaves,
             triangles: 4 * leaves,
             solid: true,
+            tolerance: 1e-6,
             bounding_radius: 2.0,
             center: DVec3::new(0.1, -0.0, 3.0),
             volume: 0.7,
@@ -158,17 +159,28 @@ fn the_layout_is_as_documented() {
     let clod = random_hierarchy(5, 9);
     let bytes = bytes_of(&clod);
     assert_eq!(&bytes[..8], b"palpclod");
-    assert_eq!(bytes[8..12], 2u32.to_le_bytes());
+    assert_eq!(bytes[8..12], 3u32.to_le_bytes());
     assert_eq!(bytes[12..20], (bytes.len() as u64 - 24).to_le_bytes());
     assert_eq!(bytes[24..28], (clod.levels.len() as u32).to_le_bytes());
     assert_eq!(bytes[28..32], (clod.nodes.len() as u32).to_le_bytes());
     let [.., last] = clod.triangles.last().unwrap();
     assert_eq!(bytes[bytes.len() - 4..], last.to_le_bytes());
-    let levels_at = 24 + 16 + 148;
+    let levels_at = 24 + 16 + 156;
+    assert_eq!(bytes[24 + 16 + 12..24 + 16 + 20], 1e-6f64.to_le_bytes());
     let nodes_at = levels_at + 24 * clod.levels.len();
     assert_eq!(bytes[nodes_at..nodes_at + 4], NO_NODE.to_le_bytes());
     let vertices_at = nodes_at + 92 * clod.nodes.len();
     assert_eq!(bytes[vertices_at..vertices_at + 8], clod.vertices[0].x.to_le_bytes());
+}
+
+/// Files that were written before hierarchies held their tolerance.
+#[test]
+fn an_older_version_is_refused() {
+    let mut bytes = bytes_of(&random_hierarchy(5, 9));
+    bytes[8..12].copy_from_slice(&2u32.to_le_bytes());
+    let error = Parts::read(&*bytes).unwrap_err();
+    assert!(matches!(error, ClodError::Version { found: 2 }), "{error}");
+    assert!(error.to_string().contains("build it again"), "{error}");
 }
 
 #[test]
@@ -255,7 +267,7 @@ fn hostile_lengths_take_no_memory() {
     {
         let mut hostile = bytes.clone();
         let body = 16
-            + 148
+            + 156
             + 24 * u64::from(levels)
             + 92 * u64::from(nodes)
             + 32 * u64::from(vertices)
@@ -270,7 +282,7 @@ fn hostile_lengths_take_no_memory() {
             "{error}"
         );
     }
-    for length in [0, 1, 163, u64::MAX, u64::MAX - 24] {
+    for length in [0, 1, 171, u64::MAX, u64::MAX - 24] {
         let mut hostile = bytes.clone();
         hostile[12..20].copy_from_slice(&length.to_le_bytes());
         let error = Parts::read(&*hostile).unwrap_err();
@@ -315,6 +327,9 @@ fn each_broken_invariant_is_named() {
     let breaks: &[(&str, &str, Break)] = &[
         ("source", "bounding radius", |c| c.source.bounding_radius = 0.0),
         ("source", "bounding radius", |c| c.source.bounding_radius = f64::INFINITY),
+        ("source", "tolerance", |c| c.source.tolerance = -1e-9),
+        ("source", "tolerance", |c| c.source.tolerance = 1.5),
+        ("source", "tolerance", |c| c.source.tolerance = f64::NAN),
         ("source", "centre", |c| c.source.center.y = f64::NAN),
         ("source", "centre", |c| c.source.center_of_mass.z = 1e60),
         ("source", "volume", |c| c.source.volume = -1.0),

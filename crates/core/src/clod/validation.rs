@@ -27,7 +27,7 @@ impl Parts {
     /// - The hull vertices follow one another in the order of the nodes, and so do the patch triangles. Each hull has a
     ///   vertex, and an extreme one; the points added to it stand right before. Each node has triangles unless its
     ///   level is free; they name three different vertices of its hull.
-    /// - Numbers are finite, and areas, radii and distances not negative; lengths are between 1e-50 and 1e50 m. Hulls
+    /// - Numbers are finite, and areas, radii and distances not negative; the tolerance is between 0 and 1; lengths are between 1e-50 and 1e50 m. Hulls
     ///   lie within their bounding spheres, to within 1e-9 of the object's bounding radius. The inertia tensor is
     ///   symmetric and positive definite.
     ///
@@ -74,6 +74,8 @@ impl Parts {
             (inertia - inertia.transpose()).to_cols_array().iter().fold(0.0, |a: f64, b| a.max(b.abs()));
         let complaint = if !(1.0 / LARGEST_LENGTH..=LARGEST_LENGTH).contains(&source.bounding_radius) {
             "the bounding radius is not a positive number within range"
+        } else if !(0.0..=1.0).contains(&source.tolerance) {
+            "the tolerance is not between 0 and 1 of the bounding radius"
         } else if !within_range(source.center) || !within_range(source.center_of_mass) {
             "the centre, or the centre of mass, is not finite and within range"
         } else if !(source.volume.is_finite() && source.volume >= 0.0) {

@@ -238,7 +238,7 @@ impl ContactLoop {
             }
         };
         let events = &mut self.telemetry.events;
-        events.contact_overflow += u64::from(followed.overflow);
+        events.contact_overflow += followed.dropped as u64;
         events.contact_refused += u64::from(followed.refused);
         events.not_converged += followed.not_converged as u64;
         events.held_back += u64::from(*self.proxy.pose() != body.pose);

@@ -151,8 +151,8 @@ impl Found {
 /// How a step of the proxy went.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Followed {
-    /// Whether a query had no room for its contacts.
-    pub overflow: bool,
+    /// Number of contacts that queries dropped.
+    pub dropped: usize,
     /// Whether a query failed, or left out an object that cannot be queried.
     pub refused: bool,
     /// Pairs that did not converge, in all queries.
@@ -163,7 +163,7 @@ impl Followed {
     fn count(&mut self, outcome: &Result<SceneOutcome, QueryError>) {
         match outcome {
             Ok(SceneOutcome { query, invalid, .. }) => {
-                self.overflow |= query.overflow;
+                self.dropped += query.dropped;
                 self.refused |= *invalid > 0;
                 self.not_converged += query.not_converged;
             }

@@ -150,7 +150,7 @@ events! {
     /// answered within 20 ms, could not be made, or they were too many for it. What is lost is counted once, and the processor
     /// has computed them since.
     texture_backend_lost,
-    /// A contact query ran out of room and reported fewer contacts than there are.
+    /// A contact was dropped, one of the shallowest of too many for a contact query or a contact model.
     contact_overflow,
     /// A contact query was refused, its pose not being finite, and found nothing; or a contact was not finite, or the depth of a
     /// quarter of a textured contact's grid, and was left out.

@@ -175,6 +175,7 @@ pub fn hierarchy(mesh: &TriMesh, patches: &[Vec<u32>], kind: Kind) -> (Clod, Vec
         source: Source {
             vertices: mesh.vertices().len() as u32,
             triangles: mesh.triangles().len() as u32,
+            tolerance: 1e-6,
             solid: kind != Kind::Open,
             bounding_radius: mesh.vertices().iter().map(|v| v.length()).fold(0.0, f64::max),
             center: DVec3::ZERO,

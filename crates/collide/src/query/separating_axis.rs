@@ -1,31 +1,32 @@
-//! What keeps two hulls known to be apart while the bodies move: a direction along which they were.
+//! The separating axis of two hulls, cached while the bodies move.
 //!
-//! The way that bodies have come counts alike in all directions, and between bodies that slide along one another it is
-//! used up quickly. Along a direction that separated two hulls, only the motion in that direction counts: that of the
-//! smaller hull's centre, which is known, and of its points about the centre, which is at most its radius times the
-//! angle that the bodies have turned.
+//! The motion bound counts alike in all directions, and between bodies that slide along one another it is
+//! used up quickly. Along an axis that separated two hulls, only the motion in that direction counts: that of
+//! the smaller hull's centre, which is known, and of its points about the centre, which is at most its radius
+//! times the angle that the bodies have turned.
 
 use palpate_core::glam::DVec3;
 
 use crate::convex::{Distance, Placement};
 use crate::shape::Packed;
+use crate::tolerances::TURN_SLACK;
 
 /// A direction along which two hulls were apart, and how far.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Parting {
-    /// Unit vector in the frame of the larger node's body; the smaller node lies against it.
+pub(crate) struct SeparatingAxis {
+    /// Unit vector in the frame of the larger node's body; it points from the smaller hull to the larger one.
     direction: DVec3,
-    /// How far the hulls were apart, and how far along the direction the smaller node's centre was, m.
+    /// Separation of the hulls then, plus how far along the direction the smaller node's centre was, m.
     offset: f64,
-    /// How far the bodies had turned, rad.
+    /// Bound on how far the bodies had turned then, rad.
     turn: f64,
     /// Whether the hulls are those of the patches, rather than the bounding ones.
     pub of_patches: bool,
 }
 
-impl Parting {
-    /// Of a pair of nodes whose hulls were found to be apart; none if not.
-    pub fn of(
+impl SeparatingAxis {
+    /// The axis along which the hulls of two nodes were found to be apart; `None` if they were not.
+    pub fn from_distance(
         found: &Distance,
         [a, b]: &[Packed; 2],
         placement: &Placement,
@@ -38,9 +39,13 @@ impl Parting {
         (found.lower > 0.0).then_some(Self { direction, offset, turn, of_patches })
     }
 
-    /// How far the hulls are apart along the direction by now, m. `rounding`: that of coordinates, m.
-    pub fn lower(&self, [a, b]: &[Packed; 2], placement: &Placement, turn: f64, rounding: f64) -> f64 {
-        let turned = (turn - self.turn) * a.radius.min(b.radius) * (1.0 + 1e-6);
+    /// Lower bound on the separation of the hulls by now, m. `turn`: bound on how far the bodies have turned
+    /// by now, rad; `rounding`: that of coordinates, m.
+    ///
+    /// With **u** the direction, **c** the smaller node's centre and r its radius, it is
+    /// separation then + **u** · (**c** then − **c** now) − r (turn now − turn then).
+    pub fn separation(&self, [a, b]: &[Packed; 2], placement: &Placement, turn: f64, rounding: f64) -> f64 {
+        let turned = (turn - self.turn) * a.radius.min(b.radius) * (1.0 + TURN_SLACK);
         self.offset - self.direction.dot(center(a, b, placement)) - turned - rounding
     }
 }
@@ -70,7 +75,7 @@ mod tests {
     use rand::{RngExt, SeedableRng, rngs::StdRng};
 
     #[test]
-    fn hulls_are_never_closer_than_their_parting_tells() {
+    fn hulls_are_never_closer_than_their_axis_says() {
         let mut rng = StdRng::seed_from_u64(0x9A27);
         let mut vector =
             |size: f64| DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0))) * size;
@@ -93,7 +98,8 @@ mod tests {
             let mut motion = Motion::default();
             let mut placement = Placement::between(&pose, &Pose::IDENTITY);
             motion.step(&balls[0], &balls[1], &placement, 0.0);
-            let Some(parting) = Parting::of(&distance(&placement), &nodes, &placement, motion.turn(), true)
+            let Some(axis) =
+                SeparatingAxis::from_distance(&distance(&placement), &nodes, &placement, motion.turn(), true)
             else {
                 continue;
             };
@@ -104,7 +110,7 @@ mod tests {
                 );
                 placement = Placement::between(&pose, &Pose::IDENTITY);
                 motion.step(&balls[0], &balls[1], &placement, 0.0);
-                let lower = parting.lower(&nodes, &placement, motion.turn(), 1e-15);
+                let lower = axis.separation(&nodes, &placement, motion.turn(), 1e-15);
                 let found = gjk::distance(
                     &hull_a,
                     &hull_b,

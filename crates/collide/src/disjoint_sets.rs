@@ -1,12 +1,12 @@
-//! Disjoint sets.
+//! Disjoint sets (Tarjan 1975), by path halving.
 
-/// Disjoint sets (Tarjan 1975), by path halving.
+/// A partition of the numbers from 0 on.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Sets {
+pub(crate) struct DisjointSets {
     parents: Vec<u32>,
 }
 
-impl Sets {
+impl DisjointSets {
     /// Starts with a number of elements, each a set of its own.
     pub fn clear(&mut self, count: usize) {
         self.parents.clear();

@@ -1,8 +1,8 @@
 //! Which patches and triangles of a level meet: the surface that patches are pieces of, put together again.
 //!
-//! Nodes share no vertices in a hierarchy's layout. Patches of one level are pieces of one mesh, though, and their
-//! common vertices have the same coordinates to the last bit, by which they are joined here. Vertices of different
-//! levels are told apart, so each level is a surface of its own.
+//! Nodes share no vertices in a hierarchy's layout. Patches of one level are pieces of one mesh, though, and
+//! their common vertices have the same coordinates to the last bit, by which they are joined here. Vertices
+//! of different levels are never joined, so each level is a surface of its own.
 
 use palpate_core::Clod;
 use palpate_core::clod::NO_NODE;
@@ -13,8 +13,8 @@ const NO_VERTEX: u32 = u32::MAX;
 
 /// The neighbourhood of patches, on every level that is not free.
 ///
-/// Memory: 28 bytes a vertex of a level's mesh; 28 a triangle; 4 a node, and for every ordered pair of neighbouring
-/// patches.
+/// Memory: 28 bytes a vertex of a level's mesh; 28 a triangle; 4 a node, and for every ordered pair of
+/// neighbouring patches.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Neighbours {
     /// First node that has a patch.
@@ -157,7 +157,8 @@ impl Neighbours {
         &self.around[range]
     }
 
-    /// The nodes of the same level whose patches share a vertex with a node's, in ascending order; none for a free one.
+    /// The nodes of the same level whose patches share a vertex with a node's, in ascending order; none for a
+    /// free one.
     pub fn of(&self, node: u32) -> &[u32] {
         let Some(index) = node.checked_sub(self.first_node).map(|index| index as usize) else {
             return &[];
@@ -166,8 +167,8 @@ impl Neighbours {
         &self.nodes[range]
     }
 
-    /// Whether two nodes are the same patch, or neighbours. Of nodes of different levels the finer one stands for its
-    /// ancestor on the coarser one's level.
+    /// Whether two nodes are the same patch, or neighbours. Of nodes of different levels the finer one stands
+    /// for its ancestor on the coarser one's level.
     pub fn meets(&self, clod: &Clod, x: u32, y: u32) -> bool {
         let level = |node: u32| clod.node(node).level;
         let coarser = level(x).max(level(y));

@@ -1,0 +1,27 @@
+//! The contact that queries report.
+
+use palpate_core::{Contact, Pose};
+
+/// A contact, and the pair of patches that it was found between.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PatchContact {
+    /// The contact, in world axes.
+    pub contact: Contact,
+    /// Node of the probe's hierarchy.
+    pub probe_node: u32,
+    /// Node of the scene object's hierarchy.
+    pub scene_node: u32,
+    /// Part of the contact that counts: 1, unless contacts of finer patches stand for the rest of it
+    /// ([`QuerySettings::interpolate`](crate::QuerySettings::interpolate)).
+    pub weight: f64,
+}
+
+/// Transforms a contact from a body's frame to world axes.
+pub(crate) fn to_world(contact: &Contact, pose: &Pose) -> Contact {
+    Contact {
+        point: pose.transform_point(contact.point),
+        scene_point: pose.transform_point(contact.scene_point),
+        normal: pose.transform_vector(contact.normal),
+        depth: contact.depth,
+    }
+}

@@ -1,0 +1,161 @@
+//! Time-critical queries (§3.4.3): pairs are tested in the order of s*/s₀, and where the budget ends they are
+//! examined as they are.
+
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
+use std::time::Instant;
+
+use super::bodies::{Bodies, Decision};
+use super::context::Context;
+use super::descent::{Descent, Sink};
+use super::front::{Front, Pair};
+use super::immediate::Immediate;
+use super::outcome::Report;
+use super::refinement::urgency;
+use super::settings::Budget;
+
+/// Time that the examination of a pair is expected to take before it has been measured, s.
+const EXAMINATION_TIME: f64 = 1e-6;
+
+/// Number of queries over which measured times are averaged.
+const TIMING_QUERIES: f64 = 8.0;
+
+/// What time-critical queries took lately, s.
+#[derive(Clone, Copy, Debug)]
+struct Timing {
+    /// The examination of a pair that the budget stopped.
+    examination: f64,
+    /// Leaving all pairs in the end.
+    leaving: f64,
+}
+
+impl Default for Timing {
+    fn default() -> Self {
+        Self { examination: EXAMINATION_TIME, leaving: 0.0 }
+    }
+}
+
+/// Moves an average towards a new value.
+fn average(mean: &mut f64, value: f64) {
+    *mean += (value - *mean) / TIMING_QUERIES;
+}
+
+/// A pair that waits, the one with the largest s*/s₀ first.
+#[derive(Clone, Copy, Debug)]
+struct Urgent {
+    /// s*/s₀.
+    deviation: f64,
+    slot: u32,
+    weight: f64,
+}
+
+impl Ord for Urgent {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.deviation.total_cmp(&other.deviation).then(other.slot.cmp(&self.slot))
+    }
+}
+
+impl PartialOrd for Urgent {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl PartialEq for Urgent {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+
+impl Eq for Urgent {}
+
+/// The workspace of time-critical queries.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Budgeted {
+    waiting: BinaryHeap<Urgent>,
+    timing: Timing,
+}
+
+impl Budgeted {
+    /// A workspace with room for a number of pairs.
+    pub fn with_capacity(pairs: usize) -> Self {
+        Self { waiting: BinaryHeap::with_capacity(pairs), timing: Timing::default() }
+    }
+
+    pub fn capacity(&self) -> usize {
+        self.waiting.capacity()
+    }
+
+    /// Bytes of memory held.
+    pub fn bytes(&self) -> usize {
+        self.waiting.capacity() * size_of::<Urgent>()
+    }
+
+    /// Makes a query: tests pairs that are due in the order of s*/s₀, as far as the budget goes. Those that
+    /// wait then are examined as they are.
+    pub fn run(&mut self, budget: Budget, descent: &mut Descent, report: &mut Report, context: &Context) {
+        let begun = Instant::now();
+        self.waiting.clear();
+        self.waiting.push(Urgent { deviation: f64::INFINITY, slot: Front::ROOT, weight: 1.0 });
+        // Number of pairs that wait and could be examined as they are.
+        let mut reportable = usize::from(descent.bodies.is_reportable(&descent.front.get(Front::ROOT)));
+        let (mut first_stop, mut stops) = (None, 0);
+        while let Some(Urgent { deviation, slot, weight }) = self.waiting.pop() {
+            let pair = descent.front.get(slot);
+            let is_reportable = descent.bodies.is_reportable(&pair);
+            reportable -= usize::from(is_reportable);
+            if is_reportable && deviation > 1.0 && self.is_spent(budget, begun, reportable, descent) {
+                first_stop.get_or_insert_with(Instant::now);
+                stops += 1;
+                report.outcome.out_of_budget = true;
+                report.outcome.worst_deviation = report.outcome.worst_deviation.max(deviation);
+                stop_at(pair, slot, weight, descent, report, context);
+                continue;
+            }
+            let Some(share) = descent.enter(slot, weight, &mut Immediate(report), context) else { continue };
+            let Descent { front, bodies, stack_high_water, .. } = descent;
+            for child in front.below(slot).filter(|child| !front.is_valid(*child, &context.now)) {
+                let pair = front.get(child);
+                let Bodies { probe, scene } = &*bodies;
+                let error = bodies.threshold(&pair, context);
+                let deviation = urgency(&probe.detail(pair.a), &scene.detail(pair.b), error);
+                self.waiting.push(Urgent { deviation, slot: child, weight: weight * share });
+                reportable += usize::from(bodies.is_reportable(&pair));
+            }
+            *stack_high_water = (*stack_high_water).max(self.waiting.len());
+        }
+        if let Some(first_stop) = first_stop {
+            average(&mut self.timing.examination, first_stop.elapsed().as_secs_f64() / f64::from(stops));
+        }
+        let leaving = Instant::now();
+        descent.leave_all(context);
+        average(&mut self.timing.leaving, leaving.elapsed().as_secs_f64());
+    }
+
+    /// Whether a budget is spent, but for examining the pairs that wait.
+    fn is_spent(&self, budget: Budget, begun: Instant, waiting: usize, descent: &Descent) -> bool {
+        match budget {
+            Budget::Queries(queries) => descent.patch_query.counts.convex_queries + waiting >= queries,
+            Budget::Time(time) => {
+                let Timing { examination, leaving } = self.timing;
+                let left = waiting as f64 * examination + leaving;
+                begun.elapsed().as_secs_f64() + left >= time.as_secs_f64()
+            }
+        }
+    }
+}
+
+/// Examines a pair as it is, although it may be split. It stays due for a test.
+fn stop_at(
+    pair: Pair,
+    slot: u32,
+    weight: f64,
+    Descent { bodies, front, patch_query, .. }: &mut Descent,
+    report: &mut Report,
+    context: &Context,
+) {
+    let mut examined = pair;
+    let tests = (&*bodies, context, patch_query);
+    Immediate(report).examine(Decision::Examine, &mut examined, Some(slot), weight, tests);
+    front.set(slot, Pair { warm_start: examined.warm_start, ..pair });
+}
