@@ -24,7 +24,7 @@ const HULL_TEST_POINTS: usize = 256;
 /// The larger, the longer a search takes and the longer its answer holds.
 const PROVEN_SHARE: f64 = 0.5;
 
-/// What becomes of a pair.
+/// Decision about a pair.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Decision {
     /// It stays on the front, or comes back to it.

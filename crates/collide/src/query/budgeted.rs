@@ -20,7 +20,7 @@ const EXAMINATION_TIME: f64 = 1e-6;
 /// Number of queries over which measured times are averaged.
 const TIMING_QUERIES: f64 = 8.0;
 
-/// What time-critical queries took lately, s.
+/// Times that time-critical queries took lately, s.
 #[derive(Clone, Copy, Debug)]
 struct Timing {
     /// The examination of a pair that the budget stopped.

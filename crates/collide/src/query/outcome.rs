@@ -1,4 +1,4 @@
-//! What a query found and what it cost, and what becomes of contacts beyond the most that it reports.
+//! Results and costs of a query; contacts beyond the most that it reports are dropped here.
 
 use palpate_core::{Contact, Pose};
 
@@ -8,7 +8,7 @@ use crate::contact::{PatchContact, to_world};
 /// ([`QueryOutcome::dropped`]).
 pub const MAX_CONTACTS: usize = 1 << 20;
 
-/// What a query found and what it cost.
+/// Results and costs of a query.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct QueryOutcome {
     /// Number of contacts found, those that were [dropped](Self::dropped) included.
@@ -53,7 +53,7 @@ pub struct QueryOutcome {
     pub reallocated: bool,
 }
 
-/// What the tests of pairs have cost.
+/// Costs of the tests of pairs.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Counts {
     /// Pairs tested, with their bounding spheres within reach.
@@ -111,7 +111,7 @@ impl QueryOutcome {
 /// The contacts that a query reports, and its outcome so far.
 #[derive(Clone, Debug)]
 pub(crate) struct Report {
-    /// In world axes.
+    /// The contacts, in world axes.
     pub contacts: Vec<PatchContact>,
     pub outcome: QueryOutcome,
 }
