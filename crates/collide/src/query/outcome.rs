@@ -53,35 +53,7 @@ pub struct QueryOutcome {
     pub reallocated: bool,
 }
 
-/// Costs of the tests of pairs.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Counts {
-    /// Pairs tested, with their bounding spheres within reach.
-    pub visited: usize,
-    /// Pairs examined for contacts.
-    pub leaf_pairs: usize,
-    pub convex_queries: usize,
-    pub not_converged: usize,
-    /// Pairs that had to be decided triangle by triangle.
-    pub by_triangles: usize,
-}
-
-impl Counts {
-    pub fn add(&mut self, other: &Self) {
-        self.visited += other.visited;
-        self.leaf_pairs += other.leaf_pairs;
-        self.convex_queries += other.convex_queries;
-        self.not_converged += other.not_converged;
-        self.by_triangles += other.by_triangles;
-    }
-}
-
 impl QueryOutcome {
-    pub(crate) fn set_counts(&mut self, counts: &Counts) {
-        let Counts { visited, leaf_pairs, convex_queries, not_converged, by_triangles } = *counts;
-        *self = Self { visited, leaf_pairs, convex_queries, not_converged, by_triangles, ..*self };
-    }
-
     /// Adds what another query found and what it cost: sums, and the largest (of the distance the smallest)
     /// values.
     pub(crate) fn add(&mut self, other: &Self) {
