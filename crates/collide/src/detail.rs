@@ -1,4 +1,4 @@
-//! The detail that a node leaves out (§3.4.3): what the refinement test reads of it.
+//! The detail that a node leaves out (§3.4.3), as the refinement test reads it.
 
 use palpate_core::Clod;
 use palpate_core::clod::Node;
@@ -22,7 +22,7 @@ impl SupportAreas {
     }
 }
 
-/// What the refinement test reads of a node.
+/// Values of a node that the refinement test reads.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Detail {
     /// φ = s/r² (Eq. 3.6), m³: 0 at full resolution, infinite on free levels, which always have to be refined.

@@ -76,7 +76,7 @@ impl MinimumTest {
     }
 }
 
-/// What counts as closer than a contact.
+/// Limits of what is closer than a contact.
 #[derive(Clone, Copy, Debug)]
 struct Undercut {
     /// Distance up to which points are the same, m.

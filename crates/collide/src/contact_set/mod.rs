@@ -183,7 +183,7 @@ impl ContactSet {
         &self.contacts
     }
 
-    /// What the last run found and what it cost.
+    /// Results and costs of the last run.
     pub fn outcome(&self) -> &ContactSetOutcome {
         &self.outcome
     }

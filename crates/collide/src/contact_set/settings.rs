@@ -1,9 +1,9 @@
-//! What makes a contact set, and what a run found.
+//! Settings of a contact set, and results of a run.
 
 /// Most vertices whose distance from the other surface a run measures, by default.
 const MOST_VERTICES: usize = 1 << 16;
 
-/// What makes a contact set.
+/// Settings of a contact set.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactSetSettings {
     /// Separated contacts whose points on both surfaces are no further than this from those of a closer
@@ -28,7 +28,7 @@ impl ContactSetSettings {
     }
 }
 
-/// What a run found and what it cost.
+/// Results and costs of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ContactSetOutcome {
     /// Connected regions of intersection.

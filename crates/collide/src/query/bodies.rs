@@ -24,7 +24,7 @@ const HULL_TEST_POINTS: usize = 256;
 /// The larger, the longer a search takes and the longer its answer holds.
 const PROVEN_SHARE: f64 = 0.5;
 
-/// What becomes of a pair.
+/// Decision about a pair.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Decision {
     /// It stays on the front, or comes back to it.
@@ -100,7 +100,7 @@ impl Bodies {
         if !pair.split && spheres_are_apart(&nodes, pair, context) {
             return Decision::Stop;
         }
-        patch_query.counts.visited += 1;
+        patch_query.costs.visited += 1;
         if are_still_apart(&nodes, pair, context) {
             return Decision::Stop;
         }
@@ -169,7 +169,7 @@ impl Bodies {
         if all_refined {
             return decision;
         }
-        patch_query.counts.leaf_pairs += 1;
+        patch_query.costs.leaf_pairs += 1;
         if beyond {
             if decision == Decision::Stop {
                 pair.separating_axis =
@@ -227,7 +227,7 @@ impl Bodies {
         if untested(a, &hull_a) || untested(b, &hull_b) {
             return false;
         }
-        patch_query.counts.convex_queries += 1;
+        patch_query.costs.convex_queries += 1;
         let reach = reach(&nodes, context);
         let precision = precision(&nodes, context);
         let limits = Limits { beyond: reach, share: PROVEN_SHARE, enough: reach, precision };
@@ -260,8 +260,8 @@ fn patch_distance(
     let limits = Limits { beyond, share: PROVEN_SHARE, enough: -1.0, precision };
     let start = Start::Vertices(pair.warm_start.vertices(true), between_centers(nodes, context));
     let found = gjk::distance(&hulls[0], &hulls[1], &context.placement, start, &limits);
-    patch_query.counts.convex_queries += 1;
-    patch_query.counts.not_converged += usize::from(found.separation == Separation::NotConverged);
+    patch_query.costs.convex_queries += 1;
+    patch_query.costs.not_converged += usize::from(found.separation == Separation::NotConverged);
     pair.warm_start = WarmStart::from_distance(&found, true);
     found
 }

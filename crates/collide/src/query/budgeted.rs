@@ -20,7 +20,7 @@ const EXAMINATION_TIME: f64 = 1e-6;
 /// Number of queries over which measured times are averaged.
 const TIMING_QUERIES: f64 = 8.0;
 
-/// What time-critical queries took lately, s.
+/// Times that time-critical queries took lately, s.
 #[derive(Clone, Copy, Debug)]
 struct Timing {
     /// The examination of a pair that the budget stopped.
@@ -113,7 +113,7 @@ impl Budgeted {
                 continue;
             }
             let Some(share) = descent.enter(slot, weight, &mut Immediate(report), context) else { continue };
-            let Descent { front, bodies, stack_high_water, .. } = descent;
+            let Descent { front, bodies, patch_query, .. } = descent;
             for child in front.below(slot).filter(|child| !front.is_valid(*child, &context.now)) {
                 let pair = front.get(child);
                 let Bodies { probe, scene } = &*bodies;
@@ -122,7 +122,8 @@ impl Budgeted {
                 self.waiting.push(Urgent { deviation, slot: child, weight: weight * share });
                 reportable += usize::from(bodies.is_reportable(&pair));
             }
-            *stack_high_water = (*stack_high_water).max(self.waiting.len());
+            let high_water = &mut patch_query.costs.stack_high_water;
+            *high_water = self.waiting.len().max(*high_water);
         }
         if let Some(first_stop) = first_stop {
             average(&mut self.timing.examination, first_stop.elapsed().as_secs_f64() / f64::from(stops));
@@ -135,7 +136,7 @@ impl Budgeted {
     /// Whether a budget is spent, but for examining the pairs that wait.
     fn is_spent(&self, budget: Budget, begun: Instant, waiting: usize, descent: &Descent) -> bool {
         match budget {
-            Budget::Queries(queries) => descent.patch_query.counts.convex_queries + waiting >= queries,
+            Budget::Queries(queries) => descent.patch_query.costs.convex_queries + waiting >= queries,
             Budget::Time(time) => {
                 let Timing { examination, leaving } = self.timing;
                 let left = waiting as f64 * examination + leaving;

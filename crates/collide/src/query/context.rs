@@ -1,4 +1,4 @@
-//! What is the same for all pairs of a query, and how far the bodies have moved since the queries before.
+//! The values that all pairs of a query share, and the motion of the bodies since the queries before.
 
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
@@ -12,7 +12,7 @@ use crate::tolerances::{COORDINATE_ROUNDING, PAIR_MOTION_LIMIT};
 /// Part of s₀ over which interpolated contacts go over from one resolution to the next.
 const INTERPOLATION_BAND: f64 = 0.5;
 
-/// What is the same for all pairs of a query.
+/// Values that all pairs of a query share.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Context {
     pub placement: Placement,
@@ -31,7 +31,7 @@ pub(crate) struct Context {
     pub band: f64,
 }
 
-/// How far things have changed since earlier queries: what decides which of their answers still hold.
+/// Changes since earlier queries, which decide whose answers still hold.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Progress {
     /// Bound on how far the bodies have moved ([`Motion::bound`]), m.
@@ -42,7 +42,7 @@ pub(crate) struct Progress {
     pub threshold_changed: bool,
 }
 
-/// What is the same for all pairs of triangles of a pair of patches.
+/// Values that all pairs of triangles of two patches share.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PairContext<'a> {
     pub placement: &'a Placement,
@@ -54,7 +54,7 @@ pub(crate) struct PairContext<'a> {
     pub looseness: f64,
 }
 
-/// What becomes of the front of the query before.
+/// Change to the front of the last query before the next one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum FrontUpdate {
     /// The query starts from it.

@@ -96,7 +96,7 @@ impl Deferred {
         descent.run(self, context);
         let per_worker = self.examine_all(descent, context);
         for (tasks, worker) in self.tasks.chunks(per_worker).zip(&self.workers) {
-            descent.patch_query.counts.add(&worker.patch_query.counts);
+            descent.patch_query.costs.add(&worker.patch_query.costs);
             for task in tasks {
                 if let Some(slot) = task.slot {
                     descent.front.set(slot, task.pair);
@@ -119,7 +119,7 @@ impl Deferred {
         let per_worker = self.tasks.len().div_ceil(threads).max(1);
         let work = |(tasks, worker): (&mut [Task], &mut Worker)| {
             worker.contacts.clear();
-            worker.patch_query.counts = Default::default();
+            worker.patch_query.costs = Default::default();
             for task in tasks.iter_mut().filter(|task| task.slot.is_some()) {
                 descent.bodies.examine(&mut task.pair, false, context, &mut worker.patch_query);
                 let start = worker.contacts.len();

@@ -9,7 +9,7 @@ use palpate_core::Clod;
 use super::bodies::{Bodies, Decision};
 use super::context::{Context, FrontUpdate};
 use super::front::{Front, Pair};
-use super::outcome::{Counts, QueryOutcome};
+use super::outcome::QueryOutcome;
 use super::patch_query::PatchQuery;
 
 /// Pairs are joined again when their answer holds for this part of the radii of the nodes that they were
@@ -49,11 +49,6 @@ pub(crate) struct Descent {
     stack: Vec<(u32, f64)>,
     /// Pairs that the front has no room for: nodes, with the weight of their contacts.
     untracked: Vec<(u32, u32, f64)>,
-    /// Number of pairs at which the descent ended without a place in the front.
-    untracked_front: usize,
-    /// Most pairs that waited on the stack at once.
-    pub stack_high_water: usize,
-    front_overflow: bool,
 }
 
 impl Descent {
@@ -66,9 +61,6 @@ impl Descent {
             patch_query: PatchQuery::default(),
             stack: Vec::with_capacity(2 * width),
             untracked: Vec::with_capacity(width),
-            untracked_front: 0,
-            stack_high_water: 0,
-            front_overflow: false,
         }
     }
 
@@ -96,17 +88,14 @@ impl Descent {
                 self.front.reset(Pair::new(a, b));
             }
         }
-        self.patch_query.counts = Counts::default();
-        (self.untracked_front, self.stack_high_water, self.front_overflow) = (0, 0, false);
+        self.patch_query.costs = QueryOutcome::default();
     }
 
-    /// Adds what the descent has cost.
+    /// Adds the costs of the descent, and the size of its front.
     pub fn add_costs(&self, outcome: &mut QueryOutcome) {
-        outcome.set_counts(&self.patch_query.counts);
-        outcome.front = self.front.len() + self.untracked_front;
+        outcome.add(&self.patch_query.costs);
+        outcome.front += self.front.len();
         outcome.front_high_water = self.front.high_water();
-        outcome.front_overflow = self.front_overflow;
-        outcome.stack_high_water = self.stack_high_water;
     }
 
     /// Tests all pairs that are due, depth first.
@@ -126,7 +115,8 @@ impl Descent {
             self.stack.extend(due.map(|child| (child, weight * share)));
             // The first child is to be on top.
             self.stack[from..].reverse();
-            self.stack_high_water = self.stack_high_water.max(self.stack.len());
+            let high_water = &mut self.patch_query.costs.stack_high_water;
+            *high_water = self.stack.len().max(*high_water);
         }
     }
 
@@ -166,7 +156,7 @@ impl Descent {
         if !pair.split {
             let into = self.bodies.children(pair, context.exact).rev();
             if !self.front.split(slot, into) {
-                self.front_overflow = true;
+                self.patch_query.costs.front_overflow = true;
                 self.front.set_recheck_at(slot, f64::NEG_INFINITY);
                 self.run_untracked(&pair, weight, sink, context);
                 return None;
@@ -244,11 +234,11 @@ impl Descent {
                 let children = self.bodies.children(pair, exact).rev();
                 self.untracked.extend(children.map(with(weight * pair.refined_share)));
             } else {
-                self.untracked_front += 1;
+                self.patch_query.costs.front += 1;
             }
         }
         // The pair itself is counted among those that are kept.
-        self.untracked_front -= 1;
+        self.patch_query.costs.front -= 1;
     }
 }
 

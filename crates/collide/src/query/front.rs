@@ -13,19 +13,18 @@ use crate::convex::Distance;
 /// Index of a pair that is not there.
 const NO_PAIR: u32 = u32::MAX;
 
-/// A pair of nodes, with what the last query found out about it. Each `_at` and `_until` is a value of the
-/// motion bound, m.
+/// A pair of nodes, with what the last query found out about it. Motion bounds are in m.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pair {
     /// Node of the probe.
     pub a: u32,
     /// Node of the scene object.
     pub b: u32,
-    /// When the pair has to be tested again.
+    /// Motion bound at which the pair has to be tested again.
     pub recheck_at: f64,
-    /// Until when the refinement test, if it is made again, gives that the pair is split.
+    /// Motion bound until which the refinement test, if it is made again, gives that the pair is split.
     pub split_valid_until: f64,
-    /// Until when its bounding hulls are in reach, as they were when last tested.
+    /// Motion bound until which its bounding hulls are in reach, as they were when last tested.
     pub overlap_valid_until: f64,
     /// Part of its contact, 0 to 1, that is left to the pairs that it is split into.
     pub refined_share: f64,
@@ -33,7 +32,7 @@ pub(crate) struct Pair {
     pub split: bool,
     /// Whether it is out of reach, so that its answer holds whatever the error threshold is.
     pub out_of_reach: bool,
-    /// Where the next search for the nearest points starts.
+    /// Start of the next search for the nearest points.
     pub warm_start: WarmStart,
     /// Axis along which the hulls of a pair on the front were out of reach.
     pub separating_axis: Option<SeparatingAxis>,
@@ -89,7 +88,8 @@ impl Pair {
     }
 }
 
-/// What a query reads of pairs whose answers hold, apart from the rest, so that many fit into a cache line.
+/// The part of a pair that a query reads while its answer holds: apart from the rest, so that many fit into a
+/// cache line.
 #[derive(Clone, Copy, Debug)]
 struct Link {
     recheck_at: f64,

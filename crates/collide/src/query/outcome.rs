@@ -1,4 +1,4 @@
-//! What a query found and what it cost, and what becomes of contacts beyond the most that it reports.
+//! Results and costs of a query; contacts beyond the most that it reports are dropped here.
 
 use palpate_core::{Contact, Pose};
 
@@ -8,7 +8,7 @@ use crate::contact::{PatchContact, to_world};
 /// ([`QueryOutcome::dropped`]).
 pub const MAX_CONTACTS: usize = 1 << 20;
 
-/// What a query found and what it cost.
+/// Results and costs of a query.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct QueryOutcome {
     /// Number of contacts found, those that were [dropped](Self::dropped) included.
@@ -53,35 +53,7 @@ pub struct QueryOutcome {
     pub reallocated: bool,
 }
 
-/// What the tests of pairs have cost.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Counts {
-    /// Pairs tested, with their bounding spheres within reach.
-    pub visited: usize,
-    /// Pairs examined for contacts.
-    pub leaf_pairs: usize,
-    pub convex_queries: usize,
-    pub not_converged: usize,
-    /// Pairs that had to be decided triangle by triangle.
-    pub by_triangles: usize,
-}
-
-impl Counts {
-    pub fn add(&mut self, other: &Self) {
-        self.visited += other.visited;
-        self.leaf_pairs += other.leaf_pairs;
-        self.convex_queries += other.convex_queries;
-        self.not_converged += other.not_converged;
-        self.by_triangles += other.by_triangles;
-    }
-}
-
 impl QueryOutcome {
-    pub(crate) fn set_counts(&mut self, counts: &Counts) {
-        let Counts { visited, leaf_pairs, convex_queries, not_converged, by_triangles } = *counts;
-        *self = Self { visited, leaf_pairs, convex_queries, not_converged, by_triangles, ..*self };
-    }
-
     /// Adds what another query found and what it cost: sums, and the largest (of the distance the smallest)
     /// values.
     pub(crate) fn add(&mut self, other: &Self) {
@@ -111,7 +83,7 @@ impl QueryOutcome {
 /// The contacts that a query reports, and its outcome so far.
 #[derive(Clone, Debug)]
 pub(crate) struct Report {
-    /// In world axes.
+    /// The contacts, in world axes.
     pub contacts: Vec<PatchContact>,
     pub outcome: QueryOutcome,
 }

@@ -84,7 +84,7 @@ impl Workspace {
     }
 }
 
-/// What was found between two patches whose hulls overlap or touch.
+/// Result for two patches whose hulls overlap or touch.
 pub(crate) struct Overlap {
     /// The contact, in a's frame.
     pub contact: Contact,

@@ -23,7 +23,7 @@ use palpate_core::Contact;
 use palpate_core::glam::DVec3;
 
 use super::context::PairContext;
-use super::outcome::Counts;
+use super::outcome::QueryOutcome;
 use super::overlap::{Workspace, contact_at, overlap};
 use super::triangles::InReach;
 use crate::convex::{Distance, Hull, Limits, Placement, Separation, Start, gjk};
@@ -33,7 +33,7 @@ use crate::tolerances::{FEATURE_HEIGHT, PARALLEL_EDGES, SAME_CONTACT, SAME_POINT
 /// Number of contacts of a pair of patches that there is room for at first.
 const CONTACTS: usize = 512;
 
-/// Buffers for the contacts of one pair of patches, with counts over a whole query.
+/// Buffers for the contacts of one pair of patches, with the costs of a whole query.
 #[derive(Clone, Debug)]
 pub(crate) struct PatchQuery {
     overlap: Workspace,
@@ -47,7 +47,8 @@ pub(crate) struct PatchQuery {
     /// The pair of triangles that is closest of those examined last, whichever way they face: its distance,
     /// m, and its point on a. The distance is infinite if none is within the tolerance.
     nearest: (f64, DVec3),
-    pub counts: Counts,
+    /// Costs so far.
+    pub costs: QueryOutcome,
 }
 
 impl Default for PatchQuery {
@@ -59,7 +60,7 @@ impl Default for PatchQuery {
             near: Vec::with_capacity(CONTACTS),
             in_reach: InReach::default(),
             nearest: (f64::INFINITY, DVec3::ZERO),
-            counts: Counts::default(),
+            costs: QueryOutcome::default(),
         }
     }
 }
@@ -144,17 +145,17 @@ impl PatchQuery {
     }
 
     fn distance(&mut self, a: &Patch, b: &Patch, axis: DVec3, pair: &PairContext) -> Distance {
-        self.counts.convex_queries += 1;
+        self.costs.convex_queries += 1;
         let limits = Limits { beyond: pair.tolerance, share: 0.0, enough: -1.0, precision: pair.precision };
         let found = gjk::distance(&a.hull, &b.hull, pair.placement, Start::Axis(axis), &limits);
-        self.counts.not_converged += usize::from(found.separation == Separation::NotConverged);
+        self.costs.not_converged += usize::from(found.separation == Separation::NotConverged);
         found
     }
 
     fn penetrating(&mut self, a: &Patch, b: &Patch, found: &Distance, pair: &PairContext) {
-        self.counts.convex_queries += 1;
+        self.costs.convex_queries += 1;
         let overlap = overlap(a, b, pair, found, &mut self.overlap);
-        self.counts.not_converged += usize::from(!overlap.converged);
+        self.costs.not_converged += usize::from(!overlap.converged);
         self.contacts.push(overlap.contact);
         self.tetrahedron = Some(overlap.tetrahedron);
     }
@@ -162,7 +163,7 @@ impl PatchQuery {
     /// Decides the pair by its triangles, given a vector from a to b, which is that of the contact if it is
     /// known. `true` if the patches penetrate; otherwise the separated contacts are reported.
     fn triangles(&mut self, a: &Patch, b: &Patch, towards_b: DVec3, pair: &PairContext) -> bool {
-        self.counts.by_triangles += 1;
+        self.costs.by_triangles += 1;
         self.near.clear();
         self.nearest = (f64::INFINITY, DVec3::ZERO);
         self.in_reach.gather(a, b, towards_b, pair);

@@ -21,7 +21,7 @@ use crate::tolerances::NOMINAL_ERROR;
 /// Part of d, at either end, over which D goes over from that of the nearest points to the patches' mean.
 const AREA_BLEND: f64 = 0.25;
 
-/// What the refinement test says without the nearest points.
+/// Answer of the refinement test without the nearest points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Refine {
     Yes,

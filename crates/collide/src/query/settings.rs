@@ -1,4 +1,4 @@
-//! What a query asks for.
+//! Settings of a query.
 
 use std::time::Duration;
 
@@ -6,7 +6,7 @@ use super::metrics::ErrorMetrics;
 use crate::error::QueryError;
 use crate::shape::Shape;
 
-/// What a query asks for.
+/// Settings of a query.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct QuerySettings {
     /// d: surfaces closer than this are in contact, m; 0 to the probe's

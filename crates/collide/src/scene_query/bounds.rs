@@ -9,7 +9,7 @@ use palpate_core::glam::{DQuat, DVec3};
 use super::kinds::Kind;
 use crate::tolerances::{COORDINATE_ROUNDING, ROUNDING_SLACK, UNIT_QUATERNION_SLACK};
 
-/// Where an object is.
+/// Pose of an object, with the centre of its sphere.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Placed {
     pub pose: Pose,

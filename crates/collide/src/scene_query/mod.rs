@@ -65,11 +65,11 @@ pub struct ObjectContacts<'a> {
     pub object: ObjectHandle,
     /// Its contacts, as [`ContactQuery::contacts`] has them.
     pub contacts: &'a [PatchContact],
-    /// What its query found and what it cost.
+    /// Results and costs of its query.
     pub outcome: &'a QueryOutcome,
 }
 
-/// What a run found and what it cost.
+/// Results and costs of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SceneOutcome {
     /// All queries together: sums, largest values (of the smallest distance the smallest), and flags that
