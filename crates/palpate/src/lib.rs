@@ -12,6 +12,18 @@
     any(doc, all(doctest, feature = "models")),
     doc = "The [guide](guide) goes from the concepts to embedding and troubleshooting."
 )]
+//! # Layers
+//!
+//! Each folder uses only those before it:
+//!
+//! 1. `telemetry`: counts, times and records
+//! 2. `settings`: what a session renders with
+//! 3. `scene`: objects, their fields, and where they are
+//! 4. `contact`: the contact loop
+//! 5. `tool`: what the device holds, and its gains
+//! 6. `haptic`: the haptic loop
+//! 7. `run`: the renderer, and the drivers that run the loops
+//! 8. `explore`, `guide`: tasks for an emulated hand, and the guide
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
 mod contact;

@@ -14,6 +14,7 @@ mod faults;
 mod front_tracking;
 mod haptic_loop;
 mod hosted;
+mod layers;
 mod levels;
 mod levers;
 mod live_settings;
