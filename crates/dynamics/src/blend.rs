@@ -130,8 +130,8 @@ mod tests {
 
     use super::*;
     use crate::contact::ContactParameters;
+    use crate::contact::Friction;
     use crate::differences::{random_direction, random_pose, random_vector};
-    use crate::friction::Friction;
 
     const STEP: f64 = 1e-3;
 

@@ -18,7 +18,7 @@ use palpate_collide::{Budget, Cluster, Clustering, PatchContact, QuerySettings, 
 use palpate_core::glam::DVec3;
 use palpate_core::{Contact, Pose, Twist};
 use palpate_dynamics::{
-    Body, BodyState, Carrier, ContactParameters, ContactPatch, LinearContactModel, MAX_APPROACHING,
+    Body, BodyState, ContactParameters, ContactPatch, LinearContactModel, MAX_APPROACHING, MovingBody,
 };
 use palpate_texture_pd::Backend;
 use rtrb::Consumer;
@@ -341,9 +341,9 @@ impl ContactLoop {
                     let gains = moving.limited(&gains, pose, at, count_of(place), interval);
                     (gains, moving.carrier(id, pose))
                 }
-                _ => (gains, Carrier::STILL),
+                _ => (gains, MovingBody::STILL),
             };
-            model.push_carried(patch, &gains, 0.0, &carrier);
+            model.push_moving(patch, &gains, 0.0, &carrier);
             if let Some(watched) = &mut self.watched {
                 let force = contact.normal * (-gains.stiffness * (contact.depth + tolerance));
                 let Contact { point, normal, depth, .. } = contact;
@@ -444,7 +444,7 @@ impl ContactLoop {
                 let gains = moving.limited(&self.parameters, pose, at, clusters.len(), interval);
                 let cluster = std::slice::from_ref(cluster);
                 for patch in patches(cluster) {
-                    model.push_carried(patch, &gains, 0.0, &moving.carrier(*id, pose));
+                    model.push_moving(patch, &gains, 0.0, &moving.carrier(*id, pose));
                 }
                 show(&mut self.watched, cluster, &gains);
             }
@@ -470,7 +470,7 @@ impl ContactLoop {
                 continue;
             };
             let gains = moving.limited(braking, pose, (contact.point, contact.normal), 1, interval);
-            model.push_carried(contact, &gains, ahead, &moving.carrier(*id, pose));
+            model.push_moving(contact, &gains, ahead, &moving.carrier(*id, pose));
         }
     }
 
@@ -501,7 +501,7 @@ impl ContactLoop {
             let now = found.depth_after(&motion);
             let moving = object_at(found.object)
                 .and_then(|InScene { id, moving, .. }| Some((*id, moving.as_ref()?, pose_of(found.object)?)));
-            let carrier = moving.map_or(Carrier::STILL, |(id, moving, at)| moving.carrier(id, &at));
+            let carrier = moving.map_or(MovingBody::STILL, |(id, moving, at)| moving.carrier(id, &at));
             let gains = |gains: &ContactParameters| {
                 let gains = shared(gains, found.share);
                 let point = (found.contact.point, found.contact.linear.normalize_or_zero());
@@ -547,7 +547,7 @@ impl ContactLoop {
             match self.objects.get_mut(found.object) {
                 Some(Some(InScene { id, handle, moving: Some(moving), .. })) => {
                     let carrier =
-                        self.scene.pose(*handle).map_or(Carrier::STILL, |pose| moving.carrier(*id, pose));
+                        self.scene.pose(*handle).map_or(MovingBody::STILL, |pose| moving.carrier(*id, pose));
                     if close {
                         moving.contacts.push(patch);
                     } else if self.braking && comes_within(&contact, body, &carrier, tolerance, ahead) {
@@ -555,7 +555,7 @@ impl ContactLoop {
                     }
                 }
                 _ if close => self.contacts.push(patch),
-                _ if self.braking && comes_within(&contact, body, &Carrier::STILL, tolerance, ahead) => {
+                _ if self.braking && comes_within(&contact, body, &MovingBody::STILL, tolerance, ahead) => {
                     self.approaching.push(patch);
                 }
                 _ => {}
@@ -716,7 +716,7 @@ fn shared(parameters: &ContactParameters, share: f64) -> ContactParameters {
 }
 
 /// Whether a contact comes within a distance (m) in a time (s) if the body and what it is with move on as they do.
-fn comes_within(contact: &Contact, body: &BodyState, carrier: &Carrier, distance: f64, time: f64) -> bool {
+fn comes_within(contact: &Contact, body: &BodyState, carrier: &MovingBody, distance: f64, time: f64) -> bool {
     let arm = contact.point - body.pose.translation;
     let velocity = body.twist.velocity_at(arm) - carrier.twist.velocity_at(contact.point);
     let rate = velocity.dot(contact.normal);
@@ -724,7 +724,7 @@ fn comes_within(contact: &Contact, body: &BodyState, carrier: &Carrier, distance
 }
 
 /// The motion of a body, whose reference point is at `center` (m), beside an object.
-fn beside(twist: &Twist, center: DVec3, carrier: &Carrier) -> Twist {
+fn beside(twist: &Twist, center: DVec3, carrier: &MovingBody) -> Twist {
     Twist {
         linear: twist.linear - carrier.twist.velocity_at(center),
         angular: twist.angular - carrier.twist.angular,

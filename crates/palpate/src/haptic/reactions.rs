@@ -120,7 +120,7 @@ fn scene_id(object: NonZeroU32) -> SceneId {
 #[cfg(test)]
 mod tests {
     use palpate_core::{Contact, Pose, Twist};
-    use palpate_dynamics::{Carrier, ContactParameters, Friction};
+    use palpate_dynamics::{ContactParameters, Friction, MovingBody};
 
     use super::*;
 
@@ -132,8 +132,8 @@ mod tests {
             ContactParameters { stiffness: 1000.0, damping: 0.0, tolerance: 0.0, friction: Friction::NONE };
         let mut model = LinearContactModel::empty(&Pose::IDENTITY, 0.0);
         for object in [1, 7] {
-            let carrier = Carrier { twist: Twist::ZERO, object: NonZeroU32::new(object) };
-            model.push_carried(contact, &parameters, 0.0, &carrier);
+            let carrier = MovingBody { twist: Twist::ZERO, object: NonZeroU32::new(object) };
+            model.push_moving(contact, &parameters, 0.0, &carrier);
         }
         let state = BodyState::at_rest(Pose::IDENTITY);
         let steps = 5000;

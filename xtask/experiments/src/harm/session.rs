@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::panic::AssertUnwindSafe;
 
 use palpate::device::{HapticDevice as _, IntendedPath};
-use palpate::dynamics::{Carrier, ContactParameters, ContactPatch, Friction, LinearContactModel};
+use palpate::dynamics::{ContactParameters, ContactPatch, Friction, LinearContactModel, MovingBody};
 use palpate::glam::{DMat3, DVec3};
 use palpate::{
     Contact, ContactLoop, ContactUpdate, ENERGY_BOUND, HapticLoop, HapticRenderer, Invariant, Mobility,
@@ -540,7 +540,7 @@ fn found(
         let height = scale * (plane.height + way * sine);
         let velocity = plane.normal * (scale * way * std::f64::consts::TAU * often * cosine);
         let twist = if plane.tells { Twist::new(velocity, DVec3::ZERO) } else { Twist::ZERO };
-        let carrier = Carrier { twist, object: None };
+        let carrier = MovingBody { twist, object: None };
         let parameters = ContactParameters {
             stiffness: plane.stiffness,
             damping: plane.damping,
@@ -559,7 +559,7 @@ fn found(
             let touches = depth > -parameters.tolerance;
             if touches || (plane.braking > 0.0 && depth > -0.1 * scale) {
                 let braking = if touches { 0.0 } else { plane.braking };
-                update.model.push_carried(ContactPatch::from(contact), &parameters, braking, &carrier);
+                update.model.push_moving(ContactPatch::from(contact), &parameters, braking, &carrier);
                 update.contacts += u32::from(touches);
                 update.depth = update.depth.max(depth);
             }

@@ -1,0 +1,5 @@
+//! Tests of the contact model.
+
+mod curvature;
+mod friction;
+mod model;
