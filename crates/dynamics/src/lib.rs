@@ -77,9 +77,9 @@ pub use blend::ContactBlend;
 pub use body::{Body, BodyError, BodyState};
 pub use constrained_motion::{MotionLimit, constrained_motion};
 pub use contact::{
-    ContactParameters, ContactPatch, ContactResponse, CurvedContact, Friction, FrictionAnchor,
-    LinearContactModel, MAX_APPROACHING, MAX_CLUSTERS, MAX_CONSTRAINTS, MovingBody, PlaneConstraint,
-    SurfaceMotion,
+    ContactClass, ContactParameters, ContactPatch, ContactResponse, CurvedContact, FoundContact, Friction,
+    FrictionAnchor, LinearContactModel, MAX_APPROACHING, MAX_CLUSTERS, MAX_CONSTRAINTS, MovingBody,
+    PlaneConstraint, SurfaceMotion,
 };
 pub use coupling::{CouplingResponse, DeviceMotion, VirtualCoupling};
 pub use integrators::{

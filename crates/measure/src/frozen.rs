@@ -22,7 +22,7 @@ pub fn frozen(model: &LinearContactModel, state: &BodyState) -> LinearContactMod
         let overlap = depth + constraint.tolerance;
         let force = constraint.stiffness * overlap + constraint.damping * rate;
         if overlap > 0.0 && force > 0.0 {
-            frozen.push(PlaneConstraint {
+            frozen.push_constraint(PlaneConstraint {
                 stiffness: SOFT,
                 damping: 0.0,
                 tolerance: force / SOFT,

@@ -62,7 +62,10 @@ pub const EVENTS: [(&str, &str); 32] = [
         "part of a textured surface overhangs as seen along the contact, so that its depth is approximate",
     ),
     ("texture_backend_lost", "what computed textured contacts failed; the processor went on"),
-    ("contact_overflow", "there were more contacts than a query has room for; the rest were left out"),
+    (
+        "contact_overflow",
+        "there were more contacts than a contact model has room for; the shallowest were left out: lower the number of clusters",
+    ),
     ("contact_refused", "a contact query was given a pose, or found a contact, that is not finite"),
     ("not_converged", "the distance of two convex patches did not converge"),
     ("edit_refused", "a change of the scene could not be made"),

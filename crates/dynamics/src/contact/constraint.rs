@@ -193,8 +193,13 @@ impl PlaneConstraint {
         if overlap > 0.0 {
             Some(self.stiffness)
         } else {
-            (self.braking_time > 0.0).then(|| self.damping / self.braking_time)
+            self.brakes().then(|| self.damping / self.braking_time)
         }
+    }
+
+    /// Whether the constraint brakes before it is closed, as one of an approaching contact.
+    pub(super) fn brakes(&self) -> bool {
+        self.braking_time > 0.0
     }
 
     /// λ that bounds friction: that of a closed contact, N, and 0 while it only brakes.

@@ -53,4 +53,6 @@ pub use coulomb::{Friction, FrictionAnchor};
 pub use curvature::CurvedContact;
 pub use evaluate::ContactResponse;
 pub(crate) use friction::FrictionForce;
-pub use model::{LinearContactModel, MAX_APPROACHING, MAX_CLUSTERS, MAX_CONSTRAINTS};
+pub use model::{
+    ContactClass, FoundContact, LinearContactModel, MAX_APPROACHING, MAX_CLUSTERS, MAX_CONSTRAINTS,
+};

@@ -1,5 +1,6 @@
-//! The contacts that the contact thread hands to the haptic thread: storage, capacities, and motion with the scene.
+//! The contacts that the contact thread hands to the haptic thread: storage, budgets, and motion with the scene.
 
+use arrayvec::ArrayVec;
 use glam::DMat3;
 use palpate_core::{Contact, Pose};
 
@@ -16,11 +17,47 @@ pub const MAX_APPROACHING: usize = 4;
 /// Largest number of constraints: those of an incoming and of an outgoing model while one blends into the other.
 pub const MAX_CONSTRAINTS: usize = 2 * (MAX_CLUSTERS + MAX_APPROACHING);
 
-/// Largest number of curvature terms.
-const MAX_CURVATURE_TERMS: usize = 16 * MAX_TERMS;
+/// Largest number of curvature terms: all that so many curved contacts can have.
+const MAX_CURVATURE_TERMS: usize = MAX_CONSTRAINTS * MAX_TERMS;
+
+/// Class of a contact. Each has a budget of its own in a model.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ContactClass {
+    /// Within the tolerance d, of which there are at most [`MAX_CLUSTERS`].
+    Touching,
+    /// Further apart, with a body that comes closer, of which there are at most [`MAX_APPROACHING`].
+    Approaching {
+        /// τ, s: time before it closes from which the contact brakes the body. With 0 it is one of the touching ones.
+        braking_time: f64,
+    },
+}
+
+/// A contact to add to a model.
+#[derive(Clone, Copy, Debug)]
+pub enum FoundContact<'a> {
+    /// Found at the pose of the model.
+    Plane(ContactPatch),
+    /// A contact of detailed surfaces, and the pose of the body at which it was found.
+    Curved(&'a CurvedContact, &'a Pose),
+}
+
+impl From<Contact> for FoundContact<'_> {
+    fn from(contact: Contact) -> Self {
+        Self::Plane(contact.into())
+    }
+}
+
+impl From<ContactPatch> for FoundContact<'_> {
+    fn from(patch: ContactPatch) -> Self {
+        Self::Plane(patch)
+    }
+}
 
 /// The latest contacts, from which the haptic thread evaluates force and derivatives on its own: fixed size,
 /// `Copy`, nothing on the heap.
+///
+/// Touching and approaching contacts have a [budget](ContactClass) each. Where it is used up, the shallowest of the class
+/// gives way, or the new one if that is the shallowest. All that are left out are counted ([`Self::overflow`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinearContactModel {
     constraints: [PlaneConstraint; MAX_CONSTRAINTS],
@@ -31,15 +68,16 @@ pub struct LinearContactModel {
     refused: u32,
     pose: Pose,
     time: f64,
-    /// Whether a surface moves, or is to be pushed back.
+    /// Whether a surface moves.
     moves: bool,
+    /// Whether an object receives reactions.
     reacts: bool,
-    /// How long surfaces have moved on, s.
+    /// Time that surfaces have moved on for, s.
     advanced: f64,
 }
 
 impl LinearContactModel {
-    /// No contact, as of `time` (s).
+    /// A model without contacts, as of `time` (s).
     pub const fn empty(pose: &Pose, time: f64) -> Self {
         Self {
             constraints: [PlaneConstraint::NONE; MAX_CONSTRAINTS],
@@ -56,13 +94,8 @@ impl LinearContactModel {
         }
     }
 
-    /// The model of `contacts` found while the body was at `pose`, stamped with `time` (s, the caller's
-    /// clock).
-    ///
-    /// At that pose each contact pushes with k (δ + d) exactly, δ being the depth it came with: the plane is
-    /// put at p − δ n (Eq. 5.36) even where the contact's own p₀ differs. Beyond [`MAX_CLUSTERS`] the
-    /// shallowest are left out ([`Self::overflow`]); a contact that is not finite or has no normal is refused
-    /// ([`Self::refused`]).
+    /// The model of touching `contacts` with objects at rest, found while the body was at `pose`, stamped with `time` (s, the
+    /// caller's clock): each is [pushed](Self::push).
     pub fn from_contacts(
         contacts: impl IntoIterator<Item = impl Into<ContactPatch>>,
         pose: &Pose,
@@ -70,118 +103,116 @@ impl LinearContactModel {
         time: f64,
     ) -> Self {
         let mut model = Self::empty(pose, time);
-        let mut depths = [0.0; MAX_CLUSTERS];
         for patch in contacts {
-            let patch = patch.into();
-            let Some(constraint) = PlaneConstraint::found(&patch, pose, gains) else {
-                model.refused += 1;
-                continue;
-            };
-            let depth = patch.contact.depth;
-            let slot = if model.count < MAX_CLUSTERS {
-                model.count += 1;
-                model.count - 1
-            } else {
-                model.overflow += 1;
-                let shallowest = (1..MAX_CLUSTERS).fold(0, |s, i| if depths[i] < depths[s] { i } else { s });
-                if depth <= depths[shallowest] {
-                    continue;
-                }
-                shallowest
-            };
-            depths[slot] = depth;
-            model.constraints[slot] = constraint;
+            model.push(ContactClass::Touching, patch.into(), gains, &MovingBody::STILL);
         }
         model
     }
 
-    /// Adds a contact with an object that may move, found at the pose of the others. With a time (s) it brakes the body from so long
-    /// before it would close. Left out where the model has [`MAX_CLUSTERS`] already, or with a time [`MAX_APPROACHING`] more
-    /// ([`Self::overflow`]); refused if it is not finite or has no normal.
-    pub fn push_moving(
+    /// Adds a contact with an object that may move. Where its class is full, the shallowest of the class is left out
+    /// ([`Self::overflow`]). A contact that is not finite, or has no normal or gradient, is refused ([`Self::refused`]).
+    ///
+    /// At the pose of the model a touching contact with an object at rest pushes with k (δ + d) exactly, δ being the depth it
+    /// came with: the plane is put at p − δ n (Eq. 5.36) even where the contact's own p₀ differs. The gains of a curved one
+    /// are those of a plane along the depth's gradient (Eqs. 5.51–5.56); the motion of the scene's object counts for that
+    /// plane and not for the curvature terms.
+    pub fn push<'a>(
         &mut self,
-        contact: impl Into<ContactPatch>,
+        class: ContactClass,
+        contact: impl Into<FoundContact<'a>>,
         gains: &ContactParameters,
-        braking_time: f64,
         object: &MovingBody,
     ) {
-        let Some(constraint) = PlaneConstraint::found(&contact.into(), &self.pose, gains) else {
+        let found = match contact.into() {
+            FoundContact::Plane(patch) => {
+                PlaneConstraint::found(&patch, &self.pose, gains).map(|plane| (plane, ArrayVec::new()))
+            }
+            FoundContact::Curved(contact, found_at) => contact.constraint(found_at, gains),
+        };
+        let Some((plane, terms)) = found else {
             self.refused += 1;
             return;
         };
-        let most = MAX_CLUSTERS + if braking_time > 0.0 { MAX_APPROACHING } else { 0 };
-        if self.count >= most {
-            self.overflow += 1;
-            return;
-        }
-        let surface = object.surface_at(constraint.scene_point);
-        self.push(PlaneConstraint { braking_time, surface, ..constraint });
+        let braking_time = match class {
+            ContactClass::Touching => 0.0,
+            ContactClass::Approaching { braking_time } => braking_time,
+        };
+        let surface = object.surface_at(plane.scene_point);
+        self.push_within_budget(PlaneConstraint { braking_time, surface, ..plane }, &terms);
     }
 
-    /// Adds contacts further apart than d that are to brake the body from `time` (s) before they would close. Beyond
-    /// [`MAX_APPROACHING`] the rest are left out.
-    pub fn push_approaching(
-        &mut self,
-        contacts: impl IntoIterator<Item = Contact>,
-        gains: &ContactParameters,
-        time: f64,
-    ) {
-        for contact in contacts.into_iter().take(MAX_APPROACHING) {
-            match PlaneConstraint::found(&contact.into(), &self.pose, gains) {
-                Some(constraint) => {
-                    self.push(PlaneConstraint { braking_time: time, ..constraint });
-                }
-                None => self.refused += 1,
+    /// Adds a constraint as it is, without curvature terms: as an approaching contact if it has a braking time, and as a
+    /// touching one if not. It has a place in the model only as long as the budget of its class allows, as with
+    /// [`Self::push`].
+    pub fn push_constraint(&mut self, constraint: PlaneConstraint) {
+        self.push_within_budget(constraint, &[]);
+    }
+
+    /// Adds a contact if its class has room for it, or a contact that is shallower.
+    fn push_within_budget(&mut self, constraint: PlaneConstraint, terms: &[CurvatureTerm]) {
+        let brakes = constraint.brakes();
+        let budget = if brakes { MAX_APPROACHING } else { MAX_CLUSTERS };
+        let of_class = || (0..self.count).filter(|&i| self.constraints[i].brakes() == brakes);
+        if of_class().count() < budget {
+            self.append(&constraint, terms);
+            return;
+        }
+        self.overflow += 1;
+        let depth = |i: usize| self.depth_of(&self.constraints[i], self.terms_of(i));
+        let shallowest = of_class().map(|i| (i, depth(i))).min_by(|a, b| a.1.total_cmp(&b.1));
+        if let Some((index, least)) = shallowest
+            && self.depth_of(&constraint, terms.iter()).total_cmp(&least).is_gt()
+        {
+            self.replace(index, constraint, terms);
+        }
+    }
+
+    /// Depth of a contact at the pose of the model, m.
+    fn depth_of<'a>(&self, c: &PlaneConstraint, terms: impl Iterator<Item = &'a CurvatureTerm>) -> f64 {
+        let state = BodyState::at_rest(self.pose);
+        let at = c.at(&state, &DMat3::from_quat(self.pose.rotation));
+        at.overlap - c.tolerance + terms.map(|term| term.at(&state).value).sum::<f64>()
+    }
+
+    /// Puts a contact in the place of another one, whose curvature terms go with it.
+    fn replace(&mut self, index: usize, constraint: PlaneConstraint, terms: &[CurvatureTerm]) {
+        self.constraints[index] = constraint;
+        let mut kept = 0;
+        for i in 0..self.term_count {
+            if self.terms[i].constraint != index {
+                self.terms[kept] = self.terms[i];
+                kept += 1;
             }
         }
+        self.term_count = kept;
+        self.append_terms(index, terms.iter());
+        self.moves = self.constraints().iter().any(|c| c.surface.moves());
+        self.reacts = self.constraints().iter().any(|c| c.surface.object.is_some());
     }
 
-    /// Adds a contact, found while the body was at a pose, with how its depth changes as the body moves; gains are those of
-    /// a plane along the depth's gradient (Eqs. 5.51–5.56). It brakes the body from `braking_time` (s) before it would close.
-    /// How the scene's object moves counts for the plane, not for its terms.
-    /// Left out where the model has [`MAX_CLUSTERS`] already, refused where it is not finite or has no gradient.
-    pub fn push_curved(
+    /// Adds a contact at the end, whatever its class.
+    fn append<'a>(
         &mut self,
-        contact: &CurvedContact,
-        found_at: &Pose,
-        gains: &ContactParameters,
-        braking_time: f64,
-        object: &MovingBody,
+        constraint: &PlaneConstraint,
+        terms: impl IntoIterator<Item = &'a CurvatureTerm>,
     ) {
-        let Some((constraint, terms)) = contact.constraint(found_at, gains) else {
-            self.refused += 1;
-            return;
-        };
-        if self.count >= MAX_CLUSTERS {
-            self.overflow += 1;
-            return;
-        }
-        let surface = object.surface_at(constraint.scene_point);
-        self.push(PlaneConstraint { braking_time, surface, ..constraint });
-        for term in terms {
-            self.push_term(&term);
-        }
-    }
-
-    /// Adds a bend of the last constraint; where there is no room for it, the depth is a little straighter.
-    fn push_term(&mut self, term: &CurvatureTerm) {
-        if self.term_count < MAX_CURVATURE_TERMS {
-            self.terms[self.term_count] = term.of(self.count - 1);
-            self.term_count += 1;
-        }
-    }
-
-    /// Adds a constraint; `false` if the model is full, which then stays as it was.
-    pub fn push(&mut self, constraint: PlaneConstraint) -> bool {
         if self.count == MAX_CONSTRAINTS {
             self.overflow += 1;
-            return false;
+            return;
         }
-        self.constraints[self.count] = constraint;
+        self.constraints[self.count] = *constraint;
+        self.append_terms(self.count, terms);
         self.count += 1;
         self.moves |= constraint.surface.moves();
         self.reacts |= constraint.surface.object.is_some();
-        true
+    }
+
+    /// Adds curvature terms of a contact, for which there is always room: as many as all contacts can have.
+    fn append_terms<'a>(&mut self, index: usize, terms: impl IntoIterator<Item = &'a CurvatureTerm>) {
+        for (place, term) in self.terms[self.term_count..].iter_mut().zip(terms) {
+            *place = term.of(index);
+            self.term_count += 1;
+        }
     }
 
     /// The curvature terms of all contacts.
@@ -199,7 +230,7 @@ impl LinearContactModel {
         &self.constraints[..self.count]
     }
 
-    /// Takes all of another model, at the cost of what that holds.
+    /// Copies another model, at the cost of the contacts that it has.
     pub(crate) fn assign(&mut self, other: &Self) {
         let Self { constraints, count, terms, term_count, overflow, refused, pose, time, .. } = other;
         self.constraints[..*count].copy_from_slice(&constraints[..*count]);
@@ -211,9 +242,8 @@ impl LinearContactModel {
         (self.moves, self.reacts, self.advanced) = (other.moves, other.reacts, other.advanced);
     }
 
-    /// Lets the surfaces move on for a time (s): the planes, and the points where friction holds. A step of `dt` finds them
-    /// where they are at its end. They move for [`Self::LONGEST_MOTION`] at most, and then stand still: where no newer model
-    /// arrives, nobody knows where they are.
+    /// Moves the surfaces on for a time (s): planes and friction anchors. A step of `dt` uses them where they are at its end.
+    /// They move for [`Self::LONGEST_MOTION`] at most, and then stand still: without a newer model nothing is known of them.
     pub fn advance(&mut self, dt: f64) {
         if !(self.moves && dt > 0.0) {
             return;
@@ -230,10 +260,10 @@ impl LinearContactModel {
         self.moves &= !ends;
     }
 
-    /// The longest that surfaces move on from where they were found, s.
+    /// Longest time that surfaces move on from where they were found, s.
     pub const LONGEST_MOTION: f64 = 0.05;
 
-    /// Whether some contacts are with objects that are to be pushed back.
+    /// Whether some contacts are with objects that receive [reactions](Self::reactions).
     pub fn reacts(&self) -> bool {
         self.reacts
     }
@@ -246,14 +276,12 @@ impl LinearContactModel {
         }
     }
 
-    /// Adds those of another model's constraints, with their terms, whose bits are set.
+    /// Adds those contacts of another model whose bits are set, with their curvature terms. The budgets of classes do not
+    /// count here: there is room for all contacts of two models.
     pub(crate) fn extend(&mut self, other: &Self, chosen: u64) {
         for (i, constraint) in other.constraints().iter().enumerate() {
-            if chosen & (1 << i) == 0 || !self.push(*constraint) {
-                continue;
-            }
-            for term in other.terms_of(i) {
-                self.push_term(term);
+            if chosen & (1 << i) != 0 {
+                self.append(constraint, other.terms_of(i));
             }
         }
     }
@@ -290,17 +318,17 @@ impl LinearContactModel {
         self.count == 0
     }
 
-    /// How many contacts were left out because the model was full.
+    /// Number of contacts that were left out because their class was full.
     pub fn overflow(&self) -> u32 {
         self.overflow
     }
 
-    /// How many contacts were refused because they were not finite or had no normal.
+    /// Number of contacts that were refused because they were not finite, or had no normal or gradient.
     pub fn refused(&self) -> u32 {
         self.refused
     }
 
-    /// When the contacts were found, s.
+    /// Time at which the contacts were found, s.
     pub fn time(&self) -> f64 {
         self.time
     }
@@ -310,20 +338,20 @@ impl LinearContactModel {
         now - self.time
     }
 
-    /// Where the body was when the contacts were found.
+    /// Pose of the body at which the contacts were found.
     pub fn pose(&self) -> &Pose {
         &self.pose
     }
 
-    /// The furthest that any contact's point on the body has moved since the contacts were found, m (0
-    /// without contacts). Plane constraints hold for motions small against the features of the scene.
+    /// Largest displacement of a contact's point on the body since the contacts were found, m (0 without contacts). Plane
+    /// constraints hold for motions small against the features of the scene.
     pub fn displacement(&self, pose: &Pose) -> f64 {
         self.constraints().iter().fold(0.0, |most: f64, c| {
             most.max((pose.transform_point(c.point) - self.pose.transform_point(c.point)).length())
         })
     }
 
-    /// The sum of the contacts' stiffnesses, N/m: a bound on what the body can feel in any direction.
+    /// Sum of the contacts' stiffnesses, N/m: a bound on the stiffness that the body feels in any direction.
     pub fn total_stiffness(&self) -> f64 {
         self.constraints().iter().map(|c| c.stiffness).sum()
     }

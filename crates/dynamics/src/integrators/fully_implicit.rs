@@ -303,7 +303,7 @@ mod tests {
         let mut model = LinearContactModel::empty(&Pose::IDENTITY, 0.0);
         for (contact, parameters) in contacts.into_iter().zip([hard, PARAMETERS]) {
             let one = LinearContactModel::from_contacts([contact], &Pose::IDENTITY, &parameters, 0.0);
-            assert!(model.push(one.constraints()[0]));
+            model.push_constraint(one.constraints()[0]);
         }
         let device = DeviceMotion::default();
         let frame = Frame {

@@ -458,12 +458,12 @@ fn with_its_hinge_held_the_tool_moves_as_one_body() {
         let mut contacts = LinearContactModel::empty(&state.first.pose, 0.0);
         let axes = state.first.pose.rotation;
         for c in scene.contacts[0].constraints() {
-            contacts.push(PlaneConstraint { point: from_first(c.point), ..*c });
+            contacts.push_constraint(PlaneConstraint { point: from_first(c.point), ..*c });
         }
         for c in scene.contacts[1].constraints() {
             let mut c = PlaneConstraint { point: from_first(second.transform_point(c.point)), ..*c };
             c.anchor.rotation = axes;
-            contacts.push(c);
+            contacts.push_constraint(c);
         }
         let arm = state.first.pose.transform_vector(centre);
         let mut whole = BodyState {

@@ -6,8 +6,8 @@
 use palpate_core::glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Contact, Pose, Twist, Wrench};
 use palpate_dynamics::{
-    Body, BodyState, ContactParameters, DeviceMotion, Friction, LinearContactModel, Step, VirtualCoupling,
-    semi_implicit_step,
+    Body, BodyState, ContactClass, ContactParameters, DeviceMotion, Friction, LinearContactModel, MovingBody,
+    Step, VirtualCoupling, semi_implicit_step,
 };
 use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
 
@@ -411,7 +411,8 @@ fn braking_slows_what_comes_fast() {
         let touch = contact(&start, DVec3::ZERO, DVec3::NEG_Z, -0.02);
         let model = if braking {
             let mut model = LinearContactModel::empty(&start, 0.0);
-            model.push_approaching([touch], &parameters, 0.01);
+            let class = ContactClass::Approaching { braking_time: 0.01 };
+            model.push(class, touch, &parameters, &MovingBody::STILL);
             model
         } else {
             LinearContactModel::from_contacts([touch], &start, &parameters, 0.0)

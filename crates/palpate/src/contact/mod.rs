@@ -18,7 +18,8 @@ use palpate_collide::{Budget, Cluster, Clustering, PatchContact, QuerySettings, 
 use palpate_core::glam::DVec3;
 use palpate_core::{Contact, Pose, Twist};
 use palpate_dynamics::{
-    Body, BodyState, ContactParameters, ContactPatch, LinearContactModel, MAX_APPROACHING, MovingBody,
+    Body, BodyState, ContactClass, ContactParameters, ContactPatch, FoundContact, LinearContactModel,
+    MAX_APPROACHING, MovingBody,
 };
 use palpate_texture_pd::Backend;
 use rtrb::Consumer;
@@ -286,10 +287,13 @@ impl ContactLoop {
         let braking = self.braking_parameters(ahead);
         let coarse = self.add_textured(&mut model, &mut depth, body, &braking, interval, ahead);
         let clusters = self.approaching_clusters.run(&self.approaching, reach, &probe_pose);
-        let representatives = clusters.iter().map(|cluster| cluster.contact);
-        model.push_approaching(representatives, &braking, ahead);
+        for cluster in clusters {
+            let class = ContactClass::Approaching { braking_time: ahead };
+            model.push(class, cluster.contact, &braking, &MovingBody::STILL);
+        }
         self.add_approaching(&mut model, &braking, interval, ahead);
         self.telemetry.events.contact_refused += u64::from(model.refused());
+        self.telemetry.events.contact_overflow += u64::from(model.overflow());
         if let Some(watched) = &mut self.watched {
             watched.show();
         }
@@ -319,7 +323,7 @@ impl ContactLoop {
         }
     }
 
-    /// Adds the planes of representative contacts to a model: those that push least are left out where there is no room.
+    /// Adds the planes of representative contacts to a model.
     fn add_represented(&mut self, model: &mut LinearContactModel, body: &BodyState, interval: f64) {
         let Some(fields) = &mut self.by_fields else { return };
         let to_mesh = Pose::from_translation(-self.center_of_mass);
@@ -343,14 +347,13 @@ impl ContactLoop {
                 }
                 _ => (gains, MovingBody::STILL),
             };
-            model.push_moving(patch, &gains, 0.0, &carrier);
+            model.push(ContactClass::Touching, patch, &gains, &carrier);
             if let Some(watched) = &mut self.watched {
                 let force = contact.normal * (-gains.stiffness * (contact.depth + tolerance));
                 let Contact { point, normal, depth, .. } = contact;
                 watched.sight().add_push(Push { point, normal, force, depth });
             }
         }
-        self.telemetry.events.contact_overflow += u64::from(model.overflow());
     }
 
     /// The deepest of contacts with objects that move as well; how many there are of these.
@@ -444,7 +447,7 @@ impl ContactLoop {
                 let gains = moving.limited(&self.parameters, pose, at, clusters.len(), interval);
                 let cluster = std::slice::from_ref(cluster);
                 for patch in patches(cluster) {
-                    model.push_moving(patch, &gains, 0.0, &moving.carrier(*id, pose));
+                    model.push(ContactClass::Touching, patch, &gains, &moving.carrier(*id, pose));
                 }
                 show(&mut self.watched, cluster, &gains);
             }
@@ -470,7 +473,8 @@ impl ContactLoop {
                 continue;
             };
             let gains = moving.limited(braking, pose, (contact.point, contact.normal), 1, interval);
-            model.push_moving(contact, &gains, ahead, &moving.carrier(*id, pose));
+            let class = ContactClass::Approaching { braking_time: ahead };
+            model.push(class, contact, &gains, &moving.carrier(*id, pose));
         }
     }
 
@@ -508,6 +512,7 @@ impl ContactLoop {
                 moving.map_or(gains, |(_, moving, at)| moving.limited(&gains, &at, point, 1, interval))
             };
             let twist = beside(&body.twist, pose.translation, &carrier);
+            let curved = FoundContact::Curved(&found.contact, &pose);
             if now > -tolerance {
                 *depth = depth.max(now);
                 let missed = found.is_undersampled(&twist, pose.translation, interval);
@@ -519,9 +524,10 @@ impl ContactLoop {
                     let point = found.contact.point;
                     watched.sight().add_push(Push { point, normal, force, depth: now });
                 }
-                model.push_curved(&found.contact, &pose, &gains(&self.parameters), 0.0, &carrier);
+                model.push(ContactClass::Touching, curved, &gains(&self.parameters), &carrier);
             } else if self.braking && now + found.rate(&twist) * ahead > -tolerance {
-                model.push_curved(&found.contact, &pose, &gains(braking), ahead, &carrier);
+                let class = ContactClass::Approaching { braking_time: ahead };
+                model.push(class, curved, &gains(braking), &carrier);
             }
         }
         coarse

@@ -120,7 +120,7 @@ fn scene_id(object: NonZeroU32) -> SceneId {
 #[cfg(test)]
 mod tests {
     use palpate_core::{Contact, Pose, Twist};
-    use palpate_dynamics::{ContactParameters, Friction, MovingBody};
+    use palpate_dynamics::{ContactClass, ContactParameters, Friction, MovingBody};
 
     use super::*;
 
@@ -133,7 +133,7 @@ mod tests {
         let mut model = LinearContactModel::empty(&Pose::IDENTITY, 0.0);
         for object in [1, 7] {
             let carrier = MovingBody { twist: Twist::ZERO, object: NonZeroU32::new(object) };
-            model.push_moving(contact, &parameters, 0.0, &carrier);
+            model.push(ContactClass::Touching, contact, &parameters, &carrier);
         }
         let state = BodyState::at_rest(Pose::IDENTITY);
         let steps = 5000;

@@ -133,7 +133,10 @@ pub struct Events {
     /// answered within 20 ms, could not be made, or they were too many for it. What is lost is counted once, and the processor
     /// has computed them since.
     pub texture_backend_lost: u64,
-    /// A contact query ran out of room and reported fewer contacts than there are.
+    /// A contact was left out of a contact model, which holds 16 touching contacts, and 4 more that the object only approaches;
+    /// the shallowest are left out. Lower [`Settings::clusters`](crate::Settings::clusters): there are up to as many touching
+    /// contacts of all still objects, and again of each moving one. Also counted, as one, is a contact query that ran out of
+    /// room and reported fewer contacts than there are.
     pub contact_overflow: u64,
     /// A contact query was refused, its pose not being finite, and found nothing; or a contact was not finite, or the depth of a
     /// quarter of a textured contact's grid, and was left out.

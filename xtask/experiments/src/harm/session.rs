@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::panic::AssertUnwindSafe;
 
 use palpate::device::{HapticDevice as _, IntendedPath};
-use palpate::dynamics::{ContactParameters, ContactPatch, Friction, LinearContactModel, MovingBody};
+use palpate::dynamics::{ContactClass, ContactParameters, Friction, LinearContactModel, MovingBody};
 use palpate::glam::{DMat3, DVec3};
 use palpate::{
     Contact, ContactLoop, ContactUpdate, ENERGY_BOUND, HapticLoop, HapticRenderer, Invariant, Mobility,
@@ -558,8 +558,12 @@ fn found(
                 Contact { point, scene_point: point + plane.normal * depth, normal: -plane.normal, depth };
             let touches = depth > -parameters.tolerance;
             if touches || (plane.braking > 0.0 && depth > -0.1 * scale) {
-                let braking = if touches { 0.0 } else { plane.braking };
-                update.model.push_moving(ContactPatch::from(contact), &parameters, braking, &carrier);
+                let class = if touches {
+                    ContactClass::Touching
+                } else {
+                    ContactClass::Approaching { braking_time: plane.braking }
+                };
+                update.model.push(class, contact, &parameters, &carrier);
                 update.contacts += u32::from(touches);
                 update.depth = update.depth.max(depth);
             }

@@ -4,7 +4,9 @@ use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
 
 use crate::body::BodyState;
 use crate::contact::curvature::STEEPEST;
-use crate::contact::{ContactParameters, CurvedContact, Friction, LinearContactModel, MovingBody};
+use crate::contact::{
+    ContactClass, ContactParameters, CurvedContact, FoundContact, Friction, LinearContactModel, MovingBody,
+};
 use crate::differences::{random_pose, random_twist, random_vector, relative_error, wrench_jacobian};
 use crate::eigen::Matrix6;
 
@@ -30,7 +32,8 @@ fn random_contact(rng: &mut StdRng, pose: &Pose) -> CurvedContact {
 
 fn model(contact: &CurvedContact, pose: &Pose, parameters: &ContactParameters) -> LinearContactModel {
     let mut model = LinearContactModel::empty(pose, 0.0);
-    model.push_curved(contact, pose, parameters, 0.0, &MovingBody::STILL);
+    let found = FoundContact::Curved(contact, pose);
+    model.push(ContactClass::Touching, found, parameters, &MovingBody::STILL);
     model
 }
 
@@ -186,12 +189,16 @@ fn what_is_not_finite_is_refused() {
         CurvedContact { lever: 0.0, ..good },
     ];
     let mut model = LinearContactModel::empty(&pose, 0.0);
+    let push = |model: &mut LinearContactModel, contact: &CurvedContact| {
+        let found = FoundContact::Curved(contact, &pose);
+        model.push(ContactClass::Touching, found, &PARAMETERS, &MovingBody::STILL);
+    };
     for contact in bad {
-        model.push_curved(&contact, &pose, &PARAMETERS, 0.0, &MovingBody::STILL);
+        push(&mut model, &contact);
     }
     assert_eq!((model.constraints().len(), model.refused()), (0, 4));
     // A plane is left of one whose curvature is unknown.
-    model.push_curved(&crooked, &pose, &PARAMETERS, 0.0, &MovingBody::STILL);
+    push(&mut model, &crooked);
     assert!(
         model.curvature_terms().iter().all(|term| term.curvature == 0.0) && model.constraints().len() == 1
     );

@@ -52,7 +52,7 @@ fn jacobian_equals_central_differences_whether_it_sticks_or_slides() {
             constraint.surface = SurfaceMotion { velocity, angular, ..SurfaceMotion::STILL };
         }
         let mut model = LinearContactModel::empty(&state.pose, 0.0);
-        assert!(model.push(constraint));
+        model.push_constraint(constraint);
         let at = constraint.at(&state, &DMat3::from_quat(state.pose.rotation));
         let friction = constraint.friction_force(&state, &at, constraint.normal_force(&at));
         // The differences reach 6e-4 m and 0.2 m/s, over which the contact has to stay open or closed, and stuck or not.
@@ -163,7 +163,7 @@ fn friction_goes_over_to_new_contacts() {
             for _ in 0..count {
                 let mut constraint = random_constraint(&mut rng, &state);
                 constraint.friction = Friction::coulomb(1e6);
-                model.push(constraint);
+                model.push_constraint(constraint);
             }
             model
         };

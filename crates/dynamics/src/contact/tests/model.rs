@@ -6,7 +6,7 @@ use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
 
 use crate::body::{Body, BodyState};
 use crate::contact::{
-    ContactParameters, ContactPatch, Friction, LinearContactModel, MAX_CLUSTERS, MovingBody, PlaneConstraint,
+    ContactClass, ContactParameters, ContactPatch, Friction, LinearContactModel, MovingBody, PlaneConstraint,
 };
 use crate::coupling::{DeviceMotion, VirtualCoupling};
 use crate::differences::{
@@ -122,27 +122,6 @@ fn no_contact_attracts_in_any_state() {
 }
 
 #[test]
-fn a_full_model_keeps_the_deepest_and_says_so() {
-    let pose = Pose::IDENTITY;
-    let parameters =
-        ContactParameters { stiffness: 1.0, damping: 0.0, tolerance: 0.0, friction: Friction::NONE };
-    let contact = |i: usize| Contact {
-        point: DVec3::ZERO,
-        scene_point: DVec3::ZERO,
-        normal: DVec3::Z,
-        // 7 and 25 are coprime: every depth from 0 to 24 once, out of order.
-        depth: ((i * 7) % 25) as f64,
-    };
-    let model = LinearContactModel::from_contacts((0..25).map(contact), &pose, &parameters, 3.0);
-    let mut kept: Vec<_> = model.constraints().iter().map(|c| -c.scene_point.z).collect();
-    kept.sort_by(f64::total_cmp);
-    assert_eq!(kept, (9..25).map(f64::from).collect::<Vec<_>>());
-    assert_eq!((model.overflow(), model.refused()), (9, 0));
-    assert_eq!(model.total_stiffness(), MAX_CLUSTERS as f64);
-    assert_eq!(model.age(3.25), 0.25);
-}
-
-#[test]
 fn contacts_that_are_not_finite_are_refused() {
     let parameters =
         ContactParameters { stiffness: 1.0, damping: 0.0, tolerance: 0.0, friction: Friction::NONE };
@@ -179,7 +158,7 @@ fn random_moving(rng: &mut StdRng, pose: &Pose, friction: f64, object: &MovingBo
         .collect();
     let parameters = ContactParameters { friction: Friction::coulomb(friction), ..random_parameters(rng) };
     let mut model = LinearContactModel::empty(pose, 0.0);
-    contacts.iter().for_each(|contact| model.push_moving(*contact, &parameters, 0.0, object));
+    contacts.iter().for_each(|contact| model.push(ContactClass::Touching, *contact, &parameters, object));
     model
 }
 
@@ -211,7 +190,7 @@ fn what_moves_together_feels_the_same() {
         let mut moving = LinearContactModel::empty(&pose, 0.0);
         for constraint in still.constraints() {
             let surface = object.surface_at(constraint.scene_point);
-            moving.push(PlaneConstraint { surface, ..*constraint });
+            moving.push_constraint(PlaneConstraint { surface, ..*constraint });
         }
         moving.advance(dt);
         let state = BodyState { pose, twist: random_twist(&mut rng, 0.2, 1.0) };
@@ -251,7 +230,7 @@ fn a_turning_surface_drags_a_patch_along() {
     let mut model = LinearContactModel::empty(&pose, 0.0);
     let twist = Twist::new(DVec3::ZERO, DVec3::Z * 2.0);
     let patch = ContactPatch { contact, radius: 0.01 };
-    model.push_moving(patch, &parameters, 0.0, &MovingBody { twist, object: None });
+    model.push(ContactClass::Touching, patch, &parameters, &MovingBody { twist, object: None });
     let at_rest = BodyState::at_rest(pose);
     let by_damper = model.wrench(&at_rest).torque.z;
     assert!((by_damper - 1.0 * 0.01 * 0.01 * 2.0).abs() < 1e-9, "{by_damper}");
@@ -280,7 +259,7 @@ fn reactions_are_the_reverse_of_the_wrench() {
             let twist = random_twist(&mut rng, 0.2, 1.0);
             let object = MovingBody { twist, object: NonZeroU32::new(object) };
             for constraint in random_moving(&mut rng, &pose, 0.5, &object).constraints() {
-                model.push(*constraint);
+                model.push_constraint(*constraint);
             }
         }
         let state = BodyState { pose, twist: random_twist(&mut rng, 0.2, 1.0) };
