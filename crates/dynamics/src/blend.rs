@@ -129,9 +129,11 @@ mod tests {
     use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
 
     use super::*;
-    use crate::contact::ContactParameters;
-    use crate::differences::{random_direction, random_pose, random_vector};
-    use crate::friction::Friction;
+    use crate::contact::{
+        ContactClass, ContactParameters, CurvedContact, FoundContact, Friction, MAX_APPROACHING,
+        MAX_CLUSTERS, MAX_CONSTRAINTS, MovingBody,
+    };
+    use crate::differences::{random_direction, random_pose, random_twist, random_vector};
 
     const STEP: f64 = 1e-3;
 
@@ -193,6 +195,54 @@ mod tests {
             let (found, wanted) = (normal(blend.contacts()), normal(&last));
             assert!(distance(&found, &wanted) < 1e-9, "seed {seed}, case {case}: {found:?} {wanted:?}");
         }
+    }
+
+    /// A model with as many contacts of each class as it has room for, all with as many curvature terms as there may be.
+    fn full_model(rng: &mut StdRng, pose: &Pose) -> LinearContactModel {
+        let mut model = LinearContactModel::empty(pose, 0.0);
+        let gains =
+            ContactParameters { stiffness: 1000.0, damping: 0.0, tolerance: 0.0, friction: Friction::NONE };
+        let classes = [
+            (ContactClass::Touching, MAX_CLUSTERS),
+            (ContactClass::Approaching { braking_time: 0.01 }, MAX_APPROACHING),
+        ];
+        for (class, count) in classes {
+            for _ in 0..count {
+                let mut second = [[0.0; 6]; 6];
+                (0..6).for_each(|i| second[i][i] = rng.random_range(50.0..100.0));
+                let contact = CurvedContact {
+                    point: pose.translation + random_vector(rng, 0.05),
+                    depth: rng.random_range(0.001..0.003),
+                    linear: random_direction(rng),
+                    angular: random_vector(rng, 0.05),
+                    second,
+                    lever: 0.05,
+                };
+                model.push(class, FoundContact::Curved(&contact, pose), &gains, &MovingBody::STILL);
+            }
+        }
+        model
+    }
+
+    /// Half way from one full model to another, the body feels half of each.
+    #[test]
+    fn two_full_models_blend_without_loss() {
+        let mut rng = StdRng::seed_from_u64(73);
+        let pose = random_pose(&mut rng, 0.3);
+        let (old, new) = (full_model(&mut rng, &pose), full_model(&mut rng, &pose));
+        let state = BodyState::at_rest(pose.moved(&random_twist(&mut rng, 1e-4, 1e-3), 1.0));
+        let mut blend = ContactBlend::new();
+        blend.arrive(&old, &state, 0.0, 0.0);
+        blend.arrive(&new, &state, 0.0, 2.0 * STEP);
+        blend.advance(&state, STEP);
+        let felt = blend.contacts();
+        assert_eq!(felt.constraints().len(), MAX_CONSTRAINTS);
+        let terms = old.curvature_terms().len() + new.curvature_terms().len();
+        assert_eq!(terms, 3 * MAX_CONSTRAINTS);
+        assert_eq!((felt.curvature_terms().len(), felt.overflow()), (terms, 0));
+        let expected = (old.wrench(&state) + new.wrench(&state)) * 0.5;
+        let off = distance(&felt.wrench(&state), &expected);
+        assert!(off < 1e-9 * expected.force.length(), "{off} N");
     }
 
     #[test]

@@ -50,7 +50,6 @@
 //! ```
 
 mod articulated;
-mod bend;
 mod blend;
 mod body;
 mod constrained_motion;
@@ -59,7 +58,6 @@ mod coupling;
 #[cfg(test)]
 mod differences;
 mod eigen;
-mod friction;
 mod integrators;
 mod jacobian;
 mod linear_solve;
@@ -75,18 +73,17 @@ pub use articulated::{
     ArticulatedBody, ArticulatedFrame, ArticulatedState, ArticulatedStep, GripperCoupling, GripperMotion,
     Joint, JointError, JointLimits, MAX_ARTICULATED_SOLVES, articulated_step,
 };
-pub use bend::CurvedContact;
 pub use blend::ContactBlend;
 pub use body::{Body, BodyError, BodyState};
 pub use constrained_motion::{MotionLimit, constrained_motion};
 pub use contact::{
-    Carrier, ContactParameters, ContactPatch, ContactResponse, LinearContactModel, MAX_APPROACHING,
-    MAX_CLUSTERS, MAX_CONSTRAINTS, PlaneConstraint, Surface,
+    ContactClass, ContactParameters, ContactPatch, ContactResponse, CurvedContact, FoundContact, Friction,
+    FrictionAnchor, LinearContactModel, MAX_APPROACHING, MAX_CLUSTERS, MAX_CONSTRAINTS, MovingBody,
+    PlaneConstraint, SurfaceMotion,
 };
 pub use coupling::{CouplingResponse, DeviceMotion, VirtualCoupling};
-pub use friction::{Friction, Grip};
 pub use integrators::{
-    ForwardEuler, Frame, FullyImplicit, Integrator, IntegratorKind, QuasiStatic, RungeKutta4, SemiImplicit,
+    ForwardEuler, FullyImplicit, Integrator, IntegratorKind, QuasiStatic, RungeKutta4, SemiImplicit,
     SymplecticEuler, UnknownIntegrator,
 };
 pub use jacobian::{Block6, WrenchJacobian};
@@ -96,4 +93,4 @@ pub use passivity::{PassivityController, PassivityObserver};
 pub use port::{PortAxes, PortLimits, Sampling};
 pub use rotation::{inverse_right_jacobian, left_jacobian, rotation_minus_identity, skew};
 pub use saturation::{SlewLimit, angular_spring_torque, saturate, spring_force};
-pub use step::{HeldBecause, MAX_SOLVES, Step, StepStatus, semi_implicit_step};
+pub use step::{Frame, MAX_SOLVES, Step, StepFailure, StepStatus, semi_implicit_step};

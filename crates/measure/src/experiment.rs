@@ -151,7 +151,7 @@ impl Experiment<'_> {
                 let took = begun.elapsed().as_secs_f64();
                 queries.push(Query { time: now, body, clusters: update.model.constraints().len(), took });
                 if *frozen {
-                    update.model = update.model.frozen(haptic.body_state());
+                    update.model = crate::frozen::frozen(&update.model, haptic.body_state());
                 }
                 waiting.push_back(update);
             }

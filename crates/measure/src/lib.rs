@@ -9,6 +9,7 @@
 mod difference;
 mod error;
 mod experiment;
+mod frozen;
 mod judge;
 mod margin;
 mod profile;
@@ -18,6 +19,7 @@ mod statistics;
 pub use difference::{AUDIBLE, Deviation, Difference, rms_above};
 pub use error::MeasureError;
 pub use experiment::{Experiment, Query, Sample, Trace};
+pub use frozen::frozen;
 pub use judge::{Outcome, judge};
 pub use margin::{STIFFEST, WEAKEST, pressed, stability_margin};
 pub use profile::{BodyPath, Profile, contact_loop, penetration};

@@ -64,7 +64,7 @@ pub const EVENTS: [(&str, &str); 32] = [
     ("texture_backend_lost", "what computed textured contacts failed; the processor went on"),
     (
         "contact_overflow",
-        "there were more contacts than a query or a contact model has room for; the shallowest were dropped",
+        "there were more contacts than a contact model has room for; the shallowest were left out: lower the number of clusters",
     ),
     ("contact_refused", "a contact query was given a pose, or found a contact, that is not finite"),
     ("not_converged", "the distance of two convex patches did not converge"),

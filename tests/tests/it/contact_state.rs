@@ -89,7 +89,7 @@ fn render(probe: &Object, scene: &Object, settings: Settings, task: &Task, rate:
                 return seen;
             }
             if hold {
-                update.model = update.model.frozen(haptic.body_state());
+                update.model = palpate_measure::frozen(&update.model, haptic.body_state());
             }
             pending.push_back(update);
         }

@@ -40,11 +40,10 @@ use super::{ArticulatedBody, ArticulatedState, GripperCoupling, GripperMotion, L
 use crate::body::{Body, BodyState};
 use crate::contact::{LinearContactModel, MAX_CONSTRAINTS};
 use crate::coupling::{DeviceMotion, VirtualCoupling};
-use crate::integrators::Frame;
 use crate::jacobian::outer;
 use crate::linear_solve::{is_positive_definite, solve, solve_definite};
 use crate::rotation::{cross_columns, exponential, skew, skew_skew};
-use crate::step::{FREE_SOLVES, HeldBecause, StepStatus, System};
+use crate::step::{FREE_SOLVES, Frame, StepFailure, StepStatus, System};
 use crate::system::{Linear, cross_sum, six};
 
 /// The most 7×7 systems that one step solves: the free ones, and one for each contact and stop that may leave, and the last.
@@ -115,13 +114,13 @@ pub fn articulated_step(frame: &ArticulatedFrame<'_>, state: &ArticulatedState, 
     let [first, second] = [(coupling, contacts[0]), (&nothing, contacts[1])].map(|(coupling, contacts)| {
         Frame { body: &massless, device, coupling, contacts, gravity: DVec3::ZERO }
     });
-    let mut pressing = [ArrayVec::new(), ArrayVec::new()];
-    let [of_first, of_second] = &mut pressing;
+    let mut candidates = [ArrayVec::new(), ArrayVec::new()];
+    let [of_first, of_second] = &mut candidates;
     let systems =
         [System::new(&first, &bodies[0], dt, of_first), System::new(&second, &bodies[1], dt, of_second)];
     let mut system = ToolSystem::new(frame, state, &bodies, systems, dt);
     let Some((change, active, status)) = system.solve() else {
-        return ArticulatedStep::held(state, HeldBecause::Singular);
+        return ArticulatedStep::failed(state, StepFailure::Singular);
     };
     let next = system.moved(tool, state, &change);
     frame.ended(state, &next, active.bodies, status)
@@ -136,13 +135,16 @@ impl ArticulatedFrame<'_> {
             let limits = &self.tool.joint.limits;
             let asked = if self.gripper.angle.is_finite() { self.gripper.angle } else { 0.0 };
             let angle = asked.max(limits.low).min(limits.high);
-            return Some(ArticulatedStep::held(&ArticulatedState::at_rest(pose, angle), HeldBecause::State));
+            return Some(ArticulatedStep::failed(
+                &ArticulatedState::at_rest(pose, angle),
+                StepFailure::State,
+            ));
         }
         if !(self.device.is_valid() && self.gripper.is_valid()) {
-            return Some(ArticulatedStep::held(state, HeldBecause::Device));
+            return Some(ArticulatedStep::failed(state, StepFailure::Device));
         }
         if !(dt > 0.0 && dt.is_finite()) {
-            return Some(ArticulatedStep::held(state, HeldBecause::TimeStep));
+            return Some(ArticulatedStep::failed(state, StepFailure::TimeStep));
         }
         None
     }
@@ -155,7 +157,7 @@ impl ArticulatedFrame<'_> {
         active: [u64; 2],
         status: StepStatus,
     ) -> ArticulatedStep {
-        let overflow = ArticulatedStep::held(start, HeldBecause::Overflow);
+        let overflow = ArticulatedStep::failed(start, StepFailure::Overflow);
         if !next.is_valid() {
             return overflow;
         }
@@ -182,7 +184,7 @@ impl ArticulatedFrame<'_> {
 }
 
 impl ArticulatedStep {
-    fn held(state: &ArticulatedState, why: HeldBecause) -> Self {
+    fn failed(state: &ArticulatedState, why: StepFailure) -> Self {
         Self {
             state: *state,
             coupling: Wrench::ZERO,
@@ -191,7 +193,7 @@ impl ArticulatedStep {
             stop: 0.0,
             contacts: [Wrench::ZERO; 2],
             active: [0; 2],
-            status: StepStatus { held: Some(why), ..StepStatus::default() },
+            status: StepStatus { failure: Some(why), ..StepStatus::default() },
         }
     }
 }
@@ -426,7 +428,7 @@ impl<'a> ToolSystem<'a> {
             stops |= u64::from(stop.overlap > 0.0) << i;
         }
         let [first, second] = &mut self.systems;
-        Active { bodies: [first.see_contacts(), second.see_contacts()], stops }
+        Active { bodies: [first.linearise_contacts(), second.linearise_contacts()], stops }
     }
 
     fn assemble(&self, active: Active) -> Linear7 {
@@ -541,8 +543,8 @@ impl<'a> ToolSystem<'a> {
             let wanted = pushing.map(left_for_next, |pushing, left| pushing & !left);
             let free = status.solves < FREE_SOLVES;
             let next = if free { wanted } else { wanted.map(active, |wanted, active| wanted & active) };
-            let alike = self.systems.iter().all(|system| system.alike);
-            let settled = next == active && (alike || !free);
+            let converged = self.systems.iter().all(|system| system.shares_converged);
+            let settled = next == active && (converged || !free);
             if settled || status.solves >= MAX_ARTICULATED_SOLVES {
                 status.active_set_unsettled = wanted != active;
                 return Some((change, active, status));

@@ -1,13 +1,13 @@
 //! Forward Euler in (x, R, P, L).
 
 use crate::body::BodyState;
-use crate::integrators::{Frame, Integrator};
-use crate::step::{Step, StepStatus};
+use crate::integrators::Integrator;
+use crate::step::{Frame, Step, StepStatus};
 
 /// Forward Euler: everything advances at the rates of the start of the step.
 ///
 /// A free body keeps its momenta, and gains energy. It is here to compare with (Fig. 5.6): with stiff springs or
-/// light bodies it diverges, until the step is held for [`Overflow`](crate::HeldBecause::Overflow).
+/// light bodies it diverges, until the step is held for [`Overflow`](crate::StepFailure::Overflow).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct ForwardEuler;
 

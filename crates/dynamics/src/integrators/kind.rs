@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::body::BodyState;
 use crate::integrators::{
-    ForwardEuler, Frame, FullyImplicit, Integrator, QuasiStatic, RungeKutta4, SemiImplicit, SymplecticEuler,
+    ForwardEuler, FullyImplicit, Integrator, QuasiStatic, RungeKutta4, SemiImplicit, SymplecticEuler,
 };
-use crate::step::Step;
+use crate::step::{Frame, Step};
 
 /// The integrators, each with its default settings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]

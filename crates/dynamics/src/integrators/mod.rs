@@ -24,10 +24,8 @@ mod symplectic;
 use glam::{DMat3, DVec3};
 use palpate_core::{Pose, Twist, Wrench};
 
-use crate::body::{Body, BodyState};
-use crate::contact::LinearContactModel;
-use crate::coupling::{DeviceMotion, VirtualCoupling};
-use crate::step::{HeldBecause, Step, StepStatus, semi_implicit_step};
+use crate::body::BodyState;
+use crate::step::{Frame, Step, semi_implicit_step};
 
 pub use forward_euler::ForwardEuler;
 pub use fully_implicit::FullyImplicit;
@@ -35,21 +33,6 @@ pub use kind::{IntegratorKind, UnknownIntegrator};
 pub use quasi_static::QuasiStatic;
 pub use runge_kutta::RungeKutta4;
 pub use symplectic::SymplecticEuler;
-
-/// What acts on the body during a step.
-#[derive(Clone, Copy, Debug)]
-pub struct Frame<'a> {
-    /// The body.
-    pub body: &'a Body,
-    /// The device, taken to stand here with this velocity for the whole step.
-    pub device: &'a DeviceMotion,
-    /// What joins them.
-    pub coupling: &'a VirtualCoupling,
-    /// The contacts.
-    pub contacts: &'a LinearContactModel,
-    /// Gravity, m/s², world axes.
-    pub gravity: DVec3,
-}
 
 /// A way to advance the grasped body by one haptic frame.
 ///
@@ -87,36 +70,6 @@ impl Integrator for SemiImplicit {
 }
 
 impl Frame<'_> {
-    /// The step that is not taken for its inputs, or `None` if they will do: the rules of [`semi_implicit_step`], which
-    /// are every integrator's.
-    pub(crate) fn refused(&self, state: &BodyState, dt: f64) -> Option<Step> {
-        if !state.is_valid() {
-            let relaxed = self.coupling.relaxed_pose(&self.device.pose);
-            let pose = if relaxed.is_valid() { relaxed } else { Pose::IDENTITY };
-            return Some(Step::held(&BodyState::at_rest(pose), HeldBecause::State));
-        }
-        if !self.device.is_valid() {
-            return Some(Step::held(state, HeldBecause::Device));
-        }
-        if !(dt > 0.0 && dt.is_finite()) {
-            return Some(Step::held(state, HeldBecause::TimeStep));
-        }
-        None
-    }
-
-    /// The step from `start` to `next` with the wrenches there, or one that is held if they are not finite.
-    pub(crate) fn ended(&self, start: &BodyState, next: &BodyState, active: u64, status: StepStatus) -> Step {
-        if !next.is_valid() {
-            return Step::held(start, HeldBecause::Overflow);
-        }
-        let (coupling_on_body, on_device) = self.coupling.wrenches(next, self.device);
-        let contact = self.contacts.wrench(next);
-        if !(coupling_on_body.is_finite() && on_device.is_finite() && contact.is_finite()) {
-            return Step::held(start, HeldBecause::Overflow);
-        }
-        Step { state: *next, coupling: on_device, coupling_on_body, contact, active, status }
-    }
-
     /// The wrench on the body about its centre of mass, and the contacts that push.
     fn load(&self, state: &BodyState) -> (Wrench, u64) {
         let touch = self.contacts.evaluate(state);

@@ -6,10 +6,10 @@ use palpate_core::{Pose, Twist, Wrench};
 
 use crate::body::BodyState;
 use crate::coupling::DeviceMotion;
-use crate::integrators::{Frame, Integrator};
+use crate::integrators::Integrator;
 use crate::jacobian::Block6;
 use crate::linear_solve::{has_positive_minors, solve};
-use crate::step::{HeldBecause, Step, StepStatus};
+use crate::step::{Frame, Step, StepFailure, StepStatus};
 
 /// A body without dynamics: each step puts it where the springs of coupling and contacts balance, with gravity.
 ///
@@ -22,7 +22,7 @@ use crate::step::{HeldBecause, Step, StepStatus};
 ///
 /// The search is bounded; if it ends early, the body is where it came to, [`StepStatus::unconverged`] is set, and
 /// the next step goes on from there. Both of the coupling's springs must have a positive stiffness: without them
-/// there is no one equilibrium, and the step is held for [`HeldBecause::Singular`].
+/// there is no one equilibrium, and the step is held for [`StepFailure::Singular`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct QuasiStatic {
     /// The most systems that a step solves.
@@ -51,17 +51,17 @@ impl Integrator for QuasiStatic {
         let at_rest = DeviceMotion::at_rest(frame.device.pose);
         let frame = Frame { device: &at_rest, ..*frame };
         let Some((balance, status)) = self.search(&frame, &state.pose) else {
-            return Step::held(state, HeldBecause::Singular);
+            return Step::failed(state, StepFailure::Singular);
         };
         let resting = BodyState::at_rest(balance.pose);
         let mut step = frame.ended(state, &resting, balance.active, status);
-        if step.status.held.is_none() {
+        if step.status.failure.is_none() {
             step.state.twist = Twist {
                 linear: (balance.pose.translation - state.pose.translation) / dt,
                 angular: state.pose.rotation_vector_to(&balance.pose) / dt,
             };
             if !step.state.is_valid() {
-                return Step::held(state, HeldBecause::Overflow);
+                return Step::failed(state, StepFailure::Overflow);
             }
         }
         step

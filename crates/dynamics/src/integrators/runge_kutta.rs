@@ -4,9 +4,9 @@ use glam::{DMat3, DVec3};
 use palpate_core::{Twist, Wrench};
 
 use crate::body::BodyState;
-use crate::integrators::{Frame, Integrator};
+use crate::integrators::Integrator;
 use crate::rotation::inverse_right_jacobian;
-use crate::step::{Step, StepStatus};
+use crate::step::{Frame, Step, StepStatus};
 
 /// The classical Runge–Kutta method of fourth order.
 ///

@@ -5,10 +5,10 @@ use glam::{DMat3, DVec3};
 use palpate_core::Twist;
 
 use crate::body::BodyState;
-use crate::integrators::{Frame, Integrator};
+use crate::integrators::Integrator;
 use crate::linear_solve::solve;
 use crate::rotation::{skew, turn_coefficients};
-use crate::step::{Step, StepStatus};
+use crate::step::{Frame, Step, StepStatus};
 
 /// Symplectic (semi-explicit) Euler: first the momenta, by the wrench at the start of the step, then the placement
 /// by the new momenta.

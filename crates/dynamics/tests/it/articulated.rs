@@ -7,8 +7,8 @@ use palpate_core::glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Contact, Pose, Twist, Wrench};
 use palpate_dynamics::{
     ArticulatedBody, ArticulatedFrame, ArticulatedState, ArticulatedStep, Body, BodyState, ContactParameters,
-    DeviceMotion, Friction, GripperCoupling, GripperMotion, HeldBecause, Joint, JointLimits,
-    LinearContactModel, MAX_ARTICULATED_SOLVES, PlaneConstraint, VirtualCoupling, articulated_step,
+    DeviceMotion, Friction, GripperCoupling, GripperMotion, Joint, JointLimits, LinearContactModel,
+    MAX_ARTICULATED_SOLVES, PlaneConstraint, StepFailure, VirtualCoupling, articulated_step,
     semi_implicit_step,
 };
 use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
@@ -231,7 +231,7 @@ fn the_step_is_that_of_a_system_by_central_differences() {
             scene.contacts[0].evaluate(&state.first).active,
             scene.contacts[1].evaluate(&tool.second(&state)).active,
         ];
-        if step.status.held.is_some() || step.active != now || step.status.geometric_stiffness_dropped {
+        if step.status.failure.is_some() || step.active != now || step.status.geometric_stiffness_dropped {
             continue;
         }
         compared += 1;
@@ -458,12 +458,12 @@ fn with_its_hinge_held_the_tool_moves_as_one_body() {
         let mut contacts = LinearContactModel::empty(&state.first.pose, 0.0);
         let axes = state.first.pose.rotation;
         for c in scene.contacts[0].constraints() {
-            contacts.push(PlaneConstraint { point: from_first(c.point), ..*c });
+            contacts.push_constraint(PlaneConstraint { point: from_first(c.point), ..*c });
         }
         for c in scene.contacts[1].constraints() {
             let mut c = PlaneConstraint { point: from_first(second.transform_point(c.point)), ..*c };
-            c.grip.rotation = axes;
-            contacts.push(c);
+            c.anchor.rotation = axes;
+            contacts.push_constraint(c);
         }
         let arm = state.first.pose.transform_vector(centre);
         let mut whole = BodyState {
@@ -475,7 +475,7 @@ fn with_its_hinge_held_the_tool_moves_as_one_body() {
             let step = scene.step(&state, STEP);
             let single =
                 semi_implicit_step(&body, &whole, &scene.device, &one, &contacts, scene.gravity, STEP);
-            assert!(step.status.held.is_none() && single.status.held.is_none());
+            assert!(step.status.failure.is_none() && single.status.failure.is_none());
             pushed |= single.active != 0;
             (state, whole) = (step.state, single.state);
             apart = (state.first.pose.translation - whole.pose.transform_point(-centre)).length();
@@ -544,7 +544,7 @@ fn a_one_gram_forceps_on_a_stiff_ball_settles() {
                 scene.device = DeviceMotion::at_rest(pose);
                 scene.gripper = GripperMotion::at_rest((0.6 - 1.2 * t).max(0.0));
                 let step = scene.step(&state, STEP);
-                assert!(step.status.held.is_none(), "{:?} at {t} s", step.status);
+                assert!(step.status.failure.is_none(), "{:?} at {t} s", step.status);
                 assert!(step.status.solves <= MAX_ARTICULATED_SOLVES);
                 state = step.state;
                 fastest = fastest.max(state.first.twist.linear.length()).max(0.05 * state.rate.abs());
@@ -659,7 +659,7 @@ fn the_active_set_never_attracts_and_always_ends() {
             LinearContactModel::from_contacts(contacts, &pose, &parameters, 0.0)
         });
         let step = scene.step(&state, STEP);
-        assert!(step.status.held.is_none(), "seed {seed}, case {case}: {:?}", step.status);
+        assert!(step.status.failure.is_none(), "seed {seed}, case {case}: {:?}", step.status);
         most = most.max(step.status.solves);
         unsettled += usize::from(step.status.active_set_unsettled);
         dropped += usize::from(step.status.geometric_stiffness_dropped);
@@ -734,7 +734,7 @@ fn energy_never_grows_in_contact_from_rest() {
         let mut state = start;
         for i in 0..1000 {
             let step = scene.step(&state, STEP);
-            assert!(step.status.held.is_none());
+            assert!(step.status.failure.is_none());
             state = step.state;
             touched += usize::from(step.active != [0; 2]);
             let gain = energy_of(&state) - first;
@@ -764,21 +764,21 @@ fn what_cannot_be_used_is_refused() {
         let mut scene = usable();
         scene.gripper.angle = bad;
         let step = scene.step(&state, STEP);
-        assert_eq!((step.status.held, step.state, step.gripper), (Some(HeldBecause::Device), state, 0.0));
+        assert_eq!((step.status.failure, step.state, step.gripper), (Some(StepFailure::Device), state, 0.0));
         scene.gripper = GripperMotion { angle: 0.0, rate: bad };
-        assert_eq!(scene.step(&state, STEP).status.held, Some(HeldBecause::Device));
+        assert_eq!(scene.step(&state, STEP).status.failure, Some(StepFailure::Device));
         let mut scene = usable();
         scene.device.twist.linear.y = bad;
-        assert_eq!(scene.step(&state, STEP).status.held, Some(HeldBecause::Device));
+        assert_eq!(scene.step(&state, STEP).status.failure, Some(StepFailure::Device));
         let mut scene = usable();
         scene.grip.stiffness = bad;
-        assert!(scene.step(&state, STEP).status.held.is_some());
+        assert!(scene.step(&state, STEP).status.failure.is_some());
         let mut scene = usable();
         scene.gravity.x = bad;
-        assert!(scene.step(&state, STEP).status.held.is_some());
-        assert_eq!(usable().step(&state, bad).status.held, Some(HeldBecause::TimeStep));
+        assert!(scene.step(&state, STEP).status.failure.is_some());
+        assert_eq!(usable().step(&state, bad).status.failure, Some(StepFailure::TimeStep));
         let lost = usable().step(&ArticulatedState { angle: bad, ..state }, STEP);
-        assert_eq!(lost.status.held, Some(HeldBecause::State));
+        assert_eq!(lost.status.failure, Some(StepFailure::State));
         assert!(lost.state.is_valid() && (limits.low..=limits.high).contains(&lost.state.angle));
     }
     let seed = 128;
@@ -815,7 +815,7 @@ fn what_cannot_be_used_is_refused() {
                 && step.stop.is_finite()
         );
         assert!(step.contacts.iter().all(Wrench::is_finite));
-        taken += usize::from(step.status.held.is_none());
+        taken += usize::from(step.status.failure.is_none());
     }
     println!("{taken} steps taken of {cases}");
     assert!(taken > 1000 && cases - taken > 1000);

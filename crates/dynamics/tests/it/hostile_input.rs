@@ -5,8 +5,9 @@
 use palpate_core::glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Contact, Pose, Twist, Wrench};
 use palpate_dynamics::{
-    Body, BodyState, ContactParameters, DeviceMotion, Frame, Friction, Grip, HeldBecause, Integrator,
-    IntegratorKind, LinearContactModel, MAX_SOLVES, PlaneConstraint, Step, Surface, VirtualCoupling,
+    Body, BodyState, ContactParameters, DeviceMotion, Frame, Friction, FrictionAnchor, Integrator,
+    IntegratorKind, LinearContactModel, MAX_SOLVES, PlaneConstraint, Step, StepFailure, SurfaceMotion,
+    VirtualCoupling,
 };
 use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
 
@@ -63,7 +64,7 @@ impl Inputs {
         let wrenches = [step.coupling, step.coupling_on_body, step.contact];
         assert!(wrenches.iter().all(Wrench::is_finite), "{kind}: {wrenches:?}");
         assert!(step.status.solves < 1000, "{kind}: {:?}", step.status);
-        if step.status.held.is_some() {
+        if step.status.failure.is_some() {
             assert_eq!(wrenches, [Wrench::ZERO; 3], "{kind}: a step that was not taken gives wrenches");
             if self.state.is_valid() {
                 assert_eq!(step.state, self.state, "{kind}: a step that was not taken moved the body");
@@ -74,27 +75,27 @@ impl Inputs {
 }
 
 /// Why a step is held, where all integrators hold it for one reason.
-fn with(change: impl FnOnce(&mut Inputs)) -> Option<HeldBecause> {
+fn with(change: impl FnOnce(&mut Inputs)) -> Option<StepFailure> {
     let mut inputs = Inputs::usable();
     change(&mut inputs);
-    let held = inputs.step().status.held;
+    let held = inputs.step().status.failure;
     for kind in IntegratorKind::ALL {
-        assert_eq!(inputs.step_by(kind).status.held, held, "{kind}");
+        assert_eq!(inputs.step_by(kind).status.failure, held, "{kind}");
     }
     held
 }
 
 /// Why the implicit steps are held, where the others hold for a reason of their own.
-fn with_unusable_numbers(change: impl FnOnce(&mut Inputs)) -> Option<HeldBecause> {
+fn with_unusable_numbers(change: impl FnOnce(&mut Inputs)) -> Option<StepFailure> {
     let mut inputs = Inputs::usable();
     change(&mut inputs);
     for kind in IntegratorKind::ALL {
         // A quasi-static body has neither dampers nor inertia.
-        let held = inputs.step_by(kind).status.held.is_some();
+        let held = inputs.step_by(kind).status.failure.is_some();
         assert!(held || kind == IntegratorKind::QuasiStatic, "{kind}");
     }
-    assert_eq!(inputs.step_by(IntegratorKind::FullyImplicit).status.held, Some(HeldBecause::Singular));
-    inputs.step().status.held
+    assert_eq!(inputs.step_by(IntegratorKind::FullyImplicit).status.failure, Some(StepFailure::Singular));
+    inputs.step().status.failure
 }
 
 #[test]
@@ -105,21 +106,21 @@ fn usable_inputs_are_used() {
 #[test]
 fn an_unusable_device_holds_the_body() {
     for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
-        assert_eq!(with(|i| i.device.pose.translation.y = bad), Some(HeldBecause::Device));
-        assert_eq!(with(|i| i.device.pose.rotation.w = bad), Some(HeldBecause::Device));
-        assert_eq!(with(|i| i.device.twist.linear.x = bad), Some(HeldBecause::Device));
-        assert_eq!(with(|i| i.device.twist.angular.z = bad), Some(HeldBecause::Device));
+        assert_eq!(with(|i| i.device.pose.translation.y = bad), Some(StepFailure::Device));
+        assert_eq!(with(|i| i.device.pose.rotation.w = bad), Some(StepFailure::Device));
+        assert_eq!(with(|i| i.device.twist.linear.x = bad), Some(StepFailure::Device));
+        assert_eq!(with(|i| i.device.twist.angular.z = bad), Some(StepFailure::Device));
     }
     assert_eq!(
         with(|i| i.device.pose.rotation = DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0)),
-        Some(HeldBecause::Device)
+        Some(StepFailure::Device)
     );
 }
 
 #[test]
 fn an_unusable_time_step_holds_the_body() {
     for bad in [0.0, -1e-3, f64::NAN, f64::INFINITY] {
-        assert_eq!(with(|i| i.dt = bad), Some(HeldBecause::TimeStep));
+        assert_eq!(with(|i| i.dt = bad), Some(StepFailure::TimeStep));
     }
 }
 
@@ -129,7 +130,7 @@ fn an_unusable_state_is_replaced_by_the_relaxed_one() {
         let mut inputs = Inputs::usable();
         inputs.state.twist.angular.x = bad;
         let step = inputs.step();
-        assert_eq!(step.status.held, Some(HeldBecause::State));
+        assert_eq!(step.status.failure, Some(StepFailure::State));
         assert_eq!(step.state.twist, Twist::ZERO);
         assert!((step.state.pose.translation - inputs.device.pose.translation).length() < 1e-15);
         inputs.device.pose.translation.x = bad;
@@ -140,15 +141,15 @@ fn an_unusable_state_is_replaced_by_the_relaxed_one() {
 #[test]
 fn unusable_gains_contacts_and_gravity_hold_the_body() {
     for bad in [f64::NAN, f64::INFINITY] {
-        assert_eq!(with_unusable_numbers(|i| i.coupling.linear_stiffness = bad), Some(HeldBecause::Singular));
-        assert_eq!(with_unusable_numbers(|i| i.coupling.angular_damping = bad), Some(HeldBecause::Singular));
+        assert_eq!(with_unusable_numbers(|i| i.coupling.linear_stiffness = bad), Some(StepFailure::Singular));
+        assert_eq!(with_unusable_numbers(|i| i.coupling.angular_damping = bad), Some(StepFailure::Singular));
         assert_eq!(
             with_unusable_numbers(|i| i.coupling.grasp.translation.x = bad),
-            Some(HeldBecause::Singular)
+            Some(StepFailure::Singular)
         );
-        assert_eq!(with_unusable_numbers(|i| i.gravity.z = bad), Some(HeldBecause::Singular));
-        assert_eq!(with_unusable_numbers(|i| i.body.mass = bad), Some(HeldBecause::Singular));
-        assert_eq!(with_unusable_numbers(|i| i.body.inertia.x_axis.x = bad), Some(HeldBecause::Singular));
+        assert_eq!(with_unusable_numbers(|i| i.gravity.z = bad), Some(StepFailure::Singular));
+        assert_eq!(with_unusable_numbers(|i| i.body.mass = bad), Some(StepFailure::Singular));
+        assert_eq!(with_unusable_numbers(|i| i.body.inertia.x_axis.x = bad), Some(StepFailure::Singular));
         let constraint = PlaneConstraint {
             point: DVec3::Z * bad,
             scene_point: DVec3::ZERO,
@@ -158,7 +159,7 @@ fn unusable_gains_contacts_and_gravity_hold_the_body() {
         };
         // A contact with a position that is no number is never closed, so it may also do nothing.
         let mut inputs = Inputs::usable();
-        assert!(inputs.contacts.push(constraint));
+        inputs.contacts.push_constraint(constraint);
         for kind in IntegratorKind::ALL {
             let _ = inputs.step_by(kind);
         }
@@ -169,7 +170,7 @@ fn unusable_gains_contacts_and_gravity_hold_the_body() {
         i.coupling.linear_damping = 0.0;
         i.contacts = LinearContactModel::empty(&Pose::IDENTITY, 0.0);
     };
-    assert_eq!(with_unusable_numbers(body_without_mass), Some(HeldBecause::Singular));
+    assert_eq!(with_unusable_numbers(body_without_mass), Some(StepFailure::Singular));
 }
 
 #[test]
@@ -183,10 +184,10 @@ fn numbers_that_overflow_hold_the_body() {
     too_far(&mut inputs);
     for kind in IntegratorKind::ALL {
         let expected = match kind {
-            IntegratorKind::QuasiStatic => HeldBecause::Singular,
-            _ => HeldBecause::Overflow,
+            IntegratorKind::QuasiStatic => StepFailure::Singular,
+            _ => StepFailure::Overflow,
         };
-        assert_eq!(inputs.step_by(kind).status.held, Some(expected), "{kind}");
+        assert_eq!(inputs.step_by(kind).status.failure, Some(expected), "{kind}");
     }
 }
 
@@ -214,7 +215,7 @@ fn numbers_of_any_size_give_finite_numbers() {
         inputs.gravity = vector();
         inputs.coupling.grasp.translation = vector();
         let (point, scene_point, normal) = (vector(), vector(), vector());
-        let surface = Surface { velocity: vector(), angular: vector(), ..Surface::STILL };
+        let surface = SurfaceMotion { velocity: vector(), angular: vector(), ..SurfaceMotion::STILL };
         inputs.coupling.linear_stiffness = any();
         inputs.coupling.linear_damping = any();
         inputs.coupling.angular_stiffness = any();
@@ -232,20 +233,20 @@ fn numbers_of_any_size_give_finite_numbers() {
             braking_time: any(),
             friction,
             radius: any(),
-            grip: Grip { anchor: scene_point, rotation: inputs.state.pose.rotation },
+            anchor: FrictionAnchor { point: scene_point, rotation: inputs.state.pose.rotation },
             surface,
         };
-        inputs.contacts.push(constraint);
+        inputs.contacts.push_constraint(constraint);
         inputs.contacts.advance(any());
         let contact = Contact { point, scene_point, normal, depth: any() };
         let parameters = ContactParameters { stiffness: any(), damping: any(), tolerance: any(), friction };
         let more = LinearContactModel::from_contacts([contact], &inputs.state.pose, &parameters, any());
         for c in more.constraints() {
-            inputs.contacts.push(*c);
+            inputs.contacts.push_constraint(*c);
         }
         inputs.dt = any().abs();
         for (taken, kind) in taken.iter_mut().zip(IntegratorKind::ALL) {
-            *taken += usize::from(inputs.step_by(kind).status.held.is_none());
+            *taken += usize::from(inputs.step_by(kind).status.failure.is_none());
         }
     }
     for (taken, kind) in taken.into_iter().zip(IntegratorKind::ALL) {
@@ -263,7 +264,7 @@ fn integrators_that_diverge_end_held_or_finite() {
         let mut held = 0;
         for _ in 0..2000 {
             let step = inputs.step_by(kind);
-            held += u32::from(step.status.held.is_some());
+            held += u32::from(step.status.failure.is_some());
             inputs.state = step.state;
             fastest = fastest.max(step.state.twist.linear.length());
         }

@@ -297,7 +297,7 @@ fn the_implicit_ones_hold_any_mass() {
             for i in 0..1000 {
                 scene.device = hand(i);
                 let step = kind.step(&scene.frame(), &state, 1e-3);
-                assert!(step.status.held.is_none(), "{mass} kg, {kind}: {:?}", step.status);
+                assert!(step.status.failure.is_none(), "{mass} kg, {kind}: {:?}", step.status);
                 unconverged += u32::from(step.status.unconverged);
                 state = step.state;
                 let held = state.pose.transform_point(grasp.translation);
@@ -399,7 +399,7 @@ fn the_quasi_static_body_finds_balance_from_anywhere_near() {
             scene.gravity = DVec3::ZERO;
         }
         let step = QuasiStatic::default().step(&scene.frame(), &state, 1e-3);
-        assert!(step.status.held.is_none(), "seed {seed}, case {case}: {:?}", step.status);
+        assert!(step.status.failure.is_none(), "seed {seed}, case {case}: {:?}", step.status);
         if step.status.unconverged {
             unconverged += 1;
             continue;
@@ -424,7 +424,7 @@ fn the_fully_implicit_step_solves_its_equations() {
         let (scene, state) = random_scene(&mut rng);
         let dt = 1e-3;
         let step = FullyImplicit::default().step(&scene.frame(), &state, dt);
-        assert!(step.status.held.is_none(), "seed {seed}, case {case}: {:?}", step.status);
+        assert!(step.status.failure.is_none(), "seed {seed}, case {case}: {:?}", step.status);
         most = most.max(step.status.solves);
         if step.status.unconverged {
             unconverged += 1;
@@ -459,5 +459,5 @@ fn a_search_that_may_not_iterate_says_so() {
     assert!(given_up.status.unconverged && !given_up.status.is_ok());
     assert_eq!((given_up.state, given_up.coupling), (semi_implicit.state, semi_implicit.coupling));
     let once = QuasiStatic { iterations: 1, ..QuasiStatic::default() }.step(&scene.frame(), &state, 1e-3);
-    assert!(once.status.unconverged && once.status.held.is_none() && once.state != state);
+    assert!(once.status.unconverged && once.status.failure.is_none() && once.state != state);
 }

@@ -6,8 +6,8 @@
 use palpate_core::glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Contact, Pose, Twist, Wrench};
 use palpate_dynamics::{
-    Body, BodyState, ContactParameters, DeviceMotion, Friction, LinearContactModel, Step, VirtualCoupling,
-    semi_implicit_step,
+    Body, BodyState, ContactClass, ContactParameters, DeviceMotion, Friction, LinearContactModel, MovingBody,
+    Step, VirtualCoupling, semi_implicit_step,
 };
 use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
 
@@ -249,7 +249,7 @@ fn a_one_gram_spoon_against_five_stiff_contacts_settles() {
         let push = if t < 1.0 { 0.0 } else { 0.01 };
         let held = state_of_hand(grasp, phase, push);
         let step = semi_implicit_step(&body, &state, &held, &coupling, &model, DVec3::NEG_Z * 9.81, 1e-3);
-        assert!(step.status.held.is_none(), "{:?} at {t} s", step.status);
+        assert!(step.status.failure.is_none(), "{:?} at {t} s", step.status);
         state = step.state;
         fastest = fastest.max(state.twist.linear.length());
         last = Some(step);
@@ -327,7 +327,7 @@ fn energy_never_grows_in_contact_from_rest() {
         let mut state = start;
         for i in 0..1000 {
             let step = semi_implicit_step(&body, &state, &device, &coupling, &model, gravity, 1e-3);
-            assert!(step.status.held.is_none());
+            assert!(step.status.failure.is_none());
             state = step.state;
             touched += usize::from(step.active != 0);
             let gain = energy_of(&state) - first;
@@ -386,7 +386,7 @@ fn a_tool_that_buckles_faster_than_the_step_stays_bounded() {
     let (mut dropped, mut fastest) = (0, 0.0_f64);
     for _ in 0..2000 {
         let step = semi_implicit_step(&body, &state, &device, &coupling, &model, DVec3::ZERO, 1e-3);
-        assert!(step.status.held.is_none());
+        assert!(step.status.failure.is_none());
         dropped += usize::from(step.status.geometric_stiffness_dropped);
         state = step.state;
         fastest = fastest.max(state.twist.linear.length());
@@ -411,7 +411,8 @@ fn braking_slows_what_comes_fast() {
         let touch = contact(&start, DVec3::ZERO, DVec3::NEG_Z, -0.02);
         let model = if braking {
             let mut model = LinearContactModel::empty(&start, 0.0);
-            model.push_approaching([touch], &parameters, 0.01);
+            let class = ContactClass::Approaching { braking_time: 0.01 };
+            model.push(class, touch, &parameters, &MovingBody::STILL);
             model
         } else {
             LinearContactModel::from_contacts([touch], &start, &parameters, 0.0)

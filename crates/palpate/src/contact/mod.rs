@@ -19,7 +19,8 @@ use palpate_collide::{Budget, Cluster, Clustering, PatchContact, QuerySettings, 
 use palpate_core::glam::DVec3;
 use palpate_core::{Contact, Pose, Twist};
 use palpate_dynamics::{
-    Body, BodyState, Carrier, ContactParameters, ContactPatch, LinearContactModel, MAX_APPROACHING,
+    Body, BodyState, ContactClass, ContactParameters, ContactPatch, FoundContact, LinearContactModel,
+    MAX_APPROACHING, MovingBody,
 };
 use palpate_texture_pd::Backend;
 use rtrb::Consumer;
@@ -262,10 +263,13 @@ impl ContactLoop {
         let braking = self.braking_parameters(ahead);
         let coarse = self.add_textured(&mut model, &mut depth, body, &braking, interval, ahead);
         let clusters = self.approaching_clusters.run(&self.approaching, reach, &probe_pose);
-        let representatives = clusters.iter().map(|cluster| cluster.contact);
-        model.push_approaching(representatives, &braking, ahead);
+        for cluster in clusters {
+            let class = ContactClass::Approaching { braking_time: ahead };
+            model.push(class, cluster.contact, &braking, &MovingBody::STILL);
+        }
         self.add_approaching(&mut model, &braking, interval, ahead);
         self.telemetry.events.contact_refused += u64::from(model.refused());
+        self.telemetry.events.contact_overflow += u64::from(model.overflow());
         if let Some(watched) = &mut self.watched {
             watched.show();
         }
@@ -295,7 +299,7 @@ impl ContactLoop {
         }
     }
 
-    /// Adds the planes of representative contacts to a model: those that push least are left out where there is no room.
+    /// Adds the planes of representative contacts to a model.
     fn add_represented(&mut self, model: &mut LinearContactModel, body: &BodyState, interval: f64) {
         let Some(fields) = &mut self.by_fields else { return };
         let to_mesh = Pose::from_translation(-self.center_of_mass);
@@ -317,16 +321,15 @@ impl ContactLoop {
                     let gains = moving.limited(&gains, pose, at, count_of(place), interval);
                     (gains, moving.carrier(id, pose))
                 }
-                _ => (gains, Carrier::STILL),
+                _ => (gains, MovingBody::STILL),
             };
-            model.push_carried(patch, &gains, 0.0, &carrier);
+            model.push(ContactClass::Touching, patch, &gains, &carrier);
             if let Some(watched) = &mut self.watched {
                 let force = contact.normal * (-gains.stiffness * (contact.depth + tolerance));
                 let Contact { point, normal, depth, .. } = contact;
                 watched.sight().add_push(Push { point, normal, force, depth });
             }
         }
-        self.telemetry.events.contact_overflow += u64::from(model.overflow());
     }
 
     /// The deepest of contacts with objects that move as well; how many there are of these.
@@ -422,7 +425,7 @@ impl ContactLoop {
                 let gains = moving.limited(&self.parameters, pose, at, clusters.len(), interval);
                 let cluster = std::slice::from_ref(cluster);
                 for patch in patches(cluster) {
-                    model.push_carried(patch, &gains, 0.0, &moving.carrier(*id, pose));
+                    model.push(ContactClass::Touching, patch, &gains, &moving.carrier(*id, pose));
                 }
                 show(&mut self.watched, cluster, &gains);
             }
@@ -448,7 +451,8 @@ impl ContactLoop {
                 continue;
             };
             let gains = moving.limited(braking, pose, (contact.point, contact.normal), 1, interval);
-            model.push_carried(contact, &gains, ahead, &moving.carrier(*id, pose));
+            let class = ContactClass::Approaching { braking_time: ahead };
+            model.push(class, contact, &gains, &moving.carrier(*id, pose));
         }
     }
 
@@ -479,13 +483,14 @@ impl ContactLoop {
             let now = found.depth_after(&motion);
             let moving = object_at(found.object)
                 .and_then(|InScene { id, moving, .. }| Some((*id, moving.as_ref()?, pose_of(found.object)?)));
-            let carrier = moving.map_or(Carrier::STILL, |(id, moving, at)| moving.carrier(id, &at));
+            let carrier = moving.map_or(MovingBody::STILL, |(id, moving, at)| moving.carrier(id, &at));
             let gains = |gains: &ContactParameters| {
                 let gains = shared(gains, found.share);
                 let point = (found.contact.point, found.contact.linear.normalize_or_zero());
                 moving.map_or(gains, |(_, moving, at)| moving.limited(&gains, &at, point, 1, interval))
             };
             let twist = beside(&body.twist, pose.translation, &carrier);
+            let curved = FoundContact::Curved(&found.contact, &pose);
             if now > -tolerance {
                 *depth = depth.max(now);
                 let missed = found.is_undersampled(&twist, pose.translation, interval);
@@ -497,9 +502,10 @@ impl ContactLoop {
                     let point = found.contact.point;
                     watched.sight().add_push(Push { point, normal, force, depth: now });
                 }
-                model.push_curved(&found.contact, &pose, &gains(&self.parameters), 0.0, &carrier);
+                model.push(ContactClass::Touching, curved, &gains(&self.parameters), &carrier);
             } else if self.braking && now + found.rate(&twist) * ahead > -tolerance {
-                model.push_curved(&found.contact, &pose, &gains(braking), ahead, &carrier);
+                let class = ContactClass::Approaching { braking_time: ahead };
+                model.push(class, curved, &gains(braking), &carrier);
             }
         }
         coarse
@@ -525,7 +531,7 @@ impl ContactLoop {
             match self.objects.get_mut(found.object) {
                 Some(Some(InScene { id, handle, moving: Some(moving), .. })) => {
                     let carrier =
-                        self.scene.pose(*handle).map_or(Carrier::STILL, |pose| moving.carrier(*id, pose));
+                        self.scene.pose(*handle).map_or(MovingBody::STILL, |pose| moving.carrier(*id, pose));
                     if close {
                         moving.contacts.push(patch);
                     } else if self.braking && comes_within(&contact, body, &carrier, tolerance, ahead) {
@@ -533,7 +539,7 @@ impl ContactLoop {
                     }
                 }
                 _ if close => self.contacts.push(patch),
-                _ if self.braking && comes_within(&contact, body, &Carrier::STILL, tolerance, ahead) => {
+                _ if self.braking && comes_within(&contact, body, &MovingBody::STILL, tolerance, ahead) => {
                     self.approaching.push(patch);
                 }
                 _ => {}
@@ -661,7 +667,7 @@ fn shared(parameters: &ContactParameters, share: f64) -> ContactParameters {
 }
 
 /// Whether a contact comes within a distance (m) in a time (s) if the body and what it is with move on as they do.
-fn comes_within(contact: &Contact, body: &BodyState, carrier: &Carrier, distance: f64, time: f64) -> bool {
+fn comes_within(contact: &Contact, body: &BodyState, carrier: &MovingBody, distance: f64, time: f64) -> bool {
     let arm = contact.point - body.pose.translation;
     let velocity = body.twist.velocity_at(arm) - carrier.twist.velocity_at(contact.point);
     let rate = velocity.dot(contact.normal);
@@ -669,7 +675,7 @@ fn comes_within(contact: &Contact, body: &BodyState, carrier: &Carrier, distance
 }
 
 /// The motion of a body, whose reference point is at `center` (m), beside an object.
-fn beside(twist: &Twist, center: DVec3, carrier: &Carrier) -> Twist {
+fn beside(twist: &Twist, center: DVec3, carrier: &MovingBody) -> Twist {
     Twist {
         linear: twist.linear - carrier.twist.velocity_at(center),
         angular: twist.angular - carrier.twist.angular,

@@ -17,7 +17,7 @@ use palpate_core::{Pose, Twist, Wrench};
 use palpate_device::{DeviceError, DeviceState, HapticDevice, Specification, Status};
 use palpate_dynamics::{
     ArticulatedBody, ArticulatedState, BodyState, ContactBlend, DeviceMapping, GripperCoupling,
-    GripperMotion, HeldBecause, LinearContactModel, SlewLimit, VirtualCoupling,
+    GripperMotion, LinearContactModel, SlewLimit, StepFailure, VirtualCoupling,
 };
 use rtrb::Consumer;
 
@@ -318,7 +318,7 @@ impl<T: Tool> HapticLoop<T> {
 
         self.tune(dt);
         let step = self.step_tool(&hand, dt);
-        let failed = step.status.held.is_some() || reading == Reading::Lost;
+        let failed = step.status.failure.is_some() || reading == Reading::Lost;
         let released = failed || harmful || reading == Reading::Back;
         if released {
             self.presence.release();
@@ -386,17 +386,17 @@ impl<T: Tool> HapticLoop<T> {
         let bodies = &self.bodies;
         let step = self.tool.step(hand, |body| model_of(bodies, body), dt);
         let events = &mut self.telemetry.events;
-        events.step_refused += u64::from(step.status.held.is_some());
+        events.step_refused += u64::from(step.status.failure.is_some());
         events.contacts_unsettled += u64::from(step.status.active_set_unsettled);
         events.step_unconverged += u64::from(step.status.unconverged);
         // A host's `dt` is not what holds the tool.
-        let stuck = step.status.held.is_some_and(|why| why != HeldBecause::TimeStep);
+        let stuck = step.status.failure.is_some_and(|why| why != StepFailure::TimeStep);
         self.stuck = if stuck { self.stuck + 1 } else { 0 };
         if self.stuck >= MOST_STUCK && self.tool.reseat(hand) {
             self.stuck = 0;
             events.reseated += 1;
         }
-        self.publish(step.status.held.is_none(), dt);
+        self.publish(step.status.failure.is_none(), dt);
         step
     }
 

@@ -119,7 +119,7 @@ fn scene_id(object: NonZeroU32) -> SceneId {
 #[cfg(test)]
 mod tests {
     use palpate_core::{Contact, Pose, Twist};
-    use palpate_dynamics::{Carrier, ContactParameters, Friction};
+    use palpate_dynamics::{ContactClass, ContactParameters, Friction, MovingBody};
 
     use super::*;
 
@@ -131,8 +131,8 @@ mod tests {
             ContactParameters { stiffness: 1000.0, damping: 0.0, tolerance: 0.0, friction: Friction::NONE };
         let mut model = LinearContactModel::empty(&Pose::IDENTITY, 0.0);
         for object in [1, 7] {
-            let carrier = Carrier { twist: Twist::ZERO, object: NonZeroU32::new(object) };
-            model.push_carried(contact, &parameters, 0.0, &carrier);
+            let carrier = MovingBody { twist: Twist::ZERO, object: NonZeroU32::new(object) };
+            model.push(ContactClass::Touching, contact, &parameters, &carrier);
         }
         let state = BodyState::at_rest(Pose::IDENTITY);
         let steps = 5000;

@@ -12,7 +12,7 @@
 use palpate_collide::{Clustering, PatchContact};
 use palpate_core::glam::{DMat3, DVec3};
 use palpate_core::{Pose, Twist};
-use palpate_dynamics::{Carrier, ContactParameters};
+use palpate_dynamics::{ContactParameters, MovingBody};
 
 use crate::contact::merging::Merging;
 use crate::contact::proxy::motion_between;
@@ -172,10 +172,10 @@ impl Moving {
     }
 
     /// What contacts with it, its mesh's frame being at a pose, are to know of it.
-    pub fn carrier(&self, id: SceneId, pose: &Pose) -> Carrier {
+    pub fn carrier(&self, id: SceneId, pose: &Pose) -> MovingBody {
         let Twist { linear, angular } = self.twist();
         let object = u32::try_from(id.0 + 1).ok().and_then(std::num::NonZeroU32::new);
-        Carrier {
+        MovingBody {
             twist: Twist { linear: linear - angular.cross(pose.translation), angular },
             object: object.filter(|_| self.reacts),
         }

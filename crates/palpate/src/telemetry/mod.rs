@@ -150,7 +150,10 @@ events! {
     /// answered within 20 ms, could not be made, or they were too many for it. What is lost is counted once, and the processor
     /// has computed them since.
     texture_backend_lost,
-    /// A contact was dropped, one of the shallowest of too many for a contact query or a contact model.
+    /// A contact was left out of a contact model, which holds 16 touching contacts, and 4 more that the object only approaches; the
+    /// shallowest are left out. Lower [`SearchSettings::clusters`](crate::settings::SearchSettings::clusters): there are up to as many
+    /// touching contacts of all still objects, and again of each moving one. Or it was dropped, one of the shallowest of more than a
+    /// million of a contact query.
     contact_overflow,
     /// A contact query was refused, its pose not being finite, and found nothing; or a contact was not finite, or the depth of a
     /// quarter of a textured contact's grid, and was left out.

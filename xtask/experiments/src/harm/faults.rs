@@ -211,12 +211,12 @@ impl Fault {
                     2 => plane.scene_point.z = odd,
                     _ => plane.normal = self.way * odd,
                 }
-                update.model.push(plane);
+                update.model.push_constraint(plane);
                 update.contacts += 1;
             }
             Kind::FarContacts => {
                 let depth = self.between(0.1, 1e3);
-                update.model.push(PlaneConstraint {
+                update.model.push_constraint(PlaneConstraint {
                     scene_point: body + self.way * depth,
                     normal: -self.way,
                     stiffness: self.between(10.0, 1e5),

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::panic::AssertUnwindSafe;
 
 use palpate::device::{HapticDevice as _, IntendedPath};
-use palpate::dynamics::{Carrier, ContactParameters, ContactPatch, Friction, LinearContactModel};
+use palpate::dynamics::{ContactClass, ContactParameters, Friction, LinearContactModel, MovingBody};
 use palpate::glam::{DMat3, DVec3};
 use palpate::settings::{ContactSettings, CouplingSettings, OutputSettings};
 use palpate::{
@@ -554,7 +554,7 @@ fn found(
         let height = scale * (plane.height + way * sine);
         let velocity = plane.normal * (scale * way * std::f64::consts::TAU * often * cosine);
         let twist = if plane.tells { Twist::new(velocity, DVec3::ZERO) } else { Twist::ZERO };
-        let carrier = Carrier { twist, object: None };
+        let carrier = MovingBody { twist, object: None };
         let parameters = ContactParameters {
             stiffness: plane.stiffness,
             damping: plane.damping,
@@ -572,8 +572,12 @@ fn found(
                 Contact { point, scene_point: point + plane.normal * depth, normal: -plane.normal, depth };
             let touches = depth > -parameters.tolerance;
             if touches || (plane.braking > 0.0 && depth > -0.1 * scale) {
-                let braking = if touches { 0.0 } else { plane.braking };
-                update.model.push_carried(ContactPatch::from(contact), &parameters, braking, &carrier);
+                let class = if touches {
+                    ContactClass::Touching
+                } else {
+                    ContactClass::Approaching { braking_time: plane.braking }
+                };
+                update.model.push(class, contact, &parameters, &carrier);
                 update.contacts += u32::from(touches);
                 update.depth = update.depth.max(depth);
             }

@@ -232,7 +232,7 @@ impl Running {
         device.write(&sent).map_err(|error| error.to_string())?;
 
         let result = &mut self.result;
-        result.refused += u64::from(step.status.held.is_some());
+        result.refused += u64::from(step.status.failure.is_some());
         result.largest_force = result.largest_force.max(sent.force.length());
         result.largest_torque = result.largest_torque.max(sent.torque.length());
         result.port_energy = result.port_energy.min(self.stored - device.work());

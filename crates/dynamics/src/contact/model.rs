@@ -1,0 +1,358 @@
+//! The contacts that the contact thread hands to the haptic thread: storage, budgets, and motion with the scene.
+
+use arrayvec::ArrayVec;
+use glam::DMat3;
+use palpate_core::{Contact, Pose};
+
+use super::constraint::{ContactParameters, ContactPatch, ContactState, MovingBody, PlaneConstraint};
+use super::curvature::{CurvatureTerm, CurvedContact, MAX_TERMS};
+use crate::body::BodyState;
+
+/// Largest number of touching contacts of a model: the upper bound on the number of clusters K (§5.4.2).
+pub const MAX_CLUSTERS: usize = 16;
+
+/// Largest number of approaching contacts of a model, besides the touching ones.
+pub const MAX_APPROACHING: usize = 4;
+
+/// Largest number of constraints: those of an incoming and of an outgoing model while one blends into the other.
+pub const MAX_CONSTRAINTS: usize = 2 * (MAX_CLUSTERS + MAX_APPROACHING);
+
+/// Largest number of curvature terms: all that so many curved contacts can have.
+const MAX_CURVATURE_TERMS: usize = MAX_CONSTRAINTS * MAX_TERMS;
+
+/// Class of a contact. Each has a budget of its own in a model.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ContactClass {
+    /// Within the tolerance d, of which there are at most [`MAX_CLUSTERS`].
+    Touching,
+    /// Further apart, with a body that comes closer, of which there are at most [`MAX_APPROACHING`].
+    Approaching {
+        /// τ, s: time before it closes from which the contact brakes the body. With 0 it is one of the touching ones.
+        braking_time: f64,
+    },
+}
+
+/// A contact to add to a model.
+#[derive(Clone, Copy, Debug)]
+pub enum FoundContact<'a> {
+    /// Found at the pose of the model.
+    Plane(ContactPatch),
+    /// A contact of detailed surfaces, and the pose of the body at which it was found.
+    Curved(&'a CurvedContact, &'a Pose),
+}
+
+impl From<Contact> for FoundContact<'_> {
+    fn from(contact: Contact) -> Self {
+        Self::Plane(contact.into())
+    }
+}
+
+impl From<ContactPatch> for FoundContact<'_> {
+    fn from(patch: ContactPatch) -> Self {
+        Self::Plane(patch)
+    }
+}
+
+/// The latest contacts, from which the haptic thread evaluates force and derivatives on its own: fixed size,
+/// `Copy`, nothing on the heap.
+///
+/// Touching and approaching contacts have a [budget](ContactClass) each. Where it is used up, the shallowest of the class
+/// gives way, or the new one if that is the shallowest. All that are left out are counted ([`Self::overflow`]).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LinearContactModel {
+    constraints: [PlaneConstraint; MAX_CONSTRAINTS],
+    count: usize,
+    terms: [CurvatureTerm; MAX_CURVATURE_TERMS],
+    term_count: usize,
+    overflow: u32,
+    refused: u32,
+    pose: Pose,
+    time: f64,
+    /// Whether a surface moves.
+    moves: bool,
+    /// Whether an object receives reactions.
+    reacts: bool,
+    /// Time that surfaces have moved on for, s.
+    advanced: f64,
+}
+
+impl LinearContactModel {
+    /// A model without contacts, as of `time` (s).
+    pub const fn empty(pose: &Pose, time: f64) -> Self {
+        Self {
+            constraints: [PlaneConstraint::NONE; MAX_CONSTRAINTS],
+            count: 0,
+            terms: [CurvatureTerm::NONE; MAX_CURVATURE_TERMS],
+            term_count: 0,
+            overflow: 0,
+            refused: 0,
+            pose: *pose,
+            time,
+            moves: false,
+            reacts: false,
+            advanced: 0.0,
+        }
+    }
+
+    /// The model of touching `contacts` with objects at rest, found while the body was at `pose`, stamped with `time` (s, the
+    /// caller's clock): each is [pushed](Self::push).
+    pub fn from_contacts(
+        contacts: impl IntoIterator<Item = impl Into<ContactPatch>>,
+        pose: &Pose,
+        gains: &ContactParameters,
+        time: f64,
+    ) -> Self {
+        let mut model = Self::empty(pose, time);
+        for patch in contacts {
+            model.push(ContactClass::Touching, patch.into(), gains, &MovingBody::STILL);
+        }
+        model
+    }
+
+    /// Adds a contact with an object that may move. Where its class is full, the shallowest of the class is left out
+    /// ([`Self::overflow`]). A contact that is not finite, or has no normal or gradient, is refused ([`Self::refused`]).
+    ///
+    /// At the pose of the model a touching contact with an object at rest pushes with k (δ + d) exactly, δ being the depth it
+    /// came with: the plane is put at p − δ n (Eq. 5.36) even where the contact's own p₀ differs. The gains of a curved one
+    /// are those of a plane along the depth's gradient (Eqs. 5.51–5.56); the motion of the scene's object counts for that
+    /// plane and not for the curvature terms.
+    pub fn push<'a>(
+        &mut self,
+        class: ContactClass,
+        contact: impl Into<FoundContact<'a>>,
+        gains: &ContactParameters,
+        object: &MovingBody,
+    ) {
+        let found = match contact.into() {
+            FoundContact::Plane(patch) => {
+                PlaneConstraint::found(&patch, &self.pose, gains).map(|plane| (plane, ArrayVec::new()))
+            }
+            FoundContact::Curved(contact, found_at) => contact.constraint(found_at, gains),
+        };
+        let Some((plane, terms)) = found else {
+            self.refused += 1;
+            return;
+        };
+        let braking_time = match class {
+            ContactClass::Touching => 0.0,
+            ContactClass::Approaching { braking_time } => braking_time,
+        };
+        let surface = object.surface_at(plane.scene_point);
+        self.push_within_budget(PlaneConstraint { braking_time, surface, ..plane }, &terms);
+    }
+
+    /// Adds a constraint as it is, without curvature terms: as an approaching contact if it has a braking time, and as a
+    /// touching one if not. It has a place in the model only as long as the budget of its class allows, as with
+    /// [`Self::push`].
+    pub fn push_constraint(&mut self, constraint: PlaneConstraint) {
+        self.push_within_budget(constraint, &[]);
+    }
+
+    /// Adds a contact if its class has room for it, or a contact that is shallower.
+    fn push_within_budget(&mut self, constraint: PlaneConstraint, terms: &[CurvatureTerm]) {
+        let brakes = constraint.brakes();
+        let budget = if brakes { MAX_APPROACHING } else { MAX_CLUSTERS };
+        let of_class = || (0..self.count).filter(|&i| self.constraints[i].brakes() == brakes);
+        if of_class().count() < budget {
+            self.append(&constraint, terms);
+            return;
+        }
+        self.overflow += 1;
+        let depth = |i: usize| self.depth_of(&self.constraints[i], self.terms_of(i));
+        let shallowest = of_class().map(|i| (i, depth(i))).min_by(|a, b| a.1.total_cmp(&b.1));
+        if let Some((index, least)) = shallowest
+            && self.depth_of(&constraint, terms.iter()).total_cmp(&least).is_gt()
+        {
+            self.replace(index, constraint, terms);
+        }
+    }
+
+    /// Depth of a contact at the pose of the model, m.
+    fn depth_of<'a>(&self, c: &PlaneConstraint, terms: impl Iterator<Item = &'a CurvatureTerm>) -> f64 {
+        let state = BodyState::at_rest(self.pose);
+        let at = c.at(&state, &DMat3::from_quat(self.pose.rotation));
+        at.overlap - c.tolerance + terms.map(|term| term.at(&state).value).sum::<f64>()
+    }
+
+    /// Puts a contact in the place of another one, whose curvature terms go with it.
+    fn replace(&mut self, index: usize, constraint: PlaneConstraint, terms: &[CurvatureTerm]) {
+        self.constraints[index] = constraint;
+        let mut kept = 0;
+        for i in 0..self.term_count {
+            if self.terms[i].constraint != index {
+                self.terms[kept] = self.terms[i];
+                kept += 1;
+            }
+        }
+        self.term_count = kept;
+        self.append_terms(index, terms.iter());
+        self.moves = self.constraints().iter().any(|c| c.surface.moves());
+        self.reacts = self.constraints().iter().any(|c| c.surface.object.is_some());
+    }
+
+    /// Adds a contact at the end, whatever its class.
+    fn append<'a>(
+        &mut self,
+        constraint: &PlaneConstraint,
+        terms: impl IntoIterator<Item = &'a CurvatureTerm>,
+    ) {
+        if self.count == MAX_CONSTRAINTS {
+            self.overflow += 1;
+            return;
+        }
+        self.constraints[self.count] = *constraint;
+        self.append_terms(self.count, terms);
+        self.count += 1;
+        self.moves |= constraint.surface.moves();
+        self.reacts |= constraint.surface.object.is_some();
+    }
+
+    /// Adds curvature terms of a contact, for which there is always room: as many as all contacts can have.
+    fn append_terms<'a>(&mut self, index: usize, terms: impl IntoIterator<Item = &'a CurvatureTerm>) {
+        for (place, term) in self.terms[self.term_count..].iter_mut().zip(terms) {
+            *place = term.of(index);
+            self.term_count += 1;
+        }
+    }
+
+    /// The curvature terms of all contacts.
+    pub(crate) fn curvature_terms(&self) -> &[CurvatureTerm] {
+        &self.terms[..self.term_count]
+    }
+
+    /// The curvature terms of one contact.
+    pub(super) fn terms_of(&self, index: usize) -> impl Iterator<Item = &CurvatureTerm> {
+        self.curvature_terms().iter().filter(move |term| term.constraint == index)
+    }
+
+    /// The constraints.
+    pub fn constraints(&self) -> &[PlaneConstraint] {
+        &self.constraints[..self.count]
+    }
+
+    /// Copies another model, at the cost of the contacts that it has.
+    pub(crate) fn assign(&mut self, other: &Self) {
+        let Self { constraints, count, terms, term_count, overflow, refused, pose, time, .. } = other;
+        self.constraints[..*count].copy_from_slice(&constraints[..*count]);
+        self.count = *count;
+        self.terms[..*term_count].copy_from_slice(&terms[..*term_count]);
+        self.term_count = *term_count;
+        (self.overflow, self.refused) = (*overflow, *refused);
+        (self.pose, self.time) = (*pose, *time);
+        (self.moves, self.reacts, self.advanced) = (other.moves, other.reacts, other.advanced);
+    }
+
+    /// Moves the surfaces on for a time (s): planes and friction anchors. A step of `dt` uses them where they are at its end.
+    /// They move for [`Self::LONGEST_MOTION`] at most, and then stand still: without a newer model nothing is known of them.
+    pub fn advance(&mut self, dt: f64) {
+        if !(self.moves && dt > 0.0) {
+            return;
+        }
+        let dt = dt.min(Self::LONGEST_MOTION - self.advanced);
+        self.advanced += dt;
+        let ends = self.advanced >= Self::LONGEST_MOTION;
+        for constraint in self.constraints_mut() {
+            constraint.advance(dt);
+            if ends {
+                constraint.surface = constraint.surface.stopped();
+            }
+        }
+        self.moves &= !ends;
+    }
+
+    /// Longest time that surfaces move on from where they were found, s.
+    pub const LONGEST_MOTION: f64 = 0.05;
+
+    /// Whether some contacts are with objects that receive [reactions](Self::reactions).
+    pub fn reacts(&self) -> bool {
+        self.reacts
+    }
+
+    /// Scales the gains of all constraints but the first ones.
+    pub(crate) fn scale_from(&mut self, first: usize, share: f64) {
+        for constraint in &mut self.constraints_mut()[first..] {
+            constraint.stiffness *= share;
+            constraint.damping *= share;
+        }
+    }
+
+    /// Adds those contacts of another model whose bits are set, with their curvature terms. The budgets of classes do not
+    /// count here: there is room for all contacts of two models.
+    pub(crate) fn extend(&mut self, other: &Self, chosen: u64) {
+        for (i, constraint) in other.constraints().iter().enumerate() {
+            if chosen & (1 << i) != 0 {
+                self.append(constraint, other.terms_of(i));
+            }
+        }
+    }
+
+    /// The contact with an index at a state, with its curvature terms; `rotation` is the body's.
+    #[inline(always)]
+    pub(crate) fn at(&self, index: usize, state: &BodyState, rotation: &DMat3) -> ContactState {
+        let mut at = self.constraints[index].at(state, rotation);
+        if self.term_count > 0 {
+            self.add_curvature(index, state, &mut at);
+        }
+        at
+    }
+
+    /// Adds the curvature terms of a contact: depth, its gradient, and hence the rate ∇δ · (v, ω).
+    #[inline(never)]
+    fn add_curvature(&self, index: usize, state: &BodyState, at: &mut ContactState) {
+        for term in self.terms_of(index) {
+            let term = term.at(state);
+            at.overlap += term.value;
+            at.direction += term.linear * term.slope;
+            at.moment += term.angular * term.slope;
+        }
+        at.rate = at.direction.dot(state.twist.linear - self.constraints[index].surface.velocity)
+            + at.moment.dot(state.twist.angular);
+    }
+
+    pub(crate) fn constraints_mut(&mut self) -> &mut [PlaneConstraint] {
+        &mut self.constraints[..self.count]
+    }
+
+    /// Whether there is no contact.
+    pub fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+
+    /// Number of contacts that were left out because their class was full.
+    pub fn overflow(&self) -> u32 {
+        self.overflow
+    }
+
+    /// Number of contacts that were refused because they were not finite, or had no normal or gradient.
+    pub fn refused(&self) -> u32 {
+        self.refused
+    }
+
+    /// Time at which the contacts were found, s.
+    pub fn time(&self) -> f64 {
+        self.time
+    }
+
+    /// Age of the contacts at `now`, s.
+    pub fn age(&self, now: f64) -> f64 {
+        now - self.time
+    }
+
+    /// Pose of the body at which the contacts were found.
+    pub fn pose(&self) -> &Pose {
+        &self.pose
+    }
+
+    /// Largest displacement of a contact's point on the body since the contacts were found, m (0 without contacts). Plane
+    /// constraints hold for motions small against the features of the scene.
+    pub fn displacement(&self, pose: &Pose) -> f64 {
+        self.constraints().iter().fold(0.0, |most: f64, c| {
+            most.max((pose.transform_point(c.point) - self.pose.transform_point(c.point)).length())
+        })
+    }
+
+    /// Sum of the contacts' stiffnesses, N/m: a bound on the stiffness that the body feels in any direction.
+    pub fn total_stiffness(&self) -> f64 {
+        self.constraints().iter().map(|c| c.stiffness).sum()
+    }
+}

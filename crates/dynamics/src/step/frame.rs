@@ -1,0 +1,56 @@
+//! Everything that acts on the body during a step, and what every integrator checks of it.
+
+use glam::DVec3;
+use palpate_core::Pose;
+
+use super::outcome::{Step, StepFailure, StepStatus};
+use crate::body::{Body, BodyState};
+use crate::contact::LinearContactModel;
+use crate::coupling::{DeviceMotion, VirtualCoupling};
+
+/// What acts on the body during a step.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame<'a> {
+    /// The body.
+    pub body: &'a Body,
+    /// The device, taken to stand here with this velocity for the whole step.
+    pub device: &'a DeviceMotion,
+    /// What joins them.
+    pub coupling: &'a VirtualCoupling,
+    /// The contacts.
+    pub contacts: &'a LinearContactModel,
+    /// Gravity, m/s², world axes.
+    pub gravity: DVec3,
+}
+
+impl Frame<'_> {
+    /// The step that is not taken for its inputs, or `None` if they will do: the rules of [`semi_implicit_step`], which
+    /// are every integrator's.
+    pub(crate) fn refused(&self, state: &BodyState, dt: f64) -> Option<Step> {
+        if !state.is_valid() {
+            let relaxed = self.coupling.relaxed_pose(&self.device.pose);
+            let pose = if relaxed.is_valid() { relaxed } else { Pose::IDENTITY };
+            return Some(Step::failed(&BodyState::at_rest(pose), StepFailure::State));
+        }
+        if !self.device.is_valid() {
+            return Some(Step::failed(state, StepFailure::Device));
+        }
+        if !(dt > 0.0 && dt.is_finite()) {
+            return Some(Step::failed(state, StepFailure::TimeStep));
+        }
+        None
+    }
+
+    /// The step from `start` to `next` with the wrenches there, or one that is held if they are not finite.
+    pub(crate) fn ended(&self, start: &BodyState, next: &BodyState, active: u64, status: StepStatus) -> Step {
+        if !next.is_valid() {
+            return Step::failed(start, StepFailure::Overflow);
+        }
+        let (coupling_on_body, on_device) = self.coupling.wrenches(next, self.device);
+        let contact = self.contacts.wrench(next);
+        if !(coupling_on_body.is_finite() && on_device.is_finite() && contact.is_finite()) {
+            return Step::failed(start, StepFailure::Overflow);
+        }
+        Step { state: *next, coupling: on_device, coupling_on_body, contact, active, status }
+    }
+}

@@ -1,0 +1,78 @@
+//! The outcome of a step, and why one was not taken.
+
+use palpate_core::Wrench;
+
+use crate::body::BodyState;
+
+/// Why a step was not taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum StepFailure {
+    /// The time step is not positive and finite.
+    TimeStep,
+    /// The device's pose or twist is not finite, or its quaternion not of unit length.
+    Device,
+    /// The body's state is not finite, or its quaternion not of unit length. The state cannot be held; see
+    /// [`semi_implicit_step`].
+    State,
+    /// The linear system is singular, or something that went into it is not finite: a gain, a contact,
+    /// gravity, the body.
+    Singular,
+    /// The step was computed, but the state or a wrench it leads to is not finite.
+    Overflow,
+}
+
+/// How a step went.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct StepStatus {
+    /// Set if no step was taken: the state is held and the wrenches are zero.
+    pub failure: Option<StepFailure>,
+    /// The set of pushing contacts was still changing when the step ended; no contact attracts even so, but
+    /// one may have been left out for this step.
+    pub active_set_unsettled: bool,
+    /// The step was taken without geometric stiffness, because with it the linear system was not a
+    /// prediction.
+    pub geometric_stiffness_dropped: bool,
+    /// An iterative integrator ended before its tolerance was reached; see there for what the step is then.
+    pub unconverged: bool,
+    /// Number of linear systems solved; by [`semi_implicit_step`] at most [`MAX_SOLVES`].
+    pub solves: u32,
+}
+
+impl StepStatus {
+    /// Whether the step was taken, its contacts settled and its iteration converged.
+    pub fn is_ok(&self) -> bool {
+        self.failure.is_none() && !self.active_set_unsettled && !self.unconverged
+    }
+}
+
+/// The outcome of one haptic frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step {
+    /// The body at the end of the step.
+    pub state: BodyState,
+    /// The coupling's wrench **on the device**, about the handle's origin, at the new state (§5.3.3): −F_c
+    /// and −(k_θ u_c + b_θ (ω_h − ω)). It is what the user is to feel: pushed into a wall, it points out of
+    /// the wall. [`crate::saturate`] fits it to what the device can make.
+    pub coupling: Wrench,
+    /// The coupling's wrench **on the body**, about its centre of mass, at the new state.
+    pub coupling_on_body: Wrench,
+    /// The contacts' wrench on the body, about its centre of mass, at the new state.
+    pub contact: Wrench,
+    /// Bit i is set if contact i pushed during the step.
+    pub active: u64,
+    /// How the step went.
+    pub status: StepStatus,
+}
+
+impl Step {
+    pub(crate) fn failed(state: &BodyState, why: StepFailure) -> Self {
+        Self {
+            state: *state,
+            coupling: Wrench::ZERO,
+            coupling_on_body: Wrench::ZERO,
+            contact: Wrench::ZERO,
+            active: 0,
+            status: StepStatus { failure: Some(why), ..StepStatus::default() },
+        }
+    }
+}
