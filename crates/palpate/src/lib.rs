@@ -42,7 +42,8 @@ pub use contact::representative;
 pub use contact::textures::TextureError;
 pub use contact::{ContactLoop, ContactUpdate};
 pub use haptic::HapticLoop;
-pub use haptic::invariants::{ENERGY_BOUND, FAULT_TIME, Invariant, Invariants, Kept, RUNAWAY_SPEED, WARMTH};
+pub use haptic::heat::WARMTH;
+pub use haptic::invariants::{ENERGY_BOUND, FAULT_TIME, Invariant, Invariants, Kept, RUNAWAY_SPEED};
 pub use haptic::reactions::{Reaction, Reactions};
 pub use palpate_clod_build as clod_build;
 pub use palpate_collide as collide;
@@ -67,14 +68,14 @@ pub use run::session::{Clock, ContactSummary, HapticSummary, RealtimeSetup, Sess
 pub use run::settings_editor::{SettingsEditError, SettingsEditor};
 pub use run::spawn::{RunningSession, SessionHandle, SessionPanic};
 pub use scene::cache::cache_folder;
-pub use scene::editor::{EditError, SceneEditor, SceneId};
+pub use scene::editor::{EditError, SceneEditor};
 #[cfg(feature = "scene-files")]
 pub use scene::file::{ObjectEntry, SceneFile, SceneFileError};
 pub use scene::moving::Mobility;
 pub use scene::object::{NamedMesh, Object, OpenError, OpenOptions, open_mesh};
 pub use scene::placement::HandlePlacement;
 pub use scene::size::UnitsError;
-pub use scene::{Placed, Scene};
+pub use scene::{Placed, Scene, SceneId};
 pub use settings::Settings;
 pub use telemetry::hinged_record::HingedRecord;
 pub use telemetry::record::Recorded;

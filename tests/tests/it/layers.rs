@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use syn::visit::Visit;
 
 /// Crates in which no two files may use each other in a circle.
-const WITHOUT_CIRCLES: [&str; 3] = ["collide", "dynamics", "palpate"];
+const WITHOUT_CIRCLES: [&str; 4] = ["core", "collide", "dynamics", "palpate"];
 
 /// Crates whose `lib.rs` lists its floors under `# Layers`.
 const WITH_FLOORS: [&str; 2] = ["collide", "palpate"];
@@ -82,6 +82,9 @@ impl<'ast> Visit<'ast> for Paths<'_> {
         self.add(&names);
         syn::visit::visit_path(self, path);
     }
+
+    /// `pub(super)` is no use.
+    fn visit_visibility(&mut self, _: &'ast syn::Visibility) {}
 
     fn visit_item_mod(&mut self, item: &'ast syn::ItemMod) {
         let of_tests = item.attrs.iter().any(|attribute| attribute.path().is_ident("cfg"));

@@ -19,8 +19,9 @@ use palpate_core::glam::DVec3;
 use palpate_core::{Contact, Pose};
 use palpate_field::{AreaContact, AreaLaw, FieldOptions, FieldQuery, FieldSettings};
 
+use super::group::ContactGroup;
 use super::in_scene::InScene;
-use crate::contact::merging::{Merging, Plane, Weighed};
+use crate::contact::merging::{Plane, Weighed};
 use crate::contact::proxy::{Followed, Found, Search, carried};
 use crate::contact::representative::{USUAL_ERROR, check_error, lattice, law};
 use crate::scene::field::{Field, FieldError, field_options, find, new_query};
@@ -120,7 +121,6 @@ pub(super) struct ByFields {
     weights: Vec<f64>,
     /// Those of one group.
     weighed: Vec<Weighed>,
-    still: Merging,
     planes: Vec<(Option<usize>, Plane)>,
 }
 
@@ -162,7 +162,6 @@ impl ByFields {
             carried: Vec::with_capacity(MOST),
             weights: Vec::with_capacity(MOST),
             weighed: Vec::with_capacity(MOST),
-            still: Merging::new(clusters, probe.bounding_radius()),
             planes: Vec::with_capacity(64),
         })
     }
@@ -270,7 +269,7 @@ impl ByFields {
         to_mesh: &Pose,
         tolerance: f64,
         scene: &mut SceneQuery,
-        (objects, moving): (&mut [Option<InScene>], &[usize]),
+        (still, objects, moving): (&mut ContactGroup, &mut [Option<InScene>], &[usize]),
     ) -> &[(Option<usize>, Plane)] {
         let reach = (tolerance + in_steps(lag, tolerance)).min(self.furthest()).max(tolerance);
         // What cannot be looked at was counted when the proxy followed.
@@ -289,13 +288,18 @@ impl ByFields {
         for (weight, found) in self.weights.iter_mut().zip(&self.found) {
             *weight *= self.stiffness * ((found.contact.depth + furthest) / faded).clamp(0.0, 1.0);
         }
-        self.merge(tolerance, &mesh, objects, moving);
+        self.merge(tolerance, &mesh, (still, objects, moving));
         &self.planes
     }
 
     /// Makes planes of the weighed contacts: of those with objects that stand still together, and of those with each that moves.
-    fn merge(&mut self, tolerance: f64, mesh: &Pose, objects: &mut [Option<InScene>], moving: &[usize]) {
-        let Self { carried, weights, places, weighed, still, planes, .. } = self;
+    fn merge(
+        &mut self,
+        tolerance: f64,
+        mesh: &Pose,
+        (still, objects, moving): (&mut ContactGroup, &mut [Option<InScene>], &[usize]),
+    ) {
+        let Self { carried, weights, places, weighed, planes, .. } = self;
         planes.clear();
         let gather = |weighed: &mut Vec<Weighed>, belongs: &dyn Fn(usize) -> bool| {
             weighed.clear();
@@ -306,11 +310,11 @@ impl ByFields {
             );
         };
         gather(weighed, &|place| !moving.contains(&place));
-        planes.extend(still.run(weighed, tolerance, mesh).iter().map(|plane| (None, *plane)));
+        planes.extend(still.merging.run(weighed, tolerance, mesh).iter().map(|plane| (None, *plane)));
         for &place in moving {
             let Some(Some(InScene { moving: Some(moving), .. })) = objects.get_mut(place) else { continue };
             gather(weighed, &|of| of == place);
-            let own = moving.merging.run(weighed, tolerance, mesh);
+            let own = moving.1.merging.run(weighed, tolerance, mesh);
             planes.extend(own.iter().map(|plane| (Some(place), *plane)));
         }
         let push = |(_, plane): &(Option<usize>, Plane)| plane.weight * (plane.contact.depth + tolerance);

@@ -3,11 +3,13 @@
 use palpate_core::{Pose, Twist};
 
 use super::ContactLoop;
+use super::group::ContactGroup;
 use super::in_scene::{InScene, objects_of};
 use super::search::unfit;
 use crate::contact::textures::Textures;
-use crate::scene::editor::{Edit, SceneEditor, SceneId};
-use crate::scene::moving::{Mobility, Moving};
+use crate::scene::SceneId;
+use crate::scene::editor::{Edit, SceneEditor};
+use crate::scene::moving::{Mobility, MovingObject};
 use crate::scene::object::Object;
 use crate::settings::ContactSearch;
 
@@ -18,7 +20,7 @@ impl ContactLoop {
         let Some(place) = self.place_of(object) else { return false };
         let Some(InScene { handle, moving, .. }) = &mut self.objects[place] else { return false };
         if let Some(moving) = moving {
-            moving.stop();
+            moving.0.stop();
         }
         let handle = *handle;
         self.scene_has_changed();
@@ -46,14 +48,16 @@ impl ContactLoop {
     }
 
     /// What makes a scene object move, made if need be.
-    fn moving(&mut self, object: SceneId) -> Option<&mut Moving> {
+    fn moving(&mut self, object: SceneId) -> Option<&mut MovingObject> {
         let place = self.place_of(object)?;
         let InScene { moving, .. } = self.objects[place].as_mut()?;
         if moving.is_none() {
             self.moving.push(place);
         }
         let radius = self.probe.bounding_radius();
-        Some(moving.get_or_insert_with(|| Box::new(Moving::new(self.all_settings.search.clusters, radius))))
+        let clusters = self.all_settings.search.clusters;
+        let made = || Box::new((MovingObject::new(), ContactGroup::with_moving(clusters, radius)));
+        Some(&mut moving.get_or_insert_with(made).0)
     }
 
     /// Adds an object, its mesh's frame at a pose in the world, from the next step on; `false` if there is one of that number,
@@ -125,7 +129,7 @@ impl ContactLoop {
             return false;
         }
         if let (Some(mut moving), Some(place)) = (moving, self.place_of(id)) {
-            moving.stop();
+            moving.0.stop();
             if let Some(object) = &mut self.objects[place] {
                 object.moving = Some(moving);
                 self.moving.push(place);
@@ -148,8 +152,9 @@ impl ContactLoop {
         }
         let place = self.place_of(id)?;
         let radius = self.probe.bounding_radius();
-        let moving = Moving::following(leader, mobility, self.all_settings.search.clusters, radius);
-        self.objects[place].as_mut()?.moving = Some(Box::new(moving));
+        let moving = MovingObject::following(leader, mobility);
+        let group = ContactGroup::with_moving(self.all_settings.search.clusters, radius);
+        self.objects[place].as_mut()?.moving = Some(Box::new((moving, group)));
         self.moving.push(place);
         Some(id)
     }

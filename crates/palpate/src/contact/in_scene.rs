@@ -2,8 +2,9 @@
 
 use palpate_collide::ObjectHandle;
 
-use crate::scene::editor::SceneId;
-use crate::scene::moving::Moving;
+use super::group::ContactGroup;
+use crate::scene::SceneId;
+use crate::scene::moving::MovingObject;
 use crate::scene::object::Object;
 
 /// An object of the scene.
@@ -12,12 +13,12 @@ pub(super) struct InScene {
     pub id: SceneId,
     pub handle: ObjectHandle,
     pub object: Object,
-    /// Of one that moves, or can be moved.
-    pub moving: Option<Box<Moving>>,
+    /// Of an object that moves, or can be moved: its motion, and the contacts with it.
+    pub moving: Option<Box<(MovingObject, ContactGroup)>>,
 }
 
 impl InScene {
-    /// One that stands still.
+    /// An object that stands still.
     pub fn new(id: SceneId, handle: ObjectHandle, object: &Object) -> Self {
         Self { id, handle, object: object.clone(), moving: None }
     }

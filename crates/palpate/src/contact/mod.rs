@@ -2,6 +2,7 @@
 
 mod by_fields;
 mod changes;
+mod group;
 mod in_scene;
 mod lookahead;
 pub(crate) mod merging;
@@ -15,17 +16,18 @@ mod touching;
 use std::sync::Arc;
 use std::time::Duration;
 
-use palpate_collide::{Budget, Cluster, Clustering, PatchContact, QuerySettings, SceneQuery};
+use palpate_collide::{Budget, Cluster, PatchContact, QuerySettings, SceneQuery};
 use palpate_core::glam::DVec3;
 use palpate_core::{Contact, Pose, Twist};
 use palpate_dynamics::{
     Body, BodyState, ContactClass, ContactParameters, ContactPatch, FoundContact, LinearContactModel,
-    MAX_APPROACHING, MovingBody,
+    MovingBody,
 };
 use palpate_texture_pd::Backend;
 use rtrb::Consumer;
 
 use self::by_fields::{ByFields, FieldSearch, in_steps};
+use self::group::{ContactGroup, Counterpart};
 use self::in_scene::{InScene, objects_of};
 use self::lookahead::Lookahead;
 pub(crate) use self::search::ByLevels;
@@ -37,7 +39,8 @@ use crate::contact::proxy::{Found, LevelSearch, Proxy, carried, motion_between};
 use crate::contact::representative::FieldError;
 use crate::contact::textures::{TextureError, Textures};
 use crate::scene::Placed;
-use crate::scene::editor::{Edit, SceneEditor, SceneId};
+use crate::scene::SceneId;
+use crate::scene::editor::{Edit, SceneEditor};
 use crate::scene::object::Object;
 use crate::settings::live::{ContactTuning, Ramp};
 use crate::settings::{DetailSettings, SearchSettings, Settings};
@@ -46,9 +49,6 @@ use crate::telemetry::ContactTelemetry;
 /// Scene objects that have a full workspace from the start. Those of further ones are made, or grow, when they are first
 /// within reach.
 const RESERVED: usize = 16;
-
-/// Contacts that there is room for from the start.
-const MOST: usize = 512;
 
 /// Why there can be no contact loop.
 #[derive(Debug, thiserror::Error)]
@@ -115,14 +115,10 @@ pub struct ContactLoop {
     settings: QuerySettings,
     parameters: ContactParameters,
     /// Contacts with all scene objects that are not textured and do not move.
-    contacts: Vec<PatchContact>,
-    clustering: Clustering,
+    still: ContactGroup,
     /// Where contacts are found in fields, or why they are not.
     by_fields: Option<Box<ByFields>>,
     by_levels: Option<ByLevels>,
-    /// Contacts further apart than d that the body comes at, and their clusters.
-    approaching: Vec<PatchContact>,
-    approaching_clusters: Clustering,
     /// Where an object is textured.
     textures: Option<Textures>,
     braking: bool,
@@ -191,12 +187,9 @@ impl ContactLoop {
             error,
             settings: query_settings(parameters.tolerance, error, interpolation, query_budget),
             parameters,
-            contacts: Vec::with_capacity(MOST),
-            clustering: Clustering::new(clusters),
+            still: ContactGroup::with_still(clusters, probe.bounding_radius()),
             by_fields,
             by_levels,
-            approaching: Vec::with_capacity(MOST),
-            approaching_clusters: Clustering::new(MAX_APPROACHING),
             textures,
             braking,
             mass: body.mass,
@@ -247,33 +240,32 @@ impl ContactLoop {
         self.lookahead.adapt((motion, lag), near, depths);
         self.sort(body, ahead);
         self.show_patches(time);
-        let mut depth = deepest(&self.contacts);
-
         let probe_pose = body.pose * Pose::from_translation(-self.center_of_mass);
         let mut model = LinearContactModel::empty(&body.pose, time);
-        let carried = if self.is_by_fields() {
-            self.add_represented(&mut model, body, interval);
-            self.deepen(&mut depth)
-        } else {
-            let clusters = self.clustering.run(&self.contacts, tolerance, &probe_pose);
-            show(&mut self.watched, clusters, &self.parameters);
-            model = LinearContactModel::from_contacts(patches(clusters), &body.pose, &self.parameters, time);
-            self.add_carried(&mut model, &mut depth, &probe_pose, interval)
-        };
         let braking = self.braking_parameters(ahead);
-        let coarse = self.add_textured(&mut model, &mut depth, body, &braking, interval, ahead);
-        let clusters = self.approaching_clusters.run(&self.approaching, reach, &probe_pose);
-        for cluster in clusters {
-            let class = ContactClass::Approaching { braking_time: ahead };
-            model.push(class, cluster.contact, &braking, &MovingBody::STILL);
+        if self.is_by_fields() {
+            self.push_represented(&mut model, body, interval);
+        } else {
+            self.push_touching(&mut model, &probe_pose, interval);
         }
-        self.add_approaching(&mut model, &braking, interval, ahead);
-        self.telemetry.events.contact_refused += u64::from(model.refused());
-        self.telemetry.events.contact_overflow += u64::from(model.overflow());
+        let mut depth = self.groups().fold(0.0, |depth: f64, group| depth.max(group.deepest()));
+        let coarse = self.push_textured(&mut model, &mut depth, body, &braking, interval, ahead);
+        self.push_approaching(&mut model, &braking, (&probe_pose, interval), (reach, ahead));
+        let events = &mut self.telemetry.events;
+        events.contact_refused += u64::from(model.refused());
+        events.contact_overflow += u64::from(model.overflow());
         if let Some(watched) = &mut self.watched {
             watched.show();
         }
-        ContactUpdate { model, time, depth, contacts: (self.contacts.len() + carried + coarse) as u32 }
+        let contacts = self.groups().map(|group| group.touching.len()).sum::<usize>() + coarse;
+        ContactUpdate { model, time, depth, contacts: contacts as u32 }
+    }
+
+    /// The groups of contacts: with all that stands still, and with each object that moves.
+    fn groups(&self) -> impl Iterator<Item = &ContactGroup> {
+        let moving =
+            self.moving.iter().filter_map(|&place| Some(&self.objects[place].as_ref()?.moving.as_ref()?.1));
+        std::iter::once(&self.still).chain(moving)
     }
 
     /// Whether contacts are found in fields.
@@ -300,45 +292,27 @@ impl ContactLoop {
     }
 
     /// Adds the planes of representative contacts to a model.
-    fn add_represented(&mut self, model: &mut LinearContactModel, body: &BodyState, interval: f64) {
+    fn push_represented(&mut self, model: &mut LinearContactModel, body: &BodyState, interval: f64) {
         let Some(fields) = &mut self.by_fields else { return };
         let to_mesh = Pose::from_translation(-self.center_of_mass);
         let poses = (self.proxy.pose(), &body.pose);
         let tolerance = self.parameters.tolerance;
-        let objects = (self.objects.as_mut_slice(), self.moving.as_slice());
+        let objects = (&mut self.still, self.objects.as_mut_slice(), self.moving.as_slice());
         let planes = fields.planes(poses, self.proxy.lag(), &to_mesh, tolerance, &mut self.scene, objects);
-        let count_of = |place: usize| planes.iter().filter(|(of, _)| *of == Some(place)).count();
+        let count_of = |place: Option<usize>| planes.iter().filter(|(of, _)| *of == place).count();
         for &(place, Plane { contact, weight, radius }) in planes {
             let gains = shared(&self.parameters, weight);
             let patch = ContactPatch { contact, radius };
-            let with = place.and_then(|place| self.objects.get(place)?.as_ref());
-            let moving = with.and_then(|InScene { id, handle, moving, .. }| {
-                Some((*id, moving.as_ref()?, self.scene.pose(*handle)?))
-            });
-            let (gains, carrier) = match (place, moving) {
-                (Some(place), Some((id, moving, pose))) => {
-                    let at = (contact.point, contact.normal);
-                    let gains = moving.limited(&gains, pose, at, count_of(place), interval);
-                    (gains, moving.carrier(id, pose))
-                }
-                _ => (gains, MovingBody::STILL),
-            };
-            model.push(ContactClass::Touching, patch, &gains, &carrier);
+            let with = counterpart(&self.objects, &self.scene, place);
+            let count = place.map_or(1, |_| count_of(place));
+            let gains = with.gains(&gains, (contact.point, contact.normal), count, interval);
+            model.push(ContactClass::Touching, patch, &gains, &with.body());
             if let Some(watched) = &mut self.watched {
                 let force = contact.normal * (-gains.stiffness * (contact.depth + tolerance));
                 let Contact { point, normal, depth, .. } = contact;
                 watched.sight().add_push(Push { point, normal, force, depth });
             }
         }
-    }
-
-    /// The deepest of contacts with objects that move as well; how many there are of these.
-    fn deepen(&self, depth: &mut f64) -> usize {
-        let carried = self.moving.iter().filter_map(|&place| self.objects[place].as_ref()?.moving.as_ref());
-        carried.fold(0, |count, moving| {
-            *depth = depth.max(deepest(&moving.contacts));
-            count + moving.contacts.len()
-        })
     }
 
     /// Goes over to what the loop is tuned to, in the time (s) since the last step.
@@ -377,7 +351,7 @@ impl ContactLoop {
             let Some(InScene { handle, object, moving: Some(moving), .. }) = &mut self.objects[place] else {
                 continue;
             };
-            let Some(pose) = moving.advance(time) else { continue };
+            let Some(pose) = moving.0.advance(time) else { continue };
             let Some(before) = self.scene.pose(*handle).copied() else { continue };
             if before == pose {
                 continue;
@@ -391,73 +365,44 @@ impl ContactLoop {
                 < size + self.radius + self.lookahead.outlook()
             {
                 self.proxy.object_has_moved(place, &before, &pose);
-                let Twist { linear, angular } = moving.twist();
+                let Twist { linear, angular } = moving.0.twist();
                 self.fastest = self.fastest.max(linear.length() + angular.length() * size);
             }
         }
     }
 
-    /// Adds contacts with objects that move to a model, and their depth; how many there are before clustering.
-    fn add_carried(
-        &mut self,
-        model: &mut LinearContactModel,
-        depth: &mut f64,
-        probe_pose: &Pose,
-        interval: f64,
-    ) -> usize {
-        let mut count = 0;
-        let tolerance = self.parameters.tolerance;
-        for &place in &self.moving {
-            let Some(InScene { id, handle, moving: Some(moving), .. }) = &mut self.objects[place] else {
-                continue;
-            };
-            let Some(pose) = self.scene.pose(*handle) else { continue };
-            if moving.contacts.is_empty() {
-                moving.clustering.reset();
-                continue;
-            }
-            count += moving.contacts.len();
-            *depth = depth.max(deepest(&moving.contacts));
-            moving.clustering.run(&moving.contacts, tolerance, probe_pose);
-            let clusters = moving.clustering.clusters();
-            for cluster in clusters {
-                let at = (cluster.contact.point, cluster.contact.normal);
-                let gains = moving.limited(&self.parameters, pose, at, clusters.len(), interval);
-                let cluster = std::slice::from_ref(cluster);
-                for patch in patches(cluster) {
-                    model.push(ContactClass::Touching, patch, &gains, &moving.carrier(*id, pose));
-                }
-                show(&mut self.watched, cluster, &gains);
+    /// Adds the contacts of all groups within d to a model.
+    fn push_touching(&mut self, model: &mut LinearContactModel, probe_pose: &Pose, interval: f64) {
+        let Self { objects, scene, moving, still, watched, parameters, .. } = self;
+        let mut show = |cluster: &Cluster, gains: &ContactParameters| show(watched, cluster, gains);
+        let at = (probe_pose, interval);
+        still.push_touching(model, &Counterpart::Still, parameters, at, &mut show);
+        for &place in moving.iter() {
+            if let Some((with, group)) = moving_group(objects, scene, place) {
+                group.push_touching(model, &with, parameters, at, &mut show);
             }
         }
-        count
     }
 
-    /// Adds for each object that moves what comes nearest of it, within a time (s) ahead.
-    fn add_approaching(
+    /// Adds the contacts of all groups that the body comes at to a model.
+    fn push_approaching(
         &mut self,
         model: &mut LinearContactModel,
         braking: &ContactParameters,
-        interval: f64,
-        ahead: f64,
+        at: (&Pose, f64),
+        ahead: (f64, f64),
     ) {
-        for &place in &self.moving {
-            let Some(InScene { id, handle, moving: Some(moving), .. }) = &self.objects[place] else {
-                continue;
-            };
-            let (Some(pose), Some(PatchContact { contact, .. })) =
-                (self.scene.pose(*handle), moving.approaching)
-            else {
-                continue;
-            };
-            let gains = moving.limited(braking, pose, (contact.point, contact.normal), 1, interval);
-            let class = ContactClass::Approaching { braking_time: ahead };
-            model.push(class, contact, &gains, &moving.carrier(*id, pose));
+        let Self { objects, scene, moving, still, .. } = self;
+        still.push_approaching(model, &Counterpart::Still, braking, at, ahead);
+        for &place in moving.iter() {
+            if let Some((with, group)) = moving_group(objects, scene, place) {
+                group.push_approaching(model, &with, braking, at, ahead);
+            }
         }
     }
 
     /// Adds contacts with textured objects to a model, and their depth; how many coarse ones there are.
-    fn add_textured(
+    fn push_textured(
         &mut self,
         model: &mut LinearContactModel,
         depth: &mut f64,
@@ -481,14 +426,12 @@ impl ContactLoop {
         let motion = motion_between(&pose, &body.pose);
         for found in textures.run(&mesh, pose.translation, pose_of, tolerance, events) {
             let now = found.depth_after(&motion);
-            let moving = object_at(found.object)
-                .and_then(|InScene { id, moving, .. }| Some((*id, moving.as_ref()?, pose_of(found.object)?)));
-            let carrier = moving.map_or(MovingBody::STILL, |(id, moving, at)| moving.carrier(id, &at));
+            let with = counterpart(&self.objects, &self.scene, Some(found.object));
             let gains = |gains: &ContactParameters| {
-                let gains = shared(gains, found.share);
-                let point = (found.contact.point, found.contact.linear.normalize_or_zero());
-                moving.map_or(gains, |(_, moving, at)| moving.limited(&gains, &at, point, 1, interval))
+                let at = (found.contact.point, found.contact.linear.normalize_or_zero());
+                with.gains(&shared(gains, found.share), at, 1, interval)
             };
+            let carrier = with.body();
             let twist = beside(&body.twist, pose.translation, &carrier);
             let curved = FoundContact::Curved(&found.contact, &pose);
             if now > -tolerance {
@@ -515,34 +458,24 @@ impl ContactLoop {
     /// comes at; those with objects that move, by object.
     fn sort(&mut self, body: &BodyState, ahead: f64) {
         let tolerance = self.parameters.tolerance;
-        self.contacts.clear();
-        self.approaching.clear();
+        self.still.clear();
         for &place in &self.moving {
             if let Some(InScene { moving: Some(moving), .. }) = &mut self.objects[place] {
-                moving.contacts.clear();
-                moving.approaching = None;
+                moving.1.clear();
             }
         }
         let textured = |object| self.textures.as_ref().is_some_and(|textures| textures.has(object));
         for found in self.proxy.contacts().filter(|found| !textured(found.object)) {
             let contact = carried(&found.contact.contact, self.proxy.pose(), &body.pose);
-            let close = contact.depth > -tolerance;
             let patch = PatchContact { contact, ..found.contact };
-            match self.objects.get_mut(found.object) {
-                Some(Some(InScene { id, handle, moving: Some(moving), .. })) => {
-                    let carrier =
-                        self.scene.pose(*handle).map_or(MovingBody::STILL, |pose| moving.carrier(*id, pose));
-                    if close {
-                        moving.contacts.push(patch);
-                    } else if self.braking && comes_within(&contact, body, &carrier, tolerance, ahead) {
-                        moving.keep_nearer(patch);
-                    }
-                }
-                _ if close => self.contacts.push(patch),
-                _ if self.braking && comes_within(&contact, body, &MovingBody::STILL, tolerance, ahead) => {
-                    self.approaching.push(patch);
-                }
-                _ => {}
+            let (with, group) = match moving_group(&mut self.objects, &self.scene, found.object) {
+                Some(moving) => moving,
+                None => (Counterpart::Still, &mut self.still),
+            };
+            if contact.depth > -tolerance {
+                group.touching.push(patch);
+            } else if self.braking && comes_within(&contact, body, &with.body(), tolerance, ahead) {
+                group.add_approaching(patch);
             }
         }
     }
@@ -620,8 +553,7 @@ impl ContactLoop {
     /// Contacts of the last step with objects that are not textured, before clustering, world axes. Those found in fields are of no
     /// nodes ([`NO_NODE`](palpate_core::clod::NO_NODE)): the deepest places of each cell.
     pub fn contacts(&self) -> impl Iterator<Item = &PatchContact> {
-        let carried = self.moving.iter().filter_map(|&place| self.objects[place].as_ref()?.moving.as_ref());
-        self.contacts.iter().chain(carried.flat_map(|moving| &moving.contacts))
+        self.groups().flat_map(|group| &group.touching)
     }
 
     /// Memory that the workspaces of its queries hold, besides the objects' hierarchies: with their fields, where contacts are found
@@ -682,22 +614,34 @@ fn beside(twist: &Twist, center: DVec3, carrier: &MovingBody) -> Twist {
     }
 }
 
-/// Deepest penetration, m; 0 where there is none.
-fn deepest(contacts: &[PatchContact]) -> f64 {
-    contacts.iter().fold(0.0, |most: f64, found| most.max(found.contact.depth))
+/// The scene's side of contacts with the object at a place; still where there is none.
+fn counterpart<'a>(
+    objects: &'a [Option<InScene>],
+    scene: &SceneQuery,
+    place: Option<usize>,
+) -> Counterpart<'a> {
+    let moving = || {
+        let InScene { id, handle, moving, .. } = objects.get(place?)?.as_ref()?;
+        Some(Counterpart::Moving { object: &moving.as_ref()?.0, id: *id, pose: *scene.pose(*handle)? })
+    };
+    moving().unwrap_or(Counterpart::Still)
 }
 
-/// What represents clusters.
-fn patches(clusters: &[Cluster]) -> impl Iterator<Item = ContactPatch> {
-    clusters.iter().map(|&Cluster { contact, radius, .. }| ContactPatch { contact, radius })
+/// The contacts with the object at a place, and the scene's side of them; none if it stands still.
+fn moving_group<'a>(
+    objects: &'a mut [Option<InScene>],
+    scene: &SceneQuery,
+    place: usize,
+) -> Option<(Counterpart<'a>, &'a mut ContactGroup)> {
+    let InScene { id, handle, moving, .. } = objects.get_mut(place)?.as_mut()?;
+    let (object, group) = moving.as_deref_mut()?;
+    Some((Counterpart::Moving { object, id: *id, pose: *scene.pose(*handle)? }, group))
 }
 
-/// Shows what clusters push with, to whoever looks on.
-fn show(watched: &mut Option<Watched>, clusters: &[Cluster], gains: &ContactParameters) {
+/// Shows the force of a cluster to whoever looks on.
+fn show(watched: &mut Option<Watched>, cluster: &Cluster, gains: &ContactParameters) {
     let Some(watched) = watched else { return };
-    for Cluster { contact, .. } in clusters {
-        let force = contact.normal * (-gains.stiffness * (contact.depth + gains.tolerance));
-        let Contact { point, normal, depth, .. } = *contact;
-        watched.sight().add_push(Push { point, normal, force, depth });
-    }
+    let Contact { point, normal, depth, .. } = cluster.contact;
+    let force = normal * (-gains.stiffness * (depth + gains.tolerance));
+    watched.sight().add_push(Push { point, normal, force, depth });
 }

@@ -12,8 +12,11 @@ use palpate_device::{Axes, Specification};
 use palpate_dynamics::SlewLimit;
 use serde::Serialize;
 
-use crate::haptic::output::{HARMLESS_SHARE, Warmth, is_limited};
+use crate::haptic::heat::{Warmth, is_limited};
 use crate::haptic::presence::smooth;
+
+/// A wrench of less than this part of the peak drives no handle off.
+pub(crate) const HARMLESS_SHARE: f64 = 0.1;
 
 /// Time after a fault by which nothing is sent any more, s.
 pub const FAULT_TIME: f64 = 0.05;
@@ -24,10 +27,6 @@ pub const ENERGY_BOUND: (f64, f64) = (5e-3, 0.1);
 
 /// Speed of the handle along the wrench, m/s and rad/s, from which a wrench above a tenth of the peak is let go of.
 pub const RUNAWAY_SPEED: (f64, f64) = (0.8, 20.0);
-
-/// How actuators warm up: the share of their warmth that windings have over the housing and the housing has over the room, each with
-/// its time constant, s. Typical of the small brushed motors of haptic devices, by their makers' data sheets; not of one device.
-pub const WARMTH: [(f64, f64); 2] = [(0.2, 15.0), (0.8, 600.0)];
 
 /// How far rounding on three axes reaches, in steps.
 const DIAGONAL: f64 = 1.732_050_807_568_877_2;

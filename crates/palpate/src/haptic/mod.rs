@@ -3,6 +3,7 @@
 //! A step never allocates, locks, blocks or panics; what goes wrong is counted in [`HapticTelemetry::events`].
 
 pub(crate) mod gripper;
+pub(crate) mod heat;
 pub(crate) mod invariants;
 pub(crate) mod output;
 pub(crate) mod presence;

@@ -6,7 +6,8 @@ use palpate_core::glam::DVec3;
 use palpate_device::{Axes, Specification};
 use palpate_dynamics::{PassivityController, SlewLimit, saturate};
 
-use crate::haptic::invariants::{Bounds, Invariants, RUNAWAY_SPEED, WARMTH, Write, energy_bound};
+use crate::haptic::heat::Heat;
+use crate::haptic::invariants::{Bounds, HARMLESS_SHARE, Invariants, RUNAWAY_SPEED, Write, energy_bound};
 use crate::haptic::tracking::Tracking;
 use crate::scene::placement::renders;
 use crate::settings::SLEW_TIME;
@@ -17,12 +18,6 @@ const MOST_GROWTH: f64 = 2.0;
 
 /// Below this part of the peak a wrench shrinks as fast as is wanted.
 const FREE_SHARE: f64 = 0.2;
-
-/// A wrench of less than this part of the peak drives no handle off.
-pub(crate) const HARMLESS_SHARE: f64 = 0.1;
-
-/// From this warmth on the actuators get less than the peak: at 1, what they stand for long.
-const WARM: f64 = 0.5;
 
 /// Part of the [energy bound](ENERGY_BOUND) at which the wrench is let go of.
 const ENERGY_SHARE: f64 = 0.5;
@@ -54,62 +49,6 @@ impl Limits {
         let sent = saturate(&actuated, force_limit, torque_limit);
         (sent, sent != actuated)
     }
-}
-
-/// How warm actuators are over the room, by what they were asked for: 0 where they are cold, and 1 where they are as warm as what they
-/// can keep up makes them in the end.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Warmth([f64; 2]);
-
-impl Warmth {
-    pub const COLD: Self = Self([0.0; 2]);
-
-    /// Passes some seconds under `load` times what can be kept up: τ ẇ = share load² − w for windings and housing.
-    pub fn pass(&mut self, load: f64, seconds: f64) {
-        for (warmth, (share, time)) in self.0.iter_mut().zip(WARMTH) {
-            *warmth += (share * load * load - *warmth) * -(-seconds / time).exp_m1();
-        }
-    }
-
-    pub fn total(&self) -> f64 {
-        self.0[0] + self.0[1]
-    }
-}
-
-/// What heat lets actuators do.
-#[derive(Clone, Copy, Debug)]
-struct Heat {
-    /// What can be kept up, N or N·m.
-    continuous: f64,
-    peak: f64,
-    warmth: Warmth,
-}
-
-impl Heat {
-    fn new(continuous: f64, peak: f64) -> Self {
-        Self { continuous, peak, warmth: Warmth::COLD }
-    }
-
-    /// What the actuators may be asked for now, N or N·m.
-    fn allowed(&self) -> f64 {
-        if !is_limited(self.continuous, self.peak) {
-            return self.peak;
-        }
-        let room = ((1.0 - self.warmth.total()) / (1.0 - WARM)).clamp(0.0, 1.0);
-        self.continuous + (self.peak - self.continuous) * room
-    }
-
-    /// Passes `seconds` of something held, N or N·m.
-    fn pass(&mut self, held: f64, seconds: f64) {
-        if is_limited(self.continuous, self.peak) {
-            self.warmth.pass(held / self.continuous, seconds);
-        }
-    }
-}
-
-/// Whether what can be kept up (N, N·m) is known, and less than the peak. A driver that says nothing of it says 0.
-pub(crate) fn is_limited(continuous: f64, peak: f64) -> bool {
-    continuous > 0.0 && continuous < peak && peak.is_finite()
 }
 
 /// The way out to the device.
@@ -263,7 +202,7 @@ impl Output {
         let sent = self.slew.approach(&unloaded, &fitting, at.dt.min(MOST_GROWTH * self.period));
         events.damped += u64::from(damping != Wrench::ZERO);
         events.saturated += u64::from(limited);
-        events.hot += u64::from(self.heat.iter().any(|heat| heat.warmth.total() > WARM));
+        events.hot += u64::from(self.heat.iter().any(|heat| heat.is_hot()));
         events.slewed += u64::from(sent != fitting);
         self.hold(sent, tracking, at)
     }

@@ -9,7 +9,7 @@ use palpate_core::glam::DVec3;
 use palpate_dynamics::{BodyState, LinearContactModel, MAX_CONSTRAINTS};
 use rtrb::{Consumer, Producer, RingBuffer};
 
-use crate::scene::editor::SceneId;
+use crate::scene::SceneId;
 
 /// Reactions that may wait for the host: half a second of eight objects at 1 kHz. Those that find no room are added up.
 const WAITING: usize = 4096;

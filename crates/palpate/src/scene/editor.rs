@@ -10,16 +10,12 @@ use palpate_core::{Pose, Twist};
 use palpate_field::FieldOptions;
 use rtrb::{Consumer, Producer, RingBuffer};
 
+use crate::scene::SceneId;
 use crate::scene::moving::Mobility;
 use crate::scene::object::Object;
 
 /// Changes that may wait for the contact loop.
 const WAITING: usize = 1024;
-
-/// An object of a running scene. Those that a session begins with have the numbers of their places in
-/// [`Scene::objects`](crate::Scene::objects); none is used again.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct SceneId(pub usize);
 
 /// A change.
 #[derive(Clone, Debug)]

@@ -21,6 +21,11 @@ pub struct Scene {
     pub(crate) objects: Vec<Placed>,
 }
 
+/// An object of a running scene. Those that a session begins with have the numbers of their places in
+/// [`Scene::objects`]; none is used again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct SceneId(pub usize);
+
 /// An object at its place.
 #[derive(Clone, Debug)]
 pub struct Placed {

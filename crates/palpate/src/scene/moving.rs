@@ -9,14 +9,11 @@
 //! where that takes it is known in the contact loop one more step later. Contacts with it are no stiffer, and no more damped, than is
 //! stable with such a delay, by its effective mass at the contact's point along the normal.
 
-use palpate_collide::{Clustering, PatchContact};
 use palpate_core::glam::{DMat3, DVec3};
 use palpate_core::{Pose, Twist};
 use palpate_dynamics::{ContactParameters, MovingBody};
 
-use crate::contact::merging::Merging;
-use crate::contact::proxy::motion_between;
-use crate::scene::editor::SceneId;
+use crate::scene::SceneId;
 
 /// The longest that an object moves on without being told of, s.
 const LONGEST: f64 = 0.05;
@@ -31,9 +28,6 @@ const SMOOTHING: f64 = 0.25;
 /// m MOST_DAMPED / T: a spring that late needs damping of at least k T, and damping that late is stable below π/2 m / T.
 const STIFFEST: f64 = 0.25;
 const MOST_DAMPED: f64 = 0.5;
-
-/// The most clusters of contacts with one object that moves: enough to hold a face.
-const CLUSTERS: usize = 3;
 
 /// How an object is moved by what touches it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,7 +56,7 @@ impl Mobility {
 
 /// A scene object that moves, or can be moved.
 #[derive(Debug)]
-pub(crate) struct Moving {
+pub(crate) struct MovingObject {
     motion: Option<Motion>,
     /// A pose of the mesh's frame and the velocity of its origin, told since the last step.
     told: Option<(Pose, Twist)>,
@@ -72,12 +66,6 @@ pub(crate) struct Moving {
     reacts: bool,
     /// Where it follows another session's object.
     leader: Option<triple_buffer::Output<(Pose, Twist)>>,
-    /// Contacts with it that are closed, or within d, and the one that comes nearest of those further apart.
-    pub contacts: Vec<PatchContact>,
-    pub approaching: Option<PatchContact>,
-    pub clustering: Clustering,
-    /// Of contacts that are found in fields.
-    pub merging: Merging,
 }
 
 /// How an object moves.
@@ -94,30 +82,15 @@ struct Motion {
     interval: f64,
 }
 
-impl Moving {
-    /// One that is told of; `clusters` is how many its contacts may have in any case, with a probe of a radius (m).
-    pub fn new(clusters: usize, radius: f64) -> Self {
-        Self {
-            motion: None,
-            told: None,
-            mobility: None,
-            reacts: false,
-            leader: None,
-            contacts: Vec::new(),
-            approaching: None,
-            clustering: Clustering::new(clusters.min(CLUSTERS)),
-            merging: Merging::new(clusters.min(CLUSTERS), radius),
-        }
+impl MovingObject {
+    /// An object that a host moves.
+    pub fn new() -> Self {
+        Self { motion: None, told: None, mobility: None, reacts: false, leader: None }
     }
 
-    /// One that follows another session's object.
-    pub fn following(
-        leader: triple_buffer::Output<(Pose, Twist)>,
-        mobility: Mobility,
-        clusters: usize,
-        radius: f64,
-    ) -> Self {
-        let mut moving = Self::new(clusters, radius);
+    /// An object that follows another session's.
+    pub fn following(leader: triple_buffer::Output<(Pose, Twist)>, mobility: Mobility) -> Self {
+        let mut moving = Self::new();
         moving.leader = Some(leader);
         moving.set_mobility(Some(mobility));
         moving.reacts = false;
@@ -157,13 +130,6 @@ impl Moving {
             (_, None) => {}
         }
         self.motion.map(|motion| motion.pose)
-    }
-
-    /// Keeps an approaching contact, if it is nearer than the one before.
-    pub fn keep_nearer(&mut self, contact: PatchContact) {
-        if self.approaching.is_none_or(|before| before.contact.depth < contact.contact.depth) {
-            self.approaching = Some(contact);
-        }
     }
 
     /// Velocity of the mesh's origin, and angular velocity, as contacts see it.
@@ -250,9 +216,11 @@ impl Motion {
         }
         (self.told, self.told_at) = (*twist, now);
         if self.interval > 0.0 {
-            let way = motion_between(&self.pose, &pose.moved(twist, self.interval));
+            let target = pose.moved(twist, self.interval);
+            let way = target.translation - self.pose.translation;
+            let turn = self.pose.rotation_vector_to(&target);
             let rate = 1.0 / self.interval;
-            self.twist = Twist { linear: way.linear * rate, angular: way.angular * rate };
+            self.twist = Twist { linear: way * rate, angular: turn * rate };
             self.until = now + self.interval;
         } else {
             *self = Self::new(pose, twist, now);
@@ -278,7 +246,7 @@ mod tests {
             let angular = DVec3::Z * rate;
             Twist { linear: angular.cross(pose(t).translation), angular }
         };
-        let mut moving = Moving::new(5, 0.1);
+        let mut moving = MovingObject::new();
         let (mut next, mut last) = (0.0, None::<Pose>);
         for step in 0..2000 {
             let now = f64::from(step) * 1e-3 + 2e-4 * (f64::from(step) * 1.7).sin();
@@ -308,7 +276,7 @@ mod tests {
     #[test]
     fn a_host_that_is_late_by_turns_makes_no_spikes_of_velocity() {
         let speed = 0.3;
-        let mut moving = Moving::new(5, 0.1);
+        let mut moving = MovingObject::new();
         let mut fastest = 0.0_f64;
         let mut picture = 0;
         for step in 0..1000 {
@@ -331,7 +299,7 @@ mod tests {
 
     #[test]
     fn one_that_nobody_told_of_stays() {
-        let mut moving = Moving::new(5, 0.1);
+        let mut moving = MovingObject::new();
         assert_eq!(moving.advance(1.0), None);
         assert_eq!(moving.twist(), Twist::ZERO);
     }
@@ -350,9 +318,10 @@ mod tests {
             center_of_mass: DVec3::X * 0.01,
             period: 1e-3,
         };
-        let mut moving = Moving::new(5, 0.1);
-        let at =
-            |moving: &Moving, point| moving.limited(&parameters, &Pose::IDENTITY, (point, DVec3::Z), 1, 1e-3);
+        let mut moving = MovingObject::new();
+        let at = |moving: &MovingObject, point| {
+            moving.limited(&parameters, &Pose::IDENTITY, (point, DVec3::Z), 1, 1e-3)
+        };
         assert_eq!(at(&moving, DVec3::ZERO), parameters);
         moving.set_mobility(Some(mobility));
         let centre = at(&moving, DVec3::X * 0.01).stiffness;
