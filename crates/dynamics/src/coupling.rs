@@ -244,6 +244,7 @@ impl VirtualCoupling {
             softening: (softening, along),
             angular_stiffness,
             angular_damping: self.angular_damping,
+            // By a turn φ, with a = R c, beside the springs (Eq. 5.24): a* ∂F_c/∂φ − F_c* ∂a/∂φ, where ∂a/∂φ = −a*.
             geometric: (swept, cross_columns(d.arm, &swept) + skew_skew(d.force, d.arm) - faded),
         }
     }

@@ -188,3 +188,28 @@ fn no_files_use_each_other_in_a_circle() {
         assert!(circle(&uses).is_some(), "{krate}");
     }
 }
+
+/// The table "Where is …?" of the architecture's page leads to what it names.
+#[test]
+fn the_map_of_the_code_is_true() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let page = fs::read_to_string(root.join("ARCHITECTURE.md")).expect("the page");
+    let rows: Vec<&str> = page
+        .lines()
+        .skip_while(|line| !line.starts_with("## Where is"))
+        .skip(1)
+        .take_while(|line| !line.starts_with("## "))
+        .filter(|line| line.starts_with("| ") && line.contains("]("))
+        .collect();
+    assert!(rows.len() >= 6, "{rows:?}");
+    for row in rows {
+        let cells: Vec<&str> = row.split('|').map(str::trim).collect();
+        let files = cells[2].split("](").skip(1).filter_map(|link| link.split(')').next());
+        let texts: Vec<String> = files
+            .map(|file| fs::read_to_string(root.join(file)).unwrap_or_else(|error| panic!("{file}: {error}")))
+            .collect();
+        for named in cells[3].split('`').skip(1).step_by(2) {
+            assert!(texts.iter().any(|text| text.contains(named)), "{}: no {named}", cells[1]);
+        }
+    }
+}
