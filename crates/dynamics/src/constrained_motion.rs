@@ -1,4 +1,4 @@
-//! How a body moves that would move otherwise but for what it touches: Gauss' principle of least constraint, as the proxy
+//! Motion of a body that contacts constrain, by Gauss' principle of least constraint, as the proxy
 //! of six degrees of freedom follows the body by it (§5.6.1; Ortega, Redon and Coquillart, "A six degree-of-freedom
 //! god-object method for haptic display of rigid bodies", 2007).
 
@@ -7,19 +7,19 @@ use palpate_core::Twist;
 
 use crate::body::Body;
 
-/// How far a point of the body may move along a direction.
+/// Largest displacement of a point of the body along a direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MotionLimit {
     /// Unit direction, world axes.
     pub direction: DVec3,
     /// The point, from the centre of mass, world axes, m.
     pub arm: DVec3,
-    /// How far, m; less than 0 where it has to come back by as much.
+    /// Largest displacement, m; less than 0 where the point has to come back by as much.
     pub room: f64,
 }
 
 impl MotionLimit {
-    /// How far a motion takes the point along the direction, to first order in its angle, m.
+    /// Displacement of the point along the direction by a motion, to first order in its angle, m.
     pub fn way(&self, motion: &Twist) -> f64 {
         motion.velocity_at(self.arm).dot(self.direction)
     }

@@ -22,7 +22,7 @@ use crate::jacobian::{Block6, WrenchJacobian, outer};
 use crate::rotation::{cross_columns, inverse_right_jacobian, skew, skew_skew};
 use crate::saturation::{angular_spring_energy, angular_spring_torque, spring_energy, spring_force};
 
-/// Where the haptic device is in the virtual world and how it moves.
+/// Pose and twist of the haptic device in the virtual world.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DeviceMotion {
     /// Placement of the device's handle: **x**_h and q_h.
@@ -63,7 +63,7 @@ pub struct VirtualCoupling {
     pub max_torque: f64,
 }
 
-/// What the coupling does at one state.
+/// Wrenches of the coupling and their derivatives at one state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CouplingResponse {
     /// F_c and T_c on the body, about its centre of mass.
@@ -85,9 +85,9 @@ pub(crate) struct CouplingLinearisation {
     pub stiffness: f64,
     /// N·s/m.
     pub damping: f64,
-    /// What the spring is stiffer along its deviation, N/m (negative, and zero where it is linear), and that direction.
+    /// Stiffness that the spring has more along its deviation, N/m (negative, and zero where it is linear), and that direction.
     pub softening: (f64, DVec3),
-    /// Of the couple against φ, N·m/rad.
+    /// Stiffness of the couple against φ, N·m/rad.
     pub angular_stiffness: DMat3,
     /// N·m·s/rad.
     pub angular_damping: f64,
@@ -118,7 +118,7 @@ impl CouplingLinearisation {
         WrenchJacobian { pose, twist }
     }
 
-    /// What the springs add to the wrench when the body moves by a small displacement (m, rad).
+    /// Change of the springs' wrench when the body moves by a small displacement (m, rad).
     pub fn drift(&self, displacement: &Twist) -> Wrench {
         let way = displacement.velocity_at(self.arm);
         let (softening, axis) = self.softening;

@@ -5,7 +5,7 @@
 
 /// The solution of `matrix` · x = `right` by LU factorisation with partial pivoting, or `None` if the matrix
 /// is singular to rounding or holds what is not finite.
-pub fn solve<const N: usize>(mut matrix: [[f64; N]; N], mut right: [f64; N]) -> Option<[f64; N]> {
+pub(crate) fn solve<const N: usize>(mut matrix: [[f64; N]; N], mut right: [f64; N]) -> Option<[f64; N]> {
     let mut inverse_pivots = [0.0; N];
     for column in 0..N {
         let mut pivot = column;
@@ -87,7 +87,7 @@ fn substitute_back<const N: usize>(
 
 /// Whether a symmetric matrix is positive definite, by the signs of the pivots of its LDLᵀ factorisation.
 #[inline(always)]
-pub fn is_positive_definite<const N: usize>(mut matrix: [[f64; N]; N]) -> bool {
+pub(crate) fn is_positive_definite<const N: usize>(mut matrix: [[f64; N]; N]) -> bool {
     for column in 0..N {
         let pivot_row = matrix[column];
         let pivot = pivot_row[column];

@@ -1,4 +1,4 @@
-//! Where the device's workspace lies in the world, and how large it is there (§5.3.3, scaling the workspace).
+//! Place and scale of the device's workspace in the world (§5.3.3, scaling the workspace).
 //!
 //! Positions are scaled by s, rotations are not. "Feedback forces must undergo an inverse scaling, to ensure that
 //! the coupling stiffness perceived by the user is the same as the coupling stiffness in the virtual world": a
@@ -56,7 +56,7 @@ impl DeviceMapping {
         DeviceMotion { pose: self.pose(&device.pose), twist: self.twist(&device.twist) }
     }
 
-    /// What is sent to the device for a wrench (about the handle's origin) in the world: the force divided by s,
+    /// Wrench to send to the device for a wrench (about the handle's origin) in the world: the force divided by s,
     /// the torque by s², in the device's axes.
     pub fn wrench(&self, world: &Wrench) -> Wrench {
         let to_device = self.base.rotation.conjugate();

@@ -20,7 +20,7 @@ pub struct PassivityObserver {
     /// Resolution of the displacement, m or rad.
     step: f64,
     energy: f64,
-    /// What is held at the port, N or N·m.
+    /// Force held at the port, N or N·m.
     held: DVec3,
     /// The last displacement, no longer than the resolution.
     unanswered: DVec3,
@@ -52,7 +52,7 @@ impl PassivityObserver {
         self.add(-0.5 * answer)
     }
 
-    /// What is held, N or N·m.
+    /// Force held, N or N·m.
     pub fn held(&self) -> DVec3 {
         self.held
     }
@@ -87,7 +87,7 @@ pub struct PassivityController {
     translation: PassivityObserver,
     rotation: PassivityObserver,
     max_damping: (f64, f64),
-    /// What may come out, J; negative for what was created.
+    /// Energy that may come out, J; negative if energy was created.
     reserve: f64,
     damping: Wrench,
     dissipated: f64,
@@ -215,7 +215,7 @@ mod tests {
         limit: f64,
     }
 
-    /// What a run of a port left.
+    /// State of a port at the end of a run.
     struct Outcome {
         /// Largest distance from the spring's rest in the last fifth, m.
         swing: f64,

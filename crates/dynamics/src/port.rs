@@ -91,14 +91,14 @@ const LEVER_SHARE: f64 = 0.5;
 /// The period that makers state stable gains for, s.
 const MAKER_PERIOD: f64 = 1e-3;
 
-/// When a device is read and when it answers.
+/// Sampling of a device: when it is read and when it answers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sampling {
     /// Sampling period T, s.
     pub period: f64,
     /// t_d: how long after a sample the wrench that answers it is at the handle, s.
     pub delay: f64,
-    /// How far the twist that the device reports lags behind, s.
+    /// Lag of the twist that the device reports, s.
     pub velocity_delay: f64,
 }
 
@@ -111,7 +111,7 @@ impl Sampling {
     }
 }
 
-/// What a device can do along, or about, its axes. Translation in N, m; rotation in N·m, rad.
+/// Limits of a device along, or about, its axes. Translation in N, m; rotation in N·m, rad.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PortAxes {
     /// Largest stiffness that the maker calls stable at 1 kHz (N/m, N·m/rad). Infinite if there is no limit, 0 if
@@ -130,13 +130,13 @@ pub struct PortAxes {
     pub step: f64,
 }
 
-/// What a coupling is for the axes of one port.
+/// Gains of a coupling as the axes of one port see them.
 #[derive(Clone, Copy, Debug)]
 struct Load {
     /// N/m or N·m/rad; N·s/m or N·m·s/rad.
     stiffness: f64,
     damping: f64,
-    /// What a step of the encoders makes of the two: N or N·m; N·s or N·m·s.
+    /// Change of spring and damper force by a step of the encoders: N or N·m; N·s or N·m·s.
     stiffness_answer: f64,
     damping_answer: f64,
 }
@@ -160,7 +160,7 @@ impl PortAxes {
         maker.min(positive(self.viscous).map_or(f64::INFINITY, |b| SPRING_SHARE * b / delay))
     }
 
-    /// What a spring may answer a step of the encoders with, N or N·m.
+    /// Largest change of a spring's force by a step of the encoders, N or N·m.
     fn largest_answer(&self) -> f64 {
         positive(self.friction).map_or(f64::INFINITY, |friction| FRICTION_SHARE * 2.0 * friction)
     }
@@ -203,7 +203,7 @@ impl PortAxes {
         }
     }
 
-    /// What a damper may answer a step of the encoders with, times τ + T, beside what the spring does: N or N·m.
+    /// Largest change of a damper's force by a step of the encoders, times τ + T, besides the spring's: N or N·m.
     fn rounding_room(&self, answer: f64) -> f64 {
         positive(self.friction).map_or(f64::INFINITY, |friction| {
             let whole = 2.0 * friction;
@@ -211,7 +211,7 @@ impl PortAxes {
         })
     }
 
-    /// What a damper may need of the device, N·s/m or N·m·s/rad.
+    /// Largest damping that a damper may need of the device, N·s/m or N·m·s/rad.
     fn room(&self, stiffness: f64, sampling: &Sampling) -> f64 {
         match positive(self.viscous) {
             Some(b) => (TOTAL_SHARE * b - stiffness * sampling.effective_delay()).max(DAMPER_SHARE * b),
@@ -267,7 +267,7 @@ fn positive(value: Option<f64>) -> Option<f64> {
     value.filter(|value| *value > 0.0)
 }
 
-/// What a device can do, and how often it is asked to.
+/// Limits of a device, and the rate at which it is driven.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PortLimits {
     /// Along the axes.
@@ -276,11 +276,11 @@ pub struct PortLimits {
     pub rotation: PortAxes,
     /// ℓ: how far from the handle's origin the coupling acts, m.
     pub lever: f64,
-    /// When it is asked, and when it answers.
+    /// Times at which the device is read and answers.
     pub sampling: Sampling,
 }
 
-/// How much a coupling's force loads each port: the translation's, and the rotation's in m².
+/// Load of a coupling's force on each port: the translation's, and the rotation's in m².
 #[derive(Clone, Copy, Debug)]
 struct LeverShares {
     translation: f64,
@@ -323,7 +323,7 @@ impl PortLimits {
         (own(lags.0), own(lags.1))
     }
 
-    /// The most damping (N·s/m, N·m·s/rad) that is passive at the handle's origin beside the springs of a coupling, on
+    /// Largest damping (N·s/m, N·m·s/rad) that is passive at the handle's origin beside the springs of a coupling, on
     /// velocities that lag by [`Self::velocity_lags`].
     pub fn largest_dampings(&self, coupling: &VirtualCoupling) -> (f64, f64) {
         let (translation, rotation) = self.loads(coupling);
@@ -342,7 +342,7 @@ impl PortLimits {
         rendered && coupling.linear_damping * self.lever > (1.0 - TOTAL_SHARE) * damping.sqrt()
     }
 
-    /// What a coupling is for translation and for rotation.
+    /// Gains of a coupling for translation and for rotation.
     fn loads(&self, coupling: &VirtualCoupling) -> (Load, Load) {
         let shares = self.lever_shares();
         let at_grasp = self.step_at_grasp();
@@ -373,7 +373,7 @@ impl PortLimits {
         LeverShares { translation: 1.0, rotation: self.lever * self.lever }
     }
 
-    /// What a step of each encoder moves the grasp by, m.
+    /// Displacement of the grasp by a step of each encoder, m.
     fn step_at_grasp(&self) -> f64 {
         self.translation.step + self.lever * self.rotation.step
     }

@@ -105,7 +105,7 @@ pub fn saturate(wrench: &Wrench, max_force: f64, max_torque: f64) -> Wrench {
     Wrench { force: limited(wrench.force, max_force), torque: limited(wrench.torque, max_torque) }
 }
 
-/// How fast a wrench may change.
+/// Largest rate of change of a wrench.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlewLimit {
     /// N/s; infinite for no limit.

@@ -75,7 +75,7 @@ impl Linear {
 pub(crate) struct Lateral {
     gain: f64,
     first: DVec3,
-    /// Of xx, yy and zz; of yz, zx and xy.
+    /// Second moments: xx, yy and zz; yz, zx and xy.
     second: (DVec3, DVec3),
 }
 

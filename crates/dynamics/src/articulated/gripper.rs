@@ -4,7 +4,7 @@ use super::{ArticulatedBody, ArticulatedState};
 use crate::port::{PortAxes, Sampling};
 use crate::saturation::{spring_energy, spring_force};
 
-/// Where the gripper is and how it moves: the angle of the tool's hinge that the hand asks for.
+/// Position and rate of the gripper: the angle of the tool's hinge that the hand asks for.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GripperMotion {
     /// rad.

@@ -15,9 +15,11 @@
 //! with V the velocity of the tool's centre of mass. Solved for in (V, ω, q̇), the linear momentum is one unknown alone, which
 //! makes its conservation exact ([`articulated_step`]).
 
+mod coordinates;
 mod gripper;
 mod inertia;
 mod step;
+mod tool_system;
 
 use glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Pose, Twist};
@@ -26,16 +28,17 @@ use crate::body::{Body, BodyState};
 use inertia::CompositeInertia;
 
 pub use gripper::{GripperCoupling, GripperMotion};
-pub use step::{ArticulatedFrame, ArticulatedStep, MAX_ARTICULATED_SOLVES, articulated_step};
+pub use step::{ArticulatedFrame, ArticulatedStep, articulated_step};
+pub use tool_system::MAX_ARTICULATED_SOLVES;
 
-/// How far a hinge goes, and how stiff its stops are.
+/// Range of a hinge, and the stiffness of its stops.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointLimits {
     /// Smallest angle, rad; −∞ for none.
     pub low: f64,
     /// Largest angle, rad; ∞ for none.
     pub high: f64,
-    /// Of the stops, N·m/rad: beyond its limit the hinge gives way by the torque on it divided by this. They have no damper, whose
+    /// Stiffness of the stops, N·m/rad: beyond its limit the hinge gives way by the torque on it divided by this. They have no damper, whose
     /// torque would jump where they close; the implicit step damps what is much stiffer than J/h².
     pub stiffness: f64,
 }
@@ -48,7 +51,7 @@ pub struct Joint {
     pub in_first: Pose,
     /// The hinge's frame in the second body's axes, from its centre of mass (m).
     pub in_second: Pose,
-    /// How far it goes.
+    /// Range of the hinge.
     pub limits: JointLimits,
 }
 
@@ -89,11 +92,11 @@ pub struct ArticulatedBody {
     pub first: Body,
     /// The body that turns against it.
     pub second: Body,
-    /// What joins them.
+    /// Hinge between the two bodies.
     pub joint: Joint,
 }
 
-/// Where a tool of two bodies is and how it moves: its seven coordinates and velocities.
+/// State of a tool of two bodies: its seven coordinates and velocities.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ArticulatedState {
     /// The first body.
@@ -165,7 +168,7 @@ impl ArticulatedBody {
         self.joint.in_first * turned * self.joint.in_second.inverse()
     }
 
-    /// Where the second body is and how it moves.
+    /// State of the second body.
     pub fn second(&self, state: &ArticulatedState) -> BodyState {
         let first = &state.first;
         let linkage = self.linkage(first.pose.rotation, state.angle);

@@ -108,7 +108,7 @@ pub struct PlaneConstraint {
     pub friction: Friction,
     /// Radius of the patch that the contact stands for, m.
     pub radius: f64,
-    /// Where friction holds the point.
+    /// Anchor of the friction spring.
     pub anchor: FrictionAnchor,
     /// Motion of the scene's surface.
     pub surface: SurfaceMotion,

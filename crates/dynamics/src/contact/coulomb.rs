@@ -85,7 +85,7 @@ fn share_within(limit: f64, trial: f64) -> f64 {
     if trial > limit { limit / trial } else { 1.0 }
 }
 
-/// Where the friction spring of a contact is relaxed.
+/// Placement of the body in which the friction spring of a contact is relaxed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrictionAnchor {
     /// Anchor of the body's point in the world, m; only its place along the contact's plane counts.

@@ -11,7 +11,8 @@ use crate::body::BodyState;
 use crate::jacobian::outer;
 use crate::system::{Lateral, Linear, six};
 
-/// What keeps the system of [`LinearContactModel::take_over_friction`] regular, as a part of its entries.
+/// Regularisation of the system of [`LinearContactModel::take_over_friction`], relative to its trace: no unit. With 0 it is
+/// singular where contacts do not hold all directions.
 const REGULAR: f64 = 1e-9;
 
 /// Rounds in which what some contacts cannot hold is left to others.

@@ -30,9 +30,9 @@ use crate::step::{Frame, Step, carried_momentum};
 /// [`StepStatus::unconverged`](crate::StepStatus::unconverged) set.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FullyImplicit {
-    /// The most Newton iterations of one run, of which there are at most two.
+    /// Largest number of Newton iterations of one run, of which there are at most two.
     pub iterations: u32,
-    /// What the last Newton step may change, m/s: the root mean square velocity over the body's mass.
+    /// Largest change by the last Newton step, m/s: the root mean square velocity over the body's mass.
     pub tolerance: f64,
 }
 
@@ -46,7 +46,7 @@ impl Default for FullyImplicit {
 /// A Newton step is shortened at most to this part of it.
 const SHORTEST: f64 = 1.0 / 64.0;
 
-/// What rounding leaves of a velocity, relative to it.
+/// Rounding error of a velocity, relative to it.
 const ROUNDING: f64 = 1e-12;
 
 impl Integrator for FullyImplicit {

@@ -25,13 +25,13 @@ use crate::step::{Frame, Step, StepFailure, StepStatus};
 /// there is no one equilibrium, and the step is held for [`StepFailure::Singular`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct QuasiStatic {
-    /// The most systems that a step solves.
+    /// Largest number of systems that a step solves.
     pub iterations: u32,
     /// The furthest that one iteration moves the body, m.
     pub max_shift: f64,
     /// The furthest that one iteration turns the body, rad.
     pub max_turn: f64,
-    /// What the last iteration may move, m; turning counts by the deviation of the linear spring that holds as
+    /// Largest motion of the last iteration, m; turning counts by the deviation of the linear spring that holds as
     /// much energy.
     pub tolerance: f64,
 }
@@ -73,7 +73,7 @@ const LEAST: f64 = 1e-3;
 const GROWTH: f64 = 10.0;
 const MOST: f64 = 1e9;
 
-/// How the springs balance at a placement.
+/// Balance of the springs at a placement.
 #[derive(Clone, Copy)]
 struct Balance {
     pose: Pose,

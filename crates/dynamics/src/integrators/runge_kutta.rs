@@ -20,9 +20,9 @@ pub struct RungeKutta4;
 /// Rates of change in one stage.
 #[derive(Clone, Copy)]
 struct Rates {
-    /// Of x and θ.
+    /// Derivative of x and θ.
     motion: Twist,
-    /// Of the momenta.
+    /// Derivative of the momenta.
     load: Wrench,
 }
 

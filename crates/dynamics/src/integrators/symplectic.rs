@@ -43,7 +43,7 @@ impl Integrator for SymplecticEuler {
     }
 }
 
-/// The most Newton iterations for the rotation of a step.
+/// Largest number of Newton iterations for the rotation of a step.
 const ITERATIONS: u32 = 12;
 
 /// The f for which a I f + b f × I f is `target` (kg·m²), by Newton's method from a guess (rad), if it is found

@@ -32,10 +32,11 @@
 //! from those of the start. So the matrix stays as definite as it is, and a contact that slides is damped by as much as
 //! friction allows.
 //!
-//! # Bends
+//! # Curvature
 //!
-//! Where a contact's depth [bends](crate::contact), its direction is that of the start, and the bend's stiffness is in the
-//! matrix with the force at the end of the step if the velocity does not change. It adds to the definiteness of the matrix.
+//! Where a contact has curvature terms ([`CurvedContact`](crate::CurvedContact)), its direction is that of the start, and the
+//! stiffness of the terms is in the matrix with the force at the end of the step if the velocity does not change. It adds to
+//! the definiteness of the matrix.
 //!
 //! # Geometric stiffness
 //!

@@ -45,7 +45,7 @@ pub(crate) struct System<'a> {
     right: [f64; 6],
     /// The coupling's geometric stiffness (force, torque) by φ.
     turning: (DMat3, DMat3),
-    /// Whether geometric stiffness is in.
+    /// Whether geometric stiffness is in the systems.
     pub geometric: bool,
     /// Whether the shares of friction of the last solve were those that it led to.
     pub shares_converged: bool,
