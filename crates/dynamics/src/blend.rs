@@ -1,10 +1,11 @@
-//! Blends one contact model into the next, so that its arrival makes no step in force (design of the multirate loop, §5.1.2).
+//! Blends one contact model into the next, so that its arrival makes no step in force (design of the
+//! multirate loop, §5.1.2).
 //!
-//! For a time after a model has arrived, the body feels both, the old one with the share 1 − w of its gains and the new
-//! one with w, which grows from step to step. Both are unilateral and extrapolate with the body's motion, so that at no
-//! time anything attracts or is stiffer than the stiffer of the two. Friction is [taken
-//! over](LinearContactModel::take_over_friction) at once, with the same wrench. A model that arrives meanwhile waits, or
-//! gives way to a newer one.
+//! For a time after a model has arrived, the body feels both, the old one with the share 1 − w of its gains
+//! and the new one with w, which grows from step to step. Both are unilateral and extrapolate with the body's
+//! motion, so that at no time anything attracts or is stiffer than the stiffer of the two. Friction is [taken
+//! over](LinearContactModel::take_over_friction) at once, with the same wrench. A model that arrives
+//! meanwhile waits, or gives way to a newer one.
 
 use palpate_core::Pose;
 
@@ -56,9 +57,9 @@ impl ContactBlend {
         &self.felt
     }
 
-    /// Takes a model that has arrived, with the body at `state`. It is all that is felt `duration` (s) later, or at once if
-    /// that is not positive; it waits for the end of a blend under way. Its surfaces are those of `age` (s) ago, and are moved
-    /// on by that if it is a number.
+    /// Takes a model that has arrived, with the body at `state`. It is all that is felt `duration` (s) later,
+    /// or at once if that is not positive; it waits for the end of a blend under way. Its surfaces are those
+    /// of `age` (s) ago, and are moved on by that if it is a number.
     pub fn arrive(&mut self, model: &LinearContactModel, state: &BodyState, age: f64, duration: f64) {
         if self.is_going_over() {
             self.waiting.assign(model);
@@ -71,8 +72,8 @@ impl ContactBlend {
         }
     }
 
-    /// Lets friction yield where it does not hold, moves surfaces on, and shifts the share to the new model. To be called
-    /// before each step of `dt` (s), with the state at its start.
+    /// Lets friction yield where it does not hold, moves surfaces on, and shifts the share to the new model.
+    /// To be called before each step of `dt` (s), with the state at its start.
     pub fn advance(&mut self, state: &BodyState, dt: f64) {
         if !self.is_going_over() {
             self.felt.settle(state);
@@ -157,8 +158,8 @@ mod tests {
         (*a - *b).force.length() + 10.0 * (*a - *b).torque.length()
     }
 
-    /// Models arrive at random: on a body at rest the wrench goes to each in steps no larger than the part of the way that
-    /// one step is, and is that of the last one in the end.
+    /// Models arrive at random: on a body at rest the wrench goes to each in steps no larger than the part of
+    /// the way that one step is, and is that of the last one in the end.
     #[test]
     fn no_model_arrives_with_a_step() {
         let seed = 71;
@@ -197,7 +198,8 @@ mod tests {
         }
     }
 
-    /// A model with as many contacts of each class as it has room for, all with as many curvature terms as there may be.
+    /// A model with as many contacts of each class as it has room for, all with as many curvature terms as
+    /// there may be.
     fn full_model(rng: &mut StdRng, pose: &Pose) -> LinearContactModel {
         let mut model = LinearContactModel::empty(pose, 0.0);
         let gains =

@@ -4,15 +4,16 @@
 //!
 //! - F_c = k_c (x_h − x − a) + b_c (v_h − v − ω × a)          (Eq. 5.15),
 //! - T_c = a × F_c + k_θ u_c + b_θ (ω_h − ω)                  (Eq. 5.16),
-//! - u_c the rotation vector of the short way round from the grasp frame R q_c to the device frame (Eq. 5.17–5.19).
+//! - u_c the rotation vector of the short way round from the grasp frame R q_c to the device frame (Eq.
+//!   5.17–5.19).
 //!
 //! Departures: Eq. 5.15 prints the lever arm in body axes; Eq. 5.18 lacks a normalisation; the derivatives
 //! are by rotation vector, not quaternion, and Eq. 5.25 gives way to −J_r⁻¹(u_c) (see the crate's `rotation`
 //! module). Both springs may saturate (Eq. 5.30–5.31); the dampers do not.
 //!
 //! At ‖u_c‖ = π the short way round changes sides, and a spring's torque with it. So the angular spring fades
-//! from 150° and exerts nothing at 180° ([`angular_spring_torque`](crate::angular_spring_torque)): the torque is
-//! continuous through a half turn, beyond which the body is drawn on to the next whole turn.
+//! from 150° and exerts nothing at 180° ([`angular_spring_torque`](crate::angular_spring_torque)): the torque
+//! is continuous through a half turn, beyond which the body is drawn on to the next whole turn.
 
 use glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Pose, Twist, Wrench};
@@ -76,8 +77,9 @@ pub struct CouplingResponse {
 
 /// The coupling's wrench with what its derivatives are made of, in the two parts that the step treats apart.
 ///
-/// Stiffness and damping have a negative semidefinite symmetric part; they are those of a spring and damper that resist
-/// motion of the point at `arm` in all directions alike, less the `softening`, and those of the angular ones.
+/// Stiffness and damping have a negative semidefinite symmetric part; they are those of a spring and damper
+/// that resist motion of the point at `arm` in all directions alike, less the `softening`, and those of the
+/// angular ones.
 pub(crate) struct CouplingLinearisation {
     pub on_body: Wrench,
     pub arm: DVec3,
@@ -85,7 +87,8 @@ pub(crate) struct CouplingLinearisation {
     pub stiffness: f64,
     /// N·s/m.
     pub damping: f64,
-    /// Stiffness that the spring has more along its deviation, N/m (negative, and zero where it is linear), and that direction.
+    /// Stiffness that the spring has more along its deviation, N/m (negative, and zero where it is linear),
+    /// and that direction.
     pub softening: (f64, DVec3),
     /// Stiffness of the couple against φ, N·m/rad.
     pub angular_stiffness: DMat3,
@@ -141,13 +144,13 @@ impl VirtualCoupling {
     /// A coupling of the given stiffnesses (N/m, N·m/rad), damped critically for `body` held at `grasp`, with
     /// springs that do not saturate.
     ///
-    /// b_c = 2 √(k_c m (1 + ρ)); b_θ = 2 √(k_θ J (1 + ρ)) with J the largest principal moment of inertia about
-    /// the grasp point, for that is where the linear spring holds the body, and ρ = a √(m/J) for a grasp point
-    /// at a from the centre of mass. Held at the centre of mass (ρ = 0) the translation is damped critically,
-    /// and so is the slowest rotation; the others are overdamped. Held elsewhere, translation and rotation
-    /// swing together: their masses are no larger than those of two separate motions 1 + ρ times as heavy,
-    /// ρ < 1. No mode of a rod held anywhere is damped less than 0.9 of critically then, against 0.72 without
-    /// the factor (the test `no_mode_of_a_rod_is_underdamped`).
+    /// b_c = 2 √(k_c m (1 + ρ)); b_θ = 2 √(k_θ J (1 + ρ)) with J the largest principal moment of inertia
+    /// about the grasp point, for that is where the linear spring holds the body, and ρ = a √(m/J) for a
+    /// grasp point at a from the centre of mass. Held at the centre of mass (ρ = 0) the translation is damped
+    /// critically, and so is the slowest rotation; the others are overdamped. Held elsewhere, translation and
+    /// rotation swing together: their masses are no larger than those of two separate motions 1 + ρ times as
+    /// heavy, ρ < 1. No mode of a rod held anywhere is damped less than 0.9 of critically then, against 0.72
+    /// without the factor (the test `no_mode_of_a_rod_is_underdamped`).
     pub fn critically_damped(
         body: &Body,
         grasp: Pose,

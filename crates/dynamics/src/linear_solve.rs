@@ -37,8 +37,8 @@ pub(crate) fn solve<const N: usize>(mut matrix: [[f64; N]; N], mut right: [f64; 
     substitute_back(&matrix, &inverse_pivots, right)
 }
 
-/// The solution of `matrix` · x = `right` by LU factorisation without pivoting, for a matrix whose symmetric part is
-/// positive definite; `None` also if a pivot is not positive.
+/// The solution of `matrix` · x = `right` by LU factorisation without pivoting, for a matrix whose symmetric
+/// part is positive definite; `None` also if a pivot is not positive.
 #[inline(always)]
 pub(crate) fn solve_definite<const N: usize>(
     mut matrix: [[f64; N]; N],
@@ -65,7 +65,8 @@ pub(crate) fn solve_definite<const N: usize>(
     substitute_back(&matrix, &inverse_pivots, right)
 }
 
-/// The solution of `upper` · x = `right`, of which what is below the diagonal is not read; `None` if it is not finite.
+/// The solution of `upper` · x = `right`, of which what is below the diagonal is not read; `None` if it is
+/// not finite.
 #[inline(always)]
 fn substitute_back<const N: usize>(
     upper: &[[f64; N]; N],

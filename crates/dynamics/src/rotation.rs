@@ -58,8 +58,8 @@ pub(crate) fn left_jacobian(u: DVec3) -> DMat3 {
     DMat3::IDENTITY + skew(u) * b + skew_skew(u, u) * c
 }
 
-/// exp(u*) − 1 and the [`left_jacobian`], of a rotation vector `u` (rad). The 1 is left out so that small rotations keep their
-/// digits.
+/// exp(u*) − 1 and the [`left_jacobian`], of a rotation vector `u` (rad). The 1 is left out so that small
+/// rotations keep their digits.
 #[inline(always)]
 pub(crate) fn exponential(u: DVec3) -> (DMat3, DMat3) {
     let (a, b, c) = coefficients(u.length_squared());

@@ -36,7 +36,8 @@ pub(super) struct Follower {
     pub axis: DVec3,
     /// J.
     pub columns: Columns,
-    /// S, the derivative of J u_0 by the placement: its linear part by turning and by the angle, its angular part by turning.
+    /// S, the derivative of J u_0 by the placement: its linear part by turning and by the angle, its angular
+    /// part by turning.
     turning: (DMat3, DVec3, DMat3),
 }
 

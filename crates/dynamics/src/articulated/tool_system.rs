@@ -14,7 +14,8 @@ use crate::rotation::{cross_columns, exponential};
 use crate::step::{FREE_SOLVES, StepStatus, System};
 use crate::system::cross_sum;
 
-/// Largest number of 7×7 systems that one step solves: the free ones, and one for each contact and stop that may leave, and the last.
+/// Largest number of 7×7 systems that one step solves: the free ones, and one for each contact and stop that
+/// may leave, and the last.
 pub const MAX_ARTICULATED_SOLVES: u32 = FREE_SOLVES + 2 * MAX_CONSTRAINTS as u32 + 2 + 1;
 
 /// One of the hinge's two stops.
@@ -198,7 +199,8 @@ impl<'a> ToolSystem<'a> {
         is_positive_definite(difference.matrix)
     }
 
-    /// Contacts and stops that push at the end of the step for a change of the velocities, and those that are closed.
+    /// Contacts and stops that push at the end of the step for a change of the velocities, and those that are
+    /// closed.
     fn predict(&mut self, change: &Motion) -> (Active, Active) {
         let (mut pushing, mut closed) = (Active::default(), Active::default());
         let total = Motion {
@@ -290,10 +292,11 @@ impl<'a> ToolSystem<'a> {
     }
 }
 
-/// Momenta over the step and gravity as a linear system in the changes of (V, ω, q̇), and the inertia at the start.
+/// Momenta over the step and gravity as a linear system in the changes of (V, ω, q̇), and the inertia at the
+/// start.
 ///
-/// With L(q) and p(q) the momenta at the angle q, the matrix is the derivative of (M V, exp(h ω*) L_n, p_n − h T_q), and the
-/// right-hand side is less what of them has been gained without a change of the velocities.
+/// With L(q) and p(q) the momenta at the angle q, the matrix is the derivative of (M V, exp(h ω*) L_n, p_n −
+/// h T_q), and the right-hand side is less what of them has been gained without a change of the velocities.
 fn momenta(
     tool: &ArticulatedBody,
     linkage: &Linkage,

@@ -24,8 +24,8 @@ pub struct Frame<'a> {
 }
 
 impl Frame<'_> {
-    /// The step that fails for its inputs, or `None` if they are usable: the rules of [`semi_implicit_step`](crate::semi_implicit_step), which
-    /// are every integrator's.
+    /// The step that fails for its inputs, or `None` if they are usable: the rules of
+    /// [`semi_implicit_step`](crate::semi_implicit_step), which are every integrator's.
     pub(crate) fn refused(&self, state: &BodyState, dt: f64) -> Option<Step> {
         if !state.is_valid() {
             let relaxed = self.coupling.relaxed_pose(&self.device.pose);

@@ -34,7 +34,8 @@ pub struct StepStatus {
     pub geometric_stiffness_dropped: bool,
     /// An iterative integrator ended before its tolerance was reached; see there for what the step is then.
     pub unconverged: bool,
-    /// Number of linear systems solved; by [`semi_implicit_step`](crate::semi_implicit_step) at most [`MAX_SOLVES`](crate::MAX_SOLVES).
+    /// Number of linear systems solved; by [`semi_implicit_step`](crate::semi_implicit_step) at most
+    /// [`MAX_SOLVES`](crate::MAX_SOLVES).
     pub solves: u32,
 }
 
