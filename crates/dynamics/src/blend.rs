@@ -1,10 +1,11 @@
-//! One contact model goes over to the next, so that its arrival makes no step in force (design of the multirate loop, §5.1.2).
+//! Blends one contact model into the next, so that its arrival makes no step in force (design of the
+//! multirate loop, §5.1.2).
 //!
-//! For a time after a model has arrived, the body feels both, the old one with the share 1 − w of its gains and the new
-//! one with w, which grows from step to step. Both are unilateral and extrapolate with the body's motion, so that at no
-//! time anything attracts or is stiffer than the stiffer of the two. Friction is [taken
-//! over](LinearContactModel::take_over_friction) at once, with the same wrench. A model that arrives meanwhile waits, or
-//! gives way to a newer one.
+//! For a time after a model has arrived, the body feels both, the old one with the share 1 − w of its gains
+//! and the new one with w, which grows from step to step. Both are unilateral and extrapolate with the body's
+//! motion, so that at no time anything attracts or is stiffer than the stiffer of the two. Friction is [taken
+//! over](LinearContactModel::take_over_friction) at once, with the same wrench. A model that arrives
+//! meanwhile waits, or gives way to a newer one.
 
 use palpate_core::Pose;
 
@@ -14,15 +15,15 @@ use crate::contact::LinearContactModel;
 /// The contacts of a haptic loop, between the models that arrive.
 #[derive(Clone, Debug)]
 pub struct ContactBlend {
-    /// What the body feels.
+    /// Contacts that the body feels.
     felt: LinearContactModel,
-    /// What goes and what comes, while one goes over to the other.
+    /// Models before and after, while one blends into the other.
     outgoing: LinearContactModel,
     incoming: LinearContactModel,
-    /// Has arrived meanwhile, if there is a time that it is to take, s.
+    /// Model that has arrived meanwhile, and the time that its blend takes, s.
     waiting: LinearContactModel,
     waiting_duration: Option<f64>,
-    /// Since the incoming one arrived, and until it is all that there is, s: 0 when nothing goes over.
+    /// Time since the blend began, and its whole length, s: 0 when there is none.
     elapsed: f64,
     duration: f64,
 }
@@ -34,10 +35,10 @@ impl Default for ContactBlend {
 }
 
 impl ContactBlend {
-    /// The longest time, s, that a loop should let one model take to go over to the next: longer ones would be felt late.
+    /// Longest time, s, that a blend should take: with longer ones contacts are felt late.
     pub const LONGEST: f64 = 5e-3;
 
-    /// No contact.
+    /// A blend without contacts.
     pub const fn new() -> Self {
         let none = LinearContactModel::empty(&Pose::IDENTITY, f64::NAN);
         Self {
@@ -51,14 +52,14 @@ impl ContactBlend {
         }
     }
 
-    /// What the body feels in the next step.
+    /// Contacts that the body feels in the next step.
     pub fn contacts(&self) -> &LinearContactModel {
         &self.felt
     }
 
-    /// A model has arrived, with the body at `state`; it is to be all that is felt `duration` (s) later, or at once if that
-    /// is not positive. While another one is still to become so, it waits for that. The scene's surfaces are as they were
-    /// `age` (s) ago; where that is not a number, as they are.
+    /// Takes a model that has arrived, with the body at `state`. It is all that is felt `duration` (s) later,
+    /// or at once if that is not positive; it waits for the end of a blend under way. Its surfaces are those
+    /// of `age` (s) ago, and are moved on by that if it is a number.
     pub fn arrive(&mut self, model: &LinearContactModel, state: &BodyState, age: f64, duration: f64) {
         if self.is_going_over() {
             self.waiting.assign(model);
@@ -71,8 +72,8 @@ impl ContactBlend {
         }
     }
 
-    /// To be called before each step of `dt` (s), with the state at its start: friction yields where it does not hold,
-    /// surfaces move on, and the new model gains its share.
+    /// Lets friction yield where it does not hold, moves surfaces on, and shifts the share to the new model.
+    /// To be called before each step of `dt` (s), with the state at its start.
     pub fn advance(&mut self, state: &BodyState, dt: f64) {
         if !self.is_going_over() {
             self.felt.settle(state);
@@ -157,8 +158,8 @@ mod tests {
         (*a - *b).force.length() + 10.0 * (*a - *b).torque.length()
     }
 
-    /// Models arrive at random: on a body at rest the wrench goes to each in steps no larger than the part of the way that
-    /// one step is, and is that of the last one in the end.
+    /// Models arrive at random: on a body at rest the wrench goes to each in steps no larger than the part of
+    /// the way that one step is, and is that of the last one in the end.
     #[test]
     fn no_model_arrives_with_a_step() {
         let seed = 71;
@@ -197,7 +198,8 @@ mod tests {
         }
     }
 
-    /// A model with as many contacts of each class as it has room for, all with as many curvature terms as there may be.
+    /// A model with as many contacts of each class as it has room for, all with as many curvature terms as
+    /// there may be.
     fn full_model(rng: &mut StdRng, pose: &Pose) -> LinearContactModel {
         let mut model = LinearContactModel::empty(pose, 0.0);
         let gains =

@@ -156,7 +156,7 @@ pub(crate) fn principal_moments(matrix: &DMat3) -> DVec3 {
     DVec3::from_array(moments)
 }
 
-/// Where a body is and how it moves.
+/// Pose and twist of a body.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BodyState {
     /// Placement of the body axes; the translation is the centre of mass **x** in the world, m.

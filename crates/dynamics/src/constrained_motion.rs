@@ -1,5 +1,5 @@
-//! How a body moves that would move otherwise but for what it touches: Gauss' principle of least constraint, as the proxy
-//! of six degrees of freedom follows the body by it (§5.6.1; Ortega, Redon and Coquillart, "A six degree-of-freedom
+//! Motion of a body that contacts constrain, by Gauss' principle of least constraint, as the proxy of six
+//! degrees of freedom follows the body by it (§5.6.1; Ortega, Redon and Coquillart, "A six degree-of-freedom
 //! god-object method for haptic display of rigid bodies", 2007).
 
 use glam::{DMat3, DVec3};
@@ -7,19 +7,19 @@ use palpate_core::Twist;
 
 use crate::body::Body;
 
-/// How far a point of the body may move along a direction.
+/// Largest displacement of a point of the body along a direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MotionLimit {
     /// Unit direction, world axes.
     pub direction: DVec3,
     /// The point, from the centre of mass, world axes, m.
     pub arm: DVec3,
-    /// How far, m; less than 0 where it has to come back by as much.
+    /// Largest displacement, m; less than 0 where the point has to come back by as much.
     pub room: f64,
 }
 
 impl MotionLimit {
-    /// How far a motion takes the point along the direction, to first order in its angle, m.
+    /// Displacement of the point along the direction by a motion, to first order in its angle, m.
     pub fn way(&self, motion: &Twist) -> f64 {
         motion.velocity_at(self.arm).dot(self.direction)
     }
@@ -31,11 +31,12 @@ const SWEEPS: usize = 256;
 /// A sweep that changes the way along no limit by more than this part of the wanted motion is the last.
 const SETTLED: f64 = 1e-6;
 
-/// The motion (m and rad: a twist for the time of 1) that goes past no limit, to first order in its angle, and is nearest
-/// to a wanted one for a body at `rotation`: with the least kinetic energy in the difference.
+/// The motion (m and rad: a twist for the time of 1) that goes past no limit, to first order in its angle,
+/// and is nearest to a wanted one for a body at `rotation`: with the least kinetic energy in the difference.
 ///
-/// Found by projected Gauss–Seidel sweeps over the limits' multipliers, of which there must be as many as limits; those
-/// that are above zero on return belong to the limits that bind. Where sweeps run out, limits are kept approximately.
+/// Found by projected Gauss–Seidel sweeps over the limits' multipliers, of which there must be as many as
+/// limits; those that are above zero on return belong to the limits that bind. Where sweeps run out, limits
+/// are kept approximately.
 pub fn constrained_motion(
     body: &Body,
     rotation: &DMat3,
@@ -104,7 +105,8 @@ mod tests {
         let wanted = Twist::new(DVec3::new(0.004, 0.0, -0.005), DVec3::ZERO);
         let mut multipliers = [0.0; 2];
         let motion = constrained_motion(&block(0.1), &DMat3::IDENTITY, &wanted, &limits, &mut multipliers);
-        // The points lie ahead of and behind the centre of mass alike, which goes down as far as there is room.
+        // The points lie ahead of and behind the centre of mass alike, which goes down as far as there is
+        // room.
         assert!((motion.linear - DVec3::new(0.004, 0.0, -0.001)).length() < 1e-8, "{motion:?}");
         assert!(motion.angular.length() < 1e-6);
     }
@@ -123,8 +125,8 @@ mod tests {
         assert!(multipliers[0] > 0.0 && multipliers[1] == 0.0);
     }
 
-    /// The conditions of the least: limits are kept, multipliers are positive where they bind and zero elsewhere, and the
-    /// momentum of the difference is what the multipliers make of their directions.
+    /// The conditions of the least: limits are kept, multipliers are positive where they bind and zero
+    /// elsewhere, and the momentum of the difference is what the multipliers make of their directions.
     #[test]
     fn conditions_of_the_least_hold() {
         let seed = 12;

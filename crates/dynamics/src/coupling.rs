@@ -4,15 +4,16 @@
 //!
 //! - F_c = k_c (x_h − x − a) + b_c (v_h − v − ω × a)          (Eq. 5.15),
 //! - T_c = a × F_c + k_θ u_c + b_θ (ω_h − ω)                  (Eq. 5.16),
-//! - u_c the rotation vector of the short way round from the grasp frame R q_c to the device frame (Eq. 5.17–5.19).
+//! - u_c the rotation vector of the short way round from the grasp frame R q_c to the device frame (Eq.
+//!   5.17–5.19).
 //!
 //! Departures: Eq. 5.15 prints the lever arm in body axes; Eq. 5.18 lacks a normalisation; the derivatives
 //! are by rotation vector, not quaternion, and Eq. 5.25 gives way to −J_r⁻¹(u_c) (see the crate's `rotation`
 //! module). Both springs may saturate (Eq. 5.30–5.31); the dampers do not.
 //!
 //! At ‖u_c‖ = π the short way round changes sides, and a spring's torque with it. So the angular spring fades
-//! from 150° and exerts nothing at 180° ([`angular_spring_torque`](crate::angular_spring_torque)): the torque is
-//! continuous through a half turn, beyond which the body is drawn on to the next whole turn.
+//! from 150° and exerts nothing at 180° ([`angular_spring_torque`](crate::angular_spring_torque)): the torque
+//! is continuous through a half turn, beyond which the body is drawn on to the next whole turn.
 
 use glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Pose, Twist, Wrench};
@@ -22,7 +23,7 @@ use crate::jacobian::{Block6, WrenchJacobian, outer};
 use crate::rotation::{cross_columns, inverse_right_jacobian, skew, skew_skew};
 use crate::saturation::{angular_spring_energy, angular_spring_torque, spring_energy, spring_force};
 
-/// Where the haptic device is in the virtual world and how it moves.
+/// Pose and twist of the haptic device in the virtual world.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DeviceMotion {
     /// Placement of the device's handle: **x**_h and q_h.
@@ -63,7 +64,7 @@ pub struct VirtualCoupling {
     pub max_torque: f64,
 }
 
-/// What the coupling does at one state.
+/// Wrenches of the coupling and their derivatives at one state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CouplingResponse {
     /// F_c and T_c on the body, about its centre of mass.
@@ -76,8 +77,9 @@ pub struct CouplingResponse {
 
 /// The coupling's wrench with what its derivatives are made of, in the two parts that the step treats apart.
 ///
-/// Stiffness and damping have a negative semidefinite symmetric part; they are those of a spring and damper that resist
-/// motion of the point at `arm` in all directions alike, less the `softening`, and those of the angular ones.
+/// Stiffness and damping have a negative semidefinite symmetric part; they are those of a spring and damper
+/// that resist motion of the point at `arm` in all directions alike, less the `softening`, and those of the
+/// angular ones.
 pub(crate) struct CouplingLinearisation {
     pub on_body: Wrench,
     pub arm: DVec3,
@@ -85,9 +87,10 @@ pub(crate) struct CouplingLinearisation {
     pub stiffness: f64,
     /// N·s/m.
     pub damping: f64,
-    /// What the spring is stiffer along its deviation, N/m (negative, and zero where it is linear), and that direction.
+    /// Stiffness that the spring has more along its deviation, N/m (negative, and zero where it is linear),
+    /// and that direction.
     pub softening: (f64, DVec3),
-    /// Of the couple against φ, N·m/rad.
+    /// Stiffness of the couple against φ, N·m/rad.
     pub angular_stiffness: DMat3,
     /// N·m·s/rad.
     pub angular_damping: f64,
@@ -118,7 +121,7 @@ impl CouplingLinearisation {
         WrenchJacobian { pose, twist }
     }
 
-    /// What the springs add to the wrench when the body moves by a small displacement (m, rad).
+    /// Change of the springs' wrench when the body moves by a small displacement (m, rad).
     pub fn drift(&self, displacement: &Twist) -> Wrench {
         let way = displacement.velocity_at(self.arm);
         let (softening, axis) = self.softening;
@@ -141,13 +144,13 @@ impl VirtualCoupling {
     /// A coupling of the given stiffnesses (N/m, N·m/rad), damped critically for `body` held at `grasp`, with
     /// springs that do not saturate.
     ///
-    /// b_c = 2 √(k_c m (1 + ρ)); b_θ = 2 √(k_θ J (1 + ρ)) with J the largest principal moment of inertia about
-    /// the grasp point, for that is where the linear spring holds the body, and ρ = a √(m/J) for a grasp point
-    /// at a from the centre of mass. Held at the centre of mass (ρ = 0) the translation is damped critically,
-    /// and so is the slowest rotation; the others are overdamped. Held elsewhere, translation and rotation
-    /// swing together: their masses are no larger than those of two separate motions 1 + ρ times as heavy,
-    /// ρ < 1. No mode of a rod held anywhere is damped less than 0.9 of critically then, against 0.72 without
-    /// the factor (the test `no_mode_of_a_rod_is_underdamped`).
+    /// b_c = 2 √(k_c m (1 + ρ)); b_θ = 2 √(k_θ J (1 + ρ)) with J the largest principal moment of inertia
+    /// about the grasp point, for that is where the linear spring holds the body, and ρ = a √(m/J) for a
+    /// grasp point at a from the centre of mass. Held at the centre of mass (ρ = 0) the translation is damped
+    /// critically, and so is the slowest rotation; the others are overdamped. Held elsewhere, translation and
+    /// rotation swing together: their masses are no larger than those of two separate motions 1 + ρ times as
+    /// heavy, ρ < 1. No mode of a rod held anywhere is damped less than 0.9 of critically then, against 0.72
+    /// without the factor (the test `no_mode_of_a_rod_is_underdamped`).
     pub fn critically_damped(
         body: &Body,
         grasp: Pose,

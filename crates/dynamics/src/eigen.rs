@@ -5,7 +5,8 @@ pub(crate) type Matrix6 = [[f64; 6]; 6];
 /// Rotations after which such a matrix is diagonal to rounding, at most: it takes some five sweeps of 15.
 const ROTATIONS: usize = 12 * 15;
 
-/// Eigenvalues, and eigenvectors as columns, of a symmetric matrix, by Jacobi's rotations, the largest entry first.
+/// Eigenvalues, and eigenvectors as columns, of a symmetric matrix, by Jacobi's rotations, the largest entry
+/// first.
 pub(crate) fn eigen(mut matrix: Matrix6) -> ([f64; 6], Matrix6) {
     let mut vectors: Matrix6 = std::array::from_fn(|i| std::array::from_fn(|j| f64::from(u8::from(i == j))));
     for _ in 0..ROTATIONS {

@@ -87,10 +87,8 @@ pub use integrators::{
     SymplecticEuler, UnknownIntegrator,
 };
 pub use jacobian::{Block6, WrenchJacobian};
-pub use linear_solve::{is_positive_definite, solve};
 pub use mapping::DeviceMapping;
 pub use passivity::{PassivityController, PassivityObserver};
 pub use port::{PortAxes, PortLimits, Sampling};
-pub use rotation::{inverse_right_jacobian, left_jacobian, rotation_minus_identity, skew};
 pub use saturation::{SlewLimit, angular_spring_torque, saturate, spring_force};
 pub use step::{Frame, MAX_SOLVES, Step, StepFailure, StepStatus, semi_implicit_step};

@@ -5,7 +5,7 @@
 
 /// The solution of `matrix` · x = `right` by LU factorisation with partial pivoting, or `None` if the matrix
 /// is singular to rounding or holds what is not finite.
-pub fn solve<const N: usize>(mut matrix: [[f64; N]; N], mut right: [f64; N]) -> Option<[f64; N]> {
+pub(crate) fn solve<const N: usize>(mut matrix: [[f64; N]; N], mut right: [f64; N]) -> Option<[f64; N]> {
     let mut inverse_pivots = [0.0; N];
     for column in 0..N {
         let mut pivot = column;
@@ -37,8 +37,8 @@ pub fn solve<const N: usize>(mut matrix: [[f64; N]; N], mut right: [f64; N]) -> 
     substitute_back(&matrix, &inverse_pivots, right)
 }
 
-/// The solution of `matrix` · x = `right` by LU factorisation without pivoting, for a matrix whose symmetric part is
-/// positive definite; `None` also if a pivot is not positive.
+/// The solution of `matrix` · x = `right` by LU factorisation without pivoting, for a matrix whose symmetric
+/// part is positive definite; `None` also if a pivot is not positive.
 #[inline(always)]
 pub(crate) fn solve_definite<const N: usize>(
     mut matrix: [[f64; N]; N],
@@ -65,7 +65,8 @@ pub(crate) fn solve_definite<const N: usize>(
     substitute_back(&matrix, &inverse_pivots, right)
 }
 
-/// The solution of `upper` · x = `right`, of which what is below the diagonal is not read; `None` if it is not finite.
+/// The solution of `upper` · x = `right`, of which what is below the diagonal is not read; `None` if it is
+/// not finite.
 #[inline(always)]
 fn substitute_back<const N: usize>(
     upper: &[[f64; N]; N],
@@ -87,7 +88,7 @@ fn substitute_back<const N: usize>(
 
 /// Whether a symmetric matrix is positive definite, by the signs of the pivots of its LDLᵀ factorisation.
 #[inline(always)]
-pub fn is_positive_definite<const N: usize>(mut matrix: [[f64; N]; N]) -> bool {
+pub(crate) fn is_positive_definite<const N: usize>(mut matrix: [[f64; N]; N]) -> bool {
     for column in 0..N {
         let pivot_row = matrix[column];
         let pivot = pivot_row[column];

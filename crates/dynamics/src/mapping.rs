@@ -1,13 +1,13 @@
-//! Where the device's workspace lies in the world, and how large it is there (§5.3.3, scaling the workspace).
+//! Place and scale of the device's workspace in the world (§5.3.3, scaling the workspace).
 //!
-//! Positions are scaled by s, rotations are not. "Feedback forces must undergo an inverse scaling, to ensure that
-//! the coupling stiffness perceived by the user is the same as the coupling stiffness in the virtual world": a
-//! force is divided by s. What the text does not say is what becomes of torque. It is divided by s² here, for two
-//! reasons that come to the same. A force F/s at a lever arm that is r/s in the hand makes the torque r × F/s².
-//! And the power at the device is then that of the world divided by s², in translation and rotation alike, so
-//! that a passive world stays passive in the hand; with any other factor, energy put in by turning could be
-//! taken out in another amount by moving. Stiffness along the axes is preserved, power and angular stiffness are
-//! divided by s²: the hand feels the world s times smaller, made of springs as stiff.
+//! Positions are scaled by s, rotations are not. "Feedback forces must undergo an inverse scaling, to ensure
+//! that the coupling stiffness perceived by the user is the same as the coupling stiffness in the virtual
+//! world": a force is divided by s. What the text does not say is what becomes of torque. It is divided by s²
+//! here, for two reasons that come to the same. A force F/s at a lever arm that is r/s in the hand makes the
+//! torque r × F/s². And the power at the device is then that of the world divided by s², in translation and
+//! rotation alike, so that a passive world stays passive in the hand; with any other factor, energy put in by
+//! turning could be taken out in another amount by moving. Stiffness along the axes is preserved, power and
+//! angular stiffness are divided by s²: the hand feels the world s times smaller, made of springs as stiff.
 
 use glam::{DQuat, DVec3};
 use palpate_core::{Pose, Twist, Wrench};
@@ -56,8 +56,8 @@ impl DeviceMapping {
         DeviceMotion { pose: self.pose(&device.pose), twist: self.twist(&device.twist) }
     }
 
-    /// What is sent to the device for a wrench (about the handle's origin) in the world: the force divided by s,
-    /// the torque by s², in the device's axes.
+    /// Wrench to send to the device for a wrench (about the handle's origin) in the world: the force divided
+    /// by s, the torque by s², in the device's axes.
     pub fn wrench(&self, world: &Wrench) -> Wrench {
         let to_device = self.base.rotation.conjugate();
         Wrench {

@@ -1,12 +1,12 @@
 //! Energy at the device's port, and damping where more comes out of it than can (Hannaford and Ryu 2002).
 //!
-//! A force f that is held from one sample to the next takes the work −f · Δx out of the hand over the measured
-//! displacement Δx: exactly what flowed, whatever happened between the samples. Translation and rotation are two
-//! ports of this kind, with force and displacement, or torque and rotation vector.
+//! A force f that is held from one sample to the next takes the work −f · Δx out of the hand over the
+//! measured displacement Δx: exactly what flowed, whatever happened between the samples. Translation and
+//! rotation are two ports of this kind, with force and displacement, or torque and rotation vector.
 //!
-//! Positions that come in steps bias the sum: the force answers a step Δ only when all of it has been seen, so that
-//! a spring K seems to create K Δ²/2 at each, on the way out and back. Up to one step, a displacement is therefore
-//! charged with the mean of the forces before and after it.
+//! Positions that come in steps bias the sum: the force answers a step Δ only when all of it has been seen,
+//! so that a spring K seems to create K Δ²/2 at each, on the way out and back. Up to one step, a displacement
+//! is therefore charged with the mean of the forces before and after it.
 
 use glam::DVec3;
 use palpate_core::{Twist, Wrench};
@@ -20,7 +20,7 @@ pub struct PassivityObserver {
     /// Resolution of the displacement, m or rad.
     step: f64,
     energy: f64,
-    /// What is held at the port, N or N·m.
+    /// Force held at the port, N or N·m.
     held: DVec3,
     /// The last displacement, no longer than the resolution.
     unanswered: DVec3,
@@ -32,7 +32,8 @@ impl PassivityObserver {
         Self { step, ..Self::default() }
     }
 
-    /// Takes the displacement (m, rad) since the last call, under what was last held. The energy (J) that flowed in.
+    /// Takes the displacement (m, rad) since the last call, under what was last held. The energy (J) that
+    /// flowed in.
     pub fn observe(&mut self, displacement: DVec3) -> f64 {
         let length = displacement.length();
         if !length.is_finite() {
@@ -52,7 +53,7 @@ impl PassivityObserver {
         self.add(-0.5 * answer)
     }
 
-    /// What is held, N or N·m.
+    /// Force held, N or N·m.
     pub fn held(&self) -> DVec3 {
         self.held
     }
@@ -72,22 +73,23 @@ impl PassivityObserver {
     }
 }
 
-/// Damps a device that is given more energy than it gave: the time-domain passivity controller of Hannaford and Ryu,
-/// with three bounds.
+/// Damps a device that is given more energy than it gave: the time-domain passivity controller of Hannaford
+/// and Ryu, with three bounds.
 ///
-/// - It counts only on energy that can still come back: what flowed in beyond `stored` has been dissipated and is
-///   forgotten, so that a session which dissipated much before is not free to create as much.
-/// - Its damping never exceeds a maximum, to be chosen so that a damper of that size is itself passive at the port.
+/// - It counts only on energy that can still come back: what flowed in beyond `stored` has been dissipated
+///   and is forgotten, so that a session which dissipated much before is not free to create as much.
+/// - Its damping never exceeds a maximum, to be chosen so that a damper of that size is itself passive at the
+///   port.
 /// - What rounding of the position may hide, √3 Δ ‖f‖, is not answered.
 ///
-/// Translation and rotation have an observer each but share one reserve, for a body may give back by turning what it
-/// was given by moving.
+/// Translation and rotation have an observer each but share one reserve, for a body may give back by turning
+/// what it was given by moving.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PassivityController {
     translation: PassivityObserver,
     rotation: PassivityObserver,
     max_damping: (f64, f64),
-    /// What may come out, J; negative for what was created.
+    /// Energy that may come out, J; negative if energy was created.
     reserve: f64,
     damping: Wrench,
     dissipated: f64,
@@ -115,8 +117,8 @@ impl PassivityController {
         self.max_damping = (usable(linear), usable(angular));
     }
 
-    /// Takes the displacement (m, rad) since the last call. `stored` is the most energy (J) that what is rendered
-    /// now holds and may give back.
+    /// Takes the displacement (m, rad) since the last call. `stored` is the most energy (J) that what is
+    /// rendered now holds and may give back.
     pub fn observe(&mut self, displacement: &Twist, stored: f64) {
         let work = -self.damping.power(displacement);
         self.dissipated += if work.is_finite() { work } else { 0.0 };
@@ -125,14 +127,15 @@ impl PassivityController {
         self.reserve = self.reserve.min(stored.max(0.0));
     }
 
-    /// Takes energy (J) that flowed into the session at another port, as at a gripper: it may come out here. To be called before
-    /// [`Self::observe`], which forgets what cannot come back.
+    /// Takes energy (J) that flowed into the session at another port, as at a gripper: it may come out here.
+    /// To be called before [`Self::observe`], which forgets what cannot come back.
     pub fn exchange(&mut self, energy: f64) {
         self.reserve += if energy.is_finite() { energy } else { 0.0 };
     }
 
-    /// The wrench (N, N·m) to add at a handle that moves at `twist` (m/s, rad/s) and is sampled again in `dt` (s):
-    /// against its motion, and such that it takes out in that time what was created, as far as the maxima go.
+    /// The wrench (N, N·m) to add at a handle that moves at `twist` (m/s, rad/s) and is sampled again in `dt`
+    /// (s): against its motion, and such that it takes out in that time what was created, as far as the
+    /// maxima go.
     pub fn damping(&mut self, twist: &Twist, dt: f64) -> Wrench {
         let created = self.created();
         let most = Wrench::new(twist.linear * -self.max_damping.0, twist.angular * -self.max_damping.1);
@@ -145,8 +148,8 @@ impl PassivityController {
         self.damping
     }
 
-    /// Energy (J) that came out beyond what can have been stored, and that rounding of the position does not explain; 0 where there
-    /// is none.
+    /// Energy (J) that came out beyond what can have been stored, and that rounding of the position does not
+    /// explain; 0 where there is none.
     pub fn created(&self) -> f64 {
         let hidden = |observer: &PassivityObserver| DIAGONAL * observer.step * observer.held.length();
         (-self.reserve - hidden(&self.translation) - hidden(&self.rotation)).max(0.0)
@@ -215,7 +218,7 @@ mod tests {
         limit: f64,
     }
 
-    /// What a run of a port left.
+    /// State of a port at the end of a run.
     struct Outcome {
         /// Largest distance from the spring's rest in the last fifth, m.
         swing: f64,
@@ -300,7 +303,8 @@ mod tests {
 
     #[test]
     fn steps_of_the_position_create_nothing_to_the_observer() {
-        // Slow to and fro on a spring: in steps, hundreds of them a period; undelayed, so nearly nothing is created.
+        // Slow to and fro on a spring: in steps, hundreds of them a period; undelayed, so nearly nothing is
+        // created.
         let (stiffness, step) = (400.0, 3e-5);
         let mut observer = PassivityObserver::new(step);
         let mut naive = 0.0;
@@ -333,7 +337,8 @@ mod tests {
             last = x;
         }
         assert!(controller.energy() > 5e-3, "{}", controller.energy());
-        // At rest nothing is stored: a force that drives the hand from here creates, whatever was dissipated before.
+        // At rest nothing is stored: a force that drives the hand from here creates, whatever was dissipated
+        // before.
         controller.observe(&Twist::ZERO, 0.0);
         controller.hold(&pushing(1.0));
         controller.observe(&along(step), 0.0);

@@ -8,7 +8,7 @@
 use glam::{DMat3, DVec3};
 
 /// The matrix u* for which u* v = u × v (Eq. A.5).
-pub fn skew(u: DVec3) -> DMat3 {
+pub(crate) fn skew(u: DVec3) -> DMat3 {
     DMat3::from_cols(DVec3::new(0.0, u.z, -u.y), DVec3::new(-u.z, 0.0, u.x), DVec3::new(u.y, -u.x, 0.0))
 }
 
@@ -52,20 +52,14 @@ pub(crate) fn turn_coefficients(t: f64) -> ((f64, f64), (f64, f64)) {
     ((a, b), (0.5 * (c - b), (0.5 * a - b) / t))
 }
 
-/// exp(u*) − 1: what a rotation by `u` (rad) adds to a vector. The 1 is left out so that small rotations keep
-/// their digits.
-pub fn rotation_minus_identity(u: DVec3) -> DMat3 {
-    let (a, b, _) = coefficients(u.length_squared());
-    skew(u) * a + skew_skew(u, u) * b
-}
-
 /// J_l(u): the rotation, in world axes, that a change of the rotation vector `u` (rad) makes.
-pub fn left_jacobian(u: DVec3) -> DMat3 {
+pub(crate) fn left_jacobian(u: DVec3) -> DMat3 {
     let (_, b, c) = coefficients(u.length_squared());
     DMat3::IDENTITY + skew(u) * b + skew_skew(u, u) * c
 }
 
-/// Both [`rotation_minus_identity`] and [`left_jacobian`].
+/// exp(u*) − 1 and the [`left_jacobian`], of a rotation vector `u` (rad). The 1 is left out so that small
+/// rotations keep their digits.
 #[inline(always)]
 pub(crate) fn exponential(u: DVec3) -> (DMat3, DMat3) {
     let (a, b, c) = coefficients(u.length_squared());
@@ -79,7 +73,7 @@ pub(crate) fn exponential(u: DVec3) -> (DMat3, DMat3) {
 /// end of the short way round. Its symmetric part is positive semidefinite there: across the axis it is (θ/2)
 /// cot(θ/2).
 #[inline(always)]
-pub fn inverse_right_jacobian(u: DVec3) -> DMat3 {
+pub(crate) fn inverse_right_jacobian(u: DVec3) -> DMat3 {
     let t = u.length_squared();
     let e = if t < SERIES_BELOW {
         1.0 / 12.0 + t * (1.0 / 720.0 + t * (1.0 / 30_240.0 + t * (1.0 / 1_209_600.0 + t / 47_900_160.0)))
@@ -127,7 +121,7 @@ mod tests {
         for angle in ANGLES {
             let u = axis() * angle;
             let expected = DMat3::from_quat(DQuat::from_scaled_axis(u));
-            let error = distance(DMat3::IDENTITY + rotation_minus_identity(u), expected);
+            let error = distance(DMat3::IDENTITY + exponential(u).0, expected);
             assert!(error < 1e-15 * 10.0, "angle {angle}: {error}");
         }
     }
@@ -150,7 +144,7 @@ mod tests {
         let (below, above) = (axis() * (root * (1.0 - 1e-12)), axis() * (root * (1.0 + 1e-12)));
         assert!(distance(left_jacobian(below), left_jacobian(above)) < 1e-12);
         assert!(distance(inverse_right_jacobian(below), inverse_right_jacobian(above)) < 1e-12);
-        assert!(distance(rotation_minus_identity(below), rotation_minus_identity(above)) < 1e-12);
+        assert!(distance(exponential(below).0, exponential(above).0) < 1e-12);
     }
 
     #[test]

@@ -59,12 +59,12 @@ pub(crate) fn spring_energy(stiffness: f64, deviation: f64, limit: f64) -> f64 {
 /// Angle from which an angular spring fades, rad: 150°.
 const FADE_FROM: f64 = 5.0 / 6.0 * PI;
 
-/// Magnitude and slope of the torque of an angular spring of `stiffness` (N·m/rad) at an `angle` of 0 to π (rad),
-/// limited to `limit` (N·m).
+/// Magnitude and slope of the torque of an angular spring of `stiffness` (N·m/rad) at an `angle` of 0 to π
+/// (rad), limited to `limit` (N·m).
 ///
-/// The law of [`spring_force`] up to 150°. From there it fades along a cubic, with continuous slope, to nothing
-/// at 180°, where the short way round changes sides: the torque is continuous through a half turn. The slope is
-/// negative where it fades.
+/// The law of [`spring_force`] up to 150°. From there it fades along a cubic, with continuous slope, to
+/// nothing at 180°, where the short way round changes sides: the torque is continuous through a half turn.
+/// The slope is negative where it fades.
 pub fn angular_spring_torque(stiffness: f64, angle: f64, limit: f64) -> (f64, f64) {
     let (torque, slope) = spring_force(stiffness, angle, limit);
     if angle <= FADE_FROM {
@@ -105,7 +105,7 @@ pub fn saturate(wrench: &Wrench, max_force: f64, max_torque: f64) -> Wrench {
     Wrench { force: limited(wrench.force, max_force), torque: limited(wrench.torque, max_torque) }
 }
 
-/// How fast a wrench may change.
+/// Largest rate of change of a wrench.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlewLimit {
     /// N/s; infinite for no limit.
@@ -118,8 +118,8 @@ impl SlewLimit {
     /// No limit.
     pub const NONE: Self = Self { force: f64::INFINITY, torque: f64::INFINITY };
 
-    /// The wrench nearest to `wanted`, in force and in torque, that `previous` may change to within `dt` (s). What
-    /// is not finite in `wanted` counts as zero; without a time nothing changes.
+    /// The wrench nearest to `wanted`, in force and in torque, that `previous` may change to within `dt` (s).
+    /// What is not finite in `wanted` counts as zero; without a time nothing changes.
     pub fn approach(&self, previous: &Wrench, wanted: &Wrench, dt: f64) -> Wrench {
         Wrench {
             force: approached(previous.force, wanted.force, self.force * dt),
@@ -127,11 +127,12 @@ impl SlewLimit {
         }
     }
 
-    /// `previous` after it has shrunk, along its direction and no further than `wanted` does, within `elapsed` (s): where it is no
-    /// longer than `free` (N, N·m), as far as it likes. To be followed by [`Self::approach`], which is for growing and turning.
+    /// `previous` after it has shrunk, along its direction and no further than `wanted` does, within
+    /// `elapsed` (s): where it is no longer than `free` (N, N·m), as far as it likes. To be followed by
+    /// [`Self::approach`], which is for growing and turning.
     ///
-    /// A hand that comes off a surface is let go of as fast as that: what the force lags behind while it falls is energy that
-    /// goes into the hand.
+    /// A hand that comes off a surface is let go of as fast as that: what the force lags behind while it
+    /// falls is energy that goes into the hand.
     pub fn unload(&self, previous: &Wrench, wanted: &Wrench, elapsed: f64, free: (f64, f64)) -> Wrench {
         let shrunk = |previous: DVec3, wanted: DVec3, most: f64, free: f64| {
             let most = if previous.length() <= free { f64::INFINITY } else { most };

@@ -1,4 +1,5 @@
-//! Linear systems in a small motion of the body, linear and angular: what springs and dampers on points of it make.
+//! Linear systems in a small motion of the body, linear and angular: what springs and dampers on points of it
+//! make.
 
 use glam::{DMat3, DVec3, Vec3Swizzles as _};
 
@@ -61,7 +62,8 @@ impl Linear {
         }
     }
 
-    /// The solution; `definite` tells whether the symmetric part of the matrix is known to be positive definite.
+    /// The solution; `definite` tells whether the symmetric part of the matrix is known to be positive
+    /// definite.
     #[inline(always)]
     pub fn solution(&self, definite: bool) -> Option<[f64; 6]> {
         let quick = if definite { solve_definite(self.matrix, self.right) } else { None };
@@ -69,13 +71,13 @@ impl Linear {
     }
 }
 
-/// Springs or dampers that resist motion of points of the body in all directions alike: the sum of their gains, and the
-/// first and second moments of these about the centre of mass.
+/// Springs or dampers that resist motion of points of the body in all directions alike: the sum of their
+/// gains, and the first and second moments of these about the centre of mass.
 #[derive(Clone, Copy)]
 pub(crate) struct Lateral {
     gain: f64,
     first: DVec3,
-    /// Of xx, yy and zz; of yz, zx and xy.
+    /// Second moments: xx, yy and zz; yz, zx and xy.
     second: (DVec3, DVec3),
 }
 

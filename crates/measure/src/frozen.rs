@@ -3,11 +3,12 @@
 use palpate::dynamics::{BodyState, LinearContactModel, PlaneConstraint, SurfaceMotion};
 use palpate::glam::DMat3;
 
-/// k of the springs, N/m: so soft that no motion changes their force. A stiffer one lets the force depend on the motion.
+/// k of the springs, N/m: so soft that no motion changes their force. A stiffer one lets the force depend on
+/// the motion.
 const SOFT: f64 = 1e-6;
 
-/// The force of a contact model on a body in a state, whatever the body does afterwards: what a contact thread hands over that
-/// gives no Jacobian (§5.1.2). Friction, curvature terms and braking are left out.
+/// The force of a contact model on a body in a state, whatever the body does afterwards: what a contact
+/// thread hands over that gives no Jacobian (§5.1.2). Friction, curvature terms and braking are left out.
 ///
 /// It consists of very soft springs, compressed so far that no motion changes their force.
 #[must_use]

@@ -4,7 +4,7 @@ use super::{ArticulatedBody, ArticulatedState};
 use crate::port::{PortAxes, Sampling};
 use crate::saturation::{spring_energy, spring_force};
 
-/// Where the gripper is and how it moves: the angle of the tool's hinge that the hand asks for.
+/// Position and rate of the gripper: the angle of the tool's hinge that the hand asks for.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GripperMotion {
     /// rad.
@@ -25,8 +25,9 @@ impl GripperMotion {
     }
 }
 
-/// Gains of the coupling between gripper and hinge. The torque on the hinge is k (q_h − q) + b (q̇_h − q̇), its spring limited as
-/// those of the virtual coupling are ([`spring_force`](crate::spring_force), Eq. 5.30); the gripper gets the opposite.
+/// Gains of the coupling between gripper and hinge. The torque on the hinge is k (q_h − q) + b (q̇_h − q̇),
+/// its spring limited as those of the virtual coupling are ([`spring_force`](crate::spring_force), Eq. 5.30);
+/// the gripper gets the opposite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GripperCoupling {
     /// k, N·m/rad.
@@ -49,16 +50,16 @@ impl GripperCoupling {
     /// Exerts nothing.
     pub const NONE: Self = Self { stiffness: 0.0, damping: 0.0, max_torque: f64::INFINITY };
 
-    /// A coupling of that stiffness (N·m/rad), damped critically for the second body about the hinge while the first is held,
-    /// whose spring does not saturate.
+    /// A coupling of that stiffness (N·m/rad), damped critically for the second body about the hinge while
+    /// the first is held, whose spring does not saturate.
     pub fn critically_damped(tool: &ArticulatedBody, stiffness: f64) -> Self {
         let damping = 2.0 * (stiffness * tool.second_about_hinge()).sqrt();
         Self { stiffness, damping, max_torque: f64::INFINITY }
     }
 
     /// A coupling for a gripper of such limits, sampled so: as stiff as it renders passively with a margin
-    /// ([`PortAxes::largest_stiffness`]), or `otherwise` (N·m/rad) where nothing limits it or nothing is rendered; no stronger
-    /// than it, and damped critically.
+    /// ([`PortAxes::largest_stiffness`]), or `otherwise` (N·m/rad) where nothing limits it or nothing is
+    /// rendered; no stronger than it, and damped critically.
     pub fn auto(tool: &ArticulatedBody, limits: &PortAxes, otherwise: f64, sampling: &Sampling) -> Self {
         let largest = limits.largest_stiffness(sampling);
         let rendered = limits.peak > 0.0;

@@ -1,12 +1,13 @@
-//! Inertia of two bodies with a hinge, for the motion (ω, q̇) about their centre of mass, and its derivative by the angle.
+//! Inertia of two bodies with a hinge, for the motion (ω, q̇) about their centre of mass, and its derivative
+//! by the angle.
 //!
-//! With I_1, I_2 the bodies' own inertias in world axes and μ = m_1 m_2/(m_1 + m_2), the kinetic energy beside that of the centre of
-//! mass is ½ ω · I_c ω + q̇ g · ω + ½ J q̇² with
+//! With I_1, I_2 the bodies' own inertias in world axes and μ = m_1 m_2/(m_1 + m_2), the kinetic energy
+//! beside that of the centre of mass is ½ ω · I_c ω + q̇ g · ω + ½ J q̇² with
 //!
 //! I_c = I_1 + I_2 + μ (‖d‖² − d dᵀ),  g = I_2 e + μ d × (e × b),  J = e · I_2 e + μ ‖e × b‖²,
 //!
-//! the composite inertia (Featherstone 2008, §6.2) of a tree of two. Turning the second body about e changes d by e × b, e × b by
-//! e × (e × b) and I_2 by e* I_2 − I_2 e*; J stays as it is.
+//! the composite inertia (Featherstone 2008, §6.2) of a tree of two. Turning the second body about e changes
+//! d by e × b, e × b by e × (e × b) and I_2 by e* I_2 − I_2 e*; J stays as it is.
 
 use glam::{DMat3, DVec3};
 

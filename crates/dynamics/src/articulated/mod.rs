@@ -1,23 +1,28 @@
-//! A grasped tool of two rigid bodies with one hinge, as scissors or forceps: seven degrees of freedom (§6.2.3).
+//! A grasped tool of two rigid bodies with one hinge, as scissors or forceps: seven degrees of freedom
+//! (§6.2.3).
 //!
-//! The dissertation sketches it for sinus surgery: the grasped object is "two rigid bodies with a 1-DoF articulation", the
-//! collision response stays as it is, and the rigid body simulation and the virtual coupling are modified. Here the first
-//! body is held by the [`VirtualCoupling`](crate::VirtualCoupling) that a single body is held by, and the hinge by a spring
-//! and damper to the angle that the hand asks for ([`GripperCoupling`]), whose reaction is the torque for the gripper.
+//! The dissertation sketches it for sinus surgery: the grasped object is "two rigid bodies with a 1-DoF
+//! articulation", the collision response stays as it is, and the rigid body simulation and the virtual
+//! coupling are modified. Here the first body is held by the [`VirtualCoupling`](crate::VirtualCoupling) that
+//! a single body is held by, and the hinge by a spring and damper to the angle that the hand asks for
+//! ([`GripperCoupling`]), whose reaction is the torque for the gripper.
 //!
-//! Coordinates are those of the joint-coordinate form (Featherstone, *Rigid Body Dynamics Algorithms*, 2008, chapters 3 and 6): a
-//! placement of the first body and the hinge's angle q, so that the bodies cannot come apart. With the hinge's axis e (unit, out of
-//! the first body), b the second body's centre of mass from the hinge, d that from the first's, μ_i = m_i/(m_1 + m_2), and c_1 =
-//! −μ_2 d, c_2 = μ_1 d the centres of mass from the tool's own, all in world axes, the bodies' velocities are
+//! Coordinates are those of the joint-coordinate form (Featherstone, *Rigid Body Dynamics Algorithms*, 2008,
+//! chapters 3 and 6): a placement of the first body and the hinge's angle q, so that the bodies cannot come
+//! apart. With the hinge's axis e (unit, out of the first body), b the second body's centre of mass from the
+//! hinge, d that from the first's, μ_i = m_i/(m_1 + m_2), and c_1 = −μ_2 d, c_2 = μ_1 d the centres of mass
+//! from the tool's own, all in world axes, the bodies' velocities are
 //!
 //! v_1 = V + ω × c_1 − μ_2 (e × b) q̇,  ω_1 = ω,  v_2 = V + ω × c_2 + μ_1 (e × b) q̇,  ω_2 = ω + e q̇,
 //!
-//! with V the velocity of the tool's centre of mass. Solved for in (V, ω, q̇), the linear momentum is one unknown alone, which
-//! makes its conservation exact ([`articulated_step`]).
+//! with V the velocity of the tool's centre of mass. Solved for in (V, ω, q̇), the linear momentum is one
+//! unknown alone, which makes its conservation exact ([`articulated_step`]).
 
+mod coordinates;
 mod gripper;
 mod inertia;
 mod step;
+mod tool_system;
 
 use glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Pose, Twist};
@@ -26,29 +31,31 @@ use crate::body::{Body, BodyState};
 use inertia::CompositeInertia;
 
 pub use gripper::{GripperCoupling, GripperMotion};
-pub use step::{ArticulatedFrame, ArticulatedStep, MAX_ARTICULATED_SOLVES, articulated_step};
+pub use step::{ArticulatedFrame, ArticulatedStep, articulated_step};
+pub use tool_system::MAX_ARTICULATED_SOLVES;
 
-/// How far a hinge goes, and how stiff its stops are.
+/// Range of a hinge, and the stiffness of its stops.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointLimits {
     /// Smallest angle, rad; −∞ for none.
     pub low: f64,
     /// Largest angle, rad; ∞ for none.
     pub high: f64,
-    /// Of the stops, N·m/rad: beyond its limit the hinge gives way by the torque on it divided by this. They have no damper, whose
-    /// torque would jump where they close; the implicit step damps what is much stiffer than J/h².
+    /// Stiffness of the stops, N·m/rad: beyond its limit the hinge gives way by the torque on it divided by
+    /// this. They have no damper, whose torque would jump where they close; the implicit step damps what is
+    /// much stiffer than J/h².
     pub stiffness: f64,
 }
 
-/// The hinge of a tool. Its axis is the z axis of a frame that each body has; at angle 0 the two frames coincide, and the second
-/// body turns about z by the angle, right-handed.
+/// The hinge of a tool. Its axis is the z axis of a frame that each body has; at angle 0 the two frames
+/// coincide, and the second body turns about z by the angle, right-handed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Joint {
     /// The hinge's frame in the first body's axes, from its centre of mass (m).
     pub in_first: Pose,
     /// The hinge's frame in the second body's axes, from its centre of mass (m).
     pub in_second: Pose,
-    /// How far it goes.
+    /// Range of the hinge.
     pub limits: JointLimits,
 }
 
@@ -89,11 +96,11 @@ pub struct ArticulatedBody {
     pub first: Body,
     /// The body that turns against it.
     pub second: Body,
-    /// What joins them.
+    /// Hinge between the two bodies.
     pub joint: Joint,
 }
 
-/// Where a tool of two bodies is and how it moves: its seven coordinates and velocities.
+/// State of a tool of two bodies: its seven coordinates and velocities.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ArticulatedState {
     /// The first body.
@@ -136,8 +143,8 @@ impl ArticulatedBody {
     /// Joins two bodies.
     ///
     /// # Errors
-    /// If a frame of the hinge is no rigid placement, its limits leave no angle, or its stops' stiffness is negative or
-    /// not finite.
+    /// If a frame of the hinge is no rigid placement, its limits leave no angle, or its stops' stiffness is
+    /// negative or not finite.
     pub fn new(first: Body, second: Body, joint: Joint) -> Result<Self, JointError> {
         for (body, pose) in [("first", joint.in_first), ("second", joint.in_second)] {
             if !pose.is_valid() {
@@ -159,13 +166,14 @@ impl ArticulatedBody {
         self.first.mass + self.second.mass
     }
 
-    /// The second body's pose in the frame of the first (axes of the first, from its centre of mass) at an angle (rad).
+    /// The second body's pose in the frame of the first (axes of the first, from its centre of mass) at an
+    /// angle (rad).
     pub fn second_in_first(&self, angle: f64) -> Pose {
         let turned = Pose::new(DVec3::ZERO, DQuat::from_rotation_z(angle));
         self.joint.in_first * turned * self.joint.in_second.inverse()
     }
 
-    /// Where the second body is and how it moves.
+    /// State of the second body.
     pub fn second(&self, state: &ArticulatedState) -> BodyState {
         let first = &state.first;
         let linkage = self.linkage(first.pose.rotation, state.angle);
@@ -179,8 +187,8 @@ impl ArticulatedBody {
         }
     }
 
-    /// The tool with its hinge held at an angle (rad), as one body in the first body's axes, and its centre of mass from the
-    /// first body's, in the same axes (m).
+    /// The tool with its hinge held at an angle (rad), as one body in the first body's axes, and its centre
+    /// of mass from the first body's, in the same axes (m).
     pub fn composite(&self, angle: f64) -> (Body, DVec3) {
         let linkage = self.linkage(DQuat::IDENTITY, angle);
         let inertia = self.inertia(&self.first.inertia, &linkage).whole;
@@ -198,7 +206,8 @@ impl ArticulatedBody {
         self.first.kinetic_energy(&state.first) + self.second.kinetic_energy(&self.second(state))
     }
 
-    /// Linear momentum (kg·m/s), and angular momentum about the tool's centre of mass (kg·m²/s), in world axes.
+    /// Linear momentum (kg·m/s), and angular momentum about the tool's centre of mass (kg·m²/s), in world
+    /// axes.
     pub fn momenta(&self, state: &ArticulatedState) -> (DVec3, DVec3) {
         let second = self.second(state);
         let linear = state.first.twist.linear * self.first.mass + second.twist.linear * self.second.mass;

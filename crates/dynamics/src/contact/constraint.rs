@@ -108,7 +108,7 @@ pub struct PlaneConstraint {
     pub friction: Friction,
     /// Radius of the patch that the contact stands for, m.
     pub radius: f64,
-    /// Where friction holds the point.
+    /// Anchor of the friction spring.
     pub anchor: FrictionAnchor,
     /// Motion of the scene's surface.
     pub surface: SurfaceMotion,
@@ -119,7 +119,8 @@ pub struct PlaneConstraint {
 pub(crate) struct ContactState {
     /// a = R r.
     pub arm: DVec3,
-    /// ∂δ/∂x and ∂δ/∂φ, the direction of the contact's wrench: n and a × n where there are no curvature terms.
+    /// ∂δ/∂x and ∂δ/∂φ, the direction of the contact's wrench: n and a × n where there are no curvature
+    /// terms.
     pub direction: DVec3,
     pub moment: DVec3,
     /// v + ω × a, of the point, less the surface's velocity, m/s.
@@ -146,7 +147,8 @@ impl PlaneConstraint {
         surface: SurfaceMotion::STILL,
     };
 
-    /// The plane of a contact found while the body was at a pose; `None` if that is not finite or has no normal.
+    /// The plane of a contact found while the body was at a pose; `None` if that is not finite or has no
+    /// normal.
     pub(super) fn found(patch: &ContactPatch, pose: &Pose, gains: &ContactParameters) -> Option<Self> {
         let ContactPatch { contact, radius } = *patch;
         let length = contact.normal.length();
@@ -188,7 +190,8 @@ impl PlaneConstraint {
         stiffness.map_or(0.0, |stiffness| (stiffness * at.overlap + self.damping * at.rate).max(0.0))
     }
 
-    /// dλ/dδ, N/m, given δ + d: k where the contact is closed, b/τ where it brakes before; `None` where it has no force.
+    /// dλ/dδ, N/m, given δ + d: k where the contact is closed, b/τ where it brakes before; `None` where it
+    /// has no force.
     pub(crate) fn stiffness_at(&self, overlap: f64) -> Option<f64> {
         if overlap > 0.0 {
             Some(self.stiffness)

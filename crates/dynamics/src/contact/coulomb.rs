@@ -1,19 +1,22 @@
 //! Coulomb's law of friction of one contact (absent in the dissertation, §6.2.1).
 //!
-//! The body's point is held along the contact's plane by a spring and a damper with the gains k and b of the contact
-//! itself, from an anchor in the world. With ξ the displacement from the anchor and v_t the velocity, both along the plane,
+//! The body's point is held along the contact's plane by a spring and a damper with the gains k and b of the
+//! contact itself, from an anchor in the world. With ξ the displacement from the anchor and v_t the velocity,
+//! both along the plane,
 //!
 //! F_t = −s (k ξ + b v_t),  s = min(1, μ λ / ‖k ξ + b v_t‖),
 //!
-//! so that a contact sticks (s = 1) as long as it can, without drift, and slides at the Coulomb limit otherwise. At the
-//! end of each step the anchor is drawn after the point, as far as the spring alone exceeds the limit: it never holds more
-//! energy than it was given. Between sticking and sliding the force is continuous. The coefficient falls with the speed of
-//! sliding, from the static one to the dynamic one, μ = μ_d + (μ_s − μ_d) / (1 + (v / v_s)²) (Stribeck), so that the force
-//! does not jump when a contact breaks away either.
+//! so that a contact sticks (s = 1) as long as it can, without drift, and slides at the Coulomb limit
+//! otherwise. At the end of each step the anchor is drawn after the point, as far as the spring alone exceeds
+//! the limit: it never holds more energy than it was given. Between sticking and sliding the force is
+//! continuous. The coefficient falls with the speed of sliding, from the static one to the dynamic one, μ =
+//! μ_d + (μ_s − μ_d) / (1 + (v / v_s)²) (Stribeck), so that the force does not jump when a contact breaks
+//! away either.
 //!
-//! A contact that stands for a patch of contacts, of radius ρ, resists spinning too: by ρ² (k τ + b ω_n), with τ the angle
-//! that it has turned about its normal. Sliding and spinning share the limit, (F_t / μ λ)² + (T_n / ρ μ λ)² ≤ 1, the
-//! ellipsoid that is usual for soft fingers (Howe and Cutkosky 1996): a patch that spins slides easily.
+//! A contact that stands for a patch of contacts, of radius ρ, resists spinning too: by ρ² (k τ + b ω_n),
+//! with τ the angle that it has turned about its normal. Sliding and spinning share the limit, (F_t / μ λ)² +
+//! (T_n / ρ μ λ)² ≤ 1, the ellipsoid that is usual for soft fingers (Howe and Cutkosky 1996): a patch that
+//! spins slides easily.
 
 use glam::{DQuat, DVec3};
 
@@ -49,8 +52,8 @@ impl Friction {
             + (self.static_coefficient - self.dynamic_coefficient) / stribeck(speed_squared)
     }
 
-    /// s: share of a `trial` force (N) that friction holds in a contact that slides with `slide` (m/s), under a normal
-    /// force (N, not negative).
+    /// s: share of a `trial` force (N) that friction holds in a contact that slides with `slide` (m/s), under
+    /// a normal force (N, not negative).
     #[inline(always)]
     pub(crate) fn share(&self, trial: &Strain, slide: &Strain, normal_force: f64) -> f64 {
         // Held at the lower coefficient, and so at any: no square root, no division.
@@ -85,12 +88,13 @@ fn share_within(limit: f64, trial: f64) -> f64 {
     if trial > limit { limit / trial } else { 1.0 }
 }
 
-/// Where the friction spring of a contact is relaxed.
+/// Placement of the body in which the friction spring of a contact is relaxed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrictionAnchor {
     /// Anchor of the body's point in the world, m; only its place along the contact's plane counts.
     pub point: DVec3,
-    /// Orientation of the body in which the contact is not twisted; [`DQuat::IDENTITY`] also where nothing resists spinning.
+    /// Orientation of the body in which the contact is not twisted; [`DQuat::IDENTITY`] also where nothing
+    /// resists spinning.
     pub rotation: DQuat,
 }
 

@@ -1,18 +1,21 @@
 //! Contacts whose depth is more than the distance from a plane: those of detailed surfaces (§5.4.4).
 //!
-//! Such a contact is given by its depth, the gradient (g_x, g_θ) of that by a shift and a turn of the body, and the second
-//! derivatives. Its potential is U = ½ k (δ + d)² as everywhere, and hence its wrench −λ ∇δ. It consists of
+//! Such a contact is given by its depth, the gradient (g_x, g_θ) of that by a shift and a turn of the body,
+//! and the second derivatives. Its potential is U = ½ k (δ + d)² as everywhere, and hence its wrench −λ ∇δ.
+//! It consists of
 //!
-//! - the plane along g_x, through the point of the body that lies on the wrench's axis, of stiffness k ‖g_x‖² and so on:
-//!   that has the gradient (g_x, a × g_x),
-//! - a linear term, which adds the rest of the torque, pitch · g_x per newton (a smooth maximum over several places has one),
-//! - quadratic terms ½ (b · q)² along the directions b in which δ has a positive second derivative beyond that of the plane,
-//!   with q the motion since the contact was found: the [`QUADRATIC_TERMS`] largest. Negative ones are left out: with them the
-//!   wrench would push away from crests, and no implicit step would be sure to have a solution. With positive ones δ is convex
-//!   but for the turning of the plane's lever arm, so U is, and their stiffness is positive semi-definite.
+//! - the plane along g_x, through the point of the body that lies on the wrench's axis, of stiffness k ‖g_x‖²
+//!   and so on: that has the gradient (g_x, a × g_x),
+//! - a linear term, which adds the rest of the torque, pitch · g_x per newton (a smooth maximum over several
+//!   places has one),
+//! - quadratic terms ½ (b · q)² along the directions b in which δ has a positive second derivative beyond
+//!   that of the plane, with q the motion since the contact was found: the [`QUADRATIC_TERMS`] largest.
+//!   Negative ones are left out: with them the wrench would push away from crests, and no implicit step would
+//!   be sure to have a solution. With positive ones δ is convex but for the turning of the plane's lever arm,
+//!   so U is, and their stiffness is positive semi-definite.
 //!
-//! A quadratic term turns the plane by no more than [`STEEPEST`], beyond which it goes on straight: the curvature is known only
-//! where the contact was found.
+//! A quadratic term turns the plane by no more than [`STEEPEST`], beyond which it goes on straight: the
+//! curvature is known only where the contact was found.
 
 use arrayvec::ArrayVec;
 use glam::{DQuat, DVec3};
@@ -52,8 +55,8 @@ pub struct CurvedContact {
     pub lever: f64,
 }
 
-/// One term of a contact's depth beyond the distance from a plane: slope · s + ½ curvature · s², with s linear in the motion
-/// of the body since the contact was found.
+/// One term of a contact's depth beyond the distance from a plane: slope · s + ½ curvature · s², with s
+/// linear in the motion of the body since the contact was found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct CurvatureTerm {
     /// Index of the contact in the model.
@@ -128,8 +131,8 @@ impl EvaluatedTerm {
 }
 
 impl CurvedContact {
-    /// The plane and its curvature terms, as found while the body was at `pose`; `None` if the contact is not finite or has no
-    /// gradient.
+    /// The plane and its curvature terms, as found while the body was at `pose`; `None` if the contact is not
+    /// finite or has no gradient.
     pub(super) fn constraint(
         &self,
         pose: &Pose,
@@ -174,8 +177,8 @@ impl CurvedContact {
         Some((plane, twists.then_some(linear_term).into_iter().chain(quadratic).collect()))
     }
 
-    /// Directions b, linear (m^-½) and angular (m^½), of the largest positive second derivatives beyond those of the plane that
-    /// has its point at `arm`: none where these are not finite.
+    /// Directions b, linear (m^-½) and angular (m^½), of the largest positive second derivatives beyond those
+    /// of the plane that has its point at `arm`: none where these are not finite.
     fn curved_directions(&self, arm: DVec3) -> ArrayVec<(DVec3, DVec3), QUADRATIC_TERMS> {
         // Turns times the lever arm, so that all second derivatives are in 1/m.
         let scale = |i: usize| if i < 3 { 1.0 } else { self.lever };

@@ -1,4 +1,5 @@
-//! Evaluation of all contacts at a state of the body: wrench, Jacobian, reactions on the scene's objects, energy.
+//! Evaluation of all contacts at a state of the body: wrench, Jacobian, reactions on the scene's objects,
+//! energy.
 
 use std::num::NonZeroU32;
 
@@ -115,9 +116,9 @@ impl LinearContactModel {
         WrenchJacobian { pose, twist }
     }
 
-    /// Wrenches **on the scene's objects** that receive reactions, one for each contact, about the world's origin, with the
-    /// body at a state. Together with those on the other objects, which are left out, they add up to the reverse of
-    /// [`wrench`](Self::wrench).
+    /// Wrenches **on the scene's objects** that receive reactions, one for each contact, about the world's
+    /// origin, with the body at a state. Together with those on the other objects, which are left out, they
+    /// add up to the reverse of [`wrench`](Self::wrench).
     pub fn reactions(&self, state: &BodyState) -> impl Iterator<Item = (NonZeroU32, Wrench)> {
         let rotation = DMat3::from_quat(state.pose.rotation);
         let state = *state;

@@ -1,4 +1,5 @@
-//! Spring and damper that hold a contact's point along its plane, as far as [Coulomb's law](super::coulomb) allows.
+//! Spring and damper that hold a contact's point along its plane, as far as [Coulomb's law](super::coulomb)
+//! allows.
 
 use glam::{DMat3, DQuat, DVec3};
 use palpate_core::Wrench;
@@ -49,8 +50,8 @@ impl PlaneConstraint {
         self.velocity_strain(at.velocity, self.normal.dot(at.velocity), angular)
     }
 
-    /// Rate of strain (m/s) by a motion, given the velocity of the point, its part along the normal, and the angular
-    /// velocity.
+    /// Rate of strain (m/s) by a motion, given the velocity of the point, its part along the normal, and the
+    /// angular velocity.
     #[inline]
     pub(crate) fn velocity_strain(&self, velocity: DVec3, rate: f64, angular: DVec3) -> Strain {
         Strain { along: velocity - self.normal * rate, spin: self.radius * self.normal.dot(angular) }
@@ -104,8 +105,8 @@ impl PlaneConstraint {
 
     /// Derivatives of friction by the body's placement and velocity.
     ///
-    /// With the trial force f = k ξ + b v_t along the unit direction d, ∂F_t = −∂f while the contact sticks. While it slides,
-    /// F_t = −μ λ d, and so ∂F_t = −(s ∂f + d (∂(μ λ) − s dᵀ ∂f)) with s = μ λ / ‖f‖.
+    /// With the trial force f = k ξ + b v_t along the unit direction d, ∂F_t = −∂f while the contact sticks.
+    /// While it slides, F_t = −μ λ d, and so ∂F_t = −(s ∂f + d (∂(μ λ) − s dᵀ ∂f)) with s = μ λ / ‖f‖.
     pub(super) fn friction_jacobian(
         &self,
         state: &BodyState,
@@ -149,7 +150,8 @@ impl PlaneConstraint {
         WrenchJacobian { pose, twist: twist.wrench(at, n, self.radius) }
     }
 
-    /// ∂(μ λ) by placement and by velocity, of a contact that slides: μ ∂λ + λ ∂μ, with ∂μ = (dμ/dv / v) v_t · ∂v_t.
+    /// ∂(μ λ) by placement and by velocity, of a contact that slides: μ ∂λ + λ ∂μ, with ∂μ = (dμ/dv / v) v_t
+    /// · ∂v_t.
     fn limit_by(
         &self,
         at: &ContactState,

@@ -11,14 +11,16 @@ use crate::body::BodyState;
 use crate::jacobian::outer;
 use crate::system::{Lateral, Linear, six};
 
-/// What keeps the system of [`LinearContactModel::take_over_friction`] regular, as a part of its entries.
-const REGULAR: f64 = 1e-9;
+/// Regularisation of the system of [`LinearContactModel::take_over_friction`], relative to its trace: no
+/// unit. With 0 it is singular where contacts do not hold all directions.
+const REGULARISATION: f64 = 1e-9;
 
 /// Rounds in which what some contacts cannot hold is left to others.
-const ROUNDS: usize = 3;
+const TAKE_OVER_ROUNDS: usize = 3;
 
 impl LinearContactModel {
-    /// Lets contacts slide where friction does not hold them. To be called with the state at the end of each step.
+    /// Lets contacts slide where friction does not hold them. To be called with the state at the end of each
+    /// step.
     pub fn settle(&mut self, state: &BodyState) {
         let rotation = DMat3::from_quat(state.pose.rotation);
         for constraint in self.constraints_mut().iter_mut().filter(|c| c.friction.is_some()) {
@@ -26,10 +28,10 @@ impl LinearContactModel {
         }
     }
 
-    /// Strains the contacts so that friction holds the body with the wrench that the springs of `other`, the model before,
-    /// have, as far as friction allows. They are strained as if the body had moved by one small displacement since, which a
-    /// 6×6 solve finds. What some cannot hold is left to the others, in a few rounds. The contacts of a body at rest hence
-    /// never creep, however often they are found anew.
+    /// Strains the contacts so that friction holds the body with the wrench that the springs of `other`, the
+    /// model before, have, as far as friction allows. They are strained as if the body had moved by one small
+    /// displacement since, which a 6×6 solve finds. What some cannot hold is left to the others, in a few
+    /// rounds. The contacts of a body at rest hence never creep, however often they are found anew.
     pub fn take_over_friction(&mut self, other: &Self, state: &BodyState) {
         let rotation = DMat3::from_quat(state.pose.rotation);
         let wanted = other.springs(state, &rotation);
@@ -40,7 +42,7 @@ impl LinearContactModel {
             .map(|constraint| TransferredFriction::new(constraint, state, &rotation))
             .collect();
         let mut missing = wanted;
-        for _ in 0..ROUNDS {
+        for _ in 0..TAKE_OVER_ROUNDS {
             let found = (missing != Wrench::ZERO).then(|| displacement_for(&missing, &taking));
             let Some(displacement) = found.flatten() else { break };
             let mut yielded = false;
@@ -100,7 +102,8 @@ impl<'a> TransferredFriction<'a> {
     }
 }
 
-/// Displacement (m, rad) of the body to which the springs of all contacts that do not yield answer with −`held`.
+/// Displacement (m, rad) of the body to which the springs of all contacts that do not yield answer with
+/// −`held`.
 fn displacement_for(held: &Wrench, taking: &[TransferredFriction<'_>]) -> Option<Twist> {
     let holding = || taking.iter().filter(|one| !one.yields);
     // Angles times this distance, so that both kinds of unknowns are lengths.
@@ -119,7 +122,7 @@ fn displacement_for(held: &Wrench, taking: &[TransferredFriction<'_>]) -> Option
     }
     linear.add_lateral(&lateral);
     let trace: f64 = (0..6).map(|i| linear.matrix[i][i]).sum();
-    (0..6).for_each(|i| linear.matrix[i][i] += REGULAR * trace);
+    (0..6).for_each(|i| linear.matrix[i][i] += REGULARISATION * trace);
     let [x, y, z, a, b, c] = linear.solution(true)?;
     Some(Twist { linear: DVec3::new(x, y, z), angular: DVec3::new(a, b, c) / reach })
 }

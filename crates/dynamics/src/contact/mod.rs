@@ -1,5 +1,5 @@
-//! Contact response: penalty contacts as plane constraints, in the form that the contact thread hands to the haptic thread
-//! (§5.2.4, §5.4.3).
+//! Contact response: penalty contacts as plane constraints, in the form that the contact thread hands to the
+//! haptic thread (§5.2.4, §5.4.3).
 //!
 //! Each contact is the plane through p₀ with normal n, fixed in the world, against the point r of the body.
 //! With a = R r, δ = n · (x + a − p₀) and δ̇ = n · (v + ω × a), the contact pushes the body along −n with
@@ -15,26 +15,26 @@
 //!
 //! λ = b (δ̇ + (δ + d) / τ) while that is positive,
 //!
-//! so that the gap that is left is not closed faster than in about τ. The law is continuous with the one above where the gap
-//! closes, and only takes energy. A fast body is slowed before the force is one that a slow body would feel, and is
-//! not behind a thin wall before the next contacts are found (§5.6.1).
+//! so that the gap that is left is not closed faster than in about τ. The law is continuous with the one
+//! above where the gap closes, and only takes energy. A fast body is slowed before the force is one that a
+//! slow body would feel, and is not behind a thin wall before the next contacts are found (§5.6.1).
 //!
-//! The scene may move: a contact knows the [motion of the surface](SurfaceMotion) that it is with. Dampers and friction act on
-//! velocities relative to that, and a step uses the planes and the friction anchors at its end
-//! ([`LinearContactModel::advance`]).
+//! The scene may move: a contact knows the [motion of the surface](SurfaceMotion) that it is with. Dampers
+//! and friction act on velocities relative to that, and a step uses the planes and the friction anchors at
+//! its end ([`LinearContactModel::advance`]).
 //!
-//! Where the surfaces have friction, the point is also held along the plane, by a spring and damper of the same
-//! gains that yield at the Coulomb limit ([`coulomb`]).
+//! Where the surfaces have friction, the point is also held along the plane, by a spring and damper of the
+//! same gains that yield at the Coulomb limit ([`coulomb`]).
 //!
-//! A contact between detailed surfaces is more than a plane: [`CurvedContact`], whose [curvature terms](curvature) let the
-//! plane turn as the body moves on.
+//! A contact between detailed surfaces is more than a plane: [`CurvedContact`], whose [curvature
+//! terms](curvature) let the plane turn as the body moves on.
 //!
 //! The stiffness that the body feels is at most the number of contacts times k, and that number is at most
 //! [`MAX_CLUSTERS`]: this is what the clustering of §5.4.2 is for. While one model [blends
 //! into](crate::ContactBlend) the next, the two share it.
 //!
-//! Each file uses only those before it: [`coulomb`], [`constraint`], [`friction`], [`curvature`], [`model`], and on top
-//! [`evaluate`] and [`friction_transfer`].
+//! Each file uses only those before it: [`coulomb`], [`constraint`], [`friction`], [`curvature`], [`model`],
+//! and on top [`evaluate`] and [`friction_transfer`].
 
 mod constraint;
 mod coulomb;

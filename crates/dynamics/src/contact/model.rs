@@ -1,4 +1,5 @@
-//! The contacts that the contact thread hands to the haptic thread: storage, budgets, and motion with the scene.
+//! The contacts that the contact thread hands to the haptic thread: storage, budgets, and motion with the
+//! scene.
 
 use arrayvec::ArrayVec;
 use glam::DMat3;
@@ -14,7 +15,8 @@ pub const MAX_CLUSTERS: usize = 16;
 /// Largest number of approaching contacts of a model, besides the touching ones.
 pub const MAX_APPROACHING: usize = 4;
 
-/// Largest number of constraints: those of an incoming and of an outgoing model while one blends into the other.
+/// Largest number of constraints: those of an incoming and of an outgoing model while one blends into the
+/// other.
 pub const MAX_CONSTRAINTS: usize = 2 * (MAX_CLUSTERS + MAX_APPROACHING);
 
 /// Largest number of curvature terms: all that so many curved contacts can have.
@@ -27,7 +29,8 @@ pub enum ContactClass {
     Touching,
     /// Further apart, with a body that comes closer, of which there are at most [`MAX_APPROACHING`].
     Approaching {
-        /// τ, s: time before it closes from which the contact brakes the body. With 0 it is one of the touching ones.
+        /// τ, s: time before it closes from which the contact brakes the body. With 0 it is one of the
+        /// touching ones.
         braking_time: f64,
     },
 }
@@ -56,8 +59,9 @@ impl From<ContactPatch> for FoundContact<'_> {
 /// The latest contacts, from which the haptic thread evaluates force and derivatives on its own: fixed size,
 /// `Copy`, nothing on the heap.
 ///
-/// Touching and approaching contacts have a [budget](ContactClass) each. Where it is used up, the shallowest of the class
-/// gives way, or the new one if that is the shallowest. All that are left out are counted ([`Self::overflow`]).
+/// Touching and approaching contacts have a [budget](ContactClass) each. Where it is used up, the shallowest
+/// of the class gives way, or the new one if that is the shallowest. All that are left out are counted
+/// ([`Self::overflow`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinearContactModel {
     constraints: [PlaneConstraint; MAX_CONSTRAINTS],
@@ -94,8 +98,8 @@ impl LinearContactModel {
         }
     }
 
-    /// The model of touching `contacts` with objects at rest, found while the body was at `pose`, stamped with `time` (s, the
-    /// caller's clock): each is [pushed](Self::push).
+    /// The model of touching `contacts` with objects at rest, found while the body was at `pose`, stamped
+    /// with `time` (s, the caller's clock): each is [pushed](Self::push).
     pub fn from_contacts(
         contacts: impl IntoIterator<Item = impl Into<ContactPatch>>,
         pose: &Pose,
@@ -109,13 +113,14 @@ impl LinearContactModel {
         model
     }
 
-    /// Adds a contact with an object that may move. Where its class is full, the shallowest of the class is left out
-    /// ([`Self::overflow`]). A contact that is not finite, or has no normal or gradient, is refused ([`Self::refused`]).
+    /// Adds a contact with an object that may move. Where its class is full, the shallowest of the class is
+    /// left out ([`Self::overflow`]). A contact that is not finite, or has no normal or gradient, is refused
+    /// ([`Self::refused`]).
     ///
-    /// At the pose of the model a touching contact with an object at rest pushes with k (δ + d) exactly, δ being the depth it
-    /// came with: the plane is put at p − δ n (Eq. 5.36) even where the contact's own p₀ differs. The gains of a curved one
-    /// are those of a plane along the depth's gradient (Eqs. 5.51–5.56); the motion of the scene's object counts for that
-    /// plane and not for the curvature terms.
+    /// At the pose of the model a touching contact with an object at rest pushes with k (δ + d) exactly, δ
+    /// being the depth it came with: the plane is put at p − δ n (Eq. 5.36) even where the contact's own p₀
+    /// differs. The gains of a curved one are those of a plane along the depth's gradient (Eqs. 5.51–5.56);
+    /// the motion of the scene's object counts for that plane and not for the curvature terms.
     pub fn push<'a>(
         &mut self,
         class: ContactClass,
@@ -141,9 +146,9 @@ impl LinearContactModel {
         self.push_within_budget(PlaneConstraint { braking_time, surface, ..plane }, &terms);
     }
 
-    /// Adds a constraint as it is, without curvature terms: as an approaching contact if it has a braking time, and as a
-    /// touching one if not. It has a place in the model only as long as the budget of its class allows, as with
-    /// [`Self::push`].
+    /// Adds a constraint as it is, without curvature terms: as an approaching contact if it has a braking
+    /// time, and as a touching one if not. It has a place in the model only as long as the budget of its
+    /// class allows, as with [`Self::push`].
     pub fn push_constraint(&mut self, constraint: PlaneConstraint) {
         self.push_within_budget(constraint, &[]);
     }
@@ -242,8 +247,9 @@ impl LinearContactModel {
         (self.moves, self.reacts, self.advanced) = (other.moves, other.reacts, other.advanced);
     }
 
-    /// Moves the surfaces on for a time (s): planes and friction anchors. A step of `dt` uses them where they are at its end.
-    /// They move for [`Self::LONGEST_MOTION`] at most, and then stand still: without a newer model nothing is known of them.
+    /// Moves the surfaces on for a time (s): planes and friction anchors. A step of `dt` uses them where they
+    /// are at its end. They move for [`Self::LONGEST_MOTION`] at most, and then stand still: without a newer
+    /// model nothing is known of them.
     pub fn advance(&mut self, dt: f64) {
         if !(self.moves && dt > 0.0) {
             return;
@@ -276,8 +282,8 @@ impl LinearContactModel {
         }
     }
 
-    /// Adds those contacts of another model whose bits are set, with their curvature terms. The budgets of classes do not
-    /// count here: there is room for all contacts of two models.
+    /// Adds those contacts of another model whose bits are set, with their curvature terms. The budgets of
+    /// classes do not count here: there is room for all contacts of two models.
     pub(crate) fn extend(&mut self, other: &Self, chosen: u64) {
         for (i, constraint) in other.constraints().iter().enumerate() {
             if chosen & (1 << i) != 0 {
@@ -343,8 +349,8 @@ impl LinearContactModel {
         &self.pose
     }
 
-    /// Largest displacement of a contact's point on the body since the contacts were found, m (0 without contacts). Plane
-    /// constraints hold for motions small against the features of the scene.
+    /// Largest displacement of a contact's point on the body since the contacts were found, m (0 without
+    /// contacts). Plane constraints hold for motions small against the features of the scene.
     pub fn displacement(&self, pose: &Pose) -> f64 {
         self.constraints().iter().fold(0.0, |most: f64, c| {
             most.max((pose.transform_point(c.point) - self.pose.transform_point(c.point)).length())

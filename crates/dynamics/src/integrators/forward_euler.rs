@@ -6,8 +6,8 @@ use crate::step::{Frame, Step, StepStatus};
 
 /// Forward Euler: everything advances at the rates of the start of the step.
 ///
-/// A free body keeps its momenta, and gains energy. It is here to compare with (Fig. 5.6): with stiff springs or
-/// light bodies it diverges, until the step is held for [`Overflow`](crate::StepFailure::Overflow).
+/// A free body keeps its momenta, and gains energy. It is here to compare with (Fig. 5.6): with stiff springs
+/// or light bodies it diverges, until the step is held for [`Overflow`](crate::StepFailure::Overflow).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct ForwardEuler;
 

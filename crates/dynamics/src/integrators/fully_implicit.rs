@@ -18,8 +18,8 @@ use crate::step::{Frame, Step, carried_momentum};
 /// m (v − v_0) = h F,   exp(h ω*) I_0 ω − I_0 ω_0 = h T,   x = x_0 + h v,   R = exp(h ω*) R_0,
 ///
 /// with F and T at the end of the step. The derivatives are exact: of the carried momentum as in
-/// [`semi_implicit_step`](crate::semi_implicit_step), of the wrench by ω through the turn as well, ∂φ = h J_l(h ω)
-/// ∂ω. Contacts are looked at anew in each iterate.
+/// [`semi_implicit_step`](crate::semi_implicit_step), of the wrench by ω through the turn as well, ∂φ = h
+/// J_l(h ω) ∂ω. Contacts are looked at anew in each iterate.
 ///
 /// Newton steps are shortened until the simplified Newton step that follows is shorter than the last (the
 /// natural monotonicity test of P. Deuflhard, *Newton Methods for Nonlinear Problems*, 2004, §3.3), which does
@@ -30,9 +30,9 @@ use crate::step::{Frame, Step, carried_momentum};
 /// [`StepStatus::unconverged`](crate::StepStatus::unconverged) set.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FullyImplicit {
-    /// The most Newton iterations of one run, of which there are at most two.
+    /// Largest number of Newton iterations of one run, of which there are at most two.
     pub iterations: u32,
-    /// What the last Newton step may change, m/s: the root mean square velocity over the body's mass.
+    /// Largest change by the last Newton step, m/s: the root mean square velocity over the body's mass.
     pub tolerance: f64,
 }
 
@@ -46,7 +46,7 @@ impl Default for FullyImplicit {
 /// A Newton step is shortened at most to this part of it.
 const SHORTEST: f64 = 1.0 / 64.0;
 
-/// What rounding leaves of a velocity, relative to it.
+/// Rounding error of a velocity, relative to it.
 const ROUNDING: f64 = 1e-12;
 
 impl Integrator for FullyImplicit {
@@ -289,7 +289,8 @@ mod tests {
         assert!(pressed > 300, "only {pressed} contacts pressed");
     }
 
-    /// A body just outside a wall with a hard damper: without contact it would end inside, and with it outside.
+    /// A body just outside a wall with a hard damper: without contact it would end inside, and with it
+    /// outside.
     #[test]
     fn a_contact_that_can_neither_open_nor_close_is_left_to_the_next_step() {
         let body = Body::new(0.02, DMat3::from_diagonal(DVec3::splat(1e-5))).unwrap();

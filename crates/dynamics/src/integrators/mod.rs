@@ -78,8 +78,8 @@ impl Frame<'_> {
         (held + touch.wrench + weight, touch.active)
     }
 
-    /// The angular velocity (rad/s) of the body at an orientation with an angular momentum (kg·m²/s), in world
-    /// axes, where `inverse` is the inverse of the inertia in body axes.
+    /// The angular velocity (rad/s) of the body at an orientation with an angular momentum (kg·m²/s), in
+    /// world axes, where `inverse` is the inverse of the inertia in body axes.
     fn spin(pose: &Pose, inverse: &DMat3, momentum: DVec3) -> DVec3 {
         pose.rotation * (*inverse * (pose.rotation.conjugate() * momentum))
     }

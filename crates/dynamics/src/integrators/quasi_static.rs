@@ -1,5 +1,5 @@
-//! The quasi-static body of M. Wan and W. A. McNeely, *Quasi-Static Approximation for 6 Degrees-of-Freedom Haptic
-//! Rendering* (IEEE Visualization 2003).
+//! The quasi-static body of M. Wan and W. A. McNeely, *Quasi-Static Approximation for 6 Degrees-of-Freedom
+//! Haptic Rendering* (IEEE Visualization 2003).
 
 use glam::{DMat3, DVec3};
 use palpate_core::{Pose, Twist, Wrench};
@@ -11,28 +11,29 @@ use crate::jacobian::Block6;
 use crate::linear_solve::{has_positive_minors, solve};
 use crate::step::{Frame, Step, StepFailure, StepStatus};
 
-/// A body without dynamics: each step puts it where the springs of coupling and contacts balance, with gravity.
+/// A body without dynamics: each step puts it where the springs of coupling and contacts balance, with
+/// gravity.
 ///
-/// No damper acts and no mass but for the weight: of the time step only the velocity depends, which is the change of
-/// placement over it, and the wrenches given are those of the springs alone. The equilibrium is searched for from
-/// the present placement by Newton's method. Where the stiffness is not positive definite (a saturated spring, a tool
-/// about to buckle), or a step neither brings the springs closer to balance nor takes energy from them, springs to
-/// the present placement are added, of the coupling's gains times a factor that grows until it does (Levenberg's
-/// method).
+/// No damper acts and no mass but for the weight: of the time step only the velocity depends, which is the
+/// change of placement over it, and the wrenches given are those of the springs alone. The equilibrium is
+/// searched for from the present placement by Newton's method. Where the stiffness is not positive definite
+/// (a saturated spring, a tool about to buckle), or a step neither brings the springs closer to balance nor
+/// takes energy from them, springs to the present placement are added, of the coupling's gains times a factor
+/// that grows until it does (Levenberg's method).
 ///
-/// The search is bounded; if it ends early, the body is where it came to, [`StepStatus::unconverged`] is set, and
-/// the next step goes on from there. Both of the coupling's springs must have a positive stiffness: without them
-/// there is no one equilibrium, and the step is held for [`StepFailure::Singular`].
+/// The search is bounded; if it ends early, the body is where it came to, [`StepStatus::unconverged`] is set,
+/// and the next step goes on from there. Both of the coupling's springs must have a positive stiffness:
+/// without them there is no one equilibrium, and the step is held for [`StepFailure::Singular`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct QuasiStatic {
-    /// The most systems that a step solves.
+    /// Largest number of systems that a step solves.
     pub iterations: u32,
     /// The furthest that one iteration moves the body, m.
     pub max_shift: f64,
     /// The furthest that one iteration turns the body, rad.
     pub max_turn: f64,
-    /// What the last iteration may move, m; turning counts by the deviation of the linear spring that holds as
-    /// much energy.
+    /// Largest motion of the last iteration, m; turning counts by the deviation of the linear spring that
+    /// holds as much energy.
     pub tolerance: f64,
 }
 
@@ -73,7 +74,7 @@ const LEAST: f64 = 1e-3;
 const GROWTH: f64 = 10.0;
 const MOST: f64 = 1e9;
 
-/// How the springs balance at a placement.
+/// Balance of the springs at a placement.
 #[derive(Clone, Copy)]
 struct Balance {
     pose: Pose,
@@ -158,10 +159,10 @@ impl Balance {
         }
     }
 
-    /// The change of placement that balances the springs to first order, with `added` times the gains as springs
-    /// to the present placement; `None` if the stiffness is not positive definite. Of one that is not symmetric,
-    /// which a load off balance makes it, the leading minors have to be positive: with a symmetric one that is the
-    /// same.
+    /// The change of placement that balances the springs to first order, with `added` times the gains as
+    /// springs to the present placement; `None` if the stiffness is not positive definite. Of one that is not
+    /// symmetric, which a load off balance makes it, the leading minors have to be positive: with a symmetric
+    /// one that is the same.
     fn newton_step(&self, added: f64, gains: (f64, f64)) -> Option<Twist> {
         let mut stiffness = self.stiffness;
         stiffness.force_linear += DMat3::from_diagonal(DVec3::splat(added * gains.0));

@@ -10,19 +10,19 @@ use crate::step::{Frame, Step, StepStatus};
 
 /// The classical Runge–Kutta method of fourth order.
 ///
-/// In the step the orientation is exp(θ*) R₀ with θ′ = J_l⁻¹(θ) ω, so that the method works on vectors only and
-/// the rotation stays one (Munthe-Kaas); the other unknowns are x, v and the angular momentum. Contacts are
-/// looked at in each stage; in a step in which one opens or closes the order is lower. It diverges with stiff
-/// springs and light bodies, if later than [`ForwardEuler`](crate::ForwardEuler).
+/// In the step the orientation is exp(θ*) R₀ with θ′ = J_l⁻¹(θ) ω, so that the method works on vectors only
+/// and the rotation stays one (Munthe-Kaas); the other unknowns are x, v and the angular momentum. Contacts
+/// are looked at in each stage; in a step in which one opens or closes the order is lower. It diverges with
+/// stiff springs and light bodies, if later than [`ForwardEuler`](crate::ForwardEuler).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct RungeKutta4;
 
 /// Rates of change in one stage.
 #[derive(Clone, Copy)]
 struct Rates {
-    /// Of x and θ.
+    /// Derivative of x and θ.
     motion: Twist,
-    /// Of the momenta.
+    /// Derivative of the momenta.
     load: Wrench,
 }
 

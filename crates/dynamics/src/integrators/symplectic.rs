@@ -1,5 +1,5 @@
-//! Symplectic Euler, with the discrete rigid-body equation of T. Lee, M. Leok and N. H. McClamroch (*A Lie group
-//! variational integrator for the attitude dynamics of a rigid body*, IEEE CCA 2005) for the rotation.
+//! Symplectic Euler, with the discrete rigid-body equation of T. Lee, M. Leok and N. H. McClamroch (*A Lie
+//! group variational integrator for the attitude dynamics of a rigid body*, IEEE CCA 2005) for the rotation.
 
 use glam::{DMat3, DVec3};
 use palpate_core::Twist;
@@ -10,14 +10,15 @@ use crate::linear_solve::solve;
 use crate::rotation::{skew, turn_coefficients};
 use crate::step::{Frame, Step, StepStatus};
 
-/// Symplectic (semi-explicit) Euler: first the momenta, by the wrench at the start of the step, then the placement
-/// by the new momenta.
+/// Symplectic (semi-explicit) Euler: first the momenta, by the wrench at the start of the step, then the
+/// placement by the new momenta.
 ///
-/// The rotation of the step, exp(f*), is that of a discrete Lagrangian: h L = a I f + b f × I f with a = sin θ / θ, b =
-/// (1 − cos θ) / θ², θ = ‖f‖. So the method is symplectic in the rotation as in the translation, and the energy of a
-/// free body neither grows nor shrinks, however thin it is, while its momenta are kept to rounding. Where the equation
-/// has no solution within half a turn, the body turns by h I⁻¹ L instead. Springs and dampers act explicitly: it
-/// diverges about as [`ForwardEuler`](crate::ForwardEuler) does, without damping later.
+/// The rotation of the step, exp(f*), is that of a discrete Lagrangian: h L = a I f + b f × I f with a = sin
+/// θ / θ, b = (1 − cos θ) / θ², θ = ‖f‖. So the method is symplectic in the rotation as in the translation,
+/// and the energy of a free body neither grows nor shrinks, however thin it is, while its momenta are kept to
+/// rounding. Where the equation has no solution within half a turn, the body turns by h I⁻¹ L instead.
+/// Springs and dampers act explicitly: it diverges about as [`ForwardEuler`](crate::ForwardEuler) does,
+/// without damping later.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct SymplecticEuler;
 
@@ -43,11 +44,11 @@ impl Integrator for SymplecticEuler {
     }
 }
 
-/// The most Newton iterations for the rotation of a step.
+/// Largest number of Newton iterations for the rotation of a step.
 const ITERATIONS: u32 = 12;
 
-/// The f for which a I f + b f × I f is `target` (kg·m²), by Newton's method from a guess (rad), if it is found
-/// within half a turn; and the number of iterations.
+/// The f for which a I f + b f × I f is `target` (kg·m²), by Newton's method from a guess (rad), if it is
+/// found within half a turn; and the number of iterations.
 fn turn(inertia: &DMat3, target: DVec3, guess: DVec3) -> (Option<DVec3>, u32) {
     let mut f = guess;
     for i in 0..ITERATIONS {

@@ -237,8 +237,9 @@ fn auto_gains_are_passive_for_every_mass_rate_and_delay() {
     }
 }
 
-/// How much of the device's damping is left at an angle ωT, at least: the smaller eigenvalue of diag(b, b_θ) less the
-/// Hermitian part of what the coupling renders, each divided by the root of its damping. For delays of whole periods.
+/// How much of the device's damping is left at an angle ωT, at least: the smaller eigenvalue of diag(b, b_θ)
+/// less the Hermitian part of what the coupling renders, each divided by the root of its damping. For delays
+/// of whole periods.
 fn left_at(limits: &PortLimits, coupling: &VirtualCoupling, lags: (f64, f64), angle: f64) -> f64 {
     let PortLimits { translation, rotation, lever, sampling } = limits;
     let q = |stiffness, damping, lag| {
@@ -282,7 +283,8 @@ fn a_coupling_at_a_lever_is_passive_in_translation_and_rotation_together() {
         assert!(left > -1e-9, "seed {seed}, case {case}: {left} at {lever} m, lags {lags:?}");
         unequal += usize::from(lags.0 != lags.1);
 
-        // By the handle's limits alone, as if the force did not turn it, and with lags of each port's own, it is not.
+        // By the handle's limits alone, as if the force did not turn it, and with lags of each port's own, it
+        // is not.
         let blind = VirtualCoupling::auto(&body, grasp, &at_origin.in_world(scale));
         let own = at_origin.in_world(scale).velocity_lags(&blind);
         without += usize::from(least_left(&limits, &blind, own) < 0.0);
@@ -308,7 +310,8 @@ fn a_lever_takes_of_the_rotation_and_then_of_the_translation() {
     // A tenth of the lever's own share is what √(b/b_θ) = 31.6/m adds to ℓ² at 0.1 m.
     assert!((at(0.1).0 - 0.075 / (0.01 + 0.1 / 1000_f64.sqrt())).abs() < 1e-9, "{}", at(0.1).0);
 
-    // Where no torque reaches the hand, no lever limits it; where no force does, the rotation has all of its own.
+    // Where no torque reaches the hand, no lever limits it; where no force does, the rotation has all of its
+    // own.
     let mut one_sided = limits(sampling(1e-3, 0.0)).with_lever(0.1);
     one_sided.rotation.peak = 0.0;
     assert_eq!(one_sided.stiffest(), (400.0, ANGULAR_STIFFNESS));
@@ -331,8 +334,8 @@ fn gains_that_were_given_stay_and_lags_follow_the_lever() {
     assert!(damping(0.02).1 / (short.1 + 5e-4) < damping(0.0).1 / (3e-3 + 5e-4));
 }
 
-/// What the maker calls stable at 1 kHz is passive for a device of some damping. With no more than that, what is chosen of
-/// the maker's figures alone is passive, too, at any rate and delay.
+/// What the maker calls stable at 1 kHz is passive for a device of some damping. With no more than that, what
+/// is chosen of the maker's figures alone is passive, too, at any rate and delay.
 #[test]
 fn the_makers_figures_alone_are_enough_with_a_delay() {
     let seed = 78;

@@ -6,8 +6,8 @@ use palpate_core::Twist;
 use crate::body::BodyState;
 use crate::contact::{ContactState, FrictionForce, PlaneConstraint, Strain};
 
-/// A contact as the step's linear systems see it. Its wrench is along (direction, moment), which also takes the
-/// velocity to δ̇.
+/// A contact as the step's linear systems see it. Its wrench is along (direction, moment), which also takes
+/// the velocity to δ̇.
 #[derive(Clone, Copy)]
 pub(crate) struct ActiveContact {
     /// a.
@@ -79,10 +79,11 @@ impl ActiveContact {
     ) -> Self {
         let twist = &state.twist;
         let swept = if geometric { c.swept(at, twist.angular) * dt } else { DVec3::ZERO };
-        // Planes and anchors are where they will be at the end of the step already: at the start, δ is larger by h n · v of
-        // the surface.
+        // Planes and anchors are where they will be at the end of the step already: at the start, δ is larger
+        // by h n · v of the surface.
         let at = &ContactState { overlap: at.overlap + dt * at.direction.dot(c.surface.velocity), ..*at };
-        // δ_n + d = δ_0 + d + h δ̇ and λ_n = k (δ_n + d) + b δ̇ + h ∂(b δ̇)/∂φ · ω, without a change of velocity.
+        // δ_n + d = δ_0 + d + h δ̇ and λ_n = k (δ_n + d) + b δ̇ + h ∂(b δ̇)/∂φ · ω, without a change of
+        // velocity.
         let overlap = at.overlap + dt * at.rate;
         let stiffness = c.stiffness_at(overlap).unwrap_or(c.stiffness);
         let force = stiffness * overlap + c.damping * at.rate + swept.dot(twist.angular);

@@ -8,14 +8,14 @@ use crate::body::{Body, BodyState};
 use crate::contact::LinearContactModel;
 use crate::coupling::{DeviceMotion, VirtualCoupling};
 
-/// What acts on the body during a step.
+/// Everything that acts on the body during a step.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame<'a> {
     /// The body.
     pub body: &'a Body,
     /// The device, taken to stand here with this velocity for the whole step.
     pub device: &'a DeviceMotion,
-    /// What joins them.
+    /// Virtual coupling between the two.
     pub coupling: &'a VirtualCoupling,
     /// The contacts.
     pub contacts: &'a LinearContactModel,
@@ -24,8 +24,8 @@ pub struct Frame<'a> {
 }
 
 impl Frame<'_> {
-    /// The step that is not taken for its inputs, or `None` if they will do: the rules of [`semi_implicit_step`], which
-    /// are every integrator's.
+    /// The step that fails for its inputs, or `None` if they are usable: the rules of
+    /// [`semi_implicit_step`](crate::semi_implicit_step), which are every integrator's.
     pub(crate) fn refused(&self, state: &BodyState, dt: f64) -> Option<Step> {
         if !state.is_valid() {
             let relaxed = self.coupling.relaxed_pose(&self.device.pose);
@@ -41,7 +41,7 @@ impl Frame<'_> {
         None
     }
 
-    /// The step from `start` to `next` with the wrenches there, or one that is held if they are not finite.
+    /// The step from `start` to `next` with the wrenches there, or a failed one if they are not finite.
     pub(crate) fn ended(&self, start: &BodyState, next: &BodyState, active: u64, status: StepStatus) -> Step {
         if !next.is_valid() {
             return Step::failed(start, StepFailure::Overflow);

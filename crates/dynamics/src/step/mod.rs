@@ -18,24 +18,25 @@
 //! # Unilateral contact
 //!
 //! A contact is in the system, with its spring and damper linearised at the start, if at the *end* of the
-//! step it is both closed (δ + d > 0, or braking before) and pushing (λ > 0), as the linear system predicts them. The set is
-//! found by iteration: guess from the motion at the start velocity, solve, compare, solve again. Two rules
-//! make it end: a contact that is open at the start and that its own force would keep open is left to the
-//! next step (the damper's force jumps at closing, so that neither answer is consistent); and after
-//! [`FREE_SOLVES`] solves contacts only leave the set. Whatever the outcome, no contact attracts: one whose
-//! predicted force is negative is never in the solution that is used.
+//! step it is both closed (δ + d > 0, or braking before) and pushing (λ > 0), as the linear system predicts
+//! them. The set is found by iteration: guess from the motion at the start velocity, solve, compare, solve
+//! again. Two rules make it end: a contact that is open at the start and that its own force would keep open
+//! is left to the next step (the damper's force jumps at closing, so that neither answer is consistent); and
+//! after [`FREE_SOLVES`] solves contacts only leave the set. Whatever the outcome, no contact attracts: one
+//! whose predicted force is negative is never in the solution that is used.
 //!
 //! # Friction
 //!
-//! A contact in the set with friction adds its spring and damper along the plane, and about its normal, likewise
-//! linearised. One that slides adds the share of them that friction holds; the shares are found by the same iteration,
-//! from those of the start. So the matrix stays as definite as it is, and a contact that slides is damped by as much as
-//! friction allows.
+//! A contact in the set with friction adds its spring and damper along the plane, and about its normal,
+//! likewise linearised. One that slides adds the share of them that friction holds; the shares are found by
+//! the same iteration, from those of the start. So the matrix stays as definite as it is, and a contact that
+//! slides is damped by as much as friction allows.
 //!
-//! # Bends
+//! # Curvature
 //!
-//! Where a contact's depth [bends](crate::contact), its direction is that of the start, and the bend's stiffness is in the
-//! matrix with the force at the end of the step if the velocity does not change. It adds to the definiteness of the matrix.
+//! Where a contact has curvature terms ([`CurvedContact`](crate::CurvedContact)), its direction is that of
+//! the start, and the stiffness of the terms is in the matrix with the force at the end of the step if the
+//! velocity does not change. It adds to the definiteness of the matrix.
 //!
 //! # Geometric stiffness
 //!
@@ -71,9 +72,9 @@ pub(crate) use system::{FREE_SOLVES, System, carried_momentum};
 ///
 /// The device is taken to stand at its sampled pose, with its sampled velocity, for the whole step. Nothing
 /// is allocated; nothing panics. If an input is not usable or the result would not be finite, the state is
-/// returned as it came, both wrenches are zero, and [`StepStatus::failure`] says why; the caller decides how the
-/// device's wrench fades. A state that is itself not finite cannot be held: the body is then put, at rest,
-/// where the coupling is relaxed (or at the identity, if the device's pose is not usable either).
+/// returned as it came, both wrenches are zero, and [`StepStatus::failure`] says why; the caller decides how
+/// the device's wrench fades. A state that is itself not finite cannot be held: the body is then put, at
+/// rest, where the coupling is relaxed (or at the identity, if the device's pose is not usable either).
 pub fn semi_implicit_step(
     body: &Body,
     state: &BodyState,

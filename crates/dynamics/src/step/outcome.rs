@@ -4,7 +4,7 @@ use palpate_core::Wrench;
 
 use crate::body::BodyState;
 
-/// Why a step was not taken.
+/// Reason for which a step was not taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum StepFailure {
     /// The time step is not positive and finite.
@@ -12,7 +12,7 @@ pub enum StepFailure {
     /// The device's pose or twist is not finite, or its quaternion not of unit length.
     Device,
     /// The body's state is not finite, or its quaternion not of unit length. The state cannot be held; see
-    /// [`semi_implicit_step`].
+    /// [`semi_implicit_step`](crate::semi_implicit_step).
     State,
     /// The linear system is singular, or something that went into it is not finite: a gain, a contact,
     /// gravity, the body.
@@ -21,7 +21,7 @@ pub enum StepFailure {
     Overflow,
 }
 
-/// How a step went.
+/// Status of a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct StepStatus {
     /// Set if no step was taken: the state is held and the wrenches are zero.
@@ -34,7 +34,8 @@ pub struct StepStatus {
     pub geometric_stiffness_dropped: bool,
     /// An iterative integrator ended before its tolerance was reached; see there for what the step is then.
     pub unconverged: bool,
-    /// Number of linear systems solved; by [`semi_implicit_step`] at most [`MAX_SOLVES`].
+    /// Number of linear systems solved; by [`semi_implicit_step`](crate::semi_implicit_step) at most
+    /// [`MAX_SOLVES`](crate::MAX_SOLVES).
     pub solves: u32,
 }
 
@@ -60,7 +61,7 @@ pub struct Step {
     pub contact: Wrench,
     /// Bit i is set if contact i pushed during the step.
     pub active: u64,
-    /// How the step went.
+    /// Status of the step.
     pub status: StepStatus,
 }
 

@@ -17,7 +17,8 @@ use crate::system::{Lateral, Linear, cross_sum, six};
 /// Solves in which contacts may both join and leave the active set.
 pub(crate) const FREE_SOLVES: u32 = 6;
 
-/// Largest number of 6×6 systems that one step solves: the free ones, one for each contact that may leave, and the last.
+/// Largest number of 6×6 systems that one step solves: the free ones, one for each contact that may leave,
+/// and the last.
 pub const MAX_SOLVES: u32 = FREE_SOLVES + MAX_CONSTRAINTS as u32 + 1;
 
 /// Relative change of a share of friction, from solve to solve, below which it has converged.
@@ -35,7 +36,8 @@ pub(crate) struct System<'a> {
     dt: f64,
     mass: f64,
     inertia: DMat3,
-    /// The mass, and the coupling's spring and damper at the grasp, with the spring's secant stiffness in all directions.
+    /// The mass, and the coupling's spring and damper at the grasp, with the spring's secant stiffness in all
+    /// directions.
     held: Lateral,
     /// Softening of that spring along its deviation, as a direction and a row.
     softening: Option<([f64; 6], [f64; 6])>,
@@ -45,7 +47,7 @@ pub(crate) struct System<'a> {
     right: [f64; 6],
     /// The coupling's geometric stiffness (force, torque) by φ.
     turning: (DMat3, DMat3),
-    /// Whether geometric stiffness is in.
+    /// Whether geometric stiffness is in the systems.
     pub geometric: bool,
     /// Whether the shares of friction of the last solve were those that it led to.
     pub shares_converged: bool,
@@ -97,8 +99,8 @@ impl<'a> System<'a> {
         }
     }
 
-    /// Linearises the contacts at the start of the step. Returns those that are closed and push at the end of it if the
-    /// velocity does not change.
+    /// Linearises the contacts at the start of the step. Returns those that are closed and push at the end of
+    /// it if the velocity does not change.
     pub fn linearise_contacts(&mut self) -> u64 {
         let mut pushing = 0;
         self.closed_at_start = 0;
@@ -161,9 +163,10 @@ impl<'a> System<'a> {
 
     /// Adds a contact that pushes, and returns a Fᵀ of its force at the start.
     ///
-    /// With D = (n, a × n), the normal force at the end is λ_n = λ + (h k + b) D · Δ + h ∂(b δ̇)/∂φ · Δω, with λ that without a
-    /// change of velocity: h (h k + b) D Dᵀ on the left and −h λ D on the right. Friction acts in all directions of the
-    /// plane, by s of its spring and damper: the gain g = h (h k + b) s at the point in all directions, less g along n.
+    /// With D = (n, a × n), the normal force at the end is λ_n = λ + (h k + b) D · Δ + h ∂(b δ̇)/∂φ · Δω,
+    /// with λ that without a change of velocity: h (h k + b) D Dᵀ on the left and −h λ D on the right.
+    /// Friction acts in all directions of the plane, by s of its spring and damper: the gain g = h (h k + b)
+    /// s at the point in all directions, less g along n.
     #[inline(always)]
     fn add_contact(
         &self,
@@ -197,8 +200,8 @@ impl<'a> System<'a> {
         outer(p.arm, force)
     }
 
-    /// Adds the curvature terms of contacts that push: h² λ κ b bᵀ on the left, for a term with ∂s = b and curvature κ, and
-    /// that times −(v_0, ω_0) on the right.
+    /// Adds the curvature terms of contacts that push: h² λ κ b bᵀ on the left, for a term with ∂s = b and
+    /// curvature κ, and that times −(v_0, ω_0) on the right.
     #[inline(always)]
     fn add_curvature(&self, active: u64, linear: &mut Linear) {
         let h = self.dt;
@@ -227,8 +230,8 @@ impl<'a> System<'a> {
         is_positive_definite(symmetric)
     }
 
-    /// The contacts that are closed and push at the end of the step for a velocity change, and those that are closed. Takes
-    /// over the shares of friction that follow.
+    /// The contacts that are closed and push at the end of the step for a velocity change, and those that are
+    /// closed. Takes over the shares of friction that follow.
     pub fn predict(&mut self, change: &Twist) -> (u64, u64) {
         let (mut pushing, mut closed) = (0, 0);
         self.shares_converged = true;
@@ -251,7 +254,8 @@ impl<'a> System<'a> {
         (pushing, closed)
     }
 
-    /// Change of velocity, the set of contacts that push, and how the search went; `None` if a system is singular.
+    /// Change of velocity, the set of contacts that push, and how the search went; `None` if a system is
+    /// singular.
     pub(super) fn solve(&mut self) -> Option<(Twist, u64, StepStatus)> {
         let mut status = StepStatus::default();
         let mut left_for_next = 0_u64;
@@ -281,7 +285,8 @@ impl<'a> System<'a> {
     }
 }
 
-/// Momentum exp(h ω*) I ω that a body spinning at ω carries over the step, less I ω, and the derivative of the former by ω.
+/// Momentum exp(h ω*) I ω that a body spinning at ω carries over the step, less I ω, and the derivative of
+/// the former by ω.
 #[inline(always)]
 pub(crate) fn carried_momentum(inertia: &DMat3, angular: DVec3, dt: f64) -> (DVec3, DMat3) {
     let (turn, left) = exponential(angular * dt);

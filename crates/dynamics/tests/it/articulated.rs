@@ -1,5 +1,5 @@
-//! Motions of a tool of two bodies with a hinge: derivatives, free motion, a held hinge against one body, stiff contacts with a light
-//! tool, stops, and input that no step can use.
+//! Motions of a tool of two bodies with a hinge: derivatives, free motion, a held hinge against one body,
+//! stiff contacts with a light tool, stops, and input that no step can use.
 
 #![allow(clippy::print_stdout, reason = "measured figures, shown by --nocapture")]
 
@@ -99,7 +99,8 @@ impl Scene {
     }
 }
 
-/// A contact of the point at `arm` (m, world axes, from the centre of mass) with a plane at `depth` behind it.
+/// A contact of the point at `arm` (m, world axes, from the centre of mass) with a plane at `depth` behind
+/// it.
 fn contact(pose: &Pose, arm: DVec3, normal: DVec3, depth: f64) -> Contact {
     let point = pose.translation + arm;
     Contact { point, scene_point: point - normal * depth, normal, depth }
@@ -116,8 +117,24 @@ fn random_contacts(rng: &mut StdRng, pose: &Pose, parameters: &ContactParameters
     LinearContactModel::from_contacts(contacts, pose, parameters, 0.0)
 }
 
-/// The generalised forces on a tool's centre of mass, about it, and at its hinge, by power: the work of every wrench on a unit
-/// velocity of each coordinate.
+/// The solution of a linear system, by Gauss–Jordan elimination.
+fn solve(mut matrix: [[f64; 7]; 7], mut right: [f64; 7]) -> [f64; 7] {
+    for i in 0..7 {
+        let pivot = (i..7).max_by(|&a, &b| matrix[a][i].abs().total_cmp(&matrix[b][i].abs())).unwrap();
+        matrix.swap(i, pivot);
+        right.swap(i, pivot);
+        let (row, value) = (matrix[i], right[i]);
+        for k in (0..7).filter(|&k| k != i) {
+            let factor = matrix[k][i] / row[i];
+            (0..7).for_each(|j| matrix[k][j] -= factor * row[j]);
+            right[k] -= factor * value;
+        }
+    }
+    std::array::from_fn(|i| right[i] / matrix[i][i])
+}
+
+/// The generalised forces on a tool's centre of mass, about it, and at its hinge, by power: the work of every
+/// wrench on a unit velocity of each coordinate.
 fn forces(scene: &Scene, state: &ArticulatedState) -> [f64; 7] {
     forces_of(scene, state, [&state.first, &scene.tool.second(state)])
 }
@@ -159,7 +176,8 @@ fn centre_velocity(tool: &ArticulatedBody, state: &ArticulatedState) -> DVec3 {
     tool.momenta(state).0 / tool.mass()
 }
 
-/// A state with its coordinates changed by (δX of the centre of mass, φ, δq) and its velocities (V, ω, q̇) by as many numbers.
+/// A state with its coordinates changed by (δX of the centre of mass, φ, δq) and its velocities (V, ω, q̇) by
+/// as many numbers.
 fn changed(
     tool: &ArticulatedBody,
     state: &ArticulatedState,
@@ -186,7 +204,8 @@ fn changed(
     next
 }
 
-/// The step solves the linear system that central differences of momenta and forces give: every derivative is right.
+/// The step solves the linear system that central differences of momenta and forces give: every derivative is
+/// right.
 #[test]
 fn the_step_is_that_of_a_system_by_central_differences() {
     let seed = 121;
@@ -213,7 +232,8 @@ fn the_step_is_that_of_a_system_by_central_differences() {
             angle: state.angle + rng.random_range(-0.5..0.5),
             rate: rng.random_range(-1.0..1.0),
         };
-        // Linear, bent and flat springs, away from the joints of their law, across which differences are not exact.
+        // Linear, bent and flat springs, away from the joints of their law, across which differences are not
+        // exact.
         if case % 2 == 1 {
             let share = [0.4, 0.9, 1.1, 1.5][case / 2 % 4];
             let turn = displaced.angular.length();
@@ -247,7 +267,8 @@ fn the_step_is_that_of_a_system_by_central_differences() {
             let moved = changed(&tool, &state, &zero, speed);
             let turn = DQuat::from_scaled_axis(moved.first.twist.angular * STEP);
             let ahead = |angle: f64| ArticulatedState { angle, ..moved };
-            // In the axes of the start, at the angle of the end; the angular velocity stays in place under its own turn.
+            // In the axes of the start, at the angle of the end; the angular velocity stays in place under
+            // its own turn.
             let end = ahead(state.angle + STEP * moved.rate);
             let (linear, _) = tool.momenta(&moved);
             let (_, angular) = tool.momenta(&end);
@@ -305,7 +326,7 @@ fn the_step_is_that_of_a_system_by_central_differences() {
                 right[i] += STEP * STEP * by_place[i] * speeds[j];
             }
         }
-        let expected = palpate_dynamics::solve(matrix, right).expect("regular");
+        let expected = solve(matrix, right);
         let found = {
             let v = centre_velocity(&tool, &step.state) - centre_velocity(&tool, &state);
             let w = step.state.first.twist.angular - state.first.twist.angular;
@@ -483,8 +504,8 @@ fn with_its_hinge_held_the_tool_moves_as_one_body() {
             off = off.max(apart);
         }
         assert!(pushed, "seed {seed}, case {case}");
-        // On the way the two differ in the order of the step; where they come to rest they agree, but for friction, which depends on
-        // the way, and the hinge, which gives way by the torque over 1e7 N·m/rad.
+        // On the way the two differ in the order of the step; where they come to rest they agree, but for
+        // friction, which depends on the way, and the hinge, which gives way by the torque over 1e7 N·m/rad.
         assert!(off < 5e-5, "seed {seed}, case {case}: {off} m apart");
         assert!(friction.is_some() || apart < 1e-8, "seed {seed}, case {case}: {apart} m apart at rest");
         worst = (worst.0.max(off), worst.1.max(if friction.is_some() { 0.0 } else { apart }));
@@ -499,8 +520,9 @@ fn light_forceps(limits: JointLimits) -> ArticulatedBody {
     ArticulatedBody::new(jaw, jaw, Joint { in_first: hinge, in_second: hinge, limits }).unwrap()
 }
 
-/// A gram of forceps, held at the hinge, closes on a stiff ball between its jaws while the hand shakes, and comes to rest; forces and
-/// torques then balance, and the gripper feels the contacts' moment about the hinge.
+/// A gram of forceps, held at the hinge, closes on a stiff ball between its jaws while the hand shakes, and
+/// comes to rest; forces and torques then balance, and the gripper feels the contacts' moment about the
+/// hinge.
 #[test]
 fn a_one_gram_forceps_on_a_stiff_ball_settles() {
     for stiffness in [2000.0, 10_000.0, 100_000.0] {
@@ -618,7 +640,8 @@ fn the_hinge_stays_within_its_limits() {
     }
 }
 
-/// Random tools, contacts and states, as harsh as those that one body is tested with: steps end and nothing attracts.
+/// Random tools, contacts and states, as harsh as those that one body is tested with: steps end and nothing
+/// attracts.
 #[test]
 fn the_active_set_never_attracts_and_always_ends() {
     let seed = 126;

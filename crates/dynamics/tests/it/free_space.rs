@@ -1,14 +1,15 @@
-//! Free-space motion of a thin object (§5.5.2, Fig. 5.6): how far a spoon stays behind the hand, and from which mass
-//! on each integrator holds it, with k_c = 200 N/m, k_θ = 0.6 N·m/rad and 1 kHz.
+//! Free-space motion of a thin object (§5.5.2, Fig. 5.6): how far a spoon stays behind the hand, and from
+//! which mass on each integrator holds it, with k_c = 200 N/m, k_θ = 0.6 N·m/rad and 1 kHz.
 //!
-//! The dissertation finds backward Euler stable at 1 g, with a deviation roughly linear in the mass, at most 2 mm at
-//! 10 g and 17 mm at 100 g; forward Euler from 100 g on, Runge–Kutta 4 from 70 g on. It gives neither the damping nor
-//! the hand's path. The two limits tell about the damping: an explicit step of a mode of rate λ is stable while
-//! dt λ < 2 by forward Euler and < 2.785 by Runge–Kutta 4. Here the fastest mode is the turning about the spoon's long
-//! axis, of moment j m, which is overdamped: λ = b_θ / (j m). With one b_θ for all masses the limits are as 2.785 to
-//! 2, which is near the 100 to 70 found; with critical damping of each mass, b_θ ~ √m, they would be as 2.785² to 2².
-//! So the damping here is one for all masses, critical for the 10 g that §5.5.1 names as the lightest body in contact;
-//! and next to it, for comparison, critical for each mass.
+//! The dissertation finds backward Euler stable at 1 g, with a deviation roughly linear in the mass, at most
+//! 2 mm at 10 g and 17 mm at 100 g; forward Euler from 100 g on, Runge–Kutta 4 from 70 g on. It gives neither
+//! the damping nor the hand's path. The two limits tell about the damping: an explicit step of a mode of rate
+//! λ is stable while dt λ < 2 by forward Euler and < 2.785 by Runge–Kutta 4. Here the fastest mode is the
+//! turning about the spoon's long axis, of moment j m, which is overdamped: λ = b_θ / (j m). With one b_θ for
+//! all masses the limits are as 2.785 to 2, which is near the 100 to 70 found; with critical damping of each
+//! mass, b_θ ~ √m, they would be as 2.785² to 2². So the damping here is one for all masses, critical for the
+//! 10 g that §5.5.1 names as the lightest body in contact; and next to it, for comparison, critical for each
+//! mass.
 
 #![allow(clippy::print_stdout, reason = "measured figures, shown by --nocapture")]
 
@@ -23,8 +24,8 @@ use IntegratorKind::{ForwardEuler, FullyImplicit, RungeKutta4, SemiImplicit, Sym
 const DT: f64 = 1e-3;
 const SECONDS: f64 = 2.5;
 
-/// The spoon of the built-in models, 20 cm long along x: its inertia about the centre of mass over its mass, m², as
-/// `Model::Spoon` generates it with 10,000 triangles (principal moments 6.1e-5, 3.64e-3 and 3.68e-3).
+/// The spoon of the built-in models, 20 cm long along x: its inertia about the centre of mass over its mass,
+/// m², as `Model::Spoon` generates it with 10,000 triangles (principal moments 6.1e-5, 3.64e-3 and 3.68e-3).
 fn spoon(mass: f64) -> Body {
     let unit = DMat3::from_cols(
         DVec3::new(1.238e-4, 0.0, -4.736e-4),
@@ -52,7 +53,8 @@ fn coupling(mass: f64, damping: Damping) -> VirtualCoupling {
     VirtualCoupling::critically_damped(&spoon(for_mass), grasp(), 200.0, 0.6)
 }
 
-/// Legs of the hand's path: velocity (m/s) and angular velocity (rad/s). The hand is at rest before and after.
+/// Legs of the hand's path: velocity (m/s) and angular velocity (rad/s). The hand is at rest before and
+/// after.
 const LEGS: [([f64; 3], [f64; 3]); 9] = [
     ([0.55, 0.05, 0.10], [0.0, 0.8, 1.5]),
     ([-0.52, 0.15, 0.05], [1.0, -0.5, -1.5]),
@@ -68,8 +70,8 @@ const LEGS: [([f64; 3], [f64; 3]); 9] = [
 const LEG: f64 = 0.25;
 const TURN: f64 = 0.05;
 
-/// The hand's motion at each step: legs at constant velocity, with turns between them in which the velocity goes over
-/// by 3 u² − 2 u³.
+/// The hand's motion at each step: legs at constant velocity, with turns between them in which the velocity
+/// goes over by 3 u² − 2 u³.
 fn hand() -> Vec<DeviceMotion> {
     let velocity = |t: f64| {
         let leg = |i: usize| {

@@ -71,7 +71,8 @@ impl Resting {
     }
 }
 
-/// On a slope below the angle of friction the cube stays; above it slides with the acceleration that Coulomb says.
+/// On a slope below the angle of friction the cube stays; above it slides with the acceleration that Coulomb
+/// says.
 #[test]
 fn a_cube_on_a_slope_sticks_or_slides() {
     for coefficient in [0.2, 0.5, 1.0] {
@@ -130,7 +131,8 @@ fn a_cube_at_rest_neither_creeps_nor_trembles() {
     assert!(farthest < 1e-6, "creeps by {farthest} m");
 }
 
-/// A single contact that stands for a disc: the torque of friction brings a spinning body to rest as that of the disc would.
+/// A single contact that stands for a disc: the torque of friction brings a spinning body to rest as that of
+/// the disc would.
 #[test]
 fn a_patch_resists_spinning() {
     let mut cube = Resting::new(0.0, Friction::coulomb(0.5));
@@ -154,7 +156,8 @@ fn a_patch_resists_spinning() {
     }
 }
 
-/// Dragged slowly by a spring until it slides, and on: the force rises, and does not jump when the contact breaks away.
+/// Dragged slowly by a spring until it slides, and on: the force rises, and does not jump when the contact
+/// breaks away.
 #[test]
 fn breaking_away_makes_no_jump() {
     let mut cube = Resting::new(0.0, Friction { static_coefficient: 0.6, dynamic_coefficient: 0.45 });

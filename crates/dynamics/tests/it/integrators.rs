@@ -147,8 +147,8 @@ fn the_default_is_the_semi_implicit_step_bit_for_bit() {
     }
 }
 
-/// The motion of a free body by Euler's equations in body axes, with the quaternion as four numbers: the classical
-/// Runge–Kutta method in steps too small to matter.
+/// The motion of a free body by Euler's equations in body axes, with the quaternion as four numbers: the
+/// classical Runge–Kutta method in steps too small to matter.
 fn euler_equations(moments: DVec3, start: &BodyState, seconds: f64) -> BodyState {
     type Y = (DQuat, DVec3);
     let rate = |(q, w): Y| -> Y {

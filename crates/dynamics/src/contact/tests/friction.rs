@@ -55,7 +55,8 @@ fn jacobian_equals_central_differences_whether_it_sticks_or_slides() {
         model.push_constraint(constraint);
         let at = constraint.at(&state, &DMat3::from_quat(state.pose.rotation));
         let friction = constraint.friction_force(&state, &at, constraint.normal_force(&at));
-        // The differences reach 6e-4 m and 0.2 m/s, over which the contact has to stay open or closed, and stuck or not.
+        // The differences reach 6e-4 m and 0.2 m/s, over which the contact has to stay open or closed, and
+        // stuck or not.
         let limit =
             constraint.friction.coefficient(friction.slide.length_squared()) * constraint.normal_force(&at);
         let margin = 0.4 * constraint.damping + 0.002 * constraint.stiffness;
