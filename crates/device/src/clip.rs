@@ -1,12 +1,12 @@
-//! What a device makes of a wrench that is asked for.
+//! Clipping of a commanded wrench to what the device can render.
 
 use glam::DVec3;
 use palpate_core::Wrench;
 
 use crate::{Specification, Status};
 
-/// The wrench along the axes that the device drives, within its peaks, and what was done to it; zero in place of one that is not
-/// finite.
+/// The part of the wrench along actuated axes, clipped to the device's peaks, and what was changed; zero if
+/// the wrench is not finite.
 pub(crate) fn clipped(wrench: &Wrench, specification: &Specification) -> (Wrench, Status) {
     let (wrench, refused) = finite(wrench);
     let force = DVec3::select(specification.actuated.translation.into(), wrench.force, DVec3::ZERO);
@@ -20,12 +20,12 @@ pub(crate) fn clipped(wrench: &Wrench, specification: &Specification) -> (Wrench
     (Wrench::new(force, torque), events)
 }
 
-/// The wrench, or zero in place of one that is not finite, and what was done to it.
+/// The wrench, or zero if it is not finite, and whether it was refused.
 pub(crate) fn finite(wrench: &Wrench) -> (Wrench, Status) {
     if wrench.is_finite() { (*wrench, Status::OK) } else { (Wrench::ZERO, Status::WRENCH_REFUSED) }
 }
 
-/// The vector, shortened to `peak`, and whether it was.
+/// The vector, shortened to length `peak`, and whether it was.
 fn shortened(vector: DVec3, peak: f64) -> (DVec3, bool) {
     let size = vector.abs().max_element();
     if size == 0.0 {

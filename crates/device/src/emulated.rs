@@ -1,11 +1,10 @@
 //! A device emulated with the hand that holds it.
 //!
-//! The handle (mass, damping, Coulomb friction), held by a hand that follows an intended path, moves under the
-//! wrench written last, held between writes as an amplifier holds it. A wrench takes effect with the
-//! specification's delay, in whole substeps: none for the presets, which apply it at once. Encoders round what is read, and the
-//! force and the torque are clipped to the device's peaks: the driver meets the delays, the rounding and the
-//! limits that it would meet on the real device. The figures of the presets are approximate; see
-//! [`Emulation::preset`].
+//! A hand that follows an intended path holds the handle (mass, damping, Coulomb friction), which moves under
+//! the wrench written last; the wrench is held between writes, as an amplifier holds it. It takes effect with
+//! the specification's delay, in whole substeps: zero for the presets. Encoders round the readings, and force
+//! and torque are clipped to the device's peaks, so the driver meets the delays, the rounding and the limits
+//! of the real device. The figures of the presets are approximate; see [`Emulation::preset`].
 //!
 //! Time advances in whole substeps, counted from the driver's time 0: the states depend on the times of the
 //! writes, not on how often the device is read between them, and two runs with the same calls are equal bit for
@@ -30,16 +29,16 @@ mod address;
 pub use address::EmulatedHand;
 pub(crate) use address::KIND;
 
-/// The largest value of a mechanical parameter that passes as one (in its SI unit): beyond it lies a slip of
+/// Largest accepted value of a mechanical parameter, in its SI unit. A larger one is taken for a mistake in
 /// units.
 const MAX_PARAMETER: f64 = 1e6;
-/// The longest delay of a wrench, s: what is later than this is no answer that a hand could be told to feel.
+/// Longest accepted delay of a wrench, s.
 const MAX_DELAY: f64 = 0.1;
 
-/// What to emulate.
+/// Parameters of an emulated device and of the hand that holds it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Emulation {
-    /// The device's abilities; its peaks, encoder steps, delay and axes are what the emulation keeps to.
+    /// The device's specification; the emulation keeps to its peaks, encoder steps, delay and axes.
     pub specification: Specification,
     /// The handle's mechanics.
     pub handle: Handle,
@@ -59,7 +58,7 @@ impl Default for Emulation {
 }
 
 impl Emulation {
-    /// The emulation of a device that there is: one of [`Emulation::presets`].
+    /// The emulation of a real device: one of [`Emulation::presets`].
     ///
     /// Peak force, torque, stiffness and workspace are the maker's; the rest are typical figures of the class,
     /// not measurements of a unit.
@@ -67,15 +66,15 @@ impl Emulation {
         presets::preset(name)
     }
 
-    /// Name of each preset with a line about it.
+    /// Name and a one-line description of each preset.
     pub fn presets() -> impl Iterator<Item = (&'static str, &'static str)> {
         presets::PRESETS.into_iter()
     }
 
-    /// Starts the emulation with the handle at rest where the hand means to be at time 0.
+    /// Starts the emulation with the handle at rest at the hand's intended pose at time 0.
     ///
     /// # Errors
-    /// If a parameter of the emulation is out of range, or the path is none.
+    /// If a parameter is out of range, or a pose that the hand is to hold is not finite.
     pub fn open(self, path: impl Into<IntendedPath>) -> Result<EmulatedDevice, DeviceError> {
         self.check()?;
         let mut hand_path = HandPath::new(path.into())?;
@@ -89,7 +88,7 @@ impl Emulation {
             pose,
             twist: Twist::ZERO,
             wrench: Wrench::ZERO,
-            // One for each substep of the delay, and one that is written when the first is due.
+            // Room for one wrench in each substep of the delay, and one written when the first is due.
             pending: VecDeque::with_capacity(delay as usize + 1),
             delay,
             work: 0.0,
@@ -145,7 +144,7 @@ impl Emulation {
     }
 }
 
-/// The hand's path with the last point of it that was finite.
+/// The hand's path and its last finite point.
 #[derive(Debug)]
 struct HandPath {
     path: IntendedPath,
@@ -205,10 +204,10 @@ pub struct EmulatedDevice {
     hand_path: HandPath,
     pose: Pose,
     twist: Twist,
-    /// In effect, and those on their way with the substep from which they are.
+    /// The wrench in effect, and those still delayed, each with the substep in which it takes effect.
     wrench: Wrench,
     pending: VecDeque<(u64, Wrench)>,
-    /// Substeps.
+    /// Delay of a wrench, in substeps.
     delay: u64,
     work: f64,
     now: f64,
@@ -222,17 +221,17 @@ pub struct EmulatedDevice {
 }
 
 impl EmulatedDevice {
-    /// What is emulated.
+    /// The parameters of the emulation.
     pub fn emulation(&self) -> &Emulation {
         &self.emulation
     }
 
-    /// Where the handle truly is and how it moves: what [`read`](HapticDevice::read) reports is rounded and late.
+    /// True pose and twist of the handle; what [`read`](HapticDevice::read) reports is rounded and delayed.
     pub fn handle(&self) -> (Pose, Twist) {
         (self.pose, self.twist)
     }
 
-    /// Where the hand means to be.
+    /// Pose and twist that the hand intends.
     pub fn intended(&self) -> (Pose, Twist) {
         (self.hand_path.pose, self.hand_path.twist)
     }
@@ -242,8 +241,8 @@ impl EmulatedDevice {
         self.wrench
     }
 
-    /// The energy that the written wrenches have given to handle and hand, J. What renders a passive object
-    /// can, from rest, never have given more than it was given: this stays below the noise of sampling.
+    /// Energy that the written wrenches have given to handle and hand, J. A passive object, from rest, never
+    /// gives more than it was given, so this stays below the noise of sampling.
     pub fn work(&self) -> f64 {
         self.work
     }
@@ -253,10 +252,10 @@ impl EmulatedDevice {
         self.skipped as f64 * self.emulation.substep
     }
 
-    /// Lets another hand take hold of the handle, or none ([`Hand::NONE`]).
+    /// Lets another hand hold the handle, or none ([`Hand::NONE`]).
     ///
     /// # Errors
-    /// If one of its figures is out of range; the hand that holds it stays.
+    /// If a parameter of the hand is out of range; the handle is then held as before.
     pub fn hold_with(&mut self, hand: Hand) -> Result<(), DeviceError> {
         let emulation = Emulation { hand, ..self.emulation.clone() };
         emulation.check()?;
@@ -264,17 +263,20 @@ impl EmulatedDevice {
         Ok(())
     }
 
-    /// Presses the buttons whose bits are set, and lets go of the others.
+    /// Presses the buttons whose bits are set and releases the others.
     pub fn set_buttons(&mut self, buttons: u32) {
         self.buttons = buttons;
     }
 
+    /// Simulates up to a time (s), and leaves out what is beyond the longest time that a read simulates.
     fn advance(&mut self, now: f64) {
         let dt = self.emulation.substep;
-        // A time that is a multiple of the substep may come out a rounding below it. The cast saturates.
+        // A time that is a multiple of the substep may come out one rounding below it. The cast saturates.
         let target = (now / dt + 1e-6) as u64;
         let mut steps = target.saturating_sub(self.ticks);
         if steps > self.max_steps {
+            // The handle, the hand's path and the delays all pause for the time left out: the path goes by
+            // `ticks - skipped`.
             self.skipped = self.skipped.saturating_add(steps - self.max_steps);
             self.ticks = target - self.max_steps;
             steps = self.max_steps;
@@ -288,14 +290,14 @@ impl EmulatedDevice {
         }
     }
 
-    /// Lets wrenches take effect that are due.
+    /// Puts wrenches into effect that are due.
     fn arrive(&mut self) {
         while let Some((_, wrench)) = self.pending.pop_front_if(|(due, _)| *due <= self.ticks) {
             self.wrench = wrench;
         }
     }
 
-    /// Takes a wrench that is written now. Of those written in the same substep the last one counts.
+    /// Takes a wrench written now. If several are written in one substep, the last one counts.
     fn take(&mut self, wrench: Wrench) {
         if self.delay == 0 {
             self.wrench = wrench;
@@ -308,6 +310,7 @@ impl EmulatedDevice {
         }
     }
 
+    /// One integration step: the hand's intention at its end, then handle and hand, then the encoders.
     fn substep(&mut self, dt: f64) {
         self.hand_path.advance((self.ticks - self.skipped) as f64 * dt);
         self.events |= self.hand_path.status;
@@ -317,6 +320,7 @@ impl EmulatedDevice {
             mechanics::step(handle, hand, (&self.pose, &self.twist), &self.wrench, intended, dt);
         if pose.is_valid() && twist.is_finite() {
             (self.pose, self.twist) = (pose, twist);
+            // Backward Euler: the power is that of the velocity at the end of the step.
             self.work += self.wrench.power(&twist) * dt;
         } else {
             self.twist = Twist::ZERO;

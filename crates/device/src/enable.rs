@@ -1,30 +1,32 @@
-//! Holding a button to feel anything.
+//! A dead-man switch: the wrench is rendered only while a button is held.
 
 use palpate_core::Wrench;
 use palpate_realtime::ThreadSetup;
 
 use crate::{DeviceError, DeviceState, HapticDevice, Specification, Status};
 
-/// The wrench comes up in this time after the button is pressed, s.
-const RISE: f64 = 0.2;
+/// Time in which the wrench comes up after the button is pressed, s.
+const RISE_TIME: f64 = 0.2;
 
-/// A device that renders a wrench only while one of its buttons is held: let go, it is zero at the next write, and
-/// [`Status::NOT_ENABLED`] is set, with [`Status::WITHHELD`] where it would not have been zero; pressed, it comes up smoothly.
-/// What drives the device knows of it by the status only: its own figures of energy are of the wrench that it asked for.
+/// A device that renders a wrench only while one of its buttons is held. When the button is released, the
+/// wrench is zero from the next write on, and [`Status::NOT_ENABLED`] is set, with [`Status::WITHHELD`] if
+/// another wrench was asked for. When it is pressed, the wrench comes up smoothly.
+///
+/// The haptic loop sees this in the status only: its energy figures are those of the wrench it asked for.
 #[derive(Debug)]
 pub struct HoldToEnable<D> {
     device: D,
-    /// Its bit.
+    /// The button's bit.
     button: u32,
-    /// Since when it has been held, s.
+    /// Time at which the button was pressed, s.
     held: Option<f64>,
     now: f64,
-    /// What has been done to the wrench since the last read.
+    /// What was done to the wrench since the last read.
     events: Status,
 }
 
 impl<D: HapticDevice> HoldToEnable<D> {
-    /// With a button, counted from 0; of those beyond the 32nd none is ever held.
+    /// Enables the wrench by a button, counted from 0; a button beyond the 32nd is never held.
     pub fn new(device: D, button: u32) -> Self {
         Self {
             device,
@@ -35,9 +37,9 @@ impl<D: HapticDevice> HoldToEnable<D> {
         }
     }
 
-    /// How much of the wrench is rendered, 0 to 1.
+    /// Fraction of the wrench that is rendered, 0 to 1.
     fn share(&self) -> f64 {
-        let x = self.held.map_or(0.0, |since| ((self.now - since) / RISE).clamp(0.0, 1.0));
+        let x = self.held.map_or(0.0, |since| ((self.now - since) / RISE_TIME).clamp(0.0, 1.0));
         x * x * (3.0 - 2.0 * x)
     }
 }
@@ -112,11 +114,11 @@ mod tests {
         }
         assert_eq!(last, 1.0);
         assert_eq!(applied(&mut device, 0.501, 0), (0.0, true), "let go");
-        assert!(applied(&mut device, 0.502, 0b100).0 < 0.01, "it comes up anew");
+        assert!(applied(&mut device, 0.502, 0b100).0 < 0.01, "it comes up again");
     }
 
     #[test]
-    fn a_wrench_that_is_cut_to_zero_is_told() {
+    fn a_wrench_that_is_cut_to_zero_is_reported() {
         let mut device = HoldToEnable::new(Emulation::default().open(Pose::IDENTITY).unwrap(), 0);
         let mut withheld = |now: f64, buttons: u32, wrench: Wrench| {
             device.device.set_buttons(buttons);
@@ -133,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_wrench_is_refused_as_ever() {
+    fn a_wrench_that_is_not_finite_is_refused() {
         let mut device = HoldToEnable::new(Emulation::default().open(Pose::IDENTITY).unwrap(), 0);
         device.device.set_buttons(1);
         device.read(0.0).unwrap();

@@ -1,69 +1,70 @@
-//! Why a device or a recorded motion could not be used. Each message says what, where, and what to do.
+//! Reasons why a device or a recorded motion could not be used. Each message says what is wrong, where, and
+//! what to do.
 
 use std::path::PathBuf;
 
 use thiserror::Error;
 
-/// Why a device could not be opened or used.
+/// Reason why a device could not be opened or used.
 #[derive(Debug, Error)]
 pub enum DeviceError {
-    /// No device goes by this address.
+    /// The address names no device.
     #[error("no device `{address}`; there are {known}")]
     Unknown {
-        /// The address asked for.
+        /// The address that was given.
         address: String,
-        /// The addresses there are.
+        /// The known addresses.
         known: String,
     },
-    /// This build has no driver for such devices.
+    /// This build has no driver for this kind of device.
     #[error("this build has no driver for `{kind}` devices; build it with the cargo feature `{feature}`")]
     NotCompiledIn {
-        /// What their addresses begin with.
+        /// The kind: the part of an address before the colon.
         kind: &'static str,
-        /// The feature of the crates `palpate` and `palpate-cli` that has the driver.
+        /// Cargo feature of `palpate` and `palpate-cli` that adds the driver.
         feature: &'static str,
     },
-    /// A parameter lies outside what it may be.
+    /// A parameter is out of range.
     #[error("{parameter} is {value}; give {expected}")]
     Parameter {
-        /// The parameter, with its unit.
+        /// Name of the parameter, with its unit.
         parameter: &'static str,
         /// Its value.
         value: f64,
-        /// What it may be.
+        /// Its valid range.
         expected: String,
     },
-    /// A setting in an address is none.
+    /// A setting in an address is not valid.
     #[error("`{setting}`: give {expected}")]
     Setting {
         /// The setting.
         setting: String,
-        /// What it may be.
+        /// What is valid.
         expected: String,
     },
     /// The device was closed before.
     #[error("the device is closed; open it again")]
     Closed,
-    /// The device does not answer; it may come back.
+    /// The device does not respond; it may come back.
     #[error("the device is lost ({status}); plug it in again, or look after its cable and its power")]
     Lost {
-        /// Why.
+        /// Reason, as a status.
         status: crate::Status,
     },
     /// No such device is connected.
     #[error("no {device} is connected; plug it in and switch it on (`palpate devices` lists what is seen)")]
     NotConnected {
-        /// What was looked for.
+        /// The device that was searched for.
         device: String,
     },
-    /// The device is there, but may not be opened.
+    /// The device is present, but cannot be opened.
     #[error("{device} cannot be opened ({reason}); {remedy}")]
     NotOpened {
         /// The device.
         device: String,
-        /// What the system says.
+        /// Reason, in the system's words.
         reason: String,
-        /// What to do.
+        /// What the user can do.
         remedy: &'static str,
     },
     /// A file that describes a device could not be used.
@@ -73,25 +74,25 @@ pub enum DeviceError {
         file: PathBuf,
         /// What is wrong.
         reason: String,
-        /// What to do.
+        /// What the user can do.
         remedy: &'static str,
     },
-    /// The motion to play or to follow could not be used.
+    /// A recorded motion could not be used.
     #[error(transparent)]
     Path(#[from] PathError),
-    /// Anything else that a driver has to say, in its words ([`DeviceError::driver`]).
+    /// Any other error of a driver, in its own words ([`DeviceError::driver`]).
     #[error(transparent)]
     Driver(Box<dyn std::error::Error + Send + Sync>),
 }
 
 impl DeviceError {
-    /// An error of a driver of your own: a text, or an error type.
+    /// Wraps an error of a driver from elsewhere: a text or an error type.
     pub fn driver(error: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Self {
         Self::Driver(error.into())
     }
 }
 
-/// Why a recorded motion could not be read, used or written.
+/// Reason why a recorded motion could not be read, used or written.
 #[derive(Debug, Error)]
 pub enum PathError {
     /// The file could not be opened, read or written.
@@ -99,37 +100,37 @@ pub enum PathError {
     Io {
         /// The file.
         file: PathBuf,
-        /// What was to be done with it: "read" or "written".
+        /// The failed access: "read" or "written".
         access: &'static str,
-        /// What the system says.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// A line of the file is not a sample of a motion.
+    /// A line of the file is not a valid sample.
     #[error("{what} at {}:{line}; {remedy}", file.display())]
     Line {
         /// What is wrong.
         what: String,
         /// The file.
         file: PathBuf,
-        /// The line in it, from 1.
+        /// The line, counted from 1.
         line: u64,
-        /// What to do.
+        /// What the user can do.
         remedy: &'static str,
     },
-    /// A sample given in memory is not one of a motion.
+    /// A sample given in memory is not valid.
     #[error("{what} at sample {sample}; {remedy}")]
     Sample {
         /// What is wrong.
         what: String,
-        /// Which sample, from 0.
+        /// The sample, counted from 0.
         sample: usize,
-        /// What to do.
+        /// What the user can do.
         remedy: &'static str,
     },
-    /// There is no sample.
+    /// The motion has no sample.
     #[error("{} holds no sample; a motion needs at least one", named(file))]
     Empty {
-        /// The file, where there is one.
+        /// The file, if the motion came from one.
         file: Option<PathBuf>,
     },
 }

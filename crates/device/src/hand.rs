@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use crate::PathError;
 use crate::path::{Interpolation, Keyframe, MotionPath};
 
-/// How often a movement that is repeated is sampled, Hz.
+/// Rate at which a repeated movement is sampled, Hz.
 const CYCLE_RATE: f64 = 100.0;
 
 /// A hand's passive impedance, held rigidly to the handle.
@@ -78,7 +78,7 @@ impl Hand {
         angular_stiffness: 3.0,
     };
 
-    /// The hands that have a name.
+    /// Named hands.
     pub const PRESETS: [(&'static str, Self); 5] = [
         ("none", Self::NONE),
         ("light", Self::LIGHT),
@@ -87,7 +87,7 @@ impl Hand {
         ("arm", Self::ARM),
     ];
 
-    /// The hand of that name.
+    /// The hand with this name.
     pub fn preset(name: &str) -> Option<Self> {
         Self::PRESETS.iter().find(|(known, _)| *known == name).map(|&(_, hand)| hand)
     }
@@ -99,14 +99,14 @@ impl Default for Hand {
     }
 }
 
-/// Where the hand means to go, by seconds since the start, in the device's axes.
+/// Intended path of the hand: pose by time since the start (s), in the device's axes.
 pub enum IntendedPath {
-    /// To stay at one pose.
+    /// Stay at one pose.
     Still(Pose),
-    /// To follow samples, and hold the last.
+    /// Follow samples, and hold the last.
     Recorded(MotionPath),
-    /// To follow a function of time that gives a pose and its derivative. A result that is not finite is passed
-    /// over for the last one that was. A function that allocates makes reading the device allocate.
+    /// Follow a function of time that gives a pose and its derivative. A result that is not finite is ignored
+    /// and the last finite one held. A function that allocates makes reading the device allocate.
     Function(Box<dyn FnMut(f64) -> (Pose, Twist) + Send>),
 }
 
@@ -129,8 +129,8 @@ impl From<MotionPath> for IntendedPath {
 }
 
 impl IntendedPath {
-    /// Does the same again every so many seconds: what `pose` tells of the times (s) from 0 on, sampled 100 times a second, with
-    /// a continuous twist between.
+    /// Repeats a movement with a period of `seconds`: `pose` at times from 0 to `seconds`, sampled 100 times
+    /// a second and interpolated with a continuous twist.
     ///
     /// # Errors
     /// If a pose is not finite or out of a path's range.

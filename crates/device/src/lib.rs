@@ -1,6 +1,6 @@
 //! Haptic devices for palpate: the [`HapticDevice`] trait, an emulated device held by an emulated hand
-//! ([`EmulatedDevice`]), replay of a recorded motion ([`ReplayDevice`]), and devices that are reached by reports
-//! ([`link`]): those that speak HID ([`hid`]), Haply's ([`haply`]), and those of the makers' SDKs ([`sdk`]).
+//! ([`EmulatedDevice`]), replay of a recorded motion ([`ReplayDevice`]), and devices reached by reports
+//! ([`link`]): HID devices ([`hid`]), Haply's ([`haply`]), and those of the makers' SDKs ([`sdk`]).
 //!
 //! SI units throughout. Poses, twists and wrenches are those of the handle's reference point, in the device's own
 //! axes, whose origin is the centre of the workspace. A wrench written to a device is the wrench that the device
@@ -56,7 +56,7 @@ pub use velocity::{AdaptiveWindow, LONGEST_WINDOW, LowPass};
 /// A device is driven by one thread: read, compute, write, once a period. Implementations write a zero wrench
 /// when they are closed and when they are dropped.
 pub trait HapticDevice: Send {
-    /// What the device is and what it can do.
+    /// Name, limits and abilities of the device.
     fn specification(&self) -> &Specification;
 
     /// The handle's motion at the driver's time `now` (s; from 0, never running back).
@@ -66,17 +66,18 @@ pub trait HapticDevice: Send {
     /// [`DeviceState::status`]. Fails once the device is closed or lost.
     fn read(&mut self, now: f64) -> Result<DeviceState, DeviceError>;
 
-    /// Asks for `wrench` (N, N·m, about the handle's reference point) on the hand until the next write.
+    /// Commands `wrench` (N, N·m, about the handle's reference point) on the hand until the next write.
     ///
-    /// A wrench beyond the device's peaks is clipped; a wrench that is not finite is refused and zero written
-    /// in its place. Either sets a flag in the next state read. Fails once the device is closed or lost.
+    /// A wrench beyond the device's peaks is clipped; a wrench that is not finite is refused and zero is
+    /// written in its place. Either sets a flag in the next state read. Fails once the device is closed or
+    /// lost.
     fn write(&mut self, wrench: &Wrench) -> Result<(), DeviceError>;
 
-    /// Writes a zero wrench and gives the device up. Closing twice is no error.
+    /// Writes a zero wrench and releases the device. Closing twice is not an error.
     fn close(&mut self) -> Result<(), DeviceError>;
 
-    /// What the thread that exchanges reports with the device obtained of the operating system; none where there is no such thread, or
-    /// it has not begun.
+    /// Scheduling that the operating system granted to the thread that exchanges reports with the device;
+    /// `None` if there is no such thread or it has not started.
     fn thread_setup(&self) -> Option<&ThreadSetup> {
         None
     }

@@ -9,8 +9,8 @@
 //! friction takes h f_c off ‖p‖ otherwise. Backward Euler adds damping of its own, a ratio of about h ω/2 at
 //! the natural frequency ω: 0.3 % for a firm hand at h = 0.1 ms.
 //!
-//! The rotational inertia is the same about every axis, so that there is no gyroscopic torque. Gravity is
-//! absent, as if the device compensated it.
+//! The rotational inertia is the same about every axis, so there is no gyroscopic torque. Gravity is absent,
+//! as if the device compensated it.
 
 use glam::DVec3;
 use palpate_core::{Pose, Twist, Wrench};
@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::hand::Hand;
 
-/// What a handle resists motion with.
+/// Inertia, damping and friction of a device's handle.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Handle {
     /// Apparent mass, kg.
@@ -35,8 +35,8 @@ pub struct Handle {
     pub angular_friction: f64,
 }
 
-/// The pose and the twist at the end of a step of `dt` (s) under `wrench`, while the hand means to be at
-/// `intended` (pose and twist at the end of the step).
+/// Pose and twist at the end of a step of `dt` (s) under `wrench`. `intended` is the hand's pose and twist at
+/// the end of the step.
 pub(crate) fn step(
     handle: &Handle,
     hand: &Hand,
@@ -78,6 +78,7 @@ pub(crate) fn step(
     (pose.moved(&twist, dt), twist)
 }
 
+/// Handle and hand along one kind of motion: translation or rotation.
 struct Impedance {
     inertia: f64,
     damping: f64,
@@ -87,12 +88,16 @@ struct Impedance {
 }
 
 impl Impedance {
+    /// Velocity at the end of a step of `dt` (s) under a load (N or N·m). `offset` is the intended position less
+    /// the present one; `intended` is the intended velocity at the end of the step.
     fn velocity_after(&self, velocity: DVec3, load: DVec3, offset: DVec3, intended: DVec3, dt: f64) -> DVec3 {
+        // Backward Euler, with h = dt and the friction's direction that of v⁺:
+        // (m + h (b + b_h + h k_h)) v⁺ = m v + h (f + k_h (x_h − x) + b_h v_h) − h f_c v⁺/‖v⁺‖ = p − h f_c v⁺/‖v⁺‖
         let momentum = velocity * self.inertia
             + (load + offset * self.hand_stiffness + intended * self.hand_damping) * dt;
         let magnitude = momentum.length();
         let lost = self.friction * dt;
-        // A NaN goes on to the caller's check.
+        // A NaN is passed on to the caller's check.
         if magnitude <= lost {
             return DVec3::ZERO;
         }

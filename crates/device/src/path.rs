@@ -16,15 +16,18 @@ use palpate_core::{Pose, Twist};
 
 use crate::PathError;
 
-/// Times and positions beyond these cannot be those of a held device; within them no derivative overflows.
+/// Latest time (s) and largest coordinate (m) accepted: a held device is within both, and no derivative
+/// overflows.
 const MAX_TIME: f64 = 1e9;
 const MAX_POSITION: f64 = 1e6;
+/// Shortest time between two samples, s: below it, velocities are not meaningful.
 const MIN_SPACING: f64 = 1e-9;
-/// How far a quaternion's length may be from 1 and still pass as rounded; it is normalised.
+/// Largest deviation of a quaternion's length from 1 that passes as rounding; the quaternion is then
+/// normalised.
 const UNIT_TOLERANCE: f64 = 1e-3;
-/// A twist at a sample is at most this many times as fast as the slower segment: up to there a cubic between
-/// values that grow stays monotonic (F. N. Fritsch and R. E. Carlson, *Monotone piecewise cubic interpolation*,
-/// 1980).
+/// Largest ratio of the speed at a sample to that of the slower adjacent segment. Up to it a cubic through
+/// increasing values stays monotonic (F. N. Fritsch and R. E. Carlson, *Monotone piecewise cubic
+/// interpolation*, 1980).
 const SPEED_RATIO: f64 = 3.0;
 
 /// A pose at a time.
@@ -36,12 +39,12 @@ pub struct Keyframe {
     pub pose: Pose,
 }
 
-/// How a path runs between its samples.
+/// Interpolation between the samples of a path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Interpolation {
-    /// Straight, at constant twist: lerp and slerp.
+    /// Constant twist between samples: lerp and slerp.
     Linear,
-    /// With a continuous twist.
+    /// Cubic, with a continuous twist.
     #[default]
     Smooth,
 }
@@ -51,14 +54,14 @@ pub enum Interpolation {
 pub struct PathPoint {
     /// The pose.
     pub pose: Pose,
-    /// Its exact derivative, world axes; zero before the first sample and from the last one on.
+    /// Exact derivative of the pose, world axes; zero before the first sample and from the last one on.
     pub twist: Twist,
     /// Whether the path has ended.
     pub ended: bool,
 }
 
-/// A motion given by samples. Its clock starts at its first sample; before that and after the last one it
-/// stands still.
+/// A motion given by samples. Its clock starts at the first sample; before that and after the last one it is
+/// at rest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MotionPath {
     keyframes: Vec<Keyframe>,
@@ -67,11 +70,11 @@ pub struct MotionPath {
 }
 
 impl MotionPath {
-    /// A path through `keyframes`, which must be at least one, finite, of strictly growing time and with unit
-    /// quaternions (to 1e-3; they are normalised).
+    /// Interpolates `keyframes`: at least one, finite, at strictly increasing times, with unit quaternions
+    /// (to 1e-3; they are normalised).
     ///
     /// # Errors
-    /// If there are none, or with the first that is wrong.
+    /// If there is no sample, or one is not valid: the first such.
     pub fn new(mut keyframes: Vec<Keyframe>, interpolation: Interpolation) -> Result<Self, PathError> {
         let mut previous = None;
         for (sample, keyframe) in keyframes.iter_mut().enumerate() {
@@ -85,7 +88,7 @@ impl MotionPath {
         Ok(Self::from_checked(keyframes, interpolation))
     }
 
-    /// From samples that have each passed [`checked`].
+    /// Interpolates samples that have each passed [`checked`].
     pub(crate) fn from_checked(keyframes: Vec<Keyframe>, interpolation: Interpolation) -> Self {
         let twists = match interpolation {
             Interpolation::Linear => Vec::new(),
@@ -104,13 +107,13 @@ impl MotionPath {
         self.keyframes[self.keyframes.len() - 1].time - self.keyframes[0].time
     }
 
-    /// The path `elapsed` seconds after its first sample. A NaN counts as 0.
+    /// Point of the path `elapsed` seconds after its first sample. A NaN counts as 0.
     pub fn at(&self, elapsed: f64) -> PathPoint {
         self.at_near(elapsed, &mut 0)
     }
 
-    /// As [`at`](Self::at); `segment` is where the previous point lay and makes the search for the next one
-    /// short.
+    /// As [`at`](Self::at), with `segment` as a hint: the index of the segment last used, where the search
+    /// begins.
     pub fn at_near(&self, elapsed: f64, segment: &mut usize) -> PathPoint {
         let frames = &self.keyframes;
         let last = frames.len() - 1;
@@ -125,6 +128,7 @@ impl MotionPath {
         if time >= frames[last].time {
             return PathPoint { pose: frames[last].pose, twist: Twist::ZERO, ended: true };
         }
+        // Times mostly advance a little: try the last segment and the next before searching all of them.
         let holds = |i: usize| i < last && frames[i].time <= time && time < frames[i + 1].time;
         let i = if holds(*segment) {
             *segment
@@ -138,19 +142,23 @@ impl MotionPath {
         PathPoint { pose, twist, ended: false }
     }
 
+    /// Pose and twist at `time` (s) on segment `i`, between samples `i` and `i + 1`.
     fn on_segment(&self, i: usize, time: f64) -> (Pose, Twist) {
         let (from, to) = (&self.keyframes[i], &self.keyframes[i + 1]);
         let duration = to.time - from.time;
         let s = (time - from.time) / duration;
+        // Derivatives below are by s, from 0 to 1 on the segment: twists times the duration.
         let step = to.pose.translation - from.pose.translation;
         let turn = from.pose.rotation_vector_to(&to.pose);
         let (start, end) = match (self.twists.get(i), self.twists.get(i + 1)) {
+            // ẇ = J(w)⁻¹ ω; at the start w = 0 and J is the identity.
             (Some(start), Some(end)) => (
                 Twist::new(start.linear * duration, start.angular * duration),
                 Twist::new(end.linear * duration, inverse_left_jacobian(turn, end.angular * duration)),
             ),
             _ => (Twist::new(step, turn), Twist::new(step, turn)),
         };
+        // p(s) = p₀ + offset(s); q(s) = exp(w(s)) q₀, with ω = J(w) ẇ.
         let (offset, velocity) = hermite(step, start.linear, end.linear, s);
         let (rotation, rate) = hermite(turn, start.angular, end.angular, s);
         let pose = Pose {
@@ -161,13 +169,13 @@ impl MotionPath {
     }
 }
 
-/// Why a sample is refused, and what to do.
+/// Reason why a sample is refused, and the remedy.
 pub(crate) struct Refusal {
     pub what: String,
     pub remedy: &'static str,
 }
 
-/// The sample with its quaternion normalised, if it can follow a sample at time `previous`.
+/// The sample with its quaternion normalised, if it is valid after a sample at time `previous`.
 pub(crate) fn checked(mut keyframe: Keyframe, previous: Option<f64>) -> Result<Keyframe, Refusal> {
     let Keyframe { time, pose } = keyframe;
     if time.is_nan() || time.abs() > MAX_TIME {
@@ -194,13 +202,15 @@ pub(crate) fn checked(mut keyframe: Keyframe, previous: Option<f64>) -> Result<K
             remedy: "give unit quaternions in the order x, y, z, w",
         });
     }
-    // One that is a unit already keeps its bits.
+    // A quaternion of unit length keeps its bits.
     if (length - 1.0).abs() > 4.0 * f64::EPSILON {
         keyframe.pose.rotation = pose.rotation.normalize();
     }
     Ok(keyframe)
 }
 
+/// Twist of a smooth path at sample `i`: the derivative of the parabola through it and its neighbours, limited
+/// in speed; at an end, the mean twist of the one segment there.
 fn twist_at_sample(frames: &[Keyframe], i: usize) -> Twist {
     let mean = |a: usize, b: usize| {
         let duration = frames[b].time - frames[a].time;
@@ -211,6 +221,8 @@ fn twist_at_sample(frames: &[Keyframe], i: usize) -> Twist {
         (Some(before), Some(after)) => {
             let (duration_before, before) = mean(before, i);
             let (duration_after, after) = mean(i, after);
+            // The parabola's derivative at the middle of three samples is (h₁ v₀ + h₀ v₁)/(h₀ + h₁), for mean
+            // velocities v₀, v₁ over segments of durations h₀, h₁.
             let weight = duration_after / (duration_before + duration_after);
             let blend = |before: DVec3, after: DVec3| {
                 let slower = before.length().min(after.length());
@@ -226,6 +238,7 @@ fn twist_at_sample(frames: &[Keyframe], i: usize) -> Twist {
 
 /// Value and derivative at `s` of the cubic from 0 to `end` over [0, 1] with these end derivatives.
 fn hermite(end: DVec3, derivative_0: DVec3, derivative_1: DVec3, s: f64) -> (DVec3, DVec3) {
+    // p(s) = d₀ s + (3 e − 2 d₀ − d₁) s² + (d₀ + d₁ − 2 e) s³
     let square = end * 3.0 - derivative_0 * 2.0 - derivative_1;
     let cube = derivative_0 + derivative_1 - end * 2.0;
     ((derivative_0 + (square + cube * s) * s) * s, derivative_0 + (square * 2.0 + cube * (3.0 * s)) * s)
@@ -234,6 +247,8 @@ fn hermite(end: DVec3, derivative_0: DVec3, derivative_1: DVec3, s: f64) -> (DVe
 /// J(w) x: the angular velocity of exp(w) when w changes at rate x.
 fn left_jacobian(w: DVec3, x: DVec3) -> DVec3 {
     let angle_squared = w.length_squared();
+    // J(w) x = x + a w×x + b w×(w×x), with θ = ‖w‖, a = (1 − cos θ)/θ², b = (θ − sin θ)/θ³; near zero their
+    // series, whose next terms are below 2e-11.
     let (a, b) = if angle_squared < 1e-4 {
         (0.5 - angle_squared / 24.0, 1.0 / 6.0 - angle_squared / 120.0)
     } else {
@@ -247,6 +262,7 @@ fn left_jacobian(w: DVec3, x: DVec3) -> DVec3 {
 /// J(w)⁻¹ x for ‖w‖ ≤ π.
 fn inverse_left_jacobian(w: DVec3, x: DVec3) -> DVec3 {
     let angle_squared = w.length_squared();
+    // J(w)⁻¹ x = x − w×x/2 + c w×(w×x), with c = 1/θ² − cot(θ/2)/(2θ); near zero its series.
     let c = if angle_squared < 1e-4 {
         1.0 / 12.0 + angle_squared / 720.0
     } else {

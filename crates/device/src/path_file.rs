@@ -1,10 +1,11 @@
-//! Recorded motions as text: a header `t,px,py,pz,qx,qy,qz,qw`, then a line a sample with seconds, metres and a
+//! Recorded motions as text: a header `t,px,py,pz,qx,qy,qz,qw`, then one sample a line: seconds, metres and a
 //! unit quaternion. Numbers are written with as many digits as it takes to read the same number back.
 //!
-//! A session's recording is read as well: of its columns, `t` and the object's pose, `object_px` to `object_qw`.
+//! A session's recording can be read as well: of its columns, `t` and the object's pose, `object_px` to
+//! `object_qw`.
 //!
-//! Lines are split here, without a CSV parser: an error then names the line that an editor shows, a line's
-//! length is bounded, and a stray quotation mark cannot swallow the rest of the file. No field needs quoting.
+//! Lines are split here, without a CSV parser: so an error names the line that an editor shows, the length of
+//! a line is bounded, and a stray quotation mark cannot swallow the rest of the file. No field needs quoting.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, BufWriter, Read, Write};
@@ -20,10 +21,11 @@ use crate::path::{Interpolation, Keyframe, MotionPath, checked};
 pub const PATH_HEADER: &str = "t,px,py,pz,qx,qy,qz,qw";
 
 const COLUMNS: usize = 8;
-/// What a session's recording calls these columns.
-const OF_RECORDING: [&str; COLUMNS] =
+/// The corresponding columns of a session's recording.
+const RECORDING_COLUMNS: [&str; COLUMNS] =
     ["t", "object_px", "object_py", "object_pz", "object_qx", "object_qy", "object_qz", "object_qw"];
-/// Eight numbers take some 200 bytes; a line beyond this is no sample, and may be a whole binary file.
+/// Longest line, bytes. Eight numbers take some 200; a longer line is not a sample, and may be a whole binary
+/// file.
 const MAX_LINE: u64 = 4096;
 
 impl MotionPath {
@@ -37,10 +39,11 @@ impl MotionPath {
         Self::read(BufReader::with_capacity(1 << 16, open), file, interpolation)
     }
 
-    /// Reads a recorded motion; `file` is what errors call the input.
+    /// Reads a recorded motion; `file` names the input in errors.
     ///
     /// # Errors
-    /// If the input cannot be read or has no sample, or its header or a line is none: with the line, and what would do.
+    /// If the input cannot be read or has no sample, or its header or a line is not valid: with the line and
+    /// a remedy.
     pub fn read(
         mut input: impl BufRead,
         file: &Path,
@@ -122,24 +125,24 @@ impl MotionPath {
     }
 }
 
-/// Where a line has the numbers of a sample.
+/// Positions of a sample's numbers in a line.
 #[derive(Debug)]
 struct Columns {
-    /// The place of each number among the fields.
+    /// Index of each number among the fields.
     places: [usize; COLUMNS],
-    /// Fields of a line.
+    /// Number of fields in a line.
     count: usize,
 }
 
 impl Columns {
-    /// Those of a path, or of a session's recording.
+    /// Columns by the header of a path or of a session's recording.
     fn of_header(header: &str) -> Option<Self> {
         let names: Vec<&str> = header.split(',').map(str::trim).collect();
         if names.iter().copied().eq(PATH_HEADER.split(',')) {
             return Some(Self { places: std::array::from_fn(|place| place), count: COLUMNS });
         }
         let mut places = [0; COLUMNS];
-        for (place, wanted) in places.iter_mut().zip(OF_RECORDING) {
+        for (place, wanted) in places.iter_mut().zip(RECORDING_COLUMNS) {
             *place = names.iter().position(|name| *name == wanted)?;
         }
         Some(Self { places, count: names.len() })

@@ -1,9 +1,10 @@
-//! Emulations of devices that there are.
+//! Emulations of real devices.
 //!
-//! Peak force, torque, stiffness and workspace are the makers' figures (3D Systems, Force Dimension, Haption).
-//! Continuous values, encoder steps, damping ceilings and the mechanics of the handle are typical figures of
-//! the class, not measurements of a unit: check them against one before calling it supported. There is no delay: an emulation
-//! applies a wrench as soon as it is written, whatever the way to such a device takes.
+//! Peak force, torque, stiffness and workspace are the makers' figures (3D Systems, Force Dimension,
+//! Haption). Continuous values, encoder steps, damping ceilings and the mechanics of the handle are typical
+//! figures of the class, not measurements of a unit: check them against one before calling it supported.
+//! There is no delay: an emulation applies a wrench as soon as it is written, whatever the latency of the
+//! real device.
 
 use crate::emulated::Emulation;
 use crate::hand::Hand;
@@ -20,7 +21,7 @@ pub(crate) const PRESETS: [(&str, &str); 6] = [
     ("virtuose-6d", "Virtuose 6D, 30 N and 3 N·m, arm's reach"),
 ];
 
-/// The emulation of that name.
+/// The emulation with this name.
 pub(crate) fn preset(name: &str) -> Option<Emulation> {
     let six = Axes::ALL;
     let specification = match name {

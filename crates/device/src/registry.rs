@@ -1,4 +1,4 @@
-//! Devices by address, as they are written on a command line.
+//! Registry of the kinds of devices, which opens devices by address.
 
 use std::path::Path;
 
@@ -12,10 +12,10 @@ use crate::{
     Specification, TaskSite,
 };
 
-/// Lengths of a task that is done without a scene are multiples of the workspace's radius, at most of this, m.
-const LARGEST_SITE: f64 = 0.1;
+/// Largest size of a task done without a scene, m. The size is otherwise the radius of the workspace.
+const MAX_SITE_SIZE: f64 = 0.1;
 
-/// Kinds of devices whose drivers are there by a cargo feature, and that feature.
+/// Kinds of devices whose drivers need a cargo feature, and that feature.
 const BY_FEATURE: [(&str, &str); 7] = [
     ("spacemouse", "hid"),
     ("woodenhaptics", "hid"),
@@ -29,25 +29,25 @@ const BY_FEATURE: [(&str, &str); 7] = [
 /// A device that can be opened.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Listing {
-    /// What [`open`] takes; in capitals what is to be filled in.
+    /// The address that [`open`] takes; words in capitals are placeholders.
     pub address: String,
-    /// What it is, in a line.
+    /// One-line description.
     pub description: String,
-    /// What it can do; absent where that depends on what is filled in.
+    /// The device's specification; `None` if it depends on the placeholders.
     pub specification: Option<Specification>,
 }
 
-/// A device, or why there is none.
+/// A device, or the reason why it could not be opened.
 pub type Opened = Result<Box<dyn HapticDevice>, DeviceError>;
 
-/// A kind of devices: what comes before the colon of an address.
+/// A kind of device: the part of an address before the colon, with its driver.
 #[derive(Clone, Copy, Debug)]
 pub struct DeviceKind {
-    /// What it goes by: letters, digits and `-`.
+    /// Name of the kind: letters, digits and `-`.
     pub name: &'static str,
-    /// Opens one of it, by what comes after the colon.
+    /// Opens a device, given the part of its address after the colon.
     pub open: fn(Option<&str>) -> Opened,
-    /// Those of it that can be opened.
+    /// Lists the devices of this kind that can be opened.
     pub list: fn() -> Vec<Listing>,
 }
 
@@ -58,7 +58,7 @@ pub struct Registry {
 }
 
 impl Default for Registry {
-    /// Those of this crate.
+    /// The kinds of this crate.
     fn default() -> Self {
         let emulated = DeviceKind { name: KIND, open: open_emulated, list: list_emulated };
         let replay = DeviceKind { name: "replay", open: open_replay, list: list_replay };
@@ -78,7 +78,7 @@ impl Default for Registry {
 }
 
 impl Registry {
-    /// With another kind; one by the name of an earlier kind takes its place.
+    /// Adds a kind; it replaces an earlier kind of the same name.
     #[must_use]
     pub fn with(mut self, kind: DeviceKind) -> Self {
         self.kinds.retain(|known| known.name != kind.name);
@@ -123,11 +123,11 @@ impl Registry {
 }
 
 /// Opens a device of this crate: `emulated` (a Phantom Premium 1.5), `emulated:PRESET,KEY=VALUE,…` (see
-/// [`EmulatedHand::at`]), `replay:FILE`, `spacemouse`, `woodenhaptics`, `woodenhaptics:MODEL` or `hid:VENDOR:PRODUCT` (in
-/// hexadecimal; also of a joystick with force feedback), and by feature `haply`, `force-dimension`, `open-haptics` and
-/// `haption:HOST` ([`sdk`](crate::sdk)).
+/// [`EmulatedHand::at`]), `replay:FILE`, `spacemouse`, `woodenhaptics`, `woodenhaptics:MODEL` or
+/// `hid:VENDOR:PRODUCT` (in hexadecimal; a joystick with force feedback as well), and by feature `haply`,
+/// `force-dimension`, `open-haptics` and `haption:HOST` ([`sdk`](crate::sdk)).
 ///
-/// The hand of a device emulated this way holds still at the centre of the workspace, or does its task there;
+/// The hand of an emulated device holds still at the centre of the workspace, or does its task there;
 /// [`Emulation::open`](crate::Emulation::open) gives it a path to follow.
 ///
 /// # Errors
@@ -141,17 +141,17 @@ pub fn list() -> Vec<Listing> {
     Registry::default().list()
 }
 
-/// Says that there is no such device of a kind; [`Registry::open`] says which there are.
-fn none_such() -> DeviceError {
+/// The error for a device that does not exist in a kind; [`Registry::open`] adds those that do.
+fn no_such_device() -> DeviceError {
     DeviceError::Unknown { address: String::new(), known: String::new() }
 }
 
 fn open_emulated(which: Option<&str>) -> Opened {
-    let hand = EmulatedHand::named(which).ok_or_else(none_such)??;
+    let hand = EmulatedHand::named(which).ok_or_else(no_such_device)??;
     let path = match (hand.path, hand.task) {
         (Some(path), _) => path.into(),
         (None, Some(task)) => {
-            let size = hand.emulation.specification.workspace_radius.min(LARGEST_SITE);
+            let size = hand.emulation.specification.workspace_radius.min(MAX_SITE_SIZE);
             task.path(&TaskSite { touch: task.beside() * size, pivot: DVec3::ZERO, size })?
         }
         (None, None) => Pose::IDENTITY.into(),
@@ -167,14 +167,15 @@ fn list_emulated() -> Vec<Listing> {
     };
     let settings = Listing {
         address: "emulated:PRESET,KEY=VALUE,...".into(),
-        description: "one with settings: hand=firm, task=tap, peak_force=5, ...; a wrong key is answered by all that there are".into(),
+        description:
+            "one with settings: hand=firm, task=tap, peak_force=5, ...; an unknown key lists all keys".into(),
         specification: None,
     };
     Emulation::presets().map(listing).chain([settings]).collect()
 }
 
 fn open_replay(file: Option<&str>) -> Opened {
-    let file = file.filter(|file| !file.is_empty()).ok_or_else(none_such)?;
+    let file = file.filter(|file| !file.is_empty()).ok_or_else(no_such_device)?;
     let file = Path::new(file);
     if Recording::is_one(file) {
         return Ok(Box::new(RecordedDevice::new(Recording::load(file)?)));
@@ -207,10 +208,10 @@ fn list_haply() -> Vec<Listing> {
     }]
 }
 
-/// Devices by the libraries of their makers, none of which is loaded to list them.
+/// Kinds reached through makers' libraries. Listing them loads no library.
 #[cfg(any(feature = "force-dimension", feature = "open-haptics", feature = "haption"))]
 mod sdk {
-    use super::{DeviceKind, Listing, Opened, none_such};
+    use super::{DeviceKind, Listing, Opened, no_such_device};
 
     fn listing(address: &str, description: &str) -> Vec<Listing> {
         vec![Listing { address: address.into(), description: description.into(), specification: None }]
@@ -220,7 +221,7 @@ mod sdk {
     pub const FORCE_DIMENSION: DeviceKind = DeviceKind {
         name: "force-dimension",
         open: |which| -> Opened {
-            crate::sdk::force_dimension::open(which).unwrap_or_else(|| Err(none_such()))
+            crate::sdk::force_dimension::open(which).unwrap_or_else(|| Err(no_such_device()))
         },
         list: || {
             listing(
@@ -233,7 +234,9 @@ mod sdk {
     #[cfg(feature = "open-haptics")]
     pub const OPEN_HAPTICS: DeviceKind = DeviceKind {
         name: "open-haptics",
-        open: |which| -> Opened { crate::sdk::open_haptics::open(which).unwrap_or_else(|| Err(none_such())) },
+        open: |which| -> Opened {
+            crate::sdk::open_haptics::open(which).unwrap_or_else(|| Err(no_such_device()))
+        },
         list: || {
             listing(
                 "open-haptics",
@@ -245,7 +248,7 @@ mod sdk {
     #[cfg(feature = "haption")]
     pub const HAPTION: DeviceKind = DeviceKind {
         name: "haption",
-        open: |which| -> Opened { crate::sdk::haption::open(which).unwrap_or_else(|| Err(none_such())) },
+        open: |which| -> Opened { crate::sdk::haption::open(which).unwrap_or_else(|| Err(no_such_device())) },
         list: || {
             listing(
                 "haption:HOST",
@@ -255,10 +258,10 @@ mod sdk {
     };
 }
 
-/// Devices that are plugged in.
+/// Kinds of HID devices, listed if they are plugged in.
 #[cfg(feature = "hid")]
 mod real {
-    use super::{DeviceKind, Listing, Opened, none_such};
+    use super::{DeviceKind, Listing, Opened, no_such_device};
     use crate::hid::{self, Driver, WoodenHapticsModel};
 
     pub const KINDS: [DeviceKind; 3] = [
@@ -269,7 +272,7 @@ mod real {
 
     fn open_space_mouse(which: Option<&str>) -> Opened {
         if which.is_some() {
-            return Err(none_such());
+            return Err(no_such_device());
         }
         hid::open(Driver::SpaceMouse, None)
     }
@@ -301,11 +304,11 @@ mod real {
         let number = |text: &str| u16::from_str_radix(text, 16).ok();
         let parsed = numbers.and_then(|numbers| numbers.split_once(':'));
         let parsed = parsed.and_then(|(vendor, product)| number(vendor).zip(number(product)));
-        let (vendor, product) = parsed.ok_or_else(none_such)?;
+        let (vendor, product) = parsed.ok_or_else(no_such_device)?;
         hid::open_numbered(vendor, product)
     }
 
-    /// What is plugged in, and why it cannot be opened.
+    /// The devices that are plugged in, with the reason if one cannot be opened.
     fn list_connected() -> Vec<Listing> {
         let listing = |device: hid::PluggedIn| Listing {
             address: device.address,
@@ -319,7 +322,7 @@ mod real {
         if listings.is_empty() {
             listings.push(Listing {
                 address: "hid:VENDOR:PRODUCT".into(),
-                description: "a HID device that is plugged in, with a driver here (there is none) or force feedback; for permission to open \
+                description: "a HID device with a driver here (none is plugged in) or with force feedback; for permission to open \
                               one on Linux, see `palpate devices --udev`"
                     .into(),
                 specification: None,

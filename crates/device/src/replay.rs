@@ -25,7 +25,7 @@ pub struct ReplayDevice {
 }
 
 impl ReplayDevice {
-    /// Replays `path`, and goes by `name`.
+    /// Replays `path` as a device with this name.
     pub fn new(name: &str, path: MotionPath) -> Self {
         let reach =
             path.keyframes().iter().map(|keyframe| keyframe.pose.translation.length()).fold(0.0, f64::max);
@@ -62,7 +62,7 @@ impl ReplayDevice {
     /// Replays the motion recorded in `file`, with a continuous twist.
     ///
     /// # Errors
-    /// If the file cannot be read, or holds no path ([`MotionPath::load`]).
+    /// If the file cannot be read or is not a path ([`MotionPath::load`]).
     pub fn open(file: &Path) -> Result<Self, DeviceError> {
         let path = MotionPath::load(file, Interpolation::Smooth)?;
         Ok(Self::new(&format!("replay of {}", file.display()), path))
@@ -99,7 +99,7 @@ impl HapticDevice for ReplayDevice {
         if point.ended {
             status |= Status::ENDED;
         }
-        // The samples' bounds keep the interpolant finite; the check costs nothing against a pose that is not.
+        // The bounds of the samples keep the interpolant finite; this check is a second guard.
         let (pose, twist) = if point.pose.is_valid() && point.twist.is_finite() {
             (point.pose, point.twist)
         } else {

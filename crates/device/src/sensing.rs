@@ -1,5 +1,5 @@
-//! What a device's encoders make of a motion: position and orientation rounded to whole steps, and a velocity
-//! estimated from them.
+//! Encoders of an emulated device: position and orientation rounded to whole steps, and a velocity estimated
+//! from them.
 //!
 //! Position is rounded along each axis of the device, orientation along each component of its rotation vector,
 //! which moves it by at most √3/2 steps. A real device rounds its joint angles; the size of the error is the

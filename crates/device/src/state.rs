@@ -1,4 +1,4 @@
-//! What a device reports at one time.
+//! State that a device reports at one time.
 
 use std::fmt;
 use std::ops::{BitOr, BitOrAssign};
@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 /// The state of a device's handle at one time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DeviceState {
-    /// The driver's time that the state holds for, s: at most the time asked for.
+    /// Driver's time for which the state holds, s: at most the time asked for.
     pub time: f64,
     /// Pose of the handle in the device's axes; finite, the quaternion of unit length.
     pub pose: Pose,
@@ -17,11 +17,11 @@ pub struct DeviceState {
     pub twist: Twist,
     /// Buttons held down, one bit each, the first button in bit 0.
     pub buttons: u32,
-    /// What is the matter now, and what has happened since the previous read.
+    /// Present conditions, and events since the previous read.
     pub status: Status,
 }
 
-/// A set of conditions of a device. Empty when all is well.
+/// A set of conditions of a device; empty if all is well.
 #[derive(Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Status(u32);
@@ -29,7 +29,7 @@ pub struct Status(u32);
 impl Status {
     /// All is well.
     pub const OK: Self = Self(0);
-    /// A wrench that was not finite was written: zero was applied in its place.
+    /// A wrench that is not finite was written; zero was applied in its place.
     pub const WRENCH_REFUSED: Self = Self(1);
     /// The force was clipped to the device's peak.
     pub const FORCE_CLIPPED: Self = Self(1 << 1);
@@ -37,28 +37,30 @@ impl Status {
     pub const TORQUE_CLIPPED: Self = Self(1 << 2);
     /// The handle is outside the workspace.
     pub const OUTSIDE_WORKSPACE: Self = Self(1 << 3);
-    /// The time asked for was not finite or ran back: the state is the one of the latest good time.
+    /// The time asked for was not finite or ran back; the state is that of the latest valid time.
     pub const CLOCK: Self = Self(1 << 4);
-    /// Reads were further apart than the device catches up with: the time between was left out.
+    /// Reads were further apart than the device catches up with; the time between was left out.
     pub const GAP: Self = Self(1 << 5);
-    /// The prescribed motion has ended: its last pose is held.
+    /// The prescribed motion has ended; its last pose is held.
     pub const ENDED: Self = Self(1 << 6);
-    /// A motion that was not finite, or a place beyond four radii of the workspace, was met and the last good one is held.
+    /// The motion was not finite, or the position was beyond four radii of the workspace; the last valid one
+    /// is held.
     pub const HELD: Self = Self(1 << 7);
 
     /// The device is not connected.
     pub const DISCONNECTED: Self = Self(1 << 8);
-    /// The device has not been heard of for too long.
+    /// The device has not been heard from for too long.
     pub const SILENT: Self = Self(1 << 9);
-    /// A report that the device sent was not understood, and left out.
+    /// A report from the device was not understood, and was ignored.
     pub const MALFORMED: Self = Self(1 << 10);
     /// A report could not be written to the device.
     pub const UNWRITTEN: Self = Self(1 << 11);
-    /// The wrench is zero: the button that enables it is not held, or the device is not ready (not calibrated, without power).
+    /// The wrench is zero: the button that enables it is not held, or the device is not ready (not
+    /// calibrated, or without power).
     pub const NOT_ENABLED: Self = Self(1 << 12);
 
-    /// The driver has sent the device zero in place of what was asked for, since the previous read: the wrench is to come up from
-    /// there.
+    /// The driver has sent zero in place of the commanded wrench since the previous read; the wrench has to
+    /// come up from zero.
     pub const WITHHELD: Self = Self(1 << 13);
 
     const NAMES: [(Self, &str); 14] = [
@@ -78,12 +80,12 @@ impl Status {
         (Self::WITHHELD, "wrench withheld"),
     ];
 
-    /// One bit for each condition, for files.
+    /// The conditions as bits, for files.
     pub(crate) fn bits(self) -> u32 {
         self.0
     }
 
-    /// The conditions that there are of those bits.
+    /// The set with these bits; unknown bits are dropped.
     pub(crate) fn from_bits(bits: u32) -> Self {
         Self(bits & Self::NAMES.iter().fold(0, |all, (flag, _)| all | flag.0))
     }
@@ -98,7 +100,7 @@ impl Status {
         self == Self::OK
     }
 
-    /// The conditions in this set, in words.
+    /// Names of the conditions in this set.
     pub fn names(self) -> impl Iterator<Item = &'static str> {
         Self::NAMES.iter().filter(move |(flag, _)| self.contains(*flag)).map(|&(_, name)| name)
     }

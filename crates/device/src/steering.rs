@@ -1,20 +1,20 @@
-//! A hand that is told where to go while it is going: by keys, by a mouse.
+//! A hand that is steered while it moves, by keys or by a mouse.
 
 use glam::{DQuat, DVec3};
 use palpate_core::{Pose, Twist};
 
 use crate::IntendedPath;
 
-/// How fast the hand comes to where it is told to be, 1/s.
-const RATE: f64 = 15.0;
-/// Fastest that it moves (m/s) and turns (rad/s).
-const SPEED: f64 = 0.5;
-const TURN: f64 = 6.0;
+/// Natural frequency of the hand's approach to its target, 1/s.
+const APPROACH_RATE: f64 = 15.0;
+/// Speed limits of the hand: m/s and rad/s.
+const MAX_SPEED: f64 = 0.5;
+const MAX_ANGULAR_SPEED: f64 = 6.0;
 
-/// Tells a hand where to go, from any thread, without ever making it wait.
+/// Steers an emulated hand from any thread, without ever making it wait.
 ///
-/// The hand goes there smoothly, as a critically damped spring does, within a third of a second where it is not far, and at no
-/// more than half a metre and one turn a second.
+/// The hand approaches its target as a critically damped spring does, within a third of a second for a short
+/// distance, at most at half a metre and one turn a second.
 #[derive(Debug)]
 pub struct Steering {
     input: triple_buffer::Input<Pose>,
@@ -22,7 +22,7 @@ pub struct Steering {
 }
 
 impl Steering {
-    /// One that begins at a pose, and the path of the hand that it steers (device axes).
+    /// A steering that begins at a pose, and the path of the hand that it steers (device axes).
     pub fn new(start: Pose) -> (Self, IntendedPath) {
         let start = if start.is_valid() { start } else { Pose::IDENTITY };
         let (input, mut output) = triple_buffer::triple_buffer(&start);
@@ -31,7 +31,7 @@ impl Steering {
         (Self { input, aim: start }, path)
     }
 
-    /// Tells the hand to go to a pose (device axes); one that is not finite or not of unit length is left out.
+    /// Sets the hand's target pose (device axes). One that is not finite or not of unit length is ignored.
     pub fn aim(&mut self, pose: Pose) {
         if pose.is_valid() {
             self.aim = pose;
@@ -39,7 +39,7 @@ impl Steering {
         }
     }
 
-    /// Where it was last told to go.
+    /// The target pose set last.
     pub fn aimed(&self) -> Pose {
         self.aim
     }
@@ -48,7 +48,7 @@ impl Steering {
 struct Hand {
     pose: Pose,
     twist: Twist,
-    /// s.
+    /// Time of the last step, s.
     time: f64,
 }
 
@@ -56,8 +56,9 @@ impl Hand {
     fn follow(&mut self, aim: &Pose, time: f64) -> (Pose, Twist) {
         let dt = (time - std::mem::replace(&mut self.time, time)).max(0.0);
         let away = self.pose.translation - aim.translation;
-        let (step, linear) = approach(away, self.twist.linear, SPEED, dt);
-        let (turn, angular) = approach(aim.rotation_vector_to(&self.pose), self.twist.angular, TURN, dt);
+        let (step, linear) = approach(away, self.twist.linear, MAX_SPEED, dt);
+        let (turn, angular) =
+            approach(aim.rotation_vector_to(&self.pose), self.twist.angular, MAX_ANGULAR_SPEED, dt);
         self.pose.translation += step;
         self.pose.rotation = (DQuat::from_scaled_axis(turn) * self.pose.rotation).normalize();
         self.twist = Twist::new(linear, angular);
@@ -65,15 +66,16 @@ impl Hand {
     }
 }
 
-/// The way and the velocity after a time (s) of what is so far away and has a velocity: exactly those of a critically damped
-/// spring, and of one no longer than makes it so fast at most.
+/// Displacement and velocity after a time `dt` (s), from an offset `away` to the target and a velocity: the
+/// exact solution of x″ + 2 r x′ + r² x = 0, with r = [`APPROACH_RATE`]. Offset and velocity are shortened so
+/// that the speed stays within `fastest`.
 fn approach(away: DVec3, velocity: DVec3, fastest: f64, dt: f64) -> (DVec3, DVec3) {
-    // One that is always so long would come to a speed of its length times RATE / 2.
-    let away = away.clamp_length_max(2.0 * fastest / RATE);
+    // A constant offset of this length leads to a speed of APPROACH_RATE / 2 times its length.
+    let away = away.clamp_length_max(2.0 * fastest / APPROACH_RATE);
     let velocity = velocity.clamp_length_max(fastest);
-    let decay = (-RATE * dt).exp();
-    let slope = (velocity + away * RATE) * dt;
-    ((away + slope) * decay - away, (velocity - slope * RATE) * decay)
+    let decay = (-APPROACH_RATE * dt).exp();
+    let slope = (velocity + away * APPROACH_RATE) * dt;
+    ((away + slope) * decay - away, (velocity - slope * APPROACH_RATE) * decay)
 }
 
 #[cfg(test)]
@@ -86,9 +88,9 @@ mod tests {
         (steering, path)
     }
 
-    /// It arrives, keeps to its speeds, moves as its twist says, and the times at which it is asked do not matter.
+    /// The hand arrives, keeps to its speed limits and moves as its twist says, whatever the sampling times.
     #[test]
-    fn the_hand_comes_where_it_is_told_to() {
+    fn the_hand_reaches_its_target() {
         let goal = Pose::new(DVec3::new(0.02, -0.1, 0.05), DQuat::from_rotation_y(1.2));
         let (mut steering, mut path) = path();
         let mut before = path(0.0);
@@ -96,7 +98,10 @@ mod tests {
         steering.aim(goal);
         for i in 1..=1000 {
             let (pose, twist) = path(f64::from(i) * 1e-3);
-            assert!(twist.linear.length() <= SPEED + 1e-9 && twist.angular.length() <= TURN + 1e-9);
+            assert!(
+                twist.linear.length() <= MAX_SPEED + 1e-9
+                    && twist.angular.length() <= MAX_ANGULAR_SPEED + 1e-9
+            );
             let mean = (before.1.linear + twist.linear) * 0.5e-3;
             assert!((pose.translation - before.0.translation - mean).length() < 2e-6);
             let mean = (before.1.angular + twist.angular) * 0.5e-3;
@@ -117,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn nonsense_is_left_out() {
+    fn invalid_targets_are_ignored() {
         let (mut steering, mut path) = path();
         let place = Pose::from_translation(DVec3::Y * 0.01);
         steering.aim(place);

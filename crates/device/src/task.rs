@@ -1,7 +1,8 @@
-//! What an emulated hand does when it is given no path: movements that are common in haptic experiments.
+//! Tasks of an emulated hand without a path: movements that are common in haptic experiments.
 //!
-//! A task is told in the frame of a [`TaskSite`]: up is z, lengths are multiples of the site's size, and heights are over
-//! first touch. A hand that means to be below it presses: how hard is up to its stiffness.
+//! A task is defined in the frame of a [`TaskSite`]: up is z, lengths are multiples of the site's size, and
+//! heights are above first touch. A hand that intends to be below it presses; how hard depends on its
+//! stiffness.
 
 use std::f64::consts::TAU;
 
@@ -10,16 +11,16 @@ use palpate_core::Pose;
 
 use crate::{IntendedPath, PathError};
 
-/// How far over first touch a hand moves freely, and how far below it means to be where it presses.
+/// Height above first touch in free motion, and intended depth below it when pressing, in sizes.
 const CLEARANCE: f64 = 0.1;
-const PRESS: f64 = 0.03;
-/// How far to either side it scrubs and strokes.
-const SIDE: f64 = 0.1;
-/// Amplitude of its turning about the vertical, rad.
-const TWIST: f64 = 0.05;
-/// How far beside a hole a peg first touches, and how deep it is to go in.
-const BESIDE: f64 = 0.05;
-const INSERTION: f64 = 0.5;
+const PRESS_DEPTH: f64 = 0.03;
+/// Amplitude of scrubbing and stroking to either side, in sizes.
+const STROKE_AMPLITUDE: f64 = 0.1;
+/// Amplitude of the rotation about the vertical, rad.
+const TWIST_AMPLITUDE: f64 = 0.05;
+/// Offset from the hole at which a peg first touches, and depth of insertion, in sizes.
+const HOLE_OFFSET: f64 = 0.05;
+const INSERTION_DEPTH: f64 = 0.5;
 
 /// A movement that an emulated hand repeats.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -39,19 +40,19 @@ pub enum Task {
     PegInsertion,
 }
 
-/// Where a task is done.
+/// Location and scale of a task.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TaskSite {
-    /// Position of the handle, unrotated, where what it holds first touches on its way down, m.
+    /// Position of the handle, unrotated, at which the held object first touches on its way down, m.
     pub touch: DVec3,
-    /// What turns leave in place, from the handle's origin, m.
+    /// Centre of the task's rotations, from the handle's origin, m.
     pub pivot: DVec3,
-    /// What a task's lengths are multiples of, m: the bounding radius of what is held, say.
+    /// Unit of the task's lengths, m: for instance the bounding radius of the held object.
     pub size: f64,
 }
 
 impl Task {
-    /// The tasks with their names.
+    /// All tasks with their names.
     pub const ALL: [(&'static str, Self); 6] = [
         ("explore", Self::Explore),
         ("press", Self::Press),
@@ -61,12 +62,12 @@ impl Task {
         ("peg-insertion", Self::PegInsertion),
     ];
 
-    /// The task of that name.
+    /// The task with this name.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.iter().find(|(known, _)| *known == name).map(|&(_, task)| task)
     }
 
-    /// How long it takes until it is begun anew, s.
+    /// Period of the task, s.
     pub fn cycle(self) -> f64 {
         match self {
             Self::Explore | Self::Scrub => 10.0,
@@ -76,15 +77,16 @@ impl Task {
         }
     }
 
-    /// How far beside its site it first touches, in sizes: [`TaskSite::touch`] is to be found there, and holds for there.
+    /// Horizontal offset from the site at which the task first touches, in sizes: [`TaskSite::touch`] must be
+    /// found there.
     pub fn beside(self) -> DVec3 {
         match self {
-            Self::PegInsertion => DVec3::X * BESIDE,
+            Self::PegInsertion => DVec3::X * HOLE_OFFSET,
             _ => DVec3::ZERO,
         }
     }
 
-    /// Where the hand means the handle to be at a time (s).
+    /// Intended pose of the handle at a time (s).
     pub fn pose(self, time: f64, site: &TaskSite) -> Pose {
         let (offset, angle) = self.movement((time / self.cycle()).rem_euclid(1.0));
         let rotation = DQuat::from_rotation_z(angle);
@@ -92,7 +94,7 @@ impl Task {
         Pose::new(translation, rotation)
     }
 
-    /// Its path for a hand, over and over.
+    /// The task as a path for a hand, repeated without end.
     ///
     /// # Errors
     /// If the site is so large or so far away that a pose is out of a path's range.
@@ -100,40 +102,45 @@ impl Task {
         IntendedPath::cycle(self.cycle(), |time| self.pose(time, site))
     }
 
-    /// Offset from first touch in sizes and turn about the vertical (rad), by the part of its cycle that has passed.
+    /// Offset from first touch (in sizes) and rotation about the vertical (rad) at a phase of the cycle, 0 to
+    /// 1.
     fn movement(self, phase: f64) -> (DVec3, f64) {
-        // From 0 to 1 while the phase goes from one value to the other.
+        // Rises from 0 to 1 as the phase goes from one value to the other.
         let ramp = |from: f64, to: f64| smooth_step((phase - from) / (to - from));
-        // Down in the first part, up in the last.
+        // Down in the first part of the cycle, up in the last.
         let pressed = |part: f64| smooth_step(phase / part).min(smooth_step((1.0 - phase) / part));
-        let height = |down: f64| CLEARANCE - (CLEARANCE + PRESS) * down;
+        let height = |down: f64| CLEARANCE - (CLEARANCE + PRESS_DEPTH) * down;
         match self {
             Self::Explore => {
                 let rubbing = ((phase - 0.2) / 0.6).clamp(0.0, 1.0);
-                let side = |turns: f64| SIDE * (turns * TAU * rubbing).sin();
-                (DVec3::new(side(2.0), side(3.0), height(pressed(0.2))), TWIST * (2.0 * TAU * rubbing).sin())
+                let side = |turns: f64| STROKE_AMPLITUDE * (turns * TAU * rubbing).sin();
+                (
+                    DVec3::new(side(2.0), side(3.0), height(pressed(0.2))),
+                    TWIST_AMPLITUDE * (2.0 * TAU * rubbing).sin(),
+                )
             }
             Self::Press => (DVec3::Z * height(pressed(0.3)), 0.0),
             Self::Stroke => {
-                let along = SIDE * (2.0 * (ramp(0.15, 0.6) - ramp(0.75, 1.0)) - 1.0);
+                let along = STROKE_AMPLITUDE * (2.0 * (ramp(0.15, 0.6) - ramp(0.75, 1.0)) - 1.0);
                 let down = ramp(0.0, 0.15) - ramp(0.6, 0.75);
                 (DVec3::new(along, 0.0, height(down)), 0.0)
             }
             Self::Scrub => {
                 let rubbing = ((phase - 0.1) / 0.8).clamp(0.0, 1.0);
-                let along = SIDE * (2.0 * 8.0 * TAU * rubbing).sin();
+                let along = STROKE_AMPLITUDE * (2.0 * 8.0 * TAU * rubbing).sin();
                 (DVec3::new(along, 0.0, height(pressed(0.1))), 0.0)
             }
-            Self::Tap => (DVec3::Z * (0.5 * CLEARANCE - (0.5 * CLEARANCE + PRESS) * pressed(0.5)), 0.0),
+            Self::Tap => (DVec3::Z * (0.5 * CLEARANCE - (0.5 * CLEARANCE + PRESS_DEPTH) * pressed(0.5)), 0.0),
             Self::PegInsertion => {
-                // The spiral begins where the peg first touches, ends at the hole, and is gone back over in the air.
+                // The spiral begins where the peg first touches and ends at the hole; the hand retraces it in
+                // the air.
                 let inward = ramp(0.15, 0.5) - ramp(0.93, 1.0);
                 let spiral = DQuat::from_rotation_z(2.0 * TAU * inward) * self.beside() * (1.0 - inward);
                 let down = ramp(0.0, 0.15) - ramp(0.85, 0.93);
-                let depth = INSERTION * (ramp(0.5, 0.65) - ramp(0.78, 0.88));
+                let depth = INSERTION_DEPTH * (ramp(0.5, 0.65) - ramp(0.78, 0.88));
                 let twisting = ((phase - 0.65) / 0.13).clamp(0.0, 1.0);
                 let offset = spiral - self.beside() + DVec3::Z * (height(down) - depth);
-                (offset, TWIST * (2.0 * TAU * twisting).sin())
+                (offset, TWIST_AMPLITUDE * (2.0 * TAU * twisting).sin())
             }
         }
     }
@@ -152,8 +159,8 @@ mod tests {
     const SITE: TaskSite =
         TaskSite { touch: DVec3::new(0.1, 0.2, 0.3), pivot: DVec3::new(0.0, 0.01, 0.0), size: 0.05 };
 
-    /// What each task is named after, and that a hand can follow it: it begins and ends at one place over the site, its speed
-    /// stays below one of a hand, and the pivot is moved by what the task says and not by its turns.
+    /// Each task does what its name says, and a hand can follow it: it begins and ends at one position above
+    /// the site, its speed stays below that of a hand, and rotations leave the pivot in place.
     #[test]
     fn tasks_do_what_they_are_named_after() {
         for (name, task) in Task::ALL {
@@ -170,12 +177,13 @@ mod tests {
             assert!(places[0].z > 0.04, "{name} begins at {}", places[0]);
             assert!(fastest < 1.1e-2, "{name}: {fastest} sizes in a millisecond");
             assert!(pressed > steps / 4 && pressed < steps * 9 / 10, "{name}: {pressed} of {steps}");
-            let deepest = if task == Task::PegInsertion { INSERTION + PRESS } else { PRESS };
+            let deepest =
+                if task == Task::PegInsertion { INSERTION_DEPTH + PRESS_DEPTH } else { PRESS_DEPTH };
             assert!((lowest + deepest).abs() < 1e-3, "{name} goes down to {lowest}");
             let to_the_side = match task {
                 Task::Press | Task::Tap => 0.0,
-                Task::PegInsertion => 2.0 * BESIDE,
-                _ => SIDE,
+                Task::PegInsertion => 2.0 * HOLE_OFFSET,
+                _ => STROKE_AMPLITUDE,
             };
             assert!((sideways - to_the_side).abs() < 0.3 * to_the_side + 1e-12, "{name}: {sideways}");
         }
@@ -189,7 +197,7 @@ mod tests {
         for i in 0..8000 {
             let place =
                 (task.pose(f64::from(i) * 1e-3, &SITE).translation - SITE.touch) / SITE.size + task.beside();
-            if place.z < -1.01 * PRESS {
+            if place.z < -1.01 * PRESS_DEPTH {
                 assert!(place.truncate().length() < 1e-2, "{place} at {i} ms");
             }
         }
@@ -203,8 +211,8 @@ mod tests {
         for i in 0..10_000 {
             let time = f64::from(i) * 1e-3;
             let (pose, twist) = path(time);
-            let told = Task::Stroke.pose(time, &SITE);
-            assert!(pose.translation.distance(told.translation) < 1e-4 * SITE.size, "{time}");
+            let expected = Task::Stroke.pose(time, &SITE);
+            assert!(pose.translation.distance(expected.translation) < 1e-4 * SITE.size, "{time}");
             assert!(twist.is_finite() && twist.linear.length() < 0.02);
         }
         let far = TaskSite { touch: DVec3::X * 1e9, ..SITE };

@@ -1,27 +1,29 @@
 //! Velocity from timed positions that are rounded to encoder steps.
 //!
-//! A difference of two readings is off by up to a step over the time between them: at 1 kHz and 30 µm, 30 mm/s. Looking
-//! further back makes less of the noise, and more of a delay:
+//! The difference of two readings has an error of up to one step over the time between them: at 1 kHz and 30
+//! µm, 30 mm/s. A longer window reduces the noise and adds delay:
 //!
-//! - [`AdaptiveWindow`] looks as far back as a straight line still explains every reading to within the noise: far at
-//!   slow and steady motion, not far when the motion changes. Under a steady acceleration it lags by half its window,
-//!   [`AdaptiveWindow::delay`].
-//! - [`LowPass`] is a first-order low-pass of differences, with the same delay always.
+//! - [`AdaptiveWindow`] uses the longest window over which a straight line explains every reading to within
+//!   the noise: long in slow and steady motion, short when the motion changes. Under a steady acceleration it
+//!   lags by half its window, [`AdaptiveWindow::delay`].
+//! - [`LowPass`] is a first-order low-pass of differences, with a constant delay.
 
 use glam::DVec3;
 
-/// The longest window of an [`AdaptiveWindow`], in readings.
+/// Longest window of an [`AdaptiveWindow`], in readings.
 pub const LONGEST_WINDOW: usize = 32;
 
-/// First-order adaptive windowing with an end fit, each axis by itself (F. Janabi-Sharifi, V. Hayward, C.-S. J. Chen,
-/// "Discrete-time adaptive windowing for velocity estimation", IEEE Transactions on Control Systems Technology 8(6), 2000).
+/// First-order adaptive windowing with an end fit, each axis by itself (F. Janabi-Sharifi, V. Hayward, C.-S.
+/// J. Chen, "Discrete-time adaptive windowing for velocity estimation", IEEE Transactions on Control Systems
+/// Technology 8(6), 2000).
 ///
-/// The velocity is the slope of the line from the newest reading to the earliest for which all readings between are within
-/// the noise of the line.
+/// The velocity is the slope of the line from the newest reading to the earliest one for which all readings
+/// between are within the noise of the line.
 #[derive(Clone, Debug)]
 pub struct AdaptiveWindow {
+    /// Largest error of a reading, m or rad.
     noise: f64,
-    /// The newest first.
+    /// Times (s) and values of the readings, newest first.
     times: [f64; LONGEST_WINDOW + 1],
     values: [DVec3; LONGEST_WINDOW + 1],
     count: usize,
@@ -30,7 +32,7 @@ pub struct AdaptiveWindow {
 }
 
 impl AdaptiveWindow {
-    /// For readings that are off by up to `noise` (m or rad, not negative): an encoder's step.
+    /// An estimator for readings with an error of up to `noise` (m or rad, not negative): the encoder's step.
     pub fn new(noise: f64) -> Self {
         Self {
             noise,
@@ -42,8 +44,8 @@ impl AdaptiveWindow {
         }
     }
 
-    /// The velocity after a reading at a time (s). A reading that is not finite or no later than the one before changes
-    /// nothing.
+    /// The velocity after a reading at a time (s). A reading that is not finite or no later than the one
+    /// before is ignored.
     pub fn push(&mut self, time: f64, value: DVec3) -> DVec3 {
         let later = self.count == 0 || time > self.times[0];
         if !(later && time.is_finite() && value.is_finite()) {
@@ -59,25 +61,27 @@ impl AdaptiveWindow {
         self.velocity
     }
 
-    /// Starts anew: readings before a gap say nothing of those after it.
+    /// Clears the window, as after a gap: earlier readings say nothing about the motion after it.
     pub fn clear(&mut self) {
         *self = Self::new(self.noise);
     }
 
-    /// How far the velocity lagged behind a steady acceleration at the last reading, by axis, s: half the window.
+    /// Delay of the velocity under a steady acceleration at the last reading, by axis, s: half the window.
     pub fn delay(&self) -> DVec3 {
         self.delay
     }
 
-    /// Slope and delay of the longest line along an axis.
+    /// Slope and delay of the longest fitting line along an axis.
     fn fit(&self, axis: usize) -> (f64, f64) {
         let newest = self.values[0][axis];
         let age = |i: usize| self.times[0] - self.times[i];
         let mut fitted = (0.0, 0.0);
+        // Lengthen the window while the line from its oldest reading to the newest stays within the noise of all
+        // readings between; the longest such line gives the velocity.
         for back in 1..self.count {
             let slope = (newest - self.values[back][axis]) / age(back);
             let off = |i: usize| (newest - slope * age(i) - self.values[i][axis]).abs();
-            // Readings at the bound itself are not to depend on rounding.
+            // Readings exactly at the bound must not depend on rounding.
             if (1..back).any(|i| off(i) > self.noise * (1.0 + 1e-9)) {
                 break;
             }
@@ -87,17 +91,17 @@ impl AdaptiveWindow {
     }
 }
 
-/// A first-order low-pass of differences: it lags behind a steady acceleration by the delay τ, and an encoder step Δ
-/// shows as a pulse of height Δ/(τ + h), for readings every h.
+/// A first-order low-pass of differences: it lags behind a steady acceleration by the delay τ, and an encoder
+/// step Δ appears as a pulse of height Δ/(τ + h) for readings every h.
 #[derive(Clone, Debug)]
 pub struct LowPass {
-    /// s.
+    /// Delay τ, s.
     delay: f64,
     velocity: DVec3,
 }
 
 impl LowPass {
-    /// With a delay (s, not negative).
+    /// A filter with a delay (s, not negative).
     pub fn new(delay: f64) -> Self {
         Self { delay, velocity: DVec3::ZERO }
     }
@@ -105,7 +109,7 @@ impl LowPass {
     /// The velocity after a motion by `difference` (m or rad) in a time (s, above zero).
     pub fn push(&mut self, difference: DVec3, time: f64) -> DVec3 {
         let velocity = self.velocity + (difference / time - self.velocity) * (time / (self.delay + time));
-        // The smallest number of all is no share smaller: it would never become zero, and numbers that small are slow.
+        // Decay stalls at the smallest subnormal, and subnormal numbers are slow: flush them to zero.
         let none = velocity.abs().cmplt(DVec3::splat(f64::MIN_POSITIVE));
         self.velocity = DVec3::select(none, DVec3::ZERO, velocity);
         self.velocity
@@ -169,7 +173,7 @@ mod tests {
         }
         assert!((window.velocity - DVec3::new(0.01, 0.02, -0.03)).length() < 1e-9);
         assert!((window.delay() - DVec3::splat(0.016)).length() < 1e-9, "{}", window.delay());
-        // At rest by the noise only.
+        // At rest, with noise only.
         for i in 100..200 {
             window.push(f64::from(i) * 1e-3, DVec3::X * STEP * f64::from(i % 2));
         }
@@ -178,7 +182,8 @@ mod tests {
 
     #[test]
     fn the_stated_delay_is_that_of_a_steady_acceleration() {
-        // No line is within the noise for long: the window is short, and the stated delay accounts for the error.
+        // No line stays within the noise for long: the window is short, and the stated delay accounts for the
+        // error.
         let (mut window, acceleration) = (AdaptiveWindow::new(1e-5), 40.0);
         for i in 0..500 {
             let time = f64::from(i) * 1e-3;

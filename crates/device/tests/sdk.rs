@@ -1,4 +1,5 @@
-//! Devices by their makers' libraries, against libraries that are not the makers': built here, of the functions that palpate calls.
+//! Devices through makers' libraries, against substitute libraries that are built here with the functions
+//! that palpate calls.
 #![cfg(all(unix, feature = "force-dimension", feature = "open-haptics", feature = "haption"))]
 #![expect(unsafe_code, reason = "the fake libraries' back doors")]
 
@@ -20,9 +21,9 @@ use rand::{Rng as _, RngExt as _, SeedableRng as _};
 
 use numbers::*;
 
-/// Reports that are tried at random.
+/// Number of random reports.
 const FUZZED: usize = 1_000_000;
-/// For what comes in milliseconds, on a machine that others use as well.
+/// Timeout for events that take milliseconds, on a machine that others use as well.
 const LONG: Duration = Duration::from_secs(20);
 
 /// Builds a library of `tests/sdk`.
@@ -37,7 +38,7 @@ fn build(name: &str, options: &[&str], to: &Path) -> PathBuf {
     file
 }
 
-/// A library, and its back door.
+/// A substitute library and its test interface.
 struct Fake {
     library: libloading::Library,
     file: PathBuf,
@@ -46,12 +47,12 @@ struct Fake {
 impl Fake {
     fn new(name: &str, to: &Path) -> Self {
         let file = build(name, &[], to);
-        // SAFETY: it was built of `tests/sdk`, and does nothing when it is loaded.
+        // SAFETY: it was built from `tests/sdk`, and does nothing when it is loaded.
         Self { library: unsafe { libloading::Library::new(&file) }.unwrap(), file }
     }
 
     fn get(&self, index: usize) -> f64 {
-        // SAFETY: as it is declared in `tests/sdk/door.rs`.
+        // SAFETY: the type is that of its declaration in `tests/sdk/door.rs`.
         unsafe { (self.library.get::<extern "C" fn(usize) -> f64>("fake_get").unwrap())(index) }
     }
 
@@ -86,7 +87,7 @@ struct Fakes {
     folder: tempfile::TempDir,
 }
 
-/// Each library is one for the process: tests take turns.
+/// Each library has one state for the process: tests take turns.
 fn fakes() -> MutexGuard<'static, Fakes> {
     static FAKES: LazyLock<Mutex<Fakes>> = LazyLock::new(|| {
         let folder = tempfile::tempdir().unwrap();
@@ -101,7 +102,7 @@ fn fakes() -> MutexGuard<'static, Fakes> {
 }
 
 impl Fakes {
-    /// The address of each, and the unit of its lengths, m, and of its torques, N·m.
+    /// Address of each device, with the unit of its lengths, m, and of its torques, N·m.
     fn each(&self) -> [(&Fake, String, f64, f64); 3] {
         let address = |before: &str, fake: &Fake| format!("{before}@{}", fake.file.display());
         [
@@ -132,7 +133,7 @@ impl Session {
         state
     }
 
-    /// Ticks until something holds of what is read.
+    /// Ticks until a condition holds for the state read.
     fn until(
         &mut self,
         what: &str,
@@ -159,19 +160,19 @@ fn near(left: DVec3, right: DVec3) -> bool {
     (left - right).length() < 1e-6
 }
 
-/// No thread of a device is left. Their names are those of the pump's.
+/// Whether no thread of a device is left, judged by the name of the pump's thread.
 fn no_threads_left() -> bool {
     let names = |task: std::io::Result<std::fs::DirEntry>| {
         std::fs::read_to_string(task.ok()?.path().join("comm")).ok()
     };
     match std::fs::read_dir("/proc/self/task") {
         Ok(tasks) => !tasks.filter_map(names).any(|name| name.starts_with("palpate-device")),
-        // Only Linux tells.
+        // Only Linux lists threads.
         Err(_) => true,
     }
 }
 
-/// Waits for what comes soon.
+/// Waits for a condition that soon holds.
 fn soon(holds: impl Fn() -> bool) -> bool {
     let start = Instant::now();
     while !holds() && start.elapsed() < LONG {
@@ -190,7 +191,7 @@ fn poses_velocities_and_buttons_come_in_palpates_units() {
         at(DVec3::new(0.01, -0.02, 0.03));
         let mut session = Session::open(&address);
         let first = session.until("a state", Result::is_ok).pose;
-        // Haption's is where it is held when it is opened.
+        // Haption's origin is where the handle is held when the device is opened.
         let center = if address.starts_with("haption") { DVec3::new(0.01, -0.02, 0.03) } else { DVec3::ZERO };
         assert!(near(first.translation, DVec3::new(0.01, -0.02, 0.03) - center), "{address}: {first:?}");
         assert!(first.rotation.angle_between(DQuat::IDENTITY) < 1e-6);
@@ -206,15 +207,15 @@ fn poses_velocities_and_buttons_come_in_palpates_units() {
         assert!(state.pose.rotation.angle_between(turn) < 1e-6, "{address}: {state:?}");
         assert!(near(state.twist.linear, DVec3::new(0.1, -0.2, 0.3)), "{address}: {state:?}");
         if address.starts_with("open-haptics") {
-            // Estimated from how the handle turns: now it does not.
+            // Estimated from the handle's rotation, which has stopped.
             session
                 .until("rest", |state| state.as_ref().is_ok_and(|state| state.twist.angular == DVec3::ZERO));
         } else {
             assert!(near(state.twist.angular, DVec3::new(1.0, 2.0, -3.0)), "{address}: {state:?}");
         }
-        // A library that tells no velocity: it is estimated, and nothing moves.
+        // A library without velocities: they are estimated, and nothing moves.
         if !address.starts_with("open-haptics") {
-            fake.set(TELLS_NO_VELOCITY, 1.0);
+            fake.set(NO_VELOCITY, 1.0);
             let rest = |state: &Result<DeviceState, DeviceError>| {
                 state.as_ref().is_ok_and(|state| state.twist == Twist::ZERO && state.buttons == 2)
             };
@@ -232,7 +233,7 @@ fn wrenches_go_in_the_makers_units_and_are_clipped_to_the_peaks() {
             fake.reset();
             fake.set(SENSES_WRIST, 1.0);
             fake.set(DRIVES_WRIST, all.into());
-            // Of Haption's, the one of three axes, and the one of six.
+            // Haption's model with three driven axes, and the one with six.
             fake.set(MODEL, if address.starts_with("haption") { if all { 3.0 } else { 1.0 } } else { 0.0 });
             let mut session = Session::open(&address);
             let preset = match (address.split(':').next(), all) {
@@ -245,7 +246,7 @@ fn wrenches_go_in_the_makers_units_and_are_clipped_to_the_peaks() {
             let known = Emulation::preset(preset).unwrap().specification;
             let specification = session.device.specification().clone();
             assert_eq!(specification.actuated, if all { Axes::ALL } else { Axes::TRANSLATION }, "{address}");
-            // The library says 7.9 N of the Phantom.
+            // The library states 7.9 N for the Phantom.
             let peak = if preset == "premium-3.0" { 7.9 } else { known.peak_force };
             assert_eq!(specification.peak_force, peak, "{address}");
             assert_eq!(specification.peak_torque, if all { known.peak_torque } else { 0.0 }, "{address}");
@@ -268,7 +269,7 @@ fn wrenches_go_in_the_makers_units_and_are_clipped_to_the_peaks() {
             let torque = DVec3::Z * specification.peak_torque / newton_metre;
             session.until("the peak", |_| arrives(DVec3::Y * peak, torque));
 
-            // What is not finite is refused.
+            // A wrench that is not finite is refused.
             session.wrench = Wrench::new(DVec3::NAN, DVec3::ZERO);
             session.until("no wrench", |_| fake.wrench() == [0.0; 6]);
             assert_eq!(fake.get(FAULTS), 0.0, "{address}");
@@ -298,15 +299,15 @@ fn closed_or_dropped_it_gets_zero_and_no_power_and_no_thread_is_left() {
                 ([0.0; 6], 0.0, 1.0),
                 "{address}"
             );
-            // Not even opening was done by the one who asked for it.
+            // Even opening was not done by the calling thread.
             assert!(!fake.has_seen_me() && fake.get(CALLERS) == 1.0, "{address}: {}", fake.get(CALLERS));
             assert_eq!(fake.get(FAULTS), 0.0, "{address}");
         }
     }
 }
 
-/// Calls that fail: the device is lost, and its force zero, in milliseconds; it comes back where they do not fail, and then gives no
-/// force that was asked for before.
+/// Failing calls: the device is lost and its force zero, within milliseconds. It comes back when calls
+/// succeed again, and then gives no force that was commanded before.
 #[test]
 fn a_device_whose_calls_fail_is_let_go_and_comes_back() {
     let fakes = fakes();
@@ -328,7 +329,7 @@ fn a_device_whose_calls_fail_is_let_go_and_comes_back() {
             assert!(soon(|| fake.get(WRENCH) == 0.0 && fake.get(ENABLED) == 0.0), "{address}");
             took.push(zero.unwrap_or_else(|| begun.elapsed()));
             assert!(soon(|| fake.get(CLOSES) == f64::from(round + 1)), "{address}");
-            // While it is lost, nothing is asked of it.
+            // Nothing is commanded while it is lost.
             assert!(session.device.write(&session.wrench).is_err());
             fake.set(FAILS_TO_READ, 0.0);
             session.until("its return", Result::is_ok);
@@ -360,9 +361,9 @@ fn a_device_that_takes_no_wrench_is_let_go_as_well() {
     }
 }
 
-/// Numbers that are none are told, left out, and give no force.
+/// States that are not valid are reported, ignored, and give no force.
 #[test]
-fn numbers_that_are_none_give_no_force() {
+fn invalid_states_give_no_force() {
     let fakes = fakes();
     for (fake, address, ..) in fakes.each() {
         fake.set(SENSES_WRIST, 1.0);
@@ -370,18 +371,18 @@ fn numbers_that_are_none_give_no_force() {
         session.wrench = Wrench::new(DVec3::X, DVec3::ZERO);
         session.until("the force", |_| fake.get(WRENCH) == 1.0);
         fake.set(POSE + 1, f64::NAN);
-        let mut told = false;
+        let mut reported = false;
         session.until("silence", |state| {
-            told |= state.as_ref().is_ok_and(|state| state.status.contains(Status::MALFORMED));
+            reported |= state.as_ref().is_ok_and(|state| state.status.contains(Status::MALFORMED));
             if let Ok(state) = state {
                 assert!(state.pose.is_valid() && state.twist.is_finite());
             }
             matches!(state, Err(DeviceError::Lost { status: Status::SILENT }))
         });
-        assert!(told, "{address}");
+        assert!(reported, "{address}");
         assert!(soon(|| fake.get(WRENCH) == 0.0), "{address}");
         fake.set(POSE + 1, 0.0);
-        // No orientation.
+        // Not an orientation.
         session.until("its return", Result::is_ok);
         fake.set(POSE + 6, 0.0);
         fake.set(POSE + 3, f64::INFINITY);
@@ -408,8 +409,8 @@ fn force_dimensions_watchdog_and_window_are_set_and_its_trip_is_undone() {
     let fake = &fakes.dhd;
     let mut session = Session::open(&format!("force-dimension:3@{}", fake.file.display()));
     assert_eq!((fake.get(WATCHDOG), fake.get(WINDOW), fake.get(ASKED)), (255.0, 4.0, 3.0));
-    // A call that takes its time holds up the commands for longer than the watchdog waits, and the device disables its force: by
-    // the watchdog (3), or by the user's button (1), which stays so.
+    // A call that takes long holds up the commands for longer than the watchdog waits, and the device
+    // disables its force: by the watchdog (3), or by the user's button (1), which stays so.
     for (cause, enabled) in [(3.0, 1.0), (1.0, 0.0)] {
         session.until("a state", Result::is_ok);
         fake.set(ENABLED, 0.0);
@@ -420,7 +421,7 @@ fn force_dimensions_watchdog_and_window_are_set_and_its_trip_is_undone() {
         session.until("more reads", |state| state.is_ok() && fake.get(READS) > reads + 100.0);
         assert_eq!(fake.get(ENABLED), enabled, "{cause}");
     }
-    // Off by the button, it is told, and zero is commanded until it is on again.
+    // A force switched off by the button is reported, and zero is commanded until it is on again.
     session.wrench = Wrench::new(DVec3::X, DVec3::ZERO);
     let off = Status::NOT_ENABLED | Status::WITHHELD;
     session.until("that it is off", |state| state.as_ref().is_ok_and(|state| state.status.contains(off)));
@@ -436,7 +437,7 @@ fn open_haptics_frames_that_stand_still_are_silence_and_closing_does_not_wait_fo
     let fake = &fakes.hd;
     let mut session = Session::open(&format!("open-haptics:Left Device@{}", fake.file.display()));
     assert_eq!(fake.get(ASKED), 1.0);
-    // The scheduler is one for the process.
+    // The process has one scheduler.
     let second = palpate_device::open(&format!("open-haptics:@{}", fake.file.display()));
     let message = second.err().expect("one is open").to_string();
     assert!(message.contains("another is open in this process"), "{message}");
@@ -448,7 +449,7 @@ fn open_haptics_frames_that_stand_still_are_silence_and_closing_does_not_wait_fo
     assert!(start.elapsed() < Duration::from_secs(5));
     assert!(soon(|| fake.get(CLOSES) == 1.0 && no_threads_left()));
     assert_eq!((fake.get(ENABLED), fake.get(FAULTS)), (0.0, 0.0));
-    // Another may be opened now.
+    // Another device may be opened now.
     fake.reset();
     Session::open(&format!("open-haptics:@{}", fake.file.display())).until("a state", Result::is_ok);
 }
@@ -490,7 +491,7 @@ fn what_is_missing_is_named() {
         let lacking = message(&format!("{address}@{}", file.display()));
         assert!(lacking.contains(symbol) && lacking.contains(&file.display().to_string()), "{lacking}");
     }
-    // No device: in the library's words.
+    // No device: the error has the library's words.
     for (fake, address, ..) in fakes.each() {
         fake.set(FAILS_TO_OPEN, 1.0);
         let refused = message(&address);
@@ -511,7 +512,7 @@ fn what_is_missing_is_named() {
 fn the_environment_names_the_library_and_listing_loads_none() {
     let fakes = fakes();
     let variable = "PALPATE_DHD_LIBRARY";
-    // SAFETY: all tests that read the environment wait for their turn, and the standard library's own reads lock it.
+    // SAFETY: all tests that read the environment take turns, and the standard library's own reads lock it.
     unsafe { std::env::set_var(variable, "/no/such/library.so") };
     let listed = palpate_device::list();
     for address in ["force-dimension", "open-haptics", "haption:HOST"] {
@@ -548,7 +549,7 @@ fn reports_are_known_byte_by_byte() {
     for number in [1.0, -2.0, 0.5, 0.0, 0.6, 0.0, 0.8, 0.0, 0.0, 0.0, 0.0, 0.25, 0.0_f64] {
         expected.extend(number.to_bits().to_le_bytes());
     }
-    // Two of them by hand.
+    // Two of the numbers by hand.
     assert_eq!(expected[8..16], [0, 0, 0, 0, 0, 0, 0xf0, 0x3f]);
     assert_eq!(expected[16..24], [0, 0, 0, 0, 0, 0, 0, 0xc0]);
     assert_eq!(state.to_report().as_slice(), expected);
@@ -570,7 +571,7 @@ fn reports_are_known_byte_by_byte() {
     let report = said(&wrench, &state);
     let bytes: Vec<u8> = [1.0, 0.0, -2.0, 0.0, 0.5, 0.0_f64].into_iter().flat_map(f64::to_le_bytes).collect();
     assert_eq!((report.bytes(), wrench_of(report.bytes())), (bytes.as_slice(), Ok(wrench)));
-    // Not ready: none.
+    // Not ready: zero.
     assert_eq!(said(&wrench, &SdkState { ready: false, ..state }).bytes(), [0; 48]);
     assert_eq!(wrench_of(&bytes[..47]), Err(Malformed));
     let mut broken = bytes;
@@ -589,7 +590,7 @@ fn any_reports_give_motion_that_is_finite_or_none() {
     for i in 0..FUZZED {
         let mut report = good;
         match i % 3 {
-            // Nothing but noise, a few bytes of it, or a number of any bits.
+            // Noise alone, a few bytes of it, or a number of arbitrary bits.
             0 => rng.fill_bytes(&mut report),
             1 => (0..rng.random_range(1..4)).for_each(|_| {
                 let at = rng.random_range(0..report.len());
@@ -609,7 +610,7 @@ fn any_reports_give_motion_that_is_finite_or_none() {
         read += 1;
         let (pose, twist, _) = motion.advance(&sample, Some(1e-3 * i as f64), 1e-3 * i as f64);
         assert!(pose.is_valid() && twist.is_finite(), "{i}: {sample:?}");
-        // There and back.
+        // A round trip.
         assert_eq!(SdkState::from_report(&sample.to_report()), Ok(sample), "{i}");
         let force = DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1e3..1e3)));
         let wrench = Wrench::new(force, -force);
@@ -619,9 +620,9 @@ fn any_reports_give_motion_that_is_finite_or_none() {
     assert!(read > FUZZED / 10, "{read}");
 }
 
-/// What a library does not tell is estimated, with the sign and the size of what it would have told.
+/// A velocity that the library does not report is estimated, with the sign and the size of the reported one.
 #[test]
-fn velocities_that_are_not_told_are_estimated() {
+fn velocities_that_are_not_reported_are_estimated() {
     let specification = Emulation::preset("touch").unwrap().specification;
     let mut motion = SdkMotion::from_here(&specification);
     let (speed, rate) = (DVec3::new(0.1, 0.0, -0.05), DVec3::new(0.0, 0.7, 0.0));

@@ -1,4 +1,4 @@
-//! An emulated device as it is written on a command line: `emulated:PRESET,KEY=VALUE,…`.
+//! Addresses of emulated devices, as written on a command line: `emulated:PRESET,KEY=VALUE,…`.
 
 use std::path::Path;
 
@@ -7,31 +7,32 @@ use serde_json::{Map, Value};
 use super::Emulation;
 use crate::{DeviceError, Hand, Interpolation, MotionPath, Task};
 
-/// What emulated devices go by.
+/// Name of this kind of device in an address.
 pub(crate) const KIND: &str = "emulated";
 
-/// An emulated device and what the hand does that holds it, by an address.
+/// An emulated device and the task or path of its hand, parsed from an address.
 #[derive(Clone, Debug)]
 pub struct EmulatedHand {
     /// The device and the hand.
     pub emulation: Emulation,
-    /// What the hand is to do, where the address names a task.
+    /// Task of the hand, if the address names one.
     pub task: Option<Task>,
-    /// Where it means to go (device axes), where the address names a file.
+    /// Intended path of the hand (device axes), if the address names a file.
     pub path: Option<MotionPath>,
 }
 
 impl EmulatedHand {
-    /// By `emulated`, `emulated:PRESET`, or either with settings: `emulated:PRESET,KEY=VALUE,…`. Absent where that is no
-    /// address of an emulated device.
+    /// Parses `emulated`, `emulated:PRESET`, or either with settings: `emulated:PRESET,KEY=VALUE,…`. Gives
+    /// `None` if the address is not that of an emulated device.
     ///
-    /// Keys are `hand` (the name of a [`Hand`]), `task` (that of a [`Task`]), `path` (a file of poses, as of
-    /// [`MotionPath::load`]; it takes the rest of the address), the numbers of a [`Specification`](crate::Specification)
-    /// (`peak_force`, `encoder_step`, …; `inf` for no limit), `handle.mass` and the other parameters of a
-    /// [`Handle`](crate::Handle), `hand.mass` and those of a [`Hand`], `substep` and `catch_up`.
+    /// Keys are `hand` (name of a [`Hand`]), `task` (name of a [`Task`]), `path` (file of poses, see
+    /// [`MotionPath::load`]; it takes the rest of the address), the numbers of a
+    /// [`Specification`](crate::Specification) (`peak_force`, `encoder_step`, …; `inf` for no limit),
+    /// `handle.mass` and the other parameters of a [`Handle`](crate::Handle), `hand.mass` and those of a
+    /// [`Hand`], `substep` and `catch_up`.
     ///
     /// # Errors
-    /// If there is no such key, or its value is none.
+    /// If there is no such key, or its value is not valid.
     pub fn at(address: &str) -> Option<Result<Self, DeviceError>> {
         let which = match address.strip_prefix(KIND)? {
             "" => None,
@@ -40,7 +41,7 @@ impl EmulatedHand {
         Self::named(which)
     }
 
-    /// By what comes after `emulated:`.
+    /// Parses the part of an address after `emulated:`.
     pub(crate) fn named(which: Option<&str>) -> Option<Result<Self, DeviceError>> {
         let (preset, settings) = match which {
             None => (None, ""),
@@ -53,7 +54,7 @@ impl EmulatedHand {
         Some(Self { emulation, task: None, path: None }.with(settings))
     }
 
-    /// With settings, `KEY=VALUE,…`.
+    /// Applies settings, `KEY=VALUE,…`.
     fn with(mut self, mut settings: &str) -> Result<Self, DeviceError> {
         while !settings.is_empty() {
             if let Some(file) = settings.strip_prefix("path=") {
@@ -90,7 +91,7 @@ impl EmulatedHand {
 
 /// The emulation with one of its numbers replaced.
 ///
-/// Numbers are found by the names of their fields, through serde; one that stands nowhere else needs no other line here.
+/// Numbers are found by their field names through serde, so that a new field needs no entry here.
 fn with_number(
     emulation: &Emulation,
     key: &str,
@@ -102,7 +103,7 @@ fn with_number(
     let keys = keys(&all);
     let known = || refused(setting, format!("one of {} = a number; hand, task or path", keys.join(", ")));
     let number: f64 = value.parse().map_err(|_| refused(setting, "a number after `=`".into()))?;
-    // What is infinite is null in JSON.
+    // JSON has no infinity; null stands for it.
     let number = match number {
         f64::INFINITY => Value::Null,
         number => Value::from(number),
@@ -111,7 +112,7 @@ fn with_number(
         return Err(known());
     }
     let path = key.replace('.', "/");
-    // What the handle resists motion with is told by the specification as well.
+    // The specification states the handle's mechanics as well.
     for place in [format!("/{path}"), format!("/specification/{path}")] {
         if let Some(entry) = all.pointer_mut(&place) {
             *entry = number.clone();
@@ -120,7 +121,7 @@ fn with_number(
     serde_json::from_value(all).map_err(|_| refused(setting, "a finite number after `=`".into()))
 }
 
-/// The keys of an emulation's numbers.
+/// Keys of all numbers of an emulation.
 fn keys(emulation: &Value) -> Vec<String> {
     let numbers = |entries: Option<&Map<String, Value>>, prefix: &str| -> Vec<String> {
         let named = entries.into_iter().flatten().filter(|(_, value)| value.is_number() || value.is_null());
@@ -168,14 +169,14 @@ mod tests {
         let late = parsed("emulated:premium-1.5,delay=2e-3").emulation;
         assert_eq!(late.specification.delay, 2e-3);
 
-        // What is set is what the driver is told, too.
+        // The specification changes with the setting.
         let heavy = parsed("emulated:handle.mass=0.5,substep=5e-5").emulation;
         assert_eq!(heavy.handle.mass, 0.5);
         assert_eq!(heavy.specification.handle, Some(heavy.handle));
         assert_eq!(heavy.substep, 5e-5);
     }
 
-    /// Every number of an emulation can be set, and nothing else is changed by that.
+    /// Every number of an emulation can be set, and setting it changes nothing else.
     #[test]
     fn every_number_has_a_key() {
         let emulation = Emulation::default();
@@ -184,10 +185,10 @@ mod tests {
         assert!(keys.len() > 24, "{keys:?}");
         for key in keys {
             let changed = parsed(&format!("emulated:{key}=0.5")).emulation;
-            let told = serde_json::to_value(&changed).unwrap();
+            let values = serde_json::to_value(&changed).unwrap();
             let path = key.replace('.', "/");
             let place = [format!("/{path}"), format!("/specification/{path}")];
-            assert!(place.iter().any(|place| told.pointer(place) == Some(&Value::from(0.5))), "{key}");
+            assert!(place.iter().any(|place| values.pointer(place) == Some(&Value::from(0.5))), "{key}");
             assert_ne!(changed, emulation, "{key}");
         }
     }
@@ -225,7 +226,7 @@ mod tests {
         {
             assert!(EmulatedHand::at(address).is_none(), "{address}");
         }
-        // A number that no emulation can have is refused when it is opened.
+        // Values that no emulation can have are refused when it is opened.
         let hand = parsed("emulated:substep=-1");
         assert!(hand.emulation.open(palpate_core::Pose::IDENTITY).is_err());
     }

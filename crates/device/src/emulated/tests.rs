@@ -117,12 +117,12 @@ fn a_constant_wrench_displaces_the_hand_by_wrench_over_stiffness() {
     let expected = pose(DVec3::X * (1.2 / 300.0), DVec3::Y * 0.1);
     assert!((state.pose.translation - expected.translation).length() < 1e-8);
     assert!(state.pose.rotation_vector_to(&expected).length() < 1e-6);
-    // What the wrench gave is in the hand's springs and lost in the dampers: at least twice the former.
+    // The work is stored in the hand's springs and lost in the dampers: at least twice the energy stored.
     assert!(device.work() > 1.2 * 0.004 * 0.99 && device.work() < (1.2 * 0.004 + 0.1 * 0.1) * 1.01);
 }
 
-/// A stiff unilateral wall at z = 0, rendered at 1 kHz from what is read; gives the worst energy that the wall
-/// gave, and the largest depth in the first and in the last tenth of 3 s.
+/// A stiff unilateral wall at z = 0, rendered at 1 kHz from readings. Gives the largest energy that the wall
+/// returned, and the largest depths in the first and in the last tenth of 3 s.
 fn press_into_wall(emulation: Emulation, stiffness: f64, damping: f64) -> (f64, f64, f64) {
     let keyframes = [(0.0, 0.005), (0.2, -0.01)]
         .map(|(time, z)| Keyframe { time, pose: Pose::from_translation(DVec3::Z * z) });
@@ -160,7 +160,7 @@ fn a_stiff_wall_is_stable_and_gives_no_energy() {
     assert!(wander < 3e-5, "the handle wanders over {wander} m at the end");
 }
 
-/// The counter-check: far beyond what the damping can carry at 1 kHz, the emulated wall buzzes as a real one
+/// The counter-check: far beyond what the damping allows at 1 kHz, the emulated wall buzzes as a real one
 /// does.
 #[test]
 fn a_wall_far_too_stiff_buzzes() {
@@ -420,18 +420,18 @@ fn a_wrench_takes_effect_after_the_delay() {
     let mut felt = Vec::new();
     for i in 0..8 {
         device.read(f64::from(i) * 1e-3).unwrap();
-        // Of two in a substep the last one counts.
+        // The last of two wrenches in one substep counts.
         device.write(&force(-1.0)).unwrap();
         device.write(&force(f64::from(i))).unwrap();
         felt.push(device.applied_wrench().force.x);
     }
     assert_eq!(felt, [0.0, 0.0, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0]);
-    // What is on its way when the device is closed does not come.
+    // A delayed wrench does not take effect after closing.
     device.close().unwrap();
     assert_eq!((device.applied_wrench(), device.pending.len()), (Wrench::ZERO, 0));
 }
 
-/// A handle moves by a late force as it moves by the same force later.
+/// A delayed force moves the handle as the same force written later does.
 #[test]
 fn a_late_wrench_moves_the_handle_as_one_written_later_does() {
     let at = |delay: f64, writes_at: u32| {
@@ -450,7 +450,7 @@ fn a_late_wrench_moves_the_handle_as_one_written_later_does() {
     assert_eq!(at(5.04e-3, 10), at(5e-3, 10));
 }
 
-/// What waits has its place from the start, however often the device is written, and time that is left out passes for it as well.
+/// The queue never grows beyond its initial capacity, and time left out counts towards the delay.
 #[test]
 fn wrenches_on_their_way_need_no_more_room_than_at_the_start() {
     let mut device = late(MAX_DELAY).open(Pose::IDENTITY).unwrap();

@@ -1,19 +1,19 @@
-//! The messages of Haply's service.
+//! Messages of Haply's service.
 
 use serde_json::{Value, json};
 
-/// How forces are said.
+/// Form of forces in messages, which depends on the service's version.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Dialect {
-    /// As `vector`: from service 3.2 on.
+    /// Field `vector`: from service 3.2 on.
     #[default]
     Vector,
-    /// As `values`: service 3.1.
+    /// Field `values`: service 3.1.
     Values,
 }
 
 impl Dialect {
-    /// That of a service by its version, as `3.1.0`.
+    /// Dialect of a service with this version, such as `3.1.0`.
     pub fn of(version: &str) -> Self {
         let mut parts = version.split('.').map(|part| part.trim().parse::<u32>().ok());
         match (parts.next().flatten(), parts.next().flatten()) {
@@ -23,18 +23,18 @@ impl Dialect {
     }
 }
 
-/// What a message tells of an Inverse3, in its axes: x to the right, y away from the user, z up.
+/// State of an Inverse3 from a message, in its axes: x to the right, y away from the user, z up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Inverse3State {
-    /// Of the cursor, m.
+    /// Position of the cursor, m.
     pub position: [f32; 3],
-    /// m/s.
+    /// Velocity of the cursor, m/s.
     pub velocity: [f32; 3],
-    /// Unit quaternion x, y, z, w: of the grip where there is one, else of the device's body.
+    /// Unit quaternion x, y, z, w: orientation of the grip if there is one, else of the device's body.
     pub orientation: [f32; 4],
-    /// Of the grip, the first in bit 0.
+    /// Buttons of the grip, the first in bit 0.
     pub buttons: u32,
-    /// Whether it is calibrated and may be given forces.
+    /// Whether it is calibrated and accepts forces.
     pub ready: bool,
 }
 
@@ -50,7 +50,7 @@ impl Default for Inverse3State {
     }
 }
 
-/// Bytes of a state as a report.
+/// Size of a state as a report, bytes.
 const BYTES: usize = 45;
 
 impl Inverse3State {
@@ -63,7 +63,7 @@ impl Inverse3State {
         self.numbers().all(f32::is_finite) && (0.9..1.1).contains(&square)
     }
 
-    /// As a report of fixed size.
+    /// The state as a report of fixed size.
     #[cfg(feature = "haply")]
     pub(super) fn to_report(self) -> [u8; BYTES] {
         let mut report = [0; BYTES];
@@ -74,7 +74,7 @@ impl Inverse3State {
         report
     }
 
-    /// From a report; none where it is not finite, or no orientation.
+    /// Decodes a report; `None` if a number is not finite or the orientation is not a unit quaternion.
     pub(super) fn from_report(report: &[u8]) -> Option<Self> {
         let report: &[u8; BYTES] = report.try_into().ok()?;
         let (words, _) = report.as_chunks::<4>();
@@ -90,7 +90,8 @@ impl Inverse3State {
     }
 }
 
-/// The first Inverse3 of a message of the service: its number and state; none where there is none, or a number is not finite.
+/// Number and state of the first Inverse3 in a message of the service; `None` if there is none or a number is
+/// not finite.
 pub fn parse_state(message: &str) -> Option<(String, Inverse3State)> {
     let message: Value = serde_json::from_str(message).ok()?;
     let device = message["inverse3"].as_array()?.first()?;
@@ -101,7 +102,7 @@ pub fn parse_state(message: &str) -> Option<(String, Inverse3State)> {
     let orientation = grip.map_or(&state["body_orientation"], |grip| &grip["orientation"]);
     let part = |value: &Value, name: &str| value[name].as_f64().map(|part| part as f32);
     let vector = |value: &Value| Some([part(value, "x")?, part(value, "y")?, part(value, "z")?]);
-    // Some grips tell a list of buttons, others an object or a number.
+    // Some grips report a list of buttons, others an object or a number.
     let held = |value: &Value| value.as_bool().or(value.as_i64().map(|value| value != 0)).unwrap_or(false);
     let buttons = match grip.map(|grip| &grip["buttons"]) {
         Some(Value::Array(all)) => bits(all.iter().map(held)),
@@ -118,7 +119,7 @@ pub fn parse_state(message: &str) -> Option<(String, Inverse3State)> {
             _ => Inverse3State::default().orientation,
         },
         buttons,
-        // What is not said is taken to be so.
+        // A flag that is absent counts as true.
         ready: ["calibrated", "ready"].iter().all(|flag| status[*flag].as_bool().unwrap_or(true)),
     };
     found.is_sound().then_some((number, found))
@@ -128,7 +129,7 @@ fn bits(held: impl Iterator<Item = bool>) -> u32 {
     held.take(32).zip(0..).fold(0, |bits, (held, bit)| bits | u32::from(held) << bit)
 }
 
-/// The message that asks a device for a force, N.
+/// The message that commands a force, N, on a device.
 pub fn force_message(device: &str, force: [f32; 3], dialect: Dialect) -> String {
     let [x, y, z] = force;
     let vector = json!({"x": x, "y": y, "z": z});

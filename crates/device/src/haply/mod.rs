@@ -1,8 +1,9 @@
-//! The Inverse3 of Haply, with or without a VerseGrip, through the WebSocket service of its maker (`ws://localhost:10001`).
+//! Haply's Inverse3, with or without a VerseGrip, through its maker's WebSocket service
+//! (`ws://localhost:10001`).
 //!
-//! The service answers each message with the state of all devices; a message may carry a force. Its answers are read into a report
-//! of fixed size, so that the device is a [`Link`]. Messages as in the maker's documentation of service
-//! 3.5 and 3.1; not tried with a unit here.
+//! The service answers each message with the state of all devices; a message may carry a force. Each answer
+//! is converted to a report of fixed size, so that the device is a [`Link`]. Messages are as in the maker's
+//! documentation of service 3.5 and 3.1; not tried with a unit here.
 
 mod message;
 #[cfg(feature = "haply")]
@@ -20,12 +21,12 @@ pub use message::{Dialect, Inverse3State, force_message, parse_state};
 #[cfg(feature = "haply")]
 pub(crate) use service::{ADDRESS, open};
 
-/// The middle of the workspace from the device's origin, m (as in the maker's examples).
+/// Middle of the workspace in the device's frame, m (as in the maker's examples).
 const CENTER: DVec3 = DVec3::new(0.04, -0.17, 0.16);
-/// Bytes of the reports that stand for messages.
+/// Size of the report that carries a force, bytes.
 const FORCE: usize = 12;
 
-/// The language of the reports that stand for messages.
+/// Codec of the reports that carry messages.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Inverse3Codec;
 
@@ -42,7 +43,7 @@ impl Codec for Inverse3Codec {
     }
 
     fn encode(&mut self, wrench: &Wrench, sample: &Inverse3State, say: &mut dyn FnMut(Report)) {
-        // A device that is not ready gets none.
+        // A device that is not ready gets zero force.
         let force = if sample.ready { wrench.force } else { DVec3::ZERO };
         let mut bytes = [0; FORCE];
         let words = bytes.as_chunks_mut::<4>().0;
@@ -51,13 +52,13 @@ impl Codec for Inverse3Codec {
     }
 }
 
-/// The handle's motion as the service tells it.
+/// Motion of the handle from the service's states.
 #[derive(Clone, Debug, Default)]
 pub struct Inverse3Motion {
     pose: Pose,
     twist: Twist,
-    /// The driver's time of the last report, s.
-    told: Option<f64>,
+    /// Driver's time of the last report, s.
+    reported: Option<f64>,
 }
 
 impl Motion for Inverse3Motion {
@@ -68,7 +69,7 @@ impl Motion for Inverse3Motion {
             let turned = DQuat::from_array(sample.orientation.map(f64::from)).normalize();
             let place = DVec3::from_array(sample.position.map(f64::from)) - CENTER;
             let before = std::mem::replace(&mut self.pose, Pose::new(place, turned));
-            let time = now - self.told.replace(now).unwrap_or(now);
+            let time = now - self.reported.replace(now).unwrap_or(now);
             let angular = if time > 0.0 { before.rotation_vector_to(&self.pose) / time } else { DVec3::ZERO };
             self.twist = Twist::new(DVec3::from_array(sample.velocity.map(f64::from)), angular);
         }
@@ -76,11 +77,12 @@ impl Motion for Inverse3Motion {
     }
 
     fn restart(&mut self) {
-        self.told = None;
+        self.reported = None;
     }
 }
 
-/// An Inverse3 over whatever carries its reports. Workspace and forces are the maker's figures, the rest typical ones.
+/// Link for an Inverse3 over any transport of its reports. Workspace and forces are the maker's figures, the
+/// rest typical ones.
 pub fn inverse3() -> Link<Inverse3Codec, Inverse3Motion> {
     Link {
         codec: Inverse3Codec,
@@ -99,7 +101,7 @@ pub fn inverse3() -> Link<Inverse3Codec, Inverse3Motion> {
             encoder_step: 1e-5,
             angular_encoder_step: 1e-3,
             velocity_delay: 2e-3,
-            // A message a millisecond, and one more until the service's device has what it answers.
+            // One message a millisecond, and one more until the device has the answer.
             delay: 2e-3,
             sensed: Axes::ALL,
             actuated: Axes::TRANSLATION,

@@ -11,9 +11,9 @@ use super::{FORCE, inverse3};
 use crate::link::{LONGEST_REPORT, Transport, TransportError};
 use crate::{DeviceError, HapticDevice};
 
-/// Where the service listens.
+/// Address at which the service listens.
 pub(crate) const ADDRESS: &str = "127.0.0.1:10001";
-/// How long the service may take to let one in.
+/// Longest time that connecting to the service may take.
 const PATIENCE: Duration = Duration::from_millis(500);
 const REMEDY: &str = "start Haply's Inverse service, and plug the device in";
 
@@ -36,7 +36,7 @@ pub(crate) fn open(address: &str) -> Result<Box<dyn HapticDevice>, DeviceError> 
 struct Connection {
     socket: WebSocket<TcpStream>,
     dialect: Dialect,
-    /// The device's number, once it is known.
+    /// The device's number, once known.
     device: Option<String>,
     patience: Duration,
 }
@@ -58,14 +58,14 @@ impl Connection {
     }
 }
 
-/// The dialect of a service, by the version that it tells.
+/// Dialect of the service, from the version that it reports.
 fn asked(mut stream: TcpStream, place: SocketAddr) -> Dialect {
     let request = format!("GET /version HTTP/1.1\r\nHost: {place}\r\nConnection: close\r\n\r\n");
     let mut answer = Vec::new();
     if stream.write_all(request.as_bytes()).is_err() {
         return Dialect::default();
     }
-    // What comes until the service or patience ends.
+    // Everything that comes until the service closes the connection or the time is over.
     let _ = stream.take(1 << 14).read_to_end(&mut answer);
     let answer = String::from_utf8_lossy(&answer);
     let body = answer.split_once("\r\n\r\n").map_or("", |(_, body)| body);
@@ -78,10 +78,10 @@ fn asked(mut stream: TcpStream, place: SocketAddr) -> Dialect {
 }
 
 impl Connection {
-    /// The next message, where one comes in time.
+    /// The next message, if one comes in time.
     fn message(&mut self, patience: Duration) -> Result<Message, Error> {
         if patience.is_zero() {
-            // A timeout of nothing would be none at all, and a short one is rounded up to some milliseconds.
+            // A timeout of zero would mean none, and a short one is rounded up to some milliseconds.
             self.socket.get_ref().set_nonblocking(true)?;
             let message = self.socket.read();
             self.socket.get_ref().set_nonblocking(false)?;
@@ -113,7 +113,7 @@ impl Transport for Connection {
             Err(_) => return Err(TransportError::Disconnected),
         };
         let Some((device, state)) = parse_state(&message) else {
-            // A report that none understands.
+            // A report that is malformed.
             return Ok(1);
         };
         self.device = Some(device);
@@ -126,7 +126,7 @@ impl Transport for Connection {
         let report: &[u8; FORCE] = report.try_into().map_err(|_| TransportError::Failed)?;
         let (words, _) = report.as_chunks::<4>();
         let force = [0, 1, 2].map(|axis: usize| f32::from_le_bytes(words[axis]));
-        // Any message is answered; the first ones ask who is there.
+        // The service answers every message; the first ones ask which devices there are.
         let message = match &self.device {
             Some(device) => force_message(device, force, self.dialect),
             None => "{}".into(),

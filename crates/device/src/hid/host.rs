@@ -1,4 +1,5 @@
-//! HID devices of this machine, by hidapi. Enumerating and opening may take long: never on the haptic thread.
+//! HID devices of this machine, through hidapi. Enumerating and opening may take long: never on the haptic
+//! thread.
 
 use std::ffi::{CStr, CString};
 use std::time::Duration;
@@ -24,7 +25,7 @@ pub(crate) struct Connected {
     path: CString,
 }
 
-/// The devices that are plugged in and have a driver here, each once.
+/// Devices that are plugged in and have a driver here, each once.
 pub(crate) fn connected() -> Vec<Connected> {
     let Ok(api) = HidApi::new() else { return Vec::new() };
     let mut found: Vec<Connected> = Vec::new();
@@ -35,7 +36,7 @@ pub(crate) fn connected() -> Vec<Connected> {
         else {
             continue;
         };
-        // One entry comes for each usage.
+        // hidapi lists a device once for each of its usages.
         if found.iter().all(|known| known.path.as_c_str() != device.path()) {
             found.push(Connected { vendor, product, name, driver, path: device.path().to_owned() });
         }
@@ -46,15 +47,16 @@ pub(crate) fn connected() -> Vec<Connected> {
 /// A HID device that is plugged in and has a driver in this crate.
 #[derive(Debug)]
 pub struct PluggedIn {
-    /// Its address, which [`open`](crate::open) takes: `hid:VENDOR:PRODUCT`.
+    /// Address for [`open`](crate::open): `hid:VENDOR:PRODUCT`.
     pub address: String,
     /// Its name.
     pub name: &'static str,
-    /// Why it cannot be opened; `None` where it can.
+    /// Reason why it cannot be opened; `None` if it can.
     pub refusal: Option<DeviceError>,
 }
 
-/// The HID devices that are plugged in and have a driver in this crate. Each is opened and closed again, which may take long.
+/// HID devices that are plugged in and have a driver in this crate. Each is opened and closed again, which
+/// may take long.
 pub fn plugged_in() -> Vec<PluggedIn> {
     let try_each = |device: Connected| PluggedIn {
         address: format!("hid:{:04x}:{:04x}", device.vendor, device.product),
@@ -65,7 +67,7 @@ pub fn plugged_in() -> Vec<PluggedIn> {
 }
 
 impl Connected {
-    /// Why it cannot be opened.
+    /// Reason why it cannot be opened, if so.
     pub fn refusal(&self) -> Option<DeviceError> {
         self.transport().err()
     }
@@ -75,7 +77,7 @@ impl Connected {
     }
 }
 
-/// Opens the first device of a driver that is plugged in; `model` is that of a WoodenHaptics.
+/// Opens the first plugged-in device of a driver; `model` is that of a WoodenHaptics.
 pub(crate) fn open(driver: Driver, model: Option<&str>) -> Result<Box<dyn HapticDevice>, DeviceError> {
     open_any(
         |device| device.driver == driver,
@@ -87,8 +89,8 @@ pub(crate) fn open(driver: Driver, model: Option<&str>) -> Result<Box<dyn Haptic
     )
 }
 
-/// Opens the first device with these numbers: one with a driver of its own, or one of force feedback by its report
-/// descriptor.
+/// Opens the first device with these numbers: with its own driver if there is one, else as a force feedback
+/// device by its report descriptor.
 pub(crate) fn open_numbered(vendor: u16, product: u16) -> Result<Box<dyn HapticDevice>, DeviceError> {
     if known().any(|(known, of, ..)| (known, of) == (vendor, product)) {
         let named = || format!("HID device {vendor:04x}:{product:04x}");
@@ -110,8 +112,8 @@ pub(crate) fn open_numbered(vendor: u16, product: u16) -> Result<Box<dyn HapticD
     Ok(Box::new(opened.map_err(|error| not_opened(error.to_string()))?))
 }
 
-/// What opens a device: the first time it is the one that is open, later the one with its numbers, which may have come back at
-/// another path.
+/// Opener of a device: first the transport that is open already, later the device with its numbers, which may
+/// have come back at another path.
 fn opener(
     first: HidTransport,
     vendor: u16,
@@ -183,7 +185,7 @@ impl Transport for HidTransport {
         self.0.read_timeout(&mut report[..LONGEST], patience.as_millis() as i32).map_err(|error| match cause(
             &error,
         ) {
-            // A signal came.
+            // A signal interrupted the call.
             Some(std::io::ErrorKind::Interrupted | std::io::ErrorKind::WouldBlock) => TransportError::Failed,
             _ => TransportError::Disconnected,
         })
@@ -213,7 +215,7 @@ fn cause(error: &HidError) -> Option<std::io::ErrorKind> {
     if let HidError::IoError { error } = error { Some(error.kind()) } else { None }
 }
 
-/// ENODEV and ENXIO, which have no kind of their own.
+/// Whether the error is ENODEV or ENXIO, which have no kind of their own.
 fn is_gone(error: &std::io::Error) -> bool {
     matches!(error.raw_os_error(), Some(19 | 6))
 }

@@ -1,6 +1,7 @@
-//! Devices that speak HID, over USB or Bluetooth.
+//! HID devices, over USB or Bluetooth.
 //!
-//! Each kind is a codec and a motion, that a [`Link`](crate::link::Link) makes a device of; hidapi carries the reports.
+//! Each kind is a codec and a motion, from which a [`Link`](crate::link::Link) makes a device; hidapi carries
+//! the reports.
 
 #[cfg(feature = "hid")]
 mod host;
@@ -20,7 +21,7 @@ pub use space_mouse::{Deflection, RateControl, SpaceMouseCodec};
 pub use udev::udev_rules;
 pub use wooden_haptics::{EncodedMotion, Encoders, WoodenHapticsCodec, WoodenHapticsModel};
 
-/// The longest report of HID that is read or written here, bytes, with its number.
+/// Longest HID report that is read or written here, in bytes, with its number.
 #[cfg(feature = "hid")]
 const LONGEST: usize = 65;
 
@@ -31,7 +32,7 @@ pub(crate) enum Driver {
     WoodenHaptics,
 }
 
-/// Vendor and product numbers that have a driver, with their names.
+/// Vendor and product numbers of devices with a driver, with their names.
 fn known() -> impl Iterator<Item = (u16, u16, &'static str, Driver)> {
     let caps = space_mouse::KNOWN
         .into_iter()

@@ -1,12 +1,14 @@
-//! The SpaceMouse family of 3Dconnexion: a cap that is pushed and turned in six degrees of freedom, without force.
+//! The SpaceMouse family of 3Dconnexion: a cap that is pushed and turned in six degrees of freedom, without
+//! force.
 //!
-//! It tells how far the cap is deflected, up to ±350 along and about each axis, for as long as it is; here a deflection is a
-//! velocity, and the handle's pose is where that leads, inside a ball ([`Specification::workspace_radius`]).
+//! It reports how far the cap is deflected, up to ±350 along and about each axis, for as long as it is
+//! deflected. A deflection is taken as a velocity, and the handle's pose is its integral, inside a ball
+//! ([`Specification::workspace_radius`]).
 //!
-//! Two layouts of reports are known: `01 X Y Z` and `02 Rx Ry Rz` by turns, and both in one `01 X Y Z Rx Ry Rz`, in numbers of 16 bits;
-//! `03` and a mask are the buttons, `17` the battery. The device's x is to the right, y towards the user and z down; those
-//! of the handle are to the right, away from the user and up. Known from spacenavd, PySpaceMouse and others; not tried with a
-//! unit here.
+//! Two report layouts are known: `01 X Y Z` and `02 Rx Ry Rz` in turn, and both in one `01 X Y Z Rx Ry Rz`,
+//! in numbers of 16 bits; `03` and a mask are the buttons, `17` the battery. The device's x is to the right,
+//! y towards the user and z down; those of the handle are to the right, away from the user and up. Known from
+//! spacenavd, PySpaceMouse and others; not tried with a unit here.
 
 use std::time::Duration;
 
@@ -16,19 +18,20 @@ use palpate_core::{Pose, Twist, Wrench};
 use crate::link::{Codec, Link, Malformed, Motion, Report, Transport, TransportError};
 use crate::{Axes, Specification};
 
-/// Deflection of a cap at its stop.
-const FULL: f64 = 350.0;
-/// Deflections that a cap at rest may have.
-const DEAD: f64 = 7.0;
-/// Velocities at full deflection, m/s and rad/s.
+/// Deflection of a cap at its stop, counts.
+const FULL_DEFLECTION: f64 = 350.0;
+/// Dead zone: largest deflection that a cap at rest may report, counts.
+const DEAD_ZONE: f64 = 7.0;
+/// Linear and angular velocity at full deflection, m/s and rad/s.
 const SPEED: f64 = 0.1;
 const ANGULAR_SPEED: f64 = 1.0;
-/// m.
-const WORKSPACE: f64 = 0.1;
-/// The cap sends every 8 to 16 ms while it is deflected: a deflection that is not repeated for this long has ended, s.
-const STALE: f64 = 0.15;
+/// Radius of the workspace, m.
+const WORKSPACE_RADIUS: f64 = 0.1;
+/// Time after which a deflection that is not repeated counts as ended, s. A deflected cap sends every 8 to 16
+/// ms.
+const REPEAT_TIMEOUT: f64 = 0.15;
 
-/// The known vendor and product numbers.
+/// Known vendor and product numbers.
 pub(super) const KNOWN: [(u16, u16, &str); 15] = [
     (0x046d, 0xc626, "SpaceNavigator"),
     (0x046d, 0xc627, "SpaceExplorer"),
@@ -47,20 +50,20 @@ pub(super) const KNOWN: [(u16, u16, &str); 15] = [
     (0x256f, 0xc652, "3Dconnexion Universal Receiver"),
 ];
 
-/// What the cap's reports tell.
+/// State of the cap as its reports give it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Deflection {
-    /// Along the device's x, y and z, up to ±350.
+    /// Deflection along the device's x, y and z, up to ±350.
     pub translation: [i16; 3],
-    /// About them.
+    /// Deflection about the same axes.
     pub rotation: [i16; 3],
     /// Buttons held down, the first in bit 0.
     pub buttons: u32,
-    /// Battery, %.
+    /// Battery charge, %.
     pub battery: Option<u8>,
 }
 
-/// The language of the cap.
+/// Decoder of the cap's reports.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SpaceMouseCodec;
 
@@ -93,28 +96,28 @@ impl Codec for SpaceMouseCodec {
 
     fn encode(&mut self, _: &Wrench, _: &Deflection, _: &mut dyn FnMut(Report)) {}
 
-    /// Its light on. Not every cap has one.
+    /// Switches its light on. Not every cap has one.
     fn start(&mut self, transport: &mut dyn Transport) -> Result<(), TransportError> {
-        lit(transport, 1)
+        set_light(transport, 1)
     }
 
     fn stop(&mut self, transport: &mut dyn Transport) -> Result<(), TransportError> {
-        lit(transport, 0)
+        set_light(transport, 0)
     }
 }
 
-fn lit(transport: &mut dyn Transport, light: u8) -> Result<(), TransportError> {
+fn set_light(transport: &mut dyn Transport, light: u8) -> Result<(), TransportError> {
     match transport.write(&[4, light]) {
         Err(TransportError::Failed) => Ok(()),
         result => result,
     }
 }
 
-/// Where deflections lead.
+/// Integrates deflections to a pose.
 #[derive(Clone, Debug)]
 pub struct RateControl {
     pose: Pose,
-    /// The driver's time of the last step and of the last report, s.
+    /// Driver's times of the last step and of the last report, s.
     now: f64,
     heard: f64,
 }
@@ -126,11 +129,11 @@ impl Default for RateControl {
 }
 
 impl RateControl {
-    /// The velocities that a deflection asks for, in the handle's axes.
+    /// Velocities for a deflection, in the handle's axes.
     fn rate(sample: &Deflection) -> Twist {
         let part = |[x, y, z]: [i16; 3]| {
             let part = |axis: i16| {
-                let beyond = (f64::from(axis).abs() - DEAD).max(0.0) / (FULL - DEAD);
+                let beyond = (f64::from(axis).abs() - DEAD_ZONE).max(0.0) / (FULL_DEFLECTION - DEAD_ZONE);
                 beyond.min(1.0).copysign(f64::from(axis))
             };
             DVec3::new(part(x), -part(y), -part(z))
@@ -145,14 +148,14 @@ impl Motion for RateControl {
     fn advance(&mut self, sample: &Deflection, came: Option<f64>, now: f64) -> (Pose, Twist, u32) {
         self.heard = came.unwrap_or(self.heard);
         let time = now - std::mem::replace(&mut self.now, now);
-        let rate = if now - self.heard > STALE { Twist::ZERO } else { Self::rate(sample) };
+        let rate = if now - self.heard > REPEAT_TIMEOUT { Twist::ZERO } else { Self::rate(sample) };
         let before = self.pose.translation;
         let turn = DQuat::from_scaled_axis(rate.angular * time);
         self.pose = Pose {
-            translation: (before + rate.linear * time).clamp_length_max(WORKSPACE * (1.0 - 1e-9)),
+            translation: (before + rate.linear * time).clamp_length_max(WORKSPACE_RADIUS * (1.0 - 1e-9)),
             rotation: (turn * self.pose.rotation).normalize(),
         };
-        // At the border it stays.
+        // The pose stops at the border of the workspace.
         let linear = if time > 0.0 { (self.pose.translation - before) / time } else { DVec3::ZERO };
         (self.pose, Twist::new(linear, rate.angular), sample.buttons)
     }
@@ -163,7 +166,7 @@ impl Motion for RateControl {
 }
 
 impl Link<SpaceMouseCodec, RateControl> {
-    /// A cap that goes by a name.
+    /// Link for a cap with this name.
     pub fn space_mouse(name: &str) -> Self {
         let specification = Specification {
             name: name.to_owned(),
@@ -175,11 +178,11 @@ impl Link<SpaceMouseCodec, RateControl> {
             angular_stiffness: 0.0,
             damping: 0.0,
             angular_damping: 0.0,
-            workspace_radius: WORKSPACE,
+            workspace_radius: WORKSPACE_RADIUS,
             encoder_step: 0.0,
             angular_encoder_step: 0.0,
             velocity_delay: 0.0,
-            // There is no wrench that could be late.
+            // Without force there is no wrench to be delayed.
             delay: 0.0,
             sensed: Axes::ALL,
             actuated: Axes::NONE,

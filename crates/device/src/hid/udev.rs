@@ -1,10 +1,10 @@
-//! Permission to open HID devices on Linux.
+//! udev rules that permit opening HID devices on Linux.
 
 use std::fmt::Write as _;
 
 use super::known;
 
-/// The udev rules that let whoever sits at the machine open the devices that have a driver here: for a file such as
+/// udev rules that let the user at the machine open the devices that have a driver here, for a file such as
 /// `/etc/udev/rules.d/70-palpate.rules`.
 pub fn udev_rules() -> String {
     let mut rules = String::from(
@@ -12,13 +12,13 @@ pub fn udev_rules() -> String {
          # Put this in /etc/udev/rules.d/70-palpate.rules, run `udevadm control --reload`, and plug the device in again.\n",
     );
     for (vendor, product, name, _) in known() {
-        // Over Bluetooth the numbers are in the name of the parent only.
+        // Over Bluetooth, only the parent's name has the numbers.
         let device = if name.contains("Bluetooth") {
             format!("KERNELS==\"0005:{vendor:04X}:{product:04X}.*\"")
         } else {
             format!("ATTRS{{idVendor}}==\"{vendor:04x}\", ATTRS{{idProduct}}==\"{product:04x}\"")
         };
-        // A String takes what is written.
+        // Writing to a String cannot fail.
         let _ = writeln!(rules, "# {name}\nKERNEL==\"hidraw*\", {device}, TAG+=\"uaccess\"");
     }
     rules

@@ -1,13 +1,15 @@
-//! WoodenHaptics and its kin (Forsslund Systems): open hardware of three motors with capstans, some with a sensed wrist.
+//! WoodenHaptics and its relatives (Forsslund Systems): open hardware with three motors and capstans, some
+//! with a sensed wrist.
 //!
-//! The device sends its encoders' counts, and waits for the motors' currents: a report each way in turn. Its firmware cuts the
-//! currents after half a second of silence. Layout of reports, kinematics, the models and their constants are those of the
-//! makers' library (haptikfabrikenapi); not tried with a unit here. Of the later Polhems (`variant` 3) the kinematics are not
-//! public: such a model is refused.
+//! The device sends its encoders' counts and waits for the motors' currents: one report in each direction in
+//! turn. Its firmware switches the currents off after half a second of silence. Report layout, kinematics,
+//! models and constants are those of the makers' library (haptikfabrikenapi); not tried with a unit here. The
+//! kinematics of the later Polhems (`variant` 3) are not public: such a model is refused.
 //!
-//! Joint angles are θ = ±2π · counts / counts a turn · ∅ capstan / ∅ body. With r = L_b sin θ_b + L_c sin θ_c the handle is at (r cos
-//! θ_a, r sin θ_a, L_a + L_b cos θ_b − L_c cos θ_c) from the base, and the motors' torques are those of the Jacobian's transpose.
-//! The axes are the makers': x away from the base, z up.
+//! Joint angles are θ = ±2π · counts / counts per turn · ∅ capstan / ∅ body. With r = L_b sin θ_b + L_c sin
+//! θ_c the handle is at (r cos θ_a, r sin θ_a, L_a + L_b cos θ_b − L_c cos θ_c) from the base, and motor
+//! torques follow from forces by the Jacobian's transpose. The axes are the makers': x away from the base, z
+//! up.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::path::Path;
@@ -21,25 +23,26 @@ use crate::link::{Codec, Link, Malformed, Motion, Report};
 use crate::velocity::AdaptiveWindow;
 use crate::{Axes, DeviceError, Specification};
 
-/// Vendor and product of the USB board, which others are built on as well.
+/// Vendor and product number of the USB board, which other devices use as well.
 pub(super) const KNOWN: (u16, u16, &str) = (0x16c0, 0x0486, "WoodenHaptics (or another Teensy)");
 
-/// Bytes of a report that is read, and of one that is written with its number.
+/// Size of a report that is read, and of one that is written with its number, bytes.
 const READ: usize = 14;
 const WRITTEN: usize = 65;
-/// An encoder d above this says that the button is held, by so much too many counts.
-const PRESSED: i16 = 5000;
-const PRESS: i16 = 10_000;
-/// The device asks for its encoders to be set.
+/// Count of encoder d above which the button is held, and the offset that the button adds to it.
+const PRESSED_ABOVE: i16 = 5000;
+const PRESS_OFFSET: i16 = 10_000;
+/// Info code by which the device asks for its encoders to be set.
 const CALIBRATE: i16 = 1;
-/// The amplifiers give no more for long, A.
-const CURRENT: f64 = 1.999;
-/// The device is kicked after a silence of this long, and counts as lost after the longer one.
+/// Largest current that the amplifiers sustain, A.
+const MAX_CURRENT: f64 = 1.999;
+/// Longest wait of a round for a report, after which the device gets a command regardless; and the silence
+/// after which it counts as lost, s.
 const PATIENCE: Duration = Duration::from_millis(5);
 const SILENCE: f64 = 0.01;
 
-/// What a unit is made like: as in the makers' `woodenhaptics.json`, with their names. Lengths in m, for the bodies and motors a,
-/// b and c; counts a turn for the encoders of the wrist too, 0 where there is none.
+/// Construction of a unit, as in the makers' `woodenhaptics.json`, with their names. Lengths in m, for bodies
+/// and motors a, b and c; counts per turn for the encoders of the wrist too, 0 if there is none.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[expect(missing_docs, reason = "the makers' names")]
 pub struct WoodenHapticsModel {
@@ -183,17 +186,17 @@ impl WoodenHapticsModel {
         ..Self::WOODEN_HAPTICS
     };
 
-    /// The models that have a name.
+    /// Named models.
     pub const MODELS: [(&'static str, Self); 3] = [
         ("woodenhaptics", Self::WOODEN_HAPTICS),
         ("polhem", Self::POLHEM),
         ("aluhaptics", Self::ALU_HAPTICS),
     ];
 
-    /// A model by its name, or the one that a `woodenhaptics.json` describes.
+    /// The model with this name, or the one described by a `woodenhaptics.json`.
     ///
     /// # Errors
-    /// If the file cannot be read, or describes no model that can be used.
+    /// If the file cannot be read or does not describe a usable model.
     pub fn open(name: &str) -> Result<Self, DeviceError> {
         if let Some((_, model)) = Self::MODELS.iter().find(|(known, _)| *known == name) {
             return Ok(*model);
@@ -220,15 +223,13 @@ impl WoodenHapticsModel {
         let limits = [self.max_linear_force, self.max_linear_stiffness, self.max_linear_damping];
         let positive = capstans.into_iter().chain(bodies).chain(constants).chain(lengths).chain(counts);
         if let Some(value) = positive.chain(limits).find(|value| !(1e-6..1e6).contains(value)) {
-            return Err(format!(
-                "{value} is no length, count, constant or limit (they are from 1e-6 to 1e6)"
-            ));
+            return Err(format!("{value} is not a length, count, constant or limit (from 1e-6 to 1e6)"));
         }
         let wrist = [self.cpr_encoder_d, self.cpr_encoder_e, self.cpr_encoder_f];
         let origin = self.origin().to_array();
         let free = wrist.into_iter().chain(origin).chain(self.calibration().map(f64::from));
         if let Some(value) = free.into_iter().find(|value| !(-1e6..1e6).contains(value)) {
-            return Err(format!("{value} is no count or place"));
+            return Err(format!("{value} is not a count or position"));
         }
         Ok(())
     }
@@ -249,7 +250,7 @@ impl WoodenHapticsModel {
         DVec3::new(self.workspace_origin_x, self.workspace_origin_y, self.workspace_origin_z)
     }
 
-    /// What the encoders are set to where the device asks.
+    /// Counts to which the encoders are set when the device asks for it.
     fn calibration(&self) -> [i16; 6] {
         let counts = [
             self.calibrate_enc_a,
@@ -262,7 +263,7 @@ impl WoodenHapticsModel {
         counts.map(|count| count as i16)
     }
 
-    /// Joint angle for a motor's angle, a signed ratio.
+    /// Joint angle per motor angle, a signed ratio.
     fn gears(&self) -> DVec3 {
         let aligned =
             [self.motor_and_body_aligned_a, self.motor_and_body_aligned_b, self.motor_and_body_aligned_c];
@@ -270,7 +271,7 @@ impl WoodenHapticsModel {
         signs * self.capstans() / self.diameters()
     }
 
-    /// θ_a, θ_b and θ_c, rad.
+    /// Joint angles θ_a, θ_b and θ_c, rad.
     fn joints(&self, [a, b, c, ..]: &[i16; 6]) -> DVec3 {
         let counts = DVec3::new((*a).into(), (*b).into(), (*c).into());
         let turns = counts / DVec3::new(self.cpr_encoder_a, self.cpr_encoder_b, self.cpr_encoder_c);
@@ -282,7 +283,7 @@ impl WoodenHapticsModel {
         [self.cpr_encoder_d, self.cpr_encoder_e, self.cpr_encoder_f].iter().all(|counts| *counts != 0.0)
     }
 
-    /// Pose of the handle from the middle of the workspace, by the encoders' counts.
+    /// Pose of the handle relative to the middle of the workspace, from the encoders' counts.
     pub fn pose(&self, counts: &[i16; 6]) -> Pose {
         let DVec3 { x: a, y: b, z: c } = self.joints(counts);
         let (long, short) = (self.length_body_b, self.length_body_c);
@@ -304,14 +305,14 @@ impl WoodenHapticsModel {
         Pose::new(translation, (arm * wrist).normalize())
     }
 
-    /// Currents of the motors, A, for a force on the hand, N, by the encoders' counts: none larger than they may be, and if
-    /// one had to be, all smaller by as much, so that the force keeps its direction.
+    /// Motor currents, A, for a force on the hand, N, at the encoders' counts. If one exceeds its limit, all
+    /// are scaled down together, so that the force keeps its direction.
     pub fn currents(&self, force: DVec3, counts: &[i16; 6]) -> DVec3 {
         let DVec3 { x: a, y: b, z: c } = self.joints(counts);
         let (long, short) = (self.length_body_b, self.length_body_c);
         let reach = long * b.sin() + short * c.sin();
         let outwards = DVec3::new(a.cos(), a.sin(), 0.0);
-        // Columns of the Jacobian: how the handle moves by each joint.
+        // Columns of the Jacobian: the motion of the handle for each joint.
         let columns = [
             reach * DVec3::new(-a.sin(), a.cos(), 0.0),
             long * (b.cos() * outwards - b.sin() * DVec3::Z),
@@ -322,14 +323,14 @@ impl WoodenHapticsModel {
         let largest = currents.abs().max_element();
         if !currents.is_finite() {
             DVec3::ZERO
-        } else if largest > CURRENT {
-            currents * (CURRENT / largest)
+        } else if largest > MAX_CURRENT {
+            currents * (MAX_CURRENT / largest)
         } else {
             currents
         }
     }
 
-    /// How far the handle moves for a count of an encoder, m, at most.
+    /// Largest motion of the handle for one count of an encoder, m.
     fn step(&self) -> f64 {
         let arms = DVec3::new(self.workspace_origin_x.abs(), self.length_body_b, self.length_body_c);
         let counts = DVec3::new(self.cpr_encoder_a, self.cpr_encoder_b, self.cpr_encoder_c);
@@ -351,9 +352,10 @@ impl WoodenHapticsModel {
             workspace_radius: self.workspace_radius,
             encoder_step: self.step(),
             angular_encoder_step: if wrist { TAU / self.cpr_encoder_d.abs() } else { 0.0 },
-            // Half of the longest window would be 16 ms; at a stroke it is a few readings.
+            // Half of the longest window would be 16 ms; in fast motion the window is a few readings.
             velocity_delay: 2e-3,
-            // A report in each frame of 1 ms of the bus; the currents that answer it go out in the one after the next report.
+            // A report in each 1 ms frame of the bus; the currents that answer it go out in the frame after
+            // the next report.
             delay: 2e-3,
             sensed: if wrist { Axes::ALL } else { Axes::TRANSLATION },
             actuated: Axes::TRANSLATION,
@@ -362,10 +364,10 @@ impl WoodenHapticsModel {
     }
 }
 
-/// What the device's reports tell.
+/// State of the device as its reports give it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Encoders {
-    /// Counts, a to f.
+    /// Encoder counts, a to f.
     pub counts: [i16; 6],
     /// Whether the button is held.
     pub pressed: bool,
@@ -373,10 +375,10 @@ pub struct Encoders {
     pub lost: bool,
 }
 
-/// The device's language.
+/// Decoder and encoder of the device's reports.
 #[derive(Clone, Copy, Debug)]
 pub struct WoodenHapticsCodec {
-    /// What the unit is made like.
+    /// Construction of the unit.
     pub model: WoodenHapticsModel,
 }
 
@@ -388,8 +390,8 @@ impl Codec for WoodenHapticsCodec {
         let (words, _) = report.as_chunks::<2>();
         let [a, b, c, d, e, f, info] = *words else { return Err(Malformed) };
         let [a, b, c, d, e, f, info] = [a, b, c, d, e, f, info].map(i16::from_le_bytes);
-        let pressed = d > PRESSED;
-        let d = if pressed { d - PRESS } else { d };
+        let pressed = d > PRESSED_ABOVE;
+        let d = if pressed { d - PRESS_OFFSET } else { d };
         *sample = Encoders { counts: [a, b, c, d, e, f], pressed, lost: info == CALIBRATE };
         Ok(())
     }
@@ -418,12 +420,12 @@ impl Codec for WoodenHapticsCodec {
     }
 }
 
-/// The handle's motion by its encoders.
+/// Motion of the handle from its encoders.
 #[derive(Clone, Debug)]
 pub struct EncodedMotion {
     model: WoodenHapticsModel,
     pose: Pose,
-    /// Turned so far about the device's axes, rad.
+    /// Rotation accumulated about the device's axes, rad.
     turned: DVec3,
     linear: AdaptiveWindow,
     angular: AdaptiveWindow,
@@ -431,7 +433,7 @@ pub struct EncodedMotion {
 }
 
 impl EncodedMotion {
-    /// Of a unit.
+    /// Motion of a unit of this model.
     pub fn new(model: WoodenHapticsModel) -> Self {
         let specification = model.specification("");
         Self {
@@ -465,7 +467,7 @@ impl Motion for EncodedMotion {
 }
 
 impl Link<WoodenHapticsCodec, EncodedMotion> {
-    /// A unit of a model that goes by a name.
+    /// Link for a unit of this model with this name.
     pub fn wooden_haptics(name: &str, model: WoodenHapticsModel) -> Self {
         Link {
             codec: WoodenHapticsCodec { model },

@@ -1,12 +1,13 @@
-//! Devices that are opened in the pump's thread as well: for libraries that want all their calls from one.
+//! Devices that are also opened in the pump's thread: for libraries that want all their calls from one
+//! thread.
 
 use super::codec::{Codec, Motion};
 use super::device::LinkedDevice;
 use super::transport::Transport;
-use super::{FIRST_WORD, Link, run};
+use super::{FIRST_REPORT_TIMEOUT, Link, run};
 use crate::{DeviceError, Specification};
 
-/// A device that was opened, and what it turned out to be.
+/// An opened device with its specification and motion.
 pub(crate) struct Found<M> {
     pub transport: Box<dyn Transport>,
     pub specification: Specification,
@@ -14,8 +15,8 @@ pub(crate) struct Found<M> {
 }
 
 impl<C: Codec, M: Motion<Sample = C::Sample> + 'static> Link<C, M> {
-    /// A device with its pump in a thread, in which alone `open` is called, now and whenever the device has gone. What it first
-    /// finds tells the specification and the motion.
+    /// Spawns a device with its pump in a thread. Only that thread calls `open`, now and whenever the device
+    /// is gone. The first device that it opens gives specification and motion.
     pub(crate) fn spawn_apart(
         self,
         mut open: impl FnMut() -> Result<Found<M>, DeviceError> + Send + 'static,
@@ -34,7 +35,7 @@ impl<C: Codec, M: Motion<Sample = C::Sample> + 'static> Link<C, M> {
                 Err(error) => (None, Err(error)),
             };
             if let Some(answer) = answer.take() {
-                // Whoever asked may have given up.
+                // The caller may have given up.
                 let _ = answer.send(found);
             }
             transport
@@ -46,7 +47,7 @@ impl<C: Codec, M: Motion<Sample = C::Sample> + 'static> Link<C, M> {
         let (specification, motion) =
             answered.recv().map_err(|_| not_opened("its driver failed".into()))??;
         device.specify(specification, motion);
-        device.await_first_word(FIRST_WORD);
+        device.await_first_report(FIRST_REPORT_TIMEOUT);
         Ok(device)
     }
 }

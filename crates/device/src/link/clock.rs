@@ -1,13 +1,13 @@
-//! The times of the two sides of a link.
+//! Clocks of the two sides of a link.
 
 use std::time::Instant;
 
-/// Beyond this, a clock that has fallen behind the other one has stood still, s.
-const STOOD_STILL: f64 = 5e-3;
-/// How much slower one clock may run than the other, as a share.
-const DRIFT: f64 = 1e-3;
+/// Lag behind the other clock beyond which a clock has been stopped, s.
+const STOPPED_LAG: f64 = 5e-3;
+/// Largest relative drift between the two clocks.
+const MAX_DRIFT: f64 = 1e-3;
 
-/// What time it is for a pump, s: that of its last round, or that since its thread began.
+/// Clock of a pump, s: the time of its last round, or the time since its thread started.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Clock {
     Rounds(f64),
@@ -22,7 +22,7 @@ impl Clock {
         }
     }
 
-    /// A round is at this time.
+    /// Sets the time of a round.
     pub fn set(&mut self, now: f64) {
         if let Self::Rounds(last) = self {
             *last = now;
@@ -30,28 +30,29 @@ impl Clock {
     }
 }
 
-/// How far the pump's clock is ahead of the reader's.
+/// Lead of the pump's clock over the reader's.
 ///
-/// A reader looks at its clock some time before it reads, so that each read shows a lead that is too large, by its lateness: the
-/// smallest of late counts. It is given up slowly, as clocks drift, and at once where the reader's clock has stood still.
+/// A reader looks at its clock some time before it reads, so each read shows a lead that is too large by that
+/// delay: the smallest recent value counts. It is forgotten slowly, as clocks drift, and at once if the
+/// reader's clock has been stopped.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Lead {
-    /// s; none before the first read.
+    /// The lead, s; `None` before the first read.
     lead: Option<f64>,
-    /// The reader's time of the last read, s.
+    /// Reader's time of the last read, s.
     read: f64,
 }
 
 impl Lead {
-    /// A read at `now` of the reader's clock, and `pump` of the pump's.
+    /// Updates the lead by a read at `now` of the reader's clock and `pump` of the pump's.
     pub fn update(&mut self, now: f64, pump: f64) {
         let shown = pump - now;
-        let known = self.lead.map_or(shown, |lead| lead + DRIFT * (now - self.read).max(0.0));
-        self.lead = Some(if shown - known > STOOD_STILL { shown } else { shown.min(known) });
+        let known = self.lead.map_or(shown, |lead| lead + MAX_DRIFT * (now - self.read).max(0.0));
+        self.lead = Some(if shown - known > STOPPED_LAG { shown } else { shown.min(known) });
         self.read = now;
     }
 
-    /// The reader's time at a time of the pump.
+    /// Reader's time for a time of the pump.
     pub fn reader_time(&self, pump: f64) -> f64 {
         pump - self.lead.unwrap_or(0.0)
     }
@@ -87,7 +88,7 @@ mod tests {
         // The reader's clock was stopped for a second.
         lead.update(0.1, 2.1);
         assert!((lead.reader_time(2.1) - 0.1).abs() < 1e-12);
-        // And then put forward.
+        // The reader's clock was put forward.
         lead.update(5.0, 2.2);
         assert!((lead.reader_time(2.2) - 5.0).abs() < 1e-12);
         assert_eq!(Lead::default().reader_time(3.0), 3.0);
@@ -102,6 +103,6 @@ mod tests {
             lead.update(now, pump);
             worst = worst.max((lead.reader_time(pump) - now).abs());
         }
-        assert!(worst <= STOOD_STILL, "{worst} s");
+        assert!(worst <= STOPPED_LAG, "{worst} s");
     }
 }

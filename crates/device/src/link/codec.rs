@@ -1,10 +1,10 @@
-//! What a driver says of its device: the language of its reports, and the motion that they tell.
+//! Interfaces that a driver implements: the codec of its device's reports, and the motion that they describe.
 
 use palpate_core::{Pose, Twist, Wrench};
 
 use super::transport::{LONGEST_REPORT, Transport, TransportError};
 
-/// A report that is not one of the device's.
+/// The error for a report that is not one of the device's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Malformed;
 
@@ -16,7 +16,7 @@ pub struct Report {
 }
 
 impl Report {
-    /// A report that begins with these bytes and goes on with zeros up to a length, of at most [`LONGEST_REPORT`].
+    /// A report of `length` bytes, at most [`LONGEST_REPORT`]: these bytes, followed by zeros.
     pub fn new(bytes: &[u8], length: usize) -> Self {
         let mut report = Self { bytes: [0; LONGEST_REPORT], length: length.min(LONGEST_REPORT) };
         report.bytes.iter_mut().zip(bytes).for_each(|(to, from)| *to = *from);
@@ -29,62 +29,65 @@ impl Report {
     }
 }
 
-/// The language of a kind of device.
+/// Codec of one kind of device: decodes its reports and encodes wrenches.
 pub trait Codec: Send + 'static {
-    /// What its reports tell.
+    /// State that the reports give.
     type Sample: Copy + Default + Send + std::fmt::Debug + 'static;
 
-    /// A round of the pump begins at its time `now` (s), which never runs back: what follows is of this round. For devices that are to
-    /// be told something from time to time.
+    /// Begins a round of the pump at its time `now` (s), which never runs back; the calls that follow belong
+    /// to this round. For devices that need reports at regular times.
     fn begin_round(&mut self, now: f64) {
         let _ = now;
     }
 
-    /// Adds a report to what is known.
+    /// Updates the state by a report.
     ///
     /// # Errors
-    /// If it is none of the device's; nothing is changed then.
+    /// If the report is not one of the device's; the state is then unchanged.
     fn decode(&mut self, report: &[u8], sample: &mut Self::Sample) -> Result<(), Malformed>;
 
-    /// Whether the device takes a wrench, by what is known: not before it is calibrated, say, or its power is switched on, nor where
-    /// it tells that its own watchdog has let go, or the hand would be given the whole force at once when it takes one again. Where it
-    /// does not, it is asked for zero, and [`NOT_ENABLED`](crate::Status::NOT_ENABLED) is told.
+    /// Whether the device accepts a wrench in this state. A device does not before it is calibrated or its
+    /// power is on, nor while it reports that its own watchdog has switched the force off: otherwise the hand
+    /// would get the full force at once when it is switched on again. A device that does not accept a wrench
+    /// gets zero, and [`NOT_ENABLED`](crate::Status::NOT_ENABLED) is set.
     fn is_enabled(&self, sample: &Self::Sample) -> bool {
         let _ = sample;
         true
     }
 
-    /// Says the reports that ask for a wrench on the hand (device axes), by what is known; none where there is nothing to say.
+    /// Encodes the reports that command a wrench on the hand (device axes) in this state, and passes each to
+    /// `say`; none if nothing needs to be sent.
     fn encode(&mut self, wrench: &Wrench, sample: &Self::Sample, say: &mut dyn FnMut(Report));
 
-    /// What is said first, and first after the device has come back.
+    /// Sets the device up, at first and whenever it has come back.
     ///
     /// # Errors
-    /// If the device does not take part: it is tried anew later.
+    /// If the device does not respond; it is tried again later.
     fn start(&mut self, transport: &mut dyn Transport) -> Result<(), TransportError> {
         let _ = transport;
         Ok(())
     }
 
-    /// What is said last, after a wrench of zero.
+    /// Ends the use of the device, after a wrench of zero.
     ///
     /// # Errors
-    /// If the device does not take it.
+    /// If the device does not respond.
     fn stop(&mut self, transport: &mut dyn Transport) -> Result<(), TransportError> {
         let _ = transport;
         Ok(())
     }
 }
 
-/// How the handle moves, by what a device's reports tell.
+/// Motion of the handle, from a device's reports.
 pub trait Motion: Send {
-    /// What the reports tell.
+    /// State that the reports give.
     type Sample: Copy + Default + Send + 'static;
 
-    /// Pose and twist of the handle (device axes) and the buttons at the driver's time `now` (s). `came` is the time (s) that the
-    /// newest report came at, at most `now`, where one came since the last call: velocities are by these, not by the times of calls.
+    /// Pose and twist of the handle (device axes) and the buttons at the driver's time `now` (s). `came` is
+    /// the arrival time (s) of the newest report, at most `now`, if one came since the last call: velocities
+    /// are based on these times, not on those of the calls.
     fn advance(&mut self, sample: &Self::Sample, came: Option<f64>, now: f64) -> (Pose, Twist, u32);
 
-    /// The device was gone: what was known of its motion says nothing now.
+    /// Forgets the motion so far, after the device was gone.
     fn restart(&mut self) {}
 }

@@ -1,4 +1,4 @@
-//! The side of the haptic thread.
+//! The haptic thread's side of a link.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -8,45 +8,46 @@ use std::time::{Duration, Instant};
 use palpate_core::{Pose, Twist, Wrench};
 use palpate_realtime::ThreadSetup;
 
-use super::RESTING;
+use super::REST_SILENCE;
 use super::clock::{Clock, Lead};
 use super::codec::Motion;
 use super::pump::{News, Order};
 use crate::clip::clipped;
 use crate::{DeviceError, DeviceState, HapticDevice, Specification, Status};
 
-/// Beyond so many radii of the workspace is no place of a handle: mm are taken for m, or encoders have lost count.
-const FARTHEST: f64 = 4.0;
-/// How long closing waits for the pump to write its last reports.
-const FAREWELL: Duration = Duration::from_millis(200);
+/// Distance from the origin, in radii of the workspace, beyond which a position is not valid: millimetres
+/// were taken for metres, or encoders have lost count.
+const MAX_DISTANCE: f64 = 4.0;
+/// Longest time that closing waits for the pump to write its last reports.
+const CLOSE_TIMEOUT: Duration = Duration::from_millis(200);
 
-/// The side of the haptic thread. Made by a [`Link`](super::Link).
+/// The haptic thread's side of a link. Made by a [`Link`](super::Link).
 pub struct LinkedDevice<M: Motion> {
     specification: Specification,
     motion: M,
     silence: f64,
     heard: triple_buffer::Output<News<M::Sample>>,
     asked: triple_buffer::Input<Order>,
-    /// What was known at the last read.
+    /// State of the pump at the last read.
     seen: News<M::Sample>,
     order: Order,
-    /// The pump's clock, and how far it is ahead of the reader's where it is another.
+    /// The pump's clock, and its lead over the reader's if they differ.
     clock: Clock,
     lead: Option<Lead>,
-    /// How many withheld wrenches were told.
+    /// Number of withheld wrenches reported so far.
     withheld: u64,
-    /// When the last report came, and the latest time, s.
+    /// Arrival time of the last report, and the latest time of a read, s.
     arrived: f64,
     now: f64,
-    /// Whether the pose was seen to change without a report, as that of a device which steers by speeds does.
+    /// Whether the pose changes without reports, as that of a rate-controlled device does.
     moves_alone: bool,
     state: DeviceState,
-    /// Why the device cannot be read; nothing where it can.
+    /// Reason why the device cannot be read; empty if it can.
     lost: Status,
     events: Status,
     closed: bool,
     pump: Option<(Arc<AtomicBool>, JoinHandle<()>)>,
-    /// What the pump's thread obtained.
+    /// Scheduling that the pump's thread obtained.
     setup: Arc<OnceLock<ThreadSetup>>,
 }
 
@@ -85,7 +86,7 @@ impl<M: Motion> HapticDevice for LinkedDevice<M> {
             self.arrived =
                 self.lead.map_or(news.arrived, |lead| lead.reader_time(news.arrived)).min(self.now);
         }
-        // A pump that has ended, by a panic, tells no more.
+        // A pump whose thread has ended, by a panic, publishes nothing more.
         let ended = self.pump.as_ref().is_some_and(|(_, thread)| thread.is_finished());
         self.lost = if !news.connected || ended {
             Status::DISCONNECTED
@@ -106,7 +107,7 @@ impl<M: Motion> HapticDevice for LinkedDevice<M> {
         if news.withheld > std::mem::replace(&mut self.withheld, news.withheld) {
             status |= Status::WITHHELD;
         }
-        let far = pose.translation.length() > FARTHEST * self.specification.workspace_radius;
+        let far = pose.translation.length() > MAX_DISTANCE * self.specification.workspace_radius;
         if pose.is_valid() && twist.is_finite() && !far {
             self.moves_alone |= !fresh && pose != self.state.pose;
             let time = if self.is_of_report() { self.arrived } else { self.now };
@@ -186,35 +187,35 @@ impl<M: Motion> LinkedDevice<M> {
         }
     }
 
-    /// Whether the pose holds for the time of the last report: not of a device that moves without reports, nor of one that says
-    /// nothing because it rests.
+    /// Whether the pose holds for the time of the last report: true unless the device moves without reports,
+    /// or is silent because it rests.
     fn is_of_report(&self) -> bool {
-        self.silence.is_finite() || !self.moves_alone && self.now - self.arrived <= RESTING
+        self.silence.is_finite() || !self.moves_alone && self.now - self.arrived <= REST_SILENCE
     }
 
-    /// Its pump is in a thread that ends where `stop` is set.
+    /// Sets the pump's thread, which ends when `stop` is set.
     pub(super) fn run_by(&mut self, stop: Arc<AtomicBool>, thread: JoinHandle<()>) {
         self.pump = Some((stop, thread));
     }
 
-    /// Where the pump's thread leaves what it obtained.
+    /// The cell into which the pump's thread puts the scheduling that it obtained.
     pub(super) fn thread_setup_cell(&self) -> Arc<OnceLock<ThreadSetup>> {
         Arc::clone(&self.setup)
     }
 
-    /// Its pump's times are those since an instant.
+    /// Measures the pump's times from an instant.
     pub(super) fn keep_time(&mut self, start: Instant) {
         (self.clock, self.lead) = (Clock::Since(start), Some(Lead::default()));
     }
 
-    /// It turned out to be this.
+    /// Replaces specification and motion by those of the device that was found.
     #[cfg(any(feature = "force-dimension", feature = "open-haptics", feature = "haption"))]
     pub(super) fn specify(&mut self, specification: Specification, motion: M) {
         (self.specification, self.motion) = (specification, motion);
     }
 
-    /// A device that speaks by itself is given the time to.
-    pub(super) fn await_first_word(&mut self, patience: Duration) {
+    /// Waits for the first report of a device that sends by itself.
+    pub(super) fn await_first_report(&mut self, patience: Duration) {
         let start = Instant::now();
         while self.silence.is_finite() && self.heard.read().reports == 0 && start.elapsed() < patience {
             std::thread::sleep(Duration::from_millis(1));
@@ -227,14 +228,14 @@ impl<M: Motion> LinkedDevice<M> {
         self.asked.write(self.order);
     }
 
-    /// Lets go of the device. A pump that hangs in a system call is left to itself.
+    /// Releases the device. A pump that hangs in a system call is left to itself.
     fn end(&mut self) {
         self.ask(Wrench::ZERO);
         self.closed = true;
         if let Some((stop, thread)) = self.pump.take() {
             stop.store(true, Ordering::Release);
             let start = Instant::now();
-            while !thread.is_finished() && start.elapsed() < FAREWELL {
+            while !thread.is_finished() && start.elapsed() < CLOSE_TIMEOUT {
                 std::thread::sleep(Duration::from_millis(1));
             }
         }

@@ -1,4 +1,4 @@
-//! A device that is not there: for tests of drivers, with the faults that real ones have.
+//! A simulated transport for tests of drivers, with the faults of real ones.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -6,10 +6,10 @@ use std::time::Duration;
 
 use super::transport::{LONGEST_REPORT, Transport, TransportError};
 
-/// Reports that wait to be read, at most: the newest are lost beyond, as in Linux' hidraw.
+/// Largest number of reports that wait to be read: further ones are lost, as in Linux' hidraw.
 pub const QUEUE: usize = 63;
 
-/// The device's end: what it is made to do is seen through the [`FakeTransport`]s that it gives out.
+/// The device's end of the simulated connection; its [`FakeTransport`]s show what it does.
 #[derive(Clone, Debug, Default)]
 pub struct FakeWire(Arc<Mutex<Wire>>);
 
@@ -27,7 +27,7 @@ struct Wire {
     generation: u32,
 }
 
-/// A host's end. It does not wait: where no report has come, none comes in time.
+/// The host's end of the simulated connection. It does not wait: if no report is there, none comes in time.
 #[derive(Clone, Debug)]
 pub struct FakeTransport {
     wire: FakeWire,
@@ -35,7 +35,7 @@ pub struct FakeTransport {
 }
 
 impl FakeWire {
-    /// A device that is plugged in and has said nothing.
+    /// A device that is plugged in and has sent nothing.
     pub fn new() -> Self {
         Self::default()
     }
@@ -44,13 +44,13 @@ impl FakeWire {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Opens it, unless it is unplugged.
+    /// Opens the device, unless it is unplugged.
     pub fn open(&self) -> Option<FakeTransport> {
         let wire = self.lock();
         (!wire.unplugged).then(|| FakeTransport { wire: self.clone(), generation: wire.generation })
     }
 
-    /// Sends a report to the host; lost where [`QUEUE`] wait already.
+    /// Sends a report to the host; lost if [`QUEUE`] reports wait already.
     pub fn send(&self, report: &[u8]) {
         let mut wire = self.lock();
         if wire.waiting.len() < QUEUE {
@@ -58,12 +58,12 @@ impl FakeWire {
         }
     }
 
-    /// The reports that the host has written since this was last asked.
+    /// Reports that the host has written since the last call.
     pub fn written(&self) -> Vec<Vec<u8>> {
         std::mem::take(&mut self.lock().written)
     }
 
-    /// Unplugs the device: what is open fails for good.
+    /// Unplugs the device: transports that are open fail from then on.
     pub fn unplug(&self) {
         let mut wire = self.lock();
         wire.unplugged = true;
@@ -76,32 +76,32 @@ impl FakeWire {
         self.lock().unplugged = false;
     }
 
-    /// Lets the next so many reads fail, as when a signal comes.
+    /// Lets the next `times` reads fail, as when a signal comes.
     pub fn interrupt(&self, times: u32) {
         self.lock().interrupted = times;
     }
 
-    /// Refuses what is written, or takes it again.
+    /// Makes writes fail, or work again.
     pub fn stall(&self, stalled: bool) {
         self.lock().stalled = stalled;
     }
 
-    /// Answers requests for the feature report that begins with its first byte with it, once for each call.
+    /// Queues the answer to one request for the feature report with the same number.
     pub fn answer(&self, report: &[u8]) {
         self.lock().features.push(report.to_vec());
     }
 
-    /// The feature reports that the host has set since this was last asked.
+    /// Feature reports that the host has set since the last call.
     pub fn features_set(&self) -> Vec<Vec<u8>> {
         std::mem::take(&mut self.lock().features_set)
     }
 
-    /// Refuses all feature reports, or takes them again.
+    /// Makes feature reports fail, or work again.
     pub fn stall_features(&self, stalled: bool) {
         self.lock().features_stalled = stalled;
     }
 
-    /// Lets each write take so long.
+    /// Makes each write take this long.
     pub fn delay_writes(&self, time: Duration) {
         self.lock().write_takes = time;
     }

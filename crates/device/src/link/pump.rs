@@ -1,4 +1,4 @@
-//! The side of the reports.
+//! The report side of a link.
 
 use std::time::{Duration, Instant};
 
@@ -8,77 +8,79 @@ use super::clock::Clock;
 use super::codec::{Codec, Malformed};
 use super::transport::{LONGEST_REPORT, Transport, TransportError};
 
-/// A wrench that was asked for so long ago is taken back, s.
-const RENEWAL: f64 = 8e-3;
-/// After a gap between writes of this long the device may have let go by itself, s: the watchdog that waits least of those known
-/// waits 32 ms.
-const GAP: f64 = 25e-3;
-/// A device that is gone is looked for this often, s.
-const SEARCH: f64 = 0.5;
-/// Reports taken in one round at most, and failures put up with in one: a device that floods the queue is not to hold up what is
-/// written.
-const ROUND: usize = 128;
-const FAILURES: usize = 8;
+/// Age of a command after which its wrench is replaced by zero, s.
+const ORDER_LIFETIME: f64 = 8e-3;
+/// Gap between writes after which the device's own watchdog may have switched the force off, s. The shortest
+/// known one waits 32 ms.
+const WRITE_GAP: f64 = 25e-3;
+/// Interval at which a device that is gone is searched for, s.
+const SEARCH_PERIOD: f64 = 0.5;
+/// Largest numbers of reports read, and of failures tolerated, in one round: a device that floods the queue
+/// must not hold up writing.
+const REPORTS_PER_ROUND: usize = 128;
+const FAILURES_PER_ROUND: usize = 8;
 
-/// What the pump tells.
+/// State that the pump publishes to the haptic thread.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct News<S> {
     pub sample: S,
     pub connected: bool,
-    /// Whether the device takes a wrench.
+    /// Whether the device accepts a wrench.
     pub enabled: bool,
-    /// When the last report that was understood came, in the pump's time, s.
+    /// Pump's time of the last report that was understood, s.
     pub arrived: f64,
-    /// Reports that were understood, those that were not, writes that failed, and how often the device came.
+    /// Number of reports that were understood, of those that were not, of writes that failed, and of times
+    /// the device was opened.
     pub reports: u64,
     pub malformed: u64,
     pub unwritten: u64,
     pub arrivals: u64,
-    /// How often the wrench was withheld: zero sent in its place, from then on until an order is made that knows of it.
+    /// Number of times the wrench was withheld: zero is sent in its place until an order acknowledges this
+    /// count.
     pub withheld: u64,
 }
 
-/// What the haptic thread asks for.
+/// Command of the haptic thread.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Order {
     pub wrench: Wrench,
     pub number: u64,
-    /// When it was made, in the pump's time, s.
+    /// Pump's time of the command, s.
     pub made: f64,
-    /// Of how many withheld wrenches it knows.
+    /// Number of withheld wrenches that the haptic thread has seen.
     pub withheld: u64,
 }
 
-/// What opens a device: none where it is not there.
+/// Opens a device; `None` if it is not there.
 pub(super) type Opener = Box<dyn FnMut() -> Option<Box<dyn Transport>> + Send>;
 
-/// The side of the reports.
+/// The report side of a link. Made by a [`Link`](super::Link).
 pub struct Pump<C: Codec> {
     codec: C,
     open: Opener,
     transport: Option<Box<dyn Transport>>,
     clock: Clock,
-    /// How long a round waits for a report.
+    /// Longest time that a round waits for a report.
     patience: Duration,
-    /// Whether a device that is silent is one that is not well.
+    /// Whether the device sends by itself, so that silence is a fault.
     talks: bool,
     news: News<C::Sample>,
-    told: triple_buffer::Input<News<C::Sample>>,
+    published: triple_buffer::Input<News<C::Sample>>,
     orders: triple_buffer::Output<Order>,
-    /// The last order from before the device came.
+    /// Number of the last order from before the device was opened.
     stale: u64,
-    /// When all of a round was last written since the device came, s.
+    /// Time at which a round was last written completely since the device was opened, s.
     written: Option<f64>,
     searched: f64,
 }
 
 impl<C: Codec> Pump<C> {
-    /// Of a device that is not open yet; `talks` where one that is silent is one that is not well.
+    /// A pump of a device that is not open yet; `talks` if it sends by itself, so that silence is a fault.
     pub(super) fn new(
         codec: C,
         (patience, talks): (Duration, bool),
         open: Opener,
-        told: triple_buffer::Input<News<C::Sample>>,
+        published: triple_buffer::Input<News<C::Sample>>,
         orders: triple_buffer::Output<Order>,
     ) -> Self {
         Self {
@@ -89,7 +91,7 @@ impl<C: Codec> Pump<C> {
             patience,
             talks,
             news: News::default(),
-            told,
+            published,
             orders,
             stale: 0,
             written: None,
@@ -97,40 +99,40 @@ impl<C: Codec> Pump<C> {
         }
     }
 
-    /// Its times are those since an instant, and no longer those of the rounds alone.
+    /// Measures times from an instant instead of taking those of the rounds.
     pub(super) fn keep_time(&mut self, start: Instant) {
         self.clock = Clock::Since(start);
     }
 
-    /// Opens the device where it is there.
+    /// Opens the device if it is there.
     pub(super) fn open(&mut self) {
         if let Some(transport) = (self.open)() {
             self.meet(transport);
         }
     }
 
-    /// One round at a time (s) that never runs back: takes what the device has sent, and writes what it is to do. Whether there is
-    /// a device.
+    /// Runs one round at a time (s) that never runs back: takes the device's reports and writes the wrench.
+    /// Gives whether there is a device.
     pub fn round(&mut self, now: f64) -> bool {
         self.clock.set(now);
         self.codec.begin_round(now);
-        if self.transport.is_none() && now - self.searched >= SEARCH {
+        if self.transport.is_none() && now - self.searched >= SEARCH_PERIOD {
             self.searched = now;
             self.open();
         }
         let heard = self.listen();
         let order = *self.orders.read();
         let wrench = self.admitted(&order, heard);
-        self.told.write(self.news);
+        self.published.write(self.news);
         self.ask(&wrench);
         self.transport.is_some()
     }
 
-    /// The last words.
+    /// Writes a zero wrench and ends the use of the device.
     pub fn end(&mut self) {
         self.ask(&Wrench::ZERO);
         if let Some(mut transport) = self.transport.take() {
-            // There is nobody left to tell.
+            // An error has no receiver any more.
             let _ = self.codec.stop(&mut *transport);
         }
     }
@@ -147,7 +149,7 @@ impl<C: Codec> Pump<C> {
         self.news.arrivals += 1;
         self.stale = self.orders.read().number;
         self.written = None;
-        self.told.write(self.news);
+        self.published.write(self.news);
     }
 
     fn lose(&mut self) {
@@ -155,12 +157,12 @@ impl<C: Codec> Pump<C> {
         self.news.connected = false;
     }
 
-    /// Takes all reports that wait. Whether one was understood.
+    /// Takes all waiting reports; gives whether one was understood.
     fn listen(&mut self) -> bool {
         let before = self.news.reports;
         let (mut report, mut patience) = ([0; LONGEST_REPORT], self.patience);
         let mut failures = 0;
-        for _ in 0..ROUND {
+        for _ in 0..REPORTS_PER_ROUND {
             let Some(transport) = &mut self.transport else { break };
             match transport.read(&mut report, patience) {
                 Ok(0) => break,
@@ -172,7 +174,7 @@ impl<C: Codec> Pump<C> {
                         Err(Malformed) => news.malformed += 1,
                     }
                 }
-                Err(TransportError::Failed) if failures < FAILURES => failures += 1,
+                Err(TransportError::Failed) if failures < FAILURES_PER_ROUND => failures += 1,
                 Err(TransportError::Failed) => break,
                 Err(TransportError::Disconnected) => self.lose(),
             }
@@ -180,18 +182,19 @@ impl<C: Codec> Pump<C> {
         self.news.reports > before
     }
 
-    /// The wrench of an order where it may be written now, else zero, which is counted where the order is for another.
+    /// The order's wrench if it may be written now, else zero; counted as withheld if the order's wrench is
+    /// another.
     fn admitted(&mut self, order: &Order, heard: bool) -> Wrench {
         let now = self.clock.now();
         let news = &mut self.news;
         news.enabled = self.codec.is_enabled(&news.sample);
-        // A transport that does not wait, as the fake one, has rounds without a report.
+        // A transport that does not wait, such as the fake one, has rounds without a report.
         let heard = heard || news.reports > 0 && now - news.arrived < self.patience.as_secs_f64();
         let live = news.enabled
             && (heard || !self.talks)
             && order.number > self.stale
-            && now - order.made <= RENEWAL
-            && self.written.is_none_or(|written| now - written <= GAP);
+            && now - order.made <= ORDER_LIFETIME
+            && self.written.is_none_or(|written| now - written <= WRITE_GAP);
         let knows = order.withheld == news.withheld;
         if live && knows {
             return order.wrench;
@@ -202,7 +205,7 @@ impl<C: Codec> Pump<C> {
         Wrench::ZERO
     }
 
-    /// Writes what asks for a wrench.
+    /// Writes the reports that command a wrench.
     fn ask(&mut self, wrench: &Wrench) {
         let Self { codec, transport, news, .. } = self;
         let Some(open) = transport else { return };
@@ -220,7 +223,7 @@ impl<C: Codec> Pump<C> {
         if gone {
             self.lose();
         }
-        self.told.write(self.news);
+        self.published.write(self.news);
     }
 }
 

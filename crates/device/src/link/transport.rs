@@ -1,25 +1,25 @@
-//! What carries reports between a device and the host.
+//! Transport of reports between a device and the host.
 
 use std::time::Duration;
 
-/// The longest report that is read or written, bytes.
+/// Longest report that is read or written, bytes.
 pub const LONGEST_REPORT: usize = 128;
 
-/// Why a report could not be carried.
+/// Reason why a report could not be carried.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TransportError {
-    /// The device has gone: what opened it may open it again.
+    /// The device is gone; its opener may open it again.
     #[error("the device is not connected")]
     Disconnected,
-    /// This time only.
+    /// The report failed; the next one may not.
     #[error("the report was not carried")]
     Failed,
 }
 
-/// Carries reports of at most [`LONGEST_REPORT`] bytes, each whole. Over HID, numbered reports begin with their number, and
-/// written ones begin with 0 where they have none.
+/// Carries reports of at most [`LONGEST_REPORT`] bytes, each whole. Over HID, numbered reports begin with
+/// their number; reports without one are written with a leading 0.
 pub trait Transport: Send {
-    /// The report that has waited longest, and its length; 0 where none comes in time.
+    /// Takes the oldest waiting report; gives its length, or 0 if none comes in time.
     ///
     /// # Errors
     /// See [`TransportError`].
@@ -44,7 +44,7 @@ pub trait Transport: Send {
         Err(TransportError::Failed)
     }
 
-    /// Gets the feature report whose number stands in its first byte, and its length; it may take seconds.
+    /// Gets the feature report whose number is in its first byte; gives its length. It may take seconds.
     ///
     /// # Errors
     /// See [`TransportError`].

@@ -1,8 +1,9 @@
 //! Recordings as files.
 //!
-//! Compact: `PALPDEV1`, the length (u32) of a JSON text and that text, `{"specification": …}`; then 128 bytes a reading: now, the state's time,
-//! position, quaternion (x, y, z, w), velocity and angular velocity as f64, buttons and status as u32, all little-endian. Text: the
-//! JSON behind `# `, a header, and a line a reading with as many digits as it takes to read the same number back.
+//! Compact: `PALPDEV1`, the length (u32) of a JSON text and that text, `{"specification": …}`; then 128 bytes
+//! a reading: now, the state's time, position, quaternion (x, y, z, w), velocity and angular velocity as f64,
+//! buttons and status as u32, all little-endian. Text: the JSON behind `# `, a header, and a line a reading
+//! with as many digits as it takes to read the same number back.
 //!
 //! A session may end in the middle of a reading: an incomplete last one is left out.
 
@@ -19,11 +20,11 @@ use crate::{DeviceState, PathError, Specification, Status};
 
 const MAGIC: &[u8; 8] = b"PALPDEV1";
 const HEADER: &str = "now,t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz,buttons,status";
-/// Numbers of a reading, and its bytes.
-const NUMBERS: usize = 15;
-const BYTES: usize = NUMBERS * 8 + 8;
-/// The JSON takes less than a kilobyte.
-const LONGEST_ABOUT: u32 = 1 << 16;
+/// Count of numbers in a reading, and its size in bytes.
+const READING_NUMBERS: usize = 15;
+const READING_BYTES: usize = READING_NUMBERS * 8 + 8;
+/// Largest accepted length of the JSON text, bytes; it is under a kilobyte in practice.
+const MAX_JSON_BYTES: u32 = 1 << 16;
 
 const REMEDY: &str = "give a file that --record-device has written";
 
@@ -45,7 +46,7 @@ pub struct RecordingWriter<W: Write> {
 }
 
 impl RecordingWriter<File> {
-    /// Begins a file.
+    /// Creates a file and starts a recording.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -56,7 +57,7 @@ impl RecordingWriter<File> {
 }
 
 impl<W: Write> RecordingWriter<W> {
-    /// Begins a recording, as text or compact.
+    /// Starts a recording, as text or compact.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -100,7 +101,7 @@ impl<W: Write> RecordingWriter<W> {
 }
 
 impl Recording {
-    /// Writes it to a file, as [`RecordingWriter`] does.
+    /// Writes the recording to a file, as [`RecordingWriter`] does.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -110,10 +111,10 @@ impl Recording {
         writer.finish()
     }
 
-    /// Reads one from a file of either form.
+    /// Reads a recording of either form from a file.
     ///
     /// # Errors
-    /// If the file cannot be read, or is no recording: with the place of the first fault.
+    /// If the file cannot be read or is not a recording: with the position of the first fault.
     pub fn load(file: &Path) -> Result<Self, PathError> {
         let io = |source| PathError::Io { file: file.into(), access: "read", source };
         let mut bytes = Vec::new();
@@ -121,10 +122,10 @@ impl Recording {
         Self::parse(&bytes, file)
     }
 
-    /// Reads one from the bytes of a file; `file` is what errors call it.
+    /// Reads a recording from the bytes of a file; `file` names it in errors.
     ///
     /// # Errors
-    /// If they are no recording: with the place of the first fault.
+    /// If the bytes are not a recording: with the position of the first fault.
     pub fn parse(bytes: &[u8], file: &Path) -> Result<Self, PathError> {
         let (specification, readings) =
             if bytes.starts_with(MAGIC) { compact(&bytes[MAGIC.len()..], file)? } else { text(bytes, file)? };
@@ -134,7 +135,7 @@ impl Recording {
         Ok(Self { specification, readings })
     }
 
-    /// Whether a file is one, by its beginning.
+    /// Whether a file is a recording, judged by its first bytes.
     pub(crate) fn is_one(file: &Path) -> bool {
         let mut start = [0; 8];
         let read = File::open(file).and_then(|mut open| open.read_exact(&mut start));
@@ -146,14 +147,14 @@ fn is_text(file: &Path) -> bool {
     file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"))
 }
 
-fn numbers(reading: &Reading) -> [f64; NUMBERS] {
+fn numbers(reading: &Reading) -> [f64; READING_NUMBERS] {
     let DeviceState { time, pose, twist, .. } = reading.state;
     let ([x, y, z], [a, b, c, d]) = (pose.translation.to_array(), pose.rotation.to_array());
     let ([u, v, w], [p, q, r]) = (twist.linear.to_array(), twist.angular.to_array());
     [reading.now, time, x, y, z, a, b, c, d, u, v, w, p, q, r]
 }
 
-fn reading(numbers: [f64; NUMBERS], [buttons, status]: [u32; 2]) -> Reading {
+fn reading(numbers: [f64; READING_NUMBERS], [buttons, status]: [u32; 2]) -> Reading {
     let [now, time, x, y, z, a, b, c, d, u, v, w, p, q, r] = numbers;
     let pose = Pose { translation: DVec3::new(x, y, z), rotation: DQuat::from_xyzw(a, b, c, d) };
     let twist = Twist::new(DVec3::new(u, v, w), DVec3::new(p, q, r));
@@ -167,24 +168,24 @@ fn refused(file: &Path, place: u64, what: String) -> PathError {
 fn described(text: &str, file: &Path) -> Result<Specification, PathError> {
     let described: Result<Described, _> = serde_json::from_str(text);
     let Described { specification } =
-        described.map_err(|error| refused(file, 1, format!("no description of a device ({error})")))?;
+        described.map_err(|error| refused(file, 1, format!("not a description of a device ({error})")))?;
     Ok(specification)
 }
 
 fn compact(bytes: &[u8], file: &Path) -> Result<(Specification, Vec<Reading>), PathError> {
-    let short = || refused(file, 1, "no whole description of a device".into());
+    let short = || refused(file, 1, "no complete description of a device".into());
     let (length, rest) = bytes.split_first_chunk::<4>().ok_or_else(short)?;
     let length = u32::from_le_bytes(*length);
-    let about = rest.get(..length.min(LONGEST_ABOUT) as usize).ok_or_else(short)?;
+    let about = rest.get(..length.min(MAX_JSON_BYTES) as usize).ok_or_else(short)?;
     let about = std::str::from_utf8(about).map_err(|_| short())?;
     let specification = described(about, file)?;
     let mut last = f64::NEG_INFINITY;
-    let (whole, _) = rest[about.len()..].as_chunks::<BYTES>();
-    let parse = |(index, bytes): (usize, &[u8; BYTES])| {
+    let (whole, _) = rest[about.len()..].as_chunks::<READING_BYTES>();
+    let parse = |(index, bytes): (usize, &[u8; READING_BYTES])| {
         let (words, rest) = bytes.as_chunks::<8>();
         debug_assert!(rest.is_empty());
         let numbers = std::array::from_fn(|i| f64::from_le_bytes(words[i]));
-        let [a, b, c, d, e, f, g, h] = words[NUMBERS];
+        let [a, b, c, d, e, f, g, h] = words[READING_NUMBERS];
         let reading = reading(numbers, [[a, b, c, d], [e, f, g, h]].map(u32::from_le_bytes));
         match check(&reading, &mut last) {
             None => Ok(reading),
@@ -206,7 +207,7 @@ fn text(bytes: &[u8], file: &Path) -> Result<(Specification, Vec<Reading>), Path
         Some((Ok(line), ..)) => line.strip_prefix("# "),
         _ => None,
     };
-    let about = about.ok_or_else(|| refused(file, 1, "no description of a device".into()))?;
+    let about = about.ok_or_else(|| refused(file, 1, "not a description of a device".into()))?;
     let specification = described(about, file)?;
     match next() {
         Some((Ok(HEADER), ..)) => {}
@@ -220,15 +221,15 @@ fn text(bytes: &[u8], file: &Path) -> Result<(Specification, Vec<Reading>), Path
         let fault = |what: &str| refused(file, number, what.into());
         let line = line.map_err(|_| fault("bytes that are not UTF-8 text"))?;
         let mut fields = line.split(',');
-        let mut numbers = [0.0; NUMBERS];
+        let mut numbers = [0.0; READING_NUMBERS];
         for number in &mut numbers {
             let field = fields.next().and_then(|field| field.parse().ok());
-            *number = field.ok_or_else(|| fault("a field that is missing or no number"))?;
+            *number = field.ok_or_else(|| fault("a field that is missing or not a number"))?;
         }
         let mut words = [0; 2];
         for word in &mut words {
             let field = fields.next().and_then(|field| field.parse().ok());
-            *word = field.ok_or_else(|| fault("buttons or status that are missing or no number"))?;
+            *word = field.ok_or_else(|| fault("buttons or status that are missing or not a number"))?;
         }
         if fields.next().is_some() {
             return Err(fault("more than 17 fields"));

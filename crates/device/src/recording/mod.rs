@@ -1,8 +1,9 @@
-//! What a device told, reading by reading, and the device again that tells it.
+//! Recordings of a device's readings, and a device that replays them.
 //!
-//! A [`Tap`] on a device keeps every [`Reading`]; a [`Recording`] of them is a file, compact or text, with the device's
-//! specification; a [`RecordedDevice`] gives the same readings at the same times, so that a session with a simulated clock comes out the same,
-//! bit for bit. (A [`MotionPath`](crate::MotionPath) is a motion alone, in figures that one may write by hand.)
+//! A [`Tap`] on a device keeps every [`Reading`]. A [`Recording`] of them is a file, compact or text, with
+//! the device's specification. A [`RecordedDevice`] gives the same readings at the same times, so that a
+//! session with a simulated clock is reproduced bit for bit. (A [`MotionPath`](crate::MotionPath) is a motion
+//! alone, in a format that can be written by hand.)
 
 mod file;
 mod play;
@@ -14,27 +15,27 @@ pub use tap::{Tap, Taps};
 
 use crate::{DeviceState, Specification};
 
-/// A device's state as read at a time.
+/// A device's state, with the time at which it was read.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
-    /// The driver's time of the call, s.
+    /// Driver's time of the call, s.
     pub now: f64,
-    /// What came back. With [`Status::DISCONNECTED`](crate::Status::DISCONNECTED) or
-    /// [`Status::SILENT`](crate::Status::SILENT) the call failed, and the motion is the one before.
+    /// The state. If [`Status::DISCONNECTED`](crate::Status::DISCONNECTED) or
+    /// [`Status::SILENT`](crate::Status::SILENT) is set, the call failed, and the motion is the one before.
     pub state: DeviceState,
 }
 
-/// A device's readings, times not running back, and what it could do.
+/// A device's readings, in order of time, and its specification.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recording {
-    /// What the device could do.
+    /// Specification of the recorded device.
     pub specification: Specification,
-    /// At least one.
+    /// The readings, at least one.
     readings: Vec<Reading>,
 }
 
 impl Recording {
-    /// A recording of readings; `None` where there is none, or one is earlier than the one before or not finite.
+    /// A recording of readings; `None` if there is no reading, or a time runs back or is not finite.
     pub fn new(specification: Specification, readings: Vec<Reading>) -> Option<Self> {
         let mut last = f64::NEG_INFINITY;
         let sound = readings.iter().all(|reading| check(reading, &mut last).is_none());
@@ -47,7 +48,7 @@ impl Recording {
     }
 }
 
-/// What is wrong with a reading that comes after a time, which moves on to its own.
+/// The fault of a reading that follows one at time `last`, if any; sets `last` to its time.
 fn check(reading: &Reading, last: &mut f64) -> Option<&'static str> {
     let Reading { now, state } = reading;
     if !(now.is_finite() && now >= last) {

@@ -1,4 +1,4 @@
-//! A recording as a device.
+//! Replay of a recording as a device.
 
 use palpate_core::{Pose, Wrench};
 
@@ -6,18 +6,19 @@ use super::{Reading, Recording};
 use crate::clip::finite;
 use crate::{DeviceError, DeviceState, HapticDevice, Specification, Status};
 
-/// A device that tells what was recorded of another one, whatever wrench is written, as if a hand of infinite impedance held it.
+/// A device that replays the readings of another one, whatever wrench is written, as if a hand of infinite
+/// impedance held it.
 ///
-/// Played from the beginning at the speed of the recording, and read at the times of it, it gives what was read then, bit for
-/// bit; between two readings poses and twists are interpolated. After the end it holds the last pose, with
-/// [`Status::ENDED`] set. Where the recorded device was lost, so is this one.
+/// Replayed from the beginning at the original speed and read at the recorded times, it gives the recorded
+/// readings bit for bit; between two readings, poses and twists are interpolated. After the end it holds the
+/// last pose, with [`Status::ENDED`] set. It is lost wherever the recorded device was lost.
 #[derive(Clone, Debug)]
 pub struct RecordedDevice {
     recording: Recording,
-    /// Recorded seconds for each second, and the recorded time that is played first, s.
+    /// Recorded seconds per second, and the recorded time at which replay starts, s.
     speed: f64,
     start: f64,
-    /// Which reading is the latest.
+    /// Index of the latest reading.
     index: usize,
     now: f64,
     wrench: Wrench,
@@ -27,7 +28,7 @@ pub struct RecordedDevice {
 }
 
 impl RecordedDevice {
-    /// Plays a recording.
+    /// Replays a recording from the beginning.
     pub fn new(recording: Recording) -> Self {
         Self {
             recording,
@@ -42,7 +43,7 @@ impl RecordedDevice {
         }
     }
 
-    /// Plays `speed` recorded seconds a second, beginning `start` (s) after the recording's time 0.
+    /// Replays at `speed` recorded seconds per second, starting `start` (s) after the recording's time 0.
     ///
     /// # Errors
     /// If the speed is not from 0.001 to 1000, or the start is not finite.
@@ -64,7 +65,7 @@ impl RecordedDevice {
         self.wrench
     }
 
-    /// What was recorded at a recorded time (s).
+    /// The recorded state at a recorded time (s).
     fn recorded(&mut self, time: f64) -> DeviceState {
         let readings = self.recording.readings();
         while self.index + 1 < readings.len() && readings[self.index + 1].now <= time {

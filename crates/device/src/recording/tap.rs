@@ -1,4 +1,4 @@
-//! Keeping what a device tells while it is used.
+//! Keeps a device's readings while it is used.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -10,11 +10,11 @@ use rtrb::{Consumer, Producer, RingBuffer};
 use super::Reading;
 use crate::{DeviceError, DeviceState, HapticDevice, Specification, Status};
 
-/// Readings that may wait to be taken: four seconds at 1 kHz.
-const WAITING: usize = 4096;
+/// Capacity of the queue, in readings: four seconds at 1 kHz.
+const QUEUE_CAPACITY: usize = 4096;
 
-/// A device whose readings are kept. It neither waits nor allocates: readings that are not taken in time are lost, and
-/// counted.
+/// A device whose readings are also queued for a recorder. It neither waits nor allocates: readings that are
+/// not taken in time are lost and counted.
 pub struct Tap<D> {
     device: D,
     latest: DeviceState,
@@ -22,7 +22,7 @@ pub struct Tap<D> {
     lost: Arc<AtomicU64>,
 }
 
-/// Where a [`Tap`]'s readings come out.
+/// Receiving end of a [`Tap`].
 #[derive(Debug)]
 pub struct Taps {
     readings: Consumer<Reading>,
@@ -30,9 +30,9 @@ pub struct Taps {
 }
 
 impl<D: HapticDevice> Tap<D> {
-    /// Taps a device.
+    /// Wraps a device; gives the tapped device and the receiving end.
     pub fn new(device: D) -> (Self, Taps) {
-        let (producer, consumer) = RingBuffer::new(WAITING);
+        let (producer, consumer) = RingBuffer::new(QUEUE_CAPACITY);
         let lost = Arc::new(AtomicU64::new(0));
         let latest = DeviceState {
             time: 0.0,
@@ -46,12 +46,12 @@ impl<D: HapticDevice> Tap<D> {
 }
 
 impl Taps {
-    /// The reading that has waited longest.
+    /// The oldest reading in the queue.
     pub fn take(&mut self) -> Option<Reading> {
         self.readings.pop().ok()
     }
 
-    /// How many were lost.
+    /// Number of readings lost.
     pub fn lost(&self) -> u64 {
         self.lost.load(Ordering::Relaxed)
     }

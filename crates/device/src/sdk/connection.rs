@@ -1,4 +1,5 @@
-//! What the makers' drivers share: which library, how fast, and what a device can do.
+//! Parts common to the drivers for makers' SDKs: addresses, timeouts, specifications and the count of failed
+//! calls.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -8,17 +9,17 @@ use super::{SdkCodec, SdkState};
 use crate::link::{Found, LONGEST_REPORT, Link, TransportError};
 use crate::{Axes, DeviceError, Emulation, HapticDevice, Specification};
 
-/// How long a round waits for the numbers.
+/// Longest time that a round waits for a state.
 const PATIENCE: Duration = Duration::from_millis(5);
-/// A device that has told nothing for this long counts as lost, s.
+/// Time without a state after which a device counts as lost, s.
 const SILENCE: f64 = 0.02;
-/// Calls that fail before a device counts as gone.
+/// Number of consecutive failed calls after which a device counts as disconnected.
 const FAILURES: u32 = 4;
 
-/// Which device is meant, and by which library: what comes after the colon of an address, `WHICH@LIBRARY`.
+/// The part of an address after the colon: the device and the library, `WHICH@LIBRARY`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Address {
-    /// None where it is left out.
+    /// `None` if left out.
     pub which: Option<String>,
     pub library: Option<PathBuf>,
 }
@@ -32,7 +33,7 @@ impl Address {
     }
 }
 
-/// Opens a device by what connects to it, which is called in the pump's thread.
+/// Opens a device through `connect`, which is called in the pump's thread.
 pub(super) fn open(
     maker: &str,
     connect: impl FnMut() -> Result<Found<SdkMotion>, DeviceError> + Send + 'static,
@@ -43,8 +44,9 @@ pub(super) fn open(
     Ok(Box::new(link.spawn_apart(connect)?))
 }
 
-/// What a device can do: the figures of an emulation where it is one of those, else of the weakest there is. A torque only where
-/// it drives rotations. `round` is the least time from one round of the pump to the next, s.
+/// Specification of a device: that of the emulation `preset`, or of the weakest one if the model is not
+/// known. Torque is nonzero only if the device drives rotations. `round` is the shortest time from one round
+/// of the pump to the next, s.
 pub(super) fn specification(
     name: String,
     preset: Option<&str>,
@@ -65,28 +67,30 @@ pub(super) fn specification(
         angular_damping: torque(turns.angular_damping),
         sensed,
         actuated,
-        // What a round has read is answered after the next has read, and the device's own round takes that up.
+        // A reading is answered after the next one has been read, and the device takes that up in its own
+        // round.
         delay: 2.0 * round,
-        // That of an emulation says nothing of a unit.
+        // The handle of an emulation says nothing about a real unit.
         handle: None,
         ..of
     }
 }
 
-/// Failures running.
+/// Number of consecutive failed calls.
 #[derive(Debug, Default)]
 pub(super) struct Failures(u32);
 
 impl Failures {
-    /// What came of a call: nothing is said of the first few failures but that they are some.
+    /// Counts the outcome of a call: `Disconnected` after the last of [`FAILURES`] consecutive failures,
+    /// `Failed` before.
     pub fn judge<T>(&mut self, outcome: Option<T>) -> Result<T, TransportError> {
         self.0 = if outcome.is_some() { 0 } else { self.0.saturating_add(1) };
         outcome.ok_or(if self.0 < FAILURES { TransportError::Failed } else { TransportError::Disconnected })
     }
 }
 
-/// What calls told, as a report: its length.
-pub(super) fn tell(
+/// Writes a state into `report`; gives its length.
+pub(super) fn write_state(
     state: Option<SdkState>,
     failures: &mut Failures,
     report: &mut [u8; LONGEST_REPORT],
@@ -122,7 +126,7 @@ mod tests {
         assert_eq!((omega.peak_force, omega.peak_torque, omega.angular_stiffness), (12.0, 0.0, 0.0));
         let sigma = specification("sigma.7".into(), Some("sigma.7"), Axes::ALL, Axes::ALL, 1e-3);
         assert_eq!((sigma.peak_force, sigma.peak_torque), (20.0, 0.4));
-        // Of what is not known, the least.
+        // An unknown device has the smallest figures.
         let unknown = specification("?".into(), None, Axes::ALL, Axes::ALL, 1e-3);
         for (preset, _) in Emulation::presets() {
             let known = Emulation::preset(preset).unwrap().specification;

@@ -1,15 +1,17 @@
-//! omega, sigma, lambda and delta devices by Force Dimension's library.
+//! omega, sigma, lambda and delta devices through Force Dimension's library.
 //!
-//! Units are SI throughout. That numbers of the status, the watchdog's 125 µs and its expert mode are as taken here was read in the
-//! header and in public wrappers of the library; that its calls may be made from any thread, one at a time, is general knowledge.
-//! The library's window for velocities of 20 ms is shortened, so that they lag no more than the specification says.
+//! Units are SI throughout. The indices into the status, the watchdog's unit of 125 µs and its expert mode
+//! were read in the header and in public wrappers of the library. That its calls may be made from any thread,
+//! one at a time, is general knowledge. The library's velocity window of 20 ms is shortened, so that
+//! velocities lag no more than the specification says.
 //!
-//! Where the host is gone, the device lets go of the hand by its watchdog after 32 ms, if library and device have one. A user who
-//! switches the force off at the device finds it zero, and rising from there, when it is on again.
+//! If the host stops, the device's watchdog switches the force off after 32 ms, if library and device have
+//! one. If the user switches the force off at the device, it is zero, and comes up from zero when it is on
+//! again.
 
 use std::time::{Duration, Instant};
 
-use super::connection::{Address, Failures, open as open_with, specification, tell};
+use super::connection::{Address, Failures, open as open_with, specification, write_state};
 use super::foreign::Library;
 use super::foreign::dhd::Device;
 use super::orientation::orientation;
@@ -20,18 +22,19 @@ use crate::{Axes, DeviceError, HapticDevice};
 
 const LIBRARY: SdkLibrary = SdkLibrary::FORCE_DIMENSION;
 const MAKER: &str = LIBRARY.maker;
-/// The least time from one round to the next.
+/// Shortest time from one round to the next.
 const PERIOD: Duration = Duration::from_micros(250);
-/// The window for velocities, ms.
-const WINDOW: i32 = 4;
-/// The device lets go of the hand after a silence of 31.9 ms, the longest that there is, in 125 µs.
-const WATCHDOG: u8 = u8::MAX;
-/// A command so much after the last may have come after that.
-const LATE: Duration = Duration::from_millis(25);
-/// How often it is looked whether the force is on.
-const LOOK: Duration = Duration::from_millis(10);
+/// Velocity window, ms.
+const VELOCITY_WINDOW: i32 = 4;
+/// Time without a command after which the device switches its force off, in units of 125 µs: the longest
+/// possible, 31.9 ms.
+const WATCHDOG_TIME: u8 = u8::MAX;
+/// Time since the last command after which the watchdog may have switched the force off.
+const WATCHDOG_GAP: Duration = Duration::from_millis(25);
+/// Interval at which the driver checks whether the force is on.
+const CHECK_PERIOD: Duration = Duration::from_millis(10);
 
-/// Opens the first device, or that of a number.
+/// Opens the first device, or the one with the number in the address.
 pub(crate) fn open(address: Option<&str>) -> Option<Result<Box<dyn HapticDevice>, DeviceError>> {
     let address = Address::parse(address);
     let number = match &address.which {
@@ -50,7 +53,7 @@ pub(crate) fn open(address: Option<&str>) -> Option<Result<Box<dyn HapticDevice>
             remedy: "plug it in, switch it on, and close what else uses it",
         };
         let device = Device::open(library, number)?.map_err(refused)?;
-        device.set_watchdog(WATCHDOG);
+        device.set_watchdog(WATCHDOG_TIME);
         if !device.enable_force(true) {
             return Err(refused("its force cannot be enabled".into()));
         }
@@ -73,14 +76,14 @@ fn found(device: Device) -> Found<SdkMotion> {
         axes(senses && drives),
         PERIOD.as_secs_f64(),
     );
-    device.set_window(WINDOW);
+    device.set_window(VELOCITY_WINDOW);
     let motion = SdkMotion::new(&specification);
     let transport = Calls {
         device,
         senses_wrist: senses,
         pace: Pace::new(PERIOD),
         commanded: Instant::now(),
-        looked: None,
+        checked: None,
         force: true,
         reads: Failures::default(),
         writes: Failures::default(),
@@ -92,10 +95,10 @@ struct Calls {
     device: Device,
     senses_wrist: bool,
     pace: Pace,
-    /// When the last wrench was commanded.
+    /// Time of the last command.
     commanded: Instant,
-    /// When it was last looked whether the force is on, and whether it was.
-    looked: Option<Instant>,
+    /// Time of the last check whether the force is on, and its result.
+    checked: Option<Instant>,
     force: bool,
     reads: Failures,
     writes: Failures,
@@ -103,8 +106,8 @@ struct Calls {
 
 impl Calls {
     fn state(&mut self) -> Option<SdkState> {
-        if self.looked.is_none_or(|looked| looked.elapsed() >= LOOK) {
-            (self.looked, self.force) = (Some(Instant::now()), self.device.is_force_on());
+        if self.checked.is_none_or(|checked| checked.elapsed() >= CHECK_PERIOD) {
+            (self.checked, self.force) = (Some(Instant::now()), self.device.is_force_on());
         }
         let (position, [a, b, c]) = self.device.pose()?;
         let orientation = if self.senses_wrist {
@@ -133,14 +136,14 @@ impl Transport for Calls {
         if !self.pace.wait(patience) {
             return Ok(0);
         }
-        tell(self.state(), &mut self.reads, report)
+        write_state(self.state(), &mut self.reads, report)
     }
 
     fn write(&mut self, report: &[u8]) -> Result<(), TransportError> {
         let wrench = wrench_of(report).map_err(|_| TransportError::Failed)?;
         let last = std::mem::replace(&mut self.commanded, Instant::now());
-        // Where the user has disabled it, it stays so.
-        if last.elapsed() > LATE && self.device.is_off_by_watchdog() {
+        // A force that the user has disabled stays disabled.
+        if last.elapsed() > WATCHDOG_GAP && self.device.is_off_by_watchdog() {
             self.device.enable_force(true);
         }
         let set = self.device.set_wrench(&wrench);

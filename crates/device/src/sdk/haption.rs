@@ -1,18 +1,19 @@
-//! Virtuose devices by Haption's library.
+//! Virtuose devices through Haption's library.
 //!
-//! The library speaks to a controller over a network, in metres, newtons and single precision; a wrench and velocities are, as is
-//! the pose, in the axes of the base, about the middle of the handle. Where the maker's documentation is needed beyond the header
-//! (that the offset button inhibits the force in the mode of indexing that is chosen, that the controller lets go of the hand and of
-//! the library after 2 s without a command), it was read as public wrappers quote it; numbers of models are those of one wrapper.
-//! Where the middle of the workspace is, no source says: it is where the handle is held when the device is opened.
+//! The library connects to a controller over a network, in metres, newtons and single precision. Pose,
+//! velocities and wrench are in the axes of the base, about the middle of the handle. Where the header is not
+//! enough, the maker's documentation was read as quoted by public wrappers: the offset button inhibits the
+//! force in the indexing mode chosen here, and the controller drops the force and the connection after 2 s
+//! without a command. Model numbers are those of one wrapper. No source gives the middle of the workspace: it
+//! is taken to be where the handle is held when the device is opened.
 //!
-//! The user switches the power on: as long as it is off, there is no force. Where the host is gone, the controller goes on with the
+//! The user switches the power on; there is no force until then. If the host stops, the controller keeps the
 //! last wrench for those 2 s: the library has no call for a shorter time.
 
 use std::ffi::CString;
 use std::time::Duration;
 
-use super::connection::{Address, Failures, open as open_with, specification, tell};
+use super::connection::{Address, Failures, open as open_with, specification, write_state};
 use super::foreign::Library;
 use super::foreign::virtuose::Device;
 use super::pace::Pace;
@@ -22,13 +23,13 @@ use crate::{Axes, DeviceError, HapticDevice};
 
 const LIBRARY: SdkLibrary = SdkLibrary::HAPTION;
 const MAKER: &str = LIBRARY.maker;
-/// The least time from one round to the next, which the library is told.
+/// Shortest time from one round to the next, passed to the library as its time step.
 const PERIOD: Duration = Duration::from_millis(1);
-/// The numbers of models: those that drive three axes, and the one whose figures are known.
+/// Numbers of the models that drive three axes, and of the one whose figures are known.
 const THREE_AXES: [i32; 3] = [1, 2, 9];
 const VIRTUOSE_6D: i32 = 3;
 
-/// Opens the device of a controller.
+/// Opens the device of the controller in the address.
 pub(crate) fn open(address: Option<&str>) -> Option<Result<Box<dyn HapticDevice>, DeviceError>> {
     let address = Address::parse(address);
     let host = address.which?;
@@ -100,7 +101,7 @@ impl Transport for Calls {
         if !self.pace.wait(patience) {
             return Ok(0);
         }
-        tell(self.state(), &mut self.reads, report)
+        write_state(self.state(), &mut self.reads, report)
     }
 
     fn write(&mut self, report: &[u8]) -> Result<(), TransportError> {

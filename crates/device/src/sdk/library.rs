@@ -1,26 +1,26 @@
-//! Which libraries the makers' SDKs bring, known whether or not their drivers are compiled in.
+//! Libraries of the makers' SDKs, listed whether or not their drivers are compiled in.
 
 use std::path::PathBuf;
 
-/// The library of a maker's SDK: what its files are called, and where to name one.
+/// The library of a maker's SDK: its file names, and the environment variable that overrides them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SdkLibrary {
     /// The maker of the devices.
     pub maker: &'static str,
-    /// The cargo feature with its driver, which is also the name that addresses begin with.
+    /// Cargo feature of the driver, which is also the kind in addresses.
     pub feature: &'static str,
-    /// Whether this build has that feature.
+    /// Whether this build has the feature.
     pub compiled_in: bool,
-    /// The environment variable that names its file.
+    /// Environment variable that names the library's file.
     pub variable: &'static str,
-    /// The file names that its maker uses on this system, in the order in which they are tried.
+    /// File names that the maker uses on this system, in the order in which they are tried.
     pub names: &'static [&'static str],
-    /// What to do where it is not found.
+    /// What the user can do if the library is not found.
     pub remedy: &'static str,
 }
 
 impl SdkLibrary {
-    /// Force Dimension's.
+    /// Force Dimension's library.
     pub const FORCE_DIMENSION: Self = Self {
         maker: "Force Dimension",
         feature: "force-dimension",
@@ -65,10 +65,10 @@ impl SdkLibrary {
         },
         remedy: "install Haption's SDK, or say where its library is: PALPATE_VIRTUOSE_LIBRARY=FILE or haption:HOST@FILE",
     };
-    /// All of them.
+    /// The libraries of all makers.
     pub const ALL: [Self; 3] = [Self::FORCE_DIMENSION, Self::OPEN_HAPTICS, Self::HAPTION];
 
-    /// The file that the environment names.
+    /// The file that the environment variable names, if it is set.
     pub fn named_file(&self) -> Option<PathBuf> {
         std::env::var_os(self.variable).filter(|file| !file.is_empty()).map(PathBuf::from)
     }

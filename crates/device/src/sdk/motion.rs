@@ -1,4 +1,4 @@
-//! The handle's motion as a maker's library tells it.
+//! The handle's motion, from the states of a maker's library.
 
 use glam::{DQuat, DVec3};
 use palpate_core::{Pose, Twist};
@@ -8,13 +8,13 @@ use crate::Specification;
 use crate::link::Motion;
 use crate::velocity::AdaptiveWindow;
 
-/// The handle's motion: velocities that the library does not tell are estimated over adaptive windows.
+/// Motion of the handle; velocities that the library does not report are estimated over adaptive windows.
 #[derive(Clone, Debug)]
 pub struct SdkMotion {
-    /// The middle of the workspace from the maker's origin, m; none before it is known.
+    /// Middle of the workspace in the maker's frame, m; `None` until it is known.
     center: Option<DVec3>,
     pose: Pose,
-    /// Turned so far about the device's axes, rad.
+    /// Rotation accumulated about the device's axes, rad.
     turned: DVec3,
     linear: AdaptiveWindow,
     angular: AdaptiveWindow,
@@ -22,7 +22,7 @@ pub struct SdkMotion {
 }
 
 impl SdkMotion {
-    /// Of a device whose origin is the middle of its workspace.
+    /// Motion of a device whose origin is the middle of its workspace.
     pub fn new(specification: &Specification) -> Self {
         Self {
             center: Some(DVec3::ZERO),
@@ -34,7 +34,7 @@ impl SdkMotion {
         }
     }
 
-    /// Of a device that takes the place at which its handle is first seen for the middle of its workspace.
+    /// Motion of a device whose first reported position is taken for the middle of its workspace.
     pub fn from_here(specification: &Specification) -> Self {
         Self { center: None, ..Self::new(specification) }
     }
@@ -49,6 +49,8 @@ impl Motion for SdkMotion {
             let center = *self.center.get_or_insert(place);
             let rotation = DQuat::from_array(sample.orientation).normalize();
             let before = std::mem::replace(&mut self.pose, Pose::new(place - center, rotation));
+            // Rotations do not add, but the small one between two reports does nearly: its rate is estimated from
+            // the sum.
             self.turned += before.rotation_vector_to(&self.pose);
             let estimated =
                 (self.linear.push(now, self.pose.translation), self.angular.push(now, self.turned));

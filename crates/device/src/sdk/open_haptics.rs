@@ -1,17 +1,17 @@
-//! Touch, Touch X and Phantom Premium devices by 3D Systems' OpenHaptics (HDAPI).
+//! Touch, Touch X and Phantom Premium devices through 3D Systems' OpenHaptics (HDAPI).
 //!
-//! The library tells millimetres and takes torques in mN·m, as public wrappers of it scale them; the axes are said in others. Its
-//! angular velocity is that of the gimbal in a frame that no source names: the handle's is estimated from its orientation instead.
-//! That a callback which says that it is done is not called again was read in the header. The devices are calibrated by the maker's
-//! own tool.
+//! The library reports millimetres and takes torques in mN·m, as public wrappers scale them; other wrappers
+//! state the axes. Its angular velocity is that of the gimbal in a frame that no source names: the handle's
+//! is estimated from its orientation instead. The header states that a callback which returns `DONE` is not
+//! called again. The devices are calibrated with the maker's own tool.
 //!
-//! The scheduler is one for the process: so is the device. A wrench that is not renewed for 10 of its frames is taken back. What the
-//! device does when the process has ended without a farewell, no source says that was read.
+//! The process has one scheduler, and therefore one device. A wrench that is not renewed for 10 frames is set
+//! to zero. No source states what the device does if the process ends without closing it.
 
 use std::ffi::CString;
 use std::time::{Duration, Instant};
 
-use super::connection::{Address, Failures, open as open_with, specification, tell};
+use super::connection::{Address, Failures, open as open_with, specification, write_state};
 use super::foreign::Library;
 use super::foreign::hd::{Device, Frame, Model};
 use super::orientation::orientation;
@@ -21,14 +21,14 @@ use crate::{Axes, DeviceError, HapticDevice};
 
 const LIBRARY: SdkLibrary = SdkLibrary::OPEN_HAPTICS;
 const MAKER: &str = LIBRARY.maker;
-/// From one frame to the next, s.
+/// Time from one frame to the next, s.
 const FRAME: f64 = 1e-3;
-/// How often it is looked whether there is a frame.
-const LOOK: Duration = Duration::from_micros(100);
-/// m in a millimetre.
+/// Interval at which the driver checks for a new frame.
+const POLL_PERIOD: Duration = Duration::from_micros(100);
+/// Metres in a millimetre.
 const MILLIMETRE: f64 = 1e-3;
 
-/// Opens the default device, or that of a name.
+/// Opens the default device, or the one with the name in the address.
 pub(crate) fn open(address: Option<&str>) -> Option<Result<Box<dyn HapticDevice>, DeviceError>> {
     let address = Address::parse(address);
     let name = match &address.which {
@@ -59,7 +59,7 @@ fn found(device: Device, model: &Model) -> Found<SdkMotion> {
     let preset = if lower.contains("premium") {
         Some(if lower.contains("3.0") { "premium-3.0" } else { "premium-1.5" })
     } else {
-        // The Touch X is stronger than the Touch, whose figures hold for it as well.
+        // The Touch X is stronger than the Touch, whose figures therefore hold for it as well.
         None
     };
     let axes = |all: bool| if all { Axes::ALL } else { Axes::TRANSLATION };
@@ -91,11 +91,11 @@ impl Transport for Frames {
             match self.device.frame() {
                 Some(frame) => break frame,
                 None if start.elapsed() >= patience => return Ok(0),
-                None => std::thread::sleep(LOOK),
+                None => std::thread::sleep(POLL_PERIOD),
             }
         };
-        let state = (!frame.failed).then(|| told(&frame));
-        tell(state, &mut self.failures, report)
+        let state = (!frame.failed).then(|| sdk_state(&frame));
+        write_state(state, &mut self.failures, report)
     }
 
     fn write(&mut self, report: &[u8]) -> Result<(), TransportError> {
@@ -105,7 +105,7 @@ impl Transport for Frames {
     }
 }
 
-fn told(frame: &Frame) -> SdkState {
+fn sdk_state(frame: &Frame) -> SdkState {
     let column = |index: usize| [0, 1, 2].map(|row| frame.transform[4 * index + row]);
     SdkState {
         position: column(3).map(|part| part * MILLIMETRE),
@@ -113,6 +113,6 @@ fn told(frame: &Frame) -> SdkState {
         linear: Some(frame.velocity.map(|part| part * MILLIMETRE)),
         angular: None,
         buttons: frame.buttons,
-        ready: !frame.let_go,
+        ready: !frame.timed_out,
     }
 }

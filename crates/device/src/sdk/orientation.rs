@@ -1,14 +1,15 @@
-//! Orientations that are told as matrices.
+//! Orientations from rotation matrices.
 
 use glam::{DMat3, DQuat};
 
-/// The unit quaternion x, y, z, w of a rotation matrix given by its columns; one that is not finite of a matrix that is none.
+/// Unit quaternion x, y, z, w of a rotation matrix given by its columns; not finite if the matrix is not a
+/// rotation.
 pub(super) fn orientation(columns: [[f64; 3]; 3]) -> [f64; 4] {
     let matrix = DMat3::from_cols_array_2d(&columns);
     let product = matrix.transpose() * matrix;
     let off =
         (product - DMat3::IDENTITY).to_cols_array().into_iter().fold(0.0, |off: f64, part| off + part.abs());
-    // Of numbers that are not finite, no comparison holds.
+    // Comparisons with numbers that are not finite are false.
     if off <= 1e-2 && matrix.determinant() > 0.0 {
         DQuat::from_mat3(&matrix).normalize().to_array()
     } else {

@@ -1,8 +1,8 @@
-//! How often calls are made.
+//! Rate limit of calls.
 
 use std::time::{Duration, Instant};
 
-/// Lets the calls begin no more often than they are to.
+/// Keeps calls at least a period apart.
 #[derive(Debug)]
 pub(super) struct Pace {
     period: Duration,
@@ -14,7 +14,7 @@ impl Pace {
         Self { period, due: Instant::now() }
     }
 
-    /// Waits until it is time, but not longer than patience lasts. Whether it is time.
+    /// Waits until the next call is due, or `patience` has passed; gives whether it is due.
     pub fn wait(&mut self, patience: Duration) -> bool {
         let early = self.due.saturating_duration_since(Instant::now());
         if !early.is_zero() {

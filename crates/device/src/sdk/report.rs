@@ -1,39 +1,40 @@
-//! The reports that stand for the calls of a maker's library.
+//! Reports that carry the results of a library's calls.
 //!
-//! What is read, in little-endian numbers: flags (32 bits: 1 where it may be given forces, 2 and 4 where a linear and an angular
-//! velocity is told), buttons (32 bits), then 13 of 64 bits: position (m), orientation (quaternion x, y, z, w), linear velocity
-//! (m/s), angular velocity (rad/s). What is written: force (N) and torque (N·m), 6 of 64 bits.
+//! A report that is read, little-endian: flags (32 bits: 1 if the device accepts forces, 2 and 4 if a linear
+//! and an angular velocity are given), buttons (32 bits), then 13 numbers of 64 bits: position (m),
+//! orientation (quaternion x, y, z, w), linear velocity (m/s), angular velocity (rad/s). A report that is
+//! written: force (N) and torque (N·m), 6 numbers of 64 bits.
 
 use glam::DVec3;
 use palpate_core::Wrench;
 
 use crate::link::{Codec, Malformed, Report};
 
-/// Bytes of the two reports.
+/// Size of the two reports, bytes.
 const READ: usize = 8 + 13 * 8;
 const WRITTEN: usize = 6 * 8;
 const READY: u32 = 1;
 const LINEAR: u32 = 2;
 const ANGULAR: u32 = 4;
-/// Beyond these no device is or moves: m, m/s and rad/s.
-const REACH: f64 = 10.0;
-const SPEED: f64 = 100.0;
-const ANGULAR_SPEED: f64 = 1000.0;
+/// Largest coordinate (m) and speeds (m/s, rad/s) that pass as a device's; beyond them a report is malformed.
+const MAX_POSITION: f64 = 10.0;
+const MAX_SPEED: f64 = 100.0;
+const MAX_ANGULAR_SPEED: f64 = 1000.0;
 
-/// What a maker's library tells, in the device's axes.
+/// State of a device as its maker's library reports it, in the device's axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SdkState {
-    /// Of the handle, m.
+    /// Position of the handle, m.
     pub position: [f64; 3],
-    /// Of the handle: unit quaternion x, y, z, w.
+    /// Orientation of the handle: unit quaternion x, y, z, w.
     pub orientation: [f64; 4],
-    /// m/s; none where the library tells none.
+    /// Linear velocity, m/s; `None` if the library does not report it.
     pub linear: Option<[f64; 3]>,
-    /// rad/s; none where the library tells none.
+    /// Angular velocity, rad/s; `None` if the library does not report it.
     pub angular: Option<[f64; 3]>,
     /// Buttons held down, the first in bit 0.
     pub buttons: u32,
-    /// Whether it may be given forces.
+    /// Whether the device accepts forces.
     pub ready: bool,
 }
 
@@ -51,7 +52,7 @@ impl Default for SdkState {
 }
 
 impl SdkState {
-    /// As a report, of 112 bytes.
+    /// The state as a report of 112 bytes.
     pub fn to_report(&self) -> [u8; READ] {
         let flag = |set: bool, flag: u32| if set { flag } else { 0 };
         let flags = flag(self.ready, READY)
@@ -68,14 +69,15 @@ impl SdkState {
         report
     }
 
-    /// From a report.
+    /// Decodes a report.
     ///
     /// # Errors
-    /// If it is none: of another length, with other flags, or numbers that are not finite, no orientation, or farther or faster
-    /// than any device.
+    /// If its length or flags are wrong, a number is not finite, the orientation is not a unit quaternion, or
+    /// position or velocity are beyond those of any device.
     pub fn from_report(report: &[u8]) -> Result<Self, Malformed> {
         let report: &[u8; READ] = report.try_into().map_err(|_| Malformed)?;
         let (words, _) = report.as_chunks::<8>();
+        // Word 0: flags and buttons; 1 to 3: position; 4 to 7: orientation; 8 to 10 and 11 to 13: velocities.
         let head = u64::from_le_bytes(words[0]);
         let (flags, buttons) = (head as u32, (head >> 32) as u32);
         if flags & !(READY | LINEAR | ANGULAR) != 0 {
@@ -83,12 +85,12 @@ impl SdkState {
         }
         let number = |index: usize| f64::from_le_bytes(words[index]);
         let vector = |first: usize| [first, first + 1, first + 2].map(number);
-        let told = |flag: u32, first: usize| (flags & flag != 0).then(|| vector(first));
+        let velocity = |flag: u32, first: usize| (flags & flag != 0).then(|| vector(first));
         let state = Self {
             position: vector(1),
             orientation: [4, 5, 6, 7].map(number),
-            linear: told(LINEAR, 8),
-            angular: told(ANGULAR, 11),
+            linear: velocity(LINEAR, 8),
+            angular: velocity(ANGULAR, 11),
             buttons,
             ready: flags & READY != 0,
         };
@@ -96,20 +98,20 @@ impl SdkState {
     }
 
     fn is_sound(&self) -> bool {
-        // Of numbers that are not finite, no comparison holds.
+        // Comparisons with numbers that are not finite are false.
         let within = |numbers: [f64; 3], limit: f64| numbers.iter().all(|number| number.abs() <= limit);
         let square: f64 = self.orientation.iter().map(|part| part * part).sum();
-        within(self.position, REACH)
+        within(self.position, MAX_POSITION)
             && (0.9..1.1).contains(&square)
-            && self.linear.is_none_or(|velocity| within(velocity, SPEED))
-            && self.angular.is_none_or(|velocity| within(velocity, ANGULAR_SPEED))
+            && self.linear.is_none_or(|velocity| within(velocity, MAX_SPEED))
+            && self.angular.is_none_or(|velocity| within(velocity, MAX_ANGULAR_SPEED))
     }
 }
 
-/// The wrench that a written report asks for.
+/// Decodes the wrench of a written report.
 ///
 /// # Errors
-/// If it is none: of another length, or with numbers that are not finite.
+/// If its length is wrong or a number is not finite.
 pub fn wrench_of(report: &[u8]) -> Result<Wrench, Malformed> {
     let report: &[u8; WRITTEN] = report.try_into().map_err(|_| Malformed)?;
     let (words, _) = report.as_chunks::<8>();
@@ -119,7 +121,7 @@ pub fn wrench_of(report: &[u8]) -> Result<Wrench, Malformed> {
     if wrench.is_finite() { Ok(wrench) } else { Err(Malformed) }
 }
 
-/// The language of the makers' libraries.
+/// Report format common to the makers' libraries.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SdkCodec;
 
@@ -136,7 +138,7 @@ impl Codec for SdkCodec {
     }
 
     fn encode(&mut self, wrench: &Wrench, sample: &SdkState, say: &mut dyn FnMut(Report)) {
-        // A device that is not ready gets none.
+        // A device that is not ready gets a zero wrench.
         let wrench = if sample.ready { *wrench } else { Wrench::ZERO };
         let numbers = wrench.force.to_array().into_iter().chain(wrench.torque.to_array());
         let mut bytes = [0; WRITTEN];

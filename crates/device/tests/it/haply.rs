@@ -1,4 +1,4 @@
-//! Haply's messages, and a session with a service that is not the maker's.
+//! Haply's messages, and a session with a substitute service.
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpListener;
@@ -13,7 +13,7 @@ use rand::rngs::StdRng;
 use rand::{Rng as _, RngExt as _, SeedableRng as _};
 use tungstenite::Message;
 
-/// As in the maker's documentation.
+/// A state message as in the maker's documentation.
 fn state(x: f64) -> String {
     format!(
         r#"{{"inverse3": [{{"device_id": "049D", "status": {{"calibrated": true, "in_use": true, "ready": true}},
@@ -77,7 +77,7 @@ fn messages_that_are_none_give_none() {
     assert!(read > 1000, "{read}");
 }
 
-/// A service of version 3.1 that says where the cursor is, message for message, and leaves after a while.
+/// A service of version 3.1 that answers each message with the cursor's position, and leaves after a while.
 #[test]
 fn a_session_with_a_service() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();

@@ -1,4 +1,4 @@
-//! The languages of HID devices: known reports, round trips, and any bytes at all.
+//! Codecs of HID devices: known reports, round trips, and arbitrary bytes.
 
 use glam::DVec3;
 use palpate_core::{Twist, Wrench};
@@ -9,7 +9,7 @@ use palpate_device::link::{Codec, Malformed, Motion, Report};
 use rand::rngs::StdRng;
 use rand::{Rng as _, RngExt as _, SeedableRng as _};
 
-/// Reports that are tried at random.
+/// Number of random reports.
 const FUZZED: usize = 1_000_000;
 
 fn decoded<C: Codec>(codec: &mut C, reports: &[&[u8]]) -> Result<C::Sample, Malformed> {
@@ -18,7 +18,7 @@ fn decoded<C: Codec>(codec: &mut C, reports: &[&[u8]]) -> Result<C::Sample, Malf
     Ok(sample)
 }
 
-/// The one report that asks for a wrench.
+/// The one report that commands a wrench.
 fn encoded<C: Codec>(codec: &mut C, wrench: &Wrench, sample: &C::Sample) -> Report {
     let mut said = None;
     codec.encode(wrench, sample, &mut |report| assert!(said.replace(report).is_none(), "two reports"));
@@ -26,7 +26,7 @@ fn encoded<C: Codec>(codec: &mut C, wrench: &Wrench, sample: &C::Sample) -> Repo
 }
 
 #[test]
-fn both_layouts_of_a_cap_tell_the_same() {
+fn both_layouts_of_a_cap_agree() {
     let expected = Deflection {
         translation: [350, -2, 256],
         rotation: [-350, 17, -256],
@@ -56,16 +56,16 @@ fn a_deflected_cap_moves_the_handle_until_it_is_let_go() {
         let now = f64::from(i) * 1e-3;
         pose = motion.advance(&full, (i % 10 == 0).then_some(now), now).0;
     }
-    // From the first report on, 0.1 m/s and 1 rad/s: the cap's z is down.
+    // From the first report on, 0.1 m/s and 1 rad/s: the cap's z points down.
     assert!((pose.translation - DVec3::X * 0.0091).length() < 2e-4, "{pose:?}");
     assert!((pose.rotation.to_scaled_axis() - DVec3::Z * 0.091).length() < 2e-3, "{pose:?}");
-    // The report that says that it was let go may be lost.
+    // The report of a cap at rest may be lost.
     let twist = motion.advance(&full, None, 0.5).1;
     assert_eq!(twist, Twist::ZERO);
-    // A cap at rest may be a little off.
+    // A cap at rest may report a small deflection.
     let rest = Deflection { translation: [5, -7, 3], ..Deflection::default() };
     assert_eq!(motion.advance(&rest, Some(0.501), 0.501).1, Twist::ZERO);
-    // It goes no further than the workspace.
+    // It does not leave the workspace.
     for i in 0..3000 {
         let now = 0.6 + f64::from(i) * 1e-3;
         pose = motion.advance(&full, Some(now), now).0;
@@ -90,7 +90,7 @@ fn wooden_haptics_reports_are_the_makers() {
     // Without a force: number 0 and zeros.
     let zero = encoded(&mut codec, &Wrench::ZERO, &sample);
     assert_eq!(zero.bytes(), [0; 65]);
-    // The encoders are set where the device asks: d, e, f, the command, a, b, c.
+    // The encoders are set when the device asks: d, e, f, the command, a, b, c.
     let lost = decoded(&mut codec, &[&report([0; 6], 1)]).unwrap();
     let set = encoded(&mut codec, &Wrench::new(DVec3::X, DVec3::ZERO), &lost);
     let mut expected = [0; 65];
@@ -103,7 +103,8 @@ fn counts(rng: &mut StdRng) -> [i16; 6] {
     std::array::from_fn(|_| rng.random_range(-4000..4000))
 }
 
-/// The force that currents make on the hand is the one that was asked for: their power is that of the joints, over any small motion.
+/// The currents make the commanded force on the hand: their power is that of the joints, over any small
+/// motion.
 #[test]
 fn currents_do_the_work_of_the_force() {
     let mut rng = StdRng::seed_from_u64(71);
@@ -142,14 +143,14 @@ fn currents_do_the_work_of_the_force() {
 
 #[test]
 fn kinematics_are_known_at_known_places() {
-    // All joints at zero: the first arm up, the second one hangs from it.
+    // All joints at zero: the first arm points up, the second hangs from it.
     let model = WoodenHapticsModel::WOODEN_HAPTICS;
     let up = model.pose(&[0; 6]).translation + DVec3::new(0.22, 0.0, 0.08);
     assert!((up - DVec3::Z * (0.08 + 0.205 - 0.245)).length() < 1e-12, "{up}");
-    // A quarter turn of body b lays it down along x: ratio 1 : 12, 2000 counts a turn.
+    // A quarter turn of body b lays it along x: ratio 1 : 12, 2000 counts a turn.
     let flat = model.pose(&[0, 6000, 0, 0, 0, 0]).translation + DVec3::new(0.22, 0.0, 0.08);
     assert!((flat - DVec3::new(0.205, 0.0, 0.08 - 0.245)).length() < 1e-9, "{flat}");
-    // And one of body a (1 : 16) brings that over y.
+    // A quarter turn of body a (1 : 16) swings that over y.
     let aside = model.pose(&[8000, 6000, 0, 0, 0, 0]).translation + DVec3::new(0.22, 0.0, 0.08);
     assert!((aside - DVec3::new(0.0, 0.205, 0.08 - 0.245)).length() < 1e-9, "{aside}");
 }
@@ -202,7 +203,7 @@ fn models_come_from_the_makers_file() {
     for (from, to, what) in [
         ("\"variant\": 0", "\"variant\": 3", "not public"),
         ("\"cpr_encoder_a\": 2000", "\"cpr_encoder_a\": 0", "count"),
-        ("\"workspace_origin_x\": 0.22", "\"workspace_origin_x\": 1e300", "place"),
+        ("\"workspace_origin_x\": 0.22", "\"workspace_origin_x\": 1e300", "position"),
         ("\"variant\": 0,", "", "variant"),
         ("{", "", "expected"),
     ] {

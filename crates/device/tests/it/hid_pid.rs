@@ -1,4 +1,4 @@
-//! Force feedback devices: their report descriptor, what they are told, and what comes of descriptors that are none.
+//! Force feedback devices: report descriptors, commands, and descriptors that are not valid.
 
 use glam::DVec3;
 use palpate_core::Wrench;
@@ -8,7 +8,7 @@ use palpate_device::{Axes, HapticDevice, Status};
 use rand::rngs::StdRng;
 use rand::{Rng as _, RngExt as _, SeedableRng as _};
 
-/// Writes a report descriptor, item by item.
+/// Builds a report descriptor, item by item.
 #[derive(Default)]
 struct Descriptor(Vec<u8>);
 
@@ -42,12 +42,12 @@ impl Descriptor {
         self.item(0x84, number)
     }
 
-    /// A field of a width by its usage, into a main item: 0x80 input, 0x90 output, 0xb0 feature.
+    /// A field of a width with a usage, in a main item: 0x80 input, 0x90 output, 0xb0 feature.
     fn field(self, usage: i32, width: i32, main: u8) -> Self {
         self.usage(usage).item(0x74, width).item(0x94, 1).item(main, 2)
     }
 
-    /// One of a list.
+    /// An array of usages.
     fn list(self, collection: i32, usages: std::ops::RangeInclusive<i32>, main: u8) -> Self {
         let count = usages.clone().count() as i32;
         self.collection(collection, |inner| {
@@ -64,19 +64,19 @@ const FEATURE: u8 = 0xb0;
 /// Usage of the duration of an effect.
 const DURATION: i32 = 0x50;
 
-/// A joystick of two axes and eight buttons with constant forces, laid out as OpenFFBoard is, in short.
+/// A joystick of two axes and eight buttons with constant forces, a short form of OpenFFBoard's descriptor.
 fn joystick() -> Vec<u8> {
     joystick_with(|d| d.range(0, 32767).field(DURATION, 16, OUTPUT))
 }
 
-/// The same with a duration of its own: a field of 16 bits.
+/// The same with a different field for the duration, of 16 bits.
 fn joystick_with(duration: impl Fn(Descriptor) -> Descriptor) -> Vec<u8> {
     let effect = |d: Descriptor| {
         let d = d.number(0x01).range(1, 40).field(0x22, 8, OUTPUT).list(0x25, 0x26..=0x29, OUTPUT);
         let d = duration(d).range(0, 255).field(0x52, 8, OUTPUT);
         d.field(0x53, 8, OUTPUT).collection(0x55, |d| {
             let d = d.page(1).range(0, 1).field(0x30, 1, OUTPUT).field(0x31, 1, OUTPUT);
-            // And nothing, up to a whole byte.
+            // Padding, up to a whole byte.
             d.page(0x0f).item(0x74, 6).item(0x94, 1).item(OUTPUT, 3)
         })
     };
@@ -159,7 +159,7 @@ fn a_constant_force_is_kept_for_each_axis() {
         pump.round(now);
         (wire.written(), status)
     };
-    // Half the force to the right, a quarter away from the user, which HID's y is not.
+    // Half the force to the right, a quarter away from the user, where HID's y points at the user.
     let (written, _) = write(DVec3::new(0.5, 0.25, 0.1) * PEAK_FORCE);
     assert_eq!(written, [vec![5, 3, 0x88, 0x13], vec![5, 4, 0x3c, 0xf6]]);
     assert!(write(DVec3::new(0.5, 0.25, 0.3) * PEAK_FORCE).0.is_empty(), "the same again is not said");
@@ -260,12 +260,12 @@ fn any_descriptor_and_any_bytes_end_well() {
     assert!(reports >= 1_000_000 && said > 100_000, "{reports} {said}");
 }
 
-/// What a stick of [`joystick`] does by what is written to it: forces that end by themselves.
+/// What a stick of [`joystick`] renders, from the reports written to it: effects that end by themselves.
 #[derive(Default)]
 struct Player {
-    /// By effect: its magnitude, its duration (ms) and when it was started, ms.
+    /// Magnitude, duration (ms) and start (ms) of each effect.
     effects: std::collections::HashMap<u8, (i16, u16, Option<u64>)>,
-    /// Reports taken.
+    /// Number of reports taken.
     reports: usize,
 }
 
@@ -275,13 +275,13 @@ impl Player {
         for report in reports {
             let word = |at: usize| u16::from_le_bytes([report[at], report[at + 1]]);
             match report[0] {
-                // All stopped.
+                // All effects stopped.
                 0x0c if report[1] == 3 => self.effects.values_mut().for_each(|effect| effect.2 = None),
                 0x01 => self.effects.entry(report[1]).or_default().1 = word(3),
                 0x05 => self.effects.entry(report[1]).or_default().0 = word(2) as i16,
                 0x0a => {
                     let effect = self.effects.entry(report[1]).or_default();
-                    // 255 times is for ever.
+                    // 255 loops are endless.
                     let loops = if report[3] == 255 { u16::MAX } else { report[3].into() };
                     effect.1 = effect.1.saturating_mul(loops);
                     effect.2 = Some(now);
@@ -291,7 +291,7 @@ impl Player {
         }
     }
 
-    /// The magnitudes along x and y.
+    /// Magnitudes along x and y.
     fn force(&self, now: u64) -> [i16; 2] {
         [3, 4].map(|index| match self.effects.get(&index) {
             Some((magnitude, duration, Some(started))) if now - started < (*duration).into() => *magnitude,
@@ -310,7 +310,7 @@ struct Host<D> {
 }
 
 impl<D: HapticDevice> Host<D> {
-    /// `late` (ms) after the last one, a round that asks for a force.
+    /// A round that commands a force, `late` (ms) after the last one.
     fn round(&mut self, force: DVec3, late: u64) {
         self.now += late;
         let now = 1e-3 * self.now as f64;
@@ -353,7 +353,7 @@ fn a_force_that_is_kept_up_does_not_drop_though_rounds_are_late() {
         }
         host.round(PUSH, late);
     }
-    // A force that stays costs a report every 5 ms, and one that changes no more than that on top.
+    // A constant force costs a report every 5 ms, and a changing one no more than that on top.
     host.player.reports = 0;
     for _ in 0..1000 {
         host.round(PUSH, 1);
@@ -385,7 +385,7 @@ fn a_force_whose_end_was_lost_on_the_way_ends_all_the_same() {
     assert!(left <= 25, "{left} ms of a force that was taken back");
 }
 
-/// The duration that a codec sets, in the device's numbers, or why there is none.
+/// The duration that a codec sets, in the device's counts, or the error.
 fn duration(field: impl Fn(Descriptor) -> Descriptor) -> Result<u16, String> {
     let mut codec = PidCodec::new(&joystick_with(field)).map_err(|error| error.to_string())?;
     let wire = FakeWire::new();
@@ -393,20 +393,20 @@ fn duration(field: impl Fn(Descriptor) -> Descriptor) -> Result<u16, String> {
     wire.answer(&[0x12, 4, 1, 0, 0]);
     codec.start(&mut wire.open().unwrap()).unwrap();
     let effects = wire.written().into_iter().filter(|report| report[0] == 1);
-    let told: Vec<u16> = effects.map(|effect| u16::from_le_bytes([effect[3], effect[4]])).collect();
-    assert!(told.len() == 2 && told[0] == told[1], "{told:?}");
-    Ok(told[0])
+    let counts: Vec<u16> = effects.map(|effect| u16::from_le_bytes([effect[3], effect[4]])).collect();
+    assert!(counts.len() == 2 && counts[0] == counts[1], "{counts:?}");
+    Ok(counts[0])
 }
 
-/// Keys of items: what the ends of a field stand for, the exponent of their unit, and the unit.
+/// Keys of items: physical minimum and maximum of a field, the exponent of its unit, and the unit.
 const PHYSICAL: [u8; 2] = [0x34, 0x44];
 const EXPONENT: u8 = 0x54;
 const UNIT: u8 = 0x64;
 
 #[test]
-fn the_duration_is_told_in_the_devices_units() {
+fn the_duration_is_set_in_the_devices_units() {
     let plain = |d: Descriptor| d.field(DURATION, 16, OUTPUT);
-    // Seconds as a unit, with or without an exponent; the others are without a unit again.
+    // Seconds as a unit, with or without an exponent; the other fields are without a unit again.
     let unit = |d: Descriptor, exponent: i32| d.item(EXPONENT, exponent).item(UNIT, 0x1003);
     let none = |d: Descriptor| d.item(EXPONENT, 0).item(UNIT, 0);
     let whole = |d: Descriptor| d.range(0, 32767);
@@ -416,11 +416,11 @@ fn the_duration_is_told_in_the_devices_units() {
     assert_eq!(duration(|d| none(plain(unit(whole(d), -4)))), Ok(500), "0.1 ms");
     assert_eq!(duration(|d| none(plain(unit(whole(d), -2)))), Ok(5), "10 ms");
     assert_eq!(duration(|d| none(plain(unit(whole(d), 0)))), Ok(1), "1 s is the shortest");
-    // Counts of 2 ms, and counts from 20 ms on.
+    // Counts of 2 ms, and counts that start at 20 ms.
     let physical = |d: Descriptor, least: i32, most: i32| d.item(PHYSICAL[0], least).item(PHYSICAL[1], most);
     assert_eq!(duration(|d| physical(plain(physical(d.range(0, 5000), 0, 10_000)), 0, 0)), Ok(25));
     assert_eq!(duration(|d| physical(plain(physical(d.range(0, 1000), 20, 1020)), 0, 0)), Ok(30));
-    // Neither 0 nor the largest, which may stand for no end.
+    // Neither 0 nor the largest count, which may mean endless.
     assert_eq!(duration(|d| plain(d.range(0, 50))), Ok(49));
     assert_eq!(duration(|d| physical(plain(physical(d.range(0, 2), 0, 32)), 0, 0)).unwrap_err(), TOO_SHORT);
     assert_eq!(duration(|d| none(plain(unit(whole(d), -6)))), Ok(32_766), "33 ms are the longest");
@@ -430,7 +430,7 @@ fn the_duration_is_told_in_the_devices_units() {
 
 const TOO_SHORT: &str = "no force feedback device (its effects last 16.0 ms at most, and 30 ms are needed)";
 
-/// It reports every other millisecond while it is moved, and nothing at rest.
+/// A stick that reports every other millisecond while it is moved, and nothing at rest.
 #[test]
 fn a_stick_that_is_moved_has_a_steady_speed_and_at_rest_none() {
     let (wire, mut pump, mut device) = linked();

@@ -1,5 +1,5 @@
-//! hidapi's own path, on a SpaceMouse that umockdev plays: found, opened, greeted, read and lost. Skipped where `umockdev-run` is not
-//! installed (`apt-get install umockdev`).
+//! hidapi's own path, on a SpaceMouse that umockdev simulates: found, opened, set up, read and lost. Skipped
+//! where `umockdev-run` is not installed (`apt-get install umockdev`).
 
 use std::io::Write as _;
 use std::path::Path;
@@ -9,13 +9,13 @@ use std::time::{Duration, Instant};
 use palpate_core::Wrench;
 use palpate_device::{DeviceError, HapticDevice as _, Status};
 
-/// Set where this is run inside.
+/// Environment variable that is set inside umockdev.
 const INSIDE: &str = "PALPATE_INSIDE_UMOCKDEV";
 
-/// What is said where all but the end has gone well.
+/// Output when everything but the end has passed.
 const MOVED: &str = "found, opened, lit, and moved";
 
-/// How often it is tried that the device goes.
+/// Number of attempts at the device's disappearance.
 const TRIES: usize = 20;
 
 const DEVICE: &str = "\
@@ -49,7 +49,8 @@ A: product=SpaceMouse Compact
 
 const CONTROLS: &str = "@DEV /dev/hidraw0\nHIDIOCGRDESCSIZE 0 07000000\n";
 
-/// The light is switched on, then the cap is held to the right: bytes below 32 stand as letters after a `^`, which is `^`` itself.
+/// The light is switched on, then the cap is held to the right. Bytes below 32 are written as letters after a
+/// `^`; `^` itself is `^``.
 fn script() -> String {
     let right = "r 10 ^A^`^A^@^@^@^@\n";
     format!("w 0 ^D^A\n{}", right.repeat(40))
@@ -84,8 +85,8 @@ fn a_device_is_found_opened_read_and_lost() {
             .unwrap();
         String::from_utf8_lossy(&played.stdout).into_owned() + &String::from_utf8_lossy(&played.stderr)
     };
-    // The player is ended from inside, so that its own status says nothing. Where that comes in the middle of a call,
-    // umockdev's preloaded part ends the process inside: then once more.
+    // The player is ended from inside, so that its own status means nothing. If that comes in the middle of a
+    // call, umockdev's preloaded part ends the process inside: then try again.
     for _ in 0..TRIES {
         let said = play();
         assert!(said.contains(MOVED), "{said}");
@@ -97,7 +98,7 @@ fn a_device_is_found_opened_read_and_lost() {
     panic!("umockdev ended the process {TRIES} times");
 }
 
-/// What umockdev plays for.
+/// The part of the test that runs inside umockdev.
 fn inside() {
     let listed = palpate_device::list();
     let found = listed.iter().find(|listing| listing.address == "hid:256f:c635").expect("it is listed");
@@ -115,10 +116,10 @@ fn inside() {
         let _ = device.write(&Wrench::ZERO);
         state
     };
-    // The script goes on only once the light has been switched on, and at 0.1 m/s.
+    // The script goes on only after the light has been switched on, and at 0.1 m/s.
     while step().expect("it is there").pose.translation.x < 0.01 {}
     let _ = writeln!(std::io::stderr(), "{MOVED}");
-    // The device is gone with the one who plays it, and cannot be opened anew: umockdev would end what tries to.
+    // The device is gone with its player, and cannot be opened again: umockdev would end the process.
     let played = std::env::var_os("UMOCKDEV_DIR").expect("umockdev names its folder");
     std::fs::remove_file(Path::new(&played).join("dev/hidraw0")).unwrap();
     let player = std::os::unix::process::parent_id().to_string();

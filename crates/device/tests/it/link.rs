@@ -1,4 +1,5 @@
-//! A device behind a wire with faults: each gives its status at the next tick, and zero force within 10 ms.
+//! A device behind a faulty connection: each fault sets its status at the next tick, and force is zero within
+//! 10 ms.
 
 use std::time::{Duration, Instant};
 
@@ -11,12 +12,12 @@ use palpate_device::{DeviceError, DeviceState, HapticDevice, Status};
 const MODEL: WoodenHapticsModel = WoodenHapticsModel::WOODEN_HAPTICS;
 const FORCE: Wrench = Wrench { force: DVec3::X, torque: DVec3::ZERO };
 
-/// Near the middle of the workspace.
+/// A report near the middle of the workspace.
 fn report(count: i16) -> Vec<u8> {
     [count % 1000, 1333, 2547, 0, 0, 0, 0].into_iter().flat_map(i16::to_le_bytes).collect()
 }
 
-/// A WoodenHaptics, its pump and the haptic thread, a millisecond at a time.
+/// A WoodenHaptics, its pump and the haptic thread, in steps of a millisecond.
 pub struct Bench {
     pub wire: FakeWire,
     pub pump: Pump<WoodenHapticsCodec>,
@@ -43,7 +44,7 @@ impl Bench {
         bench
     }
 
-    /// What the haptic thread sees, and whether its wrench was taken.
+    /// State that the haptic thread reads, and whether its wrench was accepted.
     pub fn tick(&mut self) -> (Result<DeviceState, DeviceError>, bool) {
         self.device_speaks();
         let state = self.haptic();
@@ -67,7 +68,7 @@ impl Bench {
         self.device.read(self.now)
     }
 
-    /// Ticks until the currents are zero, and what was seen first.
+    /// Ticks until the currents are zero; gives their number and the first state.
     fn until_zero(&mut self) -> (usize, Result<DeviceState, DeviceError>) {
         let first = self.tick().0;
         let mut ticks = 1;
@@ -114,7 +115,7 @@ fn an_unplugged_device_is_lost_at_once_and_taken_up_again() {
         back += 1;
         assert!(back < 600, "looked for twice a second");
     }
-    // What was asked for before it went is not rendered now: it is zero up to the next order.
+    // The wrench commanded before it went is not rendered now: it is zero up to the next order.
     assert_eq!(bench.currents, [0; 3]);
     bench.tick().0.unwrap();
     bench.tick().0.unwrap();
@@ -152,7 +153,7 @@ fn a_haptic_thread_that_stands_still_leaves_no_force() {
 }
 
 #[test]
-fn reports_that_are_none_are_left_out_and_told() {
+fn malformed_reports_are_ignored_and_reported() {
     let mut bench = Bench::new();
     bench.wire.send(&[1, 2, 3]);
     let before = bench.count;
@@ -160,7 +161,7 @@ fn reports_that_are_none_are_left_out_and_told() {
     assert_eq!(state.status, Status::MALFORMED);
     assert_eq!(bench.count, before + 1, "the good one is used");
     assert!(bench.tick().0.unwrap().status.is_ok());
-    // Nothing but such: silent.
+    // Only such reports: the device is silent.
     bench.alive = false;
     let mut last = Status::OK;
     for _ in 0..30 {
@@ -177,7 +178,7 @@ fn signals_and_floods_change_nothing() {
         bench.wire.interrupt(times);
         assert!(bench.tick().0.unwrap().status.is_ok());
     }
-    // A full queue: the newest that was kept counts, in one round.
+    // A full queue: the newest report that was kept counts, in one round.
     for _ in 0..500 {
         bench.wire.send(&report(0));
     }
@@ -186,7 +187,7 @@ fn signals_and_floods_change_nothing() {
 }
 
 #[test]
-fn writes_that_fail_are_told() {
+fn writes_that_fail_are_reported() {
     let mut bench = Bench::new();
     bench.wire.stall(true);
     assert_eq!(bench.tick().0.unwrap().status, Status::UNWRITTEN);
@@ -196,7 +197,7 @@ fn writes_that_fail_are_told() {
 }
 
 #[test]
-fn wrenches_that_are_none_are_refused() {
+fn wrenches_that_are_not_finite_are_refused() {
     let mut bench = Bench::new();
     bench.device.write(&Wrench::new(DVec3::NAN, DVec3::ZERO)).unwrap();
     bench.device_speaks();
@@ -206,8 +207,8 @@ fn wrenches_that_are_none_are_refused() {
     assert_eq!(bench.haptic().unwrap().status, Status::FORCE_CLIPPED);
 }
 
-/// The haptic thread's reads and writes take no longer while each write to the device takes 20 ms: by the thread's own time, which
-/// leaves out what others do with the processor.
+/// The haptic thread's reads and writes take no longer while each write to the device takes 20 ms, measured
+/// by the thread's own processor time, which leaves out other threads.
 #[test]
 fn a_slow_device_does_not_hold_up_the_haptic_thread() {
     let wire = FakeWire::new();
@@ -227,7 +228,7 @@ fn a_slow_device_does_not_hold_up_the_haptic_thread() {
     }
     counted.sort_unstable();
     assert!(counted[100] < Duration::from_millis(1), "{:?} in the median", counted[100]);
-    // Dropped, it says a last zero.
+    // Dropping it writes a last zero.
     drop(device);
     let last = wire.written().pop().expect("a report");
     assert_eq!(last, [0; 65]);
@@ -289,7 +290,7 @@ fn a_driver_that_panics_is_a_lost_device() {
     wire.send(&[1, 0, 0, 0, 0, 0, 0]);
     let start = Instant::now();
     while device.read(start.elapsed().as_secs_f64()).is_ok() {
-        assert!(start.elapsed() < Duration::from_secs(10), "it is never told");
+        assert!(start.elapsed() < Duration::from_secs(10), "it is never reported");
         std::thread::sleep(Duration::from_millis(1));
     }
     assert!(matches!(device.read(20.0), Err(DeviceError::Lost { status: Status::DISCONNECTED })));

@@ -1,4 +1,4 @@
-//! The integration tests, linked once: a module a subject.
+//! The integration tests, linked as one program: a module a subject.
 
 #[cfg(feature = "haply")]
 mod haply;

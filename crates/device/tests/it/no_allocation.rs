@@ -41,14 +41,15 @@ fn reading_and_writing_allocate_nothing() {
         Box::new(ReplayDevice::new("path", path())),
         Box::new(RecordedDevice::new(recording)),
         Box::new(HoldToEnable::new(Emulation::default().open(path()).unwrap(), 0)),
-        // Nobody takes its readings: most are lost.
+        // Nothing takes its readings: most are lost.
         Box::new(Tap::new(tapped).0),
     ];
     for mut device in devices {
         let mut moved = 0.0;
         let counted = measure(|| {
             for i in 0..12_000 {
-                // Every event too: a clock that runs back, a gap, a clipped and a refused wrench, the path's end.
+                // Every event too: a clock that runs back, a gap, a clipped and a refused wrench, the path's
+                // end.
                 let now = match i % 1000 {
                     998 => f64::NAN,
                     999 => 0.0,
@@ -65,7 +66,7 @@ fn reading_and_writing_allocate_nothing() {
     assert_eq!(measure(|| drop(std::hint::black_box(Box::new(1)))).count_total, 1, "the counter counts");
 }
 
-/// A device that comes and goes: the haptic thread's side of it.
+/// A device that comes and goes: the haptic thread's side of the link.
 #[test]
 fn a_linked_device_allocates_nothing() {
     let wire = FakeWire::new();

@@ -1,4 +1,5 @@
-//! The pump's thread is on time: it runs above the haptic thread, and leaves the processor to others where it has nothing to wait for.
+//! Timing of the pump's thread: it runs above the haptic thread, and leaves the processor to others when it
+//! has nothing to wait for.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -10,15 +11,15 @@ use palpate_device::link::{FakeTransport, FakeWire, LONGEST_REPORT, Link, Transp
 use palpate_device::{Emulation, HapticDevice, HoldToEnable, Tap};
 use palpate_realtime::{Role, ThreadSetup, realtime_priority, set_up};
 
-/// A device that looks at the thread which reads its reports.
+/// A transport that records which thread reads its reports.
 struct Watched {
     inner: FakeTransport,
     wire: FakeWire,
-    /// How long a read takes.
+    /// Duration of a read.
     waits: Duration,
-    /// One in a round.
+    /// Number of writes, one a round.
     writes: Arc<AtomicU64>,
-    /// The SCHED_FIFO priority of the thread, as the system has it.
+    /// SCHED_FIFO priority of the thread, as the system reports it.
     priority: Arc<Mutex<Option<u8>>>,
 }
 
@@ -30,7 +31,7 @@ impl Transport for Watched {
     ) -> Result<usize, TransportError> {
         *self.priority.lock().unwrap() = realtime_priority();
         if patience.is_zero() {
-            // The second of a round.
+            // The second read of a round.
             return Ok(0);
         }
         std::thread::sleep(self.waits);
@@ -44,7 +45,7 @@ impl Transport for Watched {
     }
 }
 
-/// What was seen of the pump's thread in a tenth of a second: its priority, rounds a second, and the device.
+/// Priority of the pump's thread, rounds a second, and the device, watched for a tenth of a second.
 fn watch(waits: Duration) -> (Option<u8>, f64, impl HapticDevice) {
     let (writes, priority) = (Arc::<AtomicU64>::default(), Arc::<Mutex<Option<u8>>>::default());
     let (counted, seen) = (writes.clone(), priority.clone());
@@ -61,14 +62,14 @@ fn watch(waits: Duration) -> (Option<u8>, f64, impl HapticDevice) {
     (priority, rounds as f64 / begun.elapsed().as_secs_f64(), device)
 }
 
-/// What a thread of a role obtains here, as the system has it.
+/// Scheduling that a thread of a role obtains here, as the system reports it.
 fn obtained(role: Role) -> (Option<u8>, ThreadSetup) {
     let thread = std::thread::spawn(move || (set_up(role), realtime_priority()));
     let (setup, priority) = thread.join().unwrap();
     (priority, setup)
 }
 
-/// Device above haptic thread: otherwise what was computed in time is written late.
+/// The pump runs above the haptic thread: otherwise a wrench computed in time is written late.
 #[test]
 #[allow(clippy::print_stdout)] // Says what could not be tried.
 fn the_pump_runs_above_the_haptic_thread() {
@@ -79,7 +80,7 @@ fn the_pump_runs_above_the_haptic_thread() {
     assert_eq!(pump, expected, "haptic thread {haptic:?}");
     assert_eq!(device.thread_setup(), Some(&setup));
     if setup.scheduling.remedy.is_some() {
-        // Not at all, or not above a limit.
+        // Real-time priority is refused, or limited.
         println!("skipped: {}", setup.scheduling);
         assert!(pump >= haptic);
     } else if setup.scheduling.is_granted() {
@@ -87,21 +88,21 @@ fn the_pump_runs_above_the_haptic_thread() {
     }
 }
 
-/// A transport that never waits would have a thread with this priority take a processor for good.
+/// With this priority, a transport that never waits would otherwise occupy a processor.
 #[test]
 fn a_transport_that_never_waits_leaves_the_processor_to_others() {
     let (_, rounds, _device) = watch(Duration::ZERO);
     assert!(rounds <= 1.1e4, "{rounds} rounds a second, where a round takes 100 µs at least");
 }
 
-/// What holds or taps a device tells of its thread as well; a device without one tells nothing.
+/// Wrapped devices report the thread of the device inside; a device without a thread reports none.
 #[test]
-fn wrapped_devices_tell_of_their_thread() {
+fn wrapped_devices_report_their_thread() {
     let (_, _, device) = watch(Duration::from_millis(1));
-    let told = device.thread_setup().cloned();
-    assert!(told.is_some());
+    let setup = device.thread_setup().cloned();
+    assert!(setup.is_some());
     let (tap, _taps) = Tap::new(HoldToEnable::new(Box::new(device) as Box<dyn HapticDevice>, 0));
-    assert_eq!(tap.thread_setup(), told.as_ref());
+    assert_eq!(tap.thread_setup(), setup.as_ref());
     let emulated = Emulation::default().open(Pose::IDENTITY).unwrap();
     assert_eq!(emulated.thread_setup(), None);
 }

@@ -1,4 +1,4 @@
-//! Recordings of devices: both forms of files, and the device that plays them.
+//! Recordings of devices: both file formats, and replay.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ use palpate_device::{
 use rand::rngs::StdRng;
 use rand::{Rng as _, RngExt as _, SeedableRng as _};
 
-/// A second of an emulated device that is waved about, tapped.
+/// A second of a tapped emulated device that is waved about.
 fn waved() -> Recording {
     let wave = |t: f64| {
         let place = DVec3::new((9.0 * t).sin(), (7.0 * t).cos(), t) * 0.03;
@@ -38,7 +38,7 @@ fn waved() -> Recording {
 fn both_forms_of_files_give_every_bit_back() {
     let folder = tempfile::tempdir().unwrap();
     let mut recording = waved();
-    // What a device may lack, and what it need not be like.
+    // Infinite limits and unsensed axes are kept.
     recording.specification.stiffness = f64::INFINITY;
     recording.specification.handle = None;
     for name in ["device.csv", "device.dev"] {
@@ -87,14 +87,14 @@ fn numbers_of_any_bits_come_back() {
 }
 
 #[test]
-fn a_played_device_tells_what_the_recorded_one_did() {
+fn a_replayed_device_gives_the_recorded_readings() {
     let recording = waved();
     let mut device = RecordedDevice::new(recording.clone());
     for Reading { now, state } in recording.readings() {
         assert_eq!(device.read(*now).unwrap(), *state);
         device.write(&Wrench::new(DVec3::NAN, DVec3::ZERO)).unwrap_or_else(|error| panic!("{error}"));
         assert_eq!(device.applied_wrench(), Wrench::ZERO);
-        // Told at the next reading, as any device does; here that is the same one.
+        // Reported at the next reading, as with any device; here that is the same one.
         assert!(device.read(*now).unwrap().status.contains(Status::WRENCH_REFUSED));
     }
     let state = device.read(7.0).unwrap();
@@ -108,7 +108,7 @@ fn it_is_played_from_anywhere_at_any_speed() {
     let mut device = RecordedDevice::new(recording.clone()).at(0.5, 0.3).unwrap();
     for i in 0..400 {
         let state = device.read(f64::from(i) * 1e-3).unwrap();
-        // Half of them lie between two readings.
+        // Half of the times lie between two readings.
         let (index, between) = (300 + i as usize / 2, i % 2 == 1);
         let [from, to] = [index, index + 1].map(|index| recording.readings()[index].state);
         let expected =
@@ -131,7 +131,7 @@ fn a_lost_device_is_played_lost() {
     let link = Link::wooden_haptics("unit", WoodenHapticsModel::WOODEN_HAPTICS);
     let (mut pump, device) = link.split(move || Some(Box::new(other.open()?)));
     let (mut tap, mut taps) = Tap::new(device);
-    let mut told = Vec::new();
+    let mut read = Vec::new();
     for i in 0..60_i16 {
         let now = f64::from(i) * 1e-3;
         if i == 30 {
@@ -140,19 +140,19 @@ fn a_lost_device_is_played_lost() {
         let words = [i, 1333, 2547, 0, 0, 0, 0];
         wire.send(&words.into_iter().flat_map(i16::to_le_bytes).collect::<Vec<_>>());
         pump.round(now);
-        told.push((now, tap.read(now).map_err(|error| error.to_string())));
+        read.push((now, tap.read(now).map_err(|error| error.to_string())));
     }
-    assert!(told[29].1.is_ok() && told[31].1.is_err());
+    assert!(read[29].1.is_ok() && read[31].1.is_err());
     let readings = std::iter::from_fn(|| taps.take()).collect();
     let mut device = RecordedDevice::new(Recording::new(tap.specification().clone(), readings).unwrap());
-    for (now, told) in told {
-        assert_eq!(device.read(now).map_err(|error| error.to_string()), told, "{now}");
-        assert_eq!(device.write(&Wrench::ZERO).is_ok(), told.is_ok());
+    for (now, read) in read {
+        assert_eq!(device.read(now).map_err(|error| error.to_string()), read, "{now}");
+        assert_eq!(device.write(&Wrench::ZERO).is_ok(), read.is_ok());
     }
 }
 
 #[test]
-fn faults_in_files_are_told_with_their_place() {
+fn faults_in_files_are_reported_with_their_place() {
     let recording = waved();
     let written = |text: bool| {
         let mut bytes = Vec::new();
@@ -181,7 +181,7 @@ fn faults_in_files_are_told_with_their_place() {
     let end = compact.len();
     compact[end - 128..end - 120].copy_from_slice(&f64::NAN.to_le_bytes());
     check(&compact, &["some.csv:5", "readings"]);
-    // Any bytes at all.
+    // Arbitrary bytes.
     let mut rng = StdRng::seed_from_u64(82);
     let good = [written(false), written(true)];
     for i in 0..20_000 {

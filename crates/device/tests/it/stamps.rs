@@ -1,12 +1,12 @@
-//! Readings are stamped with the time that their report came at, and velocities are by these stamps: a device that reports less often
-//! than it is read, or is read at uneven times, has the velocity that it has.
+//! Readings carry the arrival time of their report, and velocities are based on these times: they are right
+//! for a device that reports less often than it is read, or is read at uneven times.
 
 use palpate_device::haply::inverse3;
 use palpate_device::hid::{EncodedMotion, WoodenHapticsCodec, WoodenHapticsModel};
 use palpate_device::link::{Codec, FakeWire, Link, Motion};
 use palpate_device::{DeviceState, HapticDevice as _, Status};
 
-/// States of a device that moves steadily and reports every `every` ms, read each ms, late by `late` (s).
+/// States of a device in steady motion that reports every `every` ms, read each ms, late by `late` (s).
 fn states<C: Codec, M: Motion<Sample = C::Sample>>(
     link: Link<C, M>,
     every: i16,
@@ -36,7 +36,7 @@ fn encoders(step: i16) -> Vec<u8> {
     [5 * step, 1333, 2547, 0, 0, 0, 0].into_iter().flat_map(i16::to_le_bytes).collect()
 }
 
-/// The lowest and the highest speed, as a part of the mean one, once the first readings have passed.
+/// The lowest and the highest speed, as a fraction of the mean one, without the first readings.
 fn speeds(states: &[DeviceState]) -> (f64, f64) {
     let speeds: Vec<f64> = states[20..].iter().map(|state| state.twist.linear.length()).collect();
     let mean = speeds.iter().sum::<f64>() / speeds.len() as f64;
@@ -72,7 +72,7 @@ fn uneven_times_of_reading_give_no_ripple() {
     assert_steady(&states(wooden(), 2, encoders, late));
 }
 
-/// A place in mm for m, say, or of encoders that have lost count.
+/// A position in mm instead of m, say, or after encoders have lost count.
 #[test]
 fn a_place_that_is_far_outside_the_workspace_is_none() {
     let wire = FakeWire::new();

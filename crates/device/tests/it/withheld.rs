@@ -1,4 +1,4 @@
-//! Zero that the driver sends in place of a wrench: it is told, and the wrench comes up again from zero only.
+//! Zero that the driver sends in place of a wrench is reported, and the wrench comes up again only from zero.
 
 use glam::DVec3;
 use palpate_core::Wrench;
@@ -10,12 +10,12 @@ use palpate_device::{DeviceError, Emulation, HapticDevice as _, Status};
 
 use crate::link::{Bench, status};
 
-/// How much a haptic loop that has been told of a withheld wrench lets it rise in a millisecond, N.
+/// Largest rise of the wrench in a millisecond after the haptic loop has read that it was withheld, N.
 const RISE: f64 = 0.05;
-/// What it comes up to, N.
+/// Force that the loop commands in the end, N.
 const FORCE: f64 = 1.0;
 
-/// What a haptic loop asks for: it begins anew from zero where it is told to, if it listens.
+/// A haptic loop's command: it starts again from zero after a withheld wrench, if it listens.
 struct Loop {
     force: f64,
     listens: bool,
@@ -36,8 +36,8 @@ fn largest([a, b, c]: [i16; 3]) -> f64 {
     [a, b, c].map(|current| f64::from(current).abs()).into_iter().fold(0.0, f64::max)
 }
 
-/// The largest rise from one write to the next, in the share of the current of the full force, where the device says nothing for
-/// 9 ms, and how often a withheld wrench was told.
+/// Largest rise from one write to the next, as a fraction of the current of the full force, after a silence
+/// of 9 ms, and the number of times a withheld wrench was reported.
 fn rise_after_silence(listens: bool) -> (f64, u32) {
     let mut bench = Bench::new();
     let mut haptic = Loop { force: FORCE, listens };
@@ -46,26 +46,26 @@ fn rise_after_silence(listens: bool) -> (f64, u32) {
         haptic.step(&mut bench.device, bench.now);
     }
     let full = largest(bench.currents);
-    let (mut last, mut rise, mut told, mut fell) = (full, 0.0_f64, 0, false);
+    let (mut last, mut rise, mut reported, mut fell) = (full, 0.0_f64, 0, false);
     for i in 0..100 {
         bench.alive = i >= 9;
         bench.device_speaks();
-        told += u32::from(haptic.step(&mut bench.device, bench.now).contains(Status::WITHHELD));
+        reported += u32::from(haptic.step(&mut bench.device, bench.now).contains(Status::WITHHELD));
         let written = largest(bench.currents);
         rise = rise.max((written - last) / full);
         fell |= written == 0.0;
         last = written;
     }
     assert!(fell && last > 0.9 * full, "it went to zero and came back: {last} of {full} mA");
-    (rise, told)
+    (rise, reported)
 }
 
 #[test]
 fn after_silence_the_force_comes_up_from_zero() {
-    let (rise, told) = rise_after_silence(true);
+    let (rise, reported) = rise_after_silence(true);
     assert!(rise < 1.1 * RISE / FORCE, "a write rises by {rise} of the full force above the one before");
-    assert!(told > 0, "a withheld wrench is told");
-    // A loop that does not listen is not held back by it: the test can tell.
+    assert!(reported > 0, "a withheld wrench is reported");
+    // The counter-check: a loop that does not listen lets it rise at once.
     let (rise, _) = rise_after_silence(false);
     assert!(rise > 0.9, "{rise}");
 }
@@ -81,7 +81,7 @@ fn what_was_asked_for_without_knowing_is_not_obeyed() {
     }
     bench.alive = true;
     for _ in 0..5 {
-        // It is heard of again, but the haptic thread has not looked.
+        // The device sends again, but the haptic thread has not read that.
         bench.device.write(&wrench).unwrap();
         bench.device_speaks();
         assert_eq!(bench.currents, [0; 3]);
@@ -90,7 +90,7 @@ fn what_was_asked_for_without_knowing_is_not_obeyed() {
     bench.device.write(&wrench).unwrap();
     bench.device_speaks();
     assert!(bench.currents != [0; 3]);
-    assert_eq!(bench.haptic().unwrap().status, Status::OK, "it is told once");
+    assert_eq!(bench.haptic().unwrap().status, Status::OK, "it is reported once");
 }
 
 #[test]
@@ -109,13 +109,13 @@ fn zero_that_was_asked_for_is_not_withheld() {
     assert_eq!(bench.haptic().unwrap().status, Status::OK);
 }
 
-/// A pump that stood still: the device may have let go by itself meanwhile.
+/// A pump that stood still: the device may have switched its force off meanwhile.
 #[test]
 fn after_a_gap_between_writes_the_force_comes_up_from_zero() {
     let model = WoodenHapticsModel::WOODEN_HAPTICS;
     let wire = FakeWire::new();
     let other = wire.clone();
-    // One that may be silent: the haptic thread sees nothing of it.
+    // A device that may be silent, so that the haptic thread does not notice.
     let link = Link { silence: f64::INFINITY, ..Link::wooden_haptics("silent", model) };
     let (mut pump, mut device) = link.split(move || Some(Box::new(other.open()?)));
     let mut haptic = Loop { force: FORCE, listens: true };
@@ -139,7 +139,7 @@ fn after_a_gap_between_writes_the_force_comes_up_from_zero() {
     assert!(rise < 1.1 * RISE, "{rise}");
 }
 
-/// A device behind a codec that is enabled, then not, then again, with the force written at each step.
+/// Force written at each step by a codec that is enabled, then not, then again.
 fn disabled<C: Codec, M: Motion<Sample = C::Sample>>(
     link: Link<C, M>,
     report: impl Fn(bool) -> Vec<u8>,
@@ -195,7 +195,7 @@ fn a_device_that_is_not_ready_is_not_enabled_and_its_force_comes_up_from_zero() 
     let full = largest_current(&model);
     let written = |said: &[u8]| {
         let currents = [1, 3, 5].map(|at: usize| i16::from_le_bytes([said[at], said[at + 1]]));
-        // Where the encoders are set, there are no currents.
+        // A report that sets the encoders has no currents.
         if said[7] == 1 { 0.0 } else { largest(currents) / full }
     };
     disabled(Link::wooden_haptics("wooden", model), encoders, written);
@@ -206,7 +206,7 @@ fn largest_current(model: &WoodenHapticsModel) -> f64 {
 }
 
 #[test]
-fn a_lost_device_that_comes_back_tells_that_its_wrench_was_withheld() {
+fn a_lost_device_that_comes_back_reports_that_its_wrench_was_withheld() {
     let mut bench = Bench::new();
     bench.wire.unplug();
     assert!(matches!(bench.tick().0, Err(DeviceError::Lost { .. })));

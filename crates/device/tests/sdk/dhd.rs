@@ -1,4 +1,5 @@
-//! A library with the functions of Force Dimension's that palpate calls, and no device. Positions in m.
+//! A substitute with the functions of Force Dimension's library that palpate calls, and no device. Positions
+//! in m.
 
 #![allow(non_snake_case, clippy::missing_safety_doc)]
 
@@ -13,7 +14,7 @@ use numbers::*;
 
 const ID: c_char = 5;
 
-/// Notes the call; whether it may be made and is to succeed.
+/// Records the call; gives whether it may be made and is to succeed.
 fn call(id: c_char, fails: usize) -> bool {
     called();
     if id != ID || fake_get(OPENS) - fake_get(CLOSES) != 1.0 {
@@ -118,7 +119,7 @@ pub unsafe extern "system" fn dhdGetPositionAndOrientationFrame(
 }
 
 unsafe fn velocity(first: usize, [x, y, z]: [*mut f64; 3], id: c_char) -> c_int {
-    if !call(id, FAILS_TO_READ) || is(TELLS_NO_VELOCITY) {
+    if !call(id, FAILS_TO_READ) || is(NO_VELOCITY) {
         return -1;
     }
     unsafe {
@@ -166,7 +167,7 @@ pub extern "system" fn dhdSetForceAndTorqueAndGripperForce(
         count(FAULTS);
     }
     [fx, fy, fz, tx, ty, tz].into_iter().enumerate().for_each(|(axis, part)| fake_set(WRENCH + axis, part));
-    // As where a motor is saturated.
+    // The code for a saturated motor.
     2
 }
 

@@ -1,4 +1,4 @@
-//! The back door of a fake library.
+//! Test interface of a substitute library.
 
 use std::collections::HashSet;
 use std::sync::Mutex;
@@ -20,7 +20,7 @@ pub extern "C" fn fake_set(index: usize, number: f64) {
     NUMBERS[index].store(number.to_bits(), Ordering::SeqCst);
 }
 
-/// As it was when it was loaded, with no wrench, the pose of no motion, and no calls.
+/// Resets the library to its state when loaded: no wrench, the identity pose, and no calls.
 #[unsafe(no_mangle)]
 pub extern "C" fn fake_reset() {
     *THREADS.lock().unwrap() = None;
@@ -28,13 +28,13 @@ pub extern "C" fn fake_reset() {
     fake_set(POSE + 6, 1.0);
 }
 
-/// Whether the thread that asks has made calls.
+/// Whether the calling thread has made calls of the maker's functions.
 #[unsafe(no_mangle)]
 pub extern "C" fn fake_has_seen_me() -> bool {
     THREADS.lock().unwrap().as_ref().is_some_and(|all| all.contains(&std::thread::current().id()))
 }
 
-/// Notes who calls.
+/// Records the calling thread.
 pub fn called() {
     let mut threads = THREADS.lock().unwrap();
     let all = threads.get_or_insert_default();
@@ -55,7 +55,7 @@ pub fn several<const N: usize>(first: usize) -> [f64; N] {
     std::array::from_fn(|index| fake_get(first + index))
 }
 
-/// The rotation of the pose: the columns of its matrix.
+/// Rotation of the pose, as the columns of its matrix.
 #[allow(dead_code)]
 pub fn columns() -> [[f64; 3]; 3] {
     let [x, y, z, w] = several(POSE + 3);

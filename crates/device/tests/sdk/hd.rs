@@ -1,4 +1,5 @@
-//! A library with the functions of OpenHaptics' HDAPI that palpate calls, a scheduler, and no device. Positions in mm.
+//! A substitute with the functions of OpenHaptics' HDAPI that palpate calls, a scheduler, and no device.
+//! Positions in mm.
 
 #![allow(non_snake_case, clippy::missing_safety_doc)]
 
@@ -31,7 +32,7 @@ static IN_FRAME: AtomicBool = AtomicBool::new(false);
 static SCHEDULER: Mutex<Option<JoinHandle<()>>> = Mutex::new(None);
 /// The callback and its data.
 static OPERATION: Mutex<Option<(Callback, usize)>> = Mutex::new(None);
-/// The scheduler's thread.
+/// Id of the scheduler's thread.
 static SERVO: Mutex<Option<ThreadId>> = Mutex::new(None);
 /// The error on the stack.
 static ERROR: AtomicU64 = AtomicU64::new(0);
@@ -40,7 +41,7 @@ fn is_servo() -> bool {
     *SERVO.lock().unwrap() == Some(std::thread::current().id())
 }
 
-/// Notes a call outside the scheduler's frames.
+/// Records a call outside the scheduler's frames.
 fn host() {
     called();
     if is_servo() {
@@ -48,7 +49,7 @@ fn host() {
     }
 }
 
-/// Notes a call that belongs into a frame.
+/// Records a call that must be made in a frame.
 fn frame() {
     if !is_servo() || !IN_FRAME.load(Ordering::SeqCst) {
         count(FAULTS);
@@ -161,7 +162,7 @@ pub unsafe extern "system" fn hdGetDoublev(name: c_uint, values: *mut f64) {
             frame();
             several::<3>(VELOCITY).to_vec()
         }
-        // Of a device that gives more force than its model's name says, or less.
+        // The peak force of a device may differ from that of its model's name.
         0x2603 => vec![if is(MODEL) { fake_get(MODEL) } else { 7.9 }],
         _ => {
             count(FAULTS);

@@ -1,4 +1,4 @@
-//! A library with the functions of Haption's that palpate calls, and no device. Positions in m.
+//! A substitute with the functions of Haption's library that palpate calls, and no device. Positions in m.
 
 #![allow(non_snake_case, clippy::missing_safety_doc)]
 
@@ -24,7 +24,7 @@ fn call(context: *mut c_void, fails: usize) -> c_int {
     if is(fails) { -1 } else { 0 }
 }
 
-/// Notes what does not hold.
+/// Counts a violated condition as a fault.
 fn expect(holds: bool) {
     if !holds {
         count(FAULTS);
@@ -125,7 +125,7 @@ pub unsafe extern "C" fn virtGetPosition(context: *mut c_void, pose: *mut f32) -
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn virtGetSpeed(context: *mut c_void, speed: *mut f32) -> c_int {
     unsafe { *speed.cast::<[f32; 6]>() = several::<6>(VELOCITY).map(|number| number as f32) };
-    call(context, TELLS_NO_VELOCITY)
+    call(context, NO_VELOCITY)
 }
 
 #[unsafe(no_mangle)]

@@ -1,10 +1,13 @@
 //! Joysticks and wheels with force feedback: HID's physical interface devices (PID).
 //!
-//! A constant force is kept for each axis that is driven, up to two of them, and its magnitude set as the wrench asks. It ends by
-//! itself 50 ms after its last start ("Duration" of "Set Effect"), or after the next longer time that the device knows, and is started
-//! anew every 20 ms: of a host that was killed no force stays. A start of an effect that plays starts it anew; where a device's does
-//! not, as in early releases of OpenFFBoard, the force is gone for up to 20 ms whenever it has ended. How many
-//! newtons the largest magnitude is no device says: [`PEAK_FORCE`] is taken for it. x is to the right, y away from the user
+//! One constant-force effect is kept for each driven axis, up to two, and its magnitude follows the wrench.
+//! An effect ends by itself 50 ms after its last start ("Duration" of "Set Effect"), or after the next longer
+//! time that the device knows, and is started anew every 20 ms: so no force stays if the host is killed.
+//! Starting an effect that is playing restarts its duration. On a device that does not do so, as in early
+//! releases of OpenFFBoard, the force drops for up to 20 ms whenever the effect has ended. No device states
+//! the force of its largest magnitude: [`PEAK_FORCE`] is assumed. x is to the right, y away from the user
+//! (HID's points at the user). Read from the standard and from OpenFFBoard's sources; not tried with a unit
+//! here, the sign of the force included.
 //! (HID's points at the user). Read from the standard and from OpenFFBoard's sources; not tried with a unit here, the sign of the
 //! force included.
 
@@ -18,51 +21,52 @@ use palpate_core::{Pose, Twist, Wrench};
 use self::layout::{AXES, EFFECT_DURATION, Form, Layout};
 use super::LONGEST;
 use crate::link::{
-    Codec, LONGEST_REPORT, Link, Malformed, Motion, RESTING, Report, Transport, TransportError,
+    Codec, LONGEST_REPORT, Link, Malformed, Motion, REST_SILENCE, Report, Transport, TransportError,
 };
 use crate::velocity::AdaptiveWindow;
 use crate::{Axes, Specification};
 
-/// What the largest magnitude is taken for, N.
+/// Force assumed for the largest magnitude, N.
 pub const PEAK_FORCE: f64 = 3.0;
-/// How far the handle is at an axis' end, m.
+/// Displacement of the handle at an axis' end, m.
 const TRAVEL: f64 = 0.05;
-/// Of the handle along HID's axes.
+/// Signs of the handle's x and y along HID's axes.
 const SIGNS: [f64; AXES] = [1.0, -1.0];
-/// No trigger.
+/// Trigger button of an effect that no button triggers.
 const NEVER: i32 = 0xff;
-/// Within this time each effect's magnitude is said again and the effect started anew, in turns, s: a report that was lost is made
-/// good, and a late round does not let a force end.
+/// Time in which each effect's magnitude is repeated and the effect started anew, in turns, s. It makes up
+/// for a lost report, and a late round does not let a force end.
 const CYCLE: f64 = 0.02;
 
-/// A device whose report descriptor is none of a force feedback device with constant forces.
+/// The error for a device whose report descriptor is not that of a force feedback device with constant
+/// forces.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("no force feedback device ({0})")]
 pub struct NotPid(String);
 
-/// Where the handle is.
+/// State of the handle as the reports give it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Stick {
-    /// Along each axis, −1 to 1.
+    /// Position along each axis, −1 to 1.
     pub axes: [f32; AXES],
     /// Buttons held down, the first in bit 0.
     pub buttons: u32,
 }
 
-/// The device's language.
+/// Decoder and encoder of the device's reports.
 #[derive(Clone, Debug)]
 pub struct PidCodec {
     layout: Layout,
-    /// The index of each axis' effect, once it is loaded, and the magnitude set last.
+    /// Index of each axis' effect, once it is loaded, and the magnitude set last.
     effects: [Option<(i32, i32)>; AXES],
-    /// The pump's time, and when the next turn is due, s.
+    /// Pump's time, and the time at which the next turn is due, s.
     now: f64,
     due: f64,
-    /// Whose turn it is, among [`TURNS`].
+    /// Index of the next turn in [`TURNS`].
     turn: usize,
 }
 
-/// What is said again, an axis' magnitude first: an effect is not to start with one that was taken back.
+/// Repeated reports, an axis' magnitude first: an effect must not start with a magnitude that was withdrawn.
 const TURNS: [(usize, Again); 2 * AXES] =
     [(0, Again::Magnitude), (0, Again::Start), (1, Again::Magnitude), (1, Again::Start)];
 
@@ -73,16 +77,16 @@ enum Again {
 }
 
 impl PidCodec {
-    /// By a device's report descriptor.
+    /// A codec for the device with this report descriptor.
     ///
     /// # Errors
-    /// If it is none of a force feedback device with constant forces.
+    /// If the device is not a force feedback device with constant forces.
     pub fn new(descriptor: &[u8]) -> Result<Self, NotPid> {
         let layout = Layout::parse(descriptor).map_err(NotPid)?;
         Ok(Self { layout, effects: [None; AXES], now: 0.0, due: 0.0, turn: 0 })
     }
 
-    /// The axes that are sensed, and that are driven.
+    /// Axes that are sensed, and axes that are driven.
     fn axes(&self) -> [[bool; AXES]; 2] {
         [self.layout.axes.map(|axis| axis.is_some()), self.layout.enabled.map(|axis| axis.is_some())]
     }
@@ -104,7 +108,7 @@ impl PidCodec {
         if let Some(constant) = &layout.effect_constant {
             constant.put(&mut effect);
         }
-        // As strong as may be, by no button.
+        // Full gain, no trigger button.
         layout.duration.put(&mut effect, EFFECT_DURATION);
         if let Some(gain) = &layout.gain {
             gain.put(&mut effect, gain.maximum);
@@ -122,7 +126,7 @@ impl PidCodec {
         Ok(())
     }
 
-    /// Starts an effect, once.
+    /// The report that starts an effect once.
     fn operation(&self, index: i32) -> Report {
         let layout = &self.layout;
         let mut operation = blank(layout.operation);
@@ -139,12 +143,12 @@ impl PidCodec {
         CYCLE / (2 * self.effects.iter().flatten().count()) as f64
     }
 
-    /// What is to be said again now, if anything.
+    /// The report that is due to be repeated, if any.
     fn again(&mut self) -> Option<Report> {
         if self.effects == [None; AXES] || self.now < self.due {
             return None;
         }
-        // Turns that were missed follow, one a round.
+        // Missed turns are made up for, one a round.
         self.due = (self.due + self.turn_time()).max(self.now - CYCLE);
         loop {
             let (axis, what) = TURNS[self.turn];
@@ -195,7 +199,7 @@ impl Codec for PidCodec {
                 next.buttons = next.buttons & !(1 << bit) | u32::from(held) << bit;
             }
         }
-        // Reports of effects that have ended, and others, say nothing here.
+        // Reports about ended effects, and others, are ignored.
         *sample = next;
         Ok(())
     }
@@ -246,13 +250,13 @@ impl Codec for PidCodec {
     }
 }
 
-/// The handle's motion by its axes.
+/// Motion of the handle from its axes.
 #[derive(Clone, Debug)]
 pub struct StickMotion {
     velocity: AdaptiveWindow,
     place: DVec3,
     twist: Twist,
-    /// When the last report came, s.
+    /// Time of the last report, s.
     heard: f64,
 }
 
@@ -265,7 +269,7 @@ impl Motion for StickMotion {
             self.place = DVec3::new(SIGNS[0] * x, SIGNS[1] * y, 0.0) * TRAVEL;
             self.twist = Twist::new(self.velocity.push(time, self.place), DVec3::ZERO);
             self.heard = time;
-        } else if now - self.heard > RESTING {
+        } else if now - self.heard > REST_SILENCE {
             self.twist = Twist::ZERO;
         }
         (Pose::from_translation(self.place), self.twist, sample.buttons)
@@ -277,7 +281,7 @@ impl Motion for StickMotion {
 }
 
 impl Link<PidCodec, StickMotion> {
-    /// A joystick with force feedback that goes by a name.
+    /// Link for a joystick with force feedback with this name.
     pub fn pid(name: &str, codec: PidCodec) -> Self {
         let steps = codec
             .layout
@@ -298,12 +302,12 @@ impl Link<PidCodec, StickMotion> {
             angular_stiffness: 0.0,
             damping: 1.0,
             angular_damping: 0.0,
-            // To the corners.
+            // Radius to the corners.
             workspace_radius: 1.5 * TRAVEL,
             encoder_step: step,
             angular_encoder_step: 0.0,
             velocity_delay: 4e-3,
-            // A round of the pump, which waits no longer than 1 ms for a report, and a frame of 1 ms of the bus.
+            // A round of the pump, which waits at most 1 ms for a report, and a 1 ms frame of the bus.
             delay: 2e-3,
             sensed,
             actuated: driven,

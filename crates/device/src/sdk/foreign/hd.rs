@@ -1,4 +1,5 @@
-//! Calls of OpenHaptics' HDAPI, of which those that read and drive the device are made in its scheduler's thread.
+//! Foreign calls to OpenHaptics' HDAPI. Those that read and drive the device are made in its scheduler's
+//! thread.
 
 use std::ffi::{CStr, c_char, c_int, c_uint, c_ulong, c_ushort, c_void};
 use std::sync::Arc;
@@ -10,7 +11,7 @@ use palpate_core::Wrench;
 use super::{Library, functions, text};
 use crate::DeviceError;
 
-/// What the scheduler calls.
+/// Type of the scheduler's callback.
 type Callback = unsafe extern "system" fn(*mut c_void) -> c_uint;
 
 functions! {
@@ -57,54 +58,54 @@ const HD_DEFAULT_SCHEDULER_PRIORITY: c_ushort = c_ushort::MAX / 2;
 const HD_CALLBACK_DONE: c_uint = 0;
 const HD_CALLBACK_CONTINUE: c_uint = 1;
 const HD_SUCCESS: c_uint = 0;
-/// Errors from 0x200 to below 0x300 are of forces: warm motors, or more than may be. The device goes on.
+/// Error codes 0x200 to 0x2ff concern forces: warm motors, or a force beyond the limit. The device continues.
 const FORCE_ERRORS: std::ops::Range<c_uint> = 0x200..0x300;
-/// Errors that are taken off the stack at once, at most.
+/// Largest number of errors taken off the library's stack at once.
 const ERRORS: usize = 16;
-/// A wrench that is not renewed for so many frames is taken back.
-const RENEWAL: u32 = 10;
-/// How long closing waits for a last frame.
-const FAREWELL: Duration = Duration::from_millis(100);
+/// Number of frames after which a wrench that is not renewed is set to zero.
+const RENEWAL_FRAMES: u32 = 10;
+/// Longest time that closing waits for the last frame.
+const CLOSE_TIMEOUT: Duration = Duration::from_millis(100);
 
-/// The scheduler is one for the process.
+/// Whether a device is open; the process has one scheduler.
 static IN_USE: AtomicBool = AtomicBool::new(false);
 
-/// What a frame of the scheduler tells.
+/// State of the device in one frame of the scheduler.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Frame {
-    /// 4 × 4, column by column, mm.
+    /// Transform, 4 × 4, column by column, mm.
     pub transform: [f64; 16],
-    /// mm/s.
+    /// Linear velocity, mm/s.
     pub velocity: [f64; 3],
     pub buttons: u32,
     /// Whether the device or the library has failed.
     pub failed: bool,
-    /// Whether a wrench was taken back, and none of zero has come since: no other is rendered until then.
-    pub let_go: bool,
+    /// Whether a wrench timed out and no zero wrench has come since: until then, zero is rendered.
+    pub timed_out: bool,
 }
 
 /// A wrench to render (N, N·m), and its number.
 type Order = (Wrench, u64);
 
-/// Between the frames and whoever closes.
+/// Handshake between the frames and the thread that closes the device.
 #[derive(Default)]
-struct Farewell {
-    asked: AtomicBool,
-    said: AtomicBool,
+struct Shutdown {
+    requested: AtomicBool,
+    done: AtomicBool,
 }
 
-/// What the frames have: from scheduling on, nobody else.
+/// Data of the scheduler's callback, which owns it once scheduled.
 struct Servo {
     functions: Functions,
     handle: c_uint,
     torque: bool,
-    told: triple_buffer::Input<Frame>,
+    published: triple_buffer::Input<Frame>,
     orders: triple_buffer::Output<Order>,
-    farewell: Arc<Farewell>,
-    /// The number of the last order, and frames since it came.
+    shutdown: Arc<Shutdown>,
+    /// Number of the last order, and frames since it came.
     order: u64,
     age: u32,
-    let_go: bool,
+    timed_out: bool,
 }
 
 /// It is moved to the scheduler's thread.
@@ -113,30 +114,30 @@ const _: fn() = || {
     sent::<Servo>();
 };
 
-/// A device that is open, and its frames in the scheduler's thread; dropped, it gets a last frame with zero force, its force output is
-/// disabled, the scheduler stopped and the device closed.
+/// An open device whose frames run in the scheduler's thread. Dropping it renders a last frame with zero
+/// force, disables the force output, stops the scheduler and closes the device.
 pub struct Device {
     functions: Functions,
     handle: c_uint,
     scheduled: c_ulong,
-    farewell: Arc<Farewell>,
+    shutdown: Arc<Shutdown>,
     heard: triple_buffer::Output<Frame>,
     asked: triple_buffer::Input<Order>,
     number: u64,
 }
 
-/// What the library tells of a device.
+/// Properties of a device as the library reports them.
 #[derive(Clone, Debug)]
 pub struct Model {
     pub name: String,
-    /// Degrees of freedom that are sensed, and that are driven.
+    /// Degrees of freedom that are sensed and that are driven.
     pub input: c_int,
     pub output: c_int,
-    /// N; zero where it is not told.
+    /// Peak force, N; zero if not reported.
     pub peak_force: f64,
 }
 
-/// Keeps the scheduler for one device.
+/// Claims the scheduler for one device.
 struct Claim;
 
 impl Claim {
@@ -144,7 +145,7 @@ impl Claim {
         (!IN_USE.swap(true, Ordering::AcqRel)).then_some(Self)
     }
 
-    /// The device that is open gives it back.
+    /// Keeps the claim for an open device, which releases it when dropped.
     fn keep(self) {
         std::mem::forget(self);
     }
@@ -157,7 +158,7 @@ impl Drop for Claim {
 }
 
 impl Device {
-    /// Opens the default device, or that of a name, and starts its frames.
+    /// Opens the default device, or the one with this name, and starts its frames.
     pub fn open(
         library: &Library,
         name: Option<&CStr>,
@@ -167,27 +168,27 @@ impl Device {
             return Ok(Err("another is open in this process, and one may be".into()));
         };
         functions.failure();
-        // SAFETY: the name is null or ends in a zero, and is read only.
+        // SAFETY: the name is null or zero-terminated, and only read.
         let handle = unsafe { (functions.hdInitDevice)(name.map_or(std::ptr::null(), CStr::as_ptr)) };
         if let Some(failure) = functions.failure() {
             return Ok(Err(failure));
         }
         let model = functions.model(handle);
-        let (told, heard) = triple_buffer::triple_buffer(&Frame::default());
+        let (published, heard) = triple_buffer::triple_buffer(&Frame::default());
         let (asked, orders) = triple_buffer::triple_buffer(&Order::default());
-        let farewell = Arc::<Farewell>::default();
+        let shutdown = Arc::<Shutdown>::default();
         let servo = Box::new(Servo {
             functions,
             handle,
             torque: model.output >= 6,
-            told,
+            published,
             orders,
-            farewell: farewell.clone(),
+            shutdown: shutdown.clone(),
             order: 0,
             age: u32::MAX,
-            let_go: false,
+            timed_out: false,
         });
-        // SAFETY: the callback has the servo from here on, and gives it back when it has said farewell.
+        // SAFETY: the callback owns the servo from here on, and frees it in its last frame.
         let scheduled = unsafe {
             (functions.hdEnable)(HD_FORCE_OUTPUT);
             let data = Box::into_raw(servo).cast::<c_void>();
@@ -196,19 +197,19 @@ impl Device {
             scheduled
         };
         claim.keep();
-        let device = Self { functions, handle, scheduled, farewell, heard, asked, number: 0 };
+        let device = Self { functions, handle, scheduled, shutdown, heard, asked, number: 0 };
         match functions.failure() {
             None => Ok(Ok((device, model))),
             Some(failure) => Ok(Err(failure)),
         }
     }
 
-    /// The newest frame, where there is one since this was last asked.
+    /// The newest frame, if there is one since the last call.
     pub fn frame(&mut self) -> Option<Frame> {
         self.heard.update().then(|| *self.heard.output_buffer())
     }
 
-    /// Asks for a wrench (N, N·m) in the frames to come.
+    /// Commands a wrench (N, N·m) for the frames to come.
     pub fn set_wrench(&mut self, wrench: &Wrench) {
         self.number += 1;
         self.asked.write((*wrench, self.number));
@@ -217,13 +218,13 @@ impl Device {
 
 impl Drop for Device {
     fn drop(&mut self) {
-        self.farewell.asked.store(true, Ordering::Release);
+        self.shutdown.requested.store(true, Ordering::Release);
         let start = Instant::now();
-        while !self.farewell.said.load(Ordering::Acquire) && start.elapsed() < FAREWELL {
+        while !self.shutdown.done.load(Ordering::Acquire) && start.elapsed() < CLOSE_TIMEOUT {
             std::thread::sleep(Duration::from_micros(200));
         }
-        // In the order of the maker's examples. Where the frames have stopped before they could say farewell, they keep what they
-        // have: nobody can tell that they do not go on.
+        // The order is that of the maker's examples. If the frames stopped before their last one, the servo
+        // is leaked, since they might still go on.
         // SAFETY: the handles are the library's, and not used after this.
         unsafe {
             (self.functions.hdMakeCurrentDevice)(self.handle);
@@ -238,17 +239,17 @@ impl Drop for Device {
 }
 
 impl Functions {
-    /// Takes all errors off the library's stack, and the text of the last that is more than one of forces.
+    /// Clears the library's error stack; gives the text of the last error that does not concern forces.
     fn failure(&self) -> Option<String> {
-        // SAFETY: it gives a text of its own.
+        // SAFETY: the text that it returns is the library's own.
         self.error().map(|code| unsafe { text((self.hdGetErrorString)(code)) })
     }
 
-    /// The same, its code.
+    /// As [`failure`](Self::failure), but gives the code.
     fn error(&self) -> Option<c_uint> {
         let mut last = None;
         for _ in 0..ERRORS {
-            // SAFETY: it takes nothing.
+            // SAFETY: the function takes no argument.
             let code = unsafe { (self.hdGetError)() }.code;
             if code == HD_SUCCESS {
                 break;
@@ -262,7 +263,7 @@ impl Functions {
 
     fn model(&self, handle: c_uint) -> Model {
         let (mut input, mut output, mut peak_force) = (0, 0, 0.0);
-        // SAFETY: the device is open, each pointer is to a number of ours, and the text is the library's own.
+        // SAFETY: the device is open, each pointer is to a local number, and the text is the library's own.
         let name = unsafe {
             (self.hdMakeCurrentDevice)(handle);
             (self.hdGetIntegerv)(HD_INPUT_DOF, &mut input);
@@ -270,32 +271,32 @@ impl Functions {
             (self.hdGetDoublev)(HD_NOMINAL_MAX_FORCE, &mut peak_force);
             text((self.hdGetString)(HD_DEVICE_MODEL_TYPE))
         };
-        // What it does not tell stays zero.
+        // Parameters that the library does not report stay zero.
         self.error();
         Model { name, input, output, peak_force }
     }
 }
 
 impl Servo {
-    /// Reads the device and renders the wrench that is asked for. It neither allocates, locks nor waits.
+    /// Reads the device and renders the commanded wrench. It neither allocates, locks nor waits.
     fn step(&mut self) {
         let (wrench, number) = *self.orders.read();
         self.age = if number == self.order { self.age.saturating_add(1) } else { 0 };
         self.order = number;
-        // Whoever asks does not know that it was taken back: it comes up from zero again.
-        self.let_go = wrench != Wrench::ZERO && (self.let_go || self.age >= RENEWAL);
-        let wrench = if self.let_go { Wrench::ZERO } else { wrench };
-        let frame = Frame { let_go: self.let_go, ..self.render(&wrench) };
-        self.told.write(frame);
+        // The caller does not know that its wrench timed out: rendering resumes only after a zero wrench.
+        self.timed_out = wrench != Wrench::ZERO && (self.timed_out || self.age >= RENEWAL_FRAMES);
+        let wrench = if self.timed_out { Wrench::ZERO } else { wrench };
+        let frame = Frame { timed_out: self.timed_out, ..self.render(&wrench) };
+        self.published.write(frame);
     }
 
     fn render(&self, wrench: &Wrench) -> Frame {
         let Self { functions, handle, .. } = self;
         let mut frame = Frame { transform: [f64::NAN; 16], velocity: [f64::NAN; 3], ..Frame::default() };
         let mut buttons = 0;
-        // In mN·m.
+        // Torques are in mN·m.
         let (force, torque) = (wrench.force.to_array(), (wrench.torque * 1e3).to_array());
-        // SAFETY: the device is open, and each pointer is to as many numbers of ours as the parameter has.
+        // SAFETY: the device is open, and each pointer is to as many local numbers as the parameter has.
         unsafe {
             (functions.hdBeginFrame)(*handle);
             (functions.hdGetDoublev)(HD_CURRENT_TRANSFORM, frame.transform.as_mut_ptr());
@@ -313,24 +314,24 @@ impl Servo {
     }
 }
 
-/// A frame of the scheduler.
+/// One frame of the scheduler.
 ///
 /// # Safety
-/// `data` is a servo that was given to the scheduler with this, and the scheduler calls this again only after it has ended, and where
-/// it gave [`HD_CALLBACK_CONTINUE`].
+/// `data` is a servo that was passed to the scheduler with this callback. The scheduler calls this again only
+/// after it has returned, and only if it returned [`HD_CALLBACK_CONTINUE`].
 unsafe extern "system" fn frame(data: *mut c_void) -> c_uint {
     let servo = data.cast::<Servo>();
-    // SAFETY: as the caller says, nobody else has it now.
+    // SAFETY: as the caller guarantees, nothing else accesses it now.
     let now = unsafe { &mut *servo };
-    if !now.farewell.asked.load(Ordering::Acquire) {
+    if !now.shutdown.requested.load(Ordering::Acquire) {
         now.step();
         return HD_CALLBACK_CONTINUE;
     }
     now.render(&Wrench::ZERO);
-    let farewell = now.farewell.clone();
-    // SAFETY: it came from a box, and nobody has it after this.
+    let shutdown = now.shutdown.clone();
+    // SAFETY: it came from a box, and nothing accesses it after this.
     drop(unsafe { Box::from_raw(servo) });
-    farewell.said.store(true, Ordering::Release);
+    shutdown.done.store(true, Ordering::Release);
     HD_CALLBACK_DONE
 }
 
@@ -340,7 +341,7 @@ mod tests {
 
     use super::*;
 
-    /// Functions that do what little the frames need: a device at rest whose force is kept.
+    /// Functions with what little the frames need: a device at rest that stores its force.
     fn functions() -> Functions {
         static FORCE: std::sync::atomic::AtomicU64 = std::sync::atomic::AtomicU64::new(0);
         extern "system" fn initialise(_: *const c_char) -> c_uint {
@@ -394,51 +395,51 @@ mod tests {
 
     #[test]
     fn frames_allocate_nothing_and_take_back_what_is_not_renewed() {
-        let (told, mut heard) = triple_buffer::triple_buffer(&Frame::default());
+        let (published, mut heard) = triple_buffer::triple_buffer(&Frame::default());
         let (mut asked, orders) = triple_buffer::triple_buffer(&Order::default());
-        let farewell = Arc::<Farewell>::default();
+        let shutdown = Arc::<Shutdown>::default();
         let servo = Servo {
             functions: functions(),
             handle: 0,
             torque: true,
-            told,
+            published,
             orders,
-            farewell: farewell.clone(),
+            shutdown: shutdown.clone(),
             order: 0,
             age: u32::MAX,
-            let_go: false,
+            timed_out: false,
         };
         let data = Box::into_raw(Box::new(servo)).cast::<c_void>();
         let mut frames = 0;
         let counted = allocation_counter::measure(|| {
             for number in 1..=100 {
                 asked.write((Wrench::new(DVec3::X * 2.0, DVec3::ZERO), 2 * number));
-                // SAFETY: the servo is this test's, and goes on.
+                // SAFETY: the servo belongs to this test and stays alive.
                 while unsafe { frame(data) } == HD_CALLBACK_CONTINUE {
                     frames += 1;
                     // The force of the frame before this one.
-                    let Frame { velocity: [force, ..], let_go, .. } = *heard.read();
+                    let Frame { velocity: [force, ..], timed_out, .. } = *heard.read();
                     let age = (frames - 1) % 15;
                     let renders = (1..=10).contains(&age) && (frames - 1) / 15 % 2 == 0;
                     assert_eq!(force, if renders { 2.0 } else { 0.0 }, "{frames}");
-                    assert_eq!(let_go, age >= 10 || (frames - 1) / 15 % 2 == 1, "{frames}");
+                    assert_eq!(timed_out, age >= 10 || (frames - 1) / 15 % 2 == 1, "{frames}");
                     if frames % 15 == 0 {
                         break;
                     }
                 }
-                // After every other one zero is asked for, and what is asked for then is rendered.
+                // After every second timeout, a zero wrench is commanded, and the next wrench is rendered.
                 if number % 2 == 0 {
                     asked.write((Wrench::ZERO, 2 * number + 1));
                     // SAFETY: as above.
                     assert_eq!(unsafe { frame(data) }, HD_CALLBACK_CONTINUE);
-                    assert!(!heard.read().let_go);
+                    assert!(!heard.read().timed_out);
                 }
             }
         });
         assert_eq!((frames, counted.count_total), (1500, 0));
-        farewell.asked.store(true, Ordering::Release);
+        shutdown.requested.store(true, Ordering::Release);
         // SAFETY: as above; this is the last frame.
         assert_eq!(unsafe { frame(data) }, HD_CALLBACK_DONE);
-        assert!(farewell.said.load(Ordering::Acquire));
+        assert!(shutdown.done.load(Ordering::Acquire));
     }
 }

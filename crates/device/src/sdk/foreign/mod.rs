@@ -1,6 +1,7 @@
-//! The foreign calls, and nothing else: each maker's library behind safe functions, with the maker's units and codes.
+//! The foreign calls alone: each maker's library behind safe functions, in the maker's units and codes.
 //!
-//! A library stays loaded as long as the process runs: some run threads of their own, from under which it is not to be taken.
+//! A library stays loaded as long as the process runs: some run threads of their own, which must not lose
+//! their code.
 
 #[cfg(feature = "force-dimension")]
 pub(super) mod dhd;
@@ -24,7 +25,8 @@ pub(super) struct Library {
 }
 
 impl Library {
-    /// The library of that file, else of that which the environment names, else the first that is found by the maker's names.
+    /// Loads `file`, or the file that the environment variable names, or the first that is found under the
+    /// maker's names.
     pub fn open(place: &'static SdkLibrary, file: Option<&Path>) -> Result<Self, DeviceError> {
         let file = file.map(Path::to_path_buf);
         let file = file.or_else(|| place.named_file());
@@ -34,12 +36,12 @@ impl Library {
         };
         let mut reasons = Vec::new();
         for file in &names {
-            // SAFETY: what a library does when it is loaded is its maker's; whoever names one trusts it.
+            // SAFETY: loading runs the library's own initialisation; whoever names a library trusts it.
             match unsafe { libloading::Library::new(file) } {
                 Ok(library) => {
                     return Ok(Self { library: Box::leak(Box::new(library)), file: file.clone(), place });
                 }
-                // What the system says stands behind the error that says so.
+                // The source of the error has the system's words.
                 Err(error) => reasons.push(error.source().map_or(error.to_string(), ToString::to_string)),
             }
         }
@@ -51,12 +53,12 @@ impl Library {
         })
     }
 
-    /// A function that it has to have.
+    /// A function that the library must have.
     ///
     /// # Safety
-    /// `F` is the type of a pointer to that function.
+    /// `F` must be the type of a pointer to that function.
     unsafe fn needed<F: Copy>(&self, symbol: &str) -> Result<F, DeviceError> {
-        // SAFETY: as the caller says.
+        // SAFETY: as the caller guarantees.
         unsafe { self.optional(symbol) }.ok_or_else(|| DeviceError::NotOpened {
             device: format!("the library of {} (`{}`)", self.place.maker, self.file.display()),
             reason: format!("it has no function {symbol}"),
@@ -64,17 +66,17 @@ impl Library {
         })
     }
 
-    /// A function that it may have.
+    /// A function that the library may have.
     ///
     /// # Safety
-    /// `F` is the type of a pointer to that function.
+    /// `F` must be the type of a pointer to that function.
     unsafe fn optional<F: Copy>(&self, symbol: &str) -> Option<F> {
-        // SAFETY: as the caller says; the library is never unloaded, so that the pointer stays good.
+        // SAFETY: as the caller guarantees; the library is never unloaded, so the pointer stays valid.
         unsafe { self.library.get::<F>(symbol) }.ok().map(|function| *function)
     }
 }
 
-/// The functions of a library by their names, each of the type that is given.
+/// Table of a library's functions by name, each with its type.
 macro_rules! functions {
     (
         $table:ident: $abi:literal;
@@ -103,14 +105,14 @@ macro_rules! functions {
 }
 use functions;
 
-/// A text of a library, as far as there is one.
+/// Copies a text of the library; empty if the pointer is null.
 ///
 /// # Safety
-/// It is null, or ends in a zero.
+/// `text` must be null or zero-terminated.
 unsafe fn text(text: *const c_char) -> String {
     if text.is_null() {
         return String::new();
     }
-    // SAFETY: as the caller says.
+    // SAFETY: as the caller guarantees.
     unsafe { CStr::from_ptr(text) }.to_string_lossy().into_owned()
 }

@@ -1,4 +1,4 @@
-//! Calls of Haption's library.
+//! Foreign calls to Haption's library.
 
 use std::ffi::{CStr, c_char, c_int, c_void};
 
@@ -31,27 +31,28 @@ functions! {
 }
 
 const COMMAND_TYPE_IMPEDANCE: c_int = 3;
-/// The offset button moves the workspace, and there is no force while it is held.
+/// Indexing mode in which the offset button moves the workspace, with no force while it is held.
 const INDEXING_ALL_FORCE_FEEDBACK_INHIBITION: c_int = 3;
-/// Buttons are numbered below this.
+/// Number of button indices that are tried.
 const BUTTONS: c_int = 4;
 
-/// A device that is open; dropped, it gets zero force, its power is switched off, and it is closed.
+/// An open device. Dropping it sends zero force, switches its power off and closes it.
 pub struct Device {
     functions: Functions,
     context: *mut c_void,
-    /// The numbers of the buttons that there are, one bit each.
+    /// Buttons that the device has, one bit each.
     buttons: u32,
 }
 
-// SAFETY: a context may be used from any thread, by one at a time, as the maker's examples do; a `Device` is used by its owner only.
+// SAFETY: a context may be used from any thread, by one at a time, as the maker's examples do; only the owner
+// of a `Device` uses it.
 unsafe impl Send for Device {}
 
 impl Device {
-    /// Opens the device of a controller, for forces that are renewed every so many seconds.
+    /// Opens the device of a controller, for forces renewed every `period` seconds.
     pub fn open(library: &Library, host: &CStr, period: f32) -> Result<Result<Self, String>, DeviceError> {
         let functions = Functions::resolve(library)?;
-        // SAFETY: the host's name ends in a zero, and is read only.
+        // SAFETY: the host's name is zero-terminated and only read.
         let context = unsafe { (functions.virtOpen)(host.as_ptr()) };
         if context.is_null() {
             return Ok(Err(message(&functions, context)));
@@ -68,7 +69,7 @@ impl Device {
         Ok(Ok(device))
     }
 
-    /// Forces and motion as they are, in the axes of the base.
+    /// Sets forces and motion to be unscaled, in the axes of the base.
     fn set_up(&self, period: f32) -> bool {
         let Self { functions, context, .. } = *self;
         let mut base = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
@@ -76,7 +77,7 @@ impl Device {
             // SAFETY: the context is open.
             unsafe { set(context, 0.1) };
         }
-        // SAFETY: the context is open, and the frames are seven numbers of ours.
+        // SAFETY: the context is open, and the frames are seven local numbers.
         let set = unsafe {
             (functions.virtSetIndexingMode)(context, INDEXING_ALL_FORCE_FEEDBACK_INHIBITION) == 0
                 && (functions.virtSetForceFactor)(context, 1.0) == 0
@@ -87,43 +88,43 @@ impl Device {
                 && (functions.virtSetCommandType)(context, COMMAND_TYPE_IMPEDANCE) == 0
         };
         if set {
-            // Power comes when the user switches it on as well: whether it is there is asked later.
+            // The user can also switch the power on later; whether it is on is checked in each round.
             // SAFETY: the context is open.
             unsafe { (functions.virtSetPowerOn)(context, 1) };
         }
         set
     }
 
-    /// The number of its model, where the library tells it.
+    /// Number of the model, if the library reports it.
     pub fn model(&self) -> Option<c_int> {
         let (mut model, mut serial) = (0, 0);
-        // SAFETY: the context is open, and the pointers are to numbers of ours.
-        let told = unsafe { (self.functions.virtGetDeviceID?)(self.context, &mut model, &mut serial) };
-        (told == 0).then_some(model)
+        // SAFETY: the context is open, and the pointers are to local numbers.
+        let code = unsafe { (self.functions.virtGetDeviceID?)(self.context, &mut model, &mut serial) };
+        (code == 0).then_some(model)
     }
 
     /// Position, m, and orientation as a quaternion x, y, z, w.
     pub fn pose(&self) -> Option<[f32; 7]> {
         let mut pose = [f32::NAN; 7];
         // SAFETY: the context is open, and there is room for seven numbers.
-        let told = unsafe { (self.functions.virtGetPosition)(self.context, pose.as_mut_ptr()) };
-        (told == 0).then_some(pose)
+        let code = unsafe { (self.functions.virtGetPosition)(self.context, pose.as_mut_ptr()) };
+        (code == 0).then_some(pose)
     }
 
     /// Linear velocity, m/s, and angular velocity, rad/s.
     pub fn speed(&self) -> Option<[f32; 6]> {
         let mut speed = [f32::NAN; 6];
         // SAFETY: the context is open, and there is room for six numbers.
-        let told = unsafe { (self.functions.virtGetSpeed)(self.context, speed.as_mut_ptr()) };
-        (told == 0).then_some(speed)
+        let code = unsafe { (self.functions.virtGetSpeed)(self.context, speed.as_mut_ptr()) };
+        (code == 0).then_some(speed)
     }
 
     /// Whether the motors have power.
     pub fn is_powered(&self) -> Option<bool> {
         let mut power = 0;
-        // SAFETY: the context is open, and the pointer is to a number of ours.
-        let told = unsafe { (self.functions.virtGetPowerOn)(self.context, &mut power) };
-        (told == 0).then_some(power != 0)
+        // SAFETY: the context is open, and the pointer is to a local number.
+        let code = unsafe { (self.functions.virtGetPowerOn)(self.context, &mut power) };
+        (code == 0).then_some(power != 0)
     }
 
     /// Buttons held down.
@@ -134,30 +135,30 @@ impl Device {
 
     fn button(&self, number: c_int) -> Option<bool> {
         let mut state = 0;
-        // SAFETY: the context is open, and the pointer is to a number of ours.
-        let told = unsafe { (self.functions.virtGetButton)(self.context, number, &mut state) };
-        (told == 0).then_some(state != 0)
+        // SAFETY: the context is open, and the pointer is to a local number.
+        let code = unsafe { (self.functions.virtGetButton)(self.context, number, &mut state) };
+        (code == 0).then_some(state != 0)
     }
 
-    /// Asks for a wrench (N, N·m). Whether that was done.
+    /// Commands a wrench (N, N·m); gives whether that succeeded.
     pub fn set_wrench(&self, wrench: &Wrench) -> bool {
         let (force, torque) = (wrench.force.as_vec3(), wrench.torque.as_vec3());
         let mut tensor = [force.x, force.y, force.z, torque.x, torque.y, torque.z];
-        // SAFETY: the context is open, and the tensor is six numbers of ours.
+        // SAFETY: the context is open, and the tensor is six local numbers.
         unsafe { (self.functions.virtSetForce)(self.context, tensor.as_mut_ptr()) == 0 }
     }
 }
 
-/// What the library says of its last failure.
+/// The library's message about its last failure.
 fn message(functions: &Functions, context: *mut c_void) -> String {
-    // SAFETY: the context is open, or null where none could be opened; the text is the library's own.
+    // SAFETY: the context is open, or null if opening failed; the text is the library's own.
     unsafe { text((functions.virtGetErrorMessage)((functions.virtGetErrorCode)(context))) }
 }
 
 impl Drop for Device {
     fn drop(&mut self) {
         self.set_wrench(&Wrench::ZERO);
-        // SAFETY: the context is open, and nobody uses it after this.
+        // SAFETY: the context is open, and not used after this.
         unsafe {
             (self.functions.virtSetPowerOn)(self.context, 0);
             (self.functions.virtClose)(self.context);
