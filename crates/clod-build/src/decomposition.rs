@@ -7,9 +7,6 @@
 //! [`convexity`](crate::convexity)), each pair is tested once and the failures are inherited. The same test serves the
 //! merging of patches during simplification.
 
-#[cfg(test)]
-mod comparison;
-
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
