@@ -24,7 +24,8 @@ use palpate::dynamics::{
 };
 use palpate::glam::{DMat3, DQuat, DVec3};
 use palpate::settings::ToolSettings;
-use palpate::{Contact, ContactUpdate, HapticLoop, HapticRenderer, Pose, Record, Settings, Times, Twist};
+use palpate::telemetry::Times;
+use palpate::{Contact, ContactUpdate, HapticLoop, HapticRenderer, Pose, Record, Settings, Twist};
 use palpate_tests::model;
 
 const STEP: f64 = 1e-3;

@@ -12,9 +12,9 @@ use std::time::{Duration, Instant};
 use palpate::device::{EmulatedDevice, Emulation, HapticDevice as _};
 use palpate::glam::{DQuat, DVec3};
 use palpate::settings::{ContactSettings, GripperSettings, SearchSettings, ToolSettings};
+use palpate::tool::{Hinged, HingedRecord, HingedTool};
 use palpate::{
-    ContactTiming, HapticRenderer, Hinged, HingedRecord, HingedTool, HostedSession, LockstepSession, Pose,
-    RecordWriter, Scene, Settings,
+    ContactTiming, HapticRenderer, HostedSession, LockstepSession, Pose, RecordWriter, Scene, Settings,
 };
 use palpate_examples::{CommandLine, open, path, say, smooth};
 

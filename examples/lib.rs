@@ -12,11 +12,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use palpate::device::{Interpolation, Keyframe, MotionPath, PathError};
+use palpate::errors::OpenError;
 use palpate::models::Model;
 use palpate::texture_pd::BakeOptions;
 use palpate::{
-    ContactTiming, HapticRenderer, Object, OpenError, OpenOptions, Pose, Record, RecordWriter, Session,
-    Summary,
+    ContactTiming, HapticRenderer, Object, OpenOptions, Pose, Record, RecordWriter, Session, Summary,
 };
 use palpate_report::{Machine, Rendered, Report};
 

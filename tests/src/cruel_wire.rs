@@ -16,7 +16,9 @@ use palpate::device::link::{
 };
 use palpate::device::{Axes, Emulation, Specification};
 use palpate::glam::DVec3;
-use palpate::{FAULT_TIME, Pose, Times, Twist, Wrench};
+use palpate::promises::FAULT_TIME;
+use palpate::telemetry::Times;
+use palpate::{Pose, Twist, Wrench};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 

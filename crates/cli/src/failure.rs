@@ -67,14 +67,14 @@ macro_rules! from_error {
 }
 
 /// With options named as on the command line.
-impl From<palpate::OpenError> for Failure {
-    fn from(error: palpate::OpenError) -> Self {
+impl From<palpate::errors::OpenError> for Failure {
+    fn from(error: palpate::errors::OpenError) -> Self {
         Self::Message(match error {
-            palpate::OpenError::AlreadyBuilt { path } => {
+            palpate::errors::OpenError::AlreadyBuilt { path } => {
                 format!("{path} is already built; give --scale and --repair when building it")
             }
-            palpate::OpenError::Build { name, source } => format!("{name}: {}", Self::from(source)),
-            palpate::OpenError::Mesh(error @ palpate::mesh_io::LoadError::NonFinite { .. }) => {
+            palpate::errors::OpenError::Build { name, source } => format!("{name}: {}", Self::from(source)),
+            palpate::errors::OpenError::Mesh(error @ palpate::mesh_io::LoadError::NonFinite { .. }) => {
                 format!("{error} (--repair)")
             }
             error => error.to_string(),
@@ -101,23 +101,23 @@ impl From<palpate::representative::FieldError> for Failure {
     }
 }
 
-impl From<palpate::SceneFileError> for Failure {
-    fn from(error: palpate::SceneFileError) -> Self {
+impl From<palpate::errors::SceneFileError> for Failure {
+    fn from(error: palpate::errors::SceneFileError) -> Self {
         match error {
-            palpate::SceneFileError::Open(error) => error.into(),
+            palpate::errors::SceneFileError::Open(error) => error.into(),
             error => Self::Message(error.to_string()),
         }
     }
 }
 
-impl From<palpate::RendererError> for Failure {
-    fn from(error: palpate::RendererError) -> Self {
+impl From<palpate::errors::RendererError> for Failure {
+    fn from(error: palpate::errors::RendererError) -> Self {
         let units = match error {
-            palpate::RendererError::Units(units) => units,
-            palpate::RendererError::Field(error) => return error.into(),
+            palpate::errors::RendererError::Units(units) => units,
+            palpate::errors::RendererError::Field(error) => return error.into(),
             error => return Self::Message(error.to_string()),
         };
-        let palpate::UnitsError { name, radius, suggested } = units;
+        let palpate::errors::UnitsError { name, radius, suggested } = units;
         let remedy = match suggested {
             Some(factor) => format!("multiply its scale (--scale, or --probe-scale or --scene-scale for it alone) by {factor}"),
             None => "give the metres per unit of its file as --scale, or for it alone as --probe-scale or --scene-scale".to_owned(),

@@ -59,7 +59,7 @@ pub fn build(arguments: &BuildArguments) -> Result<(), Failure> {
     // What was asked for is to build, so an earlier result is not looked for.
     let options = palpate::OpenOptions { cache: false, ..arguments.reading.options() };
     if Path::new(&arguments.mesh).extension().is_some_and(|found| found.eq_ignore_ascii_case("clod")) {
-        return Err(palpate::OpenError::NotAMesh { path: arguments.mesh.clone() }.into());
+        return Err(palpate::errors::OpenError::NotAMesh { path: arguments.mesh.clone() }.into());
     }
     let object = progress::open(&arguments.mesh, &options)?;
     let seconds = begun.elapsed().as_secs_f64();

@@ -45,7 +45,10 @@ pub fn set(bar: &ProgressBar, fraction: f64) {
 }
 
 /// Opens an object with a progress bar, and prints the loader's warnings.
-pub fn open(argument: &str, options: &palpate::OpenOptions) -> Result<palpate::Object, palpate::OpenError> {
+pub fn open(
+    argument: &str,
+    options: &palpate::OpenOptions,
+) -> Result<palpate::Object, palpate::errors::OpenError> {
     let bar = bar(argument);
     let opened = palpate::Object::open(argument, options, &mut of_build(&bar, argument));
     bar.finish_and_clear();

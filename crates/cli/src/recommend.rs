@@ -1,8 +1,9 @@
 //! `palpate recommend`: tries settings on the objects themselves, and picks those that keep contact steps within a time.
 
 use palpate::device::{Interpolation, MotionPath};
+use palpate::errors::RendererError;
 use palpate::settings::ContactSearch;
-use palpate::{Pose, RendererError, Scene, Settings};
+use palpate::{Pose, Scene, Settings};
 use palpate_measure::{Choice, Hand, Measured, Recommendation, Request};
 use serde::Serialize;
 

@@ -8,9 +8,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use indicatif::ProgressBar;
 use palpate::device::{HapticDevice, HoldToEnable, RecordingWriter, Steering, Tap, Taps};
+use palpate::errors::RendererError;
 use palpate::{
-    ContactTiming, HapticRenderer, Pose, Record, RecordWriter, RendererError, Scene, SceneFile, Session,
-    Settings, Summary, explore,
+    ContactTiming, HapticRenderer, Pose, Record, RecordWriter, Scene, SceneFile, Session, Settings, Summary,
+    explore,
 };
 use palpate_report::{Machine, Rendered, Report};
 

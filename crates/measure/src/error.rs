@@ -1,7 +1,7 @@
 //! Why something could not be measured.
 
-use palpate::RendererError;
 use palpate::device::{DeviceError, PathError};
+use palpate::errors::RendererError;
 
 /// Why something could not be measured.
 #[derive(Debug, thiserror::Error)]

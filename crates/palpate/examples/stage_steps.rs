@@ -22,10 +22,11 @@ use palpate::dynamics::BodyState;
 use palpate::glam::{DVec2, DVec3};
 use palpate::models::Model;
 use palpate::settings::{SearchSettings, TextureBackend};
+use palpate::telemetry::Times;
 use palpate::texture_pd::{HeightImage, TexturedSurface, Wrap};
 use palpate::{
     ContactLoop, ContactUpdate, HapticLoop, HapticRenderer, Object, OpenOptions, Pose, Record, Scene,
-    Settings, Times, Twist,
+    Settings, Twist,
 };
 
 type Failure = Box<dyn Error>;

@@ -34,16 +34,13 @@ mod haptic;
 mod run;
 mod scene;
 pub mod settings;
-mod telemetry;
-mod tool;
+pub mod telemetry;
+pub mod tool;
 
 pub use contact::monitor::{Push, Sight, TouchingPatches, Watch, level_color};
 pub use contact::representative;
-pub use contact::textures::TextureError;
 pub use contact::{ContactLoop, ContactUpdate};
 pub use haptic::HapticLoop;
-pub use haptic::heat::WARMTH;
-pub use haptic::invariants::{ENERGY_BOUND, FAULT_TIME, Invariant, Invariants, Kept, RUNAWAY_SPEED};
 pub use haptic::reactions::{Reaction, Reactions};
 pub use palpate_clod_build as clod_build;
 pub use palpate_collide as collide;
@@ -59,29 +56,47 @@ pub use palpate_models as models;
 pub use palpate_realtime as threads;
 pub use palpate_texture_pd as texture_pd;
 pub use run::builder::RendererBuilder;
-pub use run::hosted::{HostError, HostedSession, HostedStepper};
+pub use run::hosted::{HostedSession, HostedStepper};
 pub use run::lateness::{WakeLateness, measure_wake_lateness};
 pub use run::lockstep::{ContactTiming, LockstepSession};
 pub use run::machine::{MachineLoad, MachineSample};
-pub use run::renderer::{HapticRenderer, RendererError};
+pub use run::renderer::HapticRenderer;
 pub use run::session::{Clock, ContactSummary, HapticSummary, RealtimeSetup, Session, Summary};
-pub use run::settings_editor::{SettingsEditError, SettingsEditor};
-pub use run::spawn::{RunningSession, SessionHandle, SessionPanic};
+pub use run::settings_editor::SettingsEditor;
+pub use run::spawn::{RunningSession, SessionHandle};
 pub use scene::cache::cache_folder;
-pub use scene::editor::{EditError, SceneEditor};
+pub use scene::editor::SceneEditor;
 #[cfg(feature = "scene-files")]
-pub use scene::file::{ObjectEntry, SceneFile, SceneFileError};
+pub use scene::file::{ObjectEntry, SceneFile};
 pub use scene::moving::Mobility;
-pub use scene::object::{NamedMesh, Object, OpenError, OpenOptions, open_mesh};
+pub use scene::object::{NamedMesh, Object, OpenOptions, open_mesh};
 pub use scene::placement::HandlePlacement;
-pub use scene::size::UnitsError;
 pub use scene::{Placed, Scene, SceneId};
 pub use settings::Settings;
-pub use telemetry::hinged_record::HingedRecord;
+pub use telemetry::Events;
 pub use telemetry::record::Recorded;
 pub use telemetry::record::{Record, RecordWriter};
-pub use telemetry::{ContactTelemetry, Events, HapticTelemetry, Percentiles, Times};
-pub use tool::Tool;
-pub use tool::error::ToolError;
-pub use tool::hinged::{Hinged, HingedTool, ToolBody};
-pub use tool::rigid::Rigid;
+
+/// Why something was refused.
+pub mod errors {
+    pub use crate::contact::textures::TextureError;
+    pub use crate::run::hosted::HostError;
+    pub use crate::run::renderer::RendererError;
+    pub use crate::run::settings_editor::SettingsEditError;
+    pub use crate::run::spawn::SessionPanic;
+    pub use crate::scene::editor::EditError;
+    #[cfg(feature = "scene-files")]
+    pub use crate::scene::file::SceneFileError;
+    pub use crate::scene::object::OpenError;
+    pub use crate::scene::size::UnitsError;
+    pub use crate::settings::SettingsError;
+    pub use crate::tool::error::ToolError;
+}
+
+/// Bounds of every wrench that is written to a device, and how they were kept.
+pub mod promises {
+    pub use crate::haptic::heat::WARMTH;
+    pub use crate::haptic::invariants::{
+        ENERGY_BOUND, FAULT_TIME, Invariant, Invariants, Kept, RUNAWAY_SPEED,
+    };
+}

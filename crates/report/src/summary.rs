@@ -1,6 +1,7 @@
 //! What a session measured of itself, in plain words: first what was felt, then how well the loops kept up.
 
-use palpate::{Percentiles, RealtimeSetup, Summary};
+use palpate::telemetry::Percentiles;
+use palpate::{RealtimeSetup, Summary};
 
 use crate::events::happened;
 use crate::grouped;

@@ -3,11 +3,13 @@
 use allocation_counter::measure;
 use palpate::device::{DeviceState, Emulation, Status};
 use palpate::dynamics::JointError;
+use palpate::errors::{RendererError, ToolError};
 use palpate::glam::{DQuat, DVec3};
 use palpate::settings::{ContactSettings, GripperSettings, SearchSettings, TimingSettings, ToolSettings};
+use palpate::tool::{Hinged, HingedRecord, HingedTool, ToolBody};
 use palpate::{
-    ContactTiming, HapticRenderer, Hinged, HingedRecord, HingedTool, IntegratorKind, LockstepSession, Pose,
-    Recorded as _, RendererError, Scene, SceneId, Settings, ToolBody, ToolError, Twist,
+    ContactTiming, HapticRenderer, IntegratorKind, LockstepSession, Pose, Recorded as _, Scene, SceneId,
+    Settings, Twist,
 };
 use palpate_tests::{FreeBody, model, smooth};
 

@@ -5,10 +5,10 @@ use std::f64::consts::TAU;
 use palpate::device::{DeviceState, Emulation, Status};
 use palpate::dynamics::{ContactParameters, Friction, LinearContactModel};
 use palpate::glam::{DQuat, DVec3};
+use palpate::promises::{ENERGY_BOUND, Invariant};
 use palpate::settings::{CouplingSettings, OutputSettings, TimingSettings};
 use palpate::{
-    Contact, ContactUpdate, ENERGY_BOUND, HapticLoop, HapticRenderer, Invariant, Pose, Record, Scene,
-    Settings, Twist, Wrench,
+    Contact, ContactUpdate, HapticLoop, HapticRenderer, Pose, Record, Scene, Settings, Twist, Wrench,
 };
 use palpate_tests::model;
 

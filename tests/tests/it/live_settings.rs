@@ -3,13 +3,13 @@
 use std::sync::LazyLock;
 
 use palpate::device::{DeviceState, Emulation, IntendedPath, Status};
+use palpate::errors::SettingsEditError;
 use palpate::glam::DVec3;
 use palpate::settings::{
     ContactSearch, ContactSettings, CouplingSettings, DetailSettings, LiveSettings, SearchSettings,
 };
 use palpate::{
-    ContactLoop, HapticLoop, HapticRenderer, Object, Pose, Scene, Settings, SettingsEditError,
-    SettingsEditor, Twist,
+    ContactLoop, HapticLoop, HapticRenderer, Object, Pose, Scene, Settings, SettingsEditor, Twist,
 };
 use palpate_tests::model;
 

@@ -2,11 +2,12 @@
 
 use palpate::device::{DeviceState, Emulation, IntendedPath, Status};
 use palpate::dynamics::BodyState;
+use palpate::errors::EditError;
 use palpate::glam::{DMat3, DVec3};
 use palpate::settings::{ContactSettings, SearchSettings, ToolSettings};
 use palpate::{
-    ContactLoop, EditError, HapticLoop, HapticRenderer, Mobility, Object, Pose, Reactions, Record, Scene,
-    SceneEditor, SceneId, Settings, Twist,
+    ContactLoop, HapticLoop, HapticRenderer, Mobility, Object, Pose, Reactions, Record, Scene, SceneEditor,
+    SceneId, Settings, Twist,
 };
 use palpate_tests::{FreeBody, model};
 

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use palpate::Invariant;
+use palpate::promises::Invariant;
 
 #[test]
 fn the_page_names_every_promise_and_only_tests_that_there_are() {

@@ -5,12 +5,13 @@ use std::sync::atomic::AtomicBool;
 
 use palpate::device::DeviceState;
 use palpate::dynamics::BodyState;
+use palpate::errors::RendererError;
 use palpate::glam::{DQuat, DVec3};
 use palpate::representative::RepresentativeQuery;
 use palpate::settings::{ContactSearch, ContactSettings, SearchSettings, TimingSettings};
 use palpate::{
-    ContactLoop, ContactTiming, HapticRenderer, Object, Pose, Record, RendererError, Scene, SceneId, Session,
-    Settings, TriMesh, Twist, explore,
+    ContactLoop, ContactTiming, HapticRenderer, Object, Pose, Record, Scene, SceneId, Session, Settings,
+    TriMesh, Twist, explore,
 };
 use palpate_tests::{first_touch, model, ridged_plate};
 

@@ -4,11 +4,11 @@ use std::sync::{Arc, Mutex};
 
 use palpate::device::{DeviceError, DeviceState, Emulation, HapticDevice, Specification, Status};
 use palpate::dynamics::{ContactParameters, Friction, LinearContactModel};
+use palpate::errors::RendererError;
 use palpate::glam::{DQuat, DVec3};
 use palpate::settings::{ContactSettings, DeviceSettings, OutputSettings, TimingSettings, ToolSettings};
 use palpate::{
-    Contact, ContactUpdate, HapticLoop, HapticRenderer, Pose, Record, RendererError, Scene, Settings, Twist,
-    Wrench,
+    Contact, ContactUpdate, HapticLoop, HapticRenderer, Pose, Record, Scene, Settings, Twist, Wrench,
 };
 use palpate_tests::model;
 

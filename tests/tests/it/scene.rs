@@ -5,10 +5,11 @@ use std::sync::atomic::AtomicBool;
 
 use palpate::device::{Emulation, IntendedPath, Task};
 use palpate::dynamics::BodyState;
+use palpate::errors::EditError;
 use palpate::glam::{DMat3, DVec3};
 use palpate::{
-    ContactLoop, ContactTiming, EditError, HapticRenderer, Mobility, Object, Pose, Record, RunningSession,
-    Scene, SceneId, Settings, Twist, Watch, Wrench, explore,
+    ContactLoop, ContactTiming, HapticRenderer, Mobility, Object, Pose, Record, RunningSession, Scene,
+    SceneId, Settings, Twist, Watch, Wrench, explore,
 };
 use palpate_tests::{model, ridged_plate};
 

@@ -38,7 +38,8 @@ use bevy_ecs::prelude::*;
 use bevy_math::{DQuat, DVec3};
 use bevy_transform::TransformSystems;
 use bevy_transform::components::{GlobalTransform, Transform};
-use palpate::{EditError, Mobility, Object, Pose, Push, RunningSession, SceneId, Twist, glam};
+use palpate::errors::EditError;
+use palpate::{Mobility, Object, Pose, Push, RunningSession, SceneId, Twist, glam};
 
 /// Both plugins: [`GraspedPlugin`] and [`FeltPlugin`].
 #[derive(Clone, Copy, Debug, Default)]

@@ -1,6 +1,7 @@
 //! The bodies of a world that a session touches: motion one way, impulses the other.
 
-use palpate::{EditError, Mobility, Object, Pose, Reaction, Reactions, SceneEditor, SceneId, Twist};
+use palpate::errors::EditError;
+use palpate::{Mobility, Object, Pose, Reaction, Reactions, SceneEditor, SceneId, Twist};
 use rapier3d::dynamics::{RigidBody, RigidBodyHandle, RigidBodySet};
 
 use crate::convert::{pose, to_vector, vector};

@@ -84,7 +84,7 @@ pub struct Session {
     pub grasp: DVec3,
     /// Which stages the scene switched on or off, and why.
     pub stages: BTreeMap<&'static str, String>,
-    /// Whether the wrenches that were sent kept what the engine promises of them, by [`Invariant`](crate::Invariant).
+    /// Whether the wrenches that were sent kept what the engine promises of them, by [`Invariant`](crate::promises::Invariant).
     pub invariants: BTreeMap<&'static str, Kept>,
 }
 
@@ -124,7 +124,7 @@ pub struct Summary {
     pub device_error: Option<String>,
     /// Which stages ran, and why.
     pub stages: BTreeMap<&'static str, String>,
-    /// Whether the wrenches that were sent kept what the engine promises of them, by [`Invariant`](crate::Invariant).
+    /// Whether the wrenches that were sent kept what the engine promises of them, by [`Invariant`](crate::promises::Invariant).
     pub invariants: BTreeMap<&'static str, Kept>,
     /// Counts of events.
     pub events: Events,

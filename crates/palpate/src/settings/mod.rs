@@ -177,7 +177,7 @@ pub struct ToolSettings {
     pub handle: HandlePlace,
     /// How the motion of the grasped object is integrated; only the implicit integrators stay stable with a light object.
     pub integrator: IntegratorKind,
-    /// Whether to render objects whose size suggests a [wrong unit](crate::UnitsError). Without, a session does not start
+    /// Whether to render objects whose size suggests a [wrong unit](crate::errors::UnitsError). Without, a session does not start
     /// with them.
     pub unusual_size: bool,
 }
@@ -240,7 +240,7 @@ pub enum ContactSearch {
     /// As [representatives](Self::Representatives) where these hold, and else by [levels](Self::Levels): where detail is to be left out
     /// ([`DetailSettings::error`]) or queries have a [time limit](DetailSettings::query_budget), where an object has a haptic texture or an open
     /// surface, where one has walls thinner than d or a field that is not true to a quarter of d, and for [tools with a
-    /// hinge](crate::Hinged). It is decided when the session is made. The stage `representative contacts` of its summary says what was decided, and why.
+    /// hinge](crate::tool::Hinged). It is decided when the session is made. The stage `representative contacts` of its summary says what was decided, and why.
     ///
     /// An object of that kind that is added later makes the session go over to levels, for good.
     #[default]

@@ -6,6 +6,9 @@ pub(crate) mod gains;
 pub(crate) mod hinged;
 pub(crate) mod rigid;
 
+pub use self::hinged::{Hinged, HingedTool, ToolBody};
+pub use self::rigid::Rigid;
+pub use crate::telemetry::hinged_record::HingedRecord;
 use std::fmt::Debug;
 
 use palpate_core::glam::DVec3;
@@ -16,7 +19,7 @@ use palpate_dynamics::{
 
 use crate::telemetry::record::{Recorded, StepData};
 
-/// A kind of tool: [`Rigid`](crate::Rigid) or [`Hinged`](crate::Hinged).
+/// A kind of tool: [`Rigid`] or [`Hinged`].
 pub trait Tool: Moves {
     /// One row of a recording.
     type Record: Recorded;
@@ -32,6 +35,7 @@ pub trait Tool: Moves {
     fn per_body<X>(values: impl Iterator<Item = X>) -> Option<Self::PerBody<X>>;
 }
 
+#[doc(hidden)]
 /// How a tool moves. A step allocates nothing and never panics.
 pub trait Moves: Clone + Debug + Send + 'static {
     /// State of a body; the pose is that of its centre of mass, in its mesh's axes.
@@ -67,6 +71,7 @@ pub trait Moves: Clone + Debug + Send + 'static {
 }
 
 /// What holds a tool during a step, in the world.
+#[doc(hidden)]
 #[derive(Clone, Copy, Debug)]
 pub struct Hand {
     /// The device, at the grasp.
@@ -76,8 +81,10 @@ pub struct Hand {
 }
 
 /// How a step of a tool went.
+#[doc(hidden)]
 #[derive(Clone, Copy, Debug)]
 pub struct ToolStep {
+    /// How the step went.
     pub status: StepStatus,
     /// The coupling's wrench on the device, about the grasp.
     pub coupling: Wrench,

@@ -2,7 +2,8 @@
 
 use palpate::device::{DeviceState, Specification};
 use palpate::glam::DVec3;
-use palpate::{FAULT_TIME, Settings, Wrench};
+use palpate::promises::FAULT_TIME;
+use palpate::{Settings, Wrench};
 
 /// For rounding.
 const ROUNDING: f64 = 1e-6;

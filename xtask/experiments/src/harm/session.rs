@@ -6,10 +6,11 @@ use std::panic::AssertUnwindSafe;
 use palpate::device::{HapticDevice as _, IntendedPath};
 use palpate::dynamics::{ContactClass, ContactParameters, Friction, LinearContactModel, MovingBody};
 use palpate::glam::{DMat3, DVec3};
+use palpate::promises::{ENERGY_BOUND, Invariant, RUNAWAY_SPEED};
 use palpate::settings::{ContactSettings, CouplingSettings, OutputSettings};
 use palpate::{
-    Contact, ContactLoop, ContactUpdate, ENERGY_BOUND, HapticLoop, HapticRenderer, Invariant, Mobility,
-    Object, Pose, RUNAWAY_SPEED, Scene, SceneEditor, SceneId, Settings, SettingsEditor, Twist,
+    Contact, ContactLoop, ContactUpdate, HapticLoop, HapticRenderer, Mobility, Object, Pose, Scene,
+    SceneEditor, SceneId, Settings, SettingsEditor, Twist,
 };
 use rand::RngExt as _;
 use rand::rngs::StdRng;

@@ -10,9 +10,8 @@ use std::convert::Infallible;
 use std::error::Error;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use palpate::{
-    HapticRenderer, Object, Percentiles, Pose, Record, Scene, Session, Settings, Summary, explore,
-};
+use palpate::telemetry::Percentiles;
+use palpate::{HapticRenderer, Object, Pose, Record, Scene, Session, Settings, Summary, explore};
 
 use wire::Noted;
 

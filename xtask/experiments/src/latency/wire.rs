@@ -10,8 +10,9 @@ use palpate::device::link::{
 };
 use palpate::device::{Axes, DeviceError, DeviceState, HapticDevice, Specification};
 use palpate::glam::{DQuat, DVec3};
+use palpate::telemetry::Times;
 use palpate::threads::{Role, ThreadSetup, set_up};
-use palpate::{Pose, Times, Twist, Wrench};
+use palpate::{Pose, Twist, Wrench};
 
 /// The device reports every 1.0007 ms, so that its reports fall into all phases of the haptic loop within seconds.
 const PERIOD: f64 = 1.0007e-3;

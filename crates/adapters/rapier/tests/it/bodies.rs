@@ -1,7 +1,7 @@
 //! Which bodies are felt, what is told of them, and what is refused.
 
 use crate::session::{Session, bottom, cuboid, model, world};
-use palpate::EditError;
+use palpate::errors::EditError;
 use palpate::glam::DVec3;
 use palpate_rapier::rapier3d::prelude::{
     MassProperties, RigidBodyBuilder, RigidBodyHandle, RigidBodyType, Vector,
