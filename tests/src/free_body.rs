@@ -3,7 +3,7 @@
 use palpate::core::Twist;
 use palpate::dynamics::{Body, BodyState};
 use palpate::glam::{DMat3, DVec3};
-use palpate::{Mobility, Object, Pose, Reactions, SceneEditor, SceneId};
+use palpate::{DynamicBody, Object, Pose, Reactions, SceneEditor, SceneId};
 
 /// A free rigid body, stepped explicitly.
 pub struct FreeBody {
@@ -31,8 +31,8 @@ impl FreeBody {
     ) -> Self {
         let center_of_mass = object.clod.source.center_of_mass;
         let inertia = object.clod.source.unit_inertia * mass;
-        let mobility = Mobility { mass, inertia, center_of_mass, period };
-        scene.set_mobility(id, Some(mobility)).expect("a mobility");
+        let mobility = DynamicBody { mass, inertia, center_of_mass, period };
+        scene.set_dynamics(id, Some(mobility)).expect("a mobility");
         let pose = pose * Pose::from_translation(center_of_mass);
         Self { id, mass, inertia, center_of_mass, pose, twist: Twist::ZERO }
     }

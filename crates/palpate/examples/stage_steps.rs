@@ -223,7 +223,7 @@ fn counted_clustering(clustering: &mut Clustering, contacts: &[PatchContact], po
 
 fn steps(stage: &Stage, count: u32, folder: &str) -> Result<(), Failure> {
     let (mut renderer, touch) = renderer(stage, folder)?;
-    let mut watch = stage.watched.then(|| renderer.watch());
+    let mut watch = stage.watched.then(|| renderer.contact_monitor());
     let clusters = renderer.settings().search.clusters;
     let (mut haptic, mut contact, device) = renderer.into_loops();
     let mut clustering = Clustering::new(clusters);
@@ -265,7 +265,7 @@ fn steps(stage: &Stage, count: u32, folder: &str) -> Result<(), Failure> {
 fn session(stage: &Stage, seconds: f64, folder: &str) -> Result<(), Failure> {
     let before = threads();
     let (mut renderer, _) = renderer(stage, folder)?;
-    let _watch = stage.watched.then(|| renderer.watch());
+    let _watch = stage.watched.then(|| renderer.contact_monitor());
     println!("textures {}", renderer.stages()["textures"]);
     let mut most = 0;
     renderer.run_realtime(seconds, &AtomicBool::new(false), |_| {

@@ -37,7 +37,7 @@ pub mod settings;
 pub mod telemetry;
 pub mod tool;
 
-pub use contact::monitor::{Push, Sight, TouchingPatches, Watch, level_color};
+pub use contact::monitor::{ContactForce, ContactMonitor, ContactSnapshot, TouchingPatches, level_color};
 pub use contact::representative;
 pub use contact::{ContactLoop, ContactUpdate};
 pub use haptic::HapticLoop;
@@ -68,7 +68,7 @@ pub use scene::cache::cache_folder;
 pub use scene::editor::SceneEditor;
 #[cfg(feature = "scene-files")]
 pub use scene::file::{ObjectEntry, SceneFile};
-pub use scene::moving::Mobility;
+pub use scene::moving::DynamicBody;
 pub use scene::object::{NamedMesh, Object, OpenOptions, open_mesh};
 pub use scene::placement::HandlePlacement;
 pub use scene::{Placed, Scene, SceneId};

@@ -2,7 +2,7 @@
 //! (as in Fig. 3.1 of the dissertation), what pushes where, and force and depth over time.
 //!
 //! [`show`] runs a session in real time behind a window (eframe). What the window shows is drawn by a [`Painter`], which needs no
-//! window, from a [`Picture`]. The engine knows of none of this: it is watched ([`palpate::Watch`]), and never waits.
+//! window, from a [`Picture`]. The engine knows of none of this: it is watched ([`palpate::ContactMonitor`]), and never waits.
 
 mod camera;
 mod painter;

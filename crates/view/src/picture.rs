@@ -6,7 +6,7 @@ use std::f32::consts::TAU;
 use palpate::core::Clod;
 use palpate::core::clod::Node;
 use palpate::glam::{DVec3, Vec3};
-use palpate::{Pose, Scene, Sight, level_color};
+use palpate::{ContactSnapshot, Pose, Scene, level_color};
 
 /// Sides of an arrow.
 const SIDES: u32 = 10;
@@ -53,7 +53,7 @@ pub struct Picture {
 impl Picture {
     /// What is seen of a session in which the probe's mesh frame is at a pose. A force of `full` (N) has an arrow nearly as
     /// long as the probe's radius.
-    pub fn new(sight: &Sight, probe: &Clod, pose: &Pose, scene: &Scene, full: f64) -> Self {
+    pub fn new(sight: &ContactSnapshot, probe: &Clod, pose: &Pose, scene: &Scene, full: f64) -> Self {
         let mut picture = Self::default();
         let touching: BTreeSet<(Option<usize>, u32)> = sight
             .patches
@@ -69,7 +69,7 @@ impl Picture {
             picture.add_patch(object, clod, node, pose);
         }
         let radius = probe.bounding_radius();
-        for push in &sight.pushes {
+        for push in &sight.forces {
             let length = (push.force.length() / full).min(2.0) * FULL_ARROW * radius;
             let direction = push.force.normalize_or_zero();
             add_arrow(&mut picture.arrows, push.point, direction * length, THICKNESS * radius);
@@ -131,7 +131,7 @@ fn add_arrow(corners: &mut Vec<Corner>, end: DVec3, vector: DVec3, thickness: f6
 
 #[cfg(test)]
 mod tests {
-    use palpate::{Object, Push, TouchingPatches};
+    use palpate::{ContactForce, Object, TouchingPatches};
 
     use super::*;
 
@@ -144,8 +144,8 @@ mod tests {
         let coarse = torus.clod.levels.iter().rposition(|level| !level.free).unwrap();
         let nodes = [torus.clod.levels[0].nodes.start, torus.clod.levels[coarse].nodes.start];
         let pair = |scene_node| TouchingPatches { object: 0, probe_node: 0, scene_node, weight: 1.0 };
-        let push = Push { point: DVec3::Y, normal: -DVec3::Z, force: DVec3::Z * 2.0, depth: 1e-3 };
-        let sight = Sight {
+        let push = ContactForce { point: DVec3::Y, normal: -DVec3::Z, force: DVec3::Z * 2.0, depth: 1e-3 };
+        let sight = ContactSnapshot {
             time: 1.0,
             // One that is not there is left out.
             patches: vec![
@@ -154,7 +154,7 @@ mod tests {
                 pair(nodes[0]),
                 TouchingPatches { object: 9, ..pair(0) },
             ],
-            pushes: vec![push],
+            forces: vec![push],
         };
         let picture = Picture::new(&sight, &probe.clod, &Pose::IDENTITY, &scene, 2.0);
 

@@ -13,7 +13,7 @@ use egui::{
 use egui_plot::{Line, Plot, PlotPoints};
 use palpate::device::Steering;
 use palpate::glam::{DQuat, DVec3};
-use palpate::{HandlePlacement, HapticRenderer, Object, Pose, Record, Scene, Session, Watch};
+use palpate::{ContactMonitor, HandlePlacement, HapticRenderer, Object, Pose, Record, Scene, Session};
 use palpate_report::{COLUMN, Live};
 
 use crate::camera::Camera;
@@ -91,7 +91,7 @@ pub fn show<E: Send>(
     };
     let shared = &shared;
     let stage = Stage {
-        watch: renderer.watch(),
+        watch: renderer.contact_monitor(),
         probe: renderer.probe().clone(),
         scene: renderer.scene().clone(),
         hand: steering.map(|steering| SteeredHand::new(steering, placement)),
@@ -143,7 +143,7 @@ impl Drop for ClearOnDrop<'_> {
 
 /// What is seen.
 struct Stage {
-    watch: Watch,
+    watch: ContactMonitor,
     probe: Object,
     scene: Scene,
     hand: Option<SteeredHand>,

@@ -1,7 +1,7 @@
 //! What is drawn, on whatever GPU there is: pixels of the scene, of patches that touch, of arrows, and of nothing.
 
 use palpate::glam::DVec3;
-use palpate::{Object, Pose, Push, Scene, Sight, TouchingPatches};
+use palpate::{ContactForce, ContactSnapshot, Object, Pose, Scene, TouchingPatches};
 use palpate_view::{Camera, Painter, Picture, mesh_corners};
 
 const SIZE: [u32; 2] = [320, 256];
@@ -72,8 +72,9 @@ fn scene_patches_arrows_and_nothing_are_where_they_should_be() {
         toward(a).total_cmp(&toward(b))
     });
     let patches = TouchingPatches { object: 0, probe_node: 0, scene_node: nearest.unwrap(), weight: 1.0 };
-    let push = Push { point: DVec3::X * 1.1 * radius, normal: -DVec3::X, force: DVec3::X, depth: 1e-3 };
-    let sight = Sight { time: 0.0, patches: vec![patches], pushes: vec![push] };
+    let push =
+        ContactForce { point: DVec3::X * 1.1 * radius, normal: -DVec3::X, force: DVec3::X, depth: 1e-3 };
+    let sight = ContactSnapshot { time: 0.0, patches: vec![patches], forces: vec![push] };
     let picture = Picture::new(&sight, &probe.clod, &away, &scene, 1.0);
     let marked = draw(&picture, away);
     let is_red = |pixel: &&[u8; 4]| pixel[0] > 150 && pixel[1] < 60 && pixel[2] < 60;

@@ -70,7 +70,7 @@ fn the_parts_of_a_hosted_session_go_to_other_threads() {
         (touched, parted)
     });
     let begun = std::time::Instant::now();
-    while contacts.latest().pushes.is_empty() {
+    while contacts.latest().forces.is_empty() {
         assert!(begun.elapsed().as_secs() < 60, "no push is seen");
         std::thread::sleep(std::time::Duration::from_millis(1));
     }

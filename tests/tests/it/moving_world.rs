@@ -6,8 +6,8 @@ use palpate::errors::EditError;
 use palpate::glam::{DMat3, DVec3};
 use palpate::settings::{ContactSettings, SearchSettings, ToolSettings};
 use palpate::{
-    ContactLoop, HapticLoop, HapticRenderer, Mobility, Object, Pose, Reactions, Record, Scene, SceneEditor,
-    SceneId, Settings, Twist,
+    ContactLoop, DynamicBody, HapticLoop, HapticRenderer, Object, Pose, Reactions, Record, Scene,
+    SceneEditor, SceneId, Settings, Twist,
 };
 use palpate_tests::{FreeBody, model};
 
@@ -312,26 +312,26 @@ fn motions_and_mobilities_are_checked() {
     let mut rig = Rig::new(probe, scene, Settings::default(), still);
     let id = SceneId(0);
     let good =
-        Mobility { mass: 0.1, inertia: DMat3::IDENTITY * 1e-4, center_of_mass: DVec3::ZERO, period: 1e-3 };
+        DynamicBody { mass: 0.1, inertia: DMat3::IDENTITY * 1e-4, center_of_mass: DVec3::ZERO, period: 1e-3 };
     let bad = [
-        Mobility { mass: 0.0, ..good },
-        Mobility { mass: f64::NAN, ..good },
-        Mobility { inertia: DMat3::ZERO, ..good },
-        Mobility { inertia: DMat3::IDENTITY * -1.0, ..good },
-        Mobility { center_of_mass: DVec3::NAN, ..good },
-        Mobility { period: 0.0, ..good },
-        Mobility { period: f64::INFINITY, ..good },
+        DynamicBody { mass: 0.0, ..good },
+        DynamicBody { mass: f64::NAN, ..good },
+        DynamicBody { inertia: DMat3::ZERO, ..good },
+        DynamicBody { inertia: DMat3::IDENTITY * -1.0, ..good },
+        DynamicBody { center_of_mass: DVec3::NAN, ..good },
+        DynamicBody { period: 0.0, ..good },
+        DynamicBody { period: f64::INFINITY, ..good },
     ];
     for mobility in bad {
-        assert!(rig.scene.set_mobility(id, Some(mobility)).is_err(), "{mobility:?}");
+        assert!(rig.scene.set_dynamics(id, Some(mobility)).is_err(), "{mobility:?}");
     }
     let nan = Twist::new(DVec3::NAN, DVec3::ZERO);
     assert!(rig.scene.set_motion(id, Pose::IDENTITY, nan).is_err());
     assert!(rig.scene.set_motion(id, Pose::from_translation(DVec3::NAN), Twist::ZERO).is_err());
-    rig.scene.set_mobility(id, Some(good)).expect("a mobility");
-    rig.scene.set_mobility(id, None).expect("none");
+    rig.scene.set_dynamics(id, Some(good)).expect("a mobility");
+    rig.scene.set_dynamics(id, None).expect("none");
     let unknown = EditError::Unknown(SceneId(7));
-    assert_eq!(rig.scene.set_mobility(SceneId(7), Some(good)), Err(unknown));
+    assert_eq!(rig.scene.set_dynamics(SceneId(7), Some(good)), Err(unknown));
     rig.step();
     assert_eq!(rig.contact.telemetry().events.edit_refused, 0);
     // As fast as numbers go.

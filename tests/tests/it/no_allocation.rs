@@ -4,7 +4,7 @@ use allocation_counter::measure;
 use palpate::device::Task;
 use palpate::glam::DVec3;
 use palpate::settings::{ContactSearch, SearchSettings};
-use palpate::{HapticRenderer, Mobility, Object, Pose, Scene, SceneId, Settings, Twist, explore};
+use palpate::{DynamicBody, HapticRenderer, Object, Pose, Scene, SceneId, Settings, Twist, explore};
 use palpate_tests::{model, ridged_plate};
 
 /// Fewer than there are contacts at times.
@@ -51,7 +51,7 @@ fn the_loops_do_not_allocate() {
 /// So many haptic steps of a session with an object that may move to and fro and be pushed; the most contacts there were.
 fn run(probe: &Object, object: Object, steps: u32, moves: bool, settings: Settings) -> usize {
     let source = &object.clod.source;
-    let mobility = Mobility {
+    let mobility = DynamicBody {
         mass: 0.1,
         inertia: source.unit_inertia * 0.1,
         center_of_mass: source.center_of_mass,
@@ -60,10 +60,10 @@ fn run(probe: &Object, object: Object, steps: u32, moves: bool, settings: Settin
     let scene = Scene::new().with(object, Pose::IDENTITY);
     let device = explore::open_device("emulated", probe, &scene).expect("emulated device");
     let mut renderer = HapticRenderer::new(probe.clone(), scene, device, settings).expect("renderer");
-    let (mut watch, mut other) = (renderer.watch(), renderer.watch());
+    let (mut watch, mut other) = (renderer.contact_monitor(), renderer.contact_monitor());
     let (mut editor, mut reactions) = (renderer.scene_editor(), renderer.reactions());
     if moves {
-        editor.set_mobility(SceneId(0), Some(mobility)).expect("room");
+        editor.set_dynamics(SceneId(0), Some(mobility)).expect("room");
     }
     let mut pushed = false;
     let (mut haptic, mut contact, mut device) = renderer.into_loops();

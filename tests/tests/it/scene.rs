@@ -8,8 +8,8 @@ use palpate::dynamics::BodyState;
 use palpate::errors::EditError;
 use palpate::glam::{DMat3, DVec3};
 use palpate::{
-    ContactLoop, ContactTiming, HapticRenderer, Mobility, Object, Pose, Record, RunningSession, Scene,
-    SceneId, Settings, Twist, Watch, Wrench, explore,
+    ContactLoop, ContactMonitor, ContactTiming, DynamicBody, HapticRenderer, Object, Pose, Record,
+    RunningSession, Scene, SceneId, Settings, Twist, Wrench, explore,
 };
 use palpate_tests::{model, ridged_plate};
 
@@ -137,7 +137,7 @@ fn edits_are_felt_from_the_next_step_on() {
     assert_eq!(editor.remove(first), Err(unknown(first)));
     assert_eq!(editor.replace(first, &ball, near), Err(unknown(first)));
     assert_eq!(editor.set_motion(first, near, Twist::ZERO), Err(unknown(first)));
-    assert_eq!(editor.set_mobility(first, None), Err(unknown(first)));
+    assert_eq!(editor.set_dynamics(first, None), Err(unknown(first)));
     assert_eq!(editor.set_pose(SceneId(77), near), Err(unknown(SceneId(77))));
     let now = felt(&mut contact);
     assert!(same(now, pushed), "{now:?} {pushed:?}");
@@ -197,7 +197,7 @@ fn a_spawned_session_is_edited_while_it_runs() {
     wait(&mut running, "no step is shown", |record| record.time > 0.05 && record.contacts == 0);
     let id = running.scene.add(&ball, near).expect("room");
     wait(&mut running, "the ball is not felt", |record| record.contacts > 0 && record.contact.force.z > 0.0);
-    assert!(!running.contacts.latest().pushes.is_empty());
+    assert!(!running.contacts.latest().forces.is_empty());
     running.scene.remove(id).expect("room");
     assert_eq!(running.scene.remove(id), Err(EditError::Unknown(id)));
     let session = running.stop().expect("no panic");
@@ -232,7 +232,7 @@ fn what_is_taken_before_spawn_works_after_it() {
     let [probe, ball] = objects();
     let near = below(&probe, &ball);
     let mut renderer = renderer(probe, Scene::new(), Pose::IDENTITY.into());
-    let (mut early_scene, mut early_watch) = (renderer.scene_editor(), renderer.watch());
+    let (mut early_scene, mut early_watch) = (renderer.scene_editor(), renderer.contact_monitor());
     let (mut early_settings, early_reactions) = (renderer.settings_editor(), renderer.reactions());
     let running = renderer.spawn().expect("threads");
     sendable(&running);
@@ -240,10 +240,10 @@ fn what_is_taken_before_spawn_works_after_it() {
     sendable(&(handle.is_running(), &scene, &settings, &contacts, &reactions).0);
     let id =
         std::thread::spawn(move || early_scene.add(&ball, near)).join().expect("no panic").expect("room");
-    let pushed = |mut watch: Watch| {
+    let pushed = |mut watch: ContactMonitor| {
         std::thread::spawn(move || {
             let begun = std::time::Instant::now();
-            while watch.latest().pushes.is_empty() {
+            while watch.latest().forces.is_empty() {
                 assert!(begun.elapsed().as_secs() < 60, "no push is seen");
                 std::thread::sleep(std::time::Duration::from_millis(2));
             }
@@ -264,8 +264,8 @@ fn what_is_taken_before_spawn_works_after_it() {
     // A reaction goes to one of those who take them.
     let mut scene = scene;
     let mobility =
-        Mobility { mass: 1.0, inertia: DMat3::IDENTITY, center_of_mass: DVec3::ZERO, period: 1e-3 };
-    scene.set_mobility(id, Some(mobility)).expect("known to both editors");
+        DynamicBody { mass: 1.0, inertia: DMat3::IDENTITY, center_of_mass: DVec3::ZERO, period: 1e-3 };
+    scene.set_dynamics(id, Some(mobility)).expect("known to both editors");
     let begun = std::time::Instant::now();
     for mut taker in [early_reactions, reactions] {
         while taker.take().is_none() {

@@ -75,7 +75,7 @@ fn stages_say_whether_they_are_on_and_why() {
         ..error(1e-3)
     };
     let mut all = renderer(&hull, &[ball, ridges], switched);
-    let _watch = all.watch();
+    let _watch = all.contact_monitor();
     check(
         &all,
         &[

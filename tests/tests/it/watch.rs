@@ -29,8 +29,8 @@ fn watch_a_push(search: ContactSearch, down: f64) {
         ..Settings::default()
     };
     let mut renderer = HapticRenderer::new(probe.clone(), scene.clone(), device, settings).expect("renderer");
-    let mut watch = renderer.watch();
-    assert!(watch.latest().time.is_nan() && watch.latest().pushes.is_empty());
+    let mut watch = renderer.contact_monitor();
+    assert!(watch.latest().time.is_nan() && watch.latest().forces.is_empty());
 
     let above = steering.aimed();
     let down = Pose::from_translation(above.translation - DVec3::Z * down * probe.bounding_radius());
@@ -39,7 +39,7 @@ fn watch_a_push(search: ContactSearch, down: f64) {
     let session = renderer.run_lockstep(4.0, ContactTiming::busy(1000.0), &stop, |record| {
         steering.aim(if record.time < 2.0 { down } else { above });
         let sight = watch.latest();
-        let felt: DVec3 = sight.pushes.iter().map(|push| push.force).sum();
+        let felt: DVec3 = sight.forces.iter().map(|push| push.force).sum();
         if (1.8..2.0).contains(&record.time) {
             rested += 1;
             seen += usize::from(!sight.patches.is_empty());
@@ -47,7 +47,7 @@ fn watch_a_push(search: ContactSearch, down: f64) {
             assert!(felt.z > 0.2 && difference < 0.02, "{felt} seen, {} felt", record.contact.force);
             // The ball is below: normals point out of the probe, down to it, and the pushes come up.
             let tolerance = 0.01 * probe.bounding_radius();
-            for push in &sight.pushes {
+            for push in &sight.forces {
                 assert!((push.normal.length() - 1.0).abs() < 1e-9 && push.normal.z < 0.0, "{push:?}");
                 let penalty = settings.contact.stiffness * (push.depth + tolerance);
                 if search == ContactSearch::Levels {
@@ -68,7 +68,7 @@ fn watch_a_push(search: ContactSearch, down: f64) {
             assert!(record.time - sight.time < 3e-3);
         }
         if record.time > 3.8 {
-            assert!(sight.pushes.is_empty() && sight.patches.is_empty());
+            assert!(sight.forces.is_empty() && sight.patches.is_empty());
         }
         Ok::<(), Infallible>(())
     });

@@ -74,8 +74,8 @@ fn tell(
         *next += 0.5;
         let place = grasped.iter().next().map_or(0.0, |transform| 1e3 * transform.translation.x);
         let [x, y, z] = record.coupling.force.to_array();
-        let pushes = contacts.pushes.len();
-        println!("{:4.1} s: held at {place:6.2} mm, {pushes} pushes, {x:7.3} {y:7.3} {z:7.3} N", record.time);
+        let forces = contacts.forces.len();
+        println!("{:4.1} s: held at {place:6.2} mm, {forces} forces, {x:7.3} {y:7.3} {z:7.3} N", record.time);
     }
     if record.time >= SECONDS {
         exit.write(AppExit::Success);

@@ -39,7 +39,7 @@ use bevy_math::{DQuat, DVec3};
 use bevy_transform::TransformSystems;
 use bevy_transform::components::{GlobalTransform, Transform};
 use palpate::errors::EditError;
-use palpate::{Mobility, Object, Pose, Push, RunningSession, SceneId, Twist, glam};
+use palpate::{ContactForce, DynamicBody, Object, Pose, RunningSession, SceneId, Twist, glam};
 
 /// Both plugins: [`GraspedPlugin`] and [`FeltPlugin`].
 #[derive(Clone, Copy, Debug, Default)]
@@ -145,7 +145,7 @@ impl Felt {
 
 /// A felt entity that contacts push back, by [`ContactImpulse`]s, for whatever moves it.
 #[derive(Component, Clone, Copy, Debug)]
-pub struct Movable(pub Mobility);
+pub struct Movable(pub DynamicBody);
 
 /// What contacts pushed a felt entity with since the last frame. Where several sessions' steps lie between, there are several.
 #[derive(Message, Clone, Copy, Debug, PartialEq)]
@@ -162,7 +162,7 @@ pub struct ContactImpulse {
 #[derive(Resource, Clone, Debug, Default)]
 pub struct HapticContacts {
     /// Points (m) and forces (N), world axes.
-    pub pushes: Vec<Push>,
+    pub forces: Vec<ContactForce>,
 }
 
 /// What the session knows of an entity.
@@ -192,8 +192,8 @@ fn tell_contacts(
 ) {
     let Some(mut haptics) = haptics else { return };
     let haptics = haptics.bypass_change_detection();
-    contacts.pushes.clear();
-    contacts.pushes.extend_from_slice(&haptics.session().contacts.latest().pushes);
+    contacts.forces.clear();
+    contacts.forces.extend_from_slice(&haptics.session().contacts.latest().forces);
     while let Some(reaction) = haptics.session().reactions.take() {
         if let Some(entity) = haptics.entity(reaction.object) {
             let (linear, angular) = (to_bevy(reaction.linear), to_bevy(reaction.angular));
@@ -308,7 +308,7 @@ fn tell_mobility(
     movable: Query<(&Told, &Movable), NewlyMovable>,
     mut fixed: RemovedComponents<Movable>,
     told: Query<&Told>,
-    mut late: Local<Vec<(SceneId, Option<Mobility>)>>,
+    mut late: Local<Vec<(SceneId, Option<DynamicBody>)>>,
 ) {
     let Some(mut haptics) = haptics else {
         fixed.clear();
@@ -318,7 +318,7 @@ fn tell_mobility(
     let now_fixed = fixed.read().filter_map(|entity| told.get(entity).ok()).map(|told| (told.id, None));
     late.extend(movable.iter().map(|(told, movable)| (told.id, Some(movable.0))).chain(now_fixed));
     // Where too many changes wait they are told in the next frame.
-    late.retain(|&(id, mobility)| scene.set_mobility(id, mobility) == Err(EditError::Full));
+    late.retain(|&(id, mobility)| scene.set_dynamics(id, mobility) == Err(EditError::Full));
 }
 
 /// The pose that a transform means, and its scale.

@@ -9,7 +9,7 @@ use bevy_transform::TransformPlugin;
 use bevy_transform::components::Transform;
 use palpate::device::{Emulation, IntendedPath};
 use palpate::glam::{DMat3, DVec3};
-use palpate::{HapticRenderer, Mobility, Object, Pose, Record, RunningSession};
+use palpate::{DynamicBody, HapticRenderer, Object, Pose, Record, RunningSession};
 use palpate_bevy::{ContactImpulse, Felt, Grasped, HapticContacts, HapticPlugins, Haptics};
 
 /// Longer than anything takes that is waited for.
@@ -72,8 +72,8 @@ fn entities_are_felt_where_they_are() {
     let parent = app.world_mut().spawn(Transform::from_rotation(Quat::from_rotation_z(1.0))).id();
     let felt = app.world_mut().spawn((Felt::new(ball.clone()), place, ChildOf(parent))).id();
     until(&mut app, "it is not felt", |app| contacts(app) > 0);
-    until(&mut app, "it does not push", |app| !app.world().resource::<HapticContacts>().pushes.is_empty());
-    let push = app.world().resource::<HapticContacts>().pushes[0];
+    until(&mut app, "it does not push", |app| !app.world().resource::<HapticContacts>().forces.is_empty());
+    let push = app.world().resource::<HapticContacts>().forces[0];
     assert!(push.force.z > 0.0, "{push:?}");
     // What is in the hand is where the session has it.
     let drawn = app.world().get::<Transform>(grasped).unwrap().translation;
@@ -128,7 +128,7 @@ fn what_can_be_moved_is_told_what_pushes_it() {
     app.add_systems(Update, |mut impulses: MessageReader<ContactImpulse>, mut pushed: ResMut<Pushed>| {
         pushed.0.extend(impulses.read());
     });
-    let mobility = Mobility {
+    let mobility = DynamicBody {
         mass: 1.0,
         inertia: DMat3::from_diagonal(DVec3::splat(1e-3)),
         center_of_mass: DVec3::ZERO,

@@ -1,7 +1,7 @@
 //! The bodies of a world that a session touches: motion one way, impulses the other.
 
 use palpate::errors::EditError;
-use palpate::{Mobility, Object, Pose, Reaction, Reactions, SceneEditor, SceneId, Twist};
+use palpate::{DynamicBody, Object, Pose, Reaction, Reactions, SceneEditor, SceneId, Twist};
 use rapier3d::dynamics::{RigidBody, RigidBodyHandle, RigidBodySet};
 
 use crate::convert::{pose, to_vector, vector};
@@ -55,7 +55,7 @@ struct Touched {
     radius: f64,
     pose: Pose,
     twist: Twist,
-    mobility: Option<Mobility>,
+    mobility: Option<DynamicBody>,
 }
 
 impl TouchedBodies {
@@ -234,7 +234,7 @@ impl Touched {
     ) -> Result<(), EditError> {
         let mobility = if body.is_dynamic() { mobility(body, self.radius, period) } else { None };
         if mobility != self.mobility {
-            scene.set_mobility(self.object, mobility)?;
+            scene.set_dynamics(self.object, mobility)?;
             self.mobility = mobility;
         }
         Ok(())

@@ -18,7 +18,7 @@
 //! # How hard contacts are
 //!
 //! Contacts are as stiff as is stable with a body of its mass, whose world answers a step late
-//! ([`Mobility`](palpate::Mobility)): a world that is stepped at 500 Hz to 1 kHz makes light bodies feel crisp, one at 60 Hz makes them feel soft.
+//! ([`DynamicBody`](palpate::DynamicBody)): a world that is stepped at 500 Hz to 1 kHz makes light bodies feel crisp, one at 60 Hz makes them feel soft.
 //! Under its own weight, a body that lies on what a hand holds sinks in by g (T / 0.25)² to three times as much, whatever its mass, with T
 //! two steps of the world and one interval between contact steps: 2.5 mm to 7.4 mm at 1 kHz and 500 Hz. It may sink in deeper than a tool is thick:
 //! the tool's proxy keeps it on its side.

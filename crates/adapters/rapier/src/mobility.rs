@@ -1,6 +1,6 @@
 //! How rapier's bodies are moved by what touches them.
 
-use palpate::Mobility;
+use palpate::DynamicBody;
 use palpate::glam::{DMat3, DQuat, DVec3};
 use rapier3d::dynamics::{MassProperties, RigidBody};
 
@@ -9,7 +9,7 @@ use crate::convert::{rotation, vector};
 /// That of a dynamic body in a world that is stepped every `period` (s); `None` if it has no mass. Axes that are locked count as if they were not,
 /// which makes contacts softer than they might be; an axis about which the body cannot turn at all, as if it had the largest of its
 /// other moments, or those of a ring of a radius (m) where there are none. Moments that no body has, as by rounding, become smaller ones that a body has.
-pub fn mobility(body: &RigidBody, radius: f64, period: f64) -> Option<Mobility> {
+pub fn mobility(body: &RigidBody, radius: f64, period: f64) -> Option<DynamicBody> {
     let properties = &body.mass_properties().local_mprops;
     let &MassProperties { local_com, inv_mass, inv_principal_inertia, principal_inertia_local_frame } =
         properties;
@@ -26,7 +26,7 @@ pub fn mobility(body: &RigidBody, radius: f64, period: f64) -> Option<Mobility> 
     // None is above the sum of the others.
     let principal = principal.min(DVec3::splat(principal.element_sum()) - principal);
     let inertia = turned(principal, rotation(principal_inertia_local_frame));
-    Some(Mobility { mass, inertia, center_of_mass: vector(local_com), period })
+    Some(DynamicBody { mass, inertia, center_of_mass: vector(local_com), period })
 }
 
 /// A tensor by its principal moments and the axes they are about; exactly symmetric.

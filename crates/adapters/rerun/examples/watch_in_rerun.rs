@@ -36,7 +36,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let stream = RecordingStreamBuilder::new("palpate").with_default_blueprint(layout());
     let stream = if connect { stream.connect_grpc()? } else { stream.save(FILE)? };
     let mut log = SessionLog::new(stream, &probe, &scene)?;
-    let mut contacts = renderer.watch();
+    let mut contacts = renderer.contact_monitor();
     // Records are taken in this thread; those of the two loops know of no log.
     let session = renderer.run_realtime(SECONDS, &AtomicBool::new(false), |record| {
         log.contacts(contacts.latest())?;

@@ -30,7 +30,7 @@
 //! let stream = RecordingStreamBuilder::new("my simulator").with_default_blueprint(layout());
 //! let stream = stream.save("session.rrd")?;
 //! let mut log = SessionLog::new(stream, &probe, &scene)?;
-//! let mut contacts = renderer.watch();
+//! let mut contacts = renderer.contact_monitor();
 //! renderer.run_realtime(10.0, &AtomicBool::new(false), |record| {
 //!     log.contacts(contacts.latest())?;
 //!     log.record(record)
@@ -48,7 +48,7 @@ pub use layout::layout;
 use std::collections::{BTreeMap, BTreeSet};
 
 use palpate::glam::DVec3;
-use palpate::{Object, Pose, Record, Scene, SceneId, Sight};
+use palpate::{ContactSnapshot, Object, Pose, Record, Scene, SceneId};
 pub use re_sdk;
 use re_sdk::log::TimeColumn;
 use re_sdk::{EntityPath, EntityPathPart, RecordingStream};
@@ -180,15 +180,15 @@ impl SessionLog {
     ///
     /// # Errors
     /// If Rerun does not take it.
-    pub fn contacts(&mut self, sight: &Sight) -> Result<(), LogError> {
+    pub fn contacts(&mut self, sight: &ContactSnapshot) -> Result<(), LogError> {
         // Before the first it is NaN.
         if sight.time.is_nan() || sight.time < self.looked + LOOK {
             return Ok(());
         }
         self.looked = sight.time;
         let radius = self.probe.bounding_radius();
-        let arrows = sight.pushes.iter().map(|push| push.force * (ARROW * radius));
-        let origins = sight.pushes.iter().zip(arrows.clone()).map(|(push, arrow)| push.point - arrow);
+        let arrows = sight.forces.iter().map(|push| push.force * (ARROW * radius));
+        let origins = sight.forces.iter().zip(arrows.clone()).map(|(push, arrow)| push.point - arrow);
         let arrows = Arrows3D::from_vectors(arrows.map(|arrow| arrow.to_array()))
             .with_origins(origins.map(|origin| origin.to_array()))
             .with_radii([(THICKNESS * radius) as f32])

@@ -6,8 +6,8 @@ use std::sync::atomic::AtomicBool;
 use palpate::device::{Emulation, Task};
 use palpate::glam::DVec3;
 use palpate::{
-    ContactTiming, HapticRenderer, Object, Pose, Push, Record, Scene, SceneId, Settings, Sight,
-    TouchingPatches, explore,
+    ContactForce, ContactSnapshot, ContactTiming, HapticRenderer, Object, Pose, Record, Scene, SceneId,
+    Settings, TouchingPatches, explore,
 };
 use palpate_rerun::re_sdk::log::{Chunk, LogMsg};
 use palpate_rerun::re_sdk::sink::MemorySinkStorage;
@@ -61,7 +61,7 @@ fn every_step_is_logged_as_it_was() {
     let mut renderer =
         HapticRenderer::new(probe.clone(), scene.clone(), Box::new(device), Settings::default())
             .expect("a session");
-    let mut contacts = renderer.watch();
+    let mut contacts = renderer.contact_monitor();
     let (mut log, storage) = log_of(&probe, &scene);
     let mut records: Vec<Record> = Vec::new();
     let ran = renderer.run_lockstep(4.0, ContactTiming::busy(500.0), &AtomicBool::new(false), |record| {
@@ -117,19 +117,19 @@ fn every_step_is_logged_as_it_was() {
 fn arrows_end_where_they_push_and_contacts_end() {
     let probe = Object::model("ellipsoid@500").expect("the probe");
     let (mut log, storage) = log_of(&probe, &Scene::new());
-    let mut sight = Sight::default();
+    let mut sight = ContactSnapshot::default();
     log.contacts(&sight).expect("nothing is there before the first");
     let (point, force) = (DVec3::new(0.01, 0.02, 0.03), DVec3::new(0.0, 0.0, 3.0));
-    let push = Push { point, normal: -DVec3::Z, force, depth: 1e-3 };
+    let push = ContactForce { point, normal: -DVec3::Z, force, depth: 1e-3 };
     sight.time = 0.5;
-    sight.pushes.push(push);
+    sight.forces.push(push);
     let leaf = probe.clod.levels[0].nodes.start;
     sight.patches.push(TouchingPatches { object: 7, probe_node: leaf, scene_node: 0, weight: 1.0 });
     log.contacts(&sight).expect("a look");
     // Too soon, and then over.
     sight.time = 0.501;
     log.contacts(&sight).expect("a look that is passed over");
-    sight = Sight { time: 0.6, ..Sight::default() };
+    sight = ContactSnapshot { time: 0.6, ..ContactSnapshot::default() };
     log.contacts(&sight).expect("a look");
     log.finish().expect("a finished log");
 

@@ -9,7 +9,7 @@ use super::search::unfit;
 use crate::contact::textures::Textures;
 use crate::scene::SceneId;
 use crate::scene::editor::{Edit, SceneEditor};
-use crate::scene::moving::{Mobility, MovingObject};
+use crate::scene::moving::{DynamicBody, MovingObject};
 use crate::scene::object::Object;
 use crate::settings::ContactSearch;
 
@@ -38,13 +38,13 @@ impl ContactLoop {
     /// Tells where a scene object that moves is at the time of the next step, and how fast; `false` if there is none
     /// ([`SceneEditor::set_motion`]).
     pub fn set_motion(&mut self, object: SceneId, pose: &Pose, twist: &Twist) -> bool {
-        self.moving(object).map(|moving| moving.tell(pose, twist)).is_some()
+        self.moving(object).map(|moving| moving.set_motion(pose, twist)).is_some()
     }
 
     /// Says how a scene object is moved by what touches it, from the next step on; `false` if there is none
-    /// ([`SceneEditor::set_mobility`]).
-    pub fn set_mobility(&mut self, object: SceneId, mobility: Option<Mobility>) -> bool {
-        self.moving(object).map(|moving| moving.set_mobility(mobility)).is_some()
+    /// ([`SceneEditor::set_dynamics`]).
+    pub fn set_dynamics(&mut self, object: SceneId, body: Option<DynamicBody>) -> bool {
+        self.moving(object).map(|moving| moving.set_dynamics(body)).is_some()
     }
 
     /// What makes a scene object move, made if need be.
@@ -144,7 +144,7 @@ impl ContactLoop {
         object: &Object,
         pose: &Pose,
         leader: triple_buffer::Output<(Pose, Twist)>,
-        mobility: Mobility,
+        body: DynamicBody,
     ) -> Option<SceneId> {
         let id = self.next_id();
         if !self.add(id, object, pose) {
@@ -152,7 +152,7 @@ impl ContactLoop {
         }
         let place = self.place_of(id)?;
         let radius = self.probe.bounding_radius();
-        let moving = MovingObject::following(leader, mobility);
+        let moving = MovingObject::following(leader, body);
         let group = ContactGroup::with_moving(self.all_settings.search.clusters, radius);
         self.objects[place].as_mut()?.moving = Some(Box::new((moving, group)));
         self.moving.push(place);
@@ -218,7 +218,7 @@ impl ContactLoop {
                 Edit::Replace(id, object, pose) => self.replace(id, &object, &pose),
                 Edit::Move(id, pose) => self.set_pose(id, &pose),
                 Edit::Motion(id, pose, twist) => self.set_motion(id, &pose, &twist),
-                Edit::Mobility(id, mobility) => self.set_mobility(id, mobility),
+                Edit::DynamicBody(id, body) => self.set_dynamics(id, body),
                 Edit::Remove(id) => self.delete(id),
             };
             self.telemetry.events.edit_refused += u64::from(!made);

@@ -34,7 +34,7 @@ impl Counterpart<'_> {
     pub fn body(&self) -> MovingBody {
         match self {
             Self::Still => MovingBody::STILL,
-            Self::Moving { object, id, pose } => object.carrier(*id, pose),
+            Self::Moving { object, id, pose } => object.moving_body(*id, pose),
         }
     }
 
@@ -49,7 +49,7 @@ impl Counterpart<'_> {
     ) -> ContactParameters {
         match self {
             Self::Still => *gains,
-            Self::Moving { object, pose, .. } => object.limited(gains, pose, at, count, interval),
+            Self::Moving { object, pose, .. } => object.limited_gains(gains, pose, at, count, interval),
         }
     }
 }
@@ -172,7 +172,7 @@ mod tests {
     use palpate_dynamics::{BodyState, Friction};
 
     use super::*;
-    use crate::scene::moving::Mobility;
+    use crate::scene::moving::DynamicBody;
 
     const GAINS: ContactParameters =
         ContactParameters { stiffness: 1000.0, damping: 0.0, tolerance: 1e-3, friction: Friction::NONE };
@@ -225,14 +225,14 @@ mod tests {
     /// Light objects are touched softly, and the more softly the more contacts share them.
     #[test]
     fn the_gains_of_a_light_object_are_shared_among_its_clusters() {
-        let mobility = Mobility {
+        let body = DynamicBody {
             mass: 0.01,
             inertia: palpate_core::glam::DMat3::from_diagonal(DVec3::splat(1e-6)),
             center_of_mass: DVec3::ZERO,
             period: 1e-3,
         };
         let mut object = MovingObject::new();
-        object.set_mobility(Some(mobility));
+        object.set_dynamics(Some(body));
         let with = Counterpart::Moving { object: &object, id: SceneId(0), pose: Pose::IDENTITY };
         let stiff = ContactParameters { stiffness: 1e6, ..GAINS };
         let mut group = ContactGroup::with_moving(2, 0.1);

@@ -34,7 +34,7 @@ pub(crate) use self::search::ByLevels;
 use self::search::choose;
 use self::touching::Patches;
 use crate::contact::merging::Plane;
-use crate::contact::monitor::{Push, TouchingPatches, Watch, Watched};
+use crate::contact::monitor::{ContactForce, ContactMonitor, MonitorFeed, TouchingPatches};
 use crate::contact::proxy::{Found, LevelSearch, Proxy, carried, motion_between};
 use crate::contact::representative::FieldError;
 use crate::contact::textures::{TextureError, Textures};
@@ -131,7 +131,7 @@ pub struct ContactLoop {
     time: f64,
     telemetry: ContactTelemetry,
     /// Where someone looks on, and what finds the patches that touch.
-    watched: Option<Watched>,
+    monitored: Option<MonitorFeed>,
     patches: Patches,
 }
 
@@ -197,7 +197,7 @@ impl ContactLoop {
             lookahead: Lookahead::new(braking || proxy, parameters.tolerance, radius),
             time: f64::NAN,
             telemetry: ContactTelemetry::default(),
-            watched: None,
+            monitored: None,
             patches: Patches::new(),
         })
     }
@@ -254,8 +254,8 @@ impl ContactLoop {
         let events = &mut self.telemetry.events;
         events.contact_refused += u64::from(model.refused());
         events.contact_overflow += u64::from(model.overflow());
-        if let Some(watched) = &mut self.watched {
-            watched.show();
+        if let Some(monitored) = &mut self.monitored {
+            monitored.publish();
         }
         let contacts = self.groups().map(|group| group.touching.len()).sum::<usize>() + coarse;
         ContactUpdate { model, time, depth, contacts: contacts as u32 }
@@ -307,10 +307,10 @@ impl ContactLoop {
             let count = place.map_or(1, |_| count_of(place));
             let gains = with.gains(&gains, (contact.point, contact.normal), count, interval);
             model.push(ContactClass::Touching, patch, &gains, &with.body());
-            if let Some(watched) = &mut self.watched {
+            if let Some(monitored) = &mut self.monitored {
                 let force = contact.normal * (-gains.stiffness * (contact.depth + tolerance));
                 let Contact { point, normal, depth, .. } = contact;
-                watched.sight().add_push(Push { point, normal, force, depth });
+                monitored.snapshot().add_force(ContactForce { point, normal, force, depth });
             }
         }
     }
@@ -373,8 +373,8 @@ impl ContactLoop {
 
     /// Adds the contacts of all groups within d to a model.
     fn push_touching(&mut self, model: &mut LinearContactModel, probe_pose: &Pose, interval: f64) {
-        let Self { objects, scene, moving, still, watched, parameters, .. } = self;
-        let mut show = |cluster: &Cluster, gains: &ContactParameters| show(watched, cluster, gains);
+        let Self { objects, scene, moving, still, monitored, parameters, .. } = self;
+        let mut show = |cluster: &Cluster, gains: &ContactParameters| show(monitored, cluster, gains);
         let at = (probe_pose, interval);
         still.push_touching(model, &Counterpart::Still, parameters, at, &mut show);
         for &place in moving.iter() {
@@ -431,24 +431,24 @@ impl ContactLoop {
                 let at = (found.contact.point, found.contact.linear.normalize_or_zero());
                 with.gains(&shared(gains, found.share), at, 1, interval)
             };
-            let carrier = with.body();
-            let twist = beside(&body.twist, pose.translation, &carrier);
+            let moving_body = with.body();
+            let twist = beside(&body.twist, pose.translation, &moving_body);
             let curved = FoundContact::Curved(&found.contact, &pose);
             if now > -tolerance {
                 *depth = depth.max(now);
                 let missed = found.is_undersampled(&twist, pose.translation, interval);
                 events.texture_undersampled += u64::from(missed);
-                if let Some(watched) = &mut self.watched {
+                if let Some(monitored) = &mut self.monitored {
                     let force =
                         found.contact.linear * (-self.parameters.stiffness * found.share * (now + tolerance));
                     let normal = found.contact.linear.normalize_or_zero();
                     let point = found.contact.point;
-                    watched.sight().add_push(Push { point, normal, force, depth: now });
+                    monitored.snapshot().add_force(ContactForce { point, normal, force, depth: now });
                 }
-                model.push(ContactClass::Touching, curved, &gains(&self.parameters), &carrier);
+                model.push(ContactClass::Touching, curved, &gains(&self.parameters), &moving_body);
             } else if self.braking && now + found.rate(&twist) * ahead > -tolerance {
                 let class = ContactClass::Approaching { braking_time: ahead };
-                model.push(class, curved, &gains(braking), &carrier);
+                model.push(class, curved, &gains(braking), &moving_body);
             }
         }
         coarse
@@ -486,21 +486,21 @@ impl ContactLoop {
         ContactParameters { damping: damping.max(self.parameters.damping), ..self.parameters }
     }
 
-    /// A watch that shows the contacts elsewhere, from the next step on. There may be several.
-    pub fn watch(&mut self) -> Watch {
-        match &mut self.watched {
-            Some(watched) => watched.also(),
+    /// A monitor that shows the contacts in another thread, from the next step on. There may be several.
+    pub fn contact_monitor(&mut self) -> ContactMonitor {
+        match &mut self.monitored {
+            Some(monitored) => monitored.add_monitor(),
             None => {
-                let (watched, watch) = Watched::new();
-                self.watched = Some(watched);
-                watch
+                let (monitored, monitor) = MonitorFeed::new();
+                self.monitored = Some(monitored);
+                monitor
             }
         }
     }
 
     /// Whether someone looks on.
     pub(crate) fn is_watched(&self) -> bool {
-        self.watched.is_some()
+        self.monitored.is_some()
     }
 
     /// The detail that is left out, m; 0 where there is none, or full resolution is asked for.
@@ -512,15 +512,15 @@ impl ContactLoop {
     /// representatives where the deepest are.
     fn show_patches(&mut self, time: f64) {
         let is_by_fields = self.is_by_fields();
-        let Some(watched) = &mut self.watched else { return };
-        let sight = watched.begin(time);
+        let Some(monitored) = &mut self.monitored else { return };
+        let snapshot = monitored.begin(time);
         let is_near = |found: &&Found| found.contact.contact.depth > -self.parameters.tolerance;
         if !is_by_fields {
             for found in self.proxy.contacts().filter(is_near) {
                 let PatchContact { probe_node, scene_node, weight, .. } = found.contact;
                 let object = self.objects.get(found.object).and_then(Option::as_ref);
                 let object = object.map_or(found.object, |object| object.id.0);
-                sight.add_patches(TouchingPatches { object, probe_node, scene_node, weight });
+                snapshot.add_patches(TouchingPatches { object, probe_node, scene_node, weight });
             }
             return;
         }
@@ -534,7 +534,7 @@ impl ContactLoop {
             let at = scene.inverse().transform_point(contact.scene_point);
             let other = self.patches.leaf_at(&object.clod, at);
             if let (Some(probe_node), Some(scene_node)) = (own, other) {
-                sight.add_patches(TouchingPatches { object: id.0, probe_node, scene_node, weight: 1.0 });
+                snapshot.add_patches(TouchingPatches { object: id.0, probe_node, scene_node, weight: 1.0 });
             }
         }
     }
@@ -599,18 +599,18 @@ fn shared(parameters: &ContactParameters, share: f64) -> ContactParameters {
 }
 
 /// Whether a contact comes within a distance (m) in a time (s) if the body and what it is with move on as they do.
-fn comes_within(contact: &Contact, body: &BodyState, carrier: &MovingBody, distance: f64, time: f64) -> bool {
+fn comes_within(contact: &Contact, body: &BodyState, object: &MovingBody, distance: f64, time: f64) -> bool {
     let arm = contact.point - body.pose.translation;
-    let velocity = body.twist.velocity_at(arm) - carrier.twist.velocity_at(contact.point);
+    let velocity = body.twist.velocity_at(arm) - object.twist.velocity_at(contact.point);
     let rate = velocity.dot(contact.normal);
     contact.depth + rate * time > -distance
 }
 
 /// The motion of a body, whose reference point is at `center` (m), beside an object.
-fn beside(twist: &Twist, center: DVec3, carrier: &MovingBody) -> Twist {
+fn beside(twist: &Twist, center: DVec3, object: &MovingBody) -> Twist {
     Twist {
-        linear: twist.linear - carrier.twist.velocity_at(center),
-        angular: twist.angular - carrier.twist.angular,
+        linear: twist.linear - object.twist.velocity_at(center),
+        angular: twist.angular - object.twist.angular,
     }
 }
 
@@ -639,9 +639,9 @@ fn moving_group<'a>(
 }
 
 /// Shows the force of a cluster to whoever looks on.
-fn show(watched: &mut Option<Watched>, cluster: &Cluster, gains: &ContactParameters) {
-    let Some(watched) = watched else { return };
+fn show(monitored: &mut Option<MonitorFeed>, cluster: &Cluster, gains: &ContactParameters) {
+    let Some(monitored) = monitored else { return };
     let Contact { point, normal, depth, .. } = cluster.contact;
     let force = normal * (-gains.stiffness * (depth + gains.tolerance));
-    watched.sight().add_push(Push { point, normal, force, depth });
+    monitored.snapshot().add_force(ContactForce { point, normal, force, depth });
 }

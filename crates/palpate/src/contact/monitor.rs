@@ -1,13 +1,12 @@
-//! What the contact loop sees, for those who look at it while it runs: a window, a host's debug view.
+//! Snapshots of the contacts for a window or a host's debug view, while the session runs.
 //!
-//! It is handed over through a triple buffer, the latest wins: the contact loop neither waits for a watcher nor allocates for
-//! one.
+//! They go through a triple buffer, where the latest wins: the contact loop neither waits for a monitor nor allocates for one.
 
 use palpate_core::Clod;
 use palpate_core::glam::DVec3;
 
-/// Most patches and pushes of one look; what is beyond them is left out.
-const MOST: usize = 512;
+/// Largest number of patches and of forces in a snapshot; further ones are left out.
+const CAPACITY: usize = 512;
 
 /// Two patches that touch, or are within the tolerance of each other.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,9 +21,9 @@ pub struct TouchingPatches {
     pub weight: f64,
 }
 
-/// A push on the probe: that of a cluster of contacts, or of a textured contact.
+/// Force on the probe of a cluster of contacts, or of a textured contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Push {
+pub struct ContactForce {
     /// Where on the probe's surface, m; world axes.
     pub point: DVec3,
     /// Unit normal of the contact, out of the probe; world axes. Of a textured contact, the direction in which the depth
@@ -36,43 +35,43 @@ pub struct Push {
     pub depth: f64,
 }
 
-/// What one contact step saw.
+/// Contacts of one contact step.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Sight {
-    /// Time of the body state that it is about, s; NaN before the first.
+pub struct ContactSnapshot {
+    /// Time of the body state that the contacts are for, s; NaN before the first.
     pub time: f64,
     /// The patches that touch.
     pub patches: Vec<TouchingPatches>,
-    /// What pushes the probe.
-    pub pushes: Vec<Push>,
+    /// The forces on the probe.
+    pub forces: Vec<ContactForce>,
 }
 
-impl Default for Sight {
-    /// Nothing, with room for all that it may come to hold.
+impl Default for ContactSnapshot {
+    /// Empty, with room for all that a snapshot may hold.
     fn default() -> Self {
-        Self { time: f64::NAN, patches: Vec::with_capacity(MOST), pushes: Vec::with_capacity(MOST) }
+        Self { time: f64::NAN, patches: Vec::with_capacity(CAPACITY), forces: Vec::with_capacity(CAPACITY) }
     }
 }
 
-impl Sight {
-    /// Empties it, for what is at `time` (s).
+impl ContactSnapshot {
+    /// Empties the snapshot, for the contacts at `time` (s).
     fn clear(&mut self, time: f64) {
         self.time = time;
         self.patches.clear();
-        self.pushes.clear();
+        self.forces.clear();
     }
 
     /// Adds patches, if there is room.
     pub(crate) fn add_patches(&mut self, patches: TouchingPatches) {
-        if self.patches.len() < MOST {
+        if self.patches.len() < CAPACITY {
             self.patches.push(patches);
         }
     }
 
-    /// Adds a push, if there is room.
-    pub(crate) fn add_push(&mut self, push: Push) {
-        if self.pushes.len() < MOST {
-            self.pushes.push(push);
+    /// Adds a force, if there is room.
+    pub(crate) fn add_force(&mut self, force: ContactForce) {
+        if self.forces.len() < CAPACITY {
+            self.forces.push(force);
         }
     }
 }
@@ -87,58 +86,58 @@ pub fn level_color(clod: &Clod, level: u32) -> [u8; 4] {
     [channel(0.0), channel(2.0), channel(4.0), 255]
 }
 
-/// Watches the contacts of a session, from any thread. Made by [`HapticRenderer::watch`](crate::HapticRenderer::watch).
+/// Shows the contacts of a session in any thread. Made by [`HapticRenderer::contact_monitor`](crate::HapticRenderer::contact_monitor).
 #[derive(Debug)]
-pub struct Watch(triple_buffer::Output<Sight>);
+pub struct ContactMonitor(triple_buffer::Output<ContactSnapshot>);
 
-impl Watch {
-    /// The latest that was seen.
-    pub fn latest(&mut self) -> &Sight {
+impl ContactMonitor {
+    /// The latest snapshot.
+    pub fn latest(&mut self) -> &ContactSnapshot {
         self.0.read()
     }
 }
 
-/// The side of the contact loop: a buffer for each watch. What is seen is written for the first, and copied to the others.
+/// The contact loop's end: a buffer for each monitor. A snapshot is written to the first, and copied to the others.
 #[derive(Debug)]
-pub(crate) struct Watched {
-    first: triple_buffer::Input<Sight>,
-    others: Vec<triple_buffer::Input<Sight>>,
+pub(crate) struct MonitorFeed {
+    first: triple_buffer::Input<ContactSnapshot>,
+    others: Vec<triple_buffer::Input<ContactSnapshot>>,
 }
 
-impl Watched {
-    pub fn new() -> (Self, Watch) {
+impl MonitorFeed {
+    pub fn new() -> (Self, ContactMonitor) {
         let (first, output) = triple_buffer::TripleBuffer::default().split();
-        (Self { first, others: Vec::new() }, Watch(output))
+        (Self { first, others: Vec::new() }, ContactMonitor(output))
     }
 
-    /// One more watch.
-    pub fn also(&mut self) -> Watch {
+    /// Adds a monitor.
+    pub fn add_monitor(&mut self) -> ContactMonitor {
         let (input, output) = triple_buffer::TripleBuffer::default().split();
         self.others.push(input);
-        Watch(output)
+        ContactMonitor(output)
     }
 
-    /// A new look at what is at `time` (s), empty.
-    pub fn begin(&mut self, time: f64) -> &mut Sight {
-        let sight = self.first.input_buffer_mut();
-        sight.clear(time);
-        sight
+    /// Begins a snapshot at `time` (s).
+    pub fn begin(&mut self, time: f64) -> &mut ContactSnapshot {
+        let snapshot = self.first.input_buffer_mut();
+        snapshot.clear(time);
+        snapshot
     }
 
-    /// The look that was begun.
-    pub fn sight(&mut self) -> &mut Sight {
+    /// The snapshot that was begun.
+    pub fn snapshot(&mut self) -> &mut ContactSnapshot {
         self.first.input_buffer_mut()
     }
 
-    /// Hands over what was seen.
-    pub fn show(&mut self) {
+    /// Publishes the snapshot.
+    pub fn publish(&mut self) {
         let Self { first, others } = self;
         let seen = first.input_buffer_mut();
         for other in others {
             let copy = other.input_buffer_mut();
             copy.clear(seen.time);
             copy.patches.extend_from_slice(&seen.patches);
-            copy.pushes.extend_from_slice(&seen.pushes);
+            copy.forces.extend_from_slice(&seen.forces);
             other.publish();
         }
         first.publish();

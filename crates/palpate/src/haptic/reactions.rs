@@ -36,7 +36,7 @@ impl Reaction {
 }
 
 /// Takes what contacts push the scene's objects with, from any thread, for objects that have a
-/// [`Mobility`](crate::Mobility). Made by [`HapticRenderer::reactions`](crate::HapticRenderer::reactions).
+/// [`DynamicBody`](crate::DynamicBody). Made by [`HapticRenderer::reactions`](crate::HapticRenderer::reactions).
 ///
 /// A clone takes from the same queue: each reaction goes to whoever takes it first.
 #[derive(Clone, Debug)]

@@ -10,7 +10,7 @@ use std::thread::JoinHandle;
 use palpate_core::{Pose, Wrench};
 use palpate_device::{DeviceError, DeviceState, HapticDevice, Specification};
 
-use crate::contact::monitor::Watch;
+use crate::contact::monitor::ContactMonitor;
 use crate::haptic::HapticLoop;
 use crate::haptic::reactions::Reactions;
 use crate::run::realtime::{ToContact, channels, run_contact};
@@ -35,7 +35,7 @@ pub struct HostedSession<T: Tool = Rigid> {
     /// Changes its settings.
     pub settings: SettingsEditor,
     /// Shows the contacts of each body.
-    pub contacts: T::PerBody<Watch>,
+    pub contacts: T::PerBody<ContactMonitor>,
     /// Reports what contacts push the scene's objects with.
     pub reactions: Reactions,
     /// Takes its haptic steps.
@@ -128,7 +128,7 @@ impl<T: Tool> HapticRenderer<T> {
     /// # Errors
     /// If the system gives no thread.
     pub fn host(mut self) -> Result<HostedSession<T>, HostError> {
-        let (scene, contacts) = (self.scene_editor(), self.watch());
+        let (scene, contacts) = (self.scene_editor(), self.contact_monitor());
         let (settings, reactions) = (self.settings_editor(), self.reactions());
         let Self { haptic, contacts: loops, .. } = self;
         let ended = Arc::new(AtomicBool::new(false));

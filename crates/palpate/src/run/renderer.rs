@@ -6,7 +6,7 @@ use palpate_device::{DeviceError, DeviceState, HapticDevice};
 use palpate_dynamics::{ArticulatedState, Body, BodyState, IntegratorKind};
 use palpate_texture_pd::Backend;
 
-use crate::contact::monitor::Watch;
+use crate::contact::monitor::ContactMonitor;
 use crate::contact::representative::FieldError;
 use crate::contact::textures::TextureError;
 use crate::contact::{ContactLoop, ContactLoopError};
@@ -17,7 +17,7 @@ use crate::run::settings_editor::SettingsEditor;
 use crate::scene::Scene;
 use crate::scene::SceneId;
 use crate::scene::editor::SceneEditor;
-use crate::scene::moving::Mobility;
+use crate::scene::moving::DynamicBody;
 use crate::scene::object::Object;
 use crate::scene::size::{UnitsError, check_sizes};
 use crate::settings::gripper::GripperSettings;
@@ -295,9 +295,9 @@ impl<T: Tool> HapticRenderer<T> {
         &self.scene
     }
 
-    /// A watch that shows the contacts of each body elsewhere while the session runs. There may be several.
-    pub fn watch(&mut self) -> T::PerBody<Watch> {
-        per_body::<T, _>(self.contacts.iter_mut().map(ContactLoop::watch))
+    /// A monitor of the contacts of each body, for another thread while the session runs. There may be several.
+    pub fn contact_monitor(&mut self) -> T::PerBody<ContactMonitor> {
+        per_body::<T, _>(self.contacts.iter_mut().map(ContactLoop::contact_monitor))
     }
 
     /// An editor that changes the scene from elsewhere while the session runs. Each call gives another handle to the same
@@ -362,12 +362,12 @@ fn radius_about_center_of_mass(object: &Object) -> f64 {
 fn follow(session: &mut HapticRenderer, leader: &mut HapticRenderer) -> Option<SceneId> {
     let HapticRenderer { haptic, probes, period, .. } = leader;
     let Body { mass, inertia, .. } = haptic.tool.body;
-    let mobility = Mobility {
+    let body = DynamicBody {
         mass,
         inertia,
         center_of_mass: probes[0].clod.source.center_of_mass,
         period: period.max(session.period),
     };
     let (pose, _) = haptic.motion();
-    session.contacts[0].add_following(&probes[0], &pose, haptic.lead(), mobility)
+    session.contacts[0].add_following(&probes[0], &pose, haptic.lead(), body)
 }

@@ -9,7 +9,7 @@ use std::thread::JoinHandle;
 use palpate_core::Pose;
 use palpate_device::DeviceError;
 
-use crate::contact::monitor::Watch;
+use crate::contact::monitor::ContactMonitor;
 use crate::haptic::reactions::Reactions;
 use crate::run::renderer::HapticRenderer;
 use crate::run::session::Session;
@@ -43,7 +43,7 @@ pub struct RunningSession<T: Tool = Rigid> {
     /// Changes its settings.
     pub settings: SettingsEditor,
     /// Shows the contacts of each body.
-    pub contacts: T::PerBody<Watch>,
+    pub contacts: T::PerBody<ContactMonitor>,
     /// Reports what contacts push the scene's objects with.
     pub reactions: Reactions,
     /// Shows its steps, and ends it.
@@ -85,7 +85,7 @@ impl<T: Tool> HapticRenderer<T> {
     /// # Errors
     /// If the system gives no thread.
     pub fn spawn(mut self) -> std::io::Result<RunningSession<T>> {
-        let (scene, contacts, reactions) = (self.scene_editor(), self.watch(), self.reactions());
+        let (scene, contacts, reactions) = (self.scene_editor(), self.contact_monitor(), self.reactions());
         let settings = self.settings_editor();
         let device_error = self.haptic.shared_device_error();
         let (mut shown, latest) = triple_buffer::triple_buffer(&None);
@@ -110,7 +110,7 @@ impl<T: Tool> HapticRenderer<T> {
 impl<T: Tool> RunningSession<T> {
     /// The handle, the editor of the scene and the watch of contacts, which may each go to another thread. Destructuring gives the
     /// editor of settings and the reactions as well.
-    pub fn split(self) -> (SessionHandle<T>, SceneEditor, T::PerBody<Watch>) {
+    pub fn split(self) -> (SessionHandle<T>, SceneEditor, T::PerBody<ContactMonitor>) {
         (self.handle, self.scene, self.contacts)
     }
 

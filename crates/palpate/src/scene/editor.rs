@@ -11,7 +11,7 @@ use palpate_field::FieldOptions;
 use rtrb::{Consumer, Producer, RingBuffer};
 
 use crate::scene::SceneId;
-use crate::scene::moving::Mobility;
+use crate::scene::moving::DynamicBody;
 use crate::scene::object::Object;
 
 /// Changes that may wait for the contact loop.
@@ -24,7 +24,7 @@ pub(crate) enum Edit {
     Replace(SceneId, Object, Pose),
     Move(SceneId, Pose),
     Motion(SceneId, Pose, Twist),
-    Mobility(SceneId, Option<Mobility>),
+    DynamicBody(SceneId, Option<DynamicBody>),
     Remove(SceneId),
 }
 
@@ -43,11 +43,11 @@ pub enum EditError {
     /// The velocity is not finite.
     #[error("a velocity is not finite")]
     Twist,
-    /// The mobility is invalid.
+    /// The dynamic body is invalid.
     #[error(
-        "a mobility's mass, period or principal moments of inertia are not above 0, or not finite, or no body has them"
+        "a dynamic body's mass, period or principal moments of inertia are not above 0, or not finite, or no body has them"
     )]
-    Mobility,
+    DynamicBody,
 }
 
 /// Changes the scene of a session, from any thread. Made by
@@ -164,12 +164,12 @@ impl SceneEditor {
     /// soft as is stable with one so light. With `None`, contacts do not move it.
     ///
     /// # Errors
-    /// If the mobility is invalid, the scene has no such object, or too many changes wait.
-    pub fn set_mobility(&mut self, id: SceneId, mobility: Option<Mobility>) -> Result<(), EditError> {
-        if mobility.is_some_and(|mobility| !mobility.is_valid()) {
-            return Err(EditError::Mobility);
+    /// If the dynamic body is invalid, the scene has no such object, or too many changes wait.
+    pub fn set_dynamics(&mut self, id: SceneId, body: Option<DynamicBody>) -> Result<(), EditError> {
+        if body.is_some_and(|body| !body.is_valid()) {
+            return Err(EditError::DynamicBody);
         }
-        self.change(id, Edit::Mobility(id, mobility))
+        self.change(id, Edit::DynamicBody(id, body))
     }
 
     /// Removes an object.

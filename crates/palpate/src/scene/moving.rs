@@ -1,13 +1,12 @@
-//! Scene objects that move (§6.2.2): where they are between what a host says of them, and how hard they may be pushed.
+//! Scene objects that move (§6.2.2): where they are between the poses that a host sets, and how stiff contacts with them may be.
 //!
-//! A host tells poses and twists at its own rate, which may be a picture's. In between an object moves on as it did; when it is told
-//! anew, it goes over to where it will be one interval later with a constant twist, so that neither its surface nor the force on
-//! it jumps, and the velocity that contacts know of is that of the surface that they see. What is not told of for
-//! [`LONGEST`] stands still.
+//! A host sets poses and twists at its own rate, which may be a display's. In between an object moves on with its last twist. A new pose
+//! is approached with a constant twist over one interval, so that neither the surface nor the force on it jumps, and contacts see the
+//! velocity of the surface that they touch. An object whose host is silent for [`LONGEST`] stands still.
 //!
-//! An object that the contacts push back ([`Mobility`]) answers late: what it is pushed with reaches it in a step of its own world, and
-//! where that takes it is known in the contact loop one more step later. Contacts with it are no stiffer, and no more damped, than is
-//! stable with such a delay, by its effective mass at the contact's point along the normal.
+//! A [`DynamicBody`] responds late: an impulse reaches it in a step of its own world, and its new pose reaches the contact loop one more
+//! step later. Contacts with it are no stiffer and no more damped than is stable with such a delay, for its effective mass at the
+//! contact's point along the normal.
 
 use palpate_core::glam::{DMat3, DVec3};
 use palpate_core::{Pose, Twist};
@@ -15,13 +14,13 @@ use palpate_dynamics::{ContactParameters, MovingBody};
 
 use crate::scene::SceneId;
 
-/// The longest that an object moves on without being told of, s.
+/// Time that an object moves on after its host last set its pose, s.
 const LONGEST: f64 = 0.05;
 
-/// What is told within so short a time, s, is told at once.
+/// Poses that are set within this time, s, are one.
 const AT_ONCE: f64 = 1e-6;
 
-/// By how much of the difference the mean interval between being told goes over to the last one.
+/// Part of the difference by which the mean interval between poses follows the last one.
 const SMOOTHING: f64 = 0.25;
 
 /// With a delay T and an effective mass m, contacts are no stiffer than m (STIFFEST / T)² and no more damped than
@@ -29,9 +28,9 @@ const SMOOTHING: f64 = 0.25;
 const STIFFEST: f64 = 0.25;
 const MOST_DAMPED: f64 = 0.5;
 
-/// How an object is moved by what touches it.
+/// An object that contacts move, in the host's simulation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Mobility {
+pub struct DynamicBody {
     /// kg.
     pub mass: f64,
     /// About the centre of mass, in the axes of the mesh, kg·m².
@@ -42,7 +41,7 @@ pub struct Mobility {
     pub period: f64,
 }
 
-impl Mobility {
+impl DynamicBody {
     /// Whether a body can have them.
     pub(crate) fn is_valid(&self) -> bool {
         let positive = |value: f64| value > 0.0 && value.is_finite();
@@ -54,21 +53,21 @@ impl Mobility {
     }
 }
 
-/// A scene object that moves, or can be moved.
+/// A scene object that moves, or that contacts move.
 #[derive(Debug)]
 pub(crate) struct MovingObject {
     motion: Option<Motion>,
-    /// A pose of the mesh's frame and the velocity of its origin, told since the last step.
-    told: Option<(Pose, Twist)>,
-    /// With the inverse of the inertia.
-    mobility: Option<(Mobility, DMat3)>,
-    /// Whether it is to be pushed back.
+    /// Pose of the mesh's frame and velocity of its origin, if the host has set them since the last step.
+    given: Option<(Pose, Twist)>,
+    /// The dynamic body, with its inverse inertia.
+    body: Option<(DynamicBody, DMat3)>,
+    /// Whether contacts push it.
     reacts: bool,
-    /// Where it follows another session's object.
+    /// The motion of another session's object that this one follows.
     leader: Option<triple_buffer::Output<(Pose, Twist)>>,
 }
 
-/// How an object moves.
+/// Motion between two poses of the host.
 #[derive(Clone, Copy, Debug)]
 struct Motion {
     /// At a time (s), with a twist until another (s).
@@ -76,40 +75,40 @@ struct Motion {
     time: f64,
     twist: Twist,
     until: f64,
-    /// What it was last told, when, and how long after it is to be told again, s: a running mean.
-    told: Twist,
-    told_at: f64,
+    /// The twist that was last set, when, and the mean time between settings, s.
+    given: Twist,
+    set_at: f64,
     interval: f64,
 }
 
 impl MovingObject {
     /// An object that a host moves.
     pub fn new() -> Self {
-        Self { motion: None, told: None, mobility: None, reacts: false, leader: None }
+        Self { motion: None, given: None, body: None, reacts: false, leader: None }
     }
 
     /// An object that follows another session's.
-    pub fn following(leader: triple_buffer::Output<(Pose, Twist)>, mobility: Mobility) -> Self {
+    pub fn following(leader: triple_buffer::Output<(Pose, Twist)>, body: DynamicBody) -> Self {
         let mut moving = Self::new();
         moving.leader = Some(leader);
-        moving.set_mobility(Some(mobility));
+        moving.set_dynamics(Some(body));
         moving.reacts = false;
         moving
     }
 
-    /// Is told a pose of the mesh's frame and the velocity of its origin.
-    pub fn tell(&mut self, pose: &Pose, twist: &Twist) {
-        self.told = Some((*pose, *twist));
+    /// Sets the pose of the mesh's frame and the velocity of its origin.
+    pub fn set_motion(&mut self, pose: &Pose, twist: &Twist) {
+        self.given = Some((*pose, *twist));
     }
 
-    pub fn set_mobility(&mut self, mobility: Option<Mobility>) {
-        self.mobility = mobility.map(|mobility| (mobility, mobility.inertia.inverse()));
-        self.reacts = self.mobility.is_some();
+    pub fn set_dynamics(&mut self, body: Option<DynamicBody>) {
+        self.body = body.map(|body| (body, body.inertia.inverse()));
+        self.reacts = self.body.is_some();
     }
 
     /// Stands still from now on.
     pub fn stop(&mut self) {
-        (self.motion, self.told) = (None, None);
+        (self.motion, self.given) = (None, None);
     }
 
     /// Where the mesh's frame is at a time (s); `None` if it has not moved.
@@ -117,15 +116,15 @@ impl MovingObject {
         if let Some(leader) = &mut self.leader
             && leader.update()
         {
-            self.told = Some(*leader.output_buffer_mut());
+            self.given = Some(*leader.output_buffer_mut());
         }
-        let told = self.told.take();
-        if self.motion.is_none() && told.is_none() {
+        let given = self.given.take();
+        if self.motion.is_none() && given.is_none() {
             return None;
         }
         let motion = self.motion.as_mut().map(|motion| motion.advance(now));
-        match (motion, told) {
-            (Some(motion), Some((pose, twist))) => motion.tell(&pose, &twist, now),
+        match (motion, given) {
+            (Some(motion), Some((pose, twist))) => motion.set_motion(&pose, &twist, now),
             (None, Some((pose, twist))) => self.motion = Some(Motion::new(&pose, &twist, now)),
             (_, None) => {}
         }
@@ -138,7 +137,7 @@ impl MovingObject {
     }
 
     /// What contacts with it, its mesh's frame being at a pose, are to know of it.
-    pub fn carrier(&self, id: SceneId, pose: &Pose) -> MovingBody {
+    pub fn moving_body(&self, id: SceneId, pose: &Pose) -> MovingBody {
         let Twist { linear, angular } = self.twist();
         let object = u32::try_from(id.0 + 1).ok().and_then(std::num::NonZeroU32::new);
         MovingBody {
@@ -149,7 +148,7 @@ impl MovingObject {
 
     /// Gains of `count` contacts with it, of which this is one, at a point (m) with a normal, the mesh's frame being at a pose and
     /// contacts being looked for every `interval` (s).
-    pub fn limited(
+    pub fn limited_gains(
         &self,
         parameters: &ContactParameters,
         pose: &Pose,
@@ -157,7 +156,7 @@ impl MovingObject {
         count: usize,
         interval: f64,
     ) -> ContactParameters {
-        let Some((Mobility { mass, center_of_mass, period, .. }, inverse_inertia)) = &self.mobility else {
+        let Some((DynamicBody { mass, center_of_mass, period, .. }, inverse_inertia)) = &self.body else {
             return *parameters;
         };
         let turn = DMat3::from_quat(pose.rotation);
@@ -176,7 +175,7 @@ impl MovingObject {
 
 impl Motion {
     fn new(pose: &Pose, twist: &Twist, now: f64) -> Self {
-        Self { pose: *pose, time: now, twist: *twist, until: now, told: *twist, told_at: now, interval: 0.0 }
+        Self { pose: *pose, time: now, twist: *twist, until: now, given: *twist, set_at: now, interval: 0.0 }
     }
 
     fn advance(&mut self, now: f64) -> &mut Self {
@@ -185,8 +184,8 @@ impl Motion {
             self.move_to(then);
         }
         if now > self.time {
-            self.twist = self.told;
-            let end = self.told_at + LONGEST;
+            self.twist = self.given;
+            let end = self.set_at + LONGEST;
             if now <= end {
                 self.move_to(now);
             } else {
@@ -202,9 +201,9 @@ impl Motion {
         self.time = time;
     }
 
-    /// Goes over to where what it is told takes it.
-    fn tell(&mut self, pose: &Pose, twist: &Twist, now: f64) {
-        let since = now - self.told_at;
+    /// Approaches the pose where the new twist takes the object.
+    fn set_motion(&mut self, pose: &Pose, twist: &Twist, now: f64) {
+        let since = now - self.set_at;
         if since > LONGEST {
             *self = Self::new(pose, twist, now);
             return;
@@ -214,7 +213,7 @@ impl Motion {
             let share = if self.interval > 0.0 { SMOOTHING } else { 1.0 };
             self.interval += share * (since - self.interval);
         }
-        (self.told, self.told_at) = (*twist, now);
+        (self.given, self.set_at) = (*twist, now);
         if self.interval > 0.0 {
             let target = pose.moved(twist, self.interval);
             let way = target.translation - self.pose.translation;
@@ -234,7 +233,7 @@ mod tests {
 
     use super::*;
 
-    /// At 60 Hz of what it is told, looked at 1000 times a second, and both a little irregularly.
+    /// Set at 60 Hz and looked at 1000 times a second, both a little irregularly.
     #[test]
     fn a_motion_is_followed_without_steps() {
         let (radius, rate) = (0.1, 3.0);
@@ -251,7 +250,7 @@ mod tests {
         for step in 0..2000 {
             let now = f64::from(step) * 1e-3 + 2e-4 * (f64::from(step) * 1.7).sin();
             if now >= next {
-                moving.tell(&pose(now), &twist(now));
+                moving.set_motion(&pose(now), &twist(now));
                 next += 1.0 / 60.0;
             }
             let found = moving.advance(now).expect("it moves");
@@ -266,13 +265,13 @@ mod tests {
             assert!((speed - radius * rate).abs() < 0.05 * radius * rate, "{now} s: {speed} m/s");
             last = Some(found);
         }
-        // What is not told of stops.
+        // Without a host it stops.
         let end = moving.advance(2.5).expect("it moved");
         let later = moving.advance(3.0).expect("it moved");
         assert_eq!((later.translation, moving.twist()), (end.translation, Twist::ZERO));
     }
 
-    /// Pictures at 60 Hz of which every other one is told of 12 ms late: what is told within 5 ms is no reason to hurry.
+    /// Poses at 60 Hz of which every other one is set 12 ms late: two within 5 ms are no reason to hurry.
     #[test]
     fn a_host_that_is_late_by_turns_makes_no_spikes_of_velocity() {
         let speed = 0.3;
@@ -283,7 +282,7 @@ mod tests {
             let now = 1e-3 * f64::from(step);
             let due = f64::from(picture) / 60.0;
             if now >= due + if picture % 2 == 1 { 0.012 } else { 0.0 } {
-                moving.tell(
+                moving.set_motion(
                     &Pose::from_translation(DVec3::X * speed * due),
                     &Twist::new(DVec3::X * speed, DVec3::ZERO),
                 );
@@ -298,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn one_that_nobody_told_of_stays() {
+    fn an_object_that_no_host_moves_stays() {
         let mut moving = MovingObject::new();
         assert_eq!(moving.advance(1.0), None);
         assert_eq!(moving.twist(), Twist::ZERO);
@@ -312,7 +311,7 @@ mod tests {
             tolerance: 1e-4,
             friction: palpate_dynamics::Friction::NONE,
         };
-        let mobility = Mobility {
+        let body = DynamicBody {
             mass: 0.01,
             inertia: DMat3::from_diagonal(DVec3::splat(1e-6)),
             center_of_mass: DVec3::X * 0.01,
@@ -320,10 +319,10 @@ mod tests {
         };
         let mut moving = MovingObject::new();
         let at = |moving: &MovingObject, point| {
-            moving.limited(&parameters, &Pose::IDENTITY, (point, DVec3::Z), 1, 1e-3)
+            moving.limited_gains(&parameters, &Pose::IDENTITY, (point, DVec3::Z), 1, 1e-3)
         };
         assert_eq!(at(&moving, DVec3::ZERO), parameters);
-        moving.set_mobility(Some(mobility));
+        moving.set_dynamics(Some(body));
         let centre = at(&moving, DVec3::X * 0.01).stiffness;
         assert!((centre - 0.01 * (0.25_f64 / 0.003).powi(2)).abs() < 1e-9, "{centre}");
         // 10 mm off the centre of mass half of the mass is felt.

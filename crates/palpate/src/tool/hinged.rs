@@ -4,7 +4,7 @@
 //! contacts of its own with the scene, found by a [`ContactLoop`](crate::ContactLoop) of its own; one
 //! [`articulated_step`](palpate_dynamics::articulated_step) moves both. The two bodies do not collide with each other: where the
 //! blades meet is the hinge's lower limit. An object between them is felt as both touch it, and pushed by both if it has a
-//! [`Mobility`](crate::Mobility).
+//! [`DynamicBody`](crate::DynamicBody).
 //!
 //! Textures, friction, braking, proxies and levels of detail are those of the contact loops. A proxy follows one body, without
 //! regard to the hinge.

@@ -9,7 +9,7 @@ use palpate::glam::{DMat3, DVec3};
 use palpate::promises::{ENERGY_BOUND, Invariant, RUNAWAY_SPEED};
 use palpate::settings::{ContactSettings, CouplingSettings, OutputSettings};
 use palpate::{
-    Contact, ContactLoop, ContactUpdate, HapticLoop, HapticRenderer, Mobility, Object, Pose, Scene,
+    Contact, ContactLoop, ContactUpdate, DynamicBody, HapticLoop, HapticRenderer, Object, Pose, Scene,
     SceneEditor, SceneId, Settings, SettingsEditor, Twist,
 };
 use rand::RngExt as _;
@@ -224,13 +224,13 @@ impl Running {
             World::Planes(_) => None,
             World::Models(models) => {
                 if let Some(mass) = models.mobility {
-                    let mobility = Mobility {
+                    let body = DynamicBody {
                         mass,
                         inertia: DMat3::from_diagonal(DVec3::splat(0.4 * mass * radius * radius)),
                         center_of_mass: DVec3::ZERO,
                         period: 1e-3,
                     };
-                    scene.set_mobility(SceneId(0), Some(mobility)).map_err(|error| error.to_string())?;
+                    scene.set_dynamics(SceneId(0), Some(body)).map_err(|error| error.to_string())?;
                 }
                 Some(SceneId(0))
             }

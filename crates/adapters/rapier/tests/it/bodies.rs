@@ -152,7 +152,7 @@ fn what_cannot_be_touched_is_refused() {
     for period in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         let mut timeless = TouchedBodies::new(period);
         let refused = timeless.add(scene, &world.bodies, body, &cube);
-        assert_eq!(refused, Err(TouchError::Edit { body, source: EditError::Mobility }), "{period}");
+        assert_eq!(refused, Err(TouchError::Edit { body, source: EditError::DynamicBody }), "{period}");
         assert!(timeless.is_empty());
         // A fixed body has no use for one.
         let fixed = world.insert_body(RigidBodyBuilder::fixed());
