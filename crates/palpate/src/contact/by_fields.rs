@@ -22,7 +22,7 @@ use palpate_field::{AreaContact, AreaLaw, FieldOptions, FieldQuery, FieldSetting
 use super::group::ContactGroup;
 use super::in_scene::InScene;
 use crate::contact::merging::{Plane, Weighed};
-use crate::contact::proxy::{Followed, Found, Search, carried};
+use crate::contact::proxy::{ContactFinder, ProxyContact, QueryReport, carried};
 use crate::contact::representative::{USUAL_ERROR, check_error, lattice, law};
 use crate::scene::field::{Field, FieldError, field_options, find, new_query};
 use crate::scene::object::Object;
@@ -218,7 +218,7 @@ impl ByFields {
         mesh: &Pose,
         reach: f64,
         scene: &mut SceneQuery,
-        followed: &mut Followed,
+        report: &mut QueryReport,
     ) -> bool {
         if self.at == Some((*mesh, reach)) {
             return true;
@@ -227,7 +227,7 @@ impl ByFields {
         self.places.clear();
         self.at = None;
         let Ok(invalid) = scene.find_near(mesh, reach) else {
-            followed.refused = true;
+            report.refused = true;
             return false;
         };
         let settings = self.needs.settings(reach);
@@ -238,7 +238,7 @@ impl ByFields {
             find(query, (&self.probe, mesh), (field, &pose), &settings, &mut self.found);
             self.places.resize(self.found.len(), place);
         }
-        followed.refused |= invalid > 0;
+        report.refused |= invalid > 0;
         if invalid == 0 {
             self.at = Some((*mesh, reach));
         }
@@ -246,7 +246,7 @@ impl ByFields {
     }
 
     /// The deepest places of cells: with no area, since they are among what others stand for.
-    fn deepest(&self) -> impl Iterator<Item = Found> {
+    fn deepest(&self) -> impl Iterator<Item = ProxyContact> {
         let pairs = self.found.iter().zip(&self.places).filter(|(found, _)| found.area == 0.0);
         pairs.map(|(found, &object)| {
             let contact = PatchContact {
@@ -255,7 +255,7 @@ impl ByFields {
                 scene_node: NO_NODE,
                 weight: 1.0,
             };
-            Found { contact, object }
+            ProxyContact::new(contact, object)
         })
     }
 
@@ -272,8 +272,8 @@ impl ByFields {
         (still, objects, moving): (&mut ContactGroup, &mut [Option<InScene>], &[usize]),
     ) -> &[(Option<usize>, Plane)] {
         let reach = (tolerance + in_steps(lag, tolerance)).min(self.furthest()).max(tolerance);
-        // What cannot be looked at was counted when the proxy followed.
-        self.look(Purpose::Push, &(*proxy * *to_mesh), reach, scene, &mut Followed::default());
+        // What cannot be looked at was counted when the proxy report.
+        self.look(Purpose::Push, &(*proxy * *to_mesh), reach, scene, &mut QueryReport::default());
         self.carried.clear();
         self.carried.extend(
             self.found
@@ -335,25 +335,25 @@ pub(super) fn in_steps(lag: f64, tolerance: f64) -> f64 {
 }
 
 /// For a proxy.
-pub(super) struct FieldSearch<'a> {
+pub(super) struct FieldFinder<'a> {
     pub by_fields: &'a mut ByFields,
     pub scene: &'a mut SceneQuery,
     /// m.
     pub reach: f64,
 }
 
-impl Search for FieldSearch<'_> {
-    const JUMPS: bool = false;
+impl ContactFinder for FieldFinder<'_> {
+    const CONTACTS_JUMP: bool = false;
 
     fn reach(&self) -> f64 {
         self.reach
     }
 
-    fn look(&mut self, mesh: &Pose, followed: &mut Followed) -> bool {
-        self.by_fields.look(Purpose::Proxy, mesh, self.reach, self.scene, followed)
+    fn find(&mut self, mesh: &Pose, report: &mut QueryReport) -> bool {
+        self.by_fields.look(Purpose::Proxy, mesh, self.reach, self.scene, report)
     }
 
-    fn contacts(&self) -> impl Iterator<Item = Found> {
+    fn contacts(&self) -> impl Iterator<Item = ProxyContact> {
         self.by_fields.deepest()
     }
 

@@ -1,17 +1,19 @@
-//! Changes of the scene, between the steps of the contact loop.
+//! Changes of the scene and of live settings, between the steps of the contact loop.
 
 use palpate_core::{Pose, Twist};
+use palpate_dynamics::BodyState;
 
-use super::ContactLoop;
 use super::group::ContactGroup;
 use super::in_scene::{InScene, objects_of};
 use super::search::unfit;
+use super::{ContactLoop, any_refined, query_settings};
 use crate::contact::textures::Textures;
 use crate::scene::SceneId;
 use crate::scene::editor::{Edit, SceneEditor};
 use crate::scene::moving::{DynamicBody, MovingObject};
 use crate::scene::object::Object;
 use crate::settings::ContactSearch;
+use crate::settings::live::{ContactTuning, Ramp};
 
 impl ContactLoop {
     /// Puts a scene object elsewhere, its mesh's frame at a pose in the world, from the next step on; `false` if there is none.
@@ -222,6 +224,58 @@ impl ContactLoop {
                 Edit::Remove(id) => self.delete(id),
             };
             self.telemetry.events.edit_refused += u64::from(!made);
+        }
+    }
+
+    /// Goes over to what the loop is tuned to, in the time (s) since the last step.
+    pub(super) fn tune(&mut self, interval: f64) {
+        while let Some(tuning) = self.tunings.as_mut().and_then(|tunings| tunings.pop().ok()) {
+            let ContactTuning { parameters, error, interpolation, query_budget } = tuning;
+            let objects = self.objects.iter().flatten().map(|object| &object.object);
+            let error = if any_refined(objects.chain([&self.probe])) { error } else { 0.0 };
+            // On the way to full resolution levels still go over into one another.
+            let coarsest = error.max(self.error);
+            self.settings = query_settings(parameters.tolerance, coarsest, interpolation, query_budget);
+            if let Some(fields) = &mut self.by_fields {
+                fields.needs.set_budget(query_budget);
+            }
+            self.tuning = Some(Ramp::new((self.parameters, self.error), (parameters, error)));
+        }
+        if let Some(ramp) = &mut self.tuning {
+            let ((parameters, error), ended) = ramp.advance(interval);
+            (self.parameters, self.error) = (parameters, error);
+            self.settings.error = error.into();
+            if ended {
+                self.settings.interpolate &= error > 0.0 || self.settings.budget.is_some();
+                self.tuning = None;
+            }
+        }
+    }
+
+    /// Moves the objects that move on to a time (s).
+    pub(super) fn move_objects(&mut self, body: &BodyState, time: f64) {
+        self.fastest = 0.0;
+        for &place in &self.moving {
+            let Some(InScene { handle, object, moving: Some(moving), .. }) = &mut self.objects[place] else {
+                continue;
+            };
+            let Some(pose) = moving.0.advance(time) else { continue };
+            let Some(before) = self.scene.pose(*handle).copied() else { continue };
+            if before == pose {
+                continue;
+            }
+            self.scene.set_pose(*handle, &pose);
+            if let Some(fields) = &mut self.by_fields {
+                fields.scene_has_changed();
+            }
+            let size = object.bounding_radius();
+            if pose.translation.distance(body.pose.translation)
+                < size + self.radius + self.lookahead.outlook()
+            {
+                self.proxy.object_has_moved(place, &before, &pose);
+                let Twist { linear, angular } = moving.0.twist();
+                self.fastest = self.fastest.max(linear.length() + angular.length() * size);
+            }
         }
     }
 }

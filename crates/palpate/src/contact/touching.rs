@@ -3,7 +3,7 @@
 use palpate_core::Clod;
 use palpate_core::glam::DVec3;
 
-use crate::contact::proxy::Found;
+use crate::contact::proxy::ProxyContact;
 
 /// So many of the deepest contacts are shown, at most.
 pub(super) const SHOWN: usize = 16;
@@ -12,7 +12,7 @@ pub(super) const SHOWN: usize = 16;
 #[derive(Clone, Debug, Default)]
 pub(super) struct Patches {
     waiting: Vec<(u32, f64)>,
-    pub deepest: Vec<Found>,
+    pub deepest: Vec<ProxyContact>,
 }
 
 impl Patches {
@@ -21,7 +21,7 @@ impl Patches {
     }
 
     /// Keeps the deepest of contacts.
-    pub fn choose<'a>(&mut self, contacts: impl Iterator<Item = &'a Found>) {
+    pub fn choose<'a>(&mut self, contacts: impl Iterator<Item = &'a ProxyContact>) {
         self.deepest.clear();
         for found in contacts {
             let depth = found.contact.contact.depth;

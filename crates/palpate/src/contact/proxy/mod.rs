@@ -1,0 +1,155 @@
+//! The proxy: where the grasped object would be if it could not pass through surfaces (§5.6.1).
+//!
+//! Penalty forces know only the object's present pose: once it is deeper in a thin wall than half of that, or was carried
+//! across between two contact queries, the nearest way out is the wrong one. The proxy is moved from where it was towards
+//! the object, in steps of which none goes further than the known contacts allow, and stops where it
+//! would penetrate more than a trace. From there it slides on as far as the surfaces let it: a [god-object](follow). The contacts are
+//! those of the proxy, and their planes push the object back to it. Contacts that jump between the same two patches
+//! [persist](manifold).
+//!
+//! Scene objects that move take along what was found of them, and the proxy goes out of their way before it follows. Where it
+//! cannot, between two that close on it, or where an object is put over it, it starts anew where the grasped object is.
+//!
+//! The coarse meshes of textured objects may sink into one another by their recess, as far as detail lies back in them.
+//!
+//! Where the object itself penetrates no more than that trace, and has come there without passing anything, it is its own
+//! proxy, with one query a step.
+
+pub(crate) mod contact;
+pub(crate) mod finder;
+mod follow;
+mod manifold;
+
+use palpate_core::Pose;
+use palpate_core::glam::DVec3;
+use palpate_dynamics::{Body, MotionLimit};
+
+pub(crate) use self::contact::{ProxyContact, carried, motion_between};
+pub(crate) use self::finder::{ContactFinder, LevelFinder, QueryReport};
+use self::manifold::Manifold;
+
+/// Contacts that there is room for from the start.
+const RESERVED: usize = 512;
+
+/// Whether the proxy is on the side of all surfaces that it came from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Side {
+    /// There is no proxy: it is always where the object is.
+    Disabled,
+    /// The proxy penetrates, and begins anew at the object.
+    Unknown,
+    /// The proxy penetrates no more than a trace.
+    Kept,
+    /// The same, but the scene has changed since: the proxy has to give way first.
+    Disturbed,
+}
+
+/// The proxy, and what it touches.
+#[derive(Clone, Debug)]
+pub(crate) struct Proxy {
+    body: Body,
+    /// Centre of mass in the mesh's frame, m.
+    center_of_mass: DVec3,
+    /// Bounding radius about the centre of mass, m.
+    radius: f64,
+    /// d, m.
+    tolerance: f64,
+    /// Depth that the coarse mesh may sink into each scene object, m; 0 for those beyond the list.
+    recesses: Vec<f64>,
+    side: Side,
+    /// Pose of the centre of mass.
+    pose: Pose,
+    /// Bound on the distance of any point of the object from the same point of the proxy after the last step, m.
+    lag: f64,
+    /// All contacts within the reach (m) there, by pairs of patches.
+    found: Vec<ProxyContact>,
+    reach: f64,
+    /// The contacts before those.
+    before: Vec<ProxyContact>,
+    /// Persistent contacts, as the present pose has them.
+    manifold: Manifold,
+    limits: Vec<MotionLimit>,
+    multipliers: Vec<f64>,
+}
+
+impl Proxy {
+    pub fn new(
+        body: Body,
+        center_of_mass: DVec3,
+        radius: f64,
+        tolerance: f64,
+        recesses: Vec<f64>,
+        enabled: bool,
+    ) -> Self {
+        Self {
+            body,
+            center_of_mass,
+            radius,
+            tolerance,
+            recesses,
+            side: if enabled { Side::Unknown } else { Side::Disabled },
+            pose: Pose::IDENTITY,
+            lag: 0.0,
+            found: Vec::with_capacity(RESERVED),
+            before: Vec::with_capacity(RESERVED),
+            reach: 0.0,
+            manifold: Manifold::new(tolerance),
+            limits: Vec::with_capacity(RESERVED),
+            multipliers: Vec::with_capacity(RESERVED),
+        }
+    }
+
+    /// Pose of the proxy's centre of mass.
+    pub fn pose(&self) -> &Pose {
+        &self.pose
+    }
+
+    /// Bound on the distance of any point of the object from the same point of the proxy after the last step, m.
+    pub fn lag(&self) -> f64 {
+        self.lag
+    }
+
+    /// Contacts at the proxy, within the reach last asked for, and the persistent ones.
+    pub fn contacts(&self) -> impl Iterator<Item = &ProxyContact> {
+        self.found.iter().chain(self.manifold.contacts())
+    }
+
+    /// Contacts at the proxy without the persistent ones.
+    pub fn found(&self) -> &[ProxyContact] {
+        &self.found
+    }
+
+    /// Depth that the coarse mesh may sink into a scene object, m.
+    fn recess(&self, object: usize) -> f64 {
+        self.recesses.get(object).copied().unwrap_or(0.0)
+    }
+
+    /// Sets the depth that the coarse mesh may sink into each scene object, m.
+    pub fn set_recesses(&mut self, recesses: Vec<f64>) {
+        self.recesses = recesses;
+    }
+
+    /// Forgets the contacts: the scene has changed.
+    pub fn scene_has_changed(&mut self) {
+        self.disturb();
+        self.found.clear();
+        self.manifold.clear();
+    }
+
+    /// Takes the contacts with a scene object along that has moved from one pose to another, so that they stay on its side.
+    pub fn object_has_moved(&mut self, object: usize, from: &Pose, to: &Pose) {
+        self.disturb();
+        let motion = *to * from.inverse();
+        let contacts = self.found.iter_mut().chain(self.manifold.contacts_mut());
+        contacts.filter(|found| found.object == object).for_each(|found| found.move_with_object(&motion));
+    }
+
+    fn disturb(&mut self) {
+        if self.side == Side::Kept {
+            self.side = Side::Disturbed;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

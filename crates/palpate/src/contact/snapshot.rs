@@ -1,0 +1,43 @@
+//! Snapshots of the patches that touch, for those who monitor the contacts.
+
+use palpate_collide::PatchContact;
+use palpate_core::Pose;
+
+use super::ContactLoop;
+use super::in_scene::InScene;
+use super::monitor::TouchingPatches;
+use super::proxy::ProxyContact;
+
+impl ContactLoop {
+    /// Begins to show what is seen at a time (s), with the patches that touch, of textured objects the coarse ones; those of
+    /// representatives where the deepest are.
+    pub(super) fn show_patches(&mut self, time: f64) {
+        let is_by_fields = self.is_by_fields();
+        let Some(monitored) = &mut self.monitored else { return };
+        let snapshot = monitored.begin(time);
+        let is_near = |found: &&ProxyContact| found.contact.contact.depth > -self.parameters.tolerance;
+        if !is_by_fields {
+            for found in self.proxy.contacts().filter(is_near) {
+                let PatchContact { probe_node, scene_node, weight, .. } = found.contact;
+                let object = self.objects.get(found.object).and_then(Option::as_ref);
+                let object = object.map_or(found.object, |object| object.id.0);
+                snapshot.add_patches(TouchingPatches { object, probe_node, scene_node, weight });
+            }
+            return;
+        }
+        self.patches.choose(self.proxy.contacts().filter(is_near));
+        let probe = (*self.proxy.pose() * Pose::from_translation(-self.center_of_mass)).inverse();
+        for index in 0..self.patches.deepest.len() {
+            let ProxyContact { contact: PatchContact { contact, .. }, object, .. } =
+                self.patches.deepest[index];
+            let Some(Some(InScene { id, handle, object, .. })) = self.objects.get(object) else { continue };
+            let Some(scene) = self.scene.pose(*handle) else { continue };
+            let own = self.patches.leaf_at(&self.probe.clod, probe.transform_point(contact.point));
+            let at = scene.inverse().transform_point(contact.scene_point);
+            let other = self.patches.leaf_at(&object.clod, at);
+            if let (Some(probe_node), Some(scene_node)) = (own, other) {
+                snapshot.add_patches(TouchingPatches { object: id.0, probe_node, scene_node, weight: 1.0 });
+            }
+        }
+    }
+}
