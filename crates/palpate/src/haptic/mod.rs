@@ -2,12 +2,14 @@
 //!
 //! A step never allocates, locks, blocks or panics; what goes wrong is counted in [`HapticTelemetry::events`].
 
+mod body_contacts;
 pub(crate) mod gripper;
 pub(crate) mod heat;
 pub(crate) mod invariants;
 pub(crate) mod output;
 pub(crate) mod presence;
 pub(crate) mod reactions;
+mod tools;
 pub(crate) mod tracking;
 pub(crate) mod workspace;
 
@@ -17,11 +19,11 @@ use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist, Wrench};
 use palpate_device::{DeviceError, DeviceState, HapticDevice, Specification, Status};
 use palpate_dynamics::{
-    ArticulatedBody, ArticulatedState, BodyState, ContactBlend, DeviceMapping, GripperCoupling,
-    GripperMotion, LinearContactModel, SlewLimit, StepFailure, VirtualCoupling,
+    ContactBlend, DeviceMapping, GripperMotion, LinearContactModel, SlewLimit, StepFailure, VirtualCoupling,
 };
 use rtrb::Consumer;
 
+use self::body_contacts::BodyContacts;
 use self::gripper::Gripper;
 use self::invariants::Invariants;
 use self::output::{Moment, Output};
@@ -33,9 +35,7 @@ use crate::contact::ContactUpdate;
 use crate::scene::placement::HandlePlacement;
 use crate::settings::live::{HapticTuning, Ramp};
 use crate::telemetry::HapticTelemetry;
-use crate::telemetry::hinged_record::HingedRecord;
-use crate::telemetry::record::{ModelData, Record, StepData};
-use crate::tool::hinged::{Hinged, ToolBody};
+use crate::telemetry::record::{ModelData, StepData};
 use crate::tool::rigid::Rigid;
 use crate::tool::{Hand, Tool, ToolStep};
 
@@ -70,37 +70,6 @@ pub struct HapticLoop<T: Tool = Rigid> {
     started: f64,
     now: f64,
     telemetry: HapticTelemetry,
-}
-
-/// The contacts of one body.
-#[derive(Clone, Debug)]
-struct BodyContacts {
-    blend: ContactBlend,
-    /// What the newest contact model was found with.
-    found: ModelData,
-    /// Bounding radius of the body about its centre of mass, m.
-    radius: f64,
-    /// Distance, m, that the body may move from where its contact model was found before that holds no more.
-    roam: f64,
-}
-
-impl BodyContacts {
-    fn new(pose: Pose, radius: f64, scale: f64) -> Self {
-        let roam = (ROAM.0 * radius).max(ROAM.1 * scale);
-        Self { blend: ContactBlend::new(), found: ModelData::none(pose), radius, roam }
-    }
-
-    /// Largest displacement of any point of the body from where its contact model was found, as a part of how far it may roam; 0
-    /// without contacts.
-    fn strayed(&self, pose: &Pose) -> f64 {
-        let found = &self.found;
-        if found.contacts == 0 {
-            return 0.0;
-        }
-        let turn = 0.5 * found.pose.rotation_vector_to(pose).length();
-        let moved = found.pose.translation.distance(pose.translation) + 2.0 * self.radius * turn.sin();
-        moved / self.roam
-    }
 }
 
 /// What a [`HapticLoop`] is made with, beside its tool.
@@ -147,9 +116,6 @@ const LONGEST_STEP: (f64, f64) = (5.0, 0.02);
 /// After a step that comes later than [`LONGEST_STEP`] in periods, the wrench comes up anew if the hand has gone further than this
 /// meanwhile, m and rad: the object is left behind by as much.
 const LATE_WAY: (f64, f64) = (2e-3, 0.05);
-
-/// How far an object may go from where its contact model was found: in bounding radii, and no less than in m at the device.
-const ROAM: (f64, f64) = (0.5, 0.01);
 
 /// Steps in a row that may be refused before the tool is put where the hand is.
 const MOST_STUCK: u32 = 20;
@@ -527,66 +493,4 @@ impl<T: Tool> HapticLoop<T> {
 fn model_of(bodies: &[BodyContacts], body: usize) -> &LinearContactModel {
     static NONE: LinearContactModel = LinearContactModel::empty(&Pose::IDENTITY, f64::NAN);
     bodies.get(body).map_or(&NONE, |body| body.blend.contacts())
-}
-
-impl HapticLoop<Rigid> {
-    /// The grasped object; the pose is that of its centre of mass, in the mesh's axes.
-    pub fn body_state(&self) -> &BodyState {
-        &self.tool.state
-    }
-
-    /// Pose of the grasped object's mesh frame.
-    pub fn object_pose(&self) -> Pose {
-        crate::tool::Moves::object_pose(&self.tool, 0)
-    }
-
-    /// Takes a newer contact model into use: [gradually](ContactBlend), over as long as lies between the last two, but no
-    /// longer than [`ContactBlend::LONGEST`].
-    pub fn update_contacts(&mut self, update: &ContactUpdate) {
-        self.take_model(0, update);
-    }
-
-    /// One step of `dt` seconds up to time `now` (s) for a host that reads and writes its device itself. The wrench to
-    /// send is the record's [`coupling`](Record::coupling).
-    pub fn step(&mut self, device: &DeviceState, now: f64, dt: f64) -> Record {
-        self.advance(Some(device), None, now, dt).0
-    }
-}
-
-impl HapticLoop<Hinged> {
-    /// The tool: bodies about their centres of mass, in their meshes' axes.
-    pub fn body(&self) -> &ArticulatedBody {
-        &self.tool.body
-    }
-
-    /// Where the tool is and how it moves; the pose is that of the first body's centre of mass.
-    pub fn state(&self) -> &ArticulatedState {
-        &self.tool.state
-    }
-
-    /// State of one of the bodies; the pose is that of its centre of mass, in its mesh's axes.
-    pub fn body_state(&self, body: ToolBody) -> BodyState {
-        crate::tool::Moves::body_state(&self.tool, body as usize)
-    }
-
-    /// Poses of the two bodies' mesh frames.
-    pub fn object_poses(&self) -> [Pose; 2] {
-        ToolBody::ALL.map(|body| crate::tool::Moves::object_pose(&self.tool, body as usize))
-    }
-
-    /// The coupling of gripper and hinge, in the world.
-    pub fn grip(&self) -> &GripperCoupling {
-        &self.tool.grip
-    }
-
-    /// Takes a newer contact model of one body into use, as a loop of one body does.
-    pub fn update_contacts(&mut self, body: ToolBody, update: &ContactUpdate) {
-        self.take_model(body as usize, update);
-    }
-
-    /// One step of `dt` seconds up to time `now` (s), for a device and a gripper (rad) that the host has read. The wrench and the torque
-    /// to send are the record's [`coupling`](HingedRecord::coupling) and [`torque`](HingedRecord::torque).
-    pub fn step(&mut self, device: &DeviceState, gripper_angle: f64, now: f64, dt: f64) -> HingedRecord {
-        self.advance(Some(device), Some(gripper_angle), now, dt).0
-    }
 }

@@ -224,3 +224,6 @@ fn moved(from: &Pose, to: &Pose) -> Twist {
 fn reachable(moved: &Twist, seconds: f64) -> bool {
     moved.linear.length() <= FASTEST.0 * seconds && moved.angular.length() <= FASTEST.1 * seconds
 }
+
+#[cfg(test)]
+mod tests;

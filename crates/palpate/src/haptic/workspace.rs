@@ -81,3 +81,67 @@ pub(crate) fn motion_at(handle: &DeviceMotion, grasp: &Pose) -> DeviceMotion {
     let arm = pose.translation - handle.pose.translation;
     DeviceMotion { pose, twist: Twist::new(handle.twist.velocity_at(arm), handle.twist.angular) }
 }
+
+#[cfg(test)]
+mod tests {
+    use palpate_core::glam::{DQuat, DVec3};
+    use palpate_device::Status;
+
+    use super::*;
+
+    fn device(x: f64, turn: f64, buttons: u32) -> DeviceState {
+        let pose = Pose::new(DVec3::X * x, DQuat::from_rotation_z(turn));
+        DeviceState { time: 0.0, pose, twist: Twist::new(DVec3::X, DVec3::Z), buttons, status: Status::OK }
+    }
+
+    fn workspace() -> Workspace {
+        let base = Pose::new(DVec3::new(0.1, -0.2, 0.3), DQuat::from_rotation_x(0.5));
+        Workspace::new(DeviceMapping::new(2.0, base), Some(1))
+    }
+
+    fn close(one: &Pose, other: &Pose) -> bool {
+        one.translation.distance(other.translation) < 1e-12 && one.rotation_vector_to(other).length() < 1e-12
+    }
+
+    /// While the clutch is held, by its button or by the host, the hand's image stays and is at rest; on release it goes on from there.
+    #[test]
+    fn a_clutch_moves_the_device_and_nothing_else() {
+        for by_host in [false, true] {
+            let mut workspace = workspace();
+            let button = if by_host { 0 } else { 0b10 };
+            let before = workspace.locate(&device(0.0, 0.0, 0)).pose;
+            workspace.ask_clutch(by_host);
+            for step in 0..5 {
+                let image = workspace.locate(&device(0.01 * f64::from(step), 0.1 * f64::from(step), button));
+                assert!(close(&image.pose, &before) && image.twist == Twist::ZERO, "step {step}");
+                assert!(workspace.clutched());
+            }
+            workspace.ask_clutch(false);
+            let released = workspace.locate(&device(0.04, 0.4, 0));
+            assert!(close(&released.pose, &before) && !workspace.clutched());
+            // From there a metre at the device is two in the world.
+            let moved = workspace.locate(&device(0.05, 0.4, 0));
+            let way = moved.pose.translation.distance(before.translation);
+            assert!((way - 0.02).abs() < 1e-12, "{way} m");
+            assert!((moved.twist.linear.length() - 2.0).abs() < 1e-12);
+        }
+        // Another button is no clutch.
+        let mut other = workspace();
+        other.locate(&device(0.0, 0.0, 0b101));
+        assert!(!other.clutched());
+    }
+
+    /// A hand that is found further away than one holds still goes on from where its image was; a nearer one is believed.
+    #[test]
+    fn a_hand_that_is_found_elsewhere_moves_nothing() {
+        for (moved, turned, rebased) in
+            [(0.004, 0.0, false), (0.006, 0.0, true), (0.0, 0.09, false), (0.0, 0.11, true)]
+        {
+            let mut workspace = workspace();
+            let (lost, found) = (device(0.0, 0.0, 0), device(moved, turned, 0));
+            let before = workspace.locate(&lost).pose;
+            assert_eq!(workspace.rebase(&lost.pose, &found.pose), rebased, "{moved} m, {turned} rad");
+            assert_eq!(close(&workspace.locate(&found).pose, &before), rebased, "{moved} m, {turned} rad");
+        }
+    }
+}
