@@ -11,7 +11,7 @@ use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use palpate::device::{EmulatedDevice, Emulation, HapticDevice as _};
+use palpate::device::{EmulatedDevice, Emulation, GripperEmulation, GripperPath, HapticDevice as _};
 use palpate::glam::{DQuat, DVec3};
 use palpate::{
     ARTICULATED_COLUMNS, ArticulatedLockstep, ArticulatedRecord, ArticulatedRenderer, ArticulatedSession,
@@ -19,17 +19,19 @@ use palpate::{
 };
 use palpate_examples::{CommandLine, open, path, say, smooth};
 
-/// Length of the session, and when the jaws are closed on the ellipsoid, are pulled, and are closed on nothing, s.
+/// Length of the session, and the times at which the jaws are closed on the ellipsoid, are pulled, and are closed
+/// on nothing, s.
 const SECONDS: f64 = 10.0;
 const CLOSED: f64 = 3.0;
 const PULLED: f64 = 5.0;
 const EMPTY: f64 = 9.2;
+/// Period of the haptic loop, s.
 const STEP: f64 = 1e-3;
-/// How wide the hand opens the jaws, rad.
+/// Angle to which the hand opens the jaws, rad.
 const OPEN: f64 = 0.6;
-/// How far beyond closed it squeezes, rad.
+/// Intended angle beyond closed when squeezing, rad.
 const SQUEEZE: f64 = 0.1;
-/// How far it pulls, m.
+/// Displacement of the pull, m.
 const PULL: f64 = 4e-3;
 
 const HELP: [&str; 2] = [
@@ -55,8 +57,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     // Its shortest axis lies across the jaws.
     let across = Pose::new(DVec3::X * 0.045, DQuat::from_rotation_x(FRAC_PI_2));
     let scene = Scene::new().with(open("ellipsoid")?, across);
-    let mut device = Emulation::default().open(path(SECONDS, hand)?)?;
-    let mut gripper = EmulatedGripper::new(OPEN);
+    let device = Emulation::default().open(path(SECONDS, hand)?)?;
+    let mut device = device.with_gripper(GripperEmulation::default(), GripperPath::function(fingers))?;
     let settings = Settings {
         contact_stiffness: 10_000.0,
         tolerance: Some(2e-4),
@@ -71,7 +73,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         &scene,
         &specification,
         &state,
-        gripper.angle,
+        angle(&mut device, 0.0)?,
         &settings,
         &GripperSettings::default(),
     )?;
@@ -85,9 +87,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut records = Vec::new();
     for step in 1..=(SECONDS / STEP) as u32 {
         let time = f64::from(step) * STEP;
-        let record = session.step(&mut device, &gripper, time)?;
+        let record = session.step(&mut device, time)?;
         device.write(&record.coupling)?;
-        gripper.pass(time, record.torque);
+        if let Some(gripper) = device.gripper() {
+            gripper.write(record.torque)?;
+        }
         records.push(record);
         if real_time {
             let deadline = begun + Duration::from_secs_f64(time);
@@ -95,23 +99,23 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
     }
     device.close()?;
-    tell(&records)?;
+    report(&records)?;
     let file = write(&output, &records)?;
     say("written", file.display())?;
     Ok(())
 }
 
-/// From 0 to 1 between two times.
+/// Rises smoothly from 0 to 1 between two times (s).
 fn ramp(from: f64, to: f64, time: f64) -> f64 {
     smooth((time - from) / (to - from))
 }
 
-/// How far the hand means to have closed the gripper, 0 to 1.
+/// Intended closing of the gripper at a time (s), 0 to 1.
 fn closing(time: f64) -> f64 {
     ramp(1.2, 2.5, time) - ramp(5.5, 6.5, time) + ramp(7.8, 8.8, time) - ramp(9.3, SECONDS, time)
 }
 
-/// Where the hand means the first jaw to be: turned back by half the opening, so that the jaws open to both sides.
+/// Intended pose of the first jaw at a time (s): turned back by half the opening, so that the jaws open to both sides.
 fn hand(time: f64) -> Pose {
     let back = 0.07 * (1.0 - ramp(0.2, 1.2, time) + ramp(6.5, 7.6, time));
     let pull = PULL * (ramp(CLOSED, PULLED - 0.5, time) - ramp(PULLED, 5.5, time));
@@ -119,62 +123,42 @@ fn hand(time: f64) -> Pose {
     Pose::new(DVec3::new(-back, 0.0, pull), DQuat::from_rotation_z(-half))
 }
 
-/// A gripper's handle, in the fingers of a hand that means it to be at an angle and gives way to its torque.
-struct EmulatedGripper {
-    /// rad.
-    angle: f64,
-    /// rad/s.
-    rate: f64,
+/// Intended angle of the gripper (rad) and its rate (rad/s) at a time (s).
+fn fingers(time: f64) -> (f64, f64) {
+    let angle = |time: f64| OPEN - (OPEN + SQUEEZE) * closing(time);
+    // A central difference is close enough for the fingers' damper.
+    let h = 1e-4;
+    (angle(time), (angle(time + h) - angle(time - h)) / (2.0 * h))
 }
 
-impl EmulatedGripper {
-    /// Of the handle with the fingers, kg·m².
-    const INERTIA: f64 = 2e-5;
-    /// Of the fingers, N·m/rad and N·m·s/rad.
-    const STIFFNESS: f64 = 1.5;
-    const DAMPING: f64 = 0.01;
-
-    fn new(angle: f64) -> Self {
-        Self { angle, rate: 0.0 }
-    }
-
-    /// A step up to `time` under a torque (N·m), by backward Euler.
-    fn pass(&mut self, time: f64, torque: f64) {
-        let intended = OPEN - (OPEN + SQUEEZE) * closing(time);
-        let force =
-            torque + Self::STIFFNESS * (intended - self.angle - STEP * self.rate) - Self::DAMPING * self.rate;
-        let mass = Self::INERTIA + STEP * (Self::DAMPING + STEP * Self::STIFFNESS);
-        self.rate += STEP * force / mass;
-        self.angle += STEP * self.rate;
-    }
+/// Angle of the device's gripper at a time (s), rad.
+fn angle(device: &mut EmulatedDevice, time: f64) -> Result<f64, Box<dyn Error>> {
+    let gripper = device.gripper().ok_or("the device has no gripper")?;
+    Ok(gripper.read(time)?.angle)
 }
 
-/// The session, by whichever clock.
+/// The session, on a simulated clock or in real time.
 enum Running {
     Lockstep(Box<ArticulatedLockstep>),
     Host(Box<ArticulatedSession>),
 }
 
 impl Running {
-    fn step(
-        &mut self,
-        device: &mut EmulatedDevice,
-        gripper: &EmulatedGripper,
-        time: f64,
-    ) -> Result<ArticulatedRecord, Box<dyn Error>> {
+    fn step(&mut self, device: &mut EmulatedDevice, time: f64) -> Result<ArticulatedRecord, Box<dyn Error>> {
         let state = device.read(time)?;
+        let angle = angle(device, time)?;
         match self {
-            Self::Lockstep(session) => Ok(session.step(&state, gripper.angle)),
+            Self::Lockstep(session) => Ok(session.step(&state, angle)),
             Self::Host(session) => {
-                session.step(STEP, &state, gripper.angle);
+                session.step(STEP, &state, angle);
                 session.latest().copied().ok_or_else(|| "no step was taken".into())
             }
         }
     }
 }
 
-/// Prints what happened.
-fn tell(records: &[ArticulatedRecord]) -> std::io::Result<()> {
+/// Prints forces and angles at the three times, and the largest ones.
+fn report(records: &[ArticulatedRecord]) -> std::io::Result<()> {
     let at = |time: f64| records.iter().find(|record| record.time >= time);
     let milli = |value: f64| 1e3 * value;
     for (name, time) in
@@ -202,7 +186,7 @@ fn tell(records: &[ArticulatedRecord]) -> std::io::Result<()> {
     say("largest force on the hand", format_args!("{:.2} N", most(|record| record.coupling.force.length())))
 }
 
-/// Writes the recording; where it is.
+/// Writes the recording; gives its path.
 fn write(folder: &Path, records: &[ArticulatedRecord]) -> Result<PathBuf, Box<dyn Error>> {
     std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     let file = folder.join("recording.csv");
