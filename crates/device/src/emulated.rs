@@ -11,9 +11,10 @@
 //! bit. A read simulates at most [`Emulation::catch_up`] seconds; time beyond that is left out, for the handle
 //! and the hand alike, and counted in [`EmulatedDevice::skipped_time`].
 //!
+//! A device may have a gripper ([`EmulatedDevice::with_gripper`]), which emulated fingers hold and which moves
+//! independently of the handle.
+//!
 //! There is no end stop: a handle that leaves the workspace sets [`Status::OUTSIDE_WORKSPACE`] and moves on.
-
-use std::collections::VecDeque;
 
 use palpate_core::{Pose, Twist, Wrench};
 use serde::{Deserialize, Serialize};
@@ -22,12 +23,16 @@ use crate::clip::clipped;
 use crate::hand::{Hand, IntendedPath};
 use crate::mechanics::{self, Handle};
 use crate::sensing::Encoders;
-use crate::{DeviceError, DeviceState, HapticDevice, Specification, Status, presets};
+use crate::{DeviceError, DeviceState, Gripper, HapticDevice, Specification, Status, presets};
 
 mod address;
+mod gripper;
+mod stepping;
 
 pub use address::EmulatedHand;
 pub(crate) use address::KIND;
+pub use gripper::{EmulatedGripper, Fingers, GripperEmulation, GripperPath};
+use stepping::{Delayed, Substeps};
 
 /// Largest accepted value of a mechanical parameter, in its SI unit. A larger one is taken for a mistake in
 /// units.
@@ -81,21 +86,16 @@ impl Emulation {
         hand_path.advance(0.0);
         let pose = hand_path.pose;
         let encoders = Encoders::new(&self.specification, self.substep, &pose);
-        let delay = (self.specification.delay / self.substep).round() as u64;
         Ok(EmulatedDevice {
             encoders,
             hand_path,
             pose,
             twist: Twist::ZERO,
-            wrench: Wrench::ZERO,
-            // Room for one wrench in each substep of the delay, and one written when the first is due.
-            pending: VecDeque::with_capacity(delay as usize + 1),
-            delay,
+            wrench: Delayed::new(Wrench::ZERO, self.specification.delay, self.substep),
+            gripper: None,
             work: 0.0,
             now: 0.0,
-            ticks: 0,
-            skipped: 0,
-            max_steps: (self.catch_up / self.substep).round().max(1.0) as u64,
+            substeps: Substeps::new(self.substep, self.catch_up),
             events: Status::OK,
             buttons: 0,
             closed: false,
@@ -125,23 +125,27 @@ impl Emulation {
             ("peak torque (N·m)", s.peak_torque),
             ("workspace radius (m)", s.workspace_radius),
         ];
-        let within = |(parameter, value): (&'static str, f64), low: f64, high: f64, zero: bool| {
-            if (low..=high).contains(&value) || (zero && value == 0.0) {
-                return Ok(());
-            }
-            let or_zero = if zero && low > 0.0 { "0 or " } else { "" };
-            let expected = format!("{or_zero}a number from {low:e} to {high:e}");
-            Err(DeviceError::Parameter { parameter, value, expected })
-        };
-        positive.into_iter().try_for_each(|p| within(p, 1e-9, MAX_PARAMETER, false))?;
-        not_negative.into_iter().try_for_each(|p| within(p, 0.0, MAX_PARAMETER, true))?;
-        steps.into_iter().try_for_each(|p| within(p, 1e-9, 1.0, true))?;
-        limits.into_iter().try_for_each(|p| within(p, 0.0, f64::INFINITY, true))?;
-        within(("velocity delay (s)", s.velocity_delay), 0.0, 1.0, true)?;
-        within(("delay (s)", s.delay), 0.0, MAX_DELAY, true)?;
-        within(("substep (s)", *substep), 1e-6, 1e-2, false)?;
-        within(("catch-up (s)", *catch_up), *substep, 10.0, false)
+        positive.into_iter().try_for_each(|(name, value)| within(name, value, 1e-9, MAX_PARAMETER, false))?;
+        not_negative
+            .into_iter()
+            .try_for_each(|(name, value)| within(name, value, 0.0, MAX_PARAMETER, true))?;
+        steps.into_iter().try_for_each(|(name, value)| within(name, value, 1e-9, 1.0, true))?;
+        limits.into_iter().try_for_each(|(name, value)| within(name, value, 0.0, f64::INFINITY, true))?;
+        within("velocity delay (s)", s.velocity_delay, 0.0, 1.0, true)?;
+        within("delay (s)", s.delay, 0.0, MAX_DELAY, true)?;
+        within("substep (s)", *substep, 1e-6, 1e-2, false)?;
+        within("catch-up (s)", *catch_up, *substep, 10.0, false)
     }
+}
+
+/// Refuses a parameter's value outside `low` to `high`, except for 0 if `zero`.
+fn within(parameter: &'static str, value: f64, low: f64, high: f64, zero: bool) -> Result<(), DeviceError> {
+    if (low..=high).contains(&value) || (zero && value == 0.0) {
+        return Ok(());
+    }
+    let or_zero = if zero && low > 0.0 { "0 or " } else { "" };
+    let expected = format!("{or_zero}a number from {low:e} to {high:e}");
+    Err(DeviceError::Parameter { parameter, value, expected })
 }
 
 /// The hand's path and its last finite point.
@@ -204,23 +208,36 @@ pub struct EmulatedDevice {
     hand_path: HandPath,
     pose: Pose,
     twist: Twist,
-    /// The wrench in effect, and those still delayed, each with the substep in which it takes effect.
-    wrench: Wrench,
-    pending: VecDeque<(u64, Wrench)>,
-    /// Delay of a wrench, in substeps.
-    delay: u64,
+    wrench: Delayed<Wrench>,
+    gripper: Option<EmulatedGripper>,
     work: f64,
     now: f64,
-    /// Substeps since the driver's time 0, and how many of them were left out.
-    ticks: u64,
-    skipped: u64,
-    max_steps: u64,
+    substeps: Substeps,
     events: Status,
     buttons: u32,
     closed: bool,
 }
 
 impl EmulatedDevice {
+    /// Adds a gripper, at rest at the angle that the fingers intend at time 0. Like the handle, it moves when it
+    /// is read, with the device's substep, catch-up and delay.
+    ///
+    /// # Errors
+    /// If a parameter of the gripper is out of range, or an angle that the fingers are to hold is not finite.
+    pub fn with_gripper(
+        mut self,
+        gripper: GripperEmulation,
+        path: impl Into<GripperPath>,
+    ) -> Result<Self, DeviceError> {
+        self.gripper = Some(EmulatedGripper::new(gripper, path.into(), &self.emulation)?);
+        Ok(self)
+    }
+
+    /// The gripper, if the device has one.
+    pub fn emulated_gripper(&self) -> Option<&EmulatedGripper> {
+        self.gripper.as_ref()
+    }
+
     /// The parameters of the emulation.
     pub fn emulation(&self) -> &Emulation {
         &self.emulation
@@ -238,7 +255,7 @@ impl EmulatedDevice {
 
     /// The wrench on the hand now, after clipping and [delay](Specification::delay), N and N·m.
     pub fn applied_wrench(&self) -> Wrench {
-        self.wrench
+        self.wrench.current
     }
 
     /// Energy that the written wrenches have given to handle and hand, J. A passive object, from rest, never
@@ -249,7 +266,7 @@ impl EmulatedDevice {
 
     /// Time left out because reads were further apart than [`Emulation::catch_up`], s.
     pub fn skipped_time(&self) -> f64 {
-        self.skipped as f64 * self.emulation.substep
+        self.substeps.skipped as f64 * self.emulation.substep
     }
 
     /// Lets another hand hold the handle, or none ([`Hand::NONE`]).
@@ -270,58 +287,30 @@ impl EmulatedDevice {
 
     /// Simulates up to a time (s), and leaves out what is beyond the longest time that a read simulates.
     fn advance(&mut self, now: f64) {
-        let dt = self.emulation.substep;
-        // A time that is a multiple of the substep may come out one rounding below it. The cast saturates.
-        let target = (now / dt + 1e-6) as u64;
-        let mut steps = target.saturating_sub(self.ticks);
-        if steps > self.max_steps {
-            // The handle, the hand's path and the delays all pause for the time left out: the path goes by
-            // `ticks - skipped`.
-            self.skipped = self.skipped.saturating_add(steps - self.max_steps);
-            self.ticks = target - self.max_steps;
-            steps = self.max_steps;
+        let (steps, gap) = self.substeps.due(now);
+        if gap {
             self.events |= Status::GAP;
-            self.arrive();
+            self.wrench.arrive(self.substeps.count);
         }
         for _ in 0..steps {
-            self.ticks += 1;
-            self.substep(dt);
-            self.arrive();
-        }
-    }
-
-    /// Puts wrenches into effect that are due.
-    fn arrive(&mut self) {
-        while let Some((_, wrench)) = self.pending.pop_front_if(|(due, _)| *due <= self.ticks) {
-            self.wrench = wrench;
-        }
-    }
-
-    /// Takes a wrench written now. If several are written in one substep, the last one counts.
-    fn take(&mut self, wrench: Wrench) {
-        if self.delay == 0 {
-            self.wrench = wrench;
-            return;
-        }
-        let due = self.ticks + self.delay;
-        match self.pending.back_mut() {
-            Some((last, pending)) if *last == due => *pending = wrench,
-            _ => self.pending.push_back((due, wrench)),
+            self.substeps.count += 1;
+            self.substep(self.substeps.length);
+            self.wrench.arrive(self.substeps.count);
         }
     }
 
     /// One integration step: the hand's intention at its end, then handle and hand, then the encoders.
     fn substep(&mut self, dt: f64) {
-        self.hand_path.advance((self.ticks - self.skipped) as f64 * dt);
+        self.hand_path.advance(self.substeps.simulated_time());
         self.events |= self.hand_path.status;
         let intended = (&self.hand_path.pose, &self.hand_path.twist);
         let Emulation { handle, hand, .. } = &self.emulation;
         let (pose, twist) =
-            mechanics::step(handle, hand, (&self.pose, &self.twist), &self.wrench, intended, dt);
+            mechanics::step(handle, hand, (&self.pose, &self.twist), &self.wrench.current, intended, dt);
         if pose.is_valid() && twist.is_finite() {
             (self.pose, self.twist) = (pose, twist);
             // Backward Euler: the power is that of the velocity at the end of the step.
-            self.work += self.wrench.power(&twist) * dt;
+            self.work += self.wrench.current.power(&twist) * dt;
         } else {
             self.twist = Twist::ZERO;
             self.events |= Status::HELD;
@@ -350,7 +339,7 @@ impl HapticDevice for EmulatedDevice {
             status |= Status::OUTSIDE_WORKSPACE;
         }
         let (pose, twist) = self.encoders.reading();
-        let time = (self.ticks as f64 * self.emulation.substep).min(self.now);
+        let time = self.substeps.time().min(self.now);
         Ok(DeviceState { time, pose, twist, buttons: self.buttons, status })
     }
 
@@ -359,16 +348,22 @@ impl HapticDevice for EmulatedDevice {
             return Err(DeviceError::Closed);
         }
         let (wrench, events) = clipped(wrench, &self.emulation.specification);
-        self.take(wrench);
+        self.wrench.write(wrench, self.substeps.count);
         self.events |= events;
         Ok(())
     }
 
     fn close(&mut self) -> Result<(), DeviceError> {
-        self.pending.clear();
-        self.wrench = Wrench::ZERO;
+        self.wrench.replace(Wrench::ZERO);
+        if let Some(gripper) = &mut self.gripper {
+            gripper.close();
+        }
         self.closed = true;
         Ok(())
+    }
+
+    fn gripper(&mut self) -> Option<&mut dyn Gripper> {
+        self.gripper.as_mut().map(|gripper| gripper as _)
     }
 }
 

@@ -10,10 +10,12 @@
 
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
+mod angle_path;
 mod clip;
 mod emulated;
 mod enable;
 mod error;
+mod gripper;
 mod hand;
 pub mod haply;
 pub mod hid;
@@ -33,9 +35,13 @@ mod steering;
 mod task;
 mod velocity;
 
-pub use emulated::{EmulatedDevice, EmulatedHand, Emulation};
+pub use angle_path::{ANGLE_PATH_HEADER, AnglePath};
+pub use emulated::{
+    EmulatedDevice, EmulatedGripper, EmulatedHand, Emulation, Fingers, GripperEmulation, GripperPath,
+};
 pub use enable::HoldToEnable;
 pub use error::{DeviceError, PathError};
+pub use gripper::{Gripper, GripperHandle, GripperSpecification, GripperState};
 pub use hand::{Hand, IntendedPath};
 pub use mechanics::Handle;
 use palpate_core::Wrench;
@@ -81,6 +87,11 @@ pub trait HapticDevice: Send {
     fn thread_setup(&self) -> Option<&ThreadSetup> {
         None
     }
+
+    /// The device's gripper, if it has one.
+    fn gripper(&mut self) -> Option<&mut dyn Gripper> {
+        None
+    }
 }
 
 impl<D: HapticDevice + ?Sized> HapticDevice for Box<D> {
@@ -102,5 +113,9 @@ impl<D: HapticDevice + ?Sized> HapticDevice for Box<D> {
 
     fn thread_setup(&self) -> Option<&ThreadSetup> {
         (**self).thread_setup()
+    }
+
+    fn gripper(&mut self) -> Option<&mut dyn Gripper> {
+        (**self).gripper()
     }
 }

@@ -78,19 +78,26 @@ pub(crate) fn step(
     (pose.moved(&twist, dt), twist)
 }
 
-/// Handle and hand along one kind of motion: translation or rotation.
-struct Impedance {
-    inertia: f64,
-    damping: f64,
-    friction: f64,
-    hand_damping: f64,
-    hand_stiffness: f64,
+/// Handle and hand in one kind of motion, translation or rotation, or about a gripper's axis (along x).
+pub(crate) struct Impedance {
+    pub inertia: f64,
+    pub damping: f64,
+    pub friction: f64,
+    pub hand_damping: f64,
+    pub hand_stiffness: f64,
 }
 
 impl Impedance {
     /// Velocity at the end of a step of `dt` (s) under a load (N or N·m). `offset` is the intended position less
     /// the present one; `intended` is the intended velocity at the end of the step.
-    fn velocity_after(&self, velocity: DVec3, load: DVec3, offset: DVec3, intended: DVec3, dt: f64) -> DVec3 {
+    pub fn velocity_after(
+        &self,
+        velocity: DVec3,
+        load: DVec3,
+        offset: DVec3,
+        intended: DVec3,
+        dt: f64,
+    ) -> DVec3 {
         // Backward Euler, with h = dt and the friction's direction that of v⁺:
         // (m + h (b + b_h + h k_h)) v⁺ = m v + h (f + k_h (x_h − x) + b_h v_h) − h f_c v⁺/‖v⁺‖ = p − h f_c v⁺/‖v⁺‖
         let momentum = velocity * self.inertia

@@ -15,15 +15,26 @@ use glam::{DQuat, DVec3};
 use palpate_core::Pose;
 
 use crate::PathError;
-use crate::path::{Interpolation, Keyframe, MotionPath, checked};
+use crate::path::{Interpolation, Keyframe, MotionPath, Refusal, checked};
 
 /// The first line of a recorded motion.
 pub const PATH_HEADER: &str = "t,px,py,pz,qx,qy,qz,qw";
 
-const COLUMNS: usize = 8;
-/// The corresponding columns of a session's recording.
-const RECORDING_COLUMNS: [&str; COLUMNS] =
-    ["t", "object_px", "object_py", "object_pz", "object_qx", "object_qy", "object_qz", "object_qw"];
+const FORMAT: SampleFormat<8> = SampleFormat {
+    header: ["t", "px", "py", "pz", "qx", "qy", "qz", "qw"],
+    recording: [
+        "t",
+        "object_px",
+        "object_py",
+        "object_pz",
+        "object_qx",
+        "object_qy",
+        "object_qz",
+        "object_qw",
+    ],
+    header_remedy: "let the file begin with the line t,px,py,pz,qx,qy,qz,qw, or give a recording of a session",
+    sample_remedy: "give eight numbers: t,px,py,pz,qx,qy,qz,qw",
+};
 /// Longest line, bytes. Eight numbers take some 200; a longer line is not a sample, and may be a whole binary
 /// file.
 const MAX_LINE: u64 = 4096;
@@ -42,60 +53,14 @@ impl MotionPath {
     /// Reads a recorded motion; `file` names the input in errors.
     ///
     /// # Errors
-    /// If the input cannot be read or has no sample, or its header or a line is not valid: with the line and
-    /// a remedy.
-    pub fn read(
-        mut input: impl BufRead,
-        file: &Path,
-        interpolation: Interpolation,
-    ) -> Result<Self, PathError> {
-        let mut keyframes: Vec<Keyframe> = Vec::new();
-        let mut line = Vec::new();
-        let mut number = 0;
-        let mut columns: Option<Columns> = None;
-        loop {
-            line.clear();
-            let taken = input
-                .by_ref()
-                .take(MAX_LINE + 1)
-                .read_until(b'\n', &mut line)
-                .map_err(|source| PathError::Io { file: file.into(), access: "read", source })?;
-            if taken == 0 {
-                break;
-            }
-            number += 1;
-            let refuse =
-                |what: String, remedy| PathError::Line { what, file: file.into(), line: number, remedy };
-            if line.len() as u64 > MAX_LINE {
-                return Err(refuse(
-                    format!("a line of more than {MAX_LINE} bytes"),
-                    "give a text file with one sample a line",
-                ));
-            }
-            let text = std::str::from_utf8(&line).map_err(|_| {
-                refuse("bytes that are not UTF-8 text".into(), "give a text file, not a binary one")
-            })?;
-            let text = text.trim_start_matches('\u{feff}').trim();
-            if text.is_empty() {
-                continue;
-            }
-            let Some(columns) = &columns else {
-                columns = Some(Columns::of_header(text).ok_or_else(|| {
-                    refuse(
-                        format!("header `{}`", text.chars().take(80).collect::<String>()),
-                        "let the file begin with the line t,px,py,pz,qx,qy,qz,qw, or give a recording of a session",
-                    )
-                })?);
-                continue;
-            };
-            let keyframe = columns.parse(text).map_err(|what| refuse(what, columns.remedy()))?;
-            let keyframe = checked(keyframe, keyframes.last().map(|keyframe| keyframe.time))
-                .map_err(|refusal| refuse(refusal.what, refusal.remedy))?;
-            keyframes.push(keyframe);
-        }
-        if keyframes.is_empty() {
-            return Err(PathError::Empty { file: Some(file.into()) });
-        }
+    /// If the input cannot be read or has no sample, or its header or a line is not valid: with the line and a
+    /// remedy.
+    pub fn read(input: impl BufRead, file: &Path, interpolation: Interpolation) -> Result<Self, PathError> {
+        let keyframes = read_samples(input, file, &FORMAT, |numbers, previous| {
+            let [time, px, py, pz, qx, qy, qz, qw] = numbers;
+            let pose = Pose::new(DVec3::new(px, py, pz), DQuat::from_xyzw(qx, qy, qz, qw));
+            checked(Keyframe { time, pose }, previous)
+        })?;
         Ok(Self::from_checked(keyframes, interpolation))
     }
 
@@ -125,39 +90,107 @@ impl MotionPath {
     }
 }
 
+/// Columns of a kind of recorded motion with `N` numbers in a sample, and the remedies that errors give.
+pub(crate) struct SampleFormat<const N: usize> {
+    /// Columns of a file of this kind alone.
+    pub header: [&'static str; N],
+    /// The corresponding columns of a session's recording.
+    pub recording: [&'static str; N],
+    pub header_remedy: &'static str,
+    pub sample_remedy: &'static str,
+}
+
+/// Reads the samples of a recorded motion. `sample` makes a keyframe of a line's numbers and the time (s) of the
+/// sample before, or refuses it.
+pub(crate) fn read_samples<const N: usize>(
+    mut input: impl BufRead,
+    file: &Path,
+    format: &SampleFormat<N>,
+    sample: impl Fn([f64; N], Option<f64>) -> Result<Keyframe, Refusal>,
+) -> Result<Vec<Keyframe>, PathError> {
+    let mut keyframes: Vec<Keyframe> = Vec::new();
+    let mut line = Vec::new();
+    let mut number = 0;
+    let mut columns: Option<Columns<N>> = None;
+    loop {
+        line.clear();
+        let taken = input
+            .by_ref()
+            .take(MAX_LINE + 1)
+            .read_until(b'\n', &mut line)
+            .map_err(|source| PathError::Io { file: file.into(), access: "read", source })?;
+        if taken == 0 {
+            break;
+        }
+        number += 1;
+        let refuse = |what: String, remedy| PathError::Line { what, file: file.into(), line: number, remedy };
+        let text = text_of(&line).map_err(|Refusal { what, remedy }| refuse(what, remedy))?;
+        if text.is_empty() {
+            continue;
+        }
+        let Some(columns) = &columns else {
+            let header = || format!("header `{}`", text.chars().take(80).collect::<String>());
+            let known = Columns::of_header(text, format);
+            columns = Some(known.ok_or_else(|| refuse(header(), format.header_remedy))?);
+            continue;
+        };
+        let numbers = columns.parse(text).map_err(|what| refuse(what, columns.remedy(format)))?;
+        let keyframe = sample(numbers, keyframes.last().map(|keyframe| keyframe.time))
+            .map_err(|refusal| refuse(refusal.what, refusal.remedy))?;
+        keyframes.push(keyframe);
+    }
+    if keyframes.is_empty() {
+        return Err(PathError::Empty { file: Some(file.into()) });
+    }
+    Ok(keyframes)
+}
+
+/// A line's text, without a byte order mark and surrounding spaces.
+fn text_of(line: &[u8]) -> Result<&str, Refusal> {
+    if line.len() as u64 > MAX_LINE {
+        let what = format!("a line of more than {MAX_LINE} bytes");
+        return Err(Refusal { what, remedy: "give a text file with one sample a line" });
+    }
+    let text = std::str::from_utf8(line).map_err(|_| Refusal {
+        what: "bytes that are not UTF-8 text".into(),
+        remedy: "give a text file, not a binary one",
+    })?;
+    Ok(text.trim_start_matches('\u{feff}').trim())
+}
+
 /// Positions of a sample's numbers in a line.
 #[derive(Debug)]
-struct Columns {
+struct Columns<const N: usize> {
     /// Index of each number among the fields.
-    places: [usize; COLUMNS],
+    places: [usize; N],
     /// Number of fields in a line.
     count: usize,
 }
 
-impl Columns {
-    /// Columns by the header of a path or of a session's recording.
-    fn of_header(header: &str) -> Option<Self> {
+impl<const N: usize> Columns<N> {
+    /// Columns by the header of a file of a kind, or of a session's recording.
+    fn of_header(header: &str, format: &SampleFormat<N>) -> Option<Self> {
         let names: Vec<&str> = header.split(',').map(str::trim).collect();
-        if names.iter().copied().eq(PATH_HEADER.split(',')) {
-            return Some(Self { places: std::array::from_fn(|place| place), count: COLUMNS });
+        if names == format.header {
+            return Some(Self { places: std::array::from_fn(|place| place), count: N });
         }
-        let mut places = [0; COLUMNS];
-        for (place, wanted) in places.iter_mut().zip(RECORDING_COLUMNS) {
+        let mut places = [0; N];
+        for (place, wanted) in places.iter_mut().zip(format.recording) {
             *place = names.iter().position(|name| *name == wanted)?;
         }
         Some(Self { places, count: names.len() })
     }
 
-    fn remedy(&self) -> &'static str {
-        if self.count == COLUMNS {
-            "give eight numbers: t,px,py,pz,qx,qy,qz,qw"
+    fn remedy(&self, format: &SampleFormat<N>) -> &'static str {
+        if self.count == N {
+            format.sample_remedy
         } else {
             "give a recording as it was written, with a number for each column of its header"
         }
     }
 
-    fn parse(&self, text: &str) -> Result<Keyframe, String> {
-        let mut numbers = [0.0; COLUMNS];
+    fn parse(&self, text: &str) -> Result<[f64; N], String> {
+        let mut numbers = [0.0; N];
         let mut count = 0;
         for field in text.split(',') {
             let field = field.trim();
@@ -171,8 +204,7 @@ impl Columns {
         if count != self.count {
             return Err(format!("{count} fields"));
         }
-        let [time, px, py, pz, qx, qy, qz, qw] = numbers;
-        Ok(Keyframe { time, pose: Pose::new(DVec3::new(px, py, pz), DQuat::from_xyzw(qx, qy, qz, qw)) })
+        Ok(numbers)
     }
 }
 

@@ -147,8 +147,8 @@ fn no_such_device() -> DeviceError {
 }
 
 fn open_emulated(which: Option<&str>) -> Opened {
-    let hand = EmulatedHand::named(which).ok_or_else(no_such_device)??;
-    let path = match (hand.path, hand.task) {
+    let mut hand = EmulatedHand::named(which).ok_or_else(no_such_device)??;
+    let path = match (hand.path.take(), hand.task) {
         (Some(path), _) => path.into(),
         (None, Some(task)) => {
             let size = hand.emulation.specification.workspace_radius.min(MAX_SITE_SIZE);
@@ -156,7 +156,7 @@ fn open_emulated(which: Option<&str>) -> Opened {
         }
         (None, None) => Pose::IDENTITY.into(),
     };
-    Ok(Box::new(hand.emulation.open(path)?))
+    Ok(Box::new(hand.open(path)?))
 }
 
 fn list_emulated() -> Vec<Listing> {

@@ -42,8 +42,8 @@ pub fn open_device_for(
     settings: &Settings,
 ) -> Result<Box<dyn HapticDevice>, DeviceError> {
     let Some(hand) = EmulatedHand::at(address) else { return palpate_device::open(address) };
-    let hand = hand?;
-    let path = match hand.path {
+    let mut hand = hand?;
+    let path = match hand.path.take() {
         Some(path) => {
             let placement = HandlePlacement::new(settings, probe, &hand.emulation.specification);
             mesh_path(path, settings, placement)
@@ -55,7 +55,7 @@ pub fn open_device_for(
             placed_path(hand.task.unwrap_or_default(), probe, scene, (&placement, reach))?
         }
     };
-    Ok(Box::new(hand.emulation.open(path)?))
+    Ok(Box::new(hand.open(path)?))
 }
 
 /// [`open_device_for`], except that the hand of an emulated device whose address names neither a task nor a path goes where
@@ -70,11 +70,11 @@ pub fn open_steered_device(
     settings: &Settings,
 ) -> Result<(Box<dyn HapticDevice>, Option<Steering>), DeviceError> {
     match EmulatedHand::at(address) {
-        Some(Ok(EmulatedHand { emulation, task: None, path: None })) => {
+        Some(Ok(hand @ EmulatedHand { task: None, path: None, .. })) => {
             let start = Task::default().pose(0.0, &site(Task::default(), probe, scene));
-            let placement = HandlePlacement::new(settings, probe, &emulation.specification);
+            let placement = HandlePlacement::new(settings, probe, &hand.emulation.specification);
             let (steering, path) = Steering::new(placement.device_pose(&start));
-            Ok((Box::new(emulation.open(path)?), Some(steering)))
+            Ok((Box::new(hand.open(path)?), Some(steering)))
         }
         _ => Ok((open_device_for(address, probe, scene, settings)?, None)),
     }

@@ -1,8 +1,8 @@
 //! Forceps of two jaws with a hinge (§6.2.3): what they close on stops them, is felt at the gripper, and lets go.
 
 use allocation_counter::measure;
-use palpate::device::{DeviceState, Emulation, Status};
-use palpate::dynamics::JointError;
+use palpate::device::{DeviceState, Emulation, GripperEmulation, GripperPath, Status};
+use palpate::dynamics::{JointError, PortAxes};
 use palpate::errors::{RendererError, ToolError};
 use palpate::glam::{DQuat, DVec3};
 use palpate::settings::{ContactSettings, GripperSettings, SearchSettings, TimingSettings, ToolSettings};
@@ -63,8 +63,20 @@ fn hold(
     settings: &Settings,
     gripper: &GripperSettings,
 ) -> Result<HapticRenderer<Hinged>, RendererError> {
-    let device = Box::new(Emulation::default().open(device(OPEN).pose).expect("a device"));
-    HapticRenderer::hinged(tool, scene.clone(), device, OPEN, *settings, gripper)
+    let device = Emulation::default().open(device(OPEN).pose).expect("a device");
+    let fingers = GripperPath::function(|_| (OPEN, 0.0));
+    let device = device.with_gripper(GripperEmulation::default(), fingers).expect("a gripper");
+    // These hosts' grippers are limited by nothing.
+    let port = gripper.port.unwrap_or(PortAxes {
+        stiffness: f64::INFINITY,
+        damping: f64::INFINITY,
+        viscous: None,
+        friction: None,
+        peak: f64::INFINITY,
+        step: 0.0,
+    });
+    let gripper = GripperSettings { port: Some(port), ..*gripper };
+    HapticRenderer::hinged(tool, scene.clone(), Box::new(device), *settings, &gripper)
 }
 
 /// Its shortest axis is across the jaws.
@@ -295,8 +307,15 @@ fn the_simulated_clock_gives_the_same_each_time() {
 
 #[test]
 fn a_gripper_is_asked_for_no_more_than_it_can() {
-    let port = palpate::dynamics::PortAxes { peak: 0.03, ..GripperSettings::default().port };
-    let gripper = GripperSettings { port, ..GripperSettings::default() };
+    let port = PortAxes {
+        stiffness: f64::INFINITY,
+        damping: f64::INFINITY,
+        viscous: None,
+        friction: None,
+        peak: 0.03,
+        step: 0.0,
+    };
+    let gripper = GripperSettings { port: Some(port), ..GripperSettings::default() };
     let renderer = renderer_with(&with_ellipsoid(), &settings(), &gripper);
     let mut session = renderer.lockstep(ContactTiming::busy(500.0));
     let mut last = 0.0_f64;

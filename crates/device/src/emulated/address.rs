@@ -4,8 +4,8 @@ use std::path::Path;
 
 use serde_json::{Map, Value};
 
-use super::Emulation;
-use crate::{DeviceError, Hand, Interpolation, MotionPath, Task};
+use super::{EmulatedDevice, Emulation, GripperEmulation};
+use crate::{AnglePath, DeviceError, Hand, IntendedPath, Interpolation, MotionPath, Task};
 
 /// Name of this kind of device in an address.
 pub(crate) const KIND: &str = "emulated";
@@ -19,6 +19,8 @@ pub struct EmulatedHand {
     pub task: Option<Task>,
     /// Intended path of the hand (device axes), if the address names a file.
     pub path: Option<MotionPath>,
+    /// Intended angle of the gripper, if the address names a file; the device then has a gripper.
+    pub gripper: Option<AnglePath>,
 }
 
 impl EmulatedHand {
@@ -26,7 +28,8 @@ impl EmulatedHand {
     /// `None` if the address is not that of an emulated device.
     ///
     /// Keys are `hand` (name of a [`Hand`]), `task` (name of a [`Task`]), `path` (file of poses, see
-    /// [`MotionPath::load`]; it takes the rest of the address), the numbers of a
+    /// [`MotionPath::load`]; it takes the rest of the address), `gripper` (file of angles, see
+    /// [`AnglePath::load`]; the name cannot have a comma), the numbers of a
     /// [`Specification`](crate::Specification) (`peak_force`, `encoder_step`, …; `inf` for no limit),
     /// `handle.mass` and the other parameters of a [`Handle`](crate::Handle), `hand.mass` and those of a
     /// [`Hand`], `substep` and `catch_up`.
@@ -51,7 +54,19 @@ impl EmulatedHand {
             }
         };
         let emulation = preset.map_or_else(|| Some(Emulation::default()), Emulation::preset)?;
-        Some(Self { emulation, task: None, path: None }.with(settings))
+        Some(Self { emulation, task: None, path: None, gripper: None }.with(settings))
+    }
+
+    /// Opens the device with a path for the hand, and with a gripper if the address names one.
+    ///
+    /// # Errors
+    /// As [`Emulation::open`] and [`EmulatedDevice::with_gripper`].
+    pub fn open(self, path: impl Into<IntendedPath>) -> Result<EmulatedDevice, DeviceError> {
+        let device = self.emulation.open(path)?;
+        match self.gripper {
+            Some(angles) => device.with_gripper(GripperEmulation::default(), angles),
+            None => Ok(device),
+        }
     }
 
     /// Applies settings, `KEY=VALUE,…`.
@@ -83,6 +98,7 @@ impl EmulatedHand {
                 let task = Task::named(value);
                 self.task = Some(task.ok_or_else(|| refused(setting, names(&Task::ALL)))?);
             }
+            "gripper" => self.gripper = Some(AnglePath::load(Path::new(value))?),
             _ => self.emulation = with_number(&self.emulation, key, setting, value)?,
         }
         Ok(())
@@ -101,7 +117,8 @@ fn with_number(
     let unusable = |error: serde_json::Error| refused(setting, error.to_string());
     let mut all = serde_json::to_value(emulation).map_err(unusable)?;
     let keys = keys(&all);
-    let known = || refused(setting, format!("one of {} = a number; hand, task or path", keys.join(", ")));
+    let known =
+        || refused(setting, format!("one of {} = a number; hand, task, gripper or path", keys.join(", ")));
     let number: f64 = value.parse().map_err(|_| refused(setting, "a number after `=`".into()))?;
     // JSON has no infinity; null stands for it.
     let number = match number {
@@ -148,6 +165,7 @@ fn refused(setting: &str, expected: String) -> DeviceError {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::HapticDevice as _;
 
     fn parsed(address: &str) -> EmulatedHand {
         EmulatedHand::at(address).expect(address).unwrap_or_else(|error| panic!("{address}: {error}"))
@@ -204,6 +222,23 @@ mod tests {
     }
 
     #[test]
+    fn a_gripper_goes_with_a_task_or_a_path() {
+        let folder = tempfile::tempdir().unwrap();
+        let (angles, poses) = (folder.path().join("grip.csv"), folder.path().join("path.csv"));
+        std::fs::write(&angles, "t,angle\n0,0.6\n2,0\n").unwrap();
+        std::fs::write(&poses, format!("{}\n0,0,0,0,0,0,0,1\n", crate::PATH_HEADER)).unwrap();
+        let (angles, poses) = (angles.display(), poses.display());
+        for rest in [format!("hand=firm,path={poses}"), "task=press".into(), "hand=firm".into()] {
+            let hand = parsed(&format!("emulated:omega,gripper={angles},{rest}"));
+            assert_eq!(hand.gripper.as_ref().unwrap().duration(), 2.0);
+            let mut device = hand.open(palpate_core::Pose::IDENTITY).unwrap();
+            assert_eq!(device.gripper().unwrap().read(0.0).unwrap().angle, 0.6);
+        }
+        let error = EmulatedHand::at(&format!("emulated:gripper={poses}")).unwrap().unwrap_err().to_string();
+        assert!(error.contains("path.csv:1; let the file begin with the line t,angle"), "{error}");
+    }
+
+    #[test]
     fn what_is_wrong_is_said() {
         for (address, said) in [
             ("emulated:touch,hand=strong", "`hand=strong`: give one of none, light"),
@@ -211,7 +246,8 @@ mod tests {
             ("emulated:omega,firm", "KEY=VALUE"),
             ("emulated:mass=1", "handle.mass"),
             ("emulated:name=1", "encoder_step"),
-            ("emulated:handle=1", "hand, task or path"),
+            ("emulated:handle=1", "hand, task, gripper or path"),
+            ("emulated:gripper=no/such.csv,path=p.csv", "no/such.csv"),
             ("emulated:hand.mass=heavy", "a number after"),
             ("emulated:hand.mass=inf", "a finite number"),
             ("emulated:hand.mass=nan", "a finite number"),

@@ -428,7 +428,7 @@ fn a_wrench_takes_effect_after_the_delay() {
     assert_eq!(felt, [0.0, 0.0, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0]);
     // A delayed wrench does not take effect after closing.
     device.close().unwrap();
-    assert_eq!((device.applied_wrench(), device.pending.len()), (Wrench::ZERO, 0));
+    assert_eq!((device.applied_wrench(), device.wrench.pending.len()), (Wrench::ZERO, 0));
 }
 
 /// A delayed force moves the handle as the same force written later does.
@@ -454,14 +454,14 @@ fn a_late_wrench_moves_the_handle_as_one_written_later_does() {
 #[test]
 fn wrenches_on_their_way_need_no_more_room_than_at_the_start() {
     let mut device = late(MAX_DELAY).open(Pose::IDENTITY).unwrap();
-    let room = device.pending.capacity();
+    let room = device.wrench.pending.capacity();
     for i in 0..5000 {
         device.read(f64::from(i) * 1e-4).unwrap();
         device.write(&Wrench::new(DVec3::X * f64::from(i), DVec3::ZERO)).unwrap();
     }
-    assert_eq!((device.pending.capacity(), device.pending.len()), (room, 1000));
+    assert_eq!((device.wrench.pending.capacity(), device.wrench.pending.len()), (room, 1000));
     let state = device.read(10.0).unwrap();
-    assert!(state.status.contains(Status::GAP) && device.pending.is_empty());
+    assert!(state.status.contains(Status::GAP) && device.wrench.pending.is_empty());
     assert_eq!(device.applied_wrench().force.x, 8.5);
 }
 

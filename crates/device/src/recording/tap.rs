@@ -8,12 +8,12 @@ use palpate_realtime::ThreadSetup;
 use rtrb::{Consumer, Producer, RingBuffer};
 
 use super::Reading;
-use crate::{DeviceError, DeviceState, HapticDevice, Specification, Status};
+use crate::{DeviceError, DeviceState, Gripper, HapticDevice, Specification, Status};
 
 /// Capacity of the queue, in readings: four seconds at 1 kHz.
 const QUEUE_CAPACITY: usize = 4096;
 
-/// A device whose readings are also queued for a recorder. It neither waits nor allocates: readings that are
+/// A device whose readings are also queued for a recorder; those of its gripper are not. It neither waits nor allocates: readings that are
 /// not taken in time are lost and counted.
 pub struct Tap<D> {
     device: D,
@@ -85,6 +85,10 @@ impl<D: HapticDevice> HapticDevice for Tap<D> {
 
     fn thread_setup(&self) -> Option<&ThreadSetup> {
         self.device.thread_setup()
+    }
+
+    fn gripper(&mut self) -> Option<&mut dyn Gripper> {
+        self.device.gripper()
     }
 }
 

@@ -6,8 +6,8 @@ use palpate_core::{Pose, Twist, Wrench};
 use palpate_device::hid::WoodenHapticsModel;
 use palpate_device::link::{FakeWire, Link};
 use palpate_device::{
-    Emulation, HapticDevice, HoldToEnable, IntendedPath, Interpolation, Keyframe, MotionPath, Reading,
-    RecordedDevice, Recording, ReplayDevice, Tap,
+    AnglePath, EmulatedDevice, Emulation, GripperEmulation, HapticDevice, HoldToEnable, IntendedPath,
+    Interpolation, Keyframe, MotionPath, Reading, RecordedDevice, Recording, ReplayDevice, Tap,
 };
 
 fn path() -> MotionPath {
@@ -34,13 +34,16 @@ fn reading_and_writing_allocate_nothing() {
     let readings = readings.collect();
     let recording = Recording::new(recorded.specification().clone(), readings).unwrap();
     let tapped = Emulation::default().open(path()).unwrap();
+    let angles = || AnglePath::new(&[(0.0, 0.6), (4.0, 0.1)]).unwrap();
+    let gripper =
+        |device: EmulatedDevice| device.with_gripper(GripperEmulation::default(), angles()).unwrap();
     let devices: [Box<dyn HapticDevice>; 7] = [
-        Box::new(Emulation::default().open(Pose::IDENTITY).unwrap()),
+        Box::new(gripper(Emulation::default().open(Pose::IDENTITY).unwrap())),
         Box::new(Emulation::preset("omega").unwrap().open(path()).unwrap()),
         Box::new(Emulation::default().open(IntendedPath::function(circle)).unwrap()),
         Box::new(ReplayDevice::new("path", path())),
         Box::new(RecordedDevice::new(recording)),
-        Box::new(HoldToEnable::new(Emulation::default().open(path()).unwrap(), 0)),
+        Box::new(HoldToEnable::new(gripper(Emulation::default().open(path()).unwrap()), 0)),
         // Nothing takes its readings: most are lost.
         Box::new(Tap::new(tapped).0),
     ];
@@ -59,6 +62,10 @@ fn reading_and_writing_allocate_nothing() {
                 moved += state.twist.linear.length();
                 let force = if i % 777 == 0 { DVec3::NAN } else { state.pose.translation * -1e3 };
                 device.write(&Wrench::new(force, DVec3::X)).unwrap();
+                if let Some(gripper) = device.gripper() {
+                    let angle = gripper.read(now).unwrap().angle;
+                    gripper.write(if i % 777 == 0 { f64::NAN } else { -1.5 * angle }).unwrap();
+                }
             }
         });
         assert_eq!(counted.count_total, 0, "{} ({moved})", device.specification().name);

@@ -3,7 +3,7 @@
 use palpate_core::glam::{DQuat, DVec3};
 use palpate_core::{Pose, Twist, Wrench};
 use palpate_device::{DeviceState, Status};
-use palpate_dynamics::{GripperMotion, PassivityObserver, SlewLimit, saturate};
+use palpate_dynamics::{GripperMotion, PassivityObserver, PortAxes, SlewLimit, saturate};
 
 use super::output::Moment;
 use super::tracking::{Reading, Tracking};
@@ -28,8 +28,8 @@ pub(crate) struct Gripper {
 
 impl Gripper {
     /// At an angle (rad), its rate taken through a lag (s).
-    pub fn new(settings: &GripperSettings, angle: f64, lag: f64, period: f64) -> Self {
-        let peak = settings.port.peak;
+    pub fn new(settings: &GripperSettings, port: &PortAxes, angle: f64, lag: f64, period: f64) -> Self {
+        let peak = port.peak;
         let slew = settings.torque_slew.unwrap_or(if peak > 0.0 { peak / SLEW_TIME } else { f64::INFINITY });
         Self {
             // Its own rate is not known: differences of its angle through a period at least.
@@ -38,7 +38,7 @@ impl Gripper {
             peak,
             slew: SlewLimit { force: f64::INFINITY, torque: slew },
             sent: Wrench::ZERO,
-            observer: PassivityObserver::new(settings.port.step),
+            observer: PassivityObserver::new(port.step),
         }
     }
 

@@ -224,8 +224,9 @@ impl<T: Tool> HapticLoop<T> {
     /// does not answer is taken to stand still, and is sent no wrench.
     pub fn step_device(&mut self, device: &mut dyn HapticDevice, now: f64, dt: f64) -> T::Record {
         let state = device.read(now).map_err(|error| self.keep_device_error(error)).ok();
-        let angle = self.gripper.as_ref().map(|gripper| gripper.motion().angle);
+        let angle = self.gripper.is_some().then(|| self.read_gripper(device, now));
         let (record, sent) = self.advance(state.as_ref(), angle, now, dt);
+        self.write_gripper(device);
         if let Err(error) = device.write(&sent) {
             self.telemetry.events.device_refused += u64::from(state.is_some());
             self.keep_device_error(error);
@@ -234,6 +235,28 @@ impl<T: Tool> HapticLoop<T> {
             self.output.forget();
         }
         record
+    }
+
+    /// Angle of the device's gripper at `now` (s), rad; not a number where it does not answer, which counts as a bad reading.
+    fn read_gripper(&self, device: &mut dyn HapticDevice, now: f64) -> f64 {
+        let read = device.gripper().map(|gripper| gripper.read(now));
+        match read {
+            Some(Ok(state)) => state.angle,
+            Some(Err(error)) => {
+                self.keep_device_error(error);
+                f64::NAN
+            }
+            None => f64::NAN,
+        }
+    }
+
+    /// Writes the torque of this step to the device's gripper.
+    fn write_gripper(&mut self, device: &mut dyn HapticDevice) {
+        let Some(torque) = self.gripper.as_ref().map(Gripper::torque) else { return };
+        if let Some(Err(error)) = device.gripper().map(|gripper| gripper.write(torque)) {
+            self.telemetry.events.device_refused += 1;
+            self.keep_device_error(error);
+        }
     }
 
     /// Lets the wrench fade out from now on, before the end.

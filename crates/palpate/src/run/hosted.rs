@@ -8,7 +8,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 
 use palpate_core::{Pose, Wrench};
-use palpate_device::{DeviceError, DeviceState, HapticDevice, Specification};
+use palpate_device::{
+    DeviceError, DeviceState, Gripper, GripperSpecification, GripperState, HapticDevice, Specification,
+    Status,
+};
 
 use crate::contact::monitor::ContactMonitor;
 use crate::haptic::HapticLoop;
@@ -78,7 +81,7 @@ impl HostedSession {
         device: DeviceState,
         settings: Settings,
     ) -> Result<Self, HostError> {
-        let theirs = Box::new(OfTheHost { specification, state: device });
+        let theirs = Box::new(OfTheHost { specification, state: device, gripper: None });
         HapticRenderer::new(probe, scene, theirs, settings)?.host()
     }
 
@@ -102,12 +105,14 @@ impl HostedSession<Hinged> {
     pub fn hinged(
         tool: &HingedTool,
         scene: Scene,
-        (specification, device, gripper_angle): (Specification, DeviceState, f64),
+        (specification, device): (Specification, DeviceState),
+        (gripper_specification, gripper_angle): (GripperSpecification, f64),
         settings: Settings,
         gripper: &GripperSettings,
     ) -> Result<Self, HostError> {
-        let theirs = Box::new(OfTheHost { specification, state: device });
-        HapticRenderer::hinged(tool, scene, theirs, gripper_angle, settings, gripper)?.host()
+        let fingers = HostsGripper { specification: gripper_specification, angle: gripper_angle };
+        let theirs = Box::new(OfTheHost { specification, state: device, gripper: Some(fingers) });
+        HapticRenderer::hinged(tool, scene, theirs, settings, gripper)?.host()
     }
 
     /// As [`HostedStepper::step`].
@@ -249,6 +254,30 @@ impl<T: Tool> Drop for HostedStepper<T> {
 struct OfTheHost {
     specification: Specification,
     state: DeviceState,
+    gripper: Option<HostsGripper>,
+}
+
+/// Its gripper, likewise.
+#[derive(Debug)]
+struct HostsGripper {
+    specification: GripperSpecification,
+    angle: f64,
+}
+
+impl Gripper for HostsGripper {
+    fn specification(&self) -> &GripperSpecification {
+        &self.specification
+    }
+
+    fn read(&mut self, now: f64) -> Result<GripperState, DeviceError> {
+        // As with any gripper the angle is finite.
+        let angle = if self.angle.is_finite() { self.angle } else { 0.0 };
+        Ok(GripperState { time: now, angle, status: Status::OK })
+    }
+
+    fn write(&mut self, _: f64) -> Result<(), DeviceError> {
+        Ok(())
+    }
 }
 
 impl HapticDevice for OfTheHost {
@@ -266,6 +295,10 @@ impl HapticDevice for OfTheHost {
 
     fn close(&mut self) -> Result<(), DeviceError> {
         Ok(())
+    }
+
+    fn gripper(&mut self) -> Option<&mut dyn Gripper> {
+        self.gripper.as_mut().map(|gripper| gripper as &mut dyn Gripper)
     }
 }
 

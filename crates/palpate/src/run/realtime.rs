@@ -196,7 +196,10 @@ impl<T: Tool> HapticThread<'_, T> {
     /// come to their end. How long it rendered; the panic of a device's driver is handed on.
     fn run(&mut self, steps: u64, stop: impl Fn() -> bool) -> Result<Duration, Box<dyn Any + Send>> {
         let rendered = catch_unwind(AssertUnwindSafe(|| self.render(steps, stop)));
-        let released = catch_unwind(AssertUnwindSafe(|| self.device.write(&Wrench::ZERO)));
+        let released = catch_unwind(AssertUnwindSafe(|| {
+            let gripper = self.device.gripper().map_or(Ok(()), |gripper| gripper.write(0.0));
+            self.device.write(&Wrench::ZERO).and(gripper)
+        }));
         let lasted = rendered?;
         if let Err(error) = released? {
             self.haptic.telemetry_mut().events.device_refused += 1;

@@ -24,7 +24,7 @@ use crate::settings::gripper::GripperSettings;
 use crate::settings::{ContactSearch, SearchSettings, Settings, SettingsError};
 use crate::tool::Tool;
 use crate::tool::error::ToolError;
-use crate::tool::gains::{Gains, Grasped};
+use crate::tool::gains::{Gains, Grasped, gripper_port};
 use crate::tool::hinged::{Hinged, HingedTool, grip};
 use crate::tool::rigid::Rigid;
 
@@ -169,12 +169,11 @@ impl HapticRenderer<Hinged> {
     ///
     /// # Errors
     /// If a setting is out of range, a body cannot be given its mass, the hinge is invalid, another integrator than the semi-implicit
-    /// one is asked for, an object's size suggests a wrong unit, textures are too large, or the device does not answer.
+    /// one is asked for, an object's size suggests a wrong unit, textures are too large, or the device has no gripper or does not answer.
     pub fn hinged(
         tool: &HingedTool,
         scene: Scene,
         mut device: Box<dyn HapticDevice>,
-        gripper_angle: f64,
         settings: Settings,
         gripper: &GripperSettings,
     ) -> Result<Self, RendererError> {
@@ -186,11 +185,13 @@ impl HapticRenderer<Hinged> {
         check_sizes([&tool.first, &tool.second], scene.objects(), &settings)?;
         let body = tool.body()?;
         let state = device.read(0.0)?;
-        let asked = if gripper_angle.is_finite() { gripper_angle } else { 0.0 };
+        let fingers = device.gripper().ok_or(ToolError::NoGripper)?;
+        let (asked, port) = (fingers.read(0.0)?.angle, gripper_port(fingers.specification()));
+        let port = gripper.port.unwrap_or(port);
         let angle = tool.angle_for(asked);
         let grasped = tool.grasped(&body, angle);
         let gains = Gains::new(&settings, &grasped, device.specification())?;
-        let (grip, lag) = grip(&body, gripper, &gains, settings.device.workspace_scale);
+        let (grip, lag) = grip(&body, gripper, &port, &gains, settings.device.workspace_scale);
         let centers = tool.centers_of_mass();
         let pose = gains.placement.mesh_pose(&state.pose) * Pose::from_translation(centers[0]);
         let held = Hinged {
@@ -205,7 +206,7 @@ impl HapticRenderer<Hinged> {
             bodies: vec![(tool.first.clone(), body.first), (tool.second.clone(), body.second)],
             grasped,
             gains,
-            gripper: Some(Gripper::new(gripper, asked, lag, 1.0 / settings.timing.rate)),
+            gripper: Some(Gripper::new(gripper, &port, asked, lag, 1.0 / settings.timing.rate)),
             // By the area law narrow jaws slide off sideways: what they close on is in contact beyond their edges.
             search: match settings.search.method {
                 ContactSearch::Automatic => ContactSearch::Levels,

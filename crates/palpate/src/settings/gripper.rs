@@ -6,11 +6,10 @@ use super::SettingsError;
 
 /// A gripper and its coupling to the hinge. Angles are those of the hinge that the hand asks for: a gripper that is geared otherwise
 /// is scaled by the host.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GripperSettings {
-    /// What the gripper can do about its axis, N·m and rad. By default nothing limits it; a peak of 0 is for a gripper that is only
-    /// sensed.
-    pub port: PortAxes,
+    /// Abilities of the gripper about its axis, N·m and rad; by default as its driver states them.
+    pub port: Option<PortAxes>,
     /// Stiffness of the coupling, N·m/rad; by default what the port renders passively with a margin
     /// ([`GripperCoupling::auto`](palpate_dynamics::GripperCoupling::auto)), 0.5 N·m/rad where nothing limits it.
     pub stiffness: Option<f64>,
@@ -23,20 +22,6 @@ pub struct GripperSettings {
 /// Stiffness of the coupling where nothing limits it, N·m/rad.
 pub(crate) const USUAL_STIFFNESS: f64 = 0.5;
 
-impl Default for GripperSettings {
-    fn default() -> Self {
-        let port = PortAxes {
-            stiffness: f64::INFINITY,
-            damping: f64::INFINITY,
-            viscous: None,
-            friction: None,
-            peak: f64::INFINITY,
-            step: 0.0,
-        };
-        Self { port, stiffness: None, damping: None, torque_slew: None }
-    }
-}
-
 impl GripperSettings {
     /// Refuses values that no gripper can have.
     ///
@@ -47,8 +32,8 @@ impl GripperSettings {
             ("gripper stiffness", self.stiffness, "N·m/rad from 0 to 1e6", 0.0..=1e6),
             ("gripper damping", self.damping, "N·m·s/rad from 0 to 1e6", 0.0..=1e6),
             ("gripper torque slew", self.torque_slew, "N·m/s above 0", f64::MIN_POSITIVE..=f64::INFINITY),
-            ("gripper peak torque", Some(self.port.peak), "N·m, 0 or more", 0.0..=f64::INFINITY),
-            ("gripper encoder step", Some(self.port.step), "rad, 0 or more", 0.0..=f64::MAX),
+            ("gripper peak torque", self.port.map(|port| port.peak), "N·m, 0 or more", 0.0..=f64::INFINITY),
+            ("gripper encoder step", self.port.map(|port| port.step), "rad, 0 or more", 0.0..=f64::MAX),
         ];
         for (name, value, expected, range) in ranges {
             if let Some(value) = value.filter(|value| !range.contains(value)) {

@@ -21,6 +21,11 @@ pub enum ToolError {
     /// The hinge is invalid.
     #[error(transparent)]
     Joint(#[from] JointError),
+    /// A tool with a hinge needs a gripper.
+    #[error(
+        "the device has no gripper, which a tool with a hinge needs; hold a rigid object, or give an emulated device a gripper"
+    )]
+    NoGripper,
     /// Tools with a hinge have an integrator of their own.
     #[error(
         "the integrator is {integrator}; a tool with a hinge takes only {}",

@@ -2,7 +2,7 @@
 
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
-use palpate_device::Specification;
+use palpate_device::{GripperSpecification, Specification};
 use palpate_dynamics::{
     Body, ContactParameters, Friction, PortAxes, PortLimits, Sampling, SlewLimit, VirtualCoupling,
 };
@@ -146,6 +146,18 @@ fn port_limits(specification: &Specification, period: f64) -> PortLimits {
             delay: specification.delay,
             velocity_delay: specification.velocity_delay,
         },
+    }
+}
+
+/// The port of a gripper by its specification.
+pub(crate) fn gripper_port(specification: &GripperSpecification) -> PortAxes {
+    PortAxes {
+        stiffness: specification.stiffness,
+        damping: specification.damping,
+        viscous: specification.handle.map(|handle| handle.damping),
+        friction: specification.handle.map(|handle| handle.friction),
+        peak: specification.peak_torque,
+        step: specification.encoder_step,
     }
 }
 

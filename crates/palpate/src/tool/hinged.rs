@@ -13,7 +13,7 @@ use palpate_core::Pose;
 use palpate_core::glam::DVec3;
 use palpate_dynamics::{
     ArticulatedBody, ArticulatedFrame, ArticulatedState, Body, BodyState, GripperCoupling, Joint,
-    JointLimits, LinearContactModel, PortLimits, Sampling, VirtualCoupling, articulated_step,
+    JointLimits, LinearContactModel, PortAxes, PortLimits, Sampling, VirtualCoupling, articulated_step,
 };
 
 use super::error::ToolError;
@@ -99,11 +99,12 @@ impl HingedTool {
 pub(crate) fn grip(
     body: &ArticulatedBody,
     gripper: &GripperSettings,
+    port: &PortAxes,
     gains: &Gains,
     scale: f64,
 ) -> (GripperCoupling, f64) {
     let Gains { limits, .. } = gains;
-    let port = PortLimits { rotation: gripper.port, ..*limits }.in_world(scale).rotation;
+    let port = PortLimits { rotation: *port, ..*limits }.in_world(scale).rotation;
     let chosen = GripperCoupling::auto(body, &port, USUAL_STIFFNESS, &limits.sampling);
     let stiffness = gripper.stiffness.unwrap_or(chosen.stiffness);
     let critical = GripperCoupling::critically_damped(body, stiffness);
