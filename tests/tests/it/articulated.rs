@@ -350,3 +350,48 @@ fn tools_and_settings_that_cannot_be_are_refused() {
     let nan = GripperSettings { stiffness: Some(f64::NAN), ..usual };
     assert!(matches!(new(&forceps(), &settings(), &nan), Err(RendererError::Tool(ToolError::Settings(_)))));
 }
+
+/// Forceps on an emulated device whose fingers close on an ellipsoid: driven, recorded and tuned as a rigid object is.
+#[test]
+fn a_gripper_of_the_device_closes_the_tool_with_every_driver() {
+    let opened = |seconds: f64| {
+        let asked = move |time: f64| (OPEN * (1.0 - smooth(0.0, seconds, time)), 0.0);
+        let device = Emulation::default().open(device(OPEN).pose).expect("a device");
+        let device = device.with_gripper(GripperEmulation::default(), GripperPath::function(asked));
+        let device = Box::new(device.expect("a gripper"));
+        HapticRenderer::hinged(&forceps(), with_ellipsoid(), device, settings(), &GripperSettings::default())
+            .expect("a session")
+    };
+    let stop = std::sync::atomic::AtomicBool::new(false);
+    let mut most = 0.0_f64;
+    let sink = |record: &HingedRecord| {
+        most = most.max(record.torque);
+        Ok::<(), std::convert::Infallible>(())
+    };
+    let mut renderer = opened(0.5);
+    let mut editor = renderer.settings_editor();
+    let mut live = editor.settings().live();
+    live.contact.friction = 0.3;
+    editor.set(live).expect("in range");
+    let session = renderer.run_lockstep(1.0, ContactTiming::busy(500.0), &stop, sink).expect("no error");
+    let summary = session.summary();
+    assert!(most > 0.01 && summary.contacts_max > 0, "{most} N·m, {summary:?}");
+    assert_eq!(
+        (summary.events.step_refused, summary.events.device_refused, summary.haptic.steps),
+        (0, 0, 1000)
+    );
+    let sink = |_: &HingedRecord| Ok::<(), std::convert::Infallible>(());
+    let session = opened(0.2).run_realtime(0.3, &stop, sink).expect("no error");
+    assert_eq!(session.summary().events.device_refused, 0);
+    let mut spawned = opened(0.2).spawn().expect("threads");
+    while spawned.latest().is_none() {
+        std::thread::yield_now();
+    }
+    assert_eq!(spawned.stop().expect("no panic").summary().events.step_refused, 0);
+    // A device without a gripper is refused.
+    let bare = Box::new(Emulation::default().open(device(OPEN).pose).expect("a device"));
+    let refused =
+        HapticRenderer::hinged(&forceps(), Scene::new(), bare, settings(), &GripperSettings::default());
+    let message = refused.err().expect("no gripper").to_string();
+    assert!(message.contains("no gripper"), "{message}");
+}
