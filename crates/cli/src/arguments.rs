@@ -285,10 +285,9 @@ pub struct RunArguments {
     /// The object in the hand: mesh file, .clod file or built-in model; with --tool, the scene
     pub probe: String,
     /// The object that it touches, or a scene file (.toml) with several and settings
-    #[arg(required_unless_present = "tool", default_value = "")]
+    #[arg(required_unless_present = "tool", default_value = "", hide_default_value = true)]
     pub scene: String,
-    /// Hold a tool with a hinge, from a tool file (.toml), on a device with a gripper: `palpate run --tool FORCEPS.toml SCENE --device
-    /// emulated:gripper=FILE.csv`
+    /// Hold the tool with a hinge of this file, in place of a probe, on a device with a gripper (emulated:gripper=FILE.csv)
     #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["report", "scene"])]
     pub tool: Option<PathBuf>,
     /// emulated, emulated:PRESET,KEY=VALUE,... (task=press, hand=firm, encoder_step=0, path=FILE.csv, ...), replay:FILE (a

@@ -22,12 +22,12 @@ use crate::failure::Failure;
 use crate::textures::Detail;
 use crate::{output, progress, textures};
 
-/// How long a session lasts, s, where nothing is said.
-const USUAL: f64 = 10.0;
+/// Duration of a session without `--seconds`, s.
+const DEFAULT_SECONDS: f64 = 10.0;
 /// Longest session, s: a day.
-const LONGEST: f64 = 86_400.0;
-/// Most steps that a report is made of, since they are kept in memory: about 1 GB.
-const MOST_REPORTED: f64 = 4e6;
+const MAX_SECONDS: f64 = 86_400.0;
+/// Largest number of steps in a report, which keeps them in memory: about 1 GB.
+const MAX_REPORTED_STEPS: f64 = 4e6;
 
 pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
     match &arguments.tool {
@@ -46,6 +46,11 @@ pub fn view(arguments: &crate::arguments::ViewArguments) -> Result<(), Failure> 
         )));
     }
     let screenshot = arguments.screenshot.clone();
+    if arguments.run.tool.is_some() {
+        return Err(Failure::Message(
+            "--tool: a window shows a rigid probe; give it to `palpate run`".to_owned(),
+        ));
+    }
     if arguments.run.lockstep {
         return Err(Failure::Message(
             "--lockstep: a window shows real time; give it to `palpate run`".to_owned(),
@@ -65,7 +70,7 @@ struct Window {
 }
 
 fn render(arguments: &RunArguments, window: Option<Window>) -> Result<(), Failure> {
-    let seconds = arguments.seconds.unwrap_or(if window.is_some() { LONGEST } else { USUAL });
+    let seconds = arguments.seconds.unwrap_or(if window.is_some() { MAX_SECONDS } else { DEFAULT_SECONDS });
     let seconds = checked_seconds(seconds)?;
     check_rate(arguments.contact_rate)?;
     check_files(arguments, window.as_ref())?;
@@ -82,8 +87,8 @@ fn render(arguments: &RunArguments, window: Option<Window>) -> Result<(), Failur
     } else {
         (explore::open_device_for(&arguments.device, &probe, &scene, &settings)?, None)
     };
-    if arguments.report.is_some() && seconds * settings.timing.rate > MOST_REPORTED {
-        let most = MOST_REPORTED / settings.timing.rate;
+    if arguments.report.is_some() && seconds * settings.timing.rate > MAX_REPORTED_STEPS {
+        let most = MAX_REPORTED_STEPS / settings.timing.rate;
         return Err(Failure::Message(format!(
             "--report takes at most {most} s; --record takes longer sessions"
         )));
@@ -132,7 +137,7 @@ fn render(arguments: &RunArguments, window: Option<Window>) -> Result<(), Failur
 
 /// A tool with a hinge in the hand, and no window.
 fn render_tool(arguments: &RunArguments, path: &Path) -> Result<(), Failure> {
-    let seconds = checked_seconds(arguments.seconds.unwrap_or(USUAL))?;
+    let seconds = checked_seconds(arguments.seconds.unwrap_or(DEFAULT_SECONDS))?;
     check_rate(arguments.contact_rate)?;
     check_files(arguments, None)?;
     let file = ToolFile::load(path)?;
@@ -178,10 +183,10 @@ fn render_tool(arguments: &RunArguments, path: &Path) -> Result<(), Failure> {
 
 /// A duration, s, in range.
 fn checked_seconds(seconds: f64) -> Result<f64, Failure> {
-    if seconds > 0.0 && seconds <= LONGEST {
+    if seconds > 0.0 && seconds <= MAX_SECONDS {
         return Ok(seconds);
     }
-    Err(Failure::Message(format!("--seconds {seconds}: give more than 0, at most {LONGEST}")))
+    Err(Failure::Message(format!("--seconds {seconds}: give more than 0, at most {MAX_SECONDS}")))
 }
 
 /// The device as the arguments want it: with a button to enable it, and recorded.
