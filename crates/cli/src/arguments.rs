@@ -282,10 +282,14 @@ pub struct QueryArguments {
 #[derive(Args)]
 #[command(allow_negative_numbers = true)] // Refused with a reason, not for looking like an option.
 pub struct RunArguments {
-    /// The object in the hand: mesh file, .clod file or built-in model
+    /// The object in the hand: mesh file, .clod file or built-in model; with --tool, the scene
     pub probe: String,
     /// The object that it touches, or a scene file (.toml) with several and settings
+    #[arg(required_unless_present = "tool", default_value = "", hide_default_value = true)]
     pub scene: String,
+    /// Hold the tool with a hinge of this file, in place of a probe, on a device with a gripper (emulated:gripper=FILE.csv)
+    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["report", "scene"])]
+    pub tool: Option<PathBuf>,
     /// emulated, emulated:PRESET,KEY=VALUE,... (task=press, hand=firm, encoder_step=0, path=FILE.csv, ...), replay:FILE (a
     /// trajectory, a recording of a session or of a device), or one that `palpate devices` lists
     #[arg(long, default_value = "emulated")]

@@ -2,10 +2,14 @@
 //! is coupled to; the loops, drivers, editors and recordings are the same for each.
 
 pub(crate) mod error;
+#[cfg(feature = "scene-files")]
+pub(crate) mod file;
 pub(crate) mod gains;
 pub(crate) mod hinged;
 pub(crate) mod rigid;
 
+#[cfg(feature = "scene-files")]
+pub use self::file::{HingeFrame, ToolFile, ToolPart};
 pub use self::hinged::{Hinged, HingedTool, ToolBody};
 pub use self::rigid::Rigid;
 pub use crate::telemetry::hinged_record::HingedRecord;
