@@ -99,7 +99,8 @@ fn render(arguments: &RunArguments, window: Option<Window>) -> Result<(), Failur
     let waiting = progress::waiting("preparing contacts");
     let renderer = HapticRenderer::new(probe, scene, device, settings);
     waiting.finish_and_clear();
-    let renderer = renderer?;
+    let mut renderer = renderer?;
+    renderer.set_integrator(Arc::new(arguments.physics.integrator()));
     let rendered = Rendered::of(&renderer);
 
     let stop = stop_on_interrupt()?;

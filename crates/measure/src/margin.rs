@@ -1,5 +1,6 @@
 //! How much stiffer contacts could be until a held object is not at rest any more.
 
+use palpate::dynamics::IntegratorKind;
 use palpate::settings::ContactSettings;
 use palpate::{Object, Pose, Scene, Settings};
 
@@ -48,7 +49,7 @@ pub fn pressed(trace: &Trace, path: &BodyPath, profile: &Profile, probe: &Object
 pub fn stability_margin(
     probe: &Object,
     scene: &Scene,
-    settings: &Settings,
+    (settings, integrator): (&Settings, IntegratorKind),
     held: Pose,
     contact_rate: f64,
 ) -> Result<f64, MeasureError> {
@@ -62,7 +63,7 @@ pub fn stability_margin(
             },
             ..*settings
         };
-        comes_to_rest(probe, scene, settings, held, contact_rate)
+        comes_to_rest(probe, scene, (settings, integrator), held, contact_rate)
     };
     // That is where most end.
     if stable(STIFFEST)? {
@@ -84,12 +85,12 @@ pub fn stability_margin(
 fn comes_to_rest(
     probe: &Object,
     scene: &Scene,
-    settings: Settings,
+    (settings, integrator): (Settings, IntegratorKind),
     held: Pose,
     contact_rate: f64,
 ) -> Result<bool, MeasureError> {
-    let experiment =
-        Experiment { probe, scene, settings, contact_rate, frozen: false, seconds: SETTLING + JUDGED };
+    let seconds = SETTLING + JUDGED;
+    let experiment = Experiment { probe, scene, settings, integrator, contact_rate, frozen: false, seconds };
     let trace = experiment.emulate(held)?;
     let judged = (JUDGED * settings.timing.rate) as usize;
     if !trace.is_stable() || trace.samples.len() < judged {

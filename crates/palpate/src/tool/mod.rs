@@ -54,6 +54,9 @@ pub trait Moves: Clone + Debug + Send + 'static {
     /// Changes the coupling that holds the first body.
     fn set_coupling(&mut self, coupling: VirtualCoupling);
 
+    /// Name of the method that integrates the tool's motion.
+    fn integrator(&self) -> &'static str;
+
     /// Energy in the couplings and in the tool's motion, J.
     fn energy(&self, hand: &Hand) -> f64;
 

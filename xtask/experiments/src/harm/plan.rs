@@ -1,9 +1,10 @@
 //! What a genome stands for: settings, a device with the hand that holds it, what it touches, and what goes wrong.
 
 use palpate::device::{Axes, Emulation, Hand, Handle, Specification};
+use palpate::dynamics::IntegratorKind;
 use palpate::glam::DVec3;
 use palpate::settings::{ContactSearch, HandlePlace, TextureSettings};
-use palpate::{IntegratorKind, Pose, Settings};
+use palpate::{Pose, Settings};
 
 use super::faults::{FAULTS, Fault};
 use super::genome::{Genes, Genome};
@@ -14,6 +15,7 @@ use super::models::{PAIRS, Pair};
 #[derive(Clone, Debug)]
 pub struct Plan {
     pub settings: Settings,
+    pub integrator: IntegratorKind,
     pub emulation: Emulation,
     pub hand: Motion,
     pub world: World,
@@ -116,7 +118,7 @@ impl Plan {
         let pair = g.pick(&PAIRS);
         let pair = if by_models { pair } else { Pair::Ellipsoid };
         let mut emulation = emulation(g);
-        let settings = settings(g, pair, by_models);
+        let (settings, integrator) = settings(g, pair, by_models);
         emulation.substep = (0.5 / settings.timing.rate).clamp(2e-5, 2e-4);
         let hand = Motion::of(g, seconds);
         let planes = (0..PLANES).map(|index| g.maybe(0.9 / (1 + index) as f64, |g| plane(g, seconds)));
@@ -136,6 +138,7 @@ impl Plan {
         let world = if by_models { World::Models(models) } else { World::Planes(planes) };
         Self {
             settings,
+            integrator,
             emulation,
             hand,
             world,
@@ -158,7 +161,7 @@ impl Plan {
 }
 
 /// Over all that is valid, and most often where sessions usually are.
-fn settings(g: &mut Genes<'_>, pair: Pair, by_models: bool) -> Settings {
+fn settings(g: &mut Genes<'_>, pair: Pair, by_models: bool) -> (Settings, IntegratorKind) {
     let radius = pair.radius();
     let usual_rate = g.chance(0.6);
     let rate = g.log_or((100.0, 4000.0), 0.2, (10.0, 20_000.0));
@@ -199,7 +202,6 @@ fn settings(g: &mut Genes<'_>, pair: Pair, by_models: bool) -> Settings {
     settings.tool.grasp = g.maybe(0.3, |g| Pose::new(g.vector(2.0 * radius), g.turn(3.0)));
     settings.tool.handle = g.pick(&[HandlePlace::Automatic, HandlePlace::Grasp, HandlePlace::MeshOrigin]);
     settings.timing.contact_timeout = g.log(1e-3, 1.0);
-    settings.tool.integrator = IntegratorKind::SemiImplicit;
     settings.timing.engagement = g.maybe(0.9, |g| g.log(1e-3, 2.0)).unwrap_or(0.0);
     settings.device.workspace_scale =
         g.maybe(0.4, |g| g.log_or((0.1, 10.0), 0.2, (1e-4, 1e4))).unwrap_or(1.0);
@@ -210,9 +212,7 @@ fn settings(g: &mut Genes<'_>, pair: Pair, by_models: bool) -> Settings {
     settings.output.passivity_controller = g.chance(0.5);
     settings.tool.unusual_size = true;
     let other = g.pick(&IntegratorKind::ALL);
-    if g.chance(0.4) {
-        settings.tool.integrator = other;
-    }
+    let integrator = if g.chance(0.4) { other } else { IntegratorKind::SemiImplicit };
     let usual = g.pick(&[0.01, 0.02]);
     if !by_models {
         // A host's own query has no use for fields, which take seconds to make.
@@ -222,7 +222,7 @@ fn settings(g: &mut Genes<'_>, pair: Pair, by_models: bool) -> Settings {
         // Each tolerance needs fields of its own, which take seconds.
         settings.search.tolerance = Some(usual * radius);
     }
-    settings
+    (settings, integrator)
 }
 
 fn emulation(g: &mut Genes<'_>) -> Emulation {

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 use std::panic::AssertUnwindSafe;
+use std::sync::Arc;
 
 use palpate::device::{HapticDevice as _, IntendedPath};
 use palpate::dynamics::{ContactClass, ContactParameters, Friction, LinearContactModel, MovingBody};
@@ -219,6 +220,7 @@ impl Running {
         let stand_in = Box::new(open(Pose::IDENTITY.into())?);
         let renderer = HapticRenderer::new(probe.clone(), scene, stand_in, plan.settings);
         let mut renderer = renderer.map_err(|error| error.to_string())?;
+        renderer.set_integrator(Arc::new(plan.integrator));
         let (settings, mut scene) = (renderer.settings_editor(), renderer.scene_editor());
         let object = match &plan.world {
             World::Planes(_) => None,

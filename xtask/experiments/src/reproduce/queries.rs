@@ -8,6 +8,7 @@ use std::time::Instant;
 
 use palpate::collide::{Clustering, ContactQuery, QuerySettings};
 use palpate::device::{Interpolation, MotionPath, Task};
+use palpate::dynamics::IntegratorKind;
 use palpate::glam::DVec3;
 use palpate::settings::DetailSettings;
 use palpate::{Object, Pose, Scene, Settings, explore};
@@ -202,8 +203,15 @@ fn tapping(probe: &Object, object: &Object, benchmark: &Benchmark) -> Result<Vec
         },
         ..Settings::default()
     };
-    let session =
-        Experiment { probe, scene: &scene, settings, contact_rate: 500.0, frozen: false, seconds: 3.0 };
+    let session = Experiment {
+        probe,
+        scene: &scene,
+        settings,
+        integrator: IntegratorKind::default(),
+        contact_rate: 500.0,
+        frozen: false,
+        seconds: 3.0,
+    };
     let trace = session.emulate(intended).map_err(|error| error.to_string())?;
     Ok(trace.samples.iter().step_by(10).map(|sample| sample.record.object).collect())
 }

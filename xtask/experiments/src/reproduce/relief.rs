@@ -5,6 +5,7 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 use std::ops::ControlFlow;
 
 use palpate::device::Task;
+use palpate::dynamics::IntegratorKind;
 use palpate::glam::{DQuat, DVec3};
 use palpate::models::Model;
 use palpate::settings::{ContactSearch, SearchSettings, TextureSettings};
@@ -55,8 +56,15 @@ fn rendered(
         textures,
         ..Settings::default()
     };
-    let session =
-        Experiment { probe, scene: &scene, settings, contact_rate: CONTACT_RATE, frozen: false, seconds };
+    let session = Experiment {
+        probe,
+        scene: &scene,
+        settings,
+        integrator: IntegratorKind::default(),
+        contact_rate: CONTACT_RATE,
+        frozen: false,
+        seconds,
+    };
     session.emulate(path(seconds + 0.2, pose)?).map_err(|error| error.to_string())
 }
 
@@ -262,6 +270,7 @@ fn scrape(detail: bool) -> Result<(Scraped, Trace), String> {
         probe: &file,
         scene: &scene,
         settings,
+        integrator: IntegratorKind::default(),
         contact_rate: CONTACT_RATE,
         frozen: false,
         seconds: down + FRAMES / CONTACT_RATE,

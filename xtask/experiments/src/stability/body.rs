@@ -1,6 +1,6 @@
 //! The grasped body's mass by the stiffness of its contacts, for each integrator.
 
-use palpate::dynamics::IntegratorKind;
+use palpate::dynamics::{Integrator as _, IntegratorKind};
 use palpate_report::{CellAxis, HeatMap};
 
 use super::geometry::Geometry;

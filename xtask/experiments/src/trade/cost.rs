@@ -7,10 +7,11 @@
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
 
 use palpate::core::Clod;
 use palpate::device::{Interpolation, Keyframe, MotionPath, ReplayDevice};
-use palpate::dynamics::BodyState;
+use palpate::dynamics::{BodyState, IntegratorKind};
 use palpate::{ContactUpdate, HapticRenderer, Object, Pose, Scene, Settings, Twist};
 use palpate_benches::callgrind;
 use serde::{Deserialize, Serialize};
@@ -32,7 +33,7 @@ pub struct Job {
     /// Poses and velocities of the centre of mass, and the time from one to the next, s.
     states: Vec<(Pose, Twist)>,
     period: f64,
-    settings: Vec<Settings>,
+    settings: Vec<(Settings, IntegratorKind)>,
 }
 
 /// Instructions of a contact step and of a haptic step, in the mean.
@@ -44,7 +45,12 @@ pub struct Instructions {
 
 impl Job {
     /// The states that are nearest to the middle of a path.
-    pub fn new(scenario: &Scenario, states: &[BodyState], period: f64, settings: Vec<Settings>) -> Self {
+    pub fn new(
+        scenario: &Scenario,
+        states: &[BodyState],
+        period: f64,
+        settings: Vec<(Settings, IntegratorKind)>,
+    ) -> Self {
         let first = (states.len() / 2).saturating_sub(STATES / 2);
         let states = states.iter().skip(first).take(STATES);
         let states = states.map(|state| (state.pose, state.twist)).collect();
@@ -124,14 +130,15 @@ impl Job {
             self.states.iter().map(|&(pose, twist)| BodyState { pose, twist }).collect();
         let last = states.last().ok_or("no states")?;
         switch_on()?;
-        for settings in &self.settings {
+        for (settings, integrator) in &self.settings {
             let center = probe.clod.source.center_of_mass;
             let here = Keyframe { time: 0.0, pose: last.pose * Pose::from_translation(-center) };
             let path =
                 MotionPath::new(vec![here], Interpolation::Linear).map_err(|error| error.to_string())?;
             let device = Box::new(ReplayDevice::new("still", path));
-            let renderer = HapticRenderer::new(probe.clone(), scene.clone(), device, *settings)
-                .map_err(|error| error.to_string())?;
+            let renderer = HapticRenderer::new(probe.clone(), scene.clone(), device, *settings);
+            let mut renderer = renderer.map_err(|error| error.to_string())?;
+            renderer.set_integrator(Arc::new(*integrator));
             let (mut haptic, mut contact, mut device) = renderer.into_loops();
             let (warming, rest) = states.split_at(WARMING.min(states.len()));
             for (index, state) in warming.iter().enumerate() {

@@ -45,6 +45,7 @@ fn session<'a>(scenario: &'a Scenario, variation: &Variation, contact_rate: f64)
         probe: &scenario.probe,
         scene: &scenario.scene,
         settings: variation.settings,
+        integrator: variation.integrator,
         contact_rate,
         frozen: false,
         seconds: scenario.seconds,
@@ -97,7 +98,14 @@ impl Measured {
             rendered: Difference::of(&same, &reference.profile, 1.0 / reference.path.period),
             felt: Difference::felt(&trace, &reference.trace),
             penetration: penetration(&trace, probe, scene, &full.settings).map_err(say)?,
-            stability_margin: stability_margin(probe, scene, settings, held, CONTACT_RATE).map_err(say)?,
+            stability_margin: stability_margin(
+                probe,
+                scene,
+                (settings, variation.integrator),
+                held,
+                CONTACT_RATE,
+            )
+            .map_err(say)?,
             variation: variation.clone(),
         })
     }

@@ -131,7 +131,7 @@ fn measure(name: &str, axes: &[String], out: &Path) -> Result<Option<Trade>, Str
     }
     bar.set_message(format!("{name}: counting instructions"));
     let counted = rows.iter().map(|row| &row.variation).filter(|variation| variation.is_counted());
-    let settings = counted.map(|variation| variation.settings).collect();
+    let settings = counted.map(|variation| (variation.settings, variation.integrator)).collect();
     let job = Job::new(&scenario, &reference.path.states, reference.path.period, settings);
     let instructions = job.count(&scenario, out)?;
     bar.finish_and_clear();

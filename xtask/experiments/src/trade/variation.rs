@@ -1,11 +1,8 @@
 //! The settings that are varied, one at a time.
 
-use palpate::dynamics::MAX_CLUSTERS;
-use palpate::settings::{
-    ContactSearch, DetailSettings, SearchSettings, TextureBackend, TextureDerivatives, TimingSettings,
-    ToolSettings,
-};
-use palpate::{IntegratorKind, Settings};
+use palpate::Settings;
+use palpate::dynamics::{IntegratorKind, MAX_CLUSTERS};
+use palpate::settings::{ContactSearch, DetailSettings, SearchSettings, TextureBackend, TimingSettings};
 
 use super::scenario::Scenario;
 
@@ -17,6 +14,7 @@ pub struct Variation {
     /// Its value.
     pub value: String,
     pub settings: Settings,
+    pub integrator: IntegratorKind,
 }
 
 /// A setting that is varied.
@@ -32,7 +30,6 @@ pub enum Axis {
     QueryBudget,
     Clusters,
     TextureGrid,
-    TextureDerivatives,
     Precision,
     Integrator,
     HapticRate,
@@ -46,14 +43,13 @@ impl Variation {
 }
 
 impl Axis {
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 9] = [
         Self::Error,
         Self::ErrorWithoutInterpolation,
         Self::Representatives,
         Self::QueryBudget,
         Self::Clusters,
         Self::TextureGrid,
-        Self::TextureDerivatives,
         Self::Precision,
         Self::Integrator,
         Self::HapticRate,
@@ -67,7 +63,6 @@ impl Axis {
             Self::QueryBudget => "query limit",
             Self::Clusters => "clusters",
             Self::TextureGrid => "grid",
-            Self::TextureDerivatives => "derivatives",
             Self::Precision => "precision",
             Self::Integrator => "integrator",
             Self::HapticRate => "haptic rate",
@@ -92,14 +87,6 @@ const CLUSTERS: [usize; 6] = [1, 2, 3, 5, 8, MAX_CLUSTERS];
 const GRIDS: [u32; 4] = [12, 25, 50, 100];
 /// Hz.
 const RATES: [f64; 4] = [500.0, 1000.0, 2000.0, 4000.0];
-const INTEGRATORS: [IntegratorKind; 6] = [
-    IntegratorKind::SemiImplicit,
-    IntegratorKind::FullyImplicit,
-    IntegratorKind::ForwardEuler,
-    IntegratorKind::SymplecticEuler,
-    IntegratorKind::RungeKutta4,
-    IntegratorKind::QuasiStatic,
-];
 
 /// What a scenario is measured with. The first is full resolution.
 pub fn variations(scenario: &Scenario) -> Vec<Variation> {
@@ -114,17 +101,16 @@ pub fn variations(scenario: &Scenario) -> Vec<Variation> {
         Settings { detail: DetailSettings { error: USUAL * radius, ..full.detail }, ..full }
     };
     let mut all = Vec::new();
-    let mut add = |axis, value: String, settings| all.push(Variation { axis, value, settings });
+    let usual_integrator = IntegratorKind::default();
+    let mut add = |axis, value: String, settings| {
+        all.push(Variation { axis, value, settings, integrator: usual_integrator });
+    };
     if scenario.textured {
         for grid in GRIDS.into_iter().rev() {
             let mut settings = full;
             settings.textures.grid = grid;
             add(Axis::TextureGrid, format!("{grid} x {grid}"), settings);
         }
-        let mut differences = full;
-        differences.textures.derivatives = TextureDerivatives::Differences;
-        add(Axis::TextureDerivatives, "at the maximum".to_owned(), full);
-        add(Axis::TextureDerivatives, "central differences".to_owned(), differences);
         let mut gpu = full;
         gpu.textures.backend = TextureBackend::Gpu;
         add(Axis::Precision, "f64, processor".to_owned(), full);
@@ -178,13 +164,6 @@ pub fn variations(scenario: &Scenario) -> Vec<Variation> {
             Settings { search: SearchSettings { clusters, ..usual.search }, ..usual },
         );
     }
-    for integrator in INTEGRATORS {
-        add(
-            Axis::Integrator,
-            integrator.to_string(),
-            Settings { tool: ToolSettings { integrator, ..usual.tool }, ..usual },
-        );
-    }
     for rate in RATES {
         add(
             Axis::HapticRate,
@@ -192,5 +171,11 @@ pub fn variations(scenario: &Scenario) -> Vec<Variation> {
             Settings { timing: TimingSettings { rate, ..usual.timing }, ..usual },
         );
     }
+    all.extend(IntegratorKind::ALL.map(|integrator| Variation {
+        axis: Axis::Integrator,
+        value: integrator.to_string(),
+        settings: usual,
+        integrator,
+    }));
     all
 }

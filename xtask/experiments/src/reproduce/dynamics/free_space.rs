@@ -1,9 +1,10 @@
 //! A light body that follows the device through free space, by integrator and mass (§5.5.2, Fig. 5.6).
 
 use palpate::device::MotionPath;
+use palpate::dynamics::IntegratorKind;
 use palpate::glam::{DQuat, DVec3};
 use palpate::settings::{ContactSearch, CouplingSettings, HandlePlace, SearchSettings, ToolSettings};
-use palpate::{IntegratorKind, Object, Pose, Scene, Settings};
+use palpate::{Object, Pose, Scene, Settings};
 
 use palpate_tests::smooth;
 
@@ -65,7 +66,6 @@ fn session<'a>(
             // The hand's path is that of the mesh's frame.
             handle: HandlePlace::MeshOrigin,
             mass,
-            integrator,
             ..ToolSettings::default()
         },
         coupling: CouplingSettings {
@@ -77,7 +77,15 @@ fn session<'a>(
         search: SearchSettings { method: ContactSearch::Levels, ..SearchSettings::default() },
         ..Settings::default()
     };
-    Experiment { probe: spoon, scene, settings, contact_rate: 1000.0, frozen: false, seconds: SECONDS }
+    Experiment {
+        probe: spoon,
+        scene,
+        settings,
+        integrator,
+        contact_rate: 1000.0,
+        frozen: false,
+        seconds: SECONDS,
+    }
 }
 
 /// A spoon that is swung about: up to 35 m/s².

@@ -1,6 +1,7 @@
 //! An upper jaw pressed onto a lower one, by the rate of contact queries, with and without the linearised contact model (§5.5.3,
 //! Fig. 5.10).
 
+use palpate::dynamics::IntegratorKind;
 use palpate::glam::DVec3;
 use palpate::settings::{
     ContactSearch, ContactSettings, CouplingSettings, DetailSettings, DeviceSettings, HandlePlace,
@@ -114,6 +115,7 @@ fn find(name: &str, setups: &[Setup], triangles: Option<usize>) -> Result<(Found
             },
             ..Settings::default()
         },
+        integrator: IntegratorKind::default(),
         contact_rate,
         frozen,
         seconds: end,

@@ -1,10 +1,11 @@
 //! A spoon pressed onto a cup, by integrator, mass and contact stiffness (§5.5.3, Fig. 5.8).
 
+use palpate::dynamics::IntegratorKind;
 use palpate::glam::{DQuat, DVec3};
 use palpate::settings::{
     ContactSearch, ContactSettings, CouplingSettings, HandlePlace, SearchSettings, ToolSettings,
 };
-use palpate::{IntegratorKind, Pose, Scene, Settings};
+use palpate::{Pose, Scene, Settings};
 use palpate_tests::first_touch;
 
 use super::{
@@ -98,7 +99,6 @@ fn find(setups: &[Setup; 3]) -> Result<(Found, [Trace; 3]), String> {
             tool: ToolSettings {
                 // The hand's path is that of the mesh's frame.
                 handle: HandlePlace::MeshOrigin,
-                integrator,
                 mass,
                 ..ToolSettings::default()
             },
@@ -116,6 +116,7 @@ fn find(setups: &[Setup; 3]) -> Result<(Found, [Trace; 3]), String> {
             },
             ..Settings::default()
         },
+        integrator,
         contact_rate: 1000.0,
         frozen: false,
         seconds: end,

@@ -1,9 +1,10 @@
 //! A probe with a round tip on a plate with ridges 8 mm high, to the right and faster back (§5.5.4, Fig. 5.12).
 
+use palpate::dynamics::IntegratorKind;
 use palpate::glam::DVec3;
 use palpate::settings::{
-    ContactSearch, ContactSettings, CouplingSettings, HandlePlace, SearchSettings, TextureDerivatives,
-    TextureSettings, ToolSettings,
+    ContactSearch, ContactSettings, CouplingSettings, HandlePlace, SearchSettings, TextureSettings,
+    ToolSettings,
 };
 use palpate::{Pose, Scene, Settings};
 use palpate_tests::{ridged_plate, smooth};
@@ -127,12 +128,10 @@ fn find(height: f64) -> Result<(Found, [Trace; 2]), String> {
                 method: ContactSearch::Levels,
                 ..SearchSettings::default()
             },
-            textures: TextureSettings {
-                derivatives: TextureDerivatives::Maximum,
-                ..TextureSettings::default()
-            },
+            textures: TextureSettings { ..TextureSettings::default() },
             ..Settings::default()
         },
+        integrator: IntegratorKind::default(),
         contact_rate: CONTACT_RATE,
         frozen: false,
         seconds: end,
