@@ -16,17 +16,15 @@ mod tests;
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Arc;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, SyncSender, TryRecvError};
 use std::time::{Duration, Instant};
 
 use wgpu::{Device, Instance, InstanceDescriptor, Queue};
 
-use self::pipelines::{COMPILE_TIMEOUT, Look, Pipelines};
+use self::pipelines::{COMPILE_TIMEOUT, Job, Look, Pipelines, Textures};
 use crate::backend::{Backend, BackendError};
 use crate::batch::{Batch, SurfaceSet};
 use crate::kernels::Answer;
-use crate::spline::Level;
 
 /// How long a batch is waited for unless [`set_deadline`](Backend::set_deadline) says otherwise: for work that is in no hurry,
 /// on a software driver too.
@@ -62,29 +60,6 @@ pub struct WgpuBackend {
     deadline: Duration,
     /// Which textures the device has.
     uploaded: Option<u64>,
-}
-
-/// A batch on its way to the device and back, whose room is used again.
-#[derive(Debug)]
-struct Job {
-    /// If the device does not have them yet.
-    textures: Option<Textures>,
-    batch: Batch,
-    answers: Vec<Answer>,
-    result: Result<(), BackendError>,
-}
-
-/// Those of a set of surfaces.
-#[derive(Debug, Default)]
-struct Textures {
-    levels: Arc<Vec<Level>>,
-    coefficients: Arc<Vec<f32>>,
-}
-
-impl Default for Job {
-    fn default() -> Self {
-        Self { textures: None, batch: Batch::default(), answers: Vec::new(), result: Ok(()) }
-    }
 }
 
 /// The adapters of this machine that a [`WgpuBackend`] may run on, software ones included: Vulkan, Metal or Direct3D 12. Loads

@@ -1,5 +1,6 @@
 //! The kernels on a device: what they are made of, and one batch after the other. All of it belongs to one thread.
 
+use std::sync::Arc;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
@@ -10,10 +11,10 @@ use wgpu::{
     PollType, Queue,
 };
 
-use super::{Job, Textures};
 use crate::backend::BackendError;
 use crate::batch::Batch;
 use crate::kernels::{Answer, Clips, Header, Image, Pair, Triangle};
+use crate::spline::Level;
 
 /// Invocations of a workgroup of `height_images`.
 const TEXELS: u32 = 64;
@@ -30,6 +31,29 @@ const STORAGE: BufferUsages = BufferUsages::STORAGE.union(BufferUsages::COPY_DST
 
 /// How the device is looked at: [`Device::poll`], but for tests of devices that are lost or hang.
 pub(super) type Look = fn(&Device, PollType) -> Result<PollStatus, PollError>;
+
+/// A batch on its way to the device, and its answers on their way back. Its buffers are used again.
+#[derive(Debug)]
+pub(super) struct Job {
+    /// Textures to upload; `None` while the device has them.
+    pub textures: Option<Textures>,
+    pub batch: Batch,
+    pub answers: Vec<Answer>,
+    pub result: Result<(), BackendError>,
+}
+
+/// Textures of a set of surfaces.
+#[derive(Debug, Default)]
+pub(super) struct Textures {
+    pub levels: Arc<Vec<Level>>,
+    pub coefficients: Arc<Vec<f32>>,
+}
+
+impl Default for Job {
+    fn default() -> Self {
+        Self { textures: None, batch: Batch::default(), answers: Vec::new(), result: Ok(()) }
+    }
+}
 
 /// Both kernels with their buffers.
 #[derive(Debug)]
