@@ -8,7 +8,7 @@
 
 use glam::{DVec2, IVec2};
 
-use super::BakeError;
+use super::error::BakeError;
 use super::sheet::Sheet;
 use crate::MAX_SIDE;
 

@@ -45,6 +45,7 @@
 
 mod atlas;
 mod bspline;
+mod error;
 mod fill;
 mod rays;
 mod report;
@@ -60,7 +61,7 @@ use std::ops::{ControlFlow, Range};
 
 use glam::DVec2;
 use palpate_core::TriMesh;
-use palpate_core::mesh::{MeshError, UvMesh, UvMeshError};
+use palpate_core::mesh::{MeshError, UvMesh};
 use rayon::prelude::*;
 
 use self::atlas::{Atlas, Chart, SUPPORT};
@@ -69,8 +70,9 @@ use self::settle::Settled;
 use self::sheet::Sheet;
 use self::smooth::SmoothEdges;
 use self::tree::Tree;
-use crate::{HeightImage, HeightImageError, Wrap};
+use crate::{HeightImage, Wrap};
 
+pub use self::error::BakeError;
 pub use self::report::BakeReport;
 
 /// How to bake.
@@ -97,61 +99,6 @@ pub struct Baked {
     pub image: HeightImage,
     /// How good they are.
     pub report: BakeReport,
-}
-
-/// Why nothing was baked.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum BakeError {
-    /// Something is wrong with the coarse mesh.
-    #[error("coarse mesh: {0}")]
-    Coarse(MeshError),
-    /// Something is wrong with the detailed mesh.
-    #[error("detailed mesh: {0}")]
-    Detailed(MeshError),
-    /// A mesh has no triangle with an area.
-    #[error("the {which} mesh has no triangle with an area")]
-    NoSurface {
-        /// `"coarse"` or `"detailed"`.
-        which: &'static str,
-    },
-    /// An option is not a number that makes sense.
-    #[error("{option} of {value} {unit}: {wanted}")]
-    BadOption {
-        /// Which.
-        option: &'static str,
-        /// Its value.
-        value: f64,
-        /// The unit of that.
-        unit: &'static str,
-        /// What it should be.
-        wanted: &'static str,
-    },
-    /// The coarse mesh has more triangles than find room in the largest image.
-    #[error(
-        "the coarse mesh's {triangles} triangles do not fit into one image, however coarse the texels: simplify it further"
-    )]
-    TooManyTriangles {
-        /// How many there are.
-        triangles: usize,
-    },
-    /// No ray from the coarse mesh met the detailed one.
-    #[error(
-        "no part of the detailed mesh faces along the coarse one's normals within {reach} m of it: are both meshes in one \
-         frame, and oriented outwards?"
-    )]
-    NothingWithinReach {
-        /// How far was looked, m.
-        reach: f64,
-    },
-    /// The displacements do not make an image.
-    #[error(transparent)]
-    Image(#[from] HeightImageError),
-    /// The coarse mesh does not take texture coordinates.
-    #[error(transparent)]
-    Coordinates(#[from] UvMeshError),
-    /// The progress callback broke the work off.
-    #[error("cancelled")]
-    Cancelled,
 }
 
 /// Bounding radii (m) of meshes that are taken: products of lengths then stay far within the range of f64.

@@ -7,8 +7,8 @@ use palpate_core::TriMesh;
 use palpate_core::mesh::{Adjacency, UvMesh};
 use rayon::prelude::*;
 
-use super::BakeError;
 use super::atlas::{Atlas, Chart};
+use super::error::BakeError;
 use super::sheet::{Place, Sheet, is_inside};
 use super::smooth::{Side, SmoothEdges};
 use super::tree::Tree;
