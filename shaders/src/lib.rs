@@ -1,26 +1,28 @@
 //! WGSL compute kernels of the palpate haptic rendering engine.
 //!
-//! A package of its own, because cargo ships only the files below a package's root. Every file in `wgsl/` is a
-//! constant here and listed in [`SHADERS`] with its entry points; a test validates each with naga, which needs
-//! no GPU. The crate that runs a kernel keeps a twin of each entry point for the CPU, and a test there that
-//! fails when one is missing.
+//! The kernels are a package of their own because cargo ships only the files below a package's root. Every
+//! file in `wgsl/` is a constant here and listed in [`SHADERS`] with its entry points; a test validates each
+//! with naga, which needs no GPU. The crate that runs a kernel has a CPU twin of each entry point, and a test
+//! that fails if one is missing.
 
-/// A WGSL file and what can be dispatched from it.
+/// A WGSL file and its entry points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shader {
-    /// Name of the file, without its ending.
+    /// Name of the file, without its extension.
     pub name: &'static str,
-    /// The WGSL text.
+    /// WGSL source.
     pub source: &'static str,
-    /// Its compute entry points.
+    /// Names of the compute entry points.
     pub entry_points: &'static [&'static str],
 }
 
-/// Directional penetration depth of textured surfaces (§4.4): `height_images` makes images of their heights over a common
-/// grid (Eq. 4.9), `overlaps` finds the largest overlap of pairs of images (Eq. 4.10) and what its derivatives are made of.
+/// Directional penetration depth of textured surfaces (§4.4): `height_images` fills images of their heights
+/// over a common grid (Eq. 4.9); `overlaps` finds the largest overlap of pairs of images (Eq. 4.10) and the
+/// sums from which its derivatives are computed.
 ///
-/// Bindings of group 0, described in the file: 0, uniform, the batch; 1, triangles; 2, images; 3, levels of the textures; 4,
-/// their coefficients; 5, heights, written by the one and read by the other; 6, pairs; 7, answers.
+/// Bindings of group 0, described in the file: 0, uniform, parameters of the batch; 1, triangles; 2, images;
+/// 3, levels of the textures; 4, their coefficients; 5, heights, written by `height_images` and read by
+/// `overlaps`; 6, pairs; 7, answers.
 pub const TEXTURE_DEPTH: Shader = Shader {
     name: "texture_depth",
     source: include_str!("../wgsl/texture_depth.wgsl"),
@@ -56,7 +58,7 @@ mod tests {
     }
 
     #[test]
-    fn every_file_is_listed_and_entry_points_are_told_apart_by_name() {
+    fn every_file_is_listed_and_entry_points_have_distinct_names() {
         let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/wgsl"));
         let files: BTreeSet<String> =
             folder.read_dir().unwrap().map(|file| file.unwrap().file_name().into_string().unwrap()).collect();

@@ -1,27 +1,28 @@
-// Directional penetration depth of textured surfaces (§4.4): images of their heights over a common grid (Eq. 4.9), and the
-// largest overlap of pairs of images (Eq. 4.10) with what its derivatives are made of.
+// Directional penetration depth of textured surfaces (§4.4): images of their heights over a common grid (Eq.
+// 4.9), and the largest overlap of pairs of images (Eq. 4.10) with the sums from which its derivatives are
+// computed.
 //
-// Coordinates are those of a contact's frame: u and v along the grid and n along the penetration direction, from the middle
-// of the grid, in metres.
+// Coordinates are in a contact's frame: u and v along the grid and n along the penetration direction, from
+// the centre of the grid, in metres. The CPU twins in crates/texture-pd/src/kernels derive the equations.
 
 struct Header {
     // Texels along a side of an image.
     grid: u32,
     images: u32,
     pairs: u32,
-    // How often the point that is displaced to a texel is improved at most.
+    // Maximum number of Newton steps per texel.
     refinements: u32,
 }
 
 struct Image {
-    // Its triangles.
+    // Index of its first triangle, and their number.
     first: u32,
     count: u32,
     // 1 for the highest surface along n, -1 for the lowest.
     side: f32,
-    // Distance of texels.
+    // Distance between texels.
     step: f32,
-    // Undisplaced surfaces further than this from the origin along n are left out.
+    // Largest distance along n of undisplaced surfaces from the origin; those farther away are ignored.
     reach: f32,
     unused_a: u32,
     unused_b: u32,
@@ -31,52 +32,54 @@ struct Image {
 struct Pair {
     a: u32,
     b: u32,
-    // 0 for the largest overlap alone.
+    // Temperature of the smooth maximum; 0 for the largest overlap alone.
     temperature: f32,
-    // How many of the clips there are: outside of the half-planes x u + y v <= z, with (x, y) of length 1, there is no overlap.
+    // Number of half-planes x u + y v <= z, with (x, y) of length 1, outside of which overlaps do not count.
     clip_count: u32,
     clips: array<vec4<f32>, 8>,
 }
 
 @group(0) @binding(0) var<uniform> header: Header;
-// Seven vectors a triangle; see `load_triangle`.
+// Seven vectors per triangle; see `load_triangle`.
 @group(0) @binding(1) var<storage, read> triangles: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> images: array<Image>;
-// Levels of the textures: first coefficient, width, height, and how they go on: bits 0 and 1 along u, 2 and 3 along v.
+// Levels of the textures: first coefficient, width, height, and wrap mode: bits 0 and 1 along u, 2 and 3
+// along v.
 @group(0) @binding(3) var<storage, read> levels: array<vec4<u32>>;
 @group(0) @binding(4) var<storage, read> coefficients: array<f32>;
-// For each texel of each image the bits of its height and the index of its triangle.
+// Bits of the height and index of the triangle, for each texel of each image.
 @group(0) @binding(5) var<storage, read_write> heights: array<vec2<u32>>;
 @group(0) @binding(6) var<storage, read> pairs: array<Pair>;
-// ANSWER_WORDS words a pair.
+// ANSWER_WORDS words per pair.
 @group(0) @binding(7) var<storage, read_write> answers: array<u32>;
 
-// In place of a texel or a triangle: there is none.
+// Index of a texel or a triangle that does not exist.
 const NOWHERE: u32 = 0xffffffffu;
-// Bits of a height where there is no surface.
+// Bits of the height of a texel without a surface: 2^64 m.
 const NO_SURFACE: u32 = 0x5f800000u;
-// Set in a texel's triangle where the displaced surface is folded.
+// Flag in a texel's triangle index: the displaced surface is folded there.
 const FOLDED: u32 = 0x80000000u;
 
-// Points this far outside a triangle, as a part of it, still count, so that no texel falls between neighbours.
-const EDGE: f32 = 1e-5;
-// Displaced by no more than this part of a step along the grid, a point needs no search.
-const STILL: f32 = 1e-3;
-// From a point that misses its texel by no more than this part of a step the last of Newton's steps is taken, with what it
-// changes the height by to first order.
-const MISS: f32 = 0.05;
-// The surface is folded where displacing shrinks the triangle's area as seen along n below this part of it.
-const FOLD: f32 = 0.1;
-// A point that is displaced to a texel may be this far outside of the triangle, in texels of the texture.
-const BEYOND: f32 = 2.0;
+// Barycentric tolerance of a triangle's edges, so that no texel falls between neighbouring triangles.
+const EDGE_TOLERANCE: f32 = 1e-5;
+// Largest displacement along the grid that is neglected, in steps of the grid.
+const NEGLIGIBLE_SHIFT: f32 = 1e-3;
+// Distance from the texel at which Newton's method takes its last step, in steps of the grid. That step
+// changes the height to first order only.
+const NEWTON_TOLERANCE: f32 = 0.05;
+// Ratio of the displaced to the flat area, as seen along n, below which the surface counts as folded.
+const MIN_AREA_RATIO: f32 = 0.1;
+// Largest distance outside of the triangle of the point found, in texels of the texture.
+const MAX_OUTSIDE_TEXELS: f32 = 2.0;
 
+// Coordinate of a texel's centre along u or v.
 fn coordinate(index: u32, step: f32) -> f32 {
     return (f32(index) + 0.5 - 0.5 * f32(header.grid)) * step;
 }
 
 // --- Displacement: a cubic B-spline ---
 
-// Displacement with its derivatives by x and y, in texels.
+// Displacement and its derivatives by x and y, in texels.
 struct Jet {
     value: f32,
     x: f32,
@@ -86,6 +89,7 @@ struct Jet {
     yy: f32,
 }
 
+// Index of the coefficient that stands for index i of n: wrap is 0 to repeat, 1 to clamp, 2 to mirror.
 fn wrapped(i: i32, n: u32, wrap: u32) -> u32 {
     let size = i32(n);
     if wrap == 1u { return u32(clamp(i, 0, size - 1)); }
@@ -94,6 +98,7 @@ fn wrapped(i: i32, n: u32, wrap: u32) -> u32 {
     return u32(select(2 * size - 1 - j, j, j < size));
 }
 
+// Cubic B-spline basis of the four coefficients around a point at f from the second one, and its derivatives.
 fn weights(f: f32) -> vec4<f32> {
     let g = 1.0 - f;
     return vec4(
@@ -114,13 +119,14 @@ fn curvatures(f: f32) -> vec4<f32> {
     return vec4(g, 3.0 * f - 2.0, 3.0 * g - 2.0, f);
 }
 
-// The 4 x 4 coefficients around a point in texels, a row each, and where it is among them.
+// The 4 x 4 coefficients around a point, a row each, and its offset from the second column (f) and row (g).
 struct Taps {
     rows: mat4x4<f32>,
     f: f32,
     g: f32,
 }
 
+// Loads the coefficients around a point in texels; the centre of the first texel is at 0.5.
 fn taps_at(level: vec4<u32>, at: vec2<f32>) -> Taps {
     let p = at - 0.5;
     let corner = floor(p);
@@ -140,6 +146,7 @@ fn taps_at(level: vec4<u32>, at: vec2<f32>) -> Taps {
     return Taps(rows, p.x - corner.x, p.y - corner.y);
 }
 
+// h = w(f)^T C w(g). Derivatives replace w by its derivative on either side.
 fn spline_value(level: vec4<u32>, at: vec2<f32>) -> f32 {
     let taps = taps_at(level, at);
     return dot(weights(taps.f) * taps.rows, weights(taps.g));
@@ -182,11 +189,11 @@ struct Triangle {
     uv0: vec2<f32>,
     d1: vec2<f32>,
     d2: vec2<f32>,
-    // One more than the index of the texture's level; 0 without a texture.
+    // Index of the texture's level plus one; 0 without a texture.
     level: f32,
-    // The largest displacement either way.
+    // Largest magnitude of the displacement.
     most: f32,
-    // One over twice the signed area as seen along n.
+    // Inverse of twice the signed area as seen along n.
     inverse_area: f32,
 }
 
@@ -205,14 +212,14 @@ fn load_triangle(index: u32) -> Triangle {
     );
 }
 
-// Whether a point is in a triangle as seen along n, by its first two vectors alone.
+// Returns whether a point is in a triangle as seen along n. It loads the first two vectors only.
 fn covers(index: u32, at: vec2<f32>) -> bool {
     let a = triangles[index * 7u];
     let b = triangles[index * 7u + 1u];
     let d = at - a.xy;
     let s = (d.x * b.y - d.y * b.x) * b.z;
     let t = (a.z * d.y - a.w * d.x) * b.z;
-    return s >= -EDGE && t >= -EDGE && s + t <= 1.0 + EDGE;
+    return s >= -EDGE_TOLERANCE && t >= -EDGE_TOLERANCE && s + t <= 1.0 + EDGE_TOLERANCE;
 }
 
 struct Point {
@@ -223,35 +230,40 @@ struct Point {
     height: f32,
 }
 
+// Eq. 4.9: the displacement of a point, taken along n.
 fn upright(tri: Triangle, level: vec4<u32>, s: f32, t: f32) -> f32 {
     let displacement = spline_value(level, tri.uv0 + s * tri.d1 + t * tri.d2);
     return tri.p0.z + s * tri.e1.z + t * tri.e2.z + displacement * (tri.n0.z + s * tri.m1.z + t * tri.m2.z);
 }
 
-// Whether a point is outside of the triangle and too far.
+// Returns whether a point is farther outside of the triangle than MAX_OUTSIDE_TEXELS.
 fn is_beyond(tri: Triangle, s: f32, t: f32) -> bool {
     let outside = max(max(-s, -t), max(s + t - 1.0, 0.0));
     let square = max(dot(tri.d1, tri.d1), dot(tri.d2, tri.d2));
-    return outside * outside * square > BEYOND * BEYOND;
+    return outside * outside * square > MAX_OUTSIDE_TEXELS * MAX_OUTSIDE_TEXELS;
 }
 
-// The point above `at`, if the triangle is there and its flat surface within `reach` along n: that of the displaced surface,
-// found by Newton's steps, or where they do not find it, as it is folded, or find it outside of the triangle, the displaced
-// point of the flat surface.
+// Finds the point of the displaced triangle above `at`, if the flat triangle is there and within `reach`
+// along n. Newton's method searches the point that is displaced to `at`. Where it does not converge because
+// the surface is folded, or leads outside of the triangle, the height is approximated by the displacement of
+// the point below `at` (Eq. 4.9).
 fn above(tri: Triangle, at: vec2<f32>, step: f32, reach: f32, refinements: u32) -> Point {
+    // Cramer's rule for s e1 + t e2 = at - p0.
     let d = at - tri.p0.xy;
     var s = (d.x * tri.e2.y - d.y * tri.e2.x) * tri.inverse_area;
     var t = (tri.e1.x * d.y - tri.e1.y * d.x) * tri.inverse_area;
     let base = tri.p0.z + s * tri.e1.z + t * tri.e2.z;
-    if s < -EDGE || t < -EDGE || s + t > 1.0 + EDGE || abs(base) > reach {
+    if s < -EDGE_TOLERANCE || t < -EDGE_TOLERANCE || s + t > 1.0 + EDGE_TOLERANCE || abs(base) > reach {
         return Point(false, false, 0.0, 0.0, 0.0);
     }
     if tri.level == 0.0 { return Point(true, false, s, t, base); }
     let level = levels[u32(tri.level) - 1u];
     let tilt = tri.most * (tri.n0.xy + s * tri.m1.xy + t * tri.m2.xy);
-    if dot(tilt, tilt) <= STILL * step * STILL * step || refinements == 0u {
+    if dot(tilt, tilt) <= NEGLIGIBLE_SHIFT * step * NEGLIGIBLE_SHIFT * step || refinements == 0u {
         return Point(true, false, s, t, upright(tri, level, s, t));
     }
+    // Newton's method for (s, t): p = b + h d is to be above `at`. With d = n0 + s m1 + t m2, dp/ds = e1 +
+    // h_s d + h m1 and dp/dt = e2 + h_t d + h m2.
     let start = vec2(s, t);
     for (var i = 0u; i <= refinements; i++) {
         let h = spline_slope(level, tri.uv0 + s * tri.d1 + t * tri.d2);
@@ -260,13 +272,15 @@ fn above(tri: Triangle, at: vec2<f32>, step: f32, reach: f32, refinements: u32) 
         let by_s = tri.e1.xy + dot(h.yz, tri.d1) * direction.xy + h.x * tri.m1.xy;
         let by_t = tri.e2.xy + dot(h.yz, tri.d2) * direction.xy + h.x * tri.m2.xy;
         let area = by_s.x * by_t.y - by_t.x * by_s.y;
-        if area * tri.inverse_area < FOLD { break; }
+        // The determinant of the Jacobian is the displaced area. Where it vanishes the surface is folded.
+        if area * tri.inverse_area < MIN_AREA_RATIO { break; }
         let ds = (miss.y * by_t.x - miss.x * by_t.y) / area;
         let dt = (by_s.y * miss.x - by_s.x * miss.y) / area;
         s += ds;
         t += dt;
-        if abs(miss.x) + abs(miss.y) <= MISS * step {
+        if abs(miss.x) + abs(miss.y) <= NEWTON_TOLERANCE * step {
             if is_beyond(tri, s, t) { break; }
+            // The displacement changes by h_s ds + h_t dt in this last step, to first order.
             let displacement = h.x + dot(h.yz, tri.d1) * ds + dot(h.yz, tri.d2) * dt;
             let upright = tri.n0.z + s * tri.m1.z + t * tri.m2.z;
             return Point(true, false, s, t, tri.p0.z + s * tri.e1.z + t * tri.e2.z + displacement * upright);
@@ -275,7 +289,7 @@ fn above(tri: Triangle, at: vec2<f32>, step: f32, reach: f32, refinements: u32) 
     return Point(true, true, start.x, start.y, upright(tri, level, start.x, start.y));
 }
 
-// Height with its derivatives by u and v.
+// Height and its derivatives by u and v.
 struct HeightJet {
     height: f32,
     u: f32,
@@ -285,8 +299,9 @@ struct HeightJet {
     vv: f32,
 }
 
-// A folded surface gets the derivatives of the approximate height function (Eq. 4.9), which displaces along n alone: its area
-// along the grid may be 0, and what is divided by it without bounds.
+// Returns the height function at a point with its derivatives. A folded surface gets those of the approximate
+// height function (Eq. 4.9), which displaces along n alone: derivatives of the true one are divided by the
+// displaced area, which may be 0 there.
 fn height_jet(tri: Triangle, point: Point) -> HeightJet {
     let s = point.s;
     let t = point.t;
@@ -296,12 +311,13 @@ fn height_jet(tri: Triangle, point: Point) -> HeightJet {
     }
     let slope = vec2(h.x, h.y);
     let curvature = mat2x2(h.xx, h.xy, h.xy, h.yy);
+    // Chain rule from texels to s and t.
     let hs = dot(slope, tri.d1);
     let ht = dot(slope, tri.d2);
     let hss = dot(tri.d1, curvature * tri.d1);
     let hst = dot(tri.d1, curvature * tri.d2);
     let htt = dot(tri.d2, curvature * tri.d2);
-    // Derivatives of the displaced point by s and t.
+    // Derivatives of the displaced point p = b + h n by s and t.
     let n = tri.n0 + s * tri.m1 + t * tri.m2;
     var by_s = tri.e1 + hs * n + h.value * tri.m1;
     var by_t = tri.e2 + ht * n + h.value * tri.m2;
@@ -309,7 +325,7 @@ fn height_jet(tri: Triangle, point: Point) -> HeightJet {
     var by_st = hst * n + hs * tri.m2 + ht * tri.m1;
     var by_tt = htt * n + 2.0 * ht * tri.m2;
     var area = by_s.x * by_t.y - by_t.x * by_s.y;
-    if point.folded || !(area * tri.inverse_area >= FOLD) {
+    if point.folded || !(area * tri.inverse_area >= MIN_AREA_RATIO) {
         by_s = vec3(tri.e1.xy, by_s.z);
         by_t = vec3(tri.e2.xy, by_t.z);
         by_ss = vec3(0.0, 0.0, by_ss.z);
@@ -317,12 +333,14 @@ fn height_jet(tri: Triangle, point: Point) -> HeightJet {
         by_tt = vec3(0.0, 0.0, by_tt.z);
         area = by_s.x * by_t.y - by_t.x * by_s.y;
     }
+    // Slopes of the height w over the grid, from w_s = w_u u_s + w_v v_s and w_t = w_u u_t + w_v v_t.
     let u = (by_s.z * by_t.y - by_t.z * by_s.y) / area;
     let v = (by_s.x * by_t.z - by_t.x * by_s.z) / area;
+    // Curvatures by s and t, without the part that the bending of u and v over s and t makes.
     let kss = by_ss.z - u * by_ss.x - v * by_ss.y;
     let kst = by_st.z - u * by_st.x - v * by_st.y;
     let ktt = by_tt.z - u * by_tt.x - v * by_tt.y;
-    // Of s and t by u and v.
+    // Derivatives of s and t by u and v, from the inverse of the Jacobian.
     let su = by_t.y / area;
     let sv = -by_t.x / area;
     let tu = -by_s.y / area;
@@ -339,7 +357,7 @@ fn height_jet(tri: Triangle, point: Point) -> HeightJet {
 
 // --- Images ---
 
-// One invocation a texel; the images are numbered along y and then z.
+// One invocation per texel; images are numbered along y and then z.
 @compute @workgroup_size(64)
 fn height_images(
     @builtin(workgroup_id) workgroup: vec3<u32>,
@@ -357,6 +375,7 @@ fn height_images(
     for (var index = image.first; index < image.first + image.count; index++) {
         if !covers(index, at) { continue; }
         let point = above(load_triangle(index), at, image.step, image.reach, header.refinements);
+        // The outermost surface is the visible one: the highest for A, the lowest for B.
         if point.found && (best.y == NOWHERE || (point.height - height) * image.side > 0.0) {
             height = point.height;
             best = vec2(bitcast<u32>(height), index | select(0u, FOLDED, point.folded));
@@ -369,10 +388,10 @@ fn height_images(
 
 const LANES: u32 = 256u;
 const ANSWER_WORDS: u32 = 68u;
-// Overlaps this many temperatures below the largest weigh nothing.
-const LEAST: f32 = -8.0;
-// Weights fall off over this part of the grid, from its border inwards.
-const BORDER: f32 = 0.1;
+// Smallest exponent of an overlap that counts in the smooth maximum.
+const MIN_EXPONENT: f32 = -8.0;
+// Width of the border of the grid over which weights fall to 0, as a part of the grid's side.
+const TAPER_WIDTH: f32 = 0.1;
 
 struct Overlap {
     depth: f32,
@@ -381,17 +400,18 @@ struct Overlap {
     folded: u32,
 }
 
-// What is at a texel of both images.
+// Surfaces of both images at a texel.
 struct Sample {
     at: vec2<f32>,
     a: HeightJet,
     b: HeightJet,
-    // Bit 0: A ends there; bit 1: B does.
+    // Bit 0: A ends next to the texel. Bit 1: B ends there.
     ends: u32,
 }
 
-// Sums over texels: the weight; the gradient's differences from that at the largest overlap; the products of those; and the
-// overlaps' second derivatives. Upper triangles of 6 x 6 matrices, row by row.
+// Number of sums over texels: the weight; the gradients' differences from the gradient at the largest
+// overlap; the outer products of those; and the overlaps' second derivatives. Matrices are upper triangles of
+// 6 x 6, row by row.
 const SUMS: u32 = 49u;
 
 var<workgroup> largest: array<Overlap, LANES>;
@@ -403,7 +423,7 @@ fn is_better(candidate: Overlap, than: Overlap) -> bool {
     return candidate.depth > than.depth || (candidate.depth == than.depth && candidate.texel < than.texel);
 }
 
-// How far inside the domain of a pair a texel is: negative outside.
+// Distance of a texel to the border of a pair's domain: negative outside.
 fn margin(number: u32, texel: u32) -> f32 {
     var least = 1e30;
     let step = images[pairs[number].a].step;
@@ -415,16 +435,19 @@ fn margin(number: u32, texel: u32) -> f32 {
     return least;
 }
 
+// Weight of a texel's position: it falls to 0 towards the border of the grid and over the last step of the
+// domain.
 fn taper(number: u32, texel: u32) -> f32 {
     let last = header.grid - 1u;
     let column = texel % header.grid;
     let row = texel / header.grid;
     let inwards = min(min(column, row), min(last - column, last - row));
-    let part = min((f32(inwards) + 0.5) / (BORDER * f32(header.grid)), 1.0);
+    let part = min((f32(inwards) + 0.5) / (TAPER_WIDTH * f32(header.grid)), 1.0);
     let within = clamp(margin(number, texel) / images[pairs[number].a].step, 0.0, 1.0);
     return part * part * (3.0 - 2.0 * part) * within;
 }
 
+// Returns whether a surface ends next to a texel, within the grid.
 fn ends(image: u32, texel: u32) -> bool {
     let start = image * header.grid * header.grid;
     let column = texel % header.grid;
@@ -436,6 +459,7 @@ fn ends(image: u32, texel: u32) -> bool {
     return row < last && heights[start + texel + header.grid].x == NO_SURFACE;
 }
 
+// Height and derivatives of an image's surface at a texel. A folded one is found without Newton steps.
 fn surface(image: u32, texel: u32, at: vec2<f32>) -> HeightJet {
     let known = heights[image * header.grid * header.grid + texel];
     let tri = load_triangle(known.y & ~FOLDED);
@@ -455,7 +479,9 @@ fn sample_at(number: u32, texel: u32) -> Sample {
     return Sample(at, surface(a, texel, at), surface(b, texel, at), ending);
 }
 
-// The overlap's gradient, as A moves along u, v, n and turns about them.
+// Gradient of the overlap h_A - h_B by the motion of A along u, v, n and about them. A point r = (u, v, h_A)
+// of A over B: g = (-dh_B/du, -dh_B/dv, 1) by translation, and r x g by rotation. Where only B ends, A slides
+// over a point of B.
 fn gradient(known: Sample) -> array<f32, 6> {
     var g = vec3(-known.b.u, -known.b.v, 1.0);
     if known.ends == 2u { g = vec3(-known.a.u, -known.a.v, 1.0); }
@@ -463,7 +489,10 @@ fn gradient(known: Sample) -> array<f32, 6> {
     return array(g.x, g.y, g.z, turn.x, turn.y, turn.z);
 }
 
-// The overlap's second derivatives, of the point of A there over B: the upper triangle, row by row.
+// Second derivatives of the overlap for a point of A over B: upper triangle, row by row. With H = -grad^2 h_B
+// they are J^T H J + dg, where J = (1, -[r]x) moves r, and the rotational block also has 0.5 (r g^T + g r^T)
+// - (g . r) 1, from the second-order displacement 0.5 w x (w x r) of r by a turn w. For a point of B they are
+// neglected.
 fn curvature(known: Sample) -> array<f32, 21> {
     if known.ends == 2u { return array<f32, 21>(); }
     let r = vec3(known.at, known.a.height);
@@ -487,6 +516,7 @@ fn curvature(known: Sample) -> array<f32, 21> {
     );
 }
 
+// Adds a texel to the sums.
 fn add(sums: ptr<function, array<f32, SUMS>>, weight: f32, known: Sample, origin: array<f32, 6>) {
     let slope = gradient(known);
     let second = curvature(known);
@@ -503,8 +533,8 @@ fn add(sums: ptr<function, array<f32, SUMS>>, weight: f32, known: Sample, origin
     }
 }
 
-// The largest overlap of the texels, of equal ones the first: each invocation walks its texels in rising order, and the tree
-// that joins them prefers the lower texel.
+// Finds the largest overlap (Eq. 4.10) and the first texel that has it. Each invocation visits its texels in
+// ascending order, and the reduction prefers the lower texel, so the result does not depend on the schedule.
 fn find_largest(number: u32, lane: u32) -> Overlap {
     let texels = header.grid * header.grid;
     let first_a = pairs[number].a * texels;
@@ -554,7 +584,7 @@ fn store_jet(at: u32, jet: HeightJet) {
     store(at + 5u, jet.vv);
 }
 
-// One workgroup a pair, numbered along x and then y.
+// One workgroup per pair; pairs are numbered along x and then y.
 @compute @workgroup_size(256)
 fn overlaps(
     @builtin(workgroup_id) workgroup: vec3<u32>,
@@ -572,6 +602,8 @@ fn overlaps(
     let deepest = sample_at(number, best.texel);
     let origin = gradient(deepest);
 
+    // Smooth maximum: weights exp((h_A - h_B - depth) / temperature), relative to the largest overlap so that
+    // they stay within (0, 1].
     var sums: array<f32, SUMS>;
     let temperature = pairs[number].temperature;
     if temperature > 0.0 {
@@ -583,11 +615,12 @@ fn overlaps(
             let b = heights[first_b + texel];
             if a.x == NO_SURFACE || b.x == NO_SURFACE { continue; }
             let below = (bitcast<f32>(a.x) - bitcast<f32>(b.x) - best.depth) / temperature;
-            if below < LEAST { continue; }
+            if below < MIN_EXPONENT { continue; }
             let weight = exp(below) * taper(number, texel);
             if weight > 0.0 { add(&sums, weight, sample_at(number, texel), origin); }
         }
     }
+    // One tree reduction per sum: workgroup memory holds one value per invocation.
     for (var i = 0u; i < SUMS; i++) {
         partial[lane] = sums[i];
         workgroupBarrier();

@@ -23,7 +23,7 @@ use crate::clip::clipped;
 use crate::hand::{Hand, IntendedPath};
 use crate::mechanics::{self, Handle};
 use crate::sensing::Encoders;
-use crate::{DeviceError, DeviceState, Gripper, HapticDevice, Specification, Status, presets};
+use crate::{DeviceError, DeviceState, Gripper, HapticDevice, Specification, Status};
 
 mod address;
 mod gripper;
@@ -55,27 +55,7 @@ pub struct Emulation {
     pub catch_up: f64,
 }
 
-impl Default for Emulation {
-    /// The Phantom Premium 1.5 6DOF.
-    fn default() -> Self {
-        presets::preset("premium-1.5").expect("the default preset is in the list")
-    }
-}
-
 impl Emulation {
-    /// The emulation of a real device: one of [`Emulation::presets`].
-    ///
-    /// Peak force, torque, stiffness and workspace are the maker's; the rest are typical figures of the class,
-    /// not measurements of a unit.
-    pub fn preset(name: &str) -> Option<Self> {
-        presets::preset(name)
-    }
-
-    /// Name and a one-line description of each preset.
-    pub fn presets() -> impl Iterator<Item = (&'static str, &'static str)> {
-        presets::PRESETS.into_iter()
-    }
-
     /// Starts the emulation with the handle at rest at the hand's intended pose at time 0.
     ///
     /// # Errors

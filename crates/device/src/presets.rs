@@ -11,8 +11,8 @@ use crate::hand::Hand;
 use crate::mechanics::Handle;
 use crate::specification::{Axes, Specification};
 
-/// Name and one line about each preset.
-pub(crate) const PRESETS: [(&str, &str); 6] = [
+/// Name and a one-line description of each preset.
+const PRESETS: [(&str, &str); 6] = [
     ("premium-1.5", "Phantom Premium 1.5 6DOF, 8.5 N and 0.19 N·m (default)"),
     ("premium-3.0", "Phantom Premium 3.0 6DOF, 22 N and 0.19 N·m, half a metre of reach"),
     ("touch", "Touch, 3.3 N, senses six axes and drives three"),
@@ -21,10 +21,34 @@ pub(crate) const PRESETS: [(&str, &str); 6] = [
     ("virtuose-6d", "Virtuose 6D, 30 N and 3 N·m, arm's reach"),
 ];
 
-/// The emulation with this name.
-pub(crate) fn preset(name: &str) -> Option<Emulation> {
+impl Default for Emulation {
+    /// The Phantom Premium 1.5 6DOF.
+    fn default() -> Self {
+        Self::preset("premium-1.5").expect("the default preset is in the list")
+    }
+}
+
+impl Emulation {
+    /// The emulation of a real device: one of [`Emulation::presets`].
+    ///
+    /// Peak force, torque, stiffness and workspace are the maker's; the rest are typical figures of the class,
+    /// not measurements of a unit.
+    pub fn preset(name: &str) -> Option<Self> {
+        let specification = specification(name)?;
+        let handle = specification.handle?;
+        Some(Self { specification, handle, hand: Hand::default(), substep: 1e-4, catch_up: 0.1 })
+    }
+
+    /// Name and a one-line description of each preset.
+    pub fn presets() -> impl Iterator<Item = (&'static str, &'static str)> {
+        PRESETS.into_iter()
+    }
+}
+
+/// Specification of the preset with this name.
+fn specification(name: &str) -> Option<Specification> {
     let six = Axes::ALL;
-    let specification = match name {
+    Some(match name {
         "premium-1.5" => Specification {
             name: "Phantom Premium 1.5 6DOF (emulated)".into(),
             peak_force: 8.5,
@@ -182,7 +206,5 @@ pub(crate) fn preset(name: &str) -> Option<Emulation> {
             }),
         },
         _ => return None,
-    };
-    let handle = specification.handle?;
-    Some(Emulation { specification, handle, hand: Hand::default(), substep: 1e-4, catch_up: 0.1 })
+    })
 }

@@ -1,4 +1,4 @@
-//! The faster of two backends.
+//! Choice of the faster of two backends.
 
 use std::time::{Duration, Instant};
 
@@ -9,19 +9,20 @@ use crate::depth::{DepthError, DepthQuery, DepthSettings, TextureContact};
 use crate::fallback::Fallback;
 use crate::kernels::Answer;
 
-/// How often each backend is measured.
+/// Number of timed runs per backend; their median counts.
 const RUNS: usize = 9;
 
-/// A backend that measured itself and another one, usually the GPU's, and goes on with the faster of both. What the other one
-/// fails at later, as where a GPU is lost, it computes by itself, without an interruption but for the time until that was
-/// known: see [`Fallback`] and [`failure`](Self::failure).
+/// Backend that timed the CPU and another backend, usually the GPU, and uses the faster one. Batches that the
+/// other backend fails at later, for example because the GPU is lost, run on the CPU; the only interruption
+/// is the time until the failure is known. See [`Fallback`] and [`failure`](Self::failure).
 pub struct AutoBackend {
     chosen: Fallback,
     times: [f64; 2],
 }
 
 impl AutoBackend {
-    /// The faster for such contacts, of the processor and the fastest GPU there is, or the processor where there is none.
+    /// Chooses between the CPU and the fastest GPU for contacts such as `contacts`. Without a GPU it is the
+    /// CPU.
     ///
     /// # Errors
     /// If the settings are out of range.
@@ -37,7 +38,8 @@ impl AutoBackend {
         }
     }
 
-    /// The faster for such contacts, of the processor and another backend: each runs once, and then is measured.
+    /// Chooses between the CPU and another backend for contacts such as `contacts`. Each runs once before it
+    /// is timed.
     ///
     /// # Errors
     /// If the settings are out of range.
@@ -47,24 +49,24 @@ impl AutoBackend {
         contacts: &[TextureContact],
         settings: &DepthSettings,
     ) -> Result<Self, DepthError> {
-        let mut processor = CpuBackend::new();
-        let on_processor = median_time(&mut processor, surfaces, contacts, settings)?;
+        let mut cpu = CpuBackend::new();
+        let on_cpu = median_time(&mut cpu, surfaces, contacts, settings)?;
         let (on_other, chosen) = match median_time(&mut *other, surfaces, contacts, settings) {
-            Ok(time) if time < on_processor => (time, Fallback::new(other)),
+            Ok(time) if time < on_cpu => (time, Fallback::new(other)),
             Ok(time) => (time, Fallback::default()),
             Err(DepthError::Backend(error)) => (f64::INFINITY, Fallback::failed(error)),
             Err(error) => return Err(error),
         };
-        Ok(Self { chosen, times: [on_processor, on_other] })
+        Ok(Self { chosen, times: [on_cpu, on_other] })
     }
 
-    /// Median time of the measured query on the processor and on the other backend, s: infinite where that failed, NaN where
-    /// there is none.
+    /// Median times of the query on the CPU and on the other backend, s. The second is infinite if the other
+    /// backend failed, and NaN if there is none.
     pub fn times(&self) -> [f64; 2] {
         self.times
     }
 
-    /// The latest error of the other backend, if it failed.
+    /// Latest error of the other backend, if it has failed.
     pub fn failure(&self) -> Option<&BackendError> {
         self.chosen.failure()
     }

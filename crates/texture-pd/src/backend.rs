@@ -1,4 +1,4 @@
-//! Where directional penetration depths are computed.
+//! Backends that compute directional penetration depths.
 
 use std::time::Duration;
 
@@ -7,71 +7,72 @@ use thiserror::Error;
 use crate::batch::{Batch, SurfaceSet};
 use crate::kernels::{self, Answer};
 
-/// Why a backend could not be used.
+/// Reason why a backend could not be used.
 #[derive(Debug, Error)]
 pub enum BackendError {
-    /// There is no GPU, nor a software driver that stands in for one.
+    /// There is no GPU, and no software driver that replaces one.
     #[error(
         "no GPU adapter was found ({reason}); install a Vulkan driver: on Debian and Ubuntu `apt-get install \
          mesa-vulkan-drivers`, on Fedora `dnf install mesa-vulkan-drivers`, on Arch `pacman -S vulkan-swrast` (each \
          brings a software driver that needs no GPU), for an NVIDIA card its own driver; or use the CPU backend"
     )]
     NoAdapter {
-        /// What was tried.
+        /// Adapters that were tried.
         reason: String,
     },
-    /// The adapter gives no device.
-    #[error("{adapter} gives no device ({reason}); update its driver, or use the CPU backend")]
+    /// The adapter provided no device.
+    #[error("{adapter} provided no device ({reason}); update its driver, or use the CPU backend")]
     NoDevice {
-        /// The adapter.
+        /// Name of the adapter.
         adapter: String,
-        /// What it says.
+        /// Error message of the adapter.
         reason: String,
     },
-    /// The batch is larger than the device takes at once.
+    /// The batch is too large for the device.
     #[error("{what} take {bytes} bytes and {device} binds at most {limit}; evaluate the batch in parts")]
     TooLarge {
-        /// What is too large.
+        /// Name of the buffer that is too large.
         what: &'static str,
-        /// Its size.
+        /// Size of the buffer, bytes.
         bytes: u64,
-        /// The largest size.
+        /// Largest size that the device binds, bytes.
         limit: u64,
-        /// The device.
+        /// Name of the device.
         device: String,
     },
-    /// The answers did not come in time; the device may still be at work.
+    /// The answers did not arrive in time; the device may still be working.
     #[error("{device} gave no answer within {deadline:?}; let another backend compute the batch")]
     Late {
-        /// The device.
+        /// Name of the device.
         device: String,
-        /// How long it was waited for ([`Backend::set_deadline`]).
+        /// Time after which the wait ended ([`Backend::set_deadline`]).
         deadline: Duration,
     },
     /// The device failed.
     #[error("{device} failed: {reason}; make a new backend, or use the CPU one")]
     Device {
-        /// The device.
+        /// Name of the device.
         device: String,
-        /// What it says.
+        /// Error message of the device.
         reason: String,
     },
 }
 
 impl BackendError {
-    /// Whether the next batch fails as well: not where this one was too large, or its answers were late.
+    /// Returns whether the next batch would fail as well: not if this one was too large, or its answers were
+    /// late.
     pub fn is_lasting(&self) -> bool {
         !matches!(self, Self::TooLarge { .. } | Self::Late { .. })
     }
 }
 
-/// Evaluates batches. Every backend gives the same answers, to within rounding.
+/// An evaluator of batches. Every backend gives the same answers, to within rounding.
 pub trait Backend: Send {
-    /// What it runs on.
+    /// Name of the device that it runs on.
     fn name(&self) -> &str;
 
-    /// Answers for the pairs of a batch, in their order, in place of what `answers` held. The surfaces' textures are looked at
-    /// again only where the set is another one, or has grown.
+    /// Replaces `answers` by those for the pairs of a batch, in order. The surfaces' textures are uploaded
+    /// again only if the set is a different one, or has grown.
     ///
     /// # Errors
     /// If the device fails, is too small, or does not answer in time.
@@ -82,16 +83,17 @@ pub trait Backend: Send {
         answers: &mut Vec<Answer>,
     ) -> Result<(), BackendError>;
 
-    /// How long [`evaluate`](Self::evaluate) may wait for a device from now on, where there is one.
+    /// Sets how long [`evaluate`](Self::evaluate) may wait for a device. Backends without a device ignore it.
     fn set_deadline(&mut self, _deadline: Duration) {}
 
-    /// How many batches failed so far that it had another backend compute, where it has one to go over to.
+    /// Number of batches so far that failed and were computed by a fallback. 0 for backends without a
+    /// fallback.
     fn failures(&self) -> u64 {
         0
     }
 }
 
-/// The kernels' twins on the processor, one after the other: what the other backends are held against. It cannot fail.
+/// The kernels' CPU twins, run one after the other. Other backends are tested against it. It cannot fail.
 #[derive(Clone, Debug, Default)]
 pub struct ReferenceBackend {
     heights: Vec<[u32; 2]>,

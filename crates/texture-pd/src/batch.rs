@@ -1,4 +1,4 @@
-//! What one submission evaluates: surfaces' textures, which stay, and images and pairs, which are new each time.
+//! Input of a backend: the textures of surfaces, which stay, and the images and pairs of one submission.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -8,34 +8,34 @@ use crate::kernels::{Clips, Header, Image, Pair, Triangle};
 use crate::spline::Level;
 use crate::surface::TexturedSurface;
 
-/// The most texels along a side of a grid.
+/// Maximum number of texels along a side of a grid.
 pub const MAX_GRID: u32 = 1024;
-/// The most levels of textures, so that an f32 counts them, and the most coefficients, so that 4 bytes each stay within a
-/// 32-bit size.
+/// Maximum number of texture levels: an f32 holds their index exactly.
 const MAX_LEVELS: usize = 1 << 20;
+/// Maximum number of spline coefficients, 4 bytes each: their total size in bytes fits into 32 bits.
 const MAX_COEFFICIENTS: usize = 1 << 29;
 
-/// 0 is that of sets without a texture.
+/// Revision for the next set with a new texture. Sets without a texture have revision 0.
 static NEXT_REVISION: AtomicU64 = AtomicU64::new(1);
 
 /// The surfaces that may touch each other, with all of their textures.
 #[derive(Clone, Debug, Default)]
 pub struct SurfaceSet {
-    /// With where the levels of its texture begin.
+    /// Surfaces, with the index of the first level of their texture.
     surfaces: Vec<(Arc<TexturedSurface>, u32)>,
-    /// Tells what the set holds from what it held before, and from other sets.
+    /// Identifies the set's textures among all sets and earlier contents of this one.
     revision: u64,
-    /// Shared with what uploads them.
+    /// Shared with the thread that uploads them.
     pub(crate) levels: Arc<Vec<Level>>,
     pub(crate) coefficients: Arc<Vec<f32>>,
     pub(crate) ceilings: Ceilings,
 }
 
-/// A surface of a [`SurfaceSet`].
+/// Handle of a surface in a [`SurfaceSet`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct SurfaceId(usize);
 
-/// The textures of a [`SurfaceSet`] are too large.
+/// Error: the textures of a [`SurfaceSet`] are too large.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the textures have more than {MAX_COEFFICIENTS} texels in all: make them smaller")]
 pub struct TooManyTexels;
@@ -68,7 +68,7 @@ impl SurfaceSet {
         Ok(SurfaceId(self.surfaces.len() - 1))
     }
 
-    /// A surface of the set.
+    /// Returns a surface of the set.
     pub fn surface(&self, id: SurfaceId) -> &TexturedSurface {
         &self.surfaces[id.0].0
     }
@@ -78,7 +78,7 @@ impl SurfaceSet {
         self.revision
     }
 
-    /// Where the levels of its texture begin.
+    /// Returns the index of the first level of a surface's texture.
     pub(crate) fn first_level(&self, id: SurfaceId) -> u32 {
         self.surfaces[id.0].1
     }
@@ -94,7 +94,7 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// Becomes the same as another one, in the room that it has.
+    /// Copies another batch, reusing the allocated buffers.
     #[cfg(feature = "gpu")]
     pub(crate) fn copy_from(&mut self, other: &Self) {
         let Self { header, triangles, images, pairs } = self;
@@ -111,7 +111,7 @@ impl Batch {
         self.pairs.clear();
     }
 
-    /// Adds an image of the triangles from `first` on.
+    /// Adds an image of the triangles from `first` to the last one, and returns its index.
     pub(crate) fn push_image(&mut self, first: usize, side: f64, step: f64, reach: f64) -> u32 {
         self.images.push(Image {
             first: first as u32,
@@ -125,18 +125,18 @@ impl Batch {
         self.header.images - 1
     }
 
-    /// Adds a pair of images. An image of an A is in one pair only; pairs with the same B have the same clips.
+    /// Adds a pair of images. Each image A is in one pair only; pairs with the same B have the same clips.
     pub(crate) fn push_pair(&mut self, a: u32, b: u32, temperature: f64, clips: Clips) {
         self.pairs.push(Pair { a, b, temperature: temperature as f32, clips });
         self.header.pairs += 1;
     }
 
-    /// Texels of an image: one, for a batch that was never filled.
+    /// Number of texels of an image; 1 for a batch that was never filled.
     pub(crate) fn grid_texels(&self) -> usize {
         (self.header.grid * self.header.grid).max(1) as usize
     }
 
-    /// Texels of all images.
+    /// Number of texels of all images.
     pub(crate) fn texels(&self) -> usize {
         self.grid_texels() * self.images.len()
     }

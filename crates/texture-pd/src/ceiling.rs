@@ -1,46 +1,47 @@
-//! How far textures displace a surface outwards at most, here and there: it tells [`CpuBackend`](crate::CpuBackend) which texels
-//! of a grid need not be looked at.
+//! Local upper bounds of the displacement of a texture. [`CpuBackend`](crate::CpuBackend) skips texels of the
+//! grid whose bound is too low.
 
 use crate::spline::{Level, coefficient, floor, wrapped};
 
-/// A ceiling is over so many texels either way,
+/// Side of the blocks that have a bound each, texels. Larger blocks give looser bounds.
 const BLOCK: u32 = 2;
-/// and over so many around them.
+/// Margin around a block for which its bound holds as well, texels. A displaced point may be this far from
+/// the flat one.
 pub(crate) const RADIUS: u32 = 1;
 
-/// The largest displacements in blocks of texels, of all levels of textures.
+/// Largest displacements in blocks of texels, for all levels of textures.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Ceilings {
-    /// The first block of each level; a level's blocks are row by row.
+    /// Index of the first block of each level. Blocks are stored row by row.
     first: Vec<u32>,
-    /// m.
+    /// Largest displacement of each block, m.
     highest: Vec<f32>,
 }
 
-/// Those of one level.
+/// Largest displacements of one level.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Ceiling<'a> {
     blocks: &'a [f32],
     columns: u32,
-    /// Width and height, texels, and how the texture goes on along them.
+    /// Width and height, texels, and the wrap mode along them.
     size: [u32; 2],
     wrap: [u32; 2],
 }
 
 impl Ceilings {
-    /// Adds those of a texture's levels. A spline is nowhere higher than the 4 × 4 coefficients around.
+    /// Adds the levels of a texture. A spline is nowhere higher than the 4 × 4 coefficients around a point.
     pub fn add(&mut self, levels: &[Level], coefficients: &[f32]) {
         for level in levels {
             let &[_, width, height, wrap] = level;
             self.first.push(self.highest.len() as u32);
-            // Within two texels of a point of the block, and of its surroundings.
+            // The coefficients that points of the block and its margin use: two texels farther.
             let around = |block: u32| {
                 let [first, last] = [block * BLOCK, (block + 1) * BLOCK].map(|texel| texel as i32);
                 first - (RADIUS + 2) as i32..last + (RADIUS + 2) as i32
             };
             let blocks = |size: u32| 0..size.div_ceil(BLOCK);
             let columns = blocks(width).end;
-            // Row by row, then over rows.
+            // Maxima are separable: first along each row, then over rows.
             let mut rows = Vec::with_capacity((height * columns) as usize);
             for row in 0..height as i32 {
                 let highest = |block| {
@@ -60,7 +61,7 @@ impl Ceilings {
         }
     }
 
-    /// That of a level.
+    /// Returns the bounds of a level.
     pub fn of(&self, index: usize, &[_, width, height, wrap]: &Level) -> Ceiling<'_> {
         let columns = width.div_ceil(BLOCK);
         let first = self.first[index] as usize;
@@ -70,7 +71,7 @@ impl Ceilings {
 }
 
 impl Ceiling<'_> {
-    /// The largest displacement within [`RADIUS`] texels of a point, either way, m.
+    /// Returns a bound of the displacement within [`RADIUS`] texels of a point along x and y, m.
     #[inline]
     pub fn around(&self, x: f32, y: f32) -> f32 {
         let [column, row] = [x, y].map(floor);
@@ -94,7 +95,7 @@ mod tests {
     use crate::spline;
 
     #[test]
-    fn nothing_around_a_point_is_higher_and_little_of_it_is_as_high() {
+    fn bounds_hold_around_a_point_and_are_tight() {
         let mut rng = StdRng::seed_from_u64(7);
         let (mut levels, mut coefficients) = (Vec::new(), Vec::new());
         let mut ceilings = Ceilings::default();
@@ -120,7 +121,8 @@ mod tests {
                 (sum, count) = (sum + ceiling, count + 1);
             }
         }
-        // Of white noise the coefficients are some √3 as large, and the 64 around a block nearly reach the most of those.
+        // Coefficients of white noise are about √3 times as large, and the 64 around a block nearly reach
+        // their maximum.
         assert!(sum / (count as f32) < 2.6, "{} on average", sum / count as f32);
     }
 }

@@ -1,8 +1,9 @@
-//! The backend on the processor.
+//! The backend on the CPU.
 //!
-//! It gives the answers of the kernels' twins without making whole images. A displaced point is no higher than its triangle
-//! and the largest displacement around ([`Ceilings`]), so that one look at the flat triangles bounds the overlap of each texel;
-//! those that cannot overlap as much as one that is known are not displaced at all. Few are left.
+//! It gives the same answers as the kernels' twins without filling whole images. A displaced point is at most
+//! as high as the flat triangle plus the largest displacement nearby ([`Ceilings`]), so one pass over the
+//! flat triangles bounds the overlap of each texel. Only texels whose bound reaches the largest overlap found
+//! so far are displaced; they are few.
 
 use std::ops::Range;
 
@@ -10,32 +11,33 @@ use crate::backend::{Backend, BackendError};
 use crate::batch::{Batch, SurfaceSet};
 use crate::ceiling::Ceilings;
 use crate::kernels::{
-    Answer, Clips, FOLDED, Image, Known, LEAST, NO_SURFACE, NOWHERE, Pair, Point, Textures, between,
+    Answer, Clips, FOLDED, Image, Known, MIN_EXPONENT, NO_SURFACE, NOWHERE, Pair, Point, Textures, between,
     coordinate, covered, pair_answer,
 };
 
-/// Rounding of f32, as a part of the grid's size.
-const ROUNDING: f32 = 1e-6;
+/// Allowance for f32 rounding of overlaps, as a part of the grid's side. Without it a texel with the largest
+/// overlap could be passed over.
+const RELATIVE_ROUNDING: f32 = 1e-6;
 
-/// Bits of heights that are not known yet: no height is as large.
+/// Bits of a height that is not computed yet: no height is as large.
 const UNKNOWN: u32 = NO_SURFACE + 1;
 
-/// The backend on the processor: it cannot fail, and allocates only to grow its workspace.
+/// Backend on the CPU. It cannot fail, and allocates only to grow its workspace.
 #[derive(Clone, Debug, Default)]
 pub struct CpuBackend {
-    /// Where each image is looked at.
+    /// Domain of each image.
     clips: Vec<Clips>,
-    /// The columns of each row that are.
+    /// Columns of each row that are in the domain.
     rows: Vec<Range<u32>>,
-    /// Of each texel of each image: how far along n (A) or against it (B) its surface is at most, m.
+    /// Upper bound of the surface along n (A) or against it (B), m, for each texel of each image.
     bounds: Vec<f32>,
-    /// As the kernels have them, but where nothing was displaced.
+    /// Heights as in the kernels, except for texels that were not displaced.
     heights: Vec<[u32; 2]>,
-    /// Where in its triangle the point of a texel is that was displaced.
+    /// Point in its triangle, (s, t), of each displaced texel.
     points: Vec<[f32; 2]>,
-    /// Texels of a pair that may matter, with bounds of their overlaps, m.
+    /// Texels of a pair that may have the largest overlap, with bounds of their overlaps, m.
     candidates: Vec<(u32, f32)>,
-    /// Those of them that were displaced.
+    /// Candidates that were displaced.
     displaced: Vec<u32>,
 }
 
@@ -98,7 +100,7 @@ impl Backend for CpuBackend {
     }
 }
 
-/// What is known of the texels of all images.
+/// Texels of all images.
 struct Texels<'a> {
     batch: &'a Batch,
     textures: Textures<'a>,
@@ -109,9 +111,10 @@ struct Texels<'a> {
 }
 
 impl Texels<'_> {
-    /// Finds which triangle is at each texel of an image, of some columns of each row, and how far the displaced one reaches at
-    /// most. Where there are several, they are displaced to tell which is seen.
-    fn outline(&mut self, index: u32, looked_at: &[Range<u32>]) {
+    /// Finds the triangle at each texel of an image, within the given columns of each row, and bounds the
+    /// height of its displaced surface. Where several triangles overlap, they are displaced to find the
+    /// visible one.
+    fn outline(&mut self, index: u32, domain: &[Range<u32>]) {
         let batch = self.batch;
         let grid = batch.header.grid;
         let all = self.at(index, 0)..self.at(index + 1, 0);
@@ -124,8 +127,8 @@ impl Texels<'_> {
             let [columns, rows] = covered(triangle, grid, step);
             for row in rows {
                 let v = coordinate(row, grid, step);
-                let looked_at = &looked_at[row as usize];
-                let (first, end) = (columns.start.max(looked_at.start), columns.end.min(looked_at.end));
+                let inside = &domain[row as usize];
+                let (first, end) = (columns.start.max(inside.start), columns.end.min(inside.end));
                 if first >= end {
                     continue;
                 }
@@ -148,7 +151,7 @@ impl Texels<'_> {
         }
     }
 
-    /// Keeps what is seen of the triangle at a texel and another one.
+    /// Keeps the visible one of the triangle at a texel and another one.
     fn choose(&mut self, image: u32, texel: u32, other: u32) {
         let side = self.batch.images[image as usize].side;
         let known = self.height(image, texel);
@@ -160,11 +163,12 @@ impl Texels<'_> {
         self.bounds[at] = side * f32::from_bits(self.heights[at][0]);
     }
 
-    /// Displaces the texels of a pair that may matter, and names them.
+    /// Displaces the texels of a pair that may count, and lists them in `displaced`.
     fn displace(&mut self, pair: &Pair, candidates: &mut Vec<(u32, f32)>, displaced: &mut Vec<u32>) {
         let grid = self.batch.header.grid;
         let Image { step, .. } = self.batch.images[pair.a as usize];
-        let slack = ROUNDING * grid as f32 * step - LEAST * pair.temperature;
+        // An overlap counts if it is at least δ − 8 τ: the smooth maximum ignores smaller ones.
+        let slack = RELATIVE_ROUNDING * grid as f32 * step - MIN_EXPONENT * pair.temperature;
         let overlap =
             |texels: &mut Self, texel: u32| texels.height(pair.a, texel) - texels.height(pair.b, texel);
         let mut largest = f32::NEG_INFINITY;
@@ -176,7 +180,7 @@ impl Texels<'_> {
             for column in between(from, to, grid, step) {
                 let texel = row * grid + column;
                 let bound = self.bounds[self.at(pair.a, texel)] + self.bounds[self.at(pair.b, texel)];
-                // Without a surface it is −∞.
+                // Texels without a surface have the bound −∞.
                 if bound > f32::NEG_INFINITY
                     && bound >= largest - slack
                     && pair.clips.margin(coordinate(column, grid, step), v) >= 0.0
@@ -185,7 +189,8 @@ impl Texels<'_> {
                     best = if bound > best.1 { (texel, bound) } else { best };
                 }
             }
-            // The largest overlap so far lets most of the others be passed over.
+            // Displacing the most promising texel of each row raises `largest` early, which rules out most
+            // others.
             if best.1 > largest {
                 largest = largest.max(overlap(self, best.0));
             }
@@ -199,7 +204,7 @@ impl Texels<'_> {
         }
     }
 
-    /// The height at a texel where there is a surface, m.
+    /// Returns the height at a texel with a surface, m; displaces it if that is still to be done.
     #[inline]
     fn height(&mut self, image: u32, texel: u32) -> f32 {
         let at = self.at(image, texel);
@@ -210,7 +215,7 @@ impl Texels<'_> {
         f32::from_bits(self.heights[at][0])
     }
 
-    /// Height and triangle at a texel that a triangle covers, as the kernels have them, and where in the triangle that is.
+    /// Returns the height and triangle at a texel, in the kernels' format, and the point in the triangle.
     fn displaced(&self, image: u32, texel: u32, seen: u32) -> ([u32; 2], [f32; 2]) {
         let header = &self.batch.header;
         let Image { step, reach, .. } = self.batch.images[image as usize];
@@ -225,7 +230,7 @@ impl Texels<'_> {
         }
     }
 
-    /// Where a texel of an image is.
+    /// Returns the index of a texel of an image among all images.
     #[inline]
     fn at(&self, image: u32, texel: u32) -> usize {
         image as usize * self.batch.grid_texels() + texel as usize

@@ -1,32 +1,34 @@
-//! Directional penetration depth of textured surfaces in contact with its derivatives (§4.3.3, §4.4, §5.4.4).
+//! Directional penetration depth of textured surfaces in contact, and its derivatives (§4.3.3, §4.4, §5.4.4).
 //!
-//! A contact gives a direction **n** out of the moving surface A and a point; both surfaces are seen along **n** as height
-//! functions over a square grid around the point (Eq. 4.9), and the depth is the largest overlap h_A − h_B (Eq. 4.10), or a
-//! smooth maximum of the overlaps:
+//! A contact has a direction **n** out of the moving surface A, and a point. Both surfaces are height
+//! functions along **n** over a square grid around the point (Eq. 4.9). The depth is the largest overlap h_A
+//! − h_B (Eq. 4.10), or a smooth maximum of the overlaps:
 //!
 //! δ = τ ln (Σ exp((h_A − h_B) / τ) · area of a texel / 2 π τ ρ), with ρ half the side of the grid,
 //!
-//! summed over the texels. A single maximum whose curvatures' product is 1/ρ² has the same δ either way. Where the
-//! largest overlap jumps from one place to another, the smooth maximum goes over, within some temperatures τ of δ.
+//! summed over the texels. For a single maximum whose principal curvatures have the product 1/ρ² both
+//! definitions give the same δ. Where the largest overlap jumps from one place to another, the smooth maximum
+//! blends the two while their depths differ by a few temperatures τ.
 //!
-//! Of contacts side by side each looks only at its [`Domain`], as all would find the same largest overlap. In the last step
-//! before the border of a domain texels weigh less in the smooth maximum, down to nothing: as borders move with the contacts'
-//! points, δ would jump by more than τ with each row of texels that comes in.
+//! Contacts side by side would all find the same largest overlap, so each evaluates only its [`Domain`]. Over
+//! the last step before the border of a domain, the weight of texels in the smooth maximum falls to 0.
+//! Borders move with the contacts' points, and without this taper δ would jump by more than τ with each row
+//! of texels that enters.
 //!
-//! Derivatives are by how A moves: by a shift, and by a turn (right-handed rotation vector) about a given point, both in
-//! world axes. They come
+//! Derivatives are by the motion of A: a translation, and a rotation (right-handed rotation vector) about a
+//! given point, both in world axes. They are computed
 //!
-//! - from the largest overlap (or, smoothly, the large ones), where the texture's slopes and curvatures give them: the point
-//!   (u, v, h_A) of A is over B's height function, and so its motion changes the overlap by the gradient (−∂h_B/∂u,
-//!   −∂h_B/∂v, 1) at it, and further by h_B's curvature. That the place of the maximum moves as well adds nothing to the
-//!   first derivative, and to the second what its motion gains (the envelope theorem): −φ_qs φ_ss⁻¹ φ_sq for the largest
-//!   overlap, the gradients' covariance over τ for the smooth maximum. The latter are the derivatives of δ as it is
-//!   computed.
-//! - or from central differences of δ as in the dissertation (Eq. 4.8, 5.57, 5.58): 11 configurations of A for the gradient,
-//!   51 with the second derivatives. (∂δ/∂n is 1, and second derivatives by n are 0.)
+//! - from the texture's slopes and curvatures at the largest overlap, or at all texels that count in the
+//!   smooth maximum. The point (u, v, h_A) of A lies over B's height function, so its motion changes the
+//!   overlap by the gradient (−∂h_B/∂u, −∂h_B/∂v, 1), and to second order by h_B's curvature. The maximum
+//!   moves as well. By the envelope theorem that does not change the first derivative, and adds to the
+//!   second: −φ_qs φ_ss⁻¹ φ_sq for the largest overlap, and the covariance of the gradients over τ for the
+//!   smooth maximum. For the smooth maximum these are the exact derivatives of the computed δ.
+//! - or from central differences of δ as in the dissertation (Eq. 4.8, 5.57, 5.58): 11 configurations of A
+//!   for the gradient, 51 with the second derivatives. (∂δ/∂n is 1, and second derivatives by n are 0.)
 //!
-//! At the end of a surface the largest overlap is no stationary point. Where B ends and A does not, A slides over the point
-//! of B, and A's slopes are those that count; its second derivatives are left out.
+//! At the end of a surface the largest overlap is not a stationary point. Where B ends and A does not, A
+//! slides over the point of B, so the gradient uses A's slopes; second derivatives are neglected there.
 
 use glam::{DMat3, DVec2, DVec3};
 use palpate_core::Pose;
@@ -38,71 +40,73 @@ use crate::kernels::{Answer, NOWHERE, coordinate};
 use crate::maximum::{self, LocalDepth};
 use crate::surface::{Field, View};
 
-/// Where two surfaces touch, as coarse collision detection has it.
+/// A contact between two surfaces, as coarse collision detection found it.
 #[derive(Clone, Copy, Debug)]
 pub struct TextureContact {
     /// The moving surface A.
     pub a: SurfaceId,
     /// Pose of A's mesh in the world.
     pub pose_a: Pose,
-    /// What A turns about, usually its centre of mass, world, m.
+    /// Centre of A's rotations, usually its centre of mass, world, m.
     pub center: DVec3,
-    /// The other surface.
+    /// The other surface B.
     pub b: SurfaceId,
     /// Pose of B's mesh in the world.
     pub pose_b: Pose,
-    /// **n**: unit normal out of A, world axes.
+    /// Unit normal **n** out of A, world axes.
     pub normal: DVec3,
-    /// The middle of the grid, world, m.
+    /// Centre of the grid, world, m.
     pub point: DVec3,
-    /// Half the side of the grid, m.
+    /// Half the side ρ of the grid, m.
     pub half_size: f64,
-    /// Undisplaced surfaces further than this from the point along **n** are left out, m.
+    /// Largest distance along **n** of undisplaced surfaces from the point, m; those farther away are
+    /// ignored.
     pub reach: f64,
-    /// Where on the grid overlaps are looked for.
+    /// Part of the grid in which overlaps count.
     pub domain: Domain,
 }
 
-/// How derivatives are found.
+/// Method by which derivatives are computed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Derivatives {
     /// From slopes and curvatures at the maximum.
     Maximum,
     /// By central differences.
     Differences {
-        /// Shift, m.
+        /// Step of translations, m.
         shift: f64,
-        /// Turn, rad.
+        /// Step of rotations, rad.
         turn: f64,
-        /// Whether second derivatives are wanted.
+        /// Whether second derivatives are computed as well.
         second: bool,
     },
 }
 
-/// Which of a texture's levels is looked at.
+/// Choice of a texture's level.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum TextureFilter {
-    /// The finest.
+    /// The finest level.
     Finest,
-    /// The coarsest whose texels are no larger than the grid's, so that detail between them does not alias (§4.6.2).
+    /// The coarsest level whose texels are no larger than the grid's, to avoid aliasing (§4.6.2).
     #[default]
     Footprint,
 }
 
-/// How depths are computed.
+/// Settings of depth queries.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DepthSettings {
-    /// Texels along a side of the grid: 50 in the dissertation (§4.5.2).
+    /// Number of texels along a side of the grid: 50 in the dissertation (§4.5.2).
     pub grid: u32,
-    /// τ, m: 0 for the largest overlap itself. The smooth maximum is over some √(τ R) where R is the gap's radius of curvature:
-    /// where that is less than a texel's side, it depends on where the texels are.
+    /// Temperature τ of the smooth maximum, m; 0 for the largest overlap itself. The smooth maximum averages
+    /// over about √(τ R), where R is the gap's radius of curvature. If that is less than a texel's side, the
+    /// depth depends on the position of the texels.
     pub temperature: f64,
-    /// Where derivatives come from.
+    /// Method by which derivatives are computed.
     pub derivatives: Derivatives,
-    /// Newton steps, at most, to the point of a triangle that is displaced to a texel: 0 for the dissertation's approximate
-    /// height function (Eq. 4.9), which displaces the point below the texel wherever that is displaced to.
+    /// Maximum number of Newton steps to the point that is displaced to a texel. 0 gives the dissertation's
+    /// approximate height function (Eq. 4.9), which uses the displacement of the point below the texel.
     pub refinements: u32,
-    /// Which level of a texture is looked at.
+    /// Choice of a texture's level.
     pub filter: TextureFilter,
 }
 
@@ -119,17 +123,17 @@ impl Default for DepthSettings {
     }
 }
 
-/// A setting or a contact that was refused.
+/// Reason why depths could not be computed.
 #[derive(Debug, thiserror::Error)]
 pub enum DepthError {
     /// A setting is out of range.
     #[error("{name} is {value}; give {expected}")]
     Setting {
-        /// The setting.
+        /// Name of the setting.
         name: &'static str,
-        /// What was given.
+        /// Value that was given.
         value: f64,
-        /// What would do.
+        /// Accepted values.
         expected: &'static str,
     },
     /// The backend failed.
@@ -137,28 +141,28 @@ pub enum DepthError {
     Backend(#[from] BackendError),
 }
 
-/// The directional penetration depth of a contact.
+/// Directional penetration depth of a contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TextureDepth {
-    /// δ_n, m: negative where the surfaces are apart along **n**.
+    /// Depth δ_n, m: negative where the surfaces are apart along **n**.
     pub depth: f64,
-    /// ∂δ/∂x: by how A shifts, world axes.
+    /// Derivative ∂δ/∂x by translations of A, world axes.
     pub linear: DVec3,
-    /// ∂δ/∂θ: by how A turns about the contact's centre, m/rad.
+    /// Derivative ∂δ/∂θ by rotations of A about the contact's centre, world axes, m/rad.
     pub angular: DVec3,
-    /// Second derivatives by shift and turn, 1/m, 1, and m: symmetric.
+    /// Second derivatives by translation and rotation, 1/m, 1, and m: symmetric.
     pub second: [[f64; 6]; 6],
-    /// The point of A at the largest overlap, world, m.
+    /// Point of A at the largest overlap, world, m.
     pub point: DVec3,
-    /// The point of B there.
+    /// Point of B at the largest overlap, world, m.
     pub scene_point: DVec3,
-    /// Part of the texels looked at where one of them is folded as seen along **n**, so that its height is
-    /// approximated (§4.6.1).
+    /// Share of the compared texels with a surface that is folded as seen along **n**, so that its height is
+    /// an approximation (§4.6.1).
     pub folded: f64,
 }
 
 impl TextureDepth {
-    /// Whether the depth, its derivatives and the points are finite numbers.
+    /// Returns whether the depth, its derivatives and the points are finite.
     pub fn is_finite(&self) -> bool {
         let Self { depth, linear, angular, second, point, scene_point, folded } = self;
         let vectors = [linear, angular, point, scene_point];
@@ -169,7 +173,7 @@ impl TextureDepth {
     }
 }
 
-/// The workspace of depth queries.
+/// Workspace of depth queries.
 #[derive(Clone, Debug, Default)]
 pub struct DepthQuery {
     batch: Batch,
@@ -184,10 +188,10 @@ impl DepthQuery {
         Self::default()
     }
 
-    /// The depth of each contact, in their order: none where the surfaces share no texel of its domain, or the contact is not
-    /// finite.
+    /// Computes the depth of each contact, in order. It is `None` where the surfaces share no texel of the
+    /// domain, or the contact is not finite.
     ///
-    /// Allocates only to grow its workspace, and what the backend does.
+    /// Allocates only to grow its workspace, apart from the backend's own allocations.
     ///
     /// # Errors
     /// If a setting is out of range, or the backend fails.
@@ -213,8 +217,9 @@ impl DepthQuery {
         Ok(&self.depths)
     }
 
-    /// The contact with its grid moved and shrunk to where both undisplaced surfaces are seen, by their triangles' boxes; `None`
-    /// if nowhere, or the contact is not finite. A `margin` (m) is left around.
+    /// Returns the contact with its grid moved and shrunk to the part where both undisplaced surfaces are, by
+    /// their triangles' bounding boxes, plus a `margin` (m). `None` if there is no such part, or the contact
+    /// is not finite.
     pub fn fitted(
         &mut self,
         surfaces: &SurfaceSet,
@@ -246,11 +251,12 @@ impl DepthQuery {
         })
     }
 
-    /// Those of the last run.
+    /// Depths of the last run, in the order of its contacts.
     pub fn depths(&self) -> &[Option<TextureDepth>] {
         &self.depths
     }
 
+    /// Adds a contact's images and pairs to the batch: one image of B, and one of A for each configuration.
     fn add(&mut self, surfaces: &SurfaceSet, contact: &TextureContact, settings: &DepthSettings) {
         let Self { batch, near, .. } = self;
         let step = contact.step(settings);
@@ -301,17 +307,18 @@ impl DepthSettings {
         Ok(())
     }
 
-    /// How many pairs a contact has.
+    /// Number of pairs of images per contact.
     fn configurations(&self) -> usize {
         configurations(&self.derivatives).count()
     }
 }
 
-/// The unknowns of central differences: shifts along u and v, and turns about u, v and n.
+/// Number of differentiated motions: translations along u and v, and rotations about u, v and n. ∂δ/∂n is 1.
 const UNKNOWNS: usize = 5;
 
-/// Shifts and turns of A, in a contact's frame: none; each unknown forwards and backwards; and, with second derivatives, each
-/// pair of them: both forwards, the first backwards, the second backwards, both.
+/// Iterates over the shifts and turns of A, in a contact's frame, at which central differences need the
+/// depth: none; each motion forwards and backwards; and, for second derivatives, each pair of motions with
+/// all four combinations of signs: (+, +), (−, +), (+, −), (−, −).
 fn configurations(derivatives: &Derivatives) -> impl Iterator<Item = [DVec3; 2]> {
     let (steps, first, second) = match *derivatives {
         Derivatives::Maximum => ([0.0; 2], false, false),
@@ -343,18 +350,18 @@ impl TextureContact {
             && lengths.iter().all(|length| length.is_finite() && *length > 0.0)
     }
 
-    /// u, v and n.
+    /// Returns the axes u, v and n.
     fn axes(&self) -> DMat3 {
         let (u, v) = self.normal.any_orthonormal_pair();
         DMat3::from_cols(u, v, self.normal)
     }
 
-    /// Distance of texels, m.
+    /// Distance between texels, m.
     fn step(&self, settings: &DepthSettings) -> f64 {
         2.0 * self.half_size / f64::from(settings.grid)
     }
 
-    /// How far a point in the field moves in any configuration, m.
+    /// Returns the largest distance by which a point in the grid moves in any configuration, m.
     fn margin(&self, center: DVec3, settings: &DepthSettings) -> f64 {
         match settings.derivatives {
             Derivatives::Maximum => 0.0,
@@ -364,7 +371,7 @@ impl TextureContact {
         }
     }
 
-    /// What the answers to a contact's pairs say.
+    /// Returns the depth from the answers for a contact's pairs.
     fn depth(&self, answers: &[Answer], settings: &DepthSettings) -> Option<TextureDepth> {
         let step = self.step(settings);
         let [answer, moved @ ..] = answers else { return None };
@@ -385,7 +392,7 @@ impl TextureContact {
         let local = match settings.derivatives {
             Derivatives::Maximum => local.about(axes.transpose() * (self.center - self.point)),
             Derivatives::Differences { shift, turn, second } => {
-                // As the dissertation has it, of the texels alone.
+                // As in the dissertation, the depth at the texels, without a maximum between them.
                 let depth = |answer: &Answer| match answer.texel {
                     NOWHERE => None,
                     _ if settings.temperature > 0.0 => smooth(answer).map(|local| local.depth),
@@ -409,14 +416,15 @@ impl TextureContact {
     }
 }
 
-/// Central differences of the depths of [`configurations`] but the first (Eq. 4.8, 5.57, 5.58).
+/// Returns the depth with its central differences (Eq. 4.8, 5.57, 5.58). `depth` gives the depths of
+/// [`configurations`] in order, without the first, which is `here`.
 fn differences(
     [shift, turn]: [f64; 2],
     second: bool,
     here: f64,
     depth: impl Fn(usize) -> Option<f64>,
 ) -> Option<LocalDepth> {
-    // Unknowns 2 to 4 are components 3 to 5.
+    // Motions 2 to 4 are rotations: components 3 to 5 of the gradient.
     let component = |unknown: usize| if unknown < 2 { unknown } else { unknown + 1 };
     let step = |unknown: usize| if unknown < 2 { shift } else { turn };
     let mut local = LocalDepth { depth: here, gradient: [0.0; 6], second: [[0.0; 6]; 6] };
@@ -428,8 +436,10 @@ fn differences(
     };
     for i in 0..UNKNOWNS {
         let (forwards, backwards) = (take()?, take()?);
+        // Eq. 4.8: (δ₊ − δ₋) / 2h.
         local.gradient[component(i)] = (forwards - backwards) / (2.0 * step(i));
         if second {
+            // Eq. 5.57: (δ₊ − 2 δ + δ₋) / h².
             local.second[component(i)][component(i)] =
                 (forwards - 2.0 * here + backwards) / (step(i) * step(i));
         }
@@ -438,6 +448,7 @@ fn differences(
         for j in i + 1..UNKNOWNS {
             if second {
                 let [both, first, other, neither] = [take()?, take()?, take()?, take()?];
+                // Eq. 5.58: (δ₊₊ − δ₋₊ − δ₊₋ + δ₋₋) / 4 h_i h_j.
                 let mixed = (both - first - other + neither) / (4.0 * step(i) * step(j));
                 local.second[component(i)][component(j)] = mixed;
                 local.second[component(j)][component(i)] = mixed;

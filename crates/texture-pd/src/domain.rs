@@ -1,27 +1,28 @@
-//! The part of its grid that a contact looks at.
+//! The part of a contact's grid in which overlaps count.
 
 use glam::{DMat3, DVec3};
 
 use crate::kernels::{Clips, MAX_CLIPS};
 
-/// Points this close to each other across **n** are not told apart, m.
-const SAME: f64 = 1e-6;
+/// Distance across **n** below which points count as the same, m. Their bisector would be arbitrary.
+const MIN_DISTANCE: f64 = 1e-6;
 
-/// Directions whose part across **n** is so small lie along it.
-const ALONG: f64 = 1e-9;
+/// Component across **n** (of a unit vector) below which a direction counts as parallel to **n**. Its
+/// half-plane on the grid would be arbitrary.
+const MIN_ACROSS: f64 = 1e-9;
 
-/// The points p with direction · (p − through) ≤ 0.
+/// A half-space: the points p with direction · (p − through) ≤ 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct HalfSpace {
-    /// A point of its border, world, m.
+    /// Point on its border, world, m.
     pub through: DVec3,
-    /// Out of it, world axes, of any length.
+    /// Outward direction, world axes, of any length.
     pub direction: DVec3,
 }
 
-/// The domain of a [`TextureContact`](crate::TextureContact), where it looks for overlaps: what of its grid lies, as seen along
-/// **n**, in each of a few half-spaces. Contacts side by side see the same place twice, unless each has
-/// [its own domain](Self::nearest).
+/// The domain of a [`TextureContact`](crate::TextureContact): the part of its grid that lies, as seen along
+/// **n**, in each of a few half-spaces. Only overlaps in the domain count. Contacts side by side would
+/// evaluate the same place twice, unless each has [its own domain](Self::nearest).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Domain {
     half_spaces: [HalfSpace; MAX_CLIPS],
@@ -34,24 +35,25 @@ impl Domain {
         half_spaces: [HalfSpace { through: DVec3::ZERO, direction: DVec3::ZERO }; MAX_CLIPS],
         count: 0,
     };
-    /// Half-spaces of a domain, at most.
-    pub const MOST: usize = MAX_CLIPS;
+    /// Maximum number of half-spaces of a domain.
+    pub const MAX_HALF_SPACES: usize = MAX_CLIPS;
 
-    /// What is nearer to `point` than to any of `others` as seen along `normal` (unit): its Voronoi cell, all in world
-    /// coordinates. Only the nearest [`MOST`](Self::MOST) of the others count, and those at the same place, within 1 µm, do
-    /// not.
+    /// Returns the Voronoi cell of `point` among `others`, as seen along `normal` (unit), all in world
+    /// coordinates. Only the nearest [`MAX_HALF_SPACES`](Self::MAX_HALF_SPACES) of the others count, and
+    /// those within 1 µm of `point` are ignored.
     pub fn nearest(point: DVec3, others: impl IntoIterator<Item = DVec3>, normal: DVec3) -> Self {
         let mut domain = Self::WHOLE;
         for other in others {
             let direction = (other - point).reject_from_normalized(normal);
             let distance = direction.length_squared();
-            if !direction.is_finite() || distance < SAME * SAME {
+            if !direction.is_finite() || distance < MIN_DISTANCE * MIN_DISTANCE {
                 continue;
             }
+            // Insertion sort by distance; the border is half-way to the other point.
             let nearer = |known: &&HalfSpace| known.direction.length_squared() <= distance;
             let rank = domain.half_spaces().iter().take_while(nearer).count();
-            if rank < Self::MOST {
-                domain.count = Self::MOST.min(domain.count + 1);
+            if rank < Self::MAX_HALF_SPACES {
+                domain.count = Self::MAX_HALF_SPACES.min(domain.count + 1);
                 domain.half_spaces[rank..domain.count].rotate_right(1);
                 domain.half_spaces[rank] = HalfSpace { through: point + 0.5 * direction, direction };
             }
@@ -59,7 +61,8 @@ impl Domain {
         domain
     }
 
-    /// Keeps only what is in a half-space too. False, and nothing changes, where there are [`MOST`](Self::MOST) already.
+    /// Restricts the domain to a half-space. Returns false, and changes nothing, if there are already
+    /// [`MAX_HALF_SPACES`](Self::MAX_HALF_SPACES).
     #[must_use]
     pub fn cut(&mut self, half_space: HalfSpace) -> bool {
         let free = self.half_spaces.get_mut(self.count);
@@ -76,14 +79,15 @@ impl Domain {
         self.half_spaces().iter().all(|half| half.through.is_finite() && half.direction.is_finite())
     }
 
-    /// Seen along n, in the frame with those axes at `origin`. Half-spaces along n cut nothing.
+    /// Returns the half-planes as seen along n, in the frame with these axes at `origin`. Half-spaces
+    /// parallel to the grid are ignored.
     pub(crate) fn clips(&self, axes: &DMat3, origin: DVec3) -> Clips {
         let mut clips = Clips::default();
         let to_axes = axes.transpose();
         for half in self.half_spaces() {
             let across = (to_axes * half.direction.normalize_or_zero()).truncate();
             let length = across.length();
-            if length > ALONG {
+            if length > MIN_ACROSS {
                 let [u, v] = (across / length).to_array();
                 let [x, y] = (to_axes * (half.through - origin)).truncate().to_array();
                 clips.push([u as f32, v as f32, (u * x + v * y) as f32]);
@@ -103,7 +107,7 @@ mod tests {
 
     const GRID: u32 = 20;
 
-    /// Where the middle of a texel is, in the contact's frame, m.
+    /// Returns the centre of a texel in the contact's frame, m.
     fn place(texel: u32, half: f64) -> DVec2 {
         let at = |index: u32| ((f64::from(index) + 0.5) / f64::from(GRID) * 2.0 - 1.0) * half;
         DVec2::new(at(texel % GRID), at(texel / GRID))
@@ -119,13 +123,13 @@ mod tests {
             let axes = DMat3::from_quat(DQuat::from_scaled_axis(vector()));
             let point = vector();
             let mut others: Vec<_> = (0..case % 10).map(|_| point + 0.01 * vector()).collect();
-            // At the same place, but for where along the normal.
+            // A point that differs along the normal only.
             others.push(point + 0.01 * axes.z_axis);
             let across = |other: &DVec3| (axes.transpose() * (*other - point)).truncate();
             let domain = Domain::nearest(point, others.iter().copied(), axes.z_axis);
             others.pop();
             others.sort_by(|a, b| across(a).length().total_cmp(&across(b).length()));
-            others.truncate(Domain::MOST);
+            others.truncate(Domain::MAX_HALF_SPACES);
             assert_eq!(domain.half_spaces().len(), others.len());
             let clips = domain.clips(&axes, point);
             for texel in 0..GRID * GRID {
@@ -142,9 +146,9 @@ mod tests {
     }
 
     #[test]
-    fn half_spaces_are_cut_up_to_the_most() {
+    fn domain_is_cut_up_to_the_maximum_number_of_half_spaces() {
         let mut domain = Domain::WHOLE;
-        for i in 0..Domain::MOST {
+        for i in 0..Domain::MAX_HALF_SPACES {
             let half = HalfSpace { through: DVec3::X * i as f64, direction: DVec3::Y };
             assert!(domain.cut(half));
             assert_eq!((domain.half_spaces().len(), domain.half_spaces()[i]), (i + 1, half));

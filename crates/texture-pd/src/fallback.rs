@@ -1,4 +1,4 @@
-//! A backend with the processor behind it.
+//! A backend that falls back to the CPU.
 
 use std::time::Duration;
 
@@ -7,40 +7,42 @@ use crate::batch::{Batch, SurfaceSet};
 use crate::cpu::CpuBackend;
 use crate::kernels::Answer;
 
-/// A backend, or none, with the processor behind it, so that it cannot fail. What the backend fails at the processor computes,
-/// and it is counted ([`failures`](Backend::failures)). The backend is asked again for the next batch, unless its error
-/// [lasts](BackendError::is_lasting): then the processor computes all batches, of which that one alone is counted.
+/// An optional backend with the CPU as its fallback, so that it cannot fail. A batch that the backend fails
+/// at is counted ([`failures`](Backend::failures)) and computed on the CPU. The next batch is given to the
+/// backend again, unless its error [lasts](BackendError::is_lasting): then the CPU computes all further
+/// batches, which are not counted.
 #[derive(Default)]
 pub struct Fallback {
-    processor: CpuBackend,
+    cpu: CpuBackend,
     other: Option<Box<dyn Backend>>,
     failures: u64,
     failure: Option<BackendError>,
 }
 
 impl Fallback {
-    /// The processor behind a backend.
+    /// A backend with the CPU as its fallback.
     pub fn new(backend: Box<dyn Backend>) -> Self {
         Self { other: Some(backend), ..Self::default() }
     }
 
-    /// The processor alone, as a backend could not be had: this is counted, but not that there is no GPU.
+    /// The CPU alone, because a backend could not be created. That counts as a failure, unless there is no
+    /// GPU.
     pub fn failed(failure: BackendError) -> Self {
         let failures = u64::from(!matches!(failure, BackendError::NoAdapter { .. }));
         Self { failures, failure: Some(failure), ..Self::default() }
     }
 
-    /// The latest error of the backend, if it has failed.
+    /// Latest error of the backend, if it has failed.
     pub fn failure(&self) -> Option<&BackendError> {
         self.failure.as_ref()
     }
 
-    /// Whether the backend failed for good.
+    /// Returns whether the backend has failed permanently.
     fn is_lost(&self) -> bool {
         self.failure.as_ref().is_some_and(BackendError::is_lasting)
     }
 
-    /// Whether there is a backend, lost or not.
+    /// Returns whether there is a backend besides the CPU, lost or not.
     pub fn has_other(&self) -> bool {
         self.other.is_some()
     }
@@ -49,7 +51,7 @@ impl Fallback {
 impl Backend for Fallback {
     fn name(&self) -> &str {
         let other = self.other.as_ref().filter(|_| !self.is_lost());
-        other.map_or(self.processor.name(), |other| other.name())
+        other.map_or(self.cpu.name(), |other| other.name())
     }
 
     fn evaluate(
@@ -59,7 +61,7 @@ impl Backend for Fallback {
         answers: &mut Vec<Answer>,
     ) -> Result<(), BackendError> {
         let lost = self.is_lost();
-        // A backend that is lost is kept: to drop it may take its time.
+        // A lost backend is kept, since dropping it may block.
         if let Some(other) = self.other.as_mut().filter(|_| !lost) {
             match other.evaluate(surfaces, batch, answers) {
                 Ok(()) => return Ok(()),
@@ -69,7 +71,7 @@ impl Backend for Fallback {
                 }
             }
         }
-        self.processor.evaluate(surfaces, batch, answers)
+        self.cpu.evaluate(surfaces, batch, answers)
     }
 
     fn set_deadline(&mut self, deadline: Duration) {

@@ -1,34 +1,36 @@
 //! The penalty force of textured contacts (§4.3.2) and its derivatives (§5.4.4).
 //!
-//! A contact stores the energy U = ½ k (δ_n + d)² while δ_n + d > 0 (Eq. 4.4, begun at the distance d as all contacts are,
-//! §5.4.3). Force and torque on the moving surface A are −∇U: with g = ∇δ_n,
+//! A contact stores the energy U = ½ k (δ_n + d)² while δ_n + d > 0 (Eq. 4.4, begun at the distance d as all
+//! contacts are, §5.4.3). Force and torque on the moving surface A are −∇U: with g = ∇δ_n,
 //!
 //! (F, T) = −k (δ_n + d) g,  ∂(F, T)/∂(x, θ) = −k (g gᵀ + (δ_n + d) ∇²δ_n)  (Eqs. 4.5, 5.51–5.56).
 //!
-//! The tangential parts are in proportion to the normal force, as perceived roughness is. Of all contacts they add up.
+//! The tangential forces are proportional to the normal force, as perceived roughness is. Forces of contacts
+//! add up.
 //!
-//! Across the crest of a ridge the energy falls to both sides, so that the second part alone is a negative stiffness: an implicit
-//! step has to leave such directions out.
+//! Across the crest of a ridge the energy falls to both sides, so the second term is a negative stiffness
+//! there. An implicit integration step has to leave such directions out.
 
 use palpate_core::Wrench;
 
 use crate::depth::TextureDepth;
 use crate::maximum::Matrix6;
 
-/// What a textured contact does to A.
+/// Force of a textured contact on the moving surface A.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TextureForce {
-    /// U, J.
+    /// Stored energy U, J.
     pub energy: f64,
-    /// On A, about the centre that the contact was given, world axes.
+    /// Wrench on A about the contact's `center`, world axes.
     pub wrench: Wrench,
-    /// By how much the wrench opposes a shift and a turn of A: −∂(F, T)/∂(x, θ), N/m, N and N·m; symmetric.
+    /// Stiffness against a translation and rotation of A: −∂(F, T)/∂(x, θ), N/m, N and N·m; symmetric.
     pub stiffness: Matrix6,
 }
 
 impl TextureForce {
-    /// Of a contact of stiffness k (N/m) that begins to push at the distance d (m).
+    /// Computes the force of a contact with stiffness k (N/m) that begins at the distance d (m, `tolerance`).
     pub fn new(found: &TextureDepth, stiffness: f64, tolerance: f64) -> Self {
+        // k (δ_n + d), and k as long as the contact pushes.
         let overlap = (found.depth + tolerance).max(0.0);
         let push = stiffness * overlap;
         let gradient = [found.linear.to_array(), found.angular.to_array()].concat();
@@ -43,7 +45,7 @@ impl TextureForce {
     }
 }
 
-/// The sum over contacts (§4.3.2), of which those that were not found add nothing.
+/// Sums up the wrenches of contacts (§4.3.2). Contacts without a depth add nothing.
 pub fn sum_of_forces<'a>(
     depths: impl IntoIterator<Item = &'a Option<TextureDepth>>,
     stiffness: f64,
@@ -77,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn contact_that_is_apart_does_nothing() {
+    fn separated_contact_exerts_no_force() {
         let mut rng = StdRng::seed_from_u64(83);
         let apart = TextureDepth { depth: -0.001, ..random_depth(&mut rng) };
         let force = TextureForce::new(&apart, 1000.0, 0.0005);

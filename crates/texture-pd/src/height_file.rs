@@ -1,7 +1,7 @@
 //! Height images from files: PNG, TIFF and OpenEXR.
 //!
-//! Files come from anywhere: whatever the bytes, the answer is an image or one line that says what is wrong and what to
-//! do. What a header claims is held against limits before memory is taken.
+//! Files are untrusted. Whatever the bytes, the result is an image or a one-line error that says what is
+//! wrong and what to do. Sizes in a header are checked against limits before memory is allocated.
 
 mod decode;
 mod reduce;
@@ -12,120 +12,123 @@ use std::path::Path;
 use crate::{HeightImage, HeightImageError, MAX_SIDE, Wrap};
 use decode::Samples;
 
-/// The most texels that an image in a file has along a side. Those of more than [`MAX_SIDE`] are averaged.
+/// Maximum number of texels along a side of an image in a file. Images of more than [`MAX_SIDE`] are
+/// averaged.
 pub const MAX_FILE_SIDE: u32 = 16384;
-/// The most bytes that an image takes when decoded, and that a file has.
+/// Maximum size of a file, and of its decoded image, bytes.
 const MAX_BYTES: u64 = 1 << 30;
 
-/// How the values of an image file become displacements.
+/// Conversion of the values of an image file to displacements.
 ///
-/// A texel of value x is displaced by (x − `midlevel`) `amplitude` along the surface's normal. Values of integer images go
-/// from 0 (black) to 1 (white); those of float images are taken as they stand, without a look at colour spaces.
+/// A texel of value x is displaced by (x − `midlevel`) `amplitude` along the surface's normal. Values of
+/// integer images go from 0 (black) to 1 (white); those of float images are used unchanged, whatever their
+/// colour space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeightOptions {
-    /// Metres from black to white, or per unit of a float image. Finite and above zero.
+    /// Displacement from black to white, or per unit of a float image, m. Finite and above zero.
     pub amplitude: f64,
-    /// The value that is no displacement. Between 0 and 1 for integer images, finite for float images.
+    /// Value without displacement. Between 0 and 1 for integer images, finite for float images.
     pub midlevel: f64,
-    /// How the image goes on along u and along v.
+    /// Wrap modes along u and v.
     pub wrap: [Wrap; 2],
 }
 
 impl HeightOptions {
-    /// Displacements over `amplitude` (m) around mid grey, in an image that is repeated.
+    /// Returns options for displacements over `amplitude` (m) around mid grey, in an image that is repeated.
     pub fn new(amplitude: f64) -> Self {
         Self { amplitude, midlevel: 0.5, wrap: [Wrap::Repeat; 2] }
     }
 }
 
-/// Why an image file was refused.
+/// Reason why an image file was refused.
 #[derive(Debug, thiserror::Error)]
 pub enum HeightFileError {
     /// The file could not be read.
     #[error("{name}: cannot be read ({source}); check the path and its permissions")]
     Read {
-        /// The file.
+        /// Name of the file.
         name: String,
-        /// What the operating system said.
+        /// Error of the operating system.
         source: std::io::Error,
     },
     /// The amplitude is not finite or not above zero.
     #[error("{name}: the amplitude of {amplitude} m is not usable; give a finite number above zero")]
     Amplitude {
-        /// The image.
+        /// Name of the image.
         name: String,
-        /// The amplitude asked for.
+        /// Amplitude that was given, m.
         amplitude: f64,
     },
-    /// The midlevel is not finite, or no grey of an integer image.
+    /// The midlevel is not finite, or outside 0 to 1 for an integer image.
     #[error(
         "{name}: the midlevel {midlevel} is not usable; give one from 0 (black) to 1 (white), for float images any finite \
          number"
     )]
     Midlevel {
-        /// The image.
+        /// Name of the image.
         name: String,
-        /// The midlevel asked for.
+        /// Midlevel that was given.
         midlevel: f64,
     },
-    /// No image of a format that is read.
+    /// The file is not in a supported format.
     #[error("{name}: is {found}; save it as PNG, TIFF or OpenEXR")]
     Format {
-        /// The image.
+        /// Name of the image.
         name: String,
-        /// What the file looks like instead.
+        /// Description of what the file contains instead.
         found: &'static str,
     },
-    /// The file does not follow its format, or uses a part of it that is not read.
+    /// The file violates its format, or uses an unsupported part of it.
     #[error(
         "{name}: {reason}; get the file again, or save it as grey PNG of 16 bits or grey TIFF of 32 bit floats"
     )]
     Decode {
-        /// The image.
+        /// Name of the image.
         name: String,
-        /// What is wrong.
+        /// Description of the fault.
         reason: String,
     },
-    /// More texels or bytes than are read.
+    /// The image has too many texels or bytes.
     #[error(
         "{name}: {width} x {height} texels, {bytes} bytes when decoded; at most {MAX_FILE_SIDE} a side and {MAX_BYTES} \
          bytes are read: make it smaller, or grey"
     )]
     TooLarge {
-        /// The image.
+        /// Name of the image.
         name: String,
         /// Texels along a row.
         width: u64,
         /// Rows.
         height: u64,
-        /// Bytes that they take.
+        /// Size of the decoded image, bytes.
         bytes: u64,
     },
     /// Every texel is infinite or not a number.
     #[error("{name}: none of the {width} x {height} texels is a finite number; export the image again")]
     NothingFinite {
-        /// The image.
+        /// Name of the image.
         name: String,
         /// Texels along a row.
         width: u32,
         /// Rows.
         height: u32,
     },
-    /// The displacements make no image.
+    /// The displacements are no valid image.
     #[error("{name}: {source}")]
     Image {
-        /// The image.
+        /// Name of the image.
         name: String,
-        /// What is wrong with them.
+        /// Error of the image.
         source: HeightImageError,
     },
 }
 
 impl HeightImage {
-    /// Reads a file, with notes for the user, one line each. See [`HeightImage::decode`].
+    /// Reads an image file. Returns the image and warnings for the user, one line each. See
+    /// [`HeightImage::decode`].
     ///
     /// # Errors
-    /// If the file cannot be read, or for what [`HeightImage::decode`] refuses.
+    /// If the file cannot be read, or [`HeightImage::decode`] refuses it.
     pub fn open(path: &Path, options: &HeightOptions) -> Result<(Self, Vec<String>), HeightFileError> {
         let name = path.display().to_string();
         match read_file(path) {
@@ -134,12 +137,14 @@ impl HeightImage {
         }
     }
 
-    /// An image from the bytes of an image file, with notes for the user, one line each; `name` is for messages.
+    /// Decodes the bytes of an image file. Returns the image and warnings for the user, one line each; `name`
+    /// appears in messages.
     ///
-    /// Read are PNG of up to 16 bits, TIFF of 8 and 16 bits and 32 bit floats, and OpenEXR, grey or colour. Colour is turned
-    /// into luma (weights of Rec. 709) and an alpha channel ignored, with a note where either makes a difference. An image
-    /// of more than [`MAX_SIDE`] texels a side is averaged over blocks, and texels that are not finite are filled in
-    /// from their nearest neighbours, both with a note. So is the step in height of an image of 8 bits or fewer.
+    /// Supported are PNG of up to 16 bits, TIFF of 8 and 16 bits and 32-bit floats, and OpenEXR, grey or
+    /// colour. Colour is converted to luma (weights of Rec. 709) and an alpha channel ignored, with a warning
+    /// if either makes a difference. An image of more than [`MAX_SIDE`] texels a side is averaged over
+    /// blocks, and texels that are not finite are filled in from their nearest neighbours, both with a
+    /// warning. Images of 8 bits or fewer cause a warning with their step in height.
     ///
     /// # Errors
     /// See [`HeightFileError`].
@@ -188,7 +193,7 @@ impl HeightImage {
     }
 }
 
-/// The bytes of a regular file: a device or a pipe might never end.
+/// Reads a regular file. Devices and pipes are refused, since they might never end.
 fn read_file(path: &Path) -> std::io::Result<Vec<u8>> {
     let about = fs::metadata(path)?;
     if !about.is_file() {

@@ -1,18 +1,18 @@
-//! Images of fine detail: a displacement for each texel.
+//! Height images: a displacement for each texel.
 
-/// How an image goes on beyond its border.
+/// Continuation of an image beyond its border.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Wrap {
-    /// It is repeated.
+    /// The image is repeated.
     #[default]
     Repeat,
-    /// The texels of the border go on.
+    /// The texels of the border are continued.
     Clamp,
-    /// It is repeated, every other time in a mirror.
+    /// The image is repeated, mirrored every other time.
     Mirror,
 }
 
-/// Displacements of a surface along its normals, one a texel: row after row, the first row at v = 0.
+/// Displacements of a surface along its normals, one per texel, row by row; the first row is at v = 0.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeightImage {
     width: u32,
@@ -22,10 +22,10 @@ pub struct HeightImage {
     atlas: bool,
 }
 
-/// Why an image was refused.
+/// Reason why an image was refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum HeightImageError {
-    /// No texel at all.
+    /// The image has no texels.
     #[error("a height image of {width} x {height} texels; it needs one at least")]
     Empty {
         /// Texels along a row.
@@ -33,7 +33,7 @@ pub enum HeightImageError {
         /// Rows.
         height: u32,
     },
-    /// More texels along a side than [`MAX_SIDE`].
+    /// The image has more texels along a side than [`MAX_SIDE`].
     #[error(
         "a height image of {width} x {height} texels; at most {MAX_SIDE} a side are supported: make it smaller"
     )]
@@ -43,10 +43,10 @@ pub enum HeightImageError {
         /// Rows.
         height: u32,
     },
-    /// Not as many displacements as texels.
+    /// The number of displacements is not the number of texels.
     #[error("{found} displacements for {width} x {height} texels")]
     Count {
-        /// How many displacements there are.
+        /// Number of displacements.
         found: usize,
         /// Texels along a row.
         width: u32,
@@ -63,11 +63,11 @@ pub enum HeightImageError {
     },
 }
 
-/// The most texels that an image has along a side: 64 MiB of displacements.
+/// Maximum number of texels along a side of an image: 64 MiB of displacements.
 pub const MAX_SIDE: u32 = 4096;
 
 impl HeightImage {
-    /// An image from the displacements (m) of its texels. `wrap` is how it goes on along u and along v.
+    /// Creates an image from the displacements (m) of its texels, with wrap modes along u and v.
     ///
     /// # Errors
     /// If the image is empty or too large, or a displacement is not finite.
@@ -96,39 +96,39 @@ impl HeightImage {
         }
     }
 
-    /// The image as an atlas, whose neighbouring texels need not be neighbours on a surface: it has no coarser levels, as
-    /// those would mix them.
+    /// Marks the image as an atlas, whose neighbouring texels need not be neighbours on a surface. It has no
+    /// coarser levels, since those would mix unrelated texels.
     #[must_use]
     pub fn into_atlas(self) -> Self {
         Self { atlas: true, ..self }
     }
 
-    /// Whether the image is an atlas.
+    /// Returns whether the image is an atlas.
     pub fn is_atlas(&self) -> bool {
         self.atlas
     }
 
-    /// Texels along a row.
+    /// Number of texels along a row.
     pub fn width(&self) -> u32 {
         self.width
     }
 
-    /// Rows.
+    /// Number of rows.
     pub fn height(&self) -> u32 {
         self.height
     }
 
-    /// Displacements, m.
+    /// Displacements, m, row by row.
     pub fn displacements(&self) -> &[f32] {
         &self.displacements
     }
 
-    /// How the image goes on along u and along v.
+    /// Wrap modes along u and v.
     pub fn wrap(&self) -> [Wrap; 2] {
         self.wrap
     }
 
-    /// The smallest and the largest displacement, m.
+    /// Smallest and largest displacement, m.
     pub fn range(&self) -> [f32; 2] {
         let range = [f32::INFINITY, f32::NEG_INFINITY];
         self.displacements.iter().fold(range, |[low, high], &height| [low.min(height), high.max(height)])

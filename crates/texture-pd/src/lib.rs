@@ -1,8 +1,10 @@
-//! Haptic textures: the directional penetration depth of two surfaces with fine detail (§4.4), on the CPU and on the GPU.
+//! Haptic textures: the directional penetration depth of two surfaces with fine detail (§4.4), on the CPU and
+//! on the GPU.
 //!
-//! A [`TexturedSurface`] is a coarse mesh and, as a [`HeightImage`], the fine detail that displaces it. Where coarse collision
-//! detection finds two of them in contact, [`DepthQuery`] looks along the contact's direction **n** at both and finds their
-//! directional penetration depth δ_n, and how that changes as one of them moves. A [`Backend`] does the work on the images.
+//! A [`TexturedSurface`] is a coarse mesh and the fine detail that displaces it, a [`HeightImage`]. For each
+//! contact that coarse collision detection finds between two surfaces, [`DepthQuery`] computes their
+//! directional penetration depth δ_n along the contact's direction **n**, and its derivatives by the motion
+//! of one of them. A [`Backend`] evaluates the height images.
 //!
 //! ```
 //! use std::sync::Arc;
@@ -38,16 +40,16 @@
 //!     half_size: 0.002,
 //!     reach: 0.01,
 //!     domain: Domain::WHOLE,
-
-#![cfg_attr(docsrs, feature(doc_cfg))]
 //! };
 //! let mut query = DepthQuery::new();
 //! let depths = query.run(&surfaces, &[contact], &DepthSettings::default(), &mut CpuBackend::new())?;
-//! let found = depths[0].expect("they are seen above each other");
+//! let found = depths[0].expect("both surfaces are in the grid");
 //! // The force is against the gradient: down the flank, towards the next groove.
 //! assert!(found.linear.x < 0.0);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
+
+#![cfg_attr(docsrs, feature(doc_cfg))]
 
 mod auto;
 mod backend;
@@ -91,6 +93,6 @@ pub use kernels::Answer;
 pub use normals::corner_directions;
 pub use surface::{SurfaceError, TexturedSurface};
 pub use texels::{TexelReport, texel_sizes};
-/// The version of wgpu whose devices [`WgpuBackend::with_device`] takes.
+/// Version of wgpu whose devices [`WgpuBackend::with_device`] accepts.
 #[cfg(feature = "gpu")]
 pub use wgpu;

@@ -1,4 +1,4 @@
-//! Depth and derivatives from what the kernels found around the largest overlap.
+//! Depth and its derivatives from the kernels' answer for a pair.
 
 use std::f64::consts::TAU;
 
@@ -8,7 +8,8 @@ use crate::kernels::Answer;
 
 pub(crate) type Matrix6 = [[f64; 6]; 6];
 
-/// A depth with its derivatives by how A moves: along u, v and n, and about those axes through some point.
+/// A depth with its derivatives by the motion of A: translation along u, v and n, and rotation about those
+/// axes through some point.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LocalDepth {
     pub depth: f64,
@@ -16,8 +17,12 @@ pub(crate) struct LocalDepth {
     pub second: Matrix6,
 }
 
-/// The smooth maximum, with its derivatives by turns about the frame's origin. `at` is the texel of the largest overlap
-/// (m). None where all that overlaps most lies on the border of the grid or of the domain.
+/// Returns the smooth maximum, with derivatives by rotations about the frame's origin. `at` is the texel of
+/// the largest overlap (m). `None` if all texels that count lie on the border of the grid or of the domain,
+/// where their weight is 0.
+///
+/// With weights w and gradients g over the texels, δ = δ_max + τ ln (Σ w · step² / 2 π τ ρ), ∇δ = ⟨g⟩ and
+/// ∇²δ = ⟨∇²φ⟩ + cov(g) / τ, where ⟨ ⟩ is the weighted mean.
 pub(crate) fn smooth(
     answer: &Answer,
     at: DVec2,
@@ -33,6 +38,7 @@ pub(crate) fn smooth(
     let [height, ..] = answer.jet_a.map(f64::from);
     let [_, slope_u, slope_v, ..] = reference_jet(answer).map(f64::from);
     let reference = gradient(at.extend(height), DVec2::new(slope_u, slope_v));
+    // Gradients are summed relative to the largest overlap's: ⟨g⟩ = g₀ + ⟨g − g₀⟩.
     let shift = answer.gradient.map(mean);
     let area = TAU * temperature * half_size;
     let mut local = LocalDepth {
@@ -52,12 +58,14 @@ pub(crate) fn smooth(
     Some(local)
 }
 
-/// The jet whose slopes are the gradient's: A's where B ends and A does not.
+/// Returns the derivatives of the surface whose slopes make the gradient: A's where B ends and A does not,
+/// else B's.
 fn reference_jet(answer: &Answer) -> [f32; 6] {
     if answer.ends == 2 { answer.jet_a } else { answer.jet_b }
 }
 
-/// The largest overlap between texels, and its derivatives by turns about the frame's origin. `at` is its texel (m).
+/// Returns the largest overlap, refined between texels, with derivatives by rotations about the frame's
+/// origin. `at` is its texel (m).
 pub(crate) fn largest(answer: &Answer, at: DVec2, step: f64) -> LocalDepth {
     let [height, au, av, auu, auv, avv] = answer.jet_a.map(f64::from);
     let [_, bu, bv, buu, buv, bvv] = answer.jet_b.map(f64::from);
@@ -69,29 +77,31 @@ pub(crate) fn largest(answer: &Answer, at: DVec2, step: f64) -> LocalDepth {
         let gradient = gradient(at.extend(height), slope_a);
         return LocalDepth { depth, gradient, second: [[0.0; 6]; 6] };
     }
-    // φ = h_A − h_B over the grid: the way to its maximum, as far as it is curved towards one, and the inverse of its
-    // curvature there.
+    // Newton's step s = −φ_ss⁻¹ φ_s to the maximum of φ = h_A − h_B over the grid, along the axes with
+    // negative curvature only, and the inverse φ_ss⁻¹ there.
     let slope = slope_a - slope_b;
-    let (mut way, mut inverse) = (DVec2::ZERO, DMat2::ZERO);
+    let (mut offset, mut inverse) = (DVec2::ZERO, DMat2::ZERO);
     if answer.ends == 0 {
         for (value, axis) in crests(&(curvature_a - curvature_b)) {
             let along = -slope.dot(axis) / value;
-            // Further away a neighbour would be higher, but for what the second order leaves out.
+            // A maximum farther away contradicts that this texel is the highest: the second order does not
+            // hold there.
             if along.abs() <= 1.5 * step {
-                way += axis * along;
+                offset += axis * along;
                 inverse += DMat2::from_cols(axis * (axis.x / value), axis * (axis.y / value));
             }
         }
     }
-    let height = height + slope_a.dot(way) + 0.5 * way.dot(curvature_a * way);
-    let point = (at + way).extend(height);
-    let slope_there = slope_b + curvature_b * way;
+    let height = height + slope_a.dot(offset) + 0.5 * offset.dot(curvature_a * offset);
+    let point = (at + offset).extend(height);
+    let slope_there = slope_b + curvature_b * offset;
     let mut local = LocalDepth {
-        depth: depth + 0.5 * slope.dot(way),
+        depth: depth + 0.5 * slope.dot(offset),
         gradient: gradient(point, slope_there),
         second: second(point, slope_there, &curvature_b),
     };
-    // How the gradient changes along A's surface.
+    // φ_qs: change of the gradient with the point's position s on A's surface. As the maximum moves with q,
+    // the second derivative gains −φ_qs φ_ss⁻¹ φ_sq.
     let normal = DVec3::new(-slope_there.x, -slope_there.y, 1.0);
     let along = |axis: DVec2| {
         let tangent = axis.extend(slope_there.dot(axis));
@@ -109,8 +119,8 @@ pub(crate) fn largest(answer: &Answer, at: DVec2, step: f64) -> LocalDepth {
     local
 }
 
-/// Eigenvalues and unit eigenvectors of a symmetric matrix, of those that are negative and no thousandth of the other: along
-/// a ridge there is no maximum to be found.
+/// Returns the negative eigenvalues of a symmetric matrix, with unit eigenvectors. Those smaller in magnitude
+/// than a thousandth of the other are left out: along a ridge there is no maximum.
 fn crests(matrix: &DMat2) -> impl Iterator<Item = (f64, DVec2)> {
     let DMat2 { x_axis: DVec2 { x: a, y: b }, y_axis: DVec2 { y: c, .. } } = *matrix;
     let angle = 0.5 * (2.0 * b).atan2(a - c);
@@ -122,14 +132,15 @@ fn crests(matrix: &DMat2) -> impl Iterator<Item = (f64, DVec2)> {
         .filter(move |(value, _)| *value < 0.0 && -value > 1e-3 * largest)
 }
 
-/// By how A moves, of the overlap at a point of A over B's height function with a slope.
+/// Returns the gradient of the overlap at a point r of A over B's height function: g = (−slope, 1) and r × g.
 fn gradient(point: DVec3, slope: DVec2) -> [f64; 6] {
     let linear = DVec3::new(-slope.x, -slope.y, 1.0);
     let angular = point.cross(linear);
     [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z]
 }
 
-/// Its second derivatives.
+/// Returns the second derivatives of that overlap: −Jᵀ ∇²h_B J, where J moves the point, and the turn's
+/// second order.
 fn second(point: DVec3, slope: DVec2, curvature: &DMat2) -> Matrix6 {
     let linear = DVec3::new(-slope.x, -slope.y, 1.0);
     let motion: [DVec3; 6] =
@@ -144,7 +155,8 @@ fn second(point: DVec3, slope: DVec2, curvature: &DMat2) -> Matrix6 {
     second
 }
 
-/// Adds what a turn moves a point by in the second order, ½ θ × (θ × r), times a gradient.
+/// Adds the second order of a rotation, which moves a point by ½ θ × (θ × r), times a gradient g:
+/// ½ (r gᵀ + g rᵀ) − (r · g) 1.
 fn add_turns(second: &mut Matrix6, arm: DVec3, linear: DVec3) {
     let (r, g) = (arm.to_array(), linear.to_array());
     for i in 0..3 {
@@ -156,9 +168,10 @@ fn add_turns(second: &mut Matrix6, arm: DVec3, linear: DVec3) {
 }
 
 impl LocalDepth {
-    /// With derivatives by turns about `center` in place of the frame's origin.
+    /// Returns the depth with derivatives by rotations about `center` instead of the frame's origin.
     pub fn about(&self, center: DVec3) -> Self {
-        // The origin moves by x + θ × a + ½ θ × (θ × a) with a = −center.
+        // The frame's origin moves by x + θ × a + ½ θ × (θ × a) with a = −center: derivatives transform by
+        // the columns of `map`, and the second order adds its own term.
         let arm = -center;
         let [x, y, z, ..] = self.gradient;
         let linear = DVec3::new(x, y, z);
@@ -178,7 +191,8 @@ impl LocalDepth {
         moved
     }
 
-    /// Gradients by shift and turn, and second derivatives, in the axes that the frame's are given in.
+    /// Returns the gradients by translation and rotation, and the second derivatives, in the axes in which
+    /// the frame's axes are given.
     pub fn in_axes(&self, axes: &DMat3) -> (DVec3, DVec3, Matrix6) {
         let [a, b, c, d, e, f] = self.gradient;
         let mut second = [[0.0; 6]; 6];

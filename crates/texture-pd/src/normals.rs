@@ -1,17 +1,17 @@
-//! Directions in which the surface of a coarse mesh is displaced.
+//! Directions of displacement of a coarse mesh.
 
 use std::collections::HashMap;
 
 use glam::DVec3;
 use palpate_core::TriMesh;
 
-/// For each triangle the unit directions in which its corners are displaced, mesh axes.
+/// Returns the unit directions of displacement at the corners of each triangle, mesh axes.
 ///
-/// At a vertex it is the mean normal of the triangles there, weighted by their angles, as far as neighbours meet at less
-/// than the angle `crease` (rad) with the triangle itself, so that sharp edges stay sharp. Within a triangle directions are
-/// interpolated linearly between the corners and *not* made unit vectors: the displaced surface is then a polynomial in the
-/// position on the triangle and a displacement, and surfaces of neighbours meet where there is no crease. A triangle without
-/// area has the directions zero.
+/// The direction at a vertex is the mean normal of the triangles there, weighted by their angles. Only
+/// triangles whose normal is within the angle `crease` (rad) of the triangle's own count, so sharp edges stay
+/// sharp. Within a triangle directions are interpolated linearly and *not* normalized: the displaced surface
+/// is then a polynomial in the position on the triangle and the displacement, and surfaces of neighbours meet
+/// where there is no crease. A triangle without area has zero directions.
 pub fn corner_directions(mesh: &TriMesh, crease: f64) -> Vec<[DVec3; 3]> {
     let normals: Vec<DVec3> = (0..mesh.triangles().len())
         .map(|triangle| {
@@ -28,10 +28,10 @@ pub fn corner_directions(mesh: &TriMesh, crease: f64) -> Vec<[DVec3; 3]> {
             around.entry(vertex).or_default().push((triangle, if angle.is_finite() { angle } else { 0.0 }));
         }
     }
-    let least = crease.cos();
+    let min_cosine = crease.cos();
     let direction = |triangle: usize, vertex: u32| {
         let own = normals[triangle];
-        let smooth = around[&vertex].iter().filter(|(other, _)| normals[*other].dot(own) >= least);
+        let smooth = around[&vertex].iter().filter(|(other, _)| normals[*other].dot(own) >= min_cosine);
         let sum = smooth.fold(DVec3::ZERO, |sum, &(other, angle)| sum + normals[other] * angle);
         sum.try_normalize().unwrap_or(own)
     };

@@ -1,18 +1,19 @@
-//! Displacement as a smooth function: an interpolating cubic B-spline through the texels of an image.
+//! Displacement as a smooth function: a cubic B-spline that interpolates the texels of an image.
 //!
-//! The coefficients are stored, not slopes and curvatures (§5.6.2 suggests images of those): from the 4 × 4 coefficients
-//! around a point the displacement, its slopes and its curvatures follow exactly and fit together, at a sixth of the
-//! memory. Coarser levels are the means of the texels below, with coefficients of their own.
+//! The coefficients are stored, not images of slopes and curvatures as §5.6.2 suggests. From the 4 × 4
+//! coefficients around a point, the displacement, its slopes and its curvatures follow exactly and
+//! consistently, in a sixth of the memory. Texels of coarser levels are means of the finer level's, with
+//! their own coefficients.
 
 use glam::{Mat4, Vec4};
 
 use crate::height_image::{HeightImage, Wrap};
 
-/// Where a level's coefficients are: first one, width, height, and how it goes on along u and along v. The layout that
-/// the kernels bind.
+/// A level of a texture: index of the first coefficient, width, height, and wrap modes (bits 0 and 1 along u,
+/// 2 and 3 along v). The kernels bind this layout.
 pub(crate) type Level = [u32; 4];
 
-/// Displacement with its derivatives by x and y, in texels.
+/// Displacement, m, and its derivatives by x and y in texels.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Jet {
     pub value: f32,
@@ -23,7 +24,7 @@ pub(crate) struct Jet {
     pub yy: f32,
 }
 
-/// The finest level of one image.
+/// Spline of the finest level of an image.
 #[derive(Clone, Debug)]
 pub(crate) struct Spline {
     level: Level,
@@ -31,20 +32,21 @@ pub(crate) struct Spline {
 }
 
 impl Spline {
+    /// Creates the spline that interpolates an image.
     pub fn through(image: &HeightImage) -> Self {
         let (mut levels, mut coefficients) = (Vec::new(), Vec::new());
         push_levels(image, &mut levels, &mut coefficients);
         Self { level: levels[0], coefficients }
     }
 
-    /// The displacement at a place in texels, where the first texel's centre is at (0, 0).
+    /// Returns the displacement at a point in texels, m; the first texel's centre is at (0, 0).
     pub fn at(&self, x: f64, y: f64) -> f64 {
         value(&self.level, &self.coefficients, (x + 0.5) as f32, (y + 0.5) as f32).into()
     }
 }
 
-/// Appends an image's levels, the finest first, each half as wide and high as the one before, down to 4 texels; of an atlas
-/// the finest only.
+/// Appends an image's levels, the finest first, each half as wide and high as the one before, down to 4
+/// texels. An atlas has the finest level only.
 pub(crate) fn push_levels(image: &HeightImage, levels: &mut Vec<Level>, coefficients: &mut Vec<f32>) {
     let mut heights: Vec<f64> = image.displacements().iter().map(|&height| f64::from(height)).collect();
     let [mut width, mut height] = [image.width(), image.height()].map(|n| n as usize);
@@ -64,7 +66,7 @@ pub(crate) fn push_levels(image: &HeightImage, levels: &mut Vec<Level>, coeffici
     }
 }
 
-/// Rows of `width` made `narrow` wide: each new texel is the mean over what it covers.
+/// Shrinks rows from `width` to `narrow` texels: each new texel is the mean over the part that it covers.
 fn averaged(heights: &[f64], width: usize, narrow: usize) -> Vec<f64> {
     let ratio = width as f64 / narrow as f64;
     let mut means = Vec::with_capacity(heights.len() / width * narrow);
@@ -79,12 +81,13 @@ fn averaged(heights: &[f64], width: usize, narrow: usize) -> Vec<f64> {
     means
 }
 
-/// Rows become columns; the result's rows are as long as there are `width`-long columns.
+/// Transposes an image with this number of rows.
 fn transposed(heights: &[f64], rows: usize) -> Vec<f64> {
     let width = heights.len() / rows;
     (0..heights.len()).map(|i| heights[i % rows * width + i / rows]).collect()
 }
 
+/// Returns the coefficients of the spline through the values of an image.
 fn spline_coefficients(heights: &[f64], width: usize, wrap: [Wrap; 2]) -> Vec<f64> {
     let mut rows = heights.to_vec();
     let mut scratch = vec![0.0; width.max(heights.len() / width)];
@@ -96,8 +99,8 @@ fn spline_coefficients(heights: &[f64], width: usize, wrap: [Wrap; 2]) -> Vec<f6
     transposed(&columns, width)
 }
 
-/// Solves (c₋ + 4 c + c₊) / 6 = h along a row, in place. Beyond its ends the row goes on as `wrap` says; a mirror through
-/// the border repeats the last coefficient, as clamping does.
+/// Solves (c₋ + 4 c + c₊) / 6 = h along a row, in place. `wrap` continues the row beyond its ends; mirroring
+/// repeats the last coefficient, as clamping does.
 fn interpolate(row: &mut [f64], wrap: Wrap, scratch: &mut [f64]) {
     let n = row.len();
     if n == 1 {
@@ -108,12 +111,13 @@ fn interpolate(row: &mut [f64], wrap: Wrap, scratch: &mut [f64]) {
         return;
     }
     if n == 2 {
-        // c₋ and c₊ are the other one.
+        // Both neighbours c₋ and c₊ are the other coefficient.
         let [a, b] = [row[0], row[1]];
         (row[0], row[1]) = (2.0 * a - b, 2.0 * b - a);
         return;
     }
-    // Sherman and Morrison: the matrix with 1 in its corners is one without, and a product of two vectors.
+    // Sherman–Morrison formula: the cyclic matrix has 1 in its corners, so it is a tridiagonal one plus an
+    // outer product.
     let mut corner = vec![0.0; n];
     (corner[0], corner[n - 1]) = (1.0, 1.0);
     corner.iter_mut().for_each(|value| *value /= 6.0);
@@ -123,7 +127,8 @@ fn interpolate(row: &mut [f64], wrap: Wrap, scratch: &mut [f64]) {
     row.iter_mut().zip(&corner).for_each(|(value, corner)| *value -= factor * corner);
 }
 
-/// Thomas' algorithm for the rows 1 4 1, with other first and last diagonals, over 6.
+/// Thomas algorithm for the tridiagonal matrix with rows (1, 4, 1) / 6 and the given first and last
+/// diagonals.
 fn solve(row: &mut [f64], ends: [f64; 2], scratch: &mut [f64]) {
     let n = row.len();
     let diagonal = |i: usize| {
@@ -147,7 +152,8 @@ fn solve(row: &mut [f64], ends: [f64; 2], scratch: &mut [f64]) {
     }
 }
 
-/// Which coefficient stands for index `i` of `n`.
+/// Returns the index of the coefficient that stands for index `i` of `n`. `wrap`: 0 repeats, 1 clamps, 2
+/// mirrors.
 #[inline]
 pub(crate) fn wrapped(i: i32, n: u32, wrap: u32) -> u32 {
     let size = n as i32;
@@ -162,14 +168,14 @@ pub(crate) fn wrapped(i: i32, n: u32, wrap: u32) -> u32 {
     at as u32
 }
 
-/// A level's coefficient, anywhere.
+/// Returns a level's coefficient at any column and row, inside or outside of the image.
 pub(crate) fn coefficient(level: &Level, coefficients: &[f32], column: i32, row: i32) -> f32 {
     let &[first, width, height, wrap] = level;
     coefficients
         [(first + wrapped(row, height, wrap >> 2) * width + wrapped(column, width, wrap & 3)) as usize]
 }
 
-/// What the four coefficients around a place weigh there, f from the second one.
+/// Returns the cubic B-spline weights of the four coefficients around a point at f from the second one.
 #[inline]
 fn weights(f: f32) -> Vec4 {
     let [a, b, c, d] = [
@@ -181,6 +187,7 @@ fn weights(f: f32) -> Vec4 {
     (a + (b + (c + d * f) * f) * f) * (1.0 / 6.0)
 }
 
+/// Returns the first derivatives of [`weights`].
 #[inline]
 fn slopes(f: f32) -> Vec4 {
     let [a, b, c] =
@@ -188,12 +195,14 @@ fn slopes(f: f32) -> Vec4 {
     a + (b + c * f) * f
 }
 
+/// Returns the second derivatives of [`weights`].
 #[inline]
 fn curvatures(f: f32) -> Vec4 {
     Vec4::new(1.0, -2.0, 1.0, 0.0) + Vec4::new(-1.0, 3.0, -3.0, 1.0) * f
 }
 
-/// The 4 × 4 coefficients around a point in texels (the centre of the first texel is at 0.5), and where it is among them.
+/// Returns the 4 × 4 coefficients around a point in texels (the centre of the first texel is at 0.5), and the
+/// point's offset from the second column and row.
 #[inline(always)]
 fn taps(level: &Level, coefficients: &[f32], x: f32, y: f32) -> (Mat4, f32, f32) {
     let &[first, width, height, _] = level;
@@ -205,14 +214,19 @@ fn taps(level: &Level, coefficients: &[f32], x: f32, y: f32) -> (Mat4, f32, f32)
         let from = first as usize + row as usize * width as usize + column as usize;
         [0, 1, 2, 3].map(|j| Vec4::from_slice(&coefficients[from + j * width as usize..]))
     } else {
-        beyond(level, coefficients, column, row)
+        taps_at_border(level, coefficients, column, row)
     };
     (Mat4::from_cols(rows[0], rows[1], rows[2], rows[3]), x - left as f32, y - top as f32)
 }
 
-/// Coefficients some of which are beyond the border.
+/// Returns 4 × 4 coefficients of which some are beyond the border.
 #[cold]
-fn beyond(&[first, width, height, wrap]: &Level, coefficients: &[f32], column: i32, row: i32) -> [Vec4; 4] {
+fn taps_at_border(
+    &[first, width, height, wrap]: &Level,
+    coefficients: &[f32],
+    column: i32,
+    row: i32,
+) -> [Vec4; 4] {
     let columns = [0, 1, 2, 3].map(|i| wrapped(column + i, width, wrap & 3));
     [0, 1, 2, 3].map(|j| {
         let from = first + wrapped(row + j, height, wrap >> 2) * width;
@@ -220,21 +234,21 @@ fn beyond(&[first, width, height, wrap]: &Level, coefficients: &[f32], column: i
     })
 }
 
-/// `f32::floor` is a call where the processor is not known to round.
+/// Rounds down. Without SSE 4.1 as a build target `f32::floor` is a function call.
 #[inline]
 pub(crate) fn floor(x: f32) -> i32 {
     let towards_zero = x as i32;
     towards_zero - i32::from(x < towards_zero as f32)
 }
 
-/// The displacement at a point in texels.
+/// Returns the displacement at a point in texels, m: h = w(f)ᵀ C w(g), with the coefficients C.
 #[inline]
 pub(crate) fn value(level: &Level, coefficients: &[f32], x: f32, y: f32) -> f32 {
     let (taps, f, g) = taps(level, coefficients, x, y);
     weights(f).dot(taps * weights(g))
 }
 
-/// The displacement at a point in texels and its slopes by x and y.
+/// Returns the displacement at a point in texels, and its slopes by x and y.
 #[inline]
 pub(crate) fn slope(level: &Level, coefficients: &[f32], x: f32, y: f32) -> [f32; 3] {
     let (taps, f, g) = taps(level, coefficients, x, y);
@@ -242,7 +256,7 @@ pub(crate) fn slope(level: &Level, coefficients: &[f32], x: f32, y: f32) -> [f32
     [along.dot(across), slopes(f).dot(across), along.dot(taps * slopes(g))]
 }
 
-/// The displacement at a point in texels with its derivatives.
+/// Returns the displacement at a point in texels with its derivatives.
 pub(crate) fn jet(level: &Level, coefficients: &[f32], x: f32, y: f32) -> Jet {
     let (taps, f, g) = taps(level, coefficients, x, y);
     let [along, along_x, along_xx] = [weights(f), slopes(f), curvatures(f)];

@@ -1,4 +1,4 @@
-//! Surfaces with a haptic texture: a coarse mesh and its fine detail (§4.2.2).
+//! Surfaces with a haptic texture: a coarse mesh with its fine detail (§4.2.2).
 
 use glam::{DMat3, DVec2, DVec3, Vec3A};
 use obvhs::aabb::Aabb;
@@ -12,15 +12,15 @@ use crate::kernels::Triangle;
 use crate::normals::corner_directions;
 use crate::spline::{self, Level};
 
-/// Triangles that are seen more edge-on than this (cosine of the angle between their normal and the direction) are no part
-/// of a height function.
+/// Cosine of the angle between a triangle's normal and the direction below which it is seen edge-on and left
+/// out. Smaller values let its height function grow without bound.
 const EDGE_ON: f64 = 1e-3;
 
-/// A mesh, displaced by an image or plain, to be touched by another one.
+/// A mesh for texture contacts: plain, or displaced by an image.
 pub struct TexturedSurface {
     triangles: Vec<SurfaceTriangle>,
     tree: Bvh2,
-    /// What boxes in the tree are relative to, m.
+    /// Origin of the boxes in the tree, m.
     middle: DVec3,
     texture: Option<Texture>,
 }
@@ -46,29 +46,29 @@ struct SurfaceTriangle {
 
 #[derive(Clone, Debug)]
 pub(crate) struct Texture {
-    /// First coefficients counted from this texture's own.
+    /// Levels; their first coefficients are counted from the start of this texture's.
     pub levels: Vec<Level>,
     pub coefficients: Vec<f32>,
     wrap: [Wrap; 2],
-    /// For each triangle and level the range of displacements there, with 0, m.
+    /// Range of displacements for each triangle and level, including 0, m.
     ranges: Vec<[f32; 2]>,
 }
 
-/// Why a mesh cannot be touched.
+/// Reason why a mesh was refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SurfaceError {
-    /// No triangle.
+    /// The mesh has no triangles.
     #[error("the mesh has no triangles")]
     Empty,
-    /// A vertex is infinite or not a number.
+    /// A vertex is not finite.
     #[error("triangle {triangle} has a vertex that is not finite: repair the mesh")]
     NonFinite {
-        /// The first such triangle.
+        /// First triangle with such a vertex.
         triangle: usize,
     },
 }
 
-/// A rigid motion from a mesh's frame into a contact's: u, v and n.
+/// Transformation from a mesh's frame to a contact's frame u, v, n.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct View {
     rotation: DMat3,
@@ -76,7 +76,7 @@ pub(crate) struct View {
 }
 
 impl View {
-    /// Of a mesh at `pose`, from the frame with those axes at `origin`, world.
+    /// Returns the transformation of a mesh at `pose` to the frame with these axes at `origin`, world.
     pub fn new(pose: &Pose, axes: &DMat3, origin: DVec3) -> Self {
         let to_axes = axes.transpose();
         Self {
@@ -89,7 +89,8 @@ impl View {
         self.rotation * point + self.translation
     }
 
-    /// The motion followed by a turn by a rotation vector about `center` and a shift, all in the contact's frame.
+    /// Returns the transformation followed by a rotation (rotation vector `turn`) about `center` and a
+    /// `shift`, all in the contact's frame.
     pub fn moved(&self, shift: DVec3, turn: DVec3, center: DVec3) -> Self {
         let rotation = DMat3::from_quat(glam::DQuat::from_scaled_axis(turn));
         Self {
@@ -99,19 +100,19 @@ impl View {
     }
 }
 
-/// What of a surface is seen in a contact's frame.
+/// Part of space that a contact's image shows, in the contact's frame.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Field {
     /// Half the side of the grid, m.
     pub half: f64,
-    /// How far from the frame's origin along n, m.
+    /// Largest distance from the frame's origin along n, m.
     pub reach: f64,
-    /// 1 for what faces along n, −1 for what faces against it.
+    /// 1 for triangles that face along n, −1 for those that face against it.
     pub side: f64,
 }
 
 impl TexturedSurface {
-    /// A surface without a texture.
+    /// Creates a surface without a texture.
     ///
     /// # Errors
     /// If the mesh is empty or has a vertex that is not finite.
@@ -119,10 +120,10 @@ impl TexturedSurface {
         Self::from_triangles((0..mesh.triangles().len()).map(|triangle| mesh.corners(triangle)))
     }
 
-    /// Triangles, by their corners (m), without a texture.
+    /// Creates a surface without a texture from the corners (m) of triangles.
     ///
     /// # Errors
-    /// If there is none, or one has a corner that is not finite.
+    /// If there are no triangles, or a corner is not finite.
     pub fn from_triangles(triangles: impl IntoIterator<Item = [DVec3; 3]>) -> Result<Self, SurfaceError> {
         let flat = |corners| SurfaceTriangle {
             corners,
@@ -133,8 +134,8 @@ impl TexturedSurface {
         Self::new(triangles.into_iter().map(flat).collect(), None)
     }
 
-    /// A mesh that an image displaces: each point of a triangle by the image's displacement there times the direction
-    /// there ([`corner_directions`], with that angle for creases, rad).
+    /// Creates a surface from a mesh that an image displaces: each point of a triangle by the image's
+    /// displacement times the direction at that point ([`corner_directions`] with the angle `crease`, rad).
     ///
     /// # Errors
     /// If the mesh is empty or has a vertex that is not finite.
@@ -147,6 +148,7 @@ impl TexturedSurface {
             let corners = mesh.mesh().corners(triangle);
             let area = (corners[1] - corners[0]).cross(corners[2] - corners[0]).length();
             let [a, b, c] = coordinates.map(|uv| uv * size);
+            // √ of the ratio of areas on the surface and in texels.
             let texel = (area / (b - a).perp_dot(c - a).abs()).sqrt();
             texture.add_ranges(a.min(b).min(c), a.max(b).max(c));
             SurfaceTriangle { corners, directions, coordinates: *coordinates, texel }
@@ -177,7 +179,8 @@ impl TexturedSurface {
         Ok(Self { triangles, tree, middle, texture })
     }
 
-    /// The smallest and largest displacement along a surface's directions, or bounds of them, m: zero without a texture.
+    /// Bounds of the smallest and largest displacement along the surface's directions, m: zero without a
+    /// texture.
     pub fn displacement(&self) -> [f64; 2] {
         let widened =
             |[low, high]: [f64; 2], range: &[f32; 2]| [low.min(range[0].into()), high.max(range[1].into())];
@@ -185,12 +188,12 @@ impl TexturedSurface {
         ranges.fold([0.0; 2], widened)
     }
 
-    /// The smallest size of a texel on the surface, m: infinite without a texture.
+    /// Smallest size of a texel on the surface, m: infinite without a texture.
     pub fn texel(&self) -> f64 {
         self.triangles.iter().fold(f64::INFINITY, |least, triangle| least.min(triangle.texel))
     }
 
-    /// The middle of the largest triangle, m, and the unit normal there.
+    /// Centre of the largest triangle, m, and its unit normal.
     pub fn middle(&self) -> (DVec3, DVec3) {
         let across = |triangle: &SurfaceTriangle| {
             let [a, b, c] = triangle.corners;
@@ -204,7 +207,7 @@ impl TexturedSurface {
         })
     }
 
-    /// The largest displacement either way, m.
+    /// Largest magnitude of the displacement, m.
     pub fn amplitude(&self) -> f64 {
         self.displacement().into_iter().fold(0.0, |most, bound| most.max(bound.abs()))
     }
@@ -213,18 +216,18 @@ impl TexturedSurface {
         self.texture.as_ref()
     }
 
-    /// Appends the triangles that may be seen in a field, or may be once the surface has moved in its frame by up to
-    /// `margin` (m).
+    /// Appends the triangles that may be visible in a field, also after the surface has moved in the field's
+    /// frame by up to `margin` (m).
     pub(crate) fn gather(&self, view: &View, field: &Field, margin: f64, found: &mut Vec<u32>) {
         let half = field.half + margin;
         let reach = field.reach + margin;
         let [low, high] = [-1.0, 1.0].map(|sign| sign * DVec3::new(half, half, reach));
-        // The box of the turned box, in the mesh's frame.
+        // Bounding box, in the mesh's frame, of the field's box, which is rotated there.
         let back = view.rotation.transpose();
         let middle = back * -view.translation;
         let extent = DMat3::from_cols(back.x_axis.abs(), back.y_axis.abs(), back.z_axis.abs()) * high;
         let bounds = rounded(middle - extent, middle + extent, self.middle);
-        // A turn by the margin may show what is a little more edge-on.
+        // A rotation within the margin may turn triangles into view that face slightly away.
         let edge_on = if margin > 0.0 { -0.1 } else { EDGE_ON };
         self.tree.aabb_traverse(bounds, |tree, leaf| {
             let node = &tree.nodes[leaf as usize];
@@ -240,7 +243,7 @@ impl TexturedSurface {
         });
     }
 
-    /// From where to where triangles are in a contact's frame, along u and v.
+    /// Returns the bounds of triangles along u and v in a contact's frame, m.
     pub(crate) fn extent(&self, triangles: &[u32], view: &View) -> [DVec2; 2] {
         let corners = triangles.iter().flat_map(|&index| self.triangles[index as usize].corners);
         corners.fold([DVec2::INFINITY, DVec2::NEG_INFINITY], |[low, high], corner| {
@@ -249,8 +252,9 @@ impl TexturedSurface {
         })
     }
 
-    /// A triangle in a contact's frame, with the level of its texture for texels of `footprint` (m; 0 for the finest) in a
-    /// list in which the texture's levels begin at `first_level`; `None` if it is seen edge-on or from behind.
+    /// Returns a triangle in a contact's frame, with the texture's level for texels of size `footprint` (m; 0
+    /// for the finest). Indices of levels are counted from `first_level`, the texture's first. `None` if the
+    /// triangle is seen edge-on or from behind.
     pub(crate) fn triangle(
         &self,
         index: u32,
@@ -285,7 +289,7 @@ impl TexturedSurface {
     }
 }
 
-/// The part of a triangle's normal along n.
+/// Returns the component along n of a triangle's unit normal.
 fn facing(a: DVec3, b: DVec3, c: DVec3) -> f64 {
     (b - a).cross(c - a).normalize_or_zero().z
 }
@@ -302,7 +306,8 @@ impl Texture {
         Self { levels, coefficients, wrap: image.wrap(), ranges: Vec::new() }
     }
 
-    /// Adds the ranges of a triangle in a box of texels of the finest level. A spline lies within its coefficients.
+    /// Adds the ranges of displacements of a triangle, for each level; it lies in this box of texels of the
+    /// finest level. A spline lies within the range of its coefficients.
     fn add_ranges(&mut self, low: DVec2, high: DVec2) {
         let finest = DVec2::new(self.levels[0][1].into(), self.levels[0][2].into());
         for level in &self.levels {
@@ -320,14 +325,15 @@ impl Texture {
         }
     }
 
-    /// The coarsest level of which a texel is no larger than `footprint` (m).
+    /// Returns the coarsest level whose texels are no larger than `footprint` (m).
     fn level(&self, texel: f64, footprint: f64) -> usize {
         let ratio = footprint / texel;
         let level = if ratio >= 1.0 { ratio.log2() as usize } else { 0 };
         level.min(self.levels.len() - 1)
     }
 
-    /// Texture coordinates in texels of a level. Whole repetitions are left off, so that f32 holds them.
+    /// Returns texture coordinates in texels of a level. Whole repetitions are subtracted, so f32 is accurate
+    /// enough.
     fn texels(&self, level: usize, coordinates: [DVec2; 3]) -> [DVec2; 3] {
         let whole = |least: f64, wrap: Wrap| match wrap {
             Wrap::Repeat => least.floor(),
@@ -342,9 +348,9 @@ impl Texture {
     }
 }
 
-/// Indices from one to another, or those that stand for them: all of a period where there are more.
+/// Returns the indices from one to another, shifted by whole periods; one whole period if there are more.
 fn indices(from: f64, to: f64, count: u32, wrap: Wrap) -> std::ops::Range<i32> {
-    // A mirrored period has each index twice.
+    // A mirrored period contains each index twice.
     let period = 2.0 * f64::from(count);
     if wrap == Wrap::Clamp {
         let [from, to] = [from, to].map(|at| at.clamp(-1.0, f64::from(count) + 1.0));
@@ -362,8 +368,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn range_of_a_box_is_that_of_the_texels_in_it_wherever_it_is() {
-        // One texel stands out.
+    fn range_of_a_box_is_the_range_of_its_texels_in_any_period() {
+        // A single raised texel.
         let (width, height) = (32_u32, 16_u32);
         let (column, row) = (20, 3);
         for wrap in [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror] {

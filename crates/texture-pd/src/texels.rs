@@ -1,38 +1,42 @@
-//! How large the texels of an image are on the surface that it lies on.
+//! Sizes of the texels of an image on the surface that it covers.
 
 use glam::{DVec2, DVec3};
 use palpate_core::mesh::UvMesh;
 
-/// Texels larger than this part of the mesh's bounding radius are hardly fine detail.
-const COARSE: f64 = 1.0 / 20.0;
-/// Texels smaller than this part of it are finer than any contact resolves.
-const FINE: f64 = 1e-6;
-/// The stretch above which texels are warned of, and the part of the area from which on they are.
-const STRETCH: f64 = 4.0;
-const STRETCHED_AREA: f64 = 0.01;
-/// Area in the texture over the square of the longest side, below which a triangle has none.
-const FLAT: f64 = 1e-12;
+/// Size of a texel, as a part of the mesh's bounding radius, above which a warning says that the texture is
+/// too coarse for fine detail.
+const MAX_TEXEL_RATIO: f64 = 1.0 / 20.0;
+/// Size of a texel, as a part of the mesh's bounding radius, below which a warning says that no contact
+/// resolves it.
+const MIN_TEXEL_RATIO: f64 = 1e-6;
+/// Stretch of texels above which they count as distorted.
+const MAX_STRETCH: f64 = 4.0;
+/// Share of the area with distorted texels above which there is a warning.
+const MAX_STRETCHED_SHARE: f64 = 0.01;
+/// Ratio of a triangle's area in the texture to the square of its longest side, below which it counts as
+/// having no area.
+const MIN_AREA_RATIO: f64 = 1e-12;
 
-/// Texels on a surface: the size of one is the root of the area that it covers, over the triangles that have an area
-/// both in space and in the texture.
+/// Sizes of texels on a surface. The size of a texel is the square root of the area that it covers; only
+/// triangles with an area both in space and in the texture count.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TexelReport {
-    /// The smallest size, m. 0 if no triangle has one; so are the next two.
+    /// Smallest size, m. This and the next two are 0 if no triangle counts.
     pub smallest: f64,
-    /// The median of the triangles' sizes, m.
+    /// Median of the triangles' sizes, m.
     pub median: f64,
-    /// The largest size, m.
+    /// Largest size, m.
     pub largest: f64,
-    /// The largest ratio of a texel's longest to its shortest extent: of the singular values of the map from texels to
-    /// the surface. 1 where texels are squares, and 0 if no triangle has a size.
+    /// Largest ratio of a texel's longest to its shortest extent, which are the singular values of the map
+    /// from texels to the surface. 1 if texels are squares, and 0 if no triangle counts.
     pub largest_stretch: f64,
-    /// Triangles without area in the texture: each is displaced by the texels of a line or of one point.
+    /// Number of triangles without area in the texture: each is displaced by the texels of a line or a point.
     pub zero_area: usize,
-    /// Notes for the user, one line each.
+    /// Warnings for the user, one line each.
     pub warnings: Vec<String>,
 }
 
-/// The sizes of the texels of an image of `size` (width and height) on a mesh.
+/// Returns the sizes on a mesh of the texels of an image of `size` (width and height).
 pub fn texel_sizes(mesh: &UvMesh, size: [u32; 2]) -> TexelReport {
     let texels = DVec2::new(f64::from(size[0]), f64::from(size[1]));
     let mut report = TexelReport::default();
@@ -46,10 +50,10 @@ pub fn texel_sizes(mesh: &UvMesh, size: [u32; 2]) -> TexelReport {
             continue;
         }
         let [a, b, c] = mesh.mesh().corners(triangle);
-        let Some(texel) = Texel::of([b - a, c - a], sides) else { continue };
+        let Some(texel) = Texel::new([b - a, c - a], sides) else { continue };
         report.largest_stretch = report.largest_stretch.max(texel.stretch);
         area += texel.triangle;
-        if texel.stretch > STRETCH {
+        if texel.stretch > MAX_STRETCH {
             stretched += texel.triangle;
         }
         sizes.push(texel.size);
@@ -65,13 +69,13 @@ pub fn texel_sizes(mesh: &UvMesh, size: [u32; 2]) -> TexelReport {
 fn has_area(sides: [DVec2; 2]) -> bool {
     let [p, q] = sides;
     let longest = p.length_squared().max(q.length_squared()).max((q - p).length_squared());
-    p.perp_dot(q).abs() > FLAT * longest
+    p.perp_dot(q).abs() > MIN_AREA_RATIO * longest
 }
 
 fn warnings(report: &TexelReport, sizes: &[f64], radius: f64, stretched: f64) -> Vec<String> {
     let mut warnings = Vec::new();
     let n = sizes.len();
-    let coarse = sizes.iter().filter(|size| **size > COARSE * radius).count();
+    let coarse = sizes.iter().filter(|size| **size > MAX_TEXEL_RATIO * radius).count();
     if coarse > 0 {
         warnings.push(format!(
             "texels of {coarse} of {n} triangles are larger than a twentieth of the bounding radius, up to {:.3e} m: use a \
@@ -79,7 +83,7 @@ fn warnings(report: &TexelReport, sizes: &[f64], radius: f64, stretched: f64) ->
             report.largest
         ));
     }
-    let fine = sizes.iter().filter(|size| **size < FINE * radius).count();
+    let fine = sizes.iter().filter(|size| **size < MIN_TEXEL_RATIO * radius).count();
     if fine > 0 {
         warnings.push(format!(
             "texels of {fine} of {n} triangles are smaller than a millionth of the bounding radius, down to {:.3e} m: use a \
@@ -87,9 +91,9 @@ fn warnings(report: &TexelReport, sizes: &[f64], radius: f64, stretched: f64) ->
             report.smallest
         ));
     }
-    if stretched > STRETCHED_AREA {
+    if stretched > MAX_STRETCHED_SHARE {
         warnings.push(format!(
-            "texels are stretched by more than {STRETCH} on {:.0} % of the area, up to {:.3}: unwrap the model with less \
+            "texels are stretched by more than {MAX_STRETCH} on {:.0} % of the area, up to {:.3}: unwrap the model with less \
              distortion",
             100.0 * stretched,
             report.largest_stretch
@@ -106,7 +110,7 @@ fn warnings(report: &TexelReport, sizes: &[f64], radius: f64, stretched: f64) ->
 
 /// A texel on a triangle.
 struct Texel {
-    /// m.
+    /// Side of a square of the same area, m.
     size: f64,
     stretch: f64,
     /// Area of the triangle, m².
@@ -114,16 +118,17 @@ struct Texel {
 }
 
 impl Texel {
-    /// From two sides of a triangle in space (m) and the same in texels. None if it has no area in space, or numbers are
-    /// too large.
-    fn of([e, f]: [DVec3; 2], [p, q]: [DVec2; 2]) -> Option<Self> {
+    /// Creates a texel from two sides of a triangle in space (m) and the same sides in texels. `None` if the
+    /// triangle has no area in space, or numbers overflow.
+    fn new([e, f]: [DVec3; 2], [p, q]: [DVec2; 2]) -> Option<Self> {
         let twice = e.cross(f).length();
         let determinant = p.perp_dot(q);
         // Columns of the map from texels to the surface.
         let along = (e * q.y - f * p.y) / determinant;
         let across = (f * p.x - e * q.x) / determinant;
         let [a, b, c] = [along.length_squared(), along.dot(across), across.length_squared()];
-        // Its singular values are the roots of (mean ± spread), and their product is the area of a texel.
+        // Singular values of the map are √(mean ± spread); their product is the area of a texel, so their
+        // ratio, the stretch, is (mean + spread) / area.
         let (mean, spread) = (0.5 * (a + c), (0.5 * (a - c)).hypot(b));
         let texel = twice / determinant.abs();
         let size = texel.sqrt();
@@ -140,7 +145,7 @@ mod tests {
 
     use super::*;
 
-    /// A square of 0.1 m whose texture coordinates are given by a map of its corners, (0, 0) to (1, 1).
+    /// A square of 0.1 m. `uv` maps its corners, (0, 0) to (1, 1), to texture coordinates.
     fn square(uv: impl Fn(DVec2) -> DVec2) -> UvMesh {
         let corners = [DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y];
         let triangles = [[0, 1, 2], [0, 2, 3]];
@@ -152,14 +157,14 @@ mod tests {
     }
 
     #[test]
-    fn a_square_has_texels_of_its_side_over_the_images() {
+    fn texels_of_a_square_have_its_side_over_the_images() {
         let report = texel_sizes(&square(|p| p), [100, 100]);
         for size in [report.smallest, report.median, report.largest] {
             assert!((size - 0.001).abs() < 1e-15, "{size}");
         }
         assert!((report.largest_stretch - 1.0).abs() < 1e-12, "{report:?}");
         assert!(report.warnings.is_empty() && report.zero_area == 0, "{report:?}");
-        // Turned and turned over, nothing changes.
+        // Rotating and mirroring change nothing.
         let turned =
             texel_sizes(&square(|p| DVec2::from_angle(0.7).rotate(DVec2::new(p.y, p.x))), [100, 100]);
         assert!(
@@ -181,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn coarse_and_fine_texels_and_missing_areas_are_told() {
+    fn coarse_and_fine_texels_and_missing_areas_are_reported() {
         let coarse = texel_sizes(&square(|p| p), [10, 10]);
         assert!(coarse.warnings.iter().any(|w| w.contains("twentieth")), "{coarse:?}");
         let fine = texel_sizes(&square(|p| 1000.0 * p), [4096, 4096]);
@@ -191,7 +196,7 @@ mod tests {
             assert_eq!((flat.zero_area, flat.largest, flat.largest_stretch), (2, 0.0, 0.0), "{flat:?}");
             assert!(flat.warnings.len() == 1 && flat.warnings[0].contains("without area"), "{flat:?}");
         }
-        // Numbers beyond all bounds give no size, and no NaN.
+        // Overflowing numbers give no size, and no NaN.
         let huge = texel_sizes(&square(|p| 1e300 * p), [64, 64]);
         assert!(huge.largest.is_finite() && huge.largest_stretch.is_finite(), "{huge:?}");
     }

@@ -1,44 +1,45 @@
-//! The atlas: a place in the image for each triangle with area.
+//! The atlas: a chart in the image for each triangle with area.
 //!
-//! Each triangle is laid out by itself, at its true shape (isometrically, all at one scale), its longest side along a
-//! row. Triangles are sorted by height and put onto shelves, each pushed against the one before, upright or upside down
-//! as takes less room, so that slanted sides lie side by side. What is kept apart are the *coefficients* of the spline that
-//! points of the triangles use, those within two texels: not one is shared, and two rows and columns of zeros go round
-//! all of them, so that the image goes on in the same way whatever its wrap.
+//! Each triangle is laid out separately in its true shape (isometrically, all at one scale), with its longest
+//! side along a row. Triangles are sorted by height and packed onto shelves. Each is pushed against the one
+//! before, upright or upside down, whichever takes less space, so that slanted sides lie side by side. No two
+//! triangles share a spline *coefficient* that their points use, those within two texels. Two rows and
+//! columns of zeros surround all of them, so the image continues in the same way in every wrap mode.
 
 use glam::{DVec2, IVec2};
 
-use super::BakeError;
+use super::error::BakeError;
 use super::sheet::Sheet;
 use crate::MAX_SIDE;
 
-/// Texels around a triangle that get values of their own, for the spline to be right up to the triangle's sides.
+/// Width of the border around a triangle with values of its own, texels. The spline is then accurate up to
+/// the triangle's sides.
 pub(super) const MARGIN: i32 = 5;
 
-/// Texels around a triangle whose coefficients its points use.
+/// Width of the border around a triangle whose coefficients its points use, texels.
 pub(super) const SUPPORT: i32 = 2;
 
-/// Rows and columns of zeros along the image's border.
+/// Width of the border of zeros around the image, texels.
 const BORDER: i32 = 2;
 
-/// By how much texels are made coarser while the atlas does not fit.
-const COARSER: f64 = 1.05;
+/// Factor by which texels are enlarged until the atlas fits.
+const TEXEL_GROWTH: f64 = 1.05;
 
-/// Attempts at a texel size.
-const ATTEMPTS: usize = 200;
+/// Maximum number of texel sizes that are tried.
+const MAX_ATTEMPTS: usize = 200;
 
-/// Share of the shelves' area that is in use, as is hoped when their length is chosen.
-const HOPED_SHARE: f64 = 0.85;
+/// Expected share of the shelves' area that is in use, from which their length is estimated.
+const EXPECTED_SHARE: f64 = 0.85;
 
-/// A triangle's place. Texels are counted in a grid of its own, which reaches [`MARGIN`] beyond it.
+/// Chart of a triangle. Its grid of texels reaches [`MARGIN`] beyond the triangle.
 #[derive(Clone, Debug)]
 pub(super) struct Chart {
     pub triangle: usize,
-    /// In texels of the grid, the first texel's centre at (0, 0).
+    /// Corners in texels of the grid; the first texel's centre is at (0, 0).
     pub corners: [DVec2; 3],
     /// Columns and rows of the grid.
     pub size: IVec2,
-    /// Where in the image the grid begins.
+    /// Position of the grid's first texel in the image.
     pub place: IVec2,
 }
 
@@ -70,14 +71,15 @@ impl Chart {
         Self { triangle, corners, size, place: IVec2::ZERO }
     }
 
-    /// The same, upside down.
+    /// Returns the chart rotated by 180°.
     fn turned(&self) -> Self {
         let [a, b, c] = self.corners;
         let sum = a.max(b).max(c) + f64::from(MARGIN);
         Self { corners: self.corners.map(|p| sum - p), ..self.clone() }
     }
 
-    /// The first and the last texel of a row within `reach` (along the row and across) of the triangle.
+    /// Returns the first and the last texel of a row within `reach` texels of the triangle, along the row and
+    /// across.
     pub fn span(&self, row: i32, reach: i32) -> Option<[i32; 2]> {
         let (y, reach) = (f64::from(row), f64::from(reach) + 1e-9);
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
@@ -97,20 +99,20 @@ impl Chart {
         (low <= high).then(|| [first.max(0), last.min(self.size.x - 1)])
     }
 
-    /// The weights of the second and the third corner at a texel of the grid.
+    /// Returns the weights of the second and the third corner at a point of the grid.
     pub fn weights(&self, x: f64, y: f64) -> [f64; 2] {
         let [a, b, c] = self.corners;
         let (from, area) = (DVec2::new(x, y) - a, (b - a).perp_dot(c - a));
         [from.perp_dot(c - a) / area, (b - a).perp_dot(from) / area]
     }
 
-    /// The texel of the image, as a real number, at weights of the second and the third corner.
+    /// Returns the position in the image, in texels, at weights of the second and the third corner.
     pub fn texel(&self, [s, t]: [f64; 2]) -> DVec2 {
         let [a, b, c] = self.corners;
         a + (b - a) * s + (c - a) * t + self.place.as_dvec2()
     }
 
-    /// The triangle's area in texels.
+    /// Returns the triangle's area in texels.
     pub fn area(&self) -> f64 {
         let [a, b, c] = self.corners;
         (b - a).perp_dot(c - a).abs() / 2.0
@@ -118,7 +120,8 @@ impl Chart {
 }
 
 impl Atlas {
-    /// An atlas with texels of a size (m) on the coarse mesh, or as little coarser as fits into the largest image.
+    /// Creates an atlas with texels of the given size (m) on the coarse mesh, or the next larger size that
+    /// fits into the largest image.
     pub fn new(sheets: &[Sheet], texel: f64) -> Result<Self, BakeError> {
         let room = f64::from(MAX_SIDE as i32 - 2 * BORDER - 2 * MARGIN - 2);
         let longest = sheets
@@ -133,7 +136,7 @@ impl Atlas {
             })
             .sum();
         texel = texel.max((area / f64::from(MAX_SIDE).powi(2)).sqrt());
-        for _ in 0..ATTEMPTS {
+        for _ in 0..MAX_ATTEMPTS {
             let charts = sheets.iter().enumerate().filter(|(_, sheet)| sheet.has_area());
             let charts: Vec<Chart> = charts.map(|(t, sheet)| Chart::new(t, sheet, texel)).collect();
             let smallest = charts.iter().all(|chart| chart.size.max_element() <= 2 + 2 * MARGIN);
@@ -143,16 +146,17 @@ impl Atlas {
             if smallest {
                 break;
             }
-            texel *= COARSER;
+            texel *= TEXEL_GROWTH;
         }
         Err(BakeError::TooManyTriangles { triangles: sheets.len() })
     }
 }
 
-/// Widths that are tried, in those of a square that is as full as is hoped.
-const WIDTHS: [f64; 9] = [1.0, 0.8, 0.9, 1.1, 1.2, 1.3, 1.5, 1.8, f64::INFINITY];
+/// Widths of images that are tried, as multiples of the expected side of a square image.
+const WIDTH_FACTORS: [f64; 9] = [1.0, 0.8, 0.9, 1.1, 1.2, 1.3, 1.5, 1.8, f64::INFINITY];
 
-/// Packs charts into the smallest of some images; none if all would be too large.
+/// Packs charts into images of several widths and returns the smallest result. `None` if all would be too
+/// large.
 fn packed(mut charts: Vec<Chart>) -> Option<(Vec<Chart>, IVec2)> {
     charts.sort_by_key(|chart| (std::cmp::Reverse(chart.size.y), chart.triangle));
     let forms: Vec<[Form; 2]> = charts
@@ -168,8 +172,8 @@ fn packed(mut charts: Vec<Chart>) -> Option<(Vec<Chart>, IVec2)> {
     if widest > largest || used > f64::from(largest).powi(2) {
         return None;
     }
-    let square = (used / HOPED_SHARE).sqrt();
-    let widths = WIDTHS.map(|factor| (square * factor).ceil().min(f64::from(largest)) as i32);
+    let square = (used / EXPECTED_SHARE).sqrt();
+    let widths = WIDTH_FACTORS.map(|factor| (square * factor).ceil().min(f64::from(largest)) as i32);
     let shelves = widths.into_iter().map(|width| shelved(&forms, width.max(widest)));
     let fitting = shelves.filter(|(_, size)| size.max_element() <= largest);
     let (places, size) = fitting.min_by_key(|(_, size)| i64::from(size.x) * i64::from(size.y))?;
@@ -178,12 +182,12 @@ fn packed(mut charts: Vec<Chart>) -> Option<(Vec<Chart>, IVec2)> {
     Some((forms.iter().zip(places).map(placed).collect(), size))
 }
 
-/// A chart in one of the ways that it can be put on a shelf.
+/// A chart in one of its two orientations on a shelf.
 struct Form {
     chart: Chart,
-    /// Rows of the grid before the first that is in use.
+    /// Number of unused rows of the grid above the first used one.
     skipped: i32,
-    /// The first and the last coefficient in use of each row from there.
+    /// First and last used coefficient of each row from there.
     spans: Vec<[i32; 2]>,
 }
 
@@ -199,19 +203,19 @@ impl Form {
         self.spans.iter().map(|[first, last]| f64::from(last - first + 1)).sum()
     }
 
-    /// Where on a shelf the grid begins if it is pushed to the left as far as the columns that are free, by row, allow;
-    /// and the first column behind it.
+    /// Pushes the grid to the left on a shelf as far as the free columns of each row allow. Returns its first
+    /// column, and the first column after it.
     fn pushed(&self, free: &[i32]) -> (i32, i32) {
         let left = self.spans.iter().zip(free).map(|([first, _], free)| free - first).max().unwrap_or(BORDER);
         (left, left + self.spans.iter().map(|[_, last]| last + 1).max().unwrap_or(0))
     }
 }
 
-/// Puts charts onto shelves of a width. Tells for each which form was taken and where its grid begins, and the size of the
-/// image.
+/// Packs charts onto shelves of a width. Returns the chosen orientation and position of each chart, and the
+/// size of the image.
 fn shelved(charts: &[[Form; 2]], width: i32) -> (Vec<(usize, IVec2)>, IVec2) {
     let mut places = Vec::with_capacity(charts.len());
-    // The first column that is free, for each row of the shelf.
+    // First free column of each row of the shelf.
     let mut free: Vec<i32> = Vec::new();
     let (mut top, mut right) = (BORDER, BORDER);
     for forms in charts {
@@ -280,7 +284,7 @@ mod tests {
                         *owner = Some(chart.triangle);
                     }
                 }
-                // All that points of the triangle use is in the spans.
+                // The spans contain all coefficients that points of the triangle use.
                 for (s, t) in (0..21).flat_map(|i| (0..21 - i).map(move |j| (f64::from(i), f64::from(j)))) {
                     let at = chart.texel([s / 20.0, t / 20.0]).floor().as_ivec2();
                     for tap in (-1..3).flat_map(|y| (-1..3).map(move |x| at + IVec2::new(x, y))) {
@@ -292,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_gets_coarser_texels() {
+    fn charts_that_do_not_fit_get_coarser_texels() {
         let sheets = random_sheets(5, 30);
         let atlas = Atlas::new(&sheets, 1e-9).unwrap();
         assert!(atlas.size.max_element() <= MAX_SIDE as i32 && atlas.texel > 1e-9);

@@ -1,7 +1,8 @@
-//! Cubic B-splines through the values of a grid (Unser, *Splines: a perfect fit for signal and image processing*, 1999).
+//! Cubic B-splines through the values of a grid (Unser, *Splines: a perfect fit for signal and image
+//! processing*, 1999).
 
-/// The coefficients, in place, of the spline through a grid of values with rows of `width`. Lines end as the second
-/// differences of the values there tell, to fourth order.
+/// Replaces a grid of values with rows of `width` by the coefficients of the spline through them. End
+/// conditions come from second differences of the values at the border, accurate to fourth order.
 pub(super) fn prefilter(values: &mut [f64], width: usize) {
     let height = values.len() / width.max(1);
     let mut pivots = Vec::new();
@@ -13,13 +14,14 @@ pub(super) fn prefilter(values: &mut [f64], width: usize) {
     }
 }
 
-/// Solves (c₋₁ + 4 c₀ + c₁)/6 = value along one line, by elimination.
+/// Solves (c₋₁ + 4 c₀ + c₁) / 6 = v along a line by the Thomas algorithm.
 fn prefilter_line(line: &mut [f64], stride: usize, count: usize, pivots: &mut Vec<f64>) {
     let mut inner = 0..count;
     if count >= 6 {
         let corrected = |at: [usize; 4]| {
             let [a, b, c, d] = at.map(|i| line[i * stride]);
-            // c = v − v″/6 + O(v⁗).
+            // At the ends c = v − v″/6 + O(v⁗), with a one-sided second difference v″ = 2 v₀ − 5 v₁ + 4 v₂ −
+            // v₃.
             a - (2.0 * a - 5.0 * b + 4.0 * c - d) / 6.0
         };
         let (first, last) = (corrected([0, 1, 2, 3]), corrected([1, 2, 3, 4].map(|back| count - back)));
@@ -44,7 +46,7 @@ fn prefilter_line(line: &mut [f64], stride: usize, count: usize, pivots: &mut Ve
     }
 }
 
-/// The value at a node from the coefficients around it, those of three rows.
+/// Returns the value at a node from the 3 × 3 coefficients around it.
 pub(super) fn value_at_node(around: [[f64; 3]; 3]) -> f64 {
     let line = |[a, b, c]: [f64; 3]| (a + 4.0 * b + c) / 6.0;
     line(around.map(line))

@@ -1,31 +1,33 @@
-//! Values for the texels of a chart that no ray gave one.
+//! Filling of the texels of a chart whose rays hit nothing.
 
-/// To which order values are extrapolated in the layers next to known texels: less and less, since noise grows with the
-/// distance, and the farther ones have little influence. Beyond, values level off.
-const ORDERS: [u32; 5] = [3, 3, 2, 2, 2];
+/// Order of extrapolation in the layers next to known texels. It falls with the distance, because noise grows
+/// and distant texels have little influence. Farther away values are means of their neighbours.
+const EXTRAPOLATION_ORDERS: [u32; 5] = [3, 3, 2, 2, 2];
 
-/// Rounds in which holes are smoothed.
-const ROUNDS: usize = 32;
+/// Number of smoothing passes over holes.
+const SMOOTHING_PASSES: usize = 32;
 
-/// The eight directions to the texels around one.
+/// Directions to the eight neighbours of a texel.
 const AROUND: [[isize; 2]; 8] = [[1, 0], [-1, 0], [0, 1], [0, -1], [1, 1], [-1, 1], [1, -1], [-1, -1]];
 
+/// A grid of values in which some are still missing.
 struct Field<'a> {
     values: &'a mut [f64],
-    /// 0 for a known texel, else the layer in which it was filled.
+    /// 0 for a known texel, else the layer in which it was filled, or [`MISSING`].
     layers: Vec<u8>,
     width: usize,
-    /// By how much an extrapolated value may go beyond those next to it.
+    /// Largest difference of an extrapolated value from the range of its neighbours.
     step: f64,
 }
 
+/// Layer of a texel that is not filled yet.
 const MISSING: u8 = u8::MAX;
 
-/// Fills the texels of a grid with rows of `width` whose value is not a number. Next to known ones values are
-/// extrapolated, as smoothly as those known in a row allow and by up to `step` a texel; farther off they are means of
-/// their neighbours, and where `matters` says so (holes in a triangle) they are smoothed until they are nearly harmonic.
-/// The order of texels has no influence but for that smoothing, where it is that of the grid. All become 0 if none is
-/// known.
+/// Fills the NaN texels of a grid with rows of `width`. Next to known texels values are extrapolated, to the
+/// order that the known texels in a line allow and by up to `step` per texel. Farther away they are means of
+/// their neighbours, and where `matters` (holes in a triangle) they are smoothed until they are nearly
+/// harmonic. The result does not depend on the order of texels, except in that smoothing, which follows the
+/// grid's. All texels become 0 if none is known.
 pub(super) fn fill(values: &mut [f64], width: usize, step: f64, matters: impl Fn(usize) -> bool) {
     let known = values.iter().filter(|value| value.is_finite());
     let [low, high] = known.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], v| [l.min(*v), h.max(*v)]);
@@ -42,7 +44,7 @@ pub(super) fn fill(values: &mut [f64], width: usize, step: f64, matters: impl Fn
     let mut holes = Vec::new();
     let mut layer = 1;
     while !front.is_empty() {
-        let order = ORDERS.get(usize::from(layer) - 1);
+        let order = EXTRAPOLATION_ORDERS.get(usize::from(layer) - 1);
         let value = |at: &usize| match order {
             Some(order) => field.extrapolated(*at, *order).clamp(limits[0], limits[1]),
             None => field.mean(*at),
@@ -65,7 +67,7 @@ pub(super) fn fill(values: &mut [f64], width: usize, step: f64, matters: impl Fn
         layer = (layer + 1).min(MISSING - 1);
     }
     holes.sort_unstable();
-    for _ in 0..ROUNDS {
+    for _ in 0..SMOOTHING_PASSES {
         for at in &holes {
             field.values[*at] = field.mean(*at);
         }
@@ -73,28 +75,32 @@ pub(super) fn fill(values: &mut [f64], width: usize, step: f64, matters: impl Fn
 }
 
 impl Field<'_> {
-    /// The texel `steps` away in a direction, if it is there.
+    /// Returns the texel `steps` away in a direction, if it is in the grid.
     fn toward(&self, at: usize, [dx, dy]: [isize; 2], steps: isize) -> Option<usize> {
         let (width, height) = (self.width as isize, (self.values.len() / self.width) as isize);
         let (x, y) = (at as isize % width + dx * steps, at as isize / width + dy * steps);
         ((0..width).contains(&x) && (0..height).contains(&y)).then(|| (y * width + x) as usize)
     }
 
+    /// Iterates over the texels `steps` away in the eight directions.
     fn around(&self, at: usize, steps: isize) -> impl Iterator<Item = usize> {
         AROUND.into_iter().filter_map(move |direction| self.toward(at, direction, steps))
     }
 
+    /// Returns the value of the texel `steps` away in a direction, if it is known or filled.
     fn filled(&self, at: usize, direction: [isize; 2], steps: isize) -> Option<f64> {
         let at = self.toward(at, direction, steps)?;
         (self.layers[at] != MISSING).then(|| self.values[at])
     }
 
-    /// The mean of what the directions with the most texels known in a row, up to `highest`, say.
+    /// Returns the mean of the extrapolations, of an order up to `highest`, from the directions with the most
+    /// known texels in a line.
     fn extrapolated(&self, at: usize, highest: u32) -> f64 {
         let mut best = (0, 0.0, 0.0);
         let mut range = [f64::INFINITY, f64::NEG_INFINITY];
         for direction in AROUND {
             let [a, b, c] = [1, 2, 3].map(|steps| self.filled(at, direction, steps));
+            // Quadratic, linear and constant extrapolation.
             let (order, value) = match (a, b, c) {
                 (Some(a), Some(b), Some(c)) if highest >= 3 => (3, 3.0 * (a - b) + c),
                 (Some(a), Some(b), _) => (2, 2.0 * a - b),
@@ -112,6 +118,7 @@ impl Field<'_> {
         (best.1 / best.2).clamp(range[0] - self.step, range[1] + self.step)
     }
 
+    /// Returns the mean of the known and filled neighbours.
     fn mean(&self, at: usize) -> f64 {
         let known = self.around(at, 1).filter(|at| self.layers[*at] != MISSING);
         let (sum, count) = known.fold((0.0, 0.0), |(sum, count), at| (sum + self.values[at], count + 1.0));
@@ -142,8 +149,8 @@ mod tests {
     }
 
     #[test]
-    fn steep_values_do_not_run_away() {
-        // Steeper and steeper towards the known texels' end.
+    fn extrapolation_of_steep_values_is_limited() {
+        // The slope grows towards the end of the known texels.
         let known = |x: usize| if x < 6 { 2f64.powi(x as i32) } else { f64::NAN };
         let mut values: Vec<f64> = (0..120).map(|at| known(at % 12)).collect();
         fill(&mut values, 12, 1.5, |_| false);
@@ -152,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn hole_is_filled_within_what_surrounds_it_and_nothing_with_zero() {
+    fn hole_is_filled_from_its_surroundings_and_an_empty_grid_with_zeros() {
         let is_known = |at: usize| at % 20 < 4 || at % 20 > 15 || at / 20 < 4 || at / 20 > 15;
         let mut values: Vec<f64> =
             (0..400).map(|at| if is_known(at) { (at % 20) as f64 } else { f64::NAN }).collect();

@@ -1,50 +1,55 @@
-//! Baking haptic textures: a detailed mesh as an image of displacements of a coarse one (§4.2.2, §4.4.1).
+//! Baking of haptic textures: a detailed mesh becomes an image of displacements of a coarse mesh (§4.2.2,
+//! §4.4.1).
 //!
 //! # The surface
 //!
-//! On a coarse triangle the textured surface is p(s, t) = b(s, t) + h(u(s, t)) N(s, t): b is the point of the flat triangle,
-//! N the linear interpolation of its [corner directions](crate::corner_directions), and h the cubic B-spline through the
-//! texels of the image. The displacement of a texel is thus how far along the ray b + h N the detailed surface is, outside
-//! of the coarse one (h > 0) or below it; of several places where the detailed surface faces along the ray the nearest.
+//! On a coarse triangle the textured surface is p(s, t) = b(s, t) + h(u(s, t)) N(s, t): b is the point of the
+//! flat triangle, N the linear interpolation of its [corner directions](crate::corner_directions), and h the
+//! cubic B-spline through the texels of the image. The displacement of a texel is thus the distance to the
+//! detailed surface along the ray b + h N, positive outside of the coarse surface. If the ray hits the
+//! detailed surface's front several times, the nearest hit counts.
 //!
 //! # The atlas: one chart for each triangle
 //!
-//! A smooth surface that is coarsely triangulated has no smooth h across a coarse edge: b bends there, the surface does
-//! not, so h bends as well. A spline across the edge would round the bend off, with an error proportional to the size of a
-//! texel. Within one triangle h is as smooth as the surface is, and stays so where the triangle's plane and the directions
-//! are continued beyond its sides. So every triangle has a chart of its own, laid out isometrically (no distortion, all
-//! triangles at one scale), and the texels around it get their values from rays from its continued plane to the same
-//! surface: the error falls with the fourth power of the texel up to the very edge, and there is no parametrisation to be
-//! computed that could fail. Larger charts would only save gutters, which here cost two texels around each triangle.
+//! On a smooth surface that is coarsely triangulated, h is not smooth across a coarse edge: b bends there and
+//! the surface does not, so h bends as well. A spline across the edge would round off the bend, with an error
+//! proportional to the size of a texel. Within one triangle h is as smooth as the surface, and remains so
+//! where the triangle's plane and the directions are continued beyond its sides. So every triangle has its
+//! own chart, laid out isometrically (no distortion, all triangles at one scale). The texels around the
+//! triangle get their values from rays from its continued plane to the same surface. The error then falls
+//! with the fourth power of the texel right up to the edge, and there is no parametrisation whose computation
+//! could fail. Larger charts would only save gutters, which here cost two texels around each triangle.
 //!
-//! Two texels, since what charts must not share is the spline's coefficients, not its values. The coefficients of each
-//! chart are computed by themselves, on a grid that reaches five texels beyond the triangle; those that its points use go
-//! into the image, and the texels of the image are then the values of all coefficients together. Filtering the image, as
-//! the run time does, gives back exactly these coefficients. A texel between two triangles therefore may have a value that
-//! belongs to neither.
+//! Two texels are enough because charts must not share the spline's coefficients; they may share its values.
+//! The coefficients of each chart are computed independently, on a grid that reaches five texels beyond the
+//! triangle. Those that the triangle's points use go into the image; the texels of the image are then the
+//! values of all coefficients together. Filtering the image, as at run time, gives back exactly these
+//! coefficients. A texel between two triangles may therefore have a value that belongs to neither.
 //!
 //! # Edges
 //!
-//! Past a sharp edge a ray may meet what belongs to the triangles around the corner. What it meets there is taken only where
-//! the surface goes on to it from the triangle without a sharp bend; elsewhere texels are extrapolated. Across smooth edges
-//! the two sides' splines differ by their errors, which are large at steps; they are made to meet by the smallest changes of
-//! coefficients that do it.
+//! Past a sharp edge a ray may hit a surface that belongs to the triangles around the corner. Such a hit
+//! counts only if the surface continues to it from the triangle without a sharp bend; elsewhere texels are
+//! extrapolated. Across smooth edges the splines of the two sides differ by their errors, which are large at
+//! steps. They are made to meet by the smallest change of coefficients.
 //!
-//! # What is no height field
+//! # Surfaces that are not height fields
 //!
-//! Where no ray hits (a hole, or an edge that is sharp in both meshes) texels are filled from those around, within a slope:
-//! a triangle's border by extrapolation, larger holes by the height of the nearest point, so that both sides of an edge
-//! agree. Where several places face along a ray the nearest is taken, and steep walls get as steep as texels allow. The
-//! report counts both, and the vertices of the detailed mesh that the displaced surface does not come near.
+//! Where no ray hits (a hole, or an edge that is sharp in both meshes) texels are filled from their
+//! surroundings, within a slope limit: a triangle's border by extrapolation, larger holes by the height of
+//! the nearest point, so that both sides of an edge agree. Where a ray has several hits the nearest counts,
+//! and walls become as steep as texels allow. The report counts both cases, and the vertices of the detailed
+//! mesh that are far from the displaced surface.
 //!
 //! # Contact levels of detail
 //!
-//! Each level of a hierarchy is a mesh of its own, so that it gets its texture by a call with that level as the coarse
-//! mesh and the full one as the detailed: all levels then have the same displaced surface, to within what the report of
-//! each says (§4.2.2, Integration).
+//! Each level of a hierarchy is a separate mesh. It gets its texture by a call with that level as the coarse
+//! mesh and the full mesh as the detailed one. All levels then have the same displaced surface, to within the
+//! errors that their reports give (§4.2.2, Integration).
 
 mod atlas;
 mod bspline;
+mod error;
 mod fill;
 mod rays;
 mod report;
@@ -60,7 +65,7 @@ use std::ops::{ControlFlow, Range};
 
 use glam::DVec2;
 use palpate_core::TriMesh;
-use palpate_core::mesh::{MeshError, UvMesh, UvMeshError};
+use palpate_core::mesh::{MeshError, UvMesh};
 use rayon::prelude::*;
 
 use self::atlas::{Atlas, Chart, SUPPORT};
@@ -69,109 +74,58 @@ use self::settle::Settled;
 use self::sheet::Sheet;
 use self::smooth::SmoothEdges;
 use self::tree::Tree;
-use crate::{HeightImage, HeightImageError, Wrap};
+use crate::{HeightImage, Wrap};
 
+pub use self::error::BakeError;
 pub use self::report::BakeReport;
 
-/// How to bake.
+/// Settings of baking.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BakeOptions {
     /// Size of a texel on the coarse surface, m. It is made coarser if the image would exceed
-    /// [`MAX_SIDE`](crate::MAX_SIDE) texels a side; the report tells.
+    /// [`MAX_SIDE`](crate::MAX_SIDE) texels a side; the report gives the size used.
     pub texel: f64,
-    /// How far along the direction of displacement the detailed surface is looked for, to either side, m. `None`: twice
-    /// the deviation of the two meshes as far as some thousand points tell, within 1/1000 and 1/4 of the coarse mesh's
+    /// Length of rays along the direction of displacement, to either side, m. `None`: twice the deviation of
+    /// the two meshes, estimated from some thousand points, but between 1/1000 and 1/4 of the coarse mesh's
     /// bounding radius.
     pub reach: Option<f64>,
-    /// Coarse edges whose triangles' normals differ by more are sharp, rad; see
+    /// Angle between the normals of neighbouring triangles above which their edge is sharp, rad; see
     /// [`corner_directions`](crate::corner_directions).
     pub crease: f64,
 }
 
-/// A coarse mesh with the image that displaces it.
+/// Result of baking: a coarse mesh with the image that displaces it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Baked {
-    /// The coarse mesh with its places in the image. Triangles without area are all at a texel that is 0.
+    /// The coarse mesh with texture coordinates. Those of triangles without area are all at a texel with
+    /// displacement 0.
     pub mesh: UvMesh,
     /// Displacements, m.
     pub image: HeightImage,
-    /// How good they are.
+    /// Quality of the displacements.
     pub report: BakeReport,
 }
 
-/// Why nothing was baked.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum BakeError {
-    /// Something is wrong with the coarse mesh.
-    #[error("coarse mesh: {0}")]
-    Coarse(MeshError),
-    /// Something is wrong with the detailed mesh.
-    #[error("detailed mesh: {0}")]
-    Detailed(MeshError),
-    /// A mesh has no triangle with an area.
-    #[error("the {which} mesh has no triangle with an area")]
-    NoSurface {
-        /// `"coarse"` or `"detailed"`.
-        which: &'static str,
-    },
-    /// An option is not a number that makes sense.
-    #[error("{option} of {value} {unit}: {wanted}")]
-    BadOption {
-        /// Which.
-        option: &'static str,
-        /// Its value.
-        value: f64,
-        /// The unit of that.
-        unit: &'static str,
-        /// What it should be.
-        wanted: &'static str,
-    },
-    /// The coarse mesh has more triangles than find room in the largest image.
-    #[error(
-        "the coarse mesh's {triangles} triangles do not fit into one image, however coarse the texels: simplify it further"
-    )]
-    TooManyTriangles {
-        /// How many there are.
-        triangles: usize,
-    },
-    /// No ray from the coarse mesh met the detailed one.
-    #[error(
-        "no part of the detailed mesh faces along the coarse one's normals within {reach} m of it: are both meshes in one \
-         frame, and oriented outwards?"
-    )]
-    NothingWithinReach {
-        /// How far was looked, m.
-        reach: f64,
-    },
-    /// The displacements do not make an image.
-    #[error(transparent)]
-    Image(#[from] HeightImageError),
-    /// The coarse mesh does not take texture coordinates.
-    #[error(transparent)]
-    Coordinates(#[from] UvMeshError),
-    /// The progress callback broke the work off.
-    #[error("cancelled")]
-    Cancelled,
-}
+/// Accepted bounding radii of meshes, m. Products of lengths then stay far within the range of f64.
+const ACCEPTED_RADII: Range<f64> = 1e-9..1e9;
 
-/// Bounding radii (m) of meshes that are taken: products of lengths then stay far within the range of f64.
-const RADII: Range<f64> = 1e-9..1e9;
+/// Maximum number of texels of the charts that are processed together. It bounds the memory for their rays.
+const MAX_GROUP_TEXELS: usize = 1 << 22;
 
-/// Texels of the charts that are worked on together.
-const GROUP: usize = 1 << 22;
+/// Number of rows of texels between two calls of the progress callback.
+const ROWS_PER_PROGRESS: usize = 512;
 
-/// Rows of texels between two calls of the progress callback.
-const ROWS: usize = 512;
+/// Progress at which all rays have been cast; the rest is for the report.
+const CAST_PROGRESS: f64 = 0.6;
 
-/// The progress when all rays have been cast; the report is the rest.
-const CAST: f64 = 0.6;
-
-/// Bakes a detailed mesh into a texture of a coarse one. Both are oriented outwards and in the same frame, in metres.
+/// Bakes a detailed mesh into a texture of a coarse one. Both are oriented outwards and in the same frame, in
+/// metres.
 ///
-/// `progress` gets the share of the work that is done, now and then, and may break it off. The result does not depend on
-/// the number of threads.
+/// `progress` is called from time to time with the share of the work that is done, and may cancel it. The
+/// result does not depend on the number of threads.
 ///
-/// Texels are to be smaller than the coarse triangles: a triangle within one texel gets little more than one displacement.
+/// Texels should be smaller than the coarse triangles: a triangle within one texel gets little more than one
+/// displacement.
 ///
 /// ```
 /// use std::ops::ControlFlow;
@@ -193,9 +147,9 @@ const CAST: f64 = 0.6;
 /// ```
 ///
 /// # Errors
-/// If a mesh has no triangle with an area, a vertex that is not finite or a size far from that of objects; if an option
-/// makes no sense; if the coarse mesh has too many triangles for one image; if nothing of the detailed mesh is within
-/// reach of the coarse one; or if `progress` breaks off.
+/// If a mesh has no triangle with an area, a vertex that is not finite, or a bounding radius outside of 1 nm
+/// to 1e9 m; if an option is out of range; if the coarse mesh has too many triangles for one image; if no ray
+/// hits the detailed mesh; or if `progress` cancels the work.
 pub fn bake(
     coarse: &TriMesh,
     detailed: &TriMesh,
@@ -219,7 +173,8 @@ pub fn bake(
     let smooth = SmoothEdges::new(coarse, &sheets);
     let caster =
         Caster { detailed: &detailed_tree, sheets: &sheets, smooth: &smooth, texel: atlas.texel, reach };
-    let texels = texels(&atlas, &caster, detailed, &mut |done| report_progress(progress, CAST * done))?;
+    let texels =
+        texels(&atlas, &caster, detailed, &mut |done| report_progress(progress, CAST_PROGRESS * done))?;
     if texels.found == 0 {
         return Err(BakeError::NothingWithinReach { reach });
     }
@@ -238,8 +193,9 @@ pub fn bake(
         image: &image,
     };
     let counts = report::Counts { asked: options.texel, reach, missed: texels.missed, folded: texels.folded };
-    let report =
-        report::measure(&subject, counts, &mut |done| report_progress(progress, CAST + (1.0 - CAST) * done))?;
+    let report = report::measure(&subject, counts, &mut |done| {
+        report_progress(progress, CAST_PROGRESS + (1.0 - CAST_PROGRESS) * done)
+    })?;
     report_progress(progress, 1.0)?;
     Ok(Baked { mesh, image, report })
 }
@@ -266,7 +222,7 @@ fn check_options(options: &BakeOptions) -> Result<(), BakeError> {
     Ok(())
 }
 
-/// Refuses what cannot be computed with.
+/// Refuses meshes that are not finite, have no extent, or are out of scale.
 fn check(mesh: &TriMesh, which: &'static str, wrong: fn(MeshError) -> BakeError) -> Result<(), BakeError> {
     for (triangle, corners) in mesh.triangles().iter().enumerate() {
         if let Some(&vertex) = corners.iter().find(|v| !mesh.vertices()[**v as usize].is_finite()) {
@@ -277,22 +233,22 @@ fn check(mesh: &TriMesh, which: &'static str, wrong: fn(MeshError) -> BakeError)
     if radius == 0.0 {
         return Err(BakeError::NoSurface { which });
     }
-    if RADII.contains(&radius) { Ok(()) } else { Err(wrong(MeshError::OutOfRange)) }
+    if ACCEPTED_RADII.contains(&radius) { Ok(()) } else { Err(wrong(MeshError::OutOfRange)) }
 }
 
-/// Points by which the deviation of two meshes is estimated.
-const PROBES: usize = 4096;
+/// Number of points from which the deviation of two meshes is estimated.
+const DEVIATION_POINTS: usize = 4096;
 
-/// How far to look where the caller does not say, m.
+/// Returns the default length of rays to either side, m.
 fn reach_of(coarse_tree: &Tree, coarse: &TriMesh, detailed_tree: &Tree, detailed: &TriMesh) -> f64 {
     let deviation = deviation(coarse, detailed_tree).max(deviation(detailed, coarse_tree));
     let radius = coarse.bounding_sphere().radius;
     (2.0 * deviation).clamp(1e-3 * radius, 0.25 * radius)
 }
 
-/// The largest distance of some triangles' corners and middles from another mesh, m.
+/// Returns the largest distance from another mesh of the corners and centres of some triangles, m.
 fn deviation(mesh: &TriMesh, other: &Tree) -> f64 {
-    let stride = mesh.triangles().len().div_ceil(PROBES / 4).max(1);
+    let stride = mesh.triangles().len().div_ceil(DEVIATION_POINTS / 4).max(1);
     let probes = (0..mesh.triangles().len()).step_by(stride).flat_map(|t| {
         let [a, b, c] = mesh.corners(t);
         [a, b, c, (a + b + c) / 3.0]
@@ -300,7 +256,7 @@ fn deviation(mesh: &TriMesh, other: &Tree) -> f64 {
     probes.filter_map(|p| other.nearest(p)).map(|nearest| nearest.distance).fold(0.0, f64::max)
 }
 
-/// The texels of the image.
+/// Texels of the image, with counts of the rays.
 struct Texels {
     displacements: Vec<f32>,
     found: usize,
@@ -308,13 +264,14 @@ struct Texels {
     folded: usize,
 }
 
-/// How far coefficients may go beyond the displacements that rays found for their chart, as a part of the range of those.
-const BEYOND: f64 = 0.5;
+/// Largest distance of coefficients from the range of their chart's displacements, as a part of that range.
+/// Extrapolation over holes could otherwise grow without bound.
+const MAX_OVERSHOOT: f64 = 0.5;
 
-/// Slope to which displacements are extrapolated.
-const STEEPEST: f64 = 2.0;
+/// Largest slope of extrapolated displacements.
+const MAX_SLOPE: f64 = 2.0;
 
-/// Casts the rays of all charts and makes the image of their splines.
+/// Casts the rays of all charts and computes the image of their splines.
 fn texels(
     atlas: &Atlas,
     caster: &Caster,
@@ -330,7 +287,7 @@ fn texels(
         let work: Vec<(&Chart, i32)> =
             group.iter().flat_map(|chart| (0..chart.size.y).map(move |row| (chart, row))).collect();
         let mut rows: Vec<Row> = Vec::with_capacity(work.len());
-        for batch in work.chunks(ROWS) {
+        for batch in work.chunks(ROWS_PER_PROGRESS) {
             progress(done as f64 / total as f64)?;
             rows.par_extend(batch.par_iter().map(|(chart, row)| caster.row(chart, *row)));
             done += batch.len();
@@ -365,12 +322,12 @@ fn texels(
     Ok(texels)
 }
 
-/// Splits charts into groups with not too many texels.
+/// Splits charts into groups of at most [`MAX_GROUP_TEXELS`] texels, or a single chart.
 fn groups(charts: &[Chart]) -> Vec<&[Chart]> {
     let (mut groups, mut first, mut size) = (Vec::new(), 0, 0);
     for (at, chart) in charts.iter().enumerate() {
         let texels = chart.size.x as usize * chart.size.y as usize;
-        if at > first && size + texels > GROUP {
+        if at > first && size + texels > MAX_GROUP_TEXELS {
             groups.push(&charts[first..at]);
             (first, size) = (at, 0);
         }
@@ -380,7 +337,7 @@ fn groups(charts: &[Chart]) -> Vec<&[Chart]> {
     groups
 }
 
-/// The coefficients of a chart's spline on its grid, from the displacements that are known there.
+/// Returns the coefficients of a chart's spline on its grid, from the known displacements.
 fn coefficients_of(chart: &Chart, mut grid: Vec<f64>, texel: f64) -> Vec<f64> {
     let width = chart.size.x as usize;
     let known = grid.iter().filter(|height| height.is_finite());
@@ -391,17 +348,17 @@ fn coefficients_of(chart: &Chart, mut grid: Vec<f64>, texel: f64) -> Vec<f64> {
         let column = (at % width) as i32;
         supports[at / width].is_some_and(|[first, last]| (first..=last).contains(&column))
     };
-    fill::fill(&mut grid, width, STEEPEST * texel, matters);
+    fill::fill(&mut grid, width, MAX_SLOPE * texel, matters);
     bspline::prefilter(&mut grid, width);
-    // What is extrapolated far, over a hole or past a sharp edge, is kept from going wild.
+    // Values extrapolated over a hole or past a sharp edge are limited.
     if low <= high {
-        let margin = BEYOND * (high - low);
+        let margin = MAX_OVERSHOOT * (high - low);
         grid.iter_mut().for_each(|value| *value = value.clamp(low - margin, high + margin));
     }
     grid
 }
 
-/// Puts the coefficients that points of a chart's triangle use into the image's.
+/// Copies the coefficients that points of a chart's triangle use into the image's.
 fn put(chart: &Chart, grid: &[f64], coefficients: &mut [f64], width: usize) {
     for row in 0..chart.size.y {
         if let Some([first, last]) = chart.span(row, SUPPORT) {
@@ -413,7 +370,7 @@ fn put(chart: &Chart, grid: &[f64], coefficients: &mut [f64], width: usize) {
     }
 }
 
-/// The texels whose spline has given coefficients, with zeros all round.
+/// Returns the texels of the image whose spline has these coefficients, and zeros around them.
 fn values(coefficients: &[f64], width: usize) -> Vec<f32> {
     let height = coefficients.len() / width;
     let at = |row: usize, column: usize| match (row.checked_sub(1), column.checked_sub(1)) {
@@ -429,7 +386,8 @@ fn values(coefficients: &[f64], width: usize) -> Vec<f32> {
     (0..height).into_par_iter().flat_map_iter(row_of).collect()
 }
 
-/// The texture coordinates of all triangles; of those without area the middle of the image's first texel.
+/// Returns the texture coordinates of all triangles. Those without area get the centre of the image's first
+/// texel.
 fn coordinates(atlas: &Atlas, triangles: usize) -> Vec<[DVec2; 3]> {
     let size = atlas.size.as_dvec2();
     let mut coordinates = vec![[0.5 / size; 3]; triangles];

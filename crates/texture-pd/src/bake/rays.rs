@@ -1,53 +1,56 @@
-//! Displacements of the texels of a chart, by rays to the detailed mesh.
+//! Displacements of the texels of a chart, from rays to the detailed mesh.
 
 use super::atlas::{Chart, MARGIN};
 use super::sheet::{Sheet, is_inside};
 use super::smooth::SmoothEdges;
 use super::tree::{Hit, Tree};
 
-/// Hits at a smaller cosine between normal and direction are left out beyond the triangle: there the detailed surface
-/// turns away, over an edge that the coarse one has as well, and what it does next is not this triangle's.
-pub(super) const LEAST_FACING: f64 = 0.1;
+/// Smallest cosine between a hit's normal and the ray's direction outside of the triangle. At smaller ones
+/// the detailed surface turns away over an edge that the coarse mesh has as well, and belongs to another
+/// triangle.
+pub(super) const MIN_FACING: f64 = 0.1;
 
-/// Directions that are extrapolated beyond the triangle may lean this much more than those of its corners.
-const LEAST_LEAN: f64 = 0.5;
+/// Smallest ratio of the normal component of an extrapolated direction to that of the triangle's corners.
+/// Beyond the triangle directions lean more, and rays along the plane would hit far away.
+const MIN_LEAN_RATIO: f64 = 0.5;
 
-/// Hits that are nearer to each other than this part of the reach are one.
-const SAME: f64 = 1e-6;
+/// Distance between hits below which they count as one, as a part of the reach.
+const MIN_HIT_DISTANCE: f64 = 1e-6;
 
-/// Directions that are shorter have none.
-const SHORTEST: f64 = 1e-6;
+/// Length of a direction below which no ray is cast.
+const MIN_DIRECTION_LENGTH: f64 = 1e-6;
 
-/// More than the distance of two texels that touch, in texels.
-const DIAGONAL: f64 = 1.5;
+/// Upper bound of the distance between neighbouring texels, √2, in texels.
+const MAX_NEIGHBOUR_DISTANCE: f64 = 1.5;
 
-/// What looks from the coarse mesh for the detailed one.
+/// Casts rays from the coarse mesh to the detailed one.
 pub(super) struct Caster<'a> {
     pub detailed: &'a Tree<'a>,
     pub sheets: &'a [Sheet],
     pub smooth: &'a SmoothEdges,
     /// Size of a texel, m.
     pub texel: f64,
-    /// How far to look, m.
+    /// Length of rays to either side, m.
     pub reach: f64,
 }
 
-/// What was found for a row of texels of a chart.
+/// Hits for a row of texels of a chart.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Row {
-    /// Column of the first in the chart's grid.
+    /// Column of the first texel in the chart's grid.
     pub first: usize,
-    /// Displacements, m; not a number where no ray hit, and where hits are loose.
+    /// Displacements, m; NaN where the ray hit nothing, and where hits are loose.
     pub heights: Vec<f64>,
-    /// Of the detailed mesh, that were hit there.
+    /// Triangles of the detailed mesh that were hit.
     pub triangles: Vec<u32>,
-    /// All hits at texels past a sharp edge or next to one that is, by column.
+    /// Hits at texels that are past a sharp edge, or next to such a texel, by column.
     pub loose: Vec<Loose>,
-    /// Columns of other texels without a hit, and how far along the direction the nearest point of the detailed mesh is.
+    /// Columns of other texels without a hit, and the height of the nearest point of the detailed mesh along
+    /// the direction.
     pub holes: Vec<(usize, f64)>,
-    /// Texels in the triangle without a hit.
+    /// Number of texels in the triangle without a hit.
     pub missed: usize,
-    /// Texels in the triangle with several.
+    /// Number of texels in the triangle with several hits.
     pub folded: usize,
 }
 
@@ -57,15 +60,16 @@ pub(super) struct Loose {
     pub column: usize,
     /// Displacement, m.
     pub height: f64,
-    /// Of the detailed mesh.
+    /// Triangle of the detailed mesh.
     pub triangle: u32,
-    /// Whether its texel is in the triangle.
+    /// Whether the texel is in the coarse triangle.
     pub inside: bool,
 }
 
-/// Whether texels of a row, the one before and the one after are past a sharp edge or the border, where that was asked.
+/// Cache for texels of a row and of the rows before and after: whether each is past a sharp edge or the
+/// border.
 struct Ends {
-    /// Column of the first.
+    /// Column of the first texel.
     first: i32,
     known: Vec<[Option<bool>; 3]>,
 }
@@ -77,7 +81,7 @@ impl Caster<'_> {
         let sheet = &self.sheets[chart.triangle];
         let mut found = Row { first: first as usize, ..Row::default() };
         let lean = sheet.directions.map(|direction| direction.dot(sheet.normal));
-        let least = LEAST_LEAN * lean[0].min(lean[1]).min(lean[2]).max(0.0);
+        let least = MIN_LEAN_RATIO * lean[0].min(lean[1]).min(lean[2]).max(0.0);
         let mut hits = Vec::new();
         let mut ends = Ends { first: first - 1, known: vec![[None; 3]; (last - first + 3).max(0) as usize] };
         for column in first..=last {
@@ -90,7 +94,7 @@ impl Caster<'_> {
             let is_loose = self.is_loose(chart, [column, row], inside, &mut ends);
             let is_hole = hits.is_empty();
             if !inside || is_loose {
-                hits.retain(|hit| hit.facing >= LEAST_FACING);
+                hits.retain(|hit| hit.facing >= MIN_FACING);
             }
             found.missed += usize::from(inside && hits.is_empty());
             let hit = nearest(&hits).filter(|_| !is_loose);
@@ -107,11 +111,12 @@ impl Caster<'_> {
         found
     }
 
-    /// Whether a texel, or one next to it, is past a sharp edge or the border of the coarse mesh.
+    /// Returns whether a texel or one of its neighbours is past a sharp edge or the border of the coarse
+    /// mesh.
     fn is_loose(&self, chart: &Chart, [column, row]: [i32; 2], inside: bool, ends: &mut Ends) -> bool {
         let sheet = &self.sheets[chart.triangle];
         let at = |[dx, dy]: [i32; 2]| chart.weights(f64::from(column + dx), f64::from(row + dy));
-        let deep = |distance: f64| distance > DIAGONAL * self.texel;
+        let deep = |distance: f64| distance > MAX_NEIGHBOUR_DISTANCE * self.texel;
         if inside && sheet.distances(at([0, 0])).into_iter().all(deep) {
             return false;
         }
@@ -122,35 +127,37 @@ impl Caster<'_> {
         })
     }
 
-    /// How far along the direction the nearest point of the detailed mesh is.
+    /// Returns the height along the direction of the nearest point of the detailed mesh, in lengths of the
+    /// direction.
     fn toward_nearest(&self, sheet: &Sheet, at: [f64; 2]) -> Option<f64> {
         let (base, direction) = (sheet.base(at), sheet.direction(at));
         let length = direction.length();
-        let nearest = self.detailed.nearest(base).filter(|_| length > SHORTEST)?;
+        let nearest = self.detailed.nearest(base).filter(|_| length > MIN_DIRECTION_LENGTH)?;
         let along = (nearest.point - base).dot(direction) / (length * length);
         Some(along.clamp(-self.reach / length, self.reach / length))
     }
 
+    /// Collects the hits of the ray at a point of the triangle's plane.
     fn cast(&self, sheet: &Sheet, at: [f64; 2], hits: &mut Vec<Hit>) {
         let direction = sheet.direction(at);
         let length = direction.length();
-        if length > SHORTEST {
+        if length > MIN_DIRECTION_LENGTH {
             self.detailed.hits(sheet.base(at), direction, self.reach / length, hits);
         } else {
             hits.clear();
         }
     }
 
-    /// Whether hits are apart, so that there the surface is no height field.
+    /// Returns whether hits are apart, so that the surface is not a height field there.
     fn several(&self, sheet: &Sheet, at: [f64; 2], hits: &[Hit]) -> bool {
         let range = hits.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], hit| {
             [low.min(hit.along), high.max(hit.along)]
         });
-        (range[1] - range[0]) * sheet.direction(at).length() > SAME * self.reach
+        (range[1] - range[0]) * sheet.direction(at).length() > MIN_HIT_DISTANCE * self.reach
     }
 }
 
-/// The hit that is nearest to the coarse surface; outside of it if there are two.
+/// Returns the hit nearest to the coarse surface; of two, the one outside.
 fn nearest(hits: &[Hit]) -> Option<&Hit> {
     let order =
         |a: &&Hit, b: &&Hit| a.along.abs().total_cmp(&b.along.abs()).then(b.along.total_cmp(&a.along));

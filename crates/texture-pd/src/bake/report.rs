@@ -1,4 +1,4 @@
-//! How well a coarse mesh with its image matches the detailed one.
+//! Quality of a baked texture: deviations between the displaced coarse mesh and the detailed mesh.
 
 use std::fmt;
 
@@ -7,68 +7,71 @@ use palpate_core::TriMesh;
 use palpate_core::mesh::{Adjacency, UvMesh};
 use rayon::prelude::*;
 
-use super::BakeError;
 use super::atlas::{Atlas, Chart};
+use super::error::BakeError;
 use super::sheet::{Place, Sheet, is_inside};
 use super::smooth::{Side, SmoothEdges};
 use super::tree::Tree;
 use crate::HeightImage;
 
-/// Points of either surface whose distance from the other is measured, about.
-const POINTS: f64 = 200_000.0;
+/// Approximate number of points of either surface whose distance from the other is measured.
+const MEASURED_POINTS: f64 = 200_000.0;
 
-/// Items that are measured between two calls of the progress callback.
-const BATCH: usize = 2048;
+/// Number of items that are measured between two calls of the progress callback.
+const ITEMS_PER_PROGRESS: usize = 2048;
 
-/// Points at which the two sides of a coarse edge are compared, at most.
-const EDGE_POINTS: f64 = 4096.0;
+/// Maximum number of points at which the two sides of a coarse edge are compared.
+const MAX_EDGE_POINTS: f64 = 4096.0;
 
 /// Quality of a baked texture. Lengths in metres.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BakeReport {
     /// Size of a texel on the coarse surface, m.
     pub texel: f64,
-    /// The size that was asked for, m; smaller than [`texel`](Self::texel) if the image would have been too large.
+    /// Requested size of a texel, m; smaller than [`texel`](Self::texel) if the image would have been too
+    /// large.
     pub asked: f64,
-    /// How far to either side the detailed surface was looked for, m.
+    /// Length of rays to either side, m.
     pub reach: f64,
-    /// Texels along a row.
+    /// Number of texels along a row.
     pub width: u32,
-    /// Rows.
+    /// Number of rows.
     pub height: u32,
     /// Share of the image's area that is covered by triangles.
     pub used: f64,
-    /// The factor by which a length in the image, at the size of a texel, is off at most; 1 is exact.
+    /// Largest factor between a length in the image, at the size of a texel, and on the mesh; 1 is exact.
     pub distortion: f64,
-    /// Coarse triangles without area, which have no texels.
+    /// Number of coarse triangles without area, which have no texels.
     pub without_area: usize,
-    /// Texels in triangles from which no ray hit the detailed surface, or only what is another triangle's past a sharp edge;
-    /// they are filled from those around.
+    /// Number of texels in triangles whose rays hit nothing, or only another triangle's surface past a sharp
+    /// edge. They are filled from their surroundings.
     pub missed: usize,
-    /// Texels in triangles where the detailed surface faces outwards at several places within reach, so that it is no
-    /// height field along the direction there: an overhang, or another part within reach. The nearest was taken.
+    /// Number of texels in triangles whose rays hit the detailed surface several times, so that it is not a
+    /// height field there: an overhang, or another part within reach. The nearest hit counts.
     pub folded: usize,
-    /// Largest distance of points on the displaced surface, half-way between texels and in the middle of each
-    /// triangle, from the detailed one, m.
+    /// Largest distance from the detailed surface of points on the displaced one, half-way between texels and
+    /// at the centre of each triangle, m.
     pub largest_deviation: f64,
     /// Mean of those distances, m.
     pub mean_deviation: f64,
-    /// How many points were measured.
+    /// Number of measured points.
     pub points: usize,
-    /// Largest distance of vertices of the detailed mesh from the displaced surface along the direction of displacement, m.
+    /// Largest distance of the detailed mesh's vertices from the displaced surface along the direction of
+    /// displacement, m.
     pub largest_vertex_deviation: f64,
     /// Mean of those distances, m.
     pub mean_vertex_deviation: f64,
-    /// How many vertices were measured.
+    /// Number of measured vertices.
     pub vertices: usize,
-    /// Vertices beside those: they are not above or below any coarse triangle near them, as at sharp edges.
+    /// Number of vertices that were not measured, because they are not above or below a nearby coarse
+    /// triangle, as at sharp edges.
     pub beside: usize,
-    /// Measured vertices that are farther than a texel from the displaced surface: detail that no displacement along the
-    /// directions reaches, as under overhangs and beside steep walls (§4.6.1).
+    /// Number of measured vertices farther than a texel from the displaced surface: detail that no
+    /// displacement along the directions reaches, as under overhangs and beside steep walls (§4.6.1).
     pub unreached: usize,
-    /// Largest gap between the displaced surfaces of coarse triangles that share an edge, and the directions there, m.
+    /// Largest gap between the displaced surfaces of coarse triangles that share a smooth edge, m.
     pub largest_seam: f64,
-    /// How many such edges there are.
+    /// Number of smooth edges.
     pub smooth_edges: usize,
 }
 
@@ -104,7 +107,7 @@ impl fmt::Display for BakeReport {
     }
 }
 
-/// What is measured.
+/// Inputs of the measurement.
 pub(super) struct Subject<'a> {
     pub coarse: &'a TriMesh,
     pub detailed: &'a TriMesh,
@@ -117,7 +120,7 @@ pub(super) struct Subject<'a> {
     pub image: &'a HeightImage,
 }
 
-/// What baking has told already.
+/// Results of baking that go into the report unchanged.
 pub(super) struct Counts {
     pub asked: f64,
     pub reach: f64,
@@ -125,9 +128,10 @@ pub(super) struct Counts {
     pub folded: usize,
 }
 
-/// Called with the share that is done.
+/// Callback that gets the share of the work that is done.
 type Progress<'a> = dyn FnMut(f64) -> Result<(), BakeError> + 'a;
 
+/// Measures the deviations of a baked texture.
 pub(super) fn measure(
     subject: &Subject,
     counts: Counts,
@@ -162,10 +166,10 @@ pub(super) fn measure(
     })
 }
 
-/// The displaced surface, from the image as the run time sees it.
+/// The displaced surface, from the image, as at run time.
 struct Displaced<'a> {
     sheets: &'a [Sheet],
-    /// By triangle.
+    /// Chart of each triangle.
     charts: Vec<Option<&'a Chart>>,
     spline: crate::spline::Spline,
 }
@@ -179,7 +183,7 @@ impl<'a> Displaced<'a> {
         Self { sheets: subject.sheets, charts, spline: crate::spline::Spline::through(subject.image) }
     }
 
-    /// The displacement on a triangle, m; none without area.
+    /// Returns the displacement on a triangle, m; `None` without area.
     fn height(&self, triangle: usize, at: [f64; 2]) -> Option<f64> {
         let texel = self.charts[triangle]?.texel(at);
         Some(self.spline.at(texel.x, texel.y))
@@ -190,7 +194,7 @@ impl<'a> Displaced<'a> {
     }
 }
 
-/// Largest and mean of some lengths.
+/// Statistics of deviations: largest, mean, and counts.
 #[derive(Clone, Copy, Default)]
 struct Deviation {
     largest: f64,
@@ -208,6 +212,7 @@ impl Deviation {
         self
     }
 
+    /// Returns the statistics of both.
     fn and(self, other: Self) -> Self {
         Self {
             largest: self.largest.max(other.largest),
@@ -223,22 +228,23 @@ impl Deviation {
     }
 }
 
-/// Measures all of some work, in parallel, and adds up in its order.
+/// Measures items in parallel and combines the results in order, so they do not depend on the number of
+/// threads.
 fn measured<T: Sync>(
     work: &[T],
     measure: impl Fn(&T) -> Deviation + Sync,
     progress: &mut Progress,
 ) -> Result<Deviation, BakeError> {
     let mut total = Deviation::default();
-    for (at, batch) in work.chunks(BATCH).enumerate() {
-        progress((at * BATCH) as f64 / work.len() as f64)?;
+    for (at, batch) in work.chunks(ITEMS_PER_PROGRESS).enumerate() {
+        progress((at * ITEMS_PER_PROGRESS) as f64 / work.len() as f64)?;
         let parts: Vec<Deviation> = batch.par_iter().map(&measure).collect();
         total = parts.into_iter().fold(total, Deviation::and);
     }
     Ok(total)
 }
 
-/// From points of the displaced surface to the nearest of the detailed one.
+/// Measures the distances of points of the displaced surface from the detailed one.
 fn outward_deviation(
     subject: &Subject,
     surface: &Displaced,
@@ -246,7 +252,7 @@ fn outward_deviation(
 ) -> Result<Deviation, BakeError> {
     let charts = &subject.atlas.charts;
     let texels: f64 = charts.iter().map(Chart::area).sum();
-    let stride = (texels / POINTS).sqrt().ceil().max(1.0) as usize;
+    let stride = (texels / MEASURED_POINTS).sqrt().ceil().max(1.0) as usize;
     let work: Vec<(&Chart, i32)> = charts
         .iter()
         .flat_map(|chart| (0..chart.size.y).step_by(stride).map(move |row| (chart, row)))
@@ -255,7 +261,7 @@ fn outward_deviation(
         let [first, last] = chart.span(*row, 1).unwrap_or([0, -1]);
         let middles = (first..=last).step_by(stride);
         let middles = middles.map(|column| chart.weights(f64::from(column) + 0.5, f64::from(*row) + 0.5));
-        // The triangle's centre as well, once, since a small triangle has no other points.
+        // The triangle's centre counts as well, since a small triangle has no other points.
         middles
             .filter(|at| is_inside(*at, 0.0))
             .chain((*row == 0).then_some([1.0 / 3.0; 2]))
@@ -265,7 +271,8 @@ fn outward_deviation(
     measured(&work, measure, progress)
 }
 
-/// From vertices of the detailed mesh along the direction of displacement.
+/// Measures the distances of the detailed mesh's vertices from the displaced surface along the direction of
+/// displacement.
 fn inward_deviation(
     subject: &Subject,
     surface: &Displaced,
@@ -279,7 +286,7 @@ fn inward_deviation(
     }
     let vertices: Vec<DVec3> =
         detailed.vertices().iter().zip(used).filter_map(|(vertex, used)| used.then_some(*vertex)).collect();
-    let stride = (vertices.len() as f64 / POINTS).ceil().max(1.0) as usize;
+    let stride = (vertices.len() as f64 / MEASURED_POINTS).ceil().max(1.0) as usize;
     let vertices: Vec<DVec3> = vertices.into_iter().step_by(stride).collect();
     let measure = |vertex: &DVec3| match vertex_deviation(subject, surface, &adjacency, *vertex) {
         Some(length) => {
@@ -291,7 +298,8 @@ fn inward_deviation(
     measured(&vertices, measure, progress)
 }
 
-/// The least distance of a vertex along the direction from the surface over the nearest coarse triangle or one around it.
+/// Returns the smallest distance of a vertex, along the direction, from the surface over the nearest coarse
+/// triangle or one of that triangle's neighbours.
 fn vertex_deviation(
     subject: &Subject,
     surface: &Displaced,
@@ -310,16 +318,16 @@ fn vertex_deviation(
     lengths.min_by(f64::total_cmp)
 }
 
-/// The largest gap at smooth edges, m.
+/// Returns the largest gap at smooth edges, m.
 fn largest_seam(subject: &Subject, surface: &Displaced) -> f64 {
     let gaps = subject.smooth.edges.par_iter().map(|sides| gap(subject, surface, sides));
     gaps.reduce(|| 0.0, f64::max)
 }
 
-/// The largest gap along an edge between two triangles, m.
+/// Returns the largest gap along an edge between two triangles, m.
 fn gap(subject: &Subject, surface: &Displaced, sides: &[Side; 2]) -> f64 {
     let [from, to] = sides[0].ends.map(|corner| subject.sheets[sides[0].triangle].corners[corner]);
-    let steps = (2.0 * from.distance(to) / subject.atlas.texel).ceil().clamp(2.0, EDGE_POINTS);
+    let steps = (2.0 * from.distance(to) / subject.atlas.texel).ceil().clamp(2.0, MAX_EDGE_POINTS);
     let gaps = (0..=steps as usize).filter_map(|step| {
         let [p, q] = sides.map(|side| surface.point(side.triangle, side.along(step as f64 / steps)));
         Some(p?.distance(q?))
@@ -327,7 +335,7 @@ fn gap(subject: &Subject, surface: &Displaced, sides: &[Side; 2]) -> f64 {
     gaps.fold(0.0, f64::max)
 }
 
-/// The largest factor by which lengths in the image differ from those on the coarse mesh.
+/// Returns the largest factor between lengths in the image and on the coarse mesh.
 fn distortion(subject: &Subject) -> f64 {
     let size = subject.atlas.size.as_dvec2() * subject.atlas.texel;
     let with_area =
@@ -335,7 +343,7 @@ fn distortion(subject: &Subject) -> f64 {
     with_area.map(|(sheet, uv)| stretch(sheet, uv.map(|uv| uv * size))).fold(1.0, f64::max)
 }
 
-/// The larger of the stretch and of the compression from a triangle to one in the plane.
+/// Returns the larger of the stretch and the compression from a triangle to its image in the plane.
 fn stretch(sheet: &Sheet, [a, b, c]: [DVec2; 3]) -> f64 {
     let [p, q, r] = sheet.corners;
     let along = (q - p).normalize_or_zero();

@@ -1,40 +1,43 @@
-//! Which hits of a chart's rays belong to its triangle's surface.
+//! Selection of the hits of a chart's rays that belong to its triangle's surface.
 //!
-//! Past a sharp edge of the coarse mesh, or its border, a ray may meet a surface that is another triangle's: around the
-//! corner of a box it meets the relief of the next face, millimetres below. Such a value next to those of the triangle
-//! itself is a step where there is none, and the spline rings and sags there. So what is found at these texels is taken
-//! only where the surface goes on to it from texels that are settled.
+//! Past a sharp edge of the coarse mesh, or its border, a ray may hit the surface of another triangle: around
+//! the corner of a box it hits the relief of the next face, millimetres below. Such a value next to the
+//! triangle's own makes a step that the surface does not have, and the spline rings there. So hits at these
+//! texels count only if the surface continues to them from texels that are settled.
 
 use glam::DVec3;
 use palpate_core::TriMesh;
 
 use super::atlas::Chart;
-use super::rays::{LEAST_FACING, Row};
+use super::rays::{MIN_FACING, Row};
 use super::sheet::Sheet;
 
-/// By how much, in texels, the height may differ from that on a surface with one bend between two rays.
-const SLACK: f64 = 0.5;
+/// Tolerance of the height against a surface with one bend between two neighbouring rays, texels.
+const HEIGHT_TOLERANCE: f64 = 0.5;
 
-/// Texels without a hit that are farther (along rows and columns) from all with one get the height of the nearest point.
-const EXTRAPOLATED: i32 = 2;
+/// Distance along rows and columns, in texels, from all settled texels beyond which a texel without a hit
+/// gets the height of the nearest point, instead of being extrapolated.
+const EXTRAPOLATED_TEXELS: i32 = 2;
 
-/// Past the triangle the surface ends where its normals at two texels turn by more (cosine).
-const STRAIGHT: f64 = 0.8;
+/// Smallest cosine between the normals at two neighbouring texels outside of the triangle. At smaller ones
+/// the surface ends there.
+const MIN_NORMAL_COSINE: f64 = 0.8;
 
+/// Index of a triangle for texels without one.
 const NONE: u32 = u32::MAX;
 
-/// The eight texels around one.
+/// Offsets of the eight neighbours of a texel.
 const AROUND: [[i32; 2]; 8] = [[-1, -1], [0, -1], [1, -1], [-1, 0], [1, 0], [-1, 1], [0, 1], [1, 1]];
 
-/// A chart's texels.
+/// Settled texels of a chart.
 pub(super) struct Settled {
-    /// Displacements, m; not a number where none is known.
+    /// Displacements, m; NaN where none is known.
     pub heights: Vec<f64>,
-    /// Texels in the triangle whose hits belong elsewhere.
+    /// Number of texels in the triangle whose hits belong to other triangles.
     pub dropped: usize,
 }
 
-/// Settles what the rays of a chart have found, with texels of a size, m.
+/// Settles the hits of a chart's rays; `texel` is the size of a texel, m.
 pub(super) fn settle(chart: &Chart, sheet: &Sheet, rows: &[Row], detailed: &TriMesh, texel: f64) -> Settled {
     let mut grid = Grid::new(chart, sheet, detailed, texel);
     for (y, row) in rows.iter().enumerate() {
@@ -69,7 +72,7 @@ pub(super) fn settle(chart: &Chart, sheet: &Sheet, rows: &[Row], detailed: &TriM
     }
     loop {
         loose.retain(|hit| grid.heights[hit.at].is_nan());
-        if !grid.go_on(&loose) {
+        if !grid.settle_neighbours(&loose) {
             break;
         }
     }
@@ -82,7 +85,7 @@ pub(super) fn settle(chart: &Chart, sheet: &Sheet, rows: &[Row], detailed: &TriM
     Settled { heights: grid.heights, dropped: dropped.len() }
 }
 
-/// A hit at a texel past a sharp edge or next to one that is.
+/// A hit at a texel that is past a sharp edge, or next to such a texel.
 #[derive(Clone, Copy, Debug)]
 struct Candidate {
     at: usize,
@@ -91,6 +94,7 @@ struct Candidate {
     inside: bool,
 }
 
+/// Texels of a chart while hits are settled.
 struct Grid<'a> {
     chart: &'a Chart,
     sheet: &'a Sheet,
@@ -98,7 +102,7 @@ struct Grid<'a> {
     texel: f64,
     width: usize,
     heights: Vec<f64>,
-    /// Of the detailed mesh, where the height is.
+    /// Triangles of the detailed mesh that the heights are on.
     triangles: Vec<u32>,
 }
 
@@ -113,7 +117,7 @@ impl<'a> Grid<'a> {
         self.chart.weights((at % self.width) as f64, (at / self.width) as f64)
     }
 
-    /// Settles the nearest hits in the triangle, for want of others.
+    /// Settles the nearest hits in the triangle, if no texel is settled.
     fn seed(&mut self, loose: &[Candidate]) {
         for hit in loose.iter().filter(|hit| hit.inside) {
             let known = &mut self.heights[hit.at];
@@ -123,15 +127,16 @@ impl<'a> Grid<'a> {
         }
     }
 
-    /// Settles those hits to which the surface goes on from texels next to theirs; tells whether there were any.
-    fn go_on(&mut self, loose: &[Candidate]) -> bool {
+    /// Settles the hits to which the surface continues from neighbouring texels. Returns whether there were
+    /// any.
+    fn settle_neighbours(&mut self, loose: &[Candidate]) -> bool {
         let mut best: Vec<(f64, Candidate)> = Vec::new();
         for hit in loose {
-            let Some(off) = self.off(hit) else { continue };
+            let Some(step) = self.smallest_step(hit) else { continue };
             match best.last_mut().filter(|(_, last)| last.at == hit.at) {
-                Some(last) if off < last.0 => *last = (off, *hit),
+                Some(last) if step < last.0 => *last = (step, *hit),
                 Some(_) => {}
-                None => best.push((off, *hit)),
+                None => best.push((step, *hit)),
             }
         }
         for (_, hit) in &best {
@@ -140,36 +145,38 @@ impl<'a> Grid<'a> {
         !best.is_empty()
     }
 
-    /// The least difference in height from a texel next to a hit's from which the surface goes on to it.
-    fn off(&self, hit: &Candidate) -> Option<f64> {
+    /// Returns the smallest step in height from a neighbouring texel from which the surface continues to a
+    /// hit, m.
+    fn smallest_step(&self, hit: &Candidate) -> Option<f64> {
         let neighbours = AROUND.iter().filter_map(|step| self.toward(hit.at, *step));
-        let offs = neighbours.filter_map(|from| {
+        let steps = neighbours.filter_map(|from| {
             let (height, triangle) = (self.heights[from], self.triangles[from]);
             if height.is_nan() || triangle == NONE {
                 return None;
             }
-            if !hit.inside && self.normal(triangle).dot(self.normal(hit.triangle)) < STRAIGHT {
+            if !hit.inside && self.normal(triangle).dot(self.normal(hit.triangle)) < MIN_NORMAL_COSINE {
                 return None;
             }
-            // How far the surface rises from the one texel to the other along either's triangle.
+            // Rise of the surface from one texel to the other, along the triangle of each.
             let along = self.height_of(triangle, hit.at)? - height;
             let back = hit.height - self.height_of(hit.triangle, from)?;
             self.height_of(triangle, from)?;
             let rise = hit.height - height;
-            let slack = SLACK * self.texel;
-            let goes_on = rise >= along.min(back) - slack && rise <= along.max(back) + slack;
-            goes_on.then_some(rise.abs())
+            let slack = HEIGHT_TOLERANCE * self.texel;
+            let continues = rise >= along.min(back) - slack && rise <= along.max(back) + slack;
+            continues.then_some(rise.abs())
         });
-        offs.min_by(f64::total_cmp)
+        steps.min_by(f64::total_cmp)
     }
 
-    /// The displacement to the plane of a detailed triangle at a texel, m; none if it is seen too much edge on.
+    /// Returns the displacement to the plane of a detailed triangle at a texel, m; `None` if it is seen
+    /// edge-on.
     fn height_of(&self, triangle: u32, at: usize) -> Option<f64> {
         let weights = self.weights(at);
         let (base, direction) = (self.sheet.base(weights), self.sheet.direction(weights));
         let (normal, corner) = (self.normal(triangle), self.detailed.corners(triangle as usize)[0]);
         let rate = normal.dot(direction);
-        (rate >= LEAST_FACING * direction.length()).then(|| normal.dot(corner - base) / rate)
+        (rate >= MIN_FACING * direction.length()).then(|| normal.dot(corner - base) / rate)
     }
 
     fn normal(&self, triangle: u32) -> DVec3 {
@@ -177,15 +184,16 @@ impl<'a> Grid<'a> {
         (b - a).cross(c - a).normalize_or_zero()
     }
 
+    /// Returns a texel's neighbour, if it is in the grid.
     fn toward(&self, at: usize, [dx, dy]: [i32; 2]) -> Option<usize> {
         let (x, y) = ((at % self.width) as i32 + dx, (at / self.width) as i32 + dy);
         let inside = (0..self.chart.size.x).contains(&x) && (0..self.chart.size.y).contains(&y);
         inside.then(|| y as usize * self.width + x as usize)
     }
 
-    /// Whether no texel near one is settled.
+    /// Returns whether no texel within [`EXTRAPOLATED_TEXELS`] of one is settled.
     fn is_far(&self, at: usize) -> bool {
-        let steps = || -EXTRAPOLATED..=EXTRAPOLATED;
+        let steps = || -EXTRAPOLATED_TEXELS..=EXTRAPOLATED_TEXELS;
         let mut near = steps().flat_map(|dy| steps().map(move |dx| [dx, dy]));
         near.all(|step| self.toward(at, step).is_none_or(|at| self.heights[at].is_nan()))
     }

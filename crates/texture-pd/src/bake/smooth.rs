@@ -1,4 +1,4 @@
-//! The smooth edges of a coarse mesh: those at which the displaced surfaces of two triangles are to meet.
+//! Smooth edges of a coarse mesh: those at which the displaced surfaces of two triangles meet.
 
 use glam::DVec3;
 use palpate_core::TriMesh;
@@ -6,20 +6,20 @@ use palpate_core::mesh::{EdgeKind, HalfEdge};
 
 use super::sheet::Sheet;
 
-/// Directions at a corner that differ by less are equal.
-const SAME_DIRECTION: f64 = 1e-9;
+/// Largest difference between directions at a corner that count as equal.
+const DIRECTION_TOLERANCE: f64 = 1e-9;
 
-/// Triangles that are crossed at most on the way to a place. Beyond that many the surface is taken to go on.
-const CROSSED: usize = 16;
+/// Maximum number of triangles that are crossed to a place. After that the surface is assumed to continue.
+const MAX_CROSSED: usize = 16;
 
-/// Distances (as parts of a triangle's height) by which a place may be outside of a triangle and still be in it.
-const SLACK: f64 = 1e-9;
+/// Largest distance outside of a triangle of a place that counts as inside, as a part of a side's length.
+const EDGE_TOLERANCE: f64 = 1e-9;
 
 /// An edge as a side of a triangle.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Side {
     pub triangle: usize,
-    /// The triangle's corners at the edge's first and second end.
+    /// Corners of the triangle at the edge's first and second end.
     pub ends: [usize; 2],
 }
 
@@ -30,7 +30,7 @@ impl Side {
         Self { triangle: side.triangle() as usize, ends: if reversed { [to, from] } else { [from, to] } }
     }
 
-    /// The weights of the second and the third corner at a share of the way along the edge.
+    /// Returns the weights of the second and the third corner at a fraction of the edge's length.
     pub fn along(&self, share: f64) -> [f64; 2] {
         let mut weights = [0.0; 3];
         weights[self.ends[0]] = 1.0 - share;
@@ -38,16 +38,17 @@ impl Side {
         [weights[1], weights[2]]
     }
 
+    /// Returns the corner opposite the edge.
     fn third(&self) -> usize {
         3 - self.ends[0] - self.ends[1]
     }
 }
 
-/// Edges between two triangles with area, which are displaced in the same directions there.
+/// Edges between two triangles with area whose directions of displacement agree there.
 pub(super) struct SmoothEdges {
-    /// Each from both sides.
+    /// Smooth edges, each with its two sides.
     pub edges: Vec<[Side; 2]>,
-    /// For each triangle and corner the edge across from the corner: its side, and the neighbour's.
+    /// Edge opposite each corner of each triangle: the triangle's side, and the neighbour's.
     across: Vec<[Option<[Side; 2]>; 3]>,
 }
 
@@ -70,19 +71,21 @@ impl SmoothEdges {
         Self { edges, across }
     }
 
-    /// Whether a place on a triangle's continued plane is on the coarse surface once neighbours across smooth edges are
-    /// unfolded into that plane: not if a sharp edge or the mesh's border comes first.
+    /// Returns whether a place on a triangle's continued plane is on the coarse surface after neighbours
+    /// across smooth edges are unfolded into that plane. It is not if a sharp edge or the mesh's border comes
+    /// first.
     pub fn reach(&self, sheets: &[Sheet], triangle: usize, at: [f64; 2]) -> bool {
         let (mut here, mut at) = (triangle, at);
-        for _ in 0..CROSSED {
+        for _ in 0..MAX_CROSSED {
             let sheet = &sheets[here];
             let distances = sheet.distances(at);
             let farthest = (1..3).fold(0, |least, k| if distances[k] < distances[least] { k } else { least });
-            let slack = SLACK * sheet.corners[farthest].distance(sheet.corners[(farthest + 1) % 3]);
+            let slack = EDGE_TOLERANCE * sheet.corners[farthest].distance(sheet.corners[(farthest + 1) % 3]);
             if distances[farthest] >= -slack {
                 return true;
             }
             let Some([from, to]) = self.across[here][farthest] else { return false };
+            // Unfold: the same foot on the edge, and the same distance from it, in the next triangle's plane.
             let next = &sheets[to.triangle];
             let [a, b] = from.ends.map(|corner| sheet.corners[corner]);
             let edge = (b - a).normalize_or_zero();
@@ -95,11 +98,12 @@ impl SmoothEdges {
     }
 }
 
+/// Returns whether both triangles at an edge have an area and equal directions at its ends.
 fn is_smooth(sheets: &[Sheet], sides: &[Side; 2]) -> bool {
     let has_area = sides.iter().all(|side| sheets[side.triangle].has_area());
     let same = |end: usize| {
         let [p, q]: [DVec3; 2] = sides.map(|side| sheets[side.triangle].directions[side.ends[end]]);
-        p.distance(q) <= SAME_DIRECTION
+        p.distance(q) <= DIRECTION_TOLERANCE
     };
     has_area && same(0) && same(1)
 }
@@ -109,7 +113,8 @@ mod tests {
     use super::*;
     use crate::bake::sheet::sheets;
 
-    /// Three unit squares in a row, as triangles: the second goes on flat, the third turns down.
+    /// Three unit squares in a row, as triangles: the second is coplanar with the first, the third turns
+    /// down.
     fn step() -> TriMesh {
         let line = [DVec3::ZERO, DVec3::X, 2.0 * DVec3::X, DVec3::new(2.0, 0.0, -1.0)];
         let vertices = line.into_iter().flat_map(|p| [p, p + DVec3::Y]).collect();

@@ -1,29 +1,29 @@
-//! Makes the displaced surfaces of neighbouring triangles meet.
+//! Stitching: makes the displaced surfaces of neighbouring triangles meet.
 //!
-//! Charts sample the detailed surface at texels of their own, so that what their splines make of it at a shared edge differs:
-//! by little where it is smooth, and by up to the height of a step where there is one. Kaczmarz's method changes the
-//! coefficients on both sides of all smooth edges by as little as makes them meet (as for the seams of colour textures:
-//! Liu, Ferguson, Jacobson, Gingold, *Seamless*, 2017).
+//! Each chart samples the detailed surface at its own texels, so the splines of two charts differ at a shared
+//! edge: by little where the surface is smooth, and by up to the height of a step. Kaczmarz's method makes
+//! them meet by the smallest change of the coefficients on both sides of all smooth edges (as for the seams
+//! of colour textures: Liu, Ferguson, Jacobson, Gingold, *Seamless*, 2017).
 
 use super::atlas::{Atlas, Chart};
 use super::sheet::Sheet;
 use super::smooth::{Side, SmoothEdges};
 
-/// Points at a shared edge, for each texel that it is long.
-const POINTS: f64 = 2.0;
+/// Number of points per texel of the length of a shared edge.
+const POINTS_PER_TEXEL: f64 = 2.0;
 
-/// Points along an edge, at most.
-const MOST: f64 = 65_536.0;
+/// Maximum number of points along an edge.
+const MAX_POINTS: f64 = 65_536.0;
 
-/// Times that all points are seen to, forth and back.
-const ROUNDS: usize = 16;
+/// Number of passes over all points, each forwards and backwards. Fewer leave larger gaps.
+const PASSES: usize = 16;
 
-/// A point of a chart among the image's coefficients.
+/// A point of a chart in terms of the image's coefficients.
 #[derive(Clone, Copy)]
 struct Spot {
-    /// The first of the 4 × 4 coefficients around it.
+    /// Index of the first of the 4 × 4 coefficients around it.
     first: u32,
-    /// How far it is from the second to the third, along a row and across.
+    /// Position between the second and the third coefficient, from 0 to 1, along a row and across.
     part: [f64; 2],
 }
 
@@ -44,7 +44,8 @@ pub(super) fn stitch(
         .iter()
         .flat_map(|sides| {
             let [from, to] = sides[0].ends.map(|corner| sheets[sides[0].triangle].corners[corner]);
-            let steps = (POINTS * from.distance(to) / atlas.texel).ceil().clamp(2.0, MOST) as usize;
+            let steps =
+                (POINTS_PER_TEXEL * from.distance(to) / atlas.texel).ceil().clamp(2.0, MAX_POINTS) as usize;
             let charts = &charts;
             (0..=steps).filter_map(move |step| {
                 let share = step as f64 / steps as f64;
@@ -53,14 +54,17 @@ pub(super) fn stitch(
             })
         })
         .collect();
-    for _ in 0..ROUNDS {
+    for _ in 0..PASSES {
         for point in points.iter().chain(points.iter().rev()) {
             close(point, coefficients, width);
         }
     }
 }
 
-/// Makes both sides of a point meet by the smallest change.
+/// Makes both sides meet at a point by the smallest change of coefficients.
+///
+/// The constraint is w_a · c_a − w_b · c_b = 0. Kaczmarz's projection adds (h_b − h_a) / (|w_a|² + |w_b|²)
+/// times w_a to c_a, and subtracts that times w_b from c_b.
 fn close(sides: &[Spot; 2], coefficients: &mut [f64], width: usize) {
     let weights = sides.map(|spot| spot.part.map(weights));
     let [here, there] = [0, 1].map(|side| sides[side].value(&weights[side], coefficients, width));
@@ -82,7 +86,7 @@ impl Spot {
         }
     }
 
-    /// The spline's value from the weights of coefficients along a row and across.
+    /// Returns the spline's value from the weights of coefficients along a row and across.
     fn value(self, [along, across]: &[[f64; 4]; 2], coefficients: &[f64], width: usize) -> f64 {
         let mut value = 0.0;
         for (row, across) in across.iter().enumerate() {
@@ -105,7 +109,8 @@ impl Spot {
     }
 }
 
-/// Of the four coefficients around a place between the second and the third.
+/// Returns the B-spline weights of the four coefficients around a point at x between the second and the
+/// third.
 fn weights(x: f64) -> [f64; 4] {
     let y = 1.0 - x;
     [

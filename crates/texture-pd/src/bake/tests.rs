@@ -14,7 +14,7 @@ fn grid(cells: u32, point: impl Fn(f64, f64) -> DVec3) -> TriMesh {
     TriMesh::new(vertices, (0..cells * cells).flat_map(cell).collect()).unwrap()
 }
 
-/// An octahedron's triangles split in four `levels` times, moved by `map` from the unit sphere.
+/// Triangles of an octahedron, split in four `levels` times, with `map` applied to points of the unit sphere.
 fn sphere(levels: u32, map: impl Fn(DVec3) -> DVec3) -> TriMesh {
     let mut triangles: Vec<[DVec3; 3]> = (0..8)
         .map(|i| {
@@ -35,7 +35,7 @@ fn sphere(levels: u32, map: impl Fn(DVec3) -> DVec3) -> TriMesh {
     let mut vertices = Vec::new();
     let mut index = std::collections::HashMap::new();
     let mut name = |p: DVec3| {
-        // Adding 0 makes −0 and 0 the same key.
+        // Adding 0 turns −0 into 0, so both give the same key.
         *index.entry((p + DVec3::ZERO).to_array().map(f64::to_bits)).or_insert_with(|| {
             vertices.push(map(p));
             vertices.len() as u32 - 1
@@ -68,7 +68,7 @@ fn wavy(p: DVec3) -> DVec3 {
     p * (RADIUS + 1e-3 * wave)
 }
 
-/// A dome 1 cm wide, with waves 5 mm long of a height; `beyond` is how much wider it is.
+/// A dome 1 cm wide, with waves 5 mm long of the height `waves`; `beyond` widens it.
 fn dome(cells: u32, beyond: f64, waves: f64) -> TriMesh {
     grid(cells, |x, y| {
         let [x, y] = [x, y].map(|x| 0.01 * beyond * (x - 0.5));
@@ -80,7 +80,7 @@ fn dome(cells: u32, beyond: f64, waves: f64) -> TriMesh {
 
 #[test]
 fn error_falls_with_the_fourth_power_of_the_texel() {
-    // 130 triangles' sides a wave: the detailed mesh itself is off by a ten-thousandth of a wave's height.
+    // With 130 triangles along a wave, the error of the detailed mesh is a ten-thousandth of a wave's height.
     let (coarse, detailed) = (dome(3, 1.0, 0.0), dome(360, 1.4, 2e-4));
     let reports =
         [1.25e-3, 0.625e-3, 0.3125e-3].map(|texel| baked(&coarse, &detailed, &options(texel)).report);
@@ -108,7 +108,8 @@ fn levels_of_a_hierarchy_get_the_same_surface() {
     }
 }
 
-/// A cube, 2 cm wide, with a relief (m) on its faces, which are squares of `cells` a side. All faces have vertices of their own.
+/// A cube, 2 cm wide, with a relief (m) on its faces, which have `cells` squares along a side. Faces share no
+/// vertices.
 fn cube(cells: u32, relief: impl Fn(f64, f64) -> f64) -> TriMesh {
     let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
     for axis in 0..6 {
@@ -130,7 +131,7 @@ fn waves(x: f64, y: f64) -> f64 {
     3e-4 * (16.0 * x * (1.0 - x) * y * (1.0 - y)).powi(2) * (11.0 * x).sin() * (9.0 * y).cos()
 }
 
-/// Ridges over a cube's face that stand out as far as a tenth from its edges.
+/// Ridges over a cube's face, up to a tenth from its edges.
 fn ridges(x: f64, y: f64) -> f64 {
     let border = |x: f64| (10.0 * x.min(1.0 - x)).min(1.0);
     let smooth = |x: f64| x * x * (3.0 - 2.0 * x);
@@ -138,7 +139,7 @@ fn ridges(x: f64, y: f64) -> f64 {
 }
 
 #[test]
-fn what_is_round_a_corner_is_another_faces() {
+fn relief_around_a_corner_belongs_to_another_face() {
     let (coarse, detailed) = (cube(2, |_, _| 0.0), cube(120, ridges));
     let report = baked(&coarse, &detailed, &options(1.5e-4)).report;
     assert_eq!(report.smooth_edges, 6 * 8);
@@ -149,7 +150,7 @@ fn what_is_round_a_corner_is_another_faces() {
 
 #[test]
 fn surfaces_meet_at_steps() {
-    // A wall across the coarse plate's triangles, half a texel wide.
+    // A wall, half a texel wide, across the coarse plate's triangles.
     let coarse = grid(2, |x, y| 0.02 * DVec3::new(x, y, 0.0));
     let step = |x: f64, y: f64| {
         let across = (0.02 * (x + 0.3 * y - 0.6) / 1e-4).clamp(0.0, 1.0);
@@ -183,7 +184,7 @@ fn number_of_threads_changes_nothing() {
 }
 
 #[test]
-fn holes_are_filled_and_what_is_no_height_field_is_counted() {
+fn holes_are_filled_and_folded_texels_are_counted() {
     let coarse = grid(2, |x, y| 0.02 * DVec3::new(x, y, 0.0));
     let whole = grid(40, |x, y| DVec3::new(0.02 * x, 0.02 * y, 1e-3 * x));
     let hole = |t: &&[u32; 3]| whole.vertices()[t[0] as usize].distance(DVec3::splat(0.01)) > 0.0118;
@@ -196,7 +197,7 @@ fn holes_are_filled_and_what_is_no_height_field_is_counted() {
     let [low, high] = filled.image.range();
     assert!(low > -1e-4 && high < 1.1e-3, "{low} {high}");
 
-    // A second plate above a quarter, within reach; the one that is nearer counts.
+    // A second plate above a quarter, within reach; the nearer one counts.
     let mut vertices = whole.vertices().to_vec();
     let mut triangles = whole.triangles().to_vec();
     let first = vertices.len() as u32;
@@ -219,7 +220,7 @@ fn texels_larger_than_triangles_do_not_blow_up() {
 }
 
 #[test]
-fn nasty_input_is_refused_or_counted() {
+fn unusable_input_is_refused_or_counted() {
     let (coarse, detailed) = (sphere(1, |p| p * RADIUS), sphere(3, wavy));
     let wanted = options(5e-3);
     let refused = |coarse: &TriMesh, detailed: &TriMesh, options: &BakeOptions| {

@@ -1,8 +1,8 @@
-//! Which triangles of a mesh a ray meets, and which is nearest to a point.
+//! Ray casts and nearest-point queries on a triangle mesh.
 //!
-//! Boxes are held in f32 (`obvhs`), in units of the mesh's radius about its centre and widened by more than rounding;
-//! boxes and triangles are tested in f64, and triangles with some slack, so that a ray through an edge meets a triangle at
-//! it at least.
+//! Boxes are stored in f32 (`obvhs`), in units of the mesh's radius about its centre, widened by more than
+//! rounding. Boxes and triangles are tested in f64. Triangles have a tolerance, so that a ray through an edge
+//! hits at least one of its triangles.
 
 use glam::{DVec3, Vec3A};
 use obvhs::aabb::Aabb;
@@ -11,34 +11,35 @@ use obvhs::bvh2::node::Bvh2Node;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use palpate_core::TriMesh;
 
-/// More than the rounding of unit coordinates in f64.
+/// Padding of boxes, in units of the mesh's radius: more than the rounding of f64.
 const PADDING: f64 = 1e-12;
 
-/// By how much, of the triangle, a ray may miss it, so that rounding lets none through at a border or between two parts.
-const SLACK: f64 = 1e-9;
+/// Tolerance of ray casts, as a part of the triangle. It keeps rays from passing between two triangles by
+/// rounding.
+const EDGE_TOLERANCE: f64 = 1e-9;
 
-/// A triangle is seen edge on at a smaller cosine between its normal and the ray.
+/// Cosine between a triangle's normal and the ray below which the triangle is edge-on and ignored.
 const EDGE_ON: f64 = 1e-6;
 
-/// What a direction's component is made where it is 0, so that it can be divided by.
-const TINY: f64 = 1e-300;
+/// Replacement for a zero component of a direction, so that its reciprocal is finite.
+const MIN_COMPONENT: f64 = 1e-300;
 
-/// A triangle that faces the way that a ray goes, where the ray meets it.
+/// Hit of a ray on a triangle that faces along the ray.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Hit {
-    /// In lengths of the ray's direction.
+    /// Distance along the ray, in lengths of its direction.
     pub along: f64,
     /// Cosine of the angle between the triangle's normal and the direction; above 0.
     pub facing: f64,
     pub triangle: u32,
 }
 
-/// The triangle of a mesh that is nearest to a point.
+/// Triangle of a mesh that is nearest to a point.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Nearest {
     pub triangle: usize,
     pub point: DVec3,
-    /// From the point that was asked about, m.
+    /// Distance from the query point, m.
     pub distance: f64,
 }
 
@@ -47,12 +48,13 @@ pub(super) struct Tree<'a> {
     mesh: &'a TriMesh,
     boxes: Bvh2,
     center: DVec3,
-    /// Unit coordinates are metres times this.
+    /// Factor from metres to units of the mesh's radius, 1/m.
     scale: f64,
 }
 
 impl<'a> Tree<'a> {
-    /// Indexes a mesh with finite vertices. Built on one thread and without hashing, hence deterministic.
+    /// Builds the hierarchy of a mesh with finite vertices. It is deterministic: built on one thread, without
+    /// hashing.
     pub fn new(mesh: &'a TriMesh) -> Self {
         let sphere = mesh.bounding_sphere();
         let (center, scale) = (sphere.center, sphere.radius.recip());
@@ -70,15 +72,18 @@ impl<'a> Tree<'a> {
         Self { mesh, boxes, center, scale }
     }
 
-    /// Collects where the line `origin` + t `direction`, |t| ≤ `reach`, meets triangles that face along it.
+    /// Collects the hits of the line `origin` + t `direction`, |t| ≤ `reach`, on triangles that face along
+    /// it.
     pub fn hits(&self, origin: DVec3, direction: DVec3, reach: f64, hits: &mut Vec<Hit>) {
         hits.clear();
         let from = (origin - self.center) * self.scale;
-        let inverse = (direction * self.scale).to_array().map(|x| if x == 0.0 { TINY } else { x }.recip());
+        let inverse =
+            (direction * self.scale).to_array().map(|x| if x == 0.0 { MIN_COMPONENT } else { x }.recip());
         let inverse = DVec3::from_array(inverse);
         let mut stack = vec![0];
         while let Some(node) = stack.pop().and_then(|index: u32| self.boxes.nodes.get(index as usize)) {
             let (low, high) = bounds(node);
+            // Slab test of the box, to both sides of the origin.
             let (a, b) = ((low - from) * inverse, (high - from) * inverse);
             let (enter, leave) = (a.min(b).max_element(), a.max(b).min_element());
             if enter > leave || enter > reach || leave < -reach {
@@ -96,7 +101,7 @@ impl<'a> Tree<'a> {
         }
     }
 
-    /// The triangle that is nearest to a point; none if the mesh is empty.
+    /// Returns the triangle nearest to a point; `None` if the mesh is empty.
     pub fn nearest(&self, point: DVec3) -> Option<Nearest> {
         let at = (point - self.center) * self.scale;
         let mut found: Option<Nearest> = None;
@@ -133,6 +138,7 @@ impl<'a> Tree<'a> {
         found
     }
 
+    /// Iterates over the triangles of a leaf.
     fn items(&self, leaf: &Bvh2Node) -> impl Iterator<Item = usize> {
         let first = leaf.first_index as usize;
         self.boxes.primitive_indices[first..first + leaf.prim_count as usize].iter().map(|t| *t as usize)
@@ -143,23 +149,25 @@ fn bounds(node: &Bvh2Node) -> (DVec3, DVec3) {
     (node.aabb().min.as_dvec3(), node.aabb().max.as_dvec3())
 }
 
-/// The distance of a point from a box.
+/// Returns the distance of a point from a box.
 fn gap((low, high): (DVec3, DVec3), at: DVec3) -> f64 {
     (low - at).max(at - high).max(DVec3::ZERO).length()
 }
 
-/// Where along a line, in lengths of its direction, it meets a triangle that faces along it, and at what cosine.
+/// Returns the hit of a line on a triangle that faces along it: distance in lengths of the direction, and
+/// cosine. The three signed volumes of the line with the triangle's edges are not negative inside.
 fn meet(corners: [DVec3; 3], origin: DVec3, direction: DVec3) -> Option<[f64; 2]> {
     let [a, b, c] = corners.map(|p| p - origin);
     let volumes = [(b, c), (c, a), (a, b)].map(|(p, q)| direction.dot(p.cross(q)));
     let normal = (b - a).cross(c - a);
     let rate = normal.dot(direction);
     let facing = rate / (normal.length() * direction.length());
-    let meets = facing > EDGE_ON && volumes.iter().all(|volume| *volume >= -SLACK * rate);
+    let meets = facing > EDGE_ON && volumes.iter().all(|volume| *volume >= -EDGE_TOLERANCE * rate);
     meets.then(|| [normal.dot(a) / rate, facing])
 }
 
-/// The point of a triangle that is nearest to a point (Ericson, *Real-Time Collision Detection*, 2005, §5.1.5).
+/// Returns the point of a triangle that is nearest to a point (Ericson, *Real-Time Collision Detection*,
+/// 2005, §5.1.5).
 pub(super) fn nearest_in([a, b, c]: [DVec3; 3], point: DVec3) -> DVec3 {
     let (ab, ac) = (b - a, c - a);
     let from = |p: DVec3| (ab.dot(point - p), ac.dot(point - p));
@@ -199,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn tree_finds_what_looking_at_all_finds() {
+    fn tree_agrees_with_exhaustive_search() {
         let seed = 11;
         let mut rng = StdRng::seed_from_u64(seed);
         let offset = DVec3::new(1e4, -3.0, 0.5);

@@ -1,14 +1,15 @@
 //! Directional penetration depth on the GPU, through wgpu.
 //!
-//! Pipelines are built and run once when the backend is made. Textures are uploaded once, and buffers grow to the largest
-//! batch met and stay. A batch is one upload, two dispatches (an invocation a texel of the images, then a workgroup a pair)
-//! and one copy in one submission, then a wait for the answers, 272 bytes a pair; images are never read back. wgpu allocates
-//! a few small objects for each submission: a backend belongs on the contact thread, not on the haptic one.
+//! Pipelines are built and run once when the backend is created. Textures are uploaded once; buffers grow to
+//! the largest batch so far and stay. A batch takes one upload, two dispatches (one invocation per texel of
+//! the images, then one workgroup per pair) and one copy in a single submission, then a wait for the answers,
+//! 272 bytes per pair. Images are never read back. wgpu allocates a few small objects for each submission, so
+//! a backend belongs on the contact thread, not on the haptic thread.
 //!
-//! A thread of the backend's own makes all calls on the device and drops it. A driver that hangs, in a submission or while a
-//! queue is dropped, hangs that thread, and whoever asked for a batch waits for no longer than the backend's deadline. Where a
-//! device turns out to be lost while it is polled, wgpu 30 has no error for it but panics: that thread catches the panic. (In
-//! a program that is built with `panic = "abort"` the process ends there.)
+//! The backend's own thread makes all calls on the device and drops it. A driver that hangs, in a submission
+//! or while a queue is dropped, hangs only that thread; a caller waits no longer than the backend's deadline.
+//! If a device is found to be lost while it is polled, wgpu 30 panics instead of returning an error, and the
+//! thread catches the panic. (In a program built with `panic = "abort"` the process ends.)
 
 mod pipelines;
 #[cfg(test)]
@@ -16,79 +17,56 @@ mod tests;
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Arc;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, SyncSender, TryRecvError};
 use std::time::{Duration, Instant};
 
 use wgpu::{Device, Instance, InstanceDescriptor, Queue};
 
-use self::pipelines::{COMPILE_TIMEOUT, Look, Pipelines};
+use self::pipelines::{COMPILE_TIMEOUT, Job, Pipelines, Poll, Textures};
 use crate::backend::{Backend, BackendError};
 use crate::batch::{Batch, SurfaceSet};
 use crate::kernels::Answer;
-use crate::spline::Level;
 
-/// How long a batch is waited for unless [`set_deadline`](Backend::set_deadline) says otherwise: for work that is in no hurry,
-/// on a software driver too.
-const UNHURRIED: Duration = Duration::from_secs(10);
-/// A device is given up that answered this many batches in a row later than the deadline, or one not within this time.
-const MISSES: u32 = 3;
-const PATIENCE: Duration = Duration::from_secs(1);
-/// How long an idle device is waited for to be dropped, so that a process does not end amid that.
-const FAREWELL: Duration = Duration::from_secs(1);
+/// Default deadline of a batch: long enough for offline work on a software driver.
+const DEFAULT_DEADLINE: Duration = Duration::from_secs(10);
+/// Number of late batches in a row after which a device counts as lost.
+const MAX_LATE_BATCHES: u32 = 3;
+/// Time without an answer after which a device counts as hanging.
+const HANG_TIMEOUT: Duration = Duration::from_secs(1);
+/// Maximum wait for an idle device to be dropped. Without the wait a process may end in the middle of it.
+const DROP_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Why a device has no more answers.
+/// Error message of a device whose thread has ended.
 const ENDED: &str = "it failed before";
 
-/// A backend on a GPU, or on a software driver that stands in for one.
+/// Backend on a GPU, or on a software driver that replaces one.
 ///
-/// A batch whose answers come later than the deadline is an error ([`BackendError::Late`]), as are all until they have come.
-/// Then the device is asked again. The error of the third late batch in a row [lasts](BackendError::is_lasting), and so does
-/// that of a batch that was asked for while another had no answer for a second.
+/// A batch whose answers arrive after the deadline fails ([`BackendError::Late`]), and so do all batches
+/// until they have arrived. Then the device is used again. The third late batch in a row fails with an error
+/// that [lasts](BackendError::is_lasting), and so does a batch that is requested while another has had no
+/// answer for a second.
 ///
-/// The deadline is 10 s, for work that is in no hurry, unless [`set_deadline`](Backend::set_deadline) says otherwise.
+/// The deadline is 10 s, for offline work, unless [`set_deadline`](Backend::set_deadline) changes it.
 #[derive(Debug)]
 pub struct WgpuBackend {
     name: String,
-    /// To the device's thread and back; none once it is told to end.
+    /// Channel to the device's thread; `None` once that thread is to end.
     jobs: Option<SyncSender<Job>>,
+    /// Channel from the device's thread.
     done: Receiver<Job>,
-    /// None while the device has it.
+    /// The reused job; `None` while the device has it.
     job: Option<Job>,
-    /// When it was last sent.
+    /// Time at which the job was last sent.
     sent: Instant,
-    /// How many batches in a row were late.
-    misses: u32,
+    /// Number of late batches in a row.
+    late: u32,
     deadline: Duration,
-    /// Which textures the device has.
+    /// Revision of the textures that the device has.
     uploaded: Option<u64>,
 }
 
-/// A batch on its way to the device and back, whose room is used again.
-#[derive(Debug)]
-struct Job {
-    /// If the device does not have them yet.
-    textures: Option<Textures>,
-    batch: Batch,
-    answers: Vec<Answer>,
-    result: Result<(), BackendError>,
-}
-
-/// Those of a set of surfaces.
-#[derive(Debug, Default)]
-struct Textures {
-    levels: Arc<Vec<Level>>,
-    coefficients: Arc<Vec<f32>>,
-}
-
-impl Default for Job {
-    fn default() -> Self {
-        Self { textures: None, batch: Batch::default(), answers: Vec::new(), result: Ok(()) }
-    }
-}
-
-/// The adapters of this machine that a [`WgpuBackend`] may run on, software ones included: Vulkan, Metal or Direct3D 12. Loads
-/// their drivers, which may take long.
+/// Lists the adapters of this machine that a [`WgpuBackend`] may run on, including software drivers: Vulkan,
+/// Metal or Direct3D 12. It loads their drivers, which may take long.
 pub fn adapters() -> Vec<wgpu::AdapterInfo> {
     let instance = Instance::new(InstanceDescriptor::new_without_display_handle());
     let found = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::PRIMARY));
@@ -96,16 +74,16 @@ pub fn adapters() -> Vec<wgpu::AdapterInfo> {
 }
 
 impl WgpuBackend {
-    /// A backend on the fastest adapter of this machine: Vulkan, Metal or Direct3D 12. Where there is no GPU, a
-    /// software driver serves.
+    /// Creates a backend on the fastest adapter of this machine: Vulkan, Metal or Direct3D 12. Without a GPU
+    /// it runs on a software driver.
     ///
     /// # Errors
-    /// If there is no adapter, or it gives no device.
+    /// If there is no adapter, or it provides no device.
     pub fn new() -> Result<Self, BackendError> {
         Self::from_instance(&Instance::new(InstanceDescriptor::new_without_display_handle()))
     }
 
-    /// A backend on the fastest adapter of `instance`.
+    /// Creates a backend on the fastest adapter of `instance`.
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -117,7 +95,7 @@ impl WgpuBackend {
         let adapter = pollster::block_on(instance.request_adapter(&options))
             .map_err(|error| BackendError::NoAdapter { reason: error.to_string() })?;
         let name = adapter.get_info().name;
-        // What WebGPU promises everywhere, but room for as much as the adapter binds.
+        // WebGPU's guaranteed limits, except for buffer sizes: those are as large as the adapter allows.
         let most = adapter.limits();
         let limits = wgpu::Limits {
             max_buffer_size: most.max_buffer_size,
@@ -135,25 +113,26 @@ impl WgpuBackend {
         Self::with_device(&name, device, queue)
     }
 
-    /// A backend on a device that the host has, so that both share it. It goes by `name`.
+    /// Creates a backend on a device that it shares with the host program; `name` appears in messages.
     ///
-    /// The backend submits to `queue` and waits for its own submissions, from a thread of its own; the host may poll and submit
-    /// beside it. Errors of its own calls are caught and do not reach the host's error handler.
+    /// The backend submits to `queue` and waits for its own submissions on its own thread; the host may poll
+    /// and submit at the same time. Errors of the backend's calls are caught and do not reach the host's
+    /// error handler.
     ///
     /// # Errors
-    /// If the device fails, or gives fewer than the eight storage buffers that WebGPU promises.
+    /// If the device fails, or has fewer than the eight storage buffers that WebGPU guarantees.
     pub fn with_device(name: &str, device: Device, queue: Queue) -> Result<Self, BackendError> {
-        Self::looking(name, device, queue, Device::poll)
+        Self::with_poll(name, device, queue, Device::poll)
     }
 
-    /// A backend whose thread looks at the device in a way of its own.
-    fn looking(name: &str, device: Device, queue: Queue, look: Look) -> Result<Self, BackendError> {
+    /// Creates a backend whose thread polls the device with the given function.
+    fn with_poll(name: &str, device: Device, queue: Queue, poll: Poll) -> Result<Self, BackendError> {
         let (jobs, to_do) = mpsc::sync_channel(1);
         let (send, done) = mpsc::sync_channel(1);
         let called = name.to_owned();
         std::thread::Builder::new()
             .name("palpate-gpu".into())
-            .spawn(move || serve(&called, || Pipelines::new(&called, device, queue, look), &to_do, &send))
+            .spawn(move || serve(&called, || Pipelines::new(&called, device, queue, poll), &to_do, &send))
             .map_err(|error| BackendError::NoDevice { adapter: name.into(), reason: error.to_string() })?;
         let mut backend = Self {
             name: name.into(),
@@ -161,23 +140,27 @@ impl WgpuBackend {
             done,
             job: None,
             sent: Instant::now(),
-            misses: 0,
-            deadline: UNHURRIED,
+            late: 0,
+            deadline: DEFAULT_DEADLINE,
             uploaded: None,
         };
-        let made =
-            backend.done.recv_timeout(COMPILE_TIMEOUT).map_err(|_| backend.lost("it compiles no kernels"))?;
+        let made = backend
+            .done
+            .recv_timeout(COMPILE_TIMEOUT)
+            .map_err(|_| backend.lost("its driver did not compile the kernels in time"))?;
         backend.take_back(made, &mut Vec::new())?;
         Ok(backend)
     }
 
-    /// The room for a batch: an error where the device still has it.
-    fn room(&mut self) -> Result<Job, BackendError> {
+    /// Returns the job to reuse, or an error while the device still has it.
+    fn free_job(&mut self) -> Result<Job, BackendError> {
         if self.job.is_none() {
             match self.done.try_recv() {
-                // Nobody waits for these answers any more.
+                // Late answers, whose caller has gone on: they are discarded.
                 Ok(late) => self.take_back(late, &mut Vec::new())?,
-                Err(TryRecvError::Empty) if self.sent.elapsed() < PATIENCE => return Err(self.late()),
+                Err(TryRecvError::Empty) if self.sent.elapsed() < HANG_TIMEOUT => {
+                    return Err(self.late_error());
+                }
                 Err(TryRecvError::Empty) => return Err(self.lost("it hangs")),
                 Err(TryRecvError::Disconnected) => return Err(self.lost(ENDED)),
             }
@@ -185,7 +168,7 @@ impl WgpuBackend {
         self.job.take().ok_or_else(|| self.lost(ENDED))
     }
 
-    /// Sends a batch to the device, with the textures where these are new.
+    /// Sends a batch to the device, with the textures if they are new.
     fn send(&mut self, mut job: Job, surfaces: &SurfaceSet, batch: &Batch) -> Result<(), BackendError> {
         job.batch.copy_from(batch);
         if self.uploaded != Some(surfaces.revision()) {
@@ -194,12 +177,12 @@ impl WgpuBackend {
             self.uploaded = Some(surfaces.revision());
         }
         self.sent = Instant::now();
-        // There is room for one, and one is on its way at most.
+        // The channel holds one job, and there is only one.
         let sent = self.jobs.as_ref().is_some_and(|jobs| jobs.try_send(job).is_ok());
         if sent { Ok(()) } else { Err(self.lost(ENDED)) }
     }
 
-    /// Keeps the room that comes back, and gives the answers in it.
+    /// Stores a job that came back for reuse, and copies its answers.
     fn take_back(&mut self, mut job: Job, answers: &mut Vec<Answer>) -> Result<(), BackendError> {
         let result = std::mem::replace(&mut job.result, Ok(()));
         match result {
@@ -210,7 +193,7 @@ impl WgpuBackend {
         result
     }
 
-    fn late(&self) -> BackendError {
+    fn late_error(&self) -> BackendError {
         BackendError::Late { device: self.name.clone(), deadline: self.deadline }
     }
 
@@ -238,19 +221,19 @@ impl Backend for WgpuBackend {
         if batch.pairs.is_empty() {
             return Ok(());
         }
-        let room = self.room()?;
-        self.send(room, surfaces, batch)?;
+        let job = self.free_job()?;
+        self.send(job, surfaces, batch)?;
         match self.done.recv_timeout(self.deadline) {
             Ok(job) => {
-                self.misses = 0;
+                self.late = 0;
                 self.take_back(job, answers)
             }
             Err(RecvTimeoutError::Timeout) => {
-                self.misses += 1;
-                Err(if self.misses < MISSES {
-                    self.late()
+                self.late += 1;
+                Err(if self.late < MAX_LATE_BATCHES {
+                    self.late_error()
                 } else {
-                    self.lost("its answers keep coming late")
+                    self.lost("its answers keep arriving late")
                 })
             }
             Err(RecvTimeoutError::Disconnected) => Err(self.lost(ENDED)),
@@ -263,24 +246,24 @@ impl Drop for WgpuBackend {
         // The device's thread ends, and drops the device.
         self.jobs = None;
         if self.job.is_some() {
-            let _ = self.done.recv_timeout(FAREWELL);
+            let _ = self.done.recv_timeout(DROP_TIMEOUT);
         }
     }
 }
 
-/// What the device's thread does: it makes the pipelines and says so, and then answers what it is sent, until nobody sends any
-/// more or the device panics. The pipelines are dropped before it lets go of `done`.
+/// Body of the device's thread. It creates the pipelines, reports the result, and then answers jobs until the
+/// channel is closed or the device panics. The pipelines are dropped before `done` is.
 fn serve(
     name: &str,
     make: impl FnOnce() -> Result<Pipelines, BackendError>,
     to_do: &Receiver<Job>,
     done: &SyncSender<Job>,
 ) {
-    let (mut pipelines, made) = match guarded(name, make) {
+    let (mut pipelines, result) = match guarded(name, make) {
         Ok(Ok(pipelines)) => (Some(pipelines), Ok(())),
         Ok(Err(error)) | Err(error) => (None, Err(error)),
     };
-    if done.send(Job { result: made, ..Job::default() }).is_err() {
+    if done.send(Job { result, ..Job::default() }).is_err() {
         return;
     }
     while let (Some(device), Ok(mut job)) = (&mut pipelines, to_do.recv()) {
@@ -293,7 +276,7 @@ fn serve(
     }
 }
 
-/// What `work` gives, or an error that says what it panicked with.
+/// Returns the result of `work`, or an error with the message of its panic.
 fn guarded<T>(name: &str, work: impl FnOnce() -> T) -> Result<T, BackendError> {
     catch_unwind(AssertUnwindSafe(work)).map_err(|panic| BackendError::Device {
         device: name.into(),

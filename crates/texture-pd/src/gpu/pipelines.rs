@@ -1,5 +1,6 @@
-//! The kernels on a device: what they are made of, and one batch after the other. All of it belongs to one thread.
+//! The kernels on a device, with their buffers. All of it belongs to one thread.
 
+use std::sync::Arc;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
@@ -10,26 +11,51 @@ use wgpu::{
     PollType, Queue,
 };
 
-use super::{Job, Textures};
 use crate::backend::BackendError;
 use crate::batch::Batch;
 use crate::kernels::{Answer, Clips, Header, Image, Pair, Triangle};
+use crate::spline::Level;
 
-/// Invocations of a workgroup of `height_images`.
-const TEXELS: u32 = 64;
-/// A batch that takes longer has hung the device.
-const TIMEOUT: Duration = Duration::from_secs(10);
-/// The first batch waits for the driver's compiler, which takes a second on a software driver, and more on a busy machine.
+/// Workgroup size of `height_images`, as in the shader.
+const WORKGROUP_TEXELS: u32 = 64;
+/// Time after which a batch counts as having hung the device.
+const BATCH_TIMEOUT: Duration = Duration::from_secs(10);
+/// Timeout of the first batch, which waits for the driver's compiler: a second on a software driver, more on
+/// a busy machine.
 pub(super) const COMPILE_TIMEOUT: Duration = Duration::from_secs(120);
-/// Answers are looked for without a pause for so long, and then with pauses.
-const EAGER: Duration = Duration::from_micros(300);
-const PAUSE: Duration = Duration::from_micros(50);
+/// Time for which the device is polled without a pause. Longer values cost CPU time, shorter ones latency.
+const SPIN_TIME: Duration = Duration::from_micros(300);
+/// Pause between polls after that.
+const POLL_PAUSE: Duration = Duration::from_micros(50);
 
-/// What the kernels bind.
+/// Usage of buffers that the kernels bind.
 const STORAGE: BufferUsages = BufferUsages::STORAGE.union(BufferUsages::COPY_DST);
 
-/// How the device is looked at: [`Device::poll`], but for tests of devices that are lost or hang.
-pub(super) type Look = fn(&Device, PollType) -> Result<PollStatus, PollError>;
+/// Function that polls the device: [`Device::poll`], except in tests of devices that are lost or hang.
+pub(super) type Poll = fn(&Device, PollType) -> Result<PollStatus, PollError>;
+
+/// A batch on its way to the device, and its answers on their way back. Its buffers are used again.
+#[derive(Debug)]
+pub(super) struct Job {
+    /// Textures to upload; `None` while the device has them.
+    pub textures: Option<Textures>,
+    pub batch: Batch,
+    pub answers: Vec<Answer>,
+    pub result: Result<(), BackendError>,
+}
+
+/// Textures of a set of surfaces.
+#[derive(Debug, Default)]
+pub(super) struct Textures {
+    pub levels: Arc<Vec<Level>>,
+    pub coefficients: Arc<Vec<f32>>,
+}
+
+impl Default for Job {
+    fn default() -> Self {
+        Self { textures: None, batch: Batch::default(), answers: Vec::new(), result: Ok(()) }
+    }
+}
 
 /// Both kernels with their buffers.
 #[derive(Debug)]
@@ -48,13 +74,13 @@ pub(super) struct Pipelines {
     pairs: Store,
     answers: Store,
     readback: Store,
-    /// Those of the stores as they are.
+    /// Bind groups of the current buffers, for `images` and `overlaps`.
     groups: Option<[BindGroup; 2]>,
-    look: Look,
+    poll: Poll,
     timeout: Duration,
 }
 
-/// A buffer that grows and stays.
+/// A buffer that grows and is never shrunk.
 #[derive(Debug)]
 struct Store {
     what: &'static str,
@@ -66,8 +92,8 @@ impl Pipelines {
     /// Compiles the kernels and runs them once.
     ///
     /// # Errors
-    /// If the device fails, or gives fewer than the eight storage buffers that WebGPU promises.
-    pub fn new(name: &str, device: Device, queue: Queue, look: Look) -> Result<Self, BackendError> {
+    /// If the device fails, or has fewer than the eight storage buffers that WebGPU guarantees.
+    pub fn new(name: &str, device: Device, queue: Queue, poll: Poll) -> Result<Self, BackendError> {
         let (images, overlaps, header) = caught(name, &device, || {
             let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
                 label: Some(TEXTURE_DEPTH.name),
@@ -108,15 +134,15 @@ impl Pipelines {
             answers: store("answers", BufferUsages::STORAGE | BufferUsages::COPY_SRC),
             readback: store("readback", BufferUsages::MAP_READ | BufferUsages::COPY_DST),
             groups: None,
-            look,
+            poll,
             timeout: COMPILE_TIMEOUT,
         };
         pipelines.warm_up()?;
-        pipelines.timeout = TIMEOUT;
+        pipelines.timeout = BATCH_TIMEOUT;
         Ok(pipelines)
     }
 
-    /// Runs both kernels once, on one pair of empty images: drivers compile at the first use.
+    /// Runs both kernels once, on a pair of empty images, because drivers compile at the first use.
     fn warm_up(&mut self) -> Result<(), BackendError> {
         let mut batch = Batch::default();
         batch.clear(2, 0);
@@ -125,10 +151,10 @@ impl Pipelines {
         self.evaluate(&mut Job { textures: Some(Textures::default()), batch, ..Job::default() })
     }
 
-    /// Answers a job.
+    /// Runs the kernels on a job.
     ///
     /// # Errors
-    /// If the device fails or is too small: it then has no textures.
+    /// If the device fails or is too small. The textures then have to be uploaded again.
     pub fn evaluate(&mut self, job: &mut Job) -> Result<(), BackendError> {
         let Job { textures, batch, answers, .. } = job;
         answers.clear();
@@ -139,7 +165,7 @@ impl Pipelines {
         });
         let result = result.flatten();
         if result.is_err() {
-            // Buffers of a failed run may still be mapped or in use: the next run makes new ones.
+            // Buffers of a failed run may still be mapped or in use, so the next run creates new ones.
             answers.clear();
             self.readback.buffer = None;
             self.groups = None;
@@ -147,7 +173,7 @@ impl Pipelines {
         result
     }
 
-    /// Makes room and uploads.
+    /// Grows the buffers as needed and uploads the batch.
     fn load(&mut self, textures: Option<Textures>, batch: &Batch) -> Result<(), BackendError> {
         let (device, queue, name) = (&self.device, &self.queue, &self.name);
         let mut grown = false;
@@ -175,6 +201,7 @@ impl Pipelines {
         Ok(())
     }
 
+    /// Creates the bind groups of the current buffers.
     fn bind(&self) -> Option<[BindGroup; 2]> {
         let stores = [
             (1, &self.triangles),
@@ -190,7 +217,7 @@ impl Pipelines {
         for (binding, store) in stores {
             entries.push(BindGroupEntry { binding, resource: store.buffer.as_ref()?.as_entire_binding() });
         }
-        // Images know nothing of pairs.
+        // `height_images` binds neither pairs nor answers.
         Some([(&self.images, &entries[..6]), (&self.overlaps, &entries[..])].map(|(pipeline, entries)| {
             self.device.create_bind_group(&BindGroupDescriptor {
                 label: Some(TEXTURE_DEPTH.name),
@@ -200,6 +227,7 @@ impl Pipelines {
         }))
     }
 
+    /// Dispatches both kernels and waits for the answers.
     fn submit(&self, batch: &Batch, answers: &mut Vec<Answer>) -> Result<(), BackendError> {
         let failed = |reason: String| BackendError::Device { device: self.name.clone(), reason };
         let missing = || failed("a buffer is missing".into());
@@ -213,8 +241,13 @@ impl Pipelines {
             let most = self.device.limits().max_compute_workgroups_per_dimension;
             pass.set_pipeline(&self.images);
             pass.set_bind_group(0, images, &[]);
+            // Images and pairs are spread over two dimensions, since each is limited.
             let across = image_count.min(most);
-            pass.dispatch_workgroups((grid * grid).div_ceil(TEXELS), across, image_count.div_ceil(across));
+            pass.dispatch_workgroups(
+                (grid * grid).div_ceil(WORKGROUP_TEXELS),
+                across,
+                image_count.div_ceil(across),
+            );
             pass.set_pipeline(&self.overlaps);
             pass.set_bind_group(0, overlaps, &[]);
             let across = pairs.min(most);
@@ -226,7 +259,7 @@ impl Pipelines {
 
         let (send, receive) = mpsc::sync_channel(1);
         readback.map_async(MapMode::Read, ..used, move |result| {
-            // The receiver is gone only after a timeout.
+            // The receiver is dropped only after a timeout.
             let _ = send.send(result);
         });
         self.await_answers(&receive)?;
@@ -240,16 +273,17 @@ impl Pipelines {
 
     /// Waits until the answers are mapped.
     ///
-    /// What tells so is called by whoever looks at the device once they are: a thread of the host that polls or submits to the
-    /// same device may have it in hand, and call it after we have looked. wgpu's own wait (`PollType::Wait`) is of no use then, and
-    /// as it waits it keeps the host from giving back buffers; where it times out while the host looks, it panics (wgpu 30).
+    /// The callback runs on the thread that polls the device once the answers are mapped. That may be a
+    /// thread of the host that polls or submits to the same device, and the callback may run after our own
+    /// poll. wgpu's wait (`PollType::Wait`) does not cover that case. It also keeps the host from releasing
+    /// buffers while it waits, and panics if it times out while the host polls (wgpu 30).
     fn await_answers(&self, mapped: &Receiver<Result<(), BufferAsyncError>>) -> Result<(), BackendError> {
         let failed = |reason: String| BackendError::Device { device: self.name.clone(), reason };
         let start = Instant::now();
         loop {
-            (self.look)(&self.device, PollType::Poll).map_err(|error| failed(error.to_string()))?;
+            (self.poll)(&self.device, PollType::Poll).map_err(|error| failed(error.to_string()))?;
             let waited = start.elapsed();
-            let pause = if waited < EAGER { Duration::ZERO } else { PAUSE };
+            let pause = if waited < SPIN_TIME { Duration::ZERO } else { POLL_PAUSE };
             match mapped.recv_timeout(pause) {
                 Ok(Ok(())) => return Ok(()),
                 Ok(Err(error)) => return Err(failed(error.to_string())),
@@ -261,7 +295,7 @@ impl Pipelines {
 }
 
 impl Store {
-    /// Makes room for as many bytes; whether the buffer is a new one.
+    /// Grows the buffer to hold `bytes`. Returns whether it is a new one.
     fn reserve(&mut self, device: &Device, name: &str, bytes: u64) -> Result<bool, BackendError> {
         if self.buffer.as_ref().is_some_and(|buffer| buffer.size() >= bytes) {
             return Ok(false);
@@ -271,7 +305,7 @@ impl Store {
         if bytes > limit {
             return Err(BackendError::TooLarge { what: self.what, bytes, limit, device: name.into() });
         }
-        // The old one is given back before the new one is made.
+        // The old buffer is released before the new one is created.
         self.buffer = None;
         self.buffer = Some(device.create_buffer(&BufferDescriptor {
             label: Some(self.what),
@@ -282,6 +316,7 @@ impl Store {
         Ok(true)
     }
 
+    /// Writes bytes to the buffer, which grows as needed. Returns whether it is a new one.
     fn write(
         &mut self,
         device: &Device,
@@ -297,7 +332,8 @@ impl Store {
     }
 }
 
-/// What `work` gives, or the first error that its calls on the device raised: uncaught, they would panic.
+/// Returns the result of `work`, or the first error that its calls on the device raised: uncaught, it would
+/// panic.
 fn caught<T>(name: &str, device: &Device, work: impl FnOnce() -> T) -> Result<T, BackendError> {
     let scopes = [ErrorFilter::Internal, ErrorFilter::OutOfMemory, ErrorFilter::Validation]
         .map(|filter| device.push_error_scope(filter));

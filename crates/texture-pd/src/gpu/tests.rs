@@ -1,4 +1,4 @@
-//! Devices that are lost or hang, as far as that can be had without one: in place of wgpu's poll.
+//! Devices that are lost or hang, simulated by functions in place of wgpu's poll.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -10,12 +10,12 @@ use crate::kernels::Clips;
 
 const DEADLINE: Duration = Duration::from_millis(20);
 
-/// A backend that looks at its device in a way of its own once it is made, with the deadline of a contact loop.
-fn backend(look: Look) -> WgpuBackend {
+/// A backend that polls its device with the given function, with the deadline of a contact loop.
+fn backend(poll: Poll) -> WgpuBackend {
     let instance = Instance::new(InstanceDescriptor::new_without_display_handle());
     let adapter = pollster::block_on(instance.request_adapter(&Default::default())).unwrap();
     let (device, queue) = pollster::block_on(adapter.request_device(&Default::default())).unwrap();
-    let mut backend = WgpuBackend::looking("injected", device, queue, look).unwrap();
+    let mut backend = WgpuBackend::with_poll("injected", device, queue, poll).unwrap();
     backend.set_deadline(DEADLINE);
     backend
 }
@@ -29,7 +29,7 @@ fn batch() -> Batch {
     batch
 }
 
-/// What a batch gives, and how long it took.
+/// Evaluates a batch; returns the result and the time that it took.
 fn evaluate(backend: &mut dyn Backend) -> (Result<usize, BackendError>, Duration) {
     let mut answers = Vec::new();
     let start = Instant::now();
@@ -48,7 +48,8 @@ fn assert_is_lost(result: &Result<usize, BackendError>, why: &str) {
     );
 }
 
-/// wgpu's poll, and then what is to go wrong from the second batch on that it finds done: the first is the kernels' first run.
+/// Polls the device, and calls `wrong` for each finished batch from the second one on. The first batch is the
+/// kernels' first run.
 fn poll(
     device: &Device,
     how: PollType,
@@ -65,17 +66,17 @@ fn poll(
     Ok(status)
 }
 
-/// Panics as wgpu does where the driver says that the device is lost.
+/// Panics like wgpu when the driver reports a lost device.
 fn panicking(device: &Device, how: PollType) -> Result<PollStatus, PollError> {
     static BATCHES: AtomicUsize = AtomicUsize::new(0);
     poll(device, how, &BATCHES, |_| panic!("Error in Device::poll: Parent device is lost"))
 }
 
 #[test]
-fn a_panic_over_a_lost_device_is_an_error_and_the_processor_goes_on() {
+fn panic_over_a_lost_device_is_an_error_and_the_cpu_takes_over() {
     let mut fallback = Fallback::new(Box::new(backend(panicking)));
-    // The panic is printed first, with where it came from.
-    fallback.set_deadline(UNHURRIED);
+    // The panic message is printed first.
+    fallback.set_deadline(DEFAULT_DEADLINE);
     assert_eq!(fallback.name(), "injected");
     for _ in 0..5 {
         assert_eq!(evaluate(&mut fallback).0.unwrap(), 1);
@@ -95,7 +96,7 @@ fn hanging(device: &Device, how: PollType) -> Result<PollStatus, PollError> {
 }
 
 #[test]
-fn a_device_that_hangs_is_waited_for_until_the_deadline_and_given_up() {
+fn hanging_device_is_lost_after_the_deadline() {
     let mut backend = backend(hanging);
     let (result, took) = evaluate(&mut backend);
     assert_is_late(&result);
@@ -103,14 +104,14 @@ fn a_device_that_hangs_is_waited_for_until_the_deadline_and_given_up() {
     let (result, took) = evaluate(&mut backend);
     assert_is_late(&result);
     assert!(took < DEADLINE, "{took:?}, though the first batch still has no answer");
-    std::thread::sleep(PATIENCE);
+    std::thread::sleep(HANG_TIMEOUT);
     assert_is_lost(&evaluate(&mut backend).0, "hangs");
     let start = Instant::now();
     drop(backend);
     assert!(start.elapsed() < DEADLINE, "{:?} to drop it", start.elapsed());
 }
 
-/// Takes its time twice.
+/// Is late for two batches.
 fn tardy(device: &Device, how: PollType) -> Result<PollStatus, PollError> {
     static BATCHES: AtomicUsize = AtomicUsize::new(0);
     poll(device, how, &BATCHES, |before| {
@@ -120,20 +121,20 @@ fn tardy(device: &Device, how: PollType) -> Result<PollStatus, PollError> {
     })
 }
 
-/// Takes its time always.
+/// Is always late.
 fn slow(device: &Device, how: PollType) -> Result<PollStatus, PollError> {
     static BATCHES: AtomicUsize = AtomicUsize::new(0);
     poll(device, how, &BATCHES, |_| std::thread::sleep(5 * DEADLINE))
 }
 
 #[test]
-fn a_device_that_is_late_twice_is_used_again_and_one_that_always_is_given_up() {
+fn device_that_is_late_twice_is_used_again_but_not_one_that_is_always_late() {
     let mut once = backend(tardy);
     for _ in 0..2 {
         assert_is_late(&evaluate(&mut once).0);
         std::thread::sleep(10 * DEADLINE);
     }
-    once.set_deadline(UNHURRIED);
+    once.set_deadline(DEFAULT_DEADLINE);
     assert_eq!(evaluate(&mut once).0.unwrap(), 1);
     let mut always = backend(slow);
     for _ in 0..2 {

@@ -1,6 +1,7 @@
-//! From the bytes of an image file to its samples.
+//! Decoding of an image file to samples.
 //!
-//! TIFF and EXR are read through the crates that `image` uses for them: `image` itself knows no grey floats.
+//! TIFF and EXR are read through the crates that `image` uses for them, since `image` itself has no grey
+//! floats.
 
 use std::io::Cursor;
 
@@ -13,18 +14,19 @@ use tiff::{ColorType, TiffError};
 
 use super::{HeightFileError, MAX_BYTES, MAX_FILE_SIDE};
 
-/// An image as it stands in its file: row after row, the channels of a texel side by side.
+/// An image as stored in its file: row by row, with the channels of a texel next to each other.
 #[derive(Debug)]
 pub(super) struct Raw {
     pub width: u32,
     pub height: u32,
-    /// 1: grey, 2: grey and alpha, 3: red, green and blue, 4: these and alpha.
+    /// Number of channels. 1: grey; 2: grey and alpha; 3: red, green and blue; 4: these and alpha.
     pub channels: usize,
-    /// Bits of an integer sample in the file. 0 for floats.
+    /// Bits of an integer sample in the file; 0 for floats.
     pub bits: u32,
     pub samples: Samples,
 }
 
+/// Samples of an image in the file's type.
 #[derive(Debug)]
 pub(super) enum Samples {
     Byte(Vec<u8>),
@@ -41,7 +43,7 @@ impl Samples {
         }
     }
 
-    /// The value of a sample, of integers from 0 to 1.
+    /// Returns the value of a sample; integers are scaled to 0 to 1.
     pub(super) fn value(&self, at: usize) -> f64 {
         match self {
             Self::Byte(samples) => f64::from(samples[at]) / f64::from(u8::MAX),
@@ -51,11 +53,11 @@ impl Samples {
     }
 }
 
-/// Why there are no samples.
+/// Reason why an image was refused, without its name.
 enum Refused {
-    /// The bytes or the decoder.
+    /// The bytes are faulty or unsupported.
     Reason(String),
-    /// Width, height and bytes.
+    /// The image is too large: width, height and bytes.
     TooLarge([u64; 3]),
 }
 
@@ -65,7 +67,7 @@ impl Refused {
     }
 }
 
-/// The samples of an image file: as many as its texels have channels, and a texel at least.
+/// Decodes an image file. The result has at least one texel, and a sample for each channel of each.
 pub(super) fn decode(bytes: &[u8], name: &str) -> Result<Raw, HeightFileError> {
     let name = || name.to_string();
     let decoded = match bytes {
@@ -79,7 +81,7 @@ pub(super) fn decode(bytes: &[u8], name: &str) -> Result<Raw, HeightFileError> {
         _ => return Err(HeightFileError::Format { name: name(), found: "no image of a known format" }),
     };
     let raw = decoded.map_err(|refused| match refused {
-        // Whatever a decoder says, a message is one line.
+        // A decoder's message may have several lines; ours is one.
         Refused::Reason(reason) => HeightFileError::Decode {
             name: name(),
             reason: reason.split_whitespace().collect::<Vec<_>>().join(" "),
@@ -102,7 +104,7 @@ pub(super) fn decode(bytes: &[u8], name: &str) -> Result<Raw, HeightFileError> {
     Ok(raw)
 }
 
-/// Refuses what takes too much memory, before it is taken.
+/// Refuses an image that takes too much memory, before the memory is allocated.
 fn checked_size(width: u64, height: u64, texel_bytes: u64) -> Result<[u32; 2], Refused> {
     let bytes = width.saturating_mul(height).saturating_mul(texel_bytes);
     let side = |side: u64| u32::try_from(side).ok().filter(|side| *side <= MAX_FILE_SIDE);
@@ -114,7 +116,7 @@ fn checked_size(width: u64, height: u64, texel_bytes: u64) -> Result<[u32; 2], R
 
 fn png(bytes: &[u8]) -> Result<Raw, Refused> {
     let broken = |error: ImageError| Refused::because(error);
-    // Width and height stand behind the signature and the head of the first chunk. Here, a texel takes a byte at least.
+    // Width and height follow the signature and the header of the first chunk. A texel takes at least a byte.
     if let Some(&[a, b, c, d, e, f, g, h]) = bytes.get(16..24) {
         let [width, height] = [[a, b, c, d], [e, f, g, h]].map(|side| u64::from(u32::from_be_bytes(side)));
         checked_size(width, height, 1)?;
@@ -177,13 +179,14 @@ fn tiff(bytes: &[u8]) -> Result<Raw, Refused> {
     Ok(Raw { width, height, channels, bits, samples })
 }
 
-/// The first layer. Its only channel, else the channel Y, else R, G and B with or without A.
+/// Decodes the first layer of an EXR file: its only channel, else the channel Y, else R, G and B with or
+/// without A.
 fn exr(bytes: &[u8]) -> Result<Raw, Refused> {
     let broken = |error: exr::error::Error| Refused::because(error);
     let about = exr::meta::MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(broken)?;
     for header in &about.headers {
         let size = header.layer_size;
-        // Decoded once, and once more side by side.
+        // Samples are held twice: by channel as decoded, and interleaved.
         let texel_bytes = header.channels.list.len() as u64 * 8;
         checked_size(size.width() as u64, size.height() as u64, texel_bytes)?;
     }
@@ -209,7 +212,7 @@ fn exr(bytes: &[u8]) -> Result<Raw, Refused> {
         (_, Some(grey), ..) => vec![grey],
         (_, None, Some(r), Some(g), Some(b), None) => vec![r, g, b],
         (_, None, Some(r), Some(g), Some(b), Some(a)) => vec![r, g, b, a],
-        _ => return Err(Refused::because("of several channels none is named Y, nor are there R, G and B")),
+        _ => return Err(Refused::because("there are several channels, but neither Y nor R, G and B")),
     };
     let count = width as usize * height as usize;
     if chosen.iter().any(|channel| channel.sample_data.len() != count) {

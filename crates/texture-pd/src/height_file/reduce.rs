@@ -1,4 +1,4 @@
-//! From samples to displacements: grey, no more texels than an image may have, and all of them finite.
+//! Conversion of samples to displacements: to grey, averaged if the image is too large, and all finite.
 
 use super::HeightOptions;
 use super::decode::{Raw, Samples};
@@ -6,21 +6,22 @@ use super::decode::{Raw, Samples};
 /// Weights of red, green and blue in luma (Rec. 709).
 const LUMA: [f64; 3] = [0.2126, 0.7152, 0.0722];
 
-/// Displacements, and what was done to get them.
+/// Displacements, with a record of the conversions for warnings.
 pub(super) struct Reduced {
     pub width: u32,
     pub height: u32,
-    /// m; not a number where no texel of the file was finite.
+    /// Displacements, m; NaN where no texel of the file was finite.
     pub values: Vec<f32>,
-    /// How many texels of the file are not finite, and the column and row of the first.
+    /// Number of texels of the file that are not finite, and column and row of the first.
     pub missing: Option<(u64, [u32; 2])>,
-    /// Texels of the file along a side of those that were averaged.
+    /// Side of the averaged blocks, in texels of the file.
     block: u32,
     coloured: bool,
     transparent: bool,
 }
 
-/// Displacements, averaged over blocks where the image has more than `side` texels along a side.
+/// Converts samples to displacements, averaged over blocks if the image has more than `side` texels along a
+/// side.
 pub(super) fn reduce(raw: &Raw, options: &HeightOptions, side: u32) -> Reduced {
     let block = raw.width.max(raw.height).div_ceil(side);
     let (width, height) = (raw.width.div_ceil(block), raw.height.div_ceil(block));
@@ -33,7 +34,8 @@ pub(super) fn reduce(raw: &Raw, options: &HeightOptions, side: u32) -> Reduced {
         coloured: false,
         transparent: false,
     };
-    // Where a side is no multiple of the block's, some blocks are a texel shorter, and none is moved by more.
+    // If a side is not a multiple of the block's, some blocks are one texel shorter, so none is shifted by
+    // more than that.
     let span = |at: u32, from: u32, to: u32| {
         let bound = |at: u32| (u64::from(at) * u64::from(from) / u64::from(to)) as u32;
         bound(at)..bound(at + 1)
@@ -57,7 +59,7 @@ pub(super) fn reduce(raw: &Raw, options: &HeightOptions, side: u32) -> Reduced {
 }
 
 impl Reduced {
-    /// The grey value of a texel, if it is finite.
+    /// Returns the grey value of a texel, if it is finite.
     fn grey(&mut self, raw: &Raw, x: u32, y: u32) -> Option<f64> {
         let first = (y as usize * raw.width as usize + x as usize) * raw.channels;
         let sample = |channel: usize| raw.samples.value(first + channel);
@@ -76,14 +78,14 @@ impl Reduced {
         if value.is_finite() {
             return Some(value);
         }
-        // Blocks are gone through row by row, so that the first one found need not be the first of the file.
+        // Texels are visited block by block, so the first one found need not be the first of the file.
         let (count, first) = self.missing.unwrap_or((0, [x, y]));
         let first = if [y, x] < [first[1], first[0]] { [x, y] } else { first };
         self.missing = Some((count + 1, first));
         None
     }
 
-    /// One line for each thing done that the user should know of.
+    /// Returns warnings about conversions that the user should know of, one line each.
     pub(super) fn warnings(&self, raw: &Raw, amplitude: f64) -> Vec<String> {
         let mut warnings = Vec::new();
         if self.block > 1 {
@@ -121,8 +123,8 @@ impl Reduced {
     }
 }
 
-/// Fills in values that are not a number: layer by layer inwards, each from the mean of those around it that were there
-/// before its layer. Says whether there was any to start from.
+/// Fills in NaN values layer by layer from their surroundings inwards. Each becomes the mean of those of its
+/// neighbours that were known before its layer. Returns whether any value was known.
 pub(super) fn fill(values: &mut [f32], width: usize) -> bool {
     let height = values.len() / width;
     let around = |at: usize| {

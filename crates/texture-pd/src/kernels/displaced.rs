@@ -1,21 +1,28 @@
 //! A displaced triangle as a height function over the grid (Eq. 4.9).
+//!
+//! The displaced point is p(s, t) = b(s, t) + h(uv(s, t)) d(s, t): b is the point of the flat triangle, d the
+//! interpolated direction of displacement, and h the displacement in the texture. The height at (u, v) is the
+//! n-component of p where its u and v components are (u, v).
 
 use super::Triangle;
 use crate::ceiling::{Ceiling, Ceilings, RADIUS};
 use crate::spline::{self, Level};
 
-/// Points this far outside a triangle, as a part of it, still count, so that no texel falls between neighbours.
-const EDGE: f32 = 1e-5;
-/// Displaced by no more than this part of a step along the grid, a point needs no search.
-const STILL: f32 = 1e-3;
-/// From a point that misses its texel by no more than this part of a step the last of Newton's steps is taken, with what it
-/// changes the height by to first order.
-const MISS: f32 = 0.05;
-/// A point that is displaced to a texel may be this far outside of the triangle, in texels of the texture: further away the
-/// triangle's plane says nothing of the surface, and an atlas holds other charts.
-const BEYOND: f32 = 2.0;
-/// The surface is folded where displacing shrinks the triangle's area as seen along n below this part of it.
-const FOLD: f32 = 0.1;
+/// Barycentric tolerance of a triangle's edges: points this far outside still count. Smaller values let
+/// texels fall between neighbouring triangles.
+const EDGE_TOLERANCE: f32 = 1e-5;
+/// Largest displacement along the grid that is neglected, in steps of the grid. Larger values misplace the
+/// height; smaller ones cost Newton steps.
+const NEGLIGIBLE_SHIFT: f32 = 1e-3;
+/// Distance from the texel at which Newton's method takes its last step, in steps of the grid. That step
+/// changes the height to first order only, so larger values cost accuracy.
+const NEWTON_TOLERANCE: f32 = 0.05;
+/// Largest distance outside of the triangle of the point found, in texels of the texture. Farther away the
+/// triangle's plane does not describe the surface, and an atlas holds other charts.
+const MAX_OUTSIDE_TEXELS: f32 = 2.0;
+/// Ratio of the displaced to the flat area, as seen along n, below which the surface counts as folded. At
+/// smaller values slopes and curvatures, which are divided by the area, grow without bound.
+const MIN_AREA_RATIO: f32 = 0.1;
 
 /// A point of a displaced triangle.
 #[derive(Clone, Copy, Debug)]
@@ -37,24 +44,25 @@ pub(super) struct HeightJet {
     pub vv: f32,
 }
 
-/// The textures' levels and their coefficients.
+/// Levels of all textures, and their coefficients.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Textures<'a> {
     pub levels: &'a [Level],
     pub coefficients: &'a [f32],
 }
 
-/// How much further out a displaced triangle is than the flat one at most, at the same texel, m.
+/// Upper bound of the height of a displaced triangle above the flat one at the same texel, m.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Lift<'a> {
-    /// Anywhere.
+    /// Bound for the whole triangle, m.
     most: f32,
-    /// The ceiling of the displacement, and what tilted directions add to it: none where the displaced point may be far from
-    /// the flat one.
+    /// Local bound of the displacement, and the height (m) that tilted directions add to it. `None` if the
+    /// displaced point may be far from the flat one.
     local: Option<(Ceiling<'a>, f32)>,
 }
 
 impl Triangle {
+    /// Returns the texture coordinates at a point of the triangle, in texels.
     #[inline]
     fn texel(&self, s: f32, t: f32) -> (f32, f32) {
         let [uv0, d1, d2] = &self.texture;
@@ -62,46 +70,50 @@ impl Triangle {
         (along(0), along(1))
     }
 
-    /// Of the flat triangle, along u (0) or v (1).
+    /// Returns the coordinate of a point of the flat triangle along u (0) or v (1), m.
     #[inline]
     fn place(&self, s: f32, t: f32, axis: usize) -> f32 {
         let [p0, e1, e2] = &self.plane;
         p0[axis] + s * e1[axis] + t * e2[axis]
     }
 
+    /// Returns the height of a point of the flat triangle, m.
     #[inline]
     fn base(&self, s: f32, t: f32) -> f32 {
         let [p0, e1, e2] = self.rise;
         p0 + s * e1 + t * e2
     }
 
-    /// Its edges along an axis.
+    /// Returns the components of e₁ and e₂ along an axis, m.
     #[inline]
     fn edges(&self, axis: usize) -> [f32; 2] {
         let [_, e1, e2] = if axis < 2 { self.plane.map(|edge| edge[axis]) } else { self.rise };
         [e1, e2]
     }
 
+    /// Returns the component of the displacement direction along an axis.
     #[inline]
     fn direction(&self, s: f32, t: f32, axis: usize) -> f32 {
         let [n0, m1, m2] = &self.directions;
         n0[axis] + s * m1[axis] + t * m2[axis]
     }
 
-    /// Where (u, v), m, is on the flat triangle, and its height there, if it is within `reach`.
+    /// Returns s, t and the height (m) of the flat triangle at (u, v), m, if it is there and within `reach`.
     #[inline(always)]
     pub(crate) fn flat(&self, u: f32, v: f32, reach: f32) -> Option<(f32, f32, f32)> {
         let [p0, e1, e2] = self.plane;
+        // Cramer's rule for s e₁ + t e₂ = (u, v) − p₀.
         let (du, dv) = (u - p0[0], v - p0[1]);
         let s = (du * e2[1] - dv * e2[0]) * self.inverse_area;
         let t = (e1[0] * dv - e1[1] * du) * self.inverse_area;
         let base = self.base(s, t);
-        let outside = s < -EDGE || t < -EDGE || s + t > 1.0 + EDGE || base.abs() > reach;
+        let outside =
+            s < -EDGE_TOLERANCE || t < -EDGE_TOLERANCE || s + t > 1.0 + EDGE_TOLERANCE || base.abs() > reach;
         (!outside).then_some((s, t, base))
     }
 
-    /// From where to where along u the line at v crosses the triangle, m: everywhere where rounding leaves that open, and from
-    /// beyond to before where it does not cross.
+    /// Returns the range of u, m, in which the line at v crosses the triangle. It is unbounded where rounding
+    /// leaves it open, and reversed where the line misses the triangle.
     pub(crate) fn crossing(&self, v: f32) -> [f32; 2] {
         let [p0, e1, e2] = self.plane;
         let dv = v - p0[1];
@@ -110,7 +122,7 @@ impl Triangle {
         let (t0, tu) = (e1[0] * dv * self.inverse_area, -e1[1] * self.inverse_area);
         let (mut from, mut to) = (f32::NEG_INFINITY, f32::INFINITY);
         for (start, slope) in [(s0, su), (t0, tu), (1.0 - s0 - t0, -su - tu)] {
-            let root = p0[0] - (start + EDGE) / slope;
+            let root = p0[0] - (start + EDGE_TOLERANCE) / slope;
             if slope > 0.0 && root.is_finite() {
                 from = from.max(root);
             } else if slope < 0.0 && root.is_finite() {
@@ -120,7 +132,7 @@ impl Triangle {
         [from, to]
     }
 
-    /// How much further out the displaced triangle is than the flat one.
+    /// Returns a bound of the height of the displaced triangle above the flat one.
     pub(crate) fn lift<'a>(&self, textures: &Textures, ceilings: &'a Ceilings) -> Lift<'a> {
         let [n0, m1, m2] = self.directions;
         let corners = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]
@@ -129,7 +141,7 @@ impl Triangle {
         let tilt = most(&|n| n[0].hypot(n[1]));
         let upright = most(&|n| n[2].abs());
         let [_, e1, e2] = self.plane;
-        // How steep over the grid something is that changes so along both edges.
+        // Length of the gradient over the grid of a quantity that changes by these amounts along the edges.
         let slope = |[along_1, along_2]: [f32; 2]| {
             let u = (along_1 * e2[1] - along_2 * e1[1]) * self.inverse_area;
             let v = (along_2 * e1[0] - along_1 * e2[0]) * self.inverse_area;
@@ -138,10 +150,10 @@ impl Triangle {
         let [_, r1, r2] = self.rise;
         let [_, m1, m2] = self.directions;
         let [_, d1, d2] = self.texture;
-        // The displaced point is so far from the flat one at most, along the grid.
+        // Largest distance along the grid of the displaced point from the flat one.
         let away = self.most * tilt;
         let risen = away * slope([r1, r2]);
-        // Where not all directions point outwards, displacements inwards may reach out as well.
+        // If a direction points inwards, negative displacements raise the surface as well.
         let outwards = corners.iter().all(|n| n[2] * self.inverse_area >= 0.0);
         let most = if outwards { self.outwards } else { self.most } * upright + risen;
         let texels = [0, 1].map(|axis| away * slope([d1[axis], d2[axis]]));
@@ -151,7 +163,7 @@ impl Triangle {
         Lift { most, local: level.map(|level| (ceilings.of(level, &textures.levels[level]), sideways)) }
     }
 
-    /// How much further out the displaced triangle is than the flat one above a point of that, m.
+    /// Returns the bound of the height above a point of the flat triangle, m.
     #[inline]
     pub(crate) fn lift_at(&self, lift: &Lift, s: f32, t: f32) -> f32 {
         let Some((ceiling, sideways)) = lift.local else { return lift.most };
@@ -159,11 +171,13 @@ impl Triangle {
         (ceiling.around(x, y) * self.direction(s, t, 2).abs() + sideways).min(lift.most)
     }
 
-    /// The point above (u, v), m, unless the triangle is not there or its flat surface is further than `reach` away along n.
+    /// Finds the point of the displaced triangle above (u, v), m. `None` if the flat triangle is not there,
+    /// or farther than `reach` along n.
     ///
-    /// The displaced surface above (u, v) is that of another point of the triangle, where its direction is not n: it is
-    /// found by at most `refinements` of Newton's steps. Where they do not find it, as the surface is folded, or find it
-    /// outside of the triangle, it is approximated by the point's own displacement, as in the dissertation.
+    /// Where directions are not along n, the point above (u, v) is the displacement of another point of the
+    /// triangle. At most `refinements` Newton steps find it. Where they do not converge because the surface
+    /// is folded, or lead outside of the triangle, the height is approximated by the displacement of the
+    /// point below (u, v), as in the dissertation (Eq. 4.9).
     #[inline]
     pub(crate) fn above(
         &self,
@@ -178,19 +192,22 @@ impl Triangle {
             return Some(Point { s, t, height: base, folded: false });
         }
         let level = &textures.levels[self.level as usize - 1];
+        // Eq. 4.9: the displacement of the point below the texel, taken along n.
         let upright = |s: f32, t: f32| {
             let (x, y) = self.texel(s, t);
             let displacement = spline::value(level, textures.coefficients, x, y);
             self.base(s, t) + displacement * self.direction(s, t, 2)
         };
         let (tilt_u, tilt_v) = (self.most * self.direction(s, t, 0), self.most * self.direction(s, t, 1));
-        let still = STILL * step;
-        if tilt_u * tilt_u + tilt_v * tilt_v <= still * still || refinements == 0 {
+        let negligible = NEGLIGIBLE_SHIFT * step;
+        if tilt_u * tilt_u + tilt_v * tilt_v <= negligible * negligible || refinements == 0 {
             return Some(Point { s, t, height: upright(s, t), folded: false });
         }
         let [_, e1, e2] = &self.plane;
         let [_, m1, m2] = &self.directions;
         let [_, d1, d2] = &self.texture;
+        // Newton's method for (s, t): the u and v components of p(s, t) are to be (u, v). With d = n₀ + s m₁
+        // + t m₂, ∂p/∂s = e₁ + h_s d + h m₁ and ∂p/∂t = e₂ + h_t d + h m₂.
         let start = (s, t);
         for _ in 0..=refinements {
             let (x, y) = self.texel(s, t);
@@ -204,17 +221,20 @@ impl Triangle {
             let vs = e1[1] + hs * nv + h * m1[1];
             let ut = e2[0] + ht * nu + h * m2[0];
             let vt = e2[1] + ht * nv + h * m2[1];
+            // The determinant of the Jacobian is the displaced area. Where it vanishes, or changes its sign,
+            // the surface is folded, and several points may be above (u, v).
             let area = us * vt - ut * vs;
-            if area * self.inverse_area < FOLD {
+            if area * self.inverse_area < MIN_AREA_RATIO {
                 break;
             }
             let ds = (miss_v * ut - miss_u * vt) / area;
             let dt = (vs * miss_u - us * miss_v) / area;
             (s, t) = (s + ds, t + dt);
-            if miss_u.abs() + miss_v.abs() <= MISS * step {
+            if miss_u.abs() + miss_v.abs() <= NEWTON_TOLERANCE * step {
                 if self.is_beyond(s, t) {
                     break;
                 }
+                // The displacement changes by h_s ds + h_t dt in this last step, to first order.
                 let height = self.base(s, t) + (h + hs * ds + ht * dt) * self.direction(s, t, 2);
                 return Some(Point { s, t, height, folded: false });
             }
@@ -223,19 +243,19 @@ impl Triangle {
         Some(Point { s, t, height: upright(s, t), folded: true })
     }
 
-    /// Whether a point is outside of the triangle and too far.
+    /// Returns whether a point is farther outside of the triangle than [`MAX_OUTSIDE_TEXELS`].
     #[inline]
     fn is_beyond(&self, s: f32, t: f32) -> bool {
         let outside = (-s).max(-t).max(s + t - 1.0).max(0.0);
         let [_, d1, d2] = &self.texture;
         let square = (d1[0] * d1[0] + d1[1] * d1[1]).max(d2[0] * d2[0] + d2[1] * d2[1]);
-        outside * outside * square > BEYOND * BEYOND
+        outside * outside * square > MAX_OUTSIDE_TEXELS * MAX_OUTSIDE_TEXELS
     }
 
-    /// The height function at a point of the displaced triangle, with its derivatives.
+    /// Returns the height function at a point of the displaced triangle, with its derivatives.
     ///
-    /// A folded surface gets those of the approximate height function (Eq. 4.9), which displaces along n alone: its area along
-    /// the grid may be 0, and what is divided by it without bounds.
+    /// A folded surface gets the derivatives of the approximate height function (Eq. 4.9), which displaces
+    /// along n alone: derivatives of the true one are divided by the displaced area, which may be 0 there.
     pub(super) fn jet(&self, &Point { s, t, height, folded }: &Point, textures: &Textures) -> HeightJet {
         let texture = match self.level as usize {
             0 => spline::Jet::default(),
@@ -246,12 +266,13 @@ impl Triangle {
         };
         let [_, [ax, ay], [bx, by]] = self.texture;
         let h = texture.value;
+        // Chain rule from texels to s and t: h_s = ∇h · d₁, h_st = d₁ᵀ ∇²h d₂.
         let (hs, ht) = (texture.x * ax + texture.y * ay, texture.x * bx + texture.y * by);
         let second = |px: f32, py: f32, qx: f32, qy: f32| {
             texture.xx * px * qx + texture.xy * (px * qy + py * qx) + texture.yy * py * qy
         };
         let (hss, hst, htt) = (second(ax, ay, ax, ay), second(ax, ay, bx, by), second(bx, by, bx, by));
-        // Derivatives of the displaced point along each axis: by s, t, ss, st, tt.
+        // Derivatives of a component of p = b + h d: p_s, p_t, p_ss, p_st, p_tt, with d linear in s and t.
         let along = |axis: usize| {
             let n = self.direction(s, t, axis);
             let [_, m1, m2] = self.directions.map(|direction| direction[axis]);
@@ -271,16 +292,21 @@ impl Triangle {
         let area = |u: &[f32; 5], v: &[f32; 5]| u[0] * v[1] - u[1] * v[0];
         let (mut by_u, mut by_v) = (along(0), along(1));
         let shrunk = area(&by_u, &by_v) * self.inverse_area;
-        if folded || shrunk < FOLD || shrunk.is_nan() {
+        if folded || shrunk < MIN_AREA_RATIO || shrunk.is_nan() {
             (by_u, by_v) = (flat(0), flat(1));
         }
         let area = area(&by_u, &by_v);
         let ([us, ut, uss, ust, utt], [vs, vt, vss, vst, vtt]) = (by_u, by_v);
         let [ws, wt, wss, wst, wtt] = along(2);
+        // Slopes of the height w over the grid: w_s = w_u u_s + w_v v_s and w_t = w_u u_t + w_v v_t, solved
+        // for w_u, w_v.
         let u = (ws * vt - wt * vs) / area;
         let v = (us * wt - ut * ws) / area;
+        // Curvatures by s and t, without the part that the bending of u and v over s and t makes:
+        // k_st = w_st − w_u u_st − w_v v_st.
         let (kss, kst, ktt) = (wss - u * uss - v * vss, wst - u * ust - v * vst, wtt - u * utt - v * vtt);
-        // Of s and t by u and v.
+        // Derivatives of s and t by u and v, from the inverse of the Jacobian; then w_uv = k_st transformed
+        // by them.
         let (su, sv, tu, tv) = (vt / area, -ut / area, -vs / area, us / area);
         HeightJet {
             height,

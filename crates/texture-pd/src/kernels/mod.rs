@@ -1,9 +1,10 @@
-//! The twin on the CPU of each WGSL entry point: the same bindings in the same layout, the same answers to within rounding.
-//! [`ReferenceBackend`](crate::ReferenceBackend) runs them as they are; [`CpuBackend`](crate::CpuBackend) is made of the same
-//! parts, but makes no whole images.
+//! CPU twins of the WGSL entry points: the same bindings in the same layout, and the same answers to within
+//! rounding. [`ReferenceBackend`](crate::ReferenceBackend) runs them unchanged;
+//! [`CpuBackend`](crate::CpuBackend) uses the same functions, but does not fill whole images.
 //!
-//! Coordinates are those of a contact's frame: u and v along the grid and n along the penetration direction, from the
-//! middle of the grid, in f32. A frame is no larger than the contact, so that rounding is some 1e-7 of its size.
+//! Coordinates are those of a contact's frame: u and v along the grid and n along the penetration direction,
+//! from the centre of the grid, in m and f32. The grid is no larger than the contact, so rounding is about
+//! 1e-7 of its size.
 
 mod displaced;
 mod height_images;
@@ -14,16 +15,16 @@ use bytemuck::{Pod, Zeroable};
 pub(crate) use displaced::{Point, Textures};
 pub(crate) use height_images::{covered, height_images};
 pub use overlaps::Answer;
-pub(crate) use overlaps::{Known, LEAST, overlaps, pair_answer};
+pub(crate) use overlaps::{Known, MIN_EXPONENT, overlaps, pair_answer};
 
-/// Texel of a pair that shares none.
+/// Texel index of a pair of images that have no texel in common.
 pub(crate) const NOWHERE: u32 = u32::MAX;
-/// Bits of a height where an image has no surface: 2⁶⁴ m.
+/// Bits of the height of a texel without a surface: 2⁶⁴ m.
 pub(crate) const NO_SURFACE: u32 = 0x5f80_0000;
-/// Set in a texel's triangle where the displaced surface is folded as seen along n.
+/// Flag in a texel's triangle index: the displaced surface is folded there, as seen along n.
 pub(crate) const FOLDED: u32 = 1 << 31;
 
-/// What all invocations share.
+/// Parameters of a batch, the same for all invocations.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub(crate) struct Header {
@@ -31,44 +32,46 @@ pub(crate) struct Header {
     pub grid: u32,
     pub images: u32,
     pub pairs: u32,
-    /// How often the point that is displaced to a texel is improved at most.
+    /// Maximum number of Newton steps per texel.
     pub refinements: u32,
 }
 
-/// A flat triangle p₀ + s e₁ + t e₂ in a contact's frame, displaced by h(uv₀ + s d₁ + t d₂) along n₀ + s m₁ + t m₂.
+/// A flat triangle p₀ + s e₁ + t e₂ in a contact's frame, displaced by h(uv₀ + s d₁ + t d₂) along n₀ + s m₁ +
+/// t m₂.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub(crate) struct Triangle {
     /// p₀, e₁ and e₂ along u and v.
     pub plane: [[f32; 2]; 3],
-    /// One over twice the signed area as seen along n, 1/m².
+    /// Inverse of twice the signed area as seen along n, 1/m².
     pub inverse_area: f32,
-    /// One more than the index of the texture's level; 0 without a texture.
+    /// Index of the texture's level plus one; 0 without a texture.
     pub level: f32,
     /// p₀, e₁ and e₂ along n.
     pub rise: [f32; 3],
-    /// The largest displacement either way, m.
+    /// Largest magnitude of the displacement, m.
     pub most: f32,
     /// n₀, m₁ and m₂.
     pub directions: [[f32; 3]; 3],
     /// uv₀, d₁ and d₂, texels.
     pub texture: [[f32; 2]; 3],
-    /// The largest displacement outwards, m.
+    /// Largest outward displacement, m.
     pub outwards: f32,
 }
 
-/// An image of heights to make.
+/// A request for a height image.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub(crate) struct Image {
-    /// The first of its triangles.
+    /// Index of its first triangle.
     pub first: u32,
     pub count: u32,
     /// 1 for the highest surface along n, −1 for the lowest.
     pub side: f32,
-    /// Distance of texels, m.
+    /// Distance between texels, m.
     pub step: f32,
-    /// Undisplaced surfaces further than this from the frame's origin along n are left out, m.
+    /// Largest distance along n of undisplaced surfaces from the frame's origin, m; those farther away are
+    /// ignored.
     pub reach: f32,
     pub unused: [u32; 3],
 }
@@ -79,21 +82,21 @@ pub(crate) struct Image {
 pub(crate) struct Pair {
     pub a: u32,
     pub b: u32,
-    /// τ, m; 0 for the largest overlap alone.
+    /// Temperature τ of the smooth maximum, m; 0 for the largest overlap alone.
     pub temperature: f32,
-    /// Outside of these there is no overlap.
+    /// Half-planes outside of which overlaps do not count.
     pub clips: Clips,
 }
 
-/// Half-planes of a domain, at most.
+/// Maximum number of half-planes of a domain; the WGSL kernels bind as many.
 pub(crate) const MAX_CLIPS: usize = 8;
 
-/// The half-planes x u + y v ≤ c, with (x, y) of length 1 and c in m, of a contact's domain.
+/// Half-planes x u + y v ≤ c that bound a contact's domain, with (x, y) of length 1 and c in m.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub(crate) struct Clips {
     count: u32,
-    /// x, y, c and nothing.
+    /// x, y, c and padding.
     planes: [[f32; 4]; MAX_CLIPS],
 }
 
@@ -105,7 +108,8 @@ impl Clips {
         }
     }
 
-    /// From where to where along u, m, the line at v is inside of all of them, or outside by no more than a step.
+    /// Returns the range of u, m, in which the line at v is inside all half-planes or outside by at most
+    /// `step`.
     pub fn crossing(&self, v: f32, step: f32) -> [f32; 2] {
         let planes = self.planes.iter().take(self.count as usize);
         planes.fold([f32::NEG_INFINITY, f32::INFINITY], |[from, to], [x, y, c, _]| {
@@ -122,7 +126,7 @@ impl Clips {
         })
     }
 
-    /// How far a point is inside of all of them, m: negative outside.
+    /// Returns the distance of a point to the nearest border, m: negative outside of the domain.
     #[inline]
     pub fn margin(&self, u: f32, v: f32) -> f32 {
         let margins = self.planes.iter().take(self.count as usize).map(|[x, y, c, _]| c - (x * u + y * v));
@@ -130,16 +134,16 @@ impl Clips {
     }
 }
 
-/// The texels, of those along u or v, from one place to another, m, and one more either way for rounding.
+/// Returns the indices of texels between two coordinates along u or v, m, widened by one texel for rounding.
 #[inline]
 pub(crate) fn between(from: f32, to: f32, grid: u32, step: f32) -> std::ops::Range<u32> {
     let index = |at: f32| at / step + 0.5 * grid as f32 - 0.5;
-    // Casts take what is out of range to its ends.
+    // Casts to u32 saturate.
     let (from, to) = ((index(from) - 1.0) as u32, (index(to) + 3.0) as u32);
     from.min(grid)..to.min(grid)
 }
 
-/// Where a texel is along u or v, m.
+/// Returns the coordinate of a texel's centre along u or v, m.
 #[inline]
 pub(crate) fn coordinate(index: u32, grid: u32, step: f32) -> f32 {
     (index as f32 + 0.5 - 0.5 * grid as f32) * step
@@ -159,7 +163,7 @@ mod tests {
         Backend, Batch, CpuBackend, HeightImage, ReferenceBackend, SurfaceSet, TexturedSurface, Wrap,
     };
 
-    /// The twin of each entry point: `tests/backends.rs` runs both on the same inputs.
+    /// Names of the twins: `tests/it/backends.rs` runs twins and entry points on the same inputs.
     const TWINS: [&str; 2] = ["height_images", "overlaps"];
 
     #[test]
@@ -170,7 +174,7 @@ mod tests {
         assert_eq!(entry_points.collect::<BTreeSet<_>>(), TWINS.into());
     }
 
-    /// A set with a texture of one height (m) everywhere.
+    /// A set with one texture of constant height (m).
     fn even(height: f32) -> SurfaceSet {
         let corners = vec![DVec3::ZERO, DVec3::X, DVec3::Y];
         let uv = vec![[DVec2::ZERO, DVec2::X, DVec2::Y]];
@@ -181,13 +185,13 @@ mod tests {
         surfaces
     }
 
-    /// A triangle whose directions come together in one point, at the height of its texture: all of it is displaced to there, so
-    /// that its area as seen along n is 0, exactly.
+    /// The triangle's directions meet in one point at the height of its texture. All of the triangle is
+    /// displaced to that point, so its area as seen along n is exactly 0.
     #[test]
-    fn a_triangle_that_falls_into_a_point_has_finite_derivatives() {
+    fn a_triangle_displaced_to_a_point_has_finite_derivatives() {
         let height = 0.25;
         let surfaces = even(height);
-        // One that faces along n (side 1) or against it, folded or flat.
+        // A triangle that faces along n (side 1) or against it (side −1).
         let triangle = |side: f32, folded: bool| {
             let facing =
                 |edges: [[f32; 2]; 3]| if side > 0.0 { edges } else { [edges[0], edges[2], edges[1]] };
@@ -198,7 +202,7 @@ mod tests {
                 ..Triangle::default()
             };
             let [across, along] = [[-8.0, 0.0, 0.0], [0.0, -8.0, 0.0]];
-            let falling = Triangle {
+            let collapsed = Triangle {
                 level: 1.0,
                 most: height,
                 outwards: height,
@@ -210,7 +214,7 @@ mod tests {
                 texture: [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]],
                 ..flat
             };
-            if folded { falling } else { flat }
+            if folded { collapsed } else { flat }
         };
         let mut batch = Batch::default();
         batch.clear(8, 5);

@@ -4,35 +4,37 @@ use super::displaced::{HeightJet, Point, Textures};
 use super::{FOLDED, Header, Image, NO_SURFACE, NOWHERE, Pair, Triangle, coordinate};
 use crate::spline::Level;
 
-/// Overlaps this many temperatures below the largest weigh nothing.
-pub(crate) const LEAST: f32 = -8.0;
-/// Weights fall off over this part of the grid, from its border inwards.
-const BORDER: f32 = 0.1;
+/// Smallest exponent (h_A − h_B − δ) / τ of an overlap that counts in the smooth maximum. A texel that is
+/// left out has less than e⁻⁸ of the largest weight; with a higher value δ jumps where texels come in.
+pub(crate) const MIN_EXPONENT: f32 = -8.0;
+/// Width of the border of the grid over which weights fall to 0, as a part of the grid's side. Without it δ
+/// jumps where surfaces enter the grid.
+const TAPER_WIDTH: f32 = 0.1;
 
-/// What is known of a pair. Sums are over texels, weighted; gradients and second derivatives are by how A moves: along u, v
-/// and n, and about those axes through the frame's origin.
+/// Result of a pair of images. Sums are over texels, weighted. Gradients and second derivatives are by the
+/// motion of A: translation along u, v and n, and rotation about those axes through the frame's origin.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct Answer {
-    /// The largest overlap h_A − h_B, m.
+    /// Largest overlap h_A − h_B, m (Eq. 4.10).
     pub(crate) depth: f32,
-    /// Its texel, or [`NOWHERE`].
+    /// Texel of the largest overlap, or [`NOWHERE`].
     pub(crate) texel: u32,
-    /// How many texels have both surfaces, and in how many of them one is folded.
+    /// Number of texels with both surfaces, and of those with a folded surface.
     pub(crate) shared: u32,
     pub(crate) folded: u32,
-    /// Sum of the weights; of these sums nothing is known where the temperature is 0.
+    /// Sum of the weights. This sum and the following ones are 0 if the temperature is 0.
     pub(crate) weight: f32,
-    /// Sum of the gradient's differences from that at the largest overlap, and of the products of those (the upper
-    /// triangle, row by row).
+    /// Sum of the gradients' differences from the gradient at the largest overlap, and of the outer products
+    /// of those differences (upper triangle, row by row).
     pub(crate) gradient: [f32; 6],
     pub(crate) spread: [f32; 21],
-    /// Sum of the overlaps' second derivatives (likewise).
+    /// Sum of the overlaps' second derivatives (upper triangle, row by row).
     pub(crate) curvature: [f32; 21],
-    /// Height and derivatives of A and B at the largest overlap: by u, v, uu, uv, vv.
+    /// Height of A and B at the largest overlap, and its derivatives by u, v, uu, uv, vv.
     pub(crate) jet_a: [f32; 6],
     pub(crate) jet_b: [f32; 6],
-    /// Bit 0: the largest overlap is where A ends; bit 1: where B does.
+    /// Bit 0: A ends next to the largest overlap. Bit 1: B ends there.
     pub(crate) ends: u32,
     pub(crate) unused: [u32; 2],
 }
@@ -43,28 +45,28 @@ impl Default for Answer {
     }
 }
 
-/// The images of a pair.
+/// Images of a pair, with all that they refer to.
 struct Images<'a> {
     header: &'a Header,
     triangles: &'a [Triangle],
     textures: Textures<'a>,
-    /// Image and heights of A and of B.
+    /// Image and heights of A and B.
     sides: [(&'a Image, &'a [[u32; 2]]); 2],
     known: Option<Known<'a>>,
-    /// Where the texels of A and B begin among all.
+    /// Index of the first texel of A and B among all images.
     first: [usize; 2],
 }
 
-/// What a backend knows beside the heights, to spare work.
+/// Results that a backend has besides the heights, which save work.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Known<'a> {
-    /// Where in its triangle the point of each texel of each image is.
+    /// Point in its triangle, (s, t), of each texel of each image.
     pub points: &'a [[f32; 2]],
-    /// The texels of the pair that need be looked at, all in its domain.
+    /// Texels of the pair to compare, all in its domain.
     pub texels: &'a [u32],
 }
 
-/// What is at a texel of both images.
+/// Surfaces of both images at a texel.
 struct Sample {
     u: f32,
     v: f32,
@@ -73,8 +75,8 @@ struct Sample {
     ends: u32,
 }
 
-/// Twin of `overlaps` in `texture_depth.wgsl`: the directional penetration depth of pairs of images (Eq. 4.10), and what its
-/// derivatives are made of.
+/// Twin of `overlaps` in `texture_depth.wgsl`: the directional penetration depth of pairs of images (Eq.
+/// 4.10), and the sums from which its derivatives are computed.
 #[expect(clippy::too_many_arguments, reason = "the bindings of the entry point")]
 pub(crate) fn overlaps(
     header: &Header,
@@ -92,7 +94,7 @@ pub(crate) fn overlaps(
     }
 }
 
-/// The answer to one pair.
+/// Returns the answer for one pair.
 pub(crate) fn pair_answer(
     header: &Header,
     triangles: &[Triangle],
@@ -110,6 +112,7 @@ pub(crate) fn pair_answer(
 }
 
 impl Images<'_> {
+    /// Finds the largest overlap and, if τ > 0, sums up the smooth maximum.
     fn compare(&self, pair: &Pair) -> Answer {
         let mut answer = self.largest(pair);
         if answer.texel == NOWHERE {
@@ -121,10 +124,13 @@ impl Images<'_> {
         if pair.temperature == 0.0 {
             return answer;
         }
+        // Weights exp((h_A − h_B − δ) / τ), relative to the largest overlap δ so that they stay within (0,
+        // 1]. Gradients g are summed up relative to the largest overlap's, since sums of g itself lose digits
+        // in f32.
         let reference = deepest.gradient();
         for (texel, overlap, _) in self.overlaps() {
             let below = (overlap - answer.depth) / pair.temperature;
-            if below >= LEAST {
+            if below >= MIN_EXPONENT {
                 let weight = below.exp() * self.taper(pair, texel);
                 if weight > 0.0 {
                     answer.add(weight, &self.sample(texel, false), &reference);
@@ -134,7 +140,7 @@ impl Images<'_> {
         answer
     }
 
-    /// The largest overlap, its texel (of equal ones the first), and counts.
+    /// Returns the largest overlap (Eq. 4.10), the first texel that has it, and the counts.
     fn largest(&self, pair: &Pair) -> Answer {
         let mut answer = Answer::default();
         for (texel, overlap, folded) in self.overlaps() {
@@ -150,22 +156,23 @@ impl Images<'_> {
         answer
     }
 
-    /// The texels that are looked at and have both surfaces, the overlap there (m), and whether one of them is folded.
+    /// Iterates over the compared texels with both surfaces: the texel, the overlap (m), and 1 if a surface
+    /// is folded.
     fn overlaps(&self) -> impl Iterator<Item = (u32, f32, u32)> {
-        let [(_, of_a), (_, of_b)] = self.sides;
+        let [(_, heights_a), (_, heights_b)] = self.sides;
         let (all, some) = match self.known {
-            None => (0..of_a.len() as u32, &[][..]),
+            None => (0..heights_a.len() as u32, &[][..]),
             Some(known) => (0..0, known.texels),
         };
         all.chain(some.iter().copied()).filter_map(|texel| {
-            let (a, b) = (of_a[texel as usize], of_b[texel as usize]);
+            let (a, b) = (heights_a[texel as usize], heights_b[texel as usize]);
             let folded = ((a[1] | b[1]) & FOLDED) >> 31;
             let both = a[0] != NO_SURFACE && b[0] != NO_SURFACE;
             both.then(|| (texel, f32::from_bits(a[0]) - f32::from_bits(b[0]), folded))
         })
     }
 
-    /// How far inside the pair's domain a texel is, m: negative outside.
+    /// Returns the distance of a texel to the border of the pair's domain, m: negative outside.
     #[inline]
     fn margin(&self, pair: &Pair, texel: u32) -> f32 {
         let grid = self.header.grid;
@@ -173,18 +180,19 @@ impl Images<'_> {
         pair.clips.margin(u, v)
     }
 
-    /// How much a texel counts for where it is on the grid: 1, but less towards the border, and 0 there; likewise in the last
-    /// step before the border of the pair's domain, and 0 outside.
+    /// Returns the weight of a texel's position: 1, falling to 0 towards the border of the grid (smoothstep
+    /// over [`TAPER_WIDTH`]) and over the last step before the border of the pair's domain.
     fn taper(&self, pair: &Pair, texel: u32) -> f32 {
         let grid = self.header.grid;
         let (column, row) = (texel % grid, texel / grid);
         let inwards = column.min(row).min(grid - 1 - column).min(grid - 1 - row);
-        let part = ((inwards as f32 + 0.5) / (BORDER * grid as f32)).min(1.0);
+        let part = ((inwards as f32 + 0.5) / (TAPER_WIDTH * grid as f32)).min(1.0);
         let within = (self.margin(pair, texel) / self.sides[0].0.step).clamp(0.0, 1.0);
         part * part * (3.0 - 2.0 * part) * within
     }
 
-    /// What is at a texel; of the one side that its gradient does not ask for the height alone, unless all is wanted.
+    /// Returns the surfaces at a texel. Unless `all` is set, the side that the gradient does not need has its
+    /// height only.
     fn sample(&self, texel: u32, all: bool) -> Sample {
         let grid = self.header.grid;
         let step = self.sides[0].0.step;
@@ -203,6 +211,7 @@ impl Images<'_> {
         sample
     }
 
+    /// Returns the height and its derivatives of A (`side` 0) or B (1) at a texel.
     fn jet(&self, texel: u32, side: usize, [u, v]: [f32; 2]) -> HeightJet {
         let (image, heights) = self.sides[side];
         let [height, index] = heights[texel as usize];
@@ -219,7 +228,7 @@ impl Images<'_> {
         triangle.jet(&Point { folded, ..point }, &self.textures)
     }
 
-    /// Whether a surface ends, within the grid, next to a texel.
+    /// Returns whether a surface ends next to a texel, within the grid.
     fn ends(&self, texel: u32, side: usize) -> bool {
         let grid = self.header.grid;
         let heights = self.sides[side].1;
@@ -233,12 +242,16 @@ impl Images<'_> {
 }
 
 impl Sample {
-    /// Whether A slides over the point of B there, in place of a point of A over B: B ends there, and A does not.
+    /// Returns whether A slides over a point of B, instead of a point of A over B: B ends there, and A does
+    /// not.
     fn on_b(&self) -> bool {
         self.ends == 2
     }
 
-    /// The overlap's gradient, as A moves along u, v, n and turns about them.
+    /// Returns the gradient of the overlap h_A − h_B by the motion of A along u, v, n and about them.
+    ///
+    /// A point r = (u, v, h_A) of A over B: g = (−∂h_B/∂u, −∂h_B/∂v, 1) by translation, and r × g by
+    /// rotation.
     fn gradient(&self) -> [f32; 6] {
         let (slope_u, slope_v) = if self.on_b() { (self.a.u, self.a.v) } else { (self.b.u, self.b.v) };
         let [x, y, z] = [self.u, self.v, self.a.height];
@@ -246,8 +259,11 @@ impl Sample {
         [gu, gv, gn, y * gn - z * gv, z * gu - x * gn, x * gv - y * gu]
     }
 
-    /// The overlap's second derivatives, of the point of A there over B: the upper triangle, row by row. Those of a point of
-    /// B are left out.
+    /// Returns the overlap's second derivatives for a point of A over B: upper triangle, row by row. For a
+    /// point of B they are neglected.
+    ///
+    /// With H = −∇²h_B they are Jᵀ H J + ∂g, where J = (1, −[r]×) moves r, and the turn's second-order
+    /// displacement ½ θ × (θ × r) of r adds ½ (r gᵀ + g rᵀ) − (g · r) 1 to the rotational block.
     fn curvature(&self) -> [f32; 21] {
         if self.on_b() {
             return [0.0; 21];
@@ -255,14 +271,11 @@ impl Sample {
         let [x, y, z] = [self.u, self.v, self.a.height];
         let [gu, gv, gn] = [-self.b.u, -self.b.v, 1.0];
         let (a, b, c) = (-self.b.uu, -self.b.uv, -self.b.vv);
-        // The point moves by w × r as A turns by w: columns of −H [r]×, for H = [a b 0; b c 0; 0 0 0].
+        // A turn by θ moves the point by θ × r: rows of −H [r]×, with H = [a b 0; b c 0; 0 0 0].
         let by_turn = |p: f32, q: f32| [-q * z, p * z, q * x - p * y];
         let (row_u, row_v) = (by_turn(a, b), by_turn(b, c));
-        // [r]×ᵀ H [r]×, whose rows are combinations of those.
-        let turn = |i: usize, j: usize| {
-            let of = |row: &[f32; 3]| row[j];
-            [-z * of(&row_v), z * of(&row_u), x * of(&row_v) - y * of(&row_u)][i]
-        };
+        // [r]×ᵀ H [r]×: its rows are combinations of those rows.
+        let turn = |i: usize, j: usize| [-z * row_v[j], z * row_u[j], x * row_v[j] - y * row_u[j]][i];
         let along = gu * x + gv * y + gn * z;
         let (r, g) = ([x, y, z], [gu, gv, gn]);
         let full = |i: usize, j: usize| {
@@ -295,6 +308,7 @@ impl Sample {
 }
 
 impl Answer {
+    /// Adds a texel to the sums: Σ w, Σ w (g − g₀), Σ w (g − g₀)(g − g₀)ᵀ and Σ w ∇²(h_A − h_B).
     fn add(&mut self, weight: f32, sample: &Sample, reference: &[f32; 6]) {
         let gradient = sample.gradient();
         let curvature = sample.curvature();

@@ -1,5 +1,5 @@
-//! One suite for every backend: known answers, and the backends against each other on random surfaces. The GPU's tests fail
-//! where there is no adapter: a software driver is enough (`cargo xtask test` installs one).
+//! One suite for every backend: known answers, and the backends against each other on random surfaces. The
+//! GPU's tests fail where there is no adapter: a software driver is enough (`cargo xtask test` installs one).
 
 use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
 
@@ -97,7 +97,7 @@ fn random_contact(rng: &mut StdRng, [a, b]: [SurfaceId; 2]) -> TextureContact {
 /// Up to eight half-spaces around a contact's point, at any angle to its normal.
 fn random_domain(rng: &mut StdRng, contact: &TextureContact) -> Domain {
     let mut domain = Domain::WHOLE;
-    for _ in 0..rng.random_range(0..=Domain::MOST) {
+    for _ in 0..rng.random_range(0..=Domain::MAX_HALF_SPACES) {
         let mut vector = || DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)));
         let (direction, place) = (vector(), vector());
         let beyond = rng.random_range(-0.2..1.0) * direction;
@@ -268,7 +268,8 @@ fn surfaces_that_are_not_seen_above_each_other_have_no_depth() {
     }
 }
 
-/// B is a small plate on which a large one lies askew: the largest overlap is at B's end, and A's slope tells its force.
+/// B is a small plate on which a large one lies askew: the largest overlap is at B's end, and A's slope tells
+/// its force.
 #[test]
 fn where_a_surface_ends_the_other_ones_slope_counts() {
     let small = Arc::new(TexturedSurface::plain(square(0.004).mesh()).unwrap());
