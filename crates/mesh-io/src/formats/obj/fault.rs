@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::feed::{Counts, Lines, words};
+use super::lines::{Counts, Lines, words};
 use crate::LoadError;
 use crate::formats::text::{parse_number, quoted};
 

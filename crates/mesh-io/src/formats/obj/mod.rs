@@ -22,6 +22,7 @@
 
 mod fault;
 mod feed;
+mod lines;
 
 use std::path::Path;
 
