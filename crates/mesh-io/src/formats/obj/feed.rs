@@ -8,15 +8,17 @@ use super::lines::{Counts, Lines, words};
 use crate::formats::surface::Skipped;
 use crate::formats::text::parse_number;
 
-/// What `tobj` reads in place of the file, line by line. Each vertex has its number in the file, from 0, as its colour.
+/// The input of `tobj` in place of the file, line by line. Each vertex has its number in the file, from 0, as
+/// its colour.
 pub(super) struct Feed<'a> {
     lines: Lines<'a>,
     textured: bool,
     faces_per_model: usize,
-    /// The line that is being read, and how much of it has been.
+    /// The line that `tobj` is reading.
     line: Vec<u8>,
+    /// Number of bytes of the line read so far.
     read: usize,
-    /// What came so far.
+    /// Vertices and texture coordinates so far.
     pub counts: Counts,
     pub faces: usize,
     pub skipped: Skipped,
@@ -38,7 +40,8 @@ impl<'a> Feed<'a> {
         }
     }
 
-    /// Makes the next line. An error stops `tobj`; [`first_fault`](super::fault::first_fault) has the words for it.
+    /// Makes the next line. An error stops `tobj`; [`first_fault`](super::fault::first_fault) then finds its
+    /// reason.
     fn advance(&mut self) -> io::Result<()> {
         let out = &mut self.line;
         out.clear();
@@ -82,7 +85,7 @@ impl<'a> Feed<'a> {
             }
             self.counts.add(keyword);
         }
-        // For `tobj`, spaces that are not ASCII part words too.
+        // `tobj` splits words at spaces that are not ASCII, too.
         if !out.is_ascii() {
             return Err(io::ErrorKind::InvalidData.into());
         }
@@ -127,7 +130,7 @@ fn needed(corner: &[u8], textured: bool) -> &[u8] {
     }
 }
 
-/// Numbers with a `#`, such as `1.#IND`, are put as Rust writes them.
+/// Appends a keyword and numbers; those with a `#`, such as `1.#IND`, as Rust writes them.
 fn put_numbers<'a>(keyword: &str, words: impl Iterator<Item = &'a [u8]>, line: &mut Vec<u8>) {
     line.extend_from_slice(keyword.as_bytes());
     for word in words {

@@ -1,6 +1,6 @@
-//! The lines of an OBJ file and their words, parted as `tobj` parts them.
+//! The lines of an OBJ file and their words, split as `tobj` splits them.
 
-/// How many vertices and texture coordinates there are, in a file or before some line of it.
+/// Numbers of vertices and texture coordinates, in a file or before some line of it.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Counts {
     pub vertices: usize,
@@ -18,7 +18,7 @@ impl Counts {
     }
 }
 
-/// The lines of a file with their numbers, those that a backslash continues joined.
+/// The lines of a file with their numbers; lines that a backslash continues are joined.
 pub(super) struct Lines<'a> {
     rest: Option<&'a [u8]>,
     separator: u8,
@@ -60,7 +60,7 @@ impl<'a> Lines<'a> {
     }
 }
 
-/// The words of a line before a comment, parted as `tobj` parts them.
+/// The words of a line before a comment, split as `tobj` splits them.
 pub(super) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> + Clone {
     line.split(|b| matches!(b, b'\t'..=b'\r' | b' '))
         .filter(|word| !word.is_empty())
