@@ -12,13 +12,12 @@ use palpate::glam::DVec3;
 use palpate::settings::DetailSettings;
 use palpate::{Object, Pose, Scene, Settings, explore};
 use palpate_report::{Curve, Figure, draw};
-use palpate_tests::correlation;
 
 use super::outcome::{Finding, Reproduction};
 use super::rendering::open;
 use crate::stability::page::{Table, row};
 use palpate_benches::scenarios;
-use palpate_measure::Experiment;
+use palpate_measure::{Experiment, correlation};
 
 /// Contact clusters (§5.5.1).
 const CLUSTERS: usize = 5;
@@ -100,11 +99,9 @@ impl Found {
                 .map(|(value, _)| *value)
                 .collect()
         };
-        let pairs: Vec<(f64, f64)> =
-            touching(&exact.force).into_iter().zip(touching(&coarse.force)).collect();
         let ratio = |of: fn(&Profile) -> &[f64]| median(touching(of(exact))) / median(touching(of(coarse)));
         Self {
-            correlation: correlation(&pairs),
+            correlation: correlation(&touching(&exact.force), &touching(&coarse.force)),
             faster: ratio(|profile| &profile.time),
             smaller: ratio(|profile| &profile.front),
         }

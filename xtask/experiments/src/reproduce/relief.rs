@@ -11,12 +11,12 @@ use palpate::settings::{ContactSearch, SearchSettings, TextureSettings};
 use palpate::texture_pd::BakeOptions;
 use palpate::{Object, Pose, Scene, Settings, explore};
 use palpate_report::{Curve, Figure, draw};
-use palpate_tests::{correlation, smooth};
+use palpate_tests::smooth;
 
 use super::outcome::{Finding, Reproduction};
 use super::rendering::{open, path};
 use crate::stability::page::{Table, row};
-use palpate_measure::{Experiment, Query, Sample, Trace};
+use palpate_measure::{Experiment, Query, Sample, Trace, correlation, mean};
 
 /// Distance of ridges and of teeth, height of the block, and where the gear's rim is, m.
 const PITCH: f64 = 8e-3;
@@ -86,8 +86,9 @@ impl Dragged {
             (low.min(height(sample)), high.max(height(sample)))
         });
         let above: Vec<bool> = moving.iter().map(|sample| height(sample) > 0.5 * (low + high)).collect();
-        let pairs = |value: &dyn Fn(&Sample) -> (f64, f64)| -> f64 {
-            correlation(&moving.iter().map(|sample| value(sample)).collect::<Vec<_>>())
+        let correlated = |pair: &dyn Fn(&Sample) -> (f64, f64)| -> f64 {
+            let (x, y): (Vec<f64>, Vec<f64>) = moving.iter().map(|sample| pair(sample)).unzip();
+            correlation(&x, &y)
         };
         let (first, last) = (place(moving.first()), place(moving.last()));
         // The way across is that of an even motion, and what it is ahead of that.
@@ -99,8 +100,8 @@ impl Dragged {
             rise: high - low,
             climbs: above.windows(2).filter(|pair| !pair[0] && pair[1]).count(),
             correlations: [
-                pairs(&|sample| (sample.record.contact.force.z, height(sample))),
-                pairs(&|sample| (sample.record.contact.force.y, ahead(sample))),
+                correlated(&|sample| (sample.record.contact.force.z, height(sample))),
+                correlated(&|sample| (sample.record.contact.force.y, ahead(sample))),
             ],
             stable: trace.is_stable(),
         }
@@ -158,14 +159,14 @@ impl Turned {
         let furthest = turning.iter().max_by(|a, b| angle(a).abs().total_cmp(&angle(b).abs()));
         let (most, risen) =
             furthest.map_or((0.0, 0.0), |sample| (angle(sample).abs(), height(sample) - rest));
-        let pairs: Vec<(f64, f64)> =
-            turning.iter().map(|sample| (angle(sample).abs(), height(sample))).collect();
+        let (angles, heights): (Vec<f64>, Vec<f64>) =
+            turning.iter().map(|sample| (angle(sample).abs(), height(sample))).unzip();
         let far = |sample: &&&Sample| angle(sample).abs() > 0.5 * most;
         let opposes = |sample: &&Sample| sample.record.coupling.torque.z * angle(sample) < 0.0;
         Self {
             angle: most,
             risen,
-            correlation: correlation(&pairs),
+            correlation: correlation(&angles, &heights),
             opposed: turning.iter().filter(far).all(opposes),
             stable: trace.is_stable(),
         }
@@ -205,19 +206,19 @@ struct Scraped {
 impl Scraped {
     fn of(queries: &[Query]) -> Self {
         let touching: Vec<_> = queries.iter().filter(|query| query.clusters > 0).collect();
-        let mut times: Vec<f64> = touching.iter().map(|query| query.took).collect();
+        let (took, clusters): (Vec<f64>, Vec<f64>) =
+            touching.iter().map(|query| (query.took, query.clusters as f64)).unzip();
+        let mut times = took.clone();
         times.sort_by(f64::total_cmp);
         let at = |part: f64| {
             times.get((part * (times.len() as f64 - 1.0)).round() as usize).copied().unwrap_or(f64::NAN)
         };
-        let pairs: Vec<(f64, f64)> =
-            touching.iter().map(|query| (query.took, query.clusters as f64)).collect();
         Self {
             slow: at(0.99),
             usual: at(0.5),
             most: touching.iter().map(|query| query.clusters).max().unwrap_or(0),
-            mean: pairs.iter().map(|pair| pair.1).sum::<f64>() / pairs.len().max(1) as f64,
-            correlation: correlation(&pairs),
+            mean: mean(clusters.iter().copied()),
+            correlation: correlation(&took, &clusters),
         }
     }
 

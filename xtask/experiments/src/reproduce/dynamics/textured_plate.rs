@@ -11,7 +11,7 @@ use palpate_tests::{ridged_plate, smooth};
 use super::{COUPLING, DEPTH, plot, table};
 use crate::reproduce::outcome::{Finding, Reproduction};
 use crate::reproduce::rendering::{open, path};
-use palpate_measure::{Experiment, Sample, Trace};
+use palpate_measure::{Experiment, Sample, Trace, mean};
 
 /// Height of the ridges and their distance, m; the dissertation does not tell the latter.
 const HEIGHT: f64 = 8e-3;
@@ -67,18 +67,14 @@ impl Found {
     }
 }
 
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len().max(1) as f64
-}
-
 fn deviation(values: &[f64]) -> f64 {
-    let mean = mean(values);
-    (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len().max(1) as f64).sqrt()
+    let center = mean(values.iter().copied());
+    mean(values.iter().map(|value| (value - center).powi(2))).sqrt()
 }
 
 /// How often values rise from half a standard deviation below their mean to as much above it.
 fn peaks(values: &[f64]) -> usize {
-    let (mean, deviation) = (mean(values), deviation(values));
+    let (mean, deviation) = (mean(values.iter().copied()), deviation(values));
     let (mut count, mut low) = (0, false);
     for value in values {
         if *value < mean - 0.5 * deviation {
