@@ -1,4 +1,4 @@
-//! The settings that are varied, one at a time.
+//! Variations of one setting at a time.
 
 use palpate::Settings;
 use palpate::dynamics::{IntegratorKind, MAX_CLUSTERS};
@@ -6,10 +6,10 @@ use palpate::settings::{ContactSearch, DetailSettings, SearchSettings, TextureBa
 
 use super::scenario::Scenario;
 
-/// A change of one setting.
+/// Change of one setting.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Variation {
-    /// Which setting.
+    /// Setting that is changed.
     pub axis: Axis,
     /// Its value.
     pub value: String,
@@ -17,16 +17,16 @@ pub struct Variation {
     pub integrator: IntegratorKind,
 }
 
-/// A setting that is varied.
+/// Setting that is varied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Axis {
-    /// s₀, as a part of the probe's bounding radius.
+    /// Error threshold s₀, relative to the probe's bounding radius.
     Error,
-    /// The same with forces that jump between levels of detail.
+    /// Error threshold s₀ with forces that jump between levels of detail.
     ErrorWithoutInterpolation,
-    /// EPS of representative contacts, likewise; the first is the finest.
+    /// EPS of representative contacts, relative to the probe's bounding radius; the first is the smallest.
     Representatives,
-    /// Time that queries may take, s₀ being the smallest above 0.
+    /// Time limit of queries, with s₀ the smallest above 0.
     QueryBudget,
     Clusters,
     TextureGrid,
@@ -36,7 +36,8 @@ pub enum Axis {
 }
 
 impl Variation {
-    /// Whether instructions tell anything: callgrind slows down what keeps to a time, and does not see a GPU's.
+    /// Returns whether instruction counts are meaningful: callgrind slows down work with a time limit, and
+    /// does not see a GPU's work.
     pub fn is_counted(&self) -> bool {
         self.axis.is_reproducible() && self.settings.textures.backend != TextureBackend::Gpu
     }
@@ -69,26 +70,27 @@ impl Axis {
         }
     }
 
-    /// Whether what it gives is the same each time.
+    /// Returns whether the results are reproducible.
     pub fn is_reproducible(self) -> bool {
-        // A limit of time is kept by the clock.
+        // A time limit is kept by the clock.
         self != Self::QueryBudget
     }
 }
 
-/// s₀, in parts of the probe's bounding radius; what is not about detail is varied at the usual one (§3.5.2).
+/// Thresholds s₀ relative to the probe's bounding radius, and the usual one (§3.5.2), at which settings other
+/// than detail are varied.
 const ERRORS: [f64; 7] = [0.0, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1];
-const USUAL: f64 = 0.025;
-/// EPS, likewise.
+const USUAL_ERROR: f64 = 0.025;
+/// EPS of representative contacts, relative to the probe's bounding radius.
 const REPRESENTATIVE_ERRORS: [f64; 4] = [0.0002, 0.0005, 0.001, 0.002];
-/// s.
+/// Time limits of queries, s.
 const BUDGETS: [f64; 4] = [50e-6, 100e-6, 200e-6, 500e-6];
 const CLUSTERS: [usize; 6] = [1, 2, 3, 5, 8, MAX_CLUSTERS];
 const GRIDS: [u32; 4] = [12, 25, 50, 100];
-/// Hz.
+/// Rates of the haptic loop, Hz.
 const RATES: [f64; 4] = [500.0, 1000.0, 2000.0, 4000.0];
 
-/// What a scenario is measured with. The first is full resolution.
+/// Returns the variations for a scenario. The first is full resolution.
 pub fn variations(scenario: &Scenario) -> Vec<Variation> {
     let radius = scenario.probe.bounding_radius();
     let full = Settings {
@@ -98,7 +100,7 @@ pub fn variations(scenario: &Scenario) -> Vec<Variation> {
     let usual = if scenario.textured {
         full
     } else {
-        Settings { detail: DetailSettings { error: USUAL * radius, ..full.detail }, ..full }
+        Settings { detail: DetailSettings { error: USUAL_ERROR * radius, ..full.detail }, ..full }
     };
     let mut all = Vec::new();
     let usual_integrator = IntegratorKind::default();
