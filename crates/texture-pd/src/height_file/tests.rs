@@ -213,7 +213,7 @@ fn what_is_no_image_is_told() {
     // Only depth and something else: no telling which is the height.
     let plane = || FlatSamples::F32(vec![0.0; 6]);
     let message = decode(&exr_file(3, 2, &[("Z", plane()), ("id", plane())])).unwrap_err().to_string();
-    assert!(message.contains("none is named Y"), "{message}");
+    assert!(message.contains("neither Y nor R, G and B"), "{message}");
 }
 
 /// The header of a PNG with its checksum, changed to another size.

@@ -8,8 +8,8 @@ use palpate::core::TriMesh;
 use palpate::core::mesh::UvMesh;
 use palpate::glam::{DQuat, DVec2, DVec3};
 use palpate::texture_pd::{
-    CpuBackend, DepthQuery, DepthSettings, Derivatives, Domain, HeightImage, SurfaceId, SurfaceSet,
-    TextureContact, TextureFilter, TexturedSurface, Wrap,
+    CpuBackend, DepthQuery, DepthSettings, Domain, HeightImage, SurfaceId, SurfaceSet, TextureContact,
+    TextureFilter, TexturedSurface, Wrap,
 };
 
 /// Height of the plate from groove to ridge, m. The dissertation gives none; this is the height of the raised
@@ -58,12 +58,8 @@ impl Profile {
         let mut surfaces = SurfaceSet::default();
         let mut add = |surface: TexturedSurface| surfaces.add(&Arc::new(surface)).map_err(text);
         let ids = [add(probe(diameter)?)?, add(plate(diameter, spacing)?)?];
-        let settings = DepthSettings {
-            grid: sampling.grid,
-            derivatives: Derivatives::Maximum,
-            filter: TextureFilter::Finest,
-            ..DepthSettings::default()
-        };
+        let settings =
+            DepthSettings { grid: sampling.grid, filter: TextureFilter::Finest, ..DepthSettings::default() };
         let (mut query, mut backend) = (DepthQuery::new(), CpuBackend::new());
         let mut profile = Self { spacing, depths: Vec::new(), gradients: Vec::new() };
         for index in 0..sampling.positions {
