@@ -1,12 +1,13 @@
 //! The haptic loop (§5.1.2): read the device, move the grasped object by a step of the integrator, send the coupling wrench.
 //!
-//! A step never allocates, locks, blocks or panics; what goes wrong is counted in [`HapticTelemetry::events`].
+//! A step never allocates, locks, blocks or panics; faults are counted in [`HapticTelemetry::events`].
 
 mod body_contacts;
 pub(crate) mod gripper;
 pub(crate) mod heat;
 pub(crate) mod invariants;
 pub(crate) mod output;
+mod outputs;
 pub(crate) mod presence;
 pub(crate) mod reactions;
 mod tools;
@@ -27,8 +28,9 @@ use self::body_contacts::BodyContacts;
 use self::gripper::Gripper;
 use self::invariants::Invariants;
 use self::output::{Moment, Output};
+use self::outputs::Outputs;
 use self::presence::Presence;
-use self::reactions::{Reacting, Reactions};
+use self::reactions::Reactions;
 use self::tracking::{Reading, Tracking};
 use self::workspace::{Workspace, motion_at};
 use crate::contact::ContactUpdate;
@@ -41,8 +43,8 @@ use crate::tool::{Hand, Tool, ToolStep};
 
 /// The state of the haptic loop: the tool, its coupling to the device and the newest contact models.
 ///
-/// Of a tool with a hinge, wrench and gripper torque come up, fade and are let go of together: where either the device or the gripper
-/// is lost, both are.
+/// The wrench and the torque of a gripper come up, fade and end together: where either the device or the gripper is lost, neither is
+/// sent.
 ///
 /// A clone has neither followers nor reactions, and no settings editor reaches it.
 #[derive(Clone, Debug)]
@@ -53,29 +55,30 @@ pub struct HapticLoop<T: Tool = Rigid> {
     /// Position of the device's handle in the first mesh's frame, m.
     handle: DVec3,
     tracking: Tracking,
-    /// The second port, of a tool with a hinge.
+    /// The gripper of a tool with a hinge.
     gripper: Option<Gripper>,
     workspace: Workspace,
     presence: Presence,
     output: Output,
-    /// The longest time that a step integrates, s.
-    longest_step: f64,
-    /// Steps in a row that were refused.
-    stuck: u32,
+    /// Longest time that a step integrates, s.
+    max_step: f64,
+    /// Number of failed steps in a row.
+    failed_steps: u32,
     bodies: Box<[BodyContacts]>,
     outputs: Outputs,
-    /// Where the coupling goes over to.
+    /// Ramp of the coupling to newly set gains.
     tuning: Option<Ramp<VirtualCoupling>>,
-    /// Time of the first step, s, from which the first contact model is waited for, and of the last one; NaN before.
+    /// Time of the first step, s, from which the age of a contact model that never came counts; NaN before.
     started: f64,
+    /// Time of the last step, s; NaN before.
     now: f64,
     telemetry: HapticTelemetry,
 }
 
-/// What a [`HapticLoop`] is made with, beside its tool.
+/// Settings of a [`HapticLoop`].
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LoopSettings {
-    /// In the first mesh's frame.
+    /// Grasp in the first mesh's frame.
     pub grasp: Pose,
     pub placement: HandlePlacement,
     pub clutch_button: Option<u32>,
@@ -90,45 +93,30 @@ pub(crate) struct LoopSettings {
     pub period: f64,
 }
 
-/// Who takes what contacts push the scene's objects with, who follows the first body, and who tunes the loop.
-#[derive(Debug, Default)]
-struct Outputs {
-    tunings: Option<Consumer<HapticTuning>>,
-    reacting: Reacting,
-    followers: Vec<triple_buffer::Input<(Pose, Twist)>>,
-    /// The device's first error. Only this loop sets it, so that it never waits.
-    device_error: Arc<OnceLock<DeviceError>>,
-}
-
-impl Clone for Outputs {
-    fn clone(&self) -> Self {
-        Self::default()
-    }
-}
-
-/// Energy that contacts may store for each joule in the coupling and in the body's motion: as much again, for they are
-/// at least as stiff.
+/// Energy that contacts may store for each joule in the coupling and in the body's motion: contacts are at least as stiff as the
+/// coupling, so at most as much again.
 const STORED_IN_CONTACTS: f64 = 1.0;
 
-/// The longest time that a step integrates: in periods, and no less than in s. What a host gives beyond is left out.
-const LONGEST_STEP: (f64, f64) = (5.0, 0.02);
+/// Longest time that a step integrates: the larger of this many periods and this many s. Longer steps of an unstable host would throw the
+/// object; shorter ones would leave it behind a slow host.
+const MAX_STEP: (f64, f64) = (5.0, 0.02);
 
-/// After a step that comes later than [`LONGEST_STEP`] in periods, the wrench comes up anew if the hand has gone further than this
-/// meanwhile, m and rad: the object is left behind by as much.
-const LATE_WAY: (f64, f64) = (2e-3, 0.05);
+/// Motion of the hand, m and rad, during the part of a late step that is not integrated, from which on the wrench comes up anew: the
+/// object is left behind by as much, and would be dragged after it.
+const MAX_LATE_MOTION: (f64, f64) = (2e-3, 0.05);
 
-/// Steps in a row that may be refused before the tool is put where the hand is.
-const MOST_STUCK: u32 = 20;
+/// Number of failed steps in a row after which the tool is placed where the hand is.
+const MAX_FAILED_STEPS: u32 = 20;
 
-/// The time since the step before, and what a step integrates of it, s: nothing of a `dt` that is no time, and of a long one what makes
-/// up for some of it. By clocks that go on, no more has passed than they say, whatever a host says.
+/// The time since the last step, and the part of it that a step integrates, s. An invalid `dt` counts as 0, a long one as `longest`.
+/// `since` is by the clock, and wins over a host's smaller `dt`.
 fn times_of_step(since: f64, dt: f64, longest: f64) -> (f64, f64) {
     let integrated = if dt > 0.0 && dt.is_finite() { dt.min(longest) } else { 0.0 };
     (since.max(integrated), integrated)
 }
 
 impl<T: Tool> HapticLoop<T> {
-    /// Starts with the tool at rest in the device's hand; `radii` are those of its bodies about their centres of mass, m.
+    /// Starts with the tool at rest at the device; `radii` are its bodies' bounding radii about their centres of mass, m.
     pub(crate) fn new(
         tool: T,
         settings: LoopSettings,
@@ -150,8 +138,8 @@ impl<T: Tool> HapticLoop<T> {
             workspace: Workspace::new(*placement.mapping(), settings.clutch_button),
             presence: Presence::new(settings.contact_timeout, engagement),
             output: Output::new(specification, slew, max_damping, engagement, period),
-            longest_step: (LONGEST_STEP.0 * period).max(LONGEST_STEP.1),
-            stuck: 0,
+            max_step: (MAX_STEP.0 * period).max(MAX_STEP.1),
+            failed_steps: 0,
             bodies: bodies.collect(),
             outputs: Outputs::default(),
             tuning: None,
@@ -162,7 +150,7 @@ impl<T: Tool> HapticLoop<T> {
         }
     }
 
-    /// The coupling that holds the tool, in the world: as chosen for the device, or as the settings ask.
+    /// The virtual coupling between device and tool, in the world.
     pub fn coupling(&self) -> &VirtualCoupling {
         self.tool.coupling()
     }
@@ -172,34 +160,34 @@ impl<T: Tool> HapticLoop<T> {
         &self.grasp
     }
 
-    /// Where the device's workspace is in the world now, for its handle; each release of the clutch moves it.
+    /// The mapping of the device's workspace into the world, for its handle; each release of the clutch moves it.
     pub fn mapping(&self) -> &DeviceMapping {
         self.workspace.mapping()
     }
 
-    /// Holds the clutch, from the next step on, or lets it go: while it is held, by this or by its button, the device
-    /// moves without the tool, which stays where the hand's image was. A gripper has none.
+    /// Engages the clutch from the next step on, or releases it. While it is engaged, by this or by its button, the device moves without
+    /// the tool, which stays where it is held. A gripper has no clutch.
     pub fn set_clutch(&mut self, held: bool) {
         self.workspace.ask_clutch(held);
     }
 
-    /// What was measured so far. Readings of a gripper count as those of the device.
+    /// The measurements so far. Readings of a gripper count as those of the device.
     pub fn telemetry(&self) -> &HapticTelemetry {
         &self.telemetry
     }
 
-    /// What was checked so far of the wrenches that were sent. The torque of a gripper is not among them.
+    /// The checks so far of the wrenches that were sent; the torque of a gripper is not checked.
     pub fn invariants(&self) -> &Invariants {
         self.output.invariants()
     }
 
-    /// What was measured so far, to add to.
+    /// The measurements so far, to add to.
     pub(crate) fn telemetry_mut(&mut self) -> &mut HapticTelemetry {
         &mut self.telemetry
     }
 
-    /// Takes a newer contact model of a body into use: [gradually](ContactBlend), over as long as lies between the last two, but no
-    /// longer than [`ContactBlend::LONGEST`].
+    /// Puts a newer contact model of a body into use: [gradually](ContactBlend), over the time between the last two models, at most
+    /// [`ContactBlend::LONGEST`].
     pub(crate) fn take_model(&mut self, body: usize, update: &ContactUpdate) {
         let state = self.tool.body_state(body);
         let Some(BodyContacts { blend, found, .. }) = self.bodies.get_mut(body) else { return };
@@ -215,13 +203,13 @@ impl<T: Tool> HapticLoop<T> {
         telemetry.contacts_now = contacts;
     }
 
-    /// Contacts of all bodies, before clustering.
+    /// Number of contacts of all bodies, before clustering.
     fn contacts(&self) -> u32 {
         self.bodies.iter().map(|body| body.found.contacts).sum()
     }
 
-    /// One step of `dt` seconds up to time `now` (s) on a device: reads it, steps and writes the wrench. A device that
-    /// does not answer is taken to stand still, and is sent no wrench.
+    /// Takes one step of `dt` seconds up to time `now` (s) on a device: reads it, steps and writes the wrench. A device that does not
+    /// answer is assumed to stand still, and is sent no wrench.
     pub fn step_device(&mut self, device: &mut dyn HapticDevice, now: f64, dt: f64) -> T::Record {
         let state = device.read(now).map_err(|error| self.keep_device_error(error)).ok();
         let angle = self.gripper.is_some().then(|| self.read_gripper(device, now));
@@ -230,14 +218,14 @@ impl<T: Tool> HapticLoop<T> {
         if let Err(error) = device.write(&sent) {
             self.telemetry.events.device_refused += u64::from(state.is_some());
             self.keep_device_error(error);
-            // What it holds is not known; when it takes wrenches again they come up from zero.
+            // The wrench that it now renders is unknown; when it accepts wrenches again they come up from zero.
             self.presence.release();
             self.output.forget();
         }
         record
     }
 
-    /// Angle of the device's gripper at `now` (s), rad; not a number where it does not answer, which counts as a bad reading.
+    /// Reads the angle of the device's gripper at `now` (s), rad; NaN, a bad reading, where it does not answer.
     fn read_gripper(&self, device: &mut dyn HapticDevice, now: f64) -> f64 {
         let read = device.gripper().map(|gripper| gripper.read(now));
         match read {
@@ -259,7 +247,7 @@ impl<T: Tool> HapticLoop<T> {
         }
     }
 
-    /// Lets the wrench fade out from now on, before the end.
+    /// Fades the wrench out from now on, before the session ends.
     pub fn leave(&mut self) {
         self.presence.leave();
     }
@@ -269,17 +257,18 @@ impl<T: Tool> HapticLoop<T> {
         self.outputs.device_error.get()
     }
 
-    /// The same, to be seen from elsewhere while the loop runs.
+    /// The first error that the device gave, shared with other threads while the loop runs.
     pub(crate) fn shared_device_error(&self) -> Arc<OnceLock<DeviceError>> {
         Arc::clone(&self.outputs.device_error)
     }
 
-    /// Keeps an error of the device if it is the first: it is moved, and put into words elsewhere.
+    /// Keeps an error of the device if it is the first. It is only moved; other threads format it.
     pub(crate) fn keep_device_error(&self, error: DeviceError) {
         let _ = self.outputs.device_error.set(error);
     }
 
-    /// One step, with the readings of device and gripper (rad); no device if it did not answer. The record, and the wrench to send.
+    /// Takes one step with the readings of device and gripper (rad), without a device if it did not answer. Returns the record, and the
+    /// wrench to send.
     pub(crate) fn advance(
         &mut self,
         device: Option<&DeviceState>,
@@ -294,13 +283,14 @@ impl<T: Tool> HapticLoop<T> {
         if self.contacts() > 0 {
             self.telemetry.first_touch.get_or_insert(now);
         }
-        let (elapsed, dt) = times_of_step(now - std::mem::replace(&mut self.now, now), dt, self.longest_step);
+        let (elapsed, dt) = times_of_step(now - std::mem::replace(&mut self.now, now), dt, self.max_step);
         let reading = self.read(device, gripper_angle, elapsed, dt);
         let handle = self.workspace.locate(&self.tracking.damped_state());
         let hand = Hand {
             device: motion_at(&handle, &(Pose::from_translation(-self.handle) * self.grasp)),
             gripper: self.gripper.as_ref().map_or(GripperMotion::default(), Gripper::motion),
         };
+        // From the handle, which the device's torque is about, to the grasp.
         let arm = hand.device.pose.translation - handle.pose.translation;
         let stored = self.observe(&hand);
         let events = &mut self.telemetry.events;
@@ -320,7 +310,7 @@ impl<T: Tool> HapticLoop<T> {
         let sends = device.is_some() && !harmful && !failed && share > 0.0;
         self.send_torque(step.gripper, sends, &at);
         let sent = if device.is_none() || harmful {
-            // It holds nothing, or must not.
+            // Nothing is sent: without a device, or since any wrench would harm.
             self.output.drop(&self.tracking, &at)
         } else if sends {
             self.output.send(&wanted, &self.tracking, &at, &mut self.telemetry.events)
@@ -331,8 +321,8 @@ impl<T: Tool> HapticLoop<T> {
         (self.record(&handle, &step, sent), sent)
     }
 
-    /// Takes the readings of device and gripper, `elapsed` (s) after those before, of which a step integrates `dt` (s): what came of
-    /// the worse.
+    /// Takes the readings of device and gripper, `elapsed` (s) after the last ones, of which a step integrates `dt` (s). Returns the worse
+    /// of the two results.
     fn read(
         &mut self,
         device: Option<&DeviceState>,
@@ -354,21 +344,21 @@ impl<T: Tool> HapticLoop<T> {
             self.presence.release();
             self.output.forget();
         }
-        // Nothing is to be dragged to where the hand was found.
+        // The hand may have moved while it was lost; the mapping moves instead, so that the tool is not dragged after it.
         if of_device == Reading::Back && self.output.limits().renders {
             let rebased = self.workspace.rebase(&before, &self.tracking.state().pose);
             events.rebased += u64::from(rebased);
         }
         let Twist { linear, angular } = *self.tracking.displacement();
         let left_out = elapsed > 1.5 * dt;
-        if left_out && (linear.length() > LATE_WAY.0 || angular.length() > LATE_WAY.1) {
+        if left_out && (linear.length() > MAX_LATE_MOTION.0 || angular.length() > MAX_LATE_MOTION.1) {
             events.late += 1;
             self.presence.release();
         }
         reading
     }
 
-    /// Moves the tool by `dt` (s). One that no step moves is put where the hand, as it moves, holds it.
+    /// Moves the tool by `dt` (s). After [`MAX_FAILED_STEPS`] it is placed where the hand holds it.
     fn step_tool(&mut self, hand: &Hand, dt: f64) -> ToolStep {
         for (index, body) in self.bodies.iter_mut().enumerate() {
             body.blend.advance(&self.tool.body_state(index), dt);
@@ -379,18 +369,18 @@ impl<T: Tool> HapticLoop<T> {
         events.step_refused += u64::from(step.status.failure.is_some());
         events.contacts_unsettled += u64::from(step.status.active_set_unsettled);
         events.step_unconverged += u64::from(step.status.unconverged);
-        // A host's `dt` is not what holds the tool.
-        let stuck = step.status.failure.is_some_and(|why| why != StepFailure::TimeStep);
-        self.stuck = if stuck { self.stuck + 1 } else { 0 };
-        if self.stuck >= MOST_STUCK && self.tool.reseat(hand) {
-            self.stuck = 0;
+        // An invalid `dt` is the host's fault, and moving the tool would not help.
+        let failed = step.status.failure.is_some_and(|why| why != StepFailure::TimeStep);
+        self.failed_steps = if failed { self.failed_steps + 1 } else { 0 };
+        if self.failed_steps >= MAX_FAILED_STEPS && self.tool.reseat(hand) {
+            self.failed_steps = 0;
             events.reseated += 1;
         }
         self.publish(step.status.failure.is_none(), dt);
         step
     }
 
-    /// Goes over to what the loop is tuned to.
+    /// Applies newly set gains, gradually.
     fn tune(&mut self, dt: f64) {
         while let Some(tuning) = self.outputs.tunings.as_mut().and_then(|tunings| tunings.pop().ok()) {
             self.tuning = Some(Ramp::new(*self.tool.coupling(), tuning.coupling));
@@ -411,9 +401,9 @@ impl<T: Tool> HapticLoop<T> {
         self.outputs.tunings = Some(tunings);
     }
 
-    /// Publishes where the first body is, and what a step of `dt` (s) pushed the scene with, if it was taken.
+    /// Publishes the first body's motion and, if a step of `dt` (s) was taken, its contacts' forces on the scene.
     fn publish(&mut self, taken: bool, dt: f64) {
-        let Outputs { reacting, .. } = &mut self.outputs;
+        let reacting = &mut self.outputs.reacting;
         if taken {
             for (index, body) in self.bodies.iter().enumerate() {
                 let state = self.tool.body_state(index);
@@ -436,19 +426,19 @@ impl<T: Tool> HapticLoop<T> {
         (pose, Twist { linear: state.twist.velocity_at(arm), angular: state.twist.angular })
     }
 
-    /// Lets what contacts push the scene's objects with be taken elsewhere, from the next step on.
+    /// Opens the queue of contact forces on the scene's objects, filled from the next step on.
     pub(crate) fn reactions(&mut self) -> Reactions {
         self.outputs.reacting.open()
     }
 
-    /// Lets the first body be followed from elsewhere.
+    /// Opens a view of the first body's motion for another session.
     pub(crate) fn lead(&mut self) -> triple_buffer::Output<(Pose, Twist)> {
         let (input, output) = triple_buffer::triple_buffer(&self.motion());
         self.outputs.followers.push(input);
         output
     }
 
-    /// Counts the energy that flowed over the last period. The most (J at the device) that may come back.
+    /// Counts the energy that flowed over the last period. Returns the largest energy that may come back, J at the device.
     fn observe(&mut self, hand: &Hand) -> f64 {
         let scale = self.workspace.mapping().scale;
         let stored = (1.0 + STORED_IN_CONTACTS) * self.tool.energy(hand) / (scale * scale);
@@ -461,11 +451,11 @@ impl<T: Tool> HapticLoop<T> {
         stored
     }
 
-    /// Lets the share of the wrench come up, fade or fall to nothing, and counts why. How long contact models have been overdue, s.
+    /// Raises or lowers the share of the wrench, and counts why. Returns the time since contact models have been overdue, s.
     fn pass(&mut self, failed: bool, now: f64, dt: f64) -> f64 {
         let since = |found: &ModelData| now - if found.time.is_nan() { self.started } else { found.time };
         let waited = self.bodies.iter().map(|body| since(&body.found)).fold(f64::NEG_INFINITY, f64::max);
-        // A step that is refused may be so because of its `dt`.
+        // A step may have failed because of its `dt`.
         let dt = if failed { 0.0 } else { dt };
         let bodies = self.bodies.iter().enumerate();
         let strayed = bodies.map(|(index, body)| body.strayed(&self.tool.body_state(index).pose));
@@ -478,11 +468,11 @@ impl<T: Tool> HapticLoop<T> {
         self.presence.overdue(waited)
     }
 
-    /// Sends the gripper a wanted torque (N·m, world), or lets it go.
+    /// Sends the gripper a wanted torque (N·m, world), or releases it.
     fn send_torque(&mut self, wanted: f64, sends: bool, at: &Moment) {
         let Some(gripper) = &mut self.gripper else { return };
         if sends {
-            // As any torque (§5.3.3).
+            // Torques at the device are those of the world divided by the square of the scale (§5.3.3).
             let scale = self.workspace.mapping().scale;
             gripper.send(wanted * at.share / (scale * scale), at, &mut self.telemetry.events);
         } else {

@@ -1,0 +1,29 @@
+//! Channels between the haptic loop and other threads.
+
+use std::sync::{Arc, OnceLock};
+
+use palpate_core::{Pose, Twist};
+use palpate_device::DeviceError;
+use rtrb::Consumer;
+
+use super::reactions::Reacting;
+use crate::settings::live::HapticTuning;
+
+/// Channels between the haptic loop and other threads. A clone has none of them.
+#[derive(Debug, Default)]
+pub(crate) struct Outputs {
+    /// Gains that a settings editor sets.
+    pub tunings: Option<Consumer<HapticTuning>>,
+    /// Forces of contacts on the scene's objects.
+    pub reacting: Reacting,
+    /// Sessions that follow the first body.
+    pub followers: Vec<triple_buffer::Input<(Pose, Twist)>>,
+    /// The device's first error. Only the haptic loop sets it, so that it never waits.
+    pub device_error: Arc<OnceLock<DeviceError>>,
+}
+
+impl Clone for Outputs {
+    fn clone(&self) -> Self {
+        Self::default()
+    }
+}
