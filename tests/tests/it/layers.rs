@@ -214,3 +214,24 @@ fn the_map_of_the_code_is_true() {
         }
     }
 }
+
+/// The names in the glossary are those of the code that it links.
+#[test]
+fn the_glossary_names_what_the_code_does() {
+    let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs");
+    let page = fs::read_to_string(docs.join("glossary.md")).expect("the page");
+    let mut named = 0;
+    for link in page.split("[`").skip(1) {
+        let (name, rest) = link.split_once("`](").expect("a link");
+        let file = docs.join(rest.split([')', '#']).next().expect("a path"));
+        assert!(file.exists(), "{name}: no {}", file.display());
+        if name.contains(['.', '/']) || file.is_dir() {
+            continue;
+        }
+        let text = fs::read_to_string(&file).expect("code");
+        let last = name.rsplit("::").next().expect("a name");
+        assert!(text.contains(last), "no {name} in {}", file.display());
+        named += 1;
+    }
+    assert!(named >= 25, "{named}");
+}
