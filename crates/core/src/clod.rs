@@ -25,7 +25,7 @@ pub use format::ClodError;
 pub use packed::Clod;
 pub use views::{Areas, Nodes, Points, Triangles};
 
-/// Index that stands for no node: the root's parent.
+/// Index of no node: the root's parent.
 pub const NO_NODE: u32 = u32::MAX;
 
 /// A hierarchy of contact levels of detail in parts that can be changed. Lengths in metres, in the object's
