@@ -348,7 +348,7 @@ impl<'a> Convexity<'a> {
         self.tolerance
     }
 
-    /// The plane that stands for a triangle.
+    /// Plane of a triangle in the convexity test.
     pub fn plane(&self, triangle: u32) -> Plane {
         self.planes[triangle as usize]
     }

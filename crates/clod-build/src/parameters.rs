@@ -87,6 +87,7 @@ impl Region {
             self.reached[face as usize] = v + 1;
             self.faces.push(face);
         }
+        // Breadth-first over the faces that count, starting from those at the vertex.
         let (mut sum, mut next) = (0.0, 0);
         while next < self.faces.len().min(MAX_FACES) {
             let face = self.faces[next];

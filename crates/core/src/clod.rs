@@ -145,9 +145,8 @@ impl Parts {
         &self.hull(node)[..node.extreme as usize]
     }
 
-    /// The points, m, whose convex hull stands for a node and, but for h, its descendants when nodes are
-    /// culled: the extreme points of its own hull, and others that bring h down (§3.6.2). Not all of them
-    /// need be extreme.
+    /// The points, m, whose convex hull bounds a node, and its descendants to within h, for culling: the
+    /// extreme points of its own hull, and others that reduce h (§3.6.2). Not all of them need be extreme.
     pub fn bounding_hull(&self, node: &Node) -> &[DVec3] {
         &self.vertices[bounding_range(node)]
     }

@@ -144,6 +144,7 @@ impl Cells {
     #[inline]
     pub fn add(&mut self, touch: &ContactSample, part: f32) {
         self.contacts += 1;
+        // The direction is the signed axis with the largest component of the normal.
         let size = touch.normal.abs();
         let axis = if size.x >= size.y && size.x >= size.z {
             0

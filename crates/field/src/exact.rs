@@ -273,6 +273,8 @@ enum Feature {
 
 /// The point of a triangle nearest to a point (Ericson 2005, §5.1.5).
 fn closest(p: DVec3, &[a, b, c]: &[DVec3; 3]) -> (DVec3, Feature) {
+    // Voronoi regions of the corners and edges in turn; va, vb, vc are barycentric coordinates times their
+    // sum.
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(ap), ac.dot(ap));
     if d1 <= 0.0 && d2 <= 0.0 {

@@ -129,7 +129,9 @@ pub struct Front {
     now: Vec<Four>,
     /// Index of the first that has not been visited, in `now`, `active` or `open`.
     next: usize,
+    /// Fours whose samples are read.
     active: Vec<Active>,
+    /// Fours to descend from.
     open: Vec<Open>,
     queue: Queue,
     /// Values read for the points of the queue, in lattice constants.
@@ -211,6 +213,7 @@ impl Front {
                 left = first.until().min(others.until()).saturating_sub(now);
                 is_awake = left == 0 || first.in_contact() | others.in_contact() != 0;
             }
+            // Below the samples: spheres in reach, and those that have to be read.
             let (mut lanes, mut unknown) = (0, 0);
             if level > 0 {
                 let now = clock.of_each(four);
@@ -220,6 +223,7 @@ impl Front {
                     left = left.min(spheres.left(now));
                 }
             }
+            // Nothing to do: the sphere around it, in the level above, counts as out of reach until then.
             if !is_awake && lanes == 0 {
                 if let Some(above) = &mut above {
                     let until = after(clock_above.of(four), left as f32);

@@ -117,6 +117,7 @@ pub fn changes(from: &Pose, to: &Pose, center: DVec3, radius: f64, tolerance: f6
         return [Change::ANYWHERE; 2];
     }
     let change = |from: &Pose, to: &Pose, about: DVec3| {
+        // Displacement of a point x: (R′ − R) x + t′ − t, the latter from the motion of `about`.
         let matrix = DMat3::from_quat(to.rotation) - DMat3::from_quat(from.rotation);
         let shift = to.transform_point(about) - from.transform_point(about) - matrix * about;
         Change {

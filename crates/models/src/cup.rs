@@ -230,7 +230,7 @@ fn join_handle(mesh: &mut Stitched, plan: &Plan, openings: &[Opening], borders: 
             + axes.x * direction.x * DVec3::Y
             + axes.y * direction.y * DVec3::new(normal.x, 0.0, normal.y)
     };
-    // The wall is curved and the windows fall on rows: what the ends deviate by dies away along the handle.
+    // The wall is curved and the windows fall on rows: the deviation of the ends decreases along the handle.
     let deviation = |border: &[u32], part: f64, mesh: &Stitched| -> Vec<DVec3> {
         border
             .iter()

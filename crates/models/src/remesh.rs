@@ -330,6 +330,7 @@ impl<'a, S: Surface> Remesher<'a, S> {
                 continue;
             }
             let here = self.at(v);
+            // Centroid of the surroundings, weighted with area over squared edge length wanted.
             let (mut sum, mut weight) = (DVec3::ZERO, 0.0);
             for h in self.mesh.around(v) {
                 let (a, c) = (self.mesh.target(h), self.mesh.apex(h));

@@ -215,7 +215,7 @@ impl<'a> Simplification<'a> {
     }
 }
 
-/// Whether a last level of so many patches is worth while.
+/// Whether a level with this number of patches is worth putting out as the last.
 fn is_noticeable(patches: usize, levels: &Levels<'_, '_, '_>) -> bool {
     patches as f64 <= (1.0 - MIN_REDUCTION) * levels.patches() as f64
 }

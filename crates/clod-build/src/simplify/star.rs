@@ -109,6 +109,7 @@ impl Fans {
         }
         let borders = ends.map(|v| !self.closed && self.on_border(triangles, v));
         star.border = borders[0] || borders[1];
+        // An edge has two triangles, or one on the border; one that joins two border vertices must be on it.
         let sides = star.removed.len();
         if sides == 0 || sides == 1 && borders != [true; 2] || sides == 2 && borders == [true; 2] || sides > 2
         {

@@ -452,6 +452,7 @@ impl State {
         while let Some(p) = changed.pop() {
             let Some(member) = &self.members[p as usize] else { continue };
             let (fans, triangles) = (&self.fans, &self.surface.triangles);
+            // Patches across the sides of its triangles.
             let mut neighbours = Vec::new();
             let few = member.patch.triangles.len() <= MAX_TRIANGLES_FOR_ALL_NEIGHBOURS;
             for t in if few { &member.patch.triangles } else { around } {

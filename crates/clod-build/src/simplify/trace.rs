@@ -169,6 +169,7 @@ fn nearest_parents(finer: &[Vec<DVec3>], coarser: &[Vec<DVec3>], heirs: &[u32], 
         .par_iter()
         .zip(heirs)
         .map_init(Vec::new, |stack, (points, heir)| {
+            // A hull with a smaller distance than the heir's has its box within that distance.
             let mut best = (*heir, farthest(points, *heir, f64::INFINITY));
             let (low, high) = bounds_of(points);
             let reach = DVec3::splat(best.1 + grain);
