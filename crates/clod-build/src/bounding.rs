@@ -1,14 +1,14 @@
-//! What a node needs to bound its descendants when it is culled: h (§3.3.5), points that bring h down, and a sphere.
+//! Bounds of a node's descendants for culling: h (§3.3.5), points that reduce h, and a sphere.
 //!
 //! The hulls of a simplified level need not contain those of the finer levels (§3.6.2). Departing from the
-//! dissertation, which makes up for it by h alone, a hull is given a few points of its descendants for culling: each
-//! time the one that is farthest from it. The hull of the points and the descendants lies within the hull's
-//! neighbourhood of width h, so that every point added makes for tighter culling; what it costs is that supporting
-//! points are sought among more. With as many points as it takes h is 0, and each hull contains its descendants.
+//! dissertation, which compensates for it by h alone, a hull gets a few points of its descendants for
+//! culling: each time the one that is farthest from it. The descendants lie within a distance h of the hull,
+//! so that every point added makes culling tighter; the cost is that support points are searched among more
+//! points. With enough points h is 0, and each hull contains its descendants.
 //!
-//! The distance to a convex set is a convex function, so that its maximum over a hull is at one of its extreme points.
-//! The maximum over all descendants is found exactly, without visiting most of them: none is further away than the
-//! sphere around them.
+//! The distance to a convex set is a convex function, so that its maximum over a hull is at one of its
+//! extreme points. The maximum over all descendants is found exactly, without visiting most of them: none is
+//! further away than its bounding sphere.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -22,20 +22,22 @@ use crate::enclosing::smallest_sphere;
 use crate::hull::{Hull, HullBuilder, Plane, Shape};
 use crate::nearest::distance_to_triangle;
 
-/// Distances below this, in unit coordinates, are rounding: the hull contains its descendants.
+/// Distance, in unit coordinates, up to which a hull counts as containing its descendants: more than
+/// rounding.
 const ROUNDING: f64 = 1e-11;
 
-/// Heights above a face's plane, in unit coordinates, that are taken for rounding.
+/// Height above a face's plane, in unit coordinates, up to which a point counts as in the plane: more than
+/// rounding.
 const IN_PLANE: f64 = 1e-12;
 
-/// What is added to a distance, as a fraction of it, so that it remains a bound in spite of rounding.
+/// Margin added to a distance, as a fraction of it, so that it remains a bound in spite of rounding.
 const SLACK: f64 = 1e-9;
 
-/// So many of the last bits of a distance do not count: distances that are equal but for rounding are the same, in any
-/// unit.
+/// Number of last bits of a distance that are ignored, so that distances that are equal but for rounding are
+/// the same in any unit.
 const UNCERTAIN_BITS: u32 = 20;
 
-/// A convex hull that distances are taken to.
+/// A convex hull to which distances are measured.
 pub(crate) struct Target {
     points: Vec<DVec3>,
     hull: Hull,
@@ -50,7 +52,7 @@ impl Target {
         Self { points, hull, planes }
     }
 
-    /// How far a point is from the hull: negative inside of a polytope, by how deep it is.
+    /// Distance of a point from the hull; inside a polytope, minus its depth.
     pub fn distance(&self, p: DVec3) -> f64 {
         let at = |v: u32| self.points[v as usize];
         let least = |distances: &mut dyn Iterator<Item = f64>| distances.fold(f64::INFINITY, f64::min);
@@ -59,8 +61,9 @@ impl Target {
             if highest <= 0.0 {
                 return highest;
             }
-            // The nearest point is on a face that is visible from the point, or has it in its plane but for rounding: a
-            // vertex of the hull may be that much above the plane of a face elsewhere alone.
+            // The nearest point is on a face that is visible from the point, or whose plane contains the
+            // point but for rounding: a vertex of the hull may be above no plane but, by rounding, that of a
+            // distant face.
             let visible =
                 self.hull.faces.iter().zip(&self.planes).filter(|(_, plane)| plane.height(p) > -IN_PLANE);
             let nearest = least(&mut visible.map(|(f, _)| distance_to_triangle(p, f.map(at))));
@@ -79,7 +82,7 @@ impl Target {
     }
 }
 
-/// What bounds a node's descendants; in metres.
+/// Bounds of a node's descendants, in metres.
 struct Bounds {
     /// Points of [`Parts::vertices`] that are added to the hull.
     added: Vec<u32>,
@@ -88,9 +91,9 @@ struct Bounds {
     radius: f64,
 }
 
-/// Sets the bounding hull of every node, with `most` added points at most, its h and its sphere, level by level from
-/// the finest; `scale` makes unit coordinates of metres. Fails with the number of points if there are more than 32-bit
-/// indices can name.
+/// Sets the bounding hull of every node, with at most `most` added points, its h and its sphere, level by
+/// level from the finest; `scale` converts metres to unit coordinates. Fails with the number of points if
+/// 32-bit indices cannot name them.
 pub(crate) fn bound_descendants(clod: &mut Parts, most: u32, scale: f64) -> Result<(), usize> {
     let mut added: Vec<Vec<u32>> = vec![Vec::new(); clod.nodes.len()];
     for level in 1..clod.levels.len() {
@@ -121,7 +124,8 @@ fn bounds(clod: &Parts, node: &Node, most: u32, scale: f64, builder: &mut HullBu
         if distance <= ROUNDING {
             break 0.0;
         }
-        // A point that is there already is off by rounding only, and would be found for ever.
+        // A point that was added before differs from the hull by rounding only, and would be found again and
+        // again.
         if added.len() == most as usize || added.contains(&farthest) {
             break distance * (1.0 + SLACK) / scale;
         }
@@ -134,22 +138,23 @@ fn bounds(clod: &Parts, node: &Node, most: u32, scale: f64, builder: &mut HullBu
     Bounds { added, hausdorff, center, radius: own.max(below) }
 }
 
-/// Looks for the extreme point of any descendant that is farthest from something that may grow from one search to the
-/// next: what was once found of a distance remains a bound.
+/// A search for the extreme point of any descendant that is farthest from a set, which may grow from one
+/// search to the next: distances found earlier remain upper bounds.
 struct FarthestSearch {
     /// Largest bound first.
     waiting: BinaryHeap<Waiting>,
     searches: u32,
 }
 
-/// A descendant, or one of the vertices of those that have been looked at.
+/// A descendant, or a vertex of a descendant that has been visited.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Waiting {
-    /// The first bits of a bound on the distance, which is positive, so that they are in its order.
+    /// The leading bits of an upper bound of the distance. It is positive, so that its bits are ordered as it
+    /// is.
     bound: u64,
     is_vertex: bool,
     index: Reverse<u32>,
-    /// In which search it was computed.
+    /// Number of the search that computed it.
     search: u32,
 }
 
@@ -164,8 +169,9 @@ impl FarthestSearch {
         Self { waiting, searches: 0 }
     }
 
-    /// How far the farthest is at most, and which of the vertices: the first of those that are equally far. `distance`
-    /// is that of a point, in metres times `scale`. A distance of 0 if none is further than that.
+    /// An upper bound of the largest distance, and the vertex that has it: the first of those that are
+    /// equally far. `distance` is that of a point, in metres times `scale`. Returns a distance of 0 if no
+    /// point has a larger one.
     fn farthest(&mut self, clod: &Parts, scale: f64, distance: impl Fn(DVec3) -> f64) -> (f64, u32) {
         self.searches += 1;
         let search = self.searches;
@@ -173,7 +179,7 @@ impl FarthestSearch {
             let bound = if is_vertex {
                 distance(clod.vertices[index as usize])
             } else {
-                // Beyond rounding in the spheres.
+                // The margin exceeds the rounding of the spheres.
                 let Node { center, radius, .. } = clod.nodes[index as usize];
                 distance(center) + radius * scale * (1.0 + SLACK)
             };
@@ -248,7 +254,7 @@ mod tests {
             let points: Vec<DVec3> = (0..count).map(|_| random()).collect();
             let p = 1.5 * random() + DVec3::Z * (1.0 - flatten);
             let found = Target::new(points.clone(), &mut builder).distance(p).max(0.0);
-            // Frank-Wolfe with away steps would be quicker; plain steps get near enough.
+            // Frank-Wolfe with away steps would be faster; plain steps are accurate enough.
             let mut x = points[0];
             for _ in 0..20_000 {
                 let s = points

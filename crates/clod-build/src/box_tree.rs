@@ -1,12 +1,14 @@
 //! A tree of axis-aligned boxes over items that may move.
 //!
-//! Split at the median of the longest side, so that it is balanced and deterministic. An item that has moved is
-//! refitted in place: the boxes from its leaf up are recomputed until one does not change. The splits stay those of the
-//! positions that the tree was made for, so that it is worth making anew once many items have moved or gone.
+//! It is split at the median of the longest side, so that it is balanced and deterministic. An item that has
+//! moved is refitted in place: the boxes from its leaf up are recomputed until one does not change. The
+//! splits remain those of the original positions, so that rebuilding pays once many items have moved or were
+//! removed.
 //!
-//! Measured against `obvhs` 0.4 (boxes in f32, widened outwards, one triangle a leaf) and a hashed grid whose cells are
-//! as long as an edge. All go through the collapses that take a torus to a sixteenth of its triangles, and are made
-//! anew (except where moving) when half are gone. In thousands of instructions, by the command below:
+//! Measured against `obvhs` 0.4 (boxes in f32, widened outwards, one triangle a leaf) and a hashed grid whose
+//! cells are as long as an edge. All replay the collapses that reduce a torus to a sixteenth of its
+//! triangles, and are rebuilt (except where leaves move) when half are gone. In thousands of instructions, by
+//! the command below:
 //!
 //! | | a query, 10k triangles | 100k | changes of a collapse, 10k | 100k |
 //! |---|---|---|---|---|
@@ -16,41 +18,46 @@
 //! | grid, made anew | 6.6 | 7.0 | 29.0 | 29.3 |
 //! | grid, cells as they were first | 11.5 | 12.7 | 34.4 | 36.6 |
 //!
-//! A query is of the box around the fan of a merged vertex; of the triangles some eight change and two go, and making
-//! the index anew is shared out among the changes. The trees do the same, and neither's cost grows with the mesh by
-//! more than the logarithm. A tree that is kept good by moving its leaves never pays that back; a grid pays for the
-//! cells of each triangle, and for large triangles in small cells as the surface gets coarser. So this one stays,
-//! without the f32 and with the [nodes](BoxTree::nodes) open to traversals that test more than boxes.
+//! A query is of the box around the fan of a merged vertex; in a collapse some eight triangles change and two
+//! are removed, and the cost of rebuilding is included in the changes. The two trees do the same, and their
+//! cost grows with the logarithm of the mesh's size. Moving leaves to keep a tree good costs more than it
+//! saves; a grid pays for the cells of each triangle, and for large triangles in small cells as the surface
+//! gets coarser. So this tree is used: it needs no f32, and its [nodes](BoxTree::nodes) are open to
+//! traversals that test more than boxes.
 //!
 //! ```text
 //! cargo bench -p palpate-clod-build --bench spatial_index --no-run
 //! valgrind --tool=callgrind --toggle-collect='*replay*' target/release/deps/spatial_index-… --bench --test '^ours/10000/tries/1$'
 //! ```
 //!
-//! (likewise with 8 tries; less what a filter that nothing passes leaves; by 4,728 collapses of 10,000 triangles and
-//! 47,061 of 100,000). The comparison is finished, and its code is not kept: `git checkout b4d5a15` has it.
+//! (likewise with 8 tries; minus the count with a filter that matches nothing; divided by 4,728 collapses of
+//! 10,000 triangles and 47,061 of 100,000). The comparison is finished, and its code is not kept: `git
+//! checkout b4d5a15` has it.
 
 use glam::DVec3;
 
+/// Largest number of items of a leaf.
 const LEAF_ITEMS: usize = 4;
 const NONE: u32 = u32::MAX;
 
-/// Places in a tree's box are told apart to so many parts of its longest side, so that rounding decides nothing.
+/// Number of cells along the longest side of a tree's box to which middles are rounded, so that rounding
+/// errors do not decide which of two equal ones comes first.
 const CELLS: f64 = 1e9;
 
 /// Lower and upper corner of a box; the lower above the upper for an empty one.
 pub(crate) type Bounds = (DVec3, DVec3);
 
-/// The box around nothing.
+/// The empty box.
 pub(crate) const EMPTY: Bounds = (DVec3::INFINITY, DVec3::NEG_INFINITY);
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct BoxNode {
     pub low: DVec3,
     pub high: DVec3,
-    /// First item of a leaf (in `order`), or the index of the second child; the first child follows its parent.
+    /// First item of a leaf (in `order`), or the index of the second child; the first child follows its
+    /// parent.
     pub first: u32,
-    /// Items of a leaf, 0 for an inner node.
+    /// Number of items of a leaf; 0 for an inner node.
     pub count: u32,
 }
 
@@ -64,7 +71,7 @@ pub(crate) struct BoxTree {
 }
 
 impl BoxTree {
-    /// A tree over items with the given boxes. Items whose boxes are empty are left out for good.
+    /// A tree over items with the given boxes. Items whose boxes are empty are left out permanently.
     pub fn new(boxes: &[Bounds]) -> Self {
         let mut order: Vec<u32> =
             (0..boxes.len() as u32).filter(|item| !is_empty(boxes[*item as usize])).collect();
@@ -117,7 +124,7 @@ impl BoxTree {
         &self.order[leaf.first as usize..(leaf.first + leaf.count) as usize]
     }
 
-    /// Adapts the boxes after an item has moved; `bounds` tells those of any item.
+    /// Refits the boxes after an item has moved; `bounds` returns the box of any item.
     pub fn refit(&mut self, item: u32, bounds: impl Fn(u32) -> Bounds) {
         let mut node = self.leaf_of[item as usize];
         while node != NONE {
@@ -139,8 +146,8 @@ impl BoxTree {
         }
     }
 
-    /// Calls `visit` with each item of the leaves that meet a box, which may itself lie aside of it, until one call
-    /// returns true; tells whether one did.
+    /// Calls `visit` with each item of the leaves that meet a box, until one call returns true; returns
+    /// whether one did. The item itself may lie outside the box.
     pub fn any_near(
         &self,
         (low, high): Bounds,
@@ -231,7 +238,7 @@ mod tests {
             (0..100).map(|k| if k % 3 == 0 { point(f64::from(k)) } else { EMPTY }).collect();
         let mut tree = BoxTree::new(&boxes);
         assert_eq!(tree.order.len(), 34);
-        // To refit one of them does nothing.
+        // Refitting one of them does nothing.
         tree.refit(1, |k| boxes[k as usize]);
         let mut found = Vec::new();
         tree.any_near((DVec3::ZERO, DVec3::splat(99.0)), &mut Vec::new(), |k| {

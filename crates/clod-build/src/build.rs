@@ -1,4 +1,4 @@
-//! From a mesh to its hierarchy: the order of the steps, what can be asked of them and why they may refuse.
+//! The build of a hierarchy from a mesh: its options, its checks and the order of its steps.
 
 use std::f64::consts::FRAC_PI_2;
 use std::ops::ControlFlow;
@@ -18,36 +18,39 @@ use crate::requirements::{check_intersections, check_surface};
 use crate::simplify::{Limits, simplify};
 use crate::surface::Surface;
 
-/// Edges shorter than this fraction of the bounding radius join copies of a vertex.
-const NEGLIGIBLE: f64 = 1e-9;
+/// Length of an edge, as a fraction of the bounding radius, below which its ends count as copies of one
+/// vertex.
+const MIN_EDGE_LENGTH: f64 = 1e-9;
 
-/// Lengths (m) from the reciprocal of this to this are accepted: their fifth powers, which inertia needs, are far
-/// within the range of f64.
-const LARGEST_LENGTH: f64 = 1e50;
+/// Largest length accepted, m; the smallest bounding radius is its reciprocal. Fifth powers of such lengths,
+/// which inertia needs, are far within the range of f64.
+const MAX_LENGTH: f64 = 1e50;
 
-/// Counts the changes after which the same mesh and options give another hierarchy: whoever keeps built hierarchies can
-/// tell by it that one is out of date.
+/// Revision of the builder, raised whenever the same mesh and options give another hierarchy: a cache of
+/// built hierarchies compares it to find those that are out of date.
 pub const REVISION: u32 = 7;
 
-/// What can be chosen about a build.
+/// Options of a build.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BuildOptions {
-    /// How far a patch's surface may lie inside its own hull, and how deep other surface may reach into it, before the
-    /// patch counts as not convex (§3.3.1). A fraction of the bounding radius.
+    /// Convexity tolerance (§3.3.1), as a fraction of the bounding radius: the surface of a convex patch may
+    /// lie this far inside its own hull, and other surface may reach this deep into it.
     pub tolerance: f64,
     /// Distance tolerance of support areas (§3.3.5) along a vertex normal: a fraction of the bounding radius.
     pub support_distance: f64,
-    /// How far from a vertex its support area may reach: a fraction of the bounding radius.
+    /// Largest distance of a support area from its vertex: a fraction of the bounding radius.
     pub support_radius: f64,
-    /// Whether to make levels of detail by simplification (§3.3.3) before patches are merged freely. Without, every
-    /// level but the full mesh's is free.
+    /// Whether to make levels of detail by simplification (§3.3.3) before patches are merged freely. If
+    /// false, every level but the full mesh's is free.
     pub simplify: bool,
-    /// Where simplification ends: at the resolution (Eq. 3.1) that is this over the bounding radius.
+    /// Lowest resolution (Eq. 3.1) to which simplification goes, times the bounding radius.
     pub coarsest: f64,
-    /// Whether patches are carried through the collapses, as in the dissertation; else each level's are made anew.
+    /// Whether patches are carried through the collapses, as in the dissertation; if false, each level is
+    /// decomposed anew.
     pub carried: bool,
-    /// How many points of its descendants a hull may be given at most to bound them better (§3.6.2): with 0 it is that
-    /// of its patch, as in the dissertation; with [`u32::MAX`] every hull contains its descendants.
+    /// Largest number of points of its descendants that a hull gets so as to bound them better (§3.6.2): with
+    /// 0 it is the hull of its patch, as in the dissertation; with [`u32::MAX`] every hull contains its
+    /// descendants.
     pub bounding_points: u32,
     /// Half angle of the normal cone of support areas (§3.3.5), rad.
     pub support_cone: f64,
@@ -70,19 +73,20 @@ impl Default for BuildOptions {
 
 /// Builds the hierarchy of contact levels of detail of a mesh.
 ///
-/// The mesh has to be an oriented 2-manifold, with or without boundary, of triangles with an area, that does not
-/// intersect itself (decided exactly; surfaces may touch at vertices and edges that they have in common or that
-/// coincide) and, if it is closed, does not enclose a negative volume. `palpate_mesh_io::repair` makes such a mesh of
-/// any other. Where there is a boundary, inside and outside are not defined: no hull can then be verified to lie inside
-/// the object, [`Node::contained`](palpate_core::clod::Node::contained) is false and so is
-/// [`Source::solid`](palpate_core::clod::Source::solid).
+/// The mesh has to be an oriented 2-manifold, with or without boundary, of triangles with an area, that does
+/// not intersect itself (tested exactly; surfaces may touch at vertices and edges that they share or that
+/// coincide) and, if it is closed, does not enclose a negative volume. `palpate_mesh_io::repair` makes such a
+/// mesh from any other. Where there is a boundary, inside and outside are not defined: no hull can then be
+/// verified to lie inside the object, [`Node::contained`](palpate_core::clod::Node::contained) is false and
+/// so is [`Source::solid`](palpate_core::clod::Source::solid).
 ///
-/// `progress` is called from the calling thread with the fraction of the stage that is done, at most some 25 times a
-/// second besides the beginning and end of each stage; when it breaks, the build ends with [`BuildError::Cancelled`].
+/// `progress` is called from the calling thread with the fraction of the stage that is done, at most some 25
+/// times a second besides the beginning and end of each stage; if it returns `Break`, the build ends with
+/// [`BuildError::Cancelled`].
 ///
 /// # Errors
-/// If it is cancelled, the mesh is none of the above, has no triangles, no extent or a vertex that is not finite, or an
-/// option is out of range.
+/// If it is cancelled, the mesh is not as described above, has no triangles, no extent or a vertex that is
+/// not finite, or an option is out of range.
 pub fn build(
     mesh: &TriMesh,
     options: &BuildOptions,
@@ -139,7 +143,7 @@ pub fn build(
     progress.begin(Stage::Parameters)?;
     let first =
         Regular { mesh, surface: &surface, decomposition: &decomposition, areas: &areas, trace: None };
-    let finest = finest_resolution(mesh, &adjacency, NEGLIGIBLE * radius);
+    let finest = finest_resolution(mesh, &adjacency, MIN_EDGE_LENGTH * radius);
     let regular: Vec<(Regular<'_>, f64)> = std::iter::once((first, finest))
         .chain(simplified.iter().map(|(level, trace)| {
             let resolution = finest.min(level.resolution * surface.scale);
@@ -184,7 +188,7 @@ impl BuildOptions {
     }
 }
 
-/// The bounding sphere of a mesh that has something to build from.
+/// Returns the bounding sphere of a mesh; refuses a mesh that has no surface to build from.
 fn check_extent(mesh: &TriMesh) -> Result<(DVec3, f64), BuildError> {
     let (vertices, triangles) = (mesh.vertices(), mesh.triangles());
     if triangles.is_empty() {
@@ -199,8 +203,8 @@ fn check_extent(mesh: &TriMesh) -> Result<(DVec3, f64), BuildError> {
         return Err(BuildError::NonFinite { vertex, triangle, position: vertices[vertex] });
     }
     let sphere = mesh.bounding_sphere();
-    if !(1.0 / LARGEST_LENGTH..=LARGEST_LENGTH).contains(&sphere.radius)
-        || sphere.center.abs().max_element() > LARGEST_LENGTH
+    if !(1.0 / MAX_LENGTH..=MAX_LENGTH).contains(&sphere.radius)
+        || sphere.center.abs().max_element() > MAX_LENGTH
     {
         return Err(BuildError::Extent {
             triangles: triangles.len(),

@@ -1,4 +1,5 @@
-//! What is known of the patches of a level: whether their hulls lie inside the object, and whether they cover them.
+//! Properties of the patches of a level: whether their hulls lie inside the object, and whether they cover
+//! their hulls.
 
 use glam::DVec3;
 use palpate_core::mesh::{Adjacency, NO_NEIGHBOUR};
@@ -9,10 +10,11 @@ use crate::decomposition::Decomposition;
 use crate::hull::{HullBuilder, Plane};
 use crate::surface::Surface;
 
-/// Faces of a thin hull below which a point inside of it is looked for.
+/// Number of faces of a thin hull below which a deep point is searched. With fewer, a hull inside the object
+/// may not be recognised.
 const MAX_FACES_TRIED: usize = 64;
 
-/// Per patch, whether its hull is verified not to protrude from the object; never if that is not `solid`.
+/// Flags, one a patch: true if its hull is verified not to protrude from the object, which must be `solid`.
 pub(crate) fn contained(
     surface: &Surface,
     decomposition: &Decomposition,
@@ -26,14 +28,15 @@ pub(crate) fn contained(
         .collect()
 }
 
-/// Per patch, whether it covers its whole hull.
+/// Flags, one a patch: true if it covers its whole hull.
 pub(crate) fn all_real(decomposition: &Decomposition, adjacency: &Adjacency) -> Vec<bool> {
     (0..decomposition.patches.len()).map(|patch| is_closed(decomposition, patch, adjacency)).collect()
 }
 
-/// Whether the hull of a patch lies inside a solid. No surface reaches deeper into it than is permitted, so that one
-/// point deeper than that speaks for all; a hull without such a point is part of the surface. So does one point in the
-/// layer below a flat hull, which no surface reaches into either. A single triangle is its own hull.
+/// Whether the hull of a patch lies inside a solid. No surface reaches deeper into it than is permitted, so
+/// that one point deeper than that decides for all; a hull without such a point is part of the surface. For a
+/// flat hull, one point in the layer below it decides, which no surface reaches into either. A single
+/// triangle is its own hull.
 fn lies_inside(surface: &Surface, patch: &Patch, tolerance: f64, hulls: &mut HullBuilder) -> bool {
     if patch.triangles.len() == 1 {
         return true;
@@ -50,8 +53,8 @@ fn lies_inside(surface: &Surface, patch: &Patch, tolerance: f64, hulls: &mut Hul
     let below = |planes: &mut dyn Iterator<Item = &Plane>, p: DVec3| {
         planes.map(|plane| -plane.height(p)).fold(f64::INFINITY, f64::min)
     };
-    // The patch itself may lie as deep in its hull as the tolerance: what is above it there is outside the object, but
-    // counts as convex.
+    // The patch itself may lie as deep in its hull as the tolerance: points above it there are outside the
+    // object, but count as convex.
     let depth = |p: DVec3| {
         let in_hull = below(&mut planes.iter(), p);
         if in_hull > tolerance {
@@ -66,7 +69,8 @@ fn lies_inside(surface: &Surface, patch: &Patch, tolerance: f64, hulls: &mut Hul
     });
     let middle = points.iter().sum::<DVec3>() / points.len() as f64;
     let mut deepest = (middle, depth(middle));
-    // In a hull that is thick nearly everywhere the middle is deep enough; in a sheet it may be near the surface.
+    // In a hull that is thick nearly everywhere the middle is deep enough; in a sheet it may be near the
+    // surface.
     if deepest.1 <= 4.0 * tolerance {
         for p in below_faces {
             let depth = depth(p);

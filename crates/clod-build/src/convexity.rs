@@ -1,22 +1,23 @@
-//! What makes a convex surface patch (§3.3.1), and the test whether two of them make one together.
+//! Convex surface patches (§3.3.1), and the test whether the union of two of them is one.
 //!
-//! A patch is a set of triangles that all lie on the surface of its convex hull: the plane of each has the whole patch
-//! below it. That implies the local constraint, that interior edges are convex (Eq. 3.2), but not the other way round:
-//! all edges of a spiral ramp are convex. The global constraint is that the hull does not protrude from the object.
-//! Where its real faces lie on the surface, with the object below them, the hull lies inside the object exactly if no
-//! surface reaches into its interior. Ehmann and Lin (2001) test the virtual faces against the surface and so miss a
-//! component that lies wholly inside of the hull, such as a small cavity; here the interior itself is tested.
+//! A patch is a set of triangles that all lie on the surface of its convex hull: the whole patch lies below
+//! the plane of each. This implies the local constraint, that interior edges are convex (Eq. 3.2), but the
+//! local constraint does not imply it: all edges of a spiral ramp are convex. The global constraint is that
+//! the hull does not protrude from the object. Where its real faces lie on the surface, with the object below
+//! them, the hull lies inside the object exactly if no surface reaches into its interior. Ehmann and Lin
+//! (2001) test the virtual faces against the surface and so miss a component that lies wholly inside of the
+//! hull, such as a small cavity; here the interior itself is tested.
 //!
-//! All heights are taken with one tolerance: a triangle may have other vertices of its patch that far above its plane,
-//! and other surface may reach that deep into the hull. Into a hull that is not much thicker than the tolerance it may
-//! reach less deep: nothing is deep in it, and walls of a notch that it spans would not be noticed. A hull that is
-//! thinner than the tolerance is flat: it has no interior. It protrudes where it spans a notch or a hole of the flat
-//! face, whose walls go down from the face's plane. So it is the layer just below it, between one and two tolerances
-//! deep, that no surface may reach into. The same is asked of the layer below a hull that is thin, since it may be
-//! thinner than the tolerance in places.
+//! All heights have the same tolerance: other vertices of a patch may lie that far above the plane of a
+//! triangle, and other surface may reach that deep into the hull. In a hull that is not much thicker than the
+//! tolerance, the permitted depth is smaller: no point is deep in it, and walls of a notch that it spans
+//! would not be noticed. A hull that is thinner than the tolerance is flat: it has no interior. It protrudes
+//! where it spans a notch or a hole of the flat face, whose walls go down from the face's plane. So no
+//! surface may reach into the layer just below it, between one and two tolerances deep. The same holds for
+//! the layer below a thin hull, since it may be thinner than the tolerance in places.
 //!
-//! Both constraints are monotone. What fails for two patches fails for any larger two that contain them. (The one
-//! exception is the two sides of a sheet that is thinner than the tolerance: they are never joined, whatever else is.)
+//! Both constraints are monotone: if two patches fail, so do any two larger ones that contain them. (The one
+//! exception is the two sides of a sheet that is thinner than the tolerance: they are never joined.)
 
 use std::borrow::Cow;
 use std::f64::consts::FRAC_1_SQRT_2;
@@ -28,18 +29,20 @@ use crate::hull::{Hull, HullBuilder, Plane, Shape, polygon};
 use crate::skin::Skin;
 use crate::surface::{ReachBuffers, Surface, bounds_of, reaches_below};
 
-/// The height, in unit coordinates, below which hulls drop points: about what rounding does to the predicates' inputs.
+/// Height, in unit coordinates, below which hulls drop points: about the rounding of the predicates' inputs.
 pub(crate) const HULL_THICKNESS: f64 = 1e-14;
 
-/// Patches of more triangles are not made, unless the whole mesh is one: their hulls would bound what is somewhere on
-/// them badly, and each collapse in one costs its size.
-pub(crate) const LARGEST_PATCH: usize = 256;
+/// Largest number of triangles of a patch, unless the whole mesh is one. Hulls of larger ones are poor bounds
+/// of a place on them, and the cost of a collapse grows with the patch.
+pub(crate) const MAX_PATCH_TRIANGLES: usize = 256;
 
-/// Other surface may reach as deep into a hull as the tolerance, but not deeper than its thickness over this.
-const THIN: f64 = 12.0;
+/// Ratio of the thickness of a thin hull to the depth to which other surface may reach into it. A smaller one
+/// lets hulls span notches.
+const THICKNESS_PER_DEPTH: f64 = 12.0;
 
-/// Hulls up to so many tolerances thick are tested for notches on top of them that nothing in the hull itself tells of.
-const SHEET: f64 = 64.0;
+/// Largest thickness, in tolerances, of hulls that are tested for notches on top of them, which the test of
+/// the hull's interior does not find.
+const MAX_SHEET_THICKNESS: f64 = 64.0;
 
 /// A convex surface patch.
 #[derive(Clone, Debug)]
@@ -57,7 +60,7 @@ pub(crate) struct Patch {
 }
 
 impl Patch {
-    /// Becomes the union with another patch, given their common hull.
+    /// Replaces the patch by its union with another, given their common hull.
     pub fn take_in(&mut self, mut other: Self, join: Join, convexity: &Convexity<'_>) {
         if convexity.area(other.lead) > convexity.area(self.lead) {
             self.lead = other.lead;
@@ -89,7 +92,7 @@ pub(crate) struct Convexity<'a> {
     surface: &'a Surface,
     /// The tolerance, in unit coordinates.
     tolerance: f64,
-    /// The planes that stand for the triangles: see [`dependable_planes`].
+    /// Planes of the triangles: see [`dependable_planes`].
     planes: Cow<'a, [Plane]>,
 }
 
@@ -113,7 +116,8 @@ impl<'a> Convexity<'a> {
         Patch { triangles: vec![triangle], extreme, bounds: bounds_of(&corners), flat: true, lead: triangle }
     }
 
-    /// The hull of two patches together, if that is a convex patch; `mine` are the triangles of the two.
+    /// The hull of two patches together, if their union is a convex patch; `mine` are the triangles of the
+    /// two.
     pub fn join(
         &self,
         a: &Patch,
@@ -121,7 +125,7 @@ impl<'a> Convexity<'a> {
         mine: impl Fn(u32) -> bool,
         buffers: &mut JoinBuffers,
     ) -> Option<Join> {
-        if a.triangles.len() + b.triangles.len() > LARGEST_PATCH {
+        if a.triangles.len() + b.triangles.len() > MAX_PATCH_TRIANGLES {
             return None;
         }
         let (lead_a, lead_b) = (self.planes[a.lead as usize], self.planes[b.lead as usize]);
@@ -140,7 +144,7 @@ impl<'a> Convexity<'a> {
         let lead = if self.area(a.lead) >= self.area(b.lead) { &lead_a } else { &lead_b };
         let flat = a.flat && b.flat && flat_on(a, lead) && flat_on(b, lead);
         if flat && lead_a.normal.dot(lead_b.normal) <= 0.0 {
-            // Two sides of a sheet, or of a crack: the vertices cannot tell which.
+            // Two sides of a sheet, or of a crack: the vertices do not determine which.
             return None;
         }
         let bounds = (a.bounds.0.min(b.bounds.0), a.bounds.1.max(b.bounds.1));
@@ -155,7 +159,7 @@ impl<'a> Convexity<'a> {
         (!spans_notch).then_some(Join { extreme, bounds, flat })
     }
 
-    /// Many triangles at once as a patch, if they are one and not flat.
+    /// The patch that many triangles make at once; `None` if they do not make one, or it is flat.
     pub fn whole(
         &self,
         triangles: &[u32],
@@ -174,11 +178,12 @@ impl<'a> Convexity<'a> {
         (dependable && !flat).then(|| Patch { triangles: triangles.to_vec(), extreme, bounds, flat, lead })
     }
 
-    /// The patch that a few triangles make, with its skin and its vertices in ascending order; `None` if they do not
-    /// make one. `moved` tells those of them that were not in the patch as they are now, and the vertex that has moved:
-    /// the others are known to support all other vertices. `mine` are these triangles, and those `others` that the
-    /// surface's spatial index is wrong about, which are therefore tested one by one. The rest of the surface is known
-    /// not to reach into the hull outside of the box `part`; that says nothing of the layer below a flat one.
+    /// The patch that a few triangles make, with its skin and its vertices in ascending order; `None` if they
+    /// do not make one. `moved` selects the triangles that were not in the patch in their present form, and
+    /// names the vertex that has moved: the other triangles are known to support all other vertices. `mine`
+    /// are these triangles, and those `others` for which the surface's spatial index is out of date, which
+    /// are therefore tested one by one. The rest of the surface is known not to reach into the hull outside
+    /// the box `part`; this does not include the layer below a flat one.
     pub fn patch(
         &self,
         triangles: &[u32],
@@ -240,7 +245,7 @@ impl<'a> Convexity<'a> {
         Some((patch, skin, vertices.clone()))
     }
 
-    /// What a patch keeps other surface out of; `hull` is that of `points`.
+    /// The polytope that other surface must not reach into; `hull` is that of `points`.
     pub fn skin(&self, patch: &Patch, hull: &Hull, points: &[DVec3]) -> Skin {
         if !patch.flat {
             let thickness = self.thickness(&self.planes[patch.lead as usize], patch.extreme.iter());
@@ -253,12 +258,12 @@ impl<'a> Convexity<'a> {
         Skin::Layer { planes, depth: self.tolerance }
     }
 
-    /// How far below a plane vertices reach.
+    /// Largest depth of vertices below a plane.
     fn thickness<'v>(&self, top: &Plane, vertices: impl Iterator<Item = &'v u32>) -> f64 {
         vertices.map(|v| -top.height(self.point(*v))).fold(0.0, f64::max)
     }
 
-    /// Whether a patch may have come to span a notch since it was made, when only what is deep in its hull was looked at.
+    /// Whether a patch may span a notch by now: since it was made, only the interior of its hull was tested.
     pub fn may_span_notch(
         &self,
         patch: &Patch,
@@ -278,7 +283,8 @@ impl<'a> Convexity<'a> {
         self.spans_notch(top, self.thickness(top, patch.extreme.iter()), points, mine, reach)
     }
 
-    /// Whether other surface reaches into the layer below a flat hull, which has the plane `top` and these points.
+    /// Whether other surface reaches into the layer below a flat hull, which has the plane `top` and these
+    /// points.
     fn reached_below(
         &self,
         top: &Plane,
@@ -292,9 +298,10 @@ impl<'a> Convexity<'a> {
         self.surface.reaches_into(layer, around, self.tolerance, mine, reach)
     }
 
-    /// Whether a hull that is not flat, but thin, spans a notch or a hole of the surface on top of it: whether there is
-    /// other surface below it, that does not face away as the other side of a sheet does. `top` is the plane of one of
-    /// its triangles, and `thickness` how far below that its vertices, the `points`, reach.
+    /// Whether a hull that is thin, but not flat, spans a notch or a hole of the surface on top of it: that
+    /// is, whether there is other surface below it that does not face away, as the other side of a sheet
+    /// does. `top` is the plane of one of its triangles, and `thickness` the depth of its vertices, the
+    /// `points`, below that plane.
     fn spans_notch(
         &self,
         top: &Plane,
@@ -303,11 +310,12 @@ impl<'a> Convexity<'a> {
         mine: impl Fn(u32) -> bool,
         reach: &mut ReachBuffers,
     ) -> bool {
-        if thickness > SHEET * self.tolerance {
+        if thickness > MAX_SHEET_THICKNESS * self.tolerance {
             return false;
         }
         let below = Plane { offset: top.offset - thickness, ..*top };
-        // Near its rim, what is below it may be the other side of an edge.
+        // Near the rim, surface below the hull may be the other side of an edge: the sides of the layer are
+        // moved inwards.
         let inset = |(k, p): (usize, Plane)| Plane {
             offset: p.offset - if k < 2 { 0.0 } else { thickness + self.tolerance },
             ..p
@@ -320,12 +328,12 @@ impl<'a> Convexity<'a> {
         self.surface.reaches_into(layer, (low - margin, high + margin), self.tolerance, skip, reach)
     }
 
-    /// How deep other surface may reach into a hull of a thickness.
+    /// Depth to which other surface may reach into a hull of a thickness.
     pub fn depth_of(&self, thickness: f64) -> f64 {
         permitted_depth(self.tolerance, thickness)
     }
 
-    /// How thick the layer below a flat patch is.
+    /// Thickness of the layer below a flat patch.
     pub fn layer(&self) -> f64 {
         3.0 * self.tolerance
     }
@@ -340,14 +348,14 @@ impl<'a> Convexity<'a> {
         self.tolerance
     }
 
-    /// The plane that stands for a triangle.
+    /// Plane of a triangle in the convexity test.
     pub fn plane(&self, triangle: u32) -> Plane {
         self.planes[triangle as usize]
     }
 
-    /// The extreme points of the vertices in the buffers, if their hull does not protrude, and the planes of the
-    /// triangles to be walked to have all of it below them. `flat`: the plane of a hull without interior; `depth`: how
-    /// deep other surface may reach into any other.
+    /// The extreme points of the vertices in the buffers; `None` if their hull protrudes, or does not lie
+    /// below the planes of the triangles `walk`. `flat` is the plane of a hull without interior; into any
+    /// other hull, other surface may reach to `depth`.
     fn hull(
         &self,
         walk: &[u32],
@@ -402,9 +410,10 @@ impl<'a> Convexity<'a> {
         patch.extreme.iter().all(|v| plane.height(self.point(*v)) <= self.tolerance)
     }
 
-    /// Whether the planes of all triangles have the hull below them: from a vertex of the hull that is near, walk to ever
-    /// higher neighbours.
+    /// Whether the hull lies below the planes of all triangles. For each plane, walks from a nearby vertex of
+    /// the hull to ever higher neighbours: on a convex hull, the walk ends at the highest vertex.
     fn supports_by_walking(&self, walk: &[u32], hull: &Hull, vertices: &[u32], points: &[DVec3]) -> bool {
+        // Neighbours of each vertex of the hull, grouped by counting sort.
         let mut starts = vec![0u32; points.len() + 1];
         for v in hull.faces.iter().flatten() {
             starts[*v as usize + 1] += 1;
@@ -454,12 +463,12 @@ impl<'a> Convexity<'a> {
     }
 }
 
-/// How deep other surface may reach into a hull that is not flat.
+/// Depth to which other surface may reach into a hull that is not flat.
 pub(crate) fn permitted_depth(tolerance: f64, thickness: f64) -> f64 {
-    tolerance.min(thickness / THIN)
+    tolerance.min(thickness / THICKNESS_PER_DEPTH)
 }
 
-/// The planes around what lies up to `thickness` below the convex polygon around points near a plane.
+/// Planes of the layer from the convex polygon around points near a plane down to `thickness` below it.
 pub(crate) fn layer_below<'a>(
     plane: &'a Plane,
     points: &'a [DVec3],
@@ -478,9 +487,10 @@ pub(crate) fn layer_below<'a>(
     [*plane, bottom].into_iter().chain(sides)
 }
 
-/// The planes that triangles are held to. The normal of a triangle that is narrower than the tolerance says nothing: it
-/// takes that of the neighbour across its longest side, whose plane it lies in as far as the tolerance can tell.
-/// Triangles without an area or such a neighbour get a zero normal, and remain alone.
+/// Planes that represent the triangles in the convexity test. The normal of a triangle that is narrower than
+/// the tolerance is meaningless: it takes that of the neighbour across its longest side, in whose plane it
+/// lies to within the tolerance. Triangles without an area or such a neighbour get a zero normal, and remain
+/// patches of their own.
 pub(crate) fn dependable_planes(surface: &Surface, neighbours: &[[u32; 3]], tolerance: f64) -> Vec<Plane> {
     let width = |t: usize| {
         let corners = surface.corners(t as u32);
@@ -499,7 +509,7 @@ pub(crate) fn dependable_planes(surface: &Surface, neighbours: &[[u32; 3]], tole
     for (t, _) in &narrow {
         dependable[*t] = false;
     }
-    // A fan of narrow triangles is lent a plane from its rim inwards, a few at most.
+    // In a fan of narrow triangles, planes propagate from its rim inwards, by four triangles at most.
     for _ in 0..4 {
         let mut lent = Vec::new();
         narrow.retain(|&(t, side)| {

@@ -1,26 +1,27 @@
 //! Surface convex decomposition (§3.3.1): a partition of the triangles into convex surface patches.
 //!
-//! Ehmann and Lin (2001) grow one patch after the other from a seed, a triangle at a time, and so have to update a hull
-//! that may be large for every triangle. Here every triangle starts as a patch, and neighbouring patches are joined while
-//! the union is one. Patches of like size are joined first, so that the work is O(n log n) hull points even where the
-//! object is convex; and since what fails for two patches fails for all that contain them (see
-//! [`convexity`](crate::convexity)), each pair is tested once and the failures are inherited. The same test serves the
-//! merging of patches during simplification.
+//! Ehmann and Lin (2001) grow one patch after the other from a seed, a triangle at a time, and so have to
+//! update a hull that may be large for every triangle. Here every triangle starts as a patch, and
+//! neighbouring patches are joined while the union is a convex patch. Patches of like size are joined first,
+//! so that the work is O(n log n) hull points even where the object is convex. Since two patches that fail
+//! the test fail it in all patches that contain them (see [`convexity`](crate::convexity)), each pair is
+//! tested once and failures are inherited. The same test serves the merging of patches during simplification.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use palpate_core::mesh::{Adjacency, EdgeKind};
 
-use crate::convexity::{Convexity, JoinBuffers, LARGEST_PATCH, Patch};
+use crate::convexity::{Convexity, JoinBuffers, MAX_PATCH_TRIANGLES, Patch};
 use crate::progress::{Cancelled, Progress};
 use crate::surface::Surface;
 
 /// The patch of a triangle that names a vertex twice.
 pub(crate) const NO_PATCH: u32 = u32::MAX;
 
-/// A pair goes back in the queue if it has grown by more than this part of itself since it was put there. (Small ones at
-/// once; a large patch with many neighbours would otherwise send all of them back for every small one that it takes in.)
+/// Inverse of the fraction by which a pair must have grown in the queue for it to be queued anew. (Small
+/// pairs are at once; for a large patch with many neighbours, all its pairs would otherwise be queued anew
+/// for every triangle that it gains.)
 const GROWTH_DIVISOR: usize = 8;
 
 /// A neighbouring patch.
@@ -38,18 +39,19 @@ struct Member {
     links: Vec<Link>,
 }
 
-/// The convex surface patches of a mesh; each of its triangles belongs to exactly one, but for those that name a vertex
-/// twice: they add no surface and belong to none.
+/// The convex surface patches of a mesh; each of its triangles belongs to exactly one, but for those that
+/// name a vertex twice: they add no surface and belong to none.
 #[derive(Debug)]
 pub(crate) struct Decomposition {
     /// The patches.
     pub patches: Vec<Patch>,
-    /// Which patch each triangle belongs to, or [`NO_PATCH`].
+    /// The patch of each triangle, or [`NO_PATCH`].
     pub patch_of: Vec<u32>,
 }
 
 impl Decomposition {
-    /// Puts patches in the order of their first triangles; `patch_of` has [`NO_PATCH`] where it stays so.
+    /// Puts patches in the order of their first triangles; `patch_of` is [`NO_PATCH`] for triangles that
+    /// belong to none.
     fn new(mut patches: Vec<Patch>, mut patch_of: Vec<u32>) -> Self {
         for patch in &mut patches {
             patch.triangles.sort_unstable();
@@ -102,8 +104,8 @@ pub(crate) fn decompose(
             link(&mut members, b, a, true);
             continue;
         };
-        // The larger patch takes the smaller one in, so that whatever is done to one member, of its triangles or its
-        // links, is done to the few of the smaller one.
+        // The larger patch takes the smaller one in, so that only the few triangles and links of the smaller
+        // one change.
         let (kept, gone) =
             if first.patch.triangles.len() >= second.patch.triangles.len() { (a, b) } else { (b, a) };
         let Some(gone_member) = members[gone as usize].take() else { continue };
@@ -130,8 +132,8 @@ pub(crate) fn decompose(
     Ok(Decomposition::new(patches, patch_of))
 }
 
-/// What decomposition starts from: the closed convex pieces whole, all else as single triangles; and the member that each
-/// triangle is in, or [`NO_PATCH`].
+/// The first members of a decomposition, closed convex pieces as a whole and all other triangles alone; and
+/// the member of each triangle, or [`NO_PATCH`].
 fn start(
     surface: &Surface,
     adjacency: &Adjacency,
@@ -164,7 +166,7 @@ fn start(
         .collect();
 
     for piece in closed_convex_pieces(convexity, adjacency, count as u32) {
-        if piece.len() > LARGEST_PATCH && piece.len() < count {
+        if piece.len() > MAX_PATCH_TRIANGLES && piece.len() < count {
             continue;
         }
         let member = patch_of[piece[0] as usize];
@@ -186,8 +188,8 @@ fn start(
     (members, patch_of)
 }
 
-/// The connected pieces of surface that are closed and all of whose edges are convex: most are one patch, and a large one
-/// is found much faster whole than triangle by triangle.
+/// The connected pieces of surface that are closed and all of whose edges are convex: most are one patch, and
+/// a large one is found much faster whole than triangle by triangle.
 fn closed_convex_pieces(convexity: &Convexity<'_>, adjacency: &Adjacency, count: u32) -> Vec<Vec<u32>> {
     let mut seen = vec![false; count as usize];
     let mut pieces = Vec::new();
@@ -220,14 +222,14 @@ fn closed_convex_pieces(convexity: &Convexity<'_>, adjacency: &Adjacency, count:
     pieces
 }
 
-/// How many triangles two patches have together: the smallest unions are tried first. (No other order makes noticeably
-/// fewer patches on all models: `docs/decomposition.md` compares them.)
+/// Number of triangles of two patches together: the smallest unions are tried first. (No other order makes
+/// noticeably fewer patches on all models: `docs/decomposition.md` compares them.)
 fn size(members: &[Option<Member>], a: u32, b: u32) -> usize {
     [a, b].iter().flat_map(|k| &members[*k as usize]).map(|member| member.patch.triangles.len()).sum()
 }
 
-/// Makes `other` a neighbour of a patch, blocked if it is to be or was. Tells whether it is a new one, and whether
-/// blocked.
+/// Makes `other` a neighbour of a patch, blocked if `blocked` is set or it already was. Returns whether it is
+/// a new neighbour, and whether it is blocked.
 fn link(members: &mut [Option<Member>], patch: u32, other: u32, blocked: bool) -> (bool, bool) {
     let Some(member) = &mut members[patch as usize] else { return (false, true) };
     match member.links.binary_search_by_key(&other, |l| l.patch) {

@@ -1,23 +1,26 @@
-//! s: the surface deviation of a patch from the original mesh (§3.3.5), as a bound that holds for every point.
+//! Surface deviation s of a patch from the original mesh (§3.3.5), as a bound that holds for every point.
 //!
-//! The Hausdorff distance between a patch and the part of the original mesh that it stands for, each measured to the
-//! whole surface of the other level: no point of the patch is further than s from the original mesh, and no point of
-//! the patches that went into it further than s from the simplified mesh. The dissertation does not say how it is
-//! computed.
+//! It is the Hausdorff distance between a patch and the part of the original mesh that it represents, each
+//! measured to the whole surface of the other level: no point of the patch is further than s from the
+//! original mesh, and no point of the patches that were merged into it is further than s from the simplified
+//! mesh. The dissertation does not say how it is computed.
 //!
-//! Two facts bound how far the points of a triangle are from a surface. The distance to one triangle of the surface is
-//! a convex function, so that it is largest at a corner: whichever one triangle of the surface is taken, no point is
-//! further than the farthest corner is from it. And distances change no faster than positions: no point is further than
-//! the farthest corner is from the surface plus the triangle's extent. Both hold for any convex piece of a triangle and
-//! any point of it in place of the corners. Where the lower of these bounds is not near enough to what is known to
-//! occur in the patch, the triangle is divided and its pieces are bounded likewise (after Tang, Lee, Kim 2009). That
-//! ends after a set number of divisions, and whatever bound is then reached is a true one.
+//! Two facts bound how far the points of a triangle are from a surface. The distance to one triangle of the
+//! surface is a convex function, so that it is largest at a corner: no point is further from any one triangle
+//! of the surface than the farthest corner. And distances change no faster than positions: no point is
+//! further from the surface than the farthest corner is, plus the triangle's extent. Both hold for any convex
+//! piece of a triangle, and with any point of it in place of the corners. Where the lower of these bounds is
+//! not close enough to a deviation that is known to occur in the patch, the triangle is divided and its
+//! pieces are bounded likewise (after Tang, Lee, Kim 2009). The number of divisions is limited, and the bound
+//! reached then is still valid.
 //!
-//! The work is in finding nearest triangles: of all vertices, and of the middles of pieces. It stays small because
-//! - what occurs is learnt first, from all vertices in both directions: then most triangles need no division;
-//! - a piece that is not much larger than the triangle nearest to its middle is cut along that triangle's sides, which
-//!   leaves a part that one triangle bounds well; so there are about as many pieces as there are places where triangles
-//!   of the two surfaces lie on each other, rather than as many as it takes to resolve their edges;
+//! The work is in finding nearest triangles: of all vertices, and of the middles of pieces. It stays small
+//! because
+//! - the deviations of all vertices, in both directions, are computed first: then most triangles need no
+//!   division;
+//! - a piece that is not much larger than the triangle nearest to its middle is cut along that triangle's
+//!   sides, which leaves a part that one triangle bounds well. So the number of pieces is about the number of
+//!   overlaps between triangles of the two surfaces, rather than the number needed to resolve their edges;
 //! - each search starts from the triangle that the one before found: it then only has to be confirmed.
 
 use glam::DVec3;
@@ -27,32 +30,34 @@ use crate::hull::Plane;
 use crate::nearest::{NearestSearch, ROUNDING, distance_to_triangle};
 use crate::surface::Surface;
 
-/// A bound is near enough if it is above a deviation that is known to occur by no more than this part of it ...
-const RELATIVE: f64 = 0.1;
+/// Relative tolerance of a bound: the largest excess over a deviation that is known to occur, as a fraction
+/// of it. A smaller one costs time; a larger one makes the hierarchy refine earlier than needed.
+const RELATIVE_TOLERANCE: f64 = 0.1;
 
-/// ... plus this part of the level's sampling distance 1/r (Eq. 3.1). Less would not be felt: what φ = s/r² (§3.4)
-/// measures is a volume over the square of that distance.
-const ABSOLUTE: f64 = 0.01;
+/// Absolute tolerance of a bound, added to the relative one, as a fraction of the level's sampling distance
+/// 1/r (Eq. 3.1). A smaller one would not be felt: φ = s/r² (§3.4) measures a volume, with an area of the
+/// square of that distance.
+const ABSOLUTE_TOLERANCE: f64 = 0.01;
 
-/// How often a triangle is divided at most.
-const MOST_DIVISIONS: u32 = 20;
+/// Largest number of divisions of a triangle. With fewer, bounds are looser.
+const MAX_DIVISIONS: u32 = 20;
 
-/// Pieces are halved while they are larger, from middle to corner, than the nearest triangle by this factor; then cut
-/// along its sides ...
-const HALVED_ABOVE: f64 = 2.0;
+/// Largest ratio of a piece's radius to the longest side of the nearest triangle at which the piece is cut
+/// along that triangle's sides; larger pieces are halved.
+const MAX_CUT_RATIO: f64 = 2.0;
 
-/// ... moved outwards by this part of how far a plane parallel to the triangle could be gone along within the accepted
-/// bound ...
-const MARGIN: f64 = 0.3;
+/// Distance by which these cuts are moved outwards, as a fraction of the distance that is possible in a plane
+/// parallel to the triangle within the accepted bound.
+const CUT_MARGIN: f64 = 0.3;
 
-/// ... where this much, as part of the size of the piece, is beyond.
-const LEAST_CUT: f64 = 0.05;
+/// Smallest extent that a cut separates, as a fraction of the piece's radius.
+const MIN_CUT: f64 = 0.05;
 
-/// Triangles that are bounded in one go, and vertices whose nearest triangles are found in one go. The results of a
-/// part do not depend on others, nor then on the number of threads.
-const PART: usize = 512;
+/// Number of triangles that are bounded in one batch, and of vertices whose nearest triangles are found in
+/// one batch. The results of a batch do not depend on others, nor on the number of threads.
+const BATCH: usize = 512;
 
-/// A point, the triangle of the other surface that is nearest to it, and how far that is.
+/// A point, the triangle of the other surface that is nearest to it, and its distance.
 #[derive(Clone, Copy, Default)]
 struct Corner {
     point: DVec3,
@@ -60,9 +65,9 @@ struct Corner {
     distance: f64,
 }
 
-/// s of the patches of a level, in unit coordinates: `patches` are their triangles in the level's surface, `origins` the
-/// triangles of the original surface that they stand for, those near each other one after the other as far as possible.
-/// `spacing` is the level's sampling distance 1/r.
+/// Surface deviation s of each patch of a level, in unit coordinates. `patches` are the patches' triangles in
+/// the level's surface, `origins` the triangles of the original surface that they represent, near ones one
+/// after the other as far as possible. `spacing` is the level's sampling distance 1/r.
 pub(crate) fn surface_deviations(
     original: &Surface,
     origins: &[Vec<u32>],
@@ -70,7 +75,7 @@ pub(crate) fn surface_deviations(
     patches: &[Vec<u32>],
     spacing: f64,
 ) -> Vec<f64> {
-    let near_enough = ABSOLUTE * spacing;
+    let near_enough = ABSOLUTE_TOLERANCE * spacing;
     let there = corners(patches, level, original);
     let back = corners(origins, original, level);
     let known: Vec<f64> = patches
@@ -85,7 +90,7 @@ pub(crate) fn surface_deviations(
         let parts: Vec<(usize, &[u32])> = groups
             .iter()
             .enumerate()
-            .flat_map(|(group, triangles)| triangles.chunks(PART).map(move |part| (group, part)))
+            .flat_map(|(group, triangles)| triangles.chunks(BATCH).map(move |part| (group, part)))
             .collect();
         let found: Vec<f64> = parts
             .par_iter()
@@ -107,7 +112,7 @@ pub(crate) fn surface_deviations(
     bounds
 }
 
-/// For the vertices of triangles of one surface the nearest triangles of another.
+/// The vertices of some triangles of one surface, each with the nearest triangle of another surface.
 fn corners(groups: &[Vec<u32>], from: &Surface, target: &Surface) -> Vec<Corner> {
     let mut corners = vec![Corner::default(); from.points.len()];
     let mut met = vec![false; from.points.len()];
@@ -118,7 +123,7 @@ fn corners(groups: &[Vec<u32>], from: &Surface, target: &Surface) -> Vec<Corner>
         .filter(|v| !std::mem::replace(&mut met[*v as usize], true))
         .collect();
     let found: Vec<Vec<Corner>> = order
-        .par_chunks(PART)
+        .par_chunks(BATCH)
         .map(|part| {
             let mut search = NearestSearch::new(target);
             let mut nearest = target.tree().order.first().copied().unwrap_or(0);
@@ -137,7 +142,7 @@ fn corners(groups: &[Vec<u32>], from: &Surface, target: &Surface) -> Vec<Corner>
     corners
 }
 
-/// The distance of that vertex of some triangles which is farthest from the other surface.
+/// Largest distance of a vertex of some triangles from the other surface.
 fn farthest(triangles: &[u32], from: &Surface, corners: &[Corner]) -> f64 {
     triangles
         .iter()
@@ -151,13 +156,13 @@ struct Divider<'a> {
     search: NearestSearch<'a>,
     /// The largest deviation of the patch that is known to occur.
     known: f64,
-    /// How far above `known` the bound may be besides a part of it.
+    /// Absolute tolerance of the bound.
     near_enough: f64,
-    /// The bound on what has been taken in.
+    /// The bound for the triangles included so far.
     bound: f64,
     /// Convex pieces yet to be bounded.
     pieces: Vec<Piece>,
-    /// Their corners, those of the last at the end.
+    /// Corners of the pieces, those of the last piece at the end.
     corners: Vec<DVec3>,
     piece: Vec<DVec3>,
     rest: Vec<DVec3>,
@@ -166,11 +171,11 @@ struct Divider<'a> {
 /// A piece of a triangle.
 #[derive(Clone, Copy)]
 struct Piece {
-    /// How many corners it has.
+    /// Number of its corners.
     corners: usize,
     /// A triangle of the other surface that may be near.
     near: u32,
-    /// How many divisions it has come from.
+    /// Number of divisions that made it.
     divisions: u32,
 }
 
@@ -193,12 +198,12 @@ impl<'a> Divider<'a> {
         (self.known, self.near_enough, self.bound) = (known, near_enough, 0.0);
     }
 
-    /// No bound up to this matters.
+    /// Largest bound that is close enough to a known deviation.
     fn accepted(&self) -> f64 {
-        self.bound.max(self.known * (1.0 + RELATIVE) + self.near_enough)
+        self.bound.max(self.known * (1.0 + RELATIVE_TOLERANCE) + self.near_enough)
     }
 
-    /// Takes in how far the points of a triangle are from the other surface.
+    /// Raises the bound to include the points of a triangle.
     fn include(&mut self, corners: [Corner; 3]) {
         let [a, b, c] = corners;
         let farthest = a.distance.max(b.distance).max(c.distance);
@@ -220,13 +225,13 @@ impl<'a> Divider<'a> {
         }
     }
 
-    /// How far a corner of the piece at hand is from a triangle of the other surface at most.
+    /// Largest distance of a corner of the current piece from a triangle of the other surface.
     fn farthest_from(&self, triangle: u32) -> f64 {
         let corners = self.search.surface().corners(triangle);
         self.piece.iter().map(|p| distance_to_triangle(*p, corners)).fold(0.0, f64::max)
     }
 
-    /// Bounds the last piece, or puts parts of it in its place.
+    /// Bounds the last piece, or replaces it by parts of it.
     fn bound_or_divide(&mut self, Piece { corners, near, divisions }: Piece) {
         let first = self.corners.len() - corners;
         self.piece.clear();
@@ -237,7 +242,7 @@ impl<'a> Divider<'a> {
         self.known = self.known.max(distance);
         let accepted = self.accepted();
         let far_corner = self.piece.iter().copied().fold(middle, |far, p| {
-            // Of those equally far but for rounding, the first.
+            // The first of those that are equally far but for rounding.
             if p.distance_squared(middle) > (1.0 + 1e-9) * far.distance_squared(middle) { p } else { far }
         });
         let radius = far_corner.distance(middle);
@@ -245,12 +250,12 @@ impl<'a> Divider<'a> {
         if bound > accepted {
             bound = bound.min(self.farthest_from(nearest));
         }
-        if bound <= accepted || divisions == MOST_DIVISIONS {
+        if bound <= accepted || divisions == MAX_DIVISIONS {
             self.bound = self.bound.max(bound);
             return;
         }
         if self.cut_along_sides(nearest, middle, radius, divisions) {
-            // What is left lies over the triangle.
+            // The rest of the piece lies over the triangle.
             let bound = self.farthest_from(nearest);
             if bound <= accepted {
                 self.bound = self.bound.max(bound);
@@ -264,25 +269,26 @@ impl<'a> Divider<'a> {
         self.corners.extend_from_slice(&self.piece);
     }
 
-    /// Makes pieces of what the piece at hand has beyond the sides of the triangle that is nearest to its middle. Tells
-    /// whether it had anything worth while there, and is not too large for this to be useful.
+    /// Cuts the current piece along the sides of the triangle that is nearest to its middle, and makes pieces
+    /// of the parts beyond them. Returns false if the piece is too large for this, or there is too little
+    /// beyond the sides.
     fn cut_along_sides(&mut self, nearest: u32, middle: DVec3, radius: f64, divisions: u32) -> bool {
         let surface = self.search.surface();
         let normal = surface.planes[nearest as usize].normal;
         let [a, b, c] = surface.corners(nearest);
         let longest = a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a)).sqrt();
-        if radius > HALVED_ABOVE * longest || normal == DVec3::ZERO {
+        if radius > MAX_CUT_RATIO * longest || normal == DVec3::ZERO {
             return false;
         }
         let height = self.piece.iter().map(|p| normal.dot(*p - a).abs()).fold(0.0, f64::max);
-        let margin = MARGIN * (self.accepted().powi(2) - height * height).max(0.0).sqrt();
+        let margin = CUT_MARGIN * (self.accepted().powi(2) - height * height).max(0.0).sqrt();
         let mut divided = false;
         for (from, to) in [(a, b), (b, c), (c, a)] {
             let outward = (to - from).cross(normal).normalize_or_zero();
             let plane = Plane { normal: outward, offset: outward.dot(from) + margin };
             let beyond = self.piece.iter().map(|p| plane.height(*p)).fold(0.0, f64::max);
             // The middle stays, so that the parts are smaller by far.
-            if plane.height(middle) < 0.0 && beyond > LEAST_CUT * radius {
+            if plane.height(middle) < 0.0 && beyond > MIN_CUT * radius {
                 self.cut_off(plane, nearest, divisions);
                 divided = true;
             }
@@ -290,14 +296,14 @@ impl<'a> Divider<'a> {
         divided
     }
 
-    /// Makes a piece of its own of what the piece at hand has above a plane.
+    /// Cuts off the part of the current piece above a plane as a piece of its own.
     fn cut_off(&mut self, plane: Plane, near: u32, divisions: u32) {
         self.rest.clear();
         let first = self.corners.len();
         for k in 0..self.piece.len() {
             let (p, q) = (self.piece[k], self.piece[(k + 1) % self.piece.len()]);
             let (hp, hq) = (plane.height(p), plane.height(q));
-            // What is on the plane, but for rounding, is of both.
+            // Points on the plane, but for rounding, belong to both parts.
             if hp <= ROUNDING {
                 self.rest.push(p);
             }
@@ -323,9 +329,9 @@ mod tests {
 
     use super::*;
 
-    /// The plain way: every triangle is divided at the middles of its sides until the farthest of its corners and its
-    /// extent tell its deviation, or the triangle nearest to one of them does. Gives the largest that occurs, and a
-    /// bound.
+    /// A plain reference: every triangle is divided at the middles of its sides until its farthest corner and
+    /// its extent, or the triangle nearest to a corner, bound its deviation closely. Returns the largest
+    /// deviation that occurs, and a bound.
     fn plain_deviation(group: &[u32], from: &Surface, target: &Surface, near_enough: f64) -> (f64, f64) {
         let mut search = NearestSearch::new(target);
         let (mut known, mut bound) = (0.0f64, 0.0f64);
@@ -387,7 +393,7 @@ mod tests {
         ] {
             let (original, origins, level, patches) = two_levels(fine, coarse);
             let spacing = 0.05;
-            let near_enough = ABSOLUTE * spacing;
+            let near_enough = ABSOLUTE_TOLERANCE * spacing;
             let bounds = surface_deviations(&original, &origins, &level, &patches, spacing);
             assert_eq!(bounds.len(), patches.len());
             for (k, bound) in bounds.into_iter().enumerate() {
@@ -407,7 +413,7 @@ mod tests {
                 }
                 let what = format!("{fine:?}, patch {k}: {sampled} {known} {most}, bound {bound}");
                 assert!(sampled <= bound + 1e-12 && known <= bound + 1e-12, "{what}");
-                assert!(bound <= (1.0 + RELATIVE) * most + near_enough + 1e-12, "{what}");
+                assert!(bound <= (1.0 + RELATIVE_TOLERANCE) * most + near_enough + 1e-12, "{what}");
             }
         }
     }
@@ -439,6 +445,6 @@ mod tests {
         let (fine, coarse) = (square(40, 0.0), square(3, 0.125));
         let all = |surface: &Surface| vec![(0..surface.triangles.len() as u32).collect::<Vec<u32>>()];
         let bounds = surface_deviations(&fine, &all(&fine), &coarse, &all(&coarse), 0.0);
-        assert!((0.125..=0.125 * (1.0 + RELATIVE)).contains(&bounds[0]), "{bounds:?}");
+        assert!((0.125..=0.125 * (1.0 + RELATIVE_TOLERANCE)).contains(&bounds[0]), "{bounds:?}");
     }
 }

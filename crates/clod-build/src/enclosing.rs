@@ -1,16 +1,18 @@
 //! The smallest enclosing sphere of a point set.
 //!
-//! Basis exchange in the manner of Welzl (1991) and Gärtner (1999): the farthest point outside of the current sphere
-//! enters the set of at most four points that hold it, and the smallest sphere of those five or fewer is found by trying
-//! their subsets. The radius grows at each exchange, so it ends; the exchanges are bounded all the same, and the final
-//! radius is measured, so that every point is inside whatever rounding did.
+//! Basis exchange in the manner of Welzl (1991) and Gärtner (1999): the farthest point outside of the current
+//! sphere enters the set of at most four points that determine it, and the smallest sphere of those five or
+//! fewer is found by trying their subsets. The radius grows with each exchange, so that the search ends. The
+//! number of exchanges is limited nevertheless, and the final radius is measured, so that every point is
+//! inside in spite of rounding.
 
 use glam::{DMat3, DVec3};
 
-/// More exchanges than were ever seen to be needed (some ten).
+/// Largest number of exchanges. Some ten were the most seen.
 const MAX_EXCHANGES: usize = 100;
 
-/// Centre and radius of the smallest sphere around finite points; a radius of 0 at the origin without any.
+/// Centre and radius of the smallest sphere around finite points; for an empty set, a radius of 0 at the
+/// origin.
 pub(crate) fn smallest_sphere(points: &[DVec3]) -> (DVec3, f64) {
     let Some(first) = points.first() else { return (DVec3::ZERO, 0.0) };
     let mut basis = vec![*first];
@@ -41,7 +43,7 @@ fn farthest_from(points: &[DVec3], center: DVec3) -> (DVec3, f64) {
     (best.0, best.1.sqrt())
 }
 
-/// The smallest sphere around at most five points. Those that do not hold it are removed from them.
+/// The smallest sphere around at most five points. Removes the points that do not determine it.
 fn smallest_of_subsets(points: &mut Vec<DVec3>) -> Option<(DVec3, f64)> {
     let mut best: Option<(DVec3, f64, u32)> = None;
     for subset in 1u32..1 << points.len() {

@@ -1,4 +1,4 @@
-//! Why a hierarchy could not be built: what is wrong, where, and what to do.
+//! Errors of a build. Each message says what is wrong, where, and what to do.
 
 use glam::DVec3;
 use palpate_core::mesh::OffendingEdge;
@@ -11,7 +11,7 @@ pub enum BuildError {
         "the mesh has no triangles (of {vertices} vertices), so there is nothing to touch: check the file that it came from"
     )]
     Empty {
-        /// How many vertices it has.
+        /// Number of its vertices.
         vertices: usize,
     },
     /// A vertex of a triangle is not finite.
@@ -23,7 +23,7 @@ pub enum BuildError {
         triangle: usize,
         /// Index of the vertex.
         vertex: usize,
-        /// Where it is, m.
+        /// Its position, m.
         position: DVec3,
     },
     /// The mesh is a single point, or too small, large or far away for arithmetic.
@@ -32,7 +32,7 @@ pub enum BuildError {
          have to be between 1e-50 and 1e50 m: check the mesh's units and the scale it was loaded with"
     )]
     Extent {
-        /// How many triangles there are.
+        /// Number of triangles.
         triangles: usize,
         /// Radius of the bounding sphere, m.
         radius: f64,
@@ -44,29 +44,30 @@ pub enum BuildError {
         "each of the {triangles} triangles names a vertex twice, so there is no surface: check the file that the mesh came from"
     )]
     NoSurface {
-        /// How many triangles there are.
+        /// Number of triangles.
         triangles: usize,
     },
-    /// A triangle names a vertex twice or has no area: its height over its longest side is below 10⁻¹² bounding radii.
+    /// A triangle names a vertex twice or has no area: its height over its longest side is below 10⁻¹²
+    /// bounding radii.
     #[error(
-        "triangle {triangle} at {} m has no area (the first of {count}): repair the mesh to take such triangles out",
+        "triangle {triangle} at {} m has no area (the first of {count}): repair the mesh to remove such triangles",
         place(*position)
     )]
     Degenerate {
-        /// How many.
+        /// Number of such triangles.
         count: usize,
         /// Index of the first.
         triangle: u32,
         /// Its centre, m.
         position: DVec3,
     },
-    /// A triangle lies on an earlier one.
+    /// A triangle has the same three positions as an earlier one.
     #[error(
         "triangle {triangle} at {} m repeats an earlier one (the first of {count}): repair the mesh to drop such triangles",
         place(*position)
     )]
     Duplicate {
-        /// How many.
+        /// Number of such triangles.
         count: usize,
         /// Index of the first.
         triangle: u32,
@@ -76,11 +77,11 @@ pub enum BuildError {
     /// Three or more triangles meet at an edge.
     #[error(
         "more than two triangles meet at the edge between vertices {} and {} of triangle {} at {} m (the first of {count}): \
-         repair the mesh to part the sheets that meet there",
+         repair the mesh to separate the sheets that meet there",
         edge.vertices[0], edge.vertices[1], edge.triangle, place(*position)
     )]
     NonManifoldEdge {
-        /// How many edges.
+        /// Number of such edges.
         count: usize,
         /// The first.
         edge: OffendingEdge,
@@ -94,7 +95,7 @@ pub enum BuildError {
         edge.triangle, edge.vertices[0], edge.vertices[1], place(*position)
     )]
     Misoriented {
-        /// At how many edges.
+        /// Number of such edges.
         count: usize,
         /// The first.
         edge: OffendingEdge,
@@ -103,15 +104,15 @@ pub enum BuildError {
     },
     /// The triangles around a vertex are not one fan.
     #[error(
-        "sheets of triangles meet at nothing but vertex {vertex} at {} m (the first of {count}): repair the mesh to part them",
+        "sheets of triangles meet only at vertex {vertex} at {} m (the first of {count}): repair the mesh to separate them",
         place(*position)
     )]
     NonManifoldVertex {
-        /// How many fans there are beyond the first of each vertex.
+        /// Number of fans beyond the first of each vertex.
         count: usize,
         /// The first such vertex.
         vertex: u32,
-        /// Where it is, m.
+        /// Its position, m.
         position: DVec3,
     },
     /// A closed surface encloses a negative volume.
@@ -128,11 +129,11 @@ pub enum BuildError {
         triangles[0], triangles[1], place(*position)
     )]
     SelfIntersecting {
-        /// How many triangles intersect another.
+        /// Number of triangles that intersect another.
         count: usize,
         /// The first pair, in lexicographic order.
         triangles: [u32; 2],
-        /// The middle of what their bounding boxes have in common, m.
+        /// The middle of the overlap of their bounding boxes, m.
         position: DVec3,
     },
     /// The hierarchy would need more hull vertices than 32-bit indices can name.
@@ -140,18 +141,18 @@ pub enum BuildError {
         "the hierarchy needs {hull_vertices} hull vertices, more than 32-bit indices can name: simplify the mesh, or build its parts as separate objects"
     )]
     TooLarge {
-        /// How many it needs.
+        /// Number of hull vertices that it needs.
         hull_vertices: usize,
     },
-    /// What was built breaks an invariant of hierarchies: a fault of the builder.
+    /// The hierarchy built breaks an invariant: a fault of the builder.
     #[error(
         "the hierarchy that was built is not valid, which is a fault of the builder, not of the mesh: {what}"
     )]
     Invalid {
-        /// What is wrong with it.
+        /// The invariant broken.
         what: String,
     },
-    /// The progress callback asked for an end.
+    /// The progress callback cancelled the build.
     #[error("the build was cancelled")]
     Cancelled,
     /// An option is out of range.
@@ -159,15 +160,15 @@ pub enum BuildError {
     Option {
         /// Its name.
         option: &'static str,
-        /// What it was set to.
+        /// Its value.
         value: f64,
-        /// What it may be.
+        /// Its permitted range, in words.
         wanted: &'static str,
     },
 }
 
 impl BuildError {
-    /// Whether a repaired mesh would not be refused for this.
+    /// Whether repairing the mesh removes the reason for this error.
     pub fn is_mended_by_repair(&self) -> bool {
         match self {
             Self::NonFinite { .. }
@@ -189,7 +190,7 @@ impl BuildError {
     }
 }
 
-/// A position (m) as a message gives it.
+/// A position (m) in words, for an error message.
 fn place(position: DVec3) -> String {
     let [x, y, z] = position.to_array().map(|x| {
         let plain = x == 0.0 || (1e-3..1e6).contains(&x.abs());

@@ -1,9 +1,10 @@
 //! Pairwise merging of patches up to a single root (§3.3.3): the free levels of detail.
 //!
-//! In each pass neighbours are paired, those whose hulls grow least in surface area first (on large levels, those with
-//! the smallest common bounding sphere); then those left over that have a neighbour in common; who finds no partner
-//! passes up as an only child. Pieces of surface that have merged to one node wait until there are more of them than of
-//! other nodes, and are then paired by proximity. The hull of a pair is that of the children's extreme points.
+//! In each pass neighbours are paired, those whose hulls grow least in surface area first (on large levels,
+//! those with the smallest common bounding sphere); then those left over that have a neighbour in common. A
+//! node without a partner becomes an only child. Connected pieces of surface that have merged to one node
+//! wait until there are more of them than of other nodes, and are then paired by proximity. The hull of a
+//! pair is that of the children's extreme points.
 
 use glam::DVec3;
 use palpate_core::mesh::Adjacency;
@@ -16,16 +17,19 @@ use crate::hull::{HullBuilder, Shape};
 use crate::progress::{Cancelled, Progress};
 use crate::surface::GRAIN;
 
-/// Up to this many pieces all pairs are candidates; beyond, those near each other along a space-filling curve.
-const ALL_PAIRS_UP_TO: usize = 256;
+/// Largest number of pieces of which all pairs are candidates; of more, only those near each other along a
+/// space-filling curve.
+const MAX_PIECES_ALL_PAIRS: usize = 256;
 
-/// On levels of no more clusters pairs are chosen by the growth of their hulls; on larger ones that would take long.
-const BY_GROWTH_UP_TO: usize = 2048;
+/// Largest number of clusters of a level whose pairs are chosen by the growth of their hulls, which takes
+/// long on larger levels.
+const MAX_CLUSTERS_BY_GROWTH: usize = 2048;
 
-/// Clusters whose common sphere is larger than either's by this factor wait for nearer ones to merge.
-const FAR: f64 = 8.0;
+/// Largest ratio of the common sphere of two clusters to the larger of their own, as long as nearer pairs
+/// exist.
+const MAX_SPHERE_GROWTH: f64 = 8.0;
 
-/// How far along the curve candidates lie.
+/// Number of places along the curve within which pairs are candidates.
 const CURVE_WINDOW: usize = 8;
 
 /// A hull of the hierarchy.
@@ -37,11 +41,12 @@ pub(crate) struct Cluster {
     pub center: DVec3,
     /// Radius of that sphere, in unit coordinates.
     pub radius: f64,
-    /// One or two clusters of the level below; none for a patch.
+    /// One or two clusters of the level below; empty for a patch.
     pub children: Vec<u32>,
 }
 
-/// The levels, patches first, the root's last. `radius` is that of the object, in unit coordinates.
+/// Merges patches to a root. Returns the levels, patches first, the root's last. `radius` is the object's, in
+/// unit coordinates.
 pub(crate) fn merge_to_root(
     points: &[DVec3],
     decomposition: &Decomposition,
@@ -120,7 +125,7 @@ fn patch_links(decomposition: &Decomposition, adjacency: &Adjacency) -> Vec<(u32
     links
 }
 
-/// The partner of each cluster: itself where it has none.
+/// The partner of each cluster: the cluster itself where it has none.
 fn pair(points: &[DVec3], level: &[Cluster], links: &[(u32, u32)], radius: f64) -> Vec<u32> {
     let mut connected = vec![false; level.len()];
     for &(a, b) in links {
@@ -134,15 +139,15 @@ fn pair(points: &[DVec3], level: &[Cluster], links: &[(u32, u32)], radius: f64) 
     }
     let near = |(a, b): &(u32, u32)| {
         let (a, b) = (&level[*a as usize], &level[*b as usize]);
-        common_radius(a, b) <= FAR * a.radius.max(b.radius)
+        common_radius(a, b) <= MAX_SPHERE_GROWTH * a.radius.max(b.radius)
     };
     if candidates.iter().any(near) {
         candidates.retain(near);
     }
     let mut partner: Vec<u32> = (0..level.len() as u32).collect();
     pair_smallest(points, level, candidates, radius, &mut partner);
-    // Around a large patch, such as a flat side with a row of teeth, many have no other neighbour: only one of them would
-    // find a partner in each pass. The rest are paired with each other.
+    // Many patches around a large one, such as teeth on a flat side, have no other neighbour: only one of
+    // them would find a partner in each pass. The rest are paired with each other.
     let rest = pairs_with_a_common_neighbour(level, links, &partner);
     pair_smallest(points, level, rest, radius, &mut partner);
     partner
@@ -156,7 +161,7 @@ fn pair_smallest(
     radius: f64,
     partner: &mut [u32],
 ) {
-    let by_growth = level.len() <= BY_GROWTH_UP_TO;
+    let by_growth = level.len() <= MAX_CLUSTERS_BY_GROWTH;
     let areas: Vec<f64> = if by_growth {
         level
             .par_iter()
@@ -188,7 +193,7 @@ fn pair_smallest(
     }
 }
 
-/// Candidate pairs among clusters without a partner: those near each other around the same neighbour.
+/// Candidate pairs among clusters without a partner: clusters near each other around the same neighbour.
 fn pairs_with_a_common_neighbour(
     level: &[Cluster],
     links: &[(u32, u32)],
@@ -233,7 +238,7 @@ fn common_radius(a: &Cluster, b: &Cluster) -> f64 {
 
 /// Candidate pairs among clusters that are not connected to others.
 fn near_pieces(level: &[Cluster], mut pieces: Vec<u32>) -> Vec<(u32, u32)> {
-    let window = if pieces.len() <= ALL_PAIRS_UP_TO { pieces.len() } else { CURVE_WINDOW };
+    let window = if pieces.len() <= MAX_PIECES_ALL_PAIRS { pieces.len() } else { CURVE_WINDOW };
     pieces.sort_by_cached_key(|k| (curve(level[*k as usize].center), *k));
     let mut pairs = Vec::new();
     for (k, &a) in pieces.iter().enumerate() {
@@ -291,7 +296,7 @@ mod tests {
         (surface, levels)
     }
 
-    /// How far the farthest of some vertices is outside the hull of a cluster.
+    /// Largest distance of some vertices outside the hull of a cluster.
     fn farthest_outside(surface: &Surface, cluster: &Cluster, vertices: &[u32]) -> f64 {
         let points = gather(&surface.points, &cluster.extreme);
         let hull = HullBuilder::default().hull(&points, HULL_THICKNESS);

@@ -1,7 +1,7 @@
-//! Whether two triangles intersect, in exact arithmetic (Shewchuk 1997, the `robust` crate).
+//! Exact intersection test of two triangles (Shewchuk 1997, the `robust` crate).
 //!
-//! Triangles of a mesh that have vertices in common always touch there; they intersect if they have more points in common
-//! than those vertices, or the edge between them. Touching anywhere else counts as intersecting.
+//! Triangles of a mesh that share vertices always touch there; they intersect if they have more points in
+//! common than those vertices and the edge between them. Touching anywhere else counts as intersecting.
 
 use glam::{DVec2, DVec3};
 use robust::{Coord, Coord3D, orient2d, orient3d};
@@ -9,7 +9,7 @@ use robust::{Coord, Coord3D, orient2d, orient3d};
 /// Whether two triangles, given as vertices of `points`, intersect. Neither names a vertex twice.
 pub(crate) fn intersect(points: &[DVec3], a: [u32; 3], b: [u32; 3]) -> bool {
     let at = |v: u32| points[v as usize];
-    // Turned so that common vertices come first.
+    // Rotates the corners so that common vertices come first.
     let first_common = |t: [u32; 3], other: [u32; 3]| {
         let common = t.map(|v| other.contains(&v));
         match common {
@@ -29,7 +29,7 @@ pub(crate) fn intersect(points: &[DVec3], a: [u32; 3], b: [u32; 3]) -> bool {
     }
 }
 
-/// The sign tells on which side of a triangle's plane a point lies; exact.
+/// A number whose sign is the side of a triangle's plane on which a point lies; exact.
 fn side([a, b, c]: [DVec3; 3], p: DVec3) -> f64 {
     let coord = |v: DVec3| Coord3D { x: v.x, y: v.y, z: v.z };
     orient3d(coord(a), coord(b), coord(c), coord(p))
@@ -40,7 +40,7 @@ fn turn(a: DVec2, b: DVec2, c: DVec2) -> f64 {
     orient2d(coord(a), coord(b), coord(c))
 }
 
-/// Along the axis in which the triangle is foreshortened least.
+/// Projection along the coordinate axis in which the triangle is foreshortened least.
 fn flatten([a, b, c]: [DVec3; 3]) -> impl Fn(DVec3) -> DVec2 {
     let normal = (b - a).cross(c - a).abs();
     let axis = normal.max_position();
@@ -58,7 +58,7 @@ fn folded([a, b, c]: [DVec3; 3], p: DVec3) -> bool {
     inner == 0.0 || other == 0.0 || (inner > 0.0) == (other > 0.0)
 }
 
-/// Two triangles that have their first vertex in common.
+/// Whether two triangles that have their first vertex in common intersect.
 fn at_a_vertex(p: [DVec3; 3], q: [DVec3; 3]) -> bool {
     if side(p, q[1]) == 0.0 && side(p, q[2]) == 0.0 {
         // The sectors at the common vertex overlap if a side of one lies in the other.
@@ -74,7 +74,7 @@ fn at_a_vertex(p: [DVec3; 3], q: [DVec3; 3]) -> bool {
     crosses(p[1], p[2], q) || crosses(q[1], q[2], p)
 }
 
-/// Two triangles without a vertex in common.
+/// Whether two triangles without a common vertex intersect.
 fn apart(p: [DVec3; 3], q: [DVec3; 3]) -> bool {
     let one_side = |t: [DVec3; 3], other: [DVec3; 3]| {
         let s = other.map(|x| side(t, x));
@@ -106,8 +106,7 @@ fn overlap_in_plane(p: [DVec3; 3], q: [DVec3; 3]) -> bool {
     separated_by_no_line(&p.map(&flat), &q.map(&flat))
 }
 
-/// Whether no side of two convex polygons (or a segment) has one of them wholly on one side, and the other wholly on the
-/// other.
+/// Whether no side of two convex polygons (or a segment) separates them.
 fn separated_by_no_line(p: &[DVec2], q: &[DVec2]) -> bool {
     let separates = |a: DVec2, b: DVec2| {
         let range = |set: &[DVec2]| {
@@ -179,7 +178,7 @@ mod tests {
             let found = intersect(&points, a, b);
             let mesh = TriMesh::new(points.clone(), vec![a, b]).expect("indices are in range");
             let expected = self_intersections(&mesh).count > 0;
-            // Where they only touch, the other may say that they do not intersect.
+            // Where they only touch, the other test may find no intersection.
             assert!(found || !expected, "round {round}: {points:?}");
             if !lattice {
                 assert_eq!(found, expected, "round {round}: {points:?}");

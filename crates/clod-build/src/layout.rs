@@ -1,4 +1,4 @@
-//! Lays the hierarchy out for the query that reads it: root first, level by level, children and hull vertices contiguous.
+//! Layout of the hierarchy for queries: root first, level by level, children and hull vertices contiguous.
 
 use glam::DVec3;
 use palpate_core::TriMesh;
@@ -7,9 +7,9 @@ use palpate_core::clod::{Level, NO_NODE, Node, Parts, Source};
 use crate::decomposition::Decomposition;
 use crate::hierarchy::Cluster;
 
-/// A level of the hierarchy, with what its vertices and triangles are.
+/// A level of the hierarchy, with its mesh and parameters.
 pub(crate) struct LevelParts<'a> {
-    /// The level's mesh: for a free level, that of the coarsest level which is not.
+    /// The level's mesh; for a free level, that of the coarsest level that is not free.
     pub mesh: &'a TriMesh,
     /// Its hulls, as vertices of the mesh.
     pub clusters: &'a [Cluster],
@@ -17,24 +17,22 @@ pub(crate) struct LevelParts<'a> {
     pub support_areas: &'a [f64],
     /// r, 1/m.
     pub resolution: f64,
-    /// What is known of the clusters' patches; `None` for a free level.
+    /// The clusters' patches; `None` for a free level.
     pub patches: Option<PatchParts<'a>>,
 }
 
 /// The patches of a level that is not free.
 pub(crate) struct PatchParts<'a> {
     pub decomposition: &'a Decomposition,
-    /// Per patch, whether its hull is verified to lie inside the object.
+    /// Flags, one a patch: true if its hull is verified to lie inside the object.
     pub contained: Vec<bool>,
-    /// Per patch, whether it covers its hull.
+    /// Flags, one a patch: true if it covers its hull.
     pub all_real: Vec<bool>,
-    /// s of each, m.
+    /// s of each patch, m.
     pub deviations: Vec<f64>,
 }
 
-/// The hierarchy.
-///
-/// `scale` and `center` take unit coordinates to metres: p / scale + center.
+/// Lays out the hierarchy. `scale` and `center` convert unit coordinates to metres: p / scale + center.
 pub(crate) fn lay_out(levels: &[LevelParts<'_>], source: Source, scale: f64, center: DVec3) -> Parts {
     let count: usize = levels.iter().map(|level| level.clusters.len()).sum();
     let triangles = levels.iter().filter(|l| l.patches.is_some()).map(|l| l.mesh.triangles().len()).sum();
@@ -111,7 +109,7 @@ fn push_node(
         local[*v as usize] = u32::MAX;
     }
     let center = *center / scale + origin;
-    // Measured again, for the vertices as they are stored.
+    // Measured again, since the conversion to metres rounds.
     let reach = clod.vertices[first_vertex..].iter().map(|p| p.distance(center)).fold(0.0, f64::max);
     clod.nodes.push(Node {
         parent: NO_NODE,

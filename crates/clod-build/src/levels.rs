@@ -1,5 +1,5 @@
-//! Puts the levels together: those of the mesh and its simplifications, with their parameters (§3.3.5), and the free ones
-//! above them.
+//! Assembly of the levels: those of the mesh and its simplifications, with their parameters (§3.3.5), and the
+//! free ones above them.
 
 use palpate_core::TriMesh;
 use palpate_core::clod::{Parts, Source};
@@ -19,7 +19,7 @@ pub(crate) struct Regular<'a> {
     pub decomposition: &'a Decomposition,
     /// D of the mesh's vertices, m².
     pub areas: &'a [f64],
-    /// What is known of its patches from the finer levels; `None` for the finest.
+    /// Parents and deviations of its patches, from the finer levels; `None` for the finest.
     pub trace: Option<&'a Trace>,
 }
 
@@ -36,8 +36,9 @@ impl<'a> Regular<'a> {
     }
 }
 
-/// The hierarchy of levels with their resolutions (1/m), finest first, and of the free levels above the last of them
-/// (of which the first stands for that last level itself). Hausdorff distances are left at 0.
+/// Assembles the hierarchy from levels with their resolutions (1/m), finest first, and the free levels above
+/// the last of them; the first entry of `free` stands for that last level itself. Hausdorff distances are
+/// left at 0.
 pub(crate) fn assemble(
     regular: &[(Regular<'_>, f64)],
     free: &[Vec<Cluster>],

@@ -1,8 +1,8 @@
-//! Builds contact levels of detail (§3.2, §3.3): the surface convex decomposition of a mesh, and the hierarchy of convex
-//! hulls over it.
+//! Builds contact levels of detail (§3.2, §3.3): the surface convex decomposition of a mesh, and the
+//! hierarchy of convex hulls over it.
 //!
-//! [`build`] is offline work: it allocates freely, may use all cores, and gives the same bytes for the same mesh and
-//! options whatever the number of threads.
+//! [`build`] is offline work: it allocates freely, may use all cores, and gives the same bytes for the same
+//! mesh and options whatever the number of threads.
 
 #![cfg_attr(
     test,

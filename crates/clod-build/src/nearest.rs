@@ -1,4 +1,4 @@
-//! The nearest point of triangles and of surfaces.
+//! Nearest points of triangles, and nearest triangles of surfaces.
 
 use glam::DVec3;
 
@@ -19,12 +19,12 @@ pub(crate) fn nearest_on_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> DVec3 {
     // Barycentric coordinates of the projection, times their sum.
     let inner = [d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2];
     let sum = inner[0] + inner[1] + inner[2];
-    // In a sliver rounding may take any side for the inside.
+    // In a sliver, rounding may put the projection on the wrong side of an edge.
     let sliver = sum.is_nan() || sum <= 1e-8 * ab.length_squared() * ac.length_squared();
     if !sliver && inner[0] > 0.0 && inner[1] > 0.0 && inner[2] > 0.0 {
         return a + ab * (inner[1] / sum) + ac * (inner[2] / sum);
     }
-    // The nearest point is on a side that the projection is beyond.
+    // The projection is outside: the nearest point is on one of the sides that it is beyond.
     let mut best = (a, f64::INFINITY);
     for (beyond, from, to) in [(inner[0], b, c), (inner[1], c, a), (inner[2], a, b)] {
         if !sliver && beyond > 0.0 {
@@ -47,15 +47,15 @@ fn squared_to_box(p: DVec3, node: &BoxNode) -> f64 {
     (node.low - p).max(p - node.high).max(DVec3::ZERO).length_squared()
 }
 
-/// How far a point is from a triangle.
+/// Distance of a point from a triangle.
 pub(crate) fn distance_to_triangle(p: DVec3, corners: [DVec3; 3]) -> f64 {
     p.distance(nearest_on_triangle(p, corners))
 }
 
-/// Distances, in unit coordinates, that differ by less are equal.
+/// Difference, in unit coordinates, up to which distances count as equal.
 pub(crate) const ROUNDING: f64 = 1e-12;
 
-/// Looks for the nearest triangles of a surface.
+/// A search for the nearest triangles of a surface.
 pub(crate) struct NearestSearch<'a> {
     surface: &'a Surface,
     /// Nodes of the surface's tree yet to be visited, and the squared distances of their boxes.
@@ -63,7 +63,7 @@ pub(crate) struct NearestSearch<'a> {
 }
 
 impl<'a> NearestSearch<'a> {
-    /// In the triangles of a surface.
+    /// A search in the triangles of a surface.
     pub fn new(surface: &'a Surface) -> Self {
         Self { surface, stack: Vec::new() }
     }
@@ -73,8 +73,8 @@ impl<'a> NearestSearch<'a> {
         self.surface
     }
 
-    /// The triangle that is nearest to a point, and how far it is; of those equally near but for rounding, the first.
-    /// The search is short if `guess`, any triangle, is near.
+    /// The triangle that is nearest to a point, and its distance; of those equally near but for rounding, the
+    /// first. Any triangle may be the `guess`; the search is short if it is near.
     pub fn nearest(&mut self, p: DVec3, guess: u32) -> (u32, f64) {
         let Self { surface, stack } = self;
         let tree = surface.tree();
@@ -90,7 +90,7 @@ impl<'a> NearestSearch<'a> {
             let node = &tree.nodes[index as usize];
             if node.count > 0 {
                 for &t in tree.items(node) {
-                    // Nothing of a triangle is nearer than its plane; the factor is for rounding.
+                    // No point of a triangle is nearer than its plane; the factor is for rounding.
                     let height = surface.planes[t as usize].height(p);
                     if t == guess || height * height * (1.0 - 1e-9) >= limit {
                         continue;
@@ -130,7 +130,7 @@ mod tests {
         for round in 0..300 {
             let mut random = || DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)));
             let (p, a, b) = (2.0 * random(), random(), random());
-            // Some on a line, some a point.
+            // Some triangles are segments or points.
             let c = [random(), a + 0.3 * (b - a), a][round % 3];
             let b = if round % 9 == 2 { a } else { b };
             let found = distance_to_triangle(p, [a, b, c]);

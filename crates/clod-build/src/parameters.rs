@@ -1,14 +1,15 @@
-//! The parameters of the error metrics (§3.3.5) that are known before any simplification: the resolution r of the full
-//! mesh and the support area D of its vertices. Surface deviation s and Hausdorff distance h are 0 there.
+//! The parameters of the error metrics (§3.3.5) that are known before any simplification: the resolution r of
+//! the full mesh and the support area D of its vertices. Surface deviation s and Hausdorff distance h are 0
+//! there.
 
 use glam::DVec3;
 use palpate_core::TriMesh;
 use palpate_core::mesh::Adjacency;
 use rayon::prelude::*;
 
-/// r of the full mesh, 1/m: the inverse of its shortest edge, the finest sampling there is. (Eq. 3.1 measures edges in
-/// projection on a low-resolution mesh; on the full mesh, of which no edge has been collapsed, the edge itself is the
-/// bound.) Edges shorter than `negligible` are duplicate vertices rather than samples.
+/// r of the full mesh, 1/m: the inverse of its shortest edge, the finest sampling distance. (Eq. 3.1 measures
+/// edges in projection on a low-resolution mesh; on the full mesh, of which no edge has been collapsed, the
+/// edge itself is the bound.) Edges shorter than `negligible` are duplicate vertices rather than samples.
 pub(crate) fn finest_resolution(mesh: &TriMesh, adjacency: &Adjacency, negligible: f64) -> f64 {
     let points = mesh.vertices();
     let shortest = adjacency
@@ -21,29 +22,32 @@ pub(crate) fn finest_resolution(mesh: &TriMesh, adjacency: &Adjacency, negligibl
     if shortest.is_finite() { 1.0 / shortest } else { negligible.recip() }
 }
 
-/// What counts as one area of contact around a vertex.
+/// Limits of the area around a vertex that counts as one area of contact.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Support {
-    /// How far it may leave the tangent plane of the vertex, m.
+    /// Largest distance from the tangent plane of the vertex, m.
     pub distance: f64,
-    /// How far from the vertex it may reach, m.
+    /// Largest distance from the vertex, m.
     pub radius: f64,
-    /// Half angle of the cone about the vertex normal that its normals lie in, rad.
+    /// Half angle of the cone about the vertex normal in which the face normals lie, rad.
     pub cone: f64,
 }
 
-/// Most faces that are followed around a vertex.
-const MOST_FACES: usize = 4096;
+/// Largest number of faces visited around a vertex. With fewer, D of finely divided flat regions is too
+/// small.
+const MAX_FACES: usize = 4096;
 
-/// D of every vertex, m²: the area, projected on the tangent plane of the vertex, of those faces around it, joined to it
-/// by such faces, that lie within a distance of that plane and whose normal is within a cone about the vertex's.
+/// D of every vertex, m²: the area, projected on the tangent plane of the vertex, of the faces around it that
+/// lie within a distance of that plane, have a normal within a cone about the vertex normal, and are
+/// connected to the vertex by such faces.
 ///
-/// §3.3.5 speaks of the faces incident to the vertex. Those are smaller the finer a mesh is divided, so that the same
-/// contact would be refined the further the more triangles an object has (s* = φ / D); the area that can be in contact
-/// is the object's, not the mesh's. The dissertation also leaves open how a face counts that is partly within the
-/// distance, how far away from the vertex, and the cone's half angle. Faces are cut at the distance, so that D does not
-/// jump as vertices move, and those with a corner within the radius count. The vertex normal is the sum of the normals of
-/// its faces, weighted with the angles at the vertex, so that it does not depend on how flat faces are divided.
+/// §3.3.5 speaks of the faces incident to the vertex. Those are smaller the finer a mesh is divided, so that
+/// the same contact would be refined the further the more triangles an object has (s* = φ / D); the area that
+/// can be in contact is the object's, not the mesh's. The dissertation also leaves open how a face that is
+/// partly within the distance counts, how far from the vertex faces count, and the cone's half angle. Faces
+/// are cut at the distance, so that D does not jump as vertices move, and those with a corner within the
+/// radius count. The vertex normal is the sum of the normals of its faces, weighted with the angles at the
+/// vertex, so that it does not depend on how flat faces are divided.
 pub(crate) fn support_areas(mesh: &TriMesh, adjacency: &Adjacency, support: &Support) -> Vec<f64> {
     (0..mesh.vertices().len() as u32)
         .into_par_iter()
@@ -54,7 +58,7 @@ pub(crate) fn support_areas(mesh: &TriMesh, adjacency: &Adjacency, support: &Sup
         .collect()
 }
 
-/// The faces around a vertex that have been reached.
+/// The faces around a vertex that a search has reached.
 struct Region {
     /// Last vertex from which each face was reached, plus one.
     reached: Vec<u32>,
@@ -83,8 +87,9 @@ impl Region {
             self.reached[face as usize] = v + 1;
             self.faces.push(face);
         }
+        // Breadth-first over the faces that count, starting from those at the vertex.
         let (mut sum, mut next) = (0.0, 0);
-        while next < self.faces.len().min(MOST_FACES) {
+        while next < self.faces.len().min(MAX_FACES) {
             let face = self.faces[next];
             next += 1;
             let [p, q, r] = mesh.corners(face as usize).map(|corner| corner - here);
@@ -173,8 +178,8 @@ mod tests {
         let mesh = cube();
         let adjacency = mesh.adjacency();
         assert_eq!(finest_resolution(&mesh, &adjacency, 1e-9), 1.0);
-        // Each face at a corner is cut at a depth d: a right isosceles triangle with legs of √3 d, at 54.7° to the
-        // tangent plane, or all of what it has there when d is large.
+        // Each face at a corner is cut at a depth d: a right isosceles triangle with legs of √3 d, at 54.7°
+        // to the tangent plane, or all of what it has there when d is large.
         let distance = 0.1;
         for area in areas(&mesh, distance, FRAC_PI_3) {
             let expected = 3.0 * 0.5 * 3.0 * distance * distance / 3f64.sqrt();

@@ -1,12 +1,12 @@
-//! What a build tells of its progress, and how it is told to stop.
+//! Progress reports of a build, and its cancellation.
 
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
-/// How long the callback is left alone between two calls within a stage.
+/// Shortest time between two calls of the callback within a stage.
 const INTERVAL: Duration = Duration::from_millis(40);
 
-/// What a build is doing, for its progress callback.
+/// A stage of a build, for its progress callback.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Stage {
     /// Checking and indexing the mesh.
@@ -22,8 +22,9 @@ pub enum Stage {
 }
 
 impl Stage {
-    /// How much of a whole build is done, from 0 to 1, when a fraction of this stage is: for progress bars with an estimate. Stages
-    /// count by their share of the time for the models of Table 3.2, with simplification.
+    /// Fraction of the whole build that is done, from 0 to 1, when a fraction of this stage is: for progress
+    /// bars with an estimate. Stages are weighted with their share of the time for the models of Table 3.2,
+    /// with simplification.
     pub fn of_build(self, fraction: f64) -> f64 {
         let (begin, end) = match self {
             Self::Mesh => (0.0, 0.01),
@@ -48,56 +49,56 @@ impl std::fmt::Display for Stage {
     }
 }
 
-/// The progress callback of a build that nobody watches.
+/// A progress callback that does nothing.
 pub fn unwatched(_: Stage, _: f64) -> ControlFlow<()> {
     ControlFlow::Continue(())
 }
 
-/// The callback broke the build off.
+/// The callback cancelled the build.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Cancelled;
 
-/// Calls the callback, and not too often.
+/// Calls the callback, at intervals of at least [`INTERVAL`].
 pub(crate) struct Progress<'a> {
     callback: &'a mut dyn FnMut(Stage, f64) -> ControlFlow<()>,
     stage: Stage,
-    /// The most of the stage that was reported done.
+    /// Largest fraction of the stage that was reported done.
     done: f64,
     last: Instant,
     muted: bool,
 }
 
 impl<'a> Progress<'a> {
-    /// At the beginning of a build.
+    /// Progress at the beginning of a build.
     pub fn new(callback: &'a mut dyn FnMut(Stage, f64) -> ControlFlow<()>) -> Self {
         Self { callback, stage: Stage::Mesh, done: 0.0, last: Instant::now(), muted: false }
     }
 
-    /// A stage begins.
+    /// Begins a stage.
     pub fn begin(&mut self, stage: Stage) -> Result<(), Cancelled> {
         self.stage = stage;
         self.done = 0.0;
-        self.tell(0.0)
+        self.report(0.0)
     }
 
-    /// A fraction of the stage is done. To be called as often as it is convenient.
+    /// Reports that a fraction of the stage is done. May be called often: most calls return at once.
     pub fn at(&mut self, done: f64) -> Result<(), Cancelled> {
-        if self.muted || self.last.elapsed() < INTERVAL { Ok(()) } else { self.tell(done) }
+        if self.muted || self.last.elapsed() < INTERVAL { Ok(()) } else { self.report(done) }
     }
 
-    /// The stage is done.
+    /// Ends the stage.
     pub fn end(&mut self) -> Result<(), Cancelled> {
-        self.tell(1.0)
+        self.report(1.0)
     }
 
-    /// Says nothing, for a short part of a stage.
+    /// A progress that reports nothing, for a short part of a stage.
     pub fn muted(&mut self) -> Progress<'_> {
         Progress { callback: self.callback, muted: true, ..*self }
     }
 
-    fn tell(&mut self, done: f64) -> Result<(), Cancelled> {
+    fn report(&mut self, done: f64) -> Result<(), Cancelled> {
         self.last = Instant::now();
-        // A stage that begins a part of it anew has lost nothing for those who watch.
+        // A stage may repeat a part of its work; the reported progress does not go back.
         self.done = done.max(self.done).min(1.0);
         match (self.callback)(self.stage, self.done) {
             ControlFlow::Continue(()) => Ok(()),

@@ -1,18 +1,18 @@
-//! What a mesh has to be for a hierarchy to be built from it (§3.3.1: an oriented 2-manifold, with or without boundary,
-//! that does not intersect itself), and the first element that is not.
+//! Requirements of a build on its mesh (§3.3.1: an oriented 2-manifold, with or without boundary, that does
+//! not intersect itself), checked so as to name the first element that breaks one.
 //!
-//! Connectivity is judged by vertex indices: surfaces that touch along copies of a vertex or an edge are apart, and a
-//! mesh that is not welded is a heap of sheets with borders. Shapes are judged by positions: a triangle between copies
-//! of one vertex is degenerate, two triangles over the same three positions are duplicates, and triangles that share a
-//! position touch there as if they shared the vertex. On a welded mesh both are the same, and what is asked here is
-//! what `palpate check` counts.
+//! Connectivity is determined by vertex indices: surfaces that touch along copies of a vertex or an edge are
+//! not connected, and a mesh that is not welded is a set of sheets with borders. Shape is determined by
+//! positions: a triangle between copies of one vertex is degenerate, two triangles with the same three
+//! positions are duplicates, and triangles that share a position touch there as if they shared the vertex. On
+//! a welded mesh both are the same, and the checks are those that `palpate check` counts.
 //!
-//! Self-intersection is decided in exact arithmetic on the coordinates as they came; the tree of boxes only proposes
-//! pairs, and its rounding of coordinates is monotone, so that it misses none.
+//! Self-intersection is tested in exact arithmetic on the original coordinates; the tree of boxes only
+//! proposes pairs, and its rounding of coordinates is monotone, so that it misses none.
 //!
-//! A closed mesh whose volume is negative is refused: nearly always it was exported inside out, and every contact force
-//! would push into the object without another sign of it. Pieces that face inwards in a whole of positive volume are
-//! cavities (or are taken as such), and open meshes have no inside.
+//! A closed mesh whose volume is negative is refused: nearly always it was exported inside out, and every
+//! contact force would push into the object, with no other symptom. Pieces that face inwards in a mesh of
+//! positive volume count as cavities, and open meshes have no inside.
 
 use glam::{DMat3, DVec3};
 use palpate_core::TriMesh;
@@ -59,7 +59,8 @@ pub(crate) fn check_surface(mesh: &TriMesh, report: &ValidationReport) -> Result
     Ok(())
 }
 
-/// Refuses a mesh of which two triangles intersect; `surface` is made from it. It has passed [`check_surface`].
+/// Refuses a mesh with two triangles that intersect; `surface` is made from it. It must have passed
+/// [`check_surface`].
 pub(crate) fn check_intersections(mesh: &TriMesh, surface: &Surface) -> Result<(), BuildError> {
     let same = equal_positions(mesh.vertices());
     let ids: Vec<[u32; 3]> =
@@ -100,10 +101,10 @@ pub(crate) fn check_intersections(mesh: &TriMesh, surface: &Surface) -> Result<(
     Err(BuildError::SelfIntersecting { count: cut, triangles: [a, b], position })
 }
 
-/// The triangles' boxes along the main direction of their sides, where that makes them much smaller than the `plain`
-/// ones, as it does for long parts askew.
+/// The triangles' boxes along the main direction of their sides, if that makes them much smaller than the
+/// `plain` ones, as for long parts that are not aligned with an axis.
 fn turned_boxes(surface: &Surface, plain: &[Bounds]) -> Option<Vec<Bounds>> {
-    /// More than the rounding of unit coordinates and of a rotation.
+    /// Padding of the boxes: more than the rounding of unit coordinates and of a rotation.
     const ROUNDING: f64 = 16.0 * f64::EPSILON;
     let corners = (0..plain.len() as u32).map(|t| surface.corners(t));
     let mut sides = DMat3::ZERO;
@@ -112,7 +113,7 @@ fn turned_boxes(surface: &Surface, plain: &[Bounds]) -> Option<Vec<Bounds>> {
             sides += DMat3::from_cols(side * side.x, side * side.y, side * side.z);
         }
     }
-    // Power iteration: it need not have converged, any axes serve.
+    // Power iteration for the main direction of the sides. It need not converge: any axes are valid.
     let start = DVec3::new(0.6, 0.5, 0.4);
     let along = (0..32).fold(start, |v, _| (sides * v).normalize_or(start)).normalize();
     let (across, up) = along.any_orthonormal_pair();
@@ -127,9 +128,9 @@ fn turned_boxes(surface: &Surface, plain: &[Bounds]) -> Option<Vec<Bounds>> {
     (area(&turned) < 0.25 * area(plain)).then_some(turned)
 }
 
-/// Whether it is cheap to see that two triangles have no more in common than their common vertices and the edge between
-/// them. Worth it since nearly all neighbours do, and in flat regions [`intersect`] needs its exact arithmetic
-/// throughout.
+/// Whether a cheap test shows that two triangles have nothing in common but their common vertices and the
+/// edge between them. It pays, since it succeeds for nearly all neighbours, and in flat regions [`intersect`]
+/// needs exact arithmetic throughout.
 fn clearly_apart(points: &[DVec3], a: [u32; 3], b: [u32; 3]) -> bool {
     let (p, q) = (a.map(|v| points[v as usize]), b.map(|v| points[v as usize]));
     let (own_a, own_b) = (a.map(|v| !b.contains(&v)), b.map(|v| !a.contains(&v)));
@@ -139,14 +140,14 @@ fn clearly_apart(points: &[DVec3], a: [u32; 3], b: [u32; 3]) -> bool {
     let flat = [|v: DVec3| (v.x, v.y), |v: DVec3| (v.y, v.z), |v: DVec3| (v.z, v.x)];
     flat.iter().any(|f| {
         let (p, q) = (p.map(f), q.map(f));
-        parted(&p, own_a, &q, own_b) || parted(&q, own_b, &p, own_a)
+        separated(&p, own_a, &q, own_b) || separated(&q, own_b, &p, own_a)
     })
 }
 
-/// Whether plain arithmetic suffices to see that the chosen corners of `u` lie on one side of t's plane: the first,
+/// Whether plain arithmetic shows that the chosen corners of `u` lie on one side of t's plane: the first,
 /// filtered stage of Shewchuk's orient3d with its error bound.
 fn clearly_one_sided(t: [DVec3; 3], u: [DVec3; 3], chosen: [bool; 3]) -> bool {
-    /// Of the bound in units of the permanent: (7 + 56 ε) ε with ε = 2⁻⁵³.
+    /// Error bound of the determinant in units of the permanent: (7 + 56 ε) ε with ε = 2⁻⁵³.
     const BOUND: f64 = (7.0 + 28.0 * f64::EPSILON) * (0.5 * f64::EPSILON);
     let side = |d: DVec3| {
         let [a, b, c] = t.map(|p| p - d);
@@ -165,9 +166,9 @@ fn clearly_one_sided(t: [DVec3; 3], u: [DVec3; 3], chosen: [bool; 3]) -> bool {
     (above || below) && chosen.contains(&true)
 }
 
-/// Whether the line through an edge of one projected triangle, on which all that they have in common lies, has the rest
-/// of them on different sides; then they have no other point in common in space either.
-fn parted(t: &[(f64, f64); 3], own_t: [bool; 3], u: &[(f64, f64); 3], own_u: [bool; 3]) -> bool {
+/// Whether the line through an edge of one projected triangle, on which their common vertices lie, separates
+/// the other vertices of the two; then they have no other point in common in space either.
+fn separated(t: &[(f64, f64); 3], own_t: [bool; 3], u: &[(f64, f64); 3], own_u: [bool; 3]) -> bool {
     let turn = |a: (f64, f64), b: (f64, f64), c: (f64, f64)| {
         let coord = |(x, y)| Coord { x, y };
         orient2d(coord(a), coord(b), coord(c))
@@ -187,7 +188,7 @@ fn middle(mesh: &TriMesh, triangle: u32) -> DVec3 {
     a / 3.0 + b / 3.0 + c / 3.0
 }
 
-/// For each vertex, the first at its position; empty if all positions differ.
+/// The first vertex at the position of each vertex; empty if all positions differ.
 fn equal_positions(vertices: &[DVec3]) -> Vec<u32> {
     // Adding 0 turns −0 into 0 and leaves every other number alone.
     let key = |v: &u32| vertices[*v as usize].to_array().map(|x| (x + 0.0).to_bits());
@@ -204,7 +205,7 @@ fn equal_positions(vertices: &[DVec3]) -> Vec<u32> {
     same
 }
 
-/// How many triangles lie on the positions of an earlier one, and the first of them.
+/// Number of triangles with the same positions as an earlier one, and the first of them.
 fn duplicates(mesh: &TriMesh) -> [u32; 2] {
     let same = equal_positions(mesh.vertices());
     let mut sorted: Vec<([u32; 3], u32)> = (mesh.triangles().iter().zip(0u32..))
@@ -227,13 +228,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_clearly_apart_does_not_intersect() {
+    fn clearly_separate_triangles_do_not_intersect() {
         let seed = 83;
         println!("seed {seed}");
         let mut rng = StdRng::seed_from_u64(seed);
         let mut seen = [[0; 2]; 3];
         for round in 0..60_000 {
-            // On a lattice, of which every other is flat, where triangles touch, line up and share planes; or anywhere.
+            // On a lattice (every other one flat), where triangles touch, line up and share planes; or
+            // anywhere.
             let (lattice, flat) = (round % 3 != 0, round % 2 == 0);
             let mut coordinate =
                 || if lattice { f64::from(rng.random_range(-2..=2)) } else { rng.random_range(-1.0..1.0) };

@@ -1,8 +1,10 @@
-//! The polytope that no other surface may reach into, for a convex patch: its hull, or the layer below a flat one.
+//! The skin of a convex patch: the polytope that no other surface may reach into, its hull or the layer below
+//! a flat one.
 //!
-//! While a mesh is simplified it may be larger than that, so that it need not be made anew for each collapse: a vertex
-//! that moves inside of it changes nothing, and one that moves out of it is taken in by one step of quickhull, with
-//! exact visibility tests. Whatever does not reach into it does not reach into the hull.
+//! While a mesh is simplified, a skin may be larger than that, so that it need not be rebuilt for each
+//! collapse: a vertex that moves inside it changes nothing, and one that moves out of it is included by one
+//! step of quickhull, with exact visibility tests. Surface that does not reach into the skin does not reach
+//! into the hull.
 
 use glam::DVec3;
 
@@ -10,19 +12,19 @@ use crate::box_tree::Bounds;
 use crate::hull::{Hull, Plane, Shape, elevation};
 use crate::surface::bounds_of;
 
-/// Heights above a plane, in unit coordinates, whose sign is certain without exact arithmetic.
-const CERTAIN: f64 = 1e-12;
+/// Height above a plane, in unit coordinates, beyond which the sign is certain without exact arithmetic.
+const CERTAIN_HEIGHT: f64 = 1e-12;
 
-/// What a patch keeps other surface out of.
+/// The region of a patch that other surface must not reach into.
 #[derive(Clone, Debug)]
 pub(crate) enum Skin {
-    /// Nothing: a single triangle, or a patch without extent.
+    /// No region: a single triangle, or a patch without extent.
     Bare,
     /// The layer below a flat patch.
     Layer {
         /// Its top and bottom, then its sides.
         planes: Vec<Plane>,
-        /// How deep other surface may reach.
+        /// Depth to which other surface may reach.
         depth: f64,
     },
     /// A polytope around all of the patch.
@@ -33,16 +35,16 @@ pub(crate) enum Skin {
 #[derive(Clone, Debug)]
 pub(crate) struct Polytope {
     faces: Vec<[DVec3; 3]>,
-    /// Of the faces; such that everything is below it for a face too narrow to have a dependable one.
+    /// Planes of the faces; [`Plane::NONE`] for a face too narrow to have a dependable one.
     planes: Vec<Plane>,
-    /// How deep other surface may reach.
+    /// Depth to which other surface may reach.
     depth: f64,
-    /// How often it has grown.
+    /// Number of times that it has grown.
     growths: u32,
 }
 
 impl Skin {
-    /// The hull of points, if it is a polytope, that other surface may reach into as deep as `depth`.
+    /// The skin of a hull of points, if it is a polytope, into which other surface may reach to `depth`.
     pub fn of_hull(hull: &Hull, points: &[DVec3], depth: f64) -> Self {
         if hull.shape != Shape::Polytope {
             return Self::Bare;
@@ -52,7 +54,7 @@ impl Skin {
         Self::Polytope(Polytope { faces, planes, depth, growths: 0 })
     }
 
-    /// The planes around it; none if there is nothing to keep out.
+    /// Planes of the region; empty if there is no region.
     pub fn planes(&self) -> &[Plane] {
         match self {
             Self::Bare => &[],
@@ -61,7 +63,7 @@ impl Skin {
         }
     }
 
-    /// How deep other surface may reach.
+    /// Depth to which other surface may reach.
     pub fn depth(&self) -> f64 {
         match self {
             Self::Bare => 0.0,
@@ -70,7 +72,7 @@ impl Skin {
         }
     }
 
-    /// Whether it may be larger than it need be, and has grown so often that it should be made anew.
+    /// Whether it has grown so often, and may be so much larger than needed, that it should be rebuilt.
     pub fn worn(&self) -> bool {
         matches!(self, Self::Polytope(p) if p.growths as usize > 8 + p.faces.len() / 8)
     }
@@ -81,7 +83,7 @@ impl Polytope {
     pub fn visible(&self, point: DVec3) -> Vec<usize> {
         let above = |k: &usize| {
             let height = self.planes[*k].height(point);
-            if height.abs() > CERTAIN && height.is_finite() {
+            if height.abs() > CERTAIN_HEIGHT && height.is_finite() {
                 return height > 0.0;
             }
             let [a, b, c] = self.faces[*k];
@@ -90,7 +92,8 @@ impl Polytope {
         (0..self.faces.len()).filter(above).collect()
     }
 
-    /// With a point that sees these faces, and the box around all that is new.
+    /// The polytope grown to include a point that sees the `visible` faces, and the box around the part
+    /// added.
     pub fn grown(&self, point: DVec3, visible: &[usize]) -> (Self, Bounds) {
         let sides = |k: &usize| {
             let [a, b, c] = self.faces[*k];
@@ -120,7 +123,7 @@ impl Polytope {
     }
 }
 
-/// The plane of a face, or one that everything is below where the face is too narrow for its own.
+/// The plane of a face, or [`Plane::NONE`] if the face is too narrow to have a dependable one.
 fn plane_of(face: [DVec3; 3]) -> Plane {
     Plane::dependable(face).unwrap_or(Plane::NONE)
 }

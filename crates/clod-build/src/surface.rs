@@ -1,10 +1,11 @@
-//! The mesh as the decomposition sees it: in coordinates of unit size about the origin, with the planes of its triangles
-//! and a tree of boxes over them.
+//! The mesh in coordinates of unit size about the origin, with the planes of its triangles and a tree of
+//! boxes over them.
 //!
-//! Coordinates are those of the mesh less the centre of its bounding sphere, times a power of two, so that they lose
-//! nothing beyond that one subtraction, and tolerances can be plain numbers. The [tree](BoxTree) is our own, in f64 and
-//! refitted as the mesh is simplified: `obvhs` holds its boxes in f32, which would have to be widened for exactness, and
-//! the traversal here needs more than a box or ray test at each node (see [`Surface::reaches_into`]).
+//! Unit coordinates are those of the mesh, relative to the centre of its bounding sphere, times a power of
+//! two: only the subtraction rounds, and tolerances can be plain numbers. The [tree](BoxTree) is our own, in
+//! f64 and refitted as the mesh is simplified: `obvhs` holds its boxes in f32, which would have to be widened
+//! for exactness, and the traversal here needs more than a box or ray test at each node (see
+//! [`Surface::reaches_into`]).
 
 use glam::DVec3;
 use palpate_core::TriMesh;
@@ -13,7 +14,8 @@ pub(crate) use crate::box_tree::bounds_of;
 use crate::box_tree::{Bounds, BoxTree, EMPTY};
 use crate::hull::Plane;
 
-/// Distances that differ by less than this part of the radius count as equal, so that rounding decides nothing.
+/// Quantum of distances, as a fraction of the object's radius: costs are rounded to it, so that rounding
+/// errors do not decide which of two equal ones comes first.
 pub(crate) const GRAIN: f64 = 1e-7;
 
 /// A mesh in unit coordinates with its spatial index.
@@ -25,14 +27,14 @@ pub(crate) struct Surface {
     pub triangles: Vec<[u32; 3]>,
     /// The triangles' planes; a zero normal for a degenerate triangle.
     pub planes: Vec<Plane>,
-    /// Unit coordinates are metres times this.
+    /// Unit coordinates per metre.
     pub scale: f64,
-    /// Where their origin is, m.
+    /// Origin of unit coordinates, m.
     pub center: DVec3,
     tree: BoxTree,
 }
 
-/// The buffers of [`Surface::reaches_into`].
+/// Buffers of [`Surface::reaches_into`].
 #[derive(Debug, Default)]
 pub(crate) struct ReachBuffers {
     lowered: Vec<Plane>,
@@ -57,13 +59,14 @@ impl Surface {
         surface
     }
 
-    /// Makes the spatial index anew.
+    /// Rebuilds the spatial index.
     pub fn index(&mut self) {
         let boxes: Vec<_> = (0..self.triangles.len() as u32).map(|t| self.bounds(t)).collect();
         self.tree = BoxTree::new(&boxes);
     }
 
-    /// Adapts the spatial index after a triangle has moved, or gone: then it names one vertex three times.
+    /// Refits the spatial index after a triangle has moved or was removed; a removed one names one vertex
+    /// three times.
     pub fn moved(&mut self, triangle: u32) {
         let Self { tree, triangles, points, .. } = self;
         tree.refit(triangle, |t| bounds_in(triangles[t as usize], points));
@@ -84,12 +87,12 @@ impl Surface {
         self.triangles[triangle as usize].map(|v| self.points[v as usize])
     }
 
-    /// Whether any triangle that is not to be skipped reaches deeper than `depth` into a convex polytope: has a point
-    /// more than `depth` below all of its planes. `low` and `high` bound the polytope.
+    /// Whether any triangle, except those to skip, reaches deeper than `depth` into a convex polytope: has a
+    /// point more than `depth` below all of its planes. `low` and `high` bound the polytope.
     ///
-    /// A triangle that does not reach in is above one of the planes, mostly; so it is tried first whether it is above
-    /// the one that the last was above, and boxes are tested against that one only. Of those that are near a hull most
-    /// are its own and skipped, so that it does not pay to test their boxes against many planes.
+    /// Most triangles that do not reach in are above one of the planes. So the plane that separated the last
+    /// triangle is tried first, and boxes are tested against that plane only: most triangles near a hull are
+    /// its own and skipped, so that testing their boxes against many planes does not pay.
     pub fn reaches_into(
         &self,
         planes: impl Iterator<Item = Plane>,
@@ -141,7 +144,7 @@ impl Surface {
     }
 }
 
-/// Directions without a pattern, to be tried one after the other.
+/// Ray directions, not aligned with anything, to be tried one after the other.
 const RAYS: [DVec3; 4] = [
     DVec3::new(0.483_177_129, 0.262_349_887, 0.835_304_761),
     DVec3::new(-0.719_532_871, 0.601_128_313, 0.347_720_917),
@@ -150,13 +153,14 @@ const RAYS: [DVec3; 4] = [
 ];
 
 impl Surface {
-    /// How often the surface winds around a point: 1 inside of a closed surface that faces outwards, 0 outside. `None` if
-    /// no ray from the point can tell, since all pass too near to edges.
+    /// Winding number of the surface about a point: 1 inside a closed surface that faces outwards, 0 outside.
+    /// `None` if all rays from the point pass too close to edges to decide it.
     pub fn winding_number(&self, point: DVec3) -> Option<i32> {
         RAYS.iter().find_map(|ray| self.crossings(point, *ray))
     }
 
-    /// How many more times a ray leaves the surface than it enters.
+    /// Number of times that a ray leaves the surface, minus those that it enters it; `None` if it passes too
+    /// close to an edge.
     fn crossings(&self, from: DVec3, ray: DVec3) -> Option<i32> {
         let inverse = ray.recip();
         let mut stack = vec![0u32];
@@ -165,7 +169,7 @@ impl Surface {
             let node = &self.tree.nodes[index as usize];
             let (s, t) = ((node.low - from) * inverse, (node.high - from) * inverse);
             let (enter, leave) = (s.min(t).max_element(), s.max(t).min_element());
-            // Widened by more than rounding, so that no triangle on the border is missed.
+            // Widened by more than rounding, so that no triangle at the edge of the box is missed.
             if enter > leave + 1e-12 || leave < -1e-12 {
                 continue;
             }
@@ -183,7 +187,7 @@ impl Surface {
                     continue;
                 }
                 if (corners[1] - corners[0]).cross(corners[2] - corners[0]).dot(ray).abs() <= 3.0 * doubt {
-                    // Seen edge on: in doubt unless it is behind.
+                    // The triangle is seen edge on: undecided unless it is behind.
                     if corners.iter().all(|c| ray.dot(*c) < 0.0) {
                         continue;
                     }
@@ -211,7 +215,7 @@ fn bounds_in(triangle: [u32; 3], points: &[DVec3]) -> Bounds {
     if a == b && b == c { EMPTY } else { bounds_of(&triangle.map(|v| points[v as usize])) }
 }
 
-/// The plane of a triangle; with a zero normal where the corners are too nearly on a line to tell.
+/// The plane of a triangle; with a zero normal where the corners are too close to a line to define one.
 pub(crate) fn plane_of([a, b, c]: [DVec3; 3]) -> Plane {
     let longest = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());
     if (b - a).cross(c - a).length() > 1e-12 * longest {
@@ -243,7 +247,7 @@ pub(crate) fn reaches_below(
     cuts(corners, lowered, clipped, spare)
 }
 
-/// Whether a polygon has points below all planes: Sutherland and Hodgman's clipping.
+/// Whether a polygon has points below all planes, by Sutherland and Hodgman's clipping.
 fn cuts(polygon: &[DVec3], planes: &[Plane], clipped: &mut Vec<DVec3>, spare: &mut Vec<DVec3>) -> bool {
     clipped.clear();
     clipped.extend_from_slice(polygon);
@@ -294,7 +298,7 @@ mod tests {
         assert_eq!(surface.scale.log2().fract(), 0.0);
     }
 
-    /// The deepest point of a triangle in a polytope, as far as a fine grid of points tells.
+    /// Depth of a triangle's deepest point in a polytope, on a fine grid of points.
     fn deepest_on_grid([a, b, c]: [DVec3; 3], planes: &[Plane]) -> f64 {
         let n = 24;
         let mut deepest = f64::MIN;
@@ -349,7 +353,7 @@ mod tests {
         let surface = surface(Model::Torus, 2000);
         let (mut inside, mut undecided) = (0, 0);
         for _ in 0..500 {
-            // About the surface; now and then at a multiple of a vertex, from where rays may meet edges.
+            // Near the surface; sometimes at a multiple of a vertex, from where rays may meet edges.
             let near = surface.points[rng.random_range(0..surface.points.len())];
             let p = near * rng.random_range(0.8..1.1)
                 + if inside % 7 == 0 { DVec3::ZERO } else { 0.1 * random(&mut rng) };

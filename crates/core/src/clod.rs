@@ -25,7 +25,7 @@ pub use format::ClodError;
 pub use packed::Clod;
 pub use views::{Areas, Nodes, Points, Triangles};
 
-/// Index that stands for no node: the root's parent.
+/// Index of no node: the root's parent.
 pub const NO_NODE: u32 = u32::MAX;
 
 /// A hierarchy of contact levels of detail in parts that can be changed. Lengths in metres, in the object's
@@ -145,9 +145,8 @@ impl Parts {
         &self.hull(node)[..node.extreme as usize]
     }
 
-    /// The points, m, whose convex hull stands for a node and, but for h, its descendants when nodes are
-    /// culled: the extreme points of its own hull, and others that bring h down (§3.6.2). Not all of them
-    /// need be extreme.
+    /// The points, m, whose convex hull bounds a node, and its descendants to within h, for culling: the
+    /// extreme points of its own hull, and others that reduce h (§3.6.2). Not all of them need be extreme.
     pub fn bounding_hull(&self, node: &Node) -> &[DVec3] {
         &self.vertices[bounding_range(node)]
     }

@@ -55,7 +55,7 @@ impl Pose {
         }
     }
 
-    /// The rotation vector (rad, world axes) of the short way round from this orientation to `other`'s.
+    /// The rotation vector (rad, world axes) of the shortest rotation from this orientation to `other`'s.
     #[inline]
     pub fn rotation_vector_to(&self, other: &Self) -> DVec3 {
         rotation_vector(other.rotation * self.rotation.conjugate())
@@ -87,7 +87,7 @@ impl Mul for Pose {
     }
 }
 
-/// The rotation vector (rad) of a unit quaternion, the short way round: its length is at most π.
+/// The rotation vector (rad) of the shortest rotation of a unit quaternion: its length is at most π.
 ///
 /// The dissertation's Eq. 5.18 as corrected: u = 2 atan2(‖q_xyz‖, q_s) q_xyz / ‖q_xyz‖, with the sign of q
 /// flipped when q_s < 0 and the series 2 q_xyz (1 + ‖q_xyz‖²/6) near zero.

@@ -1,23 +1,27 @@
-//! From contacts to a wrench by a law that has a limit as both surfaces are sampled ever more densely.
+//! A force law that converges as both surfaces are sampled more densely.
 //!
-//! The dissertation weighs the contacts of a cluster by δ + d (Eqs. 5.33–5.35), so that the force depends on how many contacts
-//! happen to be reported, and where. Here each contact stands for an area a, and what is a cluster there is a smooth
-//! neighbourhood here. With contacts i of depth δᵢ at points **x**ᵢ of the probe, with normals **n**ᵢ,
+//! The dissertation weighs the contacts of a cluster by δ + d (Eqs. 5.33–5.35), so that the force depends on
+//! how many contacts happen to be reported, and where. Here each contact represents an area a, and a smooth
+//! neighbourhood takes the place of a cluster. With contacts i of depth δᵢ at points **x**ᵢ of the probe,
+//! with normals **n**ᵢ,
 //!
-//! > **F** = −k Σᵢ wᵢ (δᵢ + d) **n**ᵢ,  wᵢ = aᵢ (δᵢ + d) Σ_c φ_c(**x**ᵢ, **n**ᵢ) / Z̃_c,  Z̃_c = Σ_c′~c Σⱼ aⱼ (δⱼ + d) φ_c′(**x**ⱼ, **n**ⱼ).
+//! > **F** = −k Σᵢ wᵢ (δᵢ + d) **n**ᵢ,  wᵢ = aᵢ (δᵢ + d) Σ_c φ_c(**x**ᵢ, **n**ᵢ) / Z̃_c,  Z̃_c = Σ_c′~c Σⱼ aⱼ
+//! > (δⱼ + d) φ_c′(**x**ⱼ, **n**ⱼ).
 //!
-//! A cell c is a node of a cubic lattice in the probe's frame with one of the six directions of its axes. φ_c is the product of
-//! the trilinear hat function of the node and the square of the normal's part along the direction: both add up to one. Two
-//! cells are neighbours, c ~ c′, if their nodes are no further apart than one lattice constant along any axis and their
-//! directions are not opposite. All sums are integrals over the surfaces in the limit.
+//! A cell c is a node of a cubic lattice in the probe's frame with one of the six directions of its axes. φ_c
+//! is the product of the trilinear hat function of the node and the square of the normal's component along
+//! the direction: both sum to one. Two cells are neighbours, c ~ c′, if their nodes are no further apart than
+//! one lattice constant along any axis and their directions are not opposite. All sums are integrals over the
+//! surfaces in the limit.
 //!
-//! What follows from it:
+//! Consequences:
 //!
-//! - Contacts within one lattice constant that push the same way weigh one in all, wherever they are on the lattice and however
-//!   many they are: a tip pushes with k(δ + d) averaged over its area of contact. Larger areas of contact push with more, in
-//!   proportion to their area, and contacts further apart than three lattice constants push independently. So do opposite walls.
-//! - The wrench is continuous: contacts come and go at δ = −d, where they neither push nor weigh, and nothing depends on which of
-//!   two is deeper, or on what was before.
+//! - Contacts within one lattice constant that push in the same direction have a total weight of one,
+//!   wherever they are on the lattice and however many they are: a tip pushes with k(δ + d) averaged over its
+//!   area of contact. Larger areas of contact push in proportion to their area, and contacts further apart
+//!   than three lattice constants push independently. So do opposite walls.
+//! - The wrench is continuous: contacts appear and disappear at δ = −d, where their force and weight are 0,
+//!   and nothing depends on which of two is deeper, or on earlier poses.
 
 use palpate_core::glam::{DVec3, UVec3};
 use palpate_core::{Contact, Pose, Wrench};
@@ -25,16 +29,17 @@ use palpate_core::{Contact, Pose, Wrench};
 /// Directions of the axes: x, −x, y, −y, z, −z.
 const DIRECTIONS: usize = 6;
 
-/// A contact and the area of the surfaces that it stands for.
+/// A contact and the area of the surfaces that it represents.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AreaContact {
     /// The contact, in world axes.
     pub contact: Contact,
-    /// Of the surface of either body, m².
+    /// Area of the surface of either body, m².
     pub area: f64,
 }
 
-/// Weighs contacts by the area that they stand for. It keeps its memory from call to call.
+/// The force law, which weights contacts by the area that they represent. It keeps its memory from call to
+/// call.
 #[derive(Clone, Debug)]
 pub struct AreaLaw {
     /// Lattice constant, m.
@@ -52,15 +57,15 @@ pub struct AreaLaw {
     weights: Vec<f64>,
 }
 
-/// Nodes of the cube that a contact is in, with what of it is theirs.
+/// Nodes of the cube that a contact is in, with their interpolation weights.
 type Shares = [(u32, f64); 8];
 
 impl AreaLaw {
-    /// For contacts of a probe whose surface is within a sphere (m, in its frame), with a lattice constant of a part of the
-    /// sphere's radius.
+    /// The law for contacts of a probe whose surface is within a sphere (m, in its frame), with a lattice
+    /// constant of `reach` radii of the sphere.
     ///
     /// # Panics
-    /// If the radius is not finite and above 0, or the part not 1/32 to 1.
+    /// If the radius is not finite and above 0, or `reach` is not 1/32 to 1.
     pub fn new(center: DVec3, radius: f64, reach: f64) -> Self {
         assert!(radius.is_finite() && radius > 0.0, "a radius of {radius} m");
         assert!((1.0 / 32.0..=1.0).contains(&reach), "a lattice constant of {reach} radii");
@@ -80,7 +85,8 @@ impl AreaLaw {
         }
     }
 
-    /// The weights wᵢ of contacts within the tolerance (d, m) of a probe at a pose. Those out of reach weigh nothing.
+    /// The weights wᵢ of contacts within the tolerance (d, m) of a probe at a pose; 0 for contacts out of
+    /// reach.
     pub fn weights(&mut self, contacts: &[AreaContact], tolerance: f64, pose: &Pose) -> &[f64] {
         for node in self.used.drain(..) {
             self.sums[node as usize] = [0.0; DIRECTIONS];
@@ -116,7 +122,7 @@ impl AreaLaw {
                 for (node, share) in self.shares(point) {
                     let totals = &self.totals[node as usize];
                     for (total, direction) in totals.iter().zip(directions) {
-                        // 0/0 where the contact has no part in the cell.
+                        // The total may be 0 where the contact has no share in the cell.
                         if share * direction > 0.0 {
                             weight += share * direction / total;
                         }
@@ -175,7 +181,7 @@ impl AreaLaw {
     }
 }
 
-/// The squares of a unit vector's parts along each direction.
+/// Squares of a unit vector's components along each direction.
 fn by_direction(normal: DVec3) -> [f64; DIRECTIONS] {
     let part = |x: f64, positive: bool| if (x > 0.0) == positive { x * x } else { 0.0 };
     let DVec3 { x, y, z } = normal;
@@ -206,7 +212,8 @@ mod tests {
         DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)))
     }
 
-    /// A disc in contact, sampled on rings: its depth falls from `deepest` to −d at its rim, as that of a paraboloid does.
+    /// A disc in contact, sampled on rings: its depth falls from `deepest` to −d at its rim, like a
+    /// paraboloid's.
     fn tip(center: DVec3, normal: DVec3, radius: f64, deepest: f64, rings: usize) -> Vec<AreaContact> {
         let (across, along) = normal.any_orthonormal_pair();
         let ring = |index: usize| {
@@ -228,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tip_pushes_alike_wherever_it_is_and_however_it_is_sampled() {
+    fn a_tip_pushes_equally_wherever_it_is_and_however_it_is_sampled() {
         // ∫(δ + d)² dA / ∫(δ + d) dA of a paraboloid is 2/3 of the largest δ + d.
         let mut rng = StdRng::seed_from_u64(SEED);
         for round in 0..200 {
@@ -247,7 +254,8 @@ mod tests {
 
     #[test]
     fn a_wide_contact_pushes_in_proportion_to_its_area() {
-        // A face at depth δ, sampled evenly: away from its rim each lattice square pushes with a ninth of k(δ + d).
+        // A face at depth δ, sampled evenly: away from its rim each lattice square pushes with a ninth of k(δ
+        // + d).
         let side = 6.0 * REACH;
         let count = 400;
         let step = side / f64::from(count);
@@ -263,7 +271,7 @@ mod tests {
             .filter(|(found, _)| found.contact.point.truncate().abs().max_element() < REACH / 2.0)
             .map(|(_, weight)| weight)
             .sum();
-        // The face ends three lattice constants away, so that a little is missing of what is around the middle.
+        // The face ends three lattice constants away, which affects the weights in the middle a little.
         assert!((middle - 1.0 / 9.0).abs() < 0.03 / 9.0, "{middle}");
     }
 
@@ -301,7 +309,7 @@ mod tests {
                 contact.depth += EPSILON * D * rng.random_range(-1.0..1.0);
                 *area *= 1.0 + EPSILON * rng.random_range(-1.0..1.0);
             }
-            // A contact on its way in.
+            // A contact that is about to begin.
             changed.push(contact(
                 0.5 * vector(&mut rng),
                 vector(&mut rng).normalize(),
@@ -313,7 +321,8 @@ mod tests {
             let change = before.force.distance(after.force) + before.torque.distance(after.torque);
             largest = largest.max(change / (EPSILON * D));
         }
-        // A contact's whole weight goes over within a lattice constant, 4 a metre, and there are up to 40 of up to 3 d.
+        // A contact's weight changes by 1 within a lattice constant, at most 4 a metre, and there are up to
+        // 40 of up to 3 d.
         assert!(largest < 4000.0, "{largest} EPSILON D");
     }
 

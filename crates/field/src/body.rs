@@ -1,4 +1,4 @@
-//! A body prepared for queries.
+//! Bodies prepared for queries.
 
 use glam::{DVec3, Vec3};
 use palpate_core::TriMesh;
@@ -12,38 +12,45 @@ use crate::exact::ExactDistance;
 use crate::format::{FormatError, Reader, Writer};
 use crate::samples::SurfaceSamples;
 
-/// Of the room that a body may take, its field gets this part, and the samples the rest.
-const FIELD: f64 = 0.6;
-/// The lattice constant of a field and the spacing of the finest samples where there is room, in tolerances.
-const LATTICE: f64 = 0.5;
-const SPACING: f64 = 0.3;
-/// The usual band, in tolerances.
-const BAND: f64 = 2.0;
-/// Places that the field is compared with exact distances at.
-const TESTED: usize = 4096;
+/// Fraction of a body's memory for its field; the samples get the rest.
+const FIELD_SHARE: f64 = 0.6;
+/// Smallest lattice constant of a field, in tolerances; larger where memory is short. A larger one costs
+/// accuracy near edges.
+const MIN_LATTICE: f64 = 0.5;
+/// Smallest spacing of the finest samples, in tolerances; larger where memory is short. A larger one misses
+/// small contacts.
+const MIN_SPACING: f64 = 0.3;
+/// Default band, in tolerances.
+const DEFAULT_BAND: f64 = 2.0;
+/// Number of places at which the field is compared with exact distances.
+const TESTED_PLACES: usize = 4096;
+/// Seed of these places.
 const SEED: u64 = 0x7E57;
 
-/// How finely a body is sampled.
+/// Options for preparing a body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FieldOptions {
     /// d: surfaces closer than this are in contact, m.
     pub tolerance: f64,
-    /// Distances are known up to this on either side of the surface, m: no query looks further, and bodies that are deeper in one another push
-    /// as if they were this deep.
+    /// Largest distance known on either side of the surface, m: no query looks further, and bodies that
+    /// penetrate deeper push as if they were this deep.
     pub band: f64,
-    /// The room that the body may take, in bytes. What is large in comparison with d is sampled less finely than it could be.
+    /// Memory for the body, in bytes. Bodies that are large in comparison with d are sampled more coarsely to
+    /// fit.
     pub memory: usize,
 }
 
 impl FieldOptions {
-    /// For queries within a tolerance (d, m), with a band of twice that, and 28 MB a body.
+    /// Options for queries within a tolerance (d, m), with a band of twice that, and 28 MB a body.
     pub fn new(tolerance: f64) -> Self {
-        Self { tolerance, band: BAND * tolerance, memory: 28_000_000 }
+        Self { tolerance, band: DEFAULT_BAND * tolerance, memory: 28_000_000 }
     }
 
-    /// The lattice constant (m) of the field of a body whose surface has some area (m²); that of a long and thin one may be larger.
+    /// Lattice constant (m) of the field of a body with a surface area (m²); that of a long and thin body may
+    /// be larger.
     pub fn lattice(&self, area: f64) -> f64 {
-        DistanceField::lattice(area, self.band, FIELD * self.memory as f64).max(LATTICE * self.tolerance)
+        DistanceField::lattice(area, self.band, FIELD_SHARE * self.memory as f64)
+            .max(MIN_LATTICE * self.tolerance)
     }
 }
 
@@ -58,22 +65,25 @@ pub struct FieldBody {
 }
 
 impl FieldBody {
-    /// Of a mesh.
+    /// Prepares the body of a mesh.
     ///
     /// # Panics
-    /// If the mesh has no triangles, the tolerance is not finite and above 0, or the band is smaller.
+    /// If the mesh has no triangles, the tolerance is not finite and above 0, or the band is smaller than the
+    /// tolerance.
     pub fn new(mesh: &TriMesh, options: &FieldOptions) -> Self {
         let FieldOptions { tolerance, band, memory } = *options;
         let is_band = band.is_finite() && tolerance > 0.0 && band >= tolerance;
         assert!(is_band, "a tolerance of {tolerance} m and a band of {band} m");
         let area: f64 = (0..mesh.triangles().len()).map(|t| area(mesh.corners(t))).sum();
         let memory = memory as f64;
-        let spacing = SurfaceSamples::spacing(area, (1.0 - FIELD) * memory).max(SPACING * tolerance);
+        let spacing =
+            SurfaceSamples::spacing(area, (1.0 - FIELD_SHARE) * memory).max(MIN_SPACING * tolerance);
         let lattice = options.lattice(area).max(DistanceField::finest_lattice(mesh, band));
         Self::with(mesh, lattice, (tolerance, band), spacing)
     }
 
-    /// Of a mesh, with a lattice constant, a tolerance and a band, and a spacing of the finest samples (m).
+    /// Prepares the body of a mesh, with a lattice constant, a tolerance and a band, and a spacing of the
+    /// finest samples (m).
     pub(crate) fn with(mesh: &TriMesh, lattice: f64, (tolerance, band): (f64, f64), spacing: f64) -> Self {
         let exact = ExactDistance::new(mesh);
         let sphere = mesh.bounding_sphere();
@@ -85,7 +95,7 @@ impl FieldBody {
         Self { center: sphere.center, radius: sphere.radius, field, samples, error }
     }
 
-    /// By how much depths that are read in this body's field are off at most, m: the largest difference from exact distances at some
+    /// Largest error of depths in this body's field, m: the largest difference from exact distances at some
     /// thousand places within the tolerance of its surface.
     pub fn error(&self) -> f64 {
         self.error
@@ -98,7 +108,7 @@ impl FieldBody {
 
     /// Writes the body as bytes.
     pub fn to_bytes(&self) -> Vec<u8> {
-        let mut writer = Writer::with_capacity(self.bytes());
+        let mut writer = Writer(Vec::with_capacity(self.bytes()));
         writer.vec(self.center);
         writer.f64([self.radius, self.error]);
         self.field.write(&mut writer);
@@ -128,12 +138,12 @@ fn area([a, b, c]: [DVec3; 3]) -> f64 {
     (b - a).cross(c - a).length() / 2.0
 }
 
-/// The largest error of a field at places within the tolerance of the surface.
+/// Largest error of a field at places within the tolerance of the surface, m.
 fn error(field: &DistanceField, samples: &SurfaceSamples, exact: &ExactDistance, tolerance: f64) -> f64 {
     let fours = samples.fours(0);
-    let errors = (0..TESTED.min(fours)).into_par_iter().map(|index| {
+    let errors = (0..TESTED_PLACES.min(fours)).into_par_iter().map(|index| {
         let mut rng = SmallRng::seed_from_u64(SEED ^ index as u64);
-        let on = samples.four(0, (index * fours) / TESTED.min(fours)).map(|axis| axis.to_array()[0]);
+        let on = samples.four(0, (index * fours) / TESTED_PLACES.min(fours)).map(|axis| axis.to_array()[0]);
         let off = DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)));
         let point = Vec3::from(on).as_dvec3() + tolerance * off.clamp_length_max(1.0);
         let at = (point - field.origin()) / field.spacing();

@@ -8,19 +8,20 @@ use wide::{f32x4, i32x4};
 use crate::exact::ExactDistance;
 use crate::format::{FormatError, Reader, Writer};
 
-/// Cells along an edge of a brick.
+/// Number of cells along an edge of a brick.
 const CELLS: usize = 8;
-/// Samples along an edge of a brick: neighbours share those at their faces, each with its own copy.
+/// Number of samples along an edge of a brick: neighbours share those at their faces, each with its own copy.
 const SAMPLES: usize = CELLS + 1;
 const PER_BRICK: usize = SAMPLES * SAMPLES * SAMPLES;
 const BRICK_BYTES: usize = PER_BRICK * size_of::<i16>();
-/// Where rows along x begin that hold the corners of a cell.
+/// Offsets of the four rows along x that hold the corners of a cell.
 const ROWS: [usize; 4] = [0, SAMPLES, SAMPLES * SAMPLES, SAMPLES * SAMPLES + SAMPLES];
-/// From the first corner of a cell to the last.
-const REACH: usize = ROWS[3] + 2;
-/// Bricks that a field has, near and far, at most about so many.
-const MOST_BRICKS: f64 = 2e6;
-/// In the table of bricks: no samples, only a bound.
+/// Number of samples from the first corner of a cell to the last.
+const CELL_SPAN: usize = ROWS[3] + 2;
+/// Largest number of bricks of a field, near and far, approximately: the table of bricks takes memory even
+/// where all are far.
+const MAX_BRICKS: f64 = 2e6;
+/// Entry in the table of bricks for a far brick: it has no samples, only a bound.
 const FAR: u32 = u32::MAX;
 
 /// Signed distances (negative inside) from a surface on a lattice, interpolated trilinearly.
@@ -34,20 +35,21 @@ pub struct DistanceField {
     bricks: UVec3,
     /// The samples of each brick, x varying fastest, or [`FAR`].
     table: Vec<u32>,
-    /// Whether a brick that is far is inside.
+    /// Whether each far brick is inside.
     is_inside: Vec<bool>,
-    /// Squared distances on a lattice that is of the corners of bricks, in lattice constants.
+    /// Squared distances at the corners of bricks, in squared lattice constants.
     coarse: Vec<f32>,
     coarse_size: UVec3,
-    /// What is far is further from the surface than this, in lattice constants.
+    /// Lower bound of the distance of far bricks from the surface, in lattice constants.
     band: f32,
-    /// In steps of `step` lattice constants: i16, the lower byte first.
+    /// Distances in steps of `step` lattice constants: i16, little-endian.
     samples: Vec<[u8; BRICK_BYTES]>,
     step: f32,
 }
 
 impl DistanceField {
-    /// Of a mesh's surface, with a lattice constant (m), and samples at least as far from the surface as `band` (m).
+    /// Samples the field of a mesh's surface, with a lattice constant (m), as far from the surface as `band`
+    /// (m) at least.
     pub fn new(mesh: &TriMesh, exact: &ExactDistance, spacing: f64, band: f64) -> Self {
         let side = spacing * CELLS as f64;
         let (low, high) = bounds(mesh);
@@ -55,7 +57,7 @@ impl DistanceField {
         let bricks = ((high - low) / side).ceil().max(DVec3::ONE).as_uvec3();
         let count = bricks.x * bricks.y * bricks.z;
         let half_diagonal = side * 0.75f64.sqrt();
-        // A near brick's samples are within this of the surface.
+        // Largest distance of a near brick's samples from the surface.
         let most = band + 2.0 * half_diagonal;
         let step = most / spacing / f64::from(i16::MAX);
         let corner = |brick: u32| {
@@ -120,15 +122,16 @@ impl DistanceField {
         field
     }
 
-    /// The smallest lattice constant (m) of a field that takes no more than some bytes, for a surface's area (m²).
+    /// Smallest lattice constant (m) of a field that takes no more than `bytes`, for a surface's area (m²).
     ///
-    /// Bricks whose middle is within the band and half a diagonal of the surface, on either side of it, are kept.
+    /// Bricks whose middle is within the band and half a diagonal of the surface, on either side of it, are
+    /// kept.
     pub fn lattice(area: f64, band: f64, bytes: f64) -> f64 {
         let needed = |spacing: f64| {
             let side = CELLS as f64 * spacing;
             2.0 * (band + 0.75f64.sqrt() * side) * area / side.powi(3) * BRICK_BYTES as f64
         };
-        // Without a band, and doubled until there is enough room.
+        // Starts from the lattice constant without a band, and enlarges it until the field fits.
         let mut spacing = (2.0 * 0.75f64.sqrt() * area * BRICK_BYTES as f64 / bytes).sqrt() / CELLS as f64;
         while needed(spacing) > bytes {
             spacing *= 1.05;
@@ -136,11 +139,11 @@ impl DistanceField {
         spacing
     }
 
-    /// The smallest lattice constant (m) of a field with a band (m) around a mesh that has not too many bricks, near and far. Of bodies that are
-    /// long and thin next to nothing of their box is near them.
+    /// Smallest lattice constant (m) of a field with a band (m) around a mesh with at most about
+    /// `MAX_BRICKS` bricks. It matters for long and thin bodies, which fill little of their box.
     pub fn finest_lattice(mesh: &TriMesh, band: f64) -> f64 {
         let (low, high) = bounds(mesh);
-        ((high - low + 2.0 * band).element_product() / MOST_BRICKS).cbrt() / CELLS as f64
+        ((high - low + 2.0 * band).element_product() / MAX_BRICKS).cbrt() / CELLS as f64
     }
 
     /// Lattice constant, m.
@@ -153,7 +156,7 @@ impl DistanceField {
         self.origin
     }
 
-    /// Distances up to this are sampled, m.
+    /// Largest distance that is sampled, m.
     pub fn band(&self) -> f64 {
         f64::from(self.band) * self.spacing
     }
@@ -207,8 +210,8 @@ impl DistanceField {
             + self.samples.capacity() * BRICK_BYTES
     }
 
-    /// The distances of four points, in lattice constants from the origin: in the first of four, and their gradients in the
-    /// others. What is far has the bound on its distance, and any vector in about the gradient's direction.
+    /// Distances of four points, given in lattice constants from the origin, and their gradients: [distance,
+    /// x, y, z]. A far point gets a bound of its distance, and a vector approximately along the gradient.
     #[inline]
     pub(crate) fn read<const GRADIENT: bool>(&self, at: &[f32x4; 3]) -> [f32x4; 4] {
         let [nx, ny, nz] = self.bricks.to_array();
@@ -226,17 +229,18 @@ impl DistanceField {
         // 9 y and 81 z.
         let first: i32x4 = (cx & seven) + (ly << 3) + ly + (lz << 6) + (lz << 4) + lz;
         let (bricks, firsts) = (brick.to_array(), first.to_array());
-        // Of each lane four pairs of samples, which follow one another along x; far bricks are not among the samples.
+        // For each lane, four pairs of samples that follow one another along x. The slot of a far brick is
+        // out of range.
         let mut far = is_outside;
         let mut lane = |lane: usize| -> [i32; 4] {
             let slot = self.table[bricks[lane] as usize] as usize;
             let first = firsts[lane] as usize;
             let brick = self.samples.get(slot).and_then(|brick| brick.get(2 * first..));
-            let Some(values) = brick.and_then(|values| values.first_chunk::<{ 2 * REACH }>()) else {
+            let Some(values) = brick.and_then(|values| values.first_chunk::<{ 2 * CELL_SPAN }>()) else {
                 far |= 1 << lane;
                 return [0; 4];
             };
-            // Spelled out, so that each becomes one load.
+            // Written out, so that each becomes one load.
             let pair = |row: usize| {
                 let byte = 2 * row;
                 i32::from_le_bytes([values[byte], values[byte + 1], values[byte + 2], values[byte + 3]])
@@ -255,6 +259,7 @@ impl DistanceField {
             let value: i32x4 = i32x4::new(pair) >> 16;
             value.round_float()
         };
+        // Trilinear interpolation between the corners a to h: along x, then y, then z.
         let (a, c, e, g) = (low(pairs[0]), low(pairs[1]), low(pairs[2]), low(pairs[3]));
         let (b, d, f, h) = (high(pairs[0]), high(pairs[1]), high(pairs[2]), high(pairs[3]));
         let x = inside[0] - cx.round_float();
@@ -275,11 +280,14 @@ impl DistanceField {
         found
     }
 
-    /// Puts bounds in the place of the distances of the lanes that are far, and the direction of their growth in that of gradients.
+    /// Replaces the distances of far lanes by bounds, and their gradients by the direction in which the
+    /// bounds grow.
     ///
-    /// D²(**x**) − |**x**|² is the least of linear functions of **x**, so that it is nowhere below what lies between its values at
-    /// the corners c of a cell: D² ≥ Σ w_c D_c² − Σ w_c |**x** − **x**_c|², with the weights w of linear interpolation. Nothing is
-    /// outside of the box, so that beyond it D² ≥ D²(nearest) + |**x** − nearest|². And far is beyond the band.
+    /// D²(**x**) − |**x**|² is a minimum of linear functions of **x**, hence concave, and nowhere below the
+    /// interpolation of its values at the corners c of a cell: D² ≥ Σ w_c D_c² − Σ w_c |**x** − **x**_c|²,
+    /// with the weights w of linear interpolation. There is no surface outside the box, so that there D² ≥
+    /// D²(nearest) + |**x** − nearest|², with the nearest point of the box. And far bricks are beyond the
+    /// band.
     fn replace_by_bounds(
         &self,
         found: &mut [f32x4; 4],
@@ -292,7 +300,7 @@ impl DistanceField {
         let [nx, ny, nz] = self.coarse_size.to_array();
         let part = f32x4::splat(1.0 / CELLS as f32);
         let place = [inside[0] * part, inside[1] * part, inside[2] * part];
-        // Of the last sample's cell there is none.
+        // No cell begins at the last sample.
         let cell = |x: f32x4, samples: u32| x.fast_min(f32x4::splat(samples as f32 - 1.5)).fast_trunc_int();
         let (cx, cy, cz) = (cell(place[0], nx), cell(place[1], ny), cell(place[2], nz));
         let first: i32x4 = (cz * i32x4::splat(ny as i32) + cy) * i32x4::splat(nx as i32) + cx;
@@ -332,7 +340,7 @@ impl DistanceField {
     }
 }
 
-/// Corners of the box of what a mesh's triangles use.
+/// Lower and upper corner of the box of the vertices that triangles use.
 fn bounds(mesh: &TriMesh) -> (DVec3, DVec3) {
     let used = || mesh.triangles().iter().flatten().map(|v| mesh.vertices()[*v as usize]);
     (used().fold(DVec3::INFINITY, DVec3::min), used().fold(DVec3::NEG_INFINITY, DVec3::max))
@@ -390,13 +398,14 @@ mod tests {
                 } else {
                     near += 1;
                     errors.push((f64::from(distance) - truth).abs());
-                    // More than 1 where the cell holds a crease.
+                    // It may exceed 1 where the cell holds a crease.
                     assert!(gradient.length() < 1.5, "{gradient}");
                 }
             }
             assert!(near > 500 && far > 500, "{near} near, {far} far");
             assert!(directed > far * 9 / 10, "{directed} of {far}");
-            // Linear interpolation is off by most where the distance has a crease: less than half a cell there.
+            // The error of linear interpolation is largest where the distance has a crease: less than half a
+            // cell.
             errors.sort_unstable_by(f64::total_cmp);
             assert!(errors[errors.len() / 2] < 0.02 && errors[errors.len() - 1] < 0.5, "{:?}", errors.last());
         }

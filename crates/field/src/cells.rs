@@ -1,27 +1,28 @@
-//! Sums over the area of contact, a cell of the probe's surroundings and a direction at a time.
+//! Sums over the area of contact, by cell: a cube of the probe's surroundings and a direction.
 
 use glam::Vec3A;
 
 use crate::samples::Sample;
 
-/// No cell yet.
+/// Index of no cell.
 const NONE: u32 = u32::MAX;
 
 /// A sample in contact, in the probe's frame from its centre, m.
 #[derive(Clone, Copy, Debug)]
 pub struct ContactSample {
     pub point: Vec3A,
-    /// Out of the probe.
+    /// Unit normal out of the probe.
     pub normal: Vec3A,
     /// δ + d, in tolerances.
     pub reach: f32,
-    /// What it stands for, as a part of a cell's squared edge: in these units nothing is too small for single precision.
+    /// Area that it represents, as a fraction of a cell's squared edge: in these units no area is too small
+    /// for single precision.
     pub area: f32,
     /// The cube of the probe's surroundings that the sample is in.
     pub cube: u32,
     /// Whether it is on the probe's surface, or on the scene object's.
     pub is_probe: bool,
-    /// Which it is.
+    /// The sample of that surface.
     pub sample: Sample,
 }
 
@@ -31,12 +32,12 @@ pub struct Cell {
     slot: u32,
     /// Σ a (δ + d).
     pub pressure: f32,
-    /// Σ a (δ + d)², and the moment of it.
+    /// Σ a (δ + d)², and its first moment, Σ a (δ + d)² **x**.
     pub weight: f32,
     pub moment: Vec3A,
     /// Σ a (δ + d)² **n**.
     pub push: Vec3A,
-    /// Σ a (δ + d)³, and Σ a² (δ + d)² over the samples, for the part that each counts for.
+    /// Σ a (δ + d)³, and Σ a² (δ + d)² over the samples, each times its weight.
     pub cubes: f32,
     pub squares: f32,
     /// The deepest sample.
@@ -44,18 +45,20 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// How far off the mean of δ + d is by which the cell pushes, in tolerances: the standard error of samples that are anywhere.
-    /// Those that are in equal parts of the surface, each anywhere in its part, are about twice as near the mean.
+    /// Standard error of the mean of δ + d by which the cell pushes, in tolerances, for independent samples.
+    /// Stratified samples have about half of it.
     pub fn error(&self) -> f32 {
         let mean = self.weight / self.pressure;
         let count = self.pressure * self.pressure / self.squares;
-        // Few samples may be alike by chance, and one always is: as if there were another, half of the mean off.
+        // Few samples may be equal by chance, and a single one has no variance: as if there were another, off
+        // by half of the mean.
         let unseen = 0.25 * mean * mean / count;
         let variance = (self.cubes / self.pressure - mean * mean).max(0.0) + unseen;
         (variance / count).sqrt()
     }
 
-    /// Whether a sample of the cell is inside the other body, so that it is among the deepest of the parts of cubes.
+    /// Whether a sample of the cell is inside the other body, and so among the candidates for the deepest of
+    /// a part of a cube.
     pub fn penetrates(&self) -> bool {
         self.deepest.reach > 1.0
     }
@@ -74,27 +77,27 @@ impl Cell {
     }
 }
 
-/// Parts of a cube's edge; each part of a cube has a deepest place of its own.
+/// Number of parts of a cube's edge; the deepest sample of each part of a cube is kept.
 const PARTS: u32 = 4;
 
 /// The cells that hold contacts.
 #[derive(Clone, Debug)]
 pub struct Cells {
-    /// By cube and direction.
+    /// Indices of cells, by cube and direction.
     table: Vec<u32>,
     cells: Vec<Cell>,
     contacts: usize,
     /// Cubes along each axis, and parts of cubes in a unit of length (1/m).
     across: u32,
     per_unit: f32,
-    /// By part.
+    /// Indices in `deepest`, by part.
     parts: Vec<u32>,
     /// The deepest sample of each part in which bodies penetrate, with the part.
     deepest: Vec<(u32, ContactSample)>,
 }
 
 impl Cells {
-    /// For so many cubes along each axis, of an edge (m).
+    /// No cells, for `across` cubes along each axis, with an edge (m).
     pub fn new(across: u32, edge: f64) -> Self {
         let cubes = across.pow(3) as usize;
         Self {
@@ -118,10 +121,10 @@ impl Cells {
         self.contacts = 0;
     }
 
-    /// Adds a sample where the bodies penetrate to those that may be the deepest of their part.
+    /// Adds a sample where the bodies penetrate to the candidates for the deepest of its part.
     fn penetrate(&mut self, touch: &ContactSample) {
         let across = PARTS * self.across;
-        // From the centre of the probe, which is at a corner of cubes.
+        // Relative to the centre of the probe, which is at a corner of cubes.
         let at = (touch.point * self.per_unit + (across / 2) as f32).to_array();
         // Casts saturate.
         let [x, y, z] = at.map(|at| (at as u32).min(across - 1));
@@ -137,10 +140,11 @@ impl Cells {
         }
     }
 
-    /// Adds a sample, which counts for a part (0 to 1).
+    /// Adds a sample with a weight `part` (0 to 1).
     #[inline]
     pub fn add(&mut self, touch: &ContactSample, part: f32) {
         self.contacts += 1;
+        // The direction is the signed axis with the largest component of the normal.
         let size = touch.normal.abs();
         let axis = if size.x >= size.y && size.x >= size.z {
             0
@@ -174,7 +178,8 @@ impl Cells {
         cell.moment += weight * touch.point;
         cell.push += weight * touch.normal;
         cell.cubes += weight * touch.reach;
-        // The mean of two results is no further off than they are on average.
+        // Weighted with `part` rather than its square: the mean of two selections is at least as accurate as
+        // they are on average.
         cell.squares += pressure * whole;
         if touch.reach > cell.deepest.reach {
             cell.deepest = *touch;
@@ -189,7 +194,8 @@ impl Cells {
         self.deepest.iter().map(|(_, touch)| touch)
     }
 
-    /// Leaves the deepest so many of the deepest samples of parts; these, with those deeper than all others first.
+    /// Keeps only the `most` deepest of the deepest samples of parts; returns them, the `first` deepest
+    /// before the others.
     pub fn keep_deepest(&mut self, most: usize, first: usize) -> impl Iterator<Item = &mut ContactSample> {
         let order = |a: &(u32, ContactSample), b: &(u32, ContactSample)| {
             b.1.reach.total_cmp(&a.1.reach).then_with(|| a.0.cmp(&b.0))
@@ -206,8 +212,8 @@ impl Cells {
         self.deepest.iter_mut().map(|(_, touch)| touch)
     }
 
-    /// Joins cells of neighbouring cubes with the same direction until there are no more than some, or one a direction; `across` is the
-    /// number of cubes along each axis.
+    /// Joins cells of neighbouring cubes with the same direction until there are at most `most`, or one a
+    /// direction; `across` is the number of cubes along each axis.
     pub fn bound(&mut self, most: usize, across: u32) {
         let mut edge = 1;
         while self.cells.len() > most && edge < across {
@@ -219,7 +225,7 @@ impl Cells {
             let mut kept = 0;
             for index in 0..self.cells.len() {
                 let cell = self.cells[index];
-                // Slots of cubes that have been joined are those of larger cubes, twice as large each time.
+                // Joined cells have the slots of larger cubes, twice as large each time.
                 let across = across.div_ceil(edge / 2);
                 let (cube, direction) = (cell.slot / 6, cell.slot % 6);
                 let [x, y, z] =
@@ -238,12 +244,12 @@ impl Cells {
         }
     }
 
-    /// Those that hold contacts.
+    /// The cells that hold contacts.
     pub fn iter(&self) -> impl Iterator<Item = &Cell> {
         self.cells.iter()
     }
 
-    /// Samples that were added.
+    /// Number of samples added.
     pub fn contacts(&self) -> usize {
         self.contacts
     }

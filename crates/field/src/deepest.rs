@@ -1,4 +1,4 @@
-//! The deepest samples near a place, among the finest.
+//! The deepest of the finest samples near a place.
 
 use wide::f32x4;
 
@@ -6,11 +6,11 @@ use crate::cells::ContactSample;
 use crate::samples::Sample;
 use crate::side::Side;
 
-/// No sample.
+/// Index of no sample.
 const NONE: u32 = u32::MAX;
 
-/// The deepest of the samples around one that is in contact, from its own level to the finest: of those below it and its three
-/// neighbours, following the deepest two of each level.
+/// Finds the deepest sample around one that is in contact, from its own level to the finest, among those
+/// below it and its three neighbours. It follows the deepest two of each level.
 pub fn deepest_around(side: &Side, touch: &ContactSample) -> ContactSample {
     let mut best = *touch;
     let first = touch.sample.index & !3;

@@ -1,8 +1,8 @@
-//! The exact signed distance from a mesh.
+//! Exact signed distances from a mesh.
 //!
-//! The sign is that of the angle-weighted pseudonormal of the nearest feature (J. A. Bærentzen and H. Aanæs, *Signed distance
-//! computation using the angle weighted pseudonormal*, 2005): right for closed oriented meshes, and the side of the nearest
-//! face for open ones.
+//! The sign is that of the angle-weighted pseudonormal of the nearest feature (J. A. Bærentzen and H. Aanæs,
+//! *Signed distance computation using the angle weighted pseudonormal*, 2005): correct for closed oriented
+//! meshes, and the side of the nearest face for open ones.
 
 use std::collections::HashMap;
 
@@ -10,20 +10,21 @@ use glam::DVec3;
 use palpate_core::TriMesh;
 use wide::f32x4;
 
-/// Triangles of a leaf, and children of a node.
-const FOUR: usize = 4;
-/// The search is in single precision, in units of the mesh's size about its middle. What is further away than the nearest so far by
-/// this part of the distance and of the size is measured all the same.
-const LEEWAY: f64 = 2e-6;
+/// Number of triangles of a leaf, and of children of a node: one for each SIMD lane.
+const LANES: usize = 4;
+/// Margin of the search, as a fraction of the distance and of the mesh's size: triangles that seem further
+/// away than the nearest so far by less than this are measured exactly. It covers the rounding of the search,
+/// which is in single precision.
+const SEARCH_MARGIN: f64 = 2e-6;
 
-/// A mesh to ask for signed distances.
+/// A mesh prepared for exact signed distances.
 #[derive(Clone, Debug)]
 pub struct ExactDistance {
-    /// In the order of the leaves, of which each begins at a multiple of four.
+    /// Triangles in the order of the leaves, of which each begins at a multiple of four.
     triangles: Vec<Triangle>,
-    /// Their corners, four triangles at a time.
+    /// Corners of the triangles, four triangles at a time.
     leaves: Vec<Leaf>,
-    /// The root first.
+    /// Nodes, the root first.
     nodes: Vec<Node>,
     /// Middle and size of the mesh, m.
     middle: DVec3,
@@ -42,49 +43,51 @@ struct Triangle {
     vertices: [DVec3; 3],
 }
 
-/// Boxes around four children, and where these are: nodes, or leaves beyond [`IS_LEAF`]. There may be fewer, [`NONE`] then.
+/// Boxes around four children, and the children's indices: nodes, or leaves with the flag [`IS_LEAF`], or
+/// [`NONE`] where there are fewer.
 #[derive(Clone, Copy, Debug)]
 struct Node {
     low: [f32x4; 3],
     high: [f32x4; 3],
-    children: [u32; FOUR],
+    children: [u32; LANES],
 }
 
+/// Flag of a leaf in the index of a child.
 const IS_LEAF: u32 = 1 << 31;
+/// Index of no child.
 const NONE: u32 = u32::MAX;
 
 /// The nearest point of a surface.
 #[derive(Clone, Copy, Debug)]
 pub struct Nearest {
-    /// m.
+    /// Its position, m.
     pub point: DVec3,
-    /// Negative inside, m.
+    /// Signed distance from it, negative inside, m.
     pub distance: f64,
-    /// Where a search nearby starts best.
+    /// The triangle that it is on, as a hint for a search nearby.
     pub hint: u32,
 }
 
 impl ExactDistance {
-    /// Of a mesh's surface.
+    /// Prepares a mesh's surface.
     ///
     /// # Panics
-    /// If it has no triangles.
+    /// If the mesh has no triangles.
     pub fn new(mesh: &TriMesh) -> Self {
         assert!(!mesh.triangles().is_empty(), "a mesh without triangles has no distance");
-        let triangles = with_pseudonormals(mesh);
+        let mut triangles = with_pseudonormals(mesh);
         let corners = || triangles.iter().flat_map(|triangle| triangle.corners);
         let low = corners().fold(DVec3::INFINITY, DVec3::min);
         let high = corners().fold(DVec3::NEG_INFINITY, DVec3::max);
         let (middle, size) = (low.midpoint(high), (high - low).max_element() / 2.0);
-        // Of a single point nothing is to be searched.
+        // A mesh that is a single point has no size to scale by.
         let size = if size > 0.0 { size } else { 1.0 };
         let mut tree = Self { triangles: Vec::new(), leaves: Vec::new(), nodes: Vec::new(), middle, size };
-        let mut own = triangles;
-        tree.split(&mut own);
+        tree.split(&mut triangles);
         tree
     }
 
-    /// The nearest point to a point, m. `hint` is that of a search nearby, or 0.
+    /// The point of the surface nearest to a point, m. `hint` is that of a search nearby, or 0.
     pub fn nearest(&self, p: DVec3, hint: u32) -> Nearest {
         let closest = |index: u32| closest(p, &self.triangles[index as usize].corners);
         let mut best = (closest(hint), hint);
@@ -93,10 +96,10 @@ impl ExactDistance {
         let at = [at.x, at.y, at.z].map(f32x4::splat);
         let limit = |squared: f64| {
             let distance = squared.sqrt() / self.size;
-            (distance + LEEWAY * (distance + 1.0)).powi(2) as f32
+            (distance + SEARCH_MARGIN * (distance + 1.0)).powi(2) as f32
         };
         let mut most = limit(squared);
-        // A tree of 2³² triangles has 16 levels, each of which leaves three behind.
+        // A tree of 2³² triangles has 16 levels, each of which leaves three children on the stack.
         let mut stack = [(0u32, 0.0f32); 64];
         let mut top = 1;
         while top > 0 {
@@ -110,8 +113,8 @@ impl ExactDistance {
                 let near = squared_distances(&self.leaves[leaf as usize], &at)
                     .simd_le(f32x4::splat(most))
                     .to_bitmask();
-                for lane in (0..FOUR as u32).filter(|lane| near & 1 << lane != 0) {
-                    let triangle = FOUR as u32 * leaf + lane;
+                for lane in (0..LANES as u32).filter(|lane| near & 1 << lane != 0) {
+                    let triangle = LANES as u32 * leaf + lane;
                     let found = closest(triangle);
                     let distance = found.0.distance_squared(p);
                     if distance < squared {
@@ -125,9 +128,9 @@ impl ExactDistance {
             let bounds = node.squared_distances(&at);
             let near = bounds.simd_le(f32x4::splat(most)).to_bitmask();
             let bounds = bounds.to_array();
-            // The nearest is to be next.
+            // Sorted insertion, so that the nearest child is popped first.
             let first = top;
-            for lane in (0..FOUR).filter(|lane| near & 1 << lane != 0 && node.children[*lane] != NONE) {
+            for lane in (0..LANES).filter(|lane| near & 1 << lane != 0 && node.children[*lane] != NONE) {
                 let mut place = top;
                 while place > first && stack[place - 1].1 < bounds[lane] {
                     stack[place] = stack[place - 1];
@@ -157,13 +160,13 @@ impl ExactDistance {
             + self.nodes.capacity() * size_of::<Node>()
     }
 
-    /// Makes the tree of some triangles, and returns where it is.
+    /// Builds the subtree of some triangles, and returns its index.
     fn split(&mut self, own: &mut [Triangle]) -> u32 {
         let scaled = |corner: DVec3| ((corner - self.middle) / self.size).as_vec3();
-        if own.len() <= FOUR && !self.nodes.is_empty() {
+        if own.len() <= LANES && !self.nodes.is_empty() {
             let leaf = self.leaves.len() as u32;
-            // Where there are fewer than four, the last is there again.
-            let four: [Triangle; FOUR] = std::array::from_fn(|lane| own[lane.min(own.len() - 1)]);
+            // A leaf of fewer than four repeats the last triangle.
+            let four: [Triangle; LANES] = std::array::from_fn(|lane| own[lane.min(own.len() - 1)]);
             let corners = four.map(|triangle| triangle.corners.map(scaled));
             self.leaves.push([0, 1, 2].map(|corner| {
                 [0, 1, 2].map(|axis| f32x4::new(std::array::from_fn(|lane| corners[lane][corner][axis])))
@@ -182,7 +185,7 @@ impl ExactDistance {
         let (a, b) = left.split_at_mut(middle);
         let (c, d) = right.split_at_mut(end);
         let quarters = [a, b, c, d];
-        // Rounded outwards.
+        // The boxes are rounded outwards.
         let bounds = quarters.each_ref().map(|own| {
             let points = || own.iter().flat_map(|triangle| triangle.corners).map(scaled);
             let low = points().fold(glam::Vec3::INFINITY, glam::Vec3::min) - f32::EPSILON;
@@ -194,7 +197,7 @@ impl ExactDistance {
         self.nodes.push(Node {
             low: [0, 1, 2].map(|axis| lanes(&|bounds| bounds.0[axis])),
             high: [0, 1, 2].map(|axis| lanes(&|bounds| bounds.1[axis])),
-            children: [NONE; FOUR],
+            children: [NONE; LANES],
         });
         for (lane, own) in quarters.into_iter().enumerate() {
             if !own.is_empty() {
@@ -205,7 +208,7 @@ impl ExactDistance {
     }
 }
 
-/// Reorders triangles along the longest axis of their box, so that the first so many are before the others.
+/// Reorders triangles along the longest axis of their box, so that the first `middle` are before the others.
 fn divide(own: &mut [Triangle], middle: usize) {
     if own.len() < 2 {
         return;
@@ -232,8 +235,8 @@ fn cross(a: &Vec3x4, b: &Vec3x4) -> Vec3x4 {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-/// The squares of a point's distances from four triangles: from their planes where it is above or below them, and else from the
-/// nearest edge.
+/// Squared distances of a point from four triangles: from a triangle's plane where the point projects into
+/// the triangle, else from its nearest edge.
 fn squared_distances(corners: &Leaf, p: &Vec3x4) -> f32x4 {
     let zero = f32x4::ZERO;
     let edges = [0, 1, 2].map(|i| minus(&corners[(i + 1) % 3], &corners[i]));
@@ -260,7 +263,7 @@ impl Node {
     }
 }
 
-/// Where on a triangle a point is.
+/// Feature of a triangle on which a point lies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Feature {
     Face,
@@ -270,6 +273,8 @@ enum Feature {
 
 /// The point of a triangle nearest to a point (Ericson 2005, §5.1.5).
 fn closest(p: DVec3, &[a, b, c]: &[DVec3; 3]) -> (DVec3, Feature) {
+    // Voronoi regions of the corners and edges in turn; va, vb, vc are barycentric coordinates times their
+    // sum.
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(ap), ac.dot(ap));
     if d1 <= 0.0 && d2 <= 0.0 {
@@ -306,7 +311,7 @@ fn with_pseudonormals(mesh: &TriMesh) -> Vec<Triangle> {
     let mut of_vertex = vec![DVec3::ZERO; mesh.vertices().len()];
     let mut of_edge: HashMap<[u32; 2], DVec3> = HashMap::new();
     let edge = |a: u32, b: u32| [a.min(b), a.max(b)];
-    // What has no area has no side, and is where its neighbours are.
+    // A triangle without an area has no normal, and its points are on its neighbours too.
     let solid = (0..mesh.triangles().len()).filter(|t| normal(mesh.corners(*t)) != DVec3::ZERO);
     let solid: Vec<usize> = solid.collect();
     for &t in &solid {
@@ -328,8 +333,11 @@ fn with_pseudonormals(mesh: &TriMesh) -> Vec<Triangle> {
             vertices: indices.map(|v| of_vertex[v as usize]),
         }
     };
-    let all = solid.is_empty();
-    if all { (0..mesh.triangles().len()).map(of).collect() } else { solid.into_iter().map(of).collect() }
+    if solid.is_empty() {
+        (0..mesh.triangles().len()).map(of).collect()
+    } else {
+        solid.into_iter().map(of).collect()
+    }
 }
 
 #[cfg(test)]
@@ -361,7 +369,7 @@ mod tests {
             let (mut hint, mut inside) = (0, 0);
             for round in 0..300 {
                 let direction = DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)));
-                // Half of them near the surface.
+                // Half of the points are near the surface.
                 let on = mesh.corners(rng.random_range(0..mesh.triangles().len()))[0];
                 let point = if round % 2 == 0 {
                     sphere.center + sphere.radius * direction

@@ -1,16 +1,16 @@
-//! Bodies as bytes, to be kept in files: a header and a body of fixed-size little-endian records.
+//! The file format of bodies: a header and a body of fixed-size little-endian records.
 //!
 //! | part | content |
 //! |---|---|
 //! | header, 24 bytes | magic `palpfeld`, version u32, length of the body u64, CRC-32 (IEEE) of the body u32 |
 //! | body | centre and radius of the bounding sphere, error (5 f64) |
 //! | field | origin, lattice constant, band, step (6 f64), bricks along each axis (3 u32), samples (u32) |
-//! | | of each brick its samples (u32) and whether it is inside (u8); coarse squares (f32); samples (i16) |
+//! | | index of each brick's samples (u32), whether it is inside (u8); coarse squares (f32); samples (i16) |
 //! | surface | area of a sample (f64), samples (u32), levels (u32); the finest (i8) |
-//! | | of each level above its fours (u32), samples (12 f32 each) and spheres (16 f32 each) |
+//! | | for each level above: number of fours (u32), samples (12 f32 each), spheres (16 f32 each) |
 //!
-//! Nothing in a file is trusted: the length and the checksum come first, every count is compared with what it has to be, and indices are
-//! checked.
+//! Files are not trusted: the length and the checksum are checked first, every count is compared with its
+//! only valid value, and indices are checked.
 
 use glam::{DVec3, UVec3};
 use wide::f32x4;
@@ -19,37 +19,32 @@ const MAGIC: [u8; 8] = *b"palpfeld";
 const VERSION: u32 = 1;
 const HEADER_BYTES: usize = 24;
 
-/// Why bytes are no body.
+/// Error of reading a body from bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FormatError {
-    /// They do not begin as those of a body do.
+    /// The bytes do not begin with the format's magic number.
     #[error("not a distance field of palpate: make it again from its mesh")]
     NotAField,
-    /// They are of another version of the format.
+    /// The bytes have another version of the format.
     #[error(
         "the distance field has format version {found}, but this program reads version {VERSION}: make it again from its mesh"
     )]
     Version {
-        /// Its version.
+        /// The version of the bytes.
         found: u32,
     },
-    /// There are more or fewer than were written, or others.
+    /// The bytes are not those that were written.
     #[error("the distance field is damaged: make it again from its mesh")]
     Damaged,
 }
 
-/// Where records are written to.
-pub(crate) struct Writer(Vec<u8>);
+/// A writer of records.
+pub(crate) struct Writer(pub Vec<u8>);
 
 impl Writer {
-    /// A writer with room for a number of bytes.
-    pub fn with_capacity(bytes: usize) -> Self {
-        Self(Vec::with_capacity(bytes))
-    }
-
-    /// What was written, with the header before it.
+    /// The bytes written, after the header.
     pub fn finish(mut self) -> Vec<u8> {
-        let mut all = Self::with_capacity(HEADER_BYTES + self.0.len());
+        let mut all = Self(Vec::with_capacity(HEADER_BYTES + self.0.len()));
         all.u8(MAGIC);
         all.u32([VERSION]);
         all.u8((self.0.len() as u64).to_le_bytes());
@@ -85,7 +80,7 @@ impl Writer {
     }
 }
 
-/// Where records are read from.
+/// A reader of records.
 pub(crate) struct Reader<'a>(&'a [u8]);
 
 impl<'a> Reader<'a> {
@@ -107,7 +102,7 @@ impl<'a> Reader<'a> {
         if self.0.is_empty() { Ok(()) } else { Err(FormatError::Damaged) }
     }
 
-    /// Of a number of records of so many bytes each.
+    /// Reads the bytes of `count` records of `each` bytes.
     pub fn bytes(&mut self, count: usize, each: usize) -> Result<&'a [u8], FormatError> {
         let length = count.checked_mul(each).ok_or(FormatError::Damaged)?;
         let (taken, left) = self.0.split_at_checked(length).ok_or(FormatError::Damaged)?;
@@ -127,20 +122,20 @@ impl<'a> Reader<'a> {
         Ok(self.bytes(count, 4)?.as_chunks().0.iter().map(|bytes| u32::from_le_bytes(*bytes)).collect())
     }
 
-    /// Numbers that are not NaN.
+    /// Reads numbers, none of which may be NaN.
     pub fn f32s(&mut self, count: usize) -> Result<Vec<f32>, FormatError> {
         let values: Vec<f32> =
             self.bytes(count, 4)?.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
         if values.iter().any(|value| value.is_nan()) { Err(FormatError::Damaged) } else { Ok(values) }
     }
 
-    /// A number that is finite.
+    /// Reads a number, which must be finite.
     pub fn f64(&mut self) -> Result<f64, FormatError> {
         let value = f64::from_le_bytes(self.array()?);
         if value.is_finite() { Ok(value) } else { Err(FormatError::Damaged) }
     }
 
-    /// A number that is finite and above 0.
+    /// Reads a number, which must be finite and above 0.
     pub fn positive(&mut self) -> Result<f64, FormatError> {
         self.f64().and_then(|value| if value > 0.0 { Ok(value) } else { Err(FormatError::Damaged) })
     }
@@ -170,7 +165,7 @@ mod tests {
     use crate::body::{FieldBody, FieldOptions};
 
     #[test]
-    fn a_body_survives_its_bytes_and_damage_is_told() {
+    fn a_body_survives_its_bytes_and_damage_is_refused() {
         let mesh = Model::Torus.generate(2000).expect("in range");
         let options =
             FieldOptions { memory: 500_000, ..FieldOptions::new(0.03 * mesh.bounding_sphere().radius) };
@@ -184,7 +179,7 @@ mod tests {
         let mut other = bytes.clone();
         other[8] += 1;
         assert_eq!(refused(&other), FormatError::Version { found: VERSION + 1 });
-        // With a checksum that fits, what is in it is refused, or harmless.
+        // With a corrected checksum, damaged content is refused or harmless.
         let mut rng = StdRng::seed_from_u64(0xF11E);
         for _ in 0..300 {
             let mut other = bytes.clone();

@@ -1,4 +1,5 @@
-//! What a query knows of one body's samples, and what of them it has yet to look at.
+//! The front of a selection in the hierarchy of one body's samples: the samples still to be visited, and
+//! earlier readings.
 
 use std::ops::Range;
 
@@ -10,22 +11,23 @@ use crate::selection::Selection;
 use crate::side::{Side, bits};
 use crate::slack::{Clocks, Known, LastRead, after, steps_per};
 
-/// What interpolated distances may change by more than points are apart, in lattice constants: they bend near creases.
+/// Largest change of interpolated distances between two points beyond the points' distance, in lattice
+/// constants: interpolation bends near creases.
 pub const SLACK: f32 = 0.25;
-/// Slope of interpolated distances at most, √3 and a little: along each axis they change by no more than the way.
-pub const STEEPEST: f32 = 1.74;
+/// Largest slope of interpolated distances, √3 and a margin: along each axis it is at most 1.
+pub const MAX_SLOPE: f32 = 1.74;
 
-/// So many fours are looked at in a step.
-const TOGETHER: usize = 128;
+/// Number of fours visited in a step.
+const BATCH: usize = 128;
 
-/// Levels of samples above this one are not read: too few points to stand for a contact.
-pub const COARSEST: usize = 5;
+/// Coarsest level whose samples are read: the levels above have too few points to represent a contact.
+pub const COARSEST_LEVEL: usize = 5;
 
 /// Four samples of a level that may be in reach, or something below them.
 #[derive(Clone, Copy, Debug)]
 struct Four {
     index: u32,
-    /// How much of what they push with may count.
+    /// Largest weight that they can have.
     weight: f32,
 }
 
@@ -36,7 +38,7 @@ struct Active {
     weight: f32,
     /// The cube that the first of them is in.
     place: u32,
-    /// Bit by bit: which of them to read, of those that are read first and of the others.
+    /// Bit masks of those to read: of the two that are read first, and of the others.
     awake: [u8; 2],
 }
 
@@ -45,24 +47,25 @@ struct Active {
 struct Open {
     index: u32,
     weight: f32,
-    /// Bit by bit: below which.
+    /// Bit mask of the samples below which something may be in reach.
     lanes: u8,
-    /// Bit by bit: of which that is to be found out.
+    /// Bit mask of those for which that has to be read.
     unknown: u8,
 }
 
-/// Regions that are no further out of reach than this are near, in reaches.
-pub const FURTHER: f32 = 2.0;
+/// Distance beyond reach, in reaches, up to which regions count as near.
+pub const NEAR_MARGIN: f32 = 2.0;
 
-/// The two of four samples that are read first, bit by bit: one of the first two, one of the last two, at random.
+/// Bit mask of the two of four samples that are read first: one of the first two, one of the last two, at
+/// random.
 #[inline]
 fn first_lanes(level: usize, four: usize) -> u32 {
-    const EACH: [u32; 4] = [0b0101, 0b1001, 0b0110, 0b1010];
+    const MASKS: [u32; 4] = [0b0101, 0b1001, 0b0110, 0b1010];
     let hash = (four as u32 ^ (level as u32) << 27).wrapping_mul(0x9E37_79B9);
-    EACH[(hash >> 30) as usize]
+    MASKS[(hash >> 30) as usize]
 }
 
-/// Points that wait to be read, in the body's frame, m: four at a time, and those that do not make up four.
+/// Points to be read, in the body's frame, m: four at a time, and the rest.
 #[derive(Clone, Debug)]
 struct Queue {
     fours: Vec<[f32x4; 3]>,
@@ -100,7 +103,7 @@ impl Queue {
         }
     }
 
-    /// All of the points, the last repeated so that there are only whole fours; how many there were.
+    /// Completes the last four by repeating the last point; returns the number of points.
     fn finish(&mut self) -> usize {
         if !self.count.is_multiple_of(4) {
             for axis in &mut self.rest {
@@ -122,42 +125,44 @@ impl Queue {
 pub struct Front {
     known: Known,
     pub clocks: Clocks,
-    /// Of the present level, and of the next after [`Self::descend`].
+    /// Fours of the present level; after [`Self::descend`], of the next.
     now: Vec<Four>,
-    /// The first that has not been looked at: of them, or of what is active or open.
+    /// Index of the first that has not been visited, in `now`, `active` or `open`.
     next: usize,
+    /// Fours whose samples are read.
     active: Vec<Active>,
+    /// Fours to descend from.
     open: Vec<Open>,
     queue: Queue,
-    /// Of each point of the queue, how far inside of reach it is, in lattice constants.
+    /// Values read for the points of the queue, in lattice constants.
     found: Vec<f32>,
-    /// Within reach, of the present level.
+    /// Samples of the present level within reach.
     touching: Vec<Touch>,
-    /// Readings of spheres and of samples so far.
+    /// Numbers of readings of spheres and of samples so far.
     pub read: [usize; 2],
-    /// Fours looked at so far.
+    /// Number of fours visited so far.
     pub visited: usize,
 }
 
 impl Front {
     pub fn new(samples: &SurfaceSamples) -> Self {
-        const USUAL: usize = 4096;
+        const INITIAL_CAPACITY: usize = 4096;
         Self {
             known: Known::new(samples),
             clocks: Clocks::new(samples),
-            now: Vec::with_capacity(USUAL),
+            now: Vec::with_capacity(INITIAL_CAPACITY),
             next: 0,
-            active: Vec::with_capacity(USUAL),
-            open: Vec::with_capacity(USUAL),
-            queue: Queue::with_capacity(USUAL),
-            found: Vec::with_capacity(2 * USUAL),
-            touching: Vec::with_capacity(2 * USUAL),
+            active: Vec::with_capacity(INITIAL_CAPACITY),
+            open: Vec::with_capacity(INITIAL_CAPACITY),
+            queue: Queue::with_capacity(INITIAL_CAPACITY),
+            found: Vec::with_capacity(2 * INITIAL_CAPACITY),
+            touching: Vec::with_capacity(2 * INITIAL_CAPACITY),
             read: [0; 2],
             visited: 0,
         }
     }
 
-    /// Nothing is known any more.
+    /// Forgets all readings.
     pub fn forget(&mut self) {
         self.known.forget();
         self.clocks.reset();
@@ -175,13 +180,14 @@ impl Front {
         }
     }
 
-    /// The fours of the present level that are to be looked at.
+    /// The fours of the present level to be visited.
     pub fn now(&self) -> impl Iterator<Item = u32> {
         self.now.iter().map(|four| four.index)
     }
 
-    /// Looks at some of the fours of a level: reads the first two samples of each where they may be in contact, and leaves fours out
-    /// that neither are nor have anything in reach below them. Returns whether it has looked at all of them.
+    /// Visits some of the fours of a level: reads the first two samples of each where they may be in contact,
+    /// and drops fours that are not in contact and have nothing in reach below them. Returns whether all have
+    /// been visited.
     pub fn visit(&mut self, side: &Side, level: usize, tolerance: f64) -> bool {
         if self.next == 0 {
             self.touching.clear();
@@ -190,16 +196,16 @@ impl Front {
         }
         self.queue.clear();
         let first = self.active.len();
-        let some = self.next..(self.next + TOGETHER).min(self.now.len());
+        let some = self.next..(self.next + BATCH).min(self.now.len());
         self.visited += some.len();
         self.next = some.end;
         let (known, mut above) = self.known.level(level);
         let (clock, clock_above) = (self.clocks.at(level), self.clocks.at(level + 1));
-        let is_sampled = level <= COARSEST;
+        let is_sampled = level <= COARSEST_LEVEL;
         for Four { index, weight } in self.now[some].iter().copied() {
             let four = index as usize;
             let now = clock.of_four(four);
-            // Steps until something is to be looked at again, if nothing is now.
+            // Steps until something has to be read again, if nothing has to be now.
             let mut left = u32::MAX;
             let mut is_awake = false;
             if is_sampled {
@@ -207,6 +213,7 @@ impl Front {
                 left = first.until().min(others.until()).saturating_sub(now);
                 is_awake = left == 0 || first.in_contact() | others.in_contact() != 0;
             }
+            // Below the samples: spheres in reach, and those that have to be read.
             let (mut lanes, mut unknown) = (0, 0);
             if level > 0 {
                 let now = clock.of_each(four);
@@ -216,6 +223,7 @@ impl Front {
                     left = left.min(spheres.left(now));
                 }
             }
+            // Nothing to do: the sphere around it, in the level above, counts as out of reach until then.
             if !is_awake && lanes == 0 {
                 if let Some(above) = &mut above {
                     let until = after(clock_above.of(four), left as f32);
@@ -249,29 +257,30 @@ impl Front {
         is_end
     }
 
-    /// Adds the samples within reach to those of each cube; each of them stands for an area, as a part of a cell's squared edge.
+    /// Adds the samples within reach to the sums of their cubes; each represents an area, as a fraction of a
+    /// cell's squared edge.
     pub fn add_to(&self, sampling: &mut Sampling, area: f32) {
         self.touching.iter().for_each(|touch| sampling.add(touch, area));
     }
 
-    /// Counts as much of each sample as there is enough of them.
+    /// Adds to the counted area of each sample, by the weight of the present half.
     pub fn count(&mut self, sampling: &Sampling) {
         for touch in &mut self.touching {
             touch.counted += sampling.share(touch.place) * touch.area;
         }
     }
 
-    /// Goes on to the other two samples of some of the fours, where there are not enough of those read so far. Returns whether it has
-    /// looked at all of them.
+    /// Visits the other two samples of some of the fours, where those read so far are not enough. Returns
+    /// whether all have been visited.
     pub fn visit_others(&mut self, side: &Side, level: usize, sampling: &Sampling, tolerance: f64) -> bool {
         if self.next == 0 {
-            // Each of those read so far stands for half as much now.
+            // Each sample read so far represents half as much now.
             for touch in &mut self.touching {
                 touch.area *= 0.5 * (1.0 - sampling.share(touch.place));
             }
         }
         self.queue.clear();
-        let some = self.next..(self.next + TOGETHER).min(self.active.len());
+        let some = self.next..(self.next + BATCH).min(self.active.len());
         self.next = some.end;
         for four in &mut self.active[some.clone()] {
             four.weight *= 1.0 - sampling.share(four.place);
@@ -285,7 +294,7 @@ impl Front {
         self.is_end(self.active.len())
     }
 
-    /// Whether all of so many have been looked at; then the next look begins at the first again.
+    /// Whether all of `count` have been visited; then the next visit begins at the first again.
     fn is_end(&mut self, count: usize) -> bool {
         let is_end = self.next == count;
         if is_end {
@@ -294,8 +303,8 @@ impl Front {
         is_end
     }
 
-    /// Reads the samples of the queue, which are those that are awake of one half of each four, and notes which are in contact and until
-    /// when the others are not.
+    /// Reads the samples of the queue, the awake ones of one half of each four, and stores which are in
+    /// contact and until when the others are not.
     fn read(&mut self, side: &Side, level: usize, half: usize, some: Range<usize>, tolerance: f64) {
         let (known, _) = self.known.level(level);
         self.read[1] += self.queue.finish();
@@ -304,7 +313,7 @@ impl Front {
             self.found.extend_from_slice(side.inside(point).as_array());
         }
         let per_unit = steps_per(side.field.spacing(), tolerance);
-        // The first two of four stand for all.
+        // The first two of four represent all four.
         let area = if half == 0 { 2.0 } else { 1.0 } * side.area(level);
         let clock = self.clocks.at(level);
         let mut found = self.found.iter();
@@ -328,16 +337,16 @@ impl Front {
             let index = four.index as usize;
             let known = &mut known.fours[index][half];
             let now = clock.of_four(index);
-            let mut until = after(now, (-nearest - SLACK).max(-nearest / STEEPEST) * per_unit);
+            let mut until = after(now, (-nearest - SLACK).max(-nearest / MAX_SLOPE) * per_unit);
             if known.until() > now {
-                // The others were left alone.
+                // The others were not read: their reading still holds.
                 until = until.min(known.until());
             }
             *known = LastRead::new(in_contact, until);
         }
     }
 
-    /// Selects those samples of the present level that count.
+    /// Selects the samples of the present level with a weight.
     pub fn select(&self, side: &Side, level: usize, to: &mut Selection) {
         for touch in self.touching.iter().filter(|touch| touch.counted > 0.0) {
             let sample = Sample { level: level as u8, index: touch.index };
@@ -345,16 +354,16 @@ impl Front {
         }
     }
 
-    /// Goes on from some of the fours to the samples of the next level, where there are not enough of this one and there may be some
-    /// within reach. Returns whether it has gone on from all of them.
+    /// Descends from some of the fours to the samples of the next level, where those of this one are not
+    /// enough and some may be within reach. Returns whether it has descended from all.
     pub fn descend(&mut self, side: &Side, level: usize, sampling: &Sampling, tolerance: f64) -> bool {
         self.queue.clear();
-        let some = self.next..(self.next + TOGETHER).min(self.open.len());
+        let some = self.next..(self.next + BATCH).min(self.open.len());
         self.next = some.end;
-        let counts = level <= COARSEST && sampling.counts();
+        let counts = level <= COARSEST_LEVEL && sampling.counts();
         let spheres = &side.samples.levels[level].spheres;
         let (known, _) = self.known.level(level);
-        // Of which it has to be found out first whether they are in reach.
+        // Reads the spheres for which it is not known whether they are in reach.
         for four in &mut self.open[some.clone()] {
             let index = four.index as usize;
             if counts {
@@ -371,8 +380,9 @@ impl Front {
             self.found.extend_from_slice(side.distances(point).as_array());
         }
         let scale = 1.0 / side.field.spacing() as f32;
-        // Regions are looked at that are further away: each is near, or so far away that it matters little how far it moves.
-        let further = if level > self.clocks.level() { FURTHER * side.reach() } else { 0.0 };
+        // Above the level of regions, spheres are followed further: each region is near, or so far away that
+        // its motion hardly matters.
+        let further = if level > self.clocks.level() { NEAR_MARGIN * side.reach() } else { 0.0 };
         let reach = side.reach() + further + SLACK;
         let per_unit = steps_per(side.field.spacing(), tolerance);
         let clock = self.clocks.at(level);

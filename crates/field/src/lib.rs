@@ -1,4 +1,5 @@
-//! Signed distance fields of meshes, and contacts found in them: few, each with the area that it stands for.
+//! Signed distance fields of meshes, and representative contacts found in them: few contacts, each with the
+//! surface area that it represents.
 
 mod area_law;
 mod body;
@@ -17,7 +18,7 @@ mod side;
 mod slack;
 mod steady;
 
-/// Changes whenever the same mesh and options make another body.
+/// Revision of the bodies, raised whenever the same mesh and options give another [`FieldBody`].
 pub const REVISION: u32 = 3;
 
 pub use area_law::{AreaContact, AreaLaw};

@@ -1,7 +1,8 @@
-//! Representative contacts: integrals over the area of contact, a cell of the probe's surroundings and a direction at a time.
+//! Queries for representative contacts: integrals over the area of contact, by cube of the probe's
+//! surroundings and direction.
 //!
-//! Samples of either surface are asked for their distance from the other body: those that were [selected](crate::selector) at a pose
-//! that the bodies have not moved far from.
+//! The distances of samples of either surface are read in the other body's field: of those samples that were
+//! [selected](crate::selector) at a pose that the bodies have not moved far from.
 
 use std::time::{Duration, Instant};
 
@@ -13,103 +14,118 @@ use crate::area_law::AreaContact;
 use crate::body::FieldBody;
 use crate::cells::{Cell, Cells, ContactSample};
 use crate::deepest::deepest_around;
-use crate::front::{FURTHER, Front, SLACK, STEEPEST};
+use crate::front::{Front, MAX_SLOPE, NEAR_MARGIN, SLACK};
 use crate::selection::{Held, SelectedFour};
 use crate::selector::Selector;
 use crate::side::Side;
 use crate::slack::{changes, motion_bound};
 use crate::steady::Steady;
 
-/// Cells that push by less than this part of the strongest do not count for the error.
-const WEAK: f32 = 0.1;
+/// Smallest weight of a cell that counts for the error, as a fraction of the largest.
+const MIN_COUNTED_WEIGHT: f32 = 0.1;
 
-/// So many of the deepest places are looked for among the finest samples.
-const REFINED: usize = 8;
+/// Largest number of deepest places that are refined among the finest samples.
+const MAX_REFINED: usize = 8;
 
-/// Samples are selected up to this part of the tolerance beyond it.
-const MARGIN: f64 = 0.5;
-/// A selection holds until something that was left out may be in contact by this part of the tolerance: 1 would be until it may
-/// penetrate, but for what interpolated distances are off by, which [`SLACK`] sees to.
-const LATE: f64 = 1.0;
-/// And until a selected sample has come nearer by this part of the margin: what was left out nearby will hardly have come nearer by
-/// more.
-const CHANGED: f64 = 0.75;
-/// A selection is made in the course of at most about so many queries, and in no more than this part of the time that it holds for.
-const STEPS: f64 = 8.0;
-const AHEAD: f64 = 0.8;
-/// A selection is made for a pose that is this part of the motion that it holds for ahead, but no more than so many queries.
+/// Distance beyond the tolerance up to which samples are selected, as a fraction of it. A larger one makes
+/// selections hold longer, and read more samples.
+const SELECTION_MARGIN: f64 = 0.5;
+/// Largest depth δ + d, in tolerances, that a sample that was left out may reach while a selection holds.
+/// With 1, none penetrates but for the error of interpolated distances, which [`SLACK`] covers.
+const MAX_MISSED_REACH: f64 = 1.0;
+/// Largest approach of a selected sample while a selection holds, as a fraction of the margin: samples nearby
+/// that were left out will hardly have approached by more.
+const MAX_APPROACH: f64 = 0.75;
+/// Largest number of queries, approximately, in the course of which a selection is made.
+const MAX_SELECTION_QUERIES: f64 = 8.0;
+/// Largest fraction of the time that a selection holds in which the next one is made.
+const TIME_SHARE: f64 = 0.8;
+/// Lead of the pose that a selection is made for, as a fraction of the motion for which it holds; also the
+/// smallest lead, in queries.
 const LEAD: f64 = 0.5;
-const LONGEST_LEAD: f64 = 64.0;
-/// It fades in over so many queries, or in this part of the time that it holds for as fast as bodies move; where that is short, at once,
-/// for the force changes by more as they move so fast than it does from one selection to the next.
-const FADE: f64 = 64.0;
-const FADED: f64 = 0.04;
-const SHORT: f64 = 4.0;
+/// Largest lead, in queries.
+const MAX_LEAD: f64 = 64.0;
+/// Largest number of queries over which a selection fades in.
+const MAX_FADE: f64 = 64.0;
+/// Time over which a selection fades in, as a fraction of the time that it holds at the present speed.
+const FADE_SHARE: f64 = 0.04;
+/// Smallest number of queries of a fade. If it would be shorter, the selection counts at once: at such a
+/// speed the force changes more by the motion than from one selection to the next.
+const MIN_FADE: f64 = 4.0;
 
-/// Of bounds in single precision, as a part of them.
+/// Rounding of bounds in single precision, as a fraction of them.
 const ROUNDING: f64 = 1e-5;
 
-/// What a query asks for.
+/// Settings of a query.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FieldSettings {
-    /// d: surfaces closer than this are in contact, m. No more than the bodies were made for.
+    /// d: surfaces closer than this are in contact, m. At most the tolerance that the bodies were prepared
+    /// for.
     pub tolerance: f64,
-    /// EPS: how far off the depth may be that each cell pushes by, m. It decides how many samples are read.
+    /// EPS: largest error of the depth by which each cell pushes, m. It determines the number of samples
+    /// read.
     pub error: f64,
-    /// Contacts that may be reported at most, at least 16. Where there are more, those of neighbouring cells are joined.
-    pub most: usize,
-    /// Time for a query, if it is limited: samples that there is no time for are left out, the finest first.
+    /// Largest number of contacts reported, at least 16. If there are more, those of neighbouring cells are
+    /// joined.
+    pub max_contacts: usize,
+    /// Time limit of a query, if there is one: samples for which there is no time are left out, the finest
+    /// first.
     pub budget: Option<Duration>,
 }
 
 impl FieldSettings {
-    /// For contacts within a tolerance (d, m), to an error of 5 % of that, 256 at most, without limit of time.
+    /// Settings for at most 256 contacts within a tolerance (d, m), to an error of 5 % of it, without a time
+    /// limit.
     pub fn new(tolerance: f64) -> Self {
-        Self { tolerance, error: 0.05 * tolerance, most: 256, budget: None }
+        Self { tolerance, error: 0.05 * tolerance, max_contacts: 256, budget: None }
     }
 
-    /// How many samples in contact there are to be around a place. Depths are spread by some half of the tolerance, and the mean of
-    /// stratified samples is off by some 0.8 of what that of random ones would be.
+    /// Number of samples in contact needed around a place: depths have a standard deviation of about half the
+    /// tolerance, and the mean of stratified samples has about 0.8 of the standard error of random ones.
     fn samples(&self) -> f32 {
         let spread = 0.5 * 0.8 * self.tolerance;
         (spread / self.error).powi(2) as f32
     }
 }
 
-/// What a query found, and what it took.
+/// Results and cost of a query.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FieldOutcome {
-    /// EPS reached, m: how far off the depths are that cells push by, the field's [error](FieldBody::error) and the largest standard
-    /// error of a cell that pushes by at least a tenth of what the strongest does. 0 without contacts.
+    /// EPS reached, m, the error of the depths by which cells push: the larger field's
+    /// [error](FieldBody::error) plus the largest standard error of a cell with at least a tenth of the
+    /// largest weight. 0 without contacts.
     pub error: f64,
-    /// Whether all samples were read that the settings ask for; not so where the budget ended the query.
+    /// Whether all samples needed were read; false if the budget ended the query.
     pub is_complete: bool,
-    /// Whether a sample is deeper inside than the fields reach, so that it pushes by less than its depth.
+    /// Whether a sample is deeper than the fields' band, so that it pushes by less than its depth.
     pub is_too_deep: bool,
-    /// Spheres asked for their distances.
+    /// Number of spheres whose distances were read.
     pub spheres: usize,
-    /// Samples asked for their distances.
+    /// Number of samples whose distances were read.
     pub samples: usize,
-    /// Samples in contact.
+    /// Number of samples in contact.
     pub contacts: usize,
 }
 
-/// The workspace of queries between two bodies. It keeps what the last queries selected to read, so that results depend on these, within
-/// the error.
+/// The workspace of queries between two bodies. It keeps the selections of earlier queries, so that results
+/// depend on these, within the error.
 #[derive(Clone, Debug)]
 pub struct FieldQuery {
     selector: Selector,
-    /// What is read, and what was read before it, which counts for a part that fades.
+    /// The selection in use.
     held: Held,
+    /// The selection before it, which fades out.
     fading: Held,
+    /// Weight of the fading selection.
     part: f64,
-    /// By how much less it counts in each query, and what part of its motion was used up when it began to fade.
+    /// Decrease of that weight in each query, and the fraction of its motion that was used up when it began
+    /// to fade.
     fade: (f64, f64),
-    /// What they were selected for.
+    /// Purpose of the selections.
     purpose: Purpose,
-    /// That it took to make the last selection.
+    /// Work that the last selection took.
     effort: usize,
-    /// By how much a sample comes nearer, and by how much one goes further away, from query to query, m.
+    /// Largest approach and largest recession of a sample from query to query, m.
     rates: [f64; 2],
     /// The pose of the last query, probe to scene object.
     last: Option<Pose>,
@@ -119,18 +135,18 @@ pub struct FieldQuery {
     outcome: FieldOutcome,
 }
 
-/// What a selection is made for.
+/// Purpose of a selection.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Purpose {
     /// d, m.
     tolerance: f64,
-    /// Surfaces as close as this are selected, m.
+    /// Distance up to which surfaces are selected, m.
     reach: f64,
-    /// No distance between the surfaces may have changed by more, m.
+    /// Largest change of any distance between the surfaces while a selection holds, m.
     allowed: f64,
-    /// And no selected sample may have come nearer by more, m.
+    /// Largest approach of a selected sample while a selection holds, m.
     changeable: f64,
-    /// Samples within reach that there are to be around a place.
+    /// Number of samples within reach needed around a place.
     needed: f32,
 }
 
@@ -138,19 +154,19 @@ impl Purpose {
     fn new(settings: &FieldSettings, probe: &FieldBody, scene: &FieldBody) -> Self {
         let band = probe.field.band().min(scene.field.band());
         let tolerance = settings.tolerance.min(band);
-        let reach = (tolerance * (1.0 + MARGIN)).min(band);
+        let reach = (tolerance * (1.0 + SELECTION_MARGIN)).min(band);
         let margin = reach - tolerance;
         let spacing = probe.field.spacing().max(scene.field.spacing());
-        let allowed =
-            (margin - f64::from(SLACK) * spacing).max(margin / f64::from(STEEPEST)) + LATE * tolerance;
-        // Of those within reach some are not in contact.
+        let allowed = (margin - f64::from(SLACK) * spacing).max(margin / f64::from(MAX_SLOPE))
+            + MAX_MISSED_REACH * tolerance;
+        // Some of the samples within reach are not in contact, so that more are needed.
         let needed = settings.samples() * (reach / tolerance).powf(1.5) as f32;
-        Self { tolerance, reach, allowed, changeable: CHANGED * margin, needed }
+        Self { tolerance, reach, allowed, changeable: MAX_APPROACH * margin, needed }
     }
 }
 
 impl FieldQuery {
-    /// Between a probe and a scene object; cells are cubes with an edge of a part of the probe's radius.
+    /// A query between a probe and a scene object; `edge` is that of the cubes, in radii of the probe.
     pub fn new(probe: &FieldBody, scene: &FieldBody, edge: f64) -> Self {
         let across = 2 * ((1.0 / edge).ceil() as u32 + 1);
         Self {
@@ -169,7 +185,7 @@ impl FieldQuery {
         }
     }
 
-    /// Forgets what earlier queries found.
+    /// Forgets earlier queries.
     pub fn reset(&mut self) {
         self.selector.reset();
         self.held.at = None;
@@ -179,7 +195,7 @@ impl FieldQuery {
         self.last = None;
     }
 
-    /// What the last query took.
+    /// Results and cost of the last query.
     pub fn outcome(&self) -> FieldOutcome {
         self.outcome
     }
@@ -216,15 +232,15 @@ impl FieldQuery {
         let sides = self.sides(probe, scene, &to_scene, purpose.tolerance);
         self.evaluate(&sides);
         if self.held.at == before && self.has_changed() {
-            // It does not hold here after all.
+            // The readings show that the selection does not hold here.
             self.select(probe, scene, &motion, limit);
             self.evaluate(&sides);
         }
-        self.bound(settings.most, &sides);
+        self.bound(settings.max_contacts, &sides);
         self.conclude(probe, scene);
     }
 
-    /// Sums up what is in contact of the selected samples.
+    /// Sums up the selected samples that are in contact.
     fn evaluate(&mut self, sides: &[Side; 2]) {
         let purpose = self.purpose;
         self.cells.clear();
@@ -253,18 +269,18 @@ impl FieldQuery {
             let changes = changes
                 .map(|four| purpose.reach * f64::from(four.to_array().into_iter().fold(0.0, f32::max)));
             if let Some(before) = held.changes.replace(changes) {
-                self.rates = [0, 1].map(|way| (changes[way] - before[way]).max(0.0));
+                self.rates = [0, 1].map(|sign| (changes[sign] - before[sign]).max(0.0));
             }
             self.outcome.samples += held.len();
         }
     }
 
-    /// Whether a selected sample has come nearer by more than a selection holds for.
+    /// Whether a selected sample has approached by more than a selection allows.
     fn has_changed(&self) -> bool {
         self.held.changes.is_some_and(|[nearer, _]| nearer > self.purpose.changeable)
     }
 
-    /// Sees to it that there is a selection that holds where bodies have come to.
+    /// Ensures that there is a selection that holds at the present pose.
     fn select(
         &mut self,
         probe: &FieldBody,
@@ -274,21 +290,22 @@ impl FieldQuery {
     ) {
         let Purpose { allowed, changeable, .. } = self.purpose;
         let to_scene = &motion.pose;
-        // Parts of what a selection holds for that are used up so far, and in each query.
+        // Fractions of the motion for which a selection holds: used up so far, and in each query.
         let moved = self.moved(&self.held, probe, scene, to_scene);
         let [nearer, _] = self.held.changes.unwrap_or_default();
         let step = motion.step / allowed;
-        let fades = Some((FADED / step).min(FADE)).filter(|fades| *fades >= SHORT).unwrap_or(0.0);
-        // It is made for where the bodies will be, so that it holds before and after, unless they leap.
+        let fades = Some((FADE_SHARE / step).min(MAX_FADE)).filter(|fades| *fades >= MIN_FADE).unwrap_or(0.0);
+        // The selection is made for a later pose, so that it holds before and after that, unless the bodies
+        // jump.
         let [approach, recession] = self.rates;
-        let lead = (LEAD / step).min(0.5 * changeable / recession).min(LONGEST_LEAD);
+        let lead = (LEAD / step).min(0.5 * changeable / recession).min(MAX_LEAD);
         let lead = if lead < LEAD || self.has_changed() { 0.0 } else { lead };
         let is_complete = self.selector.is_complete();
         let apart = |from: &Pose| motion_bound(from, to_scene, probe.center, probe.radius);
         let holds = moved <= 1.0 && !self.has_changed() && is_complete;
         if holds {
-            // The next one is made while this one holds, as late as that can be, but for the time that it takes to fade in.
-            let steps = (AHEAD * (1.0 + LEAD) / step).floor().clamp(1.0, STEPS);
+            // The next selection is made while this one holds, as late as its making and fading in allow.
+            let steps = (TIME_SHARE * (1.0 + LEAD) / step).floor().clamp(1.0, MAX_SELECTION_QUERIES);
             if self.selector.pose().is_none() {
                 let then = 1.25 * steps + fades + 1.0;
                 if nearer + then * approach > changeable
@@ -315,14 +332,14 @@ impl FieldQuery {
             self.fade = (1.0 / fades, moved);
         }
         if self.part > 0.0 {
-            // Nothing of what was read before is left where it holds no longer.
+            // The weight of the fading selection reaches 0 before that selection stops holding.
             let moved = self.moved(&self.fading, probe, scene, to_scene);
             let (step, from) = self.fade;
             self.part = (self.part - step).min((1.0 - moved) / (1.0 - from)).max(0.0);
         }
     }
 
-    /// What part has been used up of the motion that a selection holds for.
+    /// Fraction used up of the motion for which a selection holds.
     fn moved(&self, held: &Held, probe: &FieldBody, scene: &FieldBody, to_scene: &Pose) -> f64 {
         let Some(from) = &held.at else { return f64::INFINITY };
         let Purpose { tolerance, reach, allowed, .. } = self.purpose;
@@ -331,7 +348,7 @@ impl FieldQuery {
         let sides = held.sides.iter().zip([probe, scene]).zip(levels).zip(&changes);
         let moved = sides.map(|(((selection, body), level), change)| {
             let [near, most] = selection.moved(&body.samples, level, change, tolerance);
-            (near / allowed).max(most / (allowed + f64::from(FURTHER) * reach))
+            (near / allowed).max(most / (allowed + f64::from(NEAR_MARGIN) * reach))
         });
         moved.fold(0.0, f64::max)
     }
@@ -343,7 +360,8 @@ impl FieldQuery {
         self.selector.begin(to_scene, (probe.center, probe.radius), reach, &sides);
     }
 
-    /// Goes on with a selection that was begun by at least a step, until it is done, some effort has been made, or time is over.
+    /// Continues the selection in progress, by at least a step, until it is done, `effort` has been spent, or
+    /// the time is over.
     fn go_on(
         &mut self,
         probe: &FieldBody,
@@ -366,7 +384,8 @@ impl FieldQuery {
         self.outcome.samples += read[1] - samples;
     }
 
-    /// Both bodies' samples in the other's field at a pose, probe to scene object, for surfaces within a distance, m.
+    /// Both bodies' samples in the other's field at a pose, probe to scene object, for surfaces within
+    /// `reach`, m.
     fn sides<'a>(
         &self,
         probe: &'a FieldBody,
@@ -381,22 +400,22 @@ impl FieldQuery {
         ]
     }
 
-    /// Bounds the number of contacts, and looks for the deepest of them among the finest samples.
+    /// Bounds the number of contacts, and refines the deepest of them among the finest samples.
     fn bound(&mut self, most: usize, [own, other]: &[Side; 2]) {
         self.cells.bound(most / 2, self.selector.across());
-        let told: usize = self.cells.iter().map(|cell| 1 + usize::from(!cell.penetrates())).sum();
-        for touch in self.cells.keep_deepest(most.saturating_sub(told), REFINED).take(REFINED) {
+        let reported: usize = self.cells.iter().map(|cell| 1 + usize::from(!cell.penetrates())).sum();
+        for touch in self.cells.keep_deepest(most.saturating_sub(reported), MAX_REFINED).take(MAX_REFINED) {
             *touch = deepest_around(if touch.is_probe { own } else { other }, touch);
         }
     }
 
-    /// Tells how far off the contacts are.
+    /// Sets the outcome's error and counts.
     fn conclude(&mut self, probe: &FieldBody, scene: &FieldBody) {
         self.outcome.contacts = self.cells.contacts();
         self.outcome.is_complete = self.selector.is_complete();
         let Purpose { tolerance, .. } = self.purpose;
         let strongest = self.cells.iter().map(|cell| cell.weight).fold(0.0, f32::max);
-        let counted = self.cells.iter().filter(|cell| cell.weight > WEAK * strongest);
+        let counted = self.cells.iter().filter(|cell| cell.weight > MIN_COUNTED_WEIGHT * strongest);
         let error = counted.map(Cell::error).reduce(f32::max);
         self.outcome.error =
             error.map_or(0.0, |error| f64::from(error) * tolerance + probe.error.max(scene.error));
@@ -406,9 +425,9 @@ impl FieldQuery {
             self.cells.iter().any(|cell| depth(&cell.deepest) > (1.0 - ROUNDING) * band);
     }
 
-    /// The contacts of the last query, which was at this pose of the probe: one a cell, at the centre of its push, with the
-    /// depth, the direction and the area that push as all of the cell does by the [`AreaLaw`](crate::AreaLaw); and its deepest
-    /// sample, with no area.
+    /// Appends the contacts of the last query, which was at this pose of the probe. One for each cell, at the
+    /// centre of its pressure, has the depth, the direction and the area with which it pushes as the whole
+    /// cell does by the [`AreaLaw`](crate::AreaLaw); another is at the cell's deepest sample, with no area.
     pub fn append_contacts(&self, probe: &FieldBody, pose: &Pose, into: &mut Vec<AreaContact>) {
         let (tolerance, unit_area) = (self.purpose.tolerance, self.edge * self.edge);
         let place = |point: Vec3A, normal: Vec3A, depth: f64, area: f64| {
@@ -421,7 +440,8 @@ impl FieldQuery {
         };
         for cell in self.cells.iter() {
             let pressure = f64::from(cell.pressure);
-            // In double precision, for squares of what barely touches would vanish in single.
+            // In double precision: in single precision, squares of contacts that barely touch would
+            // underflow.
             let reach = cell.push.as_dvec3().length() / pressure;
             if !(reach > 0.0 && reach.is_finite()) {
                 continue;
@@ -543,7 +563,8 @@ mod tests {
         assert!(found > 10_000, "{found} contacts");
     }
 
-    /// In, across by some radians for each of the way in and out, and out again, with a leap now and then.
+    /// In and out again, sideways by `across` radians for each radian of that motion, with a jump now and
+    /// then.
     fn path(steps: u32, speed: f64, across: f64) -> impl Iterator<Item = Pose> {
         (0..steps).map(move |step| {
             let phase = speed * f64::from(step);
@@ -616,7 +637,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_that_penetrates_is_left_out_while_bodies_move() {
+    fn no_penetrating_sample_is_left_out_while_bodies_move() {
         let d = 0.01;
         let body = FieldBody::with(&ball(1.0, 4), 0.01, (d, 2.0 * d), 0.02);
         // All samples are to be read.
@@ -661,7 +682,8 @@ mod tests {
 
     #[test]
     fn scale_changes_nothing_else() {
-        // By powers of two, which round nothing: where surfaces are cut in two may else depend on rounding, as on a ball.
+        // Powers of two are exact: with other factors, the cuts of surfaces may depend on rounding, as on a
+        // ball.
         let forces = [1.0 / 1024.0, 1.0, 1024.0].map(|scale: f64| {
             let d = 0.02 * scale;
             let body =
@@ -686,7 +708,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_deeper_than_the_field_is_told() {
+    fn depth_beyond_the_field_is_reported() {
         let d = 0.02;
         let body = FieldBody::with(&ball(1.0, 4), 0.02, (d, 2.0 * d), 0.02);
         let mut query = FieldQuery::new(&body, &body, REACH);
@@ -698,17 +720,23 @@ mod tests {
     }
 
     #[test]
-    fn contacts_are_bounded_and_push_alike() {
+    fn contacts_are_bounded_and_push_equally() {
         let d = 0.02;
         let body = FieldBody::with(&ball(1.0, 4), 0.02, (d, 2.0 * d), 0.02);
         // One ball nearly in the other's place, shifted by d: the half that is ahead is in contact all over.
         let pose = Pose::from_translation(DVec3::X * 1.8);
-        let [free, bounded] = [256, 16].map(|most| {
+        let [free, bounded] = [256, 16].map(|max_contacts| {
             let mut query = FieldQuery::new(&body, &body, REACH);
-            query.run(&body, &body, &pose, &Pose::IDENTITY, &FieldSettings { most, ..FieldSettings::new(d) });
+            query.run(
+                &body,
+                &body,
+                &pose,
+                &Pose::IDENTITY,
+                &FieldSettings { max_contacts, ..FieldSettings::new(d) },
+            );
             let mut contacts = Vec::new();
             query.append_contacts(&body, &pose, &mut contacts);
-            assert!(contacts.len() <= most, "{} contacts", contacts.len());
+            assert!(contacts.len() <= max_contacts, "{} contacts", contacts.len());
             let pressures = contacts
                 .iter()
                 .map(|found| found.area * (found.contact.depth + d).powi(2) * found.contact.normal);
@@ -719,7 +747,7 @@ mod tests {
     }
 
     #[test]
-    fn a_budget_ends_a_query_and_that_is_told() {
+    fn a_budget_ends_a_query_and_that_is_reported() {
         let d = 0.02;
         let body = FieldBody::with(&ball(1.0, 5), 0.02, (d, 2.0 * d), 0.01);
         let pose = Pose::from_translation(DVec3::X * 1.98);

@@ -9,75 +9,81 @@ use wide::{f32x4, i32x4};
 
 use crate::format::{FormatError, Reader, Writer};
 
-/// A surface is cut into fragments no longer than this part of the samples' spacing, so that its parts have equal areas.
-const FRAGMENT: f64 = 0.75;
-/// What a fragment stands for at least, as a part of the squared spacing.
-const LEAST: f64 = 0.03;
-/// Places that are drawn in each part, of which one becomes a sample.
-const DRAWN: usize = 8;
-/// Choices of four samples that are compared.
+/// Longest edge of a fragment, as a fraction of the samples' spacing: a surface is cut into fragments so that
+/// its parts can have equal areas.
+const MAX_FRAGMENT_EDGE: f64 = 0.75;
+/// Smallest area that a fragment represents, as a fraction of the squared spacing.
+const MIN_FRAGMENT_AREA: f64 = 0.03;
+/// Number of points drawn in each part, of which one becomes a sample.
+const CANDIDATES: usize = 8;
+/// Number of random choices of four samples that are compared.
 const CHOICES: usize = 128;
-/// Of the samples' places.
+/// Seed of the samples' positions.
 const SEED: u64 = 0x5A3B;
-/// More fragments than this are divided side by side.
-const MANY: usize = 4096;
+/// Number of fragments above which the two halves are processed in parallel.
+const MIN_PARALLEL_FRAGMENTS: usize = 4096;
 
 /// A sample of a body's surface.
 #[derive(Clone, Copy, Debug)]
 pub struct Sample {
+    /// Its level, 0 for the finest.
     pub level: u8,
-    /// Among the samples of the level.
+    /// Index among the samples of the level.
     pub index: u32,
 }
 
-/// Points on a surface in levels, of which each has a quarter of the points of the one below, and each of its points stands for
-/// an equal part of the surface: point i for what the points 4 i to 4 i + 3 of the level below stand for.
+/// Points on a surface in levels, of which each has a quarter of the points of the one below. Each point of a
+/// level represents an equal part of the surface: point i the parts of the points 4 i to 4 i + 3 of the level
+/// below.
 ///
-/// Each part has one point, anywhere in it: the mean over a surface of any function is that of its samples, but for noise. There
-/// is less of it as four points that are together are chosen to have the centroid and the spread of what they stand for.
+/// Each part has one point, anywhere in it (stratified sampling): the mean of any function over the surface
+/// is that of its samples, but for noise. Four neighbouring points are chosen to have the centroid and the
+/// spread of the surface that they represent, which reduces the noise.
 #[derive(Clone, Debug)]
 pub struct SurfaceSamples {
-    /// The finest first, whose samples are kept apart; the coarsest has four points at most.
+    /// Levels, the finest first, whose samples are in `finest`; the coarsest has four points at most.
     pub(crate) levels: Vec<Level>,
     finest: Finest,
-    /// That a sample of the finest level stands for, m².
+    /// Area that a sample of the finest level represents, m².
     pub(crate) area: f32,
     count: usize,
 }
 
-/// A level's points, and spheres around the finest samples of the parts that they stand for, four by four. Those that there are
-/// not have radii of −∞, and are too far away for everything.
+/// A level's points, and spheres around the finest samples of their parts, four by four. The last four is
+/// filled up with points too far away to matter, with radii of −∞.
 #[derive(Clone, Debug)]
 pub(crate) struct Level {
-    /// m. Empty for the finest level.
+    /// Positions, m. Empty for the finest level.
     pub samples: Vec<[f32x4; 3]>,
-    /// Centres and radii, m. Empty for the finest level, of whose single points there is nothing more to know.
+    /// Centres and radii of the spheres, m. Empty for the finest level, which has single points.
     pub spheres: Vec<[f32x4; 4]>,
 }
 
-/// The finest samples four by four, x, y and z, in steps from the centres of the spheres around them: there are as many steps in a
-/// sphere's radius as an i8 can count. So they take a quarter of the room, and are off by 0.4 % of the radius at most.
+/// The finest samples four by four, x, y and z, in steps from the centres of the spheres around them; 127
+/// steps, the largest i8, make a sphere's radius. So they take a quarter of the memory, with an error of at
+/// most 0.4 % of the radius.
 #[derive(Clone, Debug)]
 pub(crate) struct Finest(Vec<[[i8; 4]; 3]>);
 
-/// Steps in a radius.
-const STEPS: f32 = 127.0;
-/// Spheres are larger by what rounding may add.
-const ROUNDING: f32 = 1.01;
+/// Number of steps in a sphere's radius: the largest i8.
+const MAX_STEPS: f32 = 127.0;
+/// Factor on the radii of spheres, for the rounding of the finest samples.
+const RADIUS_MARGIN: f32 = 1.01;
 
 impl Finest {
-    /// Of points, given the level of parts of four of them; the points are moved to where they are kept.
+    /// Rounds points to steps, given the level above, whose parts have four of them; moves the points to
+    /// their rounded positions.
     fn new(points: &mut [Vec3], above: &Level) -> Self {
         let fours = points.chunks_mut(4).enumerate().map(|(four, points)| {
             let (center, radius) = above.sphere(four);
             let mut kept = [[0; 4]; 3];
             for (lane, point) in points.iter_mut().enumerate() {
-                let steps = ((*point - center) * (STEPS / radius)).round().to_array();
+                let steps = ((*point - center) * (MAX_STEPS / radius)).round().to_array();
                 for (kept, steps) in kept.iter_mut().zip(steps) {
-                    // Casts saturate, and 0/0, of points that are all in one place, becomes 0.
+                    // Casts saturate, and 0/0, for points that coincide, becomes 0.
                     kept[lane] = steps as i8;
                 }
-                *point = center + Vec3::from(kept.map(|steps| f32::from(steps[lane]))) * (radius / STEPS);
+                *point = center + Vec3::from(kept.map(|steps| f32::from(steps[lane]))) * (radius / MAX_STEPS);
             }
             kept
         });
@@ -89,34 +95,34 @@ impl Finest {
     pub fn four(&self, four: usize, above: &Level) -> [f32x4; 3] {
         let sphere = &above.spheres[four / 4];
         let lane = |x: &f32x4| x.as_array()[four % 4];
-        let step = f32x4::splat(lane(&sphere[3]) * (1.0 / STEPS));
+        let step = f32x4::splat(lane(&sphere[3]) * (1.0 / MAX_STEPS));
         let [x, y, z] = self.0[four].map(|axis| i32x4::new(axis.map(i32::from)).round_float());
         let [cx, cy, cz] = [lane(&sphere[0]), lane(&sphere[1]), lane(&sphere[2])].map(f32x4::splat);
         [cx + step * x, cy + step * y, cz + step * z]
     }
 
-    /// How many fours there are.
+    /// Number of fours.
     pub fn len(&self) -> usize {
         self.0.len()
     }
 }
 
 impl SurfaceSamples {
-    /// Of a mesh's surface, the finest so far apart (m).
+    /// Samples a mesh's surface; `spacing` is that of the finest samples, m.
     pub fn new(mesh: &TriMesh, spacing: f64) -> Self {
-        let mut fragments = Fragments::new((LEAST * spacing * spacing) as f32);
+        let mut fragments = Fragments::new((MIN_FRAGMENT_AREA * spacing * spacing) as f32);
         for index in 0..mesh.triangles().len() {
-            cut(mesh.corners(index), FRAGMENT * spacing, &mut fragments);
+            cut(mesh.corners(index), MAX_FRAGMENT_EDGE * spacing, &mut fragments);
         }
         let mut fragments = fragments.finish();
         let whole: f64 = fragments.iter().map(|fragment| f64::from(fragment.area)).sum();
         let count = ((whole / (spacing * spacing)).round() as usize).max(1);
-        let mut drawn = vec![Vec3::ZERO; if whole > 0.0 { DRAWN * count } else { 0 }];
+        let mut drawn = vec![Vec3::ZERO; if whole > 0.0 { CANDIDATES * count } else { 0 }];
         if whole > 0.0 {
             spread(&mut fragments, &mut drawn, 0);
         }
         drop(fragments);
-        let mut points = chosen(&drawn, DRAWN);
+        let mut points = chosen(&drawn, CANDIDATES);
         drop(drawn);
         let mut levels = vec![Level { samples: Vec::new(), spheres: Vec::new() }];
         let mut finest = Finest(Vec::new());
@@ -135,9 +141,9 @@ impl SurfaceSamples {
         Self { levels, finest, area: (whole / count as f64) as f32, count }
     }
 
-    /// The smallest spacing (m) of samples that take no more than some bytes, for a surface's area (m²).
+    /// Smallest spacing (m) of samples that take no more than `bytes`, for a surface's area (m²).
     pub fn spacing(area: f64, bytes: f64) -> f64 {
-        // Three bytes each, and a third as many in the levels above, with a sphere each.
+        // Three bytes a sample, and a third as many samples in the levels above, with a sphere each.
         let each = 3.0 + (size_of::<[f32; 3]>() + size_of::<[f32; 4]>()) as f64 / 3.0;
         (area * each / bytes).sqrt()
     }
@@ -156,7 +162,7 @@ impl SurfaceSamples {
     pub(crate) fn read_from(from: &mut Reader) -> Result<Self, FormatError> {
         let area = from.f64()? as f32;
         let (count, levels) = (from.u32()? as usize, from.u32()?);
-        // A level of fours has a quarter as many as the one below, and the last has one.
+        // Each level has a quarter of the fours of the one below, and the last has one.
         let mut fours = if levels > 1 { count.div_ceil(4) } else { 0 };
         let finest = from.bytes(fours, 12)?.as_chunks::<12>().0.iter();
         let finest = finest
@@ -189,12 +195,12 @@ impl SurfaceSamples {
         Vec3::from(four.map(|axis| axis.as_array()[sample.index as usize % 4]))
     }
 
-    /// How many fours of samples a level has.
+    /// Number of fours of samples of a level.
     pub(crate) fn fours(&self, level: usize) -> usize {
         if level == 0 { self.finest.len() } else { self.levels[level].samples.len() }
     }
 
-    /// How many samples there are.
+    /// Number of samples of the finest level.
     pub fn count(&self) -> usize {
         self.count
     }
@@ -212,14 +218,14 @@ impl SurfaceSamples {
 }
 
 impl Level {
-    /// Of parts with so many points each.
+    /// The level of parts with `parts` points each.
     fn new(points: &[Vec3], parts: usize) -> Self {
         let none = (Vec3::splat(f32::MAX.sqrt()), Vec3::ZERO, f32::NEG_INFINITY);
         let spheres = points.par_chunks(parts).map(|part| {
             let low = part.iter().copied().fold(Vec3::INFINITY, Vec3::min);
             let high = part.iter().copied().fold(Vec3::NEG_INFINITY, Vec3::max);
             let center = low.midpoint(high);
-            (center, part.iter().map(|point| point.distance(center)).fold(0.0, f32::max) * ROUNDING)
+            (center, part.iter().map(|point| point.distance(center)).fold(0.0, f32::max) * RADIUS_MARGIN)
         });
         let spheres: Vec<(Vec3, f32)> = spheres.collect();
         let samples = chosen(points, parts);
@@ -256,16 +262,17 @@ impl Level {
 /// A piece of a triangle.
 struct Fragment {
     corners: [Vec3; 3],
-    /// That it stands for, m².
+    /// Area that it represents, m².
     area: f32,
 }
 
-/// Collects pieces of triangles. Of slivers, of which there may be very many, one stands for several that follow one another.
+/// Collected pieces of triangles. A sliver, of which there may be very many, also represents the ones before
+/// it.
 struct Fragments {
     kept: Vec<Fragment>,
-    /// No fragment stands for less, m².
+    /// Smallest area that a fragment represents, m².
     least: f32,
-    /// What stands for these is yet to come.
+    /// Area of pieces that the next fragment will represent, m².
     area: f32,
 }
 
@@ -282,7 +289,7 @@ impl Fragments {
         }
     }
 
-    /// All of them; the last also stands for what follows it.
+    /// All fragments; the last also represents the pieces after it.
     fn finish(mut self) -> Vec<Fragment> {
         if let Some(last) = self.kept.last_mut() {
             last.area += self.area;
@@ -291,19 +298,20 @@ impl Fragments {
     }
 }
 
-/// Draws points in parts of equal area, [`DRAWN`] in each. Parts with a power of two of them are together; `first` is the number of
-/// the first point.
+/// Draws points in parts of equal area, [`CANDIDATES`] in each. The fragments are halved along the longest
+/// axis, recursively, so that parts with neighbouring numbers are neighbours; `first` is the number of the
+/// first point.
 fn spread(fragments: &mut [Fragment], points: &mut [Vec3], first: usize) {
-    let count = points.len() / DRAWN;
+    let count = points.len() / CANDIDATES;
     let whole: f64 = fragments.iter().map(|fragment| f64::from(fragment.area)).sum();
     if count > 1 {
         let half = count.next_power_of_two() / 2;
         let middle = divide(fragments, whole * half as f64 / count as f64);
         let (one, other) = fragments.split_at_mut(middle);
-        let (of_one, of_other) = points.split_at_mut(DRAWN * half);
+        let (of_one, of_other) = points.split_at_mut(CANDIDATES * half);
         let (mut near, mut far) =
-            (|| spread(one, of_one, first), || spread(other, of_other, first + DRAWN * half));
-        if middle > MANY {
+            (|| spread(one, of_one, first), || spread(other, of_other, first + CANDIDATES * half));
+        if middle > MIN_PARALLEL_FRAGMENTS {
             rayon::join(near, far);
         } else {
             near();
@@ -327,7 +335,7 @@ fn spread(fragments: &mut [Fragment], points: &mut [Vec3], first: usize) {
     }
 }
 
-/// The mean of the products of points' coordinates from a middle: of x², y², z², and of yz, zx, xy.
+/// Second moments of points about a middle: the means of x², y², z², and of yz, zx, xy.
 struct Spread([Vec3; 2]);
 
 impl Spread {
@@ -345,13 +353,14 @@ impl Spread {
         self.0[0].element_sum()
     }
 
-    /// The sum of the squares of the elements of the difference of two symmetric matrices.
+    /// Squared Frobenius norm of the difference of two symmetric matrices.
     fn distance_squared(&self, other: &Self) -> f32 {
         self.0[0].distance_squared(other.0[0]) + 2.0 * self.0[1].distance_squared(other.0[1])
     }
 }
 
-/// One point of each part of so many: of several choices for four parts, the one that has their centroid and spread best.
+/// Chooses one point of each part of `parts` points: of several random choices for four parts, the one that
+/// best matches their centroid and spread.
 fn chosen(points: &[Vec3], parts: usize) -> Vec<Vec3> {
     let fours = points.par_chunks(4 * parts).enumerate().flat_map_iter(|(index, four)| {
         let mut rng = SmallRng::seed_from_u64(SEED ^ (index as u64) << 32 ^ parts as u64);
@@ -379,14 +388,15 @@ fn chosen(points: &[Vec3], parts: usize) -> Vec<Vec3> {
     fours.collect()
 }
 
-/// Reorders fragments along the longest axis of their box so that the first have an area; how many these are.
+/// Reorders fragments along the longest axis of their box so that the first ones have an area of `share`;
+/// returns their number.
 fn divide(fragments: &mut [Fragment], share: f64) -> usize {
     let corners = || fragments.iter().flat_map(|fragment| fragment.corners);
     let low = corners().fold(Vec3::INFINITY, Vec3::min);
     let high = corners().fold(Vec3::NEG_INFINITY, Vec3::max);
     let axis = (high - low).max_position();
     let key = |Fragment { corners: [a, b, c], .. }: &Fragment| a[axis] + b[axis] + c[axis];
-    // What is before `first` is among the first, and what is from `end` on is not.
+    // Quickselect by area: fragments before `first` are among the first ones, those from `end` on are not.
     let (mut first, mut end, mut left) = (0, fragments.len(), share);
     while end - first > 1 {
         let own = &mut fragments[first..end];
@@ -402,7 +412,7 @@ fn divide(fragments: &mut [Fragment], share: f64) -> usize {
     first.clamp(1, (fragments.len() - 1).max(1))
 }
 
-/// Halves a triangle's longest edge until it is short.
+/// Halves a triangle's longest edge until no edge is longer than `longest`.
 fn cut(corners: [DVec3; 3], longest: f64, into: &mut Fragments) {
     let mut stack = vec![corners];
     while let Some([a, b, c]) = stack.pop() {
@@ -457,7 +467,7 @@ mod tests {
             let own = points(&samples, level, count);
             let mean = own.iter().sum::<Vec3>().as_dvec3() / own.len() as f64;
             let off = mean.distance(moment / whole) / radius;
-            // The last part of a level stands for less than the others.
+            // The last part of a level is smaller than the others.
             assert!(off < 0.02 + 1.0 / count as f64, "level {level}: {off}");
             for (index, part) in finest.chunks(1 << (2 * level)).enumerate().filter(|_| level > 0) {
                 let [x, y, z, radius] = of.spheres[index / 4].map(|lanes| lanes.to_array()[index % 4]);

@@ -1,48 +1,50 @@
-//! How densely the surroundings of each place have been sampled, and how much the samples of a level count.
+//! The density of samples around each place, and the weights of the samples of a level.
 //!
-//! Each level has two halves: one of two neighbouring samples is read first, standing for both, then the other. With each half there
-//! are twice as many samples in contact around a place, and where there are enough, the finer ones need not be read. Weights go over
-//! from one half to the next gradually, so that the wrench does not jump where a number passes a limit.
+//! Each level has two halves: one of two neighbouring samples is read first, and represents both, then the
+//! other. With each half there are twice as many samples in contact around a place, and where there are
+//! enough, the finer ones need not be read. Weights blend from one half to the next, so that the wrench does
+//! not jump where a number passes a limit.
 
 use glam::UVec3;
 use wide::f32x4;
 
-/// Samples around each place, at least: fewer may be as deep as one another by chance.
-const FEWEST: f32 = 4.0;
-/// Samples begin to count where there are as many as are needed, and count in full where there are this part more.
+/// Smallest number of samples needed around a place: fewer may have equal depths by chance.
+const MIN_SAMPLES: f32 = 4.0;
+/// Width of the blend, as a fraction of the number of samples needed: a half begins to count where there are
+/// as many as needed, and counts in full where there are more by this fraction.
 const BLEND: f32 = 0.5;
 
 /// A sample within reach.
 #[derive(Clone, Copy, Debug)]
 pub struct Touch {
-    /// Among the samples of the level.
+    /// Index among the samples of the level.
     pub index: u32,
-    /// How far within reach, in reaches.
+    /// Distance inside the limit of reach, in reaches: (δ + d) / d.
     pub reach: f32,
-    /// What it stands for among the samples that are looked at, as a part of a cell's squared edge: in these units nothing is too small
-    /// for single precision.
+    /// Area that it represents among the samples visited, as a fraction of a cell's squared edge: in these
+    /// units no area is too small for single precision.
     pub area: f32,
-    /// What it stands for in the selection, likewise.
+    /// Area that it represents in the selection, in the same unit.
     pub counted: f32,
-    /// The cube that the first of its four is in, by which it is decided how much it counts.
+    /// The cube that the first of its four is in, which determines its weight.
     pub place: u32,
 }
 
-/// A cube of the probe's surroundings. With w how much of a sample counts and p = w a (δ + d), sums are those of p, p² / w and
-/// p (δ + d).
+/// A cube of the probe's surroundings, with sums of p, p² / w and p (δ + d) over its samples, where w is the
+/// weight of a sample, a its area and p = w a (δ + d).
 ///
 /// (Σ p)² / Σ (p² / w) is the number of samples that carry the load, and Σ p (δ + d) / Σ p their mean δ + d.
 #[derive(Clone, Copy, Debug)]
 struct Cube {
-    /// Over the samples that count.
+    /// Sums over the samples that count.
     settled: f32x4,
-    /// Over those of the present half.
+    /// Sums over the samples of the present half.
     present: f32x4,
-    /// How many samples carry the load around the cube, and the mean of their δ + d, in tolerances.
+    /// Number of samples that carry the load around the cube, and the mean of their δ + d, in tolerances.
     around: [f32; 2],
-    /// How much of what the samples of the present half push with counts.
+    /// Weight of the samples of the present half.
     share: f32,
-    /// How much of what the samples of the present level push with is left to those of the next.
+    /// Weight that the samples of the present level leave to those of the next.
     rest: f32,
     is_used: bool,
 }
@@ -64,7 +66,7 @@ pub struct Sampling {
     /// Cubes along each axis.
     across: u32,
     cubes: Vec<Cube>,
-    /// Those that hold contacts.
+    /// Cubes that hold contacts.
     used: Vec<u32>,
     /// Whether samples of the present level count anywhere.
     counts: bool,
@@ -73,7 +75,7 @@ pub struct Sampling {
 }
 
 impl Sampling {
-    /// With so many cubes along each axis.
+    /// Empty cubes, `across` along each axis.
     pub fn new(across: u32) -> Self {
         let count = across.pow(3) as usize;
         Self {
@@ -92,7 +94,7 @@ impl Sampling {
         }
     }
 
-    /// Adds a sample of the present half: `area` is that of all such samples, of which it has a part.
+    /// Adds a sample of the present half; `area` is that of a sample of weight 1.
     #[inline]
     pub fn add(&mut self, sample: &Touch, area: f32) {
         let cube = &mut self.cubes[sample.place as usize];
@@ -105,15 +107,17 @@ impl Sampling {
         cube.present += f32x4::new([pressure, moment * area, moment, 0.0]);
     }
 
-    /// Decides how much counts of the samples of the present half of a level (0 or 1), given how many are needed around a place. Where
-    /// contacts push by less than elsewhere, proportionally fewer will do: for the error of the wrench they make up for one another,
-    /// and it is least for its price so.
+    /// Sets the weights of the samples of the present half (0 or 1) of a level, given the number needed
+    /// around a place. Where contacts push less than elsewhere, proportionally fewer are needed: this gives
+    /// the smallest error of the wrench for a number of samples.
     pub fn settle(&mut self, needed: f32, half: usize) {
         let n = self.across;
         for index in &self.used {
-            // Samples stand for half as much as those of the half before. What is settled is as if it had been sampled as densely.
+            // Samples represent half the area of those of the half before: the sums are rescaled as if
+            // sampled as densely, so that Σ p² / w halves.
             self.cubes[*index as usize].settled *= f32x4::new([1.0, 0.5, 1.0, 1.0]);
         }
+        // Sums over each cube and its neighbours: (Σ p)² / Σ (p² / w), and Σ p (δ + d) / Σ p.
         let mut most = 0.0f32;
         for index in &self.used {
             let at = UVec3::new(index % n, index / n % n, index / (n * n));
@@ -137,7 +141,7 @@ impl Sampling {
         for index in &self.used {
             let cube = &mut self.cubes[*index as usize];
             let [count, mean] = cube.around;
-            let needed = (needed * mean / most).max(FEWEST);
+            let needed = (needed * mean / most).max(MIN_SAMPLES);
             cube.share = ((count / needed - 1.0) / BLEND).clamp(0.0, 1.0);
             cube.rest = if half == 0 { 1.0 } else { cube.rest } * (1.0 - cube.share);
             cube.settled += cube.present * f32x4::splat(cube.share);
@@ -146,7 +150,8 @@ impl Sampling {
         }
     }
 
-    /// Lets all of the samples of the present half count, so that none of the next do. Returns whether that was so anyway.
+    /// Gives the samples of the present half their full weight, so that none is left to the next. Returns
+    /// whether they had it already.
     pub fn end(&mut self) -> bool {
         let mut was_enough = true;
         for index in &self.used {
@@ -163,13 +168,13 @@ impl Sampling {
         self.across
     }
 
-    /// How much counts of what the samples of the present half in a cube push with.
+    /// Weight of the samples of the present half in a cube.
     #[inline]
     pub fn share(&self, cube: u32) -> f32 {
         self.cubes[cube as usize].share
     }
 
-    /// How much of what the samples of the present level in a cube push with is left to those of the next.
+    /// Weight that the samples of the present level in a cube leave to those of the next.
     #[inline]
     pub fn rest(&self, cube: u32) -> f32 {
         self.cubes[cube as usize].rest

@@ -1,4 +1,5 @@
-//! Selected samples: those that may be in contact until the bodies have moved by a margin, each with the area that it stands for.
+//! Selected samples: those that may be in contact until the bodies have moved by a margin, each with the area
+//! that it represents.
 
 use glam::Vec3;
 use palpate_core::Pose;
@@ -11,9 +12,9 @@ use crate::slack::{Change, REGIONS};
 #[derive(Clone, Debug)]
 pub struct Selection {
     points: [Vec<f32>; 3],
-    /// As parts of a cell's squared edge.
+    /// Areas, as fractions of a cell's squared edge.
     areas: Vec<f32>,
-    /// How far within reach they were, in reaches.
+    /// Distances inside the limit of reach at selection, in reaches.
     reaches: Vec<f32>,
     samples: Vec<Sample>,
     /// Fours of the regions that are near the other body.
@@ -22,12 +23,12 @@ pub struct Selection {
 
 impl Selection {
     pub fn new() -> Self {
-        const USUAL: usize = 8192;
+        const INITIAL_CAPACITY: usize = 8192;
         Self {
-            points: [0; 3].map(|_| Vec::with_capacity(USUAL)),
-            areas: Vec::with_capacity(USUAL),
-            reaches: Vec::with_capacity(USUAL),
-            samples: Vec::with_capacity(USUAL),
+            points: [0; 3].map(|_| Vec::with_capacity(INITIAL_CAPACITY)),
+            areas: Vec::with_capacity(INITIAL_CAPACITY),
+            reaches: Vec::with_capacity(INITIAL_CAPACITY),
+            samples: Vec::with_capacity(INITIAL_CAPACITY),
             near: Vec::with_capacity(REGIONS),
         }
     }
@@ -51,7 +52,7 @@ impl Selection {
         self.samples.len()
     }
 
-    /// Four at a time. The last of the points are repeated so that they make up four.
+    /// The samples four at a time. The last point is repeated to fill up the last four.
     pub fn fours(&self) -> impl Iterator<Item = SelectedFour<'_>> {
         let [x, y, z] = self.points.each_ref().map(|axis| axis.chunks(4).map(filled));
         let which = self.areas.chunks(4).zip(self.reaches.chunks(4).map(filled)).zip(self.samples.chunks(4));
@@ -63,7 +64,7 @@ impl Selection {
         })
     }
 
-    /// How far anything near the other body has moved since a pose at most, and at most how far anything has that was not near, m.
+    /// Largest motion, m, of any point that was near the other body at selection, and of any other point.
     pub fn moved(&self, samples: &SurfaceSamples, level: usize, change: &Change, tolerance: f64) -> [f64; 2] {
         if level == 0 {
             let [_, most] = change.largest(std::iter::empty(), tolerance);
@@ -83,13 +84,13 @@ impl Selection {
     }
 }
 
-/// Samples of both bodies' surfaces that were selected at one pose, and serve at all poses around it.
+/// Samples of both bodies' surfaces that were selected at one pose and hold at all poses around it.
 #[derive(Clone, Debug)]
 pub struct Held {
     pub sides: [Selection; 2],
-    /// The pose that they were selected at, probe to scene object; none where there are none.
+    /// The pose of selection, probe to scene object; `None` if there is no selection.
     pub at: Option<Pose>,
-    /// By how much one of the samples was nearer at most when they were read last, and by how much one was further away, m.
+    /// Largest approach and largest recession of a sample since selection, at the last reading, m.
     pub changes: Option<[f64; 2]>,
 }
 
@@ -98,7 +99,7 @@ impl Held {
         Self { sides: [0; 2].map(|_| Selection::new()), at: None, changes: None }
     }
 
-    /// Samples of both sides.
+    /// Number of samples of both sides.
     pub fn len(&self) -> usize {
         self.sides.iter().map(Selection::len).sum()
     }
@@ -113,7 +114,7 @@ impl Held {
 pub struct SelectedFour<'a> {
     pub points: [f32x4; 3],
     pub areas: &'a [f32],
-    /// How far within reach they were when they were selected, in reaches.
+    /// Distances inside the limit of reach at selection, in reaches.
     pub reaches: f32x4,
     pub samples: &'a [Sample],
 }

@@ -1,20 +1,20 @@
 //! Selects the samples of the surfaces that a query reads.
 //!
-//! They are selected at one pose, and serve at all poses around it. In the meantime the next selection is made step by step, at a
-//! later pose, so that no query has to make a whole one while the bodies move steadily.
+//! A selection is made at one pose and holds at all poses around it. Meanwhile the next selection is made
+//! step by step, at a later pose, so that no query has to make a whole one while the bodies move steadily.
 
 use std::time::{Duration, Instant};
 
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
 
-use crate::front::{COARSEST, Front};
+use crate::front::{COARSEST_LEVEL, Front};
 use crate::sampling::Sampling;
 use crate::selection::{Held, Selection};
 use crate::side::Side;
 use crate::slack::Motion;
 
-/// What is done next of a level of samples, side by side.
+/// The next stage of a level of samples; its number is the side.
 #[derive(Clone, Copy, Debug)]
 enum Stage {
     /// Reads the first two of each four samples.
@@ -25,19 +25,20 @@ enum Stage {
     Descent(usize),
 }
 
-/// Makes selections, from the coarsest samples to the finest, in steps.
+/// A maker of selections, from the coarsest samples to the finest, in steps.
 #[derive(Clone, Debug)]
 pub struct Selector {
     motion: Motion,
     fronts: [Front; 2],
     sampling: Sampling,
-    /// The pose that a selection is being made at, probe to scene object.
+    /// Pose of the selection in progress, probe to scene object.
     pose: Option<Pose>,
     level: usize,
     stage: Stage,
     is_done: bool,
-    /// From when there is a limit of time, that limit, and how long it took to the end of the last level.
+    /// Start and length of the time limit, if there is one.
     limit: Option<(Instant, Duration)>,
+    /// Time from that start to the end of the last level.
     last: Duration,
     is_complete: bool,
     selections: [Selection; 2],
@@ -60,25 +61,25 @@ impl Selector {
         }
     }
 
-    /// Forgets where the bodies were, and what was begun.
+    /// Forgets the last pose and the selection in progress.
     pub fn reset(&mut self) {
         self.motion.reset();
         self.pose = None;
         self.is_done = false;
     }
 
-    /// The pose that a selection is being made at.
+    /// Pose of the selection in progress.
     pub fn pose(&self) -> Option<&Pose> {
         self.pose.as_ref()
     }
 
-    /// Begins at a pose of the probe, whose surface is within a sphere (center, radius), m. Surfaces within a distance (m) of each other
-    /// are selected; the sides are those at the pose.
+    /// Begins a selection at a pose of the probe, whose surface is within a sphere (center, radius), m.
+    /// Selects surfaces within `reach` (m) of each other; the sides are those at the pose.
     pub fn begin(&mut self, pose: &Pose, (center, radius): (DVec3, f64), reach: f64, sides: &[Side; 2]) {
         let changes = self.motion.advance(pose, center, radius, reach);
         let mut fronts = self.fronts.iter_mut().zip(sides).zip(changes);
         if !fronts.all(|((front, side), change)| front.clocks.advance(side.samples, &change)) {
-            // They have moved too far to count.
+            // The clocks would overflow.
             self.fronts.iter_mut().for_each(Front::forget);
         }
         self.fronts.iter_mut().zip(sides).for_each(|(front, side)| front.begin(side.samples));
@@ -90,18 +91,19 @@ impl Selector {
         (self.limit, self.is_complete) = (None, true);
     }
 
-    /// Leaves the finest samples out of the selection that has been begun, for which there is no time by a limit: from when, and how long.
+    /// Sets a time limit, its start and length, on the selection in progress: it leaves out the finest
+    /// samples for which there is no time.
     pub fn limit(&mut self, limit: Option<(Instant, Duration)>) {
         (self.limit, self.last) = (limit, Duration::ZERO);
     }
 
-    /// Goes on by a step, at the pose that was begun at and with the same sides and reach (m). So many samples within reach are needed
-    /// around each place.
+    /// Advances the selection in progress by a step, with the same sides and reach (m) as it began with.
+    /// `needed` is the number of samples within reach needed around each place.
     pub fn step(&mut self, sides: &[Side; 2], reach: f64, needed: f32) {
         let Self { fronts, sampling, level, .. } = self;
         let level = *level;
-        let is_sampled = level <= COARSEST;
-        // Bodies of different sizes begin at levels of their own, and end together.
+        let is_sampled = level <= COARSEST_LEVEL;
+        // Bodies with different numbers of levels begin at different times, and end together.
         let has_level = |side: &Side| level < side.samples.levels.len();
         match self.stage {
             Stage::First(side) => {
@@ -154,7 +156,7 @@ impl Selector {
         }
     }
 
-    /// Decides how much counts of the samples of a level, and selects them.
+    /// Sets the weights of the samples of a level, and selects them.
     fn end_level(&mut self, sides: &[Side; 2], needed: f32) {
         let Self { fronts, sampling, level, .. } = self;
         let level = *level;
@@ -181,12 +183,12 @@ impl Selector {
         }
     }
 
-    /// The level of each body whose samples stand for a region each; 0 where there are no regions.
+    /// The level of each body whose samples represent a region each; 0 if there are no regions.
     pub fn region_levels(&self) -> [usize; 2] {
         self.fronts.each_ref().map(|front| front.clocks.level())
     }
 
-    /// Hands the finished selection over, and takes another's memory.
+    /// Moves the finished selection into `to`, and reuses the memory that was there.
     pub fn finish(&mut self, to: &mut Held) {
         std::mem::swap(&mut self.selections, &mut to.sides);
         to.at = self.pose.take();
@@ -194,22 +196,22 @@ impl Selector {
         to.changes = None;
     }
 
-    /// Whether a selection waits to be handed over.
+    /// Whether a selection is finished and waits for [`finish`](Self::finish).
     pub fn is_done(&self) -> bool {
         self.is_done
     }
 
-    /// Whether all samples were selected that there are to be; not so where there was no time.
+    /// Whether all samples needed were selected; false if the time limit ended the selection.
     pub fn is_complete(&self) -> bool {
         self.is_complete
     }
 
-    /// Readings of spheres and of samples since the present selection was begun.
+    /// Numbers of readings of spheres and of samples for the selection in progress.
     pub fn read(&self) -> [usize; 2] {
         [0, 1].map(|kind| self.fronts.iter().map(|front| front.read[kind]).sum())
     }
 
-    /// What has been done of the present selection, in about the work of reading one sample.
+    /// Work on the selection in progress, in units of about one reading of a sample.
     pub fn effort(&self) -> usize {
         let visited: usize = self.fronts.iter().map(|front| front.visited).sum();
         2 * visited + self.read().iter().sum::<usize>()

@@ -16,15 +16,15 @@ pub struct Side<'a> {
     reach: f32,
     /// Rows of the map from the body to the lattice.
     to_lattice: Map,
-    /// From the body to the cubes of the probe's surroundings.
+    /// Map from the body to the cubes of the probe's surroundings.
     to_cubes: Map,
-    /// The same column by column.
+    /// Columns of `to_cubes`.
     cube_columns: [f32x4; 4],
-    /// From the body to the probe's frame, from its centre.
+    /// Map from the body to the probe's axes, about the probe's centre.
     to_probe: Map,
-    /// Of unit vectors from the field's body outwards to the probe's outwards, in the probe's frame.
+    /// Map from outward normals of the field's body to normals out of the probe, in the probe's axes.
     turn: Map,
-    /// Of one of the finest samples, as a part of a cell's squared edge.
+    /// Area of one of the finest samples, as a fraction of a cell's squared edge.
     area: f32,
     /// Cubes along each axis.
     across: u32,
@@ -52,7 +52,7 @@ impl<'a> Side<'a> {
             DVec3::splat(f64::from(across / 2)) - center / edge,
         );
         let to_cubes = rows(cubes * from_body);
-        // Out of the probe is into the scene object.
+        // Normals out of the probe point into the scene object.
         let sign = if is_probe { -1.0 } else { 1.0 };
         Self {
             samples,
@@ -72,7 +72,7 @@ impl<'a> Side<'a> {
         }
     }
 
-    /// That a sample of a level stands for, as a part of a cell's squared edge.
+    /// Area that a sample of a level represents, as a fraction of a cell's squared edge.
     pub fn area(&self, level: usize) -> f32 {
         self.area * (1 << (2 * level)) as f32
     }
@@ -82,14 +82,14 @@ impl<'a> Side<'a> {
         self.reach
     }
 
-    /// The distances of four points of the body from the other, in lattice constants.
+    /// Distances of four points of the body from the other, in lattice constants.
     #[inline]
     pub fn distances(&self, points: &[f32x4; 3]) -> f32x4 {
         let [distance, ..] = self.field.read::<false>(&mapped(&self.to_lattice, points));
         distance
     }
 
-    /// The distances of four points of the body from the other, and their gradients.
+    /// Reads the distances of four points of the body from the other, and their gradients.
     #[inline]
     pub fn read(&self, points: &[f32x4; 3]) -> Reading {
         let [distance, x, y, z] = self.field.read::<true>(&mapped(&self.to_lattice, points));
@@ -102,7 +102,7 @@ impl<'a> Side<'a> {
         }
     }
 
-    /// Hands on those of four points that are in contact, with their places among the four.
+    /// Passes on those of four points that are in contact, each with its place among the four.
     #[inline]
     pub fn contacts(&self, points: &[f32x4; 3], read: &Reading, mut to: impl FnMut(usize, ContactSample)) {
         let [x, y, z] = read.gradient;
@@ -112,7 +112,7 @@ impl<'a> Side<'a> {
         let cubes = self.cubes(points);
         let mut point = mapped(&self.to_probe, points);
         if !self.is_probe {
-            // On the probe's surface.
+            // Contact points are on the probe's surface.
             let apart = read.distance * f32x4::splat(self.field.spacing() as f32);
             point = [0, 1, 2].map(|axis| point[axis] - normal[axis] * apart);
         }
@@ -133,13 +133,13 @@ impl<'a> Side<'a> {
         }
     }
 
-    /// How far four points of the body are inside of reach, in lattice constants.
+    /// Distances of four points of the body inside the limit of reach, δ + d, in lattice constants.
     #[inline]
     pub fn inside(&self, points: &[f32x4; 3]) -> f32x4 {
         f32x4::splat(self.reach) - self.distances(points)
     }
 
-    /// The cubes that four points of the body are in; those beyond all cubes are in the next one.
+    /// The cubes that four points of the body are in; for points beyond all cubes, the nearest one.
     #[inline]
     fn cubes(&self, points: &[f32x4; 3]) -> [u32; 4] {
         let last = f32x4::splat((self.across - 1) as f32);
@@ -163,19 +163,19 @@ impl<'a> Side<'a> {
     }
 }
 
-/// What four points of a body are in the other's field.
+/// Distances of four points of a body in the other's field.
 #[derive(Clone, Copy, Debug)]
 pub struct Reading {
-    /// In lattice constants.
+    /// Distances, in lattice constants.
     distance: f32x4,
     gradient: [f32x4; 3],
-    /// How far they are inside of reach, in lattice constants.
+    /// Distances inside the limit of reach, δ + d, in lattice constants.
     pub inside: f32x4,
-    /// Bit by bit: which of them are.
+    /// Bit mask of the points in contact.
     pub in_contact: u32,
 }
 
-/// The places of the bits of a number of four that are set.
+/// Places of the bits that are set, of four.
 #[inline]
 pub fn bits(mut bits: u32) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
@@ -185,7 +185,8 @@ pub fn bits(mut bits: u32) -> impl Iterator<Item = usize> {
     })
 }
 
-/// An affine map of four points at a time: the rows of its matrix, each with its part of the translation, in all lanes.
+/// An affine map of four points at a time: the rows of its matrix, each with its part of the translation, in
+/// all lanes.
 type Map = [[f32x4; 4]; 3];
 
 fn rows(map: DAffine3) -> Map {

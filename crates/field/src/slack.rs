@@ -1,4 +1,4 @@
-//! What need not be read again until the bodies have moved so far.
+//! Samples that need not be read again until the bodies have moved by a certain distance.
 
 use palpate_core::Pose;
 use palpate_core::glam::{DMat3, DVec3};
@@ -6,38 +6,40 @@ use wide::{f32x4, i32x4};
 
 use crate::samples::SurfaceSamples;
 
-/// Steps that the tolerance is divided into, to count motion in whole numbers.
-const STEPS: f64 = 256.0;
-/// Nothing is known for longer than this: some four thousand tolerances.
-const LONGEST: u32 = 1 << 20;
-/// Motion is counted up to here before all is forgotten.
-const MOST: u32 = 1 << 27;
-/// A body's surface is divided into this many regions at most, each with a clock of its own.
+/// Number of steps in a tolerance: motion is counted in whole steps.
+const STEPS_PER_TOLERANCE: f64 = 256.0;
+/// Longest validity of a reading, in steps: some four thousand tolerances.
+const MAX_VALIDITY: u32 = 1 << 20;
+/// Largest count of a clock, in steps, after which all readings are forgotten. Readings pack a time and four
+/// bits into 32 bits.
+const MAX_CLOCK: u32 = 1 << 27;
+/// Largest number of regions of a body's surface, each with its own clock.
 pub const REGIONS: usize = 256;
-/// Of positions in single precision, as a part of them.
+/// Rounding of positions in single precision, as a fraction of them.
 const ROUNDING: f64 = 1e-6;
-/// Spheres around parts of a region have their centres within this many of its radii: they are middles of boxes.
-const MIDDLES: f32 = 1.1;
+/// Largest distance of the centre of a sphere around part of a region from the region's centre, in radii of
+/// the region: the centres are middles of boxes.
+const CENTER_OFFSET: f32 = 1.1;
 
-/// How far a probe has moved relative to a scene object from one query to the next.
+/// Motion of a probe relative to a scene object from one query to the next.
 #[derive(Clone, Debug)]
 pub struct Motion {
-    /// Of the last query, probe to scene object.
+    /// Pose of the last query, probe to scene object.
     last: Option<Pose>,
     /// d, m; 0 before the first query.
     tolerance: f64,
 }
 
-/// How far points of one body move relative to the other, at most.
+/// Bounds of the motion of points of one body relative to the other.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Change {
     /// Rows of the map from a point of the body (m) to its displacement, in steps.
     rows: [[f32; 4]; 3],
-    /// 2 sin θ/2: what the displacements of two points differ by at most, in steps a metre.
+    /// 2 sin θ/2: largest difference of the displacements of two points, in steps per metre between them.
     turn: f32,
-    /// How far a point is off in single precision, m.
+    /// Rounding of a point in single precision, m.
     rounding: f32,
-    /// No distance of a point of either body from the other's surface changes by more, in steps.
+    /// Largest change of the distance of a point of either body from the other's surface, in steps.
     most: u32,
 }
 
@@ -51,8 +53,9 @@ impl Motion {
         *self = Self::new();
     }
 
-    /// Moves on to a pose of a probe whose surface is within a sphere (m). Returns how the probe's points have moved and how the
-    /// scene object's have; where that is not known, further than anything is known for.
+    /// Advances to a pose of a probe whose surface is within a sphere (m). Returns the motion of the probe's
+    /// points and of the scene object's; where that is not known, a motion beyond the validity of all
+    /// readings.
     pub fn advance(&mut self, pose: &Pose, center: DVec3, radius: f64, tolerance: f64) -> [Change; 2] {
         let last = self.last.replace(*pose).filter(|_| self.tolerance == tolerance);
         self.tolerance = tolerance;
@@ -61,10 +64,11 @@ impl Motion {
 }
 
 impl Change {
-    /// Further than anything is known for.
-    const ANYWHERE: Self = Self { rows: [[0.0; 4]; 3], turn: 0.0, rounding: 0.0, most: LONGEST };
+    /// A motion beyond the validity of all readings.
+    const ANYWHERE: Self = Self { rows: [[0.0; 4]; 3], turn: 0.0, rounding: 0.0, most: MAX_VALIDITY };
 
-    /// How far anything within four spheres of the body's surface (centres and radii, m) moves at most, in steps.
+    /// Largest motion of any point within four spheres of the body's surface (centres and radii, m), in
+    /// steps.
     #[inline]
     fn of(&self, [x, y, z, radius]: &[f32x4; 4]) -> f32x4 {
         let along = |[a, b, c, d]: [f32; 4]| {
@@ -72,47 +76,48 @@ impl Change {
         };
         let [x, y, z] = self.rows.map(along);
         let spread =
-            f32x4::splat(self.turn) * (f32x4::splat(MIDDLES) * *radius + f32x4::splat(self.rounding));
+            f32x4::splat(self.turn) * (f32x4::splat(CENTER_OFFSET) * *radius + f32x4::splat(self.rounding));
         f32x4::splat(1.0001) * ((x * x + y * y + z * z).sqrt() + spread)
     }
 
-    /// How far anything within some spheres moves at most, four at a time, and at most how far anything moves that is near the other body, m
-    /// for a tolerance (m).
+    /// Largest motion of any point within some spheres, given four at a time, and largest change of any
+    /// distance between the bodies, m, for a tolerance (m).
     pub fn largest<'a>(&self, spheres: impl Iterator<Item = &'a [f32x4; 4]>, tolerance: f64) -> [f64; 2] {
-        let metres = |steps: f64| steps * tolerance / STEPS;
-        let most = if self.most == LONGEST { f64::INFINITY } else { metres(self.most.into()) };
+        let metres = |steps: f64| steps * tolerance / STEPS_PER_TOLERANCE;
+        let most = if self.most == MAX_VALIDITY { f64::INFINITY } else { metres(self.most.into()) };
         let largest = spheres.map(|four| self.of(four)).fold(f32x4::ZERO, f32x4::fast_max);
         let largest = largest.to_array().into_iter().fold(0.0, f32::max);
         [most.min(metres(largest.into())), most]
     }
 }
 
-/// 2 sin θ/2: how far a point moves at most that is 1 m from an axis, as bodies turn from one pose to another.
+/// 2 sin θ/2: displacement of a point at 1 m from the axis of the rotation from one pose to another, m.
 fn chord(from: &Pose, to: &Pose) -> f64 {
     let turn = (from.rotation.inverse() * to.rotation).normalize();
     // The vector part of the quaternion is sin θ/2 long.
     2.0 * DVec3::new(turn.x, turn.y, turn.z).length()
 }
 
-/// No distance between the bodies' surfaces changes by more from one pose to another, m, for a probe whose surface is within a sphere
-/// (m).
+/// Upper bound of the change of any distance between the bodies' surfaces from one pose to another, m, for a
+/// probe whose surface is within a sphere (m).
 pub fn motion_bound(from: &Pose, to: &Pose, center: DVec3, radius: f64) -> f64 {
     from.transform_point(center).distance(to.transform_point(center)) + radius * chord(from, to)
 }
 
-/// How a probe's points, whose surface is within a sphere (m), and a scene object's move from one pose to another, probe to scene
-/// object.
+/// Motions, from one pose to another (probe to scene object), of the points of a probe whose surface is
+/// within a sphere (m), and of a scene object's.
 pub fn changes(from: &Pose, to: &Pose, center: DVec3, radius: f64, tolerance: f64) -> [Change; 2] {
     if from == to {
         return [Change::default(); 2];
     }
     let turn = chord(from, to);
-    let per_metre = STEPS / tolerance;
+    let per_metre = STEPS_PER_TOLERANCE / tolerance;
     let most = (motion_bound(from, to, center, radius) * per_metre).ceil();
-    if most.is_nan() || most >= f64::from(LONGEST) {
+    if most.is_nan() || most >= f64::from(MAX_VALIDITY) {
         return [Change::ANYWHERE; 2];
     }
     let change = |from: &Pose, to: &Pose, about: DVec3| {
+        // Displacement of a point x: (R′ − R) x + t′ − t, the latter from the motion of `about`.
         let matrix = DMat3::from_quat(to.rotation) - DMat3::from_quat(from.rotation);
         let shift = to.transform_point(about) - from.transform_point(about) - matrix * about;
         Change {
@@ -125,22 +130,22 @@ pub fn changes(from: &Pose, to: &Pose, center: DVec3, radius: f64, tolerance: f6
             most: most as u32,
         }
     };
-    // Of the scene object's points the one where the probe's centre is moves as that does.
+    // The scene object's point at the probe's centre moves as far as that centre does.
     [change(from, to, center), change(&from.inverse(), &to.inverse(), to.transform_point(center))]
 }
 
-/// Steps in a unit of length of so many metres.
+/// Number of steps in a unit of length (m).
 pub fn steps_per(unit: f64, tolerance: f64) -> f32 {
-    (unit * STEPS / tolerance) as f32
+    (unit * STEPS_PER_TOLERANCE / tolerance) as f32
 }
 
-/// How far each region of a body's surface has moved relative to the other body, in steps, summed up from query to query. A region is
-/// what a sample of a certain level stands for.
+/// Accumulated motion of each region of a body's surface relative to the other body, in steps. A region is
+/// the part of the surface that a sample of a certain level represents.
 #[derive(Clone, Debug)]
 pub struct Clocks {
     level: usize,
     regions: Vec<u32>,
-    /// No region has moved further.
+    /// Upper bound of all regions' motion.
     whole: u32,
 }
 
@@ -152,23 +157,23 @@ impl Clocks {
         Self { level, regions: vec![1; regions], whole: 1 }
     }
 
-    /// Sets all back.
+    /// Resets all clocks.
     pub fn reset(&mut self) {
         self.regions.fill(1);
         self.whole = 1;
     }
 
-    /// Moves on. Returns whether there was room left to count.
+    /// Advances the clocks by a motion. Returns false if they would overflow.
     pub fn advance(&mut self, samples: &SurfaceSamples, change: &Change) -> bool {
-        if change.most >= MOST - self.whole {
+        if change.most >= MAX_CLOCK - self.whole {
             return false;
         }
         self.whole += change.most;
         if change.most == 0 || self.regions.is_empty() {
             return true;
         }
-        if change.most == LONGEST {
-            self.regions.iter_mut().for_each(|region| *region += LONGEST);
+        if change.most == MAX_VALIDITY {
+            self.regions.iter_mut().for_each(|region| *region += MAX_VALIDITY);
             return true;
         }
         let spheres = &samples.levels[self.level].spheres;
@@ -183,12 +188,12 @@ impl Clocks {
         true
     }
 
-    /// The level whose samples stand for a region each; 0 where there are no regions.
+    /// The level whose samples represent a region each; 0 if there are no regions.
     pub fn level(&self) -> usize {
         self.level
     }
 
-    /// Of the samples of a level.
+    /// The clocks of the samples of a level.
     pub fn at(&self, level: usize) -> Clock<'_> {
         let regions = |level: usize| {
             if level <= self.level && self.level > 0 {
@@ -201,31 +206,32 @@ impl Clocks {
     }
 }
 
-/// Of the samples of a level, each with all below it: regions, and how far to shift an index to that of its region.
+/// The clocks of the samples of a level, each with all samples below it: regions, and the shift from a
+/// sample's index to that of its region.
 #[derive(Clone, Copy, Debug)]
 pub struct Clock<'a> {
     each: (&'a [u32], u32),
     fours: (&'a [u32], u32),
-    /// Whether the four samples of a four are of different regions.
+    /// Whether the samples of a four belong to different regions.
     differs: bool,
 }
 
 impl Clock<'_> {
-    /// Of a sample.
+    /// The clock of a sample.
     #[inline]
     pub fn of(&self, sample: usize) -> u32 {
         let (regions, shift) = self.each;
         regions[sample >> shift]
     }
 
-    /// Of four samples together.
+    /// The clock of four samples together.
     #[inline]
     pub fn of_four(&self, four: usize) -> u32 {
         let (regions, shift) = self.fours;
         regions[four >> shift]
     }
 
-    /// Of each of four samples.
+    /// The clocks of each of four samples.
     #[inline]
     pub fn of_each(&self, four: usize) -> i32x4 {
         if self.differs {
@@ -236,42 +242,43 @@ impl Clock<'_> {
     }
 }
 
-/// A clock's time after so many steps, if these are positive.
+/// The time of a clock `steps` later; the same time if `steps` is not positive.
 #[inline]
 pub fn after(now: u32, steps: f32) -> u32 {
-    // Casts saturate, and what is not a number becomes 0.
-    now + (steps as u32).min(LONGEST)
+    // Casts saturate, and NaN becomes 0.
+    now + (steps as u32).min(MAX_VALIDITY)
 }
 
-/// Until when what is known of one body's samples holds, in steps of motion. What has passed is not known.
+/// Readings of one body's samples, each with the time until which it holds, in steps of motion. Expired
+/// readings are unknown.
 #[derive(Clone, Debug)]
 pub struct Known {
     levels: Vec<Level>,
 }
 
-/// Of one level.
+/// Readings of one level.
 #[derive(Clone, Debug)]
 pub struct Level {
-    /// Four by four: of the two that are read first, and of the other two.
+    /// Readings of samples, four by four: of the two that are read first, and of the other two.
     pub fours: Vec<[LastRead; 2]>,
-    /// Likewise.
+    /// Readings of spheres, four by four.
     pub spheres: Vec<Spheres>,
 }
 
-/// Of two samples: which of them were in contact when they were read last, bit by bit among four, and sixteen times until when the
-/// others are not.
+/// Last reading of two samples: in the lower four bits, a mask among four of those in contact; in the others,
+/// the time until which the others are not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LastRead(u32);
 
 impl LastRead {
-    /// Nothing is known.
+    /// No reading.
     pub const UNKNOWN: Self = Self(0);
 
     pub fn new(in_contact: u32, until: u32) -> Self {
         Self(until << 4 | in_contact)
     }
 
-    /// Which of them are to be read.
+    /// Mask of the samples to read, of those in `all`.
     #[inline]
     pub fn awake(self, all: u32, now: u32) -> u32 {
         if self.until() <= now { all } else { self.in_contact() }
@@ -288,33 +295,34 @@ impl LastRead {
     }
 }
 
-/// Of four spheres each: twice until when it is known whether it is in reach, and 1 more if it is.
+/// Last readings of four spheres: in the lowest bit, whether a sphere is in reach; in the others, the time
+/// until which this holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spheres(i32x4);
 
 impl Spheres {
-    /// Nothing is known.
+    /// No reading.
     pub const UNKNOWN: Self = Self(i32x4::ZERO);
 
-    /// Bit by bit: those that may be in reach.
+    /// Bit mask of the spheres that may be in reach.
     #[inline]
     pub fn open(self, now: i32x4) -> u32 {
         (self.is_in_reach() | !self.is_known(now)).to_bitmask()
     }
 
-    /// Bit by bit: those of which it is to be found out.
+    /// Bit mask of the spheres without a valid reading.
     #[inline]
     pub fn unknown(self, now: i32x4) -> u32 {
         (!self.is_known(now)).to_bitmask()
     }
 
-    /// Bit by bit: those in reach.
+    /// Bit mask of the spheres in reach.
     #[inline]
     pub fn in_reach(self) -> u32 {
         self.is_in_reach().to_bitmask()
     }
 
-    /// The sign bits.
+    /// Flags of the spheres in reach, in the sign bits.
     #[inline]
     fn is_in_reach(self) -> i32x4 {
         self.0 << 31
@@ -330,12 +338,12 @@ impl Spheres {
         self.0 >> 1
     }
 
-    /// Steps until the first of them is not known any more.
+    /// Steps until the first of the readings expires.
     pub fn left(self, now: i32x4) -> u32 {
         (self.until() - now).reduce_min().max(0).cast_unsigned()
     }
 
-    /// What was found out of one of them.
+    /// Stores the reading of one of the spheres.
     #[inline]
     pub fn set(&mut self, lane: usize, is_in_reach: bool, until: u32) {
         self.0.as_mut_array()[lane] = (until << 1 | u32::from(is_in_reach)).cast_signed();
@@ -351,7 +359,7 @@ impl Known {
         Self { levels: samples.levels.iter().enumerate().map(of).collect() }
     }
 
-    /// Nothing is known any more.
+    /// Forgets all readings.
     pub fn forget(&mut self) {
         for level in &mut self.levels {
             level.fours.fill([LastRead::UNKNOWN; 2]);
@@ -404,13 +412,13 @@ mod tests {
         let mut clocks = Clocks::new(&samples);
         assert!(!clocks.regions.is_empty());
         let mut pose = Pose::IDENTITY;
-        let unknown = |changes: [Change; 2]| changes.iter().all(|change| change.most == LONGEST);
+        let unknown = |changes: [Change; 2]| changes.iter().all(|change| change.most == MAX_VALIDITY);
         assert!(unknown(motion.advance(&pose, center, radius, tolerance)), "nothing was known");
         let (mut total, mut counted_in_all, mut most) = (0.0, 0.0, 0.0);
-        let metres = tolerance / STEPS;
+        let metres = tolerance / STEPS_PER_TOLERANCE;
         for size in [1e-7, 1e-4, 1e-2, 0.2] {
             for _ in 0..100 {
-                // About a point of the surface, as bodies that touch there turn.
+                // A rotation about a point of the surface, as of bodies that touch there.
                 let about = pose.transform_point(points[0].1);
                 let turn = DQuat::from_scaled_axis(size * random());
                 let shift = 0.1 * size * radius * random();

@@ -1,4 +1,4 @@
-//! Where bodies will be if they go on moving as they do.
+//! Extrapolation of steady motion.
 
 use palpate_core::Pose;
 use palpate_core::glam::{DQuat, DVec3};
@@ -6,20 +6,22 @@ use palpate_core::glam::{DQuat, DVec3};
 use crate::body::FieldBody;
 use crate::slack::motion_bound;
 
-/// Motion of a probe relative to a scene object, as fast as from the last pose to this one, about the probe's centre.
+/// Motion of a probe relative to a scene object, with the velocity from the last pose to this one, about the
+/// probe's centre.
 pub struct Steady {
     pub pose: Pose,
     center: DVec3,
-    /// Of the centre in each query, m, and the turn, as an axis times an angle, both in the scene object's frame.
+    /// Displacement of the centre in each query, m, and rotation vector, rad, both in the scene object's
+    /// frame.
     shift: DVec3,
     turn: DVec3,
-    /// No distance between the surfaces changes by more in each query, m.
+    /// Upper bound of the change of any distance between the surfaces in each query, m.
     pub step: f64,
 }
 
 impl Steady {
-    /// From one pose to the next, probe to scene object. Where the first is not known the probe stays where it is, and the step is
-    /// infinite.
+    /// The motion from one pose to the next, probe to scene object. If the first is not known, the probe
+    /// stays where it is, and the step is infinite.
     pub fn new(last: Option<Pose>, pose: &Pose, probe: &FieldBody) -> Self {
         let center = pose.transform_point(probe.center);
         let Some(last) = last else {
@@ -34,7 +36,7 @@ impl Steady {
         }
     }
 
-    /// The pose in so many queries.
+    /// The pose after a number of queries.
     pub fn after(&self, queries: f64) -> Pose {
         let turn = DQuat::from_scaled_axis(queries * self.turn);
         let arm = turn * (self.pose.translation - self.center);

@@ -1,10 +1,10 @@
 //! The interlocking ball joint of Table 3.2 and Fig. 3.13.
 //!
-//! The ball is a knob of 30 mm with shallow lobes, on a stem with a flange and a screw thread; it points up (+z).
-//! The socket's cavity is the knob's own shape, widened by [`CLEARANCE`], and reaches [`RIM`] below the ball's
-//! equator, so that it holds the ball; its stem points up. Both have the knob's centre as origin: with identical
-//! poses the joint is assembled and nothing touches. Tilting it far brings the stem against the rim; turning it
-//! brings lobe against lobe, since the lobes are higher than the clearance.
+//! The ball is a knob of 30 mm with shallow lobes, on a stem with a flange and a screw thread; it points up
+//! (+z). The socket's cavity is the knob's own shape, widened by [`CLEARANCE`], and reaches [`RIM`] below the
+//! ball's equator, so that it holds the ball; its stem points up. Both have the knob's centre as origin: with
+//! identical poses the joint is assembled and nothing touches. Tilting it far brings the stem against the
+//! rim; turning it brings lobe against lobe, since the lobes are higher than the clearance.
 
 use palpate_core::{TriMesh, glam::DVec3};
 
@@ -20,7 +20,7 @@ const LOBE: f64 = 0.5;
 const LOBES: f64 = 8.0;
 /// Gap between knob and cavity when assembled, mm.
 const CLEARANCE: f64 = 0.6;
-/// How far below the equator the socket reaches, mm.
+/// Distance of the socket's rim below the equator, mm.
 const RIM: f64 = 11.0;
 /// Outer radius of the socket's cup, mm.
 const CUP: f64 = 39.0;

@@ -40,7 +40,8 @@ pub(crate) fn build(triangles: usize) -> TriMesh {
             let wave = |axis: usize| (std::f64::consts::TAU * plain[axis] / DIMPLE_PITCH).cos();
             dimples * wave(a) * wave(b) * inside(a) * inside(b)
         };
-        // A valley at the middle of the bottom and a crest at the middle of the top: stacked blocks interlock.
+        // A valley at the middle of the bottom and a crest at the middle of the top: stacked blocks
+        // interlock.
         let ridge = ridges * side(2) * relief::ridges(plain[1] / PITCH) * inside(0) * inside(1);
         DVec3::new(
             plain[0] + side(0) * dimple(1, 2),

@@ -5,7 +5,8 @@ use palpate_core::glam::DVec3;
 use crate::stitched::{Stitched, cells};
 use crate::window::Window;
 
-/// The cells of a box along its three axes, and its windows, which pierce both bottom and top at the same cells.
+/// The cells of a box along its three axes, and its windows, which pierce both bottom and top at the same
+/// cells.
 pub(crate) struct BoxLattice {
     pub(crate) cells: [usize; 3],
     pub(crate) windows: Vec<Window>,
@@ -18,8 +19,8 @@ pub(crate) struct Borders {
 }
 
 impl BoxLattice {
-    /// Divides a box of a size into about cubic cells. With three whole numbers to choose, the number of triangles can be met
-    /// closely: for each choice of the first two the third follows.
+    /// Divides a box of a size into about cubic cells. With three whole numbers to choose, the number of
+    /// triangles can be met closely: for each choice of the first two the third follows.
     pub(crate) fn of(size: [f64; 3], triangles: usize) -> Self {
         let area = 2.0 * (size[0] * size[1] + size[1] * size[2] + size[2] * size[0]);
         let edge = (2.0 * area / triangles as f64).sqrt();
@@ -43,7 +44,7 @@ impl BoxLattice {
         best
     }
 
-    /// Number of triangles, without what fills the windows.
+    /// Number of triangles, without those that fill the windows.
     pub(crate) fn triangles(&self) -> usize {
         let [a, b, c] = self.cells;
         4 * (a * b + b * c + c * a) - 4 * self.windows.iter().map(Window::cells).sum::<usize>()

@@ -1,8 +1,8 @@
-//! The CAD part of Table 4.1 and Fig. 4.13: a machined angle bracket. Its faces carry the cross-hatched arcs that a face
-//! mill leaves, its bosses and counterbored holes are turned, and the large bore is threaded.
+//! The CAD part of Table 4.1 and Fig. 4.13: a machined angle bracket. Its faces carry the cross-hatched arcs
+//! that a face mill leaves, its bosses and counterbored holes are turned, and the large bore is threaded.
 //!
-//! A plate with windows is bent by a right angle; each hole is a turned tube from its window on the inner face
-//! (above the base, before the wall) to that on the outer face.
+//! A plate with windows is bent by a right angle; each hole is a turned tube from its window on the inner
+//! face (above the base, before the wall) to that on the outer face.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -19,7 +19,8 @@ use crate::window::{Opening, Window, disc};
 
 pub(crate) const MIN_TRIANGLES: usize = 8_000;
 
-/// The plate: lengths of base and wall without the bend, width, thickness, and radius of the bend's middle surface, mm.
+/// The plate: lengths of base and wall without the bend, width, thickness, and radius of the bend's middle
+/// surface, mm.
 const BASE: f64 = 85.0;
 const WALL: f64 = 97.0;
 const WIDTH: f64 = 110.0;
@@ -44,7 +45,8 @@ const THREAD_AMPLITUDE: f64 = 0.4;
 struct Hole {
     /// Middle on the flat plate, measured from the base's free end and from the middle line.
     center: DVec2,
-    /// Half the side of the square of the grid that makes room for it, and of the square that is drawn out of shape.
+    /// Half the side of the square of the grid that makes room for it, and of the square that is drawn out of
+    /// shape.
     half: f64,
     room: f64,
     /// Corners of its profile as (radius, height over the middle surface), from the inner to the outer face.
@@ -181,7 +183,7 @@ impl Plan {
     }
 }
 
-/// Draws the corners of the flat plate out into quarter discs .
+/// Deforms the corners of the flat plate into quarter discs.
 fn round_corners(at: DVec2) -> DVec2 {
     let middle = DVec2::new(0.5 * LENGTH, 0.0);
     let from = at - middle;

@@ -1,5 +1,5 @@
-//! The cup of Table 3.2 and §5.5: a mug with a wall and a handle, within a sphere of radius 8 cm, through whose handle
-//! the [`spoon`](crate::spoon) passes (Fig. 5.7).
+//! The cup of Table 3.2 and §5.5: a mug with a wall and a handle, within a sphere of radius 8 cm, through
+//! whose handle the [`spoon`](crate::spoon) passes (Fig. 5.7).
 //!
 //! The body is turned on a lathe, with two windows; the handle is a tube between them.
 
@@ -25,14 +25,16 @@ const WALL: f64 = 4.5;
 /// Rounding of the outer and the inner bottom edge.
 const OUTER_FILLET: f64 = 5.0;
 const INNER_FILLET: f64 = 10.0;
-/// Half the distance between the ends of the handle's centre line, their mean height, and its reach from the wall.
+/// Half the distance between the ends of the handle's centre line, their mean height, and its reach from the
+/// wall.
 const HANDLE_HALF: f64 = 32.0;
 const HANDLE_HEIGHT: f64 = 54.0;
 const HANDLE_REACH: f64 = 34.0;
-/// Half axes of the handle, along the wall's circumference and across; and where it meets the wall.
+/// Half axes of the handle, along the wall's circumference and across, mm; and the same where it meets the
+/// wall.
 const HANDLE: DVec2 = DVec2::new(6.5, 4.2);
 const JOINT: DVec2 = DVec2::new(8.0, 7.5);
-/// How far from the handle's middle the wall's grid gives way to it.
+/// Distance from the handle's middle within which the wall's grid is displaced.
 const JOINT_ROOM: f64 = 13.0;
 /// Length over which the handle widens towards the wall.
 const FLARE: f64 = 5.0;
@@ -191,7 +193,8 @@ pub(crate) fn build(triangles: usize) -> TriMesh {
     });
 
     join_handle(&mut mesh, &plan, &openings, &body.windows);
-    // The bounding sphere of the cup as drawn here, measured on the finished mesh, has a radius of this many mm.
+    // The bounding sphere of the cup as drawn here, measured on the finished mesh, has a radius of this many
+    // mm.
     const BOUNDING_RADIUS: f64 = 78.9;
     mesh.finish(0.08 / BOUNDING_RADIUS)
 }
@@ -227,7 +230,7 @@ fn join_handle(mesh: &mut Stitched, plan: &Plan, openings: &[Opening], borders: 
             + axes.x * direction.x * DVec3::Y
             + axes.y * direction.y * DVec3::new(normal.x, 0.0, normal.y)
     };
-    // The wall is curved and the windows fall on rows: what the ends deviate by dies away along the handle.
+    // The wall is curved and the windows fall on rows: the deviation of the ends decreases along the handle.
     let deviation = |border: &[u32], part: f64, mesh: &Stitched| -> Vec<DVec3> {
         border
             .iter()

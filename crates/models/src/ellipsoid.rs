@@ -1,8 +1,9 @@
 //! The ellipsoid of §3.5.2 that explores the golf ball: strictly convex, with three different axes.
 //!
-//! The vertices lie in rings on a sphere, which is then stretched along its axes. Neighbouring rings are joined as
-//! their convex hull, so that the mesh is the convex hull of its vertices; stretching keeps that. Consecutive rings are
-//! turned against each other so that no four vertices share a plane, and the hull is strictly convex.
+//! The vertices lie in rings on a sphere, which is then stretched along its axes. Neighbouring rings are
+//! joined as their convex hull, so that the mesh is the convex hull of its vertices; stretching keeps that.
+//! Consecutive rings are turned against each other so that no four vertices share a plane, and the hull is
+//! strictly convex.
 
 use std::f64::consts::{PI, TAU};
 
@@ -15,7 +16,8 @@ pub(crate) const MIN_TRIANGLES: usize = 60;
 /// Half the lengths along x, y and z, mm; a golf ball's radius is 21.
 const AXES: DVec3 = DVec3::new(16.0, 10.0, 7.5);
 
-/// Numbers of vertices of the rings from pole to pole: `triangles / 2` in all, since each ring of n bounds 2 n triangles.
+/// Numbers of vertices of the rings from pole to pole: `triangles / 2` in all, since each ring of n bounds 2
+/// n triangles.
 fn rings(triangles: usize) -> Vec<usize> {
     let vertices = triangles / 2;
     // Equilateral triangles of side a: rings 0.87 a apart, and 4π / (0.87 a²) vertices.
@@ -50,7 +52,8 @@ pub(crate) fn build(triangles: usize) -> TriMesh {
     for (index, &count) in counts.iter().enumerate() {
         let polar = PI * (index + 1) as f64 / (counts.len() + 1) as f64;
         if let Some((_, turns)) = &below {
-            // The middles of the edges of two rings come no closer than half of one step of their common division.
+            // The middles of the edges of two rings come no closer than half of one step of their common
+            // division.
             let before = turns.len();
             let common = before * count / greatest_common_divisor(before, count);
             turned += 0.5 / common as f64 + 0.5 / before as f64 - 0.5 / count as f64;

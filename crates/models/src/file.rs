@@ -1,4 +1,5 @@
-//! The file (hand tool) of Table 4.1 and Fig. 4.13: a flat blade with cross-cut teeth on both faces, and a tang.
+//! The file (hand tool) of Table 4.1 and Fig. 4.13: a flat blade with cross-cut teeth on both faces, and a
+//! tang.
 
 use std::f64::consts::TAU;
 
@@ -35,8 +36,8 @@ fn section(x: f64) -> (f64, f64) {
     )
 }
 
-/// The rows of teeth that one cut leaves, a turn of `phase` each, 0 to 1: rounded ridges between sharp grooves, steeper
-/// on one side.
+/// The rows of teeth that one cut leaves, a turn of `phase` each, 0 to 1: rounded ridges between sharp
+/// grooves, steeper on one side.
 fn cut(phase: f64) -> f64 {
     let angle = TAU * phase;
     (0.5 * (angle + 0.5 * angle.sin())).cos().abs()

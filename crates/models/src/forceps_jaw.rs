@@ -1,8 +1,10 @@
-//! A jaw of forceps, for a tool of two bodies (§6.2.3): a boss with the hole of the hinge, and a tapered beak with a flat gripping face.
+//! A jaw of forceps, for a tool of two bodies (§6.2.3): a boss with the hole of the hinge, and a tapered beak
+//! with a flat gripping face.
 //!
-//! The hinge's axis is z through the origin; the beak lies along x below the plane y = 0, in which the gripping face is. The boss
-//! takes the lower half of the thickness, so that a second jaw, turned half a turn about x, has its own beside it: at equal
-//! origins the two gripping faces then meet, and the second jaw opens by turning about z.
+//! The hinge's axis is z through the origin; the beak lies along x below the plane y = 0, in which the
+//! gripping face is. The boss takes the lower half of the thickness, so that a second jaw, turned half a turn
+//! about x, has its own beside it: at equal origins the two gripping faces then meet, and the second jaw
+//! opens by turning about z.
 
 use palpate_core::{
     TriMesh,
@@ -16,17 +18,21 @@ use crate::window::{Opening, Window};
 
 pub(crate) const MIN_TRIANGLES: usize = 600;
 
-/// From the back of the boss to the tip, mm.
+/// x of the back of the boss, mm.
 const BACK: f64 = -5.5;
+/// x of the tip, mm.
 const TIP: f64 = 60.0;
-/// Radius of the boss and of the hole.
+/// Radius of the boss, mm.
 const BOSS: f64 = 6.0;
+/// Radius of the hole, mm.
 const HOLE: f64 = 2.0;
-/// Where the gripping face begins, behind which the boss goes over into the beak: first its upper side, then its thickness.
+/// x to which the outline of the boss blends into that of the beak, and from which its thickness does, mm.
 const NECK: f64 = 9.0;
+/// x to which the thickness of the boss blends into that of the beak, and where the gripping face begins, mm.
 const FACE: f64 = 13.0;
-/// Half the thickness of boss and beak, and what is between the two bosses.
+/// Half the thickness of boss and beak, mm.
 const HALF: f64 = 4.0;
+/// Gap between the two bosses, mm.
 const PLAY: f64 = 0.1;
 
 /// Lowest and highest y at x.
@@ -46,7 +52,7 @@ fn thickness(x: f64) -> (f64, f64) {
     (-half, -0.5 * PLAY + (half + 0.5 * PLAY) * smooth_step(NECK, FACE, x))
 }
 
-/// How the jaw is divided.
+/// Division of the jaw.
 struct Plan {
     lattice: BoxLattice,
     /// Rows of the hole's wall.

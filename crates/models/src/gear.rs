@@ -1,5 +1,5 @@
-//! The gear of Table 4.1 and Fig. 4.11: a disc, convex at coarse resolution, whose rim carries teeth that interlock
-//! with the ridges of the [`block`]. Hub, web and spokes are a shallow relief of the flat sides.
+//! The gear of Table 4.1 and Fig. 4.11: a disc, convex at coarse resolution, whose rim carries teeth that
+//! interlock with the ridges of the [`block`]. Hub, web and spokes are a shallow relief of the flat sides.
 
 use std::f64::consts::TAU;
 
@@ -15,12 +15,12 @@ const TEETH: usize = 24;
 /// Radius of the pitch circle, on which teeth are as far apart as the block's ridges, mm.
 const RADIUS: f64 = TEETH as f64 * block::PITCH / TAU;
 const WIDTH: f64 = 18.0;
-/// Radius, as a part of the whole, up to which the sides feel nothing of the teeth.
+/// Radius, as a fraction of the whole, up to which the teeth do not affect the sides.
 const WEB: f64 = 0.80;
 /// Depth of the recesses in the sides, mm.
 const RECESS: f64 = 1.4;
 
-/// How the gear is divided.
+/// Division of the gear.
 struct Plan {
     around: usize,
     across: usize,

@@ -1,7 +1,7 @@
 //! The golf ball of Table 3.2: a sphere of 21.335 mm with 332 spherical dimples.
 //!
-//! The dimples' centres are a Fibonacci lattice on the sphere, relaxed by mutual repulsion until the spacing is even
-//! to a few per cent.
+//! The dimples' centres are a Fibonacci lattice on the sphere, relaxed by mutual repulsion until the spacing
+//! is even to a few per cent.
 
 use std::sync::OnceLock;
 
@@ -22,7 +22,7 @@ const DIMPLES: usize = 332;
 const RIM: f64 = 1.85;
 /// Depth of a dimple below the sphere, mm.
 const DEPTH: f64 = 0.25;
-/// Over how many mm in depth the rim is rounded.
+/// Depth over which the rim is rounded, mm.
 const ROUNDING: f64 = 0.06;
 
 /// A golf ball about the origin, m.
@@ -34,7 +34,8 @@ pub(crate) fn build(triangles: usize) -> TriMesh {
 struct GolfBall {
     /// Unit vectors to the dimples' centres.
     dimples: Vec<DVec3>,
-    /// For each cell of a grid over the cube [-1, 1]³, the dimples that may be the nearest for a direction in it.
+    /// For each cell of a grid over the cube [-1, 1]³, the dimples that may be the nearest for a direction in
+    /// it.
     near: Vec<Vec<u16>>,
 }
 
@@ -79,8 +80,8 @@ impl Surface for GolfBall {
             .iter()
             .map(|d| direction.distance_squared(self.dimples[*d as usize]))
             .fold(f64::INFINITY, f64::min);
-        // The dimple is a paraboloid, a sphere as nearly as makes no difference at this depth; both surfaces are
-        // heights over the sphere, and the lower one counts.
+        // The dimple is a paraboloid, a sphere as nearly as makes no difference at this depth; both surfaces
+        // are heights over the sphere, and the lower one counts.
         let x = nearest.min(0.04) * RADIUS * RADIUS / (RIM * RIM);
         let height = -smooth_max(0.0, DEPTH * (1.0 - x), ROUNDING) + smooth_max(0.0, -DEPTH, ROUNDING);
         radius - RADIUS - height

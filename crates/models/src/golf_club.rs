@@ -1,8 +1,9 @@
-//! The golf club of Table 3.2: a seven iron with a hollowed back, a scored face, a hosel and the lower end of the shaft.
+//! The golf club of Table 3.2: a seven iron with a hollowed back, a scored face, a hosel and the lower end of
+//! the shaft.
 //!
-//! Real size, to suit the ball. The frame: z up, the shot goes along +x, the toe points along −y (a right-hander's
-//! club), the origin is the middle of the face. The blade is an outline in the plane of the face, thicker towards the
-//! sole; the hosel rises from its heel at the lie angle.
+//! Real size, to suit the ball. The frame: z up, the shot goes along +x, the toe points along −y (a
+//! right-hander's club), the origin is the middle of the face. The blade is an outline in the plane of the
+//! face, thicker towards the sole; the hosel rises from its heel at the lie angle.
 
 use palpate_core::{
     TriMesh,
@@ -19,12 +20,13 @@ const LOFT: f64 = 33.0;
 const LIE: f64 = 62.5;
 /// Length of hosel and shaft from the heel, mm.
 const LENGTH: f64 = 175.0;
-/// Score lines on the face: how many, how far apart, half their width, their depth, mm.
+/// Score lines on the face: their number, distance, half width and depth, mm.
 const LINES: i32 = 12;
 const SPACING: f64 = 3.0;
 const HALF_LINE: f64 = 0.75;
 const LINE_DEPTH: f64 = 0.55;
-/// The blade's outline in the face's plane (toe right, up along the face), mm, before it is rounded by [`CORNER`].
+/// The blade's outline in the face's plane (toe right, up along the face), mm, before it is rounded by
+/// [`CORNER`].
 const OUTLINE: [DVec2; 9] = [
     DVec2::new(-31.0, -15.0),
     DVec2::new(-10.0, -17.5),
@@ -106,8 +108,8 @@ fn hosel(p: DVec3) -> f64 {
     let around = (p - heel - along * axis).length();
     let lower =
         smooth_max(around - 6.6 - 0.5 * smooth_step(20.0, 0.0, along), (along - 32.0).abs() - 34.0, 3.0);
-    // The ferrule narrows from the hosel to the shaft. It begins where the hosel is still wide: a slit between their
-    // ends would be narrower than the edges of any mesh.
+    // The ferrule narrows from the hosel to the shaft. It begins where the hosel is still wide: a slit
+    // between their ends would be narrower than the edges of any mesh.
     let ferrule =
         smooth_max(around - 6.4 + 1.4 * smooth_step(66.0, 84.0, along), (along - 73.0).abs() - 11.0, 0.8);
     let steps = 0.25 * smooth_step(118.0, 119.0, along) + 0.25 * smooth_step(150.0, 151.0, along);

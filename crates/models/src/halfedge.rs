@@ -1,7 +1,7 @@
 //! An editable closed triangle mesh: flip, split and collapse of edges in constant time.
 //!
-//! Half-edge `3t + i` runs from corner `i` of triangle `t` to the next corner; each knows its twin. Every operation
-//! keeps the mesh a closed oriented 2-manifold of the same topology, or refuses.
+//! Half-edge `3t + i` runs from corner `i` of triangle `t` to the next corner; each knows its twin. Every
+//! operation keeps the mesh a closed oriented 2-manifold of the same topology, or refuses.
 
 use std::collections::HashMap;
 
@@ -123,8 +123,8 @@ impl EditableMesh {
         self.leaving[origin as usize] = h;
     }
 
-    /// Turns the edge in the quadrilateral of its two triangles. The caller has seen that the far corners are not
-    /// neighbours yet and that no valence falls below 3.
+    /// Turns the edge in the quadrilateral of its two triangles. The caller has seen that the far corners are
+    /// not neighbours yet and that no valence falls below 3.
     pub(crate) fn flip(&mut self, h: u32) {
         let g = self.twin(h);
         let (a, b, c, d) = (self.origin(h), self.origin(g), self.apex(h), self.apex(g));
@@ -173,8 +173,8 @@ impl EditableMesh {
         m
     }
 
-    /// Whether the edge can be collapsed without a change of topology: its ends have no common neighbours but the
-    /// two across from it, and those keep at least three neighbours.
+    /// Whether the edge can be collapsed without a change of topology: its ends have no common neighbours but
+    /// the two across from it, and those keep at least three neighbours.
     pub(crate) fn can_collapse(&self, h: u32) -> bool {
         let (a, b) = (self.origin(h), self.target(h));
         let (c, d) = (self.apex(h), self.apex(self.twin(h)));
@@ -186,7 +186,8 @@ impl EditableMesh {
             && self.valence(a) + self.valence(b) > 6
     }
 
-    /// Merges the half-edge's origin into its target, which moves to `position`. See [`EditableMesh::can_collapse`].
+    /// Merges the half-edge's origin into its target, which moves to `position`. See
+    /// [`EditableMesh::can_collapse`].
     pub(crate) fn collapse(&mut self, h: u32, position: DVec3) {
         let g = self.twin(h);
         let (a, b, c, d) = (self.origin(h), self.target(h), self.apex(h), self.apex(g));

@@ -27,16 +27,17 @@ const BODY_HALF: f64 = 19.0;
 const PEEN_CENTER: f64 = -44.0;
 const FACE_PLANE: f64 = 52.0;
 const CHAMFER: f64 = 1.8;
-/// Where the handle ends, and over what length its end is rounded.
+/// z of the handle's end, and the length over which it is rounded, mm.
 const HANDLE_END: f64 = -265.0;
 const END_ROUNDING: f64 = 9.0;
 /// Half axes of the handle where it meets the head: along x and along y.
 const JOINT: DVec2 = DVec2::new(11.5, 9.0);
-/// How far from the handle's middle the head's grid gives way to it.
+/// Distance from the handle's middle within which the head's grid is displaced.
 const JOINT_ROOM: f64 = 16.0;
 /// The knurled part of the handle.
 const GRIP: [f64; 2] = [-250.0, -135.0];
-/// Ridges around the grip in each of the two directions, the length along the grip of one ridge, and half its height.
+/// Ridges around the grip in each of the two directions, the length along the grip of one ridge, and half its
+/// height.
 const KNURL_AROUND: f64 = 16.0;
 const KNURL_PITCH: f64 = 5.0;
 const KNURL_AMPLITUDE: f64 = 0.55;

@@ -1,4 +1,5 @@
-//! Surfaces turned on a lathe: a grid around an axis and along a profile, with windows that handles can be joined to.
+//! Surfaces turned on a lathe: a grid around an axis and along a profile, with windows that handles can be
+//! joined to.
 
 use palpate_core::glam::{DVec2, DVec3};
 
@@ -6,8 +7,8 @@ use crate::path::Path;
 use crate::stitched::{Stitched, cells};
 use crate::window::Window;
 
-/// The profile of a turned surface: curves of (radius, height) that follow one another, divided separately so that
-/// the edges between them stay sharp.
+/// The profile of a turned surface: curves of (radius, height) that follow one another, divided separately so
+/// that the edges between them stay sharp.
 pub(crate) struct Profile {
     pieces: Vec<(Path, usize)>,
 }
@@ -67,7 +68,8 @@ impl Lathe {
         2 * self.around * self.rows - 2 * self.windows.iter().map(Window::cells).sum::<usize>()
     }
 
-    /// Adds the surface to a mesh. `place` gets the column (its turn is column / `around`) and the row of a node.
+    /// Adds the surface to a mesh. `place` gets the column (its turn is column / `around`) and the row of a
+    /// node.
     pub(crate) fn build(&self, mesh: &mut Stitched, place: impl Fn(usize, usize) -> DVec3) -> Borders {
         let rings: Vec<Vec<u32>> = (0..=self.rows)
             .map(|row| {

@@ -1,7 +1,8 @@
-//! Procedural benchmark models: the objects of the dissertation's Tables 3.2 and 4.1 and of §5.5.3, and a jaw of forceps, generated
-//! deterministically at any resolution.
+//! Procedural benchmark models: the objects of the dissertation's Tables 3.2 and 4.1 and of §5.5.3, and a jaw
+//! of forceps, generated deterministically at any resolution.
 //!
-//! Every model is a closed 2-manifold, consistently oriented (outwards), without self-intersections, in metres.
+//! Every model is a closed 2-manifold, consistently oriented (outwards), without self-intersections, in
+//! metres.
 
 mod ball_joint;
 mod block;
@@ -36,19 +37,20 @@ use palpate_core::TriMesh;
 /// A built-in model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Model {
-    /// Lower jaw: gums and teeth in an arch, bounded by a 6 cm sphere (Table 3.2). z up, y forward; the teeth point up,
-    /// the occlusal plane is near z = 0. At equal poses the jaws are closed, a few tenths of a millimetre apart.
+    /// Lower jaw: gums and teeth in an arch, bounded by a 6 cm sphere (Table 3.2). z up, y forward; the teeth
+    /// point up, the occlusal plane is near z = 0. At equal poses the jaws are closed, a few tenths of a
+    /// millimetre apart.
     LowerJaw,
-    /// Upper jaw, whose teeth interdigitate with the lower jaw's (Table 3.2). Same frame as the lower jaw; the teeth
-    /// point down.
+    /// Upper jaw, whose teeth interdigitate with the lower jaw's (Table 3.2). Same frame as the lower jaw;
+    /// the teeth point down.
     UpperJaw,
-    /// Ball half of the interlocking ball joint (Table 3.2). Both halves have the ball's centre as origin, so that the
-    /// joint is assembled at equal poses; the ball's stem points down (−z).
+    /// Ball half of the interlocking ball joint (Table 3.2). Both halves have the ball's centre as origin, so
+    /// that the joint is assembled at equal poses; the ball's stem points down (−z).
     BallJointBall,
     /// Socket half of the interlocking ball joint (Table 3.2); its stem points up (+z).
     BallJointSocket,
-    /// Golf club head with hosel and shaft (Table 3.2). The origin is the middle of the face, z up, the shot goes along
-    /// +x, the toe points along −y; real size, to suit the ball.
+    /// Golf club head with hosel and shaft (Table 3.2). The origin is the middle of the face, z up, the shot
+    /// goes along +x, the toe points along −y; real size, to suit the ball.
     GolfClub,
     /// Golf ball with some 330 dimples, 21.335 mm in radius, about the origin (Table 3.2).
     GolfBall,
@@ -78,12 +80,13 @@ pub enum Model {
     Stylus,
     /// Flat plate that the stylus explores; its upper face is in the plane z = 0 (§5.5.4).
     Plate,
-    /// Jaw of forceps for a tool of two bodies (§6.2.3). The hinge's axis is z through the origin, the beak lies along x, its
-    /// gripping face in the plane y = 0; the other jaw is the same, turned half a turn about x.
+    /// Jaw of forceps for a tool of two bodies (§6.2.3). The hinge's axis is z through the origin, the beak
+    /// lies along x, its gripping face in the plane y = 0; the other jaw is the same, turned half a turn
+    /// about x.
     ForcepsJaw,
 }
 
-/// Why a model was not generated.
+/// Error of naming or generating a model.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ModelError {
     /// No built-in model has this name.
@@ -91,15 +94,15 @@ pub enum ModelError {
     Unknown {
         /// The name given.
         name: String,
-        /// The names there are.
+        /// The names of all models.
         known: String,
     },
-    /// What follows `@` is not a number of triangles.
+    /// The text after `@` is not a number of triangles.
     #[error("'{text}' is not a number of triangles; write for example {model}@20000")]
     BadCount {
         /// The model's name.
         model: &'static str,
-        /// What was given for a number.
+        /// The text in place of a number.
         text: String,
     },
     /// The number of triangles is out of the model's range.
@@ -107,16 +110,16 @@ pub enum ModelError {
     OutOfRange {
         /// The model's name.
         model: &'static str,
-        /// Triangles asked for.
+        /// Number of triangles requested.
         asked: usize,
-        /// Fewest triangles.
+        /// Smallest number of triangles.
         min: usize,
-        /// Most triangles.
+        /// Largest number of triangles.
         max: usize,
     },
 }
 
-/// What is known of a model without generating it.
+/// Name, default size and description of a model.
 struct Entry {
     model: Model,
     name: &'static str,
@@ -125,8 +128,9 @@ struct Entry {
     description: &'static str,
 }
 
-/// In the order of [`Model`]'s variants. A table rather than a `match`: LLVM 22 unrolls a search over such a `match` into 400
-/// comparisons, on which its constraint elimination spends minutes (`opt-level = 3`).
+/// All models, in the order of [`Model`]'s variants. A table rather than a `match`: LLVM 22 unrolls a search
+/// over such a `match` into 400 comparisons, on which its constraint elimination spends minutes (`opt-level =
+/// 3`).
 static ENTRIES: [Entry; 20] = [
     entry(Model::LowerJaw, "lower-jaw", 40_180, "lower jaw, an arch of teeth (Table 3.2)"),
     entry(Model::UpperJaw, "upper-jaw", 47_339, "upper jaw, interdigitates with the lower (Table 3.2)"),
@@ -154,7 +158,7 @@ const fn entry(model: Model, name: &'static str, triangles: usize, description: 
     Entry { model, name, triangles, description }
 }
 
-/// Most triangles that any model is generated with.
+/// Largest number of triangles of a model.
 pub const MAX_TRIANGLES: usize = 20_000_000;
 
 impl Model {
@@ -169,17 +173,18 @@ impl Model {
         all
     };
 
-    /// The name by which the command line knows the model.
+    /// The model's name on the command line.
     pub const fn name(self) -> &'static str {
         self.entry().name
     }
 
-    /// The number of triangles in the dissertation's tables, or one that suits the model where they have none.
+    /// The number of triangles in the dissertation's tables, or one that suits the model where they have
+    /// none.
     pub const fn default_triangles(self) -> usize {
         self.entry().triangles
     }
 
-    /// What the model is, in a few words.
+    /// Description of the model in a few words.
     pub const fn description(self) -> &'static str {
         self.entry().description
     }
@@ -188,7 +193,8 @@ impl Model {
         &ENTRIES[self as usize]
     }
 
-    /// Generates the model with about `triangles` triangles (within 2 %, or the nearest the model's structure allows).
+    /// Generates the model with about `triangles` triangles (within 2 %, or the nearest the model's structure
+    /// allows).
     ///
     /// # Errors
     /// If `triangles` is fewer than the model's shape needs, or more than [`MAX_TRIANGLES`].
@@ -227,7 +233,7 @@ impl Model {
     /// Reads `NAME` or `NAME@TRIANGLES`: the model and the number of triangles asked for.
     ///
     /// # Errors
-    /// If there is no such model, or what follows `@` is not a number.
+    /// If there is no such model, or the text after `@` is not a number.
     pub fn parse(text: &str) -> Result<(Self, usize), ModelError> {
         let (name, count) = match text.split_once('@') {
             Some((name, count)) => (name, Some(count)),

@@ -2,8 +2,8 @@
 
 use palpate_core::glam::DVec2;
 
-/// Points between which a curve is replaced by straight pieces, per piece of curve.
-const FINE: usize = 400;
+/// Number of straight pieces that replace a curve.
+const SEGMENTS: usize = 400;
 
 /// A plane curve that can be walked by arc length.
 pub(crate) struct Path {
@@ -15,7 +15,7 @@ pub(crate) struct Path {
 impl Path {
     /// The curve that `curve` draws as its parameter goes from 0 to 1.
     pub(crate) fn new(curve: impl Fn(f64) -> DVec2) -> Self {
-        let points: Vec<DVec2> = (0..=FINE).map(|index| curve(index as f64 / FINE as f64)).collect();
+        let points: Vec<DVec2> = (0..=SEGMENTS).map(|index| curve(index as f64 / SEGMENTS as f64)).collect();
         let mut reached = vec![0.0];
         for pair in points.windows(2) {
             reached.push(reached[reached.len() - 1] + pair[0].distance(pair[1]));
@@ -46,13 +46,13 @@ impl Path {
 
     /// Arc length.
     pub(crate) fn length(&self) -> f64 {
-        self.reached[FINE]
+        self.reached[SEGMENTS]
     }
 
     /// The point at a part (0 to 1) of the arc length, and the unit tangent there.
     pub(crate) fn at(&self, part: f64) -> (DVec2, DVec2) {
         let goal = part.clamp(0.0, 1.0) * self.length();
-        let index = self.reached.partition_point(|reached| *reached <= goal).clamp(1, FINE) - 1;
+        let index = self.reached.partition_point(|reached| *reached <= goal).clamp(1, SEGMENTS) - 1;
         let (a, b) = (self.points[index], self.points[index + 1]);
         let within = (goal - self.reached[index]) / (self.reached[index + 1] - self.reached[index]);
         (a.lerp(b, within), (b - a).normalize_or_zero())
@@ -61,15 +61,15 @@ impl Path {
 
 /// `count + 1` stations from `low` to `high`, spaced in inverse proportion to `density`.
 pub(crate) fn stations(low: f64, high: f64, count: usize, density: impl Fn(f64) -> f64) -> Vec<f64> {
-    let at = |index: f64| low + (high - low) * index / FINE as f64;
+    let at = |index: f64| low + (high - low) * index / SEGMENTS as f64;
     let mut reached = vec![0.0];
-    for index in 0..FINE {
+    for index in 0..SEGMENTS {
         reached.push(reached[index] + density(at(index as f64 + 0.5)));
     }
     (0..=count)
         .map(|station| {
-            let goal = reached[FINE] * station as f64 / count as f64;
-            let index = reached.partition_point(|reached| *reached <= goal).clamp(1, FINE) - 1;
+            let goal = reached[SEGMENTS] * station as f64 / count as f64;
+            let index = reached.partition_point(|reached| *reached <= goal).clamp(1, SEGMENTS) - 1;
             at(index as f64 + (goal - reached[index]) / (reached[index + 1] - reached[index]))
         })
         .collect()

@@ -14,8 +14,9 @@ pub(crate) fn ridges(phase: f64) -> f64 {
     wave * (3.0 - wave * wave) / 2.0
 }
 
-/// How much of a relief a mesh can carry, 0 to 1: it fades out where fewer than six vertices fall on a wavelength and is
-/// gone below three. A coarse mesh is so the smooth model under the texture, not a random sample of it.
+/// Fraction of a relief that a mesh can resolve, 0 to 1: it decreases where fewer than six vertices fall on a
+/// wavelength and is 0 below three. So a coarse mesh is the smooth model under the texture, not a random
+/// sample of it.
 pub(crate) fn resolved(wavelength: f64, edge: f64) -> f64 {
     smooth_step(3.0, 6.0, wavelength / edge)
 }

@@ -1,10 +1,11 @@
 //! Isotropic remeshing on an implicit surface, with a given number of triangles.
 //!
-//! Follows Botsch and Kobbelt, *A remeshing approach to multiresolution modeling* (SGP 2004): split long edges,
-//! collapse short ones, flip towards valence 6, move vertices tangentially to the centroid of their
-//! surroundings. It departs in that vertices are projected on the field's zero set rather than on the old mesh, that
-//! any step which turns a triangle away from the surface's normal is refused (the mesh never folds over), and that
-//! the count is met exactly in the end by collapsing or splitting the shortest or longest edges.
+//! Follows Botsch and Kobbelt, *A remeshing approach to multiresolution modeling* (SGP 2004): split long
+//! edges, collapse short ones, flip towards valence 6, move vertices tangentially to the centroid of their
+//! surroundings. It departs in that vertices are projected on the field's zero set rather than on the old
+//! mesh, that any step which turns a triangle away from the surface's normal is refused (the mesh never folds
+//! over), and that the count is met exactly in the end by collapsing or splitting the shortest or longest
+//! edges.
 
 use palpate_core::{TriMesh, glam::DVec3};
 
@@ -13,17 +14,17 @@ use crate::{
     surface::Surface,
 };
 
-/// Rounds of split, collapse, flip and move before the count is settled.
+/// Number of rounds of split, collapse, flip and move before the number of triangles is settled.
 const ROUNDS: usize = 6;
-/// A triangle of less quality than this is a sliver (an aspect ratio of about 8).
-const SLIVER: f64 = 0.25;
-/// Most passes over the edges in one split or collapse step.
+/// Shape quality below which a triangle is a sliver (an aspect ratio of about 8).
+const SLIVER_QUALITY: f64 = 0.25;
+/// Largest number of passes over the edges in one split or collapse step.
 const SWEEPS: usize = 4;
-/// Rounds of flip and move after that.
-const POLISH: usize = 4;
-/// Least cosine between a triangle's normal and its corners' surface normals that a step may leave behind, unless
-/// it was worse before: 70 degrees, room for a crease inside a triangle.
-const UPRIGHT: f64 = 0.34;
+/// Number of rounds of flip and move after that.
+const POLISH_ROUNDS: usize = 4;
+/// Smallest cosine between a triangle's normal and its corners' surface normals that a step may produce,
+/// unless it was smaller before: 70 degrees leave room for a crease inside a triangle.
+const MIN_UPRIGHTNESS: f64 = 0.34;
 
 pub(crate) struct Remesher<'a, S> {
     surface: &'a S,
@@ -35,7 +36,8 @@ pub(crate) struct Remesher<'a, S> {
     length: f64,
 }
 
-/// Twice the area over the sum of squared edges, scaled to 1 for an equilateral triangle, 0 for a degenerate one.
+/// Twice the area over the sum of squared edges, scaled to 1 for an equilateral triangle, 0 for a degenerate
+/// one.
 pub(crate) fn shape_quality([a, b, c]: [DVec3; 3]) -> f64 {
     let squares = (b - a).length_squared() + (c - b).length_squared() + (a - c).length_squared();
     2.0 * 3f64.sqrt() * (b - a).cross(c - a).length() / squares
@@ -78,7 +80,7 @@ impl<'a, S: Surface> Remesher<'a, S> {
         }
     }
 
-    /// Four triangles for each, with the new vertices on the surface.
+    /// Splits each triangle into four, with the new vertices on the surface.
     pub(crate) fn subdivide(&mut self) {
         self.length *= 0.5;
         let coarse = self.mesh.to_mesh();
@@ -104,7 +106,7 @@ impl<'a, S: Surface> Remesher<'a, S> {
     }
 
     fn polish(&mut self) {
-        for _ in 0..POLISH {
+        for _ in 0..POLISH_ROUNDS {
             self.flip(Self::improves_angles);
             self.relax();
         }
@@ -164,14 +166,14 @@ impl<'a, S: Surface> Remesher<'a, S> {
         self.mesh.positions[v as usize]
     }
 
-    /// Cosine between the triangle's normal and the least agreeing surface normal of its corners; −1 if degenerate.
+    /// Smallest cosine between the triangle's normal and a surface normal of its corners; −1 if degenerate.
     fn uprightness(&self, corners: [DVec3; 3], normals: [DVec3; 3]) -> f64 {
         let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
         normal.try_normalize().map_or(-1.0, |n| normals.into_iter().map(|m| n.dot(m)).fold(1.0, f64::min))
     }
 
-    /// Worst uprightness and worst shape of the vertex's triangles if it were at `position`; triangles that hold
-    /// `without` are left out.
+    /// Worst uprightness and worst shape of the vertex's triangles if it were at `position`; triangles that
+    /// hold `without` are left out.
     fn fit(&self, v: u32, position: DVec3, normal: DVec3, without: Option<u32>) -> (f64, f64) {
         let mut worst = (1f64, 1f64);
         for h in self.mesh.around(v) {
@@ -187,14 +189,14 @@ impl<'a, S: Surface> Remesher<'a, S> {
         worst
     }
 
-    /// Moves a vertex to the surface near `position`, unless its triangles fare badly.
+    /// Moves a vertex to the surface near `position`, unless its triangles get too bad.
     fn move_to(&mut self, v: u32, position: DVec3) -> bool {
         let reach = self.length * self.sizes[v as usize];
         let Some((there, normal)) = self.project(position, reach) else { return false };
         let after = self.fit(v, there, normal, None);
-        if after.0 < UPRIGHT || after.1 < 0.5 {
+        if after.0 < MIN_UPRIGHTNESS || after.1 < 0.5 {
             let before = self.fit(v, self.at(v), self.normals[v as usize], None);
-            if after.0 < UPRIGHT.min(before.0) || after.1 < before.1.min(0.5) {
+            if after.0 < MIN_UPRIGHTNESS.min(before.0) || after.1 < before.1.min(0.5) {
                 return false;
             }
         }
@@ -208,7 +210,7 @@ impl<'a, S: Surface> Remesher<'a, S> {
         for _ in 0..SWEEPS {
             let before = self.mesh.half_edges();
             for h in 0..before {
-                // Only the longest edge of both its triangles: halving others would go on for ever in slivers.
+                // Only the longest edge of both its triangles: halving others would never end in slivers.
                 if self.mesh.is_edge(h)
                     && self.relative_length(h) > 4.0 / 3.0
                     && self.is_longest(h)
@@ -263,7 +265,7 @@ impl<'a, S: Surface> Remesher<'a, S> {
         for (v, other) in [(a, b), (b, a)] {
             let (upright, shape) = self.fit(v, there, normal, Some(other));
             let before = self.fit(v, self.at(v), self.normals[v as usize], None);
-            if upright < UPRIGHT.min(before.0) || shape < before.1.min(0.3) {
+            if upright < MIN_UPRIGHTNESS.min(before.0) || shape < before.1.min(0.3) {
                 return false;
             }
             for e in self.mesh.around(v) {
@@ -328,6 +330,7 @@ impl<'a, S: Surface> Remesher<'a, S> {
                 continue;
             }
             let here = self.at(v);
+            // Centroid of the surroundings, weighted with area over squared edge length wanted.
             let (mut sum, mut weight) = (DVec3::ZERO, 0.0);
             for h in self.mesh.around(v) {
                 let (a, c) = (self.mesh.target(h), self.mesh.apex(h));
@@ -349,8 +352,8 @@ impl<'a, S: Surface> Remesher<'a, S> {
         }
     }
 
-    /// Puts vertices on the surface that are still off it because each for itself could not move without folding
-    /// its triangles: all at once, and whatever comes of it is relaxed and unfolded later. Gives their number.
+    /// Moves vertices that are still off the surface onto it, since none could move alone without folding its
+    /// triangles: all at once; folds are relaxed and unfolded later. Returns their number.
     fn gather_strays(&mut self) -> usize {
         let mut strays = 0;
         for v in 0..self.mesh.positions.len() as u32 {
@@ -372,8 +375,8 @@ impl<'a, S: Surface> Remesher<'a, S> {
         strays
     }
 
-    /// Collapses an edge of every sliver and of every triangle that faces away from the surface's normals, as are
-    /// left in a slit too narrow for the edge length; gives their number.
+    /// Collapses an edge of every sliver and of every triangle that faces away from the surface's normals,
+    /// such as remain in a slit too narrow for the edge length. Returns the number of such triangles.
     fn unfold(&mut self) -> usize {
         let mut folded = 0;
         for h in (0..self.mesh.half_edges()).step_by(3) {
@@ -384,7 +387,7 @@ impl<'a, S: Surface> Remesher<'a, S> {
             let upright =
                 self.uprightness(corners.map(|v| self.at(v)), corners.map(|v| self.normals[v as usize]));
             let shape = shape_quality(corners.map(|v| self.at(v)));
-            if upright >= 0.5 * UPRIGHT && shape >= SLIVER {
+            if upright >= 0.5 * MIN_UPRIGHTNESS && shape >= SLIVER_QUALITY {
                 continue;
             }
             folded += 1;
@@ -395,7 +398,7 @@ impl<'a, S: Surface> Remesher<'a, S> {
         folded
     }
 
-    /// Collapses the shortest or splits the longest edges until the count is right.
+    /// Collapses the shortest or splits the longest edges until the number of triangles is as requested.
     fn settle(&mut self, triangles: usize) {
         let wanted = triangles & !1;
         for attempt in 0..20 {
@@ -409,7 +412,7 @@ impl<'a, S: Surface> Remesher<'a, S> {
                 .collect();
             edges.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
             if have > wanted {
-                // Earlier collapses delete and shorten others: take a share of them, then look again.
+                // Collapses delete and shorten other edges: collapse a share of them, then sort again.
                 let share = ((have - wanted) / 2).min(edges.len() / 10 + 1);
                 let mut done = 0;
                 for (_, h) in edges {

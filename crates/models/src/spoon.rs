@@ -1,7 +1,7 @@
 //! The spoon of Table 3.2 and §5.5: 0.2 m long, with bowl, neck and handle.
 //!
-//! A sheet of varying thickness with a rounded rim, laid over a curved middle surface: upper and lower side are two
-//! sides of one lattice, and the rim is its third direction.
+//! A sheet of varying thickness with a rounded rim, laid over a curved middle surface: upper and lower side
+//! are two sides of one lattice, and the rim is its third direction.
 
 use std::f64::consts::PI;
 
@@ -91,7 +91,8 @@ fn lattice(edge: f64, stretch: f64) -> BoxLattice {
         cells: [
             cells(LENGTH, edge * stretch, 8),
             cells(22.0, edge / stretch, 2),
-            // The rim's own middle line gives the spoon its length; on the coarsest meshes it would only make slivers.
+            // The rim's own middle line gives the spoon its length; on the coarsest meshes it would only make
+            // slivers.
             cells(4.0, edge * stretch, if edge < 7.0 { 2 } else { 1 }),
         ],
         windows: Vec::new(),

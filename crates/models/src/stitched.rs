@@ -1,10 +1,12 @@
 //! Meshes stitched together from structured patches: rings of vertices joined by bands, caps and tubes.
 //!
-//! A closed surface whose patches share their border vertices is closed by construction, its number of triangles is
-//! known before it is built (see [`fit`]), and its triangles are as regular as its parametrisation.
+//! A closed surface whose patches share their border vertices is closed by construction, its number of
+//! triangles is known before it is built (see [`fit`]), and its triangles are as regular as its
+//! parametrisation.
 //!
-//! Orientation: a band lies to the left of the ring it starts from, seen from outside. Around the z axis, a ring that
-//! runs counter-clockwise seen from above and a second ring above it give a band that faces away from the axis.
+//! Orientation: a band lies to the left of the ring it starts from, seen from outside. Around the z axis, a
+//! ring that runs counter-clockwise seen from above and a second ring above it give a band that faces away
+//! from the axis.
 
 use palpate_core::{TriMesh, glam::DVec3};
 
@@ -22,7 +24,7 @@ impl Stitched {
         self.vertices.len() as u32 - 1
     }
 
-    /// Where a vertex is.
+    /// Position of a vertex.
     pub(crate) fn position(&self, vertex: u32) -> DVec3 {
         self.vertices[vertex as usize]
     }
@@ -37,8 +39,8 @@ impl Stitched {
         self.triangles.push(corners);
     }
 
-    /// Adds a quadrilateral, counter-clockwise seen from outside, as two triangles: across the diagonal that leaves
-    /// the larger smallest angle.
+    /// Adds a quadrilateral, counter-clockwise seen from outside, as two triangles: across the diagonal that
+    /// leaves the larger smallest angle.
     pub(crate) fn quad(&mut self, [a, b, c, d]: [u32; 4]) {
         let [p, q, r, s] = [a, b, c, d].map(|vertex| self.position(vertex));
         let across_first = least_angle_cosine(p, q, r).max(least_angle_cosine(p, r, s));
@@ -62,8 +64,8 @@ impl Stitched {
         }
     }
 
-    /// Continues a ring by further rings of as many vertices, `rows` bands in all, and gives the last. `place` gets
-    /// the row (1 to `rows`) and the index in the ring.
+    /// Continues a ring by further rings of as many vertices, `rows` bands in all, and gives the last.
+    /// `place` gets the row (1 to `rows`) and the index in the ring.
     pub(crate) fn tube(
         &mut self,
         from: &[u32],
@@ -79,11 +81,11 @@ impl Stitched {
         last
     }
 
-    /// Joins two closed rings that may differ in their number of vertices, each given with the turns of its vertices
-    /// (increasing, over one full turn): as many triangles as vertices in both.
+    /// Joins two closed rings that may differ in their number of vertices, each given with the turns of its
+    /// vertices (increasing, over one full turn): as many triangles as vertices in both.
     ///
-    /// Each edge is joined to the vertex of the other ring nearest in turn to its middle. For rings in parallel planes
-    /// on a sphere this is their convex hull.
+    /// Each edge is joined to the vertex of the other ring nearest in turn to its middle. For rings in
+    /// parallel planes on a sphere this is their convex hull.
     pub(crate) fn gather(&mut self, from: (&[u32], &[f64]), to: (&[u32], &[f64])) {
         let middle = |turns: &[f64], index: usize| {
             let wrapped = |index: usize| turns[index % turns.len()] + (index / turns.len()) as f64;
@@ -111,15 +113,16 @@ impl Stitched {
         }
     }
 
-    /// Closes a ring by a disc to its left: rings of fewer and fewer vertices around a centre. `place` gets the radius
-    /// (1 at the ring, 0 at the centre) and the turn.
+    /// Closes a ring by a disc to its left: rings of fewer and fewer vertices around a centre. `place` gets
+    /// the radius (1 at the ring, 0 at the centre) and the turn.
     pub(crate) fn cap(&mut self, ring: &[u32], shape: &Cap, place: impl Fn(f64, f64) -> DVec3) {
         let mut outer = ring.to_vec();
         let mut outer_turns: Vec<f64> =
             (0..ring.len()).map(|index| index as f64 / ring.len() as f64).collect();
         for (index, &count) in shape.counts.iter().enumerate() {
             let radius = 1.0 - (index + 1) as f64 / (shape.counts.len() + 1) as f64;
-            // Half a step off on every second ring: triangles, where rings are equally divided, rather than right angles.
+            // Half a step off on every second ring: triangles, where rings are equally divided, rather than
+            // right angles.
             let offset = if index % 2 == 0 { 0.5 } else { 0.0 };
             let turns: Vec<f64> = (0..count).map(|index| (index as f64 + offset) / count as f64).collect();
             let inner: Vec<u32> = turns.iter().map(|&turn| self.vertex(place(radius, turn))).collect();
@@ -139,12 +142,12 @@ impl Stitched {
     }
 }
 
-/// The ring the other way round, from the same vertex.
+/// The ring in the opposite direction, from the same vertex.
 pub(crate) fn reversed(ring: &[u32]) -> Vec<u32> {
     ring[..1].iter().chain(ring[1..].iter().rev()).copied().collect()
 }
 
-/// How a disc is divided: the numbers of vertices of its inner rings, from the border to the centre.
+/// Division of a disc: the numbers of vertices of its inner rings, from the border to the centre.
 pub(crate) struct Cap {
     border: usize,
     counts: Vec<usize>,
@@ -174,9 +177,9 @@ fn least_angle_cosine(a: DVec3, b: DVec3, c: DVec3) -> f64 {
 
 /// Finds the plan of a model whose number of triangles is nearest to the one asked for.
 ///
-/// `plan` makes a plan from an edge length and a stretch (about 1) of the edges in one direction over the other;
-/// stretches are tried only as far as needed to meet the number within half a percent. `area` is about the
-/// area of the surface, in the unit of the edge length squared.
+/// `plan` makes a plan from an edge length and a stretch (about 1) of the edges in one direction over the
+/// other; stretches are tried only as far as needed to meet the number within half a percent. `area` is about
+/// the area of the surface, in the unit of the edge length squared.
 pub(crate) fn fit<P>(
     triangles: usize,
     area: f64,
@@ -184,7 +187,8 @@ pub(crate) fn fit<P>(
     count: impl Fn(&P) -> usize,
 ) -> P {
     let off = |plan: &P| (count(plan) as f64 / triangles as f64).ln().abs();
-    // The number of triangles falls as the edges grow; the first guess may be far off where a plan has fewest cells.
+    // The number of triangles falls as the edges grow; the first guess may be far off where a plan has fewest
+    // cells.
     let guess = (2.0 * area / triangles as f64).sqrt();
     let (mut short, mut long) = (guess / 16.0, guess * 16.0);
     for _ in 0..40 {

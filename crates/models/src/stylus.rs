@@ -1,5 +1,5 @@
-//! The probe of §5.5.4: a cylinder 10 cm long with a spherical tip of 1 cm radius. It stands upright; the tip's centre is the
-//! origin.
+//! The probe of §5.5.4: a cylinder 10 cm long with a spherical tip of 1 cm radius. It stands upright; the
+//! tip's centre is the origin.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 

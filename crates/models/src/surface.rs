@@ -1,10 +1,11 @@
 //! Models given by an implicit surface: the zero set of a scalar field, negative inside.
 //!
-//! [`triangulate`] turns such a field into a closed, outward-oriented mesh with as many triangles as asked for. A
-//! first triangulation with the right topology comes from [`crate::tetrahedra`] (marching tetrahedra, closed by
-//! construction); [`crate::remesh`] then evens it out to nearly equilateral triangles on the surface and adjusts the
-//! count. Organic and blended shapes (teeth, a hosel running into a blade) are far easier to state as fields than as
-//! stitched patches, and a clearance between two bodies is a difference of their fields.
+//! [`triangulate`] turns such a field into a closed, outward-oriented mesh with as many triangles as asked
+//! for. A first triangulation with the correct topology comes from [`crate::tetrahedra`] (marching
+//! tetrahedra, closed by construction); [`crate::remesh`] then evens it out to nearly equilateral triangles
+//! on the surface and adjusts the count. Organic and blended shapes (teeth, a hosel running into a blade) are
+//! far easier to describe as fields than as stitched patches, and a clearance between two bodies is a
+//! difference of their fields.
 //!
 //! Fields work in whatever unit suits the model (ours use millimetres); the caller scales the mesh.
 
@@ -14,14 +15,14 @@ use crate::{halfedge::EditableMesh, remesh::Remesher, tetrahedra};
 
 /// A body bounded by the zero set of a scalar field.
 pub(crate) trait Surface {
-    /// The field: negative inside, positive outside, about the distance to the surface when close to it. Further
-    /// away it may jump, but must not exceed some [`Surface::STEEPNESS`] times the distance.
+    /// Value of the field: negative inside, positive outside, approximately the distance to the surface when
+    /// close to it. Further away it may jump, but must not exceed [`Surface::STEEPNESS`] times the distance.
     fn value(&self, p: DVec3) -> f64;
 
-    /// A box (least, greatest corner) that holds the surface.
+    /// A box (lower, upper corner) that contains the surface.
     fn bounds(&self) -> (DVec3, DVec3);
 
-    /// The size of the smallest detail whose topology matters: no first triangulation is coarser than this.
+    /// Size of the smallest detail whose topology matters: the first triangulation is no coarser than this.
     fn feature(&self) -> f64;
 
     /// Wanted edge length at `p` relative to the rest of the model.
@@ -40,15 +41,16 @@ pub(crate) trait Surface {
     }
 }
 
-/// Above this many triangles the mesh is subdivided from a coarser one instead of being remeshed as a whole.
-const MOST_REMESHED: usize = 400_000;
+/// Largest number of triangles that is remeshed as a whole; larger meshes are subdivided from coarser ones,
+/// which is faster.
+const MAX_REMESHED: usize = 400_000;
 
-/// A mesh of the surface with `triangles` triangles (one fewer if odd: a closed mesh has an even number), its
-/// coordinates multiplied by `scale`.
+/// Meshes the surface with `triangles` triangles (one fewer if odd: a closed mesh has an even number);
+/// multiplies the coordinates by `scale`.
 pub(crate) fn triangulate(surface: &impl Surface, triangles: usize, scale: f64) -> TriMesh {
     let mut base = triangles;
     let mut subdivisions = 0;
-    while base > MOST_REMESHED {
+    while base > MAX_REMESHED {
         base /= 4;
         subdivisions += 1;
     }
@@ -87,7 +89,8 @@ pub(crate) fn smooth_min(a: f64, b: f64, k: f64) -> f64 {
     a.min(b) - 0.25 * h * h / k
 }
 
-/// The greater of `a` and `b`, rounded where they differ by less than `k`: an intersection with a rounded edge.
+/// The greater of `a` and `b`, rounded where they differ by less than `k`: an intersection with a rounded
+/// edge.
 pub(crate) fn smooth_max(a: f64, b: f64, k: f64) -> f64 {
     -smooth_min(-a, -b, k)
 }

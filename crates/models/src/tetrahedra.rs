@@ -1,9 +1,9 @@
 //! Marching tetrahedra: a first triangulation of an implicit surface.
 //!
-//! Space is cut into cubes and each cube into six tetrahedra around a diagonal (Kuhn's subdivision, the same in
-//! every cube, so that faces match). A tetrahedron whose corners differ in sign contributes one or two triangles.
-//! Unlike marching cubes there is no ambiguous case, hence the result is always a closed 2-manifold without
-//! self-intersections. Its triangles are badly shaped; [`crate::remesh`] is to follow.
+//! Space is cut into cubes and each cube into six tetrahedra around a diagonal (Kuhn's subdivision, the same
+//! in every cube, so that faces match). A tetrahedron whose corners differ in sign contributes one or two
+//! triangles. Unlike marching cubes there is no ambiguous case, hence the result is always a closed
+//! 2-manifold without self-intersections. Its triangles are badly shaped; [`crate::remesh`] is to follow.
 
 use std::collections::HashMap;
 
@@ -11,18 +11,20 @@ use palpate_core::{TriMesh, glam::DVec3};
 
 use crate::surface::Surface;
 
-/// Cubes along a block's side. A block that the surface cannot reach is skipped after one look at its centre.
+/// Number of cubes along a block's side. A block that the surface cannot reach is skipped after one
+/// evaluation at its centre.
 const BLOCK: i64 = 8;
 
-/// Kuhn's six tetrahedra as corners of the cube (bit 0 of a corner is x, bit 1 y, bit 2 z), positively oriented.
+/// Kuhn's six tetrahedra as corners of the cube (bit 0 of a corner is x, bit 1 y, bit 2 z), positively
+/// oriented.
 const KUHN: [[usize; 4]; 6] =
     [[0, 1, 3, 7], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7], [0, 4, 5, 7], [0, 5, 1, 7]];
 
 /// Triangulates the surface on cubes of side `cell`.
 pub(crate) fn extract<S: Surface>(surface: &S, cell: f64) -> TriMesh {
     let (low, high) = surface.bounds();
-    // Off the round numbers that models are built from: a node right on the surface is not wrong, but makes for
-    // poor triangles.
+    // Off the round numbers that models are built from: a node right on the surface is not wrong, but makes
+    // for poor triangles.
     let origin = low - DVec3::new(1.37, 1.41, 1.43) * cell;
     let cubes = ((high - origin) / cell).ceil() + DVec3::splat(2.0);
     let blocks = (cubes / BLOCK as f64).ceil().as_i64vec3();
@@ -49,7 +51,8 @@ struct March {
     nodes: palpate_core::glam::I64Vec3,
     vertices: Vec<DVec3>,
     triangles: Vec<[u32; 3]>,
-    /// Vertex on the grid edge (lower node, direction): looked up only, never iterated, so the order is fixed.
+    /// Vertex on the grid edge (lower node, direction): looked up only, never iterated, so the order is
+    /// fixed.
     on_edge: HashMap<(i64, usize), u32>,
 }
 

@@ -12,7 +12,7 @@ pub(crate) const MIN_TRIANGLES: usize = 400;
 /// Radius of the centre line and of the tube, mm.
 const MAJOR: f64 = 60.0;
 const MINOR: f64 = 24.0;
-/// Ridges met on the way around the tube, and around the centre line.
+/// Number of ridges around the tube, and around the centre line.
 const AROUND_TUBE: f64 = 14.0;
 const AROUND_AXIS: f64 = 32.0;
 /// Half the height from valley to crest, mm.

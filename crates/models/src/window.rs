@@ -43,7 +43,7 @@ impl Window {
     }
 }
 
-/// A window whose border is drawn out into an ellipse, the grid around it giving way: coordinates are lengths on the
+/// A window whose border is deformed into an ellipse, with the grid around it: coordinates are lengths on the
 /// plain surface.
 pub(crate) struct Opening {
     /// Middle of the window on the plain grid.
@@ -54,14 +54,14 @@ pub(crate) struct Opening {
     pub(crate) half: DVec2,
     /// Half axes of the ellipse.
     pub(crate) radii: DVec2,
-    /// How far the grid gives way, in multiples of `half` along each axis (above 1 each).
+    /// Extent of the displaced grid, in multiples of `half` along each axis (above 1 each).
     pub(crate) reach: f64,
 }
 
 impl Opening {
-    /// An ellipse about `middle` for a window with the given low and high corner on the plain grid, in `cells` cells.
-    /// The grid gives way up to `room` from the window's middle, and on a coarse grid as far as it must to keep its
-    /// cells open.
+    /// An ellipse about `middle` for a window with the given low and high corner on the plain grid, in
+    /// `cells` cells. The grid is displaced up to `room` from the window's middle, and on a coarse grid as
+    /// far as needed to keep its cells open.
     pub(crate) fn new(
         [low, high]: [DVec2; 2],
         cells: [usize; 2],
@@ -76,7 +76,7 @@ impl Opening {
         Self { center, middle, half, radii, reach }
     }
 
-    /// Where a point of the plain grid outside the window comes to lie.
+    /// Displaced position of a point of the plain grid outside the window.
     pub(crate) fn displace(&self, point: DVec2) -> DVec2 {
         let scaled = (point - self.center) / self.half;
         let distance = scaled.abs().max_element();
@@ -95,8 +95,9 @@ impl Opening {
     }
 }
 
-/// Draws the square from -1 to 1 out into the unit disc, concentric squares into concentric circles (P. Shirley and
-/// K. Chiu 1997). Each axis stays where it is, and cells keep their area: none is crushed at the corners.
+/// Draws the square from -1 to 1 out into the unit disc, concentric squares into concentric circles (P.
+/// Shirley and K. Chiu 1997). Each axis stays where it is, and cells keep their area: none is crushed at the
+/// corners.
 pub(crate) fn disc(in_square: DVec2) -> DVec2 {
     let size = in_square.abs().max_element();
     if size == 0.0 { DVec2::ZERO } else { size * circle(in_square / size) }
@@ -119,7 +120,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_opening_is_round_and_leaves_the_rest_alone() {
+    fn an_opening_is_round_and_does_not_move_the_rest() {
         let opening = Opening {
             center: DVec2::new(1.0, 2.0),
             middle: DVec2::new(1.2, 1.9),

@@ -1,11 +1,11 @@
 //! Convex hulls of small and large point sets in three dimensions.
 //!
-//! Quickhull (Barber, Dobkin, Huhdanpaa 1996) with exact visibility tests (Shewchuk 1997, the `robust` crate). A face is
-//! visible from a point only if the point lies strictly above it. For exact tests the visible region of a convex polytope
-//! is then a disc with a simple closed horizon, and no new face can degenerate, even where points are coplanar,
-//! collinear or repeated: no merging of facets and no perturbation is needed. Departing from the paper, coplanar facets
-//! stay triangulated, and vertices that turn out to lie on a facet or an edge are left out of the extreme points at the
-//! end.
+//! Quickhull (Barber, Dobkin, Huhdanpaa 1996) with exact visibility tests (Shewchuk 1997, the `robust`
+//! crate). A face is visible from a point only if the point lies strictly above it. With exact tests, the
+//! visible region of a convex polytope is then a disc with a simple closed horizon, and no new face can
+//! degenerate, even where points are coplanar, collinear or repeated: no merging of facets and no
+//! perturbation is needed. Departing from the paper, coplanar facets stay triangulated, and vertices that
+//! turn out to lie on a facet or an edge are left out of the extreme points at the end.
 //!
 //! Points on a face up to a given thickness are dropped, since rounding noise on flat facets would otherwise
 //! become vertices. Sets without thickness give a point, a segment or a polygon.
@@ -19,7 +19,7 @@ use robust::{Coord3D, orient3d};
 pub(crate) use planar::polygon;
 pub(crate) use quickhull::HullBuilder;
 
-/// How many dimensions a hull extends in.
+/// Dimension of a hull.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Shape {
     /// One extreme point.
@@ -35,12 +35,12 @@ pub(crate) enum Shape {
 /// A convex hull, as indices into the points that it was made of.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Hull {
-    /// In how many dimensions it extends.
+    /// Its dimension.
     pub shape: Shape,
     /// The extreme points: ascending, but around the boundary for a polygon.
     pub extreme: Vec<u32>,
-    /// The triangles of a polytope's boundary, counter-clockwise seen from outside; neighbours may be coplanar. Empty
-    /// for the other shapes.
+    /// The triangles of a polytope's boundary, counter-clockwise seen from outside; neighbours may be
+    /// coplanar. Empty for the other shapes.
     pub faces: Vec<[u32; 3]>,
 }
 
@@ -54,7 +54,7 @@ pub(crate) struct Plane {
 }
 
 impl Plane {
-    /// No plane: everything is below.
+    /// A plane that everything is below.
     pub const NONE: Self = Self { normal: DVec3::ZERO, offset: f64::INFINITY };
 
     /// The plane through three points, counter-clockwise seen from its outer side.
@@ -63,29 +63,29 @@ impl Plane {
         Self { normal, offset: normal.dot(a).max(normal.dot(b)).max(normal.dot(c)) }
     }
 
-    /// The plane through three points that are not too nearly on a line to tell it.
+    /// The plane through three points; `None` if they are too close to a line to define one.
     pub fn dependable([a, b, c]: [DVec3; 3]) -> Option<Self> {
         let longest = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());
         ((b - a).cross(c - a).length() > 1e-7 * longest).then(|| Self::through([a, b, c]))
     }
 
-    /// How far a point lies on the outer side.
+    /// Height of a point above the plane, on its outer side.
     pub fn height(&self, point: DVec3) -> f64 {
         self.normal.dot(point) - self.offset
     }
 }
 
 impl Hull {
-    /// The planes of a polytope's faces. Faces too narrow to have a dependable normal are left out: what their
-    /// neighbours then enclose is larger by about the width of the face.
+    /// The planes of a polytope's faces. Faces too narrow to have a dependable normal are left out: the
+    /// remaining planes enclose a polytope that is larger by about the width of the face.
     pub fn planes<'a>(&'a self, points: &'a [DVec3]) -> impl Iterator<Item = Plane> + 'a {
         self.faces.iter().filter_map(|face| Plane::dependable(face.map(|v| points[v as usize])))
     }
 }
 
-/// The boundary of the convex hull of finite points, as triangles of indices into them, counter-clockwise seen from
-/// outside: what a picture of the hull is drawn from. The polygon of points in a plane is there once for each of its
-/// sides; points on a line have none. What is thinner than 1e-12 of its extent counts as flat.
+/// The boundary of the convex hull of finite points, as triangles of indices into them, counter-clockwise
+/// seen from outside, for drawing. The polygon of points in a plane is there once for each of its sides;
+/// points on a line have no faces. A hull that is thinner than 1e-12 of its extent counts as flat.
 pub fn hull_faces(points: &[DVec3]) -> Vec<[u32; 3]> {
     let Some(&first) = points.first() else { return Vec::new() };
     let extent = points.iter().map(|point| point.distance(first)).fold(0.0, f64::max);
@@ -101,8 +101,8 @@ pub fn hull_faces(points: &[DVec3]) -> Vec<[u32; 3]> {
     }
 }
 
-/// Six times the signed volume of the tetrahedron (a, b, c, p): positive where p lies above the plane through a, b, c,
-/// which are counter-clockwise seen from above. The sign is exact.
+/// Six times the signed volume of the tetrahedron (a, b, c, p): positive where p lies above the plane through
+/// a, b, c, which are counter-clockwise seen from above. The sign is exact.
 pub(crate) fn elevation(a: DVec3, b: DVec3, c: DVec3, p: DVec3) -> f64 {
     let coord = |v: DVec3| Coord3D { x: v.x, y: v.y, z: v.z };
     -orient3d(coord(a), coord(b), coord(c), coord(p))

@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3};
 use robust::{Coord, orient2d};
 
-/// Points along the two axes in which a plane of this normal is least foreshortened.
+/// Projection of a point on the two axes in which a plane of this normal is least foreshortened.
 fn flatten(normal: DVec3, p: DVec3) -> DVec2 {
     let size = normal.abs();
     if size.x >= size.y && size.x >= size.z {
@@ -15,8 +15,8 @@ fn flatten(normal: DVec3, p: DVec3) -> DVec2 {
     }
 }
 
-/// The corners of the convex polygon around points that lie in a plane of the given normal, in order around it. Points on
-/// its sides are left out. With fewer than three corners the points lie on a line.
+/// The corners of the convex polygon around points that lie in a plane of the given normal, in order around
+/// it. Points on its sides are left out. With fewer than three corners the points lie on a line.
 pub(crate) fn polygon(points: &[DVec3], normal: DVec3) -> Vec<u32> {
     let flat: Vec<DVec2> = points.iter().map(|p| flatten(normal, *p)).collect();
     let mut order: Vec<u32> = (0..points.len() as u32).collect();

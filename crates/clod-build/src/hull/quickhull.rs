@@ -8,9 +8,9 @@ use crate::nearest::nearest_on_triangle;
 
 const NONE: u32 = u32::MAX;
 
-/// Points of less than the thickness above a face's plane are on the face if they are no farther from it than so many
-/// of it.
-const ON: f64 = 1e5;
+/// Largest distance from a face, in thicknesses, of a point that is on it: one whose height above its plane
+/// is below the thickness.
+const MAX_ON_FACE_DISTANCE: f64 = 1e5;
 
 #[derive(Clone, Copy, Debug)]
 struct Face {
@@ -18,14 +18,14 @@ struct Face {
     corners: [u32; 3],
     /// The face across the side from corner k to corner k + 1.
     across: [u32; 3],
-    /// The first corner, and the outer normal with twice the area for its length.
+    /// The first corner, and the outer normal, whose length is twice the area.
     corner: DVec3,
     normal: DVec3,
     /// Twice the area.
     area: f64,
-    /// First of the list of points that the face has to deal with, linked through `HullBuilder::next`.
+    /// First of the list of points that are assigned to the face, linked through `HullBuilder::next`.
     outside: u32,
-    /// The one of them that is farthest above it, and how far.
+    /// The point of the list that is farthest above the face, and its height.
     farthest: u32,
     height: f64,
     alive: bool,
@@ -39,22 +39,23 @@ struct Face {
 pub(crate) struct HullBuilder {
     faces: Vec<Face>,
     next: Vec<u32>,
-    /// Per point, the new face whose side starts there.
+    /// The new face whose side starts at each point.
     fan: Vec<u32>,
     pending: Vec<u32>,
     visible: Vec<u32>,
     horizon: Vec<(u32, u32, u32)>,
     bends: Vec<u32>,
-    /// Larger elevations have the right sign without exact arithmetic.
+    /// Elevation above which the sign is certain without exact arithmetic.
     doubt: f64,
 }
 
 impl HullBuilder {
-    /// The convex hull of finite points; `thickness` is the height above the hull below which a point may be dropped, and
-    /// the extent below which a dimension counts as absent. None of the points is more than 10⁵ times that away from it.
+    /// The convex hull of finite points; `thickness` is the height above the hull below which a point may be
+    /// dropped, and the extent below which a dimension counts as absent. No point is further than 10⁵ times
+    /// that from the hull.
     ///
     /// # Panics
-    /// Without any points.
+    /// If there are no points.
     pub fn hull(&mut self, points: &[DVec3], thickness: f64) -> Hull {
         let first = self.first_simplex(points, thickness);
         let mut simplex = match first {
@@ -77,7 +78,7 @@ impl HullBuilder {
         self.finish(points)
     }
 
-    /// Four points that span a tetrahedron, or the hull if there are none.
+    /// Four points that span a tetrahedron, or the hull if no four points do.
     fn first_simplex(&self, points: &[DVec3], thickness: f64) -> Result<[u32; 4], Hull> {
         let farthest = |measure: &dyn Fn(DVec3) -> f64| {
             let mut best = (0u32, f64::NEG_INFINITY);
@@ -178,9 +179,10 @@ impl HullBuilder {
         self.pending.extend(0..4);
     }
 
-    /// Gives a point to one of the faces from `first` on that it lies above, if there is one. A point that is not above
-    /// any by more than the thickness is dropped, unless it is beside the faces that it is above rather than on one:
-    /// the planes of a hull that is hardly any thicker than that itself pass close to what is far outside of its rim.
+    /// Assigns a point to one of the faces from `first` on that it lies above, if there is one. A point that
+    /// is not above any by more than the thickness is dropped, unless it is beside the faces that it is
+    /// above, and not on one: the planes of a hull that is hardly thicker than that pass close to points far
+    /// outside its rim.
     fn assign(&mut self, points: &[DVec3], point: u32, first: u32, thickness: f64) {
         let (mut on, mut beside) = (false, None);
         for face in first..self.faces.len() as u32 {
@@ -193,7 +195,7 @@ impl HullBuilder {
             if elevation > 0.0 && !on {
                 let p = points[point as usize];
                 let nearest = nearest_on_triangle(p, corners.map(|v| points[v as usize]));
-                on = nearest.distance(p) <= ON * thickness;
+                on = nearest.distance(p) <= MAX_ON_FACE_DISTANCE * thickness;
                 beside = Some((face, elevation));
             }
         }
@@ -202,7 +204,7 @@ impl HullBuilder {
         }
     }
 
-    /// Gives a point to a face.
+    /// Assigns a point to a face.
     fn give(&mut self, point: u32, face: u32, elevation: f64) {
         let face = &mut self.faces[face as usize];
         let height = elevation / face.area;
@@ -248,7 +250,8 @@ impl HullBuilder {
         self.pending.extend(first..self.faces.len() as u32);
     }
 
-    /// The faces that are visible from a point above `face`, and the sides between them and the others.
+    /// Finds the faces that are visible from a point above `face`, and the sides between visible and other
+    /// faces.
     fn find_horizon(&mut self, points: &[DVec3], face: u32, apex: u32) {
         self.visible.clear();
         self.horizon.clear();
@@ -274,8 +277,8 @@ impl HullBuilder {
         }
     }
 
-    /// Collects the faces, and those vertices at which at least three sides bend: on a facet none does, on an edge two
-    /// do.
+    /// Collects the faces, and the extreme points: vertices with at least three sides at which the surface
+    /// bends. On a facet there is no such side, on an edge there are two.
     fn finish(&mut self, points: &[DVec3]) -> Hull {
         self.bends.clear();
         self.bends.resize(points.len(), 0);
@@ -289,7 +292,8 @@ impl HullBuilder {
                     continue;
                 };
                 if self.elevation(points, index, *opposite) != 0.0 {
-                    // Each side is seen twice, once from each of its faces, and from its start each time.
+                    // Each side is visited twice, once from each of its faces, and counted at its start each
+                    // time.
                     self.bends[from as usize] += 1;
                 }
             }

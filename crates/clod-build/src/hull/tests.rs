@@ -24,8 +24,9 @@ fn random_rotation(rng: &mut StdRng) -> DMat3 {
     DMat3::from_quat(q.normalize())
 }
 
-/// A point is extreme if some plane through it and two others has all the rest strictly below it, or (for a triangle
-/// with others in its plane) if it is a corner there. The plain O(n⁴) way, for points in general position.
+/// A point is extreme if some plane through it and two others has all the rest strictly below it, or (for a
+/// triangle with others in its plane) if it is a corner there. Tested plainly in O(n⁴), for points in general
+/// position.
 fn extreme_by_brute_force(points: &[DVec3]) -> Vec<u32> {
     let n = points.len();
     let mut extreme = vec![false; n];
@@ -47,8 +48,8 @@ fn extreme_by_brute_force(points: &[DVec3]) -> Vec<u32> {
     (0..n as u32).filter(|v| extreme[*v as usize]).collect()
 }
 
-/// Checks (for points of about unit size) that the faces form a closed surface of genus 0, that all points lie below
-/// them, and that the extreme points alone have the same hull.
+/// Checks (for points of about unit size) that the faces form a closed surface of genus 0, that all points
+/// lie below them, and that the extreme points alone have the same hull.
 fn check(points: &[DVec3], hull: &Hull, tolerance: f64) {
     assert_eq!(hull.shape, Shape::Polytope);
     let mut sides = std::collections::HashMap::new();
@@ -58,7 +59,7 @@ fn check(points: &[DVec3], hull: &Hull, tolerance: f64) {
             assert!(fresh, "side {} to {} is there twice", face[k], face[(k + 1) % 3]);
         }
         let [a, b, c] = face.map(|v| points[v as usize]);
-        // Three points that only exact arithmetic tells to be off a line may span a face.
+        // Three points may span a face although only exact arithmetic shows that they are not on a line.
         let area = (b - a).cross(c - a).length().max(1e-3);
         for (v, p) in points.iter().enumerate() {
             let above = elevation(a, b, c, *p);
@@ -113,7 +114,8 @@ fn integer_points_with_many_coincidences() {
         let hull = hull(&points);
         if hull.shape == Shape::Polytope {
             check(&points, &hull, THICKNESS);
-            // Every extreme point is the only one that is farthest in some direction: it is not in the hull of the rest.
+            // Every extreme point is the only one that is farthest in some direction: it is not in the hull
+            // of the rest.
             for v in &hull.extreme {
                 let p = points[*v as usize];
                 let rest: Vec<DVec3> = points.iter().copied().filter(|q| *q != p).collect();
@@ -150,7 +152,8 @@ fn grid_on_a_cube_has_eight_extreme_points() {
         let turned: Vec<DVec3> = points.iter().map(|p| turn * *p).collect();
         let hull = hull(&turned);
         check(&turned, &hull, 2.0 * THICKNESS);
-        // Corners that were reached late leave an earlier point behind that rounding holds just outside of a facet.
+        // Corners that were reached late leave an earlier point behind that rounding holds just outside of a
+        // facet.
         assert!(exact.extreme.iter().all(|v| hull.extreme.contains(v)), "{:?}", hull.extreme);
         assert!(hull.extreme.len() <= 32, "{:?}", hull.extreme);
     }
@@ -175,8 +178,8 @@ fn noise_on_flat_facets_keeps_the_hull_closed() {
     }
 }
 
-/// Points in a plane whose rounding makes a hull that is just thick enough: the planes of its faces tell little of what
-/// is outside of its rim. These are of a ball cut flat.
+/// Points in a plane whose rounding makes a hull that is just thick enough: the planes of its faces hardly
+/// distinguish points outside its rim. These are from a ball that is cut flat.
 #[test]
 fn corners_of_a_hull_of_rounding_remain() {
     let corner = [0.23399916396238246, -0.1707113225680762, -0.5327635324997839];

@@ -1,18 +1,18 @@
 //! Filtered edge collapse (§3.3.4): the atomic operation of the simplification.
 //!
-//! Departures. Where the position v̂ is not feasible itself, the search starts from the last feasible position on the
-//! way to it. Where none is valid on the way from v̂ to ṽ, the ways from the middle of the edge and from its ends are
-//! tried: the surface of a lathe or an extrusion, whose patches have flat quadrilaterals inside, leaves the vertex
-//! hardly any other place.
+//! Departures. If the position v̂ is not feasible itself, the search starts from the last feasible position
+//! on the path to it. If no position is valid on the path from v̂ to ṽ, the paths from the middle of the edge
+//! and from its ends are tried: the surface of a lathe or an extrusion, whose patches have flat
+//! quadrilaterals inside, leaves the vertex hardly any other position.
 
 use super::filter::Path;
 use super::star::Star;
 use super::state::State;
 
-/// K: steps of the bisection for a valid position (§3.3.4).
+/// K: number of steps of the bisection for a valid position (§3.3.4).
 const BISECTIONS: usize = 3;
 
-/// The filtered edge collapse (§3.3.4). Tells the patches that it has changed, if there is a position that is valid.
+/// Collapses an edge (§3.3.4). Returns the patches that it has changed; `None` if no position is valid.
 pub(crate) fn collapse(state: &mut State, ends: [u32; 2], star: &mut Star) -> Option<Vec<u32>> {
     if !state.fans.star(&state.surface.triangles, ends, star) {
         return None;
@@ -21,7 +21,7 @@ pub(crate) fn collapse(state: &mut State, ends: [u32; 2], star: &mut Star) -> Op
     let path = near.path(star, &state.quadric(ends));
     let filtered = path.filtered;
     let [p, q] = ends.map(|v| state.surface.points[v as usize]);
-    // On the border only the quadrics know of its shape.
+    // On the border, only the minimum of the quadric keeps the border's shape.
     let starts = if star.border { 1 } else { 4 };
     [path.least, 0.5 * (p + q), p, q]
         .into_iter()
@@ -29,7 +29,8 @@ pub(crate) fn collapse(state: &mut State, ends: [u32; 2], star: &mut Star) -> Op
         .find_map(|least| along(state, star, &Path { least, filtered }))
 }
 
-/// Collapses to the position nearest to the filtered one that is valid, among those tried on a path.
+/// Collapses to the valid position nearest to the filtered one, among those tried on a path. Returns the
+/// patches changed.
 fn along(state: &mut State, star: &Star, path: &Path) -> Option<Vec<u32>> {
     let (low, high) = state.neighbourhood().feasible(star, path, &state.patch_of, state.tolerance())?;
     // u of the best valid position and of an invalid one that is nearer to the goal; the last one tried.

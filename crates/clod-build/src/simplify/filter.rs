@@ -1,5 +1,6 @@
-//! Where the merged vertex of a collapse should go: the position of least surface deviation, the unconstrained filtered
-//! position, and what local convexity leaves of the way between them (§3.3.4, steps 2 to 4).
+//! Candidate positions of the merged vertex of a collapse: the position of least surface deviation, the
+//! unconstrained filtered position, and the part of the path between them that keeps local convexity (§3.3.4,
+//! steps 2 to 4).
 
 use glam::DVec3;
 
@@ -7,19 +8,20 @@ use super::quadric::Quadric;
 use super::relax::{Relaxation, difference};
 use super::star::{Fans, Star};
 
-/// How many lengths of the edge the position of least deviation may be off its middle.
-const REACH: f64 = 2.0;
+/// Largest distance of the position of least deviation from the edge's middle, in lengths of the edge. Beyond
+/// it, the middle is used.
+const MAX_OFFSET: f64 = 2.0;
 
-/// The part of the tolerance that positions on the path may use up: those at its ends would else be neither clearly
-/// feasible nor clearly not, in what is tested next, and rounding would decide.
-const MARGIN: f64 = 0.9;
+/// Fraction of the tolerance that positions on the path may use. With all of it, rounding would decide
+/// whether the ends of the feasible range pass the tests that follow.
+const TOLERANCE_SHARE: f64 = 0.9;
 
-/// The line that the merged vertex is sought on.
+/// The path on which the position of the merged vertex is searched.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Path {
-    /// v̂: where the quadric error is least.
+    /// v̂: the position of least quadric error.
     pub least: DVec3,
-    /// ṽ: where the second-order differences are least.
+    /// ṽ: the position of least second-order differences.
     pub filtered: DVec3,
 }
 
@@ -30,7 +32,7 @@ impl Path {
     }
 }
 
-/// The mesh around a star, as the filter reads it.
+/// The mesh around a star.
 #[derive(Clone, Copy)]
 pub(crate) struct Neighbourhood<'a> {
     pub points: &'a [DVec3],
@@ -39,12 +41,12 @@ pub(crate) struct Neighbourhood<'a> {
 }
 
 impl Neighbourhood<'_> {
-    /// v̂ and ṽ. On the border the vertex is not filtered, so that the border keeps its shape.
+    /// The path from v̂ to ṽ. On the border the vertex is not filtered, so that the border keeps its shape.
     pub fn path(&self, star: &Star, quadric: &Quadric) -> Path {
         let [p, q] = star.ends.map(|v| self.points[v as usize]);
         let middle = 0.5 * (p + q);
         let mut least = quadric.minimum(middle);
-        if least.distance(middle) > REACH * p.distance(q) {
+        if least.distance(middle) > MAX_OFFSET * p.distance(q) {
             least = middle;
         }
         let filtered = if star.border { least } else { self.relaxed(star, least).unwrap_or(least) };
@@ -70,13 +72,14 @@ impl Neighbourhood<'_> {
         sum.position()
     }
 
-    /// The corner, and its triangle, beyond an edge of the rim; `None` on the border, or if that triangle is of the star.
+    /// The corner, and its triangle, beyond an edge of the rim; `None` on the border, or if that triangle is
+    /// of the star.
     fn beyond(&self, star: &Star, [a, b]: [u32; 2]) -> Option<(u32, u32)> {
         self.fans.across(self.triangles, b, a).filter(|(v, _)| !star.ends.contains(v))
     }
 
-    /// Resolution of the edge (Eq. 3.1), in the inverse of the coordinates' unit: the inverse of its length in
-    /// projection on the tangent plane of the filtered surface.
+    /// Resolution of the edge (Eq. 3.1), in the inverse of the coordinates' unit: the inverse of its length
+    /// in projection on the tangent plane of the filtered surface.
     pub fn resolution(&self, star: &Star, path: &Path) -> f64 {
         let [p, q] = star.ends.map(|v| self.points[v as usize]);
         let normals = star.fan.iter().map(|s| {
@@ -86,20 +89,21 @@ impl Neighbourhood<'_> {
         let normal = normals.sum::<DVec3>().normalize_or_zero();
         let edge = p - q;
         let projected = (edge - edge.dot(normal) * normal).length();
-        // An edge along the normal has no extent on the surface: it is detail finer than any.
+        // An edge along the normal has no extent on the surface: its detail is finer than any other.
         1.0 / projected.max(1e-9 * edge.length()).max(1e-300)
     }
 
-    /// The part of the path, as a range of u, on which the edges inside patches remain convex: the linear program of
-    /// Eq. 3.4, whose solution is the lower end. Departing from the dissertation the range's upper end is found too,
-    /// since v̂ itself need not be feasible. `patch` tells a triangle's; heights up to `tolerance` count as convex.
+    /// The part of the path, as a range of u, on which the edges inside patches remain convex: the linear
+    /// program of Eq. 3.4, whose solution is the lower end. Departing from the dissertation the range's upper
+    /// end is found too, since v̂ itself need not be feasible. `patch` names each triangle's patch; heights
+    /// up to `tolerance` count as convex.
     pub fn feasible(&self, star: &Star, path: &Path, patch: &[u32], tolerance: f64) -> Option<(f64, f64)> {
         let point = |v: u32| self.points[v as usize];
         let (mut low, mut high) = (0.0f64, 1.0f64);
         let mut hold = |volume: &dyn Fn(DVec3) -> (f64, f64)| {
             let ((filtered, area_f), (least, area_l)) = (volume(path.filtered), volume(path.least));
-            let slack = MARGIN * tolerance * area_f.min(area_l);
-            // filtered + (least - filtered) u <= slack
+            let slack = TOLERANCE_SHARE * tolerance * area_f.min(area_l);
+            // The height is linear in u: filtered + (least − filtered) u ≤ slack.
             let slope = least - filtered;
             let room = slack - filtered;
             if slope > 0.0 {

@@ -8,14 +8,14 @@ use crate::surface::Surface;
 /// A level of detail with its patches.
 #[derive(Debug)]
 pub(crate) struct SimplifiedLevel {
-    /// Its mesh, m.
+    /// The level's mesh, m.
     pub mesh: TriMesh,
-    /// The same in unit coordinates.
+    /// The mesh in unit coordinates.
     pub surface: Surface,
     /// Its convex patches.
     pub decomposition: Decomposition,
     /// D of its vertices, m².
     pub areas: Vec<f64>,
-    /// r, in the inverse of the unit of unit coordinates.
+    /// r, in the inverse of unit coordinates.
     pub resolution: f64,
 }

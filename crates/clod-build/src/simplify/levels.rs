@@ -1,4 +1,4 @@
-//! The levels that simplification puts out.
+//! The collection of the levels that simplification puts out.
 
 use std::sync::Arc;
 
@@ -10,32 +10,33 @@ use super::trace::Tracer;
 use crate::convexity::Patch;
 use crate::decomposition::{Decomposition, NO_PATCH};
 
-/// Collects them, and has them traced meanwhile.
+/// The levels put out so far, which a tracer traces in the background.
 pub(crate) struct Levels<'r, 's, 'a> {
     levels: Vec<Arc<SimplifiedLevel>>,
-    /// For each patch of the last level, the patch of the first one that it was made of and is named by in the state.
+    /// The name of each patch of the last level in the state: the patch of the first level that it was made
+    /// from.
     names: Vec<u32>,
     tracer: &'s Tracer<'a>,
     scope: &'r Scope<'s>,
 }
 
 impl<'r, 's, 'a: 's> Levels<'r, 's, 'a> {
-    /// Before any; the first level has this number of patches.
+    /// An empty collection above a mesh with this number of patches.
     pub fn new(patches: usize, tracer: &'s Tracer<'a>, scope: &'r Scope<'s>) -> Self {
         Self { levels: Vec::new(), names: (0..patches as u32).collect(), tracer, scope }
     }
 
-    /// How many patches the last level has.
+    /// Number of patches of the last level.
     pub fn patches(&self) -> usize {
         self.names.len()
     }
 
-    /// The last one put out.
+    /// The last level put out.
     pub fn last(&self) -> Option<&SimplifiedLevel> {
         self.levels.last().map(|level| &**level)
     }
 
-    /// Puts out a level as things are.
+    /// Puts out the present state as a level.
     pub fn put_out(&mut self, state: &mut State, resolution: f64) {
         let snapshot = state.snapshot();
         let Snapshot { triangle_of, vertex_of, .. } = &snapshot;
@@ -71,7 +72,8 @@ impl<'r, 's, 'a: 's> Levels<'r, 's, 'a> {
         self.names = names;
     }
 
-    /// Puts out a level. `heirs` are the patches that those of the level before went into, where that is known.
+    /// Puts out a level. `heirs` are the patches that those of the level before were merged into, where that
+    /// is known.
     pub fn push(
         &mut self,
         snapshot: Snapshot,
@@ -86,7 +88,7 @@ impl<'r, 's, 'a: 's> Levels<'r, 's, 'a> {
         self.levels.push(level);
     }
 
-    /// All of them.
+    /// All levels, finest first.
     pub fn finish(self) -> Vec<Arc<SimplifiedLevel>> {
         self.levels
     }

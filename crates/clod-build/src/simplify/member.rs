@@ -1,9 +1,9 @@
-//! A convex patch while the mesh is simplified, and what becomes of it when an edge collapses.
+//! A convex patch during simplification, and its change when an edge collapses.
 //!
-//! Only what may have changed is tested, so that a collapse costs a few plane tests a vertex: the moved triangles have
-//! to support the patch, the others the moved vertex, and nothing may reach into what its [skin](Skin) grows by, nor
-//! the moved triangles of other patches into the skin. Where that leaves it open whether the patch remains one, it is
-//! made anew, with its hull and all tests.
+//! Only changes are tested, so that a collapse costs a few plane tests a vertex: the moved triangles have to
+//! support the patch and the others the moved vertex; no surface may reach into the growth of its
+//! [skin](Skin), and no moved triangle of another patch into the skin. If this does not decide whether the
+//! patch remains convex, it is rebuilt, with its hull and all tests.
 
 use glam::DVec3;
 
@@ -17,8 +17,8 @@ use crate::surface::{ReachBuffers, bounds_of, reaches_below};
 /// A patch with its skin.
 #[derive(Clone, Debug)]
 pub(crate) struct Member {
-    /// Its extreme points are all of its vertices, and its bounds may be too large, once it has been
-    /// [amended](Self::amend).
+    /// The patch. Once it has been [amended](Self::amend), its extreme points are all of its vertices, and
+    /// its bounds may be too large.
     pub patch: Patch,
     pub skin: Skin,
     /// All vertices of its triangles, ascending.
@@ -26,27 +26,27 @@ pub(crate) struct Member {
     amended: bool,
 }
 
-/// What becomes of a patch.
+/// The change of a patch in a collapse.
 #[derive(Debug)]
 pub(crate) enum Change {
-    /// All of its triangles go.
+    /// All of its triangles are removed.
     Gone,
-    /// It is another.
+    /// It is rebuilt.
     Anew(Member),
-    /// It loses triangles and its vertices move.
+    /// It loses triangles, and vertices of it move.
     Amended {
         lead: u32,
-        /// The skin and the bounds it grows to, if it grows.
+        /// The skin and the bounds that it grows to, if it grows.
         grown: Option<(Skin, Bounds)>,
     },
 }
 
-/// A collapse that is tried, as a patch sees it: the merged vertex is where it is to be.
+/// A collapse that is tried; the merged vertex is at its new position.
 pub(crate) struct Trial<'a> {
     pub convexity: &'a Convexity<'a>,
     pub star: &'a Star,
     pub patch_of: &'a [u32],
-    /// Marks triangles that are no more.
+    /// The patch of triangles that are removed.
     pub gone: u32,
 }
 
@@ -55,7 +55,7 @@ impl Trial<'_> {
         self.star.fan.iter().any(|s| s.triangle == triangle)
     }
 
-    /// What becomes of a patch, if it remains a convex patch.
+    /// The change of a patch; `None` if it does not remain a convex patch.
     pub fn change(&self, index: u32, member: &Member, buffers: &mut JoinBuffers) -> Option<Change> {
         let Self { star, .. } = self;
         let lost = star.removed.iter().filter(|t| self.patch_of[**t as usize] == index).count();
@@ -84,7 +84,7 @@ impl Trial<'_> {
         Some(Change::Anew(Member { patch, skin, vertices, amended: false }))
     }
 
-    /// Whether a triangle, as the spatial index knows it, is of the patch, or is none or elsewhere by now.
+    /// Whether a triangle of the spatial index belongs to the patch, has been removed, or has moved.
     fn is_mine(&self, index: u32, t: u32) -> bool {
         let patch = self.patch_of[t as usize];
         patch == index || patch == self.gone || self.moved(t) || self.star.removed.contains(&t)
@@ -161,8 +161,8 @@ impl Trial<'_> {
                 }
                 let (grown, (low, high)) = polytope.grown(apex, &visible);
                 let skin = Skin::Polytope(grown);
-                // What is deep in the new skin, but was not in the old one, is in what is new or within the tolerance
-                // of it.
+                // Surface that is deep in the new skin, but was not deep in the old one, is in the part added
+                // or within the tolerance of it.
                 let margin = DVec3::splat(2.0 * tolerance);
                 let planes = skin.planes().iter().copied();
                 let new = (low - margin, high + margin);
@@ -182,15 +182,15 @@ impl Trial<'_> {
 
 enum Amendment {
     Decided(Option<Change>),
-    /// The skin is reached into, but may be too large: the hull is needed. Other surface than the moved triangles can
-    /// reach into it in this box only.
+    /// Surface reaches into the skin, which may be too large: the hull is needed. Surface other than the
+    /// moved triangles can reach into it only in this box.
     TooWide(Bounds),
-    /// The patch may be of another kind.
+    /// The patch may have become flat, or no longer be.
     Undecided,
 }
 
 impl Member {
-    /// With the skin of a patch.
+    /// A patch with its skin.
     pub fn new(convexity: &Convexity<'_>, patch: Patch, hulls: &mut HullBuilder) -> Self {
         let surface = convexity.surface();
         let mut vertices: Vec<u32> =
@@ -203,7 +203,7 @@ impl Member {
         Self { patch, skin, vertices, amended: false }
     }
 
-    /// The vertices of the edge that collapses, and those that no triangle is left at.
+    /// The vertices of the edge that collapses, and those without any triangle left.
     fn vertices_gone(&self, star: &Star, triangles: &[[u32; 3]]) -> Vec<u32> {
         let is_left = |v: &u32| {
             let mut left = self.patch.triangles.iter().filter(|t| !star.removed.contains(t));
@@ -214,7 +214,8 @@ impl Member {
         star.ends.into_iter().chain(alone).collect()
     }
 
-    /// After a collapse that [`Trial::change`] has found to leave it a patch. `triangles` are the corners of all.
+    /// Updates the patch after a collapse for which [`Trial::change`] has shown that it remains convex.
+    /// `triangles` are the corners of all triangles.
     pub fn amend(
         &mut self,
         star: &Star,
@@ -236,12 +237,12 @@ impl Member {
         self.amended = true;
     }
 
-    /// Whether its skin and its extreme points may be more than they need be.
+    /// Whether its skin, bounds and extreme points may be larger than needed.
     pub fn is_loose(&self) -> bool {
         self.amended
     }
 
-    /// Makes them what they need be.
+    /// Recomputes the skin, bounds and extreme points.
     pub fn tighten(&mut self, convexity: &Convexity<'_>, hulls: &mut HullBuilder) {
         let surface = convexity.surface();
         let points: Vec<DVec3> = self.vertices.iter().map(|v| surface.points[*v as usize]).collect();

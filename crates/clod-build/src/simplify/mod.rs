@@ -1,15 +1,15 @@
 //! Sensation preserving simplification (§3.3): the levels of detail of a mesh and of its convex patches.
 //!
-//! The parts of the generic construction (§3.2.3) are apart from each other: the loop, here, knows of the atomic
-//! operation only that it collapses an edge or not, and which patches that changed; the queue orders the edges; what
-//! makes the clusters is one of two functions, of which one carries convex patches through the collapses and joins them
-//! (Algorithm
-//! 3.3.1), and the other decomposes each level anew; the levels put out are traced to the finer ones in the background;
-//! and the bounding volumes are made of them in the end (`crate::bounding`).
+//! The parts of the generic construction (§3.2.3) are separate: the loop, here, knows of the atomic operation
+//! only whether it collapsed an edge, and which patches that changed; the queue orders the edges; the
+//! clusters are made by one of two functions, of which one carries convex patches through the collapses and
+//! joins them (Algorithm 3.3.1), and the other decomposes each level anew; the levels put out are traced to
+//! the finer ones in the background; and the bounding volumes are made from them in the end
+//! (`crate::bounding`).
 //!
-//! Departures. A last level is put out when no edge is left, if it has noticeably fewer patches than the one before,
-//! since all of the work that went into it would otherwise be lost. And then the simplification goes on without regard
-//! to patches, which are made anew for each further level: fewer free levels are left to complete the hierarchy
+//! Departures. A last level is put out when no edge is left, if it has noticeably fewer patches than the one
+//! before, since all work on it would otherwise be lost. Then the simplification continues without regard to
+//! patches, and decomposes each further level anew: fewer free levels are needed to complete the hierarchy
 //! (§3.6.2).
 
 mod collapse;
@@ -41,26 +41,29 @@ use state::State;
 pub(crate) use trace::Trace;
 use trace::Tracer;
 
-/// The last level is put out if its patches are fewer than those of the level before by this part of them.
-const NOTICEABLE: f64 = 0.1;
+/// Smallest reduction of the number of patches, as a fraction of that of the level before, at which a last
+/// level is put out.
+const MIN_REDUCTION: f64 = 0.1;
 
-/// Where patches are made anew for each level, that is tried each time this part of the triangles is left.
-const RENEWED_FROM: f64 = 0.85;
+/// Fraction of the triangles that is left from one decomposition to the next, where each level is decomposed
+/// anew. A larger one finds levels sooner, and takes longer.
+const RENEWAL_RATIO: f64 = 0.85;
 
-/// What bounds a simplification.
+/// Limits of a simplification.
 pub(crate) struct Limits {
-    /// Heights up to this count as convex, in unit coordinates.
+    /// Largest height that counts as convex, in unit coordinates.
     pub tolerance: f64,
     /// Radius of the object's bounding sphere, in unit coordinates.
     pub radius: f64,
-    /// Edges of a lower resolution are left alone; in the inverse of the radius.
+    /// Lowest resolution of an edge that is collapsed, in the inverse of the radius.
     pub coarsest: f64,
-    /// Whether patches are carried through collapses as long as those allow it; else they are made anew for each level.
+    /// Whether patches are carried through collapses as long as possible; if false, each level is decomposed
+    /// anew.
     pub carried: bool,
 }
 
-/// Simplifies a mesh that is 2-manifold and oriented. `surface` is the same in unit coordinates, `areas` are the support
-/// areas of its vertices; the levels come out finest first, without the mesh itself.
+/// Simplifies a mesh that is 2-manifold and oriented. `surface` is the same in unit coordinates, `areas` are
+/// the support areas of its vertices; the levels come out finest first, without the mesh itself.
 pub(crate) fn simplify(
     mesh: &TriMesh,
     surface: &Surface,
@@ -139,8 +142,8 @@ impl<'a> Simplification<'a> {
         }
     }
 
-    /// Collapses the next edge that can be; tells the patches that it has changed. `None` once none is left whose
-    /// resolution is high enough.
+    /// Collapses the next edge for which that is possible; returns the patches that changed. `None` once no
+    /// edge of sufficient resolution is left.
     fn collapse_next(&mut self, progress: &mut Progress<'_>) -> Result<Option<Vec<u32>>, Cancelled> {
         while let Some((ends, resolution)) = self.queue.pop(&self.state)
             && resolution * self.limits.radius >= self.limits.coarsest
@@ -159,7 +162,7 @@ impl<'a> Simplification<'a> {
         Ok(None)
     }
 
-    /// Algorithm 3.3.1: the patches are kept convex, and joined.
+    /// Simplifies by Algorithm 3.3.1: patches are kept convex, and joined.
     fn carry_patches(
         &mut self,
         levels: &mut Levels<'_, '_, '_>,
@@ -184,7 +187,7 @@ impl<'a> Simplification<'a> {
         Ok(())
     }
 
-    /// The patches are no constraint: they are made anew for each level.
+    /// Simplifies without regard to patches: each level is decomposed anew.
     fn renew_patches(
         &mut self,
         levels: &mut Levels<'_, '_, '_>,
@@ -196,7 +199,7 @@ impl<'a> Simplification<'a> {
             if more && self.state.triangles > next {
                 continue;
             }
-            next = (RENEWED_FROM * self.state.triangles as f64) as usize;
+            next = (RENEWAL_RATIO * self.state.triangles as f64) as usize;
             let snapshot = self.state.snapshot();
             let adjacency = snapshot.mesh.adjacency();
             let decomposition =
@@ -212,7 +215,7 @@ impl<'a> Simplification<'a> {
     }
 }
 
-/// Whether so few patches make a last level worth while.
+/// Whether a level with this number of patches is worth putting out as the last.
 fn is_noticeable(patches: usize, levels: &Levels<'_, '_, '_>) -> bool {
-    patches as f64 <= (1.0 - NOTICEABLE) * levels.patches() as f64
+    patches as f64 <= (1.0 - MIN_REDUCTION) * levels.patches() as f64
 }

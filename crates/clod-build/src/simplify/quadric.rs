@@ -2,13 +2,14 @@
 
 use glam::{DMat3, DVec3};
 
-/// How much a boundary edge weighs against the triangles beside it.
+/// Weight of a boundary edge relative to the triangles beside it. With less, borders lose their shape.
 const BOUNDARY_WEIGHT: f64 = 10.0;
 
-/// How strongly the minimum is held to the middle of the edge where the planes leave it free, relative to them.
-const HOLD: f64 = 1e-4;
+/// Weight of the distance from the middle of the edge, relative to the planes. It determines the minimum
+/// where the planes do not; more pulls the minimum off the planes.
+const MIDDLE_WEIGHT: f64 = 1e-4;
 
-/// x·A x + 2 b·x + c, of which c is not needed.
+/// The function x·A x + 2 b·x + c, without c, which is not needed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Quadric {
     a: DMat3,
@@ -16,32 +17,33 @@ pub(crate) struct Quadric {
 }
 
 impl Quadric {
-    /// Of no planes.
+    /// The quadric of no planes.
     pub const NONE: Self = Self { a: DMat3::ZERO, b: DVec3::ZERO };
 
-    /// The squared distance from the plane n·x = d, times a weight.
+    /// The quadric of the squared distance from the plane n·x = d, times a weight.
     pub fn plane(normal: DVec3, offset: f64, weight: f64) -> Self {
         let n = normal;
         Self { a: DMat3::from_cols(n * n.x, n * n.y, n * n.z) * weight, b: -offset * weight * n }
     }
 
-    /// For a boundary edge: the plane through it at right angles to its triangle, so that the border keeps its shape.
+    /// The quadric of a boundary edge: of the plane through it perpendicular to its triangle, so that the
+    /// border keeps its shape.
     pub fn border(from: DVec3, to: DVec3, normal: DVec3) -> Self {
         let across = (to - from).cross(normal).normalize_or_zero();
         Self::plane(across, across.dot(from), BOUNDARY_WEIGHT * from.distance_squared(to))
     }
 
-    /// The sum of two.
+    /// The sum of two quadrics.
     pub fn plus(&self, other: &Self) -> Self {
         Self { a: self.a + other.a, b: self.b + other.b }
     }
 
-    /// Where it is least. Where the planes do not determine that, in a flat place or along a crease, as near to
-    /// `middle` as they let it: the squared distance from there is added with a small weight, which makes every case
-    /// regular.
+    /// The point of the least value. Where the planes do not determine it, on a flat place or along a crease,
+    /// the one nearest to `middle`: the squared distance from there is added with a small weight, which makes
+    /// the matrix regular.
     pub fn minimum(&self, middle: DVec3) -> DVec3 {
         let trace = self.a.x_axis.x + self.a.y_axis.y + self.a.z_axis.z;
-        let held = self.a + DMat3::from_diagonal(DVec3::splat(HOLD * trace));
+        let held = self.a + DMat3::from_diagonal(DVec3::splat(MIDDLE_WEIGHT * trace));
         if !(trace > 0.0 && held.determinant() != 0.0) {
             return middle;
         }

@@ -1,10 +1,10 @@
-//! The edges in the order in which their collapse is tried: by resolution (§3.3.3).
+//! The queue of edges in the order in which their collapse is tried: by resolution (§3.3.3).
 //!
-//! The queue is lazy: when a collapse changes the surroundings of an edge, its resolution is computed again only when it
-//! comes up (at once for the edges of the merged vertex).
+//! The queue is lazy: when a collapse changes the surroundings of an edge, its resolution is recomputed only
+//! when it is popped (at once for the edges of the merged vertex).
 //!
-//! Resolutions within a thousandth of each other count as equal, and then the vertices decide: on regular meshes there
-//! are many that are equal but for rounding, which would otherwise make the order another one in other units.
+//! Resolutions within a thousandth of each other count as equal, and then the vertices decide: regular meshes
+//! have many that are equal but for rounding, so that the order would otherwise depend on the unit of length.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
@@ -20,14 +20,14 @@ use super::state::State;
 /// An edge in the queue: highest rank first, then the lowest vertices; with the stamp of its state.
 type Entry = (u64, Reverse<[u32; 2]>, u32);
 
-/// What is known of an edge that is not only in the queue as it was put there.
+/// State of an edge besides its entries in the queue.
 #[derive(Clone, Copy, Debug, Default)]
 struct EdgeState {
-    /// Of the entry that counts; earlier ones are passed over.
+    /// Stamp of the valid entry; earlier ones are skipped.
     stamp: u32,
-    /// Whether it could not be collapsed as things are, so that it is not in the queue.
+    /// Whether it could not be collapsed in its present surroundings, so that it is not in the queue.
     invalid: bool,
-    /// Its resolution, when it was last computed.
+    /// Its resolution as last computed.
     resolution: f64,
     /// The sum of its ends' changes at that time.
     changes: u32,
@@ -37,9 +37,9 @@ struct EdgeState {
 pub(crate) struct Queue {
     heap: BinaryHeap<Entry>,
     edges: HashMap<[u32; 2], EdgeState, FixedState>,
-    /// Ranks are of resolutions times this length.
+    /// Radius of the object, in unit coordinates: ranks are those of resolutions times this length.
     radius: f64,
-    /// How often the surroundings of each vertex have changed.
+    /// Number of changes of the surroundings of each vertex.
     changes: Vec<u32>,
 }
 
@@ -47,7 +47,7 @@ fn ordered([a, b]: [u32; 2]) -> [u32; 2] {
     [a.min(b), a.max(b)]
 }
 
-/// Resolution of an edge, if it can be collapsed topologically; else that of an edge seen face on.
+/// Resolution of an edge, if its collapse keeps the topology; else the inverse of its length.
 fn resolution(state: &State, ends: [u32; 2], star: &mut Star) -> f64 {
     if state.fans.star(&state.surface.triangles, ends, star) {
         let near = state.neighbourhood();
@@ -59,7 +59,7 @@ fn resolution(state: &State, ends: [u32; 2], star: &mut Star) -> f64 {
 }
 
 impl Queue {
-    /// With all edges of a mesh; `radius` is that of the object.
+    /// A queue of all edges of a mesh; `radius` is the object's, in unit coordinates.
     pub fn new(state: &State, adjacency: &Adjacency, radius: f64) -> Self {
         let mut queue = Self {
             heap: BinaryHeap::new(),
@@ -82,7 +82,7 @@ impl Queue {
         }
     }
 
-    /// Resolutions are positive, so that their bits are in their order; the first ones matter.
+    /// Rank of a resolution: its leading bits, which are in its order since it is positive.
     fn rank(&self, resolution: f64) -> u64 {
         (resolution * self.radius).to_bits() >> 42
     }
@@ -126,8 +126,8 @@ impl Queue {
         }
     }
 
-    /// After a collapse: the edges of the vertex that is gone go, those of the merged one are computed again, and those
-    /// around it that were invalid are tried again.
+    /// Updates the queue after a collapse: removes the edges of the vertex that is gone, recomputes those of
+    /// the merged vertex, and queues invalid edges around it again.
     pub fn collapsed(&mut self, state: &State, star: &Star) {
         let [kept, gone] = star.ends;
         self.edges.remove(&ordered(star.ends));

@@ -1,15 +1,17 @@
-//! Filtering: where a vertex lies once the surface around it is as nearly linear as it can be made (§3.3.4, step 3).
+//! Filtering: the position of a vertex at which the surface around it is as nearly linear as possible
+//! (§3.3.4, step 3).
 //!
-//! Guskov, Sweldens and Schröder (1999): the second-order divided difference of a function across an edge is the jump
-//! of its gradient between the edge's two triangles, unfolded into a plane. The vertex is moved to where the sum of the
-//! squares of these is least, over all edges whose difference the vertex takes part in: those at it and those opposite
-//! to it. A linear function has no jump, so that a flat surface stays flat and its vertices stay in it.
+//! Guskov, Sweldens and Schröder (1999): the second-order divided difference of a function across an edge is
+//! the jump of its gradient between the edge's two triangles, unfolded into a plane. The vertex moves to the
+//! position with the least sum of squared differences, over all edges whose difference depends on the vertex:
+//! those at it and those opposite to it. A linear function has no jump, so that a flat surface stays flat and
+//! its vertices stay in it.
 
 use glam::DVec3;
 
-/// The coefficients of the second-order difference across the edge (j, k) between the triangles (j, k, l) and (k, j,
-/// m): for j, k, l and m. `None` where a triangle has no area. Departing from the paper, which unfolds the
-/// quadrilateral and writes signed areas, by a common factor of one half.
+/// Coefficients, for j, k, l and m, of the second-order difference across the edge (j, k) between the
+/// triangles (j, k, l) and (k, j, m). `None` if a triangle has no area. They are half those of the paper,
+/// which unfolds the quadrilateral and writes signed areas.
 pub(crate) fn difference(j: DVec3, k: DVec3, l: DVec3, m: DVec3) -> Option<[f64; 4]> {
     let length = j.distance(k);
     let along = (k - j) / length;
@@ -24,7 +26,7 @@ pub(crate) fn difference(j: DVec3, k: DVec3, l: DVec3, m: DVec3) -> Option<[f64;
     })
 }
 
-/// Sums up the differences that a vertex takes part in.
+/// Sum of the squared differences that depend on a vertex, as a function of its position.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Relaxation {
     weight: f64,
@@ -32,13 +34,13 @@ pub(crate) struct Relaxation {
 }
 
 impl Relaxation {
-    /// Adds one: the vertex' coefficient, and the sum of the other coefficients times their points.
+    /// Adds a difference: the vertex's coefficient, and the sum of the other coefficients times their points.
     pub fn add(&mut self, own: f64, others: DVec3) {
         self.weight += own * own;
         self.pull -= own * others;
     }
 
-    /// Where the sum of squares is least; `None` where no difference was added.
+    /// The position with the least sum of squares; `None` if no difference was added.
     pub fn position(&self) -> Option<DVec3> {
         let p = self.pull / self.weight;
         (self.weight > 0.0 && p.is_finite()).then_some(p)

@@ -1,4 +1,4 @@
-//! The triangles around an edge and what becomes of them when it collapses (§3.3.4, step 1).
+//! The triangles around an edge, and their change when it collapses (§3.3.4, step 1).
 
 use crate::box_tree::Bounds;
 
@@ -10,17 +10,17 @@ pub(crate) struct Spoke {
     pub rim: [u32; 2],
 }
 
-/// Edges with more triangles at their ends are not collapsed: what is done around the merged vertex takes the square of
-/// their number, and a vertex of so many triangles is no sample of a surface. Collapses around it lower its number
-/// first.
-const MOST_TRIANGLES: usize = 64;
+/// Largest number of triangles at the ends of an edge that is collapsed: the work around the merged vertex
+/// grows with the square of their number, and a vertex of so many triangles is no sample of a surface.
+/// Collapses around it reduce the number first.
+const MAX_TRIANGLES: usize = 64;
 
-/// What the collapse of an edge changes.
+/// The triangles that the collapse of an edge changes.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Star {
     /// The vertices of the edge; the first stands for the merged vertex.
     pub ends: [u32; 2],
-    /// The triangles at the edge, which go.
+    /// The triangles at the edge, which are removed.
     pub removed: Vec<u32>,
     /// The triangles that remain.
     pub fan: Vec<Spoke>,
@@ -28,7 +28,7 @@ pub(crate) struct Star {
     pub border: bool,
 }
 
-/// Which triangles meet at each vertex of a mesh that is 2-manifold, with or without a border.
+/// The triangles around each vertex of a mesh that is 2-manifold, with or without a border.
 #[derive(Clone, Debug)]
 pub(crate) struct Fans {
     around: Vec<Vec<u32>>,
@@ -37,7 +37,7 @@ pub(crate) struct Fans {
 }
 
 impl Fans {
-    /// Of triangles; those that name a vertex twice are not part of any.
+    /// The fans of triangles; those that name a vertex twice are left out.
     pub fn new(vertices: usize, triangles: &[[u32; 3]]) -> Self {
         let mut around = vec![Vec::new(); vertices];
         for (t, [a, b, c]) in triangles.iter().enumerate() {
@@ -66,7 +66,7 @@ impl Fans {
         })
     }
 
-    /// The vertices next to one, in ascending order.
+    /// Collects the vertices next to one, in ascending order.
     pub fn neighbours(&self, triangles: &[[u32; 3]], vertex: u32, out: &mut Vec<u32>) {
         out.clear();
         let corners = self.at(vertex).iter().flat_map(|t| triangles[*t as usize]);
@@ -84,14 +84,14 @@ impl Fans {
         })
     }
 
-    /// Collects what the collapse of an edge changes. False if there is no such edge, it has too many triangles at its
-    /// ends, or the collapse would change the topology: the link condition (Dey et al. 1999), in which the border
-    /// counts as joined to one more vertex.
+    /// Collects the triangles that the collapse of an edge changes. False if there is no such edge, it has
+    /// too many triangles at its ends, or the collapse would change the topology: the link condition (Dey et
+    /// al. 1999), in which the border counts as joined to one more vertex.
     pub fn star(&self, triangles: &[[u32; 3]], ends: [u32; 2], star: &mut Star) -> bool {
         star.ends = ends;
         star.removed.clear();
         star.fan.clear();
-        if self.at(ends[0]).len() + self.at(ends[1]).len() > MOST_TRIANGLES {
+        if self.at(ends[0]).len() + self.at(ends[1]).len() > MAX_TRIANGLES {
             return false;
         }
         for (end, other) in [(ends[0], ends[1]), (ends[1], ends[0])] {
@@ -109,13 +109,14 @@ impl Fans {
         }
         let borders = ends.map(|v| !self.closed && self.on_border(triangles, v));
         star.border = borders[0] || borders[1];
+        // An edge has two triangles, or one on the border; one that joins two border vertices must be on it.
         let sides = star.removed.len();
         if sides == 0 || sides == 1 && borders != [true; 2] || sides == 2 && borders == [true; 2] || sides > 2
         {
             return false;
         }
-        // In the fan around the merged vertex each vertex of the rim may follow once and precede once, and no two
-        // triangles may be back to back; it is closed unless on the border, where it has one end.
+        // In the fan around the merged vertex each vertex of the rim may follow once and precede once, and no
+        // two triangles may be back to back; it is closed unless on the border, where it has one end.
         let fan = &star.fan;
         let unique = |k: usize| (0..fan.len()).all(|i| (0..i).all(|j| fan[i].rim[k] != fan[j].rim[k]));
         let back_to_back =
@@ -130,7 +131,7 @@ impl Fans {
             && self.common_neighbours(triangles, star) == sides
     }
 
-    /// How many vertices are next to both ends.
+    /// Number of vertices next to both ends.
     fn common_neighbours(&self, triangles: &[[u32; 3]], star: &Star) -> usize {
         if self.closed {
             // Around a vertex of a closed surface each neighbour follows it in one triangle.

@@ -1,10 +1,11 @@
-//! The mesh and its convex patches while they are simplified: trying a collapse, keeping it, and joining patches.
+//! The mesh and its convex patches during simplification: trying a collapse, keeping it, and joining patches.
 //!
-//! A collapse is tried in place: the triangles of its fan are moved in the surface, but not yet in the spatial indices,
-//! so that they are tested one by one against all others. What has to hold (§3.3.4, step 5):
+//! A collapse is tried in place: the triangles of its fan are moved in the surface, but not yet in the
+//! spatial indices, so that they are tested one by one against all others. Conditions of a valid collapse
+//! (§3.3.4, step 5):
 //!
 //! - no triangle of the fan is degenerate, turned over, or intersects another (exact arithmetic);
-//! - each patch that has lost or moved a triangle is a convex patch: the same test as the decomposition's;
+//! - each patch that has lost or moved a triangle is a convex patch, by the test of the decomposition;
 //! - the fan does not reach into the hull of any other patch.
 
 use glam::DVec3;
@@ -22,31 +23,32 @@ use crate::hull::Plane;
 use crate::intersect::intersect;
 use crate::surface::{Surface, reaches_below};
 
-/// A new triangle may not be narrower than this fraction of its longest side.
-const LEAST_WIDTH: f64 = 1e-3;
+/// Smallest width of a new triangle, as a fraction of its longest side.
+const MIN_WIDTH: f64 = 1e-3;
 
-/// Vertices move to places on a grid of cells this small a part of the object's radius, so that rounding, which is
-/// another one in another unit of length, does not add up.
+/// Cell size of the grid that vertices move on, as a fraction of the object's radius. Without the grid,
+/// rounding, which depends on the unit of length, would accumulate.
 const CELL: f64 = 1.0 / (1u64 << 32) as f64;
 
-/// Patches of more triangles are not asked for all of their neighbours each time they change.
-const FEW: usize = 64;
+/// Largest number of triangles of a patch whose neighbours are all tried for a join each time that it
+/// changes; larger ones are joined only near the change.
+const MAX_TRIANGLES_FOR_ALL_NEIGHBOURS: usize = 64;
 
-/// The mesh without what is gone.
+/// The mesh without removed vertices and triangles.
 pub(crate) struct Snapshot {
-    /// In metres.
+    /// The mesh, m.
     pub mesh: TriMesh,
-    /// In unit coordinates.
+    /// The mesh in unit coordinates.
     pub surface: Surface,
     /// D of its vertices, m².
     pub areas: Vec<f64>,
-    /// Which of its vertices each vertex of the state is.
+    /// Index in the snapshot of each vertex of the state.
     pub vertex_of: Vec<u32>,
-    /// Which of its triangles each triangle of the state is.
+    /// Index in the snapshot of each triangle of the state.
     pub triangle_of: Vec<u32>,
 }
 
-/// The patches that a collapse changes.
+/// The patches that a collapse changes, with their changes.
 type Changes = Vec<(u32, Change)>;
 
 pub(crate) struct State {
@@ -56,7 +58,7 @@ pub(crate) struct State {
     pub metres: Vec<DVec3>,
     pub patch_of: Vec<u32>,
     pub members: Vec<Option<Member>>,
-    /// What each patch that is gone went into.
+    /// The patch that each removed patch was merged into; the patch itself while it exists.
     pub went_into: Vec<u32>,
     pub patches: usize,
     pub triangles: usize,
@@ -65,7 +67,7 @@ pub(crate) struct State {
     quadrics: Vec<Quadric>,
     planes: Vec<Plane>,
     tolerance: f64,
-    /// Distance of the places, along each axis, that a vertex can move to.
+    /// Cell size of the grid that vertices move on, in unit coordinates.
     cell: f64,
     hulls: BoxTree,
     indexed_triangles: usize,
@@ -75,8 +77,8 @@ pub(crate) struct State {
 }
 
 impl State {
-    /// Starts from a surface and its patches; `metres` are its vertices, m, `neighbours` the triangles across the sides
-    /// of each.
+    /// The state of a surface and its patches; `metres` are its vertices, m, `neighbours` the triangles
+    /// across the sides of each triangle.
     pub fn new(
         surface: Surface,
         metres: Vec<DVec3>,
@@ -138,7 +140,7 @@ impl State {
         }
     }
 
-    /// The mesh as it is, with the patches' extreme points and bounds up to date.
+    /// The present mesh; brings the patches' extreme points and bounds up to date.
     pub fn snapshot(&mut self) -> Snapshot {
         self.tighten();
         let Self { surface: all, .. } = self;
@@ -174,7 +176,7 @@ impl State {
         }
     }
 
-    /// The mesh as the filter reads it.
+    /// The mesh, for the filter.
     pub fn neighbourhood(&self) -> Neighbourhood<'_> {
         Neighbourhood { points: &self.surface.points, triangles: &self.surface.triangles, fans: &self.fans }
     }
@@ -184,14 +186,14 @@ impl State {
         self.quadrics[a as usize].plus(&self.quadrics[b as usize])
     }
 
-    /// Heights up to this count as convex, in unit coordinates.
+    /// Largest height that counts as convex, in unit coordinates.
     pub fn tolerance(&self) -> f64 {
         self.tolerance
     }
 
-    /// Collapses an edge to the last valid one of the positions that a search tries: `next` is told whether the
-    /// position before was valid, and gives another to try or none. Tells the patches that have changed, if the edge
-    /// was collapsed.
+    /// Collapses an edge to the last valid position of a search: `next` gets whether the position before was
+    /// valid, and returns another to try or `None`. Returns the patches that have changed, if the edge was
+    /// collapsed.
     pub fn collapse(
         &mut self,
         star: &Star,
@@ -241,7 +243,7 @@ impl State {
 
     fn place(&mut self, star: &Star, position: DVec3) {
         let position = (position / self.cell).round() * self.cell;
-        // As it will be stored, so that what holds here holds there.
+        // The position is rounded as the mesh in metres stores it, so that tests hold for the stored one.
         let metres = position / self.surface.scale + self.surface.center;
         self.metres[star.ends[0] as usize] = metres;
         self.surface.points[star.ends[0] as usize] = (metres - self.surface.center) * self.surface.scale;
@@ -263,9 +265,7 @@ impl State {
             let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
             let width = (b - a).cross(c - a).length() / longest;
             let turned = self.planes[spoke.triangle as usize].normal.dot(before.normal) <= 0.0;
-            width > self.tolerance
-                && width > LEAST_WIDTH * longest
-                && (!turned || before.normal == DVec3::ZERO)
+            width > self.tolerance && width > MIN_WIDTH * longest && (!turned || before.normal == DVec3::ZERO)
         });
         if !sound {
             return None;
@@ -280,7 +280,7 @@ impl State {
         (!self.reaches_into_others(star, affected) && !self.intersects(star)).then_some(changes)
     }
 
-    /// Whether the fan reaches into the hull of a patch that it is no part of.
+    /// Whether the fan reaches into the hull of a patch that is not affected.
     fn reaches_into_others(&mut self, star: &Star, affected: &[u32]) -> bool {
         let Self { surface, planes, hulls, members, joins, stack, tolerance, .. } = self;
         let JoinBuffers { hulls: builder, reach, .. } = joins;
@@ -344,7 +344,7 @@ impl State {
         self.areas[kept] = self.areas[kept].min(self.areas[gone]);
         for (p, change) in changes {
             if matches!(change, Change::Gone) {
-                // Into the patch of a neighbour: of the triangle of the fan that takes its place.
+                // The patch merges into that of a neighbour, whose triangle of the fan takes its place.
                 let heir = star.removed.iter().find(|t| self.patch_of[**t as usize] == p).and_then(|t| {
                     let corners = self.surface.triangles[*t as usize];
                     let apex = corners.into_iter().find(|v| !star.ends.contains(v))?;
@@ -404,8 +404,8 @@ impl State {
         self.hulls.refit(p, |p| members[p as usize].as_ref().map_or(EMPTY, |m| m.patch.bounds));
     }
 
-    /// Takes apart the patches that have come to span a notch of the surface, as far as they do: collapses are only
-    /// tested for what they make reach deep into hulls.
+    /// Takes apart the patches that span a notch of the surface by now, and joins their pieces again as far
+    /// as possible: collapses are tested only for surface that reaches deep into hulls.
     pub fn take_apart(&mut self) {
         self.tighten();
         let convexity = Convexity::with_planes(&self.surface, &self.planes, self.tolerance);
@@ -444,15 +444,17 @@ impl State {
         self.hulls = BoxTree::new(&boxes);
     }
 
-    /// Joins patches that have changed with their neighbours, and the unions with theirs, as long as that makes convex
-    /// patches. `around` are the triangles of the fan: large patches are joined with those nearby only.
+    /// Joins patches that have changed with their neighbours, and the unions with theirs, as long as the
+    /// unions are convex patches. `around` are the triangles of the fan: large patches are joined only with
+    /// patches there.
     pub fn join_around(&mut self, mut changed: Vec<u32>, around: &[u32]) {
         let mut failed: Vec<(u32, u32)> = Vec::new();
         while let Some(p) = changed.pop() {
             let Some(member) = &self.members[p as usize] else { continue };
             let (fans, triangles) = (&self.fans, &self.surface.triangles);
+            // Patches across the sides of its triangles.
             let mut neighbours = Vec::new();
-            let few = member.patch.triangles.len() <= FEW;
+            let few = member.patch.triangles.len() <= MAX_TRIANGLES_FOR_ALL_NEIGHBOURS;
             for t in if few { &member.patch.triangles } else { around } {
                 let c = triangles[*t as usize];
                 for k in 0..3 {
@@ -480,7 +482,7 @@ impl State {
         }
     }
 
-    /// Joins two patches if their union is one; tells which it is.
+    /// Joins two patches if their union is a convex patch; returns the index of the union.
     fn join(&mut self, p: u32, q: u32) -> Option<u32> {
         let (first, second) = (self.members[p as usize].as_ref()?, self.members[q as usize].as_ref()?);
         let patch_of = &self.patch_of;

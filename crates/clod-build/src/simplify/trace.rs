@@ -1,12 +1,13 @@
-//! What a level owes to the finer ones: the tree of its patches, and how far they deviate from the original mesh.
+//! Tracing of levels to the finer ones: the tree of their patches, and the patches' deviations from the
+//! original mesh.
 //!
-//! Departing from §3.3.3, where the parent of a hull is the hull that it was merged into: patches drift as edges
-//! collapse, and one whose last triangle goes was merged into none. The parent is the hull of the coarser level to
-//! which the hull has the least directed Hausdorff distance, since h is what culling pays (Eq. 3.5). Each hull is the
-//! parent of one at least.
+//! Departing from §3.3.3, where the parent of a hull is the hull that it was merged into: patches drift as
+//! edges collapse, and one whose last triangle is removed was merged into none. The parent is the hull of the
+//! coarser level to which the hull has the least directed Hausdorff distance, since h determines the cost of
+//! culling (Eq. 3.5). Each hull of the coarser level is the parent of at least one.
 //!
-//! The loop needs nothing of it. So the levels are traced one after the other in the background, on a thread that the
-//! loop leaves idle.
+//! The simplification loop does not need the traces. So the levels are traced one after the other in the
+//! background, on a thread that the loop leaves idle.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -24,16 +25,16 @@ use crate::hull::HullBuilder;
 use crate::nearest::NearestSearch;
 use crate::surface::{GRAIN, Surface, bounds_of};
 
-/// What is known of a level's patches from the finer levels.
+/// Relations of a level's patches to the finer levels.
 #[derive(Debug)]
 pub(crate) struct Trace {
-    /// Which of its patches each patch of the next finer level is a child of.
+    /// The level's patch that is the parent of each patch of the next finer level.
     pub parent_of: Vec<u32>,
     /// s of each patch, in unit coordinates.
     pub deviations: Vec<f64>,
 }
 
-/// Traces levels in the order in which they come.
+/// A tracer of levels, in the order in which they are added.
 pub(crate) struct Tracer<'a> {
     waiting: Mutex<Waiting>,
     done: Mutex<Done<'a>>,
@@ -41,7 +42,7 @@ pub(crate) struct Tracer<'a> {
 
 struct Waiting {
     levels: VecDeque<(Arc<SimplifiedLevel>, Option<Vec<u32>>)>,
-    /// Whether a task is at work, which will see to all that wait.
+    /// Whether a task is running, which will trace all levels that wait.
     at_work: bool,
 }
 
@@ -50,13 +51,13 @@ struct Done<'a> {
     grain: f64,
     /// The extreme points of the last level's hulls.
     hulls: Vec<Vec<DVec3>>,
-    /// For each patch of the finest level its ancestor among them.
+    /// The ancestor of each patch of the finest level among them.
     place: Vec<u32>,
     traces: Vec<Trace>,
 }
 
 impl<'a> Tracer<'a> {
-    /// From the finest level; `radius` is that of the object, in unit coordinates.
+    /// A tracer that starts from the finest level; `radius` is the object's, in unit coordinates.
     pub fn new(surface: &'a Surface, decomposition: &'a Decomposition, radius: f64) -> Self {
         let done = Done {
             finest: (surface, decomposition),
@@ -69,8 +70,8 @@ impl<'a> Tracer<'a> {
         Self { waiting: Mutex::new(waiting), done: Mutex::new(done) }
     }
 
-    /// Traces one more level in the background. `heirs` are the patches that those of the level before went into, where
-    /// that is known.
+    /// Traces one more level in the background. `heirs` are the patches that those of the level before were
+    /// merged into, where that is known.
     pub fn add<'s>(&'s self, scope: &Scope<'s>, level: Arc<SimplifiedLevel>, heirs: Option<Vec<u32>>)
     where
         'a: 's,
@@ -111,7 +112,7 @@ impl Done<'_> {
         let patches: Vec<Vec<u32>> = decomposition.patches.iter().map(|p| p.triangles.clone()).collect();
         let mut origins: Vec<Vec<u32>> = vec![Vec::new(); patches.len()];
         let (finest, first) = self.finest;
-        // In the order of the tree, so that triangles that are near each other follow each other.
+        // In the order of the tree, so that neighbouring triangles follow one another.
         for t in &finest.tree().order {
             let patch = first.patch_of[*t as usize];
             if patch != NO_PATCH {
@@ -123,7 +124,7 @@ impl Done<'_> {
         self.traces.push(Trace { parent_of, deviations });
     }
 
-    /// For each hull of the level before the patch that is nearest to its middle.
+    /// The patch nearest to the middle of each hull of the level before.
     fn nearest_patches(&self, level: &SimplifiedLevel) -> Vec<u32> {
         let SimplifiedLevel { surface, decomposition, .. } = level;
         let middle = |points: &Vec<DVec3>| points.iter().sum::<DVec3>() / points.len() as f64;
@@ -143,9 +144,10 @@ fn hulls(surface: &Surface, decomposition: &Decomposition) -> Vec<Vec<DVec3>> {
     decomposition.patches.iter().map(|patch| patch.extreme.iter().map(point).collect()).collect()
 }
 
-/// For each hull (given by its points) the one among `coarser` to which it has the least directed Hausdorff distance;
-/// of equal ones, to within half a `grain`, that which `heirs` names, or the first. Then each of `coarser` that has got
-/// none takes the nearest that is not an only child.
+/// The parent of each of the `finer` hulls, given by their points: the hull among `coarser` to which it has
+/// the least directed Hausdorff distance; of equal ones, to within half a `grain`, the one that `heirs`
+/// names, or the first. Then each of `coarser` without a child takes the nearest hull that is not an only
+/// child.
 fn nearest_parents(finer: &[Vec<DVec3>], coarser: &[Vec<DVec3>], heirs: &[u32], grain: f64) -> Vec<u32> {
     let targets: Vec<Target> = coarser
         .par_iter()
@@ -167,6 +169,7 @@ fn nearest_parents(finer: &[Vec<DVec3>], coarser: &[Vec<DVec3>], heirs: &[u32], 
         .par_iter()
         .zip(heirs)
         .map_init(Vec::new, |stack, (points, heir)| {
+            // A hull with a smaller distance than the heir's has its box within that distance.
             let mut best = (*heir, farthest(points, *heir, f64::INFINITY));
             let (low, high) = bounds_of(points);
             let reach = DVec3::splat(best.1 + grain);
@@ -193,7 +196,7 @@ fn nearest_parents(finer: &[Vec<DVec3>], coarser: &[Vec<DVec3>], heirs: &[u32], 
         if children[lonely as usize] > 0 {
             continue;
         }
-        // From the nearest that was merged into it to any other that is nearer, of those that are not an only child.
+        // Hulls that were merged into it are considered first, then any that are nearer; only children stay.
         let mut best: Option<(f64, u32)> = None;
         let consider = |best: &mut Option<(f64, u32)>, child: u32| {
             if children[parents[child as usize].0 as usize] > 1 {

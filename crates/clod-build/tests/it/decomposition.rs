@@ -1,4 +1,4 @@
-//! The surface convex decomposition (§3.3.1), held against its definition.
+//! The surface convex decomposition (§3.3.1), compared with its definition.
 
 #![allow(
     clippy::print_stdout,
@@ -32,14 +32,14 @@ fn corners(clod: &Parts, node: &Node) -> Vec<[DVec3; 3]> {
     clod.patch(node).iter().map(|t| t.map(|v| clod.hull(node)[v as usize])).collect()
 }
 
-/// Unit normal of a triangle, unless it is so narrow that the normal says nothing.
+/// Unit normal of a triangle; `None` if the triangle is so narrow that its normal is meaningless.
 fn normal([a, b, c]: [DVec3; 3], narrow: f64) -> Option<DVec3> {
     let cross = (b - a).cross(c - a);
     let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
     (cross.length() > narrow * longest).then(|| cross.normalize())
 }
 
-/// Each triangle of the mesh is in exactly one patch, with its orientation.
+/// Checks that each triangle of the mesh is in exactly one patch, with its orientation.
 fn check_partition(mesh: &TriMesh, clod: &Parts) {
     let rotated = |t: [Key; 3]| {
         let first = (0..3).min_by_key(|k| t[*k]).unwrap_or(0);
@@ -57,8 +57,8 @@ fn check_partition(mesh: &TriMesh, clod: &Parts) {
     assert!(count.values().all(|n| *n == 0), "the patches are not a partition of the triangles");
 }
 
-/// Each triangle has all of the hull below its plane, and interior edges are convex (Eq. 3.2): brute force over all
-/// pairs.
+/// Checks, by brute force over all pairs, that the hull lies below the plane of each triangle and interior
+/// edges are convex (Eq. 3.2).
 fn check_local_constraint(clod: &Parts) {
     let tolerance = tolerance(clod);
     for (k, node) in clod.leaves().iter().enumerate() {
@@ -86,8 +86,8 @@ fn check_local_constraint(clod: &Parts) {
     }
 }
 
-/// Points of a contained hull that are deeper than the tolerance lie inside the object; of a flat one, what is just
-/// below it.
+/// Points of a contained hull that are deeper than the tolerance lie inside the object; for a flat hull,
+/// points just below it.
 fn check_global_constraint(mesh: &TriMesh, clod: &Parts, samples: usize) {
     let seed = 21;
     let mut rng = StdRng::seed_from_u64(seed);
@@ -131,7 +131,7 @@ fn check_global_constraint(mesh: &TriMesh, clod: &Parts, samples: usize) {
     }
 }
 
-/// The planes through any three points that have all others on one side; none for points in a plane.
+/// The planes through any three points that have all others on one side; empty for points in a plane.
 fn planes_by_brute_force(points: &[DVec3]) -> Vec<(DVec3, f64)> {
     let size = points.iter().map(|p| p.distance(points[0])).fold(0.0, f64::max);
     let mut planes = Vec::new();
@@ -201,8 +201,8 @@ fn l_prism_splits_at_its_reflex_edge() {
 
 #[test]
 fn flat_faces_keep_out_of_their_holes() {
-    // A square plate with a round hole: its faces are flat everywhere, and nowhere is the hull of much of one in the
-    // plate.
+    // A square plate with a round hole: its faces are flat everywhere, and nowhere is the hull of much of one
+    // in the plate.
     let n = 24;
     let rim = |k: u32| {
         let turn = std::f64::consts::TAU * f64::from(k) / f64::from(n);
@@ -252,8 +252,9 @@ fn spiral_is_convex_only_in_part() {
 }
 
 #[test]
-fn cavity_inside_is_not_swallowed() {
-    // The small sphere's surface does not touch the faces of the cube's hull, but the hull is not inside the object.
+fn hulls_keep_out_of_a_cavity() {
+    // The small sphere's surface does not touch the faces of the cube's hull, but the hull is not inside the
+    // object.
     let cavity = inverted(&mapped(&globe(6, |_| 0.0), DMat3::IDENTITY * 0.3, DVec3::ZERO));
     let mesh = together(&[cube(4), cavity]);
     let clod = built(&mesh);
@@ -339,7 +340,7 @@ fn models_of_full_size() {
     ]);
 }
 
-/// Files with the most patches that they may have.
+/// Decomposes files, each with its largest permitted number of patches.
 fn decomposed(files: &[(&str, usize)]) {
     for &(file, most) in files {
         let Some(mesh) = shared_mesh(file) else { continue };

@@ -1,4 +1,5 @@
-//! The tree of hulls over the patches: its shape, its parameters and that it does not depend on the number of threads.
+//! The tree of hulls over the patches: its shape, its parameters and that it does not depend on the number of
+//! threads.
 
 #![allow(
     clippy::print_stdout,
@@ -132,7 +133,7 @@ fn parameters_of_a_cube() {
     assert!((clod.levels[0].resolution - 2.0).abs() < 1e-12, "edges of length 0.5");
     assert_eq!(clod.levels[0].triangles, 192);
     let [leaf] = clod.leaves() else { panic!("a cube is one patch") };
-    // As packing rounds it: up.
+    // Packing rounds it up.
     assert!((0.0..1e-6).contains(&(leaf.radius - 3f64.sqrt())), "{}", leaf.radius);
     let inside: f64 = (0..clod.vertices.len())
         .filter(|k| clod.vertices[*k].abs().to_array().iter().filter(|x| **x == 1.0).count() == 1)

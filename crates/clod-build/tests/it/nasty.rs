@@ -1,5 +1,5 @@
-//! What is not an oriented 2-manifold without self-intersection is refused with a reason and the first offending element,
-//! and builds once it is repaired.
+//! Meshes that are not oriented 2-manifolds without self-intersection are refused with a reason and the first
+//! offending element, and build once they are repaired.
 
 #![allow(
     clippy::print_stdout,
@@ -25,8 +25,8 @@ fn refused(mesh: &TriMesh) -> BuildError {
     build(mesh, &BuildOptions::default(), &mut unwatched).expect_err("the mesh is refused")
 }
 
-/// Builds a mesh if nothing is wrong with it as far as validation and the independent intersection test see; else it
-/// has to be refused for what they find first.
+/// Builds a mesh in which validation and the independent intersection test find no defect; else checks that
+/// it is refused for the first defect that they find.
 fn built_or_rightly_refused(mesh: &TriMesh, options: &BuildOptions, name: &str) -> bool {
     let report = mesh.validate();
     let first = report.first.clone();
@@ -71,21 +71,21 @@ fn built_or_rightly_refused(mesh: &TriMesh, options: &BuildOptions, name: &str) 
     outcome.is_ok()
 }
 
-/// Files of more bytes than this take seconds each in a development build.
-const LARGE: u64 = 400_000;
+/// Size of a file, in bytes, above which it takes seconds in a development build.
+const LARGE_FILE_BYTES: u64 = 400_000;
 
 #[test]
 fn nasty_files_are_refused_or_build_and_build_after_repair() {
-    nasty_files([15, 5], |bytes| bytes <= LARGE);
+    nasty_files([15, 5], |bytes| bytes <= LARGE_FILE_BYTES);
 }
 
 #[test]
 #[ignore = "for a release build: cargo test --release -p palpate-clod-build --test it -- --ignored"]
 fn nasty_files_of_full_size_are_refused_or_build_and_build_after_repair() {
-    nasty_files([0, 5], |bytes| bytes > LARGE);
+    nasty_files([0, 5], |bytes| bytes > LARGE_FILE_BYTES);
 }
 
-/// At least so many are accepted, and so many mended.
+/// Checks the files of some sizes; at least `least[0]` of them are accepted, and `least[1]` repaired.
 fn nasty_files(least: [usize; 2], size: impl Fn(u64) -> bool) {
     let Some(folder) = shared("models/nasty") else { return };
     let mut files: Vec<_> = ["", "loader"]
@@ -152,7 +152,8 @@ fn small_and_degenerate_meshes() {
     let clod = built_of(vec![[0, 1, 2]]);
     assert_eq!(clod.leaves().len(), 1);
     assert!(clod.leaves().iter().all(|n| !n.contained && !n.all_real));
-    // The same triangle twice and back to back; on a line, and beside a triangle; between fewer than three vertices.
+    // The same triangle twice and back to back; on a line, and beside a triangle; between fewer than three
+    // vertices.
     for (triangles, offender) in [
         (
             vec![[0, 1, 2], [0, 1, 2]],
@@ -253,7 +254,7 @@ fn each_defect_is_refused_at_its_first_element_and_gone_after_repair() {
     assert!(built_or_rightly_refused(&loose, &options, "not welded"));
 }
 
-/// Whether the builder sees nothing wrong with a mesh; it is not built.
+/// Checks a mesh with the builder's checks, without building it.
 fn accepted(mesh: &TriMesh) -> Result<(), BuildError> {
     let stop = |stage, _| {
         if stage == Stage::Mesh { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }

@@ -40,7 +40,7 @@ fn regular(clod: &Parts) -> usize {
     clod.levels.iter().filter(|l| !l.free).count()
 }
 
-/// How far the farthest vertex of a patch is above the plane of one of its triangles.
+/// Largest height of a vertex of a patch above the plane of one of its triangles.
 fn bulge(clod: &Parts, node: &Node) -> f64 {
     let points = clod.hull(node);
     let planes = clod.patch(node).iter().map(|t| {
@@ -69,7 +69,7 @@ fn every_level_is_a_sound_surface_of_convex_patches() {
 }
 
 #[test]
-fn so_it_is_where_each_level_is_decomposed_anew() {
+fn so_is_every_level_that_is_decomposed_anew() {
     for (name, mesh) in models() {
         check_levels(name, &mesh, &BuildOptions { carried: false, ..BuildOptions::default() });
     }
@@ -113,8 +113,8 @@ fn check_levels(name: &str, mesh: &TriMesh, options: &BuildOptions) {
     assert!(not_halved <= 1 + usize::from(options.carried), "{name}: {not_halved}");
 }
 
-/// Distance of a point from the hull of a node by projection, as slow as it is plain: Gilbert's algorithm, whose lower
-/// bound says when it is done.
+/// Distance of a point from the hull of a node by Gilbert's algorithm, slow but plain: its lower bound shows
+/// when it has converged.
 fn distance_to_hull(points: &[DVec3], p: DVec3, enough: f64) -> f64 {
     let mut x = points[0];
     for _ in 0..100_000 {
@@ -141,8 +141,8 @@ fn descendants(clod: &Parts, node: &Node) -> Vec<u32> {
     found
 }
 
-/// h of every node is the distance of the farthest descendant from its bounding hull, to within `slack`; how many are
-/// above that.
+/// Checks that h of every node is the distance of the farthest descendant from its bounding hull, to within
+/// `slack`; returns the number of nodes whose h is larger than that.
 fn check_hausdorff(clod: &Parts, slack: f64) -> usize {
     let (mut tested, mut above) = (0, 0);
     for node in clod.nodes.iter().filter(|n| !n.children.is_empty()) {
@@ -204,8 +204,8 @@ fn spheres_enclose_bounding_hulls_and_all_descendants() {
             loosest = loosest.max(node.radius - reached);
             beyond += usize::from(below > own * (1.0 + 1e-9));
         }
-        // No sphere is larger than what it encloses, but for what packing rounds, and descendants do reach beyond their
-        // ancestors' own hulls.
+        // No sphere is larger than its content, except for the rounding of packing, and descendants do reach
+        // beyond their ancestors' own hulls.
         assert!(loosest < 2f64.powi(-22) * clod.bounding_radius(), "{loosest}");
         assert!(beyond > 0 || bounding_points != 0, "{beyond}");
         assert!(beyond == 0 || bounding_points != u32::MAX, "{beyond}");
@@ -285,7 +285,7 @@ fn borders_are_kept() {
 }
 
 #[test]
-fn what_is_one_patch_is_left_alone() {
+fn a_mesh_of_one_patch_is_left_alone() {
     let ellipsoid = Model::Ellipsoid.generate(2000).expect("within range");
     assert_eq!(simplified(&ellipsoid).nodes.len(), 1);
     let mut stages = Vec::new();

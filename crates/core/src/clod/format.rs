@@ -100,7 +100,7 @@ pub enum ClodError {
         /// Number of bytes that the body has.
         found: u64,
     },
-    /// The content is not what was written.
+    /// The content differs from what was written.
     #[error(
         "the .clod file is damaged: its checksum is {computed:08x} where {stored:08x} was stored; copy or build it again"
     )]

@@ -267,9 +267,8 @@ impl Clod {
         Points::new(&self.vertices, &self.hulls[extreme_range(node.borrow())])
     }
 
-    /// The points, m, whose convex hull stands for a node and, but for h, its descendants when nodes are
-    /// culled: the extreme points of its own hull, and others that bring h down (§3.6.2). Not all of them
-    /// need be extreme.
+    /// The points, m, whose convex hull bounds a node, and its descendants to within h, for culling: the
+    /// extreme points of its own hull, and others that reduce h (§3.6.2). Not all of them need be extreme.
     #[inline]
     pub fn bounding_hull(&self, node: impl Borrow<Node>) -> Points<'_> {
         Points::new(&self.vertices, &self.hulls[super::bounding_range(node.borrow())])

@@ -119,6 +119,7 @@ pub(crate) fn read(bytes: &[u8], path: &Path) -> Result<Surface, LoadError> {
             let reason = format!("{} instances announced, more than the file has bytes for", element.count);
             return Err(malformed(format!("element {name}"), reason));
         }
+        // Which properties hold the positions, or the polygons.
         let index_of = |wanted: &[u8]| element.properties.iter().position(|p| p.name == wanted);
         let xyz = match (element.name.as_slice(), index_of(b"x"), index_of(b"y"), index_of(b"z")) {
             (b"vertex", Some(x), Some(y), Some(z))
@@ -152,6 +153,7 @@ pub(crate) fn read(bytes: &[u8], path: &Path) -> Result<Surface, LoadError> {
                 remedy: "export the model with faces",
             });
         }
+        // All properties are read in their order; only those of positions and polygons are kept.
         for instance in 0..element.count {
             let at = |reason: String| malformed(format!("{name} {instance}"), reason);
             data.next_instance();
@@ -192,6 +194,7 @@ pub(crate) fn read(bytes: &[u8], path: &Path) -> Result<Surface, LoadError> {
             }
         }
     }
+    // Faces may precede the vertices in the file: indices are checked once all are read.
     let count = surface.vertices.len();
     if let Some(bad) = corners.iter().position(|&c| !(c >= 0.0 && c < count as f64)) {
         let face = faces.partition_point(|&start| start <= bad) - 1;

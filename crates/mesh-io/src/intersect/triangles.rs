@@ -175,24 +175,24 @@ impl Plane {
     /// Whether the line through an edge of one triangle separates their projections, so that they have no
     /// point in common.
     fn separates(self, a: &[DVec3; 3], b: &[DVec3; 3]) -> bool {
-        let separates = |t: &[DVec3; 3], u: &[DVec3; 3]| {
+        let splits = |t: &[DVec3; 3], u: &[DVec3; 3]| {
             (0..3).any(|i| {
                 let (p, q, r) = (t[i], t[(i + 1) % 3], t[(i + 2) % 3]);
                 let other_side = -self.orient(p, q, r);
                 other_side != 0 && u.iter().all(|x| self.orient(p, q, *x) == other_side)
             })
         };
-        separates(a, b) || separates(b, a)
+        splits(a, b) || splits(b, a)
     }
 
     /// Whether an edge at `v` separates the projections of the triangles v a₀ a₁ and v b₀ b₁, so that they
     /// have only v in common.
     fn separates_at(self, v: DVec3, a: [DVec3; 2], b: [DVec3; 2]) -> bool {
-        let separates = |[p, q]: [DVec3; 2], u: [DVec3; 2]| {
+        let splits = |[p, q]: [DVec3; 2], u: [DVec3; 2]| {
             let other_side = -self.orient(v, p, q);
             other_side != 0 && u.iter().all(|x| self.orient(v, p, *x) == other_side)
         };
-        separates(a, b) || separates([a[1], a[0]], b) || separates(b, a) || separates([b[1], b[0]], a)
+        splits(a, b) || splits([a[1], a[0]], b) || splits(b, a) || splits([b[1], b[0]], a)
     }
 
     /// Whether the projections of the segments pq and rs, all four points in one plane, have a point in

@@ -159,6 +159,7 @@ impl Components {
         let angles = self.members[component].iter().map(|&t| {
             let [a, b, c] = self.corners(mesh, t).map(|p| p - point);
             let (la, lb, lc) = (a.length(), b.length(), c.length());
+            // tan Ω/2 = a·(b × c) / (|a||b||c| + (a·b)|c| + (b·c)|a| + (c·a)|b|)
             let below = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
             2.0 * a.dot(b.cross(c)).atan2(below)
         });

@@ -26,8 +26,8 @@ pub(super) struct Foot {
     pub(super) along: f64,
     /// Distance from the arch, mm.
     pub(super) distance: f64,
-    /// Distance from the arch's tangent there, outwards (buccal) positive, mm: also behind the arch's end, where the
-    /// distance from the arch would jump from one sign to the other.
+    /// Distance from the arch's tangent there, outwards (buccal) positive, mm: also behind the arch's end,
+    /// where the distance from the arch would jump from one sign to the other.
     pub(super) side: f64,
 }
 
@@ -65,11 +65,13 @@ impl Arch {
         Self { points, lengths }
     }
 
-    /// Point on the right half, the direction away from the front (distal) and the direction outwards (buccal).
+    /// Point on the right half, the direction away from the front (distal) and the direction outwards
+    /// (buccal).
     pub(super) fn at(&self, along: f64) -> (DVec2, DVec2, DVec2) {
         let i = self.lengths.partition_point(|s| *s <= along).clamp(1, SAMPLES) - 1;
         let t = (along - self.lengths[i]) / (self.lengths[i + 1] - self.lengths[i]);
-        // Tangents are averaged at the samples and turn linearly in between: a tooth's direction is then continuous.
+        // Tangents are averaged at the samples and turn linearly in between: a tooth's direction is then
+        // continuous.
         let chord =
             |k: usize| (self.points[(k + 1).min(SAMPLES)] - self.points[k.saturating_sub(1)]).normalize();
         let first = if i == 0 { DVec2::X } else { chord(i) };
@@ -79,7 +81,8 @@ impl Arch {
 
     pub(super) fn foot(&self, x: f64, y: f64) -> Foot {
         let p = DVec2::new(x.abs(), y);
-        // The distance has one minimum along the half arch: find it among a few samples, then among those between.
+        // The distance has one minimum along the half arch: find it among a few samples, then among those
+        // between.
         let distance = |i: &usize| self.points[*i].distance_squared(p);
         let nearest_of = |samples: &mut dyn Iterator<Item = usize>| {
             samples.min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0)

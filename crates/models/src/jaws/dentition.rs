@@ -1,4 +1,4 @@
-//! The teeth of both jaws: their measures and cusps, and where they stand.
+//! The teeth of both jaws: their measures, cusps and places.
 //!
 //! Widths are the textbook averages of permanent teeth; their sums along the arch are what makes the jaws
 //! interdigitate. Cusps are given as (mesiodistal, buccolingual, height) in mm.
@@ -10,8 +10,8 @@ use super::{
     tooth::{Form, Ridge, Tooth},
 };
 
-/// How far the upper arch lies outside the lower one at the front and at the molars, mm. At the molars it is half the
-/// distance between a tooth's rows of cusps, so that a row stands over the other jaw's fissure.
+/// Distance of the upper arch outside the lower one at the front and at the molars, mm. At the molars it is
+/// half the distance between a tooth's rows of cusps, so that a row stands over the other jaw's fissure.
 const OVERJET: [f64; 2] = [3.4, 2.9];
 /// The upper teeth's occlusal plane lies this much above the lower ones', mm.
 const PLANE_GAP: f64 = 0.3;
@@ -25,7 +25,7 @@ pub(super) struct Species {
     blade: f64,
     /// Outward lean per mm of height.
     lean: f64,
-    /// How far it stands out of the arch, mm.
+    /// Distance that it stands out of the arch, mm.
     out: f64,
     /// Ridges and cusps: (from, to, slope).
     ridges: &'static [([f64; 3], [f64; 3], f64)],

@@ -11,8 +11,8 @@ use crate::surface::{smooth_max, smooth_min, smooth_step};
 /// Height of the base's flat side from the occlusal plane, mm.
 pub(super) const BASE: f64 = 21.0;
 
-/// No gum is higher, relative to the occlusal plane, mm.
-const HIGHEST: f64 = -2.5;
+/// Largest height of the gum, relative to the occlusal plane, mm.
+const MAX_HEIGHT: f64 = -2.5;
 
 pub(super) struct Gum {
     arch: Arch,
@@ -38,8 +38,8 @@ impl Gum {
     pub(super) fn value(&self, p: DVec3) -> f64 {
         // Height over the occlusal plane, towards the teeth.
         let z = if self.upper { -p.z } else { p.z };
-        if z > HIGHEST + 1.5 {
-            return z - HIGHEST;
+        if z > MAX_HEIGHT + 1.5 {
+            return z - MAX_HEIGHT;
         }
         let foot = self.arch.foot(p.x, p.y);
         let (margin, between) = self.margin(foot.along);
@@ -50,7 +50,8 @@ impl Gum {
         let flare = if self.upper { 2.0 } else { 3.8 };
         let half = 4.0 + 2.0 * behind + (flare - 0.8 * behind) * deep + eminence;
         let across = foot.distance - half;
-        // The margin is a dome: lowest at the teeth's outer and inner faces, closing the gap between their necks.
+        // The margin is a dome: lowest at the teeth's outer and inner faces, closing the gap between their
+        // necks.
         let dome = 1.8 * (1.0 - (foot.distance / half).powi(2)).max(0.0);
         let ridge = smooth_max(across, z - margin - dome, 3.0);
         let body = if self.upper { smooth_min(ridge, palate(p, foot.side), 5.0) } else { ridge };

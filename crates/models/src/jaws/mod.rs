@@ -1,14 +1,17 @@
-//! The upper and lower jaws of Table 3.2 and Fig. 3.12: fourteen teeth each, from incisors to second molars, on gums.
+//! The upper and lower jaws of Table 3.2 and Fig. 3.12: fourteen teeth each, from incisors to second molars,
+//! on gums.
 //!
-//! Teeth have the usual mesiodistal widths and stand on one dental arch, the upper ones a few millimetres further
-//! out and, since the upper incisors are wider, half a tooth further back: every upper cusp meets a fissure or an
-//! embrasure below, and the other way round (Angle's class I occlusion). What would still overlap is cut away from
-//! both along the surface midway between the two fields, like the facets that teeth wear into each other. Hence the
-//! jaws close, at equal poses, to a gap of about [`CLEARANCE`], and cannot slide sideways.
+//! Teeth have the usual mesiodistal widths and stand on one dental arch, the upper ones a few millimetres
+//! further out and, since the upper incisors are wider, half a tooth further back: every upper cusp meets a
+//! fissure or an embrasure below, and the other way round (Angle's class I occlusion). What would still
+//! overlap is cut away from both along the surface midway between the two fields, like the facets that teeth
+//! wear into each other. Hence the jaws close, at equal poses, to a gap of about [`CLEARANCE`], and cannot
+//! slide sideways.
 //!
-//! The frame, common to both: z up, y forward, x to the (viewer's) right, the occlusal plane near z = 0, the origin
-//! in the middle of the jaws. The lower jaw's teeth point up. Lengths in these modules are life-size millimetres;
-//! the meshes are larger by [`ENLARGEMENT`], so that a sphere of 6 cm bounds each jaw, as in §5.5.3.
+//! The frame, common to both: z up, y forward, x to the (viewer's) right, the occlusal plane near z = 0, the
+//! origin in the middle of the jaws. The lower jaw's teeth point up. Lengths in these modules are life-size
+//! millimetres; the meshes are larger by [`ENLARGEMENT`], so that a sphere of 6 cm bounds each jaw, as in
+//! §5.5.3.
 
 mod arch;
 mod dentition;

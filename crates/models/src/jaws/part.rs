@@ -1,25 +1,26 @@
-//! What a point of a jaw belongs to, by the fields that the jaw is the union of: the gum's, or a tooth's.
+//! Parts of a jaw: the gum and the teeth, distinguished by the fields whose union is the jaw.
 
 use palpate_core::glam::DVec3;
 
 use super::{ENLARGEMENT, Jaw, arch};
 use crate::Model;
 
-/// What a point of a jaw belongs to.
+/// Part of a jaw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum JawPart {
     /// The gum, with the base under it and the upper jaw's palate.
     Gum,
-    /// The crown of a tooth. From the front backwards, the right one (x > 0) of each pair before the left one: 0 and 1 are
-    /// the central incisors.
+    /// The crown of a tooth. From the front backwards, the right one (x > 0) of each pair before the left
+    /// one: 0 and 1 are the central incisors.
     Crown(usize),
 }
 
 impl JawPart {
-    /// Teeth of a jaw.
+    /// Number of teeth of a jaw.
     pub const TEETH: usize = 14;
 
-    /// What a point (m) on or near the surface of a built-in jaw belongs to; `None` for models that are no jaws.
+    /// The part to which a point (m) on or near the surface of a built-in jaw belongs; `None` for models that
+    /// are not jaws.
     pub fn of(model: Model, point: DVec3) -> Option<Self> {
         let jaw = match model {
             Model::LowerJaw => Jaw::lower(),
@@ -31,8 +32,9 @@ impl JawPart {
 }
 
 impl Jaw {
-    /// The part whose field is the lowest, that is, which is the nearest, or in which the point lies the deepest. Fields are
-    /// compared before they are blended, and before the teeth are worn: neither makes a crown of gum.
+    /// The part whose field is the lowest, that is, which is the nearest, or in which the point lies the
+    /// deepest. Fields are compared before they are blended, and before the teeth are worn: neither makes a
+    /// crown of gum.
     fn part(&self, p: DVec3) -> JawPart {
         let p = p + arch::ORIGIN;
         let teeth = self.teeth.iter().map(|tooth| tooth.value(p)).enumerate();
@@ -74,7 +76,8 @@ mod tests {
             for tooth in 0..JawPart::TEETH {
                 let (area, crown_low, crown_high) = parts[&JawPart::Crown(tooth)];
                 let context = format!("{} tooth {tooth}: {area} m²", model.name());
-                // Life-size, from a wedge of 5 x 6 x 8 mm with neighbours at its sides to five sides of a cube of 11 mm.
+                // Life-size, from a wedge of 5 x 6 x 8 mm with neighbours at its sides to five sides of a
+                // cube of 11 mm.
                 assert!((80e-6..605e-6).contains(&(area / ENLARGEMENT.powi(2))), "{context}");
                 assert!(area < 0.1 * gum, "{context}");
                 assert!(crown_low.x * crown_high.x > -1e-5, "{context} is on one side");

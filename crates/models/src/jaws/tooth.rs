@@ -4,8 +4,8 @@ use palpate_core::glam::{DVec2, DVec3};
 
 use crate::surface::{smooth_max, smooth_step};
 
-/// A ridge of the occlusal surface from one point to another (a cusp if they are the same): mesiodistal (distal
-/// positive), buccolingual (buccal positive) and height over the occlusal plane, mm.
+/// A ridge of the occlusal surface from one point to another (a cusp if they are the same): mesiodistal
+/// (distal positive), buccolingual (buccal positive) and height over the occlusal plane, mm.
 #[derive(Clone, Copy)]
 pub(super) struct Ridge {
     pub(super) from: DVec3,
@@ -32,19 +32,19 @@ pub(super) struct Form {
 /// A tooth in its place.
 pub(super) struct Tooth {
     form: Form,
-    /// Where its axis meets the occlusal plane.
+    /// Intersection of its axis with the occlusal plane.
     origin: DVec3,
     distal: DVec2,
     buccal: DVec2,
     /// +1 for teeth that point up, −1 for those that point down.
     up: f64,
-    /// How much it leans outwards per mm of height.
+    /// Outward lean per mm of height.
     lean: f64,
 }
 
-/// How far the tooth reaches below its neck, mm.
+/// Depth of the tooth below its neck, mm.
 const ROOT: f64 = 3.0;
-/// No cusp is higher over the occlusal plane, mm.
+/// Largest height of a cusp over the occlusal plane, mm.
 const TIP: f64 = 3.2;
 
 impl Tooth {
@@ -114,7 +114,8 @@ fn superellipse(p: DVec2, half: DVec2, exponent: f64) -> f64 {
     let scaled = (p / half).abs().max(DVec2::splat(1e-9));
     let powers = DVec2::new(scaled.x.powf(exponent), scaled.y.powf(exponent));
     let norm = (powers.x + powers.y).powf(1.0 / exponent);
-    // The norm's gradient depends on the direction only, and so would jump at the centre: go over to a mean there.
+    // The norm's gradient depends on the direction only, and so would jump at the centre: go over to a mean
+    // there.
     let slope = (powers / scaled / half).length() * norm / (powers.x + powers.y);
     let least = half.min_element();
     // Round at the centre as well, since a thin blade's crest feels it.

@@ -1,5 +1,5 @@
-//! The models that are meshed from implicit surfaces: topology, number of triangles, size and shape of the triangles,
-//! and how the two jaws and the two halves of the ball joint fit into each other.
+//! The models that are meshed from implicit surfaces: topology, number of triangles, size and shape of the
+//! triangles, and the fit of the two jaws and of the two halves of the ball joint.
 
 use std::sync::OnceLock;
 
@@ -23,7 +23,7 @@ fn fewest(model: Model) -> usize {
     (1..).find(|count| model.generate(*count).is_ok()).unwrap()
 }
 
-/// The model, fine enough to tell its shape, generated once for all tests.
+/// The model, fine enough to show its shape, generated once for all tests.
 fn fine_mesh(model: Model) -> &'static TriMesh {
     static MESHES: [OnceLock<TriMesh>; IMPLICIT.len()] = [const { OnceLock::new() }; IMPLICIT.len()];
     let index = IMPLICIT.iter().position(|m| *m == model).unwrap();
@@ -40,7 +40,7 @@ fn aspects(mesh: &TriMesh) -> Vec<f64> {
     (0..mesh.triangles().len()).map(aspect).collect()
 }
 
-/// Asserts all that holds of a model at any resolution.
+/// Checks the properties of a model that hold at any resolution.
 fn check(model: Model, count: usize, mesh: &TriMesh) {
     let name = format!("{}@{count}", model.name());
     let report = mesh.validate();
@@ -131,7 +131,8 @@ fn the_jaws_close_without_touching_and_lock() {
 #[test]
 fn cusps_reach_into_fissures_all_along_the_arch() {
     let (upper, lower) = (fine_mesh(Model::UpperJaw), fine_mesh(Model::LowerJaw));
-    // In slices from the last molars to the incisors, the lower teeth rise above the upper ones' lowest points.
+    // In slices from the last molars to the incisors, the lower teeth rise above the upper ones' lowest
+    // points.
     for slice in -2..4 {
         let within = |v: &&DVec3| (0.0..0.010).contains(&(v.y - 0.010 * f64::from(slice)));
         let rise = lower.vertices().iter().filter(within).map(|v| v.z).fold(f64::NEG_INFINITY, f64::max);

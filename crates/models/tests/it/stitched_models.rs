@@ -1,5 +1,5 @@
-//! The models that are stitched from structured patches: topology, number of triangles, size and shape of the triangles,
-//! from the coarsest mesh to the dissertation's.
+//! The models that are stitched from structured patches: topology, number of triangles, size and shape of the
+//! triangles, from the coarsest mesh to the dissertation's.
 
 use palpate_core::{
     Pose, TriMesh,
@@ -8,7 +8,7 @@ use palpate_core::{
 use palpate_mesh_io::{intersecting_pairs, self_intersections};
 use palpate_models::Model;
 
-/// Each with its genus.
+/// Models, each with its genus.
 const STITCHED: [(Model, i64); 11] = [
     (Model::Cup, 1),
     (Model::CupLow, 1),
@@ -23,7 +23,7 @@ const STITCHED: [(Model, i64); 11] = [
     (Model::Torus, 1),
 ];
 
-/// The fewest triangles that a model can have.
+/// Smallest number of triangles of a model.
 fn fewest(model: Model) -> usize {
     (1..).find(|count| model.generate(*count).is_ok()).unwrap()
 }
@@ -48,7 +48,7 @@ fn extent(mesh: &TriMesh) -> DVec3 {
     highest - lowest
 }
 
-/// Asserts all that holds of a model at any resolution.
+/// Checks the properties of a model that hold at any resolution.
 fn check(model: Model, genus: i64, count: usize) {
     let mesh = model.generate(count).unwrap();
     let name = format!("{}@{count}", model.name());

@@ -12,12 +12,12 @@ use palpate_core::TriMesh;
 use palpate_core::clod::Parts;
 use palpate_mesh_io::{LoadOptions, load};
 
-/// How the plain hierarchy is built: the decomposition of the full mesh, and free levels over it.
+/// Options of the plain hierarchy: the decomposition of the full mesh, and free levels over it.
 pub fn plain() -> BuildOptions {
     BuildOptions { simplify: false, ..BuildOptions::default() }
 }
 
-/// Builds the plain hierarchy and checks what every hierarchy has to keep.
+/// Builds the plain hierarchy and checks the invariants of hierarchies.
 pub fn built(mesh: &TriMesh) -> Parts {
     let clod = build(mesh, &plain(), &mut unwatched).expect("the mesh builds").parts();
     clod.validate().expect("the hierarchy is valid");
@@ -30,7 +30,7 @@ pub fn shared(folder: &str) -> Option<PathBuf> {
     if path.exists() {
         return Some(path);
     }
-    // Straight to the stream: the test runner keeps back what the print macros say.
+    // Directly to the stream: the test runner captures the output of the print macros.
     let _ = writeln!(std::io::stderr(), "skipped: {} is not there", path.display());
     None
 }
@@ -173,8 +173,8 @@ pub fn torus(n: u32, tube: f64) -> TriMesh {
     mesh(vertices, triangles)
 }
 
-/// A wall of height 1 wound three times into a spiral, seen from its convex side: every edge is convex, but only about
-/// half a turn of it lies on a common hull.
+/// A wall of height 1 wound three times into a spiral, seen from its convex side: every edge is convex, but
+/// only about half a turn of it lies on a common hull.
 pub fn spiral(steps: u32) -> TriMesh {
     let vertices = (0..=steps)
         .flat_map(|k| {
@@ -188,7 +188,7 @@ pub fn spiral(steps: u32) -> TriMesh {
     mesh(vertices, triangles)
 }
 
-/// How often a mesh winds around a point: the sum of the solid angles of its triangles, the plain way.
+/// Winding number of a mesh about a point: the sum of the solid angles of its triangles.
 pub fn winding(mesh: &TriMesh, point: DVec3) -> f64 {
     let sum: f64 = (0..mesh.triangles().len())
         .map(|t| {

@@ -101,11 +101,7 @@ impl<'a> Reader<'a> {
     ) -> Result<Vec<f64>, LoadError> {
         let count = accessor.count.0 as usize;
         if accessor.buffer_view.is_none() && accessor.sparse.is_none() {
-            let compressed = |name: &&String| COMPRESSED.contains(&name.as_str());
-            return Err(match self.root.extensions_used.iter().find(compressed) {
-                Some(name) => self.unsupported(name.clone()),
-                None => self.malformed(place.into(), "has no data".into()),
-            });
+            return Err(self.missing(place.into(), "has no data"));
         }
         let normalized = accessor.normalized;
         let mut values = match accessor.buffer_view {
@@ -140,6 +136,15 @@ impl<'a> Reader<'a> {
             }
         }
         Ok(values)
+    }
+
+    /// The error for missing data: a compressed form that is not supported, or else the `reason`.
+    fn missing(&self, place: String, reason: &str) -> LoadError {
+        let compressed = |name: &&String| COMPRESSED.contains(&name.as_str());
+        match self.root.extensions_used.iter().find(compressed) {
+            Some(name) => self.unsupported(name.clone()),
+            None => self.malformed(place, reason.into()),
+        }
     }
 
     #[expect(
@@ -239,13 +244,7 @@ impl<'a> Reader<'a> {
         };
         let bytes: Cow<'a, [u8]> = match (&buffer.uri, self.bin) {
             (None, Some(bin)) if index == 0 => bin.into(),
-            (None, _) => {
-                let compressed = |name: &&String| COMPRESSED.contains(&name.as_str());
-                return Err(match self.root.extensions_used.iter().find(compressed) {
-                    Some(name) => self.unsupported(name.clone()),
-                    None => self.malformed(place(), "has neither a uri nor a binary chunk".into()),
-                });
-            }
+            (None, _) => return Err(self.missing(place(), "has neither a uri nor a binary chunk")),
             (Some(uri), _) => self.uri_bytes(uri, "buffer", &place())?.into(),
         };
         if (bytes.len() as u64) < buffer.byte_length.0 {
