@@ -229,7 +229,7 @@ mod tests {
         ] {
             assert_eq!(value(&rows, name), expected, "{name}");
         }
-        assert!(value(&rows, "slewed").starts_with("once: the change of the wrench"), "{rows:?}");
+        assert!(value(&rows, "slewed").starts_with("once: the rate of change of the wrench"), "{rows:?}");
         assert!(value(&rows, "saturated").starts_with("2,000 times: "), "{rows:?}");
     }
 
