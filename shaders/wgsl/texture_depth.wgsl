@@ -192,7 +192,7 @@ struct Triangle {
     // Index of the texture's level plus one; 0 without a texture.
     level: f32,
     // Largest magnitude of the displacement.
-    most: f32,
+    max_displacement: f32,
     // Inverse of twice the signed area as seen along n.
     inverse_area: f32,
 }
@@ -258,7 +258,7 @@ fn above(tri: Triangle, at: vec2<f32>, step: f32, reach: f32, refinements: u32) 
     }
     if tri.level == 0.0 { return Point(true, false, s, t, base); }
     let level = levels[u32(tri.level) - 1u];
-    let tilt = tri.most * (tri.n0.xy + s * tri.m1.xy + t * tri.m2.xy);
+    let tilt = tri.max_displacement * (tri.n0.xy + s * tri.m1.xy + t * tri.m2.xy);
     if dot(tilt, tilt) <= NEGLIGIBLE_SHIFT * step * NEGLIGIBLE_SHIFT * step || refinements == 0u {
         return Point(true, false, s, t, upright(tri, level, s, t));
     }

@@ -231,6 +231,7 @@ pub fn recommend(
         let scene = scene.objects().first().map_or_else(String::new, |placed| placed.object.name.clone());
         return Err(MeasureError::NoContact { probe: probe.name.clone(), scene });
     }
+    // Representative contacts are compared with the finest ones, not with contact levels of detail.
     let represented = choices.iter().find(|choice| choice.search == ContactSearch::Representatives);
     let finest = represented.map(|choice| Settings {
         search: SearchSettings {
@@ -246,11 +247,14 @@ pub fn recommend(
     for choice in choices {
         let chosen = choice.applied_to(settings);
         let trace = render(chosen, settings.timing.rate)?;
+        // Time contact steps along the choice's own path; if they are too slow, repeat at the rate that they
+        // permit.
         let own = BodyPath::of(&trace).thinned_to(PATH_RATE);
         let timed = Profile::along(&own, probe, scene, &chosen, TIMING_ROUNDS)?;
         let p99 = timed.time(0.99);
         let contact_rate = (1.0 / p99).min(settings.timing.rate);
         let trace = if contact_rate < settings.timing.rate { render(chosen, contact_rate)? } else { trace };
+        // Compare with the reference at the same states, and what the hand feels over the session.
         let finest = by_fields.as_ref().filter(|_| choice.search == ContactSearch::Representatives);
         let Reference { trace: exact_trace, path, profile: exact } = finest.unwrap_or(&by_levels);
         let same = Profile::along(path, probe, scene, &chosen, 1)?;

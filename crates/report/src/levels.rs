@@ -153,7 +153,7 @@ mod tests {
     fn the_columns_are_those_of_the_levels_they_name() {
         let clod = torus(true);
         let table = Table32::of(&clod);
-        // The slow way: walk down from the root to the first level that is not free.
+        // For comparison, walk down from the root to the first level that is not free.
         let coarsest = clod.levels.iter().rposition(|level| !level.free).expect("level 0 is not free");
         assert!(coarsest > 1, "simplification made levels");
         assert_eq!(table.original_triangles, clod.levels[0].triangles);

@@ -241,6 +241,7 @@ impl Frame {
             if corners.iter().any(|corner| corner.z > nearest) {
                 continue;
             }
+            // Project the corners onto the grid of samples.
             let lined = lined(index);
             let screen = corners.map(|corner| {
                 let scale = self.focal / -corner.z;
@@ -398,6 +399,7 @@ fn corner_normals(triangles: &[[u32; 3]], seen: &[DVec3], shading: Shading) -> V
     if shading != Shading::Smooth {
         return faces.iter().map(|face| [*face; 3]).collect();
     }
+    // Triangles around each vertex, as a counting sort: `first` has the offset of each vertex in `around`.
     let mut first = vec![0_usize; seen.len() + 1];
     for vertex in triangles.iter().flatten() {
         first[*vertex as usize + 1] += 1;

@@ -59,6 +59,7 @@ impl Touching {
             let contact = &contacts[self.order[position] as usize].contact;
             self.add(contact.point - state.pose.translation, -contact.normal, contact.depth);
         }
+        // Corners come last, so that they take only the places that contacts leave.
         for position in 0..self.order.len() {
             if self.touches.len() == MAX_CONTACTS {
                 break;

@@ -123,6 +123,7 @@ pub fn strike(body: &RigidBody, state: &BodyState, touches: &mut [Touch], fricti
     others.iter_mut().for_each(|touch| touch.impulse = DVec3::ZERO);
     let energy = |twist: Twist| body.kinetic_energy(&BodyState { twist, ..*state });
     let before = energy(state.twist);
+    // Try the wanted impulses first.
     let struck = solve(body, state, touches, friction);
     let separates = struck.is_finite() && are_separating(&state.twist, &struck, touches);
     if separates && energy(struck) <= before {

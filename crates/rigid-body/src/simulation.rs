@@ -131,6 +131,7 @@ impl Simulation {
         let end = self.time + duration;
         let before = (self.state, self.time, self.still);
         let mut outcome = StepOutcome::default();
+        // `left`: time that remains; `followed`: events since the last completed flight.
         let (mut left, mut flights, mut followed) = (duration, 0.0, 0);
         while left > 0.0 {
             let (parts, speed) = self.flights_for(left);
@@ -142,6 +143,7 @@ impl Simulation {
             };
             let advanced = match advanced {
                 Ok(advanced) => advanced,
+                // Restore the state from before the step.
                 Err(error) => {
                     (self.state, self.time, self.still) = before;
                     self.impacts.clear();
@@ -240,6 +242,7 @@ impl Simulation {
             self.query_and_record(&state, time)?;
             let depths = self.query.contacts().iter().map(|found| found.contact.depth);
             let deepest = depths.fold(f64::NEG_INFINITY, f64::max);
+            // A change of resolution: no time exists at which surfaces meet, so the estimate is final.
             if event.switched {
                 outcome.estimated += usize::from(deepest < -touch);
                 return Ok((state, time, event));

@@ -269,6 +269,7 @@ impl DepthQuery {
             batch.triangles.extend(seen);
             batch.push_image(first, side, step, contact.reach)
         };
+        // One image of B serves all configurations; its triangles face against n.
         let field = |side| Field { half: contact.half_size, reach: contact.reach, side };
         let view = View::new(&contact.pose_b, &axes, contact.point);
         near.clear();
@@ -280,6 +281,7 @@ impl DepthQuery {
         near.clear();
         let margin = contact.margin(center, settings);
         surfaces.surface(contact.a).gather(&view, &field(1.0), margin, near);
+        // Triangles of A are gathered once, with a margin for all configurations.
         let clips = contact.domain.clips(&axes, contact.point);
         for [shift, turn] in configurations(&settings.derivatives) {
             let a = seen(batch, contact.a, &view.moved(shift, turn, center), 1.0, near);
@@ -401,6 +403,7 @@ impl TextureContact {
                 differences([shift, turn], second, depth(answer)?, |index| depth(&moved[index]))?
             }
         };
+        // From the contact's frame to the world.
         let at = at(answer.texel);
         let world = |height: f32| self.point + axes * at.extend(height.into());
         let (linear, angular, second) = local.in_axes(&axes);

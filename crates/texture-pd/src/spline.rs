@@ -57,6 +57,7 @@ pub(crate) fn push_levels(image: &HeightImage, levels: &mut Vec<Level>, coeffici
         if width.min(height) < 8 || image.is_atlas() {
             return;
         }
+        // Halve the rows, then the columns as rows of the transposed image.
         heights = averaged(&heights, width, width.div_ceil(2));
         heights = transposed(&heights, height);
         width = width.div_ceil(2);

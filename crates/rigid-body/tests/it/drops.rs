@@ -3,7 +3,7 @@
 //! A few drops by default; more than a thousand with
 //! `cargo test --release -p palpate-rigid-body --test it drops:: -- --ignored`.
 
-#![allow(clippy::print_stdout)] // The long test tells what it found.
+#![allow(clippy::print_stdout)] // The long test prints its counts.
 
 use std::f64::consts::TAU;
 
