@@ -16,7 +16,7 @@ use palpate::collide::{ContactSet, ContactSetSettings, Shape};
 use palpate_benches::engine::EngineQuery;
 use palpate_benches::method::Method as _;
 use palpate_benches::scenarios::{self, Scenario};
-use palpate_benches::statistics::quantile;
+use palpate_measure::quantile;
 
 #[derive(Parser)]
 #[command(about = "What contact sets leave of a query's contacts, and what they cost")]

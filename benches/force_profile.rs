@@ -19,7 +19,7 @@ use palpate_benches::engine::EngineQuery;
 use palpate_benches::method::Method as _;
 use palpate_benches::penalty::Penalty;
 use palpate_benches::scenarios::{self, Scenario};
-use palpate_benches::statistics::{correlation, mean};
+use palpate_measure::{correlation, mean};
 use palpate_report::{Curve, Figure, draw};
 
 #[derive(Parser)]
@@ -87,9 +87,13 @@ fn curvature(values: &[f64]) -> Vec<f64> {
     values.windows(3).map(|three| three[0] - 2.0 * three[1] + three[2]).collect()
 }
 
+fn average(values: &[f64]) -> f64 {
+    mean(values.iter().copied())
+}
+
 /// Largest deviation about the means, relative to the mean of the exact profile.
 fn deviation(values: &[f64], exact: &[f64]) -> f64 {
-    let (center, exact_center) = (mean(values), mean(exact));
+    let (center, exact_center) = (average(values), average(exact));
     let off = values.iter().zip(exact).map(|(x, y)| ((x - center) - (y - exact_center)).abs());
     off.fold(0.0, f64::max) / exact_center
 }
@@ -129,7 +133,7 @@ fn compare(scenario: &Scenario, arguments: &Arguments) -> Result<(), Box<dyn Err
                 of_curvature(&profile.force, &exact.force, 0.0),
                 of_curvature(&profile.force, &exact.force, arguments.smoothing),
                 of_curvature(&profile.torque, &exact.torque, arguments.smoothing),
-                100.0 * mean(&profile.force) / mean(&exact.force),
+                100.0 * average(&profile.force) / average(&exact.force),
                 100.0 * deviation(&profile.force, &exact.force),
                 100.0 * deviation(&profile.torque, &exact.torque),
             );

@@ -10,4 +10,3 @@ pub mod point_shell;
 pub mod reference;
 pub mod representative;
 pub mod scenarios;
-pub mod statistics;

@@ -38,8 +38,8 @@ use palpate_benches::point_shell::{DistanceGrid, Features, PointShell, ShellInGr
 use palpate_benches::reference::{Reference, Truth};
 use palpate_benches::representative::Representative;
 use palpate_benches::scenarios::{self, Scenario};
-use palpate_benches::statistics::{correlation, mean, quantile};
 use palpate_field::{AreaContact, FieldBody, FieldOptions, FieldSettings};
+use palpate_measure::{correlation, mean, quantile};
 use serde::Serialize;
 
 #[derive(Parser)]
@@ -193,7 +193,7 @@ impl Row {
 
     fn figures(&self, truths: &[&Truth], radius: f64) -> Figures {
         let truth: Vec<f64> = truths.iter().map(|truth| truth.wrench.force.length()).collect();
-        let average = mean(&truth);
+        let average = mean(truth.iter().copied());
         let pairs = || self.forces.iter().zip(truths).map(|(force, truth)| (*force, truth.wrench.force));
         let errors: Vec<f64> =
             pairs().map(|(found, truth)| found.distance(truth) / truth.length().max(average)).collect();
@@ -217,7 +217,7 @@ impl Row {
             contacts_median: quantile(&self.contacts, 0.5),
             memory_bytes: self.method.bytes(),
             build_s: self.built,
-            force_error_mean: mean(&errors),
+            force_error_mean: mean(errors.iter().copied()),
             force_error_p95: quantile(&errors, 0.95),
             direction_error_p95_deg: quantile(&directions, 0.95),
             correlation: correlation(&own, &truth),

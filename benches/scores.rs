@@ -36,8 +36,8 @@ use palpate_benches::method::Method;
 use palpate_benches::parry::{Manifolds, TrianglePairs, distance_grid};
 use palpate_benches::point_shell::{Features, PointShell, ShellInGrid};
 use palpate_benches::scenarios::{self, Scenario};
-use palpate_benches::statistics::{mean, quantile};
 use palpate_field::AreaContact;
+use palpate_measure::{mean, quantile};
 use palpate_tests::close_pairs::{ClosePairs, Intersection, Surface};
 
 #[derive(Parser)]
@@ -303,6 +303,9 @@ fn score(scenario: &Scenario, arguments: &Arguments) -> Result<(), Box<dyn Error
             if value.is_finite() { format!("{value:.digits$}") } else { "–".to_owned() }
         };
         let share = |[part, all]: [usize; 2]| percent(100.0 * part as f64 / all as f64, 1);
+        let depth = |error: f64| {
+            if row.depth_errors.is_empty() { "–".to_owned() } else { percent(100.0 * error / radius, 4) }
+        };
         println!(
             "| {} | {:.4} | {} | {} | {} | {} | {} | {:.1} | {} |",
             row.name,
@@ -310,8 +313,8 @@ fn score(scenario: &Scenario, arguments: &Arguments) -> Result<(), Box<dyn Error
             share(row.recall),
             share(row.valid),
             share(row.covered),
-            percent(100.0 * mean(&row.depth_errors) / radius, 4),
-            percent(100.0 * quantile(&row.depth_errors, 1.0) / radius, 4),
+            depth(mean(row.depth_errors.iter().copied())),
+            depth(quantile(&row.depth_errors, 1.0)),
             row.method.bytes() as f64 / 1e6,
             percent(row.built.unwrap_or(f64::NAN), 2),
         );

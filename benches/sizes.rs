@@ -21,8 +21,8 @@ use palpate_benches::engine::EngineQuery;
 use palpate_benches::method::Method;
 use palpate_benches::reference::LAW_REACH;
 use palpate_benches::representative::Representative;
-use palpate_benches::statistics::{mean, quantile};
 use palpate_field::{AreaLaw, FieldBody, FieldOptions, FieldSettings};
+use palpate_measure::{mean, quantile};
 
 #[derive(Parser)]
 #[command(about = "The cost of contact queries at rising resolutions")]
@@ -162,7 +162,7 @@ fn print(runs: &[Run]) {
     for run in sorted {
         let largest =
             runs.iter().find(|other| other.method == run.method).map_or(&run.forces, |run| &run.forces);
-        let average = mean(&largest.iter().map(|force| force.length()).collect::<Vec<f64>>());
+        let average = mean(largest.iter().map(|force| force.length()));
         let off =
             |(force, largest): (&DVec3, &DVec3)| force.distance(*largest) / largest.length().max(average);
         let off: Vec<f64> = run.forces.iter().zip(largest).map(off).collect();
@@ -172,8 +172,8 @@ fn print(runs: &[Run]) {
             run.method,
             quantile(&run.times, 0.5),
             quantile(&run.times, 0.99),
-            mean(&run.contacts),
-            100.0 * mean(&off),
+            mean(run.contacts.iter().copied()),
+            100.0 * mean(off.iter().copied()),
             100.0 * quantile(&off, 0.95)
         );
     }

@@ -15,7 +15,6 @@ use std::process::{Command, Output};
 use clap::Parser;
 use palpate_benches::callgrind;
 use serde::Serialize;
-use xtask::linked;
 
 #[derive(Parser)]
 #[command(about = "What each stage of the pipeline costs, present and absent")]
@@ -117,17 +116,9 @@ struct Absence {
 }
 
 #[derive(Clone, Debug, Serialize)]
-struct Linked {
-    features: String,
-    crates: usize,
-    of_others: usize,
-}
-
-#[derive(Clone, Debug, Serialize)]
 struct Report {
     scenes: Vec<SceneCost>,
     absent: Vec<Absence>,
-    linked: Vec<Linked>,
 }
 
 fn main() -> Result<(), Failure> {
@@ -152,7 +143,7 @@ fn main() -> Result<(), Failure> {
         let what = format!("built with the features gpu, hid and images, and without: {name}");
         compare(what, known[name], minimal.count(name)?);
     }
-    let report = Report { scenes, absent, linked: linked()? };
+    let report = Report { scenes, absent };
     if arguments.json {
         println!("{}", serde_json::to_string_pretty(&report)?);
     } else {
@@ -258,19 +249,6 @@ fn checked(output: Output, command: &str) -> Result<Output, Failure> {
     }
 }
 
-/// How many crates end up in a program that embeds palpate, by its features.
-fn linked() -> Result<Vec<Linked>, Failure> {
-    let count = |(features, options): (&str, &[&'static str])| {
-        let linked = linked::linked(options)?;
-        Ok(Linked {
-            features: features.to_owned(),
-            crates: linked.crates.len(),
-            of_others: linked.of_others(),
-        })
-    };
-    linked::FEATURE_SETS.into_iter().map(count).collect()
-}
-
 fn print(report: &Report) {
     let counted = |count: Option<f64>| count.map_or_else(|| "–".to_owned(), |count| format!("{count:.0}"));
     let more = |count: Option<f64>, beside: Option<f64>| match (count, beside) {
@@ -337,10 +315,5 @@ fn print(report: &Report) {
                 Some(false) => "NO",
             }
         );
-    }
-    println!("\n| features of palpate | crates linked | of others |");
-    println!("|---|---|---|");
-    for Linked { features, crates, of_others } in &report.linked {
-        println!("| {features} | {crates} | {of_others} |");
     }
 }

@@ -24,7 +24,7 @@ use palpate::texture_pd::{
     TextureContact, TextureFilter, TexturedSurface, Wrap, bake,
 };
 use palpate::{Pose, TriMesh};
-use palpate_benches::statistics::quantile;
+use palpate_measure::quantile;
 use palpate_tests::shared;
 use rand::rngs::StdRng;
 use rand::{RngExt as _, SeedableRng as _};

@@ -1,5 +1,5 @@
 //! Time of the directional penetration depth of textured surfaces (§4.4): two bumpy plates of 200 triangles each, displaced by
-//! ridges, in 7 contacts (the most of Fig. 4.16), by the size of the grid and by where derivatives come from.
+//! ridges, in 7 contacts (the most of Fig. 4.16), by the size of the grid.
 //!
 //! `cargo bench -p palpate-benches --bench texture_depth`, criterion's group `texture_depth`. The processor's backend is
 //! measured; with `-- GPU` the GPU's is instead. `valgrind --tool=callgrind` on the same program with the arguments
@@ -15,8 +15,8 @@ use criterion::{BenchmarkId, Criterion};
 use palpate::core::mesh::UvMesh;
 use palpate::glam::{DQuat, DVec2, DVec3};
 use palpate::texture_pd::{
-    Backend, CpuBackend, DepthQuery, DepthSettings, Derivatives, Domain, HeightImage, SurfaceSet,
-    TextureContact, TexturedSurface, Wrap,
+    Backend, CpuBackend, DepthQuery, DepthSettings, Domain, HeightImage, SurfaceSet, TextureContact,
+    TexturedSurface, Wrap,
 };
 use palpate::{Pose, TriMesh};
 
@@ -95,15 +95,9 @@ impl Scene {
     }
 }
 
-fn methods(grid: u32) -> [(&'static str, DepthSettings); 3] {
+fn methods(grid: u32) -> [(&'static str, DepthSettings); 2] {
     let plain = DepthSettings { grid, ..DepthSettings::default() };
-    let step = 2.0 * WINDOW / f64::from(grid);
-    let differences = Derivatives::Differences { shift: step, turn: step / HALF, second: false };
-    [
-        ("largest", plain),
-        ("smooth", DepthSettings { temperature: 1e-5, ..plain }),
-        ("differences", DepthSettings { derivatives: differences, ..plain }),
-    ]
+    [("largest", plain), ("smooth", DepthSettings { temperature: 1e-5, ..plain })]
 }
 
 fn main() {

@@ -92,14 +92,6 @@ pub fn ridged_plate(height: f64, spacing: f64) -> Object {
     }
 }
 
-/// The correlation of pairs of values.
-pub fn correlation(pairs: &[(f64, f64)]) -> f64 {
-    let count = pairs.len() as f64;
-    let (x, y) = pairs.iter().fold((0.0, 0.0), |(x, y), pair| (x + pair.0 / count, y + pair.1 / count));
-    let product = |f: fn(f64, f64) -> f64| pairs.iter().map(|p| f(p.0 - x, p.1 - y)).sum::<f64>();
-    product(|a, b| a * b) / (product(|a, _| a * a) * product(|_, b| b * b)).sqrt()
-}
-
 /// Where the frame of a probe that is let down along z above the middle of a scene object is when it touches it.
 ///
 /// # Panics

@@ -1,10 +1,11 @@
-//! Project tasks: `cargo xtask test`, `cargo xtask ci`, `cargo xtask dependencies`, `cargo xtask publish-check`, `cargo xtask msrv`,
-//! `cargo xtask semver`; and those that run the engine, which are handed to `palpate-experiments`: `cargo xtask pictures`,
-//! `cargo xtask stability`, `cargo xtask reproduce`, `cargo xtask trade`, `cargo xtask latency`, `cargo xtask harm`.
+//! Project tasks: `cargo xtask test`, `ci`, `dependencies`, `publish-check`, `msrv` and `semver`. Tasks that
+//! run the engine are forwarded to `palpate-experiments`: `cargo xtask pictures`, `stability`, `reproduce`,
+//! `trade`, `latency` and `harm`.
 
 #![allow(clippy::print_stdout, clippy::print_stderr)] // Tasks report to a person at a terminal.
 
 mod dependencies;
+mod linked;
 mod packages;
 mod release;
 mod workspace;
@@ -24,51 +25,52 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Task {
-    /// Runs every test; first installs a software Vulkan driver where one is missing and that is possible.
+    /// Runs all tests. First tries to install a software Vulkan driver where none is found.
     Test,
     /// Runs what CI runs: the tests, rustfmt, clippy, the documentation and the dependency bans.
     Ci {
-        /// Also what takes too long for every change: models of full size, a million damaged files, a thousand dropped spoons, the adapter
-        /// for Rerun, the oldest Rust and packages as published.
+        /// Also runs what takes too long for every change: models of full size, a million damaged files, a
+        /// thousand dropped spoons, the adapter for Rerun, the oldest supported Rust, and packages as
+        /// published.
         #[arg(long)]
         full: bool,
     },
     /// Draws the built-in models.
     #[command(disable_help_flag = true)]
     Pictures(Passed),
-    /// Maps where the engine is stable, and says whether it is where it should be.
+    /// Maps where the engine is stable, and checks it against what is expected.
     #[command(disable_help_flag = true)]
     Stability(Passed),
-    /// Repeats the dissertation's experiments, and says whether what it claims holds.
+    /// Repeats the dissertation's experiments, and checks its claims.
     #[command(disable_help_flag = true)]
     Reproduce(Passed),
-    /// Measures what each setting costs, and what accuracy it buys.
+    /// Measures the cost and the accuracy of each setting.
     #[command(disable_help_flag = true)]
     Trade(Passed),
-    /// Measures how late a session is while other programs keep the processors busy.
+    /// Measures the delays of a session while other programs keep the processors busy.
     #[command(disable_help_flag = true)]
     Latency(Passed),
     /// Searches random sessions for a wrench that could hurt.
     #[command(disable_help_flag = true)]
     Harm(Passed),
-    /// Writes the page of what a program links that embeds palpate.
+    /// Writes the page of the crates that a program links when it embeds palpate.
     Dependencies(dependencies::Arguments),
-    /// Packs every published package and builds it from that alone, without uploading anything.
+    /// Packs every published package and builds it from the packed files alone. Uploads nothing.
     PublishCheck,
-    /// Checks the published packages with the oldest Rust that they are for.
+    /// Checks the published packages with the oldest supported Rust.
     Msrv,
-    /// Says what breaks in the API of the published libraries since a revision.
+    /// Lists breaking changes in the API of the published libraries since a revision.
     Semver(release::SemverArguments),
 }
 
-/// What is passed on to an experiment, which knows what it means.
+/// Arguments that are forwarded to an experiment, which parses them.
 #[derive(clap::Args)]
 struct Passed {
     #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
     arguments: Vec<OsString>,
 }
 
-/// What went wrong, for a person to read.
+/// Error message for a person.
 type Failure = Box<dyn std::error::Error>;
 
 fn main() -> ExitCode {
@@ -95,7 +97,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Runs a task of `palpate-experiments`, which says itself what went wrong.
+/// Runs a task of `palpate-experiments`, which prints its own errors.
 fn experiment(name: &str, passed: &Passed) -> Result<(), Failure> {
     let status = Command::new("cargo")
         .args(["run", "--release", "--quiet", "--locked", "--package", "palpate-experiments", "--", name])
@@ -105,11 +107,12 @@ fn experiment(name: &str, passed: &Passed) -> Result<(), Failure> {
     if status.success() { Ok(()) } else { std::process::exit(status.code().unwrap_or(1)) }
 }
 
-/// All packages with all features, so that everything is compiled once; but the adapter for Rerun, whose SDK takes many minutes to
-/// build. `cargo test -p palpate-rerun` tests it.
+/// All packages with all features, so that everything is compiled once. The adapter for Rerun is left out,
+/// whose SDK takes many minutes to build: `cargo test -p palpate-rerun` tests it.
 const WORKSPACE: [&str; 4] = ["--workspace", "--exclude", "palpate-rerun", "--all-features"];
 
-/// Release builds check no assertion and no overflow. What palpate depends on stays as it is built for the other tests.
+/// Profile settings that turn assertions and overflow checks off, as in release builds. Dependencies are not
+/// rebuilt.
 const UNCHECKED: [(&str, &str); 2] =
     [("CARGO_PROFILE_DEV_DEBUG_ASSERTIONS", "false"), ("CARGO_PROFILE_DEV_OVERFLOW_CHECKS", "false")];
 
@@ -134,13 +137,13 @@ fn ci(full: bool) -> Result<(), Failure> {
     packages::ensure_vulkan()?;
     packages::try_players();
     run_tests(&mut steps)?;
-    // Hostile files must be refused cleanly with assertions and without.
+    // Damaged files must be refused cleanly with assertions and without.
     let hostile = ["--test", "hostile_files", "--", "--skip", "nasty_meshes"];
     let hostile = [["test", "--locked"].as_slice(), &WORKSPACE, &hostile].concat();
     steps.cargo("hostile files in a build without assertions", &hostile, &UNCHECKED)?;
     let strict = ["--all-targets", "--", "-D", "warnings"];
     steps.cargo("clippy", &[["clippy", "--locked"].as_slice(), &WORKSPACE, &strict].concat(), &[])?;
-    // One by one, for cargo unifies the features of packages that it checks together.
+    // One package at a time, since cargo unifies the features of packages that it checks together.
     for package in ["palpate-mesh-io", "palpate-texture-pd", "palpate-device", "palpate"] {
         let check =
             ["clippy", "--package", package, "--no-default-features", "--locked", "--", "-D", "warnings"];
@@ -154,7 +157,7 @@ fn ci(full: bool) -> Result<(), Failure> {
     steps.run("page of dependencies", dependencies::check)?;
     if !Command::new("cargo").args(["deny", "--version"]).output().is_ok_and(|output| output.status.success())
     {
-        // Unoptimised, since it is compiled far longer than it runs.
+        // Without optimisation, since it takes far longer to compile than to run.
         let install = ["install", "cargo-deny", "--version", "0.20.2", "--locked", "--debug"];
         steps.cargo("install cargo-deny", &install, &[])?;
     }
@@ -182,7 +185,7 @@ fn ci(full: bool) -> Result<(), Failure> {
     Ok(())
 }
 
-/// How long each step took.
+/// Times of the steps.
 #[derive(Default)]
 struct Steps(Vec<(String, Duration)>);
 
@@ -219,7 +222,7 @@ fn cargo(arguments: &[&str], environment: &[(&str, &str)]) -> Result<(), Failure
     let root = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
     let status = Command::new("cargo")
         .args(arguments)
-        // What is built once has no use for what makes the next build faster.
+        // Incremental compilation only helps later builds.
         .env("CARGO_INCREMENTAL", "0")
         .envs(environment.iter().copied())
         .current_dir(root)

@@ -1,21 +1,21 @@
-//! What tests need of the system: on Linux it is installed with apt where it is missing and that is allowed.
+//! System packages that tests need. On Linux, missing ones are installed with apt where that is possible.
 //!
-//! The GPU tests need a Vulkan driver; a software one (lavapipe) will do. A HID device is played with umockdev and a display by Xvfb:
-//! tests that need one say that they were skipped where it is not there.
+//! The GPU tests need a Vulkan driver; a software driver (lavapipe) suffices. umockdev emulates HID devices,
+//! and Xvfb a display: tests that need one report that they were skipped where it is missing.
 
 use std::path::Path;
 use std::process::Command;
 
 use crate::Failure;
 
-/// The Debian and Ubuntu package of Mesa's Vulkan drivers, lavapipe among them; it brings the loader with it.
+/// Debian and Ubuntu package of Mesa's Vulkan drivers, lavapipe among them. It depends on the loader.
 const VULKAN: &str = "mesa-vulkan-drivers";
 
-/// The Debian and Ubuntu packages of a display that is not there, and of what a window loads.
+/// Debian and Ubuntu packages of a virtual display, and of the libraries that a window loads.
 const DISPLAY: [&str; 6] =
     ["xvfb", "libx11-xcb1", "libxcursor1", "libxi6", "libxkbcommon-x11-0", "libxrandr2"];
 
-/// Where the Vulkan loader looks for drivers' manifests; the last is NixOS's.
+/// Folders in which the Vulkan loader looks for drivers' manifests; the last is NixOS's.
 const MANIFESTS: [&str; 5] = [
     "/usr/share/vulkan/icd.d",
     "/usr/local/share/vulkan/icd.d",
@@ -24,10 +24,11 @@ const MANIFESTS: [&str; 5] = [
     "/run/opengl-driver/share/vulkan/icd.d",
 ];
 
-/// Installs a Vulkan driver with apt where none is found and that is allowed.
+/// Installs a Vulkan driver with apt where none is found.
 ///
 /// # Errors
-/// With what to install by hand, when it cannot be done here. Other systems than Linux bring a GPU API of their own.
+/// If that fails, with instructions for installing one by hand. Systems other than Linux have a GPU API of
+/// their own.
 pub fn ensure_vulkan() -> Result<(), Failure> {
     if !cfg!(target_os = "linux") || driver_present() {
         return Ok(());
@@ -45,7 +46,7 @@ pub fn ensure_vulkan() -> Result<(), Failure> {
     .into())
 }
 
-/// Installs what plays devices and displays where it is missing, if that can be done.
+/// Tries to install the programs that emulate devices and displays.
 pub fn try_players() {
     for (program, packages, without) in [
         ("umockdev-run", &["umockdev"][..], "the test of devices over hidapi is skipped"),
@@ -61,14 +62,14 @@ pub fn try_players() {
     }
 }
 
-/// Installs packages with apt-get; whether it succeeded.
+/// Installs packages with apt-get and returns whether it succeeded.
 fn install(packages: &[&str]) -> bool {
-    // Where the lists of packages cannot be renewed, those that there are may do.
+    // Where the package lists cannot be updated, the present ones may do.
     apt_get(&["update", "-q"]);
     apt_get(&[&["install", "-y", "-q", "--no-install-recommends"], packages].concat())
 }
 
-/// Whether a driver is named by the environment, or its manifest lies where the loader looks for one.
+/// Returns whether the environment names a driver, or a manifest lies where the loader looks for one.
 fn driver_present() -> bool {
     if ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"].iter().any(|name| std::env::var_os(name).is_some()) {
         return true;
@@ -81,7 +82,7 @@ fn driver_present() -> bool {
     })
 }
 
-/// Runs apt-get as root, else through sudo where that asks for no password; whether it succeeded.
+/// Runs apt-get as root, or through sudo where that needs no password, and returns whether it succeeded.
 fn apt_get(arguments: &[&str]) -> bool {
     let prefix: &[&str] = if is_root() { &[] } else { &["sudo", "-n"] };
     let command = [prefix, &["env", "DEBIAN_FRONTEND=noninteractive", "apt-get"], arguments].concat();

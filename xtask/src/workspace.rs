@@ -1,4 +1,4 @@
-//! What cargo says of the workspace: its packages, and which of them are published.
+//! Packages of the workspace as cargo describes them, and which of them are published.
 
 use std::process::Command;
 
@@ -10,9 +10,9 @@ use crate::Failure;
 #[derive(Clone, Debug, Deserialize)]
 pub struct Package {
     pub name: String,
-    /// The registries that it may go to; none for one that stays here, `None` where nothing is said.
+    /// Registries that it may be published to: empty if none, `None` if any.
     publish: Option<Vec<String>>,
-    /// The oldest Rust that it is for.
+    /// Oldest Rust that it supports.
     pub rust_version: Option<String>,
     #[cfg(test)]
     manifest_path: std::path::PathBuf,
@@ -25,16 +25,16 @@ struct Target {
 }
 
 impl Package {
-    /// Whether others can depend on it.
+    /// Returns whether other packages can depend on it.
     pub fn is_library(&self) -> bool {
         self.targets.iter().any(|target| target.kind.iter().any(|kind| kind == "lib"))
     }
 }
 
-/// The packages that are published.
+/// Lists the packages that are published.
 ///
 /// # Errors
-/// If cargo fails, or says what is not understood.
+/// If cargo fails, or its output cannot be parsed.
 pub fn published() -> Result<Vec<Package>, Failure> {
     #[derive(Deserialize)]
     struct Metadata {
@@ -55,7 +55,7 @@ pub fn published() -> Result<Vec<Package>, Failure> {
         .collect())
 }
 
-/// `--package NAME` for each package.
+/// Returns `--package NAME` for each package.
 pub fn chosen<'a>(packages: impl IntoIterator<Item = &'a Package>) -> Vec<&'a str> {
     packages.into_iter().flat_map(|package| ["--package", package.name.as_str()]).collect()
 }
@@ -65,17 +65,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn published_packages_bring_their_licences() {
+    fn published_packages_contain_their_licences() {
         for package in published().expect("metadata") {
             for licence in ["LICENSE-APACHE", "LICENSE-MIT"] {
                 let file = package.manifest_path.with_file_name(licence);
-                assert!(file.is_file(), "{} is not there", file.display());
+                assert!(file.is_file(), "{} is missing", file.display());
             }
         }
     }
 
     #[test]
-    fn what_is_for_users_is_published_and_nothing_else() {
+    fn only_packages_for_users_are_published() {
         let published = published().expect("metadata");
         let has = |name: &str| published.iter().any(|package| package.name == name);
         assert!(has("palpate") && has("palpate-core") && has("palpate-cli"));

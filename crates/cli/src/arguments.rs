@@ -4,11 +4,12 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Parser, Subcommand};
 use palpate::device::Task;
+use palpate::dynamics::IntegratorKind;
 use palpate::settings::{
     ContactSearch, ContactSettings, CouplingSettings, DetailSettings, DeviceSettings, OutputSettings,
     SearchSettings, TextureSettings, TimingSettings, ToolSettings,
 };
-use palpate::{IntegratorKind, Object, OpenOptions, Settings};
+use palpate::{Object, OpenOptions, Settings};
 
 use crate::failure::Failure;
 use crate::textures::Detail;
@@ -282,10 +283,14 @@ pub struct QueryArguments {
 #[derive(Args)]
 #[command(allow_negative_numbers = true)] // Refused with a reason, not for looking like an option.
 pub struct RunArguments {
-    /// The object in the hand: mesh file, .clod file or built-in model
+    /// The object in the hand: mesh file, .clod file or built-in model; with --tool, the scene
     pub probe: String,
     /// The object that it touches, or a scene file (.toml) with several and settings
+    #[arg(required_unless_present = "tool", default_value = "", hide_default_value = true)]
     pub scene: String,
+    /// Hold the tool with a hinge of this file, in place of a probe, on a device with a gripper (emulated:gripper=FILE.csv)
+    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["integrator", "report", "scene"])]
+    pub tool: Option<PathBuf>,
     /// emulated, emulated:PRESET,KEY=VALUE,... (task=press, hand=firm, encoder_step=0, path=FILE.csv, ...), replay:FILE (a
     /// trajectory, a recording of a session or of a device), or one that `palpate devices` lists
     #[arg(long, default_value = "emulated")]
@@ -527,6 +532,11 @@ pub struct Physics {
 }
 
 impl Physics {
+    /// The integrator of the object's motion.
+    pub fn integrator(&self) -> IntegratorKind {
+        self.integrator.unwrap_or_default()
+    }
+
     /// The rate of the haptic loop that was given, Hz.
     pub fn rate(&self) -> Option<f64> {
         self.rate
@@ -548,7 +558,6 @@ impl Physics {
             tool: ToolSettings {
                 unusual_size: self.unusual_size || default.tool.unusual_size,
                 mass: self.mass.unwrap_or(default.tool.mass),
-                integrator: self.integrator.unwrap_or(default.tool.integrator),
                 ..default.tool
             },
             contact: ContactSettings {

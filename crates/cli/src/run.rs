@@ -9,8 +9,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use indicatif::ProgressBar;
 use palpate::device::{HapticDevice, HoldToEnable, RecordingWriter, Steering, Tap, Taps};
 use palpate::errors::RendererError;
+use palpate::settings::GripperSettings;
+use palpate::tool::{HingedRecord, ToolFile};
 use palpate::{
-    ContactTiming, HapticRenderer, Pose, Record, RecordWriter, Scene, SceneFile, Session, Settings, Summary,
+    ContactTiming, HapticRenderer, Pose, Record, RecordWriter, Recorded, Scene, SceneFile, Session, Settings,
     explore,
 };
 use palpate_report::{Machine, Rendered, Report};
@@ -20,15 +22,18 @@ use crate::failure::Failure;
 use crate::textures::Detail;
 use crate::{output, progress, textures};
 
-/// How long a session lasts, s, where nothing is said.
-const USUAL: f64 = 10.0;
+/// Duration of a session without `--seconds`, s.
+const DEFAULT_SECONDS: f64 = 10.0;
 /// Longest session, s: a day.
-const LONGEST: f64 = 86_400.0;
-/// Most steps that a report is made of, since they are kept in memory: about 1 GB.
-const MOST_REPORTED: f64 = 4e6;
+const MAX_SECONDS: f64 = 86_400.0;
+/// Largest number of steps in a report, which keeps them in memory: about 1 GB.
+const MAX_REPORTED_STEPS: f64 = 4e6;
 
 pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
-    render(arguments, None)
+    match &arguments.tool {
+        None => render(arguments, None),
+        Some(tool) => render_tool(arguments, tool),
+    }
 }
 
 /// `palpate view`: the same behind a window.
@@ -41,6 +46,11 @@ pub fn view(arguments: &crate::arguments::ViewArguments) -> Result<(), Failure> 
         )));
     }
     let screenshot = arguments.screenshot.clone();
+    if arguments.run.tool.is_some() {
+        return Err(Failure::Message(
+            "--tool: a window shows a rigid probe; give it to `palpate run`".to_owned(),
+        ));
+    }
     if arguments.run.lockstep {
         return Err(Failure::Message(
             "--lockstep: a window shows real time; give it to `palpate run`".to_owned(),
@@ -60,15 +70,13 @@ struct Window {
 }
 
 fn render(arguments: &RunArguments, window: Option<Window>) -> Result<(), Failure> {
-    let seconds = arguments.seconds.unwrap_or(if window.is_some() { LONGEST } else { USUAL });
-    if !(seconds > 0.0 && seconds <= LONGEST) {
-        return Err(Failure::Message(format!("--seconds {seconds}: give more than 0, at most {LONGEST}")));
-    }
+    let seconds = arguments.seconds.unwrap_or(if window.is_some() { MAX_SECONDS } else { DEFAULT_SECONDS });
+    let seconds = checked_seconds(seconds)?;
     check_rate(arguments.contact_rate)?;
     check_files(arguments, window.as_ref())?;
     let probe =
         textures::open(&arguments.probe, &arguments.textures.of_probe(), &arguments.reading.of_probe())?;
-    let (scene, settings) = open_scene(arguments)?;
+    let (scene, settings) = open_scene(arguments, &arguments.scene)?;
     let radius = probe.bounding_radius();
     let settings = arguments.physics.applied_to(arguments.textures.applied_to(settings), radius);
     let settings = arguments.resolution.applied_to(settings, &probe)?;
@@ -79,31 +87,20 @@ fn render(arguments: &RunArguments, window: Option<Window>) -> Result<(), Failur
     } else {
         (explore::open_device_for(&arguments.device, &probe, &scene, &settings)?, None)
     };
-    if arguments.report.is_some() && seconds * settings.timing.rate > MOST_REPORTED {
-        let most = MOST_REPORTED / settings.timing.rate;
+    if arguments.report.is_some() && seconds * settings.timing.rate > MAX_REPORTED_STEPS {
+        let most = MAX_REPORTED_STEPS / settings.timing.rate;
         return Err(Failure::Message(format!(
             "--report takes at most {most} s; --record takes longer sessions"
         )));
     }
-    let device = match arguments.enable_button {
-        None => device,
-        Some(button) => Box::new(HoldToEnable::new(device, button)) as Box<dyn HapticDevice>,
-    };
-    let (device, taps) = match &arguments.record_device {
-        None => (device, None),
-        Some(path) => {
-            let (tap, taps) = Tap::new(device);
-            let writer = RecordingWriter::create(path, tap.specification());
-            let writer = writer.map_err(|error| Failure::writing(path, error))?;
-            (Box::new(tap) as Box<dyn HapticDevice>, Some((path.as_path(), taps, writer)))
-        }
-    };
+    let (device, taps) = wrapped(arguments, device)?;
     let shown = window.is_some();
     // Distance fields are made the first time.
     let waiting = progress::waiting("preparing contacts");
     let renderer = HapticRenderer::new(probe, scene, device, settings);
     waiting.finish_and_clear();
-    let renderer = renderer?;
+    let mut renderer = renderer?;
+    renderer.set_integrator(Arc::new(arguments.physics.integrator()));
     let rendered = Rendered::of(&renderer);
 
     let stop = stop_on_interrupt()?;
@@ -117,7 +114,17 @@ fn render(arguments: &RunArguments, window: Option<Window>) -> Result<(), Failur
     };
     bar.finish_and_clear();
     let summary = session.summary();
-    recorder.close(arguments, &rendered, &summary)?;
+    let kept = recorder.close()?;
+    if let (Some(records), Some(path)) = (kept, &arguments.report) {
+        let title = format!("{} against {}", arguments.probe, arguments.scene);
+        let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
+        let command = words.collect::<Vec<_>>().join(" ");
+        let machine = Machine::this();
+        let (title, command, records) = (title.as_str(), command.as_str(), records.as_slice());
+        let report =
+            Report { title, command, summary: &summary, records, rendered: &rendered, machine: &machine };
+        std::fs::write(path, report.to_html()?).map_err(|error| Failure::writing(path, error))?;
+    }
     output::result(&arguments.json, &summary, |table| {
         for (name, value) in palpate_report::measured(&summary) {
             table.row([&name, &value]);
@@ -127,6 +134,76 @@ fn render(arguments: &RunArguments, window: Option<Window>) -> Result<(), Failur
             table.row([&line]);
         }
     })
+}
+
+/// A tool with a hinge in the hand, and no window.
+fn render_tool(arguments: &RunArguments, path: &Path) -> Result<(), Failure> {
+    let seconds = checked_seconds(arguments.seconds.unwrap_or(DEFAULT_SECONDS))?;
+    check_rate(arguments.contact_rate)?;
+    check_files(arguments, None)?;
+    let file = ToolFile::load(path)?;
+    let bar = progress::bar(&path.display().to_string());
+    let opened = file.open(path, &mut |model, stage, done| {
+        bar.set_message(format!("{model}: {stage}"));
+        progress::set(&bar, done);
+        ControlFlow::Continue(())
+    });
+    bar.finish_and_clear();
+    let tool = opened?;
+    let (scene, settings) = open_scene(arguments, &arguments.probe)?;
+    let radius = tool.first.bounding_radius().min(tool.second.bounding_radius());
+    let settings = arguments.physics.applied_to(arguments.textures.applied_to(settings), radius);
+    let settings = arguments.resolution.applied_to(settings, &tool.first)?;
+    settings.check().map_err(RendererError::from)?;
+    let timing = timing(arguments, &settings)?;
+    let device = explore::open_device_for(&arguments.device, &tool.first, &scene, &settings)?;
+    let (device, taps) = wrapped(arguments, device)?;
+    let waiting = progress::waiting("preparing contacts");
+    let renderer = HapticRenderer::hinged(&tool, scene, device, settings, &GripperSettings::default());
+    waiting.finish_and_clear();
+    let renderer = renderer?;
+
+    let stop = stop_on_interrupt()?;
+    let bar = progress::bar("rendering");
+    let mut recorder = Recorder::open(arguments, taps, &bar, seconds)?;
+    let sink = |row: &HingedRecord| recorder.take(row);
+    let session = if arguments.lockstep {
+        renderer.run_lockstep(seconds, timing, &stop, sink)?
+    } else {
+        renderer.run_realtime(seconds, &stop, sink)?
+    };
+    bar.finish_and_clear();
+    recorder.close()?;
+    let summary = session.summary();
+    output::result(&arguments.json, &summary, |table| {
+        for (name, value) in palpate_report::measured(&summary) {
+            table.row([&name, &value]);
+        }
+    })
+}
+
+/// A duration, s, in range.
+fn checked_seconds(seconds: f64) -> Result<f64, Failure> {
+    if seconds > 0.0 && seconds <= MAX_SECONDS {
+        return Ok(seconds);
+    }
+    Err(Failure::Message(format!("--seconds {seconds}: give more than 0, at most {MAX_SECONDS}")))
+}
+
+/// The device as the arguments want it: with a button to enable it, and recorded.
+fn wrapped(
+    arguments: &RunArguments,
+    device: Box<dyn HapticDevice>,
+) -> Result<(Box<dyn HapticDevice>, Option<Tapped<'_>>), Failure> {
+    let device = match arguments.enable_button {
+        None => device,
+        Some(button) => Box::new(HoldToEnable::new(device, button)) as Box<dyn HapticDevice>,
+    };
+    let Some(path) = &arguments.record_device else { return Ok((device, None)) };
+    let (tap, taps) = Tap::new(device);
+    let writer = RecordingWriter::create(path, tap.specification());
+    let writer = writer.map_err(|error| Failure::writing(path, error))?;
+    Ok((Box::new(tap), Some((path.as_path(), taps, writer))))
 }
 
 /// How to look at what was rendered.
@@ -159,11 +236,11 @@ fn view_command() -> &'static str {
 }
 
 /// What is touched, and the settings that a scene file has.
-fn open_scene(arguments: &RunArguments) -> Result<(Scene, Settings), Failure> {
-    let path = Path::new(&arguments.scene);
+fn open_scene(arguments: &RunArguments, scene: &str) -> Result<(Scene, Settings), Failure> {
+    let path = Path::new(scene);
     let detail = arguments.textures.of_scene();
     if !path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml")) {
-        let object = textures::open(&arguments.scene, &detail, &arguments.reading.of_scene())?;
+        let object = textures::open(scene, &detail, &arguments.reading.of_scene())?;
         return Ok((Scene::new().with(object, Pose::IDENTITY), Settings::default()));
     }
     if !matches!(detail, Detail::None) {
@@ -179,7 +256,7 @@ fn open_scene(arguments: &RunArguments) -> Result<(Scene, Settings), Failure> {
         )));
     }
     let file = SceneFile::load(path)?;
-    let bar = progress::bar(&arguments.scene);
+    let bar = progress::bar(scene);
     let opened = file.open(path, &mut |model, stage, done| {
         bar.set_message(format!("{model}: {stage}"));
         progress::set(&bar, done);
@@ -234,8 +311,8 @@ fn followed(device: &str) -> Option<&str> {
 fn check_files(arguments: &RunArguments, window: Option<&Window>) -> Result<(), Failure> {
     let device = &arguments.device;
     let replayed = device.strip_prefix("replay:").or_else(|| followed(device)).map(Path::new);
-    let read: Vec<&Path> =
-        [Path::new(&arguments.probe), Path::new(&arguments.scene)].into_iter().chain(replayed).collect();
+    let named = [Path::new(&arguments.probe), Path::new(&arguments.scene)];
+    let read: Vec<&Path> = named.into_iter().chain(arguments.tool.as_deref()).chain(replayed).collect();
     let given = [
         arguments.record.as_deref(),
         arguments.record_device.as_deref(),
@@ -283,15 +360,15 @@ fn stop_on_interrupt() -> Result<Arc<AtomicBool>, Failure> {
 type Tapped<'a> = (&'a Path, Taps, RecordingWriter<File>);
 
 /// Takes the rows of a session: to a file as they come, and kept where a report wants them.
-struct Recorder<'a> {
-    file: Option<(&'a Path, RecordWriter<File>)>,
+struct Recorder<'a, R: Recorded> {
+    file: Option<(&'a Path, RecordWriter<File, R>)>,
     device: Option<Tapped<'a>>,
-    kept: Option<Vec<Record>>,
+    kept: Option<Vec<R>>,
     bar: &'a ProgressBar,
     seconds: f64,
 }
 
-impl<'a> Recorder<'a> {
+impl<'a, R: Recorded> Recorder<'a, R> {
     fn open(
         arguments: &'a RunArguments,
         device: Option<Tapped<'a>>,
@@ -309,7 +386,7 @@ impl<'a> Recorder<'a> {
         Ok(Self { file, device, kept, bar, seconds })
     }
 
-    fn take(&mut self, row: &Record) -> Result<(), Failure> {
+    fn take(&mut self, row: &R) -> Result<(), Failure> {
         if let Some((path, file)) = &mut self.file {
             file.write(row).map_err(|error| Failure::writing(path, error))?;
         }
@@ -317,7 +394,8 @@ impl<'a> Recorder<'a> {
             kept.push(*row);
         }
         self.take_readings()?;
-        progress::set(self.bar, row.time / self.seconds);
+        let time = row.row().next().unwrap_or(0.0);
+        progress::set(self.bar, time / self.seconds);
         Ok(())
     }
 
@@ -329,12 +407,8 @@ impl<'a> Recorder<'a> {
         Ok(())
     }
 
-    fn close(
-        mut self,
-        arguments: &RunArguments,
-        rendered: &Rendered,
-        summary: &Summary,
-    ) -> Result<(), Failure> {
+    /// Completes the files; the rows that were kept for a report.
+    fn close(mut self) -> Result<Option<Vec<R>>, Failure> {
         if let Some((path, file)) = self.file.take() {
             file.finish().map_err(|error| Failure::writing(path, error))?;
         }
@@ -346,15 +420,6 @@ impl<'a> Recorder<'a> {
                 progress::warn(&path.display().to_string(), &[lost]);
             }
         }
-        if let (Some(records), Some(path)) = (self.kept, &arguments.report) {
-            let title = format!("{} against {}", arguments.probe, arguments.scene);
-            let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
-            let command = words.collect::<Vec<_>>().join(" ");
-            let machine = Machine::this();
-            let (title, command, records) = (title.as_str(), command.as_str(), records.as_slice());
-            let report = Report { title, command, summary, records, rendered, machine: &machine };
-            std::fs::write(path, report.to_html()?).map_err(|error| Failure::writing(path, error))?;
-        }
-        Ok(())
+        Ok(self.kept)
     }
 }

@@ -1,13 +1,13 @@
-//! The dual hierarchy of contact levels of detail (§3.2): at once a multiresolution representation of an object and
-//! a bounding volume hierarchy of convex hulls, laid out for the query that reads it.
+//! The dual hierarchy of contact levels of detail (§3.2): at once a multiresolution representation of an
+//! object and a bounding volume hierarchy of convex hulls, laid out for the query that reads it.
 //!
-//! Nodes are stored root first and level by level, so that the children of a node, and the nodes of a level, are
-//! contiguous. A node's hull vertices are contiguous too, those that only bound its descendants before the extreme
-//! points of its own patch, and these before the rest; vertices and triangles stand in the order of the nodes that they
-//! belong to, and nodes share none. [`Parts::validate`] lists all that queries rely on.
+//! Nodes are stored root first and level by level, so that the children of a node, and the nodes of a level,
+//! are contiguous. A node's hull vertices are contiguous too, first those that only bound its descendants,
+//! then the extreme points of its own patch, then the rest. Vertices and triangles stand in the order of the
+//! nodes that they belong to, and nodes share none. [`Parts::validate`] lists all that queries rely on.
 //!
-//! [`Parts`] is the hierarchy as builders make it and as files hold it, every number in full. [`Clod`] is the same in
-//! little memory, which queries read.
+//! [`Parts`] is the hierarchy as builders make it and as files hold it, at full precision. [`Clod`] is the
+//! same hierarchy in little memory, for queries.
 
 mod format;
 mod packed;
@@ -25,23 +25,25 @@ pub use format::ClodError;
 pub use packed::Clod;
 pub use views::{Areas, Nodes, Points, Triangles};
 
-/// Index of a node that is not there: the root's parent.
+/// Index that stands for no node: the root's parent.
 pub const NO_NODE: u32 = u32::MAX;
 
-/// A hierarchy of contact levels of detail in parts that can be changed. Lengths in metres, in the object's own frame.
+/// A hierarchy of contact levels of detail in parts that can be changed. Lengths in metres, in the object's
+/// own frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Parts {
     /// Levels, the full mesh (index 0) first, the root's level last.
     pub levels: Vec<Level>,
     /// Nodes, the root first, level by level down to the leaves (level 0).
     pub nodes: Vec<Node>,
-    /// Hull vertices of all nodes, in the nodes' order, m. A vertex that several hulls have is there once for each.
+    /// Hull vertices of all nodes, in the nodes' order, m. A vertex that several hulls have is there once for
+    /// each.
     pub vertices: Vec<DVec3>,
     /// D, the support area (m²) of each hull vertex (§3.3.5).
     pub support_areas: Vec<f64>,
     /// Surface triangles of all patches, in the nodes' order, as indices into the node's own hull vertices.
     pub triangles: Vec<[u32; 3]>,
-    /// What the hierarchy was built from.
+    /// The mesh that the hierarchy was built from.
     pub source: Source,
 }
 
@@ -52,10 +54,11 @@ pub struct Source {
     pub vertices: u32,
     /// Triangles of the mesh.
     pub triangles: u32,
-    /// How far a patch's surface may lie inside its own hull, and how deep other surface may reach into it, as a fraction
-    /// of the bounding radius: the tolerance that the patches were built with, 0 to 1.
+    /// Tolerance that the patches were built with, as a fraction of the bounding radius, 0 to 1: largest
+    /// distance of a patch's surface from its own hull, and largest depth of other surface in that hull.
     pub tolerance: f64,
-    /// Whether the mesh is closed, 2-manifold and consistently oriented, so that inside and outside are defined.
+    /// Whether the mesh is closed, 2-manifold and consistently oriented, so that inside and outside are
+    /// defined.
     pub solid: bool,
     /// Radius of the mesh's bounding sphere about its [`center`](Self::center), m.
     pub bounding_radius: f64,
@@ -65,8 +68,8 @@ pub struct Source {
     pub volume: f64,
     /// Centre of mass at uniform density, m; the bounding sphere's centre when the mesh is not solid.
     pub center_of_mass: DVec3,
-    /// Inertia tensor about the centre of mass, mesh axes, for unit mass (m²): a solid's, or the bounding ball's when
-    /// the mesh is not solid.
+    /// Inertia tensor about the centre of mass, mesh axes, for unit mass (m²): a solid's, or the bounding
+    /// ball's when the mesh is not solid.
     pub unit_inertia: glam::DMat3,
 }
 
@@ -77,9 +80,11 @@ pub struct Level {
     pub nodes: Range<u32>,
     /// Triangles of the level's mesh; for a free level, those of the coarsest level that is not free.
     pub triangles: u32,
-    /// r: resolution of the level, 1/m (§3.3.3). For a free level that of the coarsest level that is not free.
+    /// r: resolution of the level, 1/m (§3.3.3). For a free level that of the coarsest level that is not
+    /// free.
     pub resolution: f64,
-    /// Whether the level was made by unconstrained merging: it completes the hierarchy and cannot report contacts.
+    /// Whether the level was made by unconstrained merging: it completes the hierarchy and cannot report
+    /// contacts.
     pub free: bool,
 }
 
@@ -92,16 +97,17 @@ pub struct Node {
     pub children: Range<u32>,
     /// Index into [`Parts::levels`].
     pub level: u32,
-    /// Vertices of the patch's hull: a range of [`Parts::vertices`], the [`extreme`](Self::extreme) ones first.
+    /// Vertices of the patch's hull: a range of [`Parts::vertices`], the [`extreme`](Self::extreme) ones
+    /// first.
     pub vertices: Range<u32>,
-    /// How many of the vertices are extreme points of the patch's hull. The others are patch vertices that lie on its
-    /// faces.
+    /// Number of the vertices that are extreme points of the patch's hull. The others are patch vertices that
+    /// lie on its faces.
     pub extreme: u32,
-    /// How many points, right before the vertices, belong to the [bounding hull](Parts::bounding_hull) besides the
-    /// extreme ones.
+    /// Number of points, right before the vertices, that belong to the [bounding hull](Parts::bounding_hull)
+    /// besides the extreme ones.
     pub added: u32,
-    /// The patch's triangles, which are real surface: a range of [`Parts::triangles`]; empty for a free node. Hull faces
-    /// not covered by them are virtual.
+    /// The patch's triangles, which are real surface: a range of [`Parts::triangles`]; empty for a free node.
+    /// Hull faces not covered by them are virtual.
     pub triangles: Range<u32>,
     /// Centre of a sphere around the bounding hull and all descendants' hulls, m.
     pub center: DVec3,
@@ -109,16 +115,17 @@ pub struct Node {
     pub radius: f64,
     /// s: surface deviation of the patch from the original mesh, m (§3.3.5).
     pub deviation: f64,
-    /// h: maximum directed Hausdorff distance from the descendants' hulls to this node's bounding hull, m (§3.3.5).
+    /// h: maximum directed Hausdorff distance from the descendants' hulls to this node's bounding hull, m
+    /// (§3.3.5).
     pub hausdorff: f64,
-    /// Whether the hull was verified not to protrude from the object (§3.3.1, global constraint), so that a witness on a
-    /// virtual face can be left to a neighbouring patch.
+    /// Whether the hull was verified not to protrude from the object (§3.3.1, global constraint), so that a
+    /// witness on a virtual face can be left to a neighbouring patch.
     pub contained: bool,
     /// Whether the patch covers the whole hull (a closed convex component): no face is virtual.
     pub all_real: bool,
 }
 
-/// Where the points of a node's bounding hull are among all vertices.
+/// Range of the points of a node's bounding hull among all vertices.
 fn bounding_range(node: &Node) -> Range<usize> {
     let start = node.vertices.start;
     (start - node.added) as usize..(start + node.extreme) as usize
@@ -138,13 +145,15 @@ impl Parts {
         &self.hull(node)[..node.extreme as usize]
     }
 
-    /// The points, m, whose convex hull stands for a node and, but for h, its descendants when nodes are culled: the
-    /// extreme points of its own hull, and others that bring h down (§3.6.2). Not all of them need be extreme.
+    /// The points, m, whose convex hull stands for a node and, but for h, its descendants when nodes are
+    /// culled: the extreme points of its own hull, and others that bring h down (§3.6.2). Not all of them
+    /// need be extreme.
     pub fn bounding_hull(&self, node: &Node) -> &[DVec3] {
         &self.vertices[bounding_range(node)]
     }
 
-    /// D, the support areas (m²) of the points of a node's [`bounding_hull`](Self::bounding_hull), in their order.
+    /// D, the support areas (m²) of the points of a node's [`bounding_hull`](Self::bounding_hull), in their
+    /// order.
     pub fn bounding_areas(&self, node: &Node) -> &[f64] {
         &self.support_areas[bounding_range(node)]
     }
@@ -180,8 +189,8 @@ impl Parts {
         &self.support_areas[node.vertices.start as usize..node.vertices.end as usize]
     }
 
-    /// The hierarchy of the object made larger by a factor about its frame's origin; `None` if the factor is not positive
-    /// and finite, or so large or small that lengths or areas are lost.
+    /// The hierarchy of the object made larger by a factor about its frame's origin; `None` if the factor is
+    /// not positive and finite, or so large or small that lengths or areas are lost.
     pub fn scaled(&self, factor: f64) -> Option<Self> {
         let areas = factor * factor;
         let volumes = areas * factor;

@@ -1,4 +1,4 @@
-//! What a contact query reports.
+//! Contacts, as a contact query reports them.
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -12,8 +12,8 @@ pub struct Contact {
     pub scene_point: DVec3,
     /// **n**: unit normal that points out of the grasped object.
     pub normal: DVec3,
-    /// δ: penetration depth, m. Positive when **p** lies inside the scene object; negative, and then minus the
-    /// separation distance, when it lies outside but closer than the query's tolerance.
+    /// δ: penetration depth, m. Positive when **p** lies inside the scene object; negative, and then minus
+    /// the separation distance, when it lies outside but closer than the query's tolerance.
     pub depth: f64,
 }
 

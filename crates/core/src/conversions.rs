@@ -1,4 +1,4 @@
-//! Rigid motions from and to the types of others.
+//! Conversions of rigid motions from and to the types of other crates.
 
 use glam::{DAffine3, DMat4};
 #[cfg(any(feature = "mint", feature = "nalgebra"))]
@@ -30,7 +30,7 @@ fn to_mint(DVec3 { x, y, z }: DVec3) -> mint::Vector3<f64> {
     mint::Vector3 { x, y, z }
 }
 
-/// Translation (m) and unit quaternion.
+/// Pose from a translation (m) and a unit quaternion.
 #[cfg(feature = "mint")]
 impl From<(mint::Vector3<f64>, mint::Quaternion<f64>)> for Pose {
     fn from((translation, rotation): (mint::Vector3<f64>, mint::Quaternion<f64>)) -> Self {
@@ -53,7 +53,7 @@ impl From<Pose> for mint::ColumnMatrix4<f64> {
     }
 }
 
-/// Linear (m/s) and angular (rad/s) velocity.
+/// Twist from a linear (m/s) and an angular (rad/s) velocity.
 #[cfg(feature = "mint")]
 impl From<(mint::Vector3<f64>, mint::Vector3<f64>)> for Twist {
     fn from((linear, angular): (mint::Vector3<f64>, mint::Vector3<f64>)) -> Self {
@@ -68,7 +68,7 @@ impl From<Twist> for (mint::Vector3<f64>, mint::Vector3<f64>) {
     }
 }
 
-/// Force (N) and torque (N·m).
+/// Wrench from a force (N) and a torque (N·m).
 #[cfg(feature = "mint")]
 impl From<Wrench> for (mint::Vector3<f64>, mint::Vector3<f64>) {
     fn from(wrench: Wrench) -> Self {

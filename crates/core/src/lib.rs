@@ -1,9 +1,9 @@
 //! The vocabulary of palpate: rigid motions ([`Pose`], [`Twist`], [`Wrench`]), [`Contact`]s, triangle meshes
-//! ([`TriMesh`], its adjacency, mass properties and validation report) and the dual hierarchy [`Clod`] with its file
-//! format.
+//! ([`TriMesh`], its adjacency, mass properties and validation report) and the dual hierarchy [`Clod`] with
+//! its file format.
 //!
-//! SI units everywhere (m, kg, s, N, N·m, rad), right-handed axes, quaternions in the order x, y, z, w. Vectors are
-//! in world axes unless a field says otherwise.
+//! SI units everywhere (m, kg, s, N, N·m, rad), right-handed axes, quaternions in the order x, y, z, w.
+//! Vectors are in world axes unless a field says otherwise.
 
 pub mod clod;
 mod contact;

@@ -28,7 +28,7 @@ pub struct TriMesh {
 /// Why a mesh was refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MeshError {
-    /// A triangle names a vertex that the mesh has not.
+    /// A triangle names a vertex that the mesh does not have.
     #[error("triangle {triangle} refers to vertex {vertex}, but the mesh has {vertices} vertices")]
     IndexOutOfRange {
         /// Index of the first such triangle.
@@ -38,14 +38,15 @@ pub enum MeshError {
         /// Number of vertices in the mesh.
         vertices: usize,
     },
-    /// More vertices than 32-bit indices can name, or more triangles than have half-edges that 32-bit indices can name.
+    /// More vertices than 32-bit indices can name, or more triangles than have half-edges that 32-bit indices
+    /// can name.
     #[error("the mesh has {count} {what}; at most {limit} are supported: split or simplify it")]
     TooLarge {
         /// `"vertices"` or `"triangles"`.
         what: &'static str,
-        /// How many there are.
+        /// Number of them.
         count: usize,
-        /// How many there may be.
+        /// Largest number supported.
         limit: usize,
     },
     /// A triangle has a vertex that is infinite or not a number.
@@ -91,7 +92,7 @@ pub enum MeshError {
         "part of the surface faces inwards, more than can be cavities: reverse the shells that do (repair may do)"
     )]
     PartlyInverted,
-    /// A density that is not a positive finite number.
+    /// The density is not a positive finite number.
     #[error("the density must be a positive finite number of kg/m³")]
     BadDensity,
     /// The mass properties do not fit into 64-bit floating-point numbers.
@@ -99,15 +100,16 @@ pub enum MeshError {
     OutOfRange,
 }
 
-/// The most triangles a mesh may have: each has three half-edges, named by 32-bit indices of which the last is reserved.
+/// Largest number of triangles of a mesh: each has three half-edges, named by 32-bit indices of which the
+/// last is reserved.
 const MAX_TRIANGLES: usize = (u32::MAX / 3) as usize - 1;
 
 impl TriMesh {
     /// A mesh from vertex positions (m) and triangles of vertex indices.
     ///
     /// # Errors
-    /// If a triangle names a vertex that is not there, or there are 2³² − 1 or more vertices or a third as many
-    /// triangles. Nothing else is required of the mesh: see the validation report for the rest.
+    /// If a triangle names a vertex that is not there, or there are 2³² − 1 or more vertices or a third as
+    /// many triangles. Nothing else is required of the mesh: see the validation report for the rest.
     pub fn new(vertices: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Result<Self, MeshError> {
         for (what, count, limit) in [
             ("vertices", vertices.len(), u32::MAX as usize - 1),

@@ -15,7 +15,7 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// The world frame itself.
+    /// The pose of the world frame.
     pub const IDENTITY: Self = Self { translation: DVec3::ZERO, rotation: DQuat::IDENTITY };
 
     /// A pose from its parts; `rotation` must be of unit length.
@@ -89,8 +89,8 @@ impl Mul for Pose {
 
 /// The rotation vector (rad) of a unit quaternion, the short way round: its length is at most π.
 ///
-/// The dissertation's Eq. 5.18 as corrected: u = 2 atan2(‖q_xyz‖, q_s) q_xyz / ‖q_xyz‖, with the sign of q flipped
-/// when q_s < 0 and the series 2 q_xyz (1 + ‖q_xyz‖²/6) near zero.
+/// The dissertation's Eq. 5.18 as corrected: u = 2 atan2(‖q_xyz‖, q_s) q_xyz / ‖q_xyz‖, with the sign of q
+/// flipped when q_s < 0 and the series 2 q_xyz (1 + ‖q_xyz‖²/6) near zero.
 #[inline]
 pub fn rotation_vector(q: DQuat) -> DVec3 {
     let q = if q.w < 0.0 { -q } else { q };
@@ -112,7 +112,7 @@ pub struct Twist {
 }
 
 impl Twist {
-    /// At rest.
+    /// The twist of a body at rest.
     pub const ZERO: Self = Self { linear: DVec3::ZERO, angular: DVec3::ZERO };
 
     /// A twist from its parts.
@@ -154,7 +154,8 @@ impl Wrench {
         Self { force, torque: arm.cross(force) }
     }
 
-    /// The same wrench about another reference point, which lies at `offset` (m, world axes) from the present one.
+    /// The same wrench about another reference point, which lies at `offset` (m, world axes) from the present
+    /// one.
     pub fn about(&self, offset: DVec3) -> Self {
         Self { force: self.force, torque: self.torque - offset.cross(self.force) }
     }
@@ -233,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn composition_and_inverse_act_as_on_points() {
+    fn composition_and_inverse_agree_with_points() {
         let a = Pose::new(DVec3::new(1.0, 2.0, 3.0), DQuat::from_scaled_axis(axis()));
         let b = Pose::new(DVec3::new(-0.4, 0.1, 9.0), DQuat::from_rotation_y(2.0));
         let p = DVec3::new(0.2, -7.0, 0.5);

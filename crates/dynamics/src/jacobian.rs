@@ -35,24 +35,6 @@ impl Block6 {
         }
     }
 
-    /// Every entry times `factor`.
-    pub(crate) fn scaled(&self, factor: f64) -> Self {
-        Self {
-            force_linear: self.force_linear * factor,
-            force_angular: self.force_angular * factor,
-            torque_linear: self.torque_linear * factor,
-            torque_angular: self.torque_angular * factor,
-        }
-    }
-
-    /// The rows of the 6×6 matrix.
-    pub(crate) fn to_rows(self) -> [[f64; 6]; 6] {
-        let row = |left: DVec3, right: DVec3| [left.x, left.y, left.z, right.x, right.y, right.z];
-        let force = |i| row(self.force_linear.row(i), self.force_angular.row(i));
-        let torque = |i| row(self.torque_linear.row(i), self.torque_angular.row(i));
-        [force(0), force(1), force(2), torque(0), torque(1), torque(2)]
-    }
-
     /// The outer product of a wrench direction (force part, torque part) with a row (linear part, angular
     /// part).
     pub(crate) fn outer(wrench: (DVec3, DVec3), row: (DVec3, DVec3)) -> Self {

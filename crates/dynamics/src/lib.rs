@@ -6,8 +6,8 @@
 //! ([`LinearContactModel`]), and gives the body's next state and the wrench for the device. The step
 //! allocates nothing, takes no lock, never panics and never gives NaN: what it cannot compute it refuses,
 //! with the state held and a reason in [`StepStatus`].
-//! [`IntegratorKind`] has other integrators under the same rules, to compare with. A tool of two bodies with a hinge between
-//! them takes [`articulated_step`].
+//! Other methods take its place as an [`Integrator`]; the feature `integrators` has some to compare with. A tool of two bodies with a
+//! hinge between them takes [`articulated_step`].
 //!
 //! # Conventions
 //!
@@ -82,10 +82,11 @@ pub use contact::{
     PlaneConstraint, SurfaceMotion,
 };
 pub use coupling::{CouplingResponse, DeviceMotion, VirtualCoupling};
+#[cfg(feature = "integrators")]
 pub use integrators::{
-    ForwardEuler, FullyImplicit, Integrator, IntegratorKind, QuasiStatic, RungeKutta4, SemiImplicit,
-    SymplecticEuler, UnknownIntegrator,
+    ForwardEuler, FullyImplicit, IntegratorKind, QuasiStatic, RungeKutta4, SymplecticEuler, UnknownIntegrator,
 };
+pub use integrators::{Integrator, SemiImplicit};
 pub use jacobian::{Block6, WrenchJacobian};
 pub use mapping::DeviceMapping;
 pub use passivity::{PassivityController, PassivityObserver};

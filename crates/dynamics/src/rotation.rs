@@ -23,11 +23,11 @@ pub(crate) fn cross_columns(a: DVec3, m: &DMat3) -> DMat3 {
 }
 
 /// Below this θ² the coefficients come from five terms of their series, whose remainder is below rounding.
-const SERIES_BELOW: f64 = 0.01;
+pub(crate) const SERIES_BELOW: f64 = 0.01;
 
 /// The coefficients (a, b, c) above for a squared angle.
 #[inline(always)]
-fn coefficients(t: f64) -> (f64, f64, f64) {
+pub(crate) fn coefficients(t: f64) -> (f64, f64, f64) {
     if t < SERIES_BELOW {
         let a = 1.0 - t / 6.0 * (1.0 - t / 20.0 * (1.0 - t / 42.0 * (1.0 - t / 72.0)));
         let b = 0.5 * (1.0 - t / 12.0 * (1.0 - t / 30.0 * (1.0 - t / 56.0 * (1.0 - t / 90.0))));
@@ -40,25 +40,7 @@ fn coefficients(t: f64) -> (f64, f64, f64) {
     (a, (1.0 - cosine) / t, (1.0 - a) / t)
 }
 
-/// The coefficients (a, b) above for a squared angle, and their derivatives by it.
-pub(crate) fn turn_coefficients(t: f64) -> ((f64, f64), (f64, f64)) {
-    let (a, b, c) = coefficients(t);
-    if t < SERIES_BELOW {
-        let a_slope = -(1.0 - t / 10.0 * (1.0 - t / 28.0 * (1.0 - t / 54.0))) / 6.0;
-        let b_slope = -(1.0 - t / 15.0 * (1.0 - t * 3.0 / 112.0 * (1.0 - t / 67.5))) / 24.0;
-        return ((a, b), (a_slope, b_slope));
-    }
-    // cos θ = 1 − b t, and 1 − a = c t.
-    ((a, b), (0.5 * (c - b), (0.5 * a - b) / t))
-}
-
-/// J_l(u): the rotation, in world axes, that a change of the rotation vector `u` (rad) makes.
-pub(crate) fn left_jacobian(u: DVec3) -> DMat3 {
-    let (_, b, c) = coefficients(u.length_squared());
-    DMat3::IDENTITY + skew(u) * b + skew_skew(u, u) * c
-}
-
-/// exp(u*) − 1 and the [`left_jacobian`], of a rotation vector `u` (rad). The 1 is left out so that small
+/// exp(u*) − 1 and J_l(u), of a rotation vector `u` (rad); J_l is the rotation, in world axes, that a change of `u` makes. The 1 is left out so that small
 /// rotations keep their digits.
 #[inline(always)]
 pub(crate) fn exponential(u: DVec3) -> (DMat3, DMat3) {
@@ -132,7 +114,7 @@ mod tests {
             let u = axis() * angle;
             let q = DQuat::from_scaled_axis(u);
             let left = differences(|d| rotation_vector(DQuat::from_scaled_axis(u + d) * q.conjugate()));
-            assert!(distance(left_jacobian(u), left) < 1e-8, "J_l at angle {angle}");
+            assert!(distance(exponential(u).1, left) < 1e-8, "J_l at angle {angle}");
             let right = differences(|d| rotation_vector(q * DQuat::from_scaled_axis(d)));
             assert!(distance(inverse_right_jacobian(u), right) < 1e-8, "inverse of J_r at angle {angle}");
         }
@@ -142,7 +124,7 @@ mod tests {
     fn series_and_closed_form_meet() {
         let root = SERIES_BELOW.sqrt();
         let (below, above) = (axis() * (root * (1.0 - 1e-12)), axis() * (root * (1.0 + 1e-12)));
-        assert!(distance(left_jacobian(below), left_jacobian(above)) < 1e-12);
+        assert!(distance(exponential(below).1, exponential(above).1) < 1e-12);
         assert!(distance(inverse_right_jacobian(below), inverse_right_jacobian(above)) < 1e-12);
         assert!(distance(exponential(below).0, exponential(above).0) < 1e-12);
     }

@@ -9,6 +9,7 @@ use wide::f32x4;
 
 use crate::bricks::DistanceField;
 use crate::exact::ExactDistance;
+use crate::format::{FormatError, Reader, Writer};
 use crate::samples::SurfaceSamples;
 
 /// Of the room that a body may take, its field gets this part, and the samples the rest.
@@ -93,6 +94,33 @@ impl FieldBody {
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
         self.field.bytes() + self.samples.bytes()
+    }
+
+    /// Writes the body as bytes.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let mut writer = Writer::with_capacity(self.bytes());
+        writer.vec(self.center);
+        writer.f64([self.radius, self.error]);
+        self.field.write(&mut writer);
+        self.samples.write(&mut writer);
+        writer.finish()
+    }
+
+    /// Reads the body that [`to_bytes`](Self::to_bytes) wrote.
+    ///
+    /// # Errors
+    /// If the bytes are not those of a body, are damaged, or have another version of the format.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormatError> {
+        let mut reader = Reader::new(bytes)?;
+        let body = Self {
+            center: reader.vec()?,
+            radius: reader.positive()?,
+            error: reader.f64()?,
+            field: DistanceField::read_from(&mut reader)?,
+            samples: SurfaceSamples::read_from(&mut reader)?,
+        };
+        reader.finish()?;
+        Ok(body)
     }
 }
 

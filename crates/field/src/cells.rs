@@ -2,7 +2,7 @@
 
 use glam::Vec3A;
 
-use crate::selection::Sample;
+use crate::samples::Sample;
 
 /// No cell yet.
 const NONE: u32 = u32::MAX;

@@ -3,7 +3,7 @@
 use wide::f32x4;
 
 use crate::cells::ContactSample;
-use crate::selection::Sample;
+use crate::samples::Sample;
 use crate::side::Side;
 
 /// No sample.

@@ -15,8 +15,6 @@
 use glam::{DVec3, UVec3};
 use wide::f32x4;
 
-use crate::body::FieldBody;
-
 const MAGIC: [u8; 8] = *b"palpfeld";
 const VERSION: u32 = 1;
 const HEADER_BYTES: usize = 24;
@@ -44,6 +42,22 @@ pub enum FormatError {
 pub(crate) struct Writer(Vec<u8>);
 
 impl Writer {
+    /// A writer with room for a number of bytes.
+    pub fn with_capacity(bytes: usize) -> Self {
+        Self(Vec::with_capacity(bytes))
+    }
+
+    /// What was written, with the header before it.
+    pub fn finish(mut self) -> Vec<u8> {
+        let mut all = Self::with_capacity(HEADER_BYTES + self.0.len());
+        all.u8(MAGIC);
+        all.u32([VERSION]);
+        all.u8((self.0.len() as u64).to_le_bytes());
+        all.u32([crc32fast::hash(&self.0)]);
+        all.0.append(&mut self.0);
+        all.0
+    }
+
     pub fn u8(&mut self, values: impl IntoIterator<Item = u8>) {
         self.0.extend(values);
     }
@@ -75,6 +89,24 @@ impl Writer {
 pub(crate) struct Reader<'a>(&'a [u8]);
 
 impl<'a> Reader<'a> {
+    /// A reader of the body, once the header before it is checked.
+    pub fn new(bytes: &'a [u8]) -> Result<Self, FormatError> {
+        let mut reader = Reader(bytes.strip_prefix(&MAGIC).ok_or(FormatError::NotAField)?);
+        let found = reader.u32()?;
+        if found != VERSION {
+            return Err(FormatError::Version { found });
+        }
+        let length = u64::from_le_bytes(reader.array()?);
+        let stored = reader.u32()?;
+        let is_whole = length == reader.0.len() as u64 && stored == crc32fast::hash(reader.0);
+        is_whole.then_some(reader).ok_or(FormatError::Damaged)
+    }
+
+    /// Checks that nothing is left to read.
+    pub fn finish(self) -> Result<(), FormatError> {
+        if self.0.is_empty() { Ok(()) } else { Err(FormatError::Damaged) }
+    }
+
     /// Of a number of records of so many bytes each.
     pub fn bytes(&mut self, count: usize, each: usize) -> Result<&'a [u8], FormatError> {
         let length = count.checked_mul(each).ok_or(FormatError::Damaged)?;
@@ -128,53 +160,6 @@ impl<'a> Reader<'a> {
     }
 }
 
-impl FieldBody {
-    /// The body as bytes.
-    pub fn to_bytes(&self) -> Vec<u8> {
-        let mut body = Writer(Vec::with_capacity(self.bytes()));
-        body.vec(self.center);
-        body.f64([self.radius, self.error]);
-        self.field.write(&mut body);
-        self.samples.write(&mut body);
-        let mut all = Writer(Vec::with_capacity(HEADER_BYTES + body.0.len()));
-        all.u8(MAGIC);
-        all.u32([VERSION]);
-        all.u8((body.0.len() as u64).to_le_bytes());
-        all.u32([crc32fast::hash(&body.0)]);
-        all.0.append(&mut body.0);
-        all.0
-    }
-
-    /// The body that some bytes are of.
-    ///
-    /// # Errors
-    /// If they are not what [`to_bytes`](Self::to_bytes) gave, by this version of the format.
-    pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormatError> {
-        let mut reader = Reader(bytes);
-        if !bytes.starts_with(&MAGIC) {
-            return Err(FormatError::NotAField);
-        }
-        reader.bytes(1, MAGIC.len())?;
-        let found = reader.u32()?;
-        if found != VERSION {
-            return Err(FormatError::Version { found });
-        }
-        let length = u64::from_le_bytes(reader.array()?);
-        let stored = reader.u32()?;
-        if length != reader.0.len() as u64 || stored != crc32fast::hash(reader.0) {
-            return Err(FormatError::Damaged);
-        }
-        let body = Self {
-            center: reader.vec()?,
-            radius: reader.positive()?,
-            error: reader.f64()?,
-            field: crate::bricks::DistanceField::read_from(&mut reader)?,
-            samples: crate::samples::SurfaceSamples::read_from(&mut reader)?,
-        };
-        if reader.0.is_empty() { Ok(body) } else { Err(FormatError::Damaged) }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use palpate_models::Model;
@@ -182,7 +167,7 @@ mod tests {
     use rand::{RngExt as _, SeedableRng as _};
 
     use super::*;
-    use crate::body::FieldOptions;
+    use crate::body::{FieldBody, FieldOptions};
 
     #[test]
     fn a_body_survives_its_bytes_and_damage_is_told() {

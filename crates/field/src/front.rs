@@ -4,9 +4,9 @@ use std::ops::Range;
 
 use wide::f32x4;
 
-use crate::samples::SurfaceSamples;
-use crate::sampling::Sampling;
-use crate::selection::{Sample, Selection};
+use crate::samples::{Sample, SurfaceSamples};
+use crate::sampling::{Sampling, Touch};
+use crate::selection::Selection;
 use crate::side::{Side, bits};
 use crate::slack::{Clocks, Known, LastRead, after, steps_per};
 
@@ -53,22 +53,6 @@ struct Open {
 
 /// Regions that are no further out of reach than this are near, in reaches.
 pub const FURTHER: f32 = 2.0;
-
-/// A sample within reach.
-#[derive(Clone, Copy, Debug)]
-pub struct Touch {
-    /// Among the samples of the level.
-    index: u32,
-    /// How far within reach, in reaches.
-    pub reach: f32,
-    /// What it stands for among the samples that are looked at, as a part of a cell's squared edge: in these units nothing is too small
-    /// for single precision.
-    pub area: f32,
-    /// What it stands for in the selection, likewise.
-    counted: f32,
-    /// The cube that the first of its four is in, by which it is decided how much it counts.
-    pub place: u32,
-}
 
 /// The two of four samples that are read first, bit by bit: one of the first two, one of the last two, at random.
 #[inline]

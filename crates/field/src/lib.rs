@@ -12,6 +12,7 @@ mod query;
 mod samples;
 mod sampling;
 mod selection;
+mod selector;
 mod side;
 mod slack;
 mod steady;

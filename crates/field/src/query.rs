@@ -1,6 +1,6 @@
 //! Representative contacts: integrals over the area of contact, a cell of the probe's surroundings and a direction at a time.
 //!
-//! Samples of either surface are asked for their distance from the other body: those that were [selected](crate::selection) at a pose
+//! Samples of either surface are asked for their distance from the other body: those that were [selected](crate::selector) at a pose
 //! that the bodies have not moved far from.
 
 use std::time::{Duration, Instant};
@@ -14,7 +14,8 @@ use crate::body::FieldBody;
 use crate::cells::{Cell, Cells, ContactSample};
 use crate::deepest::deepest_around;
 use crate::front::{FURTHER, Front, SLACK, STEEPEST};
-use crate::selection::{Held, SelectedFour, Selector};
+use crate::selection::{Held, SelectedFour};
+use crate::selector::Selector;
 use crate::side::Side;
 use crate::slack::{changes, motion_bound};
 use crate::steady::Steady;

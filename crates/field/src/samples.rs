@@ -8,7 +8,6 @@ use rayon::prelude::*;
 use wide::{f32x4, i32x4};
 
 use crate::format::{FormatError, Reader, Writer};
-use crate::selection::Sample;
 
 /// A surface is cut into fragments no longer than this part of the samples' spacing, so that its parts have equal areas.
 const FRAGMENT: f64 = 0.75;
@@ -22,6 +21,14 @@ const CHOICES: usize = 128;
 const SEED: u64 = 0x5A3B;
 /// More fragments than this are divided side by side.
 const MANY: usize = 4096;
+
+/// A sample of a body's surface.
+#[derive(Clone, Copy, Debug)]
+pub struct Sample {
+    pub level: u8,
+    /// Among the samples of the level.
+    pub index: u32,
+}
 
 /// Points on a surface in levels, of which each has a quarter of the points of the one below, and each of its points stands for
 /// an equal part of the surface: point i for what the points 4 i to 4 i + 3 of the level below stand for.

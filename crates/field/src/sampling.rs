@@ -7,12 +7,26 @@
 use glam::UVec3;
 use wide::f32x4;
 
-use crate::front::Touch;
-
 /// Samples around each place, at least: fewer may be as deep as one another by chance.
 const FEWEST: f32 = 4.0;
 /// Samples begin to count where there are as many as are needed, and count in full where there are this part more.
 const BLEND: f32 = 0.5;
+
+/// A sample within reach.
+#[derive(Clone, Copy, Debug)]
+pub struct Touch {
+    /// Among the samples of the level.
+    pub index: u32,
+    /// How far within reach, in reaches.
+    pub reach: f32,
+    /// What it stands for among the samples that are looked at, as a part of a cell's squared edge: in these units nothing is too small
+    /// for single precision.
+    pub area: f32,
+    /// What it stands for in the selection, likewise.
+    pub counted: f32,
+    /// The cube that the first of its four is in, by which it is decided how much it counts.
+    pub place: u32,
+}
 
 /// A cube of the probe's surroundings. With w how much of a sample counts and p = w a (δ + d), sums are those of p, p² / w and
 /// p (δ + d).

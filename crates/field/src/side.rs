@@ -6,8 +6,7 @@ use wide::f32x4;
 
 use crate::bricks::DistanceField;
 use crate::cells::ContactSample;
-use crate::samples::SurfaceSamples;
-use crate::selection::Sample;
+use crate::samples::{Sample, SurfaceSamples};
 
 /// One body's samples in the other's field.
 pub struct Side<'a> {

@@ -1,12 +1,13 @@
 //! Sessions on a simulated clock with a full record.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 use std::time::Instant;
 
 use palpate::device::{
     Emulation, HapticDevice, IntendedPath, Interpolation, Keyframe, MotionPath, ReplayDevice,
 };
-use palpate::dynamics::BodyState;
+use palpate::dynamics::{BodyState, IntegratorKind};
 use palpate::{HapticRenderer, Object, Pose, Record, Scene, Settings};
 
 use crate::error::MeasureError;
@@ -52,6 +53,8 @@ pub struct Experiment<'a> {
     pub scene: &'a Scene,
     /// Settings of the session.
     pub settings: Settings,
+    /// Integrator of the object's motion.
+    pub integrator: IntegratorKind,
     /// Rate of contact queries, Hz; each takes its whole period.
     pub contact_rate: f64,
     /// Whether the contact force stays constant after a query, instead of following its linear model.
@@ -131,9 +134,10 @@ impl Experiment<'_> {
     }
 
     fn run(&self, device: Box<dyn HapticDevice>) -> Result<Trace, MeasureError> {
-        let Self { probe, scene, settings, contact_rate, frozen, seconds } = self;
+        let Self { probe, scene, settings, integrator, contact_rate, frozen, seconds } = self;
         let grasp = settings.tool.grasp.unwrap_or(Pose::from_translation(probe.clod.source.center_of_mass));
-        let renderer = HapticRenderer::new((*probe).clone(), (*scene).clone(), device, *settings)?;
+        let mut renderer = HapticRenderer::new((*probe).clone(), (*scene).clone(), device, *settings)?;
+        renderer.set_integrator(Arc::new(*integrator));
         let (mut haptic, mut contact, mut device) = renderer.into_loops();
         let coupling_stiffness = haptic.coupling().linear_stiffness;
         let floor = 2.0 * settings.device.workspace_scale * device.specification().encoder_step;

@@ -48,9 +48,9 @@ impl Outcome {
 }
 
 /// Ratio of amplitudes half a second apart below which a motion decays.
-const MAX_RATIO_HALF_SECOND: f64 = 0.8;
+const HALF_SECOND_RATIO: f64 = 0.8;
 /// Ratio of amplitudes a quarter of a second apart below which a motion decays.
-const MAX_RATIO_QUARTER_SECOND: f64 = 0.97;
+const QUARTER_SECOND_RATIO: f64 = 0.97;
 
 /// Judges a motion by its last second, a sequence of samples of all coordinates. Returns the outcome and the
 /// amplitude in the last half second.
@@ -67,9 +67,9 @@ pub fn judge<const N: usize>(last_second: &[[f64; N]], floor: f64) -> (Outcome, 
     let finite = amplitudes.iter().flatten().all(|amplitude| amplitude.is_finite());
     let [first, middle, last] = amplitudes;
     let falls = |i: usize| {
-        last[i] < MAX_RATIO_HALF_SECOND * first[i]
-            && last[i] < MAX_RATIO_QUARTER_SECOND * middle[i]
-            && middle[i] < MAX_RATIO_QUARTER_SECOND * first[i]
+        last[i] < HALF_SECOND_RATIO * first[i]
+            && last[i] < QUARTER_SECOND_RATIO * middle[i]
+            && middle[i] < QUARTER_SECOND_RATIO * first[i]
     };
     let outcome = if !finite {
         Outcome::Diverged

@@ -24,4 +24,4 @@ pub use judge::{Outcome, judge};
 pub use margin::{MAX_EXPONENT, MIN_EXPONENT, pressed, stability_margin};
 pub use profile::{BodyPath, Profile, contact_loop, penetration};
 pub use recommend::{Choice, Hand, Measured, Recommendation, Request, choices, recommend};
-pub use statistics::{mean, quantile};
+pub use statistics::{correlation, mean, quantile};

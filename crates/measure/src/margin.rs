@@ -1,5 +1,6 @@
 //! Stability margin: how much stiffer contacts could be before a held object no longer comes to rest.
 
+use palpate::dynamics::IntegratorKind;
 use palpate::settings::ContactSettings;
 use palpate::{Object, Pose, Scene, Settings};
 
@@ -51,7 +52,7 @@ pub fn pressed(trace: &Trace, path: &BodyPath, profile: &Profile, probe: &Object
 pub fn stability_margin(
     probe: &Object,
     scene: &Scene,
-    settings: &Settings,
+    (settings, integrator): (&Settings, IntegratorKind),
     held: Pose,
     contact_rate: f64,
 ) -> Result<f64, MeasureError> {
@@ -65,7 +66,7 @@ pub fn stability_margin(
             },
             ..*settings
         };
-        comes_to_rest(probe, scene, settings, held, contact_rate)
+        comes_to_rest(probe, scene, (settings, integrator), held, contact_rate)
     };
     // Most objects are stable up to the largest factor, so it is tried first.
     if stable(MAX_EXPONENT)? {
@@ -87,18 +88,12 @@ pub fn stability_margin(
 fn comes_to_rest(
     probe: &Object,
     scene: &Scene,
-    settings: Settings,
+    (settings, integrator): (Settings, IntegratorKind),
     held: Pose,
     contact_rate: f64,
 ) -> Result<bool, MeasureError> {
-    let experiment = Experiment {
-        probe,
-        scene,
-        settings,
-        contact_rate,
-        frozen: false,
-        seconds: SETTLING_TIME + JUDGED_TIME,
-    };
+    let seconds = SETTLING_TIME + JUDGED_TIME;
+    let experiment = Experiment { probe, scene, settings, integrator, contact_rate, frozen: false, seconds };
     let trace = experiment.emulate(held)?;
     let judged = (JUDGED_TIME * settings.timing.rate) as usize;
     if !trace.is_stable() || trace.samples.len() < judged {

@@ -11,6 +11,7 @@
 //! reference is picked.
 
 use palpate::device::{IntendedPath, MotionPath, Task};
+use palpate::dynamics::IntegratorKind;
 use palpate::representative::FINEST_ERROR;
 use palpate::settings::{ContactSearch, DetailSettings, SearchSettings};
 use palpate::{Object, Scene, Settings, explore};
@@ -217,7 +218,8 @@ pub fn recommend(
     let exact_settings = exact_choice.applied_to(settings);
     let render = |settings: Settings, contact_rate: f64| -> Result<Trace, MeasureError> {
         let seconds = *seconds;
-        Experiment { probe, scene, settings, contact_rate, frozen: false, seconds }
+        let integrator = IntegratorKind::default();
+        Experiment { probe, scene, settings, integrator, contact_rate, frozen: false, seconds }
             .emulate(hand.intended(probe, scene)?)
     };
     let reference = |exact: &Settings| -> Result<Reference, MeasureError> {
@@ -275,7 +277,8 @@ pub fn recommend(
 
     let settings = chosen.choice.applied_to(settings);
     let held = pressed(&by_levels.trace, &by_levels.path, &by_levels.profile, probe);
-    let stability_margin = stability_margin(probe, scene, &settings, held, chosen.contact_rate)?;
+    let stability_margin =
+        stability_margin(probe, scene, (&settings, IntegratorKind::default()), held, chosen.contact_rate)?;
     let haptic_step = quantile(&by_levels.trace.step_times, 0.999);
     progress(1.0);
     Ok(Recommendation {

@@ -1,4 +1,4 @@
-//! What can go wrong while a mesh file is read: each message is one line that says what, where and what to do.
+//! Errors of reading a mesh file. Each message is one line that says what is wrong, where, and what to do.
 
 use std::path::PathBuf;
 
@@ -10,7 +10,7 @@ pub enum LoadError {
     Read {
         /// The file that could not be read.
         file: PathBuf,
-        /// What the operating system said.
+        /// The operating system's error.
         source: std::io::Error,
     },
     /// The extension is not one of a supported format.
@@ -18,10 +18,10 @@ pub enum LoadError {
     UnknownFormat {
         /// The file.
         file: PathBuf,
-        /// What is wrong with its name.
+        /// The defect of its name.
         what: String,
     },
-    /// The scale is not a number that lengths can be multiplied by.
+    /// The scale is not a positive finite number.
     #[error("{}: the scale {scale} is not usable; give a finite number above zero (0.001 for a file in millimetres)", .file.display())]
     Scale {
         /// The file that was to be scaled.
@@ -34,21 +34,21 @@ pub enum LoadError {
     Malformed {
         /// The file.
         file: PathBuf,
-        /// Where in the file: a line, an element, a byte offset.
+        /// Place in the file: a line, an element, a byte offset.
         place: String,
-        /// What is wrong there.
+        /// The defect there.
         reason: String,
-        /// What to do about it.
+        /// Advice on what to do about it.
         remedy: &'static str,
     },
-    /// The file uses a part of its format that is not read here.
+    /// The file uses a part of its format that is not supported.
     #[error("{}: uses {feature}, which is not supported; {remedy}", .file.display())]
     Unsupported {
         /// The file.
         file: PathBuf,
         /// Name of the feature or extension.
         feature: String,
-        /// What to do about it.
+        /// Advice on what to do about it.
         remedy: &'static str,
     },
     /// The file holds no surface.
@@ -56,7 +56,7 @@ pub enum LoadError {
     NoTriangles {
         /// The file.
         file: PathBuf,
-        /// What it holds instead.
+        /// The file's actual content.
         found: String,
     },
     /// A triangle uses a vertex with a coordinate that is infinite or not a number.
@@ -78,16 +78,17 @@ pub enum LoadError {
         /// Its z coordinate.
         z: f64,
     },
-    /// A mesh with texture coordinates was asked for, but they are missing, or not finite, or could not be kept.
+    /// A mesh with texture coordinates was requested, but they are missing, or not finite, or could not be
+    /// kept.
     #[error("{}: {place}: {reason}; {remedy}", .file.display())]
     TextureCoordinates {
         /// The file.
         file: PathBuf,
-        /// Where in the file: a line, a primitive, a triangle.
+        /// Place in the file: a line, a primitive, a triangle.
         place: String,
-        /// What is wrong there.
+        /// The defect there.
         reason: String,
-        /// What to do about it.
+        /// Advice on what to do about it.
         remedy: &'static str,
     },
     /// More vertices or triangles than 32-bit indices can name.
@@ -95,7 +96,7 @@ pub enum LoadError {
     TooLarge {
         /// The file.
         file: PathBuf,
-        /// Which, and how many.
+        /// The elements, and their number.
         source: palpate_core::mesh::MeshError,
     },
 }

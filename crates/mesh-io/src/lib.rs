@@ -1,4 +1,5 @@
-//! Mesh files for palpate: OBJ, glTF, STL and PLY loading, exact welding, repair, and exact intersection checks.
+//! Mesh files for palpate: OBJ, glTF, STL and PLY loading, exact welding, repair, and exact intersection
+//! checks.
 //!
 //! ```no_run
 //! use palpate_mesh_io::{LoadOptions, load, self_intersections};
@@ -11,12 +12,12 @@
 //! # Ok::<(), palpate_mesh_io::LoadError>(())
 //! ```
 //!
-//! Files come from anywhere: whatever the bytes, [`load`] and [`load_uv`] return a mesh or one line that says what is wrong, where,
-//! and what to do. It does not panic, its memory is bounded by the size of the files (and for glTF, whose nodes can
-//! repeat a mesh, by a limit of its own), and no file is walked recursively. The parsers of other crates (JSON and GLB of
-//! `gltf`, binary STL of `stl_io`, OBJ of `tobj`) get nothing whose lengths have not been checked. Indices, counts and
-//! offsets are resolved here, except for the indices of OBJ files, which `tobj` holds against what the file has; those on
-//! which it overflows are refused before.
+//! Files are not trusted: whatever the bytes, [`load`] and [`load_uv`] return a mesh or an error of one line
+//! that says what is wrong, where, and what to do. They do not panic or recurse, and their memory is bounded
+//! by the size of the files (and for glTF, whose nodes can repeat a mesh, by a limit of its own). The parsers
+//! of other crates (JSON and GLB of `gltf`, binary STL of `stl_io`, OBJ of `tobj`) get only data whose
+//! lengths are checked. Indices, counts and offsets are resolved here, except for the indices of OBJ files,
+//! which `tobj` checks; those on which it overflows are refused before.
 
 mod error;
 mod formats;

@@ -1,4 +1,4 @@
-//! From a file to a mesh: choosing the reader, units, finiteness, welding and repair.
+//! Loading a mesh file: choice of the reader, units, finiteness, welding and repair.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use crate::formats::surface::{Surface, Wanted};
 use crate::formats::{obj, ply, read_file, stl};
 use crate::{LoadError, LoadWarning, RepairSummary, repair, weld};
 
-/// How a mesh file is read.
+/// Options for loading a mesh file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoadOptions {
     /// Metres per unit of the file: 0.001 for one in millimetres. Finite and above zero; 1 by default.
@@ -28,27 +28,28 @@ impl Default for LoadOptions {
     }
 }
 
-/// A mesh as loaded, and what there is to say about it.
+/// A mesh as loaded, with warnings about it.
 #[derive(Clone, Debug)]
 pub struct LoadedMesh {
     /// The mesh, m. Every vertex is finite and used by a triangle.
     pub mesh: TriMesh,
     /// Vertices in the file (for glTF: placed in the scene), before welding, whether used or not.
     pub raw_vertices: usize,
-    /// What was left out or is doubtful, in the order in which it was found.
+    /// Warnings about content that was left out or is doubtful, in the order in which it was found.
     pub warnings: Vec<LoadWarning>,
-    /// What was repaired, when repair was asked for; if anything, it is among the warnings too.
+    /// Changes that repair made, if it was requested; if there are any, they are among the warnings too.
     pub repairs: Option<RepairSummary>,
 }
 
-/// Loads a mesh file; the extension (in either case) names the format: .obj, .stl or .ply, and with the feature `gltf` .gltf or .glb.
+/// Loads a mesh file; the extension (in either case) names the format: .obj, .stl or .ply, and with the
+/// feature `gltf` .gltf or .glb.
 ///
-/// The triangles keep the order of the file (for glTF, that of the scene's nodes, depth first). Degenerate and duplicate
-/// triangles are kept unless repair is asked for. The file is read whole into memory.
+/// The triangles keep the order of the file (for glTF, that of the scene's nodes, depth first). Degenerate
+/// and duplicate triangles are kept unless repair is asked for. The file is read whole into memory.
 ///
 /// # Errors
-/// See [`LoadError`]. A triangle with a coordinate that is not finite (also after scaling) is an error unless repair is
-/// asked for, which drops it; so is a mesh of which repair leaves nothing.
+/// See [`LoadError`]. A triangle with a coordinate that is not finite (also after scaling) is an error unless
+/// repair is asked for, which drops it; so is a mesh of which repair leaves nothing.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<LoadedMesh, LoadError> {
     finish(read(path, options, Wanted::Surface)?, path, options)
 }
@@ -109,7 +110,8 @@ fn no_coordinates(path: &Path, extension: &str) -> LoadError {
     }
 }
 
-/// Scales the vertices and makes a mesh of them. Those of triangles must be finite unless repair follows.
+/// Scales the vertices and makes a mesh of them. The vertices of triangles must be finite unless repair
+/// follows.
 pub(crate) fn scaled(
     mut vertices: Vec<DVec3>,
     triangles: Vec<[u32; 3]>,

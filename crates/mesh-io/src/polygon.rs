@@ -1,30 +1,31 @@
-//! Polygons into triangles, by ear clipping.
+//! Triangulation of polygons, by ear clipping.
 //!
-//! Every corner of the polygon stays a corner of some triangle, also one in the middle of a straight side: the polygon
-//! next to it may end there, and leaving it out would open a crack. (That is why no general-purpose triangulator is used:
-//! they drop such corners.) Signs are exact, so that a polygon with an ear is never taken for one without.
+//! Every corner of the polygon stays a corner of some triangle, also one in the middle of a straight side:
+//! the polygon next to it may end there, and leaving it out would open a crack. (That is why no
+//! general-purpose triangulator is used: they drop such corners.) Signs are exact, so that no ear is missed.
 
 use glam::DVec3;
 
 use crate::intersect::Plane;
 
-/// Corners times inward corners above which a polygon is cut without looking for ears: with fewer, the search takes
-/// below a second.
+/// Corners times inward corners above which a polygon is cut into a fan without a search for ears: below it,
+/// the search takes less than a second.
 const MAX_WORK: usize = 1 << 28;
 
-/// How a polygon came apart.
+/// Outcome of a triangulation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Cut {
-    /// Into triangles that cover it.
+    /// The triangles cover the polygon.
     Covered,
-    /// It crosses itself, touches itself or has no area, or is far too large to look for ears: a fan stands in for
-    /// (part of) it.
+    /// The polygon crosses itself, touches itself, has no area or is too large for the search for ears: it,
+    /// or part of it, is cut into a fan.
     Fan,
 }
 
-/// Appends the triangles of a polygon of at least three corners, given as vertex indices, in its orientation: each as
-/// the numbers of three of its corners. There are two fewer triangles than corners. Concave polygons are allowed; one that is not flat is cut as its projection along
-/// the coordinate axis closest to its mean normal (Newell's).
+/// Appends the triangles of a polygon of at least three corners, given as vertex indices, in its orientation,
+/// each as the numbers of three of its corners. There are two fewer triangles than corners. Concave polygons
+/// are allowed; one that is not flat is cut as its projection along the coordinate axis closest to its mean
+/// normal (Newell's).
 pub(crate) fn triangulate(polygon: &[u32], vertices: &[DVec3], triangles: &mut Vec<[usize; 3]>) -> Cut {
     if polygon.len() == 3 {
         triangles.push([0, 1, 2]);
@@ -40,7 +41,7 @@ pub(crate) fn triangulate(polygon: &[u32], vertices: &[DVec3], triangles: &mut V
     let mut next: Vec<usize> = (1..n).chain([0]).collect();
     let mut previous: Vec<usize> = [n - 1].into_iter().chain(0..n - 1).collect();
     let turn = |a: usize, b: usize, c: usize| facing.turn(at(a), at(b), at(c));
-    // Only corners that do not turn left can lie in an ear. A corner never becomes one of them when others are clipped.
+    // Only corners that do not turn left can lie in an ear. Clipping never makes a corner one of them.
     let mut inward: Vec<usize> = (0..n).filter(|&i| turn(previous[i], i, next[i]) <= 0).collect();
     let mut left = n;
     if n.saturating_mul(inward.len()) <= MAX_WORK {
@@ -54,8 +55,9 @@ pub(crate) fn triangulate(polygon: &[u32], vertices: &[DVec3], triangles: &mut V
                         && turn(a, b, p) >= 0
                         && turn(b, c, p) >= 0
                         && turn(c, a, p) >= 0
-                        // A corner at the same place as one of the ear's is where the outline touches itself (a hole
-                        // joined by a cut): only what lies beyond it could stand in the way, and is looked at itself.
+                        // A corner at the same place as one of the ear's is where the outline touches itself
+                        // (a hole joined by a cut): only corners beyond it can lie in the ear, and they are
+                        // tested themselves.
                         && ![at(a), at(b), at(c)].contains(&at(p))
                 });
             if is_ear {
@@ -65,7 +67,7 @@ pub(crate) fn triangulate(polygon: &[u32], vertices: &[DVec3], triangles: &mut V
                 left -= 1;
                 tried = 0;
                 inward.retain(|&p| p != b && turn(previous[p], p, next[p]) <= 0);
-                // Going on from the far side gives a fan on a convex polygon.
+                // Continuing from the far side gives a fan on a convex polygon.
                 corner = c;
             } else {
                 corner = c;
@@ -95,7 +97,7 @@ struct Facing {
 }
 
 impl Facing {
-    /// The plane most nearly across `normal`; none if that is zero or not a number.
+    /// The plane most nearly perpendicular to `normal`; `None` if that is zero or not a number.
     fn of(normal: DVec3) -> Option<Self> {
         let size = normal.abs();
         let largest = size.max_element();
@@ -128,8 +130,8 @@ mod tests {
 
     use super::*;
 
-    /// Cuts a flat polygon and checks what makes a cut right: as many triangles as there should be, all turning the
-    /// polygon's way, adding up to its area, and with its outline as their outline, edge by edge.
+    /// Cuts a flat polygon and checks the triangles: their number is right, all turn in the polygon's
+    /// direction, they add up to its area, and their outline is its outline, edge by edge.
     fn check(outline: &[DVec2], case: &str) {
         let n = outline.len();
         let area = |p: &[DVec2]| (0..p.len()).map(|i| p[i].perp_dot(p[(i + 1) % p.len()])).sum::<f64>() / 2.0;
@@ -231,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_outline_becomes_a_fan() {
+    fn invalid_outlines_become_fans() {
         let mut triangles = Vec::new();
         let line: Vec<DVec3> = (0..5).map(|i| DVec3::X * f64::from(i)).collect();
         assert_eq!(triangulate(&[0, 1, 2, 3, 4], &line, &mut triangles), Cut::Fan);
@@ -261,7 +263,7 @@ mod tests {
         let start = std::time::Instant::now();
         assert_eq!(triangulate(&polygon, &vertices, &mut triangles), Cut::Fan);
         assert_eq!(triangles.len(), vertices.len() - 2);
-        // A circle of as many corners is convex, and no work.
+        // A circle of as many corners is convex, and cheap to cut.
         let circle: Vec<DVec3> = (0..teeth)
             .map(|i| DVec2::from_angle(f64::from(i) / f64::from(teeth) * std::f64::consts::TAU).extend(0.0))
             .collect();

@@ -1,4 +1,4 @@
-//! From a file to a mesh with texture coordinates, and the image of fine detail that a glTF file may name.
+//! Loading a mesh with texture coordinates, and the image of fine detail that a glTF file may name.
 
 use std::path::Path;
 
@@ -10,18 +10,18 @@ use crate::formats::{gltf_scene, read_file};
 use crate::load::{read, scaled};
 use crate::{LoadError, LoadOptions, LoadWarning};
 
-/// A mesh with texture coordinates as loaded, and what there is to say about it.
+/// A mesh with texture coordinates as loaded, with warnings about it.
 #[derive(Clone, Debug)]
 pub struct LoadedUvMesh {
     /// The mesh (m) and its texture coordinates. Every vertex is finite and used by a triangle.
     pub mesh: UvMesh,
-    /// What was left out or is doubtful, in the order in which it was found.
+    /// Warnings about content that was left out or is doubtful, in the order in which it was found.
     pub warnings: Vec<LoadWarning>,
     /// The image of fine detail that the file names. OBJ files name none.
     pub height_texture: Option<HeightTexture>,
 }
 
-/// An image of displacements, encoded as it stands in its file, and how to read it.
+/// An image of displacements, encoded as in its file, and the scale of its values.
 ///
 /// glTF has no ratified extension for one; it is named in the `extras` of a material:
 ///
@@ -29,36 +29,38 @@ pub struct LoadedUvMesh {
 /// {"heightTexture": {"index": 0, "texCoord": 0, "amplitude": 0.001, "midlevel": 0.5}}
 /// ```
 ///
-/// `index` is that of a glTF texture and `amplitude` the difference in height (m) of black and white. `texCoord` (0 if
-/// left out) is the set of texture coordinates, `midlevel` (0.5 if left out) the value that is no displacement.
+/// `index` is that of a glTF texture and `amplitude` the difference in height (m) of black and white.
+/// `texCoord` (0 if left out) is the set of texture coordinates, `midlevel` (0.5 if left out) the value of
+/// zero displacement.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeightTexture {
-    /// The encoded image: what an image file holds.
+    /// The encoded image: the content of an image file.
     pub bytes: Vec<u8>,
-    /// Where it comes from, for messages.
+    /// Its origin, for messages.
     pub name: String,
-    /// Metres from black to white; finite and above zero. No scale of the file or of the options applies to it.
+    /// Metres from black to white; finite and above zero. No scale of the file or of the options applies to
+    /// it.
     pub amplitude: f64,
-    /// The value that is no displacement, where black is 0 and white is 1; finite.
+    /// The value of zero displacement, where black is 0 and white is 1; finite.
     pub midlevel: f64,
-    /// How the image goes on along u and along v.
+    /// Continuation of the image beyond its border, along u and along v.
     pub wrap: [TextureWrap; 2],
 }
 
-/// How an image goes on beyond its border, in the terms of glTF's samplers.
+/// Continuation of an image beyond its border, in the terms of glTF's samplers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum TextureWrap {
-    /// It is repeated.
+    /// The image is repeated.
     #[default]
     Repeat,
-    /// The texels of the border go on.
+    /// The texels of the border are continued.
     ClampToEdge,
-    /// It is repeated, every other time in a mirror.
+    /// The image is repeated, every other copy mirrored.
     MirroredRepeat,
 }
 
-/// Whether a file is glTF and one of its materials names a [`HeightTexture`], which [`load_uv`] would load. Only the file itself
-/// is read, and nothing of its geometry.
+/// Whether a file is glTF and one of its materials names a [`HeightTexture`], which [`load_uv`] would load.
+/// Reads only the file itself, and not its geometry.
 ///
 /// # Errors
 /// If the file cannot be read.
@@ -74,22 +76,22 @@ pub fn names_height_texture(path: &Path) -> Result<bool, LoadError> {
 
 /// Loads a mesh with texture coordinates; the extension names the format: .obj, .gltf or .glb.
 ///
-/// As with [`load`](crate::load()), triangles keep the order of the file, vertices are welded exactly, and the scale applies to
-/// positions. Texture coordinates stay with the corners of triangles, so that seams do not open the surface; those of OBJ
-/// are turned over to glTF's convention (v = 0 on the image's first row). Of a glTF file the set `TEXCOORD_0` is
-/// taken, or the one that the material's [`HeightTexture`] names; `KHR_texture_transform` is not applied, and refused on a
-/// height texture.
+/// As with [`load`](crate::load()), triangles keep the order of the file, vertices are welded exactly, and
+/// the scale applies to positions. Texture coordinates stay with the corners of triangles, so that seams do
+/// not open the surface; those of OBJ are turned over to glTF's convention (v = 0 on the image's first row).
+/// A glTF file's texture coordinates are the set `TEXCOORD_0`, or the one that the material's
+/// [`HeightTexture`] names; `KHR_texture_transform` is not applied, and refused on a height texture.
 ///
 /// # Errors
-/// See [`LoadError`]. A face without texture coordinates is an error, as are triangles with numbers that are not
-/// finite, different height textures in one file, and a height texture on a part of the surface only. Repair cannot be
-/// asked for: it would part triangles from their texture coordinates.
+/// See [`LoadError`]. A face without texture coordinates is an error, as are triangles with numbers that are
+/// not finite, different height textures in one file, and a height texture on a part of the surface only.
+/// Repair is refused: it would separate triangles from their texture coordinates.
 pub fn load_uv(path: &Path, options: &LoadOptions) -> Result<LoadedUvMesh, LoadError> {
     if options.repair {
         return Err(LoadError::TextureCoordinates {
             file: path.into(),
             place: "repair".into(),
-            reason: "would part triangles from their texture coordinates".into(),
+            reason: "would separate triangles from their texture coordinates".into(),
             remedy: "load the file without, or repair the model before it is unwrapped",
         });
     }

@@ -1,32 +1,35 @@
-//! What a loader has to say about a mesh that it accepted.
+//! Warnings about a mesh that a loader accepted.
 
 use std::fmt;
 use std::ops::RangeInclusive;
 
 use crate::{LoadOptions, RepairSummary};
 
-/// Bounding radii (m) that raise no doubt about the unit: from the smallest screw to a room.
+/// Bounding radii (m) for which the file's unit is not doubted: from the smallest screw to a room.
 const PLAUSIBLE_RADIUS: RangeInclusive<f64> = 5e-4..=5.0;
 
 /// Bounding radii (m) of most objects that a hand can hold.
 const HANDHELD_RADIUS: RangeInclusive<f64> = 5e-3..=1.0;
 
-/// Metres per unit that a file may be in, in the order in which they are suggested: metre, millimetre, micrometre,
-/// centimetre. An inch is never the first that fits: where it makes a mesh plausible, one of these does too.
-const USUAL_SCALES: [f64; 4] = [1.0, 1e-3, 1e-6, 1e-2];
+/// Scales that may be suggested, in metres per unit of the file, in the order in which they are tried: metre,
+/// millimetre, micrometre, centimetre. An inch is not needed: where it makes a mesh plausible, one of these
+/// does too.
+const CANDIDATE_SCALES: [f64; 4] = [1.0, 1e-3, 1e-6, 1e-2];
 
-/// Something about a loaded mesh that its user may want to know: content that was left out, a repair, a doubtful unit.
+/// A warning about a loaded mesh: content that was left out, a repair, a doubtful unit.
 ///
 /// [`Display`](fmt::Display) gives one line, in the terms of this crate's [`LoadOptions`].
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum LoadWarning {
-    /// The size of the mesh suggests that the file is in another unit: its bounding radius is below 0.5 mm or above 5 m.
+    /// The size of the mesh suggests that the file is in another unit: its bounding radius is below 0.5 mm or
+    /// above 5 m.
     Units {
         /// Bounding radius as loaded, m.
         radius: f64,
-        /// The [`LoadOptions::scale`] with which the mesh would have a bounding radius of 5 mm to 1 m, else one of 0.5 mm
-        /// to 5 m: the first that fits of metres, millimetres, micrometres and centimetres. `None` if none fits.
+        /// The [`LoadOptions::scale`] with which the mesh would have a bounding radius of 5 mm to 1 m, else
+        /// one of 0.5 mm to 5 m: the first that fits of metres, millimetres, micrometres and centimetres.
+        /// `None` if none fits.
         suggested: Option<f64>,
     },
     /// All vertices are at the same position.
@@ -35,47 +38,47 @@ pub enum LoadWarning {
     Repaired(RepairSummary),
     /// Line elements were skipped: they are not part of the surface.
     Lines {
-        /// How many.
+        /// Number of line elements skipped.
         count: usize,
     },
     /// Point elements were skipped: they are not part of the surface.
     Points {
-        /// How many.
+        /// Number of point elements skipped.
         count: usize,
     },
     /// Free-form curves and surfaces were skipped.
     FreeForm {
-        /// How many.
+        /// Number of curves and surfaces skipped.
         count: usize,
     },
     /// Faces of fewer than three corners were skipped.
     IncompleteFaces {
-        /// How many.
+        /// Number of faces skipped.
         count: usize,
-        /// Where the first is: `line 7` or `face 7`.
+        /// Place of the first one: `line 7` or `face 7`.
         first: String,
     },
     /// Polygons of fewer than three different corners were skipped.
     CollapsedPolygons {
-        /// How many.
+        /// Number of polygons skipped.
         count: usize,
     },
     /// Polygons that cross or touch themselves, or have no area, were cut into fans.
     FannedPolygons {
-        /// How many.
+        /// Number of such polygons.
         count: usize,
     },
     /// Corners after the last whole triangle of a glTF primitive were ignored.
     LeftoverCorners {
-        /// How many primitives have such corners.
+        /// Number of primitives with such corners.
         primitives: usize,
     },
     /// Bytes after the last triangle of a binary STL file were ignored.
     TrailingBytes {
-        /// How many.
+        /// Number of bytes ignored.
         count: u64,
     },
-    /// Skins and morph targets of a glTF file were ignored: the mesh is as it stands at rest.
+    /// Skins and morph targets of a glTF file were ignored: the mesh has its rest shape.
     AtRest,
     /// A glTF file has no scene: each mesh was loaded once, without a placement.
     NoScene,
@@ -83,7 +86,7 @@ pub enum LoadWarning {
     IgnoredExtension {
         /// The extension's name.
         name: &'static str,
-        /// What that means for the mesh.
+        /// Consequence for the mesh.
         effect: &'static str,
     },
 }
@@ -100,10 +103,14 @@ impl fmt::Display for LoadWarning {
                 "the bounding radius of {radius:.3e} m suggests a wrong unit: set the scale to the metres per unit \
                  of the file"
             ),
-            Self::SinglePoint => f.write_str("all triangles lie in one point"),
+            Self::SinglePoint => f.write_str("all vertices are at the same point"),
             Self::Repaired(summary) => write!(f, "repaired: {summary}"),
-            Self::Lines { count } => write!(f, "line elements skipped, being no surface: {count}"),
-            Self::Points { count } => write!(f, "point elements skipped, being no surface: {count}"),
+            Self::Lines { count } => {
+                write!(f, "line elements skipped, which are not part of the surface: {count}")
+            }
+            Self::Points { count } => {
+                write!(f, "point elements skipped, which are not part of the surface: {count}")
+            }
             Self::FreeForm { count } => {
                 write!(f, "free-form curves or surfaces skipped (convert them to polygons): {count}")
             }
@@ -122,9 +129,7 @@ impl fmt::Display for LoadWarning {
                 "primitives with corners left over after the last triangle, which are ignored: {primitives}"
             ),
             Self::TrailingBytes { count } => write!(f, "{count} bytes after the last triangle ignored"),
-            Self::AtRest => {
-                f.write_str("skins and morph targets ignored: the mesh is taken as it stands at rest")
-            }
+            Self::AtRest => f.write_str("skins and morph targets ignored: the mesh has its rest shape"),
             Self::NoScene => {
                 f.write_str("the file has no scene: each mesh is loaded once, where it was modelled")
             }
@@ -134,13 +139,14 @@ impl fmt::Display for LoadWarning {
 }
 
 impl LoadWarning {
-    /// Doubts about the size of a mesh of this bounding radius, m. The suggestion is a factor on it: the scale for a file that
-    /// was loaded with a scale of 1.
+    /// Warning about the size of a mesh with this bounding radius (m), `None` if it is plausible. The
+    /// suggested scale is a factor on the radius, as for a file that was loaded with a scale of 1.
     pub fn of_size(radius: f64) -> Option<Self> {
         Self::of_loaded_size(radius, &LoadOptions::default())
     }
 
-    /// Doubts about the size of a mesh of this bounding radius (m), loaded with `options`.
+    /// Warning about the size of a mesh with this bounding radius (m), loaded with `options`; `None` if it is
+    /// plausible.
     pub(crate) fn of_loaded_size(radius: f64, options: &LoadOptions) -> Option<Self> {
         if radius == 0.0 {
             return Some(Self::SinglePoint);
@@ -150,7 +156,7 @@ impl LoadWarning {
         }
         let in_file = radius / options.scale;
         let suggested = [HANDHELD_RADIUS, PLAUSIBLE_RADIUS].iter().find_map(|plausible| {
-            USUAL_SCALES.into_iter().find(|scale| plausible.contains(&(in_file * scale)))
+            CANDIDATE_SCALES.into_iter().find(|scale| plausible.contains(&(in_file * scale)))
         });
         Some(Self::Units { radius, suggested })
     }
@@ -201,9 +207,9 @@ mod tests {
         assert_eq!(LoadWarning::of_size(0.0), Some(LoadWarning::SinglePoint));
     }
 
-    /// Wherever inches would make a mesh plausible, a unit that is suggested does too.
+    /// Wherever inches would make a mesh plausible, one of the candidate scales does too.
     #[test]
-    fn inches_add_nothing() {
+    fn inches_are_not_needed() {
         for exponent in -600..=600 {
             let radius = 10.0_f64.powf(f64::from(exponent) / 100.0);
             let inches = PLAUSIBLE_RADIUS.contains(&(radius * 0.0254));

@@ -1,7 +1,7 @@
 //! Exact welding: vertices at bitwise equal positions become one (−0 counts as 0).
 //!
-//! STL repeats every corner, and OBJ and glTF exporters split vertices along seams of normals and texture coordinates.
-//! Nothing is moved: no tolerance is used, so that two surfaces that nearly touch stay two.
+//! STL repeats every corner, and OBJ and glTF exporters split vertices along seams of normals and texture
+//! coordinates. Nothing is moved: no tolerance is used, so that two surfaces that nearly touch stay two.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
@@ -11,8 +11,9 @@ use palpate_core::TriMesh;
 
 /// Joins vertices at equal positions (−0 counts as 0) and drops those that no triangle uses.
 ///
-/// The new vertices are in the order of first use by position in the old vertex list; triangles keep their order and
-/// number, also those that become degenerate. Vertices with a coordinate that is not a number are joined by bit pattern.
+/// The new vertices are in the order of first use by position in the old vertex list; triangles keep their
+/// order and number, also those that become degenerate. Vertices with a coordinate that is not a number are
+/// joined by bit pattern.
 pub fn weld(mesh: &TriMesh) -> TriMesh {
     let same = equal_positions(mesh.vertices());
     let mut used = vec![false; mesh.vertices().len()];
@@ -32,7 +33,7 @@ pub(crate) fn drop_unreferenced(mesh: &TriMesh) -> TriMesh {
     renumber(mesh, &itself, &used)
 }
 
-/// For each vertex, the index of the first vertex at the same position.
+/// Index of the first vertex at the same position, for each vertex.
 pub(crate) fn equal_positions(vertices: &[DVec3]) -> Vec<u32> {
     let mut first: HashMap<[u64; 3], u32, BuildHasherDefault<BitsHasher>> =
         HashMap::with_capacity_and_hasher(vertices.len(), BuildHasherDefault::default());
@@ -44,7 +45,7 @@ pub(crate) fn equal_positions(vertices: &[DVec3]) -> Vec<u32> {
         .collect()
 }
 
-/// The mesh with each corner moved to `target` of its vertex, keeping only the `kept` vertices (in their order).
+/// Replaces each corner by the `target` of its vertex and keeps only the `kept` vertices, in their order.
 /// Every target of a corner must be kept.
 pub(crate) fn renumber(mesh: &TriMesh, target: &[u32], kept: &[bool]) -> TriMesh {
     let mut number = vec![u32::MAX; kept.len()];
@@ -58,8 +59,9 @@ pub(crate) fn renumber(mesh: &TriMesh, target: &[u32], kept: &[bool]) -> TriMesh
         .expect("a renumbered mesh has no more vertices or triangles than before")
 }
 
-/// A fixed hash of coordinate bits: the map is only probed, never walked, and the default SipHash dominates welding.
-/// Multiply and fold, after wyhash; crafted collisions would cost time only as far as the file is large.
+/// A fixed hash of coordinate bits: multiply and fold, after wyhash. The map is only probed, never iterated,
+/// and the default SipHash would dominate the time of welding. Crafted collisions cost time only in
+/// proportion to the file's size.
 #[derive(Default)]
 pub(crate) struct BitsHasher(u64);
 

@@ -4,11 +4,11 @@ use std::io::{self, Write};
 
 use palpate_core::TriMesh;
 
-/// Writes a mesh as Wavefront OBJ: `v` lines in the shortest decimal form that reads back as the same f64, then `f`
-/// lines. The lengths are written as they are (m). Writes in small pieces: give it a buffered writer.
+/// Writes a mesh as Wavefront OBJ: `v` lines in the shortest decimal form that reads back as the same f64,
+/// then `f` lines. The lengths are written as they are (m). Writes in small pieces: pass a buffered writer.
 ///
 /// # Errors
-/// Those of the writer.
+/// If the writer fails.
 pub fn write_obj(mesh: &TriMesh, mut out: impl Write) -> io::Result<()> {
     writeln!(out, "# {} vertices, {} triangles, metres", mesh.vertices().len(), mesh.triangles().len())?;
     for v in mesh.vertices() {

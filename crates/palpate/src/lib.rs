@@ -48,7 +48,6 @@ pub use palpate_core as core;
 pub use palpate_core::{Contact, Pose, TriMesh, Twist, Wrench, glam};
 pub use palpate_device as device;
 pub use palpate_dynamics as dynamics;
-pub use palpate_dynamics::IntegratorKind;
 pub use palpate_mesh_io as mesh_io;
 pub use palpate_mesh_io::LoadWarning;
 #[cfg(feature = "models")]

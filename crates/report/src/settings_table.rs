@@ -4,7 +4,7 @@ use palpate::Settings;
 use serde_json::Value;
 
 /// Unit of each setting, by its group and field. Empty for numbers without a unit.
-const UNITS: [(&str, &str); 36] = [
+const UNITS: [(&str, &str); 34] = [
     ("timing.rate", "Hz"),
     ("tool.mass", "kg"),
     ("contact.stiffness", "N/m"),
@@ -27,12 +27,10 @@ const UNITS: [(&str, &str); 36] = [
     ("textures.grid", "texels"),
     ("textures.half_size", "m"),
     ("textures.temperature", "m"),
-    ("textures.derivatives", ""),
     ("textures.backend", ""),
     ("tool.grasp", "m, quaternion"),
     ("tool.handle", ""),
     ("timing.contact_timeout", "s"),
-    ("tool.integrator", ""),
     ("timing.engagement", "s"),
     ("device.workspace_scale", ""),
     ("device.frame", "m, quaternion"),

@@ -78,9 +78,7 @@ pub use backend::{Backend, BackendError, ReferenceBackend};
 pub use bake::{BakeError, BakeOptions, BakeReport, Baked, bake};
 pub use batch::{Batch, MAX_GRID, SurfaceId, SurfaceSet, TooManyTexels};
 pub use cpu::CpuBackend;
-pub use depth::{
-    DepthError, DepthQuery, DepthSettings, Derivatives, TextureContact, TextureDepth, TextureFilter,
-};
+pub use depth::{DepthError, DepthQuery, DepthSettings, TextureContact, TextureDepth, TextureFilter};
 pub use domain::{Domain, HalfSpace};
 pub use fallback::Fallback;
 pub use force::{TextureForce, sum_of_forces};

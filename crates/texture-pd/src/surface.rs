@@ -88,16 +88,6 @@ impl View {
     fn point(&self, point: DVec3) -> DVec3 {
         self.rotation * point + self.translation
     }
-
-    /// Returns the transformation followed by a rotation (rotation vector `turn`) about `center` and a
-    /// `shift`, all in the contact's frame.
-    pub fn moved(&self, shift: DVec3, turn: DVec3, center: DVec3) -> Self {
-        let rotation = DMat3::from_quat(glam::DQuat::from_scaled_axis(turn));
-        Self {
-            rotation: rotation * self.rotation,
-            translation: rotation * (self.translation - center) + center + shift,
-        }
-    }
 }
 
 /// Part of space that a contact's image shows, in the contact's frame.
@@ -216,26 +206,21 @@ impl TexturedSurface {
         self.texture.as_ref()
     }
 
-    /// Appends the triangles that may be visible in a field, also after the surface has moved in the field's
-    /// frame by up to `margin` (m).
-    pub(crate) fn gather(&self, view: &View, field: &Field, margin: f64, found: &mut Vec<u32>) {
-        let half = field.half + margin;
-        let reach = field.reach + margin;
-        let [low, high] = [-1.0, 1.0].map(|sign| sign * DVec3::new(half, half, reach));
+    /// Appends the triangles that may be visible in a field.
+    pub(crate) fn gather(&self, view: &View, field: &Field, found: &mut Vec<u32>) {
+        let [low, high] = [-1.0, 1.0].map(|sign| sign * DVec3::new(field.half, field.half, field.reach));
         // Bounding box, in the mesh's frame, of the field's box, which is rotated there.
         let back = view.rotation.transpose();
         let middle = back * -view.translation;
         let extent = DMat3::from_cols(back.x_axis.abs(), back.y_axis.abs(), back.z_axis.abs()) * high;
         let bounds = rounded(middle - extent, middle + extent, self.middle);
-        // A rotation within the margin may turn triangles into view that face slightly away.
-        let edge_on = if margin > 0.0 { -0.1 } else { EDGE_ON };
         self.tree.aabb_traverse(bounds, |tree, leaf| {
             let node = &tree.nodes[leaf as usize];
             let first = node.first_index as usize;
             for &index in &tree.primitive_indices[first..first + node.prim_count as usize] {
                 let [a, b, c] = self.triangles[index as usize].corners.map(|corner| view.point(corner));
                 let inside = a.min(b).min(c).cmple(high).all() && a.max(b).max(c).cmpge(low).all();
-                if inside && field.side * facing(a, b, c) > edge_on {
+                if inside && field.side * facing(a, b, c) > EDGE_ON {
                     found.push(index);
                 }
             }

@@ -1,5 +1,4 @@
-//! Only what a scene needs is there: stages say whether they are on and why, and those that are off take no memory and no time
-//! of what is on; crates that serve them are not linked without their features.
+//! Stages that a scene does not need: they report that they are off and why, and take no memory and change no result.
 
 use std::sync::atomic::AtomicBool;
 
@@ -9,7 +8,6 @@ use palpate::settings::{
 };
 use palpate::{ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Settings, Wrench, explore};
 use palpate_tests::{model, ridged_plate};
-use xtask::linked::{Linked, compiled_for_examples, linked};
 
 fn renderer(probe: &Object, objects: &[Object], settings: Settings) -> HapticRenderer {
     let scene = objects.iter().fold(Scene::new(), |scene, object| scene.with(object.clone(), Pose::IDENTITY));
@@ -150,46 +148,4 @@ fn no_memory_is_taken_for_textures_that_are_not_there() {
     };
     assert_eq!(bytes(&plate, 2, 1500), bytes(&plate, 1024, 1500));
     assert!(bytes(&ridges, 50, 1) > bytes(&plate, 50, 1), "a texture takes some");
-}
-
-fn has(linked: &Linked, name: &str) -> bool {
-    linked.crates.iter().any(|linked| linked.split(' ').next() == Some(name))
-}
-
-#[test]
-fn by_default_nothing_of_features_is_linked() {
-    let with = |options: &[&'static str]| linked(options).unwrap_or_else(|error| panic!("{error}"));
-    let minimal = with(&[]);
-    assert!(has(&minimal, "palpate-collide"));
-    let features = [
-        ("gpu", "wgpu"),
-        ("gpu", "naga"),
-        ("hid", "hidapi"),
-        ("images", "image"),
-        ("haply", "tungstenite"),
-        ("force-dimension", "libloading"),
-    ];
-    for (feature, name) in features {
-        assert!(!has(&minimal, name), "{name} without {feature}");
-        assert!(has(&with(&["--features", feature]), name), "{name} with {feature}");
-    }
-    // No feature of the engine brings a window or a terminal.
-    let all = with(&["--all-features"]);
-    for name in ["winit", "eframe", "ratatui", "plotters"] {
-        assert!(!has(&all, name), "{name}");
-    }
-}
-
-/// The first command of the README is to compile in minutes.
-#[test]
-fn the_jaws_compile_few_crates() {
-    let with =
-        |options: &[&'static str]| compiled_for_examples(options).unwrap_or_else(|error| panic!("{error}"));
-    let jaws = with(&[]);
-    assert!(has(&jaws, "palpate-examples") && has(&jaws, "syn"), "{}", jaws.tree);
-    assert!(jaws.crates.len() <= 100, "{} crates:\n{}", jaws.crates.len(), jaws.tree);
-    for (feature, name) in [("textures", "wgpu"), ("terminal", "hidapi"), ("terminal", "ratatui")] {
-        assert!(!has(&jaws, name), "{name}:\n{}", jaws.tree);
-        assert!(has(&with(&["--features", feature]), name), "{name} with {feature}");
-    }
 }

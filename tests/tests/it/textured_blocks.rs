@@ -13,7 +13,8 @@ use palpate::models::Model;
 use palpate::settings::{SearchSettings, TextureSettings};
 use palpate::texture_pd::BakeOptions;
 use palpate::{ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Settings, Summary};
-use palpate_tests::{correlation, smooth};
+use palpate_measure::correlation;
+use palpate_tests::smooth;
 
 /// Distance of ridges and of teeth, height of the block, and where the gear's rim is, m.
 const PITCH: f64 = 8e-3;
@@ -110,9 +111,9 @@ fn block_rises_as_it_is_turned_on_another_and_is_held_back() {
     println!("turned by {most} rad, risen by {risen} m there, deepest {} m", summary.depth_max);
     assert!(most.abs() > 5e-3 && risen > 5e-5, "{most} rad, {risen} m");
     // Height by angle: the correlation over all that was turned.
-    let pairs = turning.iter().map(|record| (angle(record).abs(), record.object.translation.z));
-    let pairs: Vec<_> = pairs.collect();
-    let correlation = correlation(&pairs);
+    let (angles, heights): (Vec<f64>, Vec<f64>) =
+        turning.iter().map(|record| (angle(record).abs(), record.object.translation.z)).unzip();
+    let correlation = correlation(&angles, &heights);
     let torque = |record: &&&Record| angle(record).abs() > 0.5 * most.abs();
     let opposing = turning.iter().filter(torque).all(|record| record.coupling.torque.z * angle(record) < 0.0);
     println!("height and angle correlate by {correlation}");

@@ -8,8 +8,7 @@
 use palpate::device::{Emulation, Interpolation, Keyframe, MotionPath};
 use palpate::glam::DVec3;
 use palpate::settings::{
-    ContactSettings, CouplingSettings, HandlePlace, SearchSettings, TextureDerivatives, TextureSettings,
-    ToolSettings,
+    ContactSettings, CouplingSettings, HandlePlace, SearchSettings, TextureSettings, ToolSettings,
 };
 use palpate::{HapticRenderer, Object, Pose, Record, Scene, Settings};
 use palpate_tests::{model, ridged_plate, smooth};
@@ -148,7 +147,6 @@ const TEXTURED: Experiment = Experiment {
         grid: 50,
         half_size: None,
         temperature: None,
-        derivatives: TextureDerivatives::Maximum,
         backend: palpate::settings::TextureBackend::Processor,
     },
 };
@@ -198,21 +196,4 @@ fn felt_without_noise(cases: &[(f64, f64, f64)]) {
         let noisier = noisy.noise[0] / there.noise[0];
         assert!(contact_rate < 1000.0 || noisier > 10.0, "{name}: {there:?}, {noisy:?}");
     }
-}
-
-/// With the dissertation's central differences of the same smooth depth the probe goes the same way.
-#[test]
-#[ignore = "for a release build, some minutes: cargo test --release -p palpate-tests --test it textured_plate:: -- --ignored"]
-fn differences_lead_the_same_way() {
-    let slower = Experiment { contact_rate: 500.0, ..TEXTURED };
-    let textures = TextureSettings { derivatives: TextureDerivatives::Differences, ..TEXTURED.textures };
-    let [analytic, differences] =
-        [slower, Experiment { textures, ..slower }].map(|experiment| explore(&experiment));
-    let apart = analytic
-        .iter()
-        .zip(&differences)
-        .map(|(a, b)| (a.object.translation - b.object.translation).length());
-    let apart = apart.fold(0.0, f64::max);
-    println!("{apart} m apart at most");
-    assert!(apart < 1e-3);
 }

@@ -1,4 +1,4 @@
-//! Draws the built-in models: one PNG a model, and a contact sheet of all; and what else the README shows.
+//! Draws the built-in models, one PNG each, a contact sheet of them, and the other pictures of the README.
 //!
 //! `cargo xtask pictures [MODEL…] [-o DIR]`; a model is a name or `NAME@TRIANGLES`.
 
@@ -12,37 +12,37 @@ use palpate_report::raster::{Camera, Item, Shading, View};
 use palpate_report::sheet::{Tile, contact_sheet};
 use palpate_report::{Picture, views};
 
-/// What `cargo xtask pictures` is asked to draw.
+/// Arguments of `cargo xtask pictures`.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Models to draw, as NAME or NAME@TRIANGLES; all of them when none is named.
+    /// Models to draw, as NAME or NAME@TRIANGLES; all if none is named.
     models: Vec<String>,
     /// Folder for the pictures.
     #[arg(short, long, value_name = "DIR", default_value = "target/pictures")]
     output: PathBuf,
-    /// Looks from this direction instead of each model's own: degrees about the vertical, from x towards y.
+    /// Views from this direction instead of each model's own: degrees about the vertical, from x towards y.
     #[arg(long, allow_negative_numbers = true)]
     azimuth: Option<f64>,
-    /// Looks down from this angle above the horizon, in degrees, instead of each model's own.
+    /// Views from this angle above the horizon, in degrees, instead of each model's own.
     #[arg(long, allow_negative_numbers = true)]
     elevation: Option<f64>,
     /// Magnifies the middle of the picture.
     #[arg(long, default_value_t = 1.0)]
     zoom: f64,
-    /// Shows the triangles: flat shading with their edges drawn.
+    /// Shows the triangles: flat shading with edges.
     #[arg(long)]
     edges: bool,
 }
 
-/// Pixels of a picture.
+/// Size of a picture, pixels.
 const WIDTH: u32 = 640;
 const HEIGHT: u32 = 480;
-/// Of the contact sheet.
+/// Layout of the contact sheet: columns, width of a tile in pixels, and size of a dot in its lettering.
 const COLUMNS: u32 = 4;
 const TILE_WIDTH: u32 = 320;
 const DOT: u32 = 2;
 
-/// Draws the pictures and prints the name of each file written.
+/// Draws the pictures and prints the names of the written files.
 ///
 /// # Errors
 /// If a model's name is unknown, its number of triangles is out of range, or a file cannot be written.

@@ -1315,3 +1315,52 @@ fn scene_files_are_rendered() {
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert!(!output.status.success() && stderr.contains("scene.toml: line 2"), "{stderr}");
 }
+
+#[test]
+fn a_tool_with_a_hinge_is_held_by_a_gripper() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    let tool = "limits = [0.0, 0.8]\n[first]\nmodel = \"forceps-jaw@800\"\nmass = 0.05\n\
+                [second]\nmodel = \"forceps-jaw@800\"\nmass = 0.05\nhinge.rotation = [1, 0, 0, 0]\n";
+    std::fs::write(folder.join("forceps.toml"), tool).expect("written");
+    std::fs::write(folder.join("fingers.csv"), "t,angle\n0,0.5\n0.5,0.0\n1,0.0\n").expect("written");
+    let hand = "t,px,py,pz,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n1,0,0,0,0,0,0,1\n";
+    std::fs::write(folder.join("hand.csv"), hand).expect("written");
+    // Between the jaws' tips, a ball of 5 mm where the jaws close.
+    let scene = "[[object]]\nmodel = \"ellipsoid@500\"\nscale = 0.2\nposition = [0.045, 0.0, 0.0]\n\
+                 [settings]\ntool.grasp = { translation = [0, 0, 0], rotation = [0, 0, 0, 1] }\n";
+    std::fs::write(folder.join("scene.toml"), scene).expect("written");
+    let held = ["run", "--tool", "forceps.toml", "scene.toml", "--lockstep", "--seconds", "1", "--json"];
+    let device = ["--device", "emulated:gripper=fingers.csv,path=hand.csv", "--record", "run.csv"];
+    let summary = json(&[held.as_slice(), &device].concat(), folder);
+    assert_eq!(summary["haptic"]["steps"], 1000);
+
+    let recording = std::fs::read_to_string(folder.join("run.csv")).expect("a recording");
+    let mut rows = recording.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let header = rows.next().expect("a header");
+    let rows: Vec<_> = rows.collect();
+    let value = |row: &[&str], name: &str| -> f64 {
+        row[header.iter().position(|column| *column == name).expect(name)].parse().expect("a number")
+    };
+    assert_eq!(rows.len(), 1000);
+    let opened = value(&rows[0], "angle");
+    assert!((opened - 0.5).abs() < 5e-3, "opened as far as the fingers: {opened}");
+    let last = rows.last().expect("rows");
+    assert!(value(last, "angle") > value(last, "gripper") + 0.02, "the ball holds the jaws apart: {last:?}");
+    assert!(value(last, "torque").abs() > 1e-3, "the fingers feel it: {last:?}");
+
+    for (arguments, said) in [
+        (held.to_vec(), "no gripper"),
+        (["run", "--tool", "missing.toml", "scene.toml"].to_vec(), "missing.toml"),
+        (
+            ["run", "--tool", "scene.toml", "scene.toml"].to_vec(),
+            "scene.toml: line 1: unknown field `object`",
+        ),
+        ([held.as_slice(), &["--report", "run.html"]].concat(), "--report"),
+        (["run", "ellipsoid@500"].to_vec(), "<SCENE>"),
+    ] {
+        let output = palpate(&arguments, folder);
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert!(!output.status.success() && stderr.contains(said), "{arguments:?}: {stderr}");
+    }
+}

@@ -2,29 +2,13 @@
 
 use std::sync::Arc;
 
-use palpate_core::TriMesh;
 use rayon::Scope;
 
+use super::level::SimplifiedLevel;
 use super::state::{Snapshot, State};
 use super::trace::Tracer;
 use crate::convexity::Patch;
 use crate::decomposition::{Decomposition, NO_PATCH};
-use crate::surface::Surface;
-
-/// A level of detail with its patches.
-#[derive(Debug)]
-pub(crate) struct SimplifiedLevel {
-    /// Its mesh, m.
-    pub mesh: TriMesh,
-    /// The same in unit coordinates.
-    pub surface: Surface,
-    /// Its convex patches.
-    pub decomposition: Decomposition,
-    /// D of its vertices, m².
-    pub areas: Vec<f64>,
-    /// r, in the inverse of the unit of unit coordinates.
-    pub resolution: f64,
-}
 
 /// Collects them, and has them traced meanwhile.
 pub(crate) struct Levels<'r, 's, 'a> {

@@ -14,6 +14,7 @@
 
 mod collapse;
 mod filter;
+mod level;
 mod levels;
 mod member;
 mod quadric;
@@ -32,8 +33,8 @@ use crate::decomposition::{Decomposition, decompose};
 use crate::progress::{Cancelled, Progress};
 use crate::surface::Surface;
 use collapse::collapse;
+pub(crate) use level::SimplifiedLevel;
 use levels::Levels;
-pub(crate) use levels::SimplifiedLevel;
 use queue::Queue;
 use star::Star;
 use state::State;

@@ -15,7 +15,7 @@ use glam::DVec3;
 use rayon::Scope;
 use rayon::prelude::*;
 
-use super::levels::SimplifiedLevel;
+use super::level::SimplifiedLevel;
 use crate::bounding::Target;
 use crate::box_tree::BoxTree;
 use crate::decomposition::{Decomposition, NO_PATCH};

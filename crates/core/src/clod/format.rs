@@ -9,10 +9,10 @@
 //! | nodes | parent, children start and end, level, vertices start and end, extreme, added, triangles start and end, flags u32 (bit 0: contained, bit 1: all real), centre, radius, deviation, Hausdorff distance |
 //! | arrays | hull vertices (3 f64 each), their support areas (f64), patch triangles (3 u32 each) |
 //!
-//! Indices are u32, numbers f64, both as in [`Parts`]; there is no padding. Records of a fixed size, rather than a
-//! self-describing encoding, let a reader compare the counts with the length of the body before it allocates, and decode
-//! at the speed of copying. Nothing in a file is trusted: memory grows with the bytes that are really there, and what was
-//! read passes [`Parts::validate`] before a caller sees it.
+//! Indices are u32, numbers f64, both as in [`Parts`]; there is no padding. Records of a fixed size, rather
+//! than a self-describing encoding, let a reader compare the counts with the length of the body before it
+//! allocates, and decode at the speed of copying. Nothing in a file is trusted: memory grows with the bytes
+//! that are really there, and what was read passes [`Parts::validate`] before a caller sees it.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Read, Write};
@@ -33,7 +33,7 @@ const VERTEX_BYTES: usize = 3 * 8;
 const AREA_BYTES: usize = 8;
 const TRIANGLE_BYTES: usize = 3 * 4;
 
-/// Bytes as a message shows them.
+/// Bytes in words, for an error message.
 fn hex(bytes: &[u8]) -> String {
     if bytes.is_empty() {
         return "nothing: it is empty".to_owned();
@@ -42,7 +42,7 @@ fn hex(bytes: &[u8]) -> String {
     format!("the bytes {} (hexadecimal)", digits.join(" "))
 }
 
-/// Bytes read at a time.
+/// Number of bytes read at a time: memory that a file claims but does not have costs no more than this.
 const BLOCK_BYTES: usize = 1 << 16;
 
 /// Why a hierarchy could not be read or written, or is not one.
@@ -51,17 +51,17 @@ pub enum ClodError {
     /// The operating system refused.
     #[error("cannot {doing}{}: {source}", path.as_ref().map(|p| format!(" {}", p.display())).unwrap_or_default())]
     Io {
-        /// What was attempted.
+        /// The action that failed, such as `open`.
         doing: &'static str,
         /// The file, when it is known.
         path: Option<PathBuf>,
-        /// What the operating system said.
+        /// The operating system's error.
         source: io::Error,
     },
     /// The file is not in this format at all.
     #[error("not a .clod file: it begins with {}; build one from a mesh", hex(found))]
     NotClod {
-        /// The bytes that stand where the format's name should.
+        /// The bytes in place of the format's magic number.
         found: Vec<u8>,
     },
     /// The file is of another version of the format.
@@ -69,15 +69,15 @@ pub enum ClodError {
         "the .clod file has format version {found}, but this program reads version {VERSION}: build it again from its mesh"
     )]
     Version {
-        /// Its version.
+        /// The file's version.
         found: u32,
     },
     /// The file ends early.
     #[error("the .clod file is cut short: it has {found} of {expected} bytes; copy or build it again")]
     Truncated {
-        /// How many bytes there should be.
+        /// Number of bytes that there should be.
         expected: u64,
-        /// How many there are.
+        /// Number of bytes that there are.
         found: u64,
     },
     /// The file goes on after its end.
@@ -85,9 +85,9 @@ pub enum ClodError {
         "the .clod file has {found} bytes where {expected} are expected: it is damaged; copy or build it again"
     )]
     Overlong {
-        /// How many bytes there should be.
+        /// Number of bytes that there should be.
         expected: u64,
-        /// How many there are.
+        /// Number of bytes that there are.
         found: u64,
     },
     /// The numbers of elements do not fit the length of the file.
@@ -95,9 +95,9 @@ pub enum ClodError {
         "the .clod file is damaged: its elements take {expected} bytes, but its body has {found}; copy or build it again"
     )]
     Counts {
-        /// How many bytes the elements take.
+        /// Number of bytes that the elements take.
         expected: u64,
-        /// How many the body has.
+        /// Number of bytes that the body has.
         found: u64,
     },
     /// The content is not what was written.
@@ -107,7 +107,7 @@ pub enum ClodError {
     Checksum {
         /// The checksum in the header.
         stored: u32,
-        /// That of the body.
+        /// The checksum of the body.
         computed: u32,
     },
     /// An element breaks an invariant that queries rely on.
@@ -115,7 +115,7 @@ pub enum ClodError {
     Invalid {
         /// The element, such as `node 17`.
         place: String,
-        /// What is wrong with it.
+        /// The defect.
         what: String,
     },
 }
@@ -145,7 +145,8 @@ impl Parts {
     /// If the hierarchy is not [valid](Self::validate), so that it could not be read back, or `out` refuses.
     pub fn write(&self, out: impl Write) -> Result<(), ClodError> {
         self.validate()?;
-        // The checksum precedes the body: encode once for it, and again for the output, rather than hold a copy.
+        // The checksum precedes the body: encode once for it, and again for the output, rather than hold a
+        // copy.
         let mut checksum = Checksum { digest: crc32fast::Hasher::new(), bytes: 0 };
         let mut out = BufWriter::with_capacity(BLOCK_BYTES, out);
         let mut write = || {
@@ -177,8 +178,9 @@ impl Parts {
     /// Reads a hierarchy in the `.clod` format, and nothing beyond its end.
     ///
     /// # Errors
-    /// If the bytes are not a complete, undamaged and [valid](Self::validate) hierarchy of this version of the format,
-    /// or the input fails. Memory taken is a small multiple of the bytes read, whatever they say.
+    /// If the bytes are not a complete, undamaged and [valid](Self::validate) hierarchy of this version of
+    /// the format, or the input fails. Allocates no more than a small multiple of the bytes read, whatever
+    /// the file claims.
     pub fn read(input: impl Read) -> Result<Self, ClodError> {
         Self::read_expecting(input, None)
     }
@@ -198,7 +200,7 @@ impl Parts {
         Self::read_expecting(file, length).map_err(|error| error.at(path))
     }
 
-    /// Reads from an input of known or unknown length, bytes.
+    /// Reads a hierarchy from an input whose length (bytes) is known or not.
     fn read_expecting(mut input: impl Read, length: Option<u64>) -> Result<Self, ClodError> {
         let mut header = Vec::with_capacity(HEADER_BYTES);
         input.by_ref().take(HEADER_BYTES as u64).read_to_end(&mut header).map_err(ClodError::reading)?;
@@ -240,7 +242,7 @@ impl Parts {
     }
 
     fn write_body(&self, out: &mut impl Write) -> io::Result<()> {
-        // Validation has bounded the counts by what u32 can say.
+        // Validation has checked that the counts fit into u32.
         for count in [self.levels.len(), self.nodes.len(), self.vertices.len(), self.triangles.len()] {
             out.write_all(&(count as u32).to_le_bytes())?;
         }
@@ -318,7 +320,7 @@ fn write_f64s<const N: usize>(out: &mut impl Write, values: [f64; N]) -> io::Res
     out.write_all(values.map(f64::to_le_bytes).as_flattened())
 }
 
-/// Takes the place of the output to find the body's length and checksum.
+/// An output that only counts the body's bytes and computes their checksum.
 struct Checksum {
     digest: crc32fast::Hasher,
     bytes: u64,
@@ -336,7 +338,7 @@ impl Write for Checksum {
     }
 }
 
-/// The fields of a record, which has as many bytes as are taken from it.
+/// The fields of a record, read one after the other. The record must have enough bytes.
 struct Fields<'a>(&'a [u8]);
 
 impl Fields<'_> {
@@ -366,7 +368,7 @@ impl Fields<'_> {
         self.u32()..self.u32()
     }
 
-    /// A word of flags; sets `unknown` if there is one that is not among the `known`.
+    /// Reads a word of flags; sets `unknown` if one is set that is not among the `known`.
     fn flags(&mut self, known: u32, unknown: &mut bool) -> u32 {
         let flags = self.u32();
         *unknown |= flags & !known != 0;
@@ -374,7 +376,7 @@ impl Fields<'_> {
     }
 }
 
-/// Reads records and checks off their bytes.
+/// A reader of records that counts their bytes and computes their checksum.
 struct Body<R> {
     input: R,
     digest: crc32fast::Hasher,
@@ -385,7 +387,7 @@ struct Body<R> {
 }
 
 impl<R: Read> Body<R> {
-    /// The whole body, said to have `body_bytes` bytes.
+    /// Reads the whole body, whose length is `body_bytes` according to the header.
     fn read(&mut self, body_bytes: u64) -> Result<Parts, ClodError> {
         let mut unknown = false;
         let mut counts = Fields(self.block(COUNTS_BYTES)?);
@@ -456,7 +458,7 @@ impl<R: Read> Body<R> {
         Ok(Parts { levels, nodes, vertices, support_areas, triangles, source })
     }
 
-    /// The next bytes.
+    /// Reads the next bytes.
     fn block(&mut self, bytes: usize) -> Result<&[u8], ClodError> {
         self.block.clear();
         self.input.by_ref().take(bytes as u64).read_to_end(&mut self.block).map_err(ClodError::reading)?;
@@ -468,7 +470,8 @@ impl<R: Read> Body<R> {
         Ok(&self.block)
     }
 
-    /// The next `count` records of `N` bytes. Memory is taken as they come, unless they are known to be there.
+    /// Reads the next `count` records of `N` bytes. Allocates as they come, unless the file is known to be
+    /// long enough.
     fn array<const N: usize, T>(
         &mut self,
         count: u32,

@@ -1,13 +1,13 @@
 //! The hierarchy in little memory.
 //!
-//! - A point that several hulls have is stored once, in full; hulls are indices. So is D, the support area that belongs
-//!   to it.
+//! - A point that several hulls have is stored once, in full; hulls are indices. So is D, the support area
+//!   that belongs to it.
 //! - Triangles name their corners in one byte each, unless a hull has more than 256 vertices.
-//! - What a node says of where it is, and of how far it is off, takes 32-bit floats, in units of a power of two next to
-//!   the bounding radius, about the bounding sphere's centre: so it does not matter in which unit an object is modelled,
-//!   or how far from the origin. Radii, s and h are rounded up, radii by what the centre is rounded as well, so that they
-//!   bound what they bounded.
-//! - Where a node's vertices, triangles and children end is where those of the next one begin.
+//! - A node's centre, radius, s and h are 32-bit floats, in units of a power of two next to the bounding
+//!   radius, about the bounding sphere's centre: so the precision depends neither on the unit in which an
+//!   object is modelled nor on its distance from the origin. Radii, s and h are rounded up, radii also by the
+//!   rounding of the centre, so that they still bound what they bounded.
+//! - A node's vertices, triangles and children end where those of the next node begin.
 
 use std::borrow::Borrow;
 use std::hash::{BuildHasher, RandomState};
@@ -18,54 +18,54 @@ use glam::{DVec3, Vec3};
 use super::views::Corners;
 use super::{Areas, ClodError, Level, Node, Nodes, Parts, Points, Source, Triangles};
 
-/// Marks a node whose hull is verified not to protrude, and one whose patch covers the whole hull, in the word that
-/// has its level.
+/// Flag of a node whose hull is verified not to protrude, in the word of its level.
 const CONTAINED: u32 = 1 << 31;
+/// Flag of a node whose patch covers the whole hull, in the word of its level.
 const ALL_REAL: u32 = 1 << 30;
 
-/// A free place of the table of points.
+/// Free slot in the hash table of points.
 const FREE: u32 = u32::MAX;
 
 /// A hierarchy of contact levels of detail, in little memory. Lengths in metres, in the object's own frame.
 ///
-/// Made of [`Parts`], or read from a `.clod` file. Radii, s and h of nodes are up to 2⁻²³ larger than those that it was
-/// made of, and radii by up to 2⁻²² of the bounding radius; all else is the same.
+/// Made of [`Parts`], or read from a `.clod` file. Radii, s and h of nodes are up to 2⁻²³ larger than those
+/// that it was made of, and radii by up to 2⁻²² of the bounding radius; all else is the same.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Clod {
     /// Levels, the full mesh (index 0) first, the root's level last.
     pub levels: Vec<Level>,
     /// The points of all hulls, m. Points that are equal, and have equal support areas, are there once.
     pub vertices: Vec<DVec3>,
-    /// What the hierarchy was built from.
+    /// The mesh that the hierarchy was built from.
     pub source: Source,
     /// D of each vertex, m².
     areas: Vec<f64>,
-    /// The nodes, and one more that tells where the last one ends.
+    /// The nodes, and a sentinel at whose ranges those of the last node end.
     nodes: Vec<Packed>,
     /// Hull vertices of all nodes, in the nodes' order, as indices into `vertices`.
     hulls: Vec<u32>,
-    /// Of all patches, in the nodes' order.
+    /// Triangles of all patches, in the nodes' order.
     triangles: Packing,
-    /// What lengths of nodes are in, m.
+    /// Unit of the nodes' lengths, m: a power of two.
     unit: f64,
 }
 
-/// A node. Lengths are in units.
+/// A node in little memory. Lengths are in the hierarchy's unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Packed {
-    /// From the bounding sphere's centre.
+    /// Position relative to the bounding sphere's centre.
     center: Vec3,
     radius: f32,
     deviation: f32,
     hausdorff: f32,
     parent: u32,
     first_child: u32,
-    /// Of its bounding hull.
+    /// First vertex of its bounding hull.
     first_vertex: u32,
     first_triangle: u32,
     extreme: u32,
     added: u32,
-    /// With flags.
+    /// Level, with [`CONTAINED`] and [`ALL_REAL`].
     level: u32,
 }
 
@@ -80,7 +80,7 @@ enum Packing {
 impl Packing {
     fn new(triangles: &[[u32; 3]]) -> Self {
         let largest = triangles.iter().flatten().copied().max().unwrap_or(0);
-        // None is cut short: the largest fits.
+        // No cast truncates: the largest corner fits.
         match largest {
             0..=0xff => Self::Bytes(triangles.iter().map(|t| t.map(|corner| corner as u8)).collect()),
             0x100..=0xffff => Self::Shorts(triangles.iter().map(|t| t.map(|corner| corner as u16)).collect()),
@@ -106,7 +106,7 @@ impl Packing {
         }
     }
 
-    /// Of a triangle.
+    /// Size of a triangle in bytes.
     fn bytes_each(&self) -> usize {
         match self {
             Self::Bytes(_) => size_of::<[u8; 3]>(),
@@ -116,7 +116,7 @@ impl Packing {
     }
 }
 
-/// The smallest f32 that is not less.
+/// The smallest f32 that is not less than `x`.
 fn rounded_up(x: f64) -> f32 {
     let near = x as f32;
     if f64::from(near) < x { near.next_up() } else { near }
@@ -124,7 +124,8 @@ fn rounded_up(x: f64) -> f32 {
 
 /// The power of two next to a length, m: neither more than it nor less than half of it.
 fn unit_of(length: f64) -> f64 {
-    // Of the numbers that validation accepts, all are normal.
+    // Validation accepts only lengths that are normal numbers, so clearing the fraction leaves the power of
+    // two.
     f64::from_bits(length.to_bits() & !((1 << 52) - 1))
 }
 
@@ -135,7 +136,8 @@ impl Clod {
     /// Packs a hierarchy.
     ///
     /// # Errors
-    /// If it is not [valid](Parts::validate), or a node is further than 1e38 bounding radii from the object's centre.
+    /// If it is not [valid](Parts::validate), or a node is further than 1e38 bounding radii from the object's
+    /// centre.
     pub fn pack(parts: &Parts) -> Result<Self, ClodError> {
         parts.validate()?;
         Self::pack_valid(parts)
@@ -200,7 +202,7 @@ impl Clod {
     /// A node.
     ///
     /// # Panics
-    /// If there is none with this index.
+    /// If no node has this index.
     #[inline]
     pub fn node(&self, index: u32) -> Node {
         let [node, next] = self.with_next(index);
@@ -265,8 +267,9 @@ impl Clod {
         Points::new(&self.vertices, &self.hulls[extreme_range(node.borrow())])
     }
 
-    /// The points, m, whose convex hull stands for a node and, but for h, its descendants when nodes are culled: the
-    /// extreme points of its own hull, and others that bring h down (§3.6.2). Not all of them need be extreme.
+    /// The points, m, whose convex hull stands for a node and, but for h, its descendants when nodes are
+    /// culled: the extreme points of its own hull, and others that bring h down (§3.6.2). Not all of them
+    /// need be extreme.
     #[inline]
     pub fn bounding_hull(&self, node: impl Borrow<Node>) -> Points<'_> {
         Points::new(&self.vertices, &self.hulls[super::bounding_range(node.borrow())])
@@ -278,7 +281,8 @@ impl Clod {
         Areas::new(&self.areas, &self.hulls[whole_range(node.borrow())])
     }
 
-    /// D, the support areas (m²) of the points of a node's [`bounding_hull`](Self::bounding_hull), in their order.
+    /// D, the support areas (m²) of the points of a node's [`bounding_hull`](Self::bounding_hull), in their
+    /// order.
     #[inline]
     pub fn bounding_areas(&self, node: impl Borrow<Node>) -> Areas<'_> {
         Areas::new(&self.areas, &self.hulls[super::bounding_range(node.borrow())])
@@ -300,8 +304,8 @@ impl Clod {
         self.source.bounding_radius
     }
 
-    /// Axis-aligned bounds of the surface at full resolution, mesh frame, m: the smallest and the largest x, y and z;
-    /// `None` without triangles.
+    /// Axis-aligned bounds of the surface at full resolution, mesh frame, m: the smallest and the largest x,
+    /// y and z; `None` without triangles.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
         let corners = self.leaves().flat_map(|leaf| {
             let hull = self.hull(&leaf);
@@ -313,8 +317,8 @@ impl Clod {
         })
     }
 
-    /// The hierarchy of the object made larger by a factor about its frame's origin; `None` if the factor is not positive
-    /// and finite, or so large or small that lengths or areas are lost.
+    /// The hierarchy of the object made larger by a factor about its frame's origin; `None` if the factor is
+    /// not positive and finite, or so large or small that lengths or areas are lost.
     pub fn scaled(&self, factor: f64) -> Option<Self> {
         Self::pack_valid(&self.parts().scaled(factor)?).ok()
     }
@@ -327,14 +331,14 @@ impl Clod {
         let own = points(level).unwrap_or(0).saturating_sub(finer) as usize;
         let triangles: usize = self.level(level).map(|node| node.triangles.len()).sum();
         size_of::<Level>()
-            // The one that tells where the last one ends is among the leaves.
+            // The sentinel counts as one of the leaves.
             + (self.levels[level].nodes.len() + usize::from(level == 0)) * size_of::<Packed>()
             + own * (size_of::<DVec3>() + size_of::<f64>())
             + size_of_val(&self.hulls[self.hulls_of(level)])
             + triangles * self.triangles.bytes_each()
     }
 
-    /// Where the hull vertices of a level are among all.
+    /// Range of the hull vertices of a level among all.
     fn hulls_of(&self, level: usize) -> Range<usize> {
         let Range { start, end } = self.levels[level].nodes;
         let first = |node: u32| self.nodes[node as usize].first_vertex as usize;
@@ -362,7 +366,7 @@ impl Packed {
             deviation: rounded_up(node.deviation / unit),
             hausdorff: rounded_up(node.hausdorff / unit),
             parent: node.parent,
-            // A leaf's children are none, wherever they are said to be.
+            // A leaf has no children, wherever its empty range is.
             first_child: if node.children.is_empty() { count } else { node.children.start },
             first_vertex: node.vertices.start - node.added,
             first_triangle: node.triangles.start,
@@ -377,30 +381,31 @@ impl Packed {
         packed
     }
 
-    /// In the object's frame, m.
+    /// Centre in the object's frame, m.
     #[inline]
     fn center(&self, origin: DVec3, unit: f64) -> DVec3 {
         origin + unit * self.center.as_dvec3()
     }
 }
 
-/// Where a node's hull vertices are among all.
+/// Range of a node's hull vertices among all.
 fn whole_range(node: &Node) -> Range<usize> {
     node.vertices.start as usize..node.vertices.end as usize
 }
 
-/// Where the extreme ones are.
+/// Range of the extreme points of a node's hull among all hull vertices.
 fn extreme_range(node: &Node) -> Range<usize> {
     node.vertices.start as usize..(node.vertices.start + node.extreme) as usize
 }
 
-/// The different hull vertices with their areas, and which of them each hull vertex is. The finest level's come first, for
-/// they are what most queries read.
+/// The different hull vertices with their areas, and for each hull vertex its index among them. Those of the
+/// finest level come first, since most queries read these.
 fn shared(parts: &Parts) -> (Vec<DVec3>, Vec<f64>, Vec<u32>) {
     let mut vertices = Vec::new();
     let mut areas = Vec::new();
     let mut hulls = vec![0; parts.vertices.len()];
-    // Open addressing, of which no more than half is taken. The seed is random, so that no file makes it slow.
+    // A hash table with open addressing, at most half full. The seed is random, so that no file can make it
+    // slow.
     let mut table = vec![FREE; (2 * parts.vertices.len()).next_power_of_two().max(2)];
     let (mask, seed) = (table.len() - 1, RandomState::new());
     let key = |vertex: DVec3, area: f64| [vertex.x, vertex.y, vertex.z, area].map(f64::to_bits);

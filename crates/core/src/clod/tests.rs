@@ -109,13 +109,14 @@ fn bytes_of(clod: &Parts) -> Vec<u8> {
     bytes
 }
 
-/// Stores the checksum that the body has.
+/// Replaces the stored checksum by that of the body.
 fn reseal(bytes: &mut [u8]) {
     let checksum = crc32fast::hash(&bytes[24..]);
     bytes[20..24].copy_from_slice(&checksum.to_le_bytes());
 }
 
-/// Does what a query does, with plain indexing: panics if the hierarchy lets it go astray. Returns the nodes visited.
+/// Walks the hierarchy as a query does, with plain indexing, which panics where an index is out of range.
+/// Returns the number of nodes visited.
 fn walk(clod: &Parts) -> usize {
     let mut visited = vec![false; clod.nodes.len()];
     let mut stack = vec![Parts::ROOT];
@@ -141,7 +142,7 @@ fn walk(clod: &Parts) -> usize {
 }
 
 #[test]
-fn what_is_read_is_what_was_written() {
+fn a_hierarchy_survives_writing_and_reading() {
     for (seed, leaves) in [(1, 1), (2, 2), (3, 30), (4, 5000)] {
         let clod = random_hierarchy(seed, leaves);
         let bytes = bytes_of(&clod);
@@ -184,7 +185,7 @@ fn an_older_version_is_refused() {
 }
 
 #[test]
-fn reading_leaves_what_follows() {
+fn reading_stops_at_the_end() {
     let mut bytes = bytes_of(&random_hierarchy(6, 10));
     bytes.extend(b"next");
     let mut rest = &*bytes;
@@ -220,9 +221,9 @@ fn every_damaged_byte_is_noticed() {
     }
 }
 
-/// With the checksum put right, only validation stands between hostile data and a query.
+/// With a corrected checksum, only validation protects a query from hostile data.
 #[test]
-fn what_is_accepted_can_be_walked() {
+fn accepted_hierarchies_can_be_walked() {
     const SEED: u64 = 9;
     let bytes = bytes_of(&random_hierarchy(SEED, 12));
     let random = &mut StdRng::seed_from_u64(SEED);
@@ -248,7 +249,7 @@ fn what_is_accepted_can_be_walked() {
     for _ in 0..20_000 {
         let mut damaged = bytes.clone();
         for _ in 0..random.random_range(1..4) {
-            // Whole words, among them such as are indices in range.
+            // Whole words, some of them indices in range.
             let word = 24 + 4 * random.random_range(0..(damaged.len() - 24) / 4);
             let value = if random.random() { random.random_range(0..40) } else { random.random::<u32>() };
             damaged[word..word + 4].copy_from_slice(&value.to_le_bytes());
@@ -259,9 +260,9 @@ fn what_is_accepted_can_be_walked() {
 }
 
 #[test]
-fn hostile_lengths_take_no_memory() {
+fn hostile_lengths_allocate_nothing() {
     let bytes = bytes_of(&random_hierarchy(10, 12));
-    // Said to have 2³² − 1 nodes and vertices, half a terabyte: to allocate it would abort the test.
+    // The header claims 2³² − 1 nodes and vertices, half a terabyte: to allocate it would abort the test.
     for (levels, nodes, vertices, triangles) in
         [(3, u32::MAX, 5, 5), (3, 5, u32::MAX, 5), (u32::MAX, u32::MAX, u32::MAX, u32::MAX)]
     {
@@ -384,7 +385,7 @@ fn each_broken_invariant_is_named() {
         ("node 0", "support area", |c| c.support_areas[0] = f64::NAN),
     ];
     let sound = random_hierarchy(13, 12);
-    // What the numbers above take for granted.
+    // The numbers that the cases above assume.
     assert_eq!(sound.levels.len(), 5);
     assert_eq!(sound.levels[4].nodes, 0..1);
     assert!(sound.levels[3].nodes.end > 2 && sound.levels[0].nodes.start <= 20 && sound.nodes.len() > 20);
@@ -403,13 +404,13 @@ fn placed(parts: &Parts, factor: f64, by: DVec3) -> Parts {
     parts.source.center += by;
     parts.nodes.iter_mut().for_each(|node| node.center += by);
     parts.vertices.iter_mut().for_each(|vertex| *vertex += by);
-    // As far as coordinates are rounded.
+    // Rounding of the coordinates.
     parts.nodes.iter_mut().for_each(|node| node.radius += 4.0 * f64::EPSILON * by.length());
     parts
 }
 
 #[test]
-fn packed_nodes_bound_what_they_bounded() {
+fn packed_nodes_keep_their_bounds() {
     let sound = random_hierarchy(14, 300);
     let mut loosened = 0;
     for (factor, by) in
@@ -509,10 +510,10 @@ fn triangles_of_any_hull_are_packed() {
 }
 
 #[test]
-fn what_cannot_be_packed_is_named() {
+fn a_node_that_cannot_be_packed_is_named() {
     let mut far = random_hierarchy(20, 12);
     far.source.bounding_radius = 1e-40;
-    // What is read of it is within reach: the hull is a point.
+    // All its hull vertices are at its centre, so that they lie within its bounding sphere.
     far.nodes[3].center = DVec3::X * 1e20;
     let range = far.nodes[3].vertices.start - far.nodes[3].added..far.nodes[3].vertices.end;
     range.for_each(|vertex| far.vertices[vertex as usize] = DVec3::X * 1e20);

@@ -1,7 +1,8 @@
 //! The invariants of a hierarchy that queries rely on, checked once so that queries need not.
 //!
-//! Time is linear in the size of the hierarchy even for hostile data, since nodes may not share vertices or triangles.
-//! Numbers are printed as `{:?}`, with an exponent where it is shorter: `{}` writes hundreds of digits for damaged ones.
+//! Time is linear in the size of the hierarchy even for hostile data, since nodes may not share vertices or
+//! triangles. Numbers are printed as `{:?}`, with an exponent where it is shorter: `{}` writes hundreds of
+//! digits for damaged ones.
 
 use std::ops::Range;
 
@@ -9,33 +10,34 @@ use glam::DVec3;
 
 use super::{ClodError, NO_NODE, Node, Parts};
 
-/// How far a hull vertex may lie outside its node's bounding sphere, as a multiple of the object's bounding radius:
-/// rounding.
+/// Largest distance of a hull vertex outside its node's bounding sphere, as a multiple of the object's
+/// bounding radius: some thousand times the rounding of a coordinate.
 const SPHERE_SLACK: f64 = 1e-9;
 
-/// Lengths (m) from the reciprocal of this to this are accepted: their fifth powers, which inertia needs, are far within
-/// the range of f64.
-const LARGEST_LENGTH: f64 = 1e50;
+/// Largest length accepted, m; the smallest bounding radius is its reciprocal. Fifth powers of such lengths,
+/// which inertia needs, are far within the range of f64.
+const MAX_LENGTH: f64 = 1e50;
 
 impl Parts {
     /// Checks every invariant that queries rely on:
     ///
-    /// - The levels hold the nodes, coarsest first, and the coarsest level is the root alone. Free levels are the
-    ///   coarsest, and level 0 is not free.
-    /// - The nodes form one tree: each child is one level finer and names its parent, and only level 0 has leaves. The
-    ///   children follow one another in the order of their parents.
-    /// - The hull vertices follow one another in the order of the nodes, and so do the patch triangles. Each hull has a
-    ///   vertex, and an extreme one; the points added to it stand right before. Each node has triangles unless its
-    ///   level is free; they name three different vertices of its hull.
-    /// - Numbers are finite, and areas, radii and distances not negative; the tolerance is between 0 and 1; lengths are between 1e-50 and 1e50 m. Hulls
-    ///   lie within their bounding spheres, to within 1e-9 of the object's bounding radius. The inertia tensor is
-    ///   symmetric and positive definite.
+    /// - The levels hold the nodes, coarsest first, and the coarsest level is the root alone. Free levels are
+    ///   the coarsest, and level 0 is not free.
+    /// - The nodes form one tree: each child is one level finer and names its parent, and only level 0 has
+    ///   leaves. The children follow one another in the order of their parents.
+    /// - The hull vertices follow one another in the order of the nodes, and so do the patch triangles. Each
+    ///   hull has a vertex, and an extreme one; the points added to it stand right before. Each node has
+    ///   triangles unless its level is free; they name three different vertices of its hull.
+    /// - Numbers are finite, and areas, radii and distances not negative; the tolerance is between 0 and 1;
+    ///   lengths are at most 1e50 m, and the bounding radius is at least 1e-50 m. Hulls lie within their
+    ///   bounding spheres, to within 1e-9 of the object's bounding radius. The inertia tensor is symmetric
+    ///   and positive definite.
     ///
-    /// That s, h and the spheres bound the descendants as they claim to is not checked: it would take as long as to
-    /// compute them.
+    /// The bounds that s, h and the spheres put on the descendants are not checked: it would take as long as
+    /// to compute them.
     ///
     /// # Errors
-    /// [`ClodError::Invalid`], naming the first element that breaks one.
+    /// [`ClodError::Invalid`], which names the first element that breaks an invariant.
     pub fn validate(&self) -> Result<(), ClodError> {
         self.validate_source()?;
         self.validate_levels()?;
@@ -72,7 +74,7 @@ impl Parts {
             x.x > 0.0 && x.x * y.y > x.y * y.x && inertia.determinant() > 0.0 && inertia.is_finite();
         let asymmetry =
             (inertia - inertia.transpose()).to_cols_array().iter().fold(0.0, |a: f64, b| a.max(b.abs()));
-        let complaint = if !(1.0 / LARGEST_LENGTH..=LARGEST_LENGTH).contains(&source.bounding_radius) {
+        let complaint = if !(1.0 / MAX_LENGTH..=MAX_LENGTH).contains(&source.bounding_radius) {
             "the bounding radius is not a positive number within range"
         } else if !(0.0..=1.0).contains(&source.tolerance) {
             "the tolerance is not between 0 and 1 of the bounding radius"
@@ -142,7 +144,7 @@ impl Parts {
         Ok(())
     }
 
-    /// Checks a node whose hull vertices and triangles should begin at `next`; tells where they end.
+    /// Checks a node whose hull vertices and triangles should begin at `next`; returns where they end.
     fn validate_node(&self, index: usize, next: (u32, u32)) -> Result<(u32, u32), String> {
         let node = &self.nodes[index];
         self.validate_links(index as u32, node)?;
@@ -172,7 +174,7 @@ impl Parts {
             return Err("its centre is not finite and within range".to_owned());
         }
         for (what, value) in [("radius", node.radius), ("deviation", node.deviation), ("h", node.hausdorff)] {
-            if !(0.0..=LARGEST_LENGTH).contains(&value) {
+            if !(0.0..=MAX_LENGTH).contains(&value) {
                 return Err(format!("its {what} is {value:?}"));
             }
         }
@@ -193,8 +195,8 @@ impl Parts {
         Ok((node.vertices.end, node.triangles.end))
     }
 
-    /// Checks a node's place in the tree. Over all nodes: each but the root is a child of the one node that it names,
-    /// one level coarser; hence every node is reached from the root, once.
+    /// Checks a node's place in the tree. Over all nodes: each but the root is a child of the one node that
+    /// it names, one level coarser; hence every node is reached from the root, once.
     fn validate_links(&self, index: u32, node: &Node) -> Result<(), String> {
         let level =
             self.levels.get(node.level as usize).ok_or_else(|| format!("it is on level {}", node.level))?;
@@ -224,7 +226,8 @@ impl Parts {
         if start >= end || start < finer.start || end > finer.end {
             return Err(format!("its children are {start}..{end}, but the next finer level is {finer:?}"));
         }
-        // Stops at the first child of another parent, so that overlapping ranges cost no more than disjoint ones.
+        // Stops at the first child of another parent, so that overlapping ranges cost no more than disjoint
+        // ones.
         match (start..end).find(|child| self.nodes[*child as usize].parent != index) {
             Some(child) => Err(format!("its child {child} names another parent")),
             None => Ok(()),
@@ -232,7 +235,7 @@ impl Parts {
     }
 }
 
-/// Whether a range begins at `next` and ends within `count`.
+/// Checks that a range begins at `next` and ends within `count`.
 fn follows(range: &Range<u32>, next: u32, count: usize) -> Result<(), String> {
     if range.start != next || range.end < next || range.end as usize > count {
         return Err(format!("are {range:?}: they should begin at {next}, and there are {count}"));
@@ -241,5 +244,5 @@ fn follows(range: &Range<u32>, next: u32, count: usize) -> Result<(), String> {
 }
 
 fn within_range(point: DVec3) -> bool {
-    point.abs().max_element() <= LARGEST_LENGTH && point.is_finite()
+    point.abs().max_element() <= MAX_LENGTH && point.is_finite()
 }

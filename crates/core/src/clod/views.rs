@@ -1,4 +1,4 @@
-//! What a packed hierarchy shows of its arrays.
+//! Views of the arrays of a packed hierarchy.
 
 use std::iter::FusedIterator;
 use std::ops::{Index, Range};
@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use super::{Clod, Node};
 
-/// Some of a hierarchy's nodes.
+/// A range of a hierarchy's nodes.
 #[derive(Clone, Debug)]
 pub struct Nodes<'a> {
     pub(super) clod: &'a Clod,
@@ -15,12 +15,12 @@ pub struct Nodes<'a> {
 }
 
 impl<'a> Nodes<'a> {
-    /// How many there are.
+    /// Number of nodes.
     pub fn len(&self) -> usize {
         self.range.len()
     }
 
-    /// Whether there are none.
+    /// Whether the view is empty.
     pub fn is_empty(&self) -> bool {
         self.range.is_empty()
     }
@@ -31,7 +31,7 @@ impl<'a> Nodes<'a> {
         self.range.clone().map(|index| clod.node(index))
     }
 
-    /// The first one.
+    /// The first node.
     pub fn first(&self) -> Option<Node> {
         self.iter().next()
     }
@@ -65,13 +65,13 @@ impl<'a> Points<'a> {
         Self { all, indices }
     }
 
-    /// How many there are.
+    /// Number of points.
     #[inline]
     pub fn len(&self) -> usize {
         self.indices.len()
     }
 
-    /// Whether there are none.
+    /// Whether the view is empty.
     pub fn is_empty(&self) -> bool {
         self.indices.is_empty()
     }
@@ -83,7 +83,7 @@ impl<'a> Points<'a> {
         self.indices.iter().map(move |index| &all[*index as usize])
     }
 
-    /// The first so many of them.
+    /// The first `count` points.
     ///
     /// # Panics
     /// If there are fewer.
@@ -93,7 +93,7 @@ impl<'a> Points<'a> {
         Self { all: self.all, indices: &self.indices[..count] }
     }
 
-    /// A copy of them.
+    /// A copy of the points, m.
     pub fn to_vec(&self) -> Vec<DVec3> {
         self.iter().copied().collect()
     }
@@ -117,7 +117,7 @@ impl<'a> IntoIterator for Points<'a> {
     }
 }
 
-/// Goes through points of a hull.
+/// An iterator over the points of a hull.
 #[derive(Clone, Debug)]
 pub struct PointsIter<'a> {
     all: &'a [DVec3],
@@ -150,12 +150,12 @@ impl<'a> Areas<'a> {
         Self { all, indices }
     }
 
-    /// How many there are.
+    /// Number of areas.
     pub fn len(&self) -> usize {
         self.indices.len()
     }
 
-    /// Whether there are none.
+    /// Whether the view is empty.
     pub fn is_empty(&self) -> bool {
         self.indices.is_empty()
     }
@@ -181,7 +181,7 @@ impl Index<usize> for Areas<'_> {
 #[derive(Clone, Copy, Debug)]
 pub struct Triangles<'a>(pub(super) Corners<'a>);
 
-/// In as few bytes as the largest hull allows.
+/// Corners in as few bytes as the largest hull allows.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Corners<'a> {
     Bytes(&'a [[u8; 3]]),
@@ -190,12 +190,12 @@ pub(super) enum Corners<'a> {
 }
 
 impl<'a> Triangles<'a> {
-    /// Triangles that are not in a hierarchy.
+    /// A view of triangles that are not in a hierarchy.
     pub fn of(triangles: &'a [[u32; 3]]) -> Self {
         Self(Corners::Words(triangles))
     }
 
-    /// How many there are.
+    /// Number of triangles.
     #[inline]
     pub fn len(&self) -> usize {
         match self.0 {
@@ -205,19 +205,19 @@ impl<'a> Triangles<'a> {
         }
     }
 
-    /// Whether there are none.
+    /// Whether the view is empty.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// One of them.
+    /// The triangle at an index.
     ///
     /// # Panics
-    /// If there are no more than `index`.
+    /// If the index is out of range.
     #[inline]
     pub fn at(&self, index: usize) -> [u32; 3] {
         match self.0 {
-            // Spelt out: as a map it is not inlined.
+            // Written out, since the compiler does not inline a map here.
             Corners::Bytes(all) => {
                 let [i, j, k] = all[index];
                 [u32::from(i), u32::from(j), u32::from(k)]
@@ -230,7 +230,7 @@ impl<'a> Triangles<'a> {
         }
     }
 
-    /// Whether some of them fulfil a condition.
+    /// Whether any triangle fulfils a condition.
     #[inline]
     pub fn any(&self, mut condition: impl FnMut([u32; 3]) -> bool) -> bool {
         match self.0 {
@@ -260,7 +260,7 @@ impl<'a> IntoIterator for Triangles<'a> {
     }
 }
 
-/// Goes through triangles of a patch.
+/// An iterator over the triangles of a patch.
 #[derive(Clone, Debug)]
 pub struct TrianglesIter<'a> {
     triangles: Triangles<'a>,

@@ -1,16 +1,18 @@
-//! Connectivity of a triangle mesh: its edges, the triangles at each edge, the neighbour across each side of a
-//! triangle, and the triangles around each vertex.
+//! Connectivity of a triangle mesh: its edges, the triangles at each edge, the neighbour across each side of
+//! a triangle, and the triangles around each vertex.
 //!
-//! Half-edges are grouped by counting sort on their lower vertex, then sorted within the small group of each vertex:
-//! linear in the number of triangles for bounded valence, and deterministic. Any mesh is accepted: an edge may belong to
-//! any number of triangles. Triangles that name a vertex twice have no sides to share and take no part.
+//! Half-edges are grouped by counting sort on their lower vertex, then sorted within the small group of each
+//! vertex: linear in the number of triangles for bounded valence, and deterministic. Any mesh is accepted: an
+//! edge may belong to any number of triangles. Triangles that name a vertex twice have no sides to share and
+//! are left out.
 
 use super::TriMesh;
 
-/// What stands in [`Adjacency::neighbours`] where there is no single neighbour.
+/// Entry of [`Adjacency::neighbours`] where there is no single neighbour.
 pub const NO_NEIGHBOUR: u32 = u32::MAX;
 
-/// A side of a triangle, directed along its orientation: side `k` runs from corner `k` to corner `k + 1` (mod 3).
+/// A side of a triangle, directed along its orientation: side `k` runs from corner `k` to corner `k + 1` (mod
+/// 3).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct HalfEdge(u32);
 
@@ -25,13 +27,13 @@ impl HalfEdge {
         self.0 / 3
     }
 
-    /// Which of the triangle's sides it is: 0, 1 or 2. It starts at the corner of that number.
+    /// Number of the side in its triangle: 0, 1 or 2. It starts at the corner of that number.
     pub const fn side(self) -> u32 {
         self.0 % 3
     }
 }
 
-/// How many triangles meet at an edge.
+/// Number of triangles that meet at an edge, and whether they agree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EdgeKind {
     /// One.
@@ -77,7 +79,8 @@ impl TriMesh {
         [corners[side.side() as usize], corners[(side.side() as usize + 1) % 3]]
     }
 
-    /// The mesh's connectivity. Linear time and memory in the number of vertices and triangles; deterministic.
+    /// The mesh's connectivity. Linear time and memory in the number of vertices and triangles;
+    /// deterministic.
     pub fn adjacency(&self) -> Adjacency {
         let triangles = self.triangles();
         let vertex_count = self.vertices().len();
@@ -89,7 +92,8 @@ impl TriMesh {
             )
         };
 
-        // A triangle has one side that starts at each of its corners, so that the same pass serves the vertices.
+        // A triangle has one side that starts at each of its corners, so that the same pass serves the
+        // vertices.
         let mut vertex_starts = vec![0u32; vertex_count + 1];
         let mut group_starts = vec![0u32; vertex_count + 1];
         for (_, from, to) in sides() {
@@ -100,6 +104,8 @@ impl TriMesh {
         starts_from_counts(&mut group_starts);
         let side_count = group_starts[vertex_count] as usize;
 
+        // Each side goes into the group of its lower vertex, under the key (higher vertex, side): sorted, the
+        // sides of an edge follow one another.
         let mut vertex_triangles = vec![0u32; side_count];
         let mut grouped = vec![0u64; side_count];
         let mut vertex_next = vertex_starts.clone();
@@ -158,8 +164,8 @@ impl Adjacency {
         });
     }
 
-    /// The edges as pairs of vertices, the lower first, in ascending order. Each edge is there once, however many
-    /// triangles share it.
+    /// The edges as pairs of vertices, the lower first, in ascending order. Each edge is there once, however
+    /// many triangles share it.
     pub fn edges(&self) -> &[[u32; 2]] {
         &self.edges
     }
@@ -170,7 +176,8 @@ impl Adjacency {
         &self.edge_sides[self.edge_starts[edge] as usize..self.edge_starts[edge + 1] as usize]
     }
 
-    /// How many triangles meet at an edge, and whether two that do agree in orientation.
+    /// Kind of an edge: the number of triangles that meet at it, and whether two of them agree in
+    /// orientation.
     pub fn edge_kind(&self, edge: u32) -> EdgeKind {
         self.kinds[edge as usize]
     }
@@ -190,21 +197,22 @@ impl Adjacency {
         &self.triangle_edges
     }
 
-    /// The other triangle at each side of each triangle, where exactly two share the edge (even if they disagree in
-    /// orientation); [`NO_NEIGHBOUR`] at a boundary or a non-manifold edge.
+    /// The other triangle at each side of each triangle, where exactly two share the edge (even if they
+    /// disagree in orientation); [`NO_NEIGHBOUR`] at a boundary or a non-manifold edge.
     pub fn neighbours(&self) -> &[[u32; 3]] {
         &self.neighbours
     }
 
-    /// The triangle across side `side` (from corner `side` to the next) of a triangle, where exactly two share the edge.
+    /// The triangle across side `side` (from corner `side` to the next) of a triangle, where exactly two
+    /// share the edge.
     pub fn neighbour(&self, triangle: u32, side: u32) -> Option<u32> {
         let other = self.neighbours[triangle as usize][side as usize];
         (other != NO_NEIGHBOUR).then_some(other)
     }
 
-    /// The connected component of each triangle, numbered from 0 in the order of their first triangles, and how many
-    /// there are. Triangles are connected across edges, however many share one; meeting at a vertex alone does not
-    /// connect. [`NO_NEIGHBOUR`] for a triangle that names a vertex twice.
+    /// The connected component of each triangle, numbered from 0 in the order of their first triangles, and
+    /// the number of components. Triangles are connected across edges, however many share one; meeting at a
+    /// vertex alone does not connect. [`NO_NEIGHBOUR`] for a triangle that names a vertex twice.
     pub fn components(&self) -> (Vec<u32>, u32) {
         let mut component = vec![NO_NEIGHBOUR; self.triangle_edges.len()];
         let mut count = 0;
@@ -323,7 +331,7 @@ mod tests {
                 let label = |side: &HalfEdge| labels[side.triangle() as usize];
                 assert!(sides.iter().all(|side| label(side) == label(&sides[0])), "{context}");
             }
-            // Labels that edges join are equal; that no more are is a matter of how many there are.
+            // Labels that edges join are equal; their number shows that no others are.
             let mut parents: Vec<usize> = (0..triangles).collect();
             let mut separate =
                 mesh.triangles().iter().filter(|corners| !is_collapsed(**corners)).count() as u32;

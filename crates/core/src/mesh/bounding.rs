@@ -1,6 +1,7 @@
-//! The bounding sphere that lengths and tolerances are given in proportion to: centred on the middle of the axis-aligned
-//! bounding box, with the radius that reaches the farthest vertex. It is not the smallest sphere (its radius is at most
-//! √3 times that one's), but it is defined in one line, needs no iteration and does not depend on the vertices' order.
+//! The bounding sphere, whose radius is the unit of relative lengths and tolerances: centred on the middle of
+//! the axis-aligned bounding box, with the radius that reaches the farthest vertex. It is not the smallest
+//! sphere (its radius is at most √3 times that one's), but it is defined in one line, needs no iteration and
+//! does not depend on the vertices' order.
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -27,8 +28,8 @@ impl Sphere {
         if !low.is_finite() {
             return Self::default();
         }
-        // Halved before they are added, and measured in units of the box, so that neither huge nor tiny coordinates
-        // leave the range of f64 on the way.
+        // Halved before they are added, and measured in units of the box, so that neither huge nor tiny
+        // coordinates leave the range of f64 on the way.
         let center = low * 0.5 + high * 0.5;
         let half_extent = (high * 0.5 - low * 0.5).max_element();
         if half_extent == 0.0 {
@@ -40,15 +41,16 @@ impl Sphere {
     }
 }
 
-/// A power of two within a factor of two of a positive length, so that dividing by it rounds nothing; within the
-/// range where it and its reciprocal are normal numbers.
+/// A power of two within a factor of two of a positive length, so that division by it is exact. It and its
+/// reciprocal are normal numbers.
 pub(super) fn power_of_two_near(length: f64) -> f64 {
     2f64.powi(length.log2().floor().clamp(-1021.0, 1021.0) as i32)
 }
 
 impl TriMesh {
-    /// The bounding sphere of the vertices that triangles refer to: centred on the middle of their axis-aligned
-    /// bounding box, reaching the farthest of them. Its radius is the *bounding radius* that tolerances are given in.
+    /// The bounding sphere of the vertices that triangles refer to: centred on the middle of their
+    /// axis-aligned bounding box, reaching the farthest of them. Its radius is the *bounding radius* that
+    /// tolerances are given in.
     pub fn bounding_sphere(&self) -> Sphere {
         let mut referenced = vec![false; self.vertices.len()];
         for &v in self.triangles.iter().flatten() {

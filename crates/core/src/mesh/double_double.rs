@@ -1,9 +1,10 @@
-//! Numbers of twice the precision of f64 (some 32 digits) as unevaluated sums of two of them, with Dekker's and Knuth's
-//! error-free transformations (Dekker, *A floating-point technique for extending the available precision*, 1971).
+//! Numbers of twice the precision of f64 (some 32 digits) as unevaluated sums of two of them, with Dekker's
+//! and Knuth's error-free transformations (Dekker, *A floating-point technique for extending the available
+//! precision*, 1971).
 //!
-//! The terms of a polyhedral integral are as large as the extent of the mesh to the third to fifth power, however
-//! little volume it encloses; this keeps what their cancellation leaves. No fused multiply-add is used: on targets
-//! without the instruction it is a slow library call.
+//! The terms of a polyhedral integral are as large as the extent of the mesh to the third to fifth power,
+//! however little volume it encloses; twice the digits keep the small difference that is left of them. No
+//! fused multiply-add is used: on targets without the instruction it is a slow library call.
 
 use std::ops::{Add, AddAssign, Mul, Sub};
 
@@ -121,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn differences_keep_what_f64_loses() {
+    fn differences_keep_digits_that_f64_loses() {
         let far = DoubleDouble::difference(1e16, 1.0) - DoubleDouble::difference(1e16, 0.0);
         assert_eq!(far.value(), -1.0);
         assert_eq!((far * far).scaled(0.5).value(), 0.5);

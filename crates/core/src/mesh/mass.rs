@@ -1,13 +1,14 @@
 //! Volume, centre of mass and inertia of a solid of uniform density, as polyhedral integrals.
 //!
-//! The divergence theorem turns the integrals of 1, xᵢ and xᵢxⱼ over a solid into sums over its surface triangles
-//! (Mirtich, *Fast and accurate computation of polyhedral mass properties*, 1996; Eberly, *Polyhedral mass properties*,
-//! 2002). Equivalently, and as done here, each triangle (a, b, c) contributes the signed tetrahedron that it spans with
-//! the origin: with d = det(a, b, c) and s = a + b + c these are d/6, d s/24 and d (aaᵀ + bbᵀ + ccᵀ + ssᵀ)/120.
+//! The divergence theorem turns the integrals of 1, xᵢ and xᵢxⱼ over a solid into sums over its surface
+//! triangles (Mirtich, *Fast and accurate computation of polyhedral mass properties*, 1996; Eberly,
+//! *Polyhedral mass properties*, 2002). Equivalently, and as done here, each triangle (a, b, c) contributes
+//! the signed tetrahedron that it spans with the origin: with d = det(a, b, c) and s = a + b + c these are
+//! d/6, d s/24 and d (aaᵀ + bbᵀ + ccᵀ + ssᵀ)/120.
 //!
-//! The origin is the middle of the bounding box, coordinates relative to it are exact, and the sums are carried in
-//! double-double arithmetic: neither distance from the file's origin nor slenderness costs digits, and the error of the
-//! result is its rounding to f64.
+//! The origin is the middle of the bounding box, coordinates relative to it are exact, and the sums are
+//! carried in double-double arithmetic: neither distance from the file's origin nor slenderness costs digits,
+//! and the error of the result is its rounding to f64.
 
 use glam::{DMat3, DVec3};
 
@@ -28,7 +29,8 @@ pub struct MassProperties {
     pub inertia: DMat3,
 }
 
-/// A thickness (volume over area) below this multiple of the bounding radius is what rounding of the coordinates makes.
+/// Thickness (volume over area), as a multiple of the bounding radius, that rounding of the coordinates alone
+/// makes: a thinner mesh encloses no volume.
 const NEGLIGIBLE_THICKNESS: f64 = 1e-15;
 
 /// Half extents (m) for which r⁵, and so the inertia, stays far within the range of f64.
@@ -37,14 +39,14 @@ const HALF_EXTENTS: std::ops::Range<f64> = 1e-50..1e50;
 impl TriMesh {
     /// Mass properties at a uniform density (kg/m³).
     ///
-    /// What is needed of the surface is what the divergence theorem needs: at every edge as many triangles run one way as
-    /// the other. A closed, oriented 2-manifold has that; so have solids that touch along an edge. Where shells overlap,
-    /// the common volume counts once for each.
+    /// The divergence theorem requires that, at every edge, as many triangles run in one direction as in the
+    /// other. A closed, oriented 2-manifold fulfils this, and so do solids that touch along an edge. Where
+    /// shells overlap, the common volume counts once for each.
     ///
     /// # Errors
-    /// If a triangle has a vertex that is not finite; if the surface is open, inconsistently oriented, inside out
-    /// (as a whole, or in part so that the tensor is not one of a body) or without volume; if the density is not
-    /// positive and finite; or if the results are not within the range of f64.
+    /// If a triangle has a vertex that is not finite; if the surface is open, inconsistently oriented, inside
+    /// out (as a whole, or in part so that the tensor is not that of a body) or without volume; if the
+    /// density is not positive and finite; or if the results are not within the range of f64.
     pub fn mass_properties(&self, density: f64) -> Result<MassProperties, MeshError> {
         if !(density.is_finite() && density > 0.0) {
             return Err(MeshError::BadDensity);
@@ -81,9 +83,9 @@ impl TriMesh {
         Ok(MassProperties { mass, volume, center_of_mass: frame.center + solid.center * frame.unit, inertia })
     }
 
-    /// The signed volume, m³: the sum of the signed tetrahedra of all triangles with finite vertices. For a surface
-    /// without border that is the enclosed volume, whatever the origin; for another one it depends on the origin, and
-    /// that of the mesh's frame is taken. 0 when out of the range of f64.
+    /// The signed volume, m³: the sum of the signed tetrahedra of all triangles with finite vertices. For a
+    /// surface without border this is the enclosed volume, whatever the origin; for a surface with one it
+    /// depends on the origin, and that of the mesh's frame is taken. 0 when out of the range of f64.
     pub(super) fn signed_volume(&self, adjacency: &Adjacency) -> f64 {
         let finite = (0..self.triangles.len())
             .map(|t| self.corners(t))
@@ -102,8 +104,8 @@ impl TriMesh {
     }
 }
 
-/// The first edge (in order of its vertices) at which the triangles' directions do not cancel, a triangle at it,
-/// and whether the number of triangles is even, so that turning some of them would make them cancel.
+/// The first edge (in order of its vertices) at which the triangles' directions do not cancel, a triangle at
+/// it, and whether the number of triangles is even, so that turning some of them would make them cancel.
 fn unbalanced_edge(mesh: &TriMesh, adjacency: &Adjacency) -> Option<([u32; 2], u32, bool)> {
     (0..adjacency.edges().len() as u32).find_map(|edge| {
         let sides = adjacency.edge_sides(edge);
@@ -113,20 +115,21 @@ fn unbalanced_edge(mesh: &TriMesh, adjacency: &Adjacency) -> Option<([u32; 2], u
     })
 }
 
-/// Coordinates relative to a centre, in units of a power of two near the half extent. Nothing is lost in them.
+/// Coordinates relative to a centre, in units of a power of two near the half extent. They are exact.
 struct LocalFrame {
     center: DVec3,
     unit: f64,
 }
 
 impl LocalFrame {
-    /// The frame about the middle of the bounding box of the triangles' vertices; none without finite extent.
+    /// The frame about the middle of the bounding box of the triangles' vertices; `None` without a finite
+    /// extent.
     fn of_box(mesh: &TriMesh) -> Option<Self> {
         let sphere = mesh.bounding_sphere();
         Self::new(sphere.center, sphere.radius)
     }
 
-    /// The frame about the origin; none if all vertices are there.
+    /// The frame about the origin; `None` if all vertices are there.
     fn of_origin(mesh: &TriMesh) -> Option<Self> {
         let reach = mesh.vertices.iter().filter(|p| p.is_finite()).map(|p| p.abs().max_element());
         Self::new(DVec3::ZERO, reach.fold(0.0, f64::max))
@@ -142,7 +145,7 @@ impl LocalFrame {
     }
 }
 
-/// a · (b × c).
+/// Triple product a · (b × c).
 fn determinant([a, b, c]: [[DoubleDouble; 3]; 3]) -> DoubleDouble {
     a[0] * (b[1] * c[2] - b[2] * c[1])
         + a[1] * (b[2] * c[0] - b[0] * c[2])
@@ -170,6 +173,7 @@ struct UnitSolid {
 impl Integrals {
     fn add(&mut self, corners: [[DoubleDouble; 3]; 3]) {
         let [a, b, c] = corners;
+        // d/6 is the volume of the tetrahedron, d s/24 its ∫x and d (aaᵀ + bbᵀ + ccᵀ + ssᵀ)/120 its ∫xxᵀ.
         let d = determinant(corners);
         let s = [0, 1, 2].map(|i| a[i] + b[i] + c[i]);
         let [p, q, r] = corners.map(|corner| DVec3::from_array(corner.map(DoubleDouble::value)));
@@ -187,7 +191,7 @@ impl Integrals {
         self.one.value() / 6.0
     }
 
-    /// Centre of mass and inertia about it.
+    /// The body of unit mass: its centre of mass, and its inertia about that.
     fn solid(&self) -> Result<UnitSolid, MeshError> {
         let volume = self.volume();
         // The radius is between one and two of the local units.
@@ -197,8 +201,9 @@ impl Integrals {
         if volume < 0.0 {
             return Err(MeshError::Inverted);
         }
-        // Central second moments C = ∫xᵢxⱼ − (∫xᵢ)(∫xⱼ)/V. Multiplied by 96·6V, the difference needs no division
-        // before the cancellation is over: 96·6V·C = 0.8·(6V)(120∫xᵢxⱼ) − (24∫xᵢ)(24∫xⱼ), and 0.8 = 4/5.
+        // Central second moments C = ∫xᵢxⱼ − (∫xᵢ)(∫xⱼ)/V. Multiplied by 96·6V, the difference needs no
+        // division before the cancellation is over: 96·6V·C = 0.8·(6V)(120∫xᵢxⱼ) − (24∫xᵢ)(24∫xⱼ), and 0.8 =
+        // 4/5.
         let five = DoubleDouble::difference(5.0, 0.0);
         let mut covariance = [0.0; 6];
         for ((entry, sum), (i, j)) in covariance.iter_mut().zip(self.second).zip(PAIRS) {
@@ -380,7 +385,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_solid_is_refused() {
+    fn meshes_that_are_not_solids_are_refused() {
         let block = cuboid(DVec3::ZERO, DVec3::ONE);
         let properties = |mesh: &TriMesh| mesh.mass_properties(1.0);
         assert_eq!(properties(&TriMesh::default()), Err(MeshError::NoVolume));

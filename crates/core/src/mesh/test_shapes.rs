@@ -74,7 +74,7 @@ pub fn mapped(mesh: &TriMesh, mut map: impl FnMut(DVec3) -> DVec3) -> TriMesh {
     TriMesh::new(mesh.vertices().iter().map(|p| map(*p)).collect(), mesh.triangles().to_vec()).unwrap()
 }
 
-/// Triangles between random ones of a few vertices: everything that can be wrong with connectivity is.
+/// Triangles between random ones of a few vertices, with every defect of connectivity.
 pub fn tangle(random: &mut StdRng, vertices: u32, triangles: usize) -> TriMesh {
     let positions =
         (0..vertices).map(|_| DVec3::from_array([0; 3].map(|_| random.random_range(-1.0..1.0)))).collect();
@@ -82,7 +82,7 @@ pub fn tangle(random: &mut StdRng, vertices: u32, triangles: usize) -> TriMesh {
     TriMesh::new(positions, triangles).unwrap()
 }
 
-/// Any orientation.
+/// A random orientation.
 pub fn rotation(random: &mut StdRng) -> DQuat {
     DQuat::from_scaled_axis(DVec3::from_array([0; 3].map(|_| random.random_range(-3.0..3.0))))
 }

@@ -6,8 +6,8 @@ use super::TriMesh;
 
 /// A mesh whose triangles have a place in a texture.
 ///
-/// Coordinates are those of glTF: (0, 0) is the upper left corner of the image and (1, 1) the lower right one, so that the
-/// first row of texels is at v = 0. Each corner of a triangle has its own, as seams need.
+/// Coordinates are those of glTF: (0, 0) is the upper left corner of the image and (1, 1) the lower right
+/// one, so that the first row of texels is at v = 0. Each corner of a triangle has its own, as seams need.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct UvMesh {
     mesh: TriMesh,
@@ -17,12 +17,12 @@ pub struct UvMesh {
 /// Why a mesh with texture coordinates was refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum UvMeshError {
-    /// Not every triangle has coordinates, or there are some for triangles that are not there.
+    /// There are fewer or more coordinates than triangles.
     #[error("texture coordinates for {coordinates} triangles of {triangles}: each triangle needs its own")]
     Count {
-        /// How many triangles have coordinates.
+        /// Number of triangles with coordinates.
         coordinates: usize,
-        /// How many triangles there are.
+        /// Number of triangles.
         triangles: usize,
     },
     /// A coordinate is infinite or not a number.
@@ -49,7 +49,8 @@ impl UvMesh {
         }
     }
 
-    /// A mesh with texture coordinates by projection: `place` takes each vertex (m) to its place in the texture.
+    /// A mesh with texture coordinates by projection: `place` maps each vertex (m) to its place in the
+    /// texture.
     ///
     /// # Errors
     /// If a coordinate is not finite.
@@ -63,7 +64,7 @@ impl UvMesh {
         &self.mesh
     }
 
-    /// For each triangle the texture coordinates of its corners.
+    /// Texture coordinates of each triangle's corners.
     pub fn coordinates(&self) -> &[[DVec2; 3]] {
         &self.coordinates
     }

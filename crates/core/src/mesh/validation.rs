@@ -1,10 +1,11 @@
-//! What is wrong with a mesh, if anything.
+//! Validation of triangle meshes.
 //!
 //! Conventions, where usage differs:
-//! - A triangle that names a vertex twice has no sides: it counts as degenerate and otherwise takes no part. Triangles
-//!   without area and duplicates do take part, so that a duplicate makes its edges non-manifold.
-//! - *Closed* means that each edge belongs to exactly two triangles. A mesh with an edge of four triangles encloses a
-//!   volume but is not closed in this sense, since there is no saying which of them are neighbours.
+//! - A triangle that names a vertex twice has no sides: it counts as degenerate and is ignored otherwise.
+//!   Triangles without area and duplicates are not ignored, so that a duplicate makes its edges non-manifold.
+//! - *Closed* means that each edge belongs to exactly two triangles. A mesh with an edge of four triangles
+//!   encloses a volume but is not closed in this sense, since it does not determine which of them are
+//!   neighbours.
 //! - *Oriented* is judged at edges of two triangles, where it is defined.
 //! - Components are connected across edges; meeting at a vertex alone does not connect.
 
@@ -13,11 +14,12 @@ use serde::Serialize;
 use super::adjacency::is_collapsed;
 use super::{Adjacency, EdgeKind, TriMesh};
 
-/// A triangle is without area when its height over its longest side is below this multiple of the bounding radius. Some
-/// thousand times the rounding of a coordinate: the direction of such a triangle's normal is noise.
+/// Height of a triangle over its longest side, as a multiple of the bounding radius, up to which the triangle
+/// has no area. Some thousand times the rounding of a coordinate: the direction of such a triangle's normal
+/// is noise.
 pub const NEGLIGIBLE_HEIGHT: f64 = 1e-12;
 
-/// What is wrong with a mesh, made by [`TriMesh::validate`]: counts, and the first element of each kind.
+/// Defects of a mesh, found by [`TriMesh::validate`]: their number, and the first element with each.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct ValidationReport {
     /// Vertices that a triangle refers to.
@@ -36,12 +38,12 @@ pub struct ValidationReport {
     pub nonmanifold_edges: usize,
     /// Edges of two triangles that disagree on which side is outside.
     pub misoriented_edges: usize,
-    /// Fans of triangles (connected across edges at the vertex) beyond the first, summed over the vertices: how many
-    /// vertices must be added for each fan to have its own.
+    /// Fans of triangles (connected across edges at the vertex) beyond the first, summed over the vertices:
+    /// the number of vertices to add for each fan to have its own.
     pub nonmanifold_vertices: usize,
     /// Triangles that name a vertex twice or have no area.
     pub degenerate: usize,
-    /// Those of the degenerate triangles that have three different vertices.
+    /// Degenerate triangles with three different vertices.
     pub zero_area: usize,
     /// Triangles with the same vertices as an earlier one, in whatever order.
     pub duplicate: usize,
@@ -53,15 +55,15 @@ pub struct ValidationReport {
     pub components: usize,
     /// Radius of the [bounding sphere](TriMesh::bounding_sphere), m.
     pub bounding_radius: f64,
-    /// Signed volume, m³: negative when the triangles face inwards. For a surface with a border, or one that is not
-    /// oriented, the sum of the signed tetrahedra that the triangles span with the origin. Triangles with a vertex that
-    /// is not finite are left out.
+    /// Signed volume, m³: negative when the triangles face inwards. For a surface with a border, or one that
+    /// is not oriented, the sum of the signed tetrahedra that the triangles span with the origin. Triangles
+    /// with a vertex that is not finite are left out.
     pub volume: f64,
     /// The first offending element of each kind found.
     pub first: FirstOffenders,
 }
 
-/// An edge with something wrong.
+/// An edge with a defect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct OffendingEdge {
     /// Its vertices, the lower first.
@@ -70,8 +72,8 @@ pub struct OffendingEdge {
     pub triangle: u32,
 }
 
-/// The first offending element of each kind, where there is one: vertices and triangles by index, edges in order of
-/// their first triangle. Absent kinds are left out when serialized.
+/// The first offending element of each kind, where there is one: vertices and triangles by index, edges in
+/// order of their first triangle. Absent kinds are left out when serialized.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct FirstOffenders {
     /// An edge of one triangle.
@@ -98,14 +100,15 @@ pub struct FirstOffenders {
     /// A vertex that no triangle refers to.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unreferenced: Option<u32>,
-    /// Two triangles that intersect. Validation does not look for them; whoever does (palpate-mesh-io) may fill this in.
+    /// Two triangles that intersect. Validation does not look for them; palpate-mesh-io does, and fills this
+    /// in.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub self_intersection: Option<[u32; 2]>,
 }
 
 impl ValidationReport {
-    /// Whether the surface is closed, 2-manifold and consistently oriented, faces outwards and is made of finite
-    /// numbers: inside and outside are defined. (It may still intersect itself.)
+    /// Whether the surface is closed, 2-manifold and consistently oriented, faces outwards and is made of
+    /// finite numbers, so that inside and outside are defined. (It may still intersect itself.)
     pub fn is_solid(&self) -> bool {
         self.closed && self.manifold && self.oriented && self.nonfinite == 0 && self.volume > 0.0
     }
@@ -126,8 +129,8 @@ impl<T> Tally<T> {
 }
 
 impl TriMesh {
-    /// Looks for everything that may be wrong with the mesh, apart from self-intersection. Any mesh is accepted; the
-    /// time is that of a few sorts of its triangles.
+    /// Finds all defects of the mesh but self-intersection. Any mesh is accepted; the time is that of a few
+    /// sorts of its triangles.
     pub fn validate(&self) -> ValidationReport {
         let adjacency = self.adjacency();
         let bounding_radius = self.bounding_sphere().radius;
@@ -188,8 +191,8 @@ impl TriMesh {
         }
     }
 
-    /// Whether a triangle's height over its longest side is negligible beside the bounding radius (m). Not so if a
-    /// corner is not finite: that is another complaint.
+    /// Whether a triangle's height over its longest side is negligible beside the bounding radius (m); false
+    /// if a corner is not finite, which is another defect.
     fn has_no_area(&self, triangle: usize, bounding_radius: f64) -> bool {
         let [a, b, c] = self.corners(triangle);
         if a == b || b == c || c == a {
@@ -201,7 +204,7 @@ impl TriMesh {
         u.cross(v).length() <= NEGLIGIBLE_HEIGHT * longest
     }
 
-    /// For each triangle, whether an earlier one has the same three vertices.
+    /// Flags, one a triangle: true if an earlier triangle has the same three vertices.
     fn repeats_earlier(&self) -> Vec<bool> {
         let mut sorted: Vec<([u32; 3], u32)> = (self.triangles.iter().zip(0..))
             .filter(|(corners, _)| !is_collapsed(**corners))
@@ -225,8 +228,8 @@ impl TriMesh {
     fn extra_fans(&self, adjacency: &Adjacency) -> (usize, Option<u32>) {
         let mut extra = 0;
         let mut first = None;
-        // The fan of each of the vertex's triangles, as a union-find forest, and the (other vertex, triangle) of each
-        // of its sides.
+        // The fan of each of the vertex's triangles, as a union-find forest, and the (other vertex, triangle)
+        // of each of its sides.
         let mut parent: Vec<usize> = Vec::new();
         let mut spokes: Vec<(u32, usize)> = Vec::new();
         for vertex in 0..self.vertices.len() as u32 {
@@ -292,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn solids_have_nothing_wrong() {
+    fn solids_have_no_defects() {
         for mesh in [block(), tetrahedron(), sphere(0.02, 3), together(&[block(), tetrahedron()])] {
             let report = mesh.validate();
             assert!(report.is_solid(), "{report:?}");

@@ -65,7 +65,9 @@ use crate::coupling::{DeviceMotion, VirtualCoupling};
 pub use frame::Frame;
 pub use outcome::{Step, StepFailure, StepStatus};
 pub use system::MAX_SOLVES;
-pub(crate) use system::{FREE_SOLVES, System, carried_momentum};
+#[cfg(feature = "integrators")]
+pub(crate) use system::carried_momentum;
+pub(crate) use system::{FREE_SOLVES, System};
 
 /// Advances the body by `dt` (s) under the coupling, the contacts and `gravity` (m/s²), and evaluates at the
 /// new state the wrench for the device.

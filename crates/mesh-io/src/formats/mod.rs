@@ -1,4 +1,4 @@
-//! A reader a format, each from bytes to a [`Surface`](surface::Surface).
+//! The readers, one for each format: each turns bytes into a [`Surface`](surface::Surface).
 
 #[cfg(feature = "gltf")]
 pub(crate) mod gltf_scene;
@@ -13,7 +13,7 @@ use std::path::Path;
 
 use crate::LoadError;
 
-/// The bytes of a regular file: a device or a pipe might never end.
+/// Reads the bytes of a regular file. Others are refused: a device or a pipe might never end.
 pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, LoadError> {
     let failed = |source| LoadError::Read { file: path.into(), source };
     if !fs::metadata(path).map_err(failed)?.is_file() {

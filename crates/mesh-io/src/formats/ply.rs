@@ -1,8 +1,10 @@
-//! PLY: ASCII and binary of either byte order; the positions of the element `vertex` and the polygons of `face`.
+//! PLY: ASCII and binary of either byte order; the positions of the element `vertex` and the polygons of
+//! `face`.
 //!
-//! Read here rather than through a crate: `ply-rs-bw` (the kept-up one) refuses `.5`, `1.` and `nan` in ASCII files and
-//! comments that are not UTF-8, and loops over as many elements as the header announces even when each takes no bytes.
-//! Here every count is held against the bytes that are left before anything is read or allocated.
+//! Read here rather than through a crate: `ply-rs-bw` (the kept-up one) refuses `.5`, `1.` and `nan` in ASCII
+//! files and comments that are not UTF-8, and loops over as many elements as the header announces even when
+//! each takes no bytes. Here every count is checked against the bytes that are left before anything is read
+//! or allocated.
 
 use std::path::Path;
 
@@ -100,12 +102,14 @@ pub(crate) fn read(bytes: &[u8], path: &Path) -> Result<Surface, LoadError> {
         read_header(bytes).map_err(|(line, reason)| malformed(format!("header, line {line}"), reason))?;
     let mut surface = Surface::default();
     let mut skipped = Skipped::default();
-    // (start in `corners`) of each face; corners as they stand in the file until all vertices are known.
+    // Corners as they stand in the file, until all vertices are known; `faces` holds the start of each face
+    // in them.
     let mut corners: Vec<f64> = Vec::new();
     let mut faces: Vec<usize> = Vec::new();
     for element in &elements {
         let name = quoted(&element.name);
-        // The least an instance takes: lists may be empty; in ASCII a digit and a separator.
+        // The smallest size of an instance: lists may be empty; in ASCII each property takes a digit and a
+        // separator.
         let least: u64 = match encoding {
             Encoding::Ascii => 2 * element.properties.len() as u64,
             _ => element.properties.iter().map(|p| p.count.unwrap_or(p.value).size() as u64).sum(),
@@ -205,7 +209,7 @@ pub(crate) fn read(bytes: &[u8], path: &Path) -> Result<Surface, LoadError> {
     Ok(surface)
 }
 
-/// The header, and the data that follow it. The error names a line of the header and a reason.
+/// Reads the header; returns it with the data that follow. The error names a line of the header and a reason.
 fn read_header(bytes: &[u8]) -> Result<(Encoding, Vec<Element>, Data<'_>), (usize, String)> {
     let mut encoding = None;
     let mut elements: Vec<Element> = Vec::new();
@@ -269,16 +273,16 @@ fn read_header(bytes: &[u8]) -> Result<(Encoding, Vec<Element>, Data<'_>), (usiz
     Ok((encoding, elements, Data { bytes: rest, line: &[], encoding }))
 }
 
-/// What is left of the data.
+/// The data that are still to be read.
 struct Data<'a> {
     bytes: &'a [u8],
-    /// What is left of the current line, in ASCII.
+    /// The rest of the current line, in ASCII.
     line: &'a [u8],
     encoding: Encoding,
 }
 
 impl Data<'_> {
-    /// In ASCII each instance of an element stands on a line of its own.
+    /// Goes on to the next instance of an element; in ASCII, each stands on a line of its own.
     fn next_instance(&mut self) {
         if self.encoding != Encoding::Ascii {
             return;

@@ -1,11 +1,11 @@
 //! STL, binary and ASCII.
 //!
-//! Binary files are read by the crate `stl_io`, once the header's count of triangles has been held against the file's
-//! size. ASCII files are read here: that crate stops at the end of the first solid, wants `solid` in lower case and
-//! followed by a space, rounds to f32, and cannot say on which line an error is.
+//! Binary files are read by the crate `stl_io`, once the header's count of triangles has been checked against
+//! the file's size. ASCII files are read here: that crate stops at the end of the first solid, wants `solid`
+//! in lower case and followed by a space, rounds to f32, and cannot say on which line an error is.
 //!
-//! A file is binary if its size is what its count asks for (many start with `solid` all the same), else ASCII if it
-//! starts with `solid`.
+//! A file is binary if its size agrees with its count (many binary files start with `solid`), else ASCII if
+//! it starts with `solid`.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -16,16 +16,16 @@ use crate::formats::surface::Surface;
 use crate::formats::text::{parse_number, quoted};
 use crate::{LoadError, LoadWarning};
 
-/// Bytes before the triangles: 80 of comment and the count.
-const HEADER: usize = 84;
-/// Bytes of a triangle: its normal and corners as f32, and two bytes of attributes.
-const TRIANGLE: usize = 50;
+/// Number of bytes before the triangles: 80 of comment and the count.
+const HEADER_BYTES: usize = 84;
+/// Number of bytes of a triangle: its normal and corners as f32, and two bytes of attributes.
+const TRIANGLE_BYTES: usize = 50;
 
 pub(crate) fn read(bytes: &[u8], path: &Path) -> Result<Surface, LoadError> {
     let announced = bytes
-        .get(HEADER - 4..HEADER)
+        .get(HEADER_BYTES - 4..HEADER_BYTES)
         .map(|count| u32::from_le_bytes([count[0], count[1], count[2], count[3]]));
-    let expected = announced.map(|count| HEADER as u64 + TRIANGLE as u64 * u64::from(count));
+    let expected = announced.map(|count| HEADER_BYTES as u64 + TRIANGLE_BYTES as u64 * u64::from(count));
     let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes).trim_ascii_start();
     let named_solid = text.get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid"));
     if named_solid && expected != Some(bytes.len() as u64) {
@@ -34,7 +34,7 @@ pub(crate) fn read(bytes: &[u8], path: &Path) -> Result<Surface, LoadError> {
     let (Some(announced), Some(expected)) = (announced, expected) else {
         return Err(truncated(
             path,
-            format!("the header of a binary file takes {HEADER} bytes, the file has {}", bytes.len()),
+            format!("the header of a binary file takes {HEADER_BYTES} bytes, the file has {}", bytes.len()),
         ));
     };
     if expected > bytes.len() as u64 {
@@ -65,7 +65,7 @@ fn read_binary(bytes: &[u8], path: &Path) -> Result<Surface, LoadError> {
     let failed = |source| LoadError::Read { file: path.into(), source };
     // The reader would take a header that starts with "solid " for ASCII.
     let mut bytes = bytes.to_vec();
-    bytes[..HEADER - 4].fill(0);
+    bytes[..HEADER_BYTES - 4].fill(0);
     let mut cursor = Cursor::new(bytes);
     let mut surface = Surface::default();
     for triangle in stl_io::create_stl_reader(&mut cursor).map_err(failed)? {
@@ -127,7 +127,7 @@ fn read_ascii(bytes: &[u8], path: &Path) -> Result<Surface, LoadError> {
                 in_facet = false;
                 push(&mut surface, [a, b, c], path)?;
             }
-            // Names may contain anything.
+            // Names, which follow some of these keywords, may contain anything.
             b"" | b"solid" | b"endsolid" | b"outer" | b"endloop" | b"color" => {}
             other => return Err(malformed(format!("{} is no keyword of ASCII STL", quoted(other)))),
         }

@@ -1,14 +1,14 @@
-//! What every reader gives: the surface as it stands in the file, and what was left out of it.
+//! The common result of all readers: the surface as it stands in the file, and counts of what was left out.
 
 use glam::{DVec2, DVec3};
 
 use crate::polygon::{self, Cut};
 use crate::{HeightTexture, LoadWarning};
 
-/// What a reader is asked for.
+/// The content that a reader is asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Wanted {
-    /// The surface; what bears on textures is not looked at.
+    /// The surface alone; textures are ignored.
     Surface,
     /// The surface with texture coordinates for every triangle, or an error.
     Textured,
@@ -17,25 +17,25 @@ pub(crate) enum Wanted {
 /// A surface as it stands in the file.
 #[derive(Default)]
 pub(crate) struct Surface {
-    /// In the file's unit; may be infinite or not a number.
+    /// Positions in the file's unit; may be infinite or not a number.
     pub vertices: Vec<DVec3>,
     /// Indices of `vertices`, all in range.
     pub triangles: Vec<[u32; 3]>,
-    /// For each triangle the texture coordinates of its corners, v = 0 on the image's first row; may be infinite or not a
-    /// number. Empty unless asked for.
+    /// Texture coordinates of each triangle's corners, v = 0 on the image's first row; may be infinite or not
+    /// a number. Empty unless asked for.
     pub coordinates: Vec<[DVec2; 3]>,
-    /// The image of fine detail, if asked for and there.
+    /// The image of fine detail, if asked for and present.
     pub height_texture: Option<HeightTexture>,
     pub warnings: Vec<LoadWarning>,
 }
 
-/// What a reader left out or could not do justice to.
+/// Counts of elements that a reader left out or only approximated.
 #[derive(Default)]
 pub(crate) struct Skipped {
     pub lines: usize,
     pub points: usize,
     pub freeform: usize,
-    /// Where there are faces of fewer than three (different) corners: line or face numbers.
+    /// Faces of fewer than three corners, by line or face number.
     pub incomplete: Vec<usize>,
     /// Polygons that could only be cut into a fan.
     pub fans: usize,
@@ -46,8 +46,8 @@ pub(crate) struct Skipped {
 }
 
 impl Skipped {
-    /// Cuts a polygon of three or more corners into triangles, each handed to `emit` as the numbers of three of its
-    /// corners. In a larger one, corners that repeat their predecessor are left out first.
+    /// Cuts a polygon of three or more corners into triangles, each handed to `emit` as the numbers of three
+    /// of its corners. In a larger one, corners that repeat their predecessor are left out first.
     pub(crate) fn cut(&mut self, polygon: &[u32], vertices: &[DVec3], mut emit: impl FnMut([usize; 3])) {
         if polygon.len() == 3 {
             return emit([0, 1, 2]);
@@ -71,7 +71,8 @@ impl Skipped {
         self.cuts.iter().for_each(|corners| emit(corners.map(|corner| self.kept[corner])));
     }
 
-    /// A warning for each kind of thing skipped. `place` is what `incomplete` counts: lines or faces.
+    /// A warning for each kind of element skipped. `place` says whether the numbers of `incomplete` are lines
+    /// or faces.
     pub(crate) fn warnings(&self, place: &str) -> Vec<LoadWarning> {
         let counted = |count, warning: fn(usize) -> LoadWarning| (count > 0).then(|| warning(count));
         let incomplete = self.incomplete.first().map(|first| LoadWarning::IncompleteFaces {

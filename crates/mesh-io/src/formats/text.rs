@@ -1,6 +1,6 @@
-//! Words of text formats.
+//! Parsing and quoting of the words of text formats.
 
-/// A decimal number; also `nan`, `inf` and the forms that Microsoft's C library printed for them.
+/// Parses a decimal number; also `nan`, `inf` and the forms that Microsoft's C library printed for them.
 pub(crate) fn parse_number(word: &[u8]) -> Option<f64> {
     let text = std::str::from_utf8(word).ok()?;
     if let Ok(number) = text.parse() {
@@ -17,7 +17,7 @@ pub(crate) fn parse_number(word: &[u8]) -> Option<f64> {
     }
 }
 
-/// A word of a file, for a message: short, and on one line.
+/// Quotes a word of a file for a message: shortened, on one line.
 pub(crate) fn quoted(word: &[u8]) -> String {
     let shown = String::from_utf8_lossy(&word[..word.len().min(48)]);
     if word.len() > 48 {

@@ -1,8 +1,8 @@
-//! Broad phase: which triangles' bounding boxes overlap.
+//! Broad phase: finds pairs of triangles whose bounding boxes overlap.
 //!
-//! Boxes are moved to the middle of all and rounded to f32 for the hierarchy (crate `obvhs`). Both roundings are
-//! monotone, so that boxes that overlap still do after them, without padding; the f64 boxes are compared before a pair
-//! is passed on.
+//! Boxes are moved to the middle of all and rounded to f32 for the hierarchy (crate `obvhs`). Both roundings
+//! are monotone, so that boxes that overlap still do after them, without padding; the f64 boxes are compared
+//! before a pair is passed on.
 
 use glam::{DMat3, DVec3, Vec3A};
 use obvhs::aabb::Aabb;
@@ -12,13 +12,13 @@ use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 /// The bounding boxes of a mesh's triangles, by triangle index.
 pub(crate) struct Boxes {
     boxes: Vec<[DVec3; 2]>,
-    /// What is subtracted before rounding, so that a mesh far from the origin keeps its digits.
+    /// Middle of all boxes, subtracted before rounding so that a mesh far from the origin keeps its digits.
     middle: DVec3,
 }
 
 impl Boxes {
-    /// Boxes of `count` triangles. A triangle that is to be left out, or has a coordinate that is not finite, gets an
-    /// empty box, which overlaps nothing.
+    /// Boxes of `count` triangles. A triangle that is to be left out, or has a coordinate that is not finite,
+    /// gets an empty box, which overlaps nothing.
     pub(crate) fn new(count: usize, corners: impl Fn(usize) -> Option<[DVec3; 3]>) -> Self {
         let empty = [DVec3::INFINITY, DVec3::NEG_INFINITY];
         let boxes: Vec<[DVec3; 2]> = (0..count)
@@ -34,11 +34,11 @@ impl Boxes {
         Self { boxes, middle }
     }
 
-    /// Boxes of the triangles of one mesh, with coordinates up to 1, to be held against each other: along the
-    /// coordinate axes, or along the main direction of the triangles' sides where that makes them much smaller, as it
-    /// does for long parts askew.
+    /// Boxes of the triangles of one mesh, with coordinates up to 1, to be compared with each other: along
+    /// the coordinate axes, or along the main direction of the triangles' sides where that makes the boxes
+    /// much smaller, as for long parts that are not aligned with an axis.
     pub(crate) fn of_one_mesh(count: usize, corners: impl Fn(usize) -> Option<[DVec3; 3]>) -> Self {
-        /// More than the rounding of a rotation.
+        /// Padding of rotated boxes, in coordinates up to 1: more than the rounding of a rotation.
         const ROUNDING: f64 = 16.0 * f64::EPSILON;
         let plain = Self::new(count, &corners);
         let mut sides = DMat3::ZERO;
@@ -51,7 +51,7 @@ impl Boxes {
         if size == 0.0 {
             return plain;
         }
-        // Power iteration: it need not have converged, any axes serve.
+        // Power iteration for the main direction of the sides. It need not converge: any axes are valid.
         let start = DVec3::new(0.6, 0.5, 0.4);
         let along = (0..32).fold(start, |v, _| (sides * (1.0 / size) * v).normalize_or(start)).normalize();
         let (across, up) = along.any_orthonormal_pair();
@@ -63,7 +63,7 @@ impl Boxes {
         if turned.area() < 0.25 * plain.area() { turned } else { plain }
     }
 
-    /// Half the surface of all boxes.
+    /// Half the surface area of all boxes.
     fn area(&self) -> f64 {
         let filled = self.boxes.iter().filter(|b| b[0].is_finite());
         filled.map(|[low, high]| *high - *low).map(|d| d.x * d.y + d.y * d.z + d.z * d.x).sum()
@@ -74,7 +74,8 @@ impl Boxes {
         Aabb::new(rounded(low), rounded(high))
     }
 
-    /// The hierarchy over the boxes that are not empty. Built on one thread and without hashing, hence deterministic.
+    /// The hierarchy over the boxes that are not empty. Built on one thread and without hashing, hence
+    /// deterministic.
     pub(crate) fn tree(&self) -> Bvh2 {
         let filled: Vec<u32> =
             (0..self.boxes.len() as u32).filter(|&t| self.boxes[t as usize][0].is_finite()).collect();
@@ -92,7 +93,8 @@ impl Boxes {
         tree
     }
 
-    /// Collects the triangles in `tree` (of the boxes `of`) whose boxes overlap that of `triangle` of this set.
+    /// Collects the triangles in `tree` (of the boxes `of`) whose boxes overlap that of `triangle` of this
+    /// set.
     pub(crate) fn overlapping(&self, triangle: usize, of: &Self, tree: &Bvh2, found: &mut Vec<u32>) {
         of.touching(self.boxes[triangle], tree, found);
     }

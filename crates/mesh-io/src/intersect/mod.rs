@@ -1,7 +1,8 @@
-//! Which triangles cross: of one mesh with itself, or of two placed meshes.
+//! Intersections between triangles: of one mesh with itself, or of two placed meshes.
 //!
-//! Decided exactly (Shewchuk's adaptive predicates, crate `robust`), so that a model that is reported free of
-//! self-intersections is so to the last bit of its coordinates. A bounding-volume hierarchy finds the candidates.
+//! They are found exactly (Shewchuk's adaptive predicates, crate `robust`), so that a model reported free of
+//! self-intersections has none, to the last bit of its coordinates. A bounding-volume hierarchy finds the
+//! candidates.
 
 mod broad;
 mod triangles;
@@ -18,20 +19,21 @@ use crate::weld::equal_positions;
 /// The pairs of triangles of a mesh that intersect.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct SelfIntersections {
-    /// How many pairs.
+    /// Number of pairs.
     pub count: usize,
     /// The first of them in lexicographic order: two triangle indices, the smaller first.
     pub first: Option<[u32; 2]>,
 }
 
-/// Counts the pairs of triangles of a mesh that intersect in more than what they share; touching counts.
+/// Counts the pairs of triangles of a mesh that intersect beyond the vertices and edges that they share;
+/// touching counts.
 ///
-/// Two triangles share the vertices that are at bitwise equal positions, whether or not the mesh is welded. Those that
-/// share none intersect if they have a point in common. Those that share one vertex do if they have any other point in
-/// common. Those that share an edge do if one is folded flat onto the other. Duplicates (three shared vertices) and
-/// degenerate triangles (without area, or with a coordinate that is not finite) are defects of other kinds and are left
-/// out here. Runs in parallel; the result does not depend on the number of threads. Takes O(n log n) for a surface; a
-/// soup in which all pairs intersect takes O(n²).
+/// Two triangles share the vertices that are at bitwise equal positions, whether or not the mesh is welded.
+/// Those that share none intersect if they have a point in common. Those that share one vertex do if they
+/// have any other point in common. Those that share an edge do if one is folded flat onto the other.
+/// Duplicates (three shared vertices) and degenerate triangles (without area, or with a coordinate that is
+/// not finite) are defects of other kinds and are left out here. Runs in parallel; the result does not depend
+/// on the number of threads. Takes O(n log n) for a surface; a soup in which all pairs intersect takes O(n²).
 pub fn self_intersections(mesh: &TriMesh) -> SelfIntersections {
     let mut vertices = mesh.vertices().to_vec();
     normalise(&mut vertices);
@@ -45,8 +47,9 @@ pub fn self_intersections(mesh: &TriMesh) -> SelfIntersections {
     })
 }
 
-/// The pairs of triangles that [`self_intersections`] counts, the smaller index first, in lexicographic order; at most
-/// `limit` for each smaller index. For vertices that are [normalised](normalise), and their [classes](equal_positions).
+/// The pairs of triangles that [`self_intersections`] counts, the smaller index first, in lexicographic
+/// order; at most `limit` for each smaller index. The vertices must be [normalised](normalise); `same` are
+/// their [classes](equal_positions).
 pub(crate) fn crossing_pairs(
     vertices: &[DVec3],
     triangles: &[[u32; 3]],
@@ -56,8 +59,7 @@ pub(crate) fn crossing_pairs(
     crossings_of_each(vertices, triangles, same, limit, |pairs| pairs).into_iter().flatten().collect()
 }
 
-/// For each triangle what `take` makes of its pairs with later ones, of which it gets the first `limit` in ascending
-/// order.
+/// Results of `take` for each triangle, from its pairs with later ones: the first `limit` in ascending order.
 fn crossings_of_each<T: Send>(
     vertices: &[DVec3],
     triangles: &[[u32; 3]],
@@ -83,8 +85,9 @@ fn crossings_of_each<T: Send>(
 
 /// The pairs of triangles, one of each of two placed meshes, that have a point in common; touching counts.
 ///
-/// Each pair is a triangle of `a` and one of `b`. At most `limit` pairs are returned: the first in lexicographic order.
-/// The vertices of both are rounded once, when they are brought to world axes by the poses; from there on it is exact.
+/// Each pair is a triangle of `a` and one of `b`. At most `limit` pairs are returned: the first in
+/// lexicographic order. The vertices of both are rounded once, when the poses transform them to the world
+/// frame; the rest is exact.
 pub fn intersecting_pairs(
     a: &TriMesh,
     pose_a: &Pose,
@@ -121,8 +124,8 @@ pub fn intersecting_pairs(
     pairs
 }
 
-/// Brings the largest finite coordinate to between 1/2 and 1 by a power of two, which rounds nothing: the predicates
-/// and the f32 boxes then neither overflow nor underflow.
+/// Scales the largest finite coordinate to between 1/2 and 1 by a power of two, which is exact: the
+/// predicates and the f32 boxes then neither overflow nor underflow.
 pub(crate) fn normalise(vertices: &mut [DVec3]) {
     let largest =
         vertices.iter().filter(|v| v.is_finite()).map(|v| v.abs().max_element()).fold(0.0_f64, f64::max);
@@ -191,7 +194,7 @@ mod tests {
         }
     }
 
-    /// Long parts askew, for which the boxes are turned.
+    /// Long parts that are not aligned with an axis, for which the boxes are turned.
     #[test]
     fn splinters_are_counted_as_all_against_all_do() {
         let seed = 12;
@@ -267,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn odd_meshes_have_no_intersections() {
+    fn degenerate_meshes_have_no_intersections() {
         let none = SelfIntersections::default();
         assert_eq!(self_intersections(&TriMesh::default()), none);
         let at_origin = TriMesh::new(vec![DVec3::ZERO; 3], vec![[0, 1, 2], [0, 0, 0]]).unwrap();
@@ -278,7 +281,7 @@ mod tests {
         assert_eq!(
             self_intersections(&broken),
             none,
-            "duplicates and what is not finite are not counted here"
+            "duplicates and triangles that are not finite are not counted here"
         );
         vertices[3] = DVec3::new(0.5, 0.5, 0.0);
         let folded = TriMesh::new(vertices, vec![[0, 1, 2], [1, 0, 3]]).unwrap();

@@ -1,20 +1,22 @@
 //! Exact tests between two triangles, from the signs of `orient2d` and `orient3d` alone.
 //!
-//! All sets are closed: touching counts. Two triangles meet if and only if an edge of one meets the other, since the
-//! boundary of the intersection of two convex sets lies on one of their boundaries; this holds for coplanar ones too.
-//! The result is exact as long as no product of three coordinate differences overflows or underflows; the caller brings
-//! the coordinates near 1 by a power of two.
+//! All sets are closed: touching counts. Two triangles meet if and only if an edge of one meets the other,
+//! since the boundary of the intersection of two convex sets lies on one of their boundaries; this holds for
+//! coplanar ones too. The result is exact as long as no product of three coordinate differences overflows or
+//! underflows; the caller brings the coordinates near 1 by a power of two.
 
 use glam::DVec3;
 use robust::{Coord, Coord3D};
 
-/// Whether two triangles, given with the identities of their vertices, intersect in more than what they share:
+/// Whether two triangles, given with the identities of their vertices, intersect beyond the vertices that
+/// they share. By the number of shared vertices:
 ///
-/// - no shared vertex: whether they have a point in common, touching included;
-/// - one: whether the edge of one opposite to that vertex meets the other. This is whether they have any other point in
-///   common, since a common segment that starts in the shared vertex ends on such an edge;
-/// - two: whether they lie in one plane on the same side of the shared edge, that is, are folded flat onto each other;
-/// - three: no. Duplicate triangles are a defect of their own kind, and counted as such.
+/// - none: true if they have a point in common, touching included;
+/// - one: true if the edge of one opposite to that vertex meets the other, which is equivalent to any other
+///   point in common, since a common segment that starts in the shared vertex ends on such an edge;
+/// - two: true if they lie in one plane on the same side of the shared edge, that is, are folded flat onto
+///   each other;
+/// - three: false. Duplicate triangles are a defect of their own kind, and counted as such.
 ///
 /// Both triangles must have an area.
 pub(crate) fn cross(a: &[DVec3; 3], a_ids: &[u32; 3], b: &[DVec3; 3], b_ids: &[u32; 3]) -> bool {
@@ -26,7 +28,7 @@ pub(crate) fn cross(a: &[DVec3; 3], a_ids: &[u32; 3], b: &[DVec3; 3], b_ids: &[u
             let j = b_ids.iter().position(|v| *v == a_ids[i]).unwrap_or(0);
             let (a_next, a_last) = (a[(i + 1) % 3], a[(i + 2) % 3]);
             let (b_next, b_last) = (b[(j + 1) % 3], b[(j + 2) % 3]);
-            if Plane::ALL.iter().any(|plane| plane.part_at(a[i], [a_next, a_last], [b_next, b_last])) {
+            if Plane::ALL.iter().any(|plane| plane.separates_at(a[i], [a_next, a_last], [b_next, b_last])) {
                 return false;
             }
             segment_meets_triangle(a_next, a_last, b) || segment_meets_triangle(b_next, b_last, a)
@@ -47,9 +49,12 @@ pub(crate) fn cross(a: &[DVec3; 3], a_ids: &[u32; 3], b: &[DVec3; 3], b_ids: &[u
 
 /// Whether two triangles have a point in common. Either may be without area.
 pub(super) fn meet(a: &[DVec3; 3], b: &[DVec3; 3]) -> bool {
-    // Cheapest first. Triangles of flat regions are in one plane far more often than they meet, and `orient3d` is slow to
-    // find a zero: hence the projections before it.
-    if clearly_one_sided(a, b) || clearly_one_sided(b, a) || Plane::ALL.iter().any(|plane| plane.part(a, b)) {
+    // Cheapest first. In flat regions, many candidates lie in one plane without meeting, and `orient3d` is
+    // slow to find a zero: hence the projections before it.
+    if clearly_one_sided(a, b)
+        || clearly_one_sided(b, a)
+        || Plane::ALL.iter().any(|plane| plane.separates(a, b))
+    {
         return false;
     }
     let one_sided = |t: &[DVec3; 3], u: &[DVec3; 3]| {
@@ -63,10 +68,11 @@ pub(super) fn meet(a: &[DVec3; 3], b: &[DVec3; 3]) -> bool {
         || (0..3).any(|i| segment_meets_triangle(b[i], b[(i + 1) % 3], a))
 }
 
-/// Whether plain arithmetic suffices to see that u lies on one side of t's plane: the first, filtered stage of Shewchuk's
-/// orient3d with its error bound. False if it does not lie so, or rounding leaves it open.
+/// Whether plain arithmetic shows that u lies on one side of t's plane: the first, filtered stage of
+/// Shewchuk's orient3d with its error bound. False if u does not lie on one side, or rounding leaves the sign
+/// undecided.
 fn clearly_one_sided(t: &[DVec3; 3], u: &[DVec3; 3]) -> bool {
-    /// Of the bound in units of the permanent: (7 + 56 ε) ε with ε = 2⁻⁵³.
+    /// Error bound of the determinant in units of the permanent: (7 + 56 ε) ε with ε = 2⁻⁵³.
     const BOUND: f64 = (7.0 + 28.0 * f64::EPSILON) * (0.5 * f64::EPSILON);
     let side = |d: DVec3| {
         let [a, b, c] = t.map(|p| p - d);
@@ -95,7 +101,7 @@ fn segment_meets_triangle(p: DVec3, q: DVec3, t: &[DVec3; 3]) -> bool {
     !both_signs([orient(p, q, a, b), orient(p, q, b, c), orient(p, q, c, a)])
 }
 
-/// The same, for a segment in the plane of the triangle or a triangle without area.
+/// Whether a segment in the plane of the triangle meets it; also for triangles without area.
 fn coplanar_segment_meets_triangle(p: DVec3, q: DVec3, t: &[DVec3; 3]) -> bool {
     let [a, b, c] = *t;
     // A projection in which the triangle keeps an area is one-to-one on its plane.
@@ -127,7 +133,7 @@ fn both_signs(signs: [i8; 3]) -> bool {
     signs.contains(&1) && signs.contains(&-1)
 }
 
-/// On which side of the plane abc the point d lies: 1, −1, or 0 for in it.
+/// Side of the plane abc on which the point d lies: 1, −1, or 0 for in the plane.
 fn orient(a: DVec3, b: DVec3, c: DVec3, d: DVec3) -> i8 {
     let [a, b, c, d] = [a, b, c, d].map(|v| Coord3D { x: v.x, y: v.y, z: v.z });
     sign(robust::orient3d(a, b, c, d))
@@ -142,7 +148,7 @@ pub(crate) fn collinear(a: DVec3, b: DVec3, c: DVec3) -> bool {
     Plane::ALL.iter().all(|plane| plane.orient(a, b, c) == 0)
 }
 
-/// A coordinate plane to project on, which is done without rounding.
+/// A coordinate plane to project on. Projection is exact.
 #[derive(Clone, Copy)]
 pub(crate) enum Plane {
     /// Seen along z.
@@ -156,7 +162,7 @@ pub(crate) enum Plane {
 impl Plane {
     const ALL: [Self; 3] = [Self::Xy, Self::Yz, Self::Zx];
 
-    /// On which side of the line ab the point c lies in the projection: 1 left, −1 right, 0 on it.
+    /// Side of the line ab on which the point c lies in the projection: 1 left, −1 right, 0 on it.
     pub(crate) fn orient(self, a: DVec3, b: DVec3, c: DVec3) -> i8 {
         let [a, b, c] = [a, b, c].map(|v| match self {
             Self::Xy => Coord { x: v.x, y: v.y },
@@ -166,29 +172,31 @@ impl Plane {
         sign(robust::orient2d(a, b, c))
     }
 
-    /// Whether the line through an edge of one triangle parts their projections, so that they have no point in common.
-    fn part(self, a: &[DVec3; 3], b: &[DVec3; 3]) -> bool {
-        let parts = |t: &[DVec3; 3], u: &[DVec3; 3]| {
+    /// Whether the line through an edge of one triangle separates their projections, so that they have no
+    /// point in common.
+    fn separates(self, a: &[DVec3; 3], b: &[DVec3; 3]) -> bool {
+        let separates = |t: &[DVec3; 3], u: &[DVec3; 3]| {
             (0..3).any(|i| {
                 let (p, q, r) = (t[i], t[(i + 1) % 3], t[(i + 2) % 3]);
                 let other_side = -self.orient(p, q, r);
                 other_side != 0 && u.iter().all(|x| self.orient(p, q, *x) == other_side)
             })
         };
-        parts(a, b) || parts(b, a)
+        separates(a, b) || separates(b, a)
     }
 
-    /// Whether an edge at `v` parts the projections of the triangles v a₀ a₁ and v b₀ b₁, so that they have only v in
-    /// common.
-    fn part_at(self, v: DVec3, a: [DVec3; 2], b: [DVec3; 2]) -> bool {
-        let parts = |[p, q]: [DVec3; 2], u: [DVec3; 2]| {
+    /// Whether an edge at `v` separates the projections of the triangles v a₀ a₁ and v b₀ b₁, so that they
+    /// have only v in common.
+    fn separates_at(self, v: DVec3, a: [DVec3; 2], b: [DVec3; 2]) -> bool {
+        let separates = |[p, q]: [DVec3; 2], u: [DVec3; 2]| {
             let other_side = -self.orient(v, p, q);
             other_side != 0 && u.iter().all(|x| self.orient(v, p, *x) == other_side)
         };
-        parts(a, b) || parts([a[1], a[0]], b) || parts(b, a) || parts([b[1], b[0]], a)
+        separates(a, b) || separates([a[1], a[0]], b) || separates(b, a) || separates([b[1], b[0]], a)
     }
 
-    /// Whether the projections of the segments pq and rs, all four points in one plane, have a point in common.
+    /// Whether the projections of the segments pq and rs, all four points in one plane, have a point in
+    /// common.
     fn segments_meet(self, p: DVec3, q: DVec3, r: DVec3, s: DVec3) -> bool {
         let (r_side, s_side) = (self.orient(p, q, r), self.orient(p, q, s));
         let (p_side, q_side) = (self.orient(r, s, p), self.orient(r, s, q));
@@ -219,13 +227,13 @@ mod tests {
         [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
     }
 
-    /// The separating-axis theorem in whole numbers: two closed convex polygons are disjoint if and only if they are
-    /// apart along a normal of a face of their Minkowski difference: a normal of either, a product of two edges, or
-    /// (when both lie in one plane) a normal of an edge within it.
+    /// The separating-axis theorem in whole numbers: two closed convex polygons are disjoint if and only if
+    /// they are apart along a normal of a face of their Minkowski difference: a normal of either, a product
+    /// of two edges, or (when both lie in one plane) a normal of an edge within it.
     fn apart(a: &[Point], b: &[Point]) -> bool {
         let edges =
             |p: &[Point]| -> Vec<Point> { (0..p.len()).map(|i| minus(p[(i + 1) % p.len()], p[i])).collect() };
-        // The way from one to the other stands in where all edges are parallel.
+        // The vector from one to the other replaces an edge where all edges are parallel.
         let all: Vec<Point> = edges(a).into_iter().chain(edges(b)).chain([minus(b[0], a[0])]).collect();
         let mut axes: Vec<Point> = vec![[1, 0, 0], [0, 1, 0], [0, 0, 1]];
         axes.extend(all.iter().copied());
@@ -273,19 +281,21 @@ mod tests {
             let shared: Vec<Point> = a.iter().copied().filter(|p| b.contains(p)).collect();
             let expected = match *shared {
                 [] => !apart(&a, &b),
-                // Away from the shared corner, what is left of each triangle is a trapezium; in the limit the common
+                // Cut off near the shared corner, each triangle becomes a trapezium; in the limit the common
                 // points of two triangles that share only a corner reach the far edge of one.
                 [v] => {
                     let far =
                         |t: &[Point; 3]| -> Vec<Point> { t.iter().copied().filter(|p| *p != v).collect() };
                     !apart(&far(&a), &b) || !apart(&far(&b), &a)
                 }
-                // Folded: shrunk towards the shared edge's far side (tenfold grid), both still have a point in common.
+                // Folded: shrunk towards the shared edge's far side (tenfold grid), both still have a point
+                // in common.
                 [p, q] => {
                     let towards = |t: &[Point; 3]| -> [Point; 3] {
                         let apex = *t.iter().find(|x| **x != p && **x != q).unwrap();
                         let middle = [0, 1, 2].map(|k| p[k] + q[k]);
-                        // Scaled by 40; the base is moved a little towards the apex from the edge's middle half.
+                        // Scaled by 40; the base is moved a little towards the apex from the edge's middle
+                        // half.
                         let base = |end: Point| {
                             [0, 1, 2].map(|k| 10 * (middle[k] + 2 * end[k]) + (apex[k] - end[k]))
                         };
@@ -313,7 +323,7 @@ mod tests {
 
     /// One unit in the last place decides.
     #[test]
-    fn tells_touching_from_a_hair_apart() {
+    fn distinguishes_touching_from_one_ulp_apart() {
         let floor = [DVec3::ZERO, DVec3::X, DVec3::Y];
         let above = |z: f64| [DVec3::new(0.2, 0.2, z), DVec3::new(0.3, 0.2, 1.0), DVec3::new(0.2, 0.3, 1.0)];
         assert!(meet(&floor, &above(0.0)));

@@ -1,8 +1,8 @@
-//! Cutting out triangles that intersect others.
+//! Removal of triangles that intersect others.
 //!
-//! Of each intersecting pair at least one triangle has to go: a vertex cover of the graph of conflicts. The cover of
-//! least area is NP-hard to find; the greedy one (the most conflicts per area first, Chvátal 1979), from which whatever
-//! turns out to be needless is taken back, is near it.
+//! At least one triangle of each intersecting pair has to be removed: a vertex cover of the graph of
+//! conflicts. The cover of least area is NP-hard to find. The greedy cover (most conflicts per area first,
+//! Chvátal 1979), without its redundant triangles, is close to it.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -11,13 +11,13 @@ use super::{Piece, Work};
 use crate::intersect::crossing_pairs;
 use crate::weld::equal_positions;
 
-/// Intersections of a triangle that are looked at in one round. Memory stays linear in the triangles; where there are
-/// more, the next round sees to what is left.
+/// Largest number of intersections of a triangle that one round handles, so that memory stays linear in the
+/// number of triangles. Further ones are left to the next round.
 const MAX_PARTNERS: usize = 64;
 
 impl Work {
-    /// Drops triangles until none intersect, as far as one round sees, and closes the holes where it can if `fill` is
-    /// set.
+    /// Drops triangles until none of the intersections found in this round is left; closes the holes where it
+    /// can if `fill` is set.
     pub(super) fn cut_crossings(&mut self, fill: bool) {
         let mesh = self.mesh();
         let same = equal_positions(&self.points);
@@ -41,7 +41,8 @@ impl Work {
     }
 }
 
-/// Of each pair at least one; such that the sum of the weights (above 0) is small, and none is needless.
+/// Chooses at least one of each pair, such that the sum of the weights (above 0) is small and no choice is
+/// redundant.
 fn cover(weights: &[f64], pairs: &[[u32; 2]]) -> Vec<bool> {
     let mut partners: Vec<Vec<u32>> = vec![Vec::new(); weights.len()];
     for [a, b] in pairs {

@@ -1,10 +1,10 @@
-//! Closing the holes that dropped triangles leave.
+//! Closing of the holes that dropped triangles leave.
 //!
-//! The border of what was dropped is a polygon in space. Of its triangulations without new vertices, the one of least
-//! area is found by dynamic programming (Barequet and Sharir 1995), among triangles that have an area, intersect
-//! nothing that is there and repeat no edge. Where there is none, the triangles around the hole are taken out as well
-//! and it is tried again, which untangles folds of a few triangles; if that does not help either, they stay and the
-//! hole stays open.
+//! The border of a hole is a polygon in space. Of its triangulations without new vertices, the one of least
+//! area is found by dynamic programming (Barequet and Sharir 1995), among triangles that have an area,
+//! intersect no triangle of the mesh and repeat no edge. If there is none, the triangles around the hole are
+//! removed as well and the larger hole is tried, which untangles folds of a few triangles. If that fails too,
+//! they stay and the hole stays open.
 
 use std::collections::HashSet;
 
@@ -15,21 +15,23 @@ use palpate_core::mesh::{Adjacency, HalfEdge};
 use super::Work;
 use crate::intersect::{Boxes, cross};
 
-/// Edges of the largest hole to be closed: the number of triangles that are tried goes with its cube.
+/// Number of edges of the largest hole to be closed: the number of triangles that are tried grows with its
+/// cube.
 const MAX_EDGES: usize = 48;
 
-/// How many rings of triangles around a hole may be taken out.
+/// Largest number of rings of triangles around a hole that may be removed to close it.
 const MAX_RINGS: usize = 3;
 
-/// What closes a hole has to have this share of the area that is taken out around it.
-const LEAST_GAIN: f64 = 0.9;
+/// Smallest ratio of the area that closes a hole to the area removed around it: with less, the mesh would
+/// lose surface.
+const MIN_AREA_RATIO: f64 = 0.9;
 
-/// Triangles tried in one round, some microseconds each.
+/// Largest number of triangles tried in one round, some microseconds each.
 const MAX_TRIED: usize = 500_000;
 
 impl Work {
-    /// Triangles that close holes left by dropping the `removed` triangles of the mesh, a list for each hole. Triangles
-    /// that have to go for that are added to `removed`.
+    /// Triangles that close the holes left by the `removed` triangles of the mesh, a list for each hole. Adds
+    /// triangles that have to be removed for that to `removed`.
     pub(super) fn fillings(&self, mesh: &TriMesh, removed: &mut [bool], same: &[u32]) -> Vec<Vec<[u32; 3]>> {
         let adjacency = mesh.adjacency();
         let boxes = Boxes::new(removed.len(), |t| (!removed[t]).then(|| mesh.corners(t)));
@@ -73,7 +75,7 @@ impl Work {
                 };
                 let lost = area(&mut grown[hole.len()..].iter().map(|t| mesh.triangles()[*t as usize]));
                 let gained = area(&mut filled.iter().flatten().copied());
-                if filled.len() == found.len() && gained >= LEAST_GAIN * lost {
+                if filled.len() == found.len() && gained >= MIN_AREA_RATIO * lost {
                     fillings.extend(filled);
                     break;
                 }
@@ -89,7 +91,7 @@ impl Work {
     }
 }
 
-/// The dropped triangles, in pieces that hang together across edges.
+/// The dropped triangles, in pieces that are connected across edges.
 fn holes(adjacency: &Adjacency, removed: &[bool]) -> Vec<Vec<u32>> {
     let mut seen = vec![false; removed.len()];
     let mut holes = Vec::new();
@@ -113,8 +115,8 @@ fn holes(adjacency: &Adjacency, removed: &[bool]) -> Vec<Vec<u32>> {
     holes
 }
 
-/// The borders of a piece of the surface, as polygons that run as its triangles do. `None` stands for those across
-/// which there is not always a triangle that is left.
+/// The borders of a piece of the surface, as polygons in the direction of its triangles. `None` stands for a
+/// border that is not surrounded by triangles that are left.
 fn borders(mesh: &TriMesh, adjacency: &Adjacency, piece: &[u32], removed: &[bool]) -> Vec<Option<Vec<u32>>> {
     let members: HashSet<u32> = piece.iter().copied().collect();
     let across = |side: HalfEdge| adjacency.neighbour(side.triangle(), side.side());
@@ -147,7 +149,7 @@ fn borders(mesh: &TriMesh, adjacency: &Adjacency, piece: &[u32], removed: &[bool
     polygons
 }
 
-/// Appends the triangles whose boxes overlap one.
+/// A function that finds the triangles whose boxes overlap a given one.
 type Near<'a> = dyn Fn([DVec3; 2], &mut Vec<u32>) + 'a;
 
 struct Filler<'a> {
@@ -159,14 +161,14 @@ struct Filler<'a> {
     negligible: f64,
     near: &'a Near<'a>,
     found: Vec<u32>,
-    /// What holes have been closed with so far.
+    /// Triangles that close holes, made so far.
     made: Vec<[u32; 3]>,
     made_edges: HashSet<[u32; 2]>,
     tried: usize,
 }
 
 impl Filler<'_> {
-    /// The triangles that are left around polygons: at their vertices.
+    /// The triangles that are left at the vertices of polygons.
     fn ring(&self, polygons: &[Vec<u32>]) -> Vec<u32> {
         let mut ring: Vec<u32> = (polygons.iter().flatten())
             .flat_map(|v| self.adjacency.vertex_triangles(*v))
@@ -178,7 +180,7 @@ impl Filler<'_> {
         ring
     }
 
-    /// Closes a hole, if it can be.
+    /// Closes a hole; `None` if that is not possible.
     fn fill(&mut self, polygon: &[u32]) -> Option<Vec<[u32; 3]>> {
         let n = polygon.len();
         if !(3..=MAX_EDGES).contains(&n) {
@@ -190,7 +192,8 @@ impl Filler<'_> {
         if positions.len() < n || self.tried + n * n * n / 6 > MAX_TRIED {
             return None;
         }
-        // The least area for the part of the polygon from i to j, and the third corner of the triangle over that chord.
+        // Least area A(i, j) that closes the part of the polygon from i to j, and the third corner k of the
+        // triangle at that chord: A(i, j) = min over k of A(i, k) + A(k, j) + area(i, k, j).
         let mut best = vec![(f64::INFINITY, usize::MAX); n * n];
         for i in 0..n - 1 {
             best[i * n + i + 1].0 = 0.0;
@@ -236,7 +239,7 @@ impl Filler<'_> {
         Some(filling)
     }
 
-    /// Takes back the latest fillings.
+    /// Undoes the latest fillings.
     fn forget(&mut self, fillings: &[Vec<[u32; 3]>]) {
         let count: usize = fillings.iter().map(Vec::len).sum();
         self.made.truncate(self.made.len() - count);
@@ -250,7 +253,7 @@ impl Filler<'_> {
         edge.is_some_and(kept) || self.made_edges.contains(&[a.min(b), a.max(b)])
     }
 
-    /// Whether a triangle has an area and neither intersects nor repeats any that is there.
+    /// Whether a triangle has an area and neither intersects nor repeats any other.
     fn fits(&mut self, corners: [u32; 3]) -> bool {
         self.tried += 1;
         if self.work.has_no_area(corners, self.negligible) {

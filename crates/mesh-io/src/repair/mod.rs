@@ -1,19 +1,21 @@
-//! Repair: makes of any triangles an oriented 2-manifold, with or without boundary, that does not intersect itself, and
-//! counts what that took.
+//! Repair: turns any triangles into an oriented 2-manifold, with or without boundary, that does not intersect
+//! itself, and counts the changes.
 //!
 //! The steps, in this order, repeated until they change nothing:
 //!
-//! 1. triangles with a coordinate that is not finite and duplicates are dropped; triangles without area are dropped, or
-//!    taken out such that what they held together stays so ([`slivers`]); cracks along which a vertex of one border lies
-//!    on an edge of another are closed;
-//! 2. triangles are turned to agree with their neighbours, closed components to face outwards ([`orientation`]);
-//! 3. where sheets meet at an edge or a vertex, each gets a copy of it of its own ([`parting`]);
-//! 4. of triangles that intersect, those are dropped whose loss costs least area, and holes that this makes are closed
-//!    where that is possible without another intersection ([`crossings`], [`holes`]).
+//! 1. triangles with a coordinate that is not finite and duplicates are dropped; triangles without area are
+//!    dropped, or removed such that the triangles around them stay connected ([`slivers`]); cracks along
+//!    which a vertex of one border lies on an edge of another are closed;
+//! 2. triangles are turned to agree with their neighbours, closed components to face outwards
+//!    ([`orientation`]);
+//! 3. where sheets meet at an edge or a vertex, each sheet gets its own copy of it ([`parting`]);
+//! 4. where triangles intersect, some are dropped, so as to lose little area, and the holes that this makes
+//!    are closed where that is possible without another intersection ([`crossings`], [`holes`]).
 //!
-//! No vertex is moved, but for the ends of an edge that is shorter than rounding, and no surface is added but over holes
-//! that were cut. Where a hole stays open, so does the mesh. Shells that overlap are not united: the smaller part of the
-//! surfaces that meet is cut out along the line where they do, and what was inside of the other is left there.
+//! No vertex is moved, except the ends of an edge that is shorter than rounding, and no surface is added,
+//! except over holes that were cut. Where a hole stays open, so does the mesh. Shells that overlap are not
+//! united: the smaller of two surfaces that intersect is cut out along the line of intersection, and its part
+//! inside the other stays.
 
 mod crossings;
 mod holes;
@@ -32,20 +34,20 @@ use serde::Serialize;
 use crate::intersect::normalise;
 use crate::weld::{self, equal_positions};
 
-/// What [`repair`] did.
+/// Numbers of changes that [`repair`] made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct RepairSummary {
     /// Triangles dropped because a corner is infinite or not a number.
     pub nonfinite_triangles: usize,
-    /// Triangles taken out because two corners are at the same position, or the height over the longest side is below
-    /// 10⁻¹² bounding radii.
+    /// Triangles removed because two corners are at the same position, or the height over the longest side is
+    /// below 10⁻¹² bounding radii.
     pub degenerate_triangles: usize,
     /// Triangles dropped because an earlier one has the same three positions, in either orientation.
     pub duplicate_triangles: usize,
     /// Vertices merged with another that is closer than 10⁻¹² bounding radii, at triangles without area.
     pub merged_vertices: usize,
-    /// Triangles cut in two or more at a vertex that lies on one of their edges: of a crack (a T-junction) or of a
-    /// triangle without area.
+    /// Triangles cut in two or more at a vertex that lies on one of their edges: a vertex of a crack (a
+    /// T-junction) or of a triangle without area.
     pub split_triangles: usize,
     /// Triangles turned over, to agree with their neighbours or to face outwards.
     pub flipped_triangles: usize,
@@ -53,39 +55,39 @@ pub struct RepairSummary {
     pub inverted_components: usize,
     /// Components without a consistent orientation (like a Möbius strip), which were cut open.
     pub nonorientable_components: usize,
-    /// Copies of vertices made to part sheets that meet at an edge or a vertex.
+    /// Copies of vertices made to separate sheets that meet at an edge or a vertex.
     pub duplicated_vertices: usize,
-    /// Triangles dropped at an edge where sheets meet, because copies of its vertices do not part them.
+    /// Triangles dropped at an edge where sheets meet, because copies of its vertices do not separate them.
     pub unparted_triangles: usize,
     /// Triangles dropped because they intersect others.
     pub intersecting_triangles: usize,
-    /// Triangles around them that were taken out as well, so that the hole could be closed.
+    /// Triangles around intersecting ones that were removed as well, so that the hole could be closed.
     pub surrounding_triangles: usize,
     /// Holes left by triangles that were dropped for intersecting others, and closed again.
     pub filled_holes: usize,
-    /// Triangles made to close them.
+    /// Triangles made to close those holes.
     pub filling_triangles: usize,
-    /// Vertices dropped because no triangle uses them (any more).
+    /// Vertices dropped because no triangle uses them, or not any longer.
     pub unreferenced_vertices: usize,
 }
 
 impl fmt::Display for RepairSummary {
-    /// What was changed, in words; "nothing" if so.
+    /// Writes the changes in words; "nothing" if there are none.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let done = [
             (
                 self.nonfinite_triangles,
                 "triangles with a coordinate that is infinite or not a number dropped",
             ),
-            (self.degenerate_triangles, "triangles without area taken out"),
+            (self.degenerate_triangles, "triangles without area removed"),
             (self.duplicate_triangles, "duplicate triangles dropped"),
             (self.merged_vertices, "vertices merged"),
             (self.split_triangles, "triangles split at a vertex on their edge"),
             (self.flipped_triangles, "triangles turned over"),
             (self.inverted_components, "closed components turned to face outwards"),
             (self.nonorientable_components, "components that cannot be oriented cut open"),
-            (self.duplicated_vertices, "vertices copied to part sheets"),
-            (self.unparted_triangles, "triangles dropped where sheets cannot be parted"),
+            (self.duplicated_vertices, "vertices copied to separate sheets"),
+            (self.unparted_triangles, "triangles dropped where sheets cannot be separated"),
             (self.intersecting_triangles, "intersecting triangles dropped"),
             (self.surrounding_triangles, "triangles around them replaced"),
             (self.filled_holes, "holes that these left closed"),
@@ -102,17 +104,18 @@ impl fmt::Display for RepairSummary {
     }
 }
 
-/// Rounds of all steps before what is still wrong is dropped.
+/// Largest number of rounds of all steps, before triangles that are still faulty are dropped. More rounds
+/// keep more of badly broken meshes, and take longer.
 const MAX_ROUNDS: usize = 8;
 
-/// Repairs a mesh: see the summary's fields for what is done. [Weld](crate::weld()) it first: triangles are neighbours
-/// only if they have the indices of two vertices in common.
+/// Repairs a mesh: see the summary's fields for what is done. [Weld](crate::weld()) it first: triangles are
+/// neighbours only if they have the indices of two vertices in common.
 ///
-/// The result has no self-intersection, and its [validation](TriMesh::validate) reports a 2-manifold that is oriented,
-/// without degenerate, duplicate or non-finite triangles and, if it is closed, of a volume that is not negative. There
-/// may be nothing left of it. Copies of a vertex that part two sheets are at the same position: welding such a mesh
-/// again makes it what it was. Repairing it again changes nothing. Triangles that are kept stay in order; those that
-/// are made come last.
+/// The result has no self-intersection, and its [validation](TriMesh::validate) reports a 2-manifold that is
+/// oriented, without degenerate, duplicate or non-finite triangles and, if it is closed, of a volume that is
+/// not negative. It may be empty. Copies of a vertex that separate two sheets are at the same position:
+/// welding such a mesh again undoes the separation. Repairing it again changes nothing. Triangles that are
+/// kept stay in order; those that are made come last.
 pub fn repair(mesh: &TriMesh) -> (TriMesh, RepairSummary) {
     let mut work = Work::new(mesh);
     work.drop_nonfinite();
@@ -121,7 +124,7 @@ pub fn repair(mesh: &TriMesh) -> (TriMesh, RepairSummary) {
     for _ in 0..MAX_ROUNDS {
         work.changed = false;
         work.drop_duplicates();
-        work.take_out_slivers();
+        work.remove_slivers();
         work.close_cracks();
         work.orient();
         work.part();
@@ -130,7 +133,7 @@ pub fn repair(mesh: &TriMesh) -> (TriMesh, RepairSummary) {
             break;
         }
     }
-    // From here on triangles are only dropped, so that it ends.
+    // From here on triangles are only dropped, so that the loop ends.
     while work.changed {
         work.changed = false;
         work.drop_duplicates();
@@ -142,7 +145,7 @@ pub fn repair(mesh: &TriMesh) -> (TriMesh, RepairSummary) {
     work.finish()
 }
 
-/// A triangle on the way.
+/// A triangle under repair.
 #[derive(Clone, Copy, Debug)]
 struct Piece {
     corners: [u32; 3],
@@ -152,12 +155,12 @@ struct Piece {
 
 /// A mesh under repair.
 struct Work {
-    /// As they came, and copies of them.
+    /// The mesh's vertices, then copies of them, m.
     vertices: Vec<DVec3>,
-    /// The same, times a power of two so that the largest coordinate is near 1.
+    /// The same vertices times a power of two, so that the largest coordinate is near 1.
     points: Vec<DVec3>,
     pieces: Vec<Piece>,
-    /// How many vertices there were at first.
+    /// Number of vertices of the original mesh.
     original: usize,
     changed: bool,
     summary: RepairSummary,
@@ -177,7 +180,7 @@ impl Work {
         }
     }
 
-    /// The pieces as a mesh, with the numbers of both kept.
+    /// The pieces as a mesh; triangles and vertices keep their numbers.
     fn mesh(&self) -> TriMesh {
         let triangles = self.pieces.iter().map(|piece| piece.corners).collect();
         TriMesh::new(self.points.clone(), triangles).expect("corners stay within the vertices")
@@ -206,11 +209,11 @@ impl Work {
         }
         let [u, v, w] = [b - a, c - a, c - b];
         let longest = u.length_squared().max(v.length_squared()).max(w.length_squared()).sqrt();
-        // Twice the margin, so that another bounding radius at the end cannot make it one again.
+        // Twice the margin, so that the bounding radius after repair cannot make a kept triangle degenerate.
         u.cross(v).length() <= 2.0 * negligible * longest
     }
 
-    /// Keeps the pieces for which `keep` holds; returns how many went.
+    /// Keeps the pieces for which `keep` holds; returns the number dropped.
     fn retain(&mut self, mut keep: impl FnMut(usize) -> bool) -> usize {
         let before = self.pieces.len();
         let mut index = 0;
@@ -261,7 +264,7 @@ impl Work {
         }
     }
 
-    /// A vertex at the same place as another.
+    /// Adds a copy of a vertex, at the same position.
     fn copy_of(&mut self, vertex: u32) -> u32 {
         self.vertices.push(self.vertices[vertex as usize]);
         self.points.push(self.points[vertex as usize]);

@@ -1,19 +1,21 @@
-//! Turning triangles to agree with each other, and closed components to face outwards.
+//! Orientation: turns triangles to agree with each other, and closed components to face outwards.
 //!
-//! Each component (triangles connected across edges that exactly two share) is oriented by flooding, the orientation of
-//! the majority of its triangles winning; then closed components are turned to face outwards.
+//! Each component (triangles connected across edges that exactly two share) is oriented by flooding, the
+//! orientation of the majority of its triangles winning; then closed components are turned to face outwards.
 //!
-//! Outwards means a positive enclosed volume, except for cavities. If all closed components together enclose a negative
-//! volume, the file is taken to be inside out and all are turned. A component that is then still negative is
-//! a cavity, and left as it is, if it lies inside one that is positive; otherwise it is turned. Whether it lies
-//! inside is decided by the winding number (Van Oosterom and Strackee 1983) of the other about one of its vertices.
+//! Outwards means a positive enclosed volume, except for cavities. If all closed components together enclose
+//! a negative volume, the file counts as inside out and all are turned. A component that is then still
+//! negative is a cavity, and left as it is, if it lies inside one that is positive; otherwise it is turned.
+//! Whether it lies inside is decided by the winding number (Van Oosterom and Strackee 1983) of the other
+//! about one of its vertices.
 
 use std::collections::HashMap;
 
 use glam::DVec3;
 use palpate_core::TriMesh;
 
-/// Solid angles evaluated in the search for cavities before the rest are taken for separate bodies: a few seconds' worth.
+/// Largest number of solid angles evaluated in the search for cavities, a few seconds' worth: then the
+/// remaining components count as separate bodies.
 const MAX_SOLID_ANGLES: usize = 1 << 26;
 
 /// The components of a mesh, each with an orientation of its own.
@@ -69,7 +71,8 @@ impl Components {
             members.push(reached);
             nonorientable.push(contradiction);
         }
-        // Where an edge is not shared by two triangles, the component may still be closed: its sides there must cancel.
+        // A component may be closed although an edge is not shared by exactly two triangles: its sides there
+        // must cancel.
         let mut sides: HashMap<(usize, [u32; 2]), i64> = HashMap::new();
         for (t, corners) in mesh.triangles().iter().enumerate() {
             for side in 0..3 {
@@ -142,7 +145,7 @@ impl Components {
         if !self.closed[component] {
             return 0.0;
         }
-        // About a point of its own, so that a small component far from the origin keeps its digits.
+        // Relative to a point of the component, so that a small one far from the origin keeps its digits.
         let origin = mesh.corners(self.members[component][0] as usize)[0];
         let six_fold = self.members[component].iter().map(|&t| {
             let [a, b, c] = self.corners(mesh, t).map(|p| p - origin);
@@ -151,7 +154,7 @@ impl Components {
         six_fold.sum::<f64>() / 6.0
     }
 
-    /// How often a component winds around a point: 1 inside a body that faces outwards, 0 outside.
+    /// Winding number of a component about a point: 1 inside a body that faces outwards, 0 outside.
     fn winding_number(&self, mesh: &TriMesh, component: usize, point: DVec3) -> f64 {
         let angles = self.members[component].iter().map(|&t| {
             let [a, b, c] = self.corners(mesh, t).map(|p| p - point);

@@ -1,8 +1,9 @@
-//! Parting sheets that meet at an edge or a vertex.
+//! Separation of sheets that meet at an edge or a vertex.
 //!
-//! Triangles are glued across each edge that exactly two share and agree on the side; of three or more at an edge, those
-//! are that enclose a wedge of material between them, seen around the edge. Then each fan of triangles that are glued
-//! together around a vertex gets a copy of the vertex of its own (Guéziec et al. 2001, "Cutting and stitching").
+//! Triangles are glued across each edge that exactly two share, if they agree on the outside; of three or
+//! more at an edge, those are glued that enclose a wedge of material between them, seen around the edge. Then
+//! each fan of triangles that are glued together around a vertex gets a copy of the vertex of its own
+//! (Guéziec et al. 2001, "Cutting and stitching").
 
 use glam::DVec3;
 use palpate_core::TriMesh;
@@ -47,8 +48,8 @@ impl Work {
         }
     }
 
-    /// Drops triangles where copies of vertices did not help, since the sheets hang together around both ends of the
-    /// edge. Returns whether there were any.
+    /// Drops triangles where copies of vertices did not help, since the sheets are connected around both ends
+    /// of the edge. Returns whether there were any.
     fn drop_unparted(&mut self) -> bool {
         let mesh = self.mesh();
         let adjacency = mesh.adjacency();
@@ -106,7 +107,7 @@ impl Fans {
     }
 }
 
-/// The pairs of triangles around an edge that enclose wedges of material, without any two wedges that cut each other.
+/// The pairs of triangles around an edge that enclose wedges of material; no two wedges cut each other.
 fn wedges(mesh: &TriMesh, adjacency: &Adjacency, edge: u32) -> Vec<[HalfEdge; 2]> {
     let [u, v] = adjacency.edges()[edge as usize].map(|v| mesh.vertices()[v as usize]);
     let axis = (v - u).normalize_or(DVec3::X);
@@ -122,7 +123,8 @@ fn wedges(mesh: &TriMesh, adjacency: &Adjacency, edge: u32) -> Vec<[HalfEdge; 2]
         })
         .collect();
     around.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    // Matching parentheses on a circle: what is open at the end of one round is open at the start of the next.
+    // Matching parentheses on a circle: sides that are open at the end of the first round are open at the
+    // start of the next.
     let mut matched = vec![false; around.len()];
     let mut open: Vec<usize> = Vec::new();
     let mut pairs: Vec<[HalfEdge; 2]> = Vec::new();

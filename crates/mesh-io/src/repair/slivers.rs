@@ -1,23 +1,26 @@
-//! Taking out triangles without area, and closing cracks, by splitting triangles at vertices that lie on their edges.
+//! Removal of triangles without area, and closing of cracks, by splitting triangles at vertices that lie on
+//! their edges.
 //!
-//! A triangle without area is a needle, two of whose corners are closer than rounding, or a cap, one of whose corners
-//! lies on the opposite side. A needle goes when its two corners are merged. A cap goes when the triangles across its
-//! longest side are split at the vertex that lies on it: the surface keeps its shape, and stays closed if it was. A
-//! crack is a cap that is missing: a vertex of a border that lies on an edge of a border.
+//! A triangle without area is a needle, two of whose corners are closer than rounding, or a cap, one of whose
+//! corners lies on the opposite side. A needle goes when its two corners are merged. A cap goes when the
+//! triangles across its longest side are split at the vertex that lies on it: the surface keeps its shape,
+//! and stays closed if it was. A crack is a cap that is missing: a vertex of a border that lies on an edge of
+//! a border.
 
 use std::collections::{HashMap, HashSet};
 
 use super::{Piece, Work};
 use crate::intersect::Boxes;
 
-/// Rounds of taking out caps, each of which may make others, before those that are left are dropped.
+/// Largest number of rounds of removing caps, each of which may make others; then the remaining ones are
+/// dropped.
 const MAX_ROUNDS: usize = 16;
 
-/// The vertices that lie on an edge (its vertices in ascending order), to split it at.
+/// Vertices that lie on an edge, at which to split it, by the edge (its vertices in ascending order).
 type Splits = HashMap<[u32; 2], Vec<u32>>;
 
 impl Work {
-    pub(super) fn take_out_slivers(&mut self) {
+    pub(super) fn remove_slivers(&mut self) {
         for _ in 0..MAX_ROUNDS {
             let negligible = self.negligible();
             let bad: Vec<bool> =
@@ -44,7 +47,7 @@ impl Work {
                 } else {
                     let [p, q] = sides[2];
                     let on = piece.corners.into_iter().find(|v| *v != p && *v != q).unwrap_or(p);
-                    // One that holds nothing together leaves nothing to mend.
+                    // A triangle that connects no others leaves no gap to close.
                     let holds = |end: u32| shared.contains(&[end.min(on), end.max(on)]);
                     if holds(p) || holds(q) {
                         splits.entry([p.min(q), p.max(q)]).or_default().push(on);
@@ -83,7 +86,7 @@ impl Work {
             if splits.is_empty() || !self.split(&splits) {
                 return;
             }
-            self.take_out_slivers();
+            self.remove_slivers();
             self.drop_duplicates();
         }
     }
@@ -118,7 +121,7 @@ impl Work {
                 let [p, q] = border[e as usize];
                 let along = (at(q) - at(p)).length();
                 let (from, to) = (at(p).distance(at(v)), at(q).distance(at(v)));
-                // At its ends, or at a copy of them, there is nothing to split.
+                // A vertex at an end of the edge, or at a copy of it, does not split it.
                 let inside = from.max(to) < along && from.min(to) > 4.0 * negligible;
                 if inside && self.has_no_area([p, v, q], negligible) {
                     splits.entry([p, q]).or_default().push(v);
@@ -128,8 +131,8 @@ impl Work {
         splits
     }
 
-    /// Splits the triangles at each edge at vertices that lie on it; at one edge each, so that there may be need for
-    /// another round. Returns whether any was split.
+    /// Splits the triangles at each edge at vertices that lie on it. A triangle is split at one of its edges
+    /// only, so that another round may be needed. Returns whether any was split.
     fn split(&mut self, splits: &Splits) -> bool {
         let mut made = Vec::new();
         let mut gone = vec![false; self.pieces.len()];
@@ -161,7 +164,7 @@ impl Work {
     }
 }
 
-/// The vertex that one is merged into: the root of its tree, to which the path is shortened.
+/// The vertex that `vertex` is merged into: the root of its tree. Shortens the path to it.
 fn root(target: &mut [u32], mut vertex: u32) -> u32 {
     while target[vertex as usize] != vertex {
         target[vertex as usize] = target[target[vertex as usize] as usize];

@@ -23,7 +23,8 @@ fn triangles() -> Vec<[u32; 3]> {
     QUADS.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect()
 }
 
-/// The triangles as positions, so that the numbering of vertices does not matter; each from its smallest corner on.
+/// The triangles as positions, so that the numbering of vertices does not matter; each from its smallest
+/// corner on.
 fn soup(mesh: &TriMesh) -> Vec<[[i64; 3]; 3]> {
     let mut soup: Vec<_> = (0..mesh.triangles().len())
         .map(|t| {
@@ -122,7 +123,7 @@ fn obj() {
     folder.expect_error("binary.obj", [0; 100], "text");
 }
 
-/// What the pass before `tobj` is for: files that it loads as the same tetrahedron, though plain `tobj` does not.
+/// Files that plain `tobj` reads wrongly load as the same tetrahedron, thanks to the pass before it.
 #[test]
 fn obj_that_tobj_alone_gets_wrong() {
     const VERTICES: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n";
@@ -176,7 +177,8 @@ fn obj_that_tobj_alone_gets_wrong() {
     folder.load("absent.obj", format!("mtllib absent.mtl\n{usual}")).unwrap();
 }
 
-/// Many models' worth of faces, for which the reader starts new models: the vertices stay in one pool, in the file's order.
+/// Many models' worth of faces, for which the reader starts new models: the vertices stay in one pool, in the
+/// file's order.
 #[test]
 fn obj_of_many_faces_has_one_pool_of_vertices() {
     use std::fmt::Write;
@@ -214,7 +216,7 @@ fn obj_of_many_faces_has_one_pool_of_vertices() {
     );
 }
 
-/// Faults that `tobj` refuses without saying where, takes for something else or overflows on.
+/// Faults that `tobj` refuses without naming the line, misreads or overflows on.
 #[test]
 fn obj_faults_have_their_line_and_remedy() {
     let folder = Folder::new();
@@ -238,7 +240,8 @@ fn obj_faults_have_their_line_and_remedy() {
         folder.expect_error(&format!("{name}.obj"), &content, part);
         folder.expect_error(&format!("{name}.obj"), &content, "correct that line");
     }
-    // What cannot be parsed comes before what is not there, as readers that go line by line have it.
+    // A word that cannot be parsed is reported before a vertex that does not exist, as in readers that go
+    // line by line.
     folder.expect_error("two.obj", obj_vertices() + "f 1 2 99\nf 1 2 0\n", "line 10");
 }
 
@@ -507,7 +510,8 @@ fn gltf_primitives() {
         8,
         "shared positions are loaded once"
     );
-    // One strip, stitched by repeated corners: six a quad, so that each starts on an even one and faces outwards.
+    // One strip, stitched by repeated corners: six a quad, so that each starts on an even one and faces
+    // outwards.
     let mut scene = Scene::default();
     let positions = scene.positions(&corners());
     let next = |i: usize| QUADS[(i + 1) % 6][1];
@@ -752,7 +756,7 @@ fn options() {
     assert!(message.contains("not a regular file"), "{message}");
 }
 
-/// Whatever bytes come, a mesh or an error: damaged copies of a file in every format, thousands of them.
+/// Thousands of damaged copies of a file in every format each give a mesh or an error.
 #[test]
 fn damaged_files_never_panic() {
     use rand::rngs::StdRng;

@@ -16,7 +16,7 @@ use rand::{RngExt, SeedableRng};
 fn models() -> Option<PathBuf> {
     let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/models"));
     if !folder.is_dir() {
-        // Straight to the stream: the test runner keeps back what the print macros say.
+        // Directly to the stream: the test runner captures the output of the print macros.
         let _ = writeln!(std::io::stderr(), "skipped: {} is absent", folder.display());
         return None;
     }
@@ -28,7 +28,7 @@ fn area(mesh: &TriMesh) -> f64 {
     (0..mesh.triangles().len()).map(|t| area(mesh.corners(t))).sum()
 }
 
-/// Nothing is wrong with the mesh any more.
+/// Checks that the mesh has no defects.
 fn assert_sound(mesh: &TriMesh, name: &str) {
     let report = mesh.validate();
     assert!(report.manifold && report.oriented, "{name}: {report:?}");
@@ -38,7 +38,7 @@ fn assert_sound(mesh: &TriMesh, name: &str) {
     assert_eq!(self_intersections(mesh).count, 0, "{name}");
 }
 
-/// What is repaired is sound, and repairing it again changes nothing.
+/// Repairs a mesh; checks that the result is sound and that repairing it again changes nothing.
 fn repaired(mesh: &TriMesh, name: &str) -> (TriMesh, RepairSummary) {
     let (result, summary) = repair(mesh);
     assert_sound(&result, name);
@@ -48,7 +48,7 @@ fn repaired(mesh: &TriMesh, name: &str) -> (TriMesh, RepairSummary) {
     (result, summary)
 }
 
-/// Files whose name begins so, and the most of the area that they lose, in percent.
+/// Beginnings of file names, with the largest loss of area of those files, in percent.
 const LOSSES: [(&str, f64); 9] = [
     ("huge_offset_12shells", 0.1),
     ("inverted_degenerate_sphere", 0.0),
@@ -91,13 +91,13 @@ fn nasty_files_are_sound_after_repair() {
     }
 }
 
-/// The files' published figures: what is dropped is what is wrong.
+/// The triangles dropped are those that the files' published figures count as defects.
 #[test]
-fn what_is_dropped_matches_the_figures() {
+fn dropped_triangles_match_the_figures() {
     let Some(models) = models() else { return };
     let figures: serde_json::Map<String, serde_json::Value> =
         serde_json::from_str(&fs::read_to_string(models.join("figures.json")).unwrap()).unwrap();
-    // Leaving out what takes longest, which the other test tells about.
+    // Without the slowest files, which the other test covers.
     let files = figures.iter().filter(|(name, _)| name.starts_with("nasty/") && !name.contains("huge"));
     for (name, figure) in files {
         let mesh = load(&models.join(name), &LoadOptions::default()).unwrap().mesh;
@@ -124,7 +124,7 @@ fn what_is_dropped_matches_the_figures() {
     }
 }
 
-/// A closed ball of `4 n²` triangles or so.
+/// A closed ball of about 4 n² triangles.
 fn ball(n: u32, center: DVec3, radius: f64) -> TriMesh {
     let at = |i: u32, j: u32| match i {
         0 => 0,

@@ -12,7 +12,7 @@ use palpate_mesh_io::{LoadOptions, LoadWarning, LoadedMesh, load, repair, self_i
 fn models() -> Option<PathBuf> {
     let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/models"));
     if !folder.is_dir() {
-        // Straight to the stream: the test runner keeps back what the print macros say.
+        // Directly to the stream: the test runner captures the output of the print macros.
         let _ = writeln!(std::io::stderr(), "skipped: {} is absent", folder.display());
         return None;
     }
@@ -28,7 +28,8 @@ fn load_default(path: &Path) -> LoadedMesh {
     load(path, &LoadOptions::default()).unwrap()
 }
 
-/// One file whose published count of intersecting pairs differs from ours: see `intersections_match_the_figures`.
+/// One file whose published count of intersecting pairs differs from ours: see
+/// `intersections_match_the_figures`.
 const COUNTED_DIFFERENTLY: &str = "nasty/nonmanifold_openscad_crash.obj";
 
 #[test]
@@ -52,15 +53,17 @@ fn counts_and_radius_match_the_figures() {
                 _ => None,
             })
             .collect();
-        // All models that are not in metres are in millimetres but one, which is too large for that by any measure.
+        // All models that are not in metres are in millimetres but one, which is too large for that by any
+        // measure.
         let expected = if radius > 5e3 { Some(1e-6) } else { Some(1e-3) };
         assert_eq!(units, if doubtful { vec![expected] } else { Vec::new() }, "{name}");
     }
 }
 
-/// All files but one match the published counts. In `nonmanifold_openscad_crash.obj`, which has 18 non-manifold edges,
-/// duplicate and zero-area triangles all over each other, we count 6600 pairs that share no vertex, 887 that
-/// share one and 55 that share an edge and are folded flat onto each other, 7542 in all, against 7518 published.
+/// All files but one match the published counts. In `nonmanifold_openscad_crash.obj`, which has 18
+/// non-manifold edges, duplicate and zero-area triangles all over each other, we count 6600 pairs that share
+/// no vertex, 887 that share one and 55 that share an edge and are folded flat onto each other, 7542 in all,
+/// against 7518 published.
 #[test]
 fn intersections_match_the_figures() {
     let Some(models) = models() else { return };
@@ -84,7 +87,7 @@ fn good_models_need_no_repair() {
     }
 }
 
-/// Every file, however broken, gives a mesh or one line that says what is wrong, soon.
+/// Every file, however broken, soon gives a mesh or an error of one line.
 #[test]
 fn every_file_loads_or_says_why_not() {
     let Some(models) = models() else { return };
@@ -135,7 +138,7 @@ fn every_file_loads_or_says_why_not() {
     }
 }
 
-/// What the loader's own small files are about, where it can be told from the outside.
+/// The features that the loader's own small files test, as far as they can be seen from the outside.
 #[test]
 fn small_files_give_what_they_hold() {
     let Some(models) = models() else { return };
@@ -180,8 +183,8 @@ fn small_files_give_what_they_hold() {
     }
 }
 
-/// On files that plain `tobj` reads rightly the pass before it changes nothing: the same corner positions, triangle for
-/// triangle.
+/// For files that plain `tobj` reads correctly, the pass before it changes nothing: the corner positions are
+/// the same, triangle for triangle.
 #[test]
 fn obj_agrees_with_tobj() {
     let Some(models) = models() else { return };

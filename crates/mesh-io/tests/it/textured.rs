@@ -52,7 +52,7 @@ fn obj_corners_keep_their_coordinates_at_seams() {
     assert_eq!(mesh.mesh().vertices().len(), 6);
     assert_eq!(mesh.mesh().triangles().len(), 4);
     assert!(loaded.height_texture.is_none() && loaded.warnings.is_empty());
-    // Where each corner is in space tells what its coordinates must be, turned over.
+    // The position of each corner determines its coordinates, with v turned over.
     for (triangle, coordinates) in mesh.coordinates().iter().enumerate() {
         let first = triangle < 2;
         for (corner, found) in mesh.mesh().corners(triangle).iter().zip(coordinates) {
@@ -108,7 +108,7 @@ fn obj_polygons_cut_as_without_coordinates() {
 }
 
 #[test]
-fn obj_faults_are_told_with_their_line() {
+fn obj_faults_are_reported_with_their_line() {
     let folder = Folder::new();
     let square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\n";
     let check = |name: &str, faces: &str, parts: &[&str]| {
@@ -121,18 +121,18 @@ fn obj_faults_are_told_with_their_line() {
     check("zero", "f 1/0 2/2 3/3\n", &["line 7", "texture coordinate 0"]);
     check("before", "f 1/-4 2/2 3/3\n", &["line 7", "only 3"]);
     check("minus_zero", "f 1/1 2/-0 3/3\n", &["line 7", "texture coordinate 0"]);
-    // Twice its place overflows to 0 and to 2⁶³.
+    // Twice the index overflows to 0 and to 2⁶³.
     check("farthest", "f 1/-9223372036854775808 2/2 3/3\n", &["line 7", "only 3"]);
     check("half", "f 1/-4611686018427387904 2/2 3/3\n", &["line 7", "only 3"]);
     check("word", "f 1/x 2/2 3/3\n", &["line 7", "texture coordinate index"]);
     check("nan", "vt nan 0\nf 1/4 2/2 3/3\nf 1/1 2/2 3/3\n", &["triangle 0", "not a finite number"]);
     check("text", "vt 0 y\nf 1/1 2/2 3/3\n", &["line 7", "\"y\""]);
     check("empty_vt", "vt\nf 1/1 2/2 3/3\n", &["line 7", "no u"]);
-    // Coordinates that come later, and those of no face, are as good as any.
+    // Coordinates may come after the faces, and need not be used.
     let late = "v 0 0 0\nv 1 0 0\nv 1 1 0\nvt inf 0\nf 1/2 2/3 3/4\nf 1 2\nvt 0\nvt 1 0\nvt 1 1\n";
     let loaded = folder.load("late.obj", late).unwrap();
     assert_eq!(loaded.mesh.coordinates(), [[uv(0., 1.), uv(1., 1.), uv(1., 0.)]]);
-    // None of this bears on loading without coordinates.
+    // None of this matters when loading without coordinates.
     for faces in ["f 1/9 2/x 3/0\n", "vt x\nf 1 2 3\n"] {
         let path = folder.file("plain.obj", format!("{square}{faces}"));
         assert_eq!(load(&path, &LoadOptions::default()).unwrap().mesh.triangles().len(), 1, "{faces}");

@@ -22,12 +22,12 @@ use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist};
 use palpate_dynamics::CurvedContact;
 use palpate_texture_pd::{
-    Backend, BackendError, DepthError, DepthQuery, DepthSettings, Derivatives, Domain, Fallback, HalfSpace,
-    SurfaceError, SurfaceId, SurfaceSet, TextureContact, TextureDepth, TexturedSurface, TooManyTexels,
+    Backend, BackendError, DepthError, DepthQuery, DepthSettings, Domain, Fallback, HalfSpace, SurfaceError,
+    SurfaceId, SurfaceSet, TextureContact, TextureDepth, TexturedSurface, TooManyTexels,
 };
 
 use crate::scene::object::Object;
-use crate::settings::{Settings, TextureBackend, TextureDerivatives, TextureSettings};
+use crate::settings::{Settings, TextureBackend, TextureSettings};
 use crate::telemetry::Events;
 
 /// τ by default, in tolerances.
@@ -190,7 +190,7 @@ impl Textures {
         if objects.iter().flatten().all(|object| !is_textured(probe, object)) {
             return Ok(None);
         }
-        let TextureSettings { grid, half_size, temperature, derivatives, .. } = settings.textures;
+        let TextureSettings { grid, half_size, temperature, .. } = settings.textures;
         let mut surfaces = SurfaceSet::default();
         let own = surface(probe)?;
         let id = surfaces.add(&own)?;
@@ -209,19 +209,11 @@ impl Textures {
             }))
         };
         let pairs = objects.iter().map(pair).collect::<Result<Vec<_>, TextureError>>()?;
-        let smallest = pairs.iter().flatten().fold(f64::INFINITY, |least, pair| least.min(pair.half_size));
         // As many texels in a length as the whole grid has.
         let grid = (f64::from(grid) * quarter_size(1.0)).ceil().max(2.0) as u32;
         let depth = DepthSettings {
             grid,
             temperature: temperature.unwrap_or(SMOOTHNESS * tolerance),
-            derivatives: match derivatives {
-                TextureDerivatives::Maximum => Derivatives::Maximum,
-                TextureDerivatives::Differences => {
-                    let turn = 2.0 / f64::from(grid);
-                    Derivatives::Differences { shift: turn * quarter_size(smallest), turn, second: true }
-                }
-            },
             ..DepthSettings::default()
         };
         Ok(Some(Self {

@@ -1,9 +1,11 @@
 //! The renderer: a tool in the hand, a scene, a device, and the loops that join them.
 
+use std::sync::Arc;
+
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
 use palpate_device::{DeviceError, DeviceState, HapticDevice};
-use palpate_dynamics::{ArticulatedState, Body, BodyState, IntegratorKind};
+use palpate_dynamics::{ArticulatedState, Body, BodyState, Integrator, SemiImplicit};
 use palpate_texture_pd::Backend;
 
 use crate::contact::monitor::ContactMonitor;
@@ -130,7 +132,7 @@ impl HapticRenderer {
             coupling: gains.coupling,
             state: BodyState::at_rest(pose),
             center_of_mass,
-            integrator: settings.tool.integrator,
+            integrator: Arc::new(SemiImplicit),
         };
         let prepared = Prepared {
             tool,
@@ -168,8 +170,8 @@ impl HapticRenderer<Hinged> {
     /// the contact damping critical for the tool's mass. Contacts are found by levels of detail unless representatives are asked for.
     ///
     /// # Errors
-    /// If a setting is out of range, a body cannot be given its mass, the hinge is invalid, another integrator than the semi-implicit
-    /// one is asked for, an object's size suggests a wrong unit, textures are too large, or the device has no gripper or does not answer.
+    /// If a setting is out of range, a body cannot be given its mass, the hinge is invalid, an object's size suggests a wrong
+    /// unit, textures are too large, or the device has no gripper or does not answer.
     pub fn hinged(
         tool: &HingedTool,
         scene: Scene,
@@ -179,9 +181,6 @@ impl HapticRenderer<Hinged> {
     ) -> Result<Self, RendererError> {
         settings.check()?;
         gripper.check()?;
-        if settings.tool.integrator != IntegratorKind::SemiImplicit {
-            return Err(ToolError::Integrator { integrator: settings.tool.integrator }.into());
-        }
         check_sizes([&tool.first, &tool.second], scene.objects(), &settings)?;
         let body = tool.body()?;
         let state = device.read(0.0)?;
@@ -339,6 +338,12 @@ impl<T: Tool> HapticRenderer<T> {
 }
 
 impl HapticRenderer {
+    /// Lets another method integrate the motion of the grasped object, to compare it with the semi-implicit step. Explicit methods are
+    /// unstable with a light object.
+    pub fn set_integrator(&mut self, integrator: Arc<dyn Integrator>) {
+        self.haptic.tool.integrator = integrator;
+    }
+
     /// Lets a backend of the host compute textured contacts, as one on its own GPU device
     /// (`WgpuBackend::with_device` with the feature `gpu`); nothing changes in a scene without
     /// textures. Should it fail, the processor goes on.

@@ -332,7 +332,7 @@ impl<T: Tool> HapticRenderer<T> {
             ("device", self.device_stage()),
             ("friction", self.friction_stage()),
             ("hierarchy", self.hierarchy_stage()),
-            ("integrator", settings.tool.integrator.to_string()),
+            ("integrator", self.haptic.tool.integrator().to_owned()),
             ("interpolation between levels", self.interpolation_stage()),
             ("representative contacts", self.search_stage()),
             ("passivity controller", on_or_off(settings.output.passivity_controller)),

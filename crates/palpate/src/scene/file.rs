@@ -62,11 +62,11 @@ pub struct ObjectEntry {
     pub repair: bool,
 }
 
-fn upright() -> DQuat {
+pub(crate) fn upright() -> DQuat {
     DQuat::IDENTITY
 }
 
-fn one() -> f64 {
+pub(crate) fn one() -> f64 {
     1.0
 }
 
@@ -112,13 +112,7 @@ impl SceneFile {
     /// # Errors
     /// If it cannot be read, or is no scene file: with the line, and what would do.
     pub fn load(path: &Path) -> Result<Self, SceneFileError> {
-        let text = std::fs::read_to_string(path)
-            .map_err(|source| SceneFileError::Read { path: path.to_owned(), source })?;
-        toml::from_str(&text).map_err(|error| {
-            let line = error.span().map(|span| 1 + text[..span.start.min(text.len())].matches('\n').count());
-            let place = line.map_or_else(String::new, |line| format!("line {line}: "));
-            SceneFileError::Format { path: path.to_owned(), message: format!("{place}{}", error.message()) }
-        })
+        read_toml(path)
     }
 
     /// Opens the objects, with paths from the folder of `path`, the file that this was loaded from; with their [warnings](Object::warnings).
@@ -149,25 +143,38 @@ impl SceneFile {
             if !(scale.is_finite() && *scale > 0.0) {
                 return Err(refuse("give a scale above 0"));
             }
-            let file = folder.join(model);
-            let argument =
-                if names_file(model) { file.to_string_lossy().into_owned() } else { model.clone() };
-            let built = Path::new(model).extension().is_some_and(|extension| extension == "clod");
-            let options = OpenOptions {
-                scale: if built { 1.0 } else { *scale },
-                repair: *repair,
-                ..OpenOptions::default()
-            };
-            let object = Object::open(&argument, &options, &mut |stage, done| progress(model, stage, done))?;
-            let object = if built && *scale != 1.0 {
-                object.scaled(*scale).ok_or_else(|| refuse("give a scale that is less extreme"))?
-            } else {
-                object
-            };
+            let object = open_model(folder, model, (*scale, *repair), progress)?
+                .ok_or_else(|| refuse("give a scale that is less extreme"))?;
             scene = scene.with(object, pose);
         }
         Ok(scene)
     }
+}
+
+/// Reads a TOML file: an error says in which line, and what would do.
+pub(crate) fn read_toml<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, SceneFileError> {
+    let text = std::fs::read_to_string(path)
+        .map_err(|source| SceneFileError::Read { path: path.to_owned(), source })?;
+    toml::from_str(&text).map_err(|error| {
+        let line = error.span().map(|span| 1 + text[..span.start.min(text.len())].matches('\n').count());
+        let place = line.map_or_else(String::new, |line| format!("line {line}: "));
+        SceneFileError::Format { path: path.to_owned(), message: format!("{place}{}", error.message()) }
+    })
+}
+
+/// Opens a model that a file in `folder` names, at a scale and repaired if asked for; `None` where it cannot be scaled so.
+pub(crate) fn open_model(
+    folder: &Path,
+    model: &str,
+    (scale, repair): (f64, bool),
+    progress: &mut dyn FnMut(&str, Stage, f64) -> ControlFlow<()>,
+) -> Result<Option<Object>, OpenError> {
+    let file = folder.join(model);
+    let argument = if names_file(model) { file.to_string_lossy().into_owned() } else { model.to_owned() };
+    let built = Path::new(model).extension().is_some_and(|extension| extension == "clod");
+    let options = OpenOptions { scale: if built { 1.0 } else { scale }, repair, ..OpenOptions::default() };
+    let object = Object::open(&argument, &options, &mut |stage, done| progress(model, stage, done))?;
+    Ok(if built && scale != 1.0 { object.scaled(scale) } else { Some(object) })
 }
 
 #[cfg(test)]

@@ -5,7 +5,6 @@ pub(crate) mod live;
 
 pub use self::gripper::GripperSettings;
 use palpate_core::Pose;
-use palpate_dynamics::IntegratorKind;
 use serde::{Deserialize, Serialize};
 
 /// Time in which the wrench may rise from zero to the device's peak, s.
@@ -175,8 +174,6 @@ pub struct ToolSettings {
     /// Where on the grasped object the device's handle is. It does not place the object: while the handle is in the middle of its
     /// workspace, unturned, and the coupling is not stretched, the mesh's frame is at the [device frame](DeviceSettings::frame).
     pub handle: HandlePlace,
-    /// How the motion of the grasped object is integrated; only the implicit integrators stay stable with a light object.
-    pub integrator: IntegratorKind,
     /// Whether to render objects whose size suggests a [wrong unit](crate::errors::UnitsError). Without, a session does not start
     /// with them.
     pub unusual_size: bool,
@@ -184,13 +181,7 @@ pub struct ToolSettings {
 
 impl Default for ToolSettings {
     fn default() -> Self {
-        Self {
-            mass: 0.1,
-            grasp: None,
-            handle: HandlePlace::default(),
-            integrator: IntegratorKind::default(),
-            unusual_size: false,
-        }
+        Self { mass: 0.1, grasp: None, handle: HandlePlace::default(), unusual_size: false }
     }
 }
 
@@ -279,20 +270,8 @@ pub struct TextureSettings {
     /// τ, m: a contact pushes where the largest overlaps are, by a smooth maximum that goes over from one to another that
     /// grows larger within some times of it; 0 for the largest alone. By default half the tolerance d.
     pub temperature: Option<f64>,
-    /// Where the derivatives of depths come from.
-    pub derivatives: TextureDerivatives,
     /// What computes.
     pub backend: TextureBackend,
-}
-
-/// Where the derivatives of textured contacts' depths come from (§5.6.2).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum TextureDerivatives {
-    /// From the surfaces' slopes and curvatures, where they overlap most.
-    #[default]
-    Maximum,
-    /// The dissertation's central differences, of 51 configurations of the grasped object a texel apart: for comparison.
-    Differences,
 }
 
 /// What computes textured contacts.
@@ -310,13 +289,7 @@ pub enum TextureBackend {
 impl Default for TextureSettings {
     /// A grid of 50 × 50 (§4.5.2), on the processor.
     fn default() -> Self {
-        Self {
-            grid: 50,
-            half_size: None,
-            temperature: None,
-            derivatives: TextureDerivatives::default(),
-            backend: TextureBackend::default(),
-        }
+        Self { grid: 50, half_size: None, temperature: None, backend: TextureBackend::default() }
     }
 }
 

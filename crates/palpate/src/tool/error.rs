@@ -1,6 +1,6 @@
 //! Why a tool cannot be held.
 
-use palpate_dynamics::{BodyError, IntegratorKind, JointError};
+use palpate_dynamics::{BodyError, JointError};
 
 use crate::settings::SettingsError;
 
@@ -26,13 +26,4 @@ pub enum ToolError {
         "the device has no gripper, which a tool with a hinge needs; hold a rigid object, or give an emulated device a gripper"
     )]
     NoGripper,
-    /// Tools with a hinge have an integrator of their own.
-    #[error(
-        "the integrator is {integrator}; a tool with a hinge takes only {}",
-        IntegratorKind::SemiImplicit
-    )]
-    Integrator {
-        /// The integrator in the settings.
-        integrator: IntegratorKind,
-    },
 }

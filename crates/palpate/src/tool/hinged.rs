@@ -12,8 +12,9 @@
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
 use palpate_dynamics::{
-    ArticulatedBody, ArticulatedFrame, ArticulatedState, Body, BodyState, GripperCoupling, Joint,
-    JointLimits, LinearContactModel, PortAxes, PortLimits, Sampling, VirtualCoupling, articulated_step,
+    ArticulatedBody, ArticulatedFrame, ArticulatedState, Body, BodyState, GripperCoupling, Integrator as _,
+    Joint, JointLimits, LinearContactModel, PortAxes, PortLimits, Sampling, SemiImplicit, VirtualCoupling,
+    articulated_step,
 };
 
 use super::error::ToolError;
@@ -133,6 +134,10 @@ impl Moves for Hinged {
 
     fn center_of_mass(&self, body: usize) -> DVec3 {
         self.centers[usize::from(body != ToolBody::First as usize)]
+    }
+
+    fn integrator(&self) -> &'static str {
+        SemiImplicit.name()
     }
 
     fn coupling(&self) -> &VirtualCoupling {

@@ -2,10 +2,14 @@
 //! is coupled to; the loops, drivers, editors and recordings are the same for each.
 
 pub(crate) mod error;
+#[cfg(feature = "scene-files")]
+pub(crate) mod file;
 pub(crate) mod gains;
 pub(crate) mod hinged;
 pub(crate) mod rigid;
 
+#[cfg(feature = "scene-files")]
+pub use self::file::{HingeFrame, ToolFile, ToolPart};
 pub use self::hinged::{Hinged, HingedTool, ToolBody};
 pub use self::rigid::Rigid;
 pub use crate::telemetry::hinged_record::HingedRecord;
@@ -49,6 +53,9 @@ pub trait Moves: Clone + Debug + Send + 'static {
 
     /// Changes the coupling that holds the first body.
     fn set_coupling(&mut self, coupling: VirtualCoupling);
+
+    /// Name of the method that integrates the tool's motion.
+    fn integrator(&self) -> &'static str;
 
     /// Energy in the couplings and in the tool's motion, J.
     fn energy(&self, hand: &Hand) -> f64;

@@ -1,10 +1,10 @@
 //! A tool of one rigid body.
 
+use std::sync::Arc;
+
 use palpate_core::Wrench;
 use palpate_core::glam::DVec3;
-use palpate_dynamics::{
-    Body, BodyState, Frame, Integrator, IntegratorKind, LinearContactModel, VirtualCoupling,
-};
+use palpate_dynamics::{Body, BodyState, Frame, Integrator, LinearContactModel, VirtualCoupling};
 
 use super::{Hand, Moves, Tool, ToolStep};
 use crate::telemetry::record::{Record, StepData};
@@ -17,7 +17,7 @@ pub struct Rigid {
     pub(crate) state: BodyState,
     /// In the mesh's frame, m.
     pub(crate) center_of_mass: DVec3,
-    pub(crate) integrator: IntegratorKind,
+    pub(crate) integrator: Arc<dyn Integrator>,
 }
 
 impl Moves for Rigid {
@@ -35,6 +35,10 @@ impl Moves for Rigid {
 
     fn set_coupling(&mut self, coupling: VirtualCoupling) {
         self.coupling = coupling;
+    }
+
+    fn integrator(&self) -> &'static str {
+        self.integrator.name()
     }
 
     fn energy(&self, hand: &Hand) -> f64 {

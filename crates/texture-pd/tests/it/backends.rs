@@ -8,9 +8,8 @@ use glam::{DQuat, DVec2, DVec3};
 use palpate_core::mesh::UvMesh;
 use palpate_core::{Pose, TriMesh};
 use palpate_texture_pd::{
-    Backend, Batch, CpuBackend, DepthQuery, DepthSettings, Derivatives, Domain, HalfSpace, HeightImage,
-    ReferenceBackend, SurfaceId, SurfaceSet, TextureContact, TextureDepth, TextureFilter, TexturedSurface,
-    Wrap,
+    Backend, Batch, CpuBackend, DepthQuery, DepthSettings, Domain, HalfSpace, HeightImage, ReferenceBackend,
+    SurfaceId, SurfaceSet, TextureContact, TextureDepth, TextureFilter, TexturedSurface, Wrap,
 };
 use rand::rngs::StdRng;
 use rand::{RngExt as _, SeedableRng as _};
@@ -127,12 +126,9 @@ fn backends_agree_on_random_surfaces() {
             })
             .collect();
         // Software drivers take a second for some hundred thousand texels.
-        let differences = Derivatives::Differences { shift: 1e-4, turn: 1e-2, second: true };
-        let (derivatives, most) = if case % 8 == 0 { (differences, 12) } else { (Derivatives::Maximum, 64) };
         let settings = DepthSettings {
-            grid: rng.random_range(2..most),
+            grid: rng.random_range(2..64),
             temperature: [0.0, 1e-5][rng.random_range(0..2)],
-            derivatives,
             refinements: rng.random_range(0..5),
             filter: [TextureFilter::Finest, TextureFilter::Footprint][rng.random_range(0..2)],
         };
@@ -152,7 +148,7 @@ fn backends_agree_on_random_surfaces() {
                 // The CPU backend counts only texels that it displaced.
                 assert!(*name == "CPU" || (one.folded - other.folded).abs() < 0.02, "{about}");
                 // With equal overlaps at several texels, backends may choose different ones.
-                if settings.derivatives == Derivatives::Maximum && one.point.distance(other.point) < 1e-9 {
+                if one.point.distance(other.point) < 1e-9 {
                     assert!((one.linear - other.linear).length() < 1e-3 * one.linear.length(), "{about}");
                     let lever = 0.02 * one.linear.length();
                     assert!((one.angular - other.angular).length() < 1e-3 * lever, "{about}");
@@ -302,13 +298,11 @@ fn slope_of_the_other_surface_counts_where_one_ends() {
 #[test]
 fn wrong_settings_are_refused_with_the_accepted_values() {
     let surfaces = SurfaceSet::default();
-    let differences = Derivatives::Differences { shift: 0.0, turn: 0.1, second: false };
     let plain = DepthSettings::default();
     for (settings, what) in [
         (DepthSettings { grid: 1, ..plain }, "grid is 1; give 2 to 1024"),
         (DepthSettings { grid: 4096, ..plain }, "grid is 4096"),
         (DepthSettings { temperature: f64::NAN, ..plain }, "temperature is NaN"),
-        (DepthSettings { derivatives: differences, ..plain }, "shift is 0; give a step above 0"),
     ] {
         let mut query = DepthQuery::new();
         let error = query.run(&surfaces, &[], &settings, &mut CpuBackend::new()).unwrap_err().to_string();

@@ -10,8 +10,7 @@ use crate::common::{Plates, moved, turned_over};
 use glam::{DVec2, DVec3};
 use palpate_core::Pose;
 use palpate_texture_pd::{
-    CpuBackend, DepthQuery, DepthSettings, Derivatives, SurfaceSet, TextureContact, TextureDepth,
-    TextureFilter,
+    CpuBackend, DepthQuery, DepthSettings, SurfaceSet, TextureContact, TextureDepth, TextureFilter,
 };
 use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
 
@@ -31,14 +30,13 @@ struct Errors {
 }
 const LEVER: f64 = 0.01;
 
-/// The exact derivatives, by central differences in f64.
-fn exact(plates: &Plates, contact: &TextureContact) -> (f64, [f64; 6], [[f64; 6]; 6]) {
-    let inside = contact.pose_a.inverse().transform_point(contact.point).truncate();
-    let depth = |change: [f64; 6]| {
-        let [shift, turn] = [0, 3].map(|from| DVec3::from_slice(&change[from..]));
-        plates.depth(&moved(&contact.pose_a, contact.center, shift, turn), inside, 0.9 * WINDOW)
-    };
-    let step = |i: usize| if i < 3 { 2e-6 } else { 2e-6 / LEVER };
+/// A depth (m), its gradient and second derivatives by shifts and turns, world axes.
+type Local = (f64, [f64; 6], [[f64; 6]; 6]);
+
+/// Central differences (Eq. 4.8, 5.57, 5.58) of a depth by shifts, in steps of `step` (m), and turns over [`LEVER`].
+fn central_differences(step: f64, depth: impl Fn(DVec3, DVec3) -> f64) -> Local {
+    let depth = |change: [f64; 6]| depth(DVec3::from_slice(&change[..3]), DVec3::from_slice(&change[3..]));
+    let step = |i: usize| if i < 3 { step } else { step / LEVER };
     let unit = |i: usize, sign: f64, change: [f64; 6]| {
         let mut change = change;
         change[i] += sign * step(i);
@@ -61,19 +59,48 @@ fn exact(plates: &Plates, contact: &TextureContact) -> (f64, [f64; 6], [[f64; 6]
     (here, gradient, second)
 }
 
+/// The exact derivatives.
+fn exact(plates: &Plates, contact: &TextureContact) -> Local {
+    let inside = contact.pose_a.inverse().transform_point(contact.point).truncate();
+    central_differences(2e-6, |shift, turn| {
+        plates.depth(&moved(&contact.pose_a, contact.center, shift, turn), inside, 0.9 * WINDOW)
+    })
+}
+
+/// The largest overlap of the texels alone, m.
+fn of_texels(found: &TextureDepth, contact: &TextureContact) -> f64 {
+    (found.point - found.scene_point).dot(contact.normal)
+}
+
+/// The dissertation's derivatives: differences, a texel apart, of the depth that the texels give.
+fn differences(surfaces: &SurfaceSet, contact: &TextureContact, settings: &DepthSettings) -> Local {
+    let step = 2.0 * contact.half_size / f64::from(settings.grid);
+    central_differences(step, |shift, turn| {
+        let pose_a = moved(&contact.pose_a, contact.center, shift, turn);
+        let found = found(surfaces, &TextureContact { pose_a, ..*contact }, settings);
+        if settings.temperature > 0.0 { found.depth } else { of_texels(&found, contact) }
+    })
+}
+
 fn found(surfaces: &SurfaceSet, contact: &TextureContact, settings: &DepthSettings) -> TextureDepth {
     let mut query = DepthQuery::new();
     query.run(surfaces, &[*contact], settings, &mut CpuBackend::new()).unwrap()[0].unwrap()
 }
 
-fn errors(found: &TextureDepth, (depth, gradient, second): &(f64, [f64; 6], [[f64; 6]; 6])) -> Errors {
+/// Those of slopes and curvatures at the maximum.
+fn at_maximum(surfaces: &SurfaceSet, contact: &TextureContact, settings: &DepthSettings) -> Local {
+    let found = found(surfaces, contact, settings);
+    let [a, b] = [found.linear, found.angular].map(|part| part.to_array());
+    (found.depth, [a[0], a[1], a[2], b[0], b[1], b[2]], found.second)
+}
+
+fn errors(found: &Local, (depth, gradient, second): &Local) -> Errors {
     let lever = |i: usize| if i < 3 { 1.0 } else { LEVER };
-    let mut errors = Errors { depth: (found.depth - depth).abs(), ..Errors::default() };
-    let ours = [found.linear.to_array(), found.angular.to_array()].concat();
+    let mut errors = Errors { depth: (found.0 - depth).abs(), ..Errors::default() };
     for i in 0..6 {
-        errors.gradient = errors.gradient.max((ours[i] - gradient[i]).abs() / lever(i));
+        errors.gradient = errors.gradient.max((found.1[i] - gradient[i]).abs() / lever(i));
         for j in 0..6 {
-            let error = (found.second[i][j] - second[i][j]).abs() / (lever(i) * lever(j));
+            let error = (found.2[i][j] - second[i][j]).abs() / (lever(i) * lever(j));
             errors.second = errors.second.max(error);
         }
     }
@@ -86,15 +113,14 @@ fn compare(name: &str, plates: &Plates, tilt: f64) -> [Errors; 4] {
     let mut rng = StdRng::seed_from_u64(seed);
     let (surfaces, ids) = plates.surfaces(TEXELS);
     let grid = 128;
-    let step = 2.0 * WINDOW / f64::from(grid);
-    let smooth = 2e-6;
     let plain = DepthSettings { grid, ..DepthSettings::default() };
-    let differences = Derivatives::Differences { shift: step, turn: step / LEVER, second: true };
-    let methods = [
-        ("largest, slopes and curvatures", plain),
-        ("smooth, slopes and curvatures", DepthSettings { temperature: smooth, ..plain }),
-        ("largest, differences", DepthSettings { derivatives: differences, ..plain }),
-        ("smooth, differences", DepthSettings { derivatives: differences, temperature: smooth, ..plain }),
+    let smooth = DepthSettings { temperature: 2e-6, ..plain };
+    type Method = fn(&SurfaceSet, &TextureContact, &DepthSettings) -> Local;
+    let methods: [(&str, Method, DepthSettings); 4] = [
+        ("largest, slopes and curvatures", at_maximum, plain),
+        ("smooth, slopes and curvatures", at_maximum, smooth),
+        ("largest, differences", differences, plain),
+        ("smooth, differences", differences, smooth),
     ];
     let mut all = [const { Vec::new() }; 4];
     for _ in 0..15 {
@@ -104,8 +130,8 @@ fn compare(name: &str, plates: &Plates, tilt: f64) -> [Errors; 4] {
         let pose: Pose = turned_over(place, 0.0005, turn);
         let contact = plates.contact(ids, pose, WINDOW);
         let exact = exact(plates, &contact);
-        for ((_, settings), all) in methods.iter().zip(&mut all) {
-            all.push(errors(&found(&surfaces, &contact, settings), &exact));
+        for ((_, method, settings), all) in methods.iter().zip(&mut all) {
+            all.push(errors(&method(&surfaces, &contact, settings), &exact));
         }
     }
     let median = |of: &dyn Fn(&Errors) -> f64, all: &[Errors]| {
@@ -119,7 +145,7 @@ fn compare(name: &str, plates: &Plates, tilt: f64) -> [Errors; 4] {
         gradient: median(&|e| e.gradient, &all),
         second: median(&|e| e.second, &all),
     });
-    for ((method, _), Errors { depth, gradient, second }) in methods.iter().zip(&summary) {
+    for ((method, ..), Errors { depth, gradient, second }) in methods.iter().zip(&summary) {
         println!("  {method:32} {depth:10.2e} {gradient:10.2e} {second:10.2e}");
     }
     summary
@@ -211,12 +237,12 @@ fn error_of_the_depth_falls_with_the_grid() {
             plates.depth(pose, inside, 0.9 * WINDOW)
         })
         .collect();
-    let texels_alone = Derivatives::Differences { shift: 1e-4, turn: 1e-2, second: false };
-    let errors = |grid, derivatives| {
-        let settings =
-            DepthSettings { grid, derivatives, filter: TextureFilter::Finest, ..DepthSettings::default() };
+    let errors = |grid, alone: bool| {
+        let settings = DepthSettings { grid, filter: TextureFilter::Finest, ..DepthSettings::default() };
         let error = |(pose, exact): (&Pose, &f64)| {
-            (found(&surfaces, &plates.contact(ids, *pose, WINDOW), &settings).depth - exact).abs()
+            let contact = plates.contact(ids, *pose, WINDOW);
+            let found = found(&surfaces, &contact, &settings);
+            (if alone { of_texels(&found, &contact) } else { found.depth }) - exact
         };
         let errors: Vec<f64> = poses.iter().zip(&exact).map(error).collect();
         (errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64).sqrt()
@@ -225,7 +251,7 @@ fn error_of_the_depth_falls_with_the_grid() {
         "sphere on ridges (seed {seed}): root mean square error of depth, m: texels alone; between them"
     );
     let grids = [12, 24, 48, 96];
-    let all = grids.map(|grid| [errors(grid, texels_alone), errors(grid, Derivatives::Maximum)]);
+    let all = grids.map(|grid| [errors(grid, true), errors(grid, false)]);
     for (grid, [alone, between]) in grids.iter().zip(&all) {
         println!("  {grid:3} {alone:10.2e} {between:10.2e}");
     }

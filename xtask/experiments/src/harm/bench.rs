@@ -1,4 +1,4 @@
-//! The device of a session: an emulated one in a hand, with all that can go wrong between it and the engine.
+//! Device of a session: an emulated one with its hand, and all faults between it and the engine.
 
 use palpate::device::{DeviceError, DeviceState, EmulatedDevice, Hand, HapticDevice, Specification, Status};
 use palpate::{Pose, Settings, Twist, Wrench};
@@ -7,20 +7,20 @@ use rand::rngs::StdRng;
 use super::faults::{Fault, Kind};
 use super::judge::{Judge, Step};
 
-/// What becomes of a wrench that is asked for (the first), on the way to a device that holds another: itself, but in a test of the
-/// judge.
+/// Changes the wrench that the engine asks for (first argument) while the device holds another (second). The
+/// identity except in tests of the judge.
 pub type Tamper = fn(&Wrench, &Wrench) -> Wrench;
 
 pub struct Bench {
     device: EmulatedDevice,
-    /// The hand that holds it unless it lets go.
+    /// Hand that holds the device unless it lets go.
     hand: Hand,
-    /// The true time, s.
+    /// True time, s.
     pub time: f64,
     pub step: Step,
-    /// What goes wrong in this step.
+    /// Faults that act in this step.
     pub faults: Vec<Fault>,
-    /// By what the device is elsewhere, since it was lost.
+    /// Displacement of the device since contact with it was lost.
     offset: Pose,
     last: Option<DeviceState>,
     pub judge: Judge,
@@ -48,17 +48,17 @@ impl Bench {
         }
     }
 
-    /// The device itself, with the hand.
+    /// Returns the emulated device with its hand.
     pub fn device(&self) -> &EmulatedDevice {
         &self.device
     }
 
-    /// What is written to the device, and holds, in the axes of its readings.
+    /// Returns the wrench that the device renders, in the axes of its readings.
     pub fn held(&self) -> &Wrench {
         &self.held
     }
 
-    /// How the handle truly moves, in the same axes.
+    /// Returns the true motion of the handle, in the same axes.
     pub fn twist(&self) -> Twist {
         let Twist { linear, angular } = self.device.handle().1;
         Twist::new(self.offset.rotation * linear, self.offset.rotation * angular)
@@ -68,7 +68,7 @@ impl Bench {
         self.faults.iter().find(|fault| fault.kind == kind)
     }
 
-    /// Lets the hand go, or hold the handle again, where that has changed.
+    /// Lets the hand release or grasp the handle where that has changed.
     pub fn take_hold(&mut self) -> Result<(), DeviceError> {
         let wanted = [Kind::LetGo, Kind::Gripped].into_iter().find_map(|kind| self.is_there(kind)).copied();
         let kind = wanted.map(|fault| fault.kind);
@@ -85,13 +85,13 @@ impl Bench {
         })
     }
 
-    /// Presses the device's button, or lets it go.
+    /// Presses or releases the device's button.
     pub fn press(&mut self) {
         let pressed = self.is_there(Kind::Pressed).is_some();
         self.device.set_buttons(u32::from(pressed));
     }
 
-    /// The device sends nothing, whatever it was asked for.
+    /// Makes the device render nothing, whatever it was asked for.
     fn withhold(&mut self) -> Result<(), DeviceError> {
         self.held = Wrench::ZERO;
         self.judge.forget();
@@ -107,8 +107,8 @@ impl HapticDevice for Bench {
     fn read(&mut self, _: f64) -> Result<DeviceState, DeviceError> {
         let mut state = self.device.read(self.time)?;
         if let Some(elsewhere) = self.is_there(Kind::Elsewhere) {
-            let (way, turn) = elsewhere.offset();
-            self.offset = Pose::new(way, turn);
+            let (translation, turn) = elsewhere.offset();
+            self.offset = Pose::new(translation, turn);
         }
         if self.offset != Pose::IDENTITY {
             state.pose = self.offset * state.pose;
@@ -124,7 +124,7 @@ impl HapticDevice for Bench {
         for fault in &self.faults {
             fault.spoil(&mut state, self.last.as_ref(), &mut self.rng);
         }
-        // Not spoilt: a driver knows what it has done itself.
+        // After the other faults: a driver knows what it has withheld itself.
         if self.is_there(Kind::Withheld).is_some() {
             self.withhold()?;
             state.status |= Status::WITHHELD;
@@ -143,7 +143,7 @@ impl HapticDevice for Bench {
             return Err(DeviceError::Closed);
         }
         self.held = wrench;
-        // Its axes have turned with it.
+        // The device's axes turned with its displacement.
         let back = self.offset.rotation.conjugate();
         self.device.write(&Wrench::new(back * wrench.force, back * wrench.torque))
     }

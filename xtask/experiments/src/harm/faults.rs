@@ -1,4 +1,4 @@
-//! What goes wrong in a session, and when.
+//! Faults of a session, and their times.
 
 use palpate::device::{DeviceState, Status};
 use palpate::dynamics::PlaneConstraint;
@@ -9,47 +9,47 @@ use rand::rngs::StdRng;
 
 use super::genome::Genes;
 
-/// Faults that there may be in a session.
+/// Largest number of faults in a session.
 pub const FAULTS: usize = 10;
 
-/// What goes wrong: of the device, the host's clock, contacts, the hand, and what the user does.
+/// Kinds of faults: of the device, the host's clock, contacts and the hand, and actions of the user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// The device does not answer; or takes no wrench; or its driver sends zero instead.
+    /// The device does not answer, refuses a wrench, or its driver sends zero instead.
     Unread,
     Unwritten,
     Withheld,
-    /// The device does not answer, and then is elsewhere.
+    /// The device does not answer, and then reports another place.
     Elsewhere,
-    /// A reading is the one before, with its time or with a new one.
+    /// A reading repeats the one before, with its time or with a new one.
     Repeated,
     Restamped,
-    /// A pose is off by a way and a turn, the same for as long as that lasts, or another each time.
+    /// A pose is displaced and turned: by the same amount while the fault lasts, or by another each time.
     Jumped,
     Scattered,
     NotFinite,
     Huge,
     Flipped,
     NotUnit,
-    /// A velocity is that of something else.
+    /// A velocity is zero, reversed or arbitrary.
     Velocity,
-    /// A reading's time runs back, stays, or is no number.
+    /// A reading's time runs backwards, stays, or is not a number.
     Stamped,
     Status,
-    /// Steps come late; or the host says so, or says something that is no time.
+    /// Steps come late, or the host reports a time that is wrong or not a number.
     Late,
     ClockBack,
     StepZero,
     StepHuge,
     StepNegative,
     StepNotFinite,
-    /// Contacts are not found, late, of wrong numbers, far away, or of another time.
+    /// Contacts are missing, late, invalid, far away, or of another time.
     NoContacts,
     LateContacts,
     WrongContacts,
     FarContacts,
     OldContacts,
-    /// The hand lets go, or grips as if it were another one.
+    /// The hand lets go, or grips with another hand's impedance.
     LetGo,
     Gripped,
     Clutched,
@@ -91,19 +91,19 @@ impl Kind {
     ];
 }
 
-/// Something that goes wrong for a time, once or again and again.
+/// A fault that lasts for a time, once or repeatedly.
 #[derive(Clone, Copy, Debug)]
 pub struct Fault {
     pub kind: Kind,
-    /// s.
+    /// Start, duration and period of repetition, s.
     begin: f64,
     lasts: f64,
-    again: Option<f64>,
-    /// In which part of the steps meanwhile.
+    period: Option<f64>,
+    /// Share of the steps in which it acts meanwhile.
     share: f64,
-    /// How bad, 0 to 1.
+    /// Severity, from 0 to 1.
     pub size: f64,
-    way: DVec3,
+    direction: DVec3,
     turn: DQuat,
 }
 
@@ -113,33 +113,33 @@ impl Fault {
             kind: g.pick(&Kind::ALL),
             begin: g.range(0.0, seconds),
             lasts: g.log(1e-3, 0.15 * seconds),
-            again: g.maybe(0.3, |g| g.log(2e-3, 1.0)),
+            period: g.maybe(0.3, |g| g.log(2e-3, 1.0)),
             share: g.maybe(0.3, |g| g.log(0.01, 1.0)).unwrap_or(1.0),
             size: g.unit(),
-            way: g.direction(),
+            direction: g.direction(),
             turn: g.turn(3.0),
         }
     }
 
-    /// Whether it is there in a step, at a time (s).
+    /// Returns whether the fault acts in a step at a time (s).
     pub fn is_there(&self, time: f64, rng: &mut StdRng) -> bool {
         let since = time - self.begin;
-        // Again and again: on for half of the time.
-        let on = self.again.is_none_or(|again| since.rem_euclid(again) < 0.5 * again);
+        // A repeated fault acts for half of each period.
+        let on = self.period.is_none_or(|period| since.rem_euclid(period) < 0.5 * period);
         (0.0..self.lasts).contains(&since) && on && (self.share >= 1.0 || rng.random_bool(self.share))
     }
 
-    /// A figure by its size, evenly among the logarithms.
+    /// Returns a value between bounds by the severity, spaced logarithmically.
     pub fn between(&self, low: f64, high: f64) -> f64 {
         low * (high / low).powf(self.size)
     }
 
-    /// What is wrong with a pose and a turn, m.
+    /// Returns the error of a pose: translation, m, and rotation.
     pub fn offset(&self) -> (DVec3, DQuat) {
-        (self.way * self.between(1e-3, 0.5), DQuat::IDENTITY.slerp(self.turn, self.size))
+        (self.direction * self.between(1e-3, 0.5), DQuat::IDENTITY.slerp(self.turn, self.size))
     }
 
-    /// Does to a reading what it does.
+    /// Applies the fault to a reading.
     pub fn spoil(&self, state: &mut DeviceState, last: Option<&DeviceState>, rng: &mut StdRng) {
         let choice = (self.size * 8.0) as u32;
         let odd = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY][choice as usize % 3];
@@ -147,8 +147,8 @@ impl Fault {
             Kind::Repeated => *state = *last.unwrap_or(state),
             Kind::Restamped => *state = DeviceState { time: state.time, ..*last.unwrap_or(state) },
             Kind::Jumped => {
-                let (way, turn) = self.offset();
-                state.pose.translation += way;
+                let (translation, turn) = self.offset();
+                state.pose.translation += translation;
                 state.pose.rotation = (turn * state.pose.rotation).normalize();
             }
             Kind::Scattered => {
@@ -172,7 +172,10 @@ impl Fault {
                 state.twist = match choice {
                     0..3 => Twist::ZERO,
                     3..5 => Twist::new(-state.twist.linear, -state.twist.angular),
-                    _ => Twist::new(self.way * self.between(0.1, 100.0), self.way * self.between(1.0, 1e3)),
+                    _ => Twist::new(
+                        self.direction * self.between(0.1, 100.0),
+                        self.direction * self.between(1.0, 1e3),
+                    ),
                 }
             }
             Kind::Stamped => {
@@ -192,7 +195,7 @@ impl Fault {
         }
     }
 
-    /// Does to a contact model what it does.
+    /// Applies the fault to a contact model.
     pub fn spoil_contacts(&self, update: &mut ContactUpdate, body: DVec3) {
         let choice = (self.size * 8.0) as u32;
         match self.kind {
@@ -200,7 +203,7 @@ impl Fault {
                 let odd = [f64::NAN, f64::INFINITY, 1e300, -1.0][choice as usize % 4];
                 let mut plane = PlaneConstraint {
                     scene_point: body,
-                    normal: -self.way,
+                    normal: -self.direction,
                     stiffness: 1e3,
                     damping: 1.0,
                     ..PlaneConstraint::default()
@@ -209,7 +212,7 @@ impl Fault {
                     0 => plane.stiffness = odd,
                     1 => plane.damping = odd,
                     2 => plane.scene_point.z = odd,
-                    _ => plane.normal = self.way * odd,
+                    _ => plane.normal = self.direction * odd,
                 }
                 update.model.push_constraint(plane);
                 update.contacts += 1;
@@ -217,8 +220,8 @@ impl Fault {
             Kind::FarContacts => {
                 let depth = self.between(0.1, 1e3);
                 update.model.push_constraint(PlaneConstraint {
-                    scene_point: body + self.way * depth,
-                    normal: -self.way,
+                    scene_point: body + self.direction * depth,
+                    normal: -self.direction,
                     stiffness: self.between(10.0, 1e5),
                     damping: 1.0,
                     ..PlaneConstraint::default()

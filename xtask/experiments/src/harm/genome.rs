@@ -1,5 +1,5 @@
-//! A session as a row of numbers between 0 and 1, so that it can be drawn at random, changed a little, and made again from a line of
-//! text.
+//! A session as a list of numbers between 0 and 1, which can be drawn at random, mutated, and reproduced from
+//! a line of text.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -9,19 +9,20 @@ use palpate::glam::{DQuat, DVec3};
 use rand::rngs::StdRng;
 use rand::{RngExt as _, SeedableRng as _};
 
-/// A seed that all numbers come from, but for those that were changed since, by their places.
+/// Seed of all numbers, and the numbers that were changed since, by their index.
 ///
-/// As text: the seed in hexadecimal digits, and after a colon three digits for the place and four for the number of each change.
+/// As text: the seed in hexadecimal digits, then a colon, and for each change three digits for the index and
+/// four for the number.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Genome {
     seed: u64,
     changed: BTreeMap<u16, u16>,
 }
 
-/// Digits of a place, and of a place with its number.
+/// Hexadecimal digits of an index, and of an index with its number.
 const PLACE: usize = 3;
 const CHANGE: usize = PLACE + 4;
-/// Numbers that there may be.
+/// Largest count of numbers.
 pub const PLACES: u16 = 1 << (4 * PLACE);
 
 impl Genome {
@@ -29,12 +30,12 @@ impl Genome {
         Self { seed, changed: BTreeMap::new() }
     }
 
-    /// For what happens at random within the session.
+    /// Returns the random numbers of events within the session.
     pub fn rng(&self) -> StdRng {
         StdRng::seed_from_u64(self.seed)
     }
 
-    /// From where its numbers are read.
+    /// Returns a reader of the numbers, at the first.
     pub fn genes(&self) -> Genes<'_> {
         Genes { genome: self, next: 0 }
     }
@@ -44,7 +45,7 @@ impl Genome {
         self.changed.get(&place).copied().unwrap_or_else(drawn)
     }
 
-    /// Another one with some numbers, of those read, drawn anew or moved a little.
+    /// Returns a copy in which some of the numbers that were read are drawn anew or changed a little.
     #[must_use]
     pub fn mutated(&self, read: u16, rng: &mut StdRng) -> Self {
         let mut other = self.clone();
@@ -63,7 +64,7 @@ impl Genome {
     }
 }
 
-/// A well mixed number (splitmix64).
+/// Returns a well mixed number (splitmix64).
 pub fn mixed(number: u64) -> u64 {
     let mut z = number.wrapping_add(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -85,7 +86,8 @@ impl FromStr for Genome {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let wrong = || format!("'{text}' is no session; give a seed, or what a search has printed");
+        let wrong =
+            || format!("'{text}' is not a session; give a seed, or a session that a search has printed");
         let (seed, changes) = text.split_once(':').unwrap_or((text, ""));
         let seed = u64::from_str_radix(seed, 16).map_err(|_| wrong())?;
         if !changes.is_ascii() || !changes.len().is_multiple_of(CHANGE) {
@@ -100,8 +102,8 @@ impl FromStr for Genome {
     }
 }
 
-/// Reads the numbers of a genome, one after the other. What is made of them reads as many whatever they are, so that a change of one
-/// leaves the others what they were.
+/// Reader of a genome's numbers, in order. Each value reads the same count of numbers whatever they are, so
+/// that a change of one leaves the other values as they were.
 #[derive(Clone, Debug)]
 pub struct Genes<'a> {
     genome: &'a Genome,
@@ -109,12 +111,12 @@ pub struct Genes<'a> {
 }
 
 impl Genes<'_> {
-    /// How many were read.
+    /// Returns the count of numbers that were read.
     pub fn read(&self) -> u16 {
         self.next
     }
 
-    /// Above 0 and below 1.
+    /// Returns a number above 0 and below 1.
     pub fn unit(&mut self) -> f64 {
         let number = self.genome.number(self.next);
         self.next = (self.next + 1) % PLACES;
@@ -129,12 +131,12 @@ impl Genes<'_> {
         low + self.unit() * (high - low)
     }
 
-    /// Evenly among the logarithms.
+    /// Returns a number between bounds, with its logarithm evenly distributed.
     pub fn log(&mut self, low: f64, high: f64) -> f64 {
         low * (high / low).powf(self.unit())
     }
 
-    /// As [`Self::log`], in some of the cases from a wider range.
+    /// Returns [`Self::log`] of the usual range, or of a wider range with the probability `share`.
     pub fn log_or(&mut self, usual: (f64, f64), share: f64, wide: (f64, f64)) -> f64 {
         let (usual, wide) = (self.log(usual.0, usual.1), self.log(wide.0, wide.1));
         if self.chance(share) { wide } else { usual }
@@ -150,7 +152,7 @@ impl Genes<'_> {
         is_some.then_some(made)
     }
 
-    /// Components up to a size.
+    /// Returns a vector with components up to a size.
     pub fn vector(&mut self, size: f64) -> DVec3 {
         DVec3::from_array(std::array::from_fn(|_| self.range(-size, size)))
     }
@@ -159,7 +161,7 @@ impl Genes<'_> {
         self.vector(1.0).try_normalize().unwrap_or(DVec3::Z)
     }
 
-    /// By an angle up to some, rad.
+    /// Returns a rotation by at most an angle, rad.
     pub fn turn(&mut self, most: f64) -> DQuat {
         let axis = self.direction();
         DQuat::from_axis_angle(axis, self.range(0.0, most))
@@ -171,7 +173,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_genome_is_made_again_from_its_text() {
+    fn a_genome_is_restored_from_its_text() {
         let mut rng = StdRng::seed_from_u64(5);
         let mut genome = Genome::new(0x1234);
         assert_eq!(genome.to_string(), "1234");
@@ -185,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn a_change_leaves_the_other_numbers() {
+    fn a_change_keeps_the_other_numbers() {
         let genome = Genome::new(7);
         let other = Genome { changed: BTreeMap::from([(3, 9)]), ..genome.clone() };
         let numbers = |genome: &Genome| (0..20).map(|place| genome.number(place)).collect::<Vec<_>>();

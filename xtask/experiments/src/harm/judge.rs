@@ -1,33 +1,34 @@
-//! Judges what a device is asked for by what can be seen there alone, so that it does not rest on the engine's own checks.
+//! Judges the wrenches that a device is asked for by what is visible at the device alone, independently of
+//! the engine's own checks.
 
 use palpate::device::{DeviceState, Specification};
 use palpate::glam::DVec3;
 use palpate::promises::FAULT_TIME;
 use palpate::{Settings, Wrench};
 
-/// For rounding.
+/// Relative growth of a wrench that counts as rounding.
 const ROUNDING: f64 = 1e-6;
 
-/// Readings that stay the same for longer are of a device that is lost, s.
+/// Readings that repeat for longer are those of a lost device, s.
 const STALE: f64 = 0.025;
 
-/// A wrench may grow over this many periods at once, however late a step is.
+/// Number of periods' growth that a wrench may make up at once, however late a step is.
 const PERIODS: f64 = 2.0;
 
-/// The peak is reached in no less than this time unless settings say otherwise, s.
+/// Shortest time to reach the peak unless settings give a slew rate, s.
 const SLEW_TIME: f64 = 0.01;
 
-/// What a step was taken with, as the host knows it.
+/// Inputs of a step, as the host knows them.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Step {
-    /// What the host says the time is, and how long a step took, s.
+    /// Time and duration of the step as the host reports them, s.
     pub now: f64,
     pub dt: f64,
     /// Time of the newest contact model, s.
     pub contacts: f64,
 }
 
-/// The largest parts of their bounds that were reached: more than 1 where one was broken.
+/// Largest values relative to their bounds: above 1 where a bound was broken.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Parts {
     pub finite: f64,
@@ -42,11 +43,12 @@ pub struct Judge {
     specification: Specification,
     period: f64,
     timeout: f64,
-    /// N/s and N·m/s: now, and before the last change, which is still allowed in the next write.
+    /// Slew rates, N/s and N·m/s: now, and before the last change, which the next write may still use.
     slew: (f64, f64),
     before: (f64, f64),
     held: Wrench,
-    /// Since when the device has not answered, its readings were bad, they were the same, and contact models were overdue, s.
+    /// Times since which the device has not answered, its readings were bad or repeated, and contact models
+    /// were overdue, s.
     unread: Option<f64>,
     bad: Option<f64>,
     same: Option<f64>,
@@ -76,17 +78,17 @@ impl Judge {
         }
     }
 
-    /// Settings change with the next step.
+    /// Applies changed settings from the next step on.
     pub fn change(&mut self, settings: &Settings) {
         self.slew = slew(&self.specification, settings);
     }
 
-    /// The device holds nothing, whatever it was asked for.
+    /// Notes that the device renders nothing, whatever it was asked for.
     pub fn forget(&mut self) {
         self.held = Wrench::ZERO;
     }
 
-    /// A reading is given out at a time (s); none where the device does not answer.
+    /// Notes a reading at a time (s); `None` where the device does not answer.
     pub fn read(&mut self, state: Option<&DeviceState>, time: f64) {
         let Some(state) = state else {
             self.unread.get_or_insert(time);
@@ -113,7 +115,7 @@ impl Judge {
         self.good = Some(*state);
     }
 
-    /// A wrench is written at a time (s).
+    /// Judges a wrench that is written at a time (s).
     pub fn write(&mut self, wrench: &Wrench, time: f64, step: &Step) {
         let finite = wrench.force.is_finite() && wrench.torque.is_finite();
         raise(&mut self.parts.finite, if finite { 0.0 } else { f64::INFINITY });
@@ -140,7 +142,7 @@ impl Judge {
         raise(&mut self.parts.silence, faulty);
     }
 
-    /// For how long there has been a fault, since it can be known, as a part of the time after which nothing may be sent.
+    /// Returns the duration of a detectable fault, relative to the time after which no wrench may be sent.
     fn faulty(&self, time: f64, step: &Step) -> f64 {
         if self.unread.is_some() {
             return f64::INFINITY;
@@ -151,7 +153,7 @@ impl Judge {
         bad.max(same).max(old) / FAULT_TIME
     }
 
-    /// For how long contact models have been older than they may be, s.
+    /// Returns by how much the contact models exceed their largest age, s.
     fn overdue(&self, step: &Step) -> f64 {
         step.now - step.contacts - self.timeout
     }
@@ -167,16 +169,16 @@ fn slew(specification: &Specification, settings: &Settings) -> (f64, f64) {
 }
 
 fn raise(part: &mut f64, to: f64) {
-    // What is no number is of something broken.
+    // NaN means that something is broken.
     *part = if to.is_nan() { f64::INFINITY } else { part.max(to) };
 }
 
-/// A figure as a part of what it may be.
+/// Returns a value relative to its bound.
 fn part(figure: f64, bound: f64) -> f64 {
     if figure <= 0.0 { 0.0 } else { figure / bound }
 }
 
-/// How far a vector is from the nearest that the one before can have shrunk to.
+/// Returns the distance of a vector from the nearest to which the one before can have shrunk.
 fn grown(now: DVec3, before: DVec3) -> f64 {
     let length = before.length();
     if !(length > 0.0 && length.is_finite()) {
@@ -201,7 +203,7 @@ mod tests {
         Wrench::new(DVec3::Z * force, DVec3::ZERO)
     }
 
-    /// What is reached by wrenches written each millisecond, with a reading before each.
+    /// Returns the values reached by wrenches written each millisecond, with a reading before each.
     fn parts(writes: &[Wrench], reading: impl Fn(usize) -> Option<DeviceState>, contacts: f64) -> Parts {
         let mut judge = Judge::new(&Emulation::default().specification, &Settings::default());
         for (index, wrench) in writes.iter().enumerate() {
@@ -222,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn each_part_is_raised_by_what_it_is_of() {
+    fn each_value_is_raised_by_its_own_fault() {
         let rising: Vec<Wrench> = (0..8).map(|step| push(0.8 * f64::from(step))).collect();
         let usual = parts(&rising, good, 1.0);
         assert!(usual.finite == 0.0 && usual.peak < 1.0 && usual.slew < 1.0 && usual.silence == 0.0);

@@ -1,9 +1,10 @@
-//! A search for harm: sessions with random settings, devices, hands, things to touch and faults, and then with such as came nearest
-//! to harm, a little changed.
+//! Search for harm: sessions with random settings, devices, hands, scenes and faults, and then mutations of
+//! those that came nearest to harm.
 //!
-//! `cargo xtask harm [--sessions N] [--seed S] [--seconds T] [--out FILE]` checks in each what the engine promises of every wrench, by its
-//! own checks and by what is seen at the device, and prints how near the worst came with what makes that session again:
-//! `cargo xtask harm --session GENOME`.
+//! `cargo xtask harm [--sessions N] [--seed S] [--seconds T] [--out FILE]` checks in each session what the
+//! engine promises of every wrench, by the engine's own checks and by what is visible at the device. It
+//! prints how near the worst came, each with the argument that runs that session again: `cargo xtask harm
+//! --session GENOME`.
 
 mod bench;
 mod faults;
@@ -26,25 +27,25 @@ use palpate::Wrench;
 use search::{Found, Search};
 use session::{Measure, Outcome};
 
-/// What `cargo xtask harm` is asked to search.
+/// Arguments of `cargo xtask harm`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Arguments {
-    /// Sessions to run: the first half at random, the others near the worst.
+    /// Sessions to run: half of them random, the others mutations of the worst.
     #[arg(long, default_value_t = 10_000)]
     sessions: usize,
-    /// What the random numbers come from, in hexadecimal digits; with --sessions 1, the session of that seed.
+    /// Seed of the random numbers, in hexadecimal digits; with --sessions 1, the session of that seed.
     #[arg(long, default_value = "1", value_parser = hexadecimal)]
     seed: u64,
-    /// How long each is, s.
+    /// Length of each session, s.
     #[arg(long, default_value_t = 10.0)]
     seconds: f64,
-    /// Runs these sessions alone, as a search has printed them.
+    /// Runs these sessions alone, in the form that a search prints.
     #[arg(long, value_name = "GENOME", num_args = 1..)]
     session: Vec<Genome>,
-    /// Also says what the sessions that are run alone are made of.
+    /// Also prints the settings, device, scene and faults of these sessions.
     #[arg(long)]
     verbose: bool,
-    /// File for the worst sessions, and for all that did harm, as JSON.
+    /// JSON file for the worst sessions, and for all that did harm.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 }
@@ -53,7 +54,7 @@ fn hexadecimal(text: &str) -> Result<u64, String> {
     u64::from_str_radix(text, 16).map_err(|error| error.to_string())
 }
 
-/// Nothing becomes of a wrench on its way.
+/// Leaves a wrench as it is.
 fn as_asked(wrench: &Wrench, _: &Wrench) -> Wrench {
     *wrench
 }

@@ -1,4 +1,4 @@
-//! What is held, and what it touches: small models, made once.
+//! Held objects and the objects that they touch: small models, built once.
 
 use std::sync::OnceLock;
 
@@ -8,7 +8,7 @@ use palpate_tests::{model, ridged_plate};
 
 use crate::stability::meshes;
 
-/// Two objects.
+/// Held object and scene object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pair {
     Ellipsoid,
@@ -31,11 +31,11 @@ pub const PAIRS: [Pair; 7] = [
 ];
 
 impl Pair {
-    /// In the hand, and in the scene.
+    /// Returns the held object and the scene object.
     pub fn objects(self) -> &'static (Object, Object) {
         static MADE: [OnceLock<(Object, Object)>; PAIRS.len()] = [const { OnceLock::new() }; PAIRS.len()];
         MADE[self as usize].get_or_init(|| {
-            // In threads of their own: those that sessions run in may all be waiting here.
+            // In threads of their own: all of rayon's, in which sessions run, may be waiting here.
             let make = || {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
                 pool.map_err(|error| error.to_string())?.install(|| self.make())
@@ -60,12 +60,12 @@ impl Pair {
         })
     }
 
-    /// Bounding radius of what is held, m.
+    /// Returns the bounding radius of the held object, m.
     pub fn radius(self) -> f64 {
         self.objects().0.bounding_radius()
     }
 
-    /// Contact queries a second that a processor keeps up with while it has more to do, Hz.
+    /// Returns the rate of contact queries that a busy processor keeps up with, Hz.
     pub fn most_queries(self) -> f64 {
         match self {
             Self::Ellipsoid | Self::Blocks => 1000.0,

@@ -1,94 +1,99 @@
-//! What a genome stands for: settings, a device with the hand that holds it, what it touches, and what goes wrong.
+//! Session that a genome encodes: settings, a device with its hand, the scene, and the faults.
 
 use palpate::device::{Axes, Emulation, Hand, Handle, Specification};
+use palpate::dynamics::IntegratorKind;
 use palpate::glam::DVec3;
 use palpate::settings::{ContactSearch, HandlePlace, TextureSettings};
-use palpate::{IntegratorKind, Pose, Settings};
+use palpate::{Pose, Settings};
 
 use super::faults::{FAULTS, Fault};
 use super::genome::{Genes, Genome};
 use super::hand::Motion;
 use super::models::{PAIRS, Pair};
 
-/// A session.
+/// Session that a genome encodes.
 #[derive(Clone, Debug)]
 pub struct Plan {
     pub settings: Settings,
+    pub integrator: IntegratorKind,
     pub emulation: Emulation,
     pub hand: Motion,
     pub world: World,
     pub contacts: Timing,
-    /// Time between two steps of the host, in periods of the session, and the part of it that varies from step to step.
+    /// Time between two steps of the host, in periods of the session, and the share of it that varies from
+    /// step to step.
     pub host: (f64, f64),
-    /// Whether the host tells how long a step took, rather than that it took a period.
-    pub tells_elapsed: bool,
+    /// Whether the host passes the true duration of a step rather than the period.
+    pub passes_elapsed: bool,
     pub edits: Vec<Edit>,
     pub faults: Vec<Fault>,
-    /// Numbers of the genome that were read.
+    /// Count of the genome's numbers that were read.
     pub read: u16,
 }
 
-/// How often contacts are looked for, Hz, and how long that takes, s.
+/// Rate of contact queries, Hz, and their duration, s.
 #[derive(Clone, Copy, Debug)]
 pub struct Timing {
     pub rate: f64,
     pub latency: f64,
 }
 
-/// What is touched.
+/// Scene of a session.
 #[derive(Clone, Debug)]
 pub enum World {
-    /// Planes, as a host finds them with a query of its own.
+    /// Planes, found by a query of the host's own.
     Planes(Vec<Plane>),
-    /// Models, by the engine's contact loop.
+    /// Models, found by the engine's contact loop.
     Models(Models),
 }
 
-/// A plane that pushes.
+/// Plane that exerts contact forces.
 #[derive(Clone, Copy, Debug)]
 pub struct Plane {
-    /// Out of the plane, in the world.
+    /// Outward normal, world axes.
     pub normal: DVec3,
-    /// How far it is along its normal from where the hand begins, m at the device, with how far it moves to and fro, and how often,
-    /// Hz.
+    /// Distance along the normal from the hand's starting place, m at the device; and the amplitude (m) and
+    /// frequency (Hz) of its swing.
     pub height: f64,
     pub swing: (f64, f64),
-    /// Whether contacts are told how fast it moves.
-    pub tells: bool,
-    /// When it is there, s.
+    /// Whether contacts have the plane's velocity.
+    pub reports_velocity: bool,
+    /// Start and end of its presence, s.
     pub there: (f64, f64),
-    /// N/m and N·s/m; m.
+    /// Contact stiffness (N/m), damping (N·s/m) and tolerance (m).
     pub stiffness: f64,
     pub damping: f64,
     pub tolerance: f64,
-    /// Points of the object that it touches, in bounding radii from the centre.
+    /// Distance of the touching points from the object's centre, bounding radii; and the braking time, s.
     pub spread: f64,
     pub braking: f64,
 }
 
-/// Models that touch.
+/// Models that come into contact.
 #[derive(Clone, Copy, Debug)]
 pub struct Models {
     pub pair: Pair,
-    /// Where the scene's object is from the grasped one at the start, in the sum of their bounding radii.
+    /// Pose of the scene object relative to the grasped one at the start, in sums of their bounding radii.
     pub place: Pose,
-    /// How far it moves (m) and turns (rad) to and fro, how often, Hz, and how often that is told, Hz.
+    /// Amplitude of its motion (m) and of its turning (rad), their frequency (Hz), and the rate at which the
+    /// host reports its pose (Hz).
     pub moves: Option<(f64, f64, f64, f64)>,
-    /// Mass by which it is pushed back, kg.
+    /// Mass with which it reacts to contacts, kg.
     pub mobility: Option<f64>,
 }
 
-/// A change that a host makes in a session.
+/// Change that a host makes in a session.
 #[derive(Clone, Copy, Debug)]
 pub struct Edit {
-    /// s.
+    /// Time of the change, s.
     pub time: f64,
     pub change: Change,
 }
 
 #[derive(Clone, Copy, Debug)]
 pub enum Change {
-    /// Stiffness and damping of contacts, and of the coupling, times these; friction; slew in peaks a second.
+    /// Factors of the stiffness and damping of contacts and of the coupling; coefficient of friction; slew in
+    /// peaks per second.
     Settings {
         contact: (f64, f64),
         coupling: (f64, f64),
@@ -96,19 +101,19 @@ pub enum Change {
         slew: Option<f64>,
         passivity: bool,
     },
-    /// The scene's object: elsewhere, gone, back, or of another size.
+    /// Moves, removes, adds or scales the scene object.
     Place(Pose),
     Remove,
     Add(Pose),
     Replace(f64),
 }
 
-/// Changes that there may be in a session.
+/// Largest number of changes and of planes in a session.
 const EDITS: usize = 4;
 const PLANES: usize = 6;
 
 impl Plan {
-    /// What a genome stands for, over some seconds.
+    /// Decodes a genome for a session of some seconds.
     pub fn of(genome: &Genome, seconds: f64) -> Self {
         let mut genes = genome.genes();
         let g = &mut genes;
@@ -116,7 +121,7 @@ impl Plan {
         let pair = g.pick(&PAIRS);
         let pair = if by_models { pair } else { Pair::Ellipsoid };
         let mut emulation = emulation(g);
-        let settings = settings(g, pair, by_models);
+        let (settings, integrator) = settings(g, pair, by_models);
         emulation.substep = (0.5 / settings.timing.rate).clamp(2e-5, 2e-4);
         let hand = Motion::of(g, seconds);
         let planes = (0..PLANES).map(|index| g.maybe(0.9 / (1 + index) as f64, |g| plane(g, seconds)));
@@ -130,25 +135,26 @@ impl Plan {
         let even = g.chance(0.8);
         let (often, varies) = (g.log(0.3, 3.0), g.range(0.0, 0.9));
         let host = (if even { 1.0 } else { often }, if g.chance(0.7) { 0.0 } else { varies });
-        let tells_elapsed = g.chance(0.4);
+        let passes_elapsed = g.chance(0.4);
         let edits = (0..EDITS).map(|_| g.maybe(0.3, |g| edit(g, seconds))).collect::<Vec<_>>();
         let faults = (0..FAULTS).map(|_| g.maybe(0.45, |g| Fault::of(g, seconds))).collect::<Vec<_>>();
         let world = if by_models { World::Models(models) } else { World::Planes(planes) };
         Self {
             settings,
+            integrator,
             emulation,
             hand,
             world,
             contacts,
             host,
-            tells_elapsed,
+            passes_elapsed,
             edits: edits.into_iter().flatten().collect(),
             faults: faults.into_iter().flatten().collect(),
             read: genes.read(),
         }
     }
 
-    /// Which object is in the hand.
+    /// Returns the pair of objects, with the one that is in the hand.
     pub fn pair(&self) -> Pair {
         match &self.world {
             World::Planes(_) => Pair::Ellipsoid,
@@ -157,12 +163,12 @@ impl Plan {
     }
 }
 
-/// Over all that is valid, and most often where sessions usually are.
-fn settings(g: &mut Genes<'_>, pair: Pair, by_models: bool) -> Settings {
+/// Draws from all valid settings, most often near the usual ones.
+fn settings(g: &mut Genes<'_>, pair: Pair, by_models: bool) -> (Settings, IntegratorKind) {
     let radius = pair.radius();
     let usual_rate = g.chance(0.6);
     let rate = g.log_or((100.0, 4000.0), 0.2, (10.0, 20_000.0));
-    // In the order of the genes.
+    // The order of the draws is part of the format of genomes.
     let mut settings = Settings::default();
     settings.timing.rate = if usual_rate { 1000.0 } else { rate };
     settings.tool.mass = g.log_or((1e-3, 10.0), 0.15, (1e-5, 1e4));
@@ -174,7 +180,7 @@ fn settings(g: &mut Genes<'_>, pair: Pair, by_models: bool) -> Settings {
     settings.coupling.damping = g.maybe(0.3, |g| g.log_or((1e-2, 1e2), 0.2, (1e-5, 1e6)));
     settings.coupling.angular_stiffness = g.maybe(0.4, |g| g.log_or((1e-3, 10.0), 0.2, (1e-6, 1e6)));
     settings.coupling.angular_damping = g.maybe(0.3, |g| g.log_or((1e-5, 1.0), 0.2, (1e-8, 1e6)));
-    // Some are larger than the object, and refused.
+    // Some tolerances exceed the object's size and are refused.
     settings.search.tolerance = g.maybe(0.4, |g| radius * g.log(1e-4, 1.2));
     settings.search.method = g.pick(&[
         ContactSearch::Automatic,
@@ -185,7 +191,7 @@ fn settings(g: &mut Genes<'_>, pair: Pair, by_models: bool) -> Settings {
     settings.search.representative_error = g.maybe(0.2, |g| radius * g.pick(&[0.0003, 0.001, 0.003]));
     settings.detail.error = g.maybe(0.3, |g| g.log(1e-5, 1e-2)).unwrap_or(0.0);
     settings.detail.interpolation = g.chance(0.7);
-    // A session with it would not be the same each time.
+    // A time budget would make sessions irreproducible.
     settings.detail.query_budget = None;
     settings.search.clusters = g.range(1.0, 17.0) as usize;
     settings.search.braking = g.chance(0.75);
@@ -199,7 +205,6 @@ fn settings(g: &mut Genes<'_>, pair: Pair, by_models: bool) -> Settings {
     settings.tool.grasp = g.maybe(0.3, |g| Pose::new(g.vector(2.0 * radius), g.turn(3.0)));
     settings.tool.handle = g.pick(&[HandlePlace::Automatic, HandlePlace::Grasp, HandlePlace::MeshOrigin]);
     settings.timing.contact_timeout = g.log(1e-3, 1.0);
-    settings.tool.integrator = IntegratorKind::SemiImplicit;
     settings.timing.engagement = g.maybe(0.9, |g| g.log(1e-3, 2.0)).unwrap_or(0.0);
     settings.device.workspace_scale =
         g.maybe(0.4, |g| g.log_or((0.1, 10.0), 0.2, (1e-4, 1e4))).unwrap_or(1.0);
@@ -210,19 +215,17 @@ fn settings(g: &mut Genes<'_>, pair: Pair, by_models: bool) -> Settings {
     settings.output.passivity_controller = g.chance(0.5);
     settings.tool.unusual_size = true;
     let other = g.pick(&IntegratorKind::ALL);
-    if g.chance(0.4) {
-        settings.tool.integrator = other;
-    }
+    let integrator = if g.chance(0.4) { other } else { IntegratorKind::SemiImplicit };
     let usual = g.pick(&[0.01, 0.02]);
     if !by_models {
-        // A host's own query has no use for fields, which take seconds to make.
+        // A host's own query does not use distance fields, which take seconds to build.
         settings.search.method = ContactSearch::Levels;
     }
     if by_models && settings.search.method != ContactSearch::Levels {
-        // Each tolerance needs fields of its own, which take seconds.
+        // Each tolerance needs distance fields of its own, which take seconds to build.
         settings.search.tolerance = Some(usual * radius);
     }
-    settings
+    (settings, integrator)
 }
 
 fn emulation(g: &mut Genes<'_>) -> Emulation {
@@ -284,7 +287,7 @@ fn emulation(g: &mut Genes<'_>) -> Emulation {
         angular_stiffness: g.log(0.01, 20.0),
     };
     let hand = if g.chance(0.5) { grip } else { hand };
-    // What the driver says of the device's delay may be wrong by some.
+    // The delay that the driver states may be wrong.
     let (specification, handle) = if changed { (other, own) } else { (s.clone(), *handle) };
     Emulation { specification, handle, hand, substep: 1e-4, catch_up: 2.0 }
 }
@@ -296,7 +299,7 @@ fn plane(g: &mut Genes<'_>, seconds: f64) -> Plane {
         normal: g.direction(),
         height: g.range(-0.06, 0.02),
         swing: g.maybe(0.3, |g| (g.log(1e-4, 0.05), g.log(0.1, 20.0))).unwrap_or_default(),
-        tells: g.chance(0.5),
+        reports_velocity: g.chance(0.5),
         there: (from, from + lasts),
         stiffness: g.log_or((10.0, 1e5), 0.1, (1e-2, 1e8)),
         damping: g.log_or((1e-2, 200.0), 0.1, (1e-6, 1e6)),

@@ -1,4 +1,4 @@
-//! Random sessions, and then the worst of them a little changed, again and again.
+//! Random sessions, and then repeated mutations of the worst of them.
 
 use rand::rngs::StdRng;
 use rand::{RngExt as _, SeedableRng as _};
@@ -9,12 +9,12 @@ use super::genome::{Genome, mixed};
 use super::session::{BROKEN, Ended, Measure, Outcome, run};
 use crate::progress;
 
-/// The worst sessions of each measure that are kept to be changed.
+/// Number of worst sessions of each measure that are kept as parents.
 const KEPT: usize = 8;
-/// Sessions that are run at once; the worst are chosen anew after each.
+/// Sessions per round; parents are selected anew after each round.
 const ROUND: usize = 200;
 
-/// What to search.
+/// Parameters of a search.
 #[derive(Clone, Copy, Debug)]
 pub struct Search {
     pub sessions: usize,
@@ -22,23 +22,23 @@ pub struct Search {
     pub seconds: f64,
 }
 
-/// What was found.
+/// Results of a search.
 #[derive(Clone, Debug, Default)]
 pub struct Found {
     pub sessions: usize,
     pub refused: usize,
     pub touched: usize,
     pub steps: u64,
-    /// Of each measure, the sessions with the largest parts, the worst first; and how many were above 1.
+    /// Sessions with the largest values of each measure, the worst first; and the number of sessions above 1.
     pub worst: [Vec<(f64, Genome)>; Measure::ALL.len()],
     pub above: [usize; Measure::ALL.len()],
     pub harm: Vec<(Genome, Outcome)>,
-    /// Numbers of a genome that are read.
+    /// Count of a genome's numbers that sessions read.
     read: u16,
 }
 
 impl Search {
-    /// Half of the sessions at random, and half near the worst. The same arguments find the same.
+    /// Runs a search, half of it at random and half near the worst. It is deterministic.
     pub fn run(&self) -> Found {
         let mut found = Found::default();
         let mut rng = StdRng::seed_from_u64(self.seed);
@@ -59,7 +59,7 @@ impl Search {
         found
     }
 
-    /// These sessions alone.
+    /// Runs these sessions alone.
     pub fn of(&self, genomes: &[Genome]) -> Found {
         let mut found = Found::default();
         self.add(genomes, "sessions", &mut found);
@@ -100,7 +100,7 @@ impl Found {
         }
     }
 
-    /// One of the worst by one of the measures that are sought.
+    /// Picks one of the worst by one of the measures that are sought.
     fn parent(&self, rng: &mut StdRng) -> Option<&Genome> {
         let sought = Measure::ALL.iter().zip(&self.worst).filter(|(measure, _)| measure.is_sought());
         let kept: Vec<&Vec<_>> = sought.map(|(_, worst)| worst).filter(|worst| !worst.is_empty()).collect();
@@ -108,7 +108,7 @@ impl Found {
         worst.get(rng.random_range(0..worst.len())).map(|(_, genome)| genome)
     }
 
-    /// For a file.
+    /// Returns the results as JSON.
     pub fn json(&self) -> Value {
         let measures = Measure::ALL.iter().zip(&self.worst).zip(&self.above).map(|((measure, worst), above)| {
             let worst: Vec<Value> = worst

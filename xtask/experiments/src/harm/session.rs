@@ -1,7 +1,8 @@
-//! Runs what a genome stands for, and says how near it came to harm.
+//! Runs the session that a genome encodes, and measures how near it came to harm.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::panic::AssertUnwindSafe;
+use std::sync::Arc;
 
 use palpate::device::{HapticDevice as _, IntendedPath};
 use palpate::dynamics::{ContactClass, ContactParameters, Friction, LinearContactModel, MovingBody};
@@ -22,47 +23,49 @@ use super::genome::Genome;
 use super::judge::Step;
 use super::plan::{Change, Edit, Plan, Plane, World};
 
-/// Steps of one session, at most: fast ones end earlier.
-const MOST_STEPS: u64 = 150_000;
+/// Largest number of steps in a session: those with high rates end earlier.
+const MAX_STEPS: u64 = 150_000;
 
-/// The hand is in free space when no contact was found for so long, and nothing went wrong, s.
-const FREE: f64 = 0.3;
+/// Time without a contact or fault after which the hand counts as in free space, s.
+const MIN_FREE_TIME: f64 = 0.3;
 
-/// A step this late is one that a device holds a wrench over, s.
-const LATE: f64 = 5e-3;
+/// Delay of a step from which the device holds a wrench for too long to judge the handle's speed, s.
+const LATE_STEP: f64 = 5e-3;
 
-/// After a fault the wrench is looked at for so long, s, or a step.
-const AFTER: f64 = 1e-3;
+/// Time after a fault within which the wrench is checked, s, or a step and a half if that is longer.
+const AFTER_FAULT: f64 = 1e-3;
 
-/// A part from which a bound is broken: 1, but for rounding.
+/// Value relative to a bound from which the bound counts as broken: 1, with a margin for rounding.
 pub const BROKEN: f64 = 1.0 + 1e-6;
 
-/// With an engagement of at least this, s: with none the wrench is back at once.
-const ENGAGED: f64 = 0.02;
+/// Shortest engagement with which the wrench after a fault is checked, s: with none it is back at once.
+const MIN_ENGAGEMENT: f64 = 0.02;
 
-/// A wrench of less than this part of the peak drives no handle off.
+/// Share of the peak below which a wrench cannot make the handle run away.
 const HARMLESS: f64 = 0.1;
 
-/// A figure of a session: the largest part of its bound that was reached.
+/// Figure of a session: the largest value of a quantity relative to its bound.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Measure {
-    /// By the engine's own checks.
+    /// One of the engine's own checks.
     Engine(Invariant),
-    /// By what is seen at the device: not finite, above the peak, faster than the slew, and not zero in a fault.
+    /// Checks at the device: wrench not finite, above the peak, faster than the slew rate, and not zero in a
+    /// fault.
     SeenFinite,
     SeenPeak,
     SeenSlew,
     SeenFault,
-    /// The wrench within a millisecond after a fault that it is to come up from nothing after, of the peak.
+    /// Wrench within a millisecond after a fault from which it has to come up from zero, relative to the
+    /// peak.
     AfterFault,
-    /// Energy that came out of the device in free space, of the bound on energy.
+    /// Energy that came out of the device in free space, relative to the bound on energy.
     FreeEnergy,
-    /// Speed of the handle itself along the wrench, of the speed at which it is let go of.
+    /// True speed of the handle along the wrench, relative to the speed at which the engine drops the wrench.
     TrueSpeed,
 }
 
 impl Measure {
-    /// All of them: those of which more than 1 is harm first.
+    /// All measures, starting with those of which a value above 1 is harm.
     pub const ALL: [Self; 15] = [
         Self::Engine(Invariant::Finite),
         Self::Engine(Invariant::Peak),
@@ -94,12 +97,12 @@ impl Measure {
         }
     }
 
-    /// Whether more than 1 is harm: the engine promises that it is not.
+    /// Returns whether the engine promises a value of at most 1, so that more is harm.
     pub fn is_promised(self) -> bool {
         !matches!(self, Self::AfterFault | Self::FreeEnergy | Self::TrueSpeed)
     }
 
-    /// Whether it does not reach 1 by design, as limits do that the engine keeps to.
+    /// Returns whether a value near 1 is a finding. Limits that the engine saturates at reach 1 by design.
     pub fn is_sought(self) -> bool {
         use Invariant::{Energy, Fault, Heat, Runaway};
         match self {
@@ -110,10 +113,10 @@ impl Measure {
     }
 }
 
-/// What came of a session.
+/// Result of a session.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub enum Outcome {
-    /// Its settings were refused, and why.
+    /// The settings were refused, with the reason.
     Refused(String),
     Ended(Ended),
     /// The engine panicked.
@@ -122,19 +125,19 @@ pub enum Outcome {
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Ended {
-    /// In the order of [`Measure::ALL`].
+    /// Values in the order of [`Measure::ALL`].
     pub parts: Vec<f64>,
-    /// Writes that the engine found to be broken, by the name of the invariant.
+    /// Writes in which the engine found an invariant broken, by its name.
     pub broken: BTreeMap<&'static str, u64>,
     pub steps: u64,
-    /// Numbers of the genome that were read.
+    /// Count of the genome's numbers that were read.
     pub read: u16,
-    /// What happened, as the engine counts it.
+    /// Whether anything was touched.
     pub touched: bool,
 }
 
 impl Outcome {
-    /// Whether something was broken that the engine promises, or it panicked.
+    /// Returns whether a promise of the engine was broken, or it panicked.
     pub fn is_harm(&self) -> bool {
         match self {
             Self::Refused(_) => false,
@@ -147,7 +150,7 @@ impl Outcome {
     }
 }
 
-/// Runs the session of a genome. What panics in it is caught.
+/// Runs the session of a genome, and catches panics in it.
 pub fn run(genome: &Genome, seconds: f64, tamper: Tamper) -> Outcome {
     let made = std::panic::catch_unwind(AssertUnwindSafe(|| {
         let plan = Plan::of(genome, seconds);
@@ -173,23 +176,24 @@ struct Running {
     settings: SettingsEditor,
     scene: SceneEditor,
     object: Option<SceneId>,
-    /// Where the grasped object's centre of mass was at the start, and its radius, m.
+    /// Centre of mass of the grasped object at the start, and the object's radius, m.
     center: DVec3,
     radius: f64,
     pending: VecDeque<(f64, ContactUpdate)>,
-    /// When the next query begins, and when the scene's object is told of next, s.
+    /// Times of the next query and of the next motion of the scene object that the host reports, s.
     next_query: f64,
-    next_told: f64,
+    next_report: f64,
     /// Time of the newest contact model, as the host knows it, s.
     newest: f64,
     edits: VecDeque<Edit>,
-    /// Since when the hand has been in free space, s, and the work by then with what else may come out, J.
+    /// Time since which the hand has been in free space, s; and the work of the hand by then plus the kinetic
+    /// energy that may come out, J.
     free: Option<(f64, f64)>,
-    /// When a step last came late, s.
+    /// Time of the last late step, s.
     late: f64,
     touches: bool,
     touched: bool,
-    /// When something was last wrong that the wrench is to come up from nothing after, s.
+    /// Time of the last fault after which the wrench has to come up from zero, s.
     fault: Option<f64>,
     worst: Worst,
 }
@@ -219,6 +223,7 @@ impl Running {
         let stand_in = Box::new(open(Pose::IDENTITY.into())?);
         let renderer = HapticRenderer::new(probe.clone(), scene, stand_in, plan.settings);
         let mut renderer = renderer.map_err(|error| error.to_string())?;
+        renderer.set_integrator(Arc::new(plan.integrator));
         let (settings, mut scene) = (renderer.settings_editor(), renderer.scene_editor());
         let object = match &plan.world {
             World::Planes(_) => None,
@@ -251,7 +256,7 @@ impl Running {
             radius,
             pending: VecDeque::new(),
             next_query: 0.0,
-            next_told: 0.0,
+            next_report: 0.0,
             newest: f64::NAN,
             edits: edits.into(),
             free: None,
@@ -268,7 +273,7 @@ impl Running {
         let period = 1.0 / self.plan.settings.timing.rate;
         let (often, varies) = self.plan.host;
         let (mut time, mut now, mut steps) = (0.0, 0.0, 0);
-        while time < seconds && steps < MOST_STEPS {
+        while time < seconds && steps < MAX_STEPS {
             let mut elapsed = period * often * (1.0 + varies * self.rng.random_range(-1.0..1.0));
             let (faults, rng) = (&self.plan.faults, &mut self.rng);
             self.bench.faults.clear();
@@ -279,7 +284,7 @@ impl Running {
             let seen = now;
             time += elapsed;
             now += elapsed;
-            let dt = self.told(period, elapsed);
+            let dt = self.reported(period, elapsed);
             let back = self.bench.is_there(Kind::ClockBack).map_or(0.0, |fault| fault.between(1e-4, 1.0));
             self.bench.time = time;
             self.edit(time);
@@ -294,8 +299,8 @@ impl Running {
         self.end(steps)
     }
 
-    /// What the host says that a step took, s.
-    fn told(&self, period: f64, elapsed: f64) -> f64 {
+    /// Returns the duration of a step that the host passes, s.
+    fn reported(&self, period: f64, elapsed: f64) -> f64 {
         let is_there = |kind| self.bench.is_there(kind);
         if is_there(Kind::StepZero).is_some() {
             return 0.0;
@@ -309,13 +314,13 @@ impl Running {
         if let Some(fault) = is_there(Kind::StepNotFinite) {
             return if fault.size < 0.5 { f64::NAN } else { f64::INFINITY };
         }
-        if self.plan.tells_elapsed { elapsed } else { period }
+        if self.plan.passes_elapsed { elapsed } else { period }
     }
 
-    /// A haptic step, that ends a time (s) after the one before.
+    /// Takes a haptic step that ends `elapsed` (s) after the one before.
     fn step(&mut self, elapsed: f64) {
         let bench = &mut self.bench;
-        // Figures of a hand are in range.
+        // The parameters of the emulated hands are in range.
         if bench.take_hold().is_err() {
             self.worst.finite = f64::INFINITY;
         }
@@ -336,11 +341,11 @@ impl Running {
             let size = held.length();
             if size > HARMLESS * peak { velocity.dot(held) / (size * fastest) } else { 0.0 }
         };
-        if elapsed > LATE {
+        if elapsed > LATE_STEP {
             self.late = time;
         }
-        // While a host sleeps, a device holds what it was last asked for.
-        if time - self.late > FREE {
+        // While a host sleeps, the device holds the last wrench, so the handle's speed is not judged.
+        if time - self.late > MIN_FREE_TIME {
             let linear = speed(held.force, force_peak, twist.linear, RUNAWAY_SPEED.0);
             let angular = speed(held.torque, torque_peak, twist.angular, RUNAWAY_SPEED.1);
             self.worst.true_speed = self.worst.true_speed.max(linear).max(angular);
@@ -349,8 +354,8 @@ impl Running {
         let lost = [Kind::Unread, Kind::Elsewhere, Kind::Unwritten, Kind::Withheld];
         if lost.into_iter().any(|kind| bench.is_there(kind).is_some()) {
             self.fault = Some(time);
-        } else if self.fault.is_some_and(|fault| time - fault <= AFTER.max(1.5 * elapsed))
-            && self.plan.settings.timing.engagement >= ENGAGED
+        } else if self.fault.is_some_and(|fault| time - fault <= AFTER_FAULT.max(1.5 * elapsed))
+            && self.plan.settings.timing.engagement >= MIN_ENGAGEMENT
         {
             let part = |size: f64, peak: f64| if size > 0.0 { size / peak } else { 0.0 };
             let sent = bench.held();
@@ -367,8 +372,8 @@ impl Running {
         let moving =
             self.haptic.body_state().twist.linear.length_squared() * 0.5 * self.plan.settings.tool.mass;
         let scale = self.plan.settings.device.workspace_scale;
-        // What the object has of its motion may come out.
-        let given = if time - since > FREE { given } else { work + moving / (scale * scale) };
+        // The kinetic energy of the object, ½ m v², may come out on top of the work done so far.
+        let given = if time - since > MIN_FREE_TIME { given } else { work + moving / (scale * scale) };
         self.free = Some((since, given));
         let bound = ENERGY_BOUND.0 * force_peak + ENERGY_BOUND.1 * torque_peak;
         if bound > 0.0 {
@@ -376,7 +381,7 @@ impl Running {
         }
     }
 
-    /// Looks for contacts as of the step before, and hands over what was found by now.
+    /// Queries contacts for the state of the step before, and hands over the models that are due.
     fn look(&mut self, seen: f64, time: f64) {
         let period = 1.0 / self.plan.contacts.rate;
         let missing = self.bench.is_there(Kind::NoContacts).is_some();
@@ -407,31 +412,33 @@ impl Running {
 
     fn move_object(&mut self, time: f64) {
         let World::Models(models) = &self.plan.world else { return };
-        let (Some((way, turn, often, told)), Some(id)) = (models.moves, self.object) else { return };
-        if time < self.next_told {
+        let (Some((amplitude, turn, frequency, report_rate)), Some(id)) = (models.moves, self.object) else {
+            return;
+        };
+        if time < self.next_report {
             return;
         }
-        self.next_told = time + self.rng.random_range(0.3..1.7) / told;
+        self.next_report = time + self.rng.random_range(0.3..1.7) / report_rate;
         let (probe, object) = models.pair.objects();
         let place = placed(&self.plan.settings, &models.place, probe, object);
-        let rate = std::f64::consts::TAU * often;
+        let rate = std::f64::consts::TAU * frequency;
         let (sine, cosine) = (rate * time).sin_cos();
         let axis = place.rotation * DVec3::Z;
         let pose = Pose::new(
-            place.translation + axis * (way * sine),
+            place.translation + axis * (amplitude * sine),
             palpate::glam::DQuat::from_axis_angle(axis, turn * sine) * place.rotation,
         );
-        let twist = Twist::new(axis * (way * rate * cosine), axis * (turn * rate * cosine));
-        // Where the object is gone there is nothing to move.
+        let twist = Twist::new(axis * (amplitude * rate * cosine), axis * (turn * rate * cosine));
+        // An object that was removed cannot be moved.
         let _ = self.scene.set_motion(id, pose, twist);
     }
 
-    /// Makes the changes that are due. What the session does not take is left.
+    /// Makes the changes that are due. Changes that the session refuses have no effect.
     fn edit(&mut self, time: f64) {
         while let Some(Edit { change, .. }) = self.edits.pop_front_if(|edit| edit.time <= time) {
             let World::Models(models) = &self.plan.world else {
                 self.set(&change);
-                // Takes what waits for it.
+                // The contact loop applies the change.
                 self.contact.step(self.haptic.body_state(), time);
                 continue;
             };
@@ -449,7 +456,8 @@ impl Running {
                 (Change::Add(pose), _) => {
                     self.object = self.scene.add(object, at(&pose)).ok().or(self.object)
                 }
-                // Each size needs a field of its own, which takes seconds.
+                // With representatives, each size needs a distance field of its own, which takes seconds to
+                // build.
                 (Change::Replace(scale), Some(id))
                     if self.plan.settings.search.method == palpate::settings::ContactSearch::Levels =>
                 {
@@ -524,14 +532,14 @@ impl Running {
     }
 }
 
-/// Where the scene's object is in the world: from where the session begins, in the sum of the objects' radii.
+/// Returns the pose of the scene object in the world, for a place given in sums of the objects' radii.
 fn placed(settings: &Settings, place: &Pose, probe: &Object, object: &Object) -> Pose {
     let radii = probe.bounding_radius() + object.bounding_radius();
     let Pose { translation, rotation } = settings.device.frame;
     Pose::new(translation + place.translation * radii, place.rotation * rotation)
 }
 
-/// What a host's own query finds: points of the object in planes.
+/// Contact query of a host: points of the object behind planes.
 fn found(
     planes: &[Plane],
     haptic: &HapticLoop,
@@ -539,7 +547,7 @@ fn found(
     settings: &Settings,
     time: f64,
 ) -> ContactUpdate {
-    const ROUND: [DVec3; 4] = [
+    const CORNERS: [DVec3; 4] = [
         DVec3::new(1.0, 1.0, 1.0),
         DVec3::new(-1.0, -1.0, 1.0),
         DVec3::new(-1.0, 1.0, -1.0),
@@ -550,12 +558,12 @@ fn found(
     let mut update =
         ContactUpdate { model: LinearContactModel::empty(&pose, time), time, ..ContactUpdate::none() };
     for plane in planes.iter().filter(|plane| (plane.there.0..plane.there.1).contains(&time)) {
-        let (way, often) = plane.swing;
-        let (sine, cosine) = (std::f64::consts::TAU * often * time).sin_cos();
-        let height = scale * (plane.height + way * sine);
-        let velocity = plane.normal * (scale * way * std::f64::consts::TAU * often * cosine);
-        let twist = if plane.tells { Twist::new(velocity, DVec3::ZERO) } else { Twist::ZERO };
-        let carrier = MovingBody { twist, object: None };
+        let (amplitude, frequency) = plane.swing;
+        let (sine, cosine) = (std::f64::consts::TAU * frequency * time).sin_cos();
+        let height = scale * (plane.height + amplitude * sine);
+        let velocity = plane.normal * (scale * amplitude * std::f64::consts::TAU * frequency * cosine);
+        let twist = if plane.reports_velocity { Twist::new(velocity, DVec3::ZERO) } else { Twist::ZERO };
+        let motion = MovingBody { twist, object: None };
         let parameters = ContactParameters {
             stiffness: plane.stiffness,
             damping: plane.damping,
@@ -565,8 +573,8 @@ fn found(
                 dynamic_coefficient: settings.contact.friction,
             },
         };
-        let count = if plane.spread > 0.0 { ROUND.len() } else { 1 };
-        for corner in &ROUND[..count] {
+        let count = if plane.spread > 0.0 { CORNERS.len() } else { 1 };
+        for corner in &CORNERS[..count] {
             let point = pose.translation + pose.rotation * *corner * (0.577 * radius * plane.spread);
             let depth = height - plane.normal.dot(point - center);
             let contact =
@@ -578,7 +586,7 @@ fn found(
                 } else {
                     ContactClass::Approaching { braking_time: plane.braking }
                 };
-                update.model.push(class, contact, &parameters, &carrier);
+                update.model.push(class, contact, &parameters, &motion);
                 update.contacts += u32::from(touches);
                 update.depth = update.depth.max(depth);
             }

@@ -9,7 +9,7 @@ fn part(outcome: &Outcome, measure: Measure) -> f64 {
     ended.parts[at.expect("one of all")]
 }
 
-/// Fixed seeds, so that a failure can be looked at: `cargo xtask harm --seconds 2 --session SEED`.
+/// With fixed seeds, so that a failure can be reproduced: `cargo xtask harm --seconds 2 --session SEED`.
 #[test]
 fn random_sessions_do_no_harm() {
     let (mut ended, mut touched) = (0, 0);
@@ -25,28 +25,28 @@ fn random_sessions_do_no_harm() {
     assert!(ended > 35 && touched > 15, "{ended} ended, {touched} touched something");
 }
 
-/// What a search found in the engine or in its checks before they were mended.
+/// Sessions in which a search found faults of the engine or of its checks, since fixed.
 #[test]
-fn sessions_that_did_harm_do_none_any_more() {
+fn sessions_that_once_did_harm_do_none() {
     const FOUND: [&str; 13] = [
-        // A host whose `dt` was not what its clock said: heat.
+        // A host whose `dt` differed from its clock: heat.
         "72d288b58175a8e0",
         "9166d3cb4390ac9d",
         "fc1f9d47c1a5266c",
-        // Steps of a negative time: engagement.
+        // Steps of negative duration: engagement.
         "cd8fc2b647da69d",
         "14bd0a11af48b4ca",
-        // Contacts without a time: fault.
+        // Contacts without a valid time: fault.
         "b8f47a17463108e8",
         "a56a78496968e01a:020b09002f18d3036152f0497e440544be10698ef50a3881d0c0907c0c9579e0fec64c10b6ab9148ce98187c5fb2126283229a98e27a81ec",
-        // Contacts of long ago after such as were late: fault.
+        // Old contacts after late ones: fault.
         "b63c44dfe8876981",
         "d098f30f43a84fec",
-        // What was stored before the wrench was last zero: energy.
+        // Energy stored before the wrench was last zero: energy.
         "273d34d5df0a9573",
-        // A driver that did not tell that it withheld the wrench, which was the search's own fault: slew.
+        // A driver that did not report that it withheld the wrench, a fault of the search: slew.
         "80524c8a014d6e7a",
-        // What the steps of an encoder seemed to give: energy.
+        // Apparent energy from the encoder's steps: energy.
         "be5b5aa7b2f72df2",
         "e84573e148d8bf64",
     ];
@@ -64,7 +64,7 @@ fn a_session_is_the_same_each_time() {
     assert_eq!(one, two);
 }
 
-/// The judge finds what a device does wrong with wrenches that the engine has asked for.
+/// Wrenches that are changed between the engine and the device are judged as harm.
 #[test]
 fn harm_is_found_where_it_is_done() {
     let worst = |measure: Measure, tamper: bench::Tamper| {
@@ -90,7 +90,7 @@ fn harm_is_found_where_it_is_done() {
     }
 }
 
-/// A search finds worse sessions than those at random, and the same ones each time.
+/// The mutations come nearer to harm than random sessions, and are the same each time.
 #[test]
 fn a_search_comes_nearer_to_harm() {
     let search = Search { sessions: 500, seed: 5, seconds: 0.3 };

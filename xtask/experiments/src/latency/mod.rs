@@ -1,8 +1,8 @@
-//! How late a session is in real time, while other programs keep the processors busy.
+//! Delays of a session in real time while other programs keep the processors busy.
 //!
-//! `cargo xtask latency [--seconds S] [--busy N] [--normal-pump]` renders two jaws for an emulated hand whose device is behind
-//! a wire, so that all threads of a session with a real device run: the device's pump, the haptic and the contact thread, and
-//! the recorder.
+//! `cargo xtask latency [--seconds S] [--busy N] [--normal-pump]` renders two jaws for an emulated hand whose
+//! device is behind a simulated wire, so that all threads of a session with a real device run: the device's
+//! pump, the haptic and the contact thread, and the recorder.
 
 mod wire;
 
@@ -15,35 +15,35 @@ use palpate::{HapticRenderer, Object, Pose, Record, Scene, Session, Settings, Su
 
 use wire::Noted;
 
-/// What `cargo xtask latency` is asked to measure.
+/// Arguments of `cargo xtask latency`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Arguments {
-    /// How long to render, s.
+    /// Length of the session, s.
     #[arg(long, default_value_t = 60.0)]
     seconds: f64,
-    /// How many threads at normal priority keep the processors busy.
+    /// Number of threads at normal priority that keep the processors busy.
     #[arg(long, default_value_t = 2)]
     busy: usize,
-    /// Leaves the device's pump at normal priority, to see what its priority is for.
+    /// Leaves the device's pump at normal priority, for comparison.
     #[arg(long)]
     normal_pump: bool,
-    /// What is in the hand.
+    /// Object in the hand.
     #[arg(long, default_value = "lower-jaw@5000")]
     probe: String,
-    /// What it touches.
+    /// Object that it touches.
     #[arg(long, default_value = "upper-jaw@5000")]
     scene: String,
 }
 
-/// Oldest age at p99.9, in periods of the haptic loop, that is good enough: of a wrench when it is written, and when the next
-/// one is, which the device asks for up to a period of its own later.
-const WRITTEN: f64 = 2.0;
-const IN_FORCE: f64 = 3.0;
+/// Largest acceptable ages at p99.9, in periods of the haptic loop: of a wrench when it is written, and when
+/// the next one replaces it. The device asks for the next one up to a period of its own later.
+const MAX_AGE_WRITTEN: f64 = 2.0;
+const MAX_AGE_REPLACED: f64 = 3.0;
 
-/// Renders, and prints how late it was.
+/// Renders, and prints the delays.
 ///
 /// # Errors
-/// If a model is unknown, or the session cannot be begun.
+/// If a model is unknown, or the session cannot start.
 pub fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     if !(arguments.seconds > 0.0 && arguments.seconds.is_finite()) {
         return Err(format!("--seconds {}: give more than 0", arguments.seconds).into());
@@ -107,9 +107,10 @@ fn print(arguments: &Arguments, summary: &Summary, noted: &Noted) {
     println!("{} writes, {} dropouts of force", noted.written.count(), noted.dropouts);
     let period = 1e3 / Settings::default().timing.rate;
     let [written, in_force] = [&noted.written, &noted.replaced].map(|ages| ages.percentiles(1e6).p999);
-    let good = written < WRITTEN * period && in_force < IN_FORCE * period && noted.dropouts == 0;
+    let good =
+        written < MAX_AGE_WRITTEN * period && in_force < MAX_AGE_REPLACED * period && noted.dropouts == 0;
     println!(
-        "at p99.9, {written:.3} ms old when written (below {WRITTEN} periods) and {in_force:.3} ms when replaced (below {IN_FORCE}), without a \
+        "at p99.9, {written:.3} ms old when written (below {MAX_AGE_WRITTEN} periods) and {in_force:.3} ms when replaced (below {MAX_AGE_REPLACED}), without a \
          dropout: {}",
         if good { "holds" } else { "falls short" }
     );
@@ -119,9 +120,9 @@ fn print(arguments: &Arguments, summary: &Summary, noted: &Noted) {
 mod tests {
     use super::*;
 
-    /// All threads run, and each wrench that is written has an age.
+    /// All threads run, and each written wrench has an age.
     #[test]
-    fn what_is_written_has_an_age() {
+    fn each_written_wrench_has_an_age() {
         let arguments = Arguments {
             seconds: 0.5,
             busy: 0,

@@ -1,5 +1,5 @@
-//! A device behind a wire: an emulated one with its hand, which is reached by reports and keeps a clock of its own, and notes
-//! how old the wrenches are that are written to it.
+//! A device behind a simulated wire: an emulated one with its hand that exchanges reports, keeps a clock of
+//! its own, and notes the age of the wrenches written to it.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -14,44 +14,45 @@ use palpate::telemetry::Times;
 use palpate::threads::{Role, ThreadSetup, set_up};
 use palpate::{Pose, Twist, Wrench};
 
-/// The device reports every 1.0007 ms, so that its reports fall into all phases of the haptic loop within seconds.
+/// Period of the device's reports, s: 1.0007 ms, so that they pass through all phases of the haptic loop
+/// within seconds.
 const PERIOD: f64 = 1.0007e-3;
-/// How long the pump waits for a report, and after what silence the device counts as lost.
-const PATIENCE: Duration = Duration::from_millis(2);
+/// Time for which the pump waits for a report, and silence (s) after which the device counts as lost.
+const REPORT_TIMEOUT: Duration = Duration::from_millis(2);
 const SILENCE: f64 = 10e-3;
-/// Pose and twist in a report, wrench in a written one.
-const SAMPLE: usize = 13;
-const WRENCH: usize = 6;
+/// Count of numbers in a report (pose and twist), and in a written one (wrench).
+const REPORT_NUMBERS: usize = 13;
+const WRENCH_NUMBERS: usize = 6;
 
-/// What the device noted of the wrenches that were written to it. Ages are counted from when the haptic thread handed a wrench
-/// over.
+/// Ages of the wrenches written to the device, counted from the time at which the haptic thread handed a
+/// wrench over.
 #[derive(Clone, Debug, Default)]
 pub struct Noted {
     /// Age of each wrench when it was written.
     pub written: Times,
-    /// Age of the wrench in force when the next one replaced it: the oldest that the hand has felt.
+    /// Age of each wrench when the next one replaced it: the oldest that the hand has felt.
     pub replaced: Times,
     /// Time between writes.
     pub between: Times,
-    /// How often the pump wrote a wrench of zero that the haptic thread had not asked for.
+    /// Count of zero wrenches that the pump wrote and the haptic thread had not asked for.
     pub dropouts: u64,
-    /// When the last write was, and when its wrench was handed over, ns since the start; none before the first that was asked
-    /// for.
+    /// Time of the last write, and time at which its wrench was handed over, ns since the start; `None`
+    /// before the first wrench of the haptic thread.
     last: Option<(u64, u64)>,
 }
 
-/// What the haptic thread and the device share.
+/// State shared by the haptic thread and the device.
 #[derive(Debug)]
 pub struct Shared {
     start: Instant,
     noted: Mutex<Noted>,
-    /// The session is at its end: zero is written for good reason.
+    /// Whether the session has ended, so that writing zero is correct.
     closed: AtomicBool,
 }
 
 impl Shared {
     fn now(&self) -> u64 {
-        // Half a thousand years.
+        // Overflows after five centuries.
         self.start.elapsed().as_nanos() as u64
     }
 
@@ -60,17 +61,18 @@ impl Shared {
     }
 }
 
-/// The device, as a session drives it.
+/// The device as a session drives it.
 pub struct Wired {
     specification: Specification,
     inner: LinkedDevice<AsReported>,
     shared: Arc<Shared>,
 }
 
-/// Puts `device` behind a wire, of which force alone is felt. With `normal_pump`, the pump's thread gives its priority back.
+/// Puts `device` behind a wire that carries forces alone. With `normal_pump`, the pump's thread gives up its
+/// priority.
 ///
 /// # Errors
-/// If the system gives no thread.
+/// If the system cannot start a thread.
 pub fn wired(device: Box<dyn HapticDevice>, normal_pump: bool) -> std::io::Result<(Wired, Arc<Shared>)> {
     let shared = Arc::new(Shared {
         start: Instant::now(),
@@ -79,7 +81,7 @@ pub fn wired(device: Box<dyn HapticDevice>, normal_pump: bool) -> std::io::Resul
     });
     let specification =
         Specification { actuated: Axes::TRANSLATION, delay: PERIOD, ..device.specification().clone() };
-    // The torque's place holds the time.
+    // The torque of a report carries the time, so it must not be limited.
     let roomy = Specification { actuated: Axes::ALL, peak_torque: f64::INFINITY, ..specification.clone() };
     let mut wire =
         Some(Wire { device, shared: shared.clone(), reported: 0, latest: None, normal: normal_pump });
@@ -87,7 +89,7 @@ pub fn wired(device: Box<dyn HapticDevice>, normal_pump: bool) -> std::io::Resul
         codec: Numbers,
         motion: AsReported,
         specification: roomy,
-        read_timeout: PATIENCE,
+        read_timeout: REPORT_TIMEOUT,
         silence: SILENCE,
     };
     let inner = link.spawn(move || wire.take().map(|wire| Box::new(wire) as Box<dyn Transport>))?;
@@ -118,14 +120,14 @@ impl HapticDevice for Wired {
     }
 }
 
-/// The device's end.
+/// The device's end of the wire.
 struct Wire {
     device: Box<dyn HapticDevice>,
     shared: Arc<Shared>,
-    /// Reports that were made, late ones left out.
+    /// Count of reports, without late ones.
     reported: u64,
     latest: Option<DeviceState>,
-    /// Whether the pump is yet to give its priority back.
+    /// Whether the pump has yet to give up its priority.
     normal: bool,
 }
 
@@ -153,18 +155,18 @@ impl Transport for Wire {
         let numbers = pose.translation.to_array().into_iter().chain(rest);
         let bytes = numbers.flat_map(f64::to_le_bytes);
         report.iter_mut().zip(bytes).for_each(|(to, from)| *to = from);
-        Ok(8 * SAMPLE)
+        Ok(8 * REPORT_NUMBERS)
     }
 
     fn write(&mut self, report: &[u8]) -> Result<(), TransportError> {
-        let [x, y, z, handed_over, ..] = numbers::<WRENCH>(report).ok_or(TransportError::Failed)?;
+        let [x, y, z, handed_over, ..] = numbers::<WRENCH_NUMBERS>(report).ok_or(TransportError::Failed)?;
         self.note(handed_over as u64);
         self.device.write(&Wrench::new(DVec3::new(x, y, z), DVec3::ZERO)).map_err(|_| TransportError::Failed)
     }
 }
 
 impl Wire {
-    /// A wrench is written that was handed over at that time, ns; at 0 where the pump made it itself.
+    /// Notes that a wrench is written that was handed over at that time, ns; 0 if the pump made it itself.
     fn note(&self, handed_over: u64) {
         let now = self.shared.now();
         let mut noted = self.shared.noted();
@@ -182,11 +184,11 @@ impl Wire {
     }
 }
 
-/// Numbers as they are.
+/// Codec of reports: plain numbers.
 struct Numbers;
 
 impl Codec for Numbers {
-    type Sample = [f64; SAMPLE];
+    type Sample = [f64; REPORT_NUMBERS];
 
     fn decode(&mut self, report: &[u8], sample: &mut Self::Sample) -> Result<(), Malformed> {
         *sample = numbers(report).ok_or(Malformed)?;
@@ -194,25 +196,25 @@ impl Codec for Numbers {
     }
 
     fn encode(&mut self, wrench: &Wrench, _: &Self::Sample, say: &mut dyn FnMut(Report)) {
-        let mut bytes = [0; 8 * WRENCH];
+        let mut bytes = [0; 8 * WRENCH_NUMBERS];
         let numbers = wrench.force.to_array().into_iter().chain(wrench.torque.to_array());
         bytes.iter_mut().zip(numbers.flat_map(f64::to_le_bytes)).for_each(|(to, from)| *to = from);
         say(Report::new(&bytes, bytes.len()));
     }
 }
 
-/// So many numbers, if that is all that the report holds.
+/// Decodes a report of exactly `N` numbers.
 fn numbers<const N: usize>(report: &[u8]) -> Option<[f64; N]> {
     let (words, rest) = report.as_chunks::<8>();
     let words: &[[u8; 8]; N] = words.try_into().ok().filter(|_| rest.is_empty())?;
     Some(words.map(f64::from_le_bytes))
 }
 
-/// The motion that the device reports.
+/// Passes the reported motion on unchanged.
 struct AsReported;
 
 impl Motion for AsReported {
-    type Sample = [f64; SAMPLE];
+    type Sample = [f64; REPORT_NUMBERS];
 
     fn advance(&mut self, sample: &Self::Sample, _: Option<f64>, _: f64) -> (Pose, Twist, u32) {
         let at = |first: usize| DVec3::from_slice(&sample[first..]);

@@ -1,4 +1,4 @@
-//! In what colour each model is drawn, and the scenes of the README.
+//! Colours of the models, and the scenes of the README.
 
 use std::collections::{BTreeSet, HashMap};
 use std::error::Error;
@@ -18,10 +18,10 @@ const BRASS: [f32; 3] = [0.66, 0.47, 0.19];
 const CLAY: [f32; 3] = [0.60, 0.27, 0.17];
 const WHITE: [f32; 3] = [0.82, 0.82, 0.80];
 
-/// How far the jaws in the README's picture are open, degrees.
+/// Opening angle of the jaws in the README's picture, degrees.
 const OPENING: f64 = 3.5;
 
-/// A colour (linear RGB, 0 to 1) that suits the model.
+/// Returns a colour (linear RGB, 0 to 1) that suits the model.
 pub fn color(model: Model) -> [f32; 3] {
     match model {
         Model::LowerJaw | Model::UpperJaw => BONE,
@@ -42,11 +42,11 @@ pub fn color(model: Model) -> [f32; 3] {
     }
 }
 
-/// The picture at the head of the README: the lower jaw, slightly open, touches the upper.
+/// Draws the picture at the head of the README: the lower jaw, slightly open, touches the upper.
 pub fn touching_jaws() -> Result<Picture, Box<dyn Error>> {
     let lower = Model::LowerJaw.generate(Model::LowerJaw.default_triangles())?;
     let upper = Model::UpperJaw.generate(Model::UpperJaw.default_triangles())?;
-    // Their common frame, in which they are closed, has z up and y forward.
+    // In their common frame, in which they are closed, z is up and y forward.
     let rotation = DQuat::from_rotation_x(-OPENING.to_radians());
     let opened: Vec<DVec3> = lower.vertices().iter().map(|vertex| rotation * *vertex).collect();
     let lift = clearance(&opened, upper.vertices());
@@ -61,7 +61,7 @@ pub fn touching_jaws() -> Result<Picture, Box<dyn Error>> {
     Ok(camera.render(&items, Shading::Smooth))
 }
 
-/// Contact levels of detail of the lower jaw, as in Fig. 3.7.
+/// Draws contact levels of detail of the lower jaw, as in Fig. 3.7.
 pub fn levels_of_lower_jaw() -> Result<Picture, Box<dyn Error>> {
     const SHOWN: usize = 8;
     let mesh = Model::LowerJaw.generate(Model::LowerJaw.default_triangles())?;
@@ -75,8 +75,8 @@ pub fn levels_of_lower_jaw() -> Result<Picture, Box<dyn Error>> {
     Ok(pictures.sheet(&drawn))
 }
 
-/// How far (m) the lower points can be lifted until they touch the upper ones, which lie above them: the smallest gap
-/// over all columns of a grid.
+/// Returns the height (m) by which the lower points can be lifted until they touch the upper ones: the
+/// smallest gap over all columns of a grid.
 fn clearance(lower: &[DVec3], upper: &[DVec3]) -> f64 {
     const CELL: f64 = 5e-4;
     let column = |point: &DVec3| ((point.x / CELL).floor() as i64, (point.y / CELL).floor() as i64);

@@ -1,7 +1,8 @@
-//! Where the lower jaw is simplified and merged first, and what of its teeth is left then (§3.3.6, Fig. 3.8).
+//! Regions of the lower jaw that are simplified and merged first, and the patches that cover its teeth
+//! (§3.3.6, Fig. 3.8).
 //!
-//! What is gum and what is a tooth's crown is told by the fields that the model is generated from. Edge collapses are counted
-//! by the vertices that they take away, one each, and merges by the patches.
+//! The fields that the model is generated from decide whether a point is on the gum or on a tooth's crown.
+//! Edge collapses are counted by the vertices that they remove, one each, and merges by the patches.
 
 use std::collections::{BTreeMap, HashSet};
 
@@ -17,20 +18,20 @@ use super::pictures::svg;
 use super::rendering::open;
 use crate::stability::page::{Table, row};
 
-/// Levels that the figure shows, the original mesh before them.
+/// Levels that the figure shows, after the original mesh.
 const SHOWN: [usize; 5] = [0, 1, 2, 4, 7];
-/// The level at which a tooth is said to be one patch.
+/// Level at which the dissertation says that a tooth is one patch.
 const COVERED: usize = 7;
-/// "Most", and "covered by": more than this.
-const MOST: f64 = 0.5;
+/// Share above which a part counts as most of a whole, or as covering it.
+const MAJORITY: f64 = 0.5;
 /// Width of a picture, pixels.
 const WIDTH: u32 = 800;
-/// From how far above the horizon the close-up is seen, degrees.
+/// Angle of the close-up above the horizon, degrees.
 const ELEVATION: f64 = 35.0;
-/// Crowns in the close-up.
+/// Number of crowns in the close-up.
 const CROWNS: usize = 3;
 
-/// How much of something is gum, and how much crowns.
+/// Amounts on the gum and on the crowns.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Split {
     gum: f64,
@@ -51,9 +52,9 @@ impl Split {
     }
 }
 
-/// The surface of the full mesh, and what is done to it between M_0 and M_1.
+/// Surface of the full mesh, and operations on it between M_0 and M_1, by region.
 #[derive(Clone, Copy, Debug, Default)]
-struct Where {
+struct Regions {
     area: Split,
     triangles: Split,
     patches: Split,
@@ -61,7 +62,7 @@ struct Where {
     merges: Split,
 }
 
-impl Where {
+impl Regions {
     fn new(clod: &Clod, part_of: &impl Fn(DVec3) -> JawPart) -> Self {
         let mut found = Self::default();
         let areas: Vec<BTreeMap<JawPart, f64>> =
@@ -92,10 +93,10 @@ impl Where {
         found
     }
 
-    /// Whether most of what is done is done at the gums, and more than would be if it did not matter where.
+    /// Returns whether most operations are on the gums, and more than if they were spread evenly.
     fn is_mostly_at_the_gums(&self) -> bool {
         let blind = self.area.gum_share().max(self.triangles.gum_share());
-        [self.collapses, self.merges].iter().all(|done| done.gum_share() > blind.max(MOST))
+        [self.collapses, self.merges].iter().all(|done| done.gum_share() > blind.max(MAJORITY))
     }
 }
 
@@ -103,7 +104,7 @@ fn middle(clod: &Clod, node: &Node, triangle: [u32; 3]) -> DVec3 {
     triangle.map(|corner| clod.hull(node)[corner as usize]).iter().sum::<DVec3>() / 3.0
 }
 
-/// The area (m²) of each part in a patch.
+/// Returns the area (m²) of each part in a patch.
 fn areas_of(clod: &Clod, node: &Node, part_of: &impl Fn(DVec3) -> JawPart) -> BTreeMap<JawPart, f64> {
     let mut areas = BTreeMap::new();
     for triangle in clod.patch(node) {
@@ -114,19 +115,19 @@ fn areas_of(clod: &Clod, node: &Node, part_of: &impl Fn(DVec3) -> JawPart) -> BT
     areas
 }
 
-/// The part that most of an area is.
+/// Returns the part with the largest share of an area.
 fn mainly(areas: &BTreeMap<JawPart, f64>) -> JawPart {
     areas.iter().max_by(|a, b| a.1.total_cmp(b.1)).map_or(JawPart::Gum, |(part, _)| *part)
 }
 
-/// The vertices of a level's surface.
+/// Counts the vertices of a level's surface by region.
 fn vertices(clod: &Clod, level: usize, part_of: &impl Fn(DVec3) -> JawPart) -> Split {
     let mut split = Split::default();
     let mut known = HashSet::new();
     for node in clod.level(level) {
         for corner in clod.patch(&node).iter().flatten() {
             let point = clod.hull(&node)[corner as usize];
-            // Both zeros are one number with two patterns of bits.
+            // Both signed zeros are the same coordinate with different bits.
             if known.insert(point.to_array().map(|coordinate| (coordinate + 0.0).to_bits())) {
                 split.add(part_of(point), 1.0);
             }
@@ -135,35 +136,36 @@ fn vertices(clod: &Clod, level: usize, part_of: &impl Fn(DVec3) -> JawPart) -> S
     split
 }
 
-/// The patch of a level that a crown is best covered by.
+/// Patch of a level that covers a crown best.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Cover {
     tooth: usize,
-    /// Part of the crown's area on the full mesh that has gone into the patch.
+    /// Share of the crown's area on the full mesh that the patch covers.
     of_crown: f64,
-    /// Part of what has gone into the patch that is of this crown.
+    /// Share of the patch's area that is on this crown.
     of_patch: f64,
 }
 
 impl Cover {
-    /// A patch that is the tooth and little else: if it were mainly something else, one patch over the whole jaw would do.
+    /// Returns whether the patch is the tooth and little else: one patch over the whole jaw does not count.
     fn is_one_patch(&self) -> bool {
-        self.of_crown > MOST && self.of_patch > MOST
+        self.of_crown > MAJORITY && self.of_patch > MAJORITY
     }
 
-    /// By how much it is.
+    /// Returns the measure by which covers are compared.
     fn mutual(&self) -> f64 {
         self.of_crown.min(self.of_patch)
     }
 }
 
-/// For each level, how each crown is best covered. What goes into a patch is what its descendants among the leaves cover.
+/// Returns, for each level, the best cover of each crown. A patch covers the surface of its descendants among
+/// the leaves.
 fn covers(clod: &Clod, part_of: &impl Fn(DVec3) -> JawPart) -> Vec<Vec<Cover>> {
     let mut areas: Vec<BTreeMap<JawPart, f64>> = vec![BTreeMap::new(); clod.nodes().len()];
     for (index, leaf) in clod.levels[0].nodes.clone().zip(clod.leaves()) {
         areas[index as usize] = areas_of(clod, &leaf, part_of);
     }
-    // Parents come before their children.
+    // Children follow their parents, so going backwards visits children first.
     for index in (1..clod.nodes().len()).rev() {
         let parent = clod.node(index as u32).parent as usize;
         for (part, area) in areas[index].clone() {
@@ -186,12 +188,12 @@ fn covers(clod: &Clod, part_of: &impl Fn(DVec3) -> JawPart) -> Vec<Vec<Cover>> {
     (0..clod.levels.len()).map(level).collect()
 }
 
-/// Of the crowns at a level, the one that is one patch the most.
+/// Returns, of the covers at a level, the one that is closest to being one patch.
 fn best(covers: &[Cover]) -> Option<Cover> {
     covers.iter().copied().max_by(|a, b| a.mutual().total_cmp(&b.mutual()))
 }
 
-/// A close-up of a tooth between its neighbours, from outside and above.
+/// Draws a close-up of a tooth between its neighbours, from outside and above.
 fn drawn(clod: &Clod, tooth: usize, part_of: &impl Fn(DVec3) -> JawPart) -> Result<String, String> {
     let mut crowns: BTreeMap<usize, Vec<DVec3>> = BTreeMap::new();
     for node in clod.leaves() {
@@ -217,7 +219,7 @@ fn drawn(clod: &Clod, tooth: usize, part_of: &impl Fn(DVec3) -> JawPart) -> Resu
     svg(&pictures.sheet(&levels))
 }
 
-fn table(name: &str, found: &Where, covers: &[Vec<Cover>]) -> Table {
+fn table(name: &str, found: &Regions, covers: &[Vec<Cover>]) -> Table {
     let mut rows = Vec::new();
     for (what, of) in [
         ("area", found.area),
@@ -240,12 +242,12 @@ fn table(name: &str, found: &Where, covers: &[Vec<Cover>]) -> Table {
 /// Repeats Fig. 3.8.
 ///
 /// # Errors
-/// If the jaw cannot be built, or a picture not be made.
+/// If the jaw cannot be built, or a picture cannot be drawn.
 pub fn lower_jaw(name: &str) -> Result<Reproduction, String> {
     let jaw = open(Model::LowerJaw.name())?;
     let clod = &*jaw.clod;
     let part_of = |point| JawPart::of(Model::LowerJaw, point).unwrap_or(JawPart::Gum);
-    let found = Where::new(clod, &part_of);
+    let found = Regions::new(clod, &part_of);
     let covers = covers(clod, &part_of);
     let at = covers.get(COVERED).and_then(|covers| best(covers)).ok_or("the jaw has no such level")?;
     let first = covers.iter().position(|covers| best(covers).is_some_and(|best| best.is_one_patch()));
@@ -282,8 +284,8 @@ pub fn lower_jaw(name: &str) -> Result<Reproduction, String> {
                 "Of collapses and of merges, more than {} are at the gums, and more than the gums' share of the surface and of its \
                  triangles; of some tooth's crown more than {} goes into one patch of level {COVERED}, and more than as much of the patch \
                  is of it.",
-                percent(MOST),
-                percent(MOST)
+                percent(MAJORITY),
+                percent(MAJORITY)
             ),
             holds: found.is_mostly_at_the_gums() && at.is_one_patch(),
         },
@@ -306,9 +308,9 @@ mod tests {
     }
 
     #[test]
-    fn operations_that_do_not_mind_where_are_told() {
+    fn operations_that_do_not_depend_on_place_fail() {
         let split = |gum: f64| Split { gum, crowns: 1.0 - gum };
-        let of = |collapses: f64, merges: f64| Where {
+        let of = |collapses: f64, merges: f64| Regions {
             area: split(0.7),
             triangles: split(0.4),
             patches: split(0.5),
@@ -319,24 +321,25 @@ mod tests {
         for (collapses, merges) in [(0.7, 0.7), (0.6, 0.6), (0.9, 0.3), (0.3, 0.9)] {
             assert!(!of(collapses, merges).is_mostly_at_the_gums(), "{collapses} {merges}");
         }
-        // A minority of all, however much more than its share, is not most.
-        let few = Where { area: split(0.1), triangles: split(0.1), ..of(0.45, 0.45) };
+        // A minority of all operations, however much above its share, is not most of them.
+        let few = Regions { area: split(0.1), triangles: split(0.1), ..of(0.45, 0.45) };
         assert!(!few.is_mostly_at_the_gums());
     }
 
-    /// The same jaw with gum and crowns taken for each other: of the two, one is where most is done, if it is done by place.
+    /// With gum and crowns swapped, exactly one of the two has most of the operations, if they depend on
+    /// place.
     #[test]
-    fn every_operation_is_counted_once_where_it_is() {
+    fn every_operation_is_counted_once_in_its_region() {
         let jaw = jaw();
-        let found = Where::new(&jaw.clod, &part_of);
-        let turned = Where::new(&jaw.clod, &|point| match part_of(point) {
+        let found = Regions::new(&jaw.clod, &part_of);
+        let turned = Regions::new(&jaw.clod, &|point| match part_of(point) {
             JawPart::Gum => JawPart::Crown(0),
             JawPart::Crown(_) => JawPart::Gum,
         });
         let total = |split: Split| split.gum + split.crowns;
         let merged = jaw.clod.level(0).len() - jaw.clod.level(1).len();
         assert_eq!(total(found.merges), merged as f64);
-        // By Euler's formula a collapse takes two triangles of a closed surface.
+        // By Euler's formula an edge collapse removes two triangles of a closed surface.
         let triangles = jaw.clod.levels[0].triangles - jaw.clod.levels[1].triangles;
         assert_eq!(2.0 * total(found.collapses), f64::from(triangles));
         assert_eq!(total(found.triangles), f64::from(jaw.clod.source.triangles));
@@ -348,11 +351,11 @@ mod tests {
     }
 
     #[test]
-    fn crowns_that_are_many_patches_or_part_of_one_are_told() {
+    fn crowns_in_many_patches_or_in_part_of_one_fail() {
         let jaw = jaw();
         let covers = covers(&jaw.clod, &part_of);
         assert!(covers.iter().all(|covers| covers.len() == JawPart::TEETH));
-        // The full mesh has many patches a crown, and the root has all crowns in one.
+        // The full mesh has many patches per crown, and the root has all crowns in one.
         let root = covers.last().unwrap();
         assert!(root.iter().all(|cover| cover.of_crown > 0.999 && !cover.is_one_patch()), "{root:?}");
         assert!(!covers[0].iter().any(Cover::is_one_patch));
@@ -361,9 +364,9 @@ mod tests {
         );
     }
 
-    /// Parts as large as crowns that are no teeth, stripes across all of the jaw, are no patch's at any level.
+    /// Stripes across the jaw, as large as crowns, are not covered by a patch at any level.
     #[test]
-    fn what_is_no_tooth_is_not_covered_by_a_patch() {
+    fn stripes_across_the_jaw_are_not_covered_by_a_patch() {
         let jaw = jaw();
         let stripes = |point: DVec3| {
             let stripe = (point.x / 1e-3).floor().rem_euclid(2.0 * JawPart::TEETH as f64) as usize;

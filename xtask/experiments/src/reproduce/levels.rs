@@ -1,4 +1,5 @@
-//! What hierarchies of contact levels of detail are made of: Table 3.2 (§3.5.1), and coarse models of Table 4.1 (§4.5).
+//! Size of hierarchies of contact levels of detail: Table 3.2 (§3.5.1), and coarse models of Table 4.1
+//! (§4.5).
 
 use palpate::Object;
 use palpate::models::Model;
@@ -10,7 +11,7 @@ use super::outcome::{Finding, Reproduction};
 use super::rendering::open;
 use crate::stability::page::{Table, row};
 
-/// The models of Table 3.2.
+/// Models of Table 3.2.
 const BENCHMARK: [Model; 8] = [
     Model::LowerJaw,
     Model::UpperJaw,
@@ -21,13 +22,14 @@ const BENCHMARK: [Model; 8] = [
     Model::Cup,
     Model::Spoon,
 ];
-/// The most triangles and patches of a coarsest level in Table 3.2, and its least and most levels.
+/// Largest numbers of triangles and patches of a coarsest level in Table 3.2, and its range of level counts.
 const COARSEST: (u32, u32) = (1532, 256);
 const LEVELS: (u32, u32) = (14, 18);
-/// How many times as many there may be here: the models are others of the same size.
+/// Factor by which counts may exceed the dissertation's, since the models differ from its at the same size.
 const MARGIN: f64 = 1.5;
 
-/// Whether a hierarchy is like the dissertation's of the same model: as large, simplified as far, in as many levels.
+/// Returns whether a hierarchy resembles the dissertation's of the same model: in size, simplification and
+/// number of levels.
 fn is_alike(ours: &Table32, theirs: &Table32) -> bool {
     let within = |ours: u32, most: u32| f64::from(ours) <= MARGIN * f64::from(most);
     let size = f64::from(ours.original_triangles) / f64::from(theirs.original_triangles);
@@ -42,7 +44,7 @@ fn is_alike(ours: &Table32, theirs: &Table32) -> bool {
 /// Repeats Table 3.2.
 ///
 /// # Errors
-/// If a model cannot be built, or the plot not be drawn.
+/// If a model cannot be built, or the plot cannot be drawn.
 pub fn benchmark_models(name: &str) -> Result<Reproduction, String> {
     let mut rows = Vec::new();
     let mut curves = Vec::new();
@@ -67,7 +69,8 @@ pub fn benchmark_models(name: &str) -> Result<Reproduction, String> {
             theirs.levels
         ));
     }
-    // At most as many curves as there are colours: the ball joint's halves are alike.
+    // The plot has as many colours as curves remain. The halves of the ball joint are alike, and so are the
+    // jaws.
     curves.retain(|curve| !["ball-joint-socket", "upper-jaw"].contains(&curve.name.as_str()));
     Ok(Reproduction {
         finding: Finding {
@@ -104,7 +107,7 @@ const COLUMNS: [&str; 10] = [
     "levels",
 ];
 
-/// A model's row in the table, by [`COLUMNS`].
+/// Returns a model's row in the table, in the order of [`COLUMNS`].
 fn entries(model: &str, whose: &str, of: &Table32) -> Vec<String> {
     row![
         model,
@@ -120,7 +123,7 @@ fn entries(model: &str, whose: &str, of: &Table32) -> Vec<String> {
     ]
 }
 
-/// Triangles over resolution of the levels that are not free, the finest last.
+/// Returns triangles over resolution of the levels that are not free, the finest last.
 fn levels_of(model: &str, object: &Object) -> Curve {
     let levels = object.clod.levels.iter().filter(|level| !level.free);
     let radius = object.bounding_radius();
@@ -144,7 +147,7 @@ fn plot_of(title: &str, curves: Vec<Curve>) -> Result<String, String> {
     draw_log_log(&plot).map_err(|error| error.to_string())
 }
 
-/// Meshes that were scanned or constructed by others, of the optional test data; the first six are drawn.
+/// Meshes of the optional test data that others scanned or constructed; the first six are drawn.
 const REAL: [&str; 14] = [
     "dental_cast_lower.obj",
     "human_mandible.obj",
@@ -162,17 +165,17 @@ const REAL: [&str; 14] = [
     "bolt_m16.obj",
 ];
 
-/// Whether a mesh of whatever size is simplified as far as the dissertation's.
+/// Returns whether a mesh of any size is simplified as far as the dissertation's.
 fn is_simplified(of: &Table32) -> bool {
     f64::from(of.simplified_triangles) <= MARGIN * f64::from(COARSEST.0)
         && f64::from(of.simplified_patches) <= MARGIN * f64::from(COARSEST.1)
         && of.finest_resolution.is_some_and(|finest| finest > 2.0 * of.coarsest_resolution)
 }
 
-/// Repeats Table 3.2 on real meshes; nothing where there are none.
+/// Repeats Table 3.2 on real meshes; `None` if their files are absent.
 ///
 /// # Errors
-/// As [`benchmark_models`].
+/// The same as [`benchmark_models`].
 pub fn real_models(name: &str) -> Result<Option<Reproduction>, String> {
     let (mut rows, mut curves, mut short) = (Vec::new(), Vec::new(), Vec::new());
     for file in REAL {
@@ -210,8 +213,8 @@ pub fn real_models(name: &str) -> Result<Option<Reproduction>, String> {
     }))
 }
 
-/// The models of Table 4.1: triangles at full and at low resolution, and bounding volumes at low resolution, there; and the least
-/// triangles that the generated model has.
+/// Models of Table 4.1: triangles at full and at low resolution and bounding volumes at low resolution in the
+/// dissertation, and the smallest triangle count of the generated model.
 const TEXTURED: [(Model, [u32; 3], usize); 6] = [
     (Model::Block, [65_536, 16, 1], 300),
     (Model::Gear, [25_600, 1600, 1], 1600),
@@ -220,20 +223,20 @@ const TEXTURED: [(Model, [u32; 3], usize); 6] = [
     (Model::File, [285_824, 632, 113], 632),
     (Model::Torus, [128_000, 532, 114], 532),
 ];
-/// The largest part of the triangles that is left at low resolution in Table 4.1, that of the gear, and a little.
-const LEFT: f64 = 1.05 / 16.0;
+/// Largest share of triangles at low resolution in Table 4.1, that of the gear, with a margin.
+const MAX_LOW_SHARE: f64 = 1.05 / 16.0;
 
-/// Whether a model's triangles at full and low resolution and its patches are as in its row.
+/// Returns whether a model's triangles at full and low resolution and its patches match its row.
 fn is_coarse([full, low, patches]: [u32; 3], [theirs, _, volumes]: [u32; 3]) -> bool {
     let size = f64::from(full) / f64::from(theirs);
     let left = f64::from(low) / f64::from(full);
-    (0.95..1.05).contains(&size) && left <= LEFT && (volumes > 1 || patches == 1)
+    (0.95..1.05).contains(&size) && left <= MAX_LOW_SHARE && (volumes > 1 || patches == 1)
 }
 
 /// Repeats Table 4.1.
 ///
 /// # Errors
-/// If a model cannot be made, or the plot not be drawn.
+/// If a model cannot be built, or the plot cannot be drawn.
 pub fn textured_models(name: &str) -> Result<Reproduction, String> {
     let (mut rows, mut words, mut curves, mut alike) = (Vec::new(), Vec::new(), Vec::new(), true);
     for (model, theirs, coarse) in TEXTURED {
@@ -293,7 +296,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn models_that_are_not_reduced_are_told() {
+    fn models_that_are_not_reduced_fail() {
         let (_, theirs, _) = TEXTURED[1];
         assert!(is_coarse(theirs, theirs));
         let [full, low, patches] = theirs;
@@ -302,11 +305,11 @@ mod tests {
     }
 
     #[test]
-    fn a_hierarchy_that_is_not_simplified_is_told() {
+    fn a_hierarchy_that_is_not_simplified_fails() {
         let object = open("spoon").unwrap();
         let (ours, theirs) = (Table32::of(&object.clod), Table32::published(Model::Spoon).unwrap());
         assert!(is_alike(&ours, &theirs), "{ours:?}");
-        // As its own finest level, and as a flat list of patches.
+        // Variants: only the finest level, and a flat list of patches.
         let Table32 { original_triangles, original_patches, .. } = ours;
         let unsimplified = Table32 {
             simplified_triangles: original_triangles,

@@ -1,7 +1,8 @@
-//! The dissertation's experiments, repeated: what it claims, what we measure, and whether the claim holds.
+//! Experiments of the dissertation, repeated: its claims, our measurements, and whether each claim holds.
 //!
-//! `cargo xtask reproduce [NAME…|all] [--json] [--out FOLDER]` writes for each figure its values as CSV and a plot of them
-//! as SVG, all of it as one page, `index.html`, and prints a table of verdicts, or with `--json` a list of them. A verdict is computed from a stated condition.
+//! `cargo xtask reproduce [NAME…|all] [--json] [--out FOLDER]` writes for each figure its values as CSV and a
+//! plot as SVG, and all of them as one page, `index.html`. It prints a table of verdicts, or with `--json` a
+//! list of them. Each verdict is computed from a stated condition.
 
 mod dynamics;
 mod jaw_detail;
@@ -23,7 +24,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use outcome::{Outcome, Reproduction};
 
-/// What `cargo xtask reproduce` is asked to repeat.
+/// Arguments of `cargo xtask reproduce`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Arguments {
     /// Figures and tables to reproduce, or all.
@@ -37,14 +38,14 @@ pub struct Arguments {
     out: PathBuf,
 }
 
-/// What can be reproduced, in the order of the dissertation.
+/// Experiments, in the order of the dissertation.
 #[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
 enum Name {
     All,
     /// Hierarchies of the benchmark models.
     #[value(name = "table-3.2")]
     Table3_2,
-    /// The same of real meshes.
+    /// Hierarchies of real meshes.
     #[value(name = "table-3.2-real")]
     Table3_2Real,
     /// Levels of the lower jaw.
@@ -56,7 +57,7 @@ enum Name {
     /// Contact queries of moving jaws.
     #[value(name = "fig-3.15")]
     Figure3_15,
-    /// The same of scanned dental casts.
+    /// Contact queries of scanned dental casts.
     #[value(name = "fig-3.15-real")]
     Figure3_15Real,
     /// Contact queries of a golf club and ball.
@@ -131,7 +132,7 @@ impl Name {
         Self::Figure5_12,
     ];
 
-    /// Nothing where it takes files of the optional test data that are absent.
+    /// Runs the experiment; `None` if it needs files of the optional test data that are absent.
     fn reproduce(self) -> Result<Option<Reproduction>, String> {
         let made = match self {
             Self::Table3_2Real => return levels::real_models(&self.word()),
@@ -155,7 +156,7 @@ impl Name {
             Self::Figure5_8 => dynamics::spoon_and_cup::reproduce(&self.word()),
             Self::Figure5_10 => dynamics::jaws::reproduce(&self.word()),
             Self::Figure5_12 => dynamics::textured_plate::reproduce(&self.word()),
-            Self::All => Err("all is not an experiment".to_owned()),
+            Self::All => Err("`all` is not an experiment".to_owned()),
         };
         made.map(Some)
     }
@@ -183,7 +184,7 @@ impl Name {
 /// Repeats the experiments and prints their outcomes.
 ///
 /// # Errors
-/// If an experiment cannot be simulated or a file cannot be written.
+/// If an experiment cannot be simulated, or a file cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     std::fs::create_dir_all(&arguments.out)
         .map_err(|error| format!("cannot create the folder {}: {error}", arguments.out.display()))?;
@@ -217,7 +218,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The names of what can be reproduced, in order.
+/// Returns the names of the experiments, in order.
 fn names() -> impl Iterator<Item = String> {
     Name::EACH.into_iter().map(Name::word)
 }

@@ -1,4 +1,4 @@
-//! What came of an experiment.
+//! Outcomes of the experiments.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -7,27 +7,27 @@ use serde::{Deserialize, Serialize};
 
 use crate::stability::page::Table;
 
-/// A claim of the dissertation and what was measured of it.
+/// Claim of the dissertation with our measurement.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finding {
-    /// What the dissertation says.
+    /// Claim of the dissertation.
     pub claim: String,
-    /// What was found, in numbers.
+    /// Measured result, in numbers.
     pub measured: String,
-    /// What has to be found for the claim to hold.
+    /// Condition under which the claim holds.
     pub condition: String,
-    /// Whether it was.
+    /// Whether the condition is met.
     pub holds: bool,
 }
 
-/// A finding with the values it comes from.
+/// Finding with the values that it is based on.
 #[derive(Clone, Debug)]
 pub struct Reproduction {
     pub finding: Finding,
     pub table: Table,
-    /// Times, which are others each time.
+    /// Times, which differ from run to run.
     pub timing: Option<Table>,
-    /// SVG document.
+    /// Plot, an SVG document.
     pub plot: String,
 }
 
@@ -44,7 +44,7 @@ impl Reproduction {
     }
 }
 
-/// A finding as it is printed.
+/// Finding in the form in which it is printed and stored.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 pub struct Outcome {
     pub name: String,
@@ -53,7 +53,7 @@ pub struct Outcome {
     pub condition: String,
     /// "holds" or "falls short".
     pub verdict: String,
-    /// Wall time that it took, s.
+    /// Wall time of the experiment, s.
     pub seconds: f64,
 }
 
@@ -67,7 +67,7 @@ impl Outcome {
 }
 
 impl Outcome {
-    /// Keeps it in a folder.
+    /// Stores the outcome in a folder.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -77,10 +77,10 @@ impl Outcome {
         std::fs::write(&path, text).map_err(|error| format!("cannot write {}: {error}", path.display()))
     }
 
-    /// Makes a folder keep none of that name.
+    /// Removes the outcome of that name from a folder.
     ///
     /// # Errors
-    /// If the one that it keeps cannot be removed.
+    /// If it exists and cannot be removed.
     pub fn forget(folder: &Path, name: &str) -> Result<(), String> {
         let path = folder.join(format!("{name}.json"));
         match std::fs::remove_file(&path) {
@@ -91,10 +91,10 @@ impl Outcome {
         }
     }
 
-    /// The one of that name that a folder keeps; none if it keeps none.
+    /// Reads the outcome of that name from a folder; `None` if there is none.
     ///
     /// # Errors
-    /// If it keeps something else in its place.
+    /// If its file has other contents.
     pub fn read(folder: &Path, name: &str) -> Result<Option<Self>, String> {
         let path = folder.join(format!("{name}.json"));
         let Ok(text) = std::fs::read_to_string(&path) else { return Ok(None) };
@@ -102,10 +102,10 @@ impl Outcome {
     }
 }
 
-/// Characters of a line of text in the table.
+/// Width of the table's text, characters.
 const WIDTH: usize = 96;
 
-/// Outcomes for a person to read: names, verdicts and times, with the rest in full below each.
+/// Formats outcomes as text: names, verdicts and times, with claim, condition and measurement below each.
 pub fn table(outcomes: &[Outcome]) -> String {
     let mut text = String::new();
     for Outcome { name, claim, measured, condition, verdict, seconds } in outcomes {
@@ -120,7 +120,7 @@ pub fn table(outcomes: &[Outcome]) -> String {
     text
 }
 
-/// The text in lines of [`WIDTH`], broken at spaces.
+/// Breaks a text at spaces into lines of [`WIDTH`].
 fn wrapped(text: &str) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in text.split(' ') {

@@ -1,11 +1,12 @@
-//! All outcomes with their plots as one HTML document that needs no other file.
+//! All outcomes with their plots as one self-contained HTML document.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use super::outcome::Outcome;
 
-/// Writes the document, of all that runs have left in a folder, into it; gives its path.
+/// Writes the document, of all outcomes that runs have left in a folder, into that folder, and returns its
+/// path.
 ///
 /// # Errors
 /// If a file cannot be read or written.
@@ -28,7 +29,8 @@ pub fn write(folder: &Path) -> Result<PathBuf, String> {
     Ok(page)
 }
 
-/// The document: outcomes in order, with the plot (SVG) of each, what speed costs in accuracy, and the machine that it ran on.
+/// Returns the document: outcomes in order with their plots (SVG), the section on speed against accuracy, and
+/// the machine.
 fn html(outcomes: &[Outcome], plots: &[String], missing: &[String], trade: &str) -> String {
     let (mut rows, mut sections) = (String::new(), String::new());
     for (outcome, plot) in outcomes.iter().zip(plots) {
@@ -69,7 +71,7 @@ fn html(outcomes: &[Outcome], plots: &[String], missing: &[String], trade: &str)
     )
 }
 
-/// Processor, number of threads, and system.
+/// Describes processor, number of threads, and system.
 fn machine() -> String {
     let described = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let model = described.lines().find_map(|line| line.strip_prefix("model name")?.split_once(": "));
@@ -115,7 +117,7 @@ mod tests {
         ] {
             assert!(page.contains(said), "{said}\n{page}");
         }
-        // Nothing is fetched from elsewhere.
+        // The document loads nothing from elsewhere.
         assert!(!page.contains("src=") && !page.contains("http"), "{page}");
     }
 }

@@ -1,4 +1,4 @@
-//! Levels of the lower jaw as pictures (§3.3.6, Fig. 3.7).
+//! Pictures of the lower jaw's levels (§3.3.6, Fig. 3.7).
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -15,14 +15,14 @@ const SHOWN: [usize; 5] = [0, 3, 6, 11, 14];
 /// Width of a picture, pixels.
 const WIDTH: u32 = 800;
 
-/// Whether levels 3 and 6 are made by simplification, and 11 and 14 by merging hulls.
+/// Returns whether levels 3 and 6 are made by simplification, and 11 and 14 by merging hulls.
 fn is_completed_by_merging(free: &[bool]) -> bool {
     let is_free = |level: usize| free.get(level).copied();
     [3, 6].iter().all(|level| is_free(*level) == Some(false))
         && [11, 14].iter().all(|level| is_free(*level) == Some(true))
 }
 
-/// A picture as an SVG document.
+/// Returns a picture as an SVG document.
 pub(super) fn svg(picture: &Picture) -> Result<String, String> {
     let png = picture.to_png().map_err(|error| error.to_string())?;
     let (width, height) = (picture.width(), picture.height());
@@ -53,7 +53,7 @@ fn table(name: &str, clod: &Clod) -> Table {
 /// Repeats Fig. 3.7.
 ///
 /// # Errors
-/// If the jaw cannot be built, or a picture not be made.
+/// If the jaw cannot be built, or a picture cannot be drawn.
 pub fn levels(name: &str) -> Result<Reproduction, String> {
     let jaw = open(Model::LowerJaw.name())?;
     let free: Vec<bool> = jaw.clod.levels.iter().map(|level| level.free).collect();
@@ -81,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn levels_that_are_not_merged_are_told() {
+    fn levels_that_are_not_merged_fail() {
         let levels = |first: usize| (0..15).map(|level| level >= first).collect::<Vec<_>>();
         assert!(is_completed_by_merging(&levels(9)));
         for other in [levels(5), levels(12), levels(15), Vec::new()] {

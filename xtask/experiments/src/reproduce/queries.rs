@@ -1,54 +1,55 @@
-//! Contact queries along recorded paths, exact and with detail left out: force profile, query time, and the front of the bounding
-//! volume test tree (§3.5.3, Figs. 3.15 and 3.16).
+//! Contact queries along recorded paths, exact and with detail left out: force profile, query time, and the
+//! front of the bounding volume test tree (§3.5.3, Figs. 3.15 and 3.16).
 //!
-//! As there, a penalty k(δ + d) acts at each cluster of the contacts found, without a coupling between.
+//! As in the dissertation, a penalty force k (δ + d) acts at each cluster of the contacts, without a virtual
+//! coupling.
 
 use std::path::Path;
 use std::time::Instant;
 
 use palpate::collide::{Clustering, ContactQuery, QuerySettings};
 use palpate::device::{Interpolation, MotionPath, Task};
+use palpate::dynamics::IntegratorKind;
 use palpate::glam::DVec3;
 use palpate::settings::DetailSettings;
 use palpate::{Object, Pose, Scene, Settings, explore};
 use palpate_report::{Curve, Figure, draw};
-use palpate_tests::correlation;
 
 use super::outcome::{Finding, Reproduction};
 use super::rendering::open;
 use crate::stability::page::{Table, row};
 use palpate_benches::scenarios;
-use palpate_measure::Experiment;
+use palpate_measure::{Experiment, correlation};
 
-/// Contact clusters (§5.5.1).
+/// Number of contact clusters (§5.5.1).
 const CLUSTERS: usize = 5;
-/// Each path is timed so often; of each pose the least time counts.
+/// Number of timings of each path; the shortest time of each pose counts.
 const TIMES: usize = 3;
-/// d, as part of the probe's radius.
+/// Tolerance d relative to the probe's radius.
 const TOLERANCE: f64 = 0.01;
 
-/// A pair of objects with a path, and thresholds s₀ as parts of a radius, the first 0.
+/// Pair of objects with a path, and thresholds s₀ relative to a radius, the first 0.
 struct Benchmark {
     title: &'static str,
     probe: &'static str,
     scene: &'static str,
     errors: [f64; 4],
-    /// The radius is the scene object's, else the probe's.
+    /// Whether the thresholds are relative to the scene object's radius, else the probe's.
     of_scene: bool,
-    /// What is said of time and front, how many times as much they are with the exact query.
+    /// Claim, and the factors by which it says that query time and front shrink.
     claim: &'static str,
     faster: f64,
     smaller: f64,
-    /// What else bears on it.
+    /// Remark for the page.
     note: &'static str,
 }
 
-/// What queries at a threshold show, a value a pose.
+/// Force, time and front of the queries at one threshold, by pose.
 #[derive(Clone, Debug)]
 struct Profile {
-    /// For stiffness 1, m.
+    /// Sum of the penalty forces for a stiffness of 1, m.
     force: Vec<f64>,
-    /// s.
+    /// Query times, s.
     time: Vec<f64>,
     front: Vec<f64>,
 }
@@ -80,12 +81,12 @@ impl Profile {
     }
 }
 
-/// What was found of the largest threshold against exact queries, where there is contact.
+/// Comparison of the largest threshold with exact queries, where there is contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Found {
-    /// Of the force profiles.
+    /// Correlation of the force profiles.
     correlation: f64,
-    /// How many times the time and the front of the exact query are, by their medians.
+    /// Ratios of the medians of time and front, exact to coarse.
     faster: f64,
     smaller: f64,
 }
@@ -100,11 +101,9 @@ impl Found {
                 .map(|(value, _)| *value)
                 .collect()
         };
-        let pairs: Vec<(f64, f64)> =
-            touching(&exact.force).into_iter().zip(touching(&coarse.force)).collect();
         let ratio = |of: fn(&Profile) -> &[f64]| median(touching(of(exact))) / median(touching(of(coarse)));
         Self {
-            correlation: correlation(&pairs),
+            correlation: correlation(&touching(&exact.force), &touching(&coarse.force)),
             faster: ratio(|profile| &profile.time),
             smaller: ratio(|profile| &profile.front),
         }
@@ -133,7 +132,7 @@ const JAWS: Benchmark = Benchmark {
     note: ", where the dissertation's took more than 100 ms on a machine of 2004, so that there is less left to gain",
 };
 
-/// Of the benchmarks' scenario of the same name.
+/// Benchmark on the dental casts of the scenario of the same name.
 const CASTS: Benchmark = Benchmark {
     title: "Contact profile for dental casts, as that for jaws (Fig. 3.15)",
     probe: "dental_cast_upper.obj",
@@ -156,10 +155,10 @@ const GOLF: Benchmark = Benchmark {
     note: "",
 };
 
-/// Repeats Fig. 3.15, on the recorded trajectory of the jaws.
+/// Repeats Fig. 3.15 on the recorded trajectory of the jaws.
 ///
 /// # Errors
-/// If a model cannot be built, the trajectory not be read, or the plot not be drawn.
+/// If a model cannot be built, the trajectory cannot be read, or the plot cannot be drawn.
 pub fn jaws(name: &str) -> Result<Reproduction, String> {
     let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/trajectories/jaws.csv"));
     let path = MotionPath::load(file, Interpolation::Smooth).map_err(|error| error.to_string())?;
@@ -167,10 +166,10 @@ pub fn jaws(name: &str) -> Result<Reproduction, String> {
     reproduce(name, &JAWS, &open(JAWS.probe)?, &open(JAWS.scene)?, &poses)
 }
 
-/// Repeats Fig. 3.15 on scanned casts of teeth; nothing where there are none.
+/// Repeats Fig. 3.15 on scanned dental casts; `None` if their files are absent.
 ///
 /// # Errors
-/// As [`jaws`].
+/// The same as [`jaws`].
 pub fn casts(name: &str) -> Result<Option<Reproduction>, String> {
     let scenario = scenarios::open("dental-casts").map_err(|error| error.to_string())?;
     let made = scenario.map(|scenario| {
@@ -183,15 +182,15 @@ pub fn casts(name: &str) -> Result<Option<Reproduction>, String> {
 /// Repeats Fig. 3.16, with a hand that taps the ball with the club.
 ///
 /// # Errors
-/// As [`jaws`].
+/// The same as [`jaws`].
 pub fn golf(name: &str) -> Result<Reproduction, String> {
     let (club, ball) = (open(GOLF.probe)?, open(GOLF.scene)?);
     let poses = tapping(&club, &ball, &GOLF)?;
     reproduce(name, &GOLF, &club, &ball, &poses)
 }
 
-/// The poses of a probe in three seconds of a session in which an emulated hand taps with it, by the largest threshold, 100 a
-/// second.
+/// Records the probe's poses, 100 per second, in three seconds of a session in which an emulated hand taps
+/// with it. The session uses the largest threshold.
 fn tapping(probe: &Object, object: &Object, benchmark: &Benchmark) -> Result<Vec<Pose>, String> {
     let scene = Scene::new().with(object.clone(), Pose::IDENTITY);
     let intended = explore::path(Task::Tap, probe, &scene).map_err(|error| error.to_string())?;
@@ -202,8 +201,15 @@ fn tapping(probe: &Object, object: &Object, benchmark: &Benchmark) -> Result<Vec
         },
         ..Settings::default()
     };
-    let session =
-        Experiment { probe, scene: &scene, settings, contact_rate: 500.0, frozen: false, seconds: 3.0 };
+    let session = Experiment {
+        probe,
+        scene: &scene,
+        settings,
+        integrator: IntegratorKind::default(),
+        contact_rate: 500.0,
+        frozen: false,
+        seconds: 3.0,
+    };
     let trace = session.emulate(intended).map_err(|error| error.to_string())?;
     Ok(trace.samples.iter().step_by(10).map(|sample| sample.record.object).collect())
 }
@@ -290,9 +296,10 @@ fn reproduce(
 mod tests {
     use super::*;
 
-    /// Detail that is left out is what makes fronts small; all of it left in, or a path that never touches, shows nothing.
+    /// Left-out detail makes fronts smaller. Without it, or on a path without contact, the claim does not
+    /// hold.
     #[test]
-    fn fronts_are_smaller_for_what_is_left_out() {
+    fn fronts_are_smaller_with_detail_left_out() {
         let (probe, scene) =
             (Object::model("ellipsoid@500").unwrap(), Object::model("golf-ball@20000").unwrap());
         let poses = tapping(&probe, &scene, &GOLF).unwrap();

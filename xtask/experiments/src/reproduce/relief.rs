@@ -1,36 +1,37 @@
-//! Detailed models that touch (§4.5.2): a ridged block dragged over a gear (Fig. 4.14), and turned on another block (Fig. 4.15);
-//! the time that a file on a CAD part takes (Fig. 4.16).
+//! Contact between detailed models (§4.5.2): a ridged block dragged over a gear (Fig. 4.14), and turned on
+//! another block (Fig. 4.15); the time that a file on a CAD part takes (Fig. 4.16).
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::ops::ControlFlow;
 
 use palpate::device::Task;
+use palpate::dynamics::IntegratorKind;
 use palpate::glam::{DQuat, DVec3};
 use palpate::models::Model;
 use palpate::settings::{ContactSearch, SearchSettings, TextureSettings};
 use palpate::texture_pd::BakeOptions;
 use palpate::{Object, Pose, Scene, Settings, explore};
 use palpate_report::{Curve, Figure, draw};
-use palpate_tests::{correlation, smooth};
+use palpate_tests::smooth;
 
 use super::outcome::{Finding, Reproduction};
 use super::rendering::{open, path};
 use crate::stability::page::{Table, row};
-use palpate_measure::{Experiment, Query, Sample, Trace};
+use palpate_measure::{Experiment, Query, Sample, Trace, correlation, mean};
 
-/// Distance of ridges and of teeth, height of the block, and where the gear's rim is, m.
+/// Distance of ridges and of teeth, height of the block, and height of the gear's rim over its centre, m.
 const PITCH: f64 = 8e-3;
 const HEIGHT: f64 = 0.036;
 const RIM: f64 = 0.0306;
 const CONTACT_RATE: f64 = 500.0;
-/// When the block is pressed down, has gone across the teeth, and along them, s.
+/// Times at which the block is pressed down, has gone across the teeth, and along them, s.
 const DRAGGING: [f64; 3] = [0.9, 3.0, 4.0];
-/// Teeth that it is dragged over.
+/// Number of teeth that the block is dragged over.
 const TEETH: f64 = 2.5;
-/// When the block lies and is turned, and the end, s.
+/// Times at which the block lies and starts to turn, and of the end, s.
 const TURNING: [f64; 2] = [1.2, 3.2];
 
-/// A built-in model as a coarse mesh of so many triangles, with its detail as a texture or without.
+/// Returns a built-in model as a coarse mesh of so many triangles, with its detail as a texture or without.
 pub(crate) fn object(model: Model, coarse: usize, detail: bool) -> Result<Object, String> {
     let generate = |triangles| model.generate(triangles).map_err(|error| error.to_string());
     let (full, mesh) = (generate(model.default_triangles())?, generate(coarse)?);
@@ -55,21 +56,28 @@ fn rendered(
         textures,
         ..Settings::default()
     };
-    let session =
-        Experiment { probe, scene: &scene, settings, contact_rate: CONTACT_RATE, frozen: false, seconds };
+    let session = Experiment {
+        probe,
+        scene: &scene,
+        settings,
+        integrator: IntegratorKind::default(),
+        contact_rate: CONTACT_RATE,
+        frozen: false,
+        seconds,
+    };
     session.emulate(path(seconds + 0.2, pose)?).map_err(|error| error.to_string())
 }
 
-/// What dragging showed.
+/// Results of dragging.
 #[derive(Clone, Debug, PartialEq)]
 struct Dragged {
     /// Largest contact force along and across the teeth, N.
     along: f64,
     across: f64,
-    /// How far the block goes up and down, m, and how often it goes up.
+    /// Vertical range of the block, m, and number of times that it rises.
     rise: f64,
     climbs: usize,
-    /// Of the force upwards and the height, and of the force across and how far the block is ahead of an even motion.
+    /// Correlations of upward force with height, and of the force across with the lead over an even motion.
     correlations: [f64; 2],
     stable: bool,
 }
@@ -86,11 +94,12 @@ impl Dragged {
             (low.min(height(sample)), high.max(height(sample)))
         });
         let above: Vec<bool> = moving.iter().map(|sample| height(sample) > 0.5 * (low + high)).collect();
-        let pairs = |value: &dyn Fn(&Sample) -> (f64, f64)| -> f64 {
-            correlation(&moving.iter().map(|sample| value(sample)).collect::<Vec<_>>())
+        let correlated = |pair: &dyn Fn(&Sample) -> (f64, f64)| -> f64 {
+            let (x, y): (Vec<f64>, Vec<f64>) = moving.iter().map(|sample| pair(sample)).unzip();
+            correlation(&x, &y)
         };
         let (first, last) = (place(moving.first()), place(moving.last()));
-        // The way across is that of an even motion, and what it is ahead of that.
+        // Displacement of an even motion across the teeth, and lead of the block over it.
         let even = |time: f64| first.y + (last.y - first.y) * (time - pressed) / (across - pressed);
         let ahead = |sample: &Sample| sample.record.object.translation.y - even(sample.time);
         Self {
@@ -99,8 +108,8 @@ impl Dragged {
             rise: high - low,
             climbs: above.windows(2).filter(|pair| !pair[0] && pair[1]).count(),
             correlations: [
-                pairs(&|sample| (sample.record.contact.force.z, height(sample))),
-                pairs(&|sample| (sample.record.contact.force.y, ahead(sample))),
+                correlated(&|sample| (sample.record.contact.force.z, height(sample))),
+                correlated(&|sample| (sample.record.contact.force.y, ahead(sample))),
             ],
             stable: trace.is_stable(),
         }
@@ -120,7 +129,7 @@ fn place(sample: Option<&&Sample>) -> DVec3 {
     sample.map_or(DVec3::ZERO, |sample| sample.record.object.translation)
 }
 
-/// Down onto the gear, across its teeth, and along them and back.
+/// Moves down onto the gear, across its teeth, and along them and back.
 fn drag(detail: bool) -> Result<(Dragged, Trace), String> {
     let upright = Pose::new(DVec3::ZERO, DQuat::from_rotation_y(FRAC_PI_2));
     let scene = Scene::new().with(object(Model::Gear, 1600, detail)?, upright);
@@ -134,15 +143,15 @@ fn drag(detail: bool) -> Result<(Dragged, Trace), String> {
     Ok((Dragged::of(&trace), trace))
 }
 
-/// What turning showed.
+/// Results of turning.
 #[derive(Clone, Debug, PartialEq)]
 struct Turned {
-    /// How far the block was turned, rad, and how far it had risen there, m.
+    /// Largest turn of the block, rad, and its rise there, m.
     angle: f64,
     risen: f64,
-    /// Of its height and the angle.
+    /// Correlation of height and angle.
     correlation: f64,
-    /// Whether the torque opposed wherever it was turned by more than half of that.
+    /// Whether the torque opposed the turn wherever the angle was above half the largest.
     opposed: bool,
     stable: bool,
 }
@@ -158,14 +167,14 @@ impl Turned {
         let furthest = turning.iter().max_by(|a, b| angle(a).abs().total_cmp(&angle(b).abs()));
         let (most, risen) =
             furthest.map_or((0.0, 0.0), |sample| (angle(sample).abs(), height(sample) - rest));
-        let pairs: Vec<(f64, f64)> =
-            turning.iter().map(|sample| (angle(sample).abs(), height(sample))).collect();
+        let (angles, heights): (Vec<f64>, Vec<f64>) =
+            turning.iter().map(|sample| (angle(sample).abs(), height(sample))).unzip();
         let far = |sample: &&&Sample| angle(sample).abs() > 0.5 * most;
         let opposes = |sample: &&Sample| sample.record.coupling.torque.z * angle(sample) < 0.0;
         Self {
             angle: most,
             risen,
-            correlation: correlation(&pairs),
+            correlation: correlation(&angles, &heights),
             opposed: turning.iter().filter(far).all(opposes),
             stable: trace.is_stable(),
         }
@@ -176,7 +185,7 @@ impl Turned {
     }
 }
 
-/// A block that lies on another one, ridges in grooves, is turned to and fro.
+/// Turns a block to and fro that lies on another one, ridges in grooves.
 fn turn(detail: bool) -> Result<(Turned, Trace), String> {
     let block = object(Model::Block, 300, detail)?;
     let scene = Scene::new().with(block.clone(), Pose::IDENTITY);
@@ -189,52 +198,52 @@ fn turn(detail: bool) -> Result<(Turned, Trace), String> {
     Ok((Turned::of(&trace), trace))
 }
 
-/// What a file that scrapes a CAD part takes.
+/// Cost of a file that scrapes a CAD part.
 #[derive(Clone, Debug, PartialEq)]
 struct Scraped {
-    /// Of the contact steps in contact, the 99th percentile and the median of their time, s.
+    /// 99th percentile and median of the times of contact steps with contacts, s.
     slow: f64,
     usual: f64,
-    /// Most and mean clustered contacts.
+    /// Largest and mean numbers of clustered contacts.
     most: usize,
     mean: f64,
-    /// Of the time and the number of contacts.
+    /// Correlation of time and number of contacts.
     correlation: f64,
 }
 
 impl Scraped {
     fn of(queries: &[Query]) -> Self {
         let touching: Vec<_> = queries.iter().filter(|query| query.clusters > 0).collect();
-        let mut times: Vec<f64> = touching.iter().map(|query| query.took).collect();
+        let (took, clusters): (Vec<f64>, Vec<f64>) =
+            touching.iter().map(|query| (query.took, query.clusters as f64)).unzip();
+        let mut times = took.clone();
         times.sort_by(f64::total_cmp);
         let at = |part: f64| {
             times.get((part * (times.len() as f64 - 1.0)).round() as usize).copied().unwrap_or(f64::NAN)
         };
-        let pairs: Vec<(f64, f64)> =
-            touching.iter().map(|query| (query.took, query.clusters as f64)).collect();
         Self {
             slow: at(0.99),
             usual: at(0.5),
             most: touching.iter().map(|query| query.clusters).max().unwrap_or(0),
-            mean: pairs.iter().map(|pair| pair.1).sum::<f64>() / pairs.len().max(1) as f64,
-            correlation: correlation(&pairs),
+            mean: mean(clusters.iter().copied()),
+            correlation: correlation(&took, &clusters),
         }
     }
 
     fn is_as_claimed(&self) -> bool {
-        self.slow < SLOWEST && self.most > 2 && self.correlation > 0.5
+        self.slow < MAX_STEP_TIME && self.most > 2 && self.correlation > 0.5
     }
 }
 
-/// The dissertation's rate was at least 100 Hz.
-const SLOWEST: f64 = 0.01;
-/// Largest number of contacts there, and frames.
+/// Time of a contact step at the lowest rate of the dissertation, 100 Hz, s.
+const MAX_STEP_TIME: f64 = 0.01;
+/// Largest number of contacts and number of frames in the dissertation.
 const CONTACTS: usize = 7;
 const FRAMES: f64 = 500.0;
-/// The session is timed so often; of each frame the least time counts.
+/// Number of timings of the session; the shortest time of each frame counts.
 const TIMES: usize = 3;
 
-/// What a file is felt with on a CAD part.
+/// Settings of a file on a CAD part.
 pub(crate) fn scraping() -> Settings {
     Settings {
         search: SearchSettings {
@@ -252,7 +261,7 @@ pub(crate) fn scraping() -> Settings {
     }
 }
 
-/// A hand scrubs the part with the file: the frames after it has come down.
+/// Renders a hand that scrubs the part with the file, and returns the frames after it has come down.
 fn scrape(detail: bool) -> Result<(Scraped, Trace), String> {
     let file = object(Model::File, 632, detail)?;
     let scene = Scene::new().with(object(Model::CadPart, 8008, detail)?, Pose::IDENTITY);
@@ -262,6 +271,7 @@ fn scrape(detail: bool) -> Result<(Scraped, Trace), String> {
         probe: &file,
         scene: &scene,
         settings,
+        integrator: IntegratorKind::default(),
         contact_rate: CONTACT_RATE,
         frozen: false,
         seconds: down + FRAMES / CONTACT_RATE,
@@ -271,7 +281,7 @@ fn scrape(detail: bool) -> Result<(Scraped, Trace), String> {
         session.emulate(intended).map_err(|error| error.to_string())
     };
     let mut trace = scrubbed()?;
-    // The same each time, but for other work of the machine.
+    // Repetitions differ only by other work of the machine.
     for _ in 1..TIMES {
         for (query, again) in trace.queries.iter_mut().zip(scrubbed()?.queries) {
             query.took = query.took.min(again.took);
@@ -329,7 +339,7 @@ pub fn timing(name: &str) -> Result<Reproduction, String> {
     })
 }
 
-/// What is plotted over time: a name and how it is taken.
+/// Plotted line: its name, and its value in a sample.
 type Line = (&'static str, fn(&Sample) -> f64);
 
 fn plot(samples: &[Sample], figures: &[(&str, &[Line])]) -> Result<String, String> {
@@ -446,9 +456,10 @@ mod tests {
 
     use super::*;
 
-    /// Times by the number of contacts are as claimed; the same all alike, or too long, or with too few contacts, are not.
+    /// Times that follow the number of contacts are as claimed; constant or long ones, or too few contacts,
+    /// are not.
     #[test]
-    fn time_is_held_against_contacts() {
+    fn time_is_compared_with_the_number_of_contacts() {
         let found = |took: fn(usize) -> f64, most: usize| {
             let query = |index: usize| {
                 let clusters = index % (most + 1);
@@ -464,7 +475,7 @@ mod tests {
     }
 
     #[test]
-    fn relief_is_what_makes_the_block_climb_and_rise() {
+    fn relief_makes_the_block_climb_and_rise() {
         let (dragged, _) = drag(true).unwrap();
         assert!(dragged.is_as_claimed(), "{dragged:?}");
         let (turned, _) = turn(true).unwrap();

@@ -1,9 +1,9 @@
-//! What the experiments render: built-in models along paths.
+//! Built-in models and paths that the experiments render.
 
 use palpate::device::{Interpolation, Keyframe, MotionPath};
 use palpate::{Object, Pose};
 
-/// A built-in model by its name, with its hierarchy.
+/// Opens a built-in model by its name, with its hierarchy.
 ///
 /// # Errors
 /// If there is no such model.
@@ -11,7 +11,7 @@ pub fn open(name: &str) -> Result<Object, String> {
     Object::model(name).map_err(|error| error.to_string())
 }
 
-/// A path of so many seconds, a hundred poses in each.
+/// Returns a path of so many seconds, with a hundred poses in each.
 ///
 /// # Errors
 /// If a pose is out of range.

@@ -1,6 +1,6 @@
-//! The grasped body's mass by the stiffness of its contacts, for each integrator.
+//! Map of the grasped body's mass by the stiffness of its contacts, for each integrator.
 
-use palpate::dynamics::IntegratorKind;
+use palpate::dynamics::{Integrator as _, IntegratorKind};
 use palpate_report::{CellAxis, HeatMap};
 
 use super::geometry::Geometry;
@@ -10,8 +10,8 @@ use super::rig::{Rig, RigResult, ball};
 use super::{pressing, rig};
 use palpate_measure::Outcome;
 
-/// Observed energy at the port stays above this, J.
-pub const PORT: f64 = -1e-3;
+/// Lower bound on the observed energy at the port, J.
+pub const MIN_PORT_ENERGY: f64 = -1e-3;
 
 /// Makes the map.
 ///
@@ -64,12 +64,12 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
     })
 }
 
-/// How many came to rest.
+/// Returns the number of bodies that came to rest.
 pub fn stable(results: &[RigResult]) -> usize {
     results.iter().filter(|result| result.outcome.is_stable()).count()
 }
 
-/// That all came to rest, none refused a step.
+/// Returns the verdict that all bodies came to rest, and no step was refused.
 pub fn all_stable(what: &str, results: &[RigResult]) -> Verdict {
     let refused: u64 = results.iter().map(|result| result.refused).sum();
     Verdict::new(
@@ -79,11 +79,11 @@ pub fn all_stable(what: &str, results: &[RigResult]) -> Verdict {
     )
 }
 
-/// That no stable session has given back energy.
+/// Returns the verdict that no stable session has given back energy.
 pub fn port(results: &[RigResult]) -> Verdict {
     let stable = || results.iter().filter(|result| result.outcome.is_stable());
     let least = stable().map(|result| result.port_energy).fold(0.0, f64::min);
-    let under = stable().filter(|result| result.port_energy < PORT).count();
+    let under = stable().filter(|result| result.port_energy < MIN_PORT_ENERGY).count();
     Verdict::new(
         "the energy at the port stays above −1 mJ in every stable session",
         under == 0,
@@ -91,7 +91,7 @@ pub fn port(results: &[RigResult]) -> Verdict {
     )
 }
 
-/// Columns of every table of this kind, and their values.
+/// Columns of the tables of simulations.
 pub const MEASURED: [&str; 7] = [
     "outcome",
     "amplitude_m",

@@ -1,4 +1,4 @@
-//! How many contacts a flat block may rest on.
+//! Map of the number of contacts of a flat block by their stiffness.
 
 use palpate::Pose;
 use palpate::dynamics::Body;
@@ -13,11 +13,11 @@ use super::pressing;
 use super::rig::Rig;
 use palpate_measure::Outcome;
 
-/// Mass of the block, kg, and the number of clusters K.
+/// Mass of the block, kg, and number of clusters K.
 const MASS: f64 = 0.1;
 const CLUSTERS: usize = 5;
 
-/// A solid block of the sides of [`BLOCK`].
+/// Returns a solid block with the sides of [`BLOCK`].
 fn block() -> Result<Body, String> {
     let squares = (2.0 * BLOCK).powf(2.0);
     let moments = (squares.yzx() + squares.zxy()) * (MASS / 12.0);

@@ -1,37 +1,38 @@
-//! Contacts of simple shapes, exactly.
+//! Exact contacts of simple shapes.
 
 use palpate::Contact;
 use palpate::collide::{Clustering, PatchContact};
 use palpate::dynamics::BodyState;
 use palpate::glam::DVec3;
 
-/// Radius of the ball that is held, m.
+/// Radius of the held ball, m.
 pub const BALL: f64 = 0.010;
 /// Radii of the fixed ball and of the groove, m.
 const BUMP: f64 = 0.020;
 const GROOVE: f64 = 0.012;
-/// Half the sides of the flat block, m.
+/// Half extents of the flat block, m.
 pub const BLOCK: DVec3 = DVec3::new(0.05, 0.05, 0.01);
 
-/// What touches what. The held body's centre of mass at the origin just touches, coming down the z axis.
+/// Pairs of shapes. The held body just touches with its centre of mass at the origin, when it comes down
+/// along z.
 #[derive(Clone, Debug)]
 pub enum Geometry {
-    /// A ball on a plane.
+    /// Ball on a plane.
     Plane,
-    /// A ball on a fixed ball.
+    /// Ball on a fixed ball.
     Bump,
-    /// A ball in a groove along y.
+    /// Ball in a groove along y.
     Groove,
-    /// The points of a body, from its centre of mass, on a plane through the lowest of them.
+    /// Points of a body, relative to its centre of mass, on a plane through the lowest of them.
     Points(Vec<DVec3>),
-    /// The same, condensed to a few clusters.
+    /// Points likewise, with their contacts reduced to a few clusters.
     Clustered { points: Vec<DVec3>, clustering: Clustering, found: Vec<PatchContact> },
-    /// Nothing.
+    /// No contact.
     Free,
 }
 
 impl Geometry {
-    /// `count` points spread over the underside of the flat block, clustered to `clusters`.
+    /// Returns `count` points spread over the underside of the flat block, clustered to `clusters`.
     pub fn underside(count: usize, clusters: usize) -> Self {
         Self::Clustered {
             points: spread(count),
@@ -40,7 +41,7 @@ impl Geometry {
         }
     }
 
-    /// Contacts within `tolerance` (m) at a state of the body.
+    /// Finds contacts within `tolerance` (m) at a state of the body.
     pub fn contacts(&mut self, state: &BodyState, tolerance: f64, out: &mut Vec<Contact>) {
         out.clear();
         let center = state.pose.translation;
@@ -84,13 +85,14 @@ fn contact(point: DVec3, normal: DVec3, depth: f64) -> Contact {
     Contact { point, scene_point: point - normal * depth, normal, depth }
 }
 
-/// A ball against the half space beyond `height` along z.
+/// Returns the contact of a ball with the half space beyond `height` along z.
 fn against(center: DVec3, normal: DVec3, radius: f64, height: f64) -> Contact {
     let point = center + normal * radius;
     contact(point, normal, height - point.z)
 }
 
-/// Points of a body against the floor that the lowest of them touches when the body is at the origin.
+/// Returns contacts of a body's points with the floor that the lowest of them touches when the body is at the
+/// origin.
 fn on_floor<'a>(points: &'a [DVec3], state: &'a BodyState) -> impl Iterator<Item = Contact> + 'a {
     let floor = points.iter().fold(f64::INFINITY, |low, point| low.min(point.z));
     points.iter().map(move |point| {
@@ -99,7 +101,8 @@ fn on_floor<'a>(points: &'a [DVec3], state: &'a BodyState) -> impl Iterator<Item
     })
 }
 
-/// `count` points over the underside of the block: one in the middle, else on a spiral that fills the square evenly.
+/// Spreads `count` points over the underside of the block: one in the middle, more on a spiral that fills the
+/// square evenly.
 fn spread(count: usize) -> Vec<DVec3> {
     const GOLDEN: f64 = 2.399_963_229_728_653;
     let size = count.saturating_sub(1).max(1) as f64;

@@ -1,4 +1,4 @@
-//! Bodies held far from their centre of mass.
+//! Map of bodies held far from their centre of mass.
 
 use palpate::Pose;
 use palpate::dynamics::Body;
@@ -16,10 +16,10 @@ use palpate_measure::Outcome;
 /// Mass of the tool, kg.
 const MASS: f64 = 0.1;
 
-/// Seconds simulated: a long tool is slow on so soft a spring.
+/// Simulated time, s: a long tool is slow on so soft a spring.
 const DURATION: f64 = 6.0;
 
-/// A tool: a ball whose handle is a rod of length `arm` (m) along z or x, on four feet.
+/// Returns a tool on four feet: a ball whose handle is a rod of length `arm` (m) along z or x.
 fn tool(arm: f64, along: bool) -> Result<(Body, Pose, Geometry), String> {
     let (thin, wide) = (0.4 * MASS * BALL * BALL, 0.4 * MASS * BALL * BALL + MASS * arm * arm / 12.0);
     let (moments, grasp) = if along {
@@ -33,12 +33,12 @@ fn tool(arm: f64, along: bool) -> Result<(Body, Pose, Geometry), String> {
     Ok((body, Pose::from_translation(grasp), Geometry::Points(feet)))
 }
 
-/// How far to each side of the tool its feet are, m.
+/// Distance of the feet from the tool's axis, m.
 const FOOT: f64 = BALL;
 
-/// Whether statics lets a tool buckle that is pressed along its handle: its feet slide, so that the force F that presses
-/// it turns it by F ℓ a radian, against which there are the springs of coupling and hand in series and the feet's. The
-/// force is that of the springs in series between the hand and the plane.
+/// Returns whether statics predicts that a tool buckles when it is pressed along its handle. Its feet slide,
+/// so the pressing force F turns it by a torque F ℓ per radian, against the springs of coupling and hand in
+/// series and those of the feet. F follows from the springs in series between hand and plane.
 fn buckles(rig: &Rig, along: bool, arm: f64, stiffness: f64) -> bool {
     let hand = rig.emulation.hand;
     let series = |a: f64, b: f64| 1.0 / (1.0 / a + 1.0 / b);

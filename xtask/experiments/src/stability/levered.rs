@@ -1,8 +1,9 @@
-//! The engine's coupling at the end of a lever: a body that stands still, grasped away from the handle of a device that no hand
-//! holds, or that a hand keeps from moving but lets turn.
+//! The engine's coupling at the end of a lever: a body that stands still, grasped away from the handle of a
+//! device. No hand holds the device, or a hand keeps it from moving but lets it turn.
 //!
-//! The handle's damping is to its angular damping as its mass is to its moment of inertia. Such a device is as bad as any
-//! hand: where a mode of handle and springs is stable, it is passive.
+//! The ratio of the handle's damping to its angular damping is that of its mass to its moment of inertia.
+//! Such a device is the worst case for any hand: where all modes of handle and springs are stable, it is
+//! passive.
 
 use palpate::device::{Emulation, Hand, HapticDevice, IntendedPath};
 use palpate::dynamics::{BodyState, DeviceMotion, VirtualCoupling};
@@ -15,33 +16,34 @@ use super::wall::lever_arm;
 /// One simulation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LeverCase {
-    /// From the handle to the grasp, ℓ, m.
+    /// Distance from the handle to the grasp ℓ, m.
     pub lever: f64,
-    /// Whether a hand keeps the handle from moving.
+    /// Whether a hand keeps the handle from translating.
     pub held: bool,
-    /// T and t_d, s.
+    /// Sampling period T and delay t_d, s.
     pub period: f64,
     pub delay: f64,
-    /// b, N·s/m.
+    /// Damping of the device b, N·s/m.
     pub device_damping: f64,
-    /// What rotation sees of the springs, k_θ + k_c ℓ², N·m/rad. With a lever half of it is the force's.
+    /// Angular stiffness of both springs, k_θ + k_c ℓ², N·m/rad. With a lever, half of it is that of the
+    /// linear spring.
     pub stiffness: f64,
 }
 
-/// The device's integration step, s.
+/// Integration step of the device, s.
 const SUBSTEP: f64 = 1e-5;
-/// Where the handle is at the start, m and rad.
+/// Displacement and rotation of the handle at the start, m and rad.
 const START: (f64, f64) = (1e-4, 2e-3);
-/// What keeps a handle from moving, N/m and N·s/m.
-const KEPT: (f64, f64) = (1e6, 1e5);
-/// Simulated time, s; of its last two parts of that length the amplitudes are compared.
+/// Stiffness and damping that keep a handle from translating, N/m and N·s/m.
+const HOLDING_IMPEDANCE: (f64, f64) = (1e6, 1e5);
+/// Simulated time, s; and length of its last two parts, whose amplitudes are compared.
 const DURATION: f64 = 3.0;
 const PART: f64 = 1.0;
-/// A handle that has turned by so much has left, rad.
-const FAR: f64 = 1.0;
+/// Rotation from which a handle counts as diverged, rad.
+const MAX_ROTATION: f64 = 1.0;
 
 impl LeverCase {
-    /// The case in the terms of the conditions of theory, but for the lever.
+    /// Returns the case in the terms of the conditions, without the lever.
     pub fn sampled(&self) -> SampledWall {
         let Self { period, delay, device_damping, stiffness, .. } = *self;
         SampledWall {
@@ -56,24 +58,25 @@ impl LeverCase {
         }
     }
 
-    /// k_c and k_θ, N/m and N·m/rad.
+    /// Returns k_c and k_θ, N/m and N·m/rad.
     fn springs(&self) -> (f64, f64) {
         let square = self.lever * self.lever;
         if square > 0.0 {
             (0.5 * self.stiffness / square, 0.5 * self.stiffness)
         } else {
-            // Translation has as much of its damping.
+            // Without a lever both springs get the same ratio of stiffness to damping.
             (self.stiffness / lever_arm().powi(2), self.stiffness)
         }
     }
 
-    /// k_θ + k_c ℓ² of the stiffest springs that theory allows, N·m/rad.
+    /// Returns k_θ + k_c ℓ² of the stiffest stable springs in theory, N·m/rad.
     ///
-    /// Of the springs' matrix against the damping's, diag(b, b_θ), no eigenvalue may be above 1/(T/2 + t_d).
+    /// With K the springs' matrix and D = diag(b, b_θ), no eigenvalue of D⁻¹K may exceed 1/(T/2 + t_d).
     pub fn stiffest(&self) -> f64 {
         let (linear, angular) = Self { stiffness: 1.0, ..*self }.springs();
         let (b, turning) = (self.device_damping, self.device_damping * lever_arm().powi(2));
         let rotation = (angular + linear * self.lever * self.lever) / turning;
+        // The larger eigenvalue of the symmetric 2 × 2 matrix D^(-½) K D^(-½), in closed form.
         let largest = if self.held {
             rotation
         } else {
@@ -83,7 +86,7 @@ impl LeverCase {
         1.0 / (largest * (0.5 * self.period + self.delay))
     }
 
-    /// Whether a disturbance dies away.
+    /// Returns whether a disturbance decays.
     ///
     /// # Errors
     /// If the device refuses its parameters.
@@ -114,7 +117,7 @@ impl LeverCase {
             device.write(&at_grasp.about(-arm)).map_err(|error| error.to_string())?;
             let turn = Pose::IDENTITY.rotation_vector_to(&state.pose).length();
             let away = turn * lever_arm() + state.pose.translation.length();
-            if turn > FAR || !away.is_finite() {
+            if turn > MAX_ROTATION || !away.is_finite() {
                 return Ok(false);
             }
             if step + 2 * part >= steps {
@@ -135,12 +138,12 @@ impl LeverCase {
         (handle.friction, handle.angular_friction) = (0.0, 0.0);
         handle.damping = self.device_damping;
         handle.angular_damping = self.device_damping * lever_arm().powi(2);
-        let kept = Hand { stiffness: KEPT.0, damping: KEPT.1, ..Hand::NONE };
+        let kept = Hand { stiffness: HOLDING_IMPEDANCE.0, damping: HOLDING_IMPEDANCE.1, ..Hand::NONE };
         Emulation { hand: if self.held { kept } else { Hand::NONE }, ..emulation }
     }
 }
 
-/// A hand that means to be where the handle is at the start, across the lever, and no longer.
+/// Returns the path of a hand that aims at the handle's starting place only at time 0.
 fn start() -> IntendedPath {
     IntendedPath::function(|time| {
         if time > 0.0 {

@@ -1,10 +1,10 @@
-//! Limits: the stiffest wall that a bare device renders, found by bisection, against what theory says it is.
+//! Stiffest wall that a bare device renders, found by bisection, compared with theory.
 //!
-//! The conditions are about passivity: any hand, however it moves, is to get no energy out of device and wall. That is the
-//! same as stability only where the hand is as bad as can be. For springs a device that no hand holds is bad enough
-//! (Colgate and Schenkel with B = 0; Diolaiti and others with a delay; Abbott and Okamura, where the push is such that rounding
-//! hurts most). With virtual damping the worst is a hand that moves the handle to and fro at the frequency at which the device
-//! needs most damping, as straight as it can; the limit is where it gets energy out.
+//! The conditions are about passivity: no hand, however it moves, may extract energy from device and wall.
+//! That equals stability only for the worst hand. For springs, a device that no hand holds is the worst case
+//! (Colgate and Schenkel with B = 0; Diolaiti and others with a delay; Abbott and Okamura, with the force
+//! under which rounding is worst). With virtual damping, the worst hand moves the handle to and fro at the
+//! frequency that needs the most damping; the limit is where it extracts energy.
 
 use palpate::device::Hand;
 
@@ -13,40 +13,42 @@ use super::levered::LeverCase;
 use super::page::{Section, Table, Verdict, row};
 use super::wall::{Motion, Velocity, WallCase};
 
-/// How far a limit may be from theory's.
-const WITHIN: f64 = 0.1;
-/// Limits are looked for between theory's divided and multiplied by this, in so many halvings: to 1 %.
+/// Largest relative deviation of a limit from theory.
+const MAX_DEVIATION: f64 = 0.1;
+/// Factor below and above theory between which a limit is searched, and number of bisections, which resolve 1
+/// %.
 const RANGE: f64 = 3.0;
 const HALVINGS: usize = 8;
-/// Parts of the force of an encoder step by which the push is varied, of which one is between two steps.
+/// Number of pushing forces, evenly spaced between the forces of two successive encoder steps.
 const PUSHES: usize = 8;
-/// A handle that friction holds moves by less than this part of an encoder step; one that goes from step to step, by more.
-const REST: f64 = 1e-6;
-/// By what part of its depth in the wall a handle is disturbed.
+/// Amplitude, in encoder steps, below which friction holds a handle. One that jumps between steps moves by
+/// more.
+const MAX_REST_AMPLITUDE: f64 = 1e-6;
+/// Disturbance of a handle, relative to its depth in the wall.
 const DISTURBED: f64 = 0.2;
-/// How deep the handle is pushed into a wall where positions are rounded, m: so deep that friction is little of what brakes
-/// it. How long it may take to come to rest, s.
+/// Depth to which the handle is pushed into a wall with rounded positions, m: so large that friction does
+/// little of the braking. Time that it has to come to rest, s.
 const DEPTH: f64 = 0.02;
-const LONG: f64 = 8.0;
-/// A lagged damper, in the device's damping, and its lag in T/2 + t_d.
+const REST_TIME: f64 = 8.0;
+/// Lagged damper: its damping in units of the device's, and its lag in units of T/2 + t_d.
 const LAGGED: (f64, f64) = (5.0, 10.0);
 
-/// Which condition it is.
+/// Conditions from theory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Condition {
     /// b > K (T/2 + t_d), without friction, rounding and virtual damping.
     Spring,
-    /// The general one, with a virtual damper on differences of position, or on these through a lag.
+    /// General condition, with a virtual damper on differences of position, possibly with a lag.
     Damped,
     /// K ≤ min(2 b/T, 2 f_c/Δ).
     Rounded,
     /// b_θ > (k_θ + k_c ℓ²) (T/2 + t_d) for a handle that a hand keeps from moving.
     Lever,
-    /// The same together with translation's.
+    /// The same together with that of translation.
     FreeLever,
 }
 
-/// What a limit is looked for of.
+/// Case whose limit is searched.
 #[derive(Clone, Copy, Debug)]
 enum Case {
     Wall(WallCase),
@@ -75,7 +77,7 @@ impl Condition {
         }
     }
 
-    /// The stiffest wall that it allows, N/m; of a lever, N·m/rad.
+    /// Returns the stiffest wall that the condition allows, N/m; for a lever, N·m/rad.
     fn stiffest(self, case: &Case) -> f64 {
         let wall = match case {
             Case::Lever(case) => return case.stiffest(),
@@ -83,8 +85,8 @@ impl Condition {
         };
         match self {
             Self::Damped => wall.stiffest_passive(),
-            Self::Rounded => wall.stiffest_let_go().min(2.0 * wall.friction / wall.quantum),
-            Self::Spring | Self::Lever | Self::FreeLever => wall.stiffest_let_go(),
+            Self::Rounded => wall.stiffest_without_hand().min(2.0 * wall.friction / wall.quantum),
+            Self::Spring | Self::Lever | Self::FreeLever => wall.stiffest_without_hand(),
         }
     }
 
@@ -100,7 +102,7 @@ impl Condition {
         }
     }
 
-    /// The stiffest wall that holds, with all softer ones that were tried.
+    /// Measures the stiffest wall that is stable, assuming that softer ones are.
     fn measured(self, case: &Case) -> Result<f64, String> {
         let theory = self.stiffest(case);
         let (mut low, mut high) = (theory / RANGE, theory * RANGE);
@@ -128,7 +130,7 @@ impl Condition {
                 let rounded = |(device, quantum)| WallCase {
                     quantum,
                     friction: true,
-                    duration: LONG,
+                    duration: REST_TIME,
                     ..bare(Motion::Translation, device)
                 };
                 cases.map(rounded).map(Case::Wall).collect()
@@ -150,7 +152,7 @@ impl Condition {
         }
     }
 
-    /// The map's row of a case.
+    /// Returns the map's row for a case.
     fn row(self, case: &Case, found: f64) -> Vec<String> {
         let limit = self.stiffest(case);
         let (motion, wall, lever) = match case {
@@ -174,13 +176,13 @@ impl Condition {
     }
 }
 
-/// Rates with dampings of the device.
+/// Returns pairs of a sampling period and a device damping.
 fn devices(plan: &Plan) -> Vec<(f64, f64)> {
     let periods = plan.choose(&[2e-4, 5e-4, 1e-3, 2e-3], &[5e-4, 1e-3]);
     pairs(&periods, &plan.choose(&[0.5, 1.0, 2.0], &[1.0]))
 }
 
-/// A device without a hand, sampled every so many seconds and of such a damping.
+/// Returns a device without a hand, with a sampling period (s) and damping.
 fn bare(motion: Motion, (period, device_damping): (f64, f64)) -> WallCase {
     WallCase {
         hand: ("none", Hand::NONE),
@@ -193,7 +195,7 @@ fn bare(motion: Motion, (period, device_damping): (f64, f64)) -> WallCase {
     }
 }
 
-/// Dampers of parts of the device's damping, and one that is much more of it and lags.
+/// Returns cases with dampers below the device's damping, and with a much larger one that lags.
 fn damped(plan: &Plan, delays: &[f64]) -> Vec<Case> {
     let parts = plan.choose(&[0.0, 0.2, 0.4, 0.6, 0.8], &[0.5]);
     let mut cases = Vec::new();
@@ -207,11 +209,11 @@ fn damped(plan: &Plan, delays: &[f64]) -> Vec<Case> {
     cases.into_iter().map(Case::Wall).collect()
 }
 
-/// Whether friction brings the handle to rest in a wall, whatever it is pushed with.
+/// Returns whether friction brings the handle to rest in a wall, whatever force pushes it.
 fn comes_to_rest(case: &WallCase) -> Result<bool, String> {
     for part in 0..PUSHES {
         let pushed = case.pushed(DEPTH, part as f64 / PUSHES as f64);
-        if pushed.run()?.amplitude > REST * case.quantum {
+        if pushed.run()?.amplitude > MAX_REST_AMPLITUDE * case.quantum {
             return Ok(false);
         }
     }
@@ -232,7 +234,7 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
     let verdicts = Condition::ALL.into_iter().map(|condition| {
         let of_it = cases.iter().zip(&measured).filter(|((of, _), _)| *of == condition);
         let ratios: Vec<f64> = of_it.map(|((_, case), &found)| found / condition.stiffest(case)).collect();
-        let beyond = ratios.iter().filter(|ratio| (**ratio - 1.0).abs() > WITHIN).count();
+        let beyond = ratios.iter().filter(|ratio| (**ratio - 1.0).abs() > MAX_DEVIATION).count();
         let (least, most) =
             ratios.iter().fold((f64::INFINITY, 0.0_f64), |(low, high), &r| (low.min(r), high.max(r)));
         Verdict::new(

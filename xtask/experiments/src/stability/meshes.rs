@@ -1,14 +1,14 @@
-//! Meshes made in code: blocks, pegs and holes.
+//! Generated meshes: blocks, pegs and holes.
 
 use std::f64::consts::TAU;
 
 use palpate::glam::{DVec2, DVec3};
 use palpate::{Object, TriMesh};
 
-/// Corners of the polygons that stand for circles.
+/// Number of corners of the polygons that approximate circles.
 const CORNERS: usize = 48;
 
-/// A block about the origin, by half its sides, m.
+/// Returns a block about the origin with given half extents, m.
 ///
 /// # Errors
 /// If it cannot be an object.
@@ -21,7 +21,7 @@ pub fn block(name: &str, half: DVec3) -> Result<Object, String> {
     object(name, (0..8).map(corner).collect(), quads.into_iter().flat_map(halves).collect())
 }
 
-/// A round peg that stands on its tip at the origin along z.
+/// Returns a round peg along z that stands on its tip at the origin.
 ///
 /// # Errors
 /// If it cannot be an object.
@@ -37,8 +37,8 @@ pub fn peg(radius: f64, length: f64) -> Result<Object, String> {
     object("peg", vertices, triangles)
 }
 
-/// A ring about the z axis whose mouth is at z = 0 and which reaches down by `depth`. Its bore is at least of `radius`:
-/// the circle touches the middles of the polygon's sides.
+/// Returns a ring about the z axis with its mouth at z = 0, which reaches down by `depth`. The radius of its
+/// bore is at least `radius`: the circle touches the middles of the polygon's sides.
 ///
 /// # Errors
 /// If it cannot be an object.
@@ -61,13 +61,13 @@ fn circle(radius: f64, height: f64) -> impl Iterator<Item = DVec3> {
         .map(move |corner| (DVec2::from_angle(TAU * corner as f64 / CORNERS as f64) * radius).extend(height))
 }
 
-/// Neighbours around a circle.
+/// Returns pairs of neighbours around a circle.
 fn ring() -> impl Iterator<Item = (u32, u32)> {
     let count = CORNERS as u32;
     (0..count).map(move |corner| (corner, (corner + 1) % count))
 }
 
-/// Triangles between two circles, whose vertices begin at `low` and `high`.
+/// Returns triangles between two circles, whose vertices start at `low` and `high`.
 fn band(low: u32, high: u32) -> Vec<[u32; 3]> {
     ring().flat_map(|(a, b)| halves([low + a, low + b, high + b, high + a])).collect()
 }

@@ -1,20 +1,20 @@
-//! An emulated device in a session of the engine, seen from outside.
+//! Emulated device in a session of the engine, observed from outside.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
 use palpate::device::{DeviceError, DeviceState, EmulatedDevice, HapticDevice, Specification};
 use palpate::{Pose, Twist, Wrench};
 
-/// What is seen at the handle itself, which the session does not know.
+/// Observations at the handle itself, which the session cannot make.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Seen {
     pub pose: Pose,
     pub twist: Twist,
-    /// The most work that the wrenches had done on handle and hand, J.
+    /// Largest work that the wrenches had done on handle and hand, J.
     pub most_work: f64,
 }
 
-/// Shows what is seen at a device that a session owns.
+/// Access to the observations of a device that a session owns.
 #[derive(Clone, Debug, Default)]
 pub struct Meter(Arc<Mutex<Seen>>);
 
@@ -24,7 +24,7 @@ impl Meter {
     }
 }
 
-/// The device, with its meter.
+/// Device with its meter.
 pub struct Metered {
     device: EmulatedDevice,
     meter: Meter,

@@ -1,8 +1,9 @@
-//! Stability maps: where the engine is stable, by mass, stiffness, rates, delays and much else, found by simulation.
+//! Stability maps: where the engine is stable, by mass, stiffness, rates, delays and other parameters, found by
+//! simulation.
 //!
-//! `cargo xtask stability [NAME…|all] [--quick] [--out FOLDER]` writes for each map its results as CSV and pictures of
-//! them, and a page, `stability.md`, that says what was found. Every number and every verdict on the page is computed
-//! from the results; the same arguments give the same files, whatever the number of threads.
+//! `cargo xtask stability [NAME…|all] [--quick] [--out FOLDER]` writes for each map its results as CSV, pictures
+//! of them, and a page, `stability.md`, that describes them. Every number and every verdict on the page is
+//! computed from the results; the same arguments give the same files, whatever the number of threads.
 
 mod body;
 mod conditions;
@@ -33,19 +34,19 @@ use std::path::PathBuf;
 use grid::Plan;
 use page::Section;
 
-/// What `cargo xtask stability` is asked to map.
+/// Arguments of `cargo xtask stability`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Arguments {
     /// Maps to make, or all.
     #[arg(value_enum, default_value = "all")]
     names: Vec<Name>,
-    /// Coarse grids and a short session: under a minute.
+    /// Uses coarse grids and a short session: under a minute.
     #[arg(long)]
     quick: bool,
     /// Folder for tables, pictures and the page.
     #[arg(long, value_name = "FOLDER", default_value = "target/stability")]
     out: PathBuf,
-    /// Haptic steps of the map `session`; ten million unless told, 200,000 with --quick.
+    /// Haptic steps of the map `session` [default: ten million, 200,000 with --quick].
     #[arg(long)]
     steps: Option<u64>,
 }
@@ -102,14 +103,14 @@ impl Name {
     }
 }
 
-/// Haptic steps of the session, in full and quick.
+/// Default number of haptic steps of the session, in full and quick.
 const STEPS: u64 = 10_000_000;
 const QUICK_STEPS: u64 = 200_000;
 
 /// Makes the maps and prints the name of the page.
 ///
 /// # Errors
-/// If a case cannot be simulated or a file cannot be written.
+/// If a case cannot be simulated, or a file cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     std::fs::create_dir_all(&arguments.out)
         .map_err(|error| format!("cannot create the folder {}: {error}", arguments.out.display()))?;
@@ -129,7 +130,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The command that makes the same files.
+/// Returns the command that reproduces the files.
 fn command(arguments: &Arguments) -> String {
     let mut words = vec!["cargo xtask stability".to_owned()];
     words.extend(arguments.names.iter().map(|name| name.word()));

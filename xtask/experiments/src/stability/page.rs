@@ -1,17 +1,17 @@
-//! The page that tells what was found, with its tables and pictures.
+//! Page of the results, with its tables and pictures.
 
 use std::fmt::Write as _;
 use std::path::Path;
 
 use palpate_report::{HeatMap, draw_heat_maps};
 
-/// Whether something holds that should.
+/// Condition with its result.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Verdict {
-    /// What should hold.
+    /// Condition that should hold.
     pub statement: String,
     pub holds: bool,
-    /// What was found, in numbers.
+    /// Measured result, in numbers.
     pub found: String,
 }
 
@@ -21,17 +21,17 @@ impl Verdict {
     }
 }
 
-/// Results of one kind, a row a case.
+/// Results of one kind, a row per case.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
-    /// Of the file, without its extension.
+    /// Name of the file, without its extension.
     pub name: String,
     pub columns: Vec<&'static str>,
     pub rows: Vec<Vec<String>>,
 }
 
 impl Table {
-    /// Writes it into a folder as CSV.
+    /// Writes the table into a folder as CSV.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -47,19 +47,19 @@ impl Table {
     }
 }
 
-/// A row of a table from values that can be written.
+/// Makes a row of a table from values.
 macro_rules! row {
     ($($value:expr),* $(,)?) => { vec![$($crate::stability::page::Entry::entry(&$value)),*] };
 }
 pub(crate) use row;
 
-/// What can stand in a table.
+/// Value that a table can hold.
 pub trait Entry {
     fn entry(&self) -> String;
 }
 
 impl Entry for f64 {
-    /// Six significant digits.
+    /// Formats with six significant digits.
     fn entry(&self) -> String {
         let rounded: f64 = format!("{self:.5e}").parse().unwrap_or(*self);
         if rounded == 0.0 || (1e-4..1e7).contains(&rounded.abs()) || !rounded.is_finite() {
@@ -87,18 +87,18 @@ impl<E: Entry> Entry for &E {
     }
 }
 
-/// A picture of a map.
+/// Picture of a map.
 #[derive(Clone, Debug)]
 pub struct Picture {
-    /// Of the file, without its extension.
+    /// Name of the file, without its extension.
     pub name: String,
     pub caption: String,
     pub maps: Vec<HeatMap>,
-    /// Maps a row.
+    /// Number of maps per row.
     pub columns: usize,
 }
 
-/// What the page says about one map.
+/// Section of the page about one map.
 #[derive(Clone, Debug, Default)]
 pub struct Section {
     pub title: &'static str,
@@ -112,7 +112,7 @@ impl Section {
     /// Writes tables and pictures into a folder.
     ///
     /// # Errors
-    /// If a file cannot be written or a picture drawn.
+    /// If a file cannot be written, or a picture cannot be drawn.
     pub fn write(&self, folder: &Path) -> Result<(), String> {
         for table in &self.tables {
             table.write(folder)?;
@@ -127,7 +127,7 @@ impl Section {
     }
 }
 
-/// The page in Markdown.
+/// Returns the page in Markdown.
 pub fn render(command: &str, sections: &[Section]) -> String {
     let mut page = String::new();
     let _ = writeln!(page, "# Where palpate is stable\n\n```sh\n{command}\n```\n");

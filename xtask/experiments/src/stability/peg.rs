@@ -1,4 +1,4 @@
-//! Peg in hole, in sessions with the engine's contact query.
+//! Map of pegs in holes, in sessions with the engine's contact query.
 
 use std::convert::Infallible;
 use std::path::PathBuf;
@@ -16,21 +16,21 @@ use super::metered::Metered;
 use super::page::{Picture, Section, Table, Verdict, row};
 use palpate_measure::{Outcome, judge};
 
-/// The peg's radius and length, and the hole's depth and outer radius, m.
+/// Radius and length of the peg, and depth and outer radius of the hole, m.
 const RADIUS: f64 = 4e-3;
 const LENGTH: f64 = 0.03;
 const DEPTH: f64 = 0.02;
 const OUTER: f64 = 0.012;
-/// How far above the mouth the tip starts, and how deep it is to go, m.
+/// Height of the tip above the mouth at the start, and depth of the insertion, m.
 const ABOVE: f64 = 3e-3;
 const INSERTION: f64 = 12e-3;
-/// In when this part of the way is made.
-const IN: f64 = 0.9;
-/// Contact queries a second, Hz.
+/// Share of the travel from which an insertion counts as complete.
+const COMPLETE: f64 = 0.9;
+/// Rate of contact queries, Hz.
 const RATE: f64 = 500.0;
-/// Until when the hand pushes, and until when it holds, s.
-const PUSHED: f64 = 1.5;
-const HELD: f64 = 2.6;
+/// Times until which the hand pushes, and until which it holds, s.
+const PUSH_END: f64 = 1.5;
+const HOLD_END: f64 = 2.6;
 
 /// Two objects that fit, with the tip in the peg's frame and the middle of the mouth in the hole's, m.
 #[derive(Clone)]
@@ -54,14 +54,14 @@ struct Insertion {
 
 impl Insertion {
     fn complete(&self) -> bool {
-        self.depth >= IN * INSERTION
+        self.depth >= COMPLETE * INSERTION
     }
 }
 
 /// Makes the map.
 ///
 /// # Errors
-/// If a mesh cannot be made or a session started.
+/// If a mesh cannot be made, or a session cannot start.
 pub fn map(plan: &Plan) -> Result<Section, String> {
     let clearances = plan.choose(&[2e-5, 1e-4, 5e-4, 1e-3], &[1e-4, 1e-3]);
     let tilts = plan.choose(&[0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 5.0], &[0.0, 2.0]);
@@ -82,8 +82,8 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
         },
         cells: drawn.iter().map(|insertion| 1.0 - (insertion.depth / INSERTION).clamp(0.0, 1.0)).collect(),
         legend: vec![
-            (0.0, "all the way in".to_owned()),
-            (0.5, "half the way".to_owned()),
+            (0.0, "completely inserted".to_owned()),
+            (0.5, "half inserted".to_owned()),
             (1.0, "not at all".to_owned()),
         ],
         boundaries: Vec::new(),
@@ -121,7 +121,7 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
     let force = found.iter().fold(0.0, |most: f64, insertion| most.max(insertion.largest_force));
     let torque = found.iter().fold(0.0, |most: f64, insertion| most.max(insertion.largest_torque));
     let least = stable().map(|insertion| insertion.port_energy).fold(0.0, f64::min);
-    let under = stable().filter(|insertion| insertion.port_energy < super::body::PORT).count();
+    let under = stable().filter(|insertion| insertion.port_energy < super::body::MIN_PORT_ENERGY).count();
     let files = match (plan.quick, was_loaded) {
         (true, _) => "The peg and the hole of the test data are skipped.",
         (false, true) => "The peg and the hole of 8 mm of the test data were loaded and inserted too.",
@@ -130,15 +130,15 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
     Ok(Section {
         title: "Peg in hole",
         paragraphs: vec![format!(
-            "A peg of 8 mm is lowered {} mm into a hole, held tilted all the way by a relaxed grip, in sessions of the \
-             engine with contacts at {RATE} Hz. {files} {complete} of {} insertions go {} % of the way or more.",
+            "A peg of 8 mm is lowered {} mm into a hole, held tilted throughout by a relaxed grip, in sessions of the \
+             engine with contacts at {RATE} Hz. {files} {complete} of {} insertions reach {} % of the depth or more.",
             1e3 * INSERTION,
             found.len(),
-            100.0 * IN
+            100.0 * COMPLETE
         )],
         pictures: vec![Picture {
             name: "peg".to_owned(),
-            caption: "What is left of the way, by clearance and tilt.".to_owned(),
+            caption: "Share of the depth that is not reached, by clearance and tilt.".to_owned(),
             maps: vec![picture],
             columns: 1,
         }],
@@ -177,7 +177,7 @@ fn generated(clearance: f64) -> Result<Pair, String> {
     })
 }
 
-/// Peg and hole of the optional test data, which lies in `shared` beside the repository.
+/// Loads peg and hole of the optional test data, in `shared` beside the repository.
 fn loaded() -> Result<Option<Pair>, String> {
     let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/models/good"));
     let open = |name: &str| -> Result<Option<(Object, DVec3, DVec3)>, String> {
@@ -197,17 +197,17 @@ fn loaded() -> Result<Option<Pair>, String> {
         return Ok(None);
     };
     let tip = DVec3::new(0.5 * (low.x + high.x), 0.5 * (low.y + high.y), low.z);
-    // The bore's radius by its maker's name for it, 9 mm: what it is more than the peg's.
+    // The bore's radius is half of its nominal 9 mm; the clearance is the difference to the peg's.
     let clearance = 4.5e-3 - 0.5 * (high.x - low.x);
     let name = "peg_8mm.obj in hole_8mm.obj".to_owned();
     Ok(Some(Pair { name, clearance, peg: (peg, tip), hole: (hole, DVec3::Z * top.z) }))
 }
 
-/// The height of the tip over the mouth that the hand means, m, and its rate, m/s.
+/// Returns the intended height of the tip over the mouth, m, and its rate, m/s.
 fn lowering(time: f64) -> (f64, f64) {
-    let x = (time / PUSHED).clamp(0.0, 1.0);
-    let way = ABOVE + INSERTION;
-    (ABOVE - way * x * x * (3.0 - 2.0 * x), -way * 6.0 * x * (1.0 - x) / PUSHED)
+    let x = (time / PUSH_END).clamp(0.0, 1.0);
+    let travel = ABOVE + INSERTION;
+    (ABOVE - travel * x * x * (3.0 - 2.0 * x), -travel * 6.0 * x * (1.0 - x) / PUSH_END)
 }
 
 /// Lowers the peg, tilted by an angle (rad), into the hole.
@@ -237,7 +237,7 @@ fn insert(fit: &Pair, tilt: f64) -> Result<Insertion, String> {
     };
     let mut trace = Vec::new();
     let stop = AtomicBool::new(false);
-    let run = renderer.run_lockstep(HELD, ContactTiming::busy(RATE), &stop, |record| {
+    let run = renderer.run_lockstep(HOLD_END, ContactTiming::busy(RATE), &stop, |record| {
         let place = record.object.transform_point(tip);
         found.depth = -place.z;
         found.largest_force = found.largest_force.max(record.coupling.force.length());

@@ -1,20 +1,20 @@
-//! What the hand does in the maps of simple shapes: it comes down, presses, rubs sideways and holds still.
+//! Hand motion in the maps of simple shapes: it comes down, presses, rubs sideways and holds still.
 
 use std::f64::consts::TAU;
 
 use palpate::glam::DVec3;
 
-/// How far above the touch the hand starts, and how far below it it means to go, m.
+/// Height above the touch at which the hand starts, and depth below it that the hand aims at, m.
 pub const CLEARANCE: f64 = 3e-3;
 pub const PRESS: f64 = 4e-3;
-/// Until when it comes down, and from when to when it rubs, s.
+/// Time at which it has come down, and start and end of the rubbing, s.
 const DOWN: f64 = 0.2;
 const RUB: (f64, f64) = (0.25, 0.75);
-/// How far to each side it rubs, m, and how often, Hz.
+/// Amplitude of the rubbing, m, and its frequency, Hz.
 const WIDTH: f64 = 6e-3;
 const RATE: f64 = 4.0;
 
-/// Offset (m) and velocity (m/s) of the hand from where it starts.
+/// Returns displacement (m) and velocity (m/s) of the hand from its start.
 pub fn path(time: f64) -> (DVec3, DVec3) {
     let x = (time / DOWN).clamp(0.0, 1.0);
     let travel = CLEARANCE + PRESS;

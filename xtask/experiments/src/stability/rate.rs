@@ -1,8 +1,8 @@
-//! How slow the contact thread may be, with the linearised contact model and without it.
+//! Map of the contact thread's rate, with the linearised contact model and without it.
 
 use palpate_report::{CellAxis, HeatMap};
 
-use super::body::{MEASURED, PORT, all_stable, measured, port, stable};
+use super::body::{MEASURED, MIN_PORT_ENERGY, all_stable, measured, port, stable};
 use super::geometry::Geometry;
 use super::grid::{Plan, logarithmic, pairs};
 use super::page::{Picture, Section, Table, Verdict, row};
@@ -52,7 +52,7 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
         pairs.fold(0.0, |most: f64, ((_, (_, rate)), _)| most.max(*rate))
     };
     let unstable = fastest(&|result| !result.outcome.is_stable());
-    let giving = fastest(&|result| result.port_energy < PORT);
+    let giving = fastest(&|result| result.port_energy < MIN_PORT_ENERGY);
     Ok(Section {
         title: "Rate: contact thread by contact stiffness",
         paragraphs: vec![format!(

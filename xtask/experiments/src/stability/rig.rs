@@ -1,4 +1,5 @@
-//! A body coupled to a device that a hand holds, touching simple shapes: the engine's two loops without its queries.
+//! Body coupled to a device that a hand holds, in contact with simple shapes: the engine's two loops without
+//! its queries.
 
 use std::collections::VecDeque;
 
@@ -13,7 +14,7 @@ use palpate::{Contact, Pose};
 use super::geometry::{BALL, Geometry};
 use palpate_measure::{Outcome, judge};
 
-/// What to simulate.
+/// Parameters of a simulation.
 #[derive(Clone, Debug)]
 pub struct Rig {
     pub integrator: IntegratorKind,
@@ -21,52 +22,54 @@ pub struct Rig {
     pub coupling: VirtualCoupling,
     pub parameters: ContactParameters,
     pub geometry: Geometry,
-    /// Contact queries a second, Hz, each taking its whole period. The haptic loop is as fast, and at least 1 kHz.
+    /// Rate of contact queries, Hz, each of which takes its whole period. The haptic loop is as fast, and at
+    /// least 1 kHz.
     pub contact_rate: f64,
-    /// Whether the force stays, from query to query, what it was at the state that the query saw, instead of being that
-    /// of the contact model. For balls, on which forces make no torque.
+    /// Whether the contact force is frozen between queries at the state that the query saw, instead of
+    /// following the contact model. For balls, on which forces exert no torque.
     pub frozen: bool,
     pub emulation: Emulation,
-    /// Where the body's centre of mass is at the start.
+    /// Pose of the body's centre of mass at the start.
     pub start: Pose,
-    /// Seconds simulated; the last is judged.
+    /// Simulated time, s; the last second is judged.
     pub duration: f64,
 }
 
-/// What a simulation showed.
+/// Result of a simulation.
 #[derive(Clone, Copy, Debug)]
 pub struct RigResult {
     pub outcome: Outcome,
-    /// Peak to peak over the last half second, of handle and body, m; of their turning at a lever of [`BALL`].
+    /// Largest peak-to-peak motion over the last half second, of handle and body, m; rotations at a lever arm
+    /// of [`BALL`].
     pub amplitude: f64,
-    /// The largest force sent, N, and its mean over the last half second.
+    /// Largest force sent, N, and its mean over the last half second.
     pub largest_force: f64,
     pub held_force: f64,
-    /// The largest torque sent, N·m.
+    /// Largest torque sent, N·m.
     pub largest_torque: f64,
-    /// The least energy that the session had, J: what the coupling held at the start, and what had flowed in from the
-    /// device.
+    /// Lowest energy of the session, J: energy in the coupling at the start, plus energy that had flowed in
+    /// from the device.
     pub port_energy: f64,
-    /// Steps that had no solution.
+    /// Number of steps without a solution.
     pub refused: u64,
     /// Deviation of the coupling at the end, m and rad.
     pub deviation: (f64, f64),
 }
 
-/// Seconds simulated unless told; the last is judged.
+/// Default simulated time, s; the last second is judged.
 pub const DURATION: f64 = 2.0;
-/// A handle this far away has left, m.
-const FAR: f64 = 2.0;
+/// Distance from which a handle counts as diverged, m.
+const MAX_DISTANCE: f64 = 2.0;
 
-/// A solid ball of [`BALL`] radius.
+/// Returns a solid ball of radius [`BALL`].
 pub fn ball(mass: f64) -> Result<Body, String> {
     let inertia = DMat3::from_diagonal(DVec3::splat(0.4 * mass * BALL * BALL));
     Body::new(mass, inertia).map_err(|error| error.to_string())
 }
 
 impl Rig {
-    /// A body held by the default device as a session does it: half of the stiffness that the device renders, and
-    /// contacts of `stiffness` (N/m) that are damped critically.
+    /// Returns a body held by the default device as in a session: coupled with half of the stiffness that the
+    /// device renders, and with critically damped contacts of `stiffness` (N/m).
     pub fn new(body: Body, grasp: Pose, stiffness: f64, geometry: Geometry) -> Self {
         let emulation = Emulation::default();
         let device = &emulation.specification;
@@ -94,8 +97,8 @@ impl Rig {
         }
     }
 
-    /// The amplitude up to which a motion counts as rest, m: two encoder steps, or the dead zone in which friction holds
-    /// the handle against the coupling.
+    /// Returns the amplitude up to which a motion counts as rest, m: two encoder steps, or the dead zone in
+    /// which friction holds the handle against the coupling.
     fn floor(&self) -> f64 {
         let Emulation { specification, handle, .. } = &self.emulation;
         let linear = 2.0 * handle.friction / self.coupling.linear_stiffness;
@@ -103,7 +106,7 @@ impl Rig {
         (2.0 * specification.encoder_step).max(linear).max(angular)
     }
 
-    /// Simulates, with a hand that means to hold the handle where `path` says, relative to where it starts.
+    /// Simulates a hand that holds the handle where `path` says, relative to its start.
     ///
     /// # Errors
     /// If the device refuses its parameters.
@@ -117,7 +120,7 @@ impl Rig {
         self.run_held(intended)
     }
 
-    /// Simulates, with a hand that follows a path of its own.
+    /// Simulates a hand that follows a path of its own.
     ///
     /// # Errors
     /// If the device refuses its parameters.
@@ -130,7 +133,7 @@ impl Rig {
         for step in 1..=steps {
             run.advance(self, &mut device, step as f64 / rate, 1.0 / rate)?;
             trace.push(run.coordinates(&device));
-            if device.handle().0.translation.length() > FAR {
+            if device.handle().0.translation.length() > MAX_DISTANCE {
                 run.result.refused += 1;
                 break;
             }
@@ -147,13 +150,13 @@ impl Rig {
     }
 }
 
-/// A simulation under way.
+/// State of a simulation.
 struct Running {
     state: BodyState,
     contacts: ContactBlend,
     /// Acceleration by the frozen force, m/s².
     frozen: DVec3,
-    /// Models on their way, with the time at which they are in use.
+    /// Pending contact models, with the times from which they are in use.
     pending: VecDeque<(f64, LinearContactModel, DVec3)>,
     queries: u64,
     found: Vec<Contact>,
@@ -245,7 +248,7 @@ impl Running {
         Ok(())
     }
 
-    /// The contact model at the state now, or, frozen, what its force accelerates the body by.
+    /// Returns the contact model at the present state, and, if frozen, the acceleration by its force.
     fn query(&mut self, rig: &mut Rig, time: f64) -> (LinearContactModel, DVec3) {
         rig.geometry.contacts(&self.state, rig.parameters.tolerance, &mut self.found);
         let contacts = self.found.iter().copied();
@@ -257,7 +260,7 @@ impl Running {
         (model, DVec3::ZERO)
     }
 
-    /// Where handle and body are, and how the body is turned, m.
+    /// Returns positions of handle and body, and the body's rotation at the lever arm, m.
     fn coordinates(&self, device: &EmulatedDevice) -> [f64; 9] {
         let handle = device.handle().0.translation;
         let place = self.state.pose.translation;

@@ -1,4 +1,4 @@
-//! A long, vigorous session with faults thrown in.
+//! Long, vigorous session with injected faults.
 
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
@@ -20,26 +20,26 @@ use super::grid::Plan;
 use super::meshes;
 use super::page::{Picture, Section, Table, Verdict, row};
 
-/// Steps from fault to fault, and faults in a part, which begins anew.
+/// Number of steps between faults, and of faults in a part. Each part starts a new session.
 const SEGMENT: u64 = 1000;
 const SEGMENTS: u64 = 10;
-/// In a segment: the steps among which its fault begins, the most that it lasts, and the step from which all is to be
-/// normal again.
-const BEGINS: std::ops::Range<u64> = 200..300;
-const LONGEST: u64 = 400;
-const NORMAL: u64 = 850;
-/// Period of the haptic loop, s, and haptic steps a contact query.
+/// Steps of a segment in which its fault can begin, the fault's longest duration in steps, and the step from
+/// which everything has to be normal again.
+const FAULT_START: std::ops::Range<u64> = 200..300;
+const MAX_FAULT_STEPS: u64 = 400;
+const RECOVERED: u64 = 850;
+/// Period of the haptic loop, s, and number of haptic steps per contact query.
 const PERIOD: f64 = 1e-3;
 const QUERY: u64 = 4;
-/// Age of contact models from which the wrench fades, s: it is nothing at twice this age.
+/// Age of contact models from which the wrench fades, s: it is zero at twice this age.
 const TIMEOUT: f64 = 0.05;
-/// The force may change from step to step by no more than this part of the device's peak.
+/// Largest change of the force from step to step, relative to the device's peak.
 const SLEW: f64 = 0.1;
-/// Half the sides of what is held, and of what it is thrown against, m.
+/// Half extents of the held block and of the table that it is thrown against, m.
 const HELD: DVec3 = DVec3::new(0.012, 0.010, 0.008);
 const TABLE: DVec3 = DVec3::new(0.06, 0.06, 0.02);
 
-/// What goes wrong.
+/// Injected faults.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Fault {
     Stalled,
@@ -47,7 +47,7 @@ enum Fault {
     NotFinite,
     Late,
     Lost,
-    /// The part starts with the object inside the table; nothing else goes wrong in its first segment.
+    /// The part starts with the object inside the table; its first segment has no other fault.
     Inside,
 }
 
@@ -67,22 +67,22 @@ impl Fault {
     }
 }
 
-/// What was counted under one fault.
+/// Counts under one fault.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Count {
     segments: u64,
-    /// Steps with a wrench or a pose that is not finite, and with a wrench beyond what the device renders.
+    /// Steps with a wrench or pose that is not finite, and with a wrench above the device's limits.
     not_finite: u64,
     beyond: u64,
-    /// Steps at which the force grew or turned by more than [`SLEW`] of the peak a period, or grew by as much in one step however
-    /// late, and the fastest growth, N a period.
+    /// Steps in which the force grew or turned by more than [`SLEW`] of the peak a period, or grew by as much
+    /// in one step however late; and the fastest growth, N a period.
     too_fast: u64,
     fastest: f64,
-    /// Steps that should have sent nothing and did: contact models twice overdue, or the device lost.
+    /// Steps with a wrench that should have been zero: contact models twice overdue, or the device lost.
     not_zero: u64,
-    /// Steps that should have sent nothing.
+    /// Steps in which the wrench should have been zero.
     silent: u64,
-    /// Segments at the end of which an event was still counted.
+    /// Segments at the end of which events were still counted.
     not_normal: u64,
 }
 
@@ -102,7 +102,7 @@ impl Count {
 /// Makes the map.
 ///
 /// # Errors
-/// If a session cannot be started.
+/// If a session cannot start.
 pub fn map(plan: &Plan) -> Result<Section, String> {
     let held = meshes::block("block", HELD)?;
     let table = meshes::block("table", TABLE)?;
@@ -152,7 +152,7 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
         paragraphs: vec![format!(
             "A block is thrown against a table and about by a random hand for {steps} steps of 1 ms, in parts of {} steps, \
              through the two loops that a host of its own runs. In each {SEGMENT} steps something goes wrong for up to \
-             {LONGEST} of them: {}. Contact models are overdue after {} ms.",
+             {MAX_FAULT_STEPS} of them: {}. Contact models are overdue after {} ms.",
             SEGMENT * SEGMENTS,
             events.join(", "),
             1e3 * TIMEOUT
@@ -193,7 +193,7 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
     })
 }
 
-/// The fastest growth of the force under each fault.
+/// Draws the fastest growth of the force under each fault.
 fn picture(counts: &[Count], peak: f64) -> Picture {
     let map = HeatMap {
         title: "fastest growth of the force a millisecond, of the peak".to_owned(),
@@ -218,7 +218,7 @@ fn picture(counts: &[Count], peak: f64) -> Picture {
     }
 }
 
-/// What is the matter with a device now, and by how much its pose jumps if it does.
+/// Present fault of a device, and the displacement of its pose if it jumps.
 #[derive(Clone, Debug, Default)]
 struct Control(Arc<Mutex<(Option<Fault>, Pose)>>);
 
@@ -232,7 +232,7 @@ impl Control {
     }
 }
 
-/// A device that fails when told to.
+/// Device that fails on demand.
 struct Faulty {
     device: EmulatedDevice,
     control: Control,
@@ -269,7 +269,7 @@ impl HapticDevice for Faulty {
     }
 }
 
-/// A part of the session under way.
+/// State of a part of the session.
 struct Part {
     rng: StdRng,
     haptic: HapticLoop,
@@ -279,9 +279,9 @@ struct Part {
     inside: bool,
     peak: (f64, f64),
     now: f64,
-    /// The last force sent, N.
+    /// Last force sent, N.
     last: DVec3,
-    /// Steps taken, and models on their way with the step from which on they are in use.
+    /// Number of steps, and pending contact models with the steps from which they are in use.
     steps: u64,
     pending: VecDeque<(u64, ContactUpdate)>,
     counts: Counts,
@@ -337,8 +337,8 @@ impl Part {
     }
 
     fn segment(&mut self, fault: Fault) {
-        let begin = self.rng.random_range(BEGINS);
-        let end = begin + self.rng.random_range(1..=LONGEST);
+        let begin = self.rng.random_range(FAULT_START);
+        let end = begin + self.rng.random_range(1..=MAX_FAULT_STEPS);
         let jump =
             Pose::new(random(&mut self.rng, 0.03), DQuat::from_scaled_axis(random(&mut self.rng, 0.5)));
         let mut count = Count { segments: 1, ..Count::default() };
@@ -347,7 +347,7 @@ impl Part {
             let faulty = (begin..end).contains(&step).then_some(fault);
             self.control.set(faulty, jump);
             self.step(faulty, &mut count);
-            if step == NORMAL {
+            if step == RECOVERED {
                 events = self.events();
             }
         }
@@ -375,10 +375,10 @@ impl Part {
         let within = force <= self.peak.0 * (1.0 + 1e-9) && torque <= self.peak.1 * (1.0 + 1e-9);
         count.beyond += u64::from(!within);
         let lost = fault == Some(Fault::Lost);
-        // What is not sent, because the device is lost, is no change.
+        // A wrench that is not sent because the device is lost is no change.
         if !lost {
             let limit = SLEW * self.peak.0 * (1.0 + 1e-9);
-            // It may shrink along itself at any rate.
+            // The force may shrink along its own direction at any rate.
             let part = (sent.force.dot(self.last) / self.last.length_squared()).clamp(0.0, 1.0);
             let kept = if part.is_finite() { self.last * part } else { DVec3::ZERO };
             let change = sent.force.distance(kept) / ((self.now - seen) / PERIOD);
@@ -393,14 +393,15 @@ impl Part {
         }
     }
 
-    /// Events that are not to happen in a session without faults.
+    /// Returns the number of events that a session without faults does not have.
     fn events(&self) -> u64 {
         let events = self.haptic.telemetry().events;
         events.step_refused + events.device_refused + events.faded
     }
 }
 
-/// A hand that moves at random, from a height (m) over the table on: sums of sines in all six axes.
+/// Returns the path of a hand that moves at random above a height (m) over the table: sums of sines in all
+/// six axes.
 fn hand(rng: &mut StdRng, height: f64) -> IntendedPath {
     const SINES: usize = 3;
     let waves: [(DVec3, DVec3, f64); SINES] =
@@ -415,12 +416,12 @@ fn hand(rng: &mut StdRng, height: f64) -> IntendedPath {
             turn += about * sine;
             spin += about * (rate * cosine);
         }
-        // The spin is the turn's rate, which is near enough for turns this small: the hand is soft.
+        // The derivative of the rotation vector approximates the angular velocity well for turns this small.
         (Pose::new(offset, DQuat::from_scaled_axis(turn)), Twist::new(velocity, spin))
     })
 }
 
-/// A vector of random components up to `size`.
+/// Returns a vector of random components up to `size`.
 fn random(rng: &mut StdRng, size: f64) -> DVec3 {
     DVec3::from_array(std::array::from_fn(|_| rng.random_range(-size..size)))
 }

@@ -1,4 +1,4 @@
-//! Of the judging functions, and the cheap maps from end to end.
+//! Tests of the judging functions, and of the cheap maps from end to end.
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -17,7 +17,7 @@ use super::rig::{Rig, ball};
 use super::wall::{Motion, Velocity, WallCase};
 use super::{Arguments, Name, meshes, pressing, run};
 
-/// A second of an oscillation at 20 Hz that grows by `rate` (1/s), with one still coordinate.
+/// One second of an oscillation at 20 Hz that grows by `rate` (1/s), with one coordinate at rest.
 fn oscillation(amplitude: f64, rate: f64) -> Vec<[f64; 2]> {
     (0..10_000)
         .map(|sample| {
@@ -32,10 +32,10 @@ fn judged(amplitude: f64, rate: f64, floor: f64) -> Outcome {
 }
 
 #[test]
-fn a_motion_is_judged_by_what_is_left_of_it_and_whether_it_dies_away() {
+fn a_motion_is_judged_by_its_amplitude_and_its_decay() {
     assert_eq!(judged(1e-3, 0.0, 2.1e-3), Outcome::Quiet);
     assert_eq!(judged(1e-3, 0.0, 1.9e-3), Outcome::Oscillating);
-    // A fifth less in half a second is the limit: ln 0.8 / 0.5 s = −0.446/s.
+    // The limit is a decrease by a fifth in half a second: ln 0.8 / 0.5 s = −0.446/s.
     assert_eq!(judged(1e-3, -0.44, 1e-5), Outcome::Oscillating);
     assert_eq!(judged(1e-3, -0.46, 1e-5), Outcome::Decaying);
     assert_eq!(judged(1e-3, 2.0, 1e-5), Outcome::Oscillating);
@@ -45,7 +45,7 @@ fn a_motion_is_judged_by_what_is_left_of_it_and_whether_it_dies_away() {
         spoilt[sample][1] = bad;
         assert_eq!(judge(&spoilt, 1.0).0, Outcome::Diverged, "{bad} at {sample}");
     }
-    // One early peak does not make a decay of a steady cycle.
+    // One early peak does not turn a steady cycle into a decay.
     let mut bumpy = oscillation(1e-3, 0.0);
     bumpy[100][1] = 3e-3;
     assert_eq!(judge(&bumpy, 1e-5).0, Outcome::Oscillating);
@@ -136,7 +136,8 @@ fn a_ball_pressed_by_the_rig_is_held_by_springs_in_series() {
     };
     let result = rig(2000.0, false, 1000.0);
     assert!(result.outcome.is_stable() && result.refused == 0, "{result:?}");
-    // The hand's 300 N/m, the coupling's 400 and the contact's 2000, pressed by 4 mm and the contact's tolerance.
+    // Springs in series: the hand's 300 N/m, the coupling's 400 and the contact's 2000, pressed by 4 mm and
+    // the contact's tolerance.
     let series = 1.0 / (1.0 / 300.0 + 1.0 / 400.0 + 1.0 / 2000.0);
     let expected = series * (pressing::PRESS + 1e-4);
     // Friction and encoder leave the handle anywhere within their dead zones.
@@ -147,7 +148,7 @@ fn a_ball_pressed_by_the_rig_is_held_by_springs_in_series() {
 }
 
 #[test]
-fn every_shape_touches_where_it_says() {
+fn every_shape_touches_at_its_stated_depth() {
     let shapes = [Geometry::Plane, Geometry::Bump, Geometry::Groove, Geometry::underside(9, 5)];
     for mut geometry in shapes {
         let mut found = Vec::new();
@@ -167,7 +168,7 @@ fn every_shape_touches_where_it_says() {
 }
 
 #[test]
-fn generated_meshes_are_closed_and_right_side_out() {
+fn generated_meshes_are_closed_and_face_outwards() {
     for (object, middle) in [
         (meshes::block("block", DVec3::new(0.03, 0.02, 0.01)).unwrap(), 0.0),
         (meshes::peg(4e-3, 0.03).unwrap(), 0.015),
@@ -196,7 +197,7 @@ fn numbers_in_tables_are_short_and_read_back() {
 }
 
 #[test]
-fn the_page_counts_what_holds() {
+fn the_page_counts_the_verdicts_that_hold() {
     let section = Section {
         title: "A map",
         verdicts: vec![Verdict::new("one", true, "1"), Verdict::new("two", false, "2 of 3")],
@@ -245,7 +246,7 @@ fn cheap_maps_are_the_same_with_any_number_of_threads() {
     assert!(
         page.contains("cargo xtask stability body contacts lever turn peg session --quick --steps 20000")
     );
-    // What the engine has always had to keep.
+    // Verdicts that have held since the first version.
     for words in [
         "**holds**: no wrench and no pose is ever not finite (0 of 20000 steps)",
         "**holds**: the wrench is always within what the device renders (0 of 20000 steps)",

@@ -1,4 +1,5 @@
-//! Thin walls and fast hands: how often an object pops through, in sessions with the engine's contact query.
+//! Map of thin walls and fast hands: share of hits in which an object pops through, in sessions with the
+//! engine's contact query.
 
 use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
@@ -15,16 +16,16 @@ use super::meshes;
 use super::metered::Metered;
 use super::page::{Picture, Section, Table, Verdict, row};
 
-/// Half the width of the plate, m.
+/// Half width of the plate, m.
 const PLATE: f64 = 0.05;
-/// How far past the touch the hand means to go, m.
+/// Depth beyond the touch that the hand aims at, m.
 const PRESS: f64 = 5e-3;
-/// Seconds in which the hand gets up to speed and keeps it before the touch, and until all is over.
+/// Times in which the hand accelerates and keeps its speed before the touch, and until the end, s.
 const SPEED_UP: f64 = 0.15;
 const CRUISE: f64 = 0.1;
 const AFTER: f64 = 0.35;
 
-/// What keeps the object on its side.
+/// Settings that keep the object on its side.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Method {
     name: &'static str,
@@ -32,7 +33,7 @@ struct Method {
     proxy: bool,
 }
 
-/// The last one is the default.
+/// Compared methods. The last one is the default.
 const METHODS: [Method; 4] = [
     Method { name: "neither", braking: false, proxy: false },
     Method { name: "braking", braking: true, proxy: false },
@@ -41,23 +42,23 @@ const METHODS: [Method; 4] = [
 ];
 const DEFAULT: Method = Method { name: "both", braking: true, proxy: true };
 
-/// A hit.
+/// Parameters of a hit.
 #[derive(Clone, Copy, Debug)]
 struct Case {
     method: Method,
     rate: f64,
     speed: f64,
-    /// How late the hand is, as a part of the period between contact queries.
+    /// Delay of the hand, relative to the period between contact queries.
     phase: f64,
 }
 
 #[derive(Clone, Copy, Debug)]
 struct Hit {
-    /// Whether it ends behind the plate.
+    /// Whether the object ends behind the plate.
     popped: bool,
-    /// How far below its touch the object came, m.
+    /// Largest depth of the object below its touch, m.
     deepest: f64,
-    /// The handle's speed when the object was about to touch, m/s.
+    /// Speed of the handle just before the touch, m/s.
     speed: f64,
     largest_force: f64,
     port_energy: f64,
@@ -66,7 +67,7 @@ struct Hit {
 /// Makes the map.
 ///
 /// # Errors
-/// If a session cannot be started.
+/// If a session cannot start.
 pub fn map(plan: &Plan) -> Result<Section, String> {
     let rates = plan.choose(&[50.0, 200.0, 1000.0], &[200.0]);
     let speeds = plan.choose(&[0.1, 0.2, 0.5, 1.0, 2.0, 3.0, 5.0], &[0.1, 1.0, 5.0]);
@@ -137,7 +138,7 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
     let largest = judged.iter().fold(0.0, |most: f64, hit| most.max(hit.largest_force));
     let stopped = || judged.iter().filter(|hit| !hit.popped);
     let least = stopped().map(|hit| hit.port_energy).fold(0.0, f64::min);
-    let under = stopped().filter(|hit| hit.port_energy < super::body::PORT).count();
+    let under = stopped().filter(|hit| hit.port_energy < super::body::MIN_PORT_ENERGY).count();
     Ok(Section {
         title: "Thin wall: fast hands",
         paragraphs: vec![
@@ -153,7 +154,7 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
             by_method
                 .iter()
                 .zip(METHODS)
-                .fold(String::new(), |text, (hits, method)| text + &told(&method, &rates, hits)),
+                .fold(String::new(), |text, (hits, method)| text + &described(&method, &rates, hits)),
         ],
         pictures: vec![Picture {
             name: "thin-wall".to_owned(),
@@ -186,8 +187,8 @@ fn through(hits: &[Hit]) -> usize {
     hits.iter().filter(|hit| hit.popped).count()
 }
 
-/// What came of the hits with one method, by contact rate.
-fn told(method: &Method, rates: &[f64], hits: &[Hit]) -> String {
+/// Describes the hits with one method, by contact rate.
+fn described(method: &Method, rates: &[f64], hits: &[Hit]) -> String {
     let counts = rates.iter().zip(hits.chunks(hits.len() / rates.len()));
     let counts: Vec<String> = counts.map(|(rate, hits)| format!("{} at {rate} Hz", through(hits))).collect();
     let mut depths: Vec<f64> = hits.iter().map(|hit| hit.deepest).collect();
@@ -231,7 +232,7 @@ fn hit(case: &Case, probe: &Object, plate: &Object, touch: f64) -> Result<Hit, S
     };
     let renderer = HapticRenderer::new(probe.clone(), scene, Box::new(device), settings)
         .map_err(|error| error.to_string())?;
-    // The middle of the probe is beyond the middle of the plate.
+    // The probe has popped through if its middle is beyond the middle of the plate.
     let center = probe.clod.source.center;
     let mut touched = false;
     let seconds = SPEED_UP + CRUISE + late + PRESS / speed + AFTER;

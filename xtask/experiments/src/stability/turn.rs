@@ -1,4 +1,4 @@
-//! How far the coupling may be turned and still come back.
+//! Map of the rotations of the coupling that are recovered from.
 
 use palpate::Pose;
 use palpate::dynamics::Body;
@@ -12,15 +12,16 @@ use super::page::{Picture, Section, Table, Verdict, row};
 use super::rig::Rig;
 use palpate_measure::Outcome;
 
-/// Moments of inertia of 1 kg of the body, kg·m²: those of a slab of 80 × 50 × 20 mm.
+/// Moments of inertia of a body of 1 kg, kg·m²: those of a slab of 80 × 50 × 20 mm.
 const MOMENTS: DVec3 = DVec3::new(2.417e-4, 5.667e-4, 7.417e-4);
-/// Seconds that a turn has to come back: a kilogram held outside itself is slow on so soft a spring.
+/// Time that a rotation has to come back, s: a kilogram held outside itself is slow on so soft a spring.
 const DURATION: f64 = 12.0;
-/// A turn has come back when no more than this is left, rad.
-const BACK: f64 = 1e-3;
+/// Rotation below which the coupling counts as recovered, rad.
+const MAX_REMAINING: f64 = 1e-3;
 
-/// Turns up to this come back, degrees. Beyond it little is left of the spring, which fades to nothing at a half turn.
-const HELD: f64 = 170.0;
+/// Largest rotation that has to be recovered from, degrees. Beyond it the spring is weak; it vanishes at half
+/// a turn.
+const MAX_RECOVERED: f64 = 170.0;
 
 /// Makes the map.
 ///
@@ -43,7 +44,7 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
         rig.duration = DURATION;
         let axis = DVec3::new(0.3, -0.5, 0.8).normalize();
         rig.start = Pose::new(DVec3::ZERO, DQuat::from_axis_angle(axis, degrees.to_radians()));
-        // The hand holds the handle upright where the turned body's grasp is.
+        // The hand holds the handle upright at the grasp of the rotated body.
         let held = (rig.start * grasp).translation;
         rig.run_held(Pose::from_translation(held).into())
     })?;
@@ -53,7 +54,7 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
         y: CellAxis { name: "mass, kg".to_owned(), values: masses.clone() },
         cells: results
             .iter()
-            .map(|result| if result.deviation.1 <= BACK { result.outcome.shade() } else { 1.0 })
+            .map(|result| if result.deviation.1 <= MAX_REMAINING { result.outcome.shade() } else { 1.0 })
             .collect(),
         legend: Outcome::legend(),
         boundaries: Vec::new(),
@@ -63,9 +64,13 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
     });
     let columns = [vec!["lever_arm_m", "mass_kg", "turn_deg", "left_m", "left_rad"], MEASURED.to_vec()];
     let held = || {
-        cases.iter().zip(&results).filter(|((_, (_, degrees)), _)| *degrees <= HELD).map(|(_, result)| result)
+        cases
+            .iter()
+            .zip(&results)
+            .filter(|((_, (_, degrees)), _)| *degrees <= MAX_RECOVERED)
+            .map(|(_, result)| result)
     };
-    let away = held().filter(|result| result.deviation.1 > BACK).count();
+    let away = held().filter(|result| result.deviation.1 > MAX_REMAINING).count();
     let worst = held().fold(0.0, |most: f64, result| most.max(result.deviation.1));
     Ok(Section {
         title: "Turn: up to half a turn of the coupling",
@@ -85,7 +90,7 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
         verdicts: vec![
             all_stable("every turn", &results),
             Verdict::new(
-                format!("every turn up to {HELD}° comes back to within a milliradian in {DURATION} s"),
+                format!("every turn up to {MAX_RECOVERED}° comes back to within a milliradian in {DURATION} s"),
                 away == 0,
                 format!("{away} of {} do not; the most left is {worst:.2e} rad", held().count()),
             ),

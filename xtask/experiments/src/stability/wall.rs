@@ -1,7 +1,7 @@
-//! A sampled virtual wall, rendered directly to an emulated device and hand, without a body or a coupling between.
+//! Sampled virtual wall, rendered directly to an emulated device and hand, without a body or a coupling.
 //!
-//! In rotation everything is as in translation at the lever arm ℓ = √(J/m) of the device, at which its inertia J weighs
-//! as much as its mass m: K ℓ², B ℓ², x/ℓ.
+//! Rotation is treated as translation at the lever arm ℓ = √(J/m) of the device, at which its inertia J
+//! equals the inertia of its mass m: stiffness K ℓ², damping B ℓ², position x/ℓ.
 
 use std::ops::Range;
 
@@ -13,7 +13,7 @@ use palpate_measure::{Outcome, judge};
 
 use super::conditions::SampledWall;
 
-/// Along or about which axis the device meets the wall.
+/// Axis along or about which the device meets the wall.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Motion {
     Translation,
@@ -30,7 +30,7 @@ impl Motion {
         }
     }
 
-    /// Pose and twist of a handle at a place (m) and speed (m/s).
+    /// Returns pose and twist of a handle at a position (m) and speed (m/s).
     fn at(self, place: f64, speed: f64) -> (Pose, Twist) {
         match self {
             Self::Translation => {
@@ -44,14 +44,14 @@ impl Motion {
     }
 }
 
-/// What the wall's damper takes for the velocity.
+/// Source of the velocity for the wall's damper.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Velocity {
-    /// What the device reports: differences of rounded readings through its low-pass filter.
+    /// Velocity that the device reports: low-pass filtered differences of rounded readings.
     Sensed,
-    /// The difference of successive readings over the sampling period.
+    /// Difference of successive readings over the sampling period.
     BackwardDifference,
-    /// The same through a first-order lag, s.
+    /// Backward difference through a first-order lag, s.
     Lagged(f64),
 }
 
@@ -65,77 +65,79 @@ impl Velocity {
     }
 }
 
-/// One simulation. Lengths, forces, stiffness and damping in rotation are those at the lever arm.
+/// Parameters of a simulation. Lengths, forces, stiffness and damping in rotation are those at the lever arm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WallCase {
     pub motion: Motion,
-    /// K, N/m.
+    /// Stiffness K, N/m.
     pub stiffness: f64,
-    /// B, N·s/m.
+    /// Damping B, N·s/m.
     pub damping: f64,
-    /// T, s; a multiple of [`TICK`], as is the delay.
+    /// Sampling period T, s; a multiple of [`TICK`], as is the delay.
     pub period: f64,
-    /// From a sample to its force, t_d, s: the device's.
+    /// Delay of the device t_d, from a sample to its force, s.
     pub delay: f64,
-    /// Δ, m.
+    /// Encoder step Δ, m.
     pub quantum: f64,
     pub velocity: Velocity,
     /// Whether the device has its Coulomb friction.
     pub friction: bool,
-    /// b, the viscous damping of the device, N·s/m.
+    /// Viscous damping of the device b, N·s/m.
     pub device_damping: f64,
-    /// What pushes a device that no hand holds, N.
+    /// Force that pushes a device that no hand holds, N.
     pub push: f64,
-    /// Where the handle starts, m: in front of the wall where that is above zero.
+    /// Position of the handle at the start, m: above zero it is in front of the wall.
     pub start: f64,
     /// Simulated time, s.
     pub duration: f64,
     pub hand: (&'static str, Hand),
 }
 
-/// What a simulation showed.
+/// Result of a simulation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WallResult {
     pub outcome: Outcome,
-    /// Peak to peak over the last half second, m.
+    /// Peak-to-peak motion over the last half second, m.
     pub amplitude: f64,
-    /// The least energy that had flowed from the device into the wall, J.
+    /// Lowest net energy that had flowed from the device into the wall, J.
     pub port_energy: f64,
-    /// The least energy that had flowed from the hand into the device with the wall, J: what the wall took, what the
-    /// device's damping and friction turned to heat, and what the handle's motion holds.
+    /// Lowest net energy that had flowed from the hand into the device with the wall, J: energy that went
+    /// into the wall, into the device's damping and friction, and into the kinetic energy of the handle.
     pub hand_energy: f64,
-    /// What the hand had got of device and wall from the tick on from which that is counted to the end, but for what the handle's
-    /// motion holds, J.
+    /// Net energy that the hand had extracted from device and wall between the first counted tick and the
+    /// end, without the kinetic energy of the handle, J.
     pub gained: f64,
 }
 
-/// How finely forces are timed and the motion is looked at, s.
+/// Time resolution of forces and of the observed motion, s.
 pub const TICK: f64 = 1e-4;
-/// The ticks of the last second, which is judged.
-const LAST: usize = 10_000;
-/// The device's integration step, s.
+/// Number of ticks in the last second, which is judged.
+const JUDGED_TICKS: usize = 10_000;
+/// Integration step of the device, s.
 const SUBSTEP: f64 = 1e-5;
-/// How far from the wall the hand starts, and how far behind it it ends, m; and how fast it goes, m/s.
+/// Distance from the wall at which the hand starts and at which it ends behind it, m; and its speed, m/s.
 const REACH: f64 = 5e-3;
 const SPEED: f64 = 0.2;
-/// What pushes a device that no hand holds is a spring so soft, N/m.
-const SOFT: f64 = 20.0;
-/// A hand that shakes the handle as it likes, N/m and N·s/m; by how much, and how far behind the wall's surface, m.
-const STRONG: (f64, f64) = (1e6, 1e4);
-const SHAKE: f64 = 1e-4;
-const DEEP: f64 = 0.05;
-/// What is left of a swing that dies away, at most: a steady one is not measured as quite so large as it was.
-const DYING: f64 = 0.99;
-/// How long it is left to come to a steady motion, and how long it then shakes, at the least, s.
-const SETTLING: f64 = 0.5;
-const SHAKING: f64 = 1.0;
-/// A handle this far away has left, m.
-const FAR: f64 = 0.5;
-/// The least floor of the amplitude, m.
-const STILL: f64 = 1e-6;
+/// Stiffness of the spring that pushes a device that no hand holds, N/m.
+const PUSH_STIFFNESS: f64 = 20.0;
+/// Stiffness (N/m) and damping (N·s/m) of a hand that shakes the handle against any wall; amplitude of the
+/// shaking, and its depth behind the wall's surface, m.
+const SHAKING_IMPEDANCE: (f64, f64) = (1e6, 1e4);
+const SHAKE_AMPLITUDE: f64 = 1e-4;
+const SHAKE_DEPTH: f64 = 0.05;
+/// Largest ratio of the last to the first amplitude of a swing that decays. A steady swing is measured as
+/// slightly smaller than it was.
+const MAX_DECAY_RATIO: f64 = 0.99;
+/// Shortest times to reach a steady motion, and to shake then, s.
+const MIN_SETTLING_TIME: f64 = 0.5;
+const MIN_SHAKING_TIME: f64 = 1.0;
+/// Distance from which a handle counts as diverged, m.
+const MAX_DISTANCE: f64 = 0.5;
+/// Smallest amplitude that [`WallCase::floor`] returns, m.
+const MIN_FLOOR: f64 = 1e-6;
 
 impl WallCase {
-    /// The premium-1.5 at 1 kHz with a relaxed grip, as it senses.
+    /// Returns the default case: the premium-1.5 at 1 kHz with a relaxed grip, and its own velocity estimate.
     pub fn base(motion: Motion) -> Self {
         let Emulation { specification, handle, .. } = Emulation::default();
         let quantum = match motion {
@@ -162,7 +164,7 @@ impl WallCase {
         }
     }
 
-    /// The case in the terms of the conditions of theory.
+    /// Returns the case in the terms of the conditions of theory.
     pub fn sampled(&self) -> SampledWall {
         let handle = Emulation::default().handle;
         let friction = match self.motion {
@@ -184,33 +186,34 @@ impl WallCase {
         }
     }
 
-    /// Whether the handle, which is let go at a `part` (0 to 1) of its depth from where the wall and what pushes are in
-    /// balance, swings less in the end than at the start. A wall that is not stable makes it swing out of the wall.
+    /// Returns whether the swing of a handle decays that is released off its equilibrium between wall and
+    /// push, by a `part` (0 to 1) of its depth there. With a wall that is not stable it swings out of the
+    /// wall.
     ///
     /// # Errors
     /// If the device refuses its parameters.
     pub fn swing_dies_away(&self, part: f64) -> Result<bool, String> {
-        let depth = self.push / (self.stiffness + SOFT);
+        let depth = self.push / (self.stiffness + PUSH_STIFFNESS);
         let swing = 2.0 * part * depth;
-        Ok(Self { start: (part - 1.0) * depth, ..*self }.run()?.amplitude < DYING * swing)
+        Ok(Self { start: (part - 1.0) * depth, ..*self }.run()?.amplitude < MAX_DECAY_RATIO * swing)
     }
 
-    /// The case with a push that leans on the wall at a `depth` (m), between the force of an encoder step and the next by a
-    /// `part`, 0 to 1; half of the way no step's force is nearer than half a step's.
+    /// Returns the case with a push against the wall at a `depth` (m), by a `part` (0 to 1) of the difference
+    /// between the forces of two encoder steps; at 0.5 no step's force is nearer than half of that.
     pub fn pushed(&self, depth: f64, part: f64) -> Self {
-        // What pushes is a spring itself, and softer by as much at each step.
-        let step = (self.stiffness + SOFT) * self.quantum;
+        // The push is a spring too, so each step changes the force by the sum of both stiffnesses.
+        let step = (self.stiffness + PUSH_STIFFNESS) * self.quantum;
         let steps = (depth / self.quantum).floor();
         Self { push: (steps + part) * step, ..*self }
     }
 
-    /// The amplitude up to which a motion counts as rest, m: two encoder steps, or the width of the dead zone in which
-    /// friction holds the handle against the wall, 2 f_c/K.
+    /// Returns the amplitude up to which a motion counts as rest, m: two encoder steps, or the width of the
+    /// dead zone in which friction holds the handle against the wall, 2 f_c/K.
     pub fn floor(&self) -> f64 {
-        (2.0 * self.quantum).max(2.0 * self.sampled().friction / self.stiffness).max(STILL)
+        (2.0 * self.quantum).max(2.0 * self.sampled().friction / self.stiffness).max(MIN_FLOOR)
     }
 
-    /// Lets the hand drive the device into the wall, and judges what becomes of it.
+    /// Drives the device into the wall by the hand, and judges the motion.
     ///
     /// # Errors
     /// If the device refuses its parameters.
@@ -219,7 +222,8 @@ impl WallCase {
         self.run_with(&mut self.device().map_err(|error| error.to_string())?, 0..ticks)
     }
 
-    /// The same of a device that may do otherwise, with what is gained counted from one tick to another, the end.
+    /// Runs the case on a device, which may differ from the default one, and counts the gained energy over a
+    /// range of ticks.
     fn run_with(&self, device: &mut EmulatedDevice, counted: Range<u64>) -> Result<WallResult, String> {
         let period = (self.period / TICK).round() as u64;
         let theory = self.sampled();
@@ -240,16 +244,17 @@ impl WallCase {
             let (pose, twist) = device.handle();
             let (position, speed) = (self.position(&pose), self.speed(&twist));
             most_work = most_work.max(device.work());
-            // By the way that it went: where it turns back, its speed says nothing of the tick that has passed.
-            let way = trace.last().map_or(0.0, |[before]: &[f64; 1]| (position - before).abs());
-            lost += (theory.device_damping * way / TICK + theory.friction) * way;
+            // From the travel in the tick: where the motion reverses, the speed at its end is no measure of
+            // it.
+            let travel = trace.last().map_or(0.0, |[before]: &[f64; 1]| (position - before).abs());
+            lost += (theory.device_damping * travel / TICK + theory.friction) * travel;
             let moving = 0.5 * Emulation::default().handle.mass * speed * speed;
             hand_energy = hand_energy.min(lost + moving - device.work());
             trace.push([position]);
             if tick == counted.start {
                 gained = device.work() - lost;
             }
-            if position.is_nan() || position.abs() > FAR {
+            if position.is_nan() || position.abs() > MAX_DISTANCE {
                 return Ok(WallResult {
                     outcome: Outcome::Diverged,
                     amplitude: f64::INFINITY,
@@ -259,12 +264,12 @@ impl WallCase {
                 });
             }
         }
-        let (outcome, amplitude) = judge(&trace[trace.len() - LAST..], self.floor());
+        let (outcome, amplitude) = judge(&trace[trace.len() - JUDGED_TICKS..], self.floor());
         let gained = device.work() - lost - gained;
         Ok(WallResult { outcome, amplitude, port_energy: -most_work, hand_energy, gained })
     }
 
-    /// The wall never pulls.
+    /// Returns the wall's force, which never pulls.
     fn force(&self, position: f64, speed: f64) -> f64 {
         if position < 0.0 { (-self.stiffness * position - self.damping * speed).max(0.0) } else { 0.0 }
     }
@@ -295,9 +300,13 @@ impl WallCase {
         let hand = if held {
             self.hand.1
         } else {
-            Hand { stiffness: SOFT, angular_stiffness: SOFT * lever_arm().powi(2), ..Hand::NONE }
+            Hand {
+                stiffness: PUSH_STIFFNESS,
+                angular_stiffness: PUSH_STIFFNESS * lever_arm().powi(2),
+                ..Hand::NONE
+            }
         };
-        let (motion, drawn, start) = (self.motion, self.push / SOFT, self.start);
+        let (motion, drawn, start) = (self.motion, self.push / PUSH_STIFFNESS, self.start);
         self.emulation(hand).open(IntendedPath::function(move |time| {
             let (position, speed) = if held { approach(time) } else { (-drawn, 0.0) };
             motion.at(if time == 0.0 { start } else { position }, speed)
@@ -325,9 +334,8 @@ impl WallCase {
         Emulation { hand, ..emulation }
     }
 
-    /// The energy that a hand of any strength gets out of device and wall, J, when it moves the handle to and fro behind the
-    /// wall's surface in the way that the device needs most damping for, over whole turns; negative where device and wall take
-    /// energy up.
+    /// Returns the net energy that a hand of any strength extracts from device and wall, J, over whole
+    /// periods of the worst motion behind the wall's surface; negative where device and wall absorb energy.
     ///
     /// # Errors
     /// If the device refuses its parameters.
@@ -336,33 +344,33 @@ impl WallCase {
         let shake = theory.worst_shake();
         let angular = lever_arm().powi(2);
         let hand = Hand {
-            stiffness: STRONG.0,
-            damping: STRONG.1,
-            angular_stiffness: STRONG.0 * angular,
-            angular_damping: STRONG.1 * angular,
+            stiffness: SHAKING_IMPEDANCE.0,
+            damping: SHAKING_IMPEDANCE.1,
+            angular_stiffness: SHAKING_IMPEDANCE.0 * angular,
+            angular_damping: SHAKING_IMPEDANCE.1 * angular,
             ..Hand::NONE
         };
         let path = IntendedPath::function(move |time| {
             let (place, speed) = theory.worst_path(shake, time);
-            motion.at(SHAKE * place - DEEP, SHAKE * speed)
+            motion.at(SHAKE_AMPLITUDE * place - SHAKE_DEPTH, SHAKE_AMPLITUDE * speed)
         });
         let mut device = self.emulation(hand).open(path).map_err(|error| error.to_string())?;
         let turn = f64::from(shake.samples) * self.period;
         let ticks = |turns: f64| (turns * turn / TICK).round() as u64;
-        let settled = (SETTLING / turn).ceil();
-        let counted = ticks(settled)..ticks(settled + (SHAKING / turn).ceil());
-        // The last tick is simulated, too.
+        let settled = (MIN_SETTLING_TIME / turn).ceil();
+        let counted = ticks(settled)..ticks(settled + (MIN_SHAKING_TIME / turn).ceil());
+        // The end of the range is a tick that has to be simulated, too.
         Ok(self.run_with(&mut device, counted.start..counted.end + 1)?.gained)
     }
 }
 
-/// Where the hand means to be, and how fast: straight into the wall, then still.
+/// Returns the hand's intended position and speed: straight into the wall, then still.
 fn approach(time: f64) -> (f64, f64) {
     let position = REACH - SPEED * time;
     if position > -REACH { (position, -SPEED) } else { (-REACH, 0.0) }
 }
 
-/// ℓ, m.
+/// Returns the lever arm ℓ, m.
 pub fn lever_arm() -> f64 {
     let handle = Emulation::default().handle;
     (handle.inertia / handle.mass).sqrt()

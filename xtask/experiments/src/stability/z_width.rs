@@ -1,4 +1,4 @@
-//! Z-width: the walls, by stiffness and damping, that a device renders stably, and the conditions of theory.
+//! Z-width: walls, by stiffness and damping, that a device renders stably, and the conditions of theory.
 
 use palpate::device::Hand;
 use palpate_report::{Boundary, CellAxis, HeatMap};
@@ -8,14 +8,14 @@ use super::page::{Picture, Section, Table, Verdict, row};
 use super::wall::{Motion, Velocity, WallCase, WallResult};
 use palpate_measure::Outcome;
 
-/// What is varied about the base case, for one picture.
+/// Variation of the base case that makes one picture.
 struct Sweep {
     name: &'static str,
     motion: Motion,
     settings: Vec<(String, WallCase)>,
 }
 
-/// A simulated case and what it belongs to.
+/// Simulated case, and the sweep and setting that it belongs to.
 struct Run {
     study: &'static str,
     case: WallCase,
@@ -25,8 +25,8 @@ struct Run {
 const HANDS: [(&str, Hand); 4] =
     [("none", Hand::NONE), ("light", Hand::LIGHT), ("grip", Hand::GRIP), ("arm", Hand::ARM)];
 
-/// A stable wall may have given back no more than this, J.
-const PORT: f64 = -1e-3;
+/// Lower bound on the energy at the port of a stable wall, J.
+const MIN_PORT_ENERGY: f64 = -1e-3;
 
 /// Makes the map.
 ///
@@ -67,7 +67,7 @@ fn with(setting: &WallCase, stiffness: f64, damping: f64) -> WallCase {
     WallCase { stiffness, damping, ..*setting }
 }
 
-/// One parameter at a time about the base case.
+/// Returns sweeps of one parameter at a time about the base case.
 fn sweeps(plan: &Plan) -> Vec<Sweep> {
     let periods = plan.choose(&[1e-4, 2e-4, 5e-4, 1e-3, 2e-3], &[5e-4, 1e-3]);
     let delays = plan.choose(&[0.0, 5e-4, 1e-3, 2e-3, 5e-3], &[1e-3]);
@@ -93,7 +93,8 @@ fn sweeps(plan: &Plan) -> Vec<Sweep> {
     sweeps
 }
 
-/// Walls under the assumptions of Colgate and Schenkel: exact position, backward difference, no delay; without friction.
+/// Returns walls under the assumptions of Colgate and Schenkel: exact position, backward difference, no
+/// delay, no friction.
 fn assumed(plan: &Plan) -> Vec<(&'static str, WallCase)> {
     let stiffness = logarithmic(50.0, 20_000.0, if plan.quick { 5 } else { 14 });
     let damping = plan.choose(&[0.0, 0.2, 0.4, 0.6, 0.8, 0.95], &[0.0, 0.6]);
@@ -113,7 +114,7 @@ fn assumed(plan: &Plan) -> Vec<(&'static str, WallCase)> {
     cases
 }
 
-/// Springs without damping, for the conditions that speak of those.
+/// Returns springs without damping, for the conditions that assume them.
 fn springs(plan: &Plan) -> Vec<(&'static str, WallCase)> {
     let stiffness = logarithmic(50.0, 20_000.0, if plan.quick { 6 } else { 14 });
     let periods = plan.choose(&[1e-4, 5e-4, 1e-3, 2e-3], &[1e-3]);
@@ -129,7 +130,7 @@ fn springs(plan: &Plan) -> Vec<(&'static str, WallCase)> {
     cases
 }
 
-/// Everything with everything, coarsely.
+/// Returns all combinations of coarse values.
 fn product(plan: &Plan) -> Vec<(&'static str, WallCase)> {
     let walls = pairs(&logarithmic(50.0, 20_000.0, 6), &plan.choose(&[0.0, 0.5, 5.0, 30.0], &[]));
     let mut cases = Vec::new();
@@ -143,18 +144,19 @@ fn product(plan: &Plan) -> Vec<(&'static str, WallCase)> {
     cases
 }
 
-/// Whether a condition of theory calls the case passive, whatever else the condition assumes.
+/// Returns whether a condition calls the case passive, whatever else the condition assumes.
 fn called_passive(case: &WallCase) -> bool {
     let wall = case.sampled();
     wall.colgate_schenkel() || (case.damping == 0.0 && (wall.abbott_okamura() || wall.diolaiti()))
 }
 
-/// Runs that are not stable though a condition calls them passive.
+/// Returns runs that are not stable though a condition calls them passive.
 fn contradictions(runs: &[Run]) -> Vec<&Run> {
     runs.iter().filter(|run| called_passive(&run.case) && !run.result.outcome.is_stable()).collect()
 }
 
-/// What a case departs from the conditions by, one change of it at a time and all together, most specific first.
+/// Returns the case with one departure from the conditions' assumptions undone at a time, and all at once,
+/// the most specific first.
 fn restored(case: &WallCase) -> Vec<(&'static str, WallCase)> {
     let mut changes = Vec::new();
     if case.delay > 0.0 {
@@ -173,7 +175,7 @@ fn restored(case: &WallCase) -> Vec<(&'static str, WallCase)> {
     changes
 }
 
-/// The first change of a contradicting case back to the conditions' assumptions that makes it stable.
+/// Returns the first change back to the conditions' assumptions that makes a contradicting case stable.
 fn explain(case: &WallCase) -> Result<Option<&'static str>, String> {
     for (name, changed) in restored(case) {
         if changed.run()?.outcome.is_stable() {
@@ -202,8 +204,8 @@ fn verdicts(runs: &[Run], explained: &[Option<&'static str>]) -> Vec<Verdict> {
     };
     let stable = || runs.iter().filter(|run| run.result.outcome.is_stable());
     let least = stable().map(|run| run.result.port_energy).fold(0.0, f64::min);
-    let under = stable().filter(|run| run.result.port_energy < PORT).count();
-    let at_hand = stable().filter(|run| run.result.hand_energy < PORT).count();
+    let under = stable().filter(|run| run.result.port_energy < MIN_PORT_ENERGY).count();
+    let at_hand = stable().filter(|run| run.result.hand_energy < MIN_PORT_ENERGY).count();
     let least_at_hand = stable().map(|run| run.result.hand_energy).fold(0.0, f64::min);
     let passive = || stable().filter(|run| called_passive(&run.case) && as_assumed(&run.case));
     let least_passive = passive().map(|run| run.result.hand_energy).fold(0.0, f64::min);
@@ -249,13 +251,14 @@ fn verdicts(runs: &[Run], explained: &[Option<&'static str>]) -> Vec<Verdict> {
         Verdict::new(
             "every wall that is passive by Colgate and Schenkel under its assumptions, with the device, keeps the \
              energy that it had from the hand above −1 mJ",
-            passive().count() > 0 && least_passive > PORT,
+            passive().count() > 0 && least_passive > MIN_PORT_ENERGY,
             format!("{} walls; the least is {:.6} mJ", passive().count(), 1e3 * least_passive),
         ),
     ]
 }
 
-/// The stiffest spring with everything softer stable too, N/m, among the walls of a setting with the given damping.
+/// Returns the stiffest spring below which all are stable, N/m, among the walls of a setting with the given
+/// damping.
 fn stiffest(runs: &[&Run], damping: f64) -> Option<f64> {
     let mut column: Vec<&&Run> = runs.iter().filter(|run| run.case.damping == damping).collect();
     column.sort_by(|a, b| a.case.stiffness.total_cmp(&b.case.stiffness));
@@ -355,7 +358,7 @@ fn pictures(sweeps: &[Sweep], stiffness: &[f64], damping: &[f64], runs: &[Run]) 
     pictures
 }
 
-/// The limits of the conditions on a map of stiffness by damping.
+/// Returns the limits of the conditions on a map of stiffness by damping.
 fn boundaries(setting: &WallCase, stiffness: &[f64]) -> Vec<Boundary> {
     let wall = setting.sampled();
     let (low, high) = (stiffness[0], stiffness[stiffness.len() - 1]);

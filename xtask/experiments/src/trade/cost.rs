@@ -1,41 +1,42 @@
-//! Instructions of contact and haptic steps, counted by callgrind in a process of its own.
+//! Instructions of contact and haptic steps, counted by callgrind in a separate process.
 //!
-//! Hardware counters are seldom there in virtual machines, and times on shared machines are off by tens of per cent; instructions
-//! are the same each time. What is to be counted is written to a file, which the process reads: states of the grasped object that
-//! were recorded before, and settings. Callgrind is switched on when all is loaded, counts only within one function, and writes its
-//! count down before each call of it.
+//! Virtual machines seldom have hardware counters, and times on shared machines vary by tens of per cent;
+//! instruction counts are reproducible. The work is written to a file that the process reads: recorded states
+//! of the grasped object, and settings. Callgrind is enabled when all is loaded, counts only within one
+//! function, and writes its count before each call of it.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
 
 use palpate::core::Clod;
 use palpate::device::{Interpolation, Keyframe, MotionPath, ReplayDevice};
-use palpate::dynamics::BodyState;
+use palpate::dynamics::{BodyState, IntegratorKind};
 use palpate::{ContactUpdate, HapticRenderer, Object, Pose, Scene, Settings, Twist};
 use palpate_benches::callgrind;
 use serde::{Deserialize, Serialize};
 
 use super::scenario::{self, Scenario};
 
-/// Contact steps that are gone through before counting begins, and that are counted.
-const WARMING: usize = 8;
-const STATES: usize = WARMING + 16;
-/// Haptic steps that are counted.
+/// Number of contact steps before counting begins, and with those that are counted.
+const WARM_UP: usize = 8;
+const STATES: usize = WARM_UP + 16;
+/// Number of counted haptic steps.
 const HAPTIC_STEPS: u32 = 50;
 
-/// What is to be counted.
+/// Work of a counting process.
 #[derive(Deserialize, Serialize)]
 pub struct Job {
     scenario: String,
-    /// Hierarchies of probe and scene object, where they are all that there is to them.
+    /// Hierarchies of probe and scene object, if these define the objects completely.
     hierarchies: Option<[PathBuf; 2]>,
-    /// Poses and velocities of the centre of mass, and the time from one to the next, s.
+    /// Poses and velocities of the centre of mass, and the time between them, s.
     states: Vec<(Pose, Twist)>,
     period: f64,
-    settings: Vec<Settings>,
+    settings: Vec<(Settings, IntegratorKind)>,
 }
 
-/// Instructions of a contact step and of a haptic step, in the mean.
+/// Mean instructions of a contact step and of a haptic step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Instructions {
     pub contact: f64,
@@ -43,18 +44,23 @@ pub struct Instructions {
 }
 
 impl Job {
-    /// The states that are nearest to the middle of a path.
-    pub fn new(scenario: &Scenario, states: &[BodyState], period: f64, settings: Vec<Settings>) -> Self {
+    /// Returns a job with the states nearest to the middle of a path.
+    pub fn new(
+        scenario: &Scenario,
+        states: &[BodyState],
+        period: f64,
+        settings: Vec<(Settings, IntegratorKind)>,
+    ) -> Self {
         let first = (states.len() / 2).saturating_sub(STATES / 2);
         let states = states.iter().skip(first).take(STATES);
         let states = states.map(|state| (state.pose, state.twist)).collect();
         Self { scenario: scenario.name.to_owned(), hierarchies: None, states, period, settings }
     }
 
-    /// Counts, for each of the settings; `None` where there is no valgrind.
+    /// Counts instructions for each of the settings; `None` if valgrind is not installed.
     ///
     /// # Errors
-    /// If the process fails, or callgrind says something that is not understood.
+    /// If the process fails, or callgrind's output cannot be parsed.
     pub fn count(mut self, scenario: &Scenario, folder: &Path) -> Result<Option<Vec<Instructions>>, String> {
         if !callgrind::is_installed() {
             return Ok(None);
@@ -98,7 +104,7 @@ impl Job {
             return Err(fail("callgrind", &format!("{} counts in place of {expected}", counts.len())));
         }
         let per_step = |pair: &[f64]| Instructions {
-            contact: pair[0] / self.states.len().saturating_sub(WARMING).max(1) as f64,
+            contact: pair[0] / self.states.len().saturating_sub(WARM_UP).max(1) as f64,
             haptic: pair[1] / f64::from(HAPTIC_STEPS),
         };
         Ok(Some(counts.chunks(2).map(per_step).collect()))
@@ -117,30 +123,31 @@ impl Job {
         Ok((load(probe)?, Scene::new().with(load(scene)?, Pose::IDENTITY)))
     }
 
-    /// What is counted.
+    /// Runs the counted functions.
     fn run(&self) -> Result<(), String> {
         let (probe, scene) = self.objects()?;
         let states: Vec<BodyState> =
             self.states.iter().map(|&(pose, twist)| BodyState { pose, twist }).collect();
         let last = states.last().ok_or("no states")?;
         switch_on()?;
-        for settings in &self.settings {
+        for (settings, integrator) in &self.settings {
             let center = probe.clod.source.center_of_mass;
             let here = Keyframe { time: 0.0, pose: last.pose * Pose::from_translation(-center) };
             let path =
                 MotionPath::new(vec![here], Interpolation::Linear).map_err(|error| error.to_string())?;
             let device = Box::new(ReplayDevice::new("still", path));
-            let renderer = HapticRenderer::new(probe.clone(), scene.clone(), device, *settings)
-                .map_err(|error| error.to_string())?;
+            let renderer = HapticRenderer::new(probe.clone(), scene.clone(), device, *settings);
+            let mut renderer = renderer.map_err(|error| error.to_string())?;
+            renderer.set_integrator(Arc::new(*integrator));
             let (mut haptic, mut contact, mut device) = renderer.into_loops();
-            let (warming, rest) = states.split_at(WARMING.min(states.len()));
+            let (warming, rest) = states.split_at(WARM_UP.min(states.len()));
             for (index, state) in warming.iter().enumerate() {
                 contact.step(state, index as f64 * self.period);
             }
             let mut update = ContactUpdate::none();
             counted(&mut || {
                 for (index, state) in rest.iter().enumerate() {
-                    update = contact.step(state, (WARMING + index) as f64 * self.period);
+                    update = contact.step(state, (WARM_UP + index) as f64 * self.period);
                 }
             });
             haptic.update_contacts(&update);
@@ -156,7 +163,8 @@ impl Job {
     }
 }
 
-/// Makes callgrind, in which this process runs, instrument it from now on: until then all is several times faster.
+/// Makes callgrind, under which this process runs, start to instrument: before that, all is several times
+/// faster.
 fn switch_on() -> Result<(), String> {
     let process = std::process::id().to_string();
     let control = |arguments: &[&str]| {
@@ -164,7 +172,7 @@ fn switch_on() -> Result<(), String> {
     };
     let mut switch: Child =
         control(&["--instr=on", &process]).map_err(|error| format!("callgrind_control: {error}"))?;
-    // What waits in the kernel is not reached by it.
+    // Callgrind reacts only while this process executes instructions, so it must not wait in the kernel.
     loop {
         match switch.try_wait() {
             Ok(None) => std::hint::spin_loop(),
@@ -175,7 +183,7 @@ fn switch_on() -> Result<(), String> {
     }
 }
 
-/// What callgrind counts.
+/// Function that callgrind counts.
 const COUNTED_FUNCTION: &str = concat!(module_path!(), "::counted");
 
 #[inline(never)]
@@ -183,24 +191,25 @@ fn counted(work: &mut dyn FnMut()) {
     work();
 }
 
-/// Runs what a file says, to be counted by callgrind.
+/// Runs the job in a file, to be counted by callgrind.
 ///
 /// # Errors
-/// If the file cannot be read or a setting is refused.
+/// If the file cannot be read, or a setting is refused.
 pub fn run_counted(job: &Path) -> Result<(), String> {
     let text = std::fs::read_to_string(job).map_err(|error| format!("{}: {error}", job.display()))?;
     let job: Job = serde_json::from_str(&text).map_err(|error| format!("{}: {error}", job.display()))?;
     job.run()
 }
 
-/// The counts of callgrind's dumps in the order of time, but for the first, which ends where counting begins.
+/// Returns the counts of callgrind's dumps in the order of time, without the first, which ends where counting
+/// begins.
 fn dumps(folder: &Path) -> Result<Vec<f64>, String> {
     let entries = std::fs::read_dir(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     let mut files: Vec<(u32, PathBuf)> = entries
         .filter_map(|entry| {
             let path = entry.ok()?.path();
             let name = path.file_name()?.to_str()?.strip_prefix("out")?.to_owned();
-            // What is written at the end has no number.
+            // The dump at the end has no number.
             let number = name.strip_prefix('.').map_or(Some(u32::MAX), |number| number.parse().ok())?;
             Some((number, path))
         })

@@ -1,4 +1,4 @@
-//! One setting on one scenario.
+//! Measurements of one setting on one scenario.
 
 use palpate_measure::{
     BodyPath, Difference, Experiment, MeasureError, Profile, Trace, penetration, pressed, quantile,
@@ -8,34 +8,34 @@ use palpate_measure::{
 use super::scenario::Scenario;
 use super::variation::Variation;
 
-/// Contact steps a second in sessions, Hz, whatever they take, so that sessions are the same each time.
+/// Rate of contact steps in sessions, Hz, whatever they take, so that sessions are reproducible.
 pub const CONTACT_RATE: f64 = 500.0;
 
-/// The session that others are held against: at full resolution, or with representative contacts at the finest EPS, with a contact
-/// step in each haptic step.
+/// Session that others are compared with: at full resolution, or with representative contacts at the smallest
+/// EPS, with a contact step in each haptic step.
 pub struct Reference {
     pub trace: Trace,
-    /// The states that its contact queries saw, as many a second as sessions have.
+    /// States that its contact queries saw, at the sessions' rate.
     pub path: BodyPath,
-    /// Contact steps along it.
+    /// Contact steps along the path.
     pub profile: Profile,
 }
 
-/// What a setting costs and buys.
+/// Cost and accuracy of a setting.
 #[derive(Clone, Debug)]
 pub struct Measured {
     pub variation: Variation,
-    /// Of contact steps in contact along the session's own path, s: median and 99th percentile.
+    /// Times of contact steps in contact along the session's own path, s: median and 99th percentile.
     pub contact: [f64; 2],
-    /// Of haptic steps, with the emulated device, s.
+    /// Times of haptic steps with the emulated device, s: median and 99th percentile.
     pub haptic: [f64; 2],
-    /// Hierarchies and workspaces.
+    /// Memory of hierarchies and workspaces.
     pub bytes: usize,
-    /// Of contact wrenches at the reference's states.
+    /// Difference of the contact wrenches at the reference's states.
     pub rendered: Difference,
-    /// Of the wrenches at the device.
+    /// Difference of the wrenches at the device.
     pub felt: Difference,
-    /// m.
+    /// Largest penetration, m.
     pub penetration: f64,
     pub stability_margin: f64,
 }
@@ -45,6 +45,7 @@ fn session<'a>(scenario: &'a Scenario, variation: &Variation, contact_rate: f64)
         probe: &scenario.probe,
         scene: &scenario.scene,
         settings: variation.settings,
+        integrator: variation.integrator,
         contact_rate,
         frozen: false,
         seconds: scenario.seconds,
@@ -52,7 +53,7 @@ fn session<'a>(scenario: &'a Scenario, variation: &Variation, contact_rate: f64)
 }
 
 impl Reference {
-    /// Of a scenario at full resolution, or with the finest representative contacts.
+    /// Renders the reference of a scenario.
     ///
     /// # Errors
     /// If it cannot be rendered, or the objects never touch.
@@ -70,7 +71,7 @@ impl Reference {
 }
 
 impl Measured {
-    /// Of a setting on a scenario.
+    /// Measures a setting on a scenario.
     ///
     /// # Errors
     /// If it cannot be rendered.
@@ -97,12 +98,19 @@ impl Measured {
             rendered: Difference::of(&same, &reference.profile, 1.0 / reference.path.period),
             felt: Difference::felt(&trace, &reference.trace),
             penetration: penetration(&trace, probe, scene, &full.settings).map_err(say)?,
-            stability_margin: stability_margin(probe, scene, settings, held, CONTACT_RATE).map_err(say)?,
+            stability_margin: stability_margin(
+                probe,
+                scene,
+                (settings, variation.integrator),
+                held,
+                CONTACT_RATE,
+            )
+            .map_err(say)?,
             variation: variation.clone(),
         })
     }
 
-    /// How far the wrench at the device is off, as a part of the reference's.
+    /// Returns the error of the wrench at the device, relative to the reference's.
     pub fn felt_error(&self) -> f64 {
         self.felt.force.relative().max(self.felt.torque.relative())
     }
@@ -116,7 +124,7 @@ mod tests {
     use crate::trade::variation::{Axis, variations};
 
     #[test]
-    fn what_is_left_out_is_felt_and_measured_the_same_each_time() {
+    fn left_out_detail_is_felt_and_measured_reproducibly() {
         let scenario = small();
         let variations = variations(&scenario);
         let full = &variations[0];
@@ -130,7 +138,7 @@ mod tests {
         assert!(coarse.felt_error() > exact.felt_error(), "{:?} {:?}", coarse.felt, exact.felt);
         assert!(exact.stability_margin >= 1.0 && exact.contact[0] > 0.0 && exact.haptic[0] > 0.0);
         assert_eq!(behaviour_row("small", &coarse), behaviour_row("small", &again));
-        // Forward Euler stands less stiff contacts than the semi-implicit integrator.
+        // Forward Euler is stable with less stiff contacts than the semi-implicit integrator.
         let forward = variations.iter().find(|variation| variation.value == "forward-euler").unwrap();
         let (implicit, forward) = (exact.stability_margin, measure(forward).stability_margin);
         assert!(forward < implicit, "{forward} {implicit}");

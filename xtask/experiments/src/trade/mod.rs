@@ -1,10 +1,11 @@
-//! Speed against accuracy: what each setting costs, and what accuracy it buys.
+//! Speed against accuracy: cost and accuracy of each setting.
 //!
-//! `cargo xtask trade [SCENARIO…|all] [--axis PART…] [--json] [--out FOLDER]` renders each scenario with each setting in turn, the
-//! hand doing the same, and compares with a session at full resolution in which a contact step ends within each haptic step;
-//! representative contacts, which push by another law, with a session with the finest of them. Contact steps are timed alone, one
-//! session after another, and counted in instructions where valgrind is installed. Sessions are on a simulated clock with as many
-//! contact steps a second each, whatever they take, so that what they give is the same each time.
+//! `cargo xtask trade [SCENARIO…|all] [--axis PART…] [--json] [--out FOLDER]` renders each scenario with each
+//! setting in turn and the same hand motion. The reference is a session at full resolution in which a contact
+//! step ends within each haptic step; for representative contacts, which follow another force law, it is a
+//! session with the smallest EPS. Contact steps are timed alone, one session after another, and counted in
+//! instructions where valgrind is installed. Sessions run on a simulated clock at a fixed rate of contact
+//! steps, whatever these take, so that results are reproducible.
 
 mod cost;
 mod measured;
@@ -25,7 +26,7 @@ use self::variation::{Axis, Variation, variations};
 use crate::reproduce::page;
 use crate::stability::page::{Table, row};
 
-/// What `cargo xtask trade` is asked to measure.
+/// Arguments of `cargo xtask trade`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct Arguments {
     /// Scenarios, or all.
@@ -34,22 +35,22 @@ pub struct Arguments {
     /// Only settings whose names contain one of these: s0, representatives, query limit and so on.
     #[arg(long, num_args = 1.., value_name = "PART")]
     axis: Vec<String>,
-    /// Prints what was measured as a JSON list.
+    /// Prints the measurements as a JSON list.
     #[arg(long)]
     json: bool,
     /// Folder for values and plots.
     #[arg(long, value_name = "FOLDER", default_value = "target/reproduce")]
     out: PathBuf,
-    /// Runs what a file says, to be counted.
+    /// Runs the job in a file, to be counted.
     #[arg(long, value_name = "FILE", hide = true)]
     counted: Option<PathBuf>,
 }
 
-/// What was measured on a scenario.
+/// Measurements on a scenario.
 struct Trade {
     scenario: &'static str,
     rows: Vec<Measured>,
-    /// Where valgrind is installed.
+    /// Instruction counts by variation, where valgrind is installed.
     instructions: Vec<Option<Instructions>>,
 }
 
@@ -109,7 +110,8 @@ fn measure(name: &str, axes: &[String], out: &Path) -> Result<Option<Trade>, Str
     bar.set_message(format!("{name}: full resolution"));
     let reference = Reference::of(&scenario, &full)?;
     bar.inc(1);
-    // Representative contacts push by another law (that of areas), so that they have a reference of their own.
+    // Representative contacts follow another force law (that of areas), so they have a reference of their
+    // own.
     let finest = variations.iter().find(|variation| variation.axis == Axis::Representatives);
     let by_fields = finest.map(|finest| Reference::of(&scenario, finest)).transpose()?;
     bar.inc(1);
@@ -119,7 +121,7 @@ fn measure(name: &str, axes: &[String], out: &Path) -> Result<Option<Trade>, Str
         let own = by_fields.as_ref().filter(|_| variation.axis == Axis::Representatives);
         match Measured::of(&scenario, variation, &full, own.unwrap_or(&reference)) {
             Ok(row) => rows.push(row),
-            // Without a GPU or a driver that stands in for one there is nothing to measure.
+            // Without a GPU, or a software driver, there is nothing to measure.
             Err(error) if variation.axis == Axis::Precision => {
                 eprintln!("{name}: {}: {error}", variation.value)
             }
@@ -131,7 +133,7 @@ fn measure(name: &str, axes: &[String], out: &Path) -> Result<Option<Trade>, Str
     }
     bar.set_message(format!("{name}: counting instructions"));
     let counted = rows.iter().map(|row| &row.variation).filter(|variation| variation.is_counted());
-    let settings = counted.map(|variation| variation.settings).collect();
+    let settings = counted.map(|variation| (variation.settings, variation.integrator)).collect();
     let job = Job::new(&scenario, &reference.path.states, reference.path.period, settings);
     let instructions = job.count(&scenario, out)?;
     bar.finish_and_clear();
@@ -146,7 +148,7 @@ fn measure(name: &str, axes: &[String], out: &Path) -> Result<Option<Trade>, Str
     Ok(Some(Trade { scenario: scenario.name, rows, instructions }))
 }
 
-/// What is the same each time, and what is not.
+/// Returns the reproducible columns as one table, and the others as another.
 fn tables(trade: &Trade) -> [Table; 2] {
     let (mut behaviour, mut cost) = (Vec::new(), Vec::new());
     for (index, measured) in trade.rows.iter().enumerate() {

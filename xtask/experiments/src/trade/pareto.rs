@@ -1,7 +1,7 @@
-//! Settings that no other one betters in both time and accuracy.
+//! Pareto-optimal settings: no other is better in both time and accuracy.
 
-/// Which of points of a cost and an error are such that no other has less of one and no more of the other. Points that are not
-/// finite are none of them.
+/// Returns which points of a cost and an error are Pareto-optimal: no other is smaller in one without being
+/// larger in the other. Points that are not finite are not.
 pub fn front(points: &[(f64, f64)]) -> Vec<bool> {
     let betters = |x: &(f64, f64), y: &(f64, f64)| x.0 <= y.0 && x.1 <= y.1 && x != y;
     points
@@ -17,10 +17,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_front_is_what_nothing_betters() {
+    fn the_front_holds_the_points_that_nothing_betters() {
         let points = [(1.0, 5.0), (2.0, 3.0), (2.0, 4.0), (3.0, 3.0), (4.0, 1.0), (0.5, f64::NAN)];
         assert_eq!(front(&points), [true, true, false, false, true, false]);
-        // Of equals all are.
+        // Equal points are all optimal.
         assert_eq!(front(&[(1.0, 1.0), (1.0, 1.0)]), [true, true]);
     }
 }

@@ -1,4 +1,4 @@
-//! What speed is measured against accuracy on: objects, and what a hand does with them.
+//! Scenarios of the measurements: objects, and the motion of a hand.
 
 use palpate::device::{Emulation, IntendedPath, Interpolation, Keyframe, MotionPath, Task};
 use palpate::models::Model;
@@ -8,9 +8,9 @@ use palpate_benches::scenarios;
 
 use crate::reproduce::relief;
 
-/// Scenarios of the benchmarks that are measured, with what they are called, and how many times slower their paths, of 1 ms
-/// from pose to pose, are gone along; the last two are of scanned objects. The ball joint's contact steps take milliseconds
-/// at full resolution, so that it gets less time.
+/// Scenarios of the benchmarks that are measured, with their titles, and the factors by which their paths, of
+/// 1 ms from pose to pose, are slowed down. The last two use scanned objects. The ball joint's contact steps
+/// take milliseconds at full resolution, so it gets less time.
 const RIGID: [(&str, &str, f64); 6] = [
     ("jaws", "built-in-jaws", 2.0),
     ("golf", "golf", 2.0),
@@ -19,31 +19,31 @@ const RIGID: [(&str, &str, f64); 6] = [
     ("dental-casts", "dental-casts", 2.0),
     ("spoon-mug", "spoon-mug", 2.0),
 ];
-/// The one with haptic textures.
+/// Scenario with haptic textures.
 const TEXTURED: &str = "file-on-part";
-/// How long the file scrapes, s.
+/// Time for which the file scrapes, s.
 const SCRAPING: f64 = 3.0;
 
-/// A probe, a scene, and what a hand does.
+/// Probe, scene, and motion of a hand.
 pub struct Scenario {
     pub name: &'static str,
     pub probe: Object,
     pub scene: Scene,
     pub settings: Settings,
     pub textured: bool,
-    /// How long it takes, s.
+    /// Length of the session, s.
     pub seconds: f64,
     hand: Option<MotionPath>,
 }
 
 impl Scenario {
-    /// Whether all objects are closed, as distance fields ask for.
+    /// Returns whether all objects are closed, as distance fields require.
     pub fn is_closed(&self) -> bool {
         let others = self.scene.objects().iter().map(|placed| &placed.object);
         std::iter::once(&self.probe).chain(others).all(|object| object.clod.source.solid)
     }
 
-    /// Where the hand means the handle of an emulated device to be.
+    /// Returns the intended path of an emulated device's handle.
     ///
     /// # Errors
     /// If an object is out of range.
@@ -59,12 +59,12 @@ impl Scenario {
     }
 }
 
-/// The names of all scenarios.
+/// Returns the names of all scenarios.
 pub fn names() -> impl Iterator<Item = &'static str> {
     RIGID.iter().map(|(name, ..)| *name).chain([TEXTURED])
 }
 
-/// A scenario by its name; none where its files, which are optional test data, are absent.
+/// Opens a scenario by its name; `None` if its files, which are optional test data, are absent.
 ///
 /// # Errors
 /// If there is no such scenario, or its objects cannot be made.
@@ -122,7 +122,7 @@ fn file_on_part() -> Result<Scenario, String> {
 pub mod tests {
     use super::*;
 
-    /// A small one: a hand explores a golf ball with an ellipsoid.
+    /// Returns a small scenario: a hand explores a golf ball with an ellipsoid.
     pub fn small() -> Scenario {
         let open = |name| Object::model(name).unwrap();
         Scenario {

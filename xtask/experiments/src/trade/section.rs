@@ -1,4 +1,4 @@
-//! What was measured on a scenario, as text, JSON and plots, and all of it as a section of the page.
+//! Measurements on a scenario as text, JSON and plots, and all of them as a section of the page.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -12,10 +12,10 @@ use super::pareto::front;
 use super::variation::Axis;
 use super::{Trade, scenario};
 
-/// Errors smaller than this part cannot be told apart on plots.
-const LEAST_ERROR: f64 = 1e-4;
+/// Smallest relative error that plots distinguish.
+const MIN_PLOTTED_ERROR: f64 = 1e-4;
 
-/// The columns of the table for a person, without the first, which is the setting.
+/// Columns of the printed table after the first, which is the setting.
 const COLUMNS: [&str; 11] = [
     "contact step, µs",
     "p99",
@@ -77,7 +77,7 @@ impl Measured {
 }
 
 impl Trade {
-    /// A table for a person; a star marks settings that none betters in both time and accuracy.
+    /// Returns a table for a person; a star marks Pareto-optimal settings.
     pub fn text(&self) -> String {
         let mut lines = vec![[vec![self.scenario.to_owned()], COLUMNS.map(str::to_owned).to_vec()].concat()];
         let best = self.best();
@@ -96,7 +96,7 @@ impl Trade {
         text
     }
 
-    /// For programs.
+    /// Returns the measurements as JSON values.
     pub fn values(&self) -> Vec<Value> {
         let best = self.best();
         let value = |(index, measured): (usize, &Measured)| {
@@ -107,7 +107,7 @@ impl Trade {
         self.rows.iter().enumerate().map(value).collect()
     }
 
-    /// Keeps it in a folder, with its plots.
+    /// Stores the measurements with their plots in a folder.
     ///
     /// # Errors
     /// If a file cannot be written.
@@ -123,12 +123,13 @@ impl Trade {
         Ok(())
     }
 
-    /// Instructions with a setting, where they were counted.
+    /// Returns the instructions with a setting, where they were counted.
     pub fn counted(&self, index: usize) -> Option<&Instructions> {
         self.instructions.get(index)?.as_ref()
     }
 
-    /// Which settings none betters, of those of the contact step and of those of the haptic step.
+    /// Returns which settings are Pareto-optimal, among those of the contact step and among those of the
+    /// haptic step.
     fn best(&self) -> Vec<bool> {
         let front_of = |haptic: bool| {
             let none = (f64::NAN, f64::NAN);
@@ -139,7 +140,8 @@ impl Trade {
         front_of(false).into_iter().zip(front_of(true)).map(|(contact, haptic)| contact || haptic).collect()
     }
 
-    /// Accuracy over time: of settings of the contact step, and of those of the haptic step, where there are any.
+    /// Plots accuracy over time: of settings of the contact step, and of those of the haptic step, where
+    /// there are any.
     ///
     /// # Errors
     /// If a plot cannot be drawn.
@@ -186,20 +188,20 @@ impl Trade {
     }
 }
 
-/// Median time, µs or ns, and error, %.
+/// Returns median time, µs or ns, and error, %.
 fn point(row: &Measured) -> (f64, f64) {
     let time = if row.is_of_the_haptic_step() { 1e9 * row.haptic[0] } else { 1e6 * row.contact[0] };
-    (time, 100.0 * row.felt_error().max(LEAST_ERROR))
+    (time, 100.0 * row.felt_error().max(MIN_PLOTTED_ERROR))
 }
 
 fn kept(folder: &Path, scenario: &str) -> PathBuf {
     folder.join(format!("trade-{scenario}.json"))
 }
 
-/// Makes a folder keep nothing of a scenario.
+/// Removes the measurements of a scenario from a folder.
 ///
 /// # Errors
-/// If what it keeps cannot be removed.
+/// If they exist and cannot be removed.
 pub fn forget(folder: &Path, scenario: &str) -> Result<(), String> {
     let path = kept(folder, scenario);
     match std::fs::remove_file(&path) {
@@ -210,10 +212,11 @@ pub fn forget(folder: &Path, scenario: &str) -> Result<(), String> {
     }
 }
 
-/// The section of the page, of what runs have left in a folder; nothing where none has.
+/// Returns the section of the page, from the measurements that runs have left in a folder; `None` if there
+/// are none.
 ///
 /// # Errors
-/// If one has left something that is not understood.
+/// If a file cannot be parsed.
 pub fn section(folder: &Path) -> Result<Option<String>, String> {
     let (mut parts, mut missing) = (String::new(), Vec::new());
     for name in scenario::names() {
@@ -264,7 +267,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_page_shows_what_runs_have_left() {
+    fn the_page_shows_the_results_of_earlier_runs() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(section(folder.path()), Ok(None));
         let row = json!({"axis": "s0", "value": "1 %", "cells": ["12.5"], "best": true});

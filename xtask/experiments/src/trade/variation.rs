@@ -1,59 +1,56 @@
-//! The settings that are varied, one at a time.
+//! Variations of one setting at a time.
 
-use palpate::dynamics::MAX_CLUSTERS;
-use palpate::settings::{
-    ContactSearch, DetailSettings, SearchSettings, TextureBackend, TextureDerivatives, TimingSettings,
-    ToolSettings,
-};
-use palpate::{IntegratorKind, Settings};
+use palpate::Settings;
+use palpate::dynamics::{IntegratorKind, MAX_CLUSTERS};
+use palpate::settings::{ContactSearch, DetailSettings, SearchSettings, TextureBackend, TimingSettings};
 
 use super::scenario::Scenario;
 
-/// A change of one setting.
+/// Change of one setting.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Variation {
-    /// Which setting.
+    /// Setting that is changed.
     pub axis: Axis,
     /// Its value.
     pub value: String,
     pub settings: Settings,
+    pub integrator: IntegratorKind,
 }
 
-/// A setting that is varied.
+/// Setting that is varied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Axis {
-    /// s₀, as a part of the probe's bounding radius.
+    /// Error threshold s₀, relative to the probe's bounding radius.
     Error,
-    /// The same with forces that jump between levels of detail.
+    /// Error threshold s₀ with forces that jump between levels of detail.
     ErrorWithoutInterpolation,
-    /// EPS of representative contacts, likewise; the first is the finest.
+    /// EPS of representative contacts, relative to the probe's bounding radius; the first is the smallest.
     Representatives,
-    /// Time that queries may take, s₀ being the smallest above 0.
+    /// Time limit of queries, with s₀ the smallest above 0.
     QueryBudget,
     Clusters,
     TextureGrid,
-    TextureDerivatives,
     Precision,
     Integrator,
     HapticRate,
 }
 
 impl Variation {
-    /// Whether instructions tell anything: callgrind slows down what keeps to a time, and does not see a GPU's.
+    /// Returns whether instruction counts are meaningful: callgrind slows down work with a time limit, and
+    /// does not see a GPU's work.
     pub fn is_counted(&self) -> bool {
         self.axis.is_reproducible() && self.settings.textures.backend != TextureBackend::Gpu
     }
 }
 
 impl Axis {
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 9] = [
         Self::Error,
         Self::ErrorWithoutInterpolation,
         Self::Representatives,
         Self::QueryBudget,
         Self::Clusters,
         Self::TextureGrid,
-        Self::TextureDerivatives,
         Self::Precision,
         Self::Integrator,
         Self::HapticRate,
@@ -67,41 +64,33 @@ impl Axis {
             Self::QueryBudget => "query limit",
             Self::Clusters => "clusters",
             Self::TextureGrid => "grid",
-            Self::TextureDerivatives => "derivatives",
             Self::Precision => "precision",
             Self::Integrator => "integrator",
             Self::HapticRate => "haptic rate",
         }
     }
 
-    /// Whether what it gives is the same each time.
+    /// Returns whether the results are reproducible.
     pub fn is_reproducible(self) -> bool {
-        // A limit of time is kept by the clock.
+        // A time limit is kept by the clock.
         self != Self::QueryBudget
     }
 }
 
-/// s₀, in parts of the probe's bounding radius; what is not about detail is varied at the usual one (§3.5.2).
+/// Thresholds s₀ relative to the probe's bounding radius, and the usual one (§3.5.2), at which settings other
+/// than detail are varied.
 const ERRORS: [f64; 7] = [0.0, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1];
-const USUAL: f64 = 0.025;
-/// EPS, likewise.
+const USUAL_ERROR: f64 = 0.025;
+/// EPS of representative contacts, relative to the probe's bounding radius.
 const REPRESENTATIVE_ERRORS: [f64; 4] = [0.0002, 0.0005, 0.001, 0.002];
-/// s.
+/// Time limits of queries, s.
 const BUDGETS: [f64; 4] = [50e-6, 100e-6, 200e-6, 500e-6];
 const CLUSTERS: [usize; 6] = [1, 2, 3, 5, 8, MAX_CLUSTERS];
 const GRIDS: [u32; 4] = [12, 25, 50, 100];
-/// Hz.
+/// Rates of the haptic loop, Hz.
 const RATES: [f64; 4] = [500.0, 1000.0, 2000.0, 4000.0];
-const INTEGRATORS: [IntegratorKind; 6] = [
-    IntegratorKind::SemiImplicit,
-    IntegratorKind::FullyImplicit,
-    IntegratorKind::ForwardEuler,
-    IntegratorKind::SymplecticEuler,
-    IntegratorKind::RungeKutta4,
-    IntegratorKind::QuasiStatic,
-];
 
-/// What a scenario is measured with. The first is full resolution.
+/// Returns the variations for a scenario. The first is full resolution.
 pub fn variations(scenario: &Scenario) -> Vec<Variation> {
     let radius = scenario.probe.bounding_radius();
     let full = Settings {
@@ -111,20 +100,19 @@ pub fn variations(scenario: &Scenario) -> Vec<Variation> {
     let usual = if scenario.textured {
         full
     } else {
-        Settings { detail: DetailSettings { error: USUAL * radius, ..full.detail }, ..full }
+        Settings { detail: DetailSettings { error: USUAL_ERROR * radius, ..full.detail }, ..full }
     };
     let mut all = Vec::new();
-    let mut add = |axis, value: String, settings| all.push(Variation { axis, value, settings });
+    let usual_integrator = IntegratorKind::default();
+    let mut add = |axis, value: String, settings| {
+        all.push(Variation { axis, value, settings, integrator: usual_integrator });
+    };
     if scenario.textured {
         for grid in GRIDS.into_iter().rev() {
             let mut settings = full;
             settings.textures.grid = grid;
             add(Axis::TextureGrid, format!("{grid} x {grid}"), settings);
         }
-        let mut differences = full;
-        differences.textures.derivatives = TextureDerivatives::Differences;
-        add(Axis::TextureDerivatives, "at the maximum".to_owned(), full);
-        add(Axis::TextureDerivatives, "central differences".to_owned(), differences);
         let mut gpu = full;
         gpu.textures.backend = TextureBackend::Gpu;
         add(Axis::Precision, "f64, processor".to_owned(), full);
@@ -178,13 +166,6 @@ pub fn variations(scenario: &Scenario) -> Vec<Variation> {
             Settings { search: SearchSettings { clusters, ..usual.search }, ..usual },
         );
     }
-    for integrator in INTEGRATORS {
-        add(
-            Axis::Integrator,
-            integrator.to_string(),
-            Settings { tool: ToolSettings { integrator, ..usual.tool }, ..usual },
-        );
-    }
     for rate in RATES {
         add(
             Axis::HapticRate,
@@ -192,5 +173,11 @@ pub fn variations(scenario: &Scenario) -> Vec<Variation> {
             Settings { timing: TimingSettings { rate, ..usual.timing }, ..usual },
         );
     }
+    all.extend(IntegratorKind::ALL.map(|integrator| Variation {
+        axis: Axis::Integrator,
+        value: integrator.to_string(),
+        settings: usual,
+        integrator,
+    }));
     all
 }

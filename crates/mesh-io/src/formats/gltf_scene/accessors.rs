@@ -1,4 +1,5 @@
-//! What the scene's accessors hold: positions, texture coordinates and indices, dequantised, with sparse values put in, from whichever buffer.
+//! Reading of accessors: positions, texture coordinates and indices, dequantised, with sparse values applied,
+//! from any buffer.
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
@@ -38,7 +39,7 @@ impl<'a> Reader<'a> {
         Ok(values.chunks_exact(2).map(|v| DVec2::new(v[0], v[1])).collect())
     }
 
-    /// The components of vectors of a type and as many components.
+    /// The components of an accessor of vectors: of type `kind`, with `width` components each.
     fn vectors(
         &mut self,
         index: Index<Accessor>,
@@ -90,7 +91,7 @@ impl<'a> Reader<'a> {
         Ok(accessor)
     }
 
-    /// All components of an accessor, dequantised, sparse values put in.
+    /// All components of an accessor, dequantised, with sparse values applied.
     fn components(
         &mut self,
         accessor: &Accessor,
@@ -201,7 +202,7 @@ impl<'a> Reader<'a> {
         })
     }
 
-    /// The bytes of a buffer view, if its buffer holds them, and the view in words.
+    /// The bytes of a buffer view, if its buffer holds them, and a description of the view for messages.
     pub(super) fn view_bytes(
         &mut self,
         index: Index<buffer::View>,
@@ -254,7 +255,8 @@ impl<'a> Reader<'a> {
         Ok(bytes)
     }
 
-    /// What a URI names: base64 data in itself, or a file beside the scene's. `what` says what for.
+    /// The bytes that a URI names: base64 data in the URI itself, or a file beside the scene's. `what` is
+    /// their purpose, for messages.
     pub(super) fn uri_bytes(&self, uri: &str, what: &str, place: &str) -> Result<Vec<u8>, LoadError> {
         let Some(data) = uri.strip_prefix("data:") else {
             return read_file(&self.beside(uri, what)?);
@@ -282,7 +284,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// A component as the quantisation rules have it (glTF 2.0, 3.11).
+/// A component, dequantised (glTF 2.0, 3.11).
 fn quantised(value: f64, largest: f64, normalized: bool) -> f64 {
     if normalized { (value / largest).max(-1.0) } else { value }
 }

@@ -1,14 +1,16 @@
-//! glTF 2.0 scenes, as .gltf (JSON with external or embedded buffers) and .glb: every triangle of the default scene,
-//! placed by its node.
+//! glTF 2.0 scenes, as .gltf (JSON with external or embedded buffers) and .glb: every triangle of the default
+//! scene, placed by its node.
 //!
-//! The crate `gltf` parses the container and the JSON; accessors are read here, since its own readers take positions for
-//! f32 (KHR_mesh_quantization allows 8 and 16 bits) and panic on what a file merely claims. Every index, offset and count
-//! is checked before use; the node graph is walked with a list of its own, each node at most once, as the format demands.
+//! The crate `gltf` parses the container and the JSON; accessors are read here, since its own readers assume
+//! that positions are f32 (KHR_mesh_quantization allows 8 and 16 bits) and panic on false claims of a file.
+//! Every index, offset and count is checked before use; the node graph is traversed with an explicit stack,
+//! each node at most once, as the format demands.
 //!
-//! Where textures are asked for, texture coordinates and the height texture come with the triangles: `textures`.
+//! Where textures are asked for, texture coordinates and the height texture come with the triangles:
+//! `textures`.
 //!
-//! Left out, with a warning: points and lines, skins and morph targets (the mesh is loaded as it stands at rest),
-//! instances placed by EXT_mesh_gpu_instancing. Compressed geometry (KHR_draco_mesh_compression,
+//! Left out, with a warning: points and lines, skins and morph targets (the mesh is loaded in its rest
+//! shape), instances placed by EXT_mesh_gpu_instancing. Compressed geometry (KHR_draco_mesh_compression,
 //! EXT_meshopt_compression) is refused unless the file carries an uncompressed form as well.
 
 mod accessors;
@@ -31,18 +33,18 @@ use crate::formats::surface::{Surface, Wanted};
 use crate::formats::text::quoted;
 use crate::{LoadError, LoadWarning};
 
-/// Vertices or triangles above which a scene is refused: one mesh may be placed by any number of nodes, and a count
-/// need not be backed by data, so that the file's size does not bound them.
+/// Largest number of vertices, and of triangles, of a scene. One mesh may be placed by any number of nodes,
+/// and a count need not be backed by data, so that the file's size does not bound them.
 const MAX_ELEMENTS: usize = 1 << 25;
 
-/// A GLB file starts with it.
+/// First bytes of a GLB file.
 const MAGIC: &[u8] = b"glTF";
 
 const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 
 const REMEDY: &str = "the file breaks the glTF 2.0 rules: run a glTF validator on it, or export it again";
 
-/// Extensions that a file may require without its triangles being other than they seem.
+/// Extensions that do not affect triangles, so that a file may require them.
 const HARMLESS: [&str; 6] =
     ["KHR_mesh_quantization", "KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "KHR_xmp"];
 
@@ -51,7 +53,7 @@ pub(crate) fn read_glb(bytes: &[u8], path: &Path, wanted: Wanted) -> Result<Surf
     read_scene(&glb.json, glb.bin.as_deref(), path, wanted)
 }
 
-/// Whether a material names a height texture, by the JSON alone. What is not glTF names none.
+/// Whether a material names a height texture, by the JSON alone; false if the bytes are not glTF.
 pub(crate) fn names_height_texture(bytes: &[u8], path: &Path) -> bool {
     let json = if bytes.starts_with(MAGIC) {
         chunks(bytes, path).map_or(Cow::Borrowed(&[][..]), |glb| glb.json)
@@ -90,7 +92,7 @@ fn chunks<'a>(bytes: &'a [u8], path: &Path) -> Result<Glb<'a>, LoadError> {
             remedy: "convert the file to glTF 2.0",
         });
     }
-    // The crate subtracts the header's size from this unchecked.
+    // The crate subtracts the header's size from `length` unchecked.
     if u64::from(length) != bytes.len() as u64 {
         return Err(bad("header", format!("announces {length} bytes, but the file has {}", bytes.len())));
     }
@@ -157,17 +159,17 @@ fn read_scene(json: &[u8], bin: Option<&[u8]>, path: &Path, wanted: Wanted) -> R
     Ok(surface)
 }
 
-/// What primitives of a placed mesh share, by accessor.
+/// Data that primitives of a placed mesh share, by accessor.
 #[derive(Default)]
 struct Shared {
-    /// The first vertex in the surface, and how many there are.
+    /// The first vertex in the surface, and the number of vertices.
     positions: HashMap<usize, (u32, usize)>,
     coordinates: HashMap<usize, Rc<[DVec2]>>,
 }
 
 #[derive(Default)]
 struct Skipped {
-    /// Corners gone through so far, whether or not they made triangles.
+    /// Corners read so far, whether or not they made triangles.
     corners: usize,
     /// Texture coordinates read so far.
     coordinates: usize,
@@ -202,9 +204,9 @@ struct Reader<'a> {
     path: &'a Path,
     wanted: Wanted,
     buffers: HashMap<usize, Cow<'a, [u8]>>,
-    /// The height textures of materials that were looked at, with their sets of texture coordinates.
+    /// Height textures of the materials read so far, with their sets of texture coordinates.
     heights: HashMap<usize, Option<(textures::Height, u32)>>,
-    /// The height texture of the first primitive, or that it has none; and which primitive that is.
+    /// The height texture of the first primitive, if it has one, and the name of that primitive.
     height: Option<(Option<textures::Height>, String)>,
 }
 
@@ -221,8 +223,8 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// The meshes of the default scene (else of the first; without scenes each mesh once) with their placements, depth
-    /// first.
+    /// The meshes of the default scene (else of the first; without scenes each mesh once) with their
+    /// placements, depth first.
     fn placed_meshes(&self, warnings: &mut Vec<LoadWarning>) -> Result<Vec<(usize, DAffine3)>, LoadError> {
         let nodes = &self.root.nodes;
         let Some(scene) = self.root.scene.map(|s| s.value()).or((!self.root.scenes.is_empty()).then_some(0))
@@ -307,7 +309,8 @@ impl<'a> Reader<'a> {
         };
         let mirrored = placement.matrix3.determinant() < 0.0;
         let mut push = |a: usize, b: usize, c: usize| {
-            // A mirrored placement turns the surface inside out: its triangles are turned over (glTF 2.0, 3.7.4).
+            // A mirrored placement turns the surface inside out: its triangles are turned over (glTF 2.0,
+            // 3.7.4).
             let corners = if mirrored { [a, c, b] } else { [a, b, c] }.map(|i| indices[i]);
             surface.triangles.push(corners.map(|corner| base + corner));
             if let Some(coordinates) = &coordinates {
@@ -363,7 +366,7 @@ fn local_transform(node: &Node) -> DAffine3 {
     }
     let vector = |v: Option<[f32; 3]>, default| v.map_or(default, |v| DVec3::from_array(v.map(f64::from)));
     let rotation = node.rotation.map_or(DQuat::IDENTITY, |q| {
-        // Unit length only to f32 in the file; a zero quaternion stands for no rotation.
+        // In the file it has unit length only to f32; a zero quaternion stands for no rotation.
         let q = DQuat::from_array(q.0.map(f64::from));
         if q.length_squared() > 0.0 { q.normalize() } else { DQuat::IDENTITY }
     });

@@ -1,7 +1,7 @@
 //! Texture coordinates of primitives, and the height texture that materials name in their `extras`
 //! ([`HeightTexture`]).
 //!
-//! The image is handed on as it stands, whatever its format: buffer view, data URI or a file beside the scene.
+//! The image is passed on undecoded, from a buffer view, a data URI or a file beside the scene.
 
 use std::rc::Rc;
 
@@ -19,7 +19,7 @@ use crate::{HeightTexture, LoadError, LoadWarning, TextureWrap};
 
 const TRANSFORM: &str = "KHR_texture_transform";
 
-/// Our part of a material's extras.
+/// The part of a material's extras that is read here.
 #[derive(Default, Deserialize)]
 #[serde(rename_all = "camelCase")]
 struct Extras {
@@ -75,7 +75,7 @@ impl Reader<'_> {
             Some(known) => Rc::clone(known),
             None => {
                 let read: Rc<[DVec2]> = self.coordinates(*accessor, set, place)?.into();
-                // Any number of primitives may name accessors that no data are behind.
+                // Any number of primitives may name accessors that have no data.
                 skipped.coordinates += read.len();
                 if skipped.coordinates > 3 * MAX_ELEMENTS {
                     return Err(self.too_large("texture coordinates"));
@@ -91,8 +91,8 @@ impl Reader<'_> {
         Ok(coordinates)
     }
 
-    /// Holds the height texture of a primitive's material against that of the first one, and gives the set of texture
-    /// coordinates that it uses: 0 without one.
+    /// Checks that a primitive's material has the same height texture as the first one. Returns the set of
+    /// texture coordinates that it uses: 0 without one.
     fn note_height(&mut self, primitive: &Primitive, place: &str) -> Result<u32, LoadError> {
         let (height, set) = match primitive.material {
             Some(index) => self.known_height(index.value())?.unzip(),
@@ -159,7 +159,7 @@ impl Reader<'_> {
         Ok(Some((Height { image, amplitude, midlevel, wrap }, tex_coord)))
     }
 
-    /// Extras may be anything; only in an object we look for ours.
+    /// Reads a material's extras. They may be any JSON; only an object can hold ours.
     fn extras(&self, material: &Material, place: &str) -> Result<Extras, LoadError> {
         let text = material.extras.as_ref().map_or("", |extras| extras.get().trim_ascii_start());
         if !text.starts_with('{') {
@@ -189,7 +189,7 @@ impl Reader<'_> {
         Ok([named(wrap_s)?, named(wrap_t)?])
     }
 
-    /// The height texture of the primitives gone through, with its image.
+    /// The height texture of the primitives read so far, with its image.
     pub(super) fn height_texture(&mut self) -> Result<Option<HeightTexture>, LoadError> {
         let Some((Some(height), _)) = self.height.take() else { return Ok(None) };
         let Height { image: index, amplitude, midlevel, wrap } = height;
@@ -205,7 +205,7 @@ impl Reader<'_> {
         Ok(Some(HeightTexture { bytes, name, amplitude, midlevel, wrap }))
     }
 
-    /// The image's own file, or where it is in the scene's.
+    /// The image's own file, or its place in the scene's file.
     fn image_name(&self, image: &Image, place: &str) -> Result<String, LoadError> {
         match &image.uri {
             Some(uri) if !uri.starts_with("data:") => Ok(self.beside(uri, "image")?.display().to_string()),
@@ -225,7 +225,7 @@ impl Reader<'_> {
         }
     }
 
-    /// Transforms belong to single textures, none of which is ours.
+    /// Warns that texture transforms are ignored: they belong to other textures.
     pub(super) fn warn_of_transforms(&self, warnings: &mut Vec<LoadWarning>) {
         if self
             .root

@@ -1,13 +1,13 @@
-//! Where an OBJ file is faulty, and why: `tobj` names no line.
+//! The search for the faulty line of an OBJ file, and the reason: `tobj` names no line.
 
 use std::path::Path;
 
-use super::feed::{Counts, Lines, words};
+use super::lines::{Counts, Lines, words};
 use crate::LoadError;
 use crate::formats::text::{parse_number, quoted};
 
-/// The first line that `tobj` refuses, or must not see, and why: for a message, once it is known that there is one. Faces
-/// that name what comes nowhere in the file are looked for last.
+/// The first line that `tobj` refuses or must not read, and the reason, for a message; called once a fault is
+/// known to exist. Faces that name a vertex or coordinate that the file does not have are looked for last.
 pub(super) fn first_fault(bytes: &[u8], textured: bool) -> Option<(usize, String)> {
     let mut all = None;
     for _ in 0..2 {
@@ -51,8 +51,9 @@ fn check_numbers<'a>(
     Ok(())
 }
 
-/// Whether every corner of a face (`7`, `7/1`, `7//3`, `-1/…`) names what is there, of a file with `all`, or, where that is
-/// not known, what may come later; the first corner without texture coordinate, if they are asked for.
+/// Checks that every corner of a face (`7`, `7/1`, `7//3`, `-1/…`) names elements that exist in a file with
+/// `all` of them, or that may still come where `all` is not known. Returns the first corner without texture
+/// coordinate, if they are asked for.
 pub(super) fn check_corners(
     line: &[u8],
     textured: bool,
@@ -81,13 +82,13 @@ pub(super) fn check_corners(
     Ok(missing)
 }
 
-/// What a corner of a face names: a vertex or a texture coordinate.
+/// The elements that a corner of a face can name: vertices or texture coordinates.
 struct Named {
     one: &'static str,
     many: &'static str,
-    /// How many of them come before the face.
+    /// Number of them before the face.
     so_far: usize,
-    /// How many the file has, where that is known.
+    /// Number of them in the file, where that is known.
     all: Option<usize>,
 }
 

@@ -4,18 +4,21 @@ use std::fmt::Display;
 use std::io::{self, BufRead, Read, Write};
 
 use super::fault::{Untextured, check_corners};
+use super::lines::{Counts, Lines, words};
 use crate::formats::surface::Skipped;
 use crate::formats::text::parse_number;
 
-/// What `tobj` reads in place of the file, line by line. Each vertex has its number in the file, from 0, as its colour.
+/// The input of `tobj` in place of the file, line by line. Each vertex has its number in the file, from 0, as
+/// its colour.
 pub(super) struct Feed<'a> {
     lines: Lines<'a>,
     textured: bool,
     faces_per_model: usize,
-    /// The line that is being read, and how much of it has been.
+    /// The line that `tobj` is reading.
     line: Vec<u8>,
+    /// Number of bytes of the line read so far.
     read: usize,
-    /// What came so far.
+    /// Vertices and texture coordinates so far.
     pub counts: Counts,
     pub faces: usize,
     pub skipped: Skipped,
@@ -37,7 +40,8 @@ impl<'a> Feed<'a> {
         }
     }
 
-    /// Makes the next line. An error stops `tobj`; [`first_fault`](super::fault::first_fault) has the words for it.
+    /// Makes the next line. An error stops `tobj`; [`first_fault`](super::fault::first_fault) then finds its
+    /// reason.
     fn advance(&mut self) -> io::Result<()> {
         let out = &mut self.line;
         out.clear();
@@ -81,7 +85,7 @@ impl<'a> Feed<'a> {
             }
             self.counts.add(keyword);
         }
-        // For `tobj`, spaces that are not ASCII part words too.
+        // `tobj` splits words at spaces that are not ASCII, too.
         if !out.is_ascii() {
             return Err(io::ErrorKind::InvalidData.into());
         }
@@ -126,7 +130,7 @@ fn needed(corner: &[u8], textured: bool) -> &[u8] {
     }
 }
 
-/// Numbers with a `#`, such as `1.#IND`, are put as Rust writes them.
+/// Appends a keyword and numbers; those with a `#`, such as `1.#IND`, as Rust writes them.
 fn put_numbers<'a>(keyword: &str, words: impl Iterator<Item = &'a [u8]>, line: &mut Vec<u8>) {
     line.extend_from_slice(keyword.as_bytes());
     for word in words {
@@ -139,71 +143,4 @@ fn put_numbers<'a>(keyword: &str, words: impl Iterator<Item = &'a [u8]>, line: &
 
 fn put_number(number: impl Display, line: &mut Vec<u8>) {
     write!(line, " {number}").expect("a vector takes what is written");
-}
-
-/// How many vertices and texture coordinates there are, in a file or before some line of it.
-#[derive(Clone, Copy, Default)]
-pub(super) struct Counts {
-    pub vertices: usize,
-    pub coordinates: usize,
-}
-
-impl Counts {
-    /// Counts a line that starts with `keyword`.
-    pub(super) fn add(&mut self, keyword: Option<&[u8]>) {
-        match keyword {
-            Some(b"v") => self.vertices += 1,
-            Some(b"vt") => self.coordinates += 1,
-            _ => {}
-        }
-    }
-}
-
-/// The lines of a file with their numbers, those that a backslash continues joined.
-pub(super) struct Lines<'a> {
-    rest: Option<&'a [u8]>,
-    separator: u8,
-    /// Number of the last line given (of its first part, if it was continued), from 1.
-    number: usize,
-    /// Lines taken from `rest`.
-    taken: usize,
-    joined: Vec<u8>,
-}
-
-impl<'a> Lines<'a> {
-    pub(super) fn new(bytes: &'a [u8]) -> Self {
-        let separator = if bytes.contains(&b'\n') { b'\n' } else { b'\r' };
-        Self { rest: Some(bytes), separator, number: 0, taken: 0, joined: Vec::new() }
-    }
-
-    pub(super) fn next(&mut self) -> Option<(usize, &[u8])> {
-        let mut line = self.take()?;
-        self.number = self.taken;
-        if !line.ends_with(b"\\") {
-            return Some((self.number, line));
-        }
-        self.joined.clear();
-        while let Some(part) = line.strip_suffix(b"\\") {
-            self.joined.extend_from_slice(part);
-            self.joined.push(b' ');
-            line = self.take().unwrap_or_default();
-        }
-        self.joined.extend_from_slice(line);
-        Some((self.number, &self.joined))
-    }
-
-    fn take(&mut self) -> Option<&'a [u8]> {
-        let rest = self.rest?;
-        let end = rest.iter().position(|&b| b == self.separator);
-        self.rest = end.map(|end| &rest[end + 1..]);
-        self.taken += 1;
-        Some(rest[..end.unwrap_or(rest.len())].trim_ascii())
-    }
-}
-
-/// The words of a line before a comment, parted as `tobj` parts them.
-pub(super) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> + Clone {
-    line.split(|b| matches!(b, b'\t'..=b'\r' | b' '))
-        .filter(|word| !word.is_empty())
-        .take_while(|word| !word.starts_with(b"#"))
 }

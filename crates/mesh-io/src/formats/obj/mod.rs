@@ -1,27 +1,29 @@
 //! Wavefront OBJ, read by the crate `tobj`.
 //!
-//! [`Feed`] passes on the lines that describe the surface, `v` and `f`, and `vt` where texture coordinates are asked for. On
-//! the way it removes or rewrites what `tobj` gets wrong:
+//! [`Feed`] passes on the lines that describe the surface, `v` and `f`, and `vt` where texture coordinates
+//! are asked for. On the way it removes or rewrites what `tobj` reads wrongly:
 //!
 //! - objects, groups and materials: `tobj` starts a new model at each, with vertices of its own;
 //! - polylines: `tobj` takes them for faces;
 //! - names and comments: `tobj` refuses any that are not UTF-8, and takes a comment after data for data;
 //! - lines continued with a backslash, lines that end in a carriage return alone, and the keyword `fo`;
-//! - the weight of a vertex, by which `tobj` divides, and its colour, without which `tobj` refuses some files where other
-//!   vertices have one;
+//! - the weight of a vertex, by which `tobj` divides, and its colour, without which `tobj` refuses some files
+//!   where other vertices have one;
 //! - texture coordinates without v, and numbers as Microsoft's C library prints them, such as `1.#IND`.
 //!
-//! `tobj` renumbers the vertices of each model; each carries its number in the file as its colour, so that they all stay in
-//! one pool. Polygons are triangulated here: `tobj` cuts even concave ones into fans. Where a texture coordinate is missing or
-//! has the number 0, `tobj` makes one up, and on relative ones out of range it overflows, so these faces are checked before
-//! it sees them. Its errors name no line: [`first_fault`] finds the line of what it refuses.
+//! `tobj` renumbers the vertices of each model; each carries its number in the file as its colour, so that
+//! they all stay in one pool. Polygons are triangulated here: `tobj` cuts even concave ones into fans. Where
+//! a texture coordinate is missing or has the number 0, `tobj` makes one up, and on relative ones out of
+//! range it overflows, so these faces are checked before it sees them. Its errors name no line:
+//! [`first_fault`] finds the line that it refuses.
 //!
-//! Departures from the letter of the format, as other readers have them: `nan` and `inf` are numbers; faces of fewer
-//! than three corners are skipped with a warning; the weight of a vertex, meant for rational curves, is ignored. So is
-//! the third texture coordinate.
+//! Departures from the letter of the format, as other readers have them: `nan` and `inf` are numbers; faces
+//! of fewer than three corners are skipped with a warning; the weight of a vertex, meant for rational curves,
+//! is ignored. So is the third texture coordinate.
 
 mod fault;
 mod feed;
+mod lines;
 
 use std::path::Path;
 
@@ -34,7 +36,8 @@ use crate::formats::surface::{Surface, Wanted};
 
 const REMEDY: &str = "correct that line or export the model again";
 
-/// Faces that `tobj` gets before a new model is started: as many as keep what it works on in the processor's cache.
+/// Number of faces that `tobj` gets before a new model is started. Many more, and its working set no longer
+/// fits the processor's cache.
 const FACES_PER_MODEL: usize = 4096;
 
 pub(crate) fn read(bytes: &[u8], path: &Path, wanted: Wanted) -> Result<Surface, LoadError> {
@@ -76,7 +79,7 @@ pub(crate) fn read(bytes: &[u8], path: &Path, wanted: Wanted) -> Result<Surface,
         return Err(malformed("vertices".into(), "more than 32-bit indices can name".into()));
     }
     let mut surface = Surface { triangles: Vec::with_capacity(faces), ..Surface::default() };
-    // Vertices that no face names stay like this: at a place where none is welded with them.
+    // Vertices that no face names stay NaN, so that no other vertex is welded with them.
     surface.vertices.resize(counts.vertices, DVec3::NAN);
     let mut polygon = Vec::new();
     for tobj::Model { mesh, .. } in models {

@@ -1,9 +1,10 @@
-//! A light body that follows the device through free space, by integrator and mass (§5.5.2, Fig. 5.6).
+//! Light body that follows the device through free space, by integrator and mass (§5.5.2, Fig. 5.6).
 
 use palpate::device::MotionPath;
+use palpate::dynamics::IntegratorKind;
 use palpate::glam::{DQuat, DVec3};
 use palpate::settings::{ContactSearch, CouplingSettings, HandlePlace, SearchSettings, ToolSettings};
-use palpate::{IntegratorKind, Object, Pose, Scene, Settings};
+use palpate::{Object, Pose, Scene, Settings};
 
 use palpate_tests::smooth;
 
@@ -14,16 +15,16 @@ use crate::reproduce::rendering::{open, path};
 use crate::stability::grid::{logarithmic, pairs};
 use palpate_measure::{Experiment, Trace};
 
-/// N·s/m: little, so that the spring carries the body; the dissertation does not tell it.
+/// Coupling damping, N·s/m: low, so that the spring carries the body. The dissertation does not give it.
 const COUPLING_DAMPING: f64 = 1.0;
 const SECONDS: f64 = 2.5;
-/// From when on the session's wrench has come up, s.
-const BEGUN: f64 = 0.25;
-/// Masses that are compared, kg: Backward Euler's, and that of the explicit ones.
+/// Time from which the session's wrench has come up, s.
+const START: f64 = 0.25;
+/// Masses that are compared, kg: those of Backward Euler, and that of the explicit methods.
 const MASSES: [f64; 3] = [1e-3, 0.01, 0.1];
 
-/// How many masses are tried.
-const MASSES_TRIED: usize = 80;
+/// Number of masses in the stability search.
+const MASS_COUNT: usize = 80;
 
 const METHODS: [(&str, IntegratorKind); 3] = [
     ("Backward Euler", IntegratorKind::SemiImplicit),
@@ -31,18 +32,18 @@ const METHODS: [(&str, IntegratorKind); 3] = [
     ("Forward Euler", IntegratorKind::ForwardEuler),
 ];
 
-/// What was found.
+/// Results.
 #[derive(Clone, Debug)]
 pub struct Found {
-    /// Of each method, the least mass from which on all that were tried are stable, kg; infinite where none is.
+    /// Smallest mass of each method from which all larger ones were stable, kg; infinite if there is none.
     pub least: [f64; 3],
-    /// The largest deviation (m) and force (N) by Backward Euler with each of [`MASSES`].
+    /// Largest deviations (m) and forces (N) by Backward Euler with each of [`MASSES`].
     pub deviation: [f64; 3],
     pub force: [f64; 3],
 }
 
 impl Found {
-    /// The condition.
+    /// Returns whether the results are as claimed.
     pub fn is_as_claimed(&self) -> bool {
         let [backward, runge_kutta, forward] = self.least;
         let [_, light, heavy] = self.deviation;
@@ -65,7 +66,6 @@ fn session<'a>(
             // The hand's path is that of the mesh's frame.
             handle: HandlePlace::MeshOrigin,
             mass,
-            integrator,
             ..ToolSettings::default()
         },
         coupling: CouplingSettings {
@@ -77,10 +77,18 @@ fn session<'a>(
         search: SearchSettings { method: ContactSearch::Levels, ..SearchSettings::default() },
         ..Settings::default()
     };
-    Experiment { probe: spoon, scene, settings, contact_rate: 1000.0, frozen: false, seconds: SECONDS }
+    Experiment {
+        probe: spoon,
+        scene,
+        settings,
+        integrator,
+        contact_rate: 1000.0,
+        frozen: false,
+        seconds: SECONDS,
+    }
 }
 
-/// A spoon that is swung about: up to 35 m/s².
+/// Returns the path of a spoon that is swung with up to 35 m/s².
 fn swing() -> Result<MotionPath, String> {
     path(SECONDS + 0.1, |time| {
         let (a, b, c) = (12.0 * time, 17.0 * time, 7.0 * time);
@@ -93,7 +101,7 @@ fn swing() -> Result<MotionPath, String> {
     })
 }
 
-/// Finds it, with masses so finely spaced.
+/// Runs the sessions, with so many masses in the stability search.
 ///
 /// # Errors
 /// If a session cannot be run.
@@ -125,7 +133,7 @@ pub fn find(
             .map_err(|error| error.to_string())
     });
     let traces = [one?, ten?, hundred?];
-    let largest = |value| traces.each_ref().map(|trace: &Trace| most(&trace.samples, BEGUN..SECONDS, value));
+    let largest = |value| traces.each_ref().map(|trace: &Trace| most(&trace.samples, START..SECONDS, value));
     let found = Found {
         least,
         deviation: largest(|sample| sample.deviation),
@@ -139,7 +147,7 @@ pub fn find(
 /// # Errors
 /// If a session cannot be run or drawn.
 pub fn reproduce(name: &str) -> Result<Reproduction, String> {
-    let (found, traces) = find(name, &METHODS, MASSES_TRIED)?;
+    let (found, traces) = find(name, &METHODS, MASS_COUNT)?;
     let names = MASSES.map(|mass| format!("Backward Euler, {} g", 1e3 * mass));
     let mut sessions: Vec<_> =
         names.iter().map(String::as_str).zip(traces.iter().map(|trace| &*trace.samples)).collect();
@@ -165,7 +173,7 @@ pub fn reproduce(name: &str) -> Result<Reproduction, String> {
                 .to_owned(),
             measured: format!(
                 "Stable from {backward} by Backward Euler (the least tried is 0.5 g), {rk} by Runge-Kutta IV, {fe} by Forward \
-                 Euler. Largest deviations by Backward Euler with 1, 10 and 100 g: {} mm, largest forces {} N. Damping is not told: \
+                 Euler. Largest deviations by Backward Euler with 1, 10 and 100 g: {} mm, largest forces {} N. Damping is not given: \
                  the linear one is {COUPLING_DAMPING} N·s/m, the angular one such that Forward Euler needs 100 g.",
                 listed(found.deviation, 1e3),
                 listed(found.force, 1.0)
@@ -187,12 +195,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn implicit_integration_is_what_carries_light_objects() {
-        let (found, _) = find("test", &METHODS, MASSES_TRIED).unwrap();
+    fn light_objects_need_implicit_integration() {
+        let (found, _) = find("test", &METHODS, MASS_COUNT).unwrap();
         assert!(found.is_as_claimed(), "{found:?}");
-        // Forward Euler in the place of Backward Euler.
+        // Forward Euler in place of Backward Euler.
         let [backward, runge_kutta, forward] = METHODS;
-        let (swapped, _) = find("test", &[forward, runge_kutta, backward], MASSES_TRIED).unwrap();
+        let (swapped, _) = find("test", &[forward, runge_kutta, backward], MASS_COUNT).unwrap();
         assert!(!swapped.is_as_claimed(), "{swapped:?}");
     }
 }

@@ -1,6 +1,7 @@
-//! An upper jaw pressed onto a lower one, by the rate of contact queries, with and without the linearised contact model (§5.5.3,
-//! Fig. 5.10).
+//! Upper jaw pressed onto a lower one, by the rate of contact queries, with and without the linearised
+//! contact model (§5.5.3, Fig. 5.10).
 
+use palpate::dynamics::IntegratorKind;
 use palpate::glam::DVec3;
 use palpate::settings::{
     ContactSearch, ContactSettings, CouplingSettings, DetailSettings, DeviceSettings, HandlePlace,
@@ -15,9 +16,10 @@ use crate::reproduce::outcome::{Finding, Reproduction};
 use crate::reproduce::rendering::path;
 use palpate_measure::{Experiment, Sample, Trace};
 
-/// A session: error threshold as part of the radius, rate of queries, Hz, and whether forces are frozen between them.
+/// Session: name, error threshold relative to the radius, rate of queries, Hz, and whether forces are frozen
+/// between them.
 type Setup = (&'static str, f64, f64, bool);
-/// The dissertation's thresholds, with the rates that it came to with them.
+/// Thresholds of the dissertation, with the query rates that it reached with them.
 const SETUPS: [Setup; 6] = [
     ("2.5 %, 500 Hz, linearised", 0.025, 500.0, false),
     ("1 %, 200 Hz, linearised", 0.01, 200.0, false),
@@ -26,20 +28,20 @@ const SETUPS: [Setup; 6] = [
     ("1 %, 200 Hz, without", 0.01, 200.0, true),
     ("0.4 %, 100 Hz, without", 0.004, 100.0, true),
 ];
-/// When the hand sets out, has pressed down and has rubbed, and the end, s.
+/// Times at which the hand starts, has pressed down, has rubbed, and ends, s.
 const TIMES: [f64; 4] = [0.2, 0.7, 2.2, 2.5];
-/// How far past the touch it means to go, and how far to the side it rubs, m at the device.
+/// Depth beyond the touch that the hand aims at, and amplitude of the rubbing, m at the device.
 const PRESS: f64 = 3e-3;
 const RUB: f64 = 1e-3;
 
-/// What was found, a setup each.
+/// Results by setup.
 #[derive(Clone, Debug)]
 pub struct Found {
-    /// Whether it is stable.
+    /// Whether each session is stable.
     pub stable: Vec<bool>,
-    /// Largest depth, m.
+    /// Largest depths, m.
     pub depth: Vec<f64>,
-    /// What the coupling force changes by in a step, root mean square while the hand presses, N.
+    /// Root mean square changes of the coupling force per step while the hand presses, N.
     pub jitter: Vec<f64>,
 }
 
@@ -61,7 +63,7 @@ impl Found {
         }
     }
 
-    /// The condition, of three setups with the model and the same without.
+    /// Returns whether three setups with the model and the same without it are as claimed.
     pub fn is_as_claimed(&self) -> bool {
         let (with, without) = self.jitter.split_at(3);
         let worse = |(with, without): (&f64, &f64)| !without.is_finite() || *without > 10.0 * with;
@@ -72,7 +74,7 @@ impl Found {
     }
 }
 
-/// Runs them, with jaws of so many triangles, or in full.
+/// Runs the setups with jaws of so many triangles, or at full size.
 fn find(name: &str, setups: &[Setup], triangles: Option<usize>) -> Result<(Found, Vec<Trace>), String> {
     let open = |jaw: &str| {
         let model = triangles.map_or(jaw.to_owned(), |count| format!("{jaw}@{count}"));
@@ -114,11 +116,12 @@ fn find(name: &str, setups: &[Setup], triangles: Option<usize>) -> Result<(Found
             },
             ..Settings::default()
         },
+        integrator: IntegratorKind::default(),
         contact_rate,
         frozen,
         seconds: end,
     };
-    // As in the dissertation, with the largest threshold.
+    // The path is recorded with the largest threshold, as in the dissertation.
     let recorded = session(&SETUPS[0]).record(intended).map_err(|error| error.to_string())?;
     let traces = each(name, setups, |setup| {
         session(setup).replay(recorded.clone()).map_err(|error| error.to_string())
@@ -170,10 +173,10 @@ mod tests {
 
     #[test]
     #[ignore = "for a release build: cargo test --release -p palpate-experiments -- --ignored"]
-    fn the_linearised_model_is_what_holds_the_jaws_at_length() {
+    fn the_jaws_are_stable_because_of_the_linearised_model_at_length() {
         let (found, _) = find("test", &SETUPS, Some(3000)).unwrap();
         assert!(found.is_as_claimed(), "{found:?}");
-        // Without it, in the place of with it.
+        // Frozen forces in place of the model.
         let frozen = SETUPS.map(|(name, error, rate, _)| (name, error, rate, true));
         let (found, _) = find("test", &frozen, Some(3000)).unwrap();
         assert!(!found.is_as_claimed(), "{found:?}");

@@ -15,24 +15,25 @@ use palpate_measure::Sample;
 
 use crate::stability::page::{Table, row};
 
-/// The dissertation's coupling in §5.5.2 and §5.5.3, N/m and N·m/rad.
+/// Coupling of the dissertation in §5.5.2 and §5.5.3, N/m and N·m/rad.
 const COUPLING_STIFFNESS: f64 = 200.0;
 const ANGULAR_STIFFNESS: f64 = 0.6;
-/// The mass from which on Forward Euler is stable there, kg.
-const FORWARD_EULER: f64 = 0.1;
+/// Mass from which Forward Euler is stable in the dissertation, kg.
+const FORWARD_EULER_MASS: f64 = 0.1;
 
-/// The angular damping of the coupling, N·m·s/rad, which the dissertation does not tell: that with which Forward Euler in steps of
-/// 1 ms is stable from [`FORWARD_EULER`] on, turned about the axis of least inertia (h b_θ/I < 2). What that leaves of the other
-/// methods is what they are held against: Runge-Kutta IV's limit is 2.785, so that it needs 72 g.
+/// Returns the angular damping of the coupling, N·m·s/rad. The dissertation does not give it. This is the
+/// damping with which Forward Euler in steps of 1 ms is stable from [`FORWARD_EULER_MASS`] on, for rotation
+/// about the axis of least inertia (h b_θ/I < 2). The other methods are judged with the same damping:
+/// Runge-Kutta IV's limit is 2.785, so that it needs 72 g.
 fn angular_damping(object: &Object) -> Result<f64, String> {
-    let body = Body::new(FORWARD_EULER, object.clod.source.unit_inertia * FORWARD_EULER);
+    let body = Body::new(FORWARD_EULER_MASS, object.clod.source.unit_inertia * FORWARD_EULER_MASS);
     Ok(2.0 * body.map_err(|error| error.to_string())?.principal_moments().x / 1e-3)
 }
 
-/// A session by its name in plots and tables.
+/// Session and its name in plots and tables.
 type Named<'a> = (&'a str, &'a [Sample]);
 
-/// What is plotted of a session: its name, its unit, and how it is taken from a step.
+/// Plotted quantity of a session: name, unit, and its value in a sample.
 type Quantity = (&'static str, &'static str, fn(&Sample) -> f64);
 
 const DEPTH: Quantity = ("maximum local penetration depth", "mm", |sample| 1e3 * sample.depth);
@@ -40,7 +41,7 @@ const DEVIATION: Quantity = ("coupling deviation", "mm", |sample| 1e3 * sample.d
 const CONTACT: Quantity = ("contact force", "N", |sample| sample.contact);
 const COUPLING: Quantity = ("coupling force", "N", |sample| sample.coupling);
 
-/// A plot of each quantity over time, below one another.
+/// Plots each quantity over time, one below the other.
 fn plot(title: &str, sessions: &[Named<'_>], quantities: &[Quantity]) -> Result<String, String> {
     let figure = |&(name, unit, value): &Quantity| Figure {
         caption: format!("{title}: {name}."),
@@ -58,7 +59,7 @@ fn plot(title: &str, sessions: &[Named<'_>], quantities: &[Quantity]) -> Result<
     draw(&figures).map_err(|error| error.to_string())
 }
 
-/// A row a millisecond of each session.
+/// Returns a table with a row per millisecond of each session.
 fn table(name: &str, sessions: &[Named<'_>]) -> Table {
     let rows = sessions.iter().flat_map(|(session, samples)| {
         samples.iter().map(move |&Sample { time, deviation, turn, coupling, contact, depth, .. }| {
@@ -70,12 +71,12 @@ fn table(name: &str, sessions: &[Named<'_>]) -> Table {
     Table { name: name.to_owned(), columns: columns.to_vec(), rows: rows.collect() }
 }
 
-/// The largest of a quantity in a time (s).
+/// Returns the largest value of a quantity in a time interval (s).
 fn most(samples: &[Sample], times: std::ops::Range<f64>, value: fn(&Sample) -> f64) -> f64 {
     samples.iter().filter(|sample| times.contains(&sample.time)).map(value).fold(0.0, f64::max)
 }
 
-/// Its root mean square in that time.
+/// Returns the root mean square of a quantity in a time interval (s).
 fn root_mean_square(samples: &[Sample], times: std::ops::Range<f64>, value: impl Fn(&Sample) -> f64) -> f64 {
     let squares: Vec<f64> = samples
         .iter()

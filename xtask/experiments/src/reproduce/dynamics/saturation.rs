@@ -1,4 +1,4 @@
-//! The spring that stops growing where the device does (§5.3.3, Fig. 5.4).
+//! Coupling force that saturates at the device's limit (§5.3.3, Fig. 5.4).
 
 use palpate::dynamics::spring_force;
 use palpate_report::{Curve, Figure, draw};
@@ -6,24 +6,25 @@ use palpate_report::{Curve, Figure, draw};
 use crate::reproduce::outcome::{Finding, Reproduction};
 use crate::stability::page::{Table, row};
 
-/// k_c, N/m, and what the device can do, N.
+/// Coupling stiffness k_c, N/m, and largest force of the device, N.
 const STIFFNESS: f64 = 200.0;
 const LIMIT: f64 = 4.0;
-/// How far it is drawn, in multiples of the deviation at which a linear spring has the limit, and in how many steps.
-const FURTHEST: f64 = 2.0;
+/// Plotted range, in multiples of the deviation at which a linear spring reaches the limit, and number of
+/// steps.
+const MAX_DEVIATION: f64 = 2.0;
 const STEPS: usize = 2000;
 
-/// What a law of force shows.
+/// Features of a force law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Found {
-    /// Part of the limit up to which it is linear.
+    /// Force up to which the law is linear, relative to the limit.
     linear: f64,
-    /// The largest change of its slope in a step, as part of the stiffness.
+    /// Largest change of the slope per step, relative to the stiffness.
     jump: f64,
-    /// The force at the end, as part of the limit, and its slope there, as part of the stiffness.
+    /// Force at the end relative to the limit, and slope there relative to the stiffness.
     end: f64,
     slope: f64,
-    /// Whether it never falls.
+    /// Whether the force never decreases.
     grows: bool,
 }
 
@@ -45,7 +46,7 @@ impl Found {
     }
 
     fn is_as_claimed(&self) -> bool {
-        let smooth = 10.0 * FURTHEST / STEPS as f64;
+        let smooth = 10.0 * MAX_DEVIATION / STEPS as f64;
         self.grows
             && (0.5..1.0).contains(&self.linear)
             && self.jump < smooth
@@ -54,9 +55,9 @@ impl Found {
     }
 }
 
-/// Deviation, m, and force, N.
+/// Samples a law as pairs of deviation (m) and force (N).
 fn sampled(law: impl Fn(f64) -> f64) -> Vec<(f64, f64)> {
-    let deviation = |step: usize| step as f64 / STEPS as f64 * FURTHEST * LIMIT / STIFFNESS;
+    let deviation = |step: usize| step as f64 / STEPS as f64 * MAX_DEVIATION * LIMIT / STIFFNESS;
     (0..=STEPS).map(deviation).map(|deviation| (deviation, law(deviation))).collect()
 }
 
@@ -64,7 +65,7 @@ fn coupling(deviation: f64) -> f64 {
     spring_force(STIFFNESS, deviation, LIMIT).0
 }
 
-/// Repeats it.
+/// Repeats the experiment.
 ///
 /// # Errors
 /// If it cannot be drawn.
@@ -107,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_spring_that_is_cut_off_or_does_not_saturate_is_told() {
+    fn a_spring_that_is_cut_off_or_does_not_saturate_fails() {
         assert!(Found::of(&sampled(coupling)).is_as_claimed());
         for law in [
             |x: f64| STIFFNESS * x,

@@ -1,10 +1,11 @@
-//! A spoon pressed onto a cup, by integrator, mass and contact stiffness (§5.5.3, Fig. 5.8).
+//! Spoon pressed onto a cup, by integrator, mass and contact stiffness (§5.5.3, Fig. 5.8).
 
+use palpate::dynamics::IntegratorKind;
 use palpate::glam::{DQuat, DVec3};
 use palpate::settings::{
     ContactSearch, ContactSettings, CouplingSettings, HandlePlace, SearchSettings, ToolSettings,
 };
-use palpate::{IntegratorKind, Pose, Scene, Settings};
+use palpate::{Pose, Scene, Settings};
 use palpate_tests::first_touch;
 
 use super::{
@@ -15,31 +16,32 @@ use crate::reproduce::outcome::{Finding, Reproduction};
 use crate::reproduce::rendering::{open, path};
 use palpate_measure::{Experiment, Trace};
 
-/// A session's method, mass (kg) and contact stiffness (N/m).
+/// Session: name, integrator, mass (kg) and contact stiffness (N/m).
 type Setup = (&'static str, IntegratorKind, f64, f64);
 const SETUPS: [Setup; 3] = [
     ("Runge-Kutta IV, 100 g, 2 kN/m", IntegratorKind::RungeKutta4, 0.1, 2e3),
     ("Backward Euler, 10 g, 2 kN/m", IntegratorKind::SemiImplicit, 0.01, 2e3),
     ("Backward Euler, 100 g, 10 kN/m", IntegratorKind::SemiImplicit, 0.1, 1e4),
 ];
-/// When the hand sets out, has pressed down, and has rubbed, and the end, s.
+/// Times at which the hand starts, has pressed down, has rubbed, and ends, s.
 const TIMES: [f64; 4] = [0.2, 0.7, 2.2, 2.5];
-/// How far past the touch it means to go, and from how far above it comes, m.
+/// Depth beyond the touch that the hand aims at, and height from which it comes, m.
 const PRESS: f64 = 12e-3;
 const ABOVE: f64 = 30e-3;
-/// The dissertation's limits of the depth, m.
+/// The dissertation's bounds on the depth, m.
 const DEPTHS: [f64; 2] = [6e-4, 2e-4];
 
-/// What was found, by Backward Euler with 10 g, with 100 g on the stiffer contact, and by Runge-Kutta IV.
+/// Results with Backward Euler at 10 g, with 100 g and stiffer contact, and with Runge-Kutta IV.
 #[derive(Clone, Debug)]
 pub struct Found {
-    /// Largest depth with 2 kN/m and 10 kN/m by Backward Euler, m.
+    /// Largest depths with 2 kN/m and 10 kN/m by Backward Euler, m.
     pub depth: [f64; 2],
-    /// Force in contact by force in free space at the device, root mean squares: with 10 g, and with 100 g by Runge-Kutta IV.
+    /// Force at the device in contact over that in free space, root mean squares: with 10 g, and with 100 g
+    /// by Runge-Kutta IV.
     pub contrast: [f64; 2],
     /// Largest coupling force with 10 g, N.
     pub force: f64,
-    /// Difference of contact and coupling force, by the latter, root mean squares, with 10 g.
+    /// Difference of contact and coupling force relative to the latter, root mean squares, with 10 g.
     pub difference: f64,
     pub stable: bool,
 }
@@ -63,7 +65,7 @@ impl Found {
         }
     }
 
-    /// The condition.
+    /// Returns whether the results are as claimed.
     pub fn is_as_claimed(&self) -> bool {
         self.stable
             && self.depth.iter().zip(DEPTHS).all(|(depth, limit)| *depth < limit)
@@ -73,7 +75,7 @@ impl Found {
     }
 }
 
-/// Runs the three.
+/// Runs the three sessions.
 ///
 /// # Errors
 /// If a session cannot be run.
@@ -98,7 +100,6 @@ fn find(setups: &[Setup; 3]) -> Result<(Found, [Trace; 3]), String> {
             tool: ToolSettings {
                 // The hand's path is that of the mesh's frame.
                 handle: HandlePlace::MeshOrigin,
-                integrator,
                 mass,
                 ..ToolSettings::default()
             },
@@ -116,6 +117,7 @@ fn find(setups: &[Setup; 3]) -> Result<(Found, [Trace; 3]), String> {
             },
             ..Settings::default()
         },
+        integrator,
         contact_rate: 1000.0,
         frozen: false,
         seconds: end,
@@ -125,7 +127,7 @@ fn find(setups: &[Setup; 3]) -> Result<(Found, [Trace; 3]), String> {
         .each_ref()
         .map(|setup| session(setup).replay(recorded.clone()).map_err(|error| error.to_string()));
     let traces = [a?, b?, c?];
-    // Until it first touches, in the session that recorded it.
+    // Time before the first touch, in the session that recorded the path.
     let touched =
         traces[1].samples.iter().find(|sample| sample.contact > 0.0).map_or(end, |sample| sample.time);
     Ok((Found::of(&traces, touched), traces))
@@ -143,7 +145,7 @@ pub fn reproduce(name: &str) -> Result<Reproduction, String> {
     Ok(Reproduction {
         finding: Finding {
             claim: "The spoon goes less than 0.6 mm deep into the cup with 2 kN/m, and less than 0.2 mm with 10 kN/m, at up to \
-                    0.8 N; with 10 g by Backward Euler contact is told from free space, as with 100 g by Runge-Kutta IV it is not; \
+                    0.8 N; with 10 g by Backward Euler contact differs clearly from free space, with 100 g by Runge-Kutta IV it does not; \
                     contact and coupling force almost coincide."
                 .to_owned(),
             measured: format!(
@@ -173,10 +175,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn depth_is_for_stiffness_and_contrast_for_lightness() {
+    fn depth_needs_stiffness_and_contrast_needs_a_light_body() {
         let (found, _) = find(&SETUPS).unwrap();
         assert!(found.is_as_claimed(), "{found:?}");
-        // A contact that is soft, and a body that is heavy.
+        // Softer contact, and a heavier body.
         let [runge_kutta, light, stiff] = SETUPS;
         let (soft, _) = find(&[runge_kutta, (light.0, light.1, light.2, 200.0), stiff]).unwrap();
         assert!(!soft.is_as_claimed() && soft.depth[0] > DEPTHS[0], "{soft:?}");

@@ -1,9 +1,11 @@
-//! A probe with a round tip on a plate with ridges 8 mm high, to the right and faster back (§5.5.4, Fig. 5.12).
+//! Probe with a round tip on a plate with ridges 8 mm high, moved to the right and faster back (§5.5.4, Fig.
+//! 5.12).
 
+use palpate::dynamics::IntegratorKind;
 use palpate::glam::DVec3;
 use palpate::settings::{
-    ContactSearch, ContactSettings, CouplingSettings, HandlePlace, SearchSettings, TextureDerivatives,
-    TextureSettings, ToolSettings,
+    ContactSearch, ContactSettings, CouplingSettings, HandlePlace, SearchSettings, TextureSettings,
+    ToolSettings,
 };
 use palpate::{Pose, Scene, Settings};
 use palpate_tests::{ridged_plate, smooth};
@@ -11,27 +13,28 @@ use palpate_tests::{ridged_plate, smooth};
 use super::{COUPLING, DEPTH, plot, table};
 use crate::reproduce::outcome::{Finding, Reproduction};
 use crate::reproduce::rendering::{open, path};
-use palpate_measure::{Experiment, Sample, Trace};
+use palpate_measure::{Experiment, Sample, Trace, mean};
 
-/// Height of the ridges and their distance, m; the dissertation does not tell the latter.
+/// Height of the ridges and their distance, m. The dissertation does not give the distance.
 const HEIGHT: f64 = 8e-3;
 const SPACING: f64 = 0.04;
-/// Radius of the probe's tip; how far past the flat plate the hand means to press; how far to either side it moves, m.
+/// Radius of the probe's tip; depth beyond the flat plate that the hand aims at; displacement to either side,
+/// m.
 const TIP: f64 = 0.01;
 const PRESS: f64 = 0.01;
-const WAY: f64 = 0.12;
-/// When it begins to press, to move, and to move back, and when it has ended, s.
+const STROKE: f64 = 0.12;
+/// Times at which the hand begins to press, to move, to move back, and ends, s.
 const TIMES: [f64; 4] = [0.5, 1.5, 5.0, 6.75];
-/// The dissertation's contact thread was slightly faster, Hz.
+/// Rate of the contact loop, Hz; that of the dissertation was slightly higher.
 const CONTACT_RATE: f64 = 500.0;
 
-/// What was found while the probe moves.
+/// Results while the probe moves.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Found {
-    /// Standard deviation of the coupling force as it moves to the right and back, N: on ridges, and on the flat plate.
+    /// Standard deviations of the coupling force to the right and back, N: on ridges, and on the flat plate.
     pub ridged: [f64; 2],
     pub flat: [f64; 2],
-    /// Peaks of the force on the way to the right and back: on ridges.
+    /// Force peaks on the ridges, to the right and back.
     pub peaks: [usize; 2],
     /// Deepest penetration on ridges, m.
     pub depth: f64,
@@ -41,24 +44,24 @@ pub struct Found {
 impl Found {
     fn of([ridged, flat]: &[Trace; 2]) -> Self {
         let [_, moving, back, end] = TIMES;
-        let ways = [moving..back, back..end - 0.1];
+        let spans = [moving..back, back..end - 0.1];
         let forces = |trace: &Trace, times: &std::ops::Range<f64>| -> Vec<f64> {
             let within = |sample: &&Sample| times.contains(&sample.time);
             trace.samples.iter().filter(within).map(|sample| sample.coupling).collect()
         };
-        let spread = |trace: &Trace| ways.each_ref().map(|way| deviation(&forces(trace, way)));
+        let spread = |trace: &Trace| spans.each_ref().map(|span| deviation(&forces(trace, span)));
         Self {
             ridged: spread(ridged),
             flat: spread(flat),
-            peaks: ways.each_ref().map(|way| peaks(&forces(ridged, way))),
+            peaks: spans.each_ref().map(|span| peaks(&forces(ridged, span))),
             depth: ridged.samples.iter().map(|sample| sample.depth).fold(0.0, f64::max),
             stable: ridged.is_stable() && flat.is_stable(),
         }
     }
 
-    /// The condition.
+    /// Returns whether the results are as claimed.
     pub fn is_as_claimed(&self) -> bool {
-        let ridges = 2.0 * WAY / SPACING;
+        let ridges = 2.0 * STROKE / SPACING;
         let counted = |peaks: &usize| (*peaks as f64 - ridges).abs() <= 1.0;
         self.stable
             && self.ridged.iter().zip(self.flat).all(|(ridged, flat)| *ridged > 10.0 * flat && *ridged > 0.05)
@@ -67,18 +70,14 @@ impl Found {
     }
 }
 
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len().max(1) as f64
-}
-
 fn deviation(values: &[f64]) -> f64 {
-    let mean = mean(values);
-    (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len().max(1) as f64).sqrt()
+    let center = mean(values.iter().copied());
+    mean(values.iter().map(|value| (value - center).powi(2))).sqrt()
 }
 
-/// How often values rise from half a standard deviation below their mean to as much above it.
+/// Counts how often values rise from half a standard deviation below their mean to half of one above it.
 fn peaks(values: &[f64]) -> usize {
-    let (mean, deviation) = (mean(values), deviation(values));
+    let (mean, deviation) = (mean(values.iter().copied()), deviation(values));
     let (mut count, mut low) = (0, false);
     for value in values {
         if *value < mean - 0.5 * deviation {
@@ -91,7 +90,7 @@ fn peaks(values: &[f64]) -> usize {
     count
 }
 
-/// On ridges of a height (m), and on the flat plate.
+/// Runs the sessions on ridges of a height (m) and on the flat plate.
 fn find(height: f64) -> Result<(Found, [Trace; 2]), String> {
     let (stylus, flat) = (open("stylus")?, Scene::new().with(open("plate")?, Pose::IDENTITY));
     let ridges = if height > 0.0 {
@@ -101,7 +100,7 @@ fn find(height: f64) -> Result<(Found, [Trace; 2]), String> {
     };
     let [begun, moving, back, end] = TIMES;
     let intended = path(end + 0.2, |time| {
-        let along = WAY * (2.0 * (smooth(moving, back, time) - smooth(back, end, time)) - 1.0);
+        let along = STROKE * (2.0 * (smooth(moving, back, time) - smooth(back, end, time)) - 1.0);
         let above = TIP + 0.5 * HEIGHT + 0.002;
         let height = above - (above - TIP + PRESS) * smooth(begun, moving, time);
         Pose::from_translation(DVec3::new(along, 0.003, height))
@@ -127,17 +126,15 @@ fn find(height: f64) -> Result<(Found, [Trace; 2]), String> {
                 method: ContactSearch::Levels,
                 ..SearchSettings::default()
             },
-            textures: TextureSettings {
-                derivatives: TextureDerivatives::Maximum,
-                ..TextureSettings::default()
-            },
+            textures: TextureSettings { ..TextureSettings::default() },
             ..Settings::default()
         },
+        integrator: IntegratorKind::default(),
         contact_rate: CONTACT_RATE,
         frozen: false,
         seconds: end,
     };
-    // The same trajectory for both plates.
+    // Both plates get the same trajectory.
     let rendered = |scene| session(scene).replay(intended.clone()).map_err(|error| error.to_string());
     let traces = [rendered(&ridges)?, rendered(&flat)?];
     Ok((Found::of(&traces), traces))
@@ -163,7 +160,7 @@ pub fn reproduce(name: &str) -> Result<Reproduction, String> {
                 listed(found.flat),
                 found.peaks[0],
                 found.peaks[1],
-                2.0 * WAY / SPACING,
+                2.0 * STROKE / SPACING,
                 1e3 * found.depth,
                 if found.stable { "stable" } else { "not stable" }
             ),
@@ -186,7 +183,7 @@ mod tests {
 
     #[test]
     #[ignore = "for a release build: cargo test --release -p palpate-experiments -- --ignored"]
-    fn ridges_are_what_makes_the_force_swing_at_length() {
+    fn ridges_make_the_force_oscillate_at_length() {
         let (found, _) = find(HEIGHT).unwrap();
         assert!(found.is_as_claimed(), "{found:?}");
         let (flat, _) = find(0.0).unwrap();

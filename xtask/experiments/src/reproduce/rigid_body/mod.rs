@@ -1,4 +1,4 @@
-//! A spoon that falls into a cup and slides along its wall (§3.5.4, Figs. 3.17 to 3.19).
+//! Spoon that falls into a cup and slides along its wall (§3.5.4, Figs. 3.17 to 3.19).
 
 pub mod profile;
 pub mod velocity;
@@ -10,32 +10,32 @@ use palpate::glam::{DQuat, DVec3};
 use palpate::{Object, Pose, Twist};
 use palpate_rigid_body::{BodyState, QuerySample, RigidBody, Settings, Simulation};
 
-/// s₀ as part of the spoon's radius (§3.5.4).
+/// Error threshold s₀ relative to the spoon's radius (§3.5.4).
 const ERROR: f64 = 0.035;
-/// d likewise.
+/// Tolerance d relative to the spoon's radius.
 const TOLERANCE: f64 = 1e-3;
-/// kg.
+/// Mass of the spoon, kg.
 const MASS: f64 = 0.05;
 /// Duration of a step, s.
 const STEP: f64 = 1e-3;
-/// Steps of a frame of the figures: 30 ms.
+/// Steps per frame of the figures: 30 ms.
 const FRAME: usize = 30;
-/// Frames that Fig. 3.19 shows.
+/// Number of frames that Fig. 3.19 shows.
 const FRAMES: usize = 35;
 
-/// The two objects.
+/// Spoon and cup.
 struct Scenario {
     spoon: Object,
     cup: Object,
 }
 
-/// The metrics that are compared.
+/// Error metrics that are compared.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Metric {
     Exact,
-    /// s₀ is [`ERROR`].
+    /// Constant s₀ of [`ERROR`].
     Haptic,
-    /// s₀ is [`ERROR`] at 1 m/s, and in proportion to the speed.
+    /// s₀ proportional to the speed: [`ERROR`] at 1 m/s.
     Velocity,
 }
 
@@ -60,7 +60,7 @@ impl Scenario {
         TOLERANCE * self.spoon.bounding_radius()
     }
 
-    /// Bowl first and leaning, over the middle of the mouth, at rest.
+    /// Returns the initial state: bowl down, leaning, over the middle of the mouth, at rest.
     fn start(&self, body: &RigidBody) -> BodyState {
         const GAP: f64 = 5e-3;
         let rotation =
@@ -75,7 +75,7 @@ impl Scenario {
         body.state(&Pose::new(place, rotation), Twist::ZERO)
     }
 
-    /// All queries of a fall of so many frames that is simulated with a metric, frame by frame.
+    /// Simulates a fall of so many frames with a metric, and returns its queries frame by frame.
     fn fall(&self, metric: Metric, frames: usize) -> Result<Vec<Vec<QuerySample>>, String> {
         let body = RigidBody::solid(self.spoon.shape(), MASS).map_err(|error| error.to_string())?;
         let settings = Settings { error: self.error(metric, Twist::ZERO), ..Settings::new(self.tolerance()) };

@@ -1,7 +1,8 @@
-//! Query time and front of the bounding volume test tree as a spoon slides in a cup, exact and with the haptic metric (Fig. 3.19).
+//! Query time and front of the bounding volume test tree as a spoon slides in a cup, exact and with the
+//! haptic metric (Fig. 3.19).
 //!
-//! Trajectories part once spoons have collided, so both are timed on the same one: that of the simulation with exact queries, at
-//! every pose that it queried.
+//! Trajectories diverge once spoons have collided, so both are timed on the trajectory of the simulation with
+//! exact queries, at every pose that it queried.
 
 use std::time::Instant;
 
@@ -14,19 +15,19 @@ use super::{FRAMES, Metric, Scenario};
 use crate::reproduce::outcome::{Finding, Reproduction};
 use crate::stability::page::{Table, row};
 
-/// The path is timed so often; of each pose the least time counts.
+/// Number of timings of the path; the shortest time of each pose counts.
 const TIMES: usize = 5;
 
-/// How many times as fast is almost an order of magnitude, and in how many frames that has to be.
-const FASTER: f64 = 5.0;
-const SEVERAL: usize = 3;
-/// The front is almost constant if it varies by no more than this part of how the exact one does.
-const STEADIER: f64 = 0.5;
+/// Speedup that counts as almost an order of magnitude, and number of frames that have to reach it.
+const MIN_SPEEDUP: f64 = 5.0;
+const MIN_FRAMES: usize = 3;
+/// Largest variation of the front, relative to that of the exact one, that counts as almost constant.
+const MAX_RELATIVE_VARIATION: f64 = 0.5;
 
 /// Means over the queries of each frame.
 #[derive(Clone, Debug)]
 struct Profile {
-    /// s.
+    /// Query times, s.
     time: Vec<f64>,
     front: Vec<f64>,
 }
@@ -59,15 +60,15 @@ impl Profile {
     }
 }
 
-/// What was found.
+/// Comparison of exact queries with contact levels of detail.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Found {
-    /// Part of the frames in which contact levels of detail are at least as fast.
+    /// Share of the frames in which contact levels of detail are at least as fast.
     as_good: f64,
-    /// Frames in which they are faster by [`FASTER`], and by how much they are at best.
+    /// Number of frames in which they are faster by [`MIN_SPEEDUP`], and their largest speedup.
     several: usize,
     best: f64,
-    /// Mean and standard deviation of the front, pairs: exact, and with contact levels of detail.
+    /// Mean and standard deviation of the front: exact, and with contact levels of detail.
     front: [(f64, f64); 2],
 }
 
@@ -77,24 +78,26 @@ impl Found {
         let frames = faster.len() as f64;
         Self {
             as_good: faster.iter().filter(|factor| **factor >= 1.0).count() as f64 / frames,
-            several: faster.iter().filter(|factor| **factor >= FASTER).count(),
+            several: faster.iter().filter(|factor| **factor >= MIN_SPEEDUP).count(),
             best: faster.iter().copied().fold(0.0, f64::max),
             front: [spread(&exact.front), spread(&coarse.front)],
         }
     }
 
     fn is_as_claimed(&self) -> bool {
-        self.as_good > 0.5 && self.several >= SEVERAL && self.variation(1) <= STEADIER * self.variation(0)
+        self.as_good > 0.5
+            && self.several >= MIN_FRAMES
+            && self.variation(1) <= MAX_RELATIVE_VARIATION * self.variation(0)
     }
 
-    /// Standard deviation of the front by its mean.
+    /// Returns the standard deviation of the front relative to its mean.
     fn variation(&self, index: usize) -> f64 {
         let (mean, deviation) = self.front[index];
         deviation / mean
     }
 }
 
-/// Mean and standard deviation.
+/// Returns mean and standard deviation.
 fn spread(values: &[f64]) -> (f64, f64) {
     let count = values.len() as f64;
     let mean = values.iter().sum::<f64>() / count;
@@ -105,7 +108,7 @@ fn spread(values: &[f64]) -> (f64, f64) {
 /// Repeats Fig. 3.19.
 ///
 /// # Errors
-/// If a model cannot be built, the fall not be simulated, or the plot not be drawn.
+/// If a model cannot be built, the fall cannot be simulated, or the plot cannot be drawn.
 pub fn reproduce(name: &str) -> Result<Reproduction, String> {
     let scenario = Scenario::open("spoon", "cup")?;
     let path = scenario.fall(Metric::Exact, FRAMES)?;
@@ -150,7 +153,7 @@ pub fn reproduce(name: &str) -> Result<Reproduction, String> {
                 .to_owned(),
             measured: format!(
                 "{FRAMES} frames of 30 ms with {queries} queries, both on the path of the simulation with exact ones: with 3.5 % queries are \
-                 at least as fast in {:.0} % of the frames, {FASTER} times as fast in {several}, and {best:.1} times at best. \
+                 at least as fast in {:.0} % of the frames, {MIN_SPEEDUP} times as fast in {several}, and {best:.1} times at best. \
                  The front's standard deviation is {:.0} pairs, {:.2} of its mean, exact {:.0} pairs, {:.2} of it: with nothing near, both \
                  fronts shrink to a few pairs. The slowest frame takes {:.0} µs a query, exact {:.0} µs.",
                 100.0 * as_good,
@@ -162,8 +165,8 @@ pub fn reproduce(name: &str) -> Result<Reproduction, String> {
                 1e6 * exact.time.iter().copied().fold(0.0, f64::max),
             ),
             condition: format!(
-                "At least as fast in more than half of the frames, {FASTER} times as fast in {SEVERAL} or more, and the front's standard \
-                 deviation by its mean is at most {STEADIER} times that of the exact query."
+                "At least as fast in more than half of the frames, {MIN_SPEEDUP} times as fast in {MIN_FRAMES} or more, and the front's standard \
+                 deviation by its mean is at most {MAX_RELATIVE_VARIATION} times that of the exact query."
             ),
             holds: found.is_as_claimed(),
         },
@@ -186,7 +189,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn exact_against_exact_shows_nothing() {
+    fn exact_queries_compared_with_themselves_show_nothing() {
         let scenario = Scenario::open("spoon-low", "cup-low").unwrap();
         let path = scenario.fall(Metric::Exact, 6).unwrap();
         let exact = Profile::of(&scenario, &path, Metric::Exact);
@@ -196,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn each_part_of_the_claim_is_asked_for() {
+    fn each_part_of_the_claim_is_required() {
         let profile = |time: [f64; 6], front: [f64; 6]| Profile { time: time.into(), front: front.into() };
         let exact = profile([8.0; 6], [1.0, 10.0, 50.0, 10.0, 40.0, 1.0]);
         let steady = [10.0, 11.0, 10.0, 9.0, 10.0, 11.0];

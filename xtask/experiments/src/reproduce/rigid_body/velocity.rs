@@ -1,4 +1,5 @@
-//! Levels at contacts of a spoon that falls fast and slides slowly, with the velocity-dependent metric (Fig. 3.18).
+//! Levels at contacts of a spoon that falls fast and slides slowly, with the velocity-dependent metric (Fig.
+//! 3.18).
 
 use palpate::Pose;
 use palpate::collide::{ContactQuery, PatchContact, QuerySettings};
@@ -10,25 +11,26 @@ use super::{FRAMES, Metric, Scenario};
 use crate::reproduce::outcome::{Finding, Reproduction};
 use crate::stability::page::{Table, row};
 
-/// Contacts are of the fall from this relative speed on, m/s.
-const FALLS: f64 = 0.5;
-/// They are of the slide between these, m/s: below, the spoon rests, and micro-collisions are all that moves it.
-const SLIDES: [f64; 2] = [0.01, 0.05];
-/// By how many levels the finest contact of the slide has to be finer than a usual one of the fall.
-const FINER: f64 = 4.0;
-/// Roughly ten times as many polygons.
-const POLYGONS: f64 = 5.0;
+/// Relative speed from which a contact belongs to the fall, m/s.
+const MIN_FALL_SPEED: f64 = 0.5;
+/// Range of relative speeds that belong to the slide, m/s. Below it the spoon rests and moves by
+/// micro-collisions alone.
+const SLIDE_SPEEDS: [f64; 2] = [0.01, 0.05];
+/// Number of levels by which the finest contact of the slide has to be finer than the mean of the fall.
+const MIN_FINER_LEVELS: f64 = 4.0;
+/// Ratio of polygon counts that counts as roughly ten times as many.
+const MIN_POLYGON_RATIO: f64 = 5.0;
 
-/// A contact of the fall or the slide: the deepest of its query.
+/// Deepest contact of a query during the fall or the slide.
 #[derive(Clone, Copy, Debug)]
 struct Seen {
-    /// s.
+    /// Time, s.
     time: f64,
-    /// Of the surfaces relative to one another, m/s.
+    /// Relative speed of the surfaces, m/s.
     speed: f64,
-    /// Levels of spoon and cup, 0 the finest.
+    /// Levels of spoon and cup, 0 being the finest.
     levels: [u32; 2],
-    /// Triangles of these levels.
+    /// Sum of the triangles of these levels.
     triangles: u32,
 }
 
@@ -48,7 +50,7 @@ impl Seen {
     }
 }
 
-/// The deepest contacts of the queries along a path, asked again with a metric.
+/// Returns the deepest contacts of the queries along a path, repeated with a metric.
 fn seen(scenario: &Scenario, path: &[Vec<QuerySample>], metric: Metric) -> Vec<Seen> {
     let mut query = ContactQuery::new(scenario.spoon.shape(), scenario.cup.shape());
     let mut seen = Vec::new();
@@ -62,23 +64,24 @@ fn seen(scenario: &Scenario, path: &[Vec<QuerySample>], metric: Metric) -> Vec<S
     seen
 }
 
-/// What was found, of contacts of the fall and of the slide.
+/// Comparison of the contacts of the fall and of the slide.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Found {
     contacts: [usize; 2],
-    /// Mean level of each body, spoon and cup.
+    /// Mean levels of each body, spoon and cup.
     levels: [[f64; 2]; 2],
-    /// The most by which a contact of the slide is finer, on either body, than the mean of the fall.
+    /// Largest number of levels by which a contact of the slide is finer, on either body, than the mean of
+    /// the fall.
     finer: f64,
-    /// Mean triangles of the levels in the slide by those in the fall.
+    /// Mean triangles of the levels in the slide over those in the fall.
     polygons: f64,
 }
 
 impl Found {
     fn of(seen: &[Seen]) -> Self {
-        let falls: Vec<&Seen> = seen.iter().filter(|seen| seen.speed >= FALLS).collect();
+        let falls: Vec<&Seen> = seen.iter().filter(|seen| seen.speed >= MIN_FALL_SPEED).collect();
         let slides: Vec<&Seen> =
-            seen.iter().filter(|seen| (SLIDES[0]..=SLIDES[1]).contains(&seen.speed)).collect();
+            seen.iter().filter(|seen| (SLIDE_SPEEDS[0]..=SLIDE_SPEEDS[1]).contains(&seen.speed)).collect();
         let mean = |of: &[&Seen], value: &dyn Fn(&Seen) -> f64| {
             of.iter().map(|seen| value(seen)).sum::<f64>() / of.len() as f64
         };
@@ -98,14 +101,16 @@ impl Found {
     }
 
     fn is_as_claimed(&self) -> bool {
-        self.contacts.iter().all(|count| *count > 0) && self.finer >= FINER && self.polygons >= POLYGONS
+        self.contacts.iter().all(|count| *count > 0)
+            && self.finer >= MIN_FINER_LEVELS
+            && self.polygons >= MIN_POLYGON_RATIO
     }
 }
 
 /// Repeats Fig. 3.18.
 ///
 /// # Errors
-/// If a model cannot be built, the fall not be simulated, or the plot not be drawn.
+/// If a model cannot be built, the fall cannot be simulated, or the plot cannot be drawn.
 pub fn reproduce(name: &str) -> Result<Reproduction, String> {
     let scenario = Scenario::open("spoon", "cup")?;
     let path = scenario.fall(Metric::Velocity, FRAMES)?;
@@ -144,23 +149,23 @@ pub fn reproduce(name: &str) -> Result<Reproduction, String> {
                     to 4 finer where it slides slowly along its side, with polygon counts that differ roughly by a factor of 10."
                 .to_owned(),
             measured: format!(
-                "s₀ is 3.5 % of the radius at 1 m/s. {} queries with contact at {FALLS} m/s or more use levels {:.1} of the spoon and {:.1} \
+                "s₀ is 3.5 % of the radius at 1 m/s. {} queries with contact at {MIN_FALL_SPEED} m/s or more use levels {:.1} of the spoon and {:.1} \
                  of the cup on average, {} at {} to {} m/s levels {:.1} and {:.1}: up to {finer:.1} finer, with {polygons:.1} times as \
                  many triangles. With a constant metric on the same path these are {:.1} and {:.1}.",
                 contacts[0],
                 levels[0][0],
                 levels[0][1],
                 contacts[1],
-                SLIDES[0],
-                SLIDES[1],
+                SLIDE_SPEEDS[0],
+                SLIDE_SPEEDS[1],
                 levels[1][0],
                 levels[1][1],
                 constant.finer,
                 constant.polygons,
             ),
             condition: format!(
-                "At some contact of the slide a level is finer by {FINER} or more than the fall's mean, and the slide's levels have \
-                 {POLYGONS} or more times as many triangles."
+                "At some contact of the slide a level is finer by {MIN_FINER_LEVELS} or more than the fall's mean, and the slide's levels have \
+                 {MIN_POLYGON_RATIO} or more times as many triangles."
             ),
             holds: found.is_as_claimed(),
         },
@@ -190,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn each_part_of_the_claim_is_asked_for() {
+    fn each_part_of_the_claim_is_required() {
         let contact = |speed, level, triangles| Seen { time: 0.0, speed, levels: [level, 0], triangles };
         let claimed = |contacts: &[Seen]| Found::of(contacts).is_as_claimed();
         let (fall, slide) = (contact(1.0, 6, 1000), contact(0.02, 1, 9000));

@@ -1,13 +1,13 @@
-//! Acceleration over texture spacing.
+//! Acceleration as a function of texture spacing.
 
 use palpate::glam::{DMat3, DVec3};
 
-/// One curve: the largest acceleration for each spacing of the sweep.
+/// Curve of the largest acceleration for each spacing of the sweep.
 #[derive(Clone, Debug)]
 pub struct Curve {
-    /// Ascending, m.
+    /// Spacings, ascending, m.
     pub spacing: Vec<f64>,
-    /// m/s².
+    /// Largest accelerations, m/s².
     pub acceleration: Vec<f64>,
 }
 
@@ -17,13 +17,13 @@ impl Curve {
         values.max_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(index, _)| index)
     }
 
-    /// Whether the largest value is at neither end.
+    /// Returns whether the maximum is at neither end.
     pub fn peaks_within(&self) -> bool {
         (1..self.spacing.len().saturating_sub(1)).contains(&self.highest())
     }
 
-    /// Spacing (m) and acceleration (m/s²) of the maximum: of the parabola through the largest value and its neighbours,
-    /// by logarithms, which are evenly spaced.
+    /// Returns spacing (m) and acceleration (m/s²) of the maximum: the vertex of the parabola through the
+    /// largest value and its neighbours, in logarithms, in which the spacings are evenly spaced.
     pub fn peak(&self) -> (f64, f64) {
         let highest = self.highest();
         if !self.peaks_within() {
@@ -37,13 +37,13 @@ impl Curve {
         (self.spacing[highest] * ratio.powf(at), top.exp())
     }
 
-    /// Whether it is below another curve at all spacings from `least` (m) on.
+    /// Returns whether the curve is below another at all spacings from `least` (m) on.
     pub fn below(&self, other: &Self, least: f64) -> bool {
         let pairs = self.acceleration.iter().zip(&other.acceleration);
         self.spacing.iter().zip(pairs).filter(|(at, _)| **at >= least).all(|(_, (own, others))| own < others)
     }
 
-    /// R² of the quadratic function that approximates the curve best, both in logarithms.
+    /// Returns R² of the least squares quadratic function, both axes in logarithms.
     pub fn quadratic(&self) -> f64 {
         let count = self.spacing.len() as f64;
         let middle = self.spacing.iter().map(|at| at.ln()).sum::<f64>() / count;
@@ -67,7 +67,7 @@ impl Curve {
     }
 }
 
-/// The largest ratio between curves at one spacing of up to `most` (m).
+/// Returns the largest ratio between curves at one spacing of up to `most` (m).
 pub fn spread(curves: &[Curve], most: f64) -> f64 {
     let [first, ..] = curves else { return 1.0 };
     let small = first.spacing.iter().take_while(|spacing| **spacing <= most).count();

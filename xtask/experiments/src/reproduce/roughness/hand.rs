@@ -1,28 +1,29 @@
-//! The motion of a hand that drags a probe over a texture (Eq. 4.14).
+//! Motion of a hand that drags a probe over a texture (Eq. 4.14).
 
 use super::depth::Profile;
 
-/// Mass, spring and damper of the hand.
+/// Mass, stiffness and damping of the hand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hand {
-    /// m_h, kg.
+    /// Mass m_h, kg.
     pub mass: f64,
-    /// k_h, N/m.
+    /// Stiffness k_h, N/m.
     pub stiffness: f64,
-    /// b_h, N·s/m.
+    /// Damping b_h, N·s/m.
     pub damping: f64,
 }
 
 impl Hand {
-    /// The hand that verdicts are about. The dissertation gives no values, only the structure (after Hasser and Cutkosky
-    /// 2002); ours are chosen from [`Self::RANGES`]. A weakly damped, stiff hand resonates within the sweep, where ridges
-    /// are met at its natural frequency, and its maximum is there.
+    /// Hand that verdicts are based on. The dissertation gives only the structure (after Hasser and Cutkosky
+    /// 2002); the values are ours, from [`Self::RANGES`]. A weakly damped, stiff hand would resonate within
+    /// the sweep, where it meets ridges at its natural frequency, and have its maximum there.
     pub const REFERENCE: Self = Self { mass: 0.1, stiffness: 600.0, damping: 10.0 };
 
-    /// What a hand that holds a stylus may have, least and most: kg, N/m, N·s/m. Ours, too.
+    /// Plausible ranges for a hand that holds a stylus: mass (kg), stiffness (N/m), damping (N·s/m). Also
+    /// ours.
     pub const RANGES: [[f64; 2]; 3] = [[0.1, 0.2], [200.0, 1000.0], [2.0, 10.0]];
 
-    /// The hands at the corners of the ranges.
+    /// Returns the hands at the corners of the ranges.
     pub fn corners() -> [Self; 8] {
         let [masses, stiffness, damping] = Self::RANGES;
         std::array::from_fn(|corner| Self {
@@ -33,77 +34,78 @@ impl Hand {
     }
 }
 
-/// How a probe is moved.
+/// Force and speed at which a probe is dragged.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stroke {
-    /// Force that presses it on the plate, F_n, N: positive.
+    /// Normal force F_n on the plate, N: positive.
     pub force: f64,
-    /// v, m/s.
+    /// Speed v, m/s.
     pub speed: f64,
 }
 
-/// A motion that repeats itself.
+/// Periodic motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Vibration {
-    /// The largest magnitude of d²u/dt², m/s².
+    /// Largest magnitude of d²u/dt², m/s².
     pub acceleration: f64,
-    /// Whether each period of the texture is like the one before.
+    /// Whether each period of the texture repeats the one before.
     pub periodic: bool,
 }
 
-/// The longest step, s, and the least number of steps in a period.
+/// Largest time step, s, and smallest number of steps in a period.
 const STEP: f64 = 2e-5;
 const STEPS: f64 = 500.0;
-/// Periods that are looked at, and how many times the time constant 2 m/b passes before.
-const LAST: usize = 8;
+/// Number of periods that are evaluated, and settling time before them, in time constants 2 m/b.
+const EVALUATED_PERIODS: usize = 8;
 const SETTLING: f64 = 8.0;
-/// The most periods to wait for a motion to become periodic.
-const MOST: usize = 400;
-/// Change from period to period, as a part of the spacing and the speed, at which a motion counts as periodic.
+/// Largest number of periods to wait for the motion to become periodic.
+const MAX_PERIODS: usize = 400;
+/// Change from period to period, relative to spacing and speed, below which a motion counts as periodic.
 const REPEATS: f64 = 1e-4;
 
-/// Simulates Eq. 4.14 until the motion is periodic, and finds its largest acceleration.
+/// Simulates Eq. 4.14 until the motion is periodic, and returns its largest acceleration.
 ///
-/// The texture's force on the probe is −∇U with U = ½ k δ², that is −k δ dδ/du (Eq. 4.12). With the applied force F_n =
-/// k δ taken as positive, F_u of Eq. 4.13 is its opposite, and Eq. 4.14 subtracts it: the probe is drawn to where it lies
-/// deepest in the texture. (Eq. 4.11's negative F_n would drive it onto the ridges.)
+/// The texture's force on the probe is −∇U with U = ½ k δ², that is −k δ dδ/du (Eq. 4.12). With the applied
+/// force F_n = k δ taken as positive, F_u of Eq. 4.13 is its opposite, and Eq. 4.14 subtracts it: the probe
+/// is drawn to where it lies deepest in the texture. (A negative F_n as in Eq. 4.11 would drive it onto the
+/// ridges.)
 pub fn vibration(hand: &Hand, stroke: &Stroke, profile: &Profile) -> Vibration {
     let period = profile.spacing / stroke.speed;
     let steps = (period / STEP).ceil().max(STEPS);
     let settling = (SETTLING * 2.0 * hand.mass / hand.damping / period).ceil() as usize;
     let mut motion = Motion { hand, stroke, profile, lag: 0.0, speed: stroke.speed };
     let mut last = Vec::new();
-    for index in 0..MOST.max(settling + LAST) {
+    for index in 0..MAX_PERIODS.max(settling + EVALUATED_PERIODS) {
         let before = (motion.lag, motion.speed);
         let most = motion.run(period, steps as usize);
         let changed = ((motion.lag - before.0) / profile.spacing).abs()
             + ((motion.speed - before.1) / stroke.speed).abs();
         last.push((most, changed < REPEATS));
-        let periodic = last.iter().rev().take(LAST).all(|(_, repeats)| *repeats);
-        if periodic && index >= settling + LAST {
+        let periodic = last.iter().rev().take(EVALUATED_PERIODS).all(|(_, repeats)| *repeats);
+        if periodic && index >= settling + EVALUATED_PERIODS {
             break;
         }
     }
-    let last = last.iter().rev().take(LAST);
+    let last = last.iter().rev().take(EVALUATED_PERIODS);
     Vibration {
         acceleration: last.clone().fold(0.0, |most: f64, (acceleration, _)| most.max(*acceleration)),
         periodic: last.clone().all(|(_, repeats)| *repeats),
     }
 }
 
-/// The state at the beginning of a period.
+/// State at the beginning of a period.
 struct Motion<'a> {
     hand: &'a Hand,
     stroke: &'a Stroke,
     profile: &'a Profile,
-    /// u − v t, m.
+    /// Lag u − v t, m.
     lag: f64,
-    /// du/dt, m/s.
+    /// Speed du/dt, m/s.
     speed: f64,
 }
 
 impl Motion<'_> {
-    /// d²u/dt² at a time since the period's beginning.
+    /// Returns d²u/dt² at a time since the period's beginning.
     fn acceleration(&self, time: f64, lag: f64, speed: f64) -> f64 {
         let Hand { mass, stiffness, damping } = self.hand;
         let place = lag + self.stroke.speed * time;
@@ -111,13 +113,13 @@ impl Motion<'_> {
         (-stiffness * lag + damping * (self.stroke.speed - speed) - texture) / mass
     }
 
-    /// Goes on by one period with RK4; the largest acceleration on the way.
+    /// Integrates over one period with RK4, and returns the largest acceleration.
     fn run(&mut self, period: f64, steps: usize) -> f64 {
         let step = period / steps as f64;
         let mut most = 0.0_f64;
         for index in 0..steps {
             let time = index as f64 * step;
-            // The lag's rate is du/dt − v.
+            // d(lag)/dt = du/dt − v.
             let rate = |time: f64, lag: f64, speed: f64| {
                 (speed - self.stroke.speed, self.acceleration(time, lag, speed))
             };

@@ -13,11 +13,11 @@ use curve::Curve;
 use hand::Stroke;
 use study::{Setup, Study};
 
-/// What is the same in all of a study but what it varies: probe diameter, m, force, N, and speed, m/s. Ours; the
-/// dissertation gives no values.
+/// Default setup of the studies, of which each varies one value: probe diameter (m), force (N) and speed
+/// (m/s). The dissertation gives no values; these are ours.
 const COMMON: Setup = Setup { diameter: 2e-3, stroke: Stroke { force: 0.5, speed: 0.1 } };
 
-/// Fig. 4.8.
+/// Returns the study of Fig. 4.8.
 pub fn probe_diameter() -> Study {
     let setups = [1e-3, 2e-3, 3e-3].map(|diameter| Setup { diameter, ..COMMON });
     Study {
@@ -37,7 +37,7 @@ pub fn probe_diameter() -> Study {
     }
 }
 
-/// Fig. 4.9.
+/// Returns the study of Fig. 4.9.
 pub fn applied_force() -> Study {
     let setup = |force| Setup { stroke: Stroke { force, ..COMMON.stroke }, ..COMMON };
     Study {
@@ -56,7 +56,7 @@ pub fn applied_force() -> Study {
     }
 }
 
-/// Fig. 4.10.
+/// Returns the study of Fig. 4.10.
 pub fn exploratory_speed() -> Study {
     let setup = |speed| Setup { stroke: Stroke { speed, ..COMMON.stroke }, ..COMMON };
     Study {
@@ -77,13 +77,13 @@ pub fn exploratory_speed() -> Study {
             format!(
                 "At 8 mm it is {} m/s²; at 1 mm and less the largest is up to {:.2} times the smallest.",
                 last.join(", "),
-                curve::spread(curves, SMALL)
+                curve::spread(curves, MAX_SMALL_SPACING)
             )
         },
     }
 }
 
-/// Curves in the order of diameters.
+/// Judges curves in the order of diameters.
 fn smaller_probes_peak_higher_and_earlier(curves: &[Curve]) -> bool {
     curves.iter().all(Curve::peaks_within)
         && curves.windows(2).all(|pair| {
@@ -92,25 +92,26 @@ fn smaller_probes_peak_higher_and_earlier(curves: &[Curve]) -> bool {
         })
 }
 
-/// Curves in the order of forces.
+/// Judges curves in the order of forces.
 fn force_raises_and_leaves_the_peak(curves: &[Curve]) -> bool {
     curves.iter().all(Curve::peaks_within)
         && curves.windows(2).all(|pair| pair[0].below(&pair[1], 0.0))
         && peak_range(curves) <= 1.15
 }
 
-/// The largest spacing of a maximum by the smallest.
+/// Returns the largest spacing of a maximum over the smallest.
 fn peak_range(curves: &[Curve]) -> f64 {
     let places = curves.iter().map(|curve| curve.peak().0);
     let (low, high) = places.fold((f64::INFINITY, 0.0_f64), |(low, high), at| (low.min(at), high.max(at)));
     high / low
 }
 
-/// Spacing that counts as large, and as small, m.
-const LARGE: f64 = 4.5e-3;
-const SMALL: f64 = 1e-3;
+/// Bounds of large and of small spacings, m.
+const MIN_LARGE_SPACING: f64 = 4.5e-3;
+const MAX_SMALL_SPACING: f64 = 1e-3;
 
-/// Curves in the order of speeds.
+/// Judges curves in the order of speeds.
 fn speed_counts_where_spacing_is_large(curves: &[Curve]) -> bool {
-    curves.windows(2).all(|pair| pair[0].below(&pair[1], LARGE)) && curve::spread(curves, SMALL) <= 1.5
+    curves.windows(2).all(|pair| pair[0].below(&pair[1], MIN_LARGE_SPACING))
+        && curve::spread(curves, MAX_SMALL_SPACING) <= 1.5
 }

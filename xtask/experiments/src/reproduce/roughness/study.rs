@@ -1,4 +1,4 @@
-//! Sweeps of texture spacing while one thing is varied.
+//! Sweeps of texture spacing while one quantity is varied.
 
 use palpate_report::{LogAxis, LogPlot, draw_log_log};
 
@@ -10,48 +10,48 @@ use crate::reproduce::outcome::{Finding, Reproduction};
 use crate::stability::grid::{logarithmic, pairs};
 use crate::stability::page::{Table, row};
 
-/// A probe and how it is moved.
+/// Probe and its motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setup {
-    /// D, m.
+    /// Diameter D, m.
     pub diameter: f64,
     pub stroke: Stroke,
 }
 
-/// Setups that differ in one thing, and what is claimed of their curves.
+/// Setups that differ in one quantity, and the claim about their curves.
 #[derive(Clone, Debug)]
 pub struct Study {
     pub title: &'static str,
-    /// What differs.
+    /// Name of the quantity that differs.
     pub varied: &'static str,
     pub setups: Vec<Setup>,
-    /// What the setup has of it, with its unit.
+    /// Returns the setup's value of that quantity, with its unit.
     pub value: fn(&Setup) -> String,
     pub claim: &'static str,
-    /// What [`Self::judge`] asks.
+    /// Condition that [`Self::judge`] checks, in words.
     pub condition: &'static str,
-    /// Whether the setups' curves are as claimed.
+    /// Returns whether the setups' curves are as claimed.
     pub judge: fn(&[Curve]) -> bool,
-    /// What else of the curves bears on the claim, in a sentence.
+    /// Further evidence on the claim, as a sentence.
     pub detail: fn(&[Curve]) -> String,
 }
 
-/// How finely spacings are swept and depths sampled.
+/// Resolution of the spacings and of the sampled depths.
 #[derive(Clone, Debug)]
 pub struct Sweep {
-    /// Distances of ridges, evenly spaced by logarithm, m.
+    /// Distances between ridges, with evenly spaced logarithms, m.
     pub spacing: Vec<f64>,
     pub sampling: Sampling,
 }
 
 impl Sweep {
-    /// From 0.5 to 8 mm.
+    /// Returns a sweep from 0.5 to 8 mm.
     pub fn new(count: usize, sampling: Sampling) -> Self {
         Self { spacing: logarithmic(0.5e-3, 8e-3, count), sampling }
     }
 }
 
-/// Motions of one hand: for each setup each spacing.
+/// Motions of one hand: for each setup, one for each spacing.
 #[derive(Clone, Debug)]
 pub struct Swept {
     pub vibrations: Vec<Vibration>,
@@ -94,11 +94,11 @@ impl Swept {
     }
 }
 
-/// Spacings of a sweep, and how depths are sampled.
+/// Number of spacings in a sweep, and resolution of the depths.
 const SPACINGS: usize = 25;
 const SAMPLING: Sampling = Sampling { positions: 160, grid: 192 };
 
-/// Repeats a study in full.
+/// Reproduces a study at full resolution.
 ///
 /// # Errors
 /// If it cannot be simulated or drawn.
@@ -127,7 +127,7 @@ pub fn reproduce(study: &Study, name: &str) -> Result<Reproduction, String> {
     })
 }
 
-/// The maxima in words, what else was found, and which other hands agree.
+/// Describes the maxima, the further evidence, and which other hands agree.
 fn measured(study: &Study, swept: &Swept, agree: &[Hand]) -> String {
     let maxima = study.setups.iter().zip(&swept.curves).map(|(setup, curve)| {
         let (at, top) = curve.peak();

@@ -1,4 +1,4 @@
-//! The studies on coarse sweeps, and depths against those of the disk by formula.
+//! Tests of the studies on coarse sweeps, and of depths against the analytic ones of a disk.
 
 use std::f64::consts::TAU;
 
@@ -9,7 +9,7 @@ use super::study::{Study, Sweep};
 
 const COARSE: Sampling = Sampling { positions: 48, grid: 96 };
 
-/// Depth and gradient of a disk at `place` by trying its points.
+/// Depth and gradient of a disk at `place`, by brute force over its points.
 fn exact(diameter: f64, spacing: f64, place: f64) -> (f64, f64) {
     let radius = 0.5 * diameter;
     let overlap = |at: f64| {
@@ -22,7 +22,7 @@ fn exact(diameter: f64, spacing: f64, place: f64) -> (f64, f64) {
 }
 
 #[test]
-fn depths_are_the_disks() {
+fn depths_equal_those_of_a_disk() {
     for (diameter, spacing) in [(1e-3, 0.5e-3), (1e-3, 2e-3), (2e-3, 1e-3), (3e-3, 0.7e-3), (3e-3, 8e-3)] {
         let profile = Profile::new(diameter, spacing, &COARSE).unwrap();
         let last = COARSE.positions as f64;
@@ -31,7 +31,7 @@ fn depths_are_the_disks() {
             let exact = exact(diameter, spacing, place);
             let case = format!("diameter {diameter}, spacing {spacing}, place {place}: {exact:?}");
             assert!((depth - exact.0).abs() < 5e-6, "{case}, not {depth}");
-            // In the middle of a groove the gradient jumps.
+            // The gradient is discontinuous in the middle of a groove.
             if (place / spacing - 0.5).abs() > 0.06 {
                 assert!((gradient - exact.1).abs() < 0.02, "{case}, not {gradient}");
             }
@@ -44,7 +44,7 @@ fn curves(study: &Study) -> Vec<Curve> {
     study.run("test", &sweep, &[Hand::REFERENCE]).unwrap().remove(0).curves
 }
 
-/// The study's condition holds of its curves, and not of the same curves in the opposite order.
+/// The study's condition holds for its curves, and does not for the same curves in the opposite order.
 fn check(study: &Study) {
     let mut curves = curves(study);
     assert!((study.judge)(&curves), "{}: {curves:?}", study.title);
@@ -58,7 +58,7 @@ fn smaller_probes_vibrate_more_and_at_smaller_spacing() {
 }
 
 #[test]
-fn force_raises_vibration_and_leaves_its_peak() {
+fn force_raises_vibration_and_does_not_move_its_peak() {
     check(&super::applied_force());
 }
 

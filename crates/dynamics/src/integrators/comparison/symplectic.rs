@@ -7,7 +7,7 @@ use palpate_core::Twist;
 use crate::body::BodyState;
 use crate::integrators::Integrator;
 use crate::linear_solve::solve;
-use crate::rotation::{skew, turn_coefficients};
+use crate::rotation::{SERIES_BELOW, coefficients, skew};
 use crate::step::{Frame, Step, StepStatus};
 
 /// Symplectic (semi-explicit) Euler: first the momenta, by the wrench at the start of the step, then the
@@ -23,6 +23,10 @@ use crate::step::{Frame, Step, StepStatus};
 pub struct SymplecticEuler;
 
 impl Integrator for SymplecticEuler {
+    fn name(&self) -> &'static str {
+        "symplectic-euler"
+    }
+
     fn step(&self, frame: &Frame<'_>, state: &BodyState, dt: f64) -> Step {
         if let Some(refused) = frame.refused(state, dt) {
             return refused;
@@ -64,6 +68,18 @@ fn turn(inertia: &DMat3, target: DVec3, guess: DVec3) -> (Option<DVec3>, u32) {
         }
     }
     (None, ITERATIONS)
+}
+
+/// The coefficients a = sin θ / θ and b = (1 − cos θ) / θ² for a squared angle, and their derivatives by it.
+fn turn_coefficients(t: f64) -> ((f64, f64), (f64, f64)) {
+    let (a, b, c) = coefficients(t);
+    if t < SERIES_BELOW {
+        let a_slope = -(1.0 - t / 10.0 * (1.0 - t / 28.0 * (1.0 - t / 54.0))) / 6.0;
+        let b_slope = -(1.0 - t / 15.0 * (1.0 - t * 3.0 / 112.0 * (1.0 - t / 67.5))) / 24.0;
+        return ((a, b), (a_slope, b_slope));
+    }
+    // cos θ = 1 − b t, and 1 − a = c t.
+    ((a, b), (0.5 * (c - b), (0.5 * a - b) / t))
 }
 
 /// a I f + b f × I f, and its derivative by f.

@@ -12,6 +12,10 @@ use crate::step::{Frame, Step, StepStatus};
 pub struct ForwardEuler;
 
 impl Integrator for ForwardEuler {
+    fn name(&self) -> &'static str {
+        "forward-euler"
+    }
+
     fn step(&self, frame: &Frame<'_>, state: &BodyState, dt: f64) -> Step {
         if let Some(refused) = frame.refused(state, dt) {
             return refused;

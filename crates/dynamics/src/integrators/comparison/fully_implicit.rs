@@ -8,7 +8,7 @@ use crate::contact::LinearContactModel;
 use crate::integrators::{Integrator, SemiImplicit};
 use crate::jacobian::{Block6, WrenchJacobian};
 use crate::linear_solve::solve;
-use crate::rotation::left_jacobian;
+use crate::rotation::exponential;
 use crate::step::{Frame, Step, carried_momentum};
 
 /// Backward Euler on momentum and placement, solved by Newton iteration from the semi-implicit step.
@@ -50,6 +50,10 @@ const SHORTEST: f64 = 1.0 / 64.0;
 const ROUNDING: f64 = 1e-12;
 
 impl Integrator for FullyImplicit {
+    fn name(&self) -> &'static str {
+        "fully-implicit"
+    }
+
     fn step(&self, frame: &Frame<'_>, state: &BodyState, dt: f64) -> Step {
         let mut first = SemiImplicit.step(frame, state, dt);
         if first.status.failure.is_some() {
@@ -196,7 +200,7 @@ impl<'a> Iteration<'a> {
 
         let mut jacobian = held.jacobian;
         jacobian += touch.jacobian;
-        let by_twist = end_derivative(&jacobian, &left_jacobian(twist.angular * dt), dt);
+        let by_twist = end_derivative(&jacobian, &exponential(twist.angular * dt).1, dt);
         let mut matrix = by_twist.scaled(-dt);
         matrix.force_linear += DMat3::from_diagonal(DVec3::splat(body.mass));
         matrix.torque_angular += momentum_by_spin;

@@ -44,6 +44,10 @@ fn inverse_left_jacobian(u: DVec3) -> DMat3 {
 }
 
 impl Integrator for RungeKutta4 {
+    fn name(&self) -> &'static str {
+        "runge-kutta-4"
+    }
+
     fn step(&self, frame: &Frame<'_>, state: &BodyState, dt: f64) -> Step {
         if let Some(refused) = frame.refused(state, dt) {
             return refused;

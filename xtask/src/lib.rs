@@ -1,3 +1,0 @@
-//! What project tasks share with tests and benchmarks.
-
-pub mod linked;
